@@ -1,0 +1,47 @@
+"""Errors of this project.
+
+```
+TwinError               anything below; its text is one sentence for the person at the keyboard
+├── RobotFileError      a robot description is missing, misspelt or impossible
+├── MessageError        a peer sent something that cannot be read (theirs, not ours)
+├── BusError            the bus cannot be opened, or is used in a way that is not allowed
+│   └── NoAnswer        a service did not answer in time
+└── MeshError           a generated part is missing or is not a closed solid
+```
+
+Any other exception is a bug.
+"""
+
+
+class TwinError(Exception):
+    """Root of all errors raised on purpose; programs print it and exit non-zero."""
+
+
+class RobotFileError(TwinError):
+    """A robot description cannot be used."""
+
+    def __init__(self, file: str, problem: str, valid: str = "") -> None:
+        super().__init__(f"{file}: {problem}" + (f" ({valid})" if valid else ""))
+
+
+class MessageError(TwinError):
+    """A peer sent something that cannot be read; `reason` is the word it is counted under."""
+
+    def __init__(self, reason: str, detail: str) -> None:
+        super().__init__(f"{reason}: {detail}")
+        self.reason = reason
+
+
+class BusError(TwinError):
+    """The bus cannot be opened, or is used in a way that is not allowed."""
+
+
+class NoAnswer(BusError):
+    """A service did not answer in time, or nobody offers it."""
+
+    def __init__(self, key: str, timeout_s: float) -> None:
+        super().__init__(f"{key}: no answer within {timeout_s:g} s")
+
+
+class MeshError(TwinError):
+    """A generated part is missing or is not a closed solid."""

@@ -1,0 +1,162 @@
+"""The two Lie groups that poses live in: SE(2) for planar robots, SO(3) for the sphere.
+
+Elements hold plain arrays and take leading batch dimensions. `a @ b` composes, or applies `a` to
+points. Formulas as in Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics"
+(arXiv 1812.01537), appendices A and B.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+Array: TypeAlias = npt.NDArray[np.float64]
+"""Any array of floats; shapes are in the docstrings, batch dimensions first."""
+
+
+def sinc(x: Array) -> Array:
+    """Return sin(x) / x, exact at and near zero; the same shape as `x`, in radians."""
+    at_zero = np.abs(x) < 1e-160  # Below this, x * x underflows and sin(x) == x anyway.
+    safe = np.where(at_zero, 1.0, x)
+    return np.where(at_zero, 1.0, np.sin(safe) / safe)
+
+
+def wrap(angle: Array) -> Array:
+    """Return `angle`, in radians and of any shape, turned into [-pi, pi)."""
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SE2:
+    """A planar pose: `xy_heading` of shape (..., 3), metres and radians, p_parent = R p_local + t.
+
+    The heading is kept as it is, not wrapped, so that full turns can be counted. The tangent is
+    (vx, vy, omega) in the local frame.
+    """
+
+    xy_heading: Array
+
+    @staticmethod
+    def identity(batch: tuple[int, ...] = ()) -> SE2:
+        """Return the identity, with batch dimensions `batch`."""
+        return SE2(np.zeros((*batch, 3)))
+
+    @staticmethod
+    def exp(tangent: Array) -> SE2:
+        """Return the pose reached by the constant twist `tangent` (..., 3) in unit time; Eq. 156."""
+        half = 0.5 * tangent[..., 2]
+        # The left Jacobian is a turn by half the angle, shortened by sinc: no branch near zero.
+        chord = sinc(half)
+        c, s = chord * np.cos(half), chord * np.sin(half)
+        out = np.empty(np.shape(tangent))
+        out[..., 0] = c * tangent[..., 0] - s * tangent[..., 1]
+        out[..., 1] = s * tangent[..., 0] + c * tangent[..., 1]
+        out[..., 2] = tangent[..., 2]
+        return SE2(out)
+
+    def log(self) -> Array:
+        """Return the tangent (..., 3) whose `exp` is this pose; heading in (-2 pi, 2 pi)."""
+        half = 0.5 * self.xy_heading[..., 2]
+        chord = sinc(half)
+        c, s = np.cos(half) / chord, np.sin(half) / chord
+        out = np.empty(np.shape(self.xy_heading))
+        out[..., 0] = c * self.xy_heading[..., 0] + s * self.xy_heading[..., 1]
+        out[..., 1] = -s * self.xy_heading[..., 0] + c * self.xy_heading[..., 1]
+        out[..., 2] = self.xy_heading[..., 2]
+        return out
+
+    def inverse(self) -> SE2:
+        """Return the pose of the parent in the local frame."""
+        c, s = np.cos(self.xy_heading[..., 2]), np.sin(self.xy_heading[..., 2])
+        out = np.empty(np.shape(self.xy_heading))
+        out[..., 0] = -c * self.xy_heading[..., 0] - s * self.xy_heading[..., 1]
+        out[..., 1] = s * self.xy_heading[..., 0] - c * self.xy_heading[..., 1]
+        out[..., 2] = -self.xy_heading[..., 2]
+        return SE2(out)
+
+    def __matmul__(self, other: SE2) -> SE2:
+        """Compose: T_ac = T_ab @ T_bc."""
+        out = np.empty(np.broadcast_shapes(self.xy_heading.shape, other.xy_heading.shape))
+        out[..., :2] = self.transform(other.xy_heading[..., :2])
+        out[..., 2] = self.xy_heading[..., 2] + other.xy_heading[..., 2]
+        return SE2(out)
+
+    def transform(self, points: Array) -> Array:
+        """Map local `points` (..., 2), metres, into the parent frame."""
+        return self.rotate(points) + self.xy_heading[..., :2]
+
+    def rotate(self, vectors: Array) -> Array:
+        """Turn local `vectors` (..., 2) into the parent's axes."""
+        c, s = np.cos(self.xy_heading[..., 2]), np.sin(self.xy_heading[..., 2])
+        x, y = vectors[..., 0], vectors[..., 1]
+        return np.stack([c * x - s * y, s * x + c * y], axis=-1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SO3:
+    """A rotation: unit quaternion `wxyz` of shape (..., 4), p_parent = R p_local.
+
+    The tangent is a rotation vector (..., 3) in radians.
+    """
+
+    wxyz: Array
+
+    @staticmethod
+    def identity(batch: tuple[int, ...] = ()) -> SO3:
+        """Return the identity, with batch dimensions `batch`."""
+        wxyz = np.zeros((*batch, 4))
+        wxyz[..., 0] = 1.0
+        return SO3(wxyz)
+
+    @staticmethod
+    def exp(tangent: Array) -> SO3:
+        """Return the rotation about `tangent` (..., 3) by its length; Eq. 101."""
+        half = 0.5 * np.linalg.norm(tangent, axis=-1)
+        wxyz = np.empty((*np.shape(tangent)[:-1], 4))
+        wxyz[..., 0] = np.cos(half)
+        wxyz[..., 1:] = 0.5 * sinc(half)[..., None] * tangent
+        return SO3(wxyz)
+
+    def log(self) -> Array:
+        """Return the shortest rotation vector (..., 3) whose `exp` is this rotation; Eq. 105."""
+        # q and -q are one rotation: take the one with w >= 0, so that the angle is at most pi.
+        wxyz = np.where(self.wxyz[..., :1] < 0.0, -self.wxyz, self.wxyz)
+        w, xyz = wxyz[..., 0], wxyz[..., 1:]
+        half = np.arctan2(np.linalg.norm(xyz, axis=-1), w)
+        return 2.0 * xyz / sinc(half)[..., None]
+
+    def inverse(self) -> SO3:
+        """Return the opposite rotation."""
+        return SO3(self.wxyz * np.array([1.0, -1.0, -1.0, -1.0]))
+
+    def __matmul__(self, other: SO3) -> SO3:
+        """Compose: R_ac = R_ab @ R_bc, normalised."""
+        w1, x1, y1, z1 = np.moveaxis(self.wxyz, -1, 0)
+        w2, x2, y2, z2 = np.moveaxis(other.wxyz, -1, 0)
+        wxyz = np.stack(
+            [
+                w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
+                w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
+                w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
+                w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
+            ],
+            axis=-1,
+        )
+        return SO3(wxyz / np.linalg.norm(wxyz, axis=-1, keepdims=True))
+
+    def rotate(self, vectors: Array) -> Array:
+        """Turn local `vectors` (..., 3) into the parent's axes."""
+        w, xyz = self.wxyz[..., :1], self.wxyz[..., 1:]
+        twice = 2.0 * np.cross(xyz, vectors)
+        return vectors + w * twice + np.cross(xyz, twice)
+
+    def as_matrix(self) -> Array:
+        """Return the rotation matrices (..., 3, 3)."""
+        basis = np.eye(3)
+        columns = [
+            SO3(self.wxyz).rotate(np.broadcast_to(e, (*self.wxyz.shape[:-1], 3))) for e in basis
+        ]
+        return np.stack(columns, axis=-1)
