@@ -1,0 +1,60 @@
+# Everything a newcomer needs; each target does its own set-up.
+PYTHON ?= python3
+BIN := .venv/bin
+PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := help
+.PHONY: help demo test check bench format lock meshes clean
+
+help: ## Show this list
+	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/make \1\t\2/' | expand -t 14
+
+demo: .venv/.run ## Drive the simulated robot in the browser
+	$(BIN)/tsd-demo $(ARGS)
+
+test: check browser ## Check, then run all tests
+	$(BIN)/pytest $(ARGS)
+
+check: .venv/.dev ## Format, lint, types, layers
+	$(BIN)/ruff format --check --quiet .
+	$(BIN)/ruff check --quiet .
+	$(BIN)/lint-imports --no-cache > .venv/lint-imports.log || (cat .venv/lint-imports.log; exit 1)
+	$(BIN)/pyright
+
+bench: .venv/.dev ## Measure speed and memory against peers in the same run
+	$(BIN)/python -m bench $(ARGS)
+
+format: .venv/.dev ## Format and mend what can be mended
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+meshes: .venv/.dev ## Generate meshes and URDF from the descriptions
+	$(BIN)/python -m tsd_twin.description
+
+lock: .venv/.dev ## Resolve the versions that set-up installs
+	$(BIN)/python -m pip install --quiet uv
+	$(BIN)/uv pip compile --quiet pyproject.toml --group build $(LOCK) --output-file requirements/run.txt
+	$(BIN)/uv pip compile --quiet pyproject.toml --group dev $(LOCK) --output-file requirements/dev.txt
+LOCK := --universal --generate-hashes --no-emit-index-url --python-version 3.11 --custom-compile-command "make lock"
+
+browser: ## Install Chromium when there is none
+	@scripts/ensure_chromium
+
+clean: ## Remove what set-up made
+	rm -rf .venv
+
+.venv/bin/python:
+	@$(PYTHON) -c 'import sys; sys.exit("tsd-twin needs Python 3.11 or newer, $(PYTHON) is " + sys.version.split()[0] if sys.version_info < (3, 11) else 0)'
+	@echo "setting up .venv, once"
+	$(PYTHON) -m venv .venv
+
+.venv/.run: requirements/run.txt pyproject.toml | .venv/bin/python
+	$(PIP) install --require-hashes -r requirements/run.txt
+	$(PIP) install --no-deps --no-build-isolation -e .
+	@touch $@
+
+.venv/.dev: requirements/dev.txt pyproject.toml | .venv/bin/python
+	$(PIP) install --require-hashes -r requirements/dev.txt
+	$(PIP) install --no-deps --no-build-isolation -e .
+	@touch .venv/.run $@
