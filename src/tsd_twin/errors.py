@@ -5,7 +5,7 @@ TwinError               anything below; its text is one sentence for the person 
 ├── RobotFileError      a robot description is missing, misspelt or impossible
 ├── MessageError        a peer sent something that cannot be read (theirs, not ours)
 ├── BusError            the bus cannot be opened, or is used in a way that is not allowed
-│   └── NoAnswer        a service did not answer in time
+│   └── NoAnswerError      a service did not answer in time
 └── MeshError           a generated part is missing or is not a closed solid
 ```
 
@@ -36,7 +36,7 @@ class BusError(TwinError):
     """The bus cannot be opened, or is used in a way that is not allowed."""
 
 
-class NoAnswer(BusError):
+class NoAnswerError(BusError):
     """A service did not answer in time, or nobody offers it."""
 
     def __init__(self, key: str, timeout_s: float) -> None:

@@ -26,7 +26,9 @@ def sinc(x: Array) -> Array:
 
 def wrap(angle: Array) -> Array:
     """Return `angle`, in radians and of any shape, turned into [-pi, pi)."""
-    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+    turned = (angle + np.pi) % (2.0 * np.pi) - np.pi
+    # A hair below -pi, the remainder rounds up to the whole turn.
+    return np.where(turned < np.pi, turned, -np.pi)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +48,7 @@ class SE2:
 
     @staticmethod
     def exp(tangent: Array) -> SE2:
-        """Return the pose reached by the constant twist `tangent` (..., 3) in unit time; Eq. 156."""
+        """Return the pose that constant twist `tangent` (..., 3) reaches in unit time; Eq. 156."""
         half = 0.5 * tangent[..., 2]
         # The left Jacobian is a turn by half the angle, shortened by sinc: no branch near zero.
         chord = sinc(half)
@@ -79,9 +81,10 @@ class SE2:
 
     def __matmul__(self, other: SE2) -> SE2:
         """Compose: T_ac = T_ab @ T_bc."""
-        out = np.empty(np.broadcast_shapes(self.xy_heading.shape, other.xy_heading.shape))
+        heading = self.xy_heading[..., 2] + other.xy_heading[..., 2]
+        out = np.empty((*np.shape(heading), 3))
         out[..., :2] = self.transform(other.xy_heading[..., :2])
-        out[..., 2] = self.xy_heading[..., 2] + other.xy_heading[..., 2]
+        out[..., 2] = heading
         return SE2(out)
 
     def transform(self, points: Array) -> Array:
@@ -92,7 +95,11 @@ class SE2:
         """Turn local `vectors` (..., 2) into the parent's axes."""
         c, s = np.cos(self.xy_heading[..., 2]), np.sin(self.xy_heading[..., 2])
         x, y = vectors[..., 0], vectors[..., 1]
-        return np.stack([c * x - s * y, s * x + c * y], axis=-1)
+        turned_x = c * x - s * y
+        out = np.empty((*np.shape(turned_x), 2))
+        out[..., 0] = turned_x
+        out[..., 1] = s * x + c * y
+        return out
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -51,12 +51,26 @@ class Drive(Protocol, Generic[PoseT]):
         """Names and kinds of the joints, in the order of the joint vector."""
         ...
 
+    @property
+    def actuators(self) -> tuple[str, ...]:
+        """Names of the parts that can contradict one another: a module, a wheel."""
+        ...
+
+    @property
+    def components(self) -> tuple[int, int, int]:
+        """Where the three numbers of a twist stand in a spatial twist (vx, vy, vz, wx, wy, wz)."""
+        ...
+
     def inverse(self, twist: Array) -> Array:
         """Return the joint vector (..., n) that moves the robot by `twist` (..., 3)."""
         ...
 
     def forward(self, joints: Array, rates: Array | None = None) -> Motion:
         """Return the motion that `joints` (..., n), changing at `rates` (..., n), produce."""
+        ...
+
+    def blame(self, residual: Array) -> Array:
+        """Return what share of the squared residual (..., m) each actuator explains, (..., k)."""
         ...
 
     def demand(self, twist: Array) -> Array:

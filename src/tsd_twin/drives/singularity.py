@@ -21,11 +21,11 @@ _BLOCK = 4096
 class SingularityDrive:
     """Any number of spinning hemispheres, three in the thesis.
 
-    Module frame `W_i` (in each pivot): `Y_W` radially outward, `Z_W` up, `X_W = Y_W x Z_W`, so it is
-    the robot frame turned by `azimuth - pi/2` (Eq. 7 prints a turn by the azimuth itself; text and
-    Fig. 12 agree with this). The joint vector holds, for each module, `alpha` (inner gimbal, about
-    the turned X_W, positive tips the axle outward), `beta` (outer gimbal, about Y_W) and the wheel's
-    speed about its axle, counter-clockwise seen from above.
+    Module frame `W_i` (in each pivot): `Y_W` radially outward, `Z_W` up, `X_W = Y_W x Z_W`, so it
+    is the robot frame turned by `azimuth - pi/2` (Eq. 7 prints a turn by the azimuth itself; text
+    and Fig. 12 agree with this). The joint vector holds, for each module, `alpha` (inner gimbal,
+    about the turned X_W, positive tips the axle outward), `beta` (outer gimbal, about Y_W) and the
+    wheel's speed about its axle, counter-clockwise seen from above.
     """
 
     azimuths_rad: Array
@@ -46,6 +46,8 @@ class SingularityDrive:
     """(3, 2k): its pseudo-inverse (Eq. 33 prints [H^T + H]^-1 H^T for (H^T H)^-1 H^T)."""
     _axles_by_part: Array = field(init=False, repr=False)
     """(2k, 3): horizontal parts of the axles from the body twist, all l_x first, then all l_y."""
+    _leave_out: Array = field(init=False, repr=False)
+    """(k, 2, 2): inverse of each module's own block of the residual projection."""
 
     def __post_init__(self) -> None:
         azimuths = np.array(self.azimuths_rad, dtype=float)
@@ -59,11 +61,17 @@ class SingularityDrive:
         # (l_x, l_y) = (-v_y, v_x) / (r_w spin): rolling, solved for the axle.
         axles = np.concatenate([-h[:, 1], h[:, 0]]) / (self.wheel_radius_m * self.spin_rad_per_s)
         flat = h.reshape(-1, 3)
+        projection = np.eye(len(flat)) - flat @ np.linalg.pinv(flat)
+        blocks = projection.reshape(len(h), 2, len(h), 2)
+        own_blocks = np.stack([blocks[i, :, i] for i in range(len(h))])
         for name, value in (
             ("azimuths_rad", azimuths),
             ("contact_from_twist", h),
             ("twist_from_contacts", np.linalg.pinv(flat)),
             ("_axles_by_part", axles),
+            # With two modules, one alone sees in one direction only: its block has rank one, and
+            # what rounding leaves of the other direction must not be inverted.
+            ("_leave_out", np.linalg.pinv(own_blocks, 1e-9, hermitian=True)),
         ):
             value.setflags(write=False)
             object.__setattr__(self, name, value)
@@ -88,6 +96,16 @@ class SingularityDrive:
         )
 
     @property
+    def actuators(self) -> tuple[str, ...]:
+        """`module1`, `module2`, ..."""
+        return tuple(f"module{i + 1}" for i in range(self.modules))
+
+    @property
+    def components(self) -> tuple[int, int, int]:
+        """The motion is planar: vx, vy, omega."""
+        return (0, 1, 5)
+
+    @property
     def pivots_m(self) -> Array:
         """(k, 2): positions of the pivots in the robot frame."""
         return self.pivot_radius_m * np.stack(
@@ -101,8 +119,8 @@ class SingularityDrive:
     def axles(self, twist: Array) -> Array:
         """Return the horizontal parts (..., k, 2) of the unit axles for `twist` (..., 3).
 
-        Linear in the twist, also beyond the tilt limit. No steer angle is formed: Eq. 14, 17, 18, 27
-        and 28 are singular at zero tilt, this is not.
+        Linear in the twist, also beyond the tilt limit. No steer angle is formed: Eq. 14, 17, 18,
+        27 and 28 are singular at zero tilt, this is not.
         """
         by_part = twist @ self._axles_by_part.T
         return np.swapaxes(by_part.reshape(*by_part.shape[:-1], 2, self.modules), -1, -2)
@@ -116,12 +134,15 @@ class SingularityDrive:
     def rate_demand(self, step: Array, dt_s: float) -> Array:
         """Return the tilt rate of the fastest gimbal over its limit, (...), for a twist `step`.
 
-        The worst case over all tilts within the limit: near it, tilt grows by 1 / cos(tilt).
+        The worst case over all tilts within the limit. There the axle's horizontal part l moves
+        beta by (l_x' + l_x l_y l_y' / (1 - l_y^2)) / l_z, at most |l'| (1 + c^2) / (2 c^2) with
+        c = cos(max tilt); alpha, at most |l'| / c, is never the faster one.
         """
         axles = self.axles(step)
         squared = axles[..., 0] ** 2 + axles[..., 1] ** 2
-        within = np.cos(self.max_tilt_rad) * self.max_tilt_rate_rad_per_s * dt_s
-        return np.sqrt(squared.max(axis=-1)) / within
+        c_squared = np.cos(self.max_tilt_rad) ** 2
+        growth = (1.0 + c_squared) / (2.0 * c_squared)
+        return np.sqrt(squared.max(axis=-1)) * growth / (self.max_tilt_rate_rad_per_s * dt_s)
 
     def limit(self, twist: Array) -> Array:
         """Return `twist` (..., 3) scaled as a whole until no module tilts beyond its limit."""
@@ -150,8 +171,8 @@ class SingularityDrive:
     def contacts(self, joints: Array, rates: Array | None = None) -> Array:
         """Return the velocity (..., k, 2) of each pivot over the ground, in `W_i`, by rolling.
 
-        v = r_w Omega x z with Omega = spin l + gimbal rate and l = (cos a sin b, sin a, cos a cos b).
-        The terms in the gimbal rates are missing from the thesis.
+        v = r_w Omega x z with Omega = spin l + gimbal rate and
+        l = (cos a sin b, sin a, cos a cos b). The thesis lacks the terms in the gimbal rates.
         """
         modules = joints.reshape(*joints.shape[:-1], self.modules, 3)
         alpha, beta, spin = modules[..., 0], modules[..., 1], modules[..., 2]
@@ -174,6 +195,14 @@ class SingularityDrive:
         flat = v.reshape(*v.shape[:-2], 2 * self.modules)
         twist = flat @ self.twist_from_contacts.T
         return Motion(twist, flat - twist @ self.contact_from_twist.reshape(-1, 3).T)
+
+    def blame(self, residual: Array) -> Array:
+        """Return how much of the squared `residual` (..., 2k) each module explains alone, (..., k).
+
+        The drop of the squared residual when the two equations of a module are left out.
+        """
+        own = residual.reshape(*residual.shape[:-1], self.modules, 1, 2)
+        return (own @ self._leave_out @ np.swapaxes(own, -1, -2))[..., 0, 0]
 
     def tilt(self, joints: Array) -> Array:
         """Return the tilt (..., k) of each axle from upright, radians, accurate near zero."""

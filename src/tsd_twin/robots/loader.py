@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import difflib
+import itertools
 import math
 import re
 import types
 import typing
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -15,12 +16,14 @@ from typing import Any
 import msgspec
 
 from tsd_twin.errors import RobotFileError
-from tsd_twin.robots.robot import Robot
+from tsd_twin.robots.robot import DriveGeometry, Robot
+
+_PACKAGE = "tsd_twin.robots"
 
 
 def names() -> list[str]:
     """Return the names of the shipped robots, sorted."""
-    files = resources.files(__package__).iterdir()
+    files = resources.files(_PACKAGE).iterdir()
     return sorted(Path(f.name).stem for f in files if f.name.endswith(".toml"))
 
 
@@ -37,12 +40,14 @@ def text(name_or_path: str) -> str:
                 "no such robot" + _closest(name_or_path, names()),
                 f"shipped are {', '.join(names())}; your own is given by its path, my_robot.toml",
             )
-        return resources.files(__package__).joinpath(f"{name_or_path}.toml").read_text("utf-8")
+        return resources.files(_PACKAGE).joinpath(f"{name_or_path}.toml").read_text("utf-8")
     try:
         return Path(name_or_path).read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         problem = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise RobotFileError(name_or_path, f"cannot be read: {problem}") from error
+        raise RobotFileError(
+            name_or_path, f"cannot be read: {problem}", f"shipped are {', '.join(names())}"
+        ) from error
 
 
 def load(name_or_path: str) -> Robot:
@@ -61,12 +66,17 @@ def parse(toml: str, file: str) -> Robot:
         RobotFileError: as in `load`.
     """
     try:
-        robot = msgspec.toml.decode(toml, type=Robot)
+        tables: Any = msgspec.toml.decode(toml)
+        robot = msgspec.convert(tables, Robot)
     except msgspec.ValidationError as error:
         raise RobotFileError(file, *_explain(str(error))) from error
     except msgspec.DecodeError as error:
         raise RobotFileError(file, f"not valid TOML: {error}") from error
+    if "kind" not in tables["drive"]:
+        # As long as there is one kind only, msgspec takes that one to be meant.
+        raise RobotFileError(file, "key 'kind' is missing in [drive]", _valid_kinds())
     _check(robot, file)
+    _check_motor(robot, file)
     return robot
 
 
@@ -75,9 +85,23 @@ def _check(robot: Robot, file: str) -> None:
     for path, number in _numbers(msgspec.to_builtins(robot)):
         if not math.isfinite(number):
             raise RobotFileError(file, f"{path}: {number} is not a finite number")
+    azimuths = [azimuth % 360.0 for azimuth in robot.drive.azimuths_deg]
+    if len(set(azimuths)) < len(azimuths):
+        raise RobotFileError(
+            file, "drive.azimuths_deg has the same direction twice", "one direction for each pivot"
+        )
+    limits = robot.limits
+    if limits.max_command_age_s > limits.max_command_age_ceiling_s:
+        raise RobotFileError(
+            file, "limits.max_command_age_s is above limits.max_command_age_ceiling_s"
+        )
+
+
+def _check_motor(robot: Robot, file: str) -> None:
+    """Raise when the calibration table has no curve with an inverse for each wheel."""
     motor, modules = robot.motor, robot.drive.modules
     rows = len(motor.signal)
-    if any(b <= a for a, b in zip(motor.signal, motor.signal[1:], strict=False)):
+    if any(b <= a for a, b in itertools.pairwise(motor.signal)):
         raise RobotFileError(file, "motor.signal must rise from row to row")
     if len(motor.speed_rpm) != modules:
         raise RobotFileError(
@@ -92,8 +116,14 @@ def _check(robot: Robot, file: str) -> None:
                 f"motor.speed_rpm[{i}] has {len(column)} speeds for {rows} signals",
                 "one speed for each of motor.signal",
             )
-        if any(b < a for a, b in zip(column, column[1:], strict=False)):
+        if any(b < a for a, b in itertools.pairwise(column)):
             raise RobotFileError(file, f"motor.speed_rpm[{i}] must not fall as the signal rises")
+        if column[0] > 0.0:
+            raise RobotFileError(
+                file,
+                f"motor.speed_rpm[{i}] starts at {column[0]:g}",
+                "0: the lowest signal is zero throttle",
+            )
         if not motor.start_speed_rpm <= robot.drive.cruise_speed_rpm <= column[-1]:
             raise RobotFileError(
                 file,
@@ -101,11 +131,6 @@ def _check(robot: Robot, file: str) -> None:
                 f"motor {i + 1} turns from {motor.start_speed_rpm:g} to {column[-1]:g}",
                 "between motor.start_speed_rpm and the last speed of every motor",
             )
-    limits = robot.limits
-    if limits.max_command_age_s > limits.max_command_age_ceiling_s:
-        raise RobotFileError(
-            file, "limits.max_command_age_s is above limits.max_command_age_ceiling_s"
-        )
 
 
 def _numbers(value: Any, path: str = "") -> Iterator[tuple[str, float]]:
@@ -115,8 +140,8 @@ def _numbers(value: Any, path: str = "") -> Iterator[tuple[str, float]]:
     elif isinstance(value, dict):
         for key, item in typing.cast("dict[str, Any]", value).items():
             yield from _numbers(item, f"{path}.{key}" if path else key)
-    elif isinstance(value, list):
-        for i, item in enumerate(typing.cast("list[Any]", value)):
+    elif isinstance(value, list | tuple):
+        for i, item in enumerate(typing.cast("Sequence[Any]", value)):
             yield from _numbers(item, f"{path}[{i}]")
 
 
@@ -136,7 +161,7 @@ def _explain(message: str) -> tuple[str, str]:
     if missing:
         return f"key '{missing[1]}' is missing in {table}", f"valid here: {', '.join(_keys(path))}"
     plain = what[0].lower() + what[1:].replace("`", "")
-    return f"{path or 'the file'}: {plain}", ""
+    return f"{path or 'the file'}: {plain}", _valid_kinds() if path == "drive.kind" else ""
 
 
 def _keys(path: str) -> list[str]:
@@ -147,7 +172,13 @@ def _keys(path: str) -> list[str]:
         table = hints.get(re.sub(r"\[.*", "", part), Robot)
         if isinstance(table, types.UnionType):
             table = typing.get_args(table)[0]
-    return [f.encode_name for f in msgspec.structs.fields(table)]
+    tag = table.__struct_config__.tag_field
+    return [*filter(None, [tag]), *(f.encode_name for f in msgspec.structs.fields(table))]
+
+
+def _valid_kinds() -> str:
+    tables: tuple[Any, ...] = typing.get_args(DriveGeometry) or (DriveGeometry,)
+    return "kinds are " + ", ".join(table.__struct_config__.tag for table in tables)
 
 
 def _closest(word: str, valid: list[str]) -> str:

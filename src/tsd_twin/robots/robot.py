@@ -6,6 +6,7 @@ generated from it, never written down.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Annotated, TypeAlias
 
@@ -15,21 +16,23 @@ from msgspec import Meta
 
 from tsd_twin.drives import SingularityDrive
 
-RPM = np.pi / 30.0
+RPM = math.pi / 30.0
 """One turn a minute in radians a second."""
 
 Positive: TypeAlias = Annotated[float, Meta(gt=0.0)]
 NotNegative: TypeAlias = Annotated[float, Meta(ge=0.0)]
 Share: TypeAlias = Annotated[float, Meta(ge=0.0, le=1.0)]
-Name: TypeAlias = Annotated[str, Meta(pattern="^[a-z0-9_-]{1,32}$")]
-"""Names that become part of a bus key."""
+Colour: TypeAlias = tuple[Share, Share, Share, Share]
+"""Red, green, blue (sRGB) and opacity."""
+Name: TypeAlias = Annotated[str, Meta(pattern=r"^[a-z0-9_-]{1,32}\Z")]
+"""Names that become part of a bus key; `$` would let a newline at the end pass."""
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A table of the file: unknown keys are errors, values are read-only."""
 
 
-class SingularityGeometry(Table, tag="singularity", tag_field="kind"):
+class SingularityGeometry(Table, frozen=True, tag="singularity", tag_field="kind"):
     """`[drive]` of a singularity drive."""
 
     azimuths_deg: Annotated[list[float], Meta(min_length=2)]
@@ -50,7 +53,7 @@ DriveGeometry: TypeAlias = SingularityGeometry
 """Union of the `[drive]` tables, told apart by `kind`."""
 
 
-class Limits(Table):
+class Limits(Table, frozen=True):
     """`[limits]`: what a command is scaled to, as a whole, keeping direction and curvature."""
 
     speed_mps: Positive
@@ -69,7 +72,7 @@ class Limits(Table):
     """Travel allowed after a late command; the speed cap of a lease with a larger age follows."""
 
 
-class Servo(Table):
+class Servo(Table, frozen=True):
     """`[servo]`: one gimbal actuator."""
 
     model: str
@@ -78,9 +81,13 @@ class Servo(Table):
     """At the nominal voltage of the battery."""
     approach_rate_per_s: Positive
     """Close to the goal the error decays exponentially, at this rate."""
+    stall_torque_nm: Positive = 6.0
+    """At the nominal voltage of the battery; of an MX-64 unless given."""
+    size_m: tuple[Positive, Positive, Positive] = (0.0402, 0.0611, 0.041)
+    """Width, length and depth along the shaft, of the case; of an MX-64 unless given."""
 
 
-class Motor(Table):
+class Motor(Table, frozen=True):
     """`[motor]`: the drive motors with their speed controllers, one curve for each wheel."""
 
     signal: Annotated[list[float], Meta(min_length=2)]
@@ -98,13 +105,13 @@ class Motor(Table):
     """Time at zero throttle that the speed controllers need before they arm."""
 
 
-class Battery(Table):
+class Battery(Table, frozen=True):
     """`[battery]`."""
 
     nominal_v: Positive
 
 
-class Mass(Table):
+class Mass(Table, frozen=True):
     """`[mass]`: for the dynamics and the URDF."""
 
     total_kg: Positive
@@ -113,7 +120,23 @@ class Mass(Table):
     """Of one outer or inner frame with what it carries."""
 
 
-class Noise(Table):
+class Body(Table, frozen=True):
+    """`[body]`: what the robot looks like, as far as the drive leaves it open."""
+
+    plate_thickness_m: Positive = 0.006
+    """Of the acrylic sheet that decks and ribs are cut from."""
+    ground_clearance_m: Positive = 0.013
+    """Under the lower deck, or less where the wheels are too small for it."""
+    acrylic_rgba: Colour = (0.16, 0.44, 0.62, 0.42)
+    frame_rgba: Colour = (0.80, 0.82, 0.85, 1.0)
+    wheel_rgba: Colour = (0.96, 0.36, 0.05, 1.0)
+    front_rgba: Colour = (0.98, 0.74, 0.05, 1.0)
+    """Of the arrow that points forward."""
+    meshes: str | None = None
+    """Folder with a `parts.toml`, shown instead of the generated look."""
+
+
+class Noise(Table, frozen=True):
     """`[noise]`: standard deviations, for the covariance and as the simulator's default."""
 
     gimbal_angle_deg: NotNegative = 0.0
@@ -121,7 +144,7 @@ class Noise(Table):
     """Of a wheel's speed."""
 
 
-class Robot(Table, kw_only=True):
+class Robot(Table, frozen=True, kw_only=True):
     """A whole robot."""
 
     name: Name
@@ -136,6 +159,7 @@ class Robot(Table, kw_only=True):
     motor: Motor
     battery: Battery
     mass: Mass
+    body: Body = Body()
     noise: Noise = Noise()
 
     def kinematics(self) -> SingularityDrive:

@@ -1,0 +1,1 @@
+"""What crosses the bus, as values; encoding and decoding, no I/O."""

@@ -1,0 +1,218 @@
+"""CDR payloads of standard ROS 2 messages: the only door to rosbags.
+
+Recordings open in ROS 2 tools and Foxglove, and a ROS adapter is a mapping of keys.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_typestore
+
+from tsd_twin.errors import MessageError
+from tsd_twin.lie import Array
+
+BASE = "base_link"
+"""Frame of the robot: X forward, Y left, Z up, at the height of the wheel centres."""
+ODOM = "odom"
+"""Frame of the world as the robot knows it: where it was when its pose was last set."""
+
+PLANAR = (0, 1, 5)
+"""Where (vx, vy, omega) stand in a spatial twist (vx, vy, vz, wx, wy, wz)."""
+
+_LARGEST = 4096  # Bytes; ours have fewer than 800. What is larger was not meant for us.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TwistStamped:
+    """A spatial twist: `twist` (6,) = (vx, vy, vz, wx, wy, wz), m/s and rad/s in `frame`."""
+
+    frame: str
+    twist: Array
+    stamp_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointState:
+    """Angles and speeds of joints, (n,) each, rad and rad/s; NaN where there is no such value."""
+
+    names: Sequence[str]
+    position_rad: Array
+    velocity_rad_per_s: Array
+    stamp_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Odometry:
+    """A planar pose in `odom` and a twist in `base_link`, with covariances."""
+
+    xy_heading: Array
+    """(3,): metres and radians."""
+    twist: Array
+    """(3,): vx, vy, omega."""
+    pose_covariance: Array
+    """(3, 3): of x, y, heading, axes of `odom`."""
+    twist_covariance: Array
+    """(3, 3)."""
+    stamp_ns: int = 0
+
+
+def encode_twist(message: TwistStamped) -> bytes:
+    """Return the CDR of a `geometry_msgs/msg/TwistStamped`."""
+    make, (lx, ly, lz, ax, ay, az) = _make, (float(v) for v in message.twist)
+    vector = "geometry_msgs/msg/Vector3"
+    return _encode(
+        make(
+            "geometry_msgs/msg/TwistStamped",
+            header=_header(message.stamp_ns, message.frame),
+            twist=make(
+                "geometry_msgs/msg/Twist",
+                linear=make(vector, x=lx, y=ly, z=lz),
+                angular=make(vector, x=ax, y=ay, z=az),
+            ),
+        )
+    )
+
+
+def decode_twist(payload: bytes) -> TwistStamped:
+    """Return the twist in a CDR payload; numbers may be anything, also NaN.
+
+    Raises:
+        MessageError: `shape`, when this is no `geometry_msgs/msg/TwistStamped`.
+    """
+    raw = _decode(payload, "geometry_msgs/msg/TwistStamped")
+    linear, angular = raw.twist.linear, raw.twist.angular
+    return TwistStamped(
+        frame=raw.header.frame_id,
+        twist=np.array([linear.x, linear.y, linear.z, angular.x, angular.y, angular.z]),
+        stamp_ns=_stamp_ns(raw),
+    )
+
+
+def encode_joints(message: JointState) -> bytes:
+    """Return the CDR of a `sensor_msgs/msg/JointState`."""
+    return _encode(
+        _make(
+            "sensor_msgs/msg/JointState",
+            header=_header(message.stamp_ns, BASE),
+            name=list(message.names),
+            position=np.asarray(message.position_rad, dtype=np.float64),
+            velocity=np.asarray(message.velocity_rad_per_s, dtype=np.float64),
+            effort=np.empty(0),
+        )
+    )
+
+
+def decode_joints(payload: bytes) -> JointState:
+    """Return the joints in a CDR payload.
+
+    Raises:
+        MessageError: `shape`, when this is no `sensor_msgs/msg/JointState`.
+    """
+    raw = _decode(payload, "sensor_msgs/msg/JointState")
+    if not len(raw.name) == len(raw.position) == len(raw.velocity):
+        raise MessageError("shape", "names, positions and velocities differ in number")
+    return JointState(tuple(raw.name), raw.position.copy(), raw.velocity.copy(), _stamp_ns(raw))
+
+
+def encode_odometry(message: Odometry) -> bytes:
+    """Return the CDR of a `nav_msgs/msg/Odometry`."""
+    x, y, heading = (float(v) for v in message.xy_heading)
+    vx, vy, omega = (float(v) for v in message.twist)
+    vector = "geometry_msgs/msg/Vector3"
+    return _encode(
+        _make(
+            "nav_msgs/msg/Odometry",
+            header=_header(message.stamp_ns, ODOM),
+            child_frame_id=BASE,
+            pose=_make(
+                "geometry_msgs/msg/PoseWithCovariance",
+                pose=_make(
+                    "geometry_msgs/msg/Pose",
+                    position=_make("geometry_msgs/msg/Point", x=x, y=y, z=0.0),
+                    orientation=_make(
+                        "geometry_msgs/msg/Quaternion",
+                        x=0.0,
+                        y=0.0,
+                        z=math.sin(heading / 2.0),
+                        w=math.cos(heading / 2.0),
+                    ),
+                ),
+                covariance=_spatial(message.pose_covariance),
+            ),
+            twist=_make(
+                "geometry_msgs/msg/TwistWithCovariance",
+                twist=_make(
+                    "geometry_msgs/msg/Twist",
+                    linear=_make(vector, x=vx, y=vy, z=0.0),
+                    angular=_make(vector, x=0.0, y=0.0, z=omega),
+                ),
+                covariance=_spatial(message.twist_covariance),
+            ),
+        )
+    )
+
+
+def decode_odometry(payload: bytes) -> Odometry:
+    """Return the planar part of the odometry in a CDR payload; heading in [-2 pi, 2 pi].
+
+    Raises:
+        MessageError: `shape`, when this is no `nav_msgs/msg/Odometry`.
+    """
+    raw = _decode(payload, "nav_msgs/msg/Odometry")
+    position, turn = raw.pose.pose.position, raw.pose.pose.orientation
+    linear, angular = raw.twist.twist.linear, raw.twist.twist.angular
+    rows = np.ix_(PLANAR, PLANAR)
+    return Odometry(
+        xy_heading=np.array([position.x, position.y, 2.0 * math.atan2(turn.z, turn.w)]),
+        twist=np.array([linear.x, linear.y, angular.z]),
+        pose_covariance=raw.pose.covariance.reshape(6, 6)[rows],
+        twist_covariance=raw.twist.covariance.reshape(6, 6)[rows],
+        stamp_ns=_stamp_ns(raw),
+    )
+
+
+def _spatial(planar: Array) -> Array:
+    """Return the row-major (36,) spatial covariance of a planar (3, 3) one."""
+    spatial = np.zeros((6, 6))
+    spatial[np.ix_(PLANAR, PLANAR)] = planar
+    return spatial.reshape(36)
+
+
+@functools.cache
+def _store() -> Any:
+    """Return the type store; made at first use, since it takes a tenth of a second."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def _make(type_name: str, **fields: Any) -> Any:
+    return _store().types[type_name](**fields)
+
+
+def _header(stamp_ns: int, frame: str) -> Any:
+    sec, nanosec = divmod(stamp_ns, 1_000_000_000)
+    stamp = _make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+    return _make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+
+
+def _stamp_ns(raw: Any) -> int:
+    return raw.header.stamp.sec * 1_000_000_000 + raw.header.stamp.nanosec
+
+
+def _encode(message: Any) -> bytes:
+    return bytes(_store().serialize_cdr(message, message.__msgtype__))
+
+
+def _decode(payload: bytes, type_name: str) -> Any:
+    if len(payload) > _LARGEST:
+        raise MessageError("shape", f"{len(payload)} bytes are too many for a {type_name}")
+    try:
+        return _store().deserialize_cdr(payload, type_name)
+    except SerdeError as error:
+        raise MessageError("shape", f"not a {type_name}: {error}") from error

@@ -1,0 +1,123 @@
+"""Requests to a robot and its answers, as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar
+
+import msgspec
+from msgspec import Meta
+
+from tsd_twin.errors import MessageError
+
+LeaseId: TypeAlias = Annotated[str, Meta(pattern=r"^[0-9a-f]{32}\Z")]
+Operator: TypeAlias = Annotated[str, Meta(pattern=r"^[a-z0-9_-]{1,32}\Z")]
+StructT = TypeVar("StructT", bound=msgspec.Struct)
+RequestT = TypeVar("RequestT", bound="Request")
+
+
+class Request(msgspec.Struct, frozen=True):
+    """Any request: a JSON object."""
+
+
+class LeaseRequest(Request, frozen=True, kw_only=True):
+    """`srv/lease`: `acquire`, `renew` and `release` the right to drive, or `peek` who has it."""
+
+    op: Literal["acquire", "renew", "release", "peek"]
+    operator: Operator
+    lease: LeaseId | None = None
+    """For renew and release."""
+    take_over: bool = False
+    """Acquire it even though another holds it; the holder sees that."""
+    max_age_s: Annotated[float, Meta(gt=0.0)] | None = None
+    """Age up to which commands shall count, for far links; the speed cap shrinks with it."""
+
+
+class HolderRequest(Request, frozen=True):
+    """`srv/arm`, `srv/disarm`, `srv/reset`: what only the holder of the lease may ask."""
+
+    lease: LeaseId
+
+
+class SetPoseRequest(Request, frozen=True):
+    """`srv/set_pose`: where the robot is, in `odom`."""
+
+    lease: LeaseId
+    x_m: float
+    y_m: float
+    heading_rad: float
+
+
+class StopRequest(Request, frozen=True):
+    """`stop`: anybody may; all fields can be left out."""
+
+    operator: str = ""
+    reason: str = ""
+
+
+class LeaseReply(msgspec.Struct, frozen=True):
+    """Answer of `srv/lease`."""
+
+    granted: bool
+    lease: str | None = None
+    holder: str | None = None
+    ttl_s: float = 0.0
+    reason: str = ""
+    max_age_s: float = 0.0
+    """Age up to which commands count under this lease."""
+
+
+class Reply(msgspec.Struct, frozen=True):
+    """Answer of all other services."""
+
+    ok: bool
+    reason: str = ""
+
+
+class Event(msgspec.Struct, frozen=True):
+    """`event/<kind>`: something that an operator or a log wants to know."""
+
+    kind: str
+    text: str
+    """One sentence."""
+    requested: Any = None
+    applied: Any = None
+    rule: str = ""
+    """The rule that made the difference."""
+    robot_s: float = 0.0
+    """The robot's monotonic clock."""
+
+
+class Description(msgspec.Struct, frozen=True):
+    """Answer of `desc`."""
+
+    robot: str
+    """TOML text."""
+    urdf: str
+
+
+def decode_request(payload: bytes, kind: type[RequestT]) -> RequestT:
+    """Return the request in a payload.
+
+    Raises:
+        MessageError: `shape`, with what is missing or wrong.
+    """
+    return decode_json(payload or b"{}", kind, "a request")
+
+
+def decode_json(payload: bytes, kind: type[StructT], what: str) -> StructT:
+    """Return the `kind` in a JSON payload; `what` is what the error says that it is not.
+
+    Raises:
+        MessageError: `shape`, with what is missing or wrong.
+    """
+    try:
+        return msgspec.json.decode(payload, type=kind)
+    # Text that is not UTF-8 and thousands of brackets are not among the errors of msgspec.
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise MessageError("shape", f"not {what}: {error}") from error
+
+
+def to_builtins(message: msgspec.Struct) -> Mapping[str, Any]:
+    """Return a message as plain dicts and lists."""
+    return msgspec.to_builtins(message)

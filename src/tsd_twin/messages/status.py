@@ -1,0 +1,121 @@
+"""What a robot says about itself, twenty times a second, as JSON; and the stamp on all it sends."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+
+from tsd_twin.errors import MessageError
+from tsd_twin.messages.service import decode_json
+
+_STAMP = struct.Struct("<Qq")
+
+
+class LeaseStatus(msgspec.Struct, frozen=True):
+    """Who may drive."""
+
+    holder: str | None = None
+    remaining_s: float = 0.0
+
+
+class DropCounts(msgspec.Struct):
+    """Commands that did not count, each under exactly one reason."""
+
+    stale: int = 0
+    lease: int = 0
+    order: int = 0
+    nonfinite: int = 0
+    key: int = 0
+    shape: int = 0
+
+
+class CommandStatus(msgspec.Struct, frozen=True):
+    """What became of the commands."""
+
+    seq: int = 0
+    """Of the newest counted one."""
+    age_s: float | None = None
+    """Since the newest counted one; none was counted: null."""
+    accepted: int = 0
+    dropped: DropCounts = msgspec.field(default_factory=DropCounts)
+
+
+class LimitStatus(msgspec.Struct, frozen=True):
+    """Limits in force, and how much of the request is applied."""
+
+    speed_mps: float = 0.0
+    turn_rate_rad_per_s: float = 0.0
+    max_command_age_s: float = 0.0
+    applied: float = 1.0
+    """Share of the requested twist that the limits let through."""
+
+
+class ConflictStatus(msgspec.Struct, frozen=True):
+    """How well the measured joints agree with one another."""
+
+    residual_mps: float = 0.0
+    suspect: str | None = None
+    """The module that the others contradict, once there is evidence."""
+
+
+class LoopStatus(msgspec.Struct, frozen=True):
+    """How well the control loop keeps time."""
+
+    hz: float = 0.0
+    overruns: int = 0
+    jitter_p99_ms: float = 0.0
+
+
+class ArmingStatus(msgspec.Struct, frozen=True):
+    """Where arming stands: `neutral`, `hold`, `spin_up`; progress from 0 to 1."""
+
+    phase: str
+    progress: float
+
+
+class Status(msgspec.Struct, frozen=True):
+    """`state/status`."""
+
+    mode: str
+    stop_reason: str = ""
+    arming: ArmingStatus | None = None
+    lease: LeaseStatus = LeaseStatus()
+    command: CommandStatus = CommandStatus()
+    limits: LimitStatus = LimitStatus()
+    conflict: ConflictStatus = ConflictStatus()
+    loop: LoopStatus = LoopStatus()
+    hardware: Mapping[str, Any] = {}
+
+
+def encode_status(status: Status) -> bytes:
+    """Return the JSON of a status."""
+    return msgspec.json.encode(status)
+
+
+def decode_status(payload: bytes) -> Status:
+    """Return the status in a JSON payload; fields that we do not know are ignored.
+
+    Raises:
+        MessageError: `shape`, when this is no status.
+    """
+    return decode_json(payload, Status, "a status")
+
+
+def encode_stamp(seq: int, robot_ns: int) -> bytes:
+    """Return the attachment of a `state/*` message: its number and the robot's monotonic time."""
+    return _STAMP.pack(seq, robot_ns)
+
+
+def decode_stamp(attachment: bytes) -> tuple[int, int]:
+    """Return (seq, robot_ns) of an attachment.
+
+    Raises:
+        MessageError: `shape`, when it is none.
+    """
+    try:
+        return _STAMP.unpack(attachment)
+    except struct.error as error:
+        raise MessageError("shape", f"stamp: {error}") from error
