@@ -1,0 +1,255 @@
+"""Who may move the robot, and when: a pure state machine with time as an argument."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsd_twin.authority.gate import CommandGate
+from tsd_twin.authority.lease import Lease, LeaseDesk, held_by
+from tsd_twin.authority.modes import ARMED, LATCHED, TRANSITIONS, Mode
+from tsd_twin.errors import MessageError
+from tsd_twin.messages.command import Command, Sample
+from tsd_twin.messages.service import Event, LeaseReply, LeaseRequest, Reply, StopRequest
+from tsd_twin.messages.status import ArmingStatus
+from tsd_twin.robots import Robot
+
+UNATTENDED_S = 10.0
+"""Without a lease for this long, the wheels spin down."""
+QUIET_BEFORE_RESET_S = 0.5
+"""A reset is refused while somebody still pushes the stick."""
+NEUTRAL_S = 1.0
+"""Time that arming gives the gimbals to come to neutral."""
+SPIN_UP_S = 5.0
+"""Time that arming gives the wheels to come to speed."""
+_REPORT_S = 0.2
+"""Drops under one reason are reported no more often than this."""
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What the rest of the core knows and the authority decides by."""
+
+    neutral: bool
+    """All gimbals are measured at neutral tilt; looked at while arming only."""
+    at_speed: bool
+    """All wheels turn as fast as they shall; looked at while arming only."""
+    at_rest: bool
+    """The twist that is commanded to the joints is zero."""
+    fault: str = ""
+    """What is broken, in words."""
+
+
+class Authority:
+    """Modes, lease, command gate and latched stop of one robot."""
+
+    def __init__(self, robot: Robot, new_lease_id: Callable[[], bytes]) -> None:
+        self.mode = Mode.DISARMED
+        self.reason = ""
+        """Why the robot stopped, is stopping, or is not armed any more."""
+        self.gate = CommandGate()
+        self.command: Command | None = None
+        """The newest that counted since the robot last came to rest."""
+        self.command_s = -np.inf
+        self.command_seq = 0
+        self._desk = LeaseDesk(robot, new_lease_id)
+        self._timeout_s = robot.limits.command_timeout_s
+        self._hold_s = robot.motor.arming_hold_s
+        self._since_s = 0.0
+        self._attended_s = -np.inf
+        self._pushed_s = -np.inf
+        self._spin_up_s: float | None = None
+        self._disarm_at_rest = False
+        self._reported_s: dict[str, float] = {}
+        self._events: list[Event] = []
+
+    # What operators ask for.
+
+    def lease(self, request: LeaseRequest, now_s: float) -> LeaseReply:
+        """Answer a request for the lease; a change of holder stops the robot."""
+        before = self._desk.current(now_s)
+        reply = self._desk.answer(request, now_s)
+        after = self._desk.current(now_s)
+        if after is not None:
+            self._attended_s = now_s
+        if after is not before:
+            self._report_lease(before, after, now_s)
+        return reply
+
+    def arm(self, lease_hex: str, now_s: float) -> Reply:
+        """Begin arming: only the holder, only from disarmed."""
+        if refusal := self._refusal(lease_hex, now_s):
+            return self._refused("arm", refusal, now_s)
+        if self.mode in LATCHED:
+            return self._refused("arm", f"the robot is {self.mode}: reset first", now_s)
+        if self.mode is not Mode.DISARMED:
+            return self._refused("arm", f"the robot is {self.mode} already", now_s)
+        self._go(Mode.ARMING, "armed by the operator", now_s)
+        return Reply(True)
+
+    def disarm(self, lease_hex: str, now_s: float) -> Reply:
+        """Spin down: at once when at rest, after a controlled stop when driving."""
+        if refusal := self._refusal(lease_hex, now_s):
+            return self._refused("disarm", refusal, now_s)
+        reason = "disarmed by the operator"
+        if self.mode in (Mode.ARMING, Mode.READY):
+            self._go(Mode.DISARMED, reason, now_s)
+        elif self.mode in (Mode.DRIVING, Mode.STOPPING):
+            self._disarm_at_rest = True
+            if self.mode is Mode.DRIVING:
+                self._go(Mode.STOPPING, reason, now_s)
+        return Reply(True)
+
+    def stop(self, request: StopRequest, now_s: float) -> Reply:
+        """Stop and latch: anybody, at any time."""
+        if self.mode not in LATCHED:
+            by = request.operator or "somebody"
+            self._go(Mode.STOPPED, request.reason or f"software stop by {by}", now_s)
+        return Reply(True)
+
+    def reset(self, lease_hex: str, now_s: float) -> Reply:
+        """Unlatch: leads to disarmed, never to motion."""
+        if refusal := self._refusal(lease_hex, now_s):
+            return self._refused("reset", refusal, now_s)
+        if self.mode not in LATCHED:
+            return self._refused("reset", f"the robot is {self.mode}, not stopped", now_s)
+        if now_s - self._pushed_s < QUIET_BEFORE_RESET_S:
+            return self._refused("reset", "let go of the stick first", now_s)
+        self._go(Mode.DISARMED, "reset by the operator", now_s)
+        return Reply(True)
+
+    def holds(self, lease_hex: str, now_s: float) -> bool:
+        """Return whether this is the lease in force."""
+        return held_by(self._desk.current(now_s), None, lease_hex)
+
+    # What the control loop does.
+
+    def receive(self, sample: Sample, now_s: float) -> None:
+        """Take one sample from the bus; whether it counts is decided and counted here."""
+        outcome = self.gate.check(sample, self._desk.current(now_s), now_s)
+        if isinstance(outcome, MessageError):
+            last = self._reported_s.get(outcome.reason, -np.inf)
+            if now_s - last >= _REPORT_S:
+                self._reported_s[outcome.reason] = now_s
+                self._report("drop", f"A command was dropped: {outcome}.", outcome.reason, now_s)
+            return
+        self._desk.renew(now_s)
+        self.command_s, self.command_seq = now_s, outcome.seq
+        pushes = bool(outcome.twist.any())
+        if pushes:
+            self._pushed_s = now_s
+        obeys = self.mode in (Mode.READY, Mode.STOPPING) and not self._disarm_at_rest
+        if pushes and obeys:
+            self._go(Mode.DRIVING, "", now_s)
+        if self.mode is Mode.DRIVING:
+            self.command = outcome
+
+    def step(self, facts: Facts, now_s: float) -> None:
+        """Let time pass: what has run out, has run out."""
+        lease = self._desk.current(now_s)
+        if lease is not None:
+            self._attended_s = now_s
+        if facts.fault and self.mode in ARMED:
+            self._go(Mode.FAULT, facts.fault, now_s)
+        match self.mode:
+            case Mode.ARMING:
+                self._step_arming(facts, now_s)
+            case Mode.READY:
+                if now_s - self._attended_s >= UNATTENDED_S:
+                    reason = f"nobody has had control for {UNATTENDED_S:g} s"
+                    self._go(Mode.DISARMED, reason, now_s)
+            case Mode.DRIVING:
+                self._step_driving(lease, facts, now_s)
+            case Mode.STOPPING:
+                if facts.at_rest:
+                    self._go(
+                        Mode.DISARMED if self._disarm_at_rest else Mode.READY, self.reason, now_s
+                    )
+            case Mode.DISARMED | Mode.STOPPED | Mode.FAULT:
+                pass
+
+    def arming(self, now_s: float) -> ArmingStatus | None:
+        """Return how far arming is."""
+        if self.mode is not Mode.ARMING:
+            return None
+        if self._spin_up_s is not None:
+            return ArmingStatus("spin_up", min(1.0, (now_s - self._spin_up_s) / SPIN_UP_S))
+        return ArmingStatus("hold", min(1.0, (now_s - self._since_s) / max(self._hold_s, 1e-9)))
+
+    @property
+    def wheels_spin(self) -> bool:
+        """Whether the drive motors shall turn."""
+        if self.mode is Mode.ARMING:
+            return self._spin_up_s is not None
+        return self.mode in ARMED
+
+    def lease_in_force(self, now_s: float) -> Lease | None:
+        """Return the lease in force, if any."""
+        return self._desk.current(now_s)
+
+    def take_events(self) -> list[Event]:
+        """Return what has happened since the last call."""
+        events, self._events = self._events, []
+        return events
+
+    # Inside.
+
+    def _step_arming(self, facts: Facts, now_s: float) -> None:
+        if now_s - self._attended_s >= UNATTENDED_S:
+            self._go(Mode.DISARMED, f"nobody has had control for {UNATTENDED_S:g} s", now_s)
+        elif self._spin_up_s is None:
+            waited_s = now_s - self._since_s
+            if not facts.neutral and waited_s >= NEUTRAL_S:
+                self._go(Mode.DISARMED, "not armed: the gimbals are not at neutral tilt", now_s)
+            elif facts.neutral and waited_s >= self._hold_s:
+                self._spin_up_s = now_s
+        elif facts.at_speed:
+            self._go(Mode.READY, "", now_s)
+        elif now_s - self._spin_up_s >= SPIN_UP_S:
+            self._go(Mode.DISARMED, "not armed: the wheels did not come to speed", now_s)
+
+    def _step_driving(self, lease: Lease | None, facts: Facts, now_s: float) -> None:
+        silent_s = now_s - self.command_s
+        if lease is None or self.command is None or lease.id != self.command.lease:
+            self._go(Mode.STOPPING, "the operator gave up or lost control", now_s)
+        elif silent_s > self._timeout_s:
+            reason = f"no command for {self._timeout_s * 1000:.0f} ms"
+            self._go(Mode.STOPPING, reason, now_s)
+        elif facts.at_rest and not self.command.twist.any():
+            self._go(Mode.READY, "", now_s)
+
+    def _go(self, mode: Mode, reason: str, now_s: float) -> None:
+        if (self.mode, mode) not in TRANSITIONS:
+            raise AssertionError(f"there is no way from {self.mode} to {mode}")
+        before, self.mode, self.reason, self._since_s = self.mode, mode, reason, now_s
+        self._spin_up_s = None
+        if mode is not Mode.STOPPING:
+            self._disarm_at_rest = False
+        if mode is not Mode.DRIVING:
+            self.command = None
+        text = f"From {before} to {mode}" + (f": {reason}." if reason else ".")
+        self._report("mode", text, TRANSITIONS[before, mode], now_s)
+
+    def _refusal(self, lease_hex: str, now_s: float) -> str:
+        if self.holds(lease_hex, now_s):
+            return ""
+        lease = self._desk.current(now_s)
+        return f"{lease.holder} has control" if lease else "take control first"
+
+    def _refused(self, what: str, reason: str, now_s: float) -> Reply:
+        self._report("refusal", f"Request to {what} refused: {reason}.", what, now_s)
+        return Reply(False, reason)
+
+    def _report_lease(self, before: Lease | None, after: Lease | None, now_s: float) -> None:
+        if after is None:
+            text = f"{before.holder if before else 'The holder'} released control."
+        elif before is None or before.holder == after.holder:
+            text = f"{after.holder} has control."
+        else:
+            text = f"{after.holder} took control over from {before.holder}."
+        self._report("lease", text, "lease", now_s)
+
+    def _report(self, kind: str, text: str, rule: str, now_s: float) -> None:
+        self._events.append(Event(kind, text, rule=rule, robot_s=now_s))

@@ -1,0 +1,303 @@
+"""The robot core: commands and measured joints in, set-points and an estimated state out.
+
+Pure: time and data are arguments, nothing is read or sent, so the rules that run on a simulated
+robot in a test are the rules that run on the machine.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from tsd_twin.authority import ARMED, Authority, Facts, Mode
+from tsd_twin.drives import JointKind
+from tsd_twin.errors import MessageError
+from tsd_twin.estimation import ConflictMonitor, PlanarOdometry, SpinModel
+from tsd_twin.lie import Array
+from tsd_twin.messages.command import Sample
+from tsd_twin.messages.ros import ODOM, JointState, Odometry
+from tsd_twin.messages.service import (
+    Event,
+    HolderRequest,
+    LeaseReply,
+    LeaseRequest,
+    Reply,
+    SetPoseRequest,
+    StopRequest,
+    decode_request,
+)
+from tsd_twin.messages.status import (
+    CommandStatus,
+    ConflictStatus,
+    LeaseStatus,
+    LimitStatus,
+    LoopStatus,
+    Status,
+)
+from tsd_twin.motion import TwistLimiter
+from tsd_twin.robots import Robot
+from tsd_twin.topics import Service
+
+NEUTRAL_RAD = math.radians(1.0)
+"""Gimbals within this of upright count as neutral."""
+AT_SPEED = 0.02
+"""Wheels within this share of their set-point count as at speed."""
+SILENT_S = 0.1
+"""Joints that are not measured for this long are a fault while armed."""
+_CLAMP_REPORT_S = 0.5
+
+
+class RobotCore:
+    """Everything between the bus and the joints of one robot."""
+
+    def __init__(self, robot: Robot, new_lease_id: Callable[[], bytes]) -> None:
+        self.robot = robot
+        self.drive = robot.kinematics()
+        self.authority = Authority(robot, new_lease_id)
+        kinds = [joint.kind for joint in self.drive.joints]
+        self._names = [joint.name for joint in self.drive.joints]
+        self._is_angle = np.array([kind is JointKind.POSITION for kind in kinds])
+        self._angles = np.flatnonzero(self._is_angle)
+        self._wheels = np.flatnonzero(~self._is_angle)
+        self._at_rest = self.drive.inverse(np.zeros(3))
+        self._tolerance = np.where(self._is_angle, NEUTRAL_RAD, AT_SPEED * np.abs(self._at_rest))
+        off = np.where(self._is_angle, self._at_rest, 0.0)
+        self._limiter = TwistLimiter(self.drive, robot.limits)
+        self._spin = SpinModel(robot.motor, len(self._wheels))
+        self._odometry = PlanarOdometry(self.drive, robot.noise)
+        self._conflict = ConflictMonitor(self._residual_sigma())
+        self._components = list(self.drive.components)
+        self._now_s = -math.inf
+        self._measured_s = -math.inf
+        self._applied_share = 1.0
+        self._clamp_reported_s = -math.inf
+        self._events: list[Event] = []
+        self.twist = np.zeros(3)
+        """(3,): the twist that is commanded to the joints, in the base frame."""
+        self.joints = off.copy()
+        """(n,): measured joints; speeds that are not measured come from the model of the motors."""
+        self.rates = np.zeros(len(kinds))
+        """(n,): how fast the joints change, of wheels the acceleration."""
+        self.setpoint = off.copy()
+        """(n,): what the joints shall do."""
+
+    # The control loop.
+
+    def step(self, now_s: float, measured: Array | None, samples: Sequence[Sample]) -> Array:
+        """Return the set-point (n,) for the period that begins at `now_s`.
+
+        `measured` (n,) are the joints, NaN where a speed is not measured; None when there is no
+        measurement. `samples` are all that came in on the command key since the last step.
+        """
+        dt_s = now_s - self._now_s if math.isfinite(self._now_s) else 0.01
+        self._now_s = now_s
+        if dt_s > 0.0:
+            self._estimate(now_s, measured, dt_s)
+        for sample in samples:
+            self.authority.receive(sample, now_s)
+        self.authority.step(self._facts(now_s), now_s)
+        self._command(now_s, max(dt_s, 0.0))
+        return self.setpoint
+
+    def _estimate(self, now_s: float, measured: Array | None, dt_s: float) -> None:
+        spin = self._spin.advance(self.setpoint[self._wheels], dt_s)
+        if measured is not None and np.isfinite(measured[self._angles]).all():
+            self._measured_s = now_s
+            joints = measured.copy()
+            speeds = joints[self._wheels]
+            joints[self._wheels] = np.where(np.isnan(speeds), spin, speeds)
+            self.rates = (joints - self.joints) / dt_s
+            self.joints = joints
+        motion = self._odometry.advance(self.joints, dt_s)
+        self._conflict.advance(motion.residual, dt_s)
+
+    def _facts(self, now_s: float) -> Facts:
+        silent = now_s - self._measured_s > SILENT_S
+        at_rest = not self.twist.any()
+        fault = f"the joints have not been measured for {SILENT_S * 1000:.0f} ms" if silent else ""
+        if self.authority.mode is not Mode.ARMING:
+            return Facts(neutral=False, at_speed=False, at_rest=at_rest, fault=fault)
+        near = np.abs(self.joints - self._at_rest) <= self._tolerance
+        return Facts(
+            neutral=not silent and bool(near[self._angles].all()),
+            at_speed=bool(near[self._wheels].all()),
+            at_rest=at_rest,
+            fault=fault,
+        )
+
+    def _command(self, now_s: float, dt_s: float) -> None:
+        authority = self.authority
+        if authority.mode in (Mode.DRIVING, Mode.STOPPING):
+            request, goal = np.zeros(3), np.zeros(3)
+            lease = authority.lease_in_force(now_s)
+            if authority.command is not None and lease is not None:
+                request = self._request()
+                share = lease.speed_cap_mps / self.robot.limits.speed_mps
+                goal = self._limiter.cap(request, share)
+            if dt_s > 0.0:
+                self.twist = self._limiter.approach(self.twist, goal, dt_s)
+            self._report_clamp(request, goal, now_s)
+        else:
+            # Not at rest only when latched: the limiter starts from zero again, nothing jumps.
+            self.twist = np.zeros(3)
+            self._applied_share = 1.0
+        self.setpoint = self.drive.inverse(self.twist)
+        if not authority.wheels_spin:
+            self.setpoint[self._wheels] = 0.0
+
+    def _request(self) -> Array:
+        """Return the commanded twist (3,) in the base frame."""
+        command = self.authority.command
+        assert command is not None  # noqa: S101  The caller has looked; this tells the type checker.
+        twist = command.twist[self._components]
+        if command.frame == ODOM:
+            # Eq. 1: from world to robot by a turn of minus the heading.
+            twist[:2] = self._odometry.pose.inverse().rotate(twist[:2])
+        return twist
+
+    def _report_clamp(self, request: Array, capped: Array, now_s: float) -> None:
+        # By the largest number of each, since they differ by a factor: no square overflows.
+        length = max(map(abs, request.tolist()))
+        self._applied_share = max(map(abs, capped.tolist())) / length if length > 0.0 else 1.0
+        if self._applied_share < 0.999 and now_s - self._clamp_reported_s >= _CLAMP_REPORT_S:
+            self._clamp_reported_s = now_s
+            self._events.append(
+                Event(
+                    "clamp",
+                    f"The limits let {100 * self._applied_share:.0f} % of the command through.",
+                    requested=request.tolist(),
+                    applied=capped.tolist(),
+                    rule="limits of speed, turn rate and tilt",
+                    robot_s=now_s,
+                )
+            )
+
+    def _residual_sigma(self) -> float:
+        """Return the standard deviation of a residual, m/s, from the noise in the description."""
+        noise = self.robot.noise
+        joints = self.drive.inverse(np.array([self.robot.limits.speed_mps, 0.0, 0.0]))
+        sigma = self._is_angle * math.radians(noise.gimbal_angle_deg)
+        sigma = sigma + ~self._is_angle * noise.spin_share * np.abs(joints)
+        shift = self.drive.forward(joints + np.diag(sigma)).residual
+        return float(np.sqrt(np.square(shift).sum() / shift.shape[-1]))
+
+    # What operators ask for.
+
+    def serve(self, service: Service, payload: bytes, now_s: float) -> LeaseReply | Reply:
+        """Return the answer to a request, also to one that cannot be read: never silence."""
+        try:
+            match service:
+                case Service.LEASE:
+                    return self.authority.lease(decode_request(payload, LeaseRequest), now_s)
+                case Service.ARM:
+                    return self.authority.arm(decode_request(payload, HolderRequest).lease, now_s)
+                case Service.DISARM:
+                    lease = decode_request(payload, HolderRequest).lease
+                    return self.authority.disarm(lease, now_s)
+                case Service.RESET:
+                    return self.authority.reset(decode_request(payload, HolderRequest).lease, now_s)
+                case Service.SET_POSE:
+                    return self._set_pose(decode_request(payload, SetPoseRequest), now_s)
+                case Service.STOP:
+                    return self.stop(payload, now_s)
+                case Service.DESC:
+                    return Reply(False, "the node answers this")
+        except MessageError as error:
+            if service is Service.LEASE:
+                return LeaseReply(False, reason=str(error))
+            return Reply(False, str(error))
+
+    def stop(self, payload: bytes, now_s: float) -> Reply:
+        """Stop and latch, whatever the payload is: a stop needs nothing to count."""
+        try:
+            request = decode_request(payload, StopRequest)
+        except MessageError:
+            request = StopRequest()
+        return self.authority.stop(request, now_s)
+
+    def _set_pose(self, request: SetPoseRequest, now_s: float) -> Reply:
+        pose = np.array([request.x_m, request.y_m, request.heading_rad])
+        if not self.authority.holds(request.lease, now_s):
+            return Reply(False, "take control first")
+        if not np.isfinite(pose).all():
+            return Reply(False, "a pose must be finite numbers")
+        if self.authority.mode in (Mode.DRIVING, Mode.STOPPING):
+            # A command in the world's axes would turn with the heading.
+            return Reply(False, "the pose can be set at rest only")
+        self._odometry.set_pose(pose)
+        return Reply(True)
+
+    # What there is to see.
+
+    def note_status_sent(self, seq: int, now_s: float) -> None:
+        """Remember when a status went out: commands echo its number."""
+        self.authority.gate.note_status(seq, now_s)
+
+    def take_events(self) -> list[Event]:
+        """Return what has happened since the last call."""
+        events = self.authority.take_events() + self._events
+        self._events = []
+        return events
+
+    def joint_state(self, stamp_ns: int) -> JointState:
+        """Return the measured joints."""
+        return self._joint_state(self.joints, self.rates, stamp_ns)
+
+    def setpoint_state(self, stamp_ns: int) -> JointState:
+        """Return the commanded joints."""
+        return self._joint_state(self.setpoint, np.full(len(self.setpoint), np.nan), stamp_ns)
+
+    def _joint_state(self, joints: Array, rates: Array, stamp_ns: int) -> JointState:
+        position = np.where(self._is_angle, joints, np.nan)
+        return JointState(self._names, position, np.where(self._is_angle, rates, joints), stamp_ns)
+
+    def odometry(self, stamp_ns: int) -> Odometry:
+        """Return the estimate: pose in `odom`, twist in `base_link`, with covariances."""
+        odometry = self._odometry
+        return Odometry(
+            odometry.pose.xy_heading,
+            odometry.motion.twist,
+            odometry.pose_covariance,
+            odometry.twist_covariance,
+            stamp_ns,
+        )
+
+    def status(self, now_s: float, loop: LoopStatus, hardware: Mapping[str, Any]) -> Status:
+        """Return what `state/status` says."""
+        authority, limits = self.authority, self.robot.limits
+        lease = authority.lease_in_force(now_s)
+        share = lease.speed_cap_mps / limits.speed_mps if lease else 1.0
+        age_s = now_s - authority.command_s
+        return Status(
+            mode=authority.mode,
+            stop_reason=authority.reason,
+            arming=authority.arming(now_s),
+            lease=LeaseStatus(lease.holder, round(lease.expires_s - now_s, 3))
+            if lease
+            else LeaseStatus(),
+            command=CommandStatus(
+                seq=authority.command_seq,
+                age_s=round(age_s, 4) if math.isfinite(age_s) else None,
+                accepted=authority.gate.accepted,
+                dropped=authority.gate.dropped,
+            ),
+            limits=LimitStatus(
+                speed_mps=limits.speed_mps * share,
+                turn_rate_rad_per_s=limits.turn_rate_rad_per_s * share,
+                max_command_age_s=lease.max_age_s if lease else limits.max_command_age_s,
+                applied=round(self._applied_share, 3),
+            ),
+            conflict=ConflictStatus(round(self._conflict.residual_mps, 5), self._suspect()),
+            loop=loop,
+            hardware=hardware,
+        )
+
+    def _suspect(self) -> str | None:
+        residual = self._conflict.residual
+        # Wheels that are not at speed say nothing about the gimbals.
+        if residual is None or not self._conflict.evident or self.authority.mode not in ARMED:
+            return None
+        return self.drive.actuators[int(self.drive.blame(residual).argmax())]

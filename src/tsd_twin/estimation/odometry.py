@@ -1,0 +1,77 @@
+"""The pose of a planar robot by forward kinematics of its measured joints."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tsd_twin.drives import Drive, JointKind, Motion
+from tsd_twin.lie import SE2, Array
+from tsd_twin.robots.robot import Noise
+
+CORRELATION_S = 1.0
+"""Time over which an error of the joints persists: quantisation and a wrong spin do not average
+out from one sample to the next, so the variance grows with this time, not with the period."""
+_REFRESH_EVERY = 10
+"""Steps for which the covariance of the twist is kept: it follows the joints slowly."""
+
+
+class PlanarOdometry:
+    """Pose, twist and their covariances from a stream of joint vectors.
+
+    Between two samples the joints are taken to move evenly, so that the terms in the gimbal rates
+    add up to the exact displacement; the pose moves by the exponential of the twist.
+    """
+
+    def __init__(self, drive: Drive[SE2], noise: Noise) -> None:
+        self._drive = drive
+        kinds = [joint.kind for joint in drive.joints]
+        self._is_angle = np.array([kind is JointKind.POSITION for kind in kinds])
+        self._angle_sigma = self._is_angle * math.radians(noise.gimbal_angle_deg)
+        self._spin_share = ~self._is_angle * noise.spin_share
+        self._previous: Array | None = None
+        self._until_refresh = 0
+        self.pose = SE2.identity()
+        self.motion = Motion(np.zeros(3), np.zeros(0))
+        self.pose_covariance: Array = np.zeros((3, 3))
+        """(3, 3): of x, y, heading, in `odom`."""
+        self.twist_covariance: Array = np.zeros((3, 3))
+        """(3, 3): of vx, vy, omega, in `base_link`."""
+
+    def set_pose(self, xy_heading: Array) -> None:
+        """Take the robot to be at `xy_heading` (3,), exactly."""
+        self.pose = SE2(np.array(xy_heading, dtype=float))
+        self.pose_covariance = np.zeros((3, 3))
+
+    def advance(self, joints: Array, dt_s: float) -> Motion:
+        """Take in the joints (n,) measured `dt_s` after the last ones, and return the motion."""
+        previous = joints if self._previous is None else self._previous
+        self._previous = joints
+        step = joints - previous
+        middle = previous + 0.5 * step
+        self.motion = motion = self._drive.forward(middle, step / dt_s)
+        moved = self._drive.move(self.pose, motion.twist, dt_s)
+        self._spread(moved, middle, dt_s)
+        self.pose = moved
+        return motion
+
+    def _spread(self, moved: SE2, joints: Array, dt_s: float) -> None:
+        """Grow the covariances: first-order error propagation along the step."""
+        if self._until_refresh == 0:
+            self.twist_covariance = self._twist_covariance(joints)
+        self._until_refresh = (self._until_refresh + 1) % _REFRESH_EVERY
+        dx, dy, _ = moved.xy_heading - self.pose.xy_heading
+        heading = moved.xy_heading[2]
+        c, s = math.cos(heading), math.sin(heading)
+        carry = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        added = turn @ self.twist_covariance @ turn.T * (dt_s * CORRELATION_S)
+        self.pose_covariance = carry @ self.pose_covariance @ carry.T + added
+
+    def _twist_covariance(self, joints: Array) -> Array:
+        sigma = self._angle_sigma + self._spin_share * np.abs(joints)
+        # The Jacobian of the forward kinematics by differences, all joints in one batch.
+        nudged = joints + np.diag(np.maximum(sigma, 1e-9))
+        shift = self._drive.forward(nudged).twist - self._drive.forward(joints).twist
+        return shift.T @ shift

@@ -1,0 +1,33 @@
+"""The speed of wheels that nobody measures."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tsd_twin.lie import Array
+from tsd_twin.robots.robot import RPM, Motor
+
+
+class SpinModel:
+    """Speeds of velocity joints as their motors are known to follow set-points: first order."""
+
+    def __init__(self, motor: Motor, joints: int) -> None:
+        self._motor = motor
+        self.spin_rad_per_s: Array = np.zeros(joints)
+        """(m,)."""
+
+    def advance(self, setpoint_rad_per_s: Array, dt_s: float) -> Array:
+        """Return the speeds (m,) after `dt_s` of a set-point (m,)."""
+        motor, spin = self._motor, self.spin_rad_per_s
+        goal = np.where(
+            np.abs(setpoint_rad_per_s) < motor.start_speed_rpm * RPM, 0.0, setpoint_rad_per_s
+        )
+        decay = np.where(
+            np.abs(goal) > np.abs(spin),
+            math.exp(-dt_s / motor.time_constant_up_s),
+            math.exp(-dt_s / motor.time_constant_down_s),
+        )
+        self.spin_rad_per_s = goal + (spin - goal) * decay
+        return self.spin_rad_per_s

@@ -1,0 +1,66 @@
+"""Limits of speed, acceleration, tilt and tilt rate, on the twist as a whole."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tsd_twin.drives import Drive
+from tsd_twin.lie import Array
+from tsd_twin.robots.robot import Limits
+
+_LARGEST = 1e6
+"""Beyond this, in m/s or rad/s, a request is scaled first so that no square overflows."""
+
+
+class TwistLimiter:
+    """Scales twists and changes of twist as a whole: same direction, same curvature.
+
+    The path from one twist to another is a straight line in twist space. All limits are convex, so
+    a line between allowed twists is allowed.
+    """
+
+    def __init__(self, drive: Drive[Any], limits: Limits) -> None:
+        self._drive = drive
+        self._limits = limits
+
+    def cap(self, twist: Array, share: Array | float = 1.0) -> Array:
+        """Return `twist` (..., 3) scaled to the limits of speed, turn rate and tilt.
+
+        `share` in (0, 1] lowers the limits of speed and turn rate.
+        """
+        limits = self._limits
+        largest = np.maximum.reduce(np.abs(twist), axis=-1, keepdims=True)
+        twist = twist / np.maximum(1.0, largest / _LARGEST)
+        over = np.sqrt(_speed_squared(twist)) / (limits.speed_mps * share)
+        over = np.maximum(over, np.abs(twist[..., 2]) / (limits.turn_rate_rad_per_s * share))
+        over = np.maximum(over, self._drive.demand(twist))
+        return twist / np.maximum(1.0, over)[..., None]
+
+    def advance(
+        self, current: Array, request: Array, dt_s: float, share: Array | float = 1.0
+    ) -> Array:
+        """Return the twist (..., 3) that follows `current` after `dt_s` on the way to `request`."""
+        return self.approach(current, self.cap(request, share), dt_s)
+
+    def approach(self, current: Array, goal: Array, dt_s: float) -> Array:
+        """Return the twist (..., 3) that follows `current` after `dt_s` on the way to `goal`.
+
+        The goal is within the limits already. A goal within reach is reached exactly, so that a
+        stop ends at zero.
+        """
+        limits = self._limits
+        step = goal - current
+        slower = _speed_squared(goal) < _speed_squared(current)
+        acceleration = np.where(slower, limits.deceleration_mps2, limits.acceleration_mps2)
+        over = np.sqrt(_speed_squared(step)) / (acceleration * dt_s)
+        over = np.maximum(
+            over, np.abs(step[..., 2]) / (limits.angular_acceleration_rad_per_s2 * dt_s)
+        )
+        over = np.maximum(over, self._drive.rate_demand(step, dt_s))[..., None]
+        return np.where(over <= 1.0, goal, current + step / np.maximum(1.0, over))
+
+
+def _speed_squared(twist: Array) -> Array:
+    return twist[..., 0] * twist[..., 0] + twist[..., 1] * twist[..., 1]
