@@ -1,0 +1,144 @@
+"""`tsd-demo`: a simulated robot and its dashboard, with one command."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import webbrowser
+from collections.abc import Generator
+from typing import IO
+
+from tsd_twin import program
+from tsd_twin.errors import TwinError
+
+BUS_PORT = 7447
+PAGE_PORT = 8080
+_PATIENCE_S = 30.0
+
+PARSER = program.parser(
+    "tsd-demo",
+    "A simulated robot and its dashboard in the browser. Ctrl-C ends both.",
+    [
+        "tsd-demo                        drive the triple singularity drive",
+        "tsd-demo --robot my.toml        drive a robot of your own",
+        "tsd-demo --no-browser           print the address and leave the browser alone",
+    ],
+)
+
+
+def demonstrate(args: argparse.Namespace) -> None:
+    """Start both processes, and end both when one ends or a signal comes."""
+    stop = program.stop_event(args)
+    bus_port = free_port(args.bus_port or BUS_PORT, chosen=args.bus_port is not None)
+    page_port = free_port(args.port or PAGE_PORT, chosen=args.port is not None)
+    endpoint = f"tcp/127.0.0.1:{bus_port}"
+    robot = ["--robot", args.robot, *(["--id", args.id] if args.id else [])]
+    noise = ["--noise", str(args.noise)]
+    verbose = ["--verbose"] if args.verbose else []
+    mock = ["tsd_mock", *robot, *noise, "--listen", endpoint, *verbose]
+    dashboard = ["tsd_dashboard", "--connect", endpoint, "--port", str(page_port), *verbose]
+    with child(mock, stop) as robot_ready, child(dashboard, stop) as page_ready:
+        robot_ready.wait_for()
+        url = page_ready.wait_for().split()[-1]
+        program.say_ready(f"open {url} in a browser; Ctrl-C ends the demo")
+        if not args.no_browser:
+            # A browser may hold its own console for as long as it runs.
+            threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+        stop.wait()
+
+
+class Child:
+    """A started program, its output passed on, its `ready:` line kept."""
+
+    def __init__(self, name: str, process: subprocess.Popen[str], stop: threading.Event) -> None:
+        self._name = name
+        self._process = process
+        self._stop = stop
+        self._ready = threading.Event()
+        self._line = ""
+        assert process.stdout is not None  # noqa: S101  It was asked for; this tells the type checker.
+        threading.Thread(target=self._read, args=(process.stdout,), daemon=True).start()
+
+    def wait_for(self) -> str:
+        """Return the line that says it is ready.
+
+        Raises:
+            TwinError: it ended, or took too long.
+        """
+        if not self._ready.wait(_PATIENCE_S):
+            raise TwinError(f"{self._name} was not ready within {_PATIENCE_S:g} s")
+        if not self._line:
+            if self._stop.is_set() and self._process.poll() in (None, 0):
+                sys.exit(0)  # Ctrl-C while starting.
+            raise TwinError(f"{self._name} ended before it was ready; see above")
+        return self._line
+
+    def _read(self, output: IO[str]) -> None:
+        for line in output:
+            if line.startswith("ready: "):
+                self._line = line.strip()
+                self._ready.set()
+        self._ready.set()
+        self._stop.set()  # One without the other is of no use.
+
+
+@contextlib.contextmanager
+def child(arguments: list[str], stop: threading.Event) -> Generator[Child]:
+    """Run one of our programs for as long as this context lasts."""
+    # Its own process group: Ctrl-C comes to us only, and we end the two in order. When we are
+    # killed, nothing can be ended in order: the pipe that breaks then ends them.
+    process = subprocess.Popen(  # noqa: S603  The program is ours, the flags went through argparse.
+        [sys.executable, "-m", *arguments, "--until-eof"],
+        stdout=subprocess.PIPE,
+        stdin=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        yield Child(arguments[0].replace("_", "-"), process, stop)
+    finally:
+        process.send_signal(signal.SIGTERM)
+        try:
+            process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def free_port(wanted: int, *, chosen: bool) -> int:
+    """Return `wanted` if it is free, else any free port; a chosen port must be free.
+
+    Raises:
+        TwinError: a chosen port is in use.
+    """
+    for port in (wanted, 0):
+        with socket.socket() as probe:
+            # As servers do, so that a port that was in use a minute ago counts as free.
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind(("127.0.0.1", port))
+            except OSError as error:
+                if chosen:
+                    raise TwinError(f"port {port} is in use: choose another") from error
+                continue
+            return probe.getsockname()[1]
+    raise TwinError("this machine has no free port")
+
+
+def main() -> None:
+    """Read the flags and run."""
+    program.add_robot_flags(PARSER)
+    PARSER.add_argument("--port", type=int, help=f"of the page; default {PAGE_PORT} or a free one")
+    PARSER.add_argument("--bus-port", type=int, help=f"default {BUS_PORT} or a free one")
+    PARSER.add_argument("--noise", type=float, default=0.0, help="times [noise]; default 0")
+    PARSER.add_argument("--no-browser", action="store_true", help="do not open a browser")
+    program.run(PARSER, demonstrate)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,261 @@
+"""A session on the bus: the only door to zenoh."""
+
+# pyright: reportUnknownMemberType=false
+# The stubs of zenoh leave out what methods without a result return.
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from types import TracebackType
+from typing import Any, Self
+
+import zenoh
+import zenoh.ext
+
+from tsd_twin.bus.config import Config, reason
+from tsd_twin.errors import BusError, NoAnswerError
+from tsd_twin.messages.command import Sample
+from tsd_twin.topics import Urgency
+
+EVENTS_KEPT = 100
+"""Events of each kind that a late joiner still gets."""
+
+_QOS: dict[Urgency, dict[str, Any]] = {
+    Urgency.REAL_TIME: {
+        "priority": zenoh.Priority.REAL_TIME,
+        "express": True,
+        "congestion_control": zenoh.CongestionControl.DROP,
+    },
+    Urgency.DATA: {
+        "priority": zenoh.Priority.DATA,
+        "express": False,
+        "congestion_control": zenoh.CongestionControl.DROP,
+    },
+}
+
+
+class Publisher:
+    """Sends on one key; a put is never waited for."""
+
+    def __init__(self, publisher: zenoh.Publisher | zenoh.ext.AdvancedPublisher) -> None:
+        self._publisher = publisher
+
+    def put(self, payload: bytes, attachment: bytes = b"") -> None:
+        """Send a payload; nobody listening is no error.
+
+        Raises:
+            BusError: the session is closed.
+        """
+        try:
+            self._publisher.put(payload, attachment=attachment or None)
+        except zenoh.ZError as error:
+            raise BusError(reason(error)) from error
+
+    def close(self) -> None:
+        """Take the key back."""
+        self._publisher.undeclare()
+
+
+class Reader:
+    """Keeps the newest samples of a key expression until they are taken; the oldest give way."""
+
+    def __init__(self, subscriber: zenoh.Subscriber[Any], depth: int) -> None:
+        self._subscriber = subscriber
+        self._depth = depth
+
+    def take(self) -> list[Sample]:
+        """Return what came in since the last call, oldest first, without waiting."""
+        return [_sample(sample) for sample in _drain(self._subscriber, self._depth)]
+
+    def newest(self) -> Sample | None:
+        """Return the newest of what came in since the last call."""
+        samples = self.take()
+        return samples[-1] if samples else None
+
+    def close(self) -> None:
+        """Stop reading."""
+        self._subscriber.undeclare()
+
+
+class Request:
+    """A request that waits for its answer."""
+
+    def __init__(self, key: str, query: zenoh.Query) -> None:
+        self._key = key
+        self._query = query
+        self.payload = query.payload.to_bytes() if query.payload is not None else b""
+
+    def reply(self, payload: bytes) -> None:
+        """Answer; an asker that has gone is no error."""
+        try:
+            # The key asked for may be a pattern, and an answer must name one key.
+            self._query.reply(self._key, payload)
+            self._query.drop()
+        except zenoh.ZError:
+            return
+
+
+class Server:
+    """Keeps requests to one key until they are taken."""
+
+    def __init__(self, key: str, queryable: zenoh.Queryable[Any], depth: int) -> None:
+        self._key = key
+        self._queryable = queryable
+        self._depth = depth
+
+    def take(self) -> list[Request]:
+        """Return the requests that came in since the last call, without waiting."""
+        return [Request(self._key, query) for query in _drain(self._queryable, self._depth)]
+
+
+class Token:
+    """The word that somebody lives; it goes with the session, also when the process dies."""
+
+    def __init__(self, token: zenoh.LivelinessToken) -> None:
+        self._token = token
+
+    def close(self) -> None:
+        """Take the word back."""
+        self._token.undeclare()
+
+
+class Bus:
+    """One session; use it as a context manager, or a process may never end.
+
+    Callbacks run on a thread of the bus: they hand over and return.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self._kept: list[object] = []  # A subscription ends when nobody refers to it.
+        try:
+            self._session = zenoh.open(zenoh.Config.from_json5(config.json5))
+        except zenoh.ZError as error:
+            raise BusError(f"cannot open the bus at {config.where}: {reason(error)}") from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the bus; tokens, subscriptions and publications go with it."""
+        try:
+            self._session.close()
+        except zenoh.ZError:  # A stuck peer must not keep this process from ending.
+            return
+
+    def endpoints(self) -> list[str]:
+        """Return where this session listens, with the ports that `:0` became."""
+        replies = self._session.get(f"@/{self._session.zid()}/router", timeout=2.0)
+        for reply in replies:
+            if reply.ok is not None:
+                return list(json.loads(reply.ok.payload.to_string())["locators"])
+        return []
+
+    def publisher(self, key: str, urgency: Urgency, type_name: str = "json") -> Publisher:
+        """Return a publisher; `type_name` is `json` or the ROS 2 type of a CDR payload."""
+        encoding = zenoh.Encoding.APPLICATION_JSON
+        if type_name != "json":
+            encoding = zenoh.Encoding.APPLICATION_CDR.with_schema(type_name)
+        if urgency is Urgency.EVENT:
+            return Publisher(
+                zenoh.ext.declare_advanced_publisher(
+                    self._session,
+                    key,
+                    encoding=encoding,
+                    cache=zenoh.ext.CacheConfig(max_samples=EVENTS_KEPT),
+                    publisher_detection=True,
+                )
+            )
+        return Publisher(self._session.declare_publisher(key, encoding=encoding, **_QOS[urgency]))
+
+    def reader(self, key: str, depth: int) -> Reader:
+        """Return a reader that keeps at most `depth` samples of a key expression."""
+        ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(depth)
+        return Reader(self._session.declare_subscriber(key, ring), depth)
+
+    def server(self, key: str, depth: int = 64) -> Server:
+        """Return a server of requests to `key`; when they pour in, the oldest give way."""
+        ring: zenoh.handlers.RingChannel[zenoh.Query] = zenoh.handlers.RingChannel(depth)
+        return Server(key, self._session.declare_queryable(key, ring), depth)
+
+    def watch(self, key: str, take: Callable[[Sample], None]) -> None:
+        """Call `take` with every sample of a key expression."""
+        self._kept.append(
+            self._session.declare_subscriber(key, lambda sample: take(_sample(sample)))
+        )
+
+    def watch_events(self, key: str, take: Callable[[Sample], None]) -> None:
+        """Call `take` with every event of a key expression, also those sent before."""
+        self._kept.append(
+            zenoh.ext.declare_advanced_subscriber(
+                self._session,
+                key,
+                lambda sample: take(_sample(sample)),
+                history=zenoh.ext.HistoryConfig(detect_late_publishers=True),
+            )
+        )
+
+    def ask(self, key: str, payload: bytes, timeout_s: float = 1.0) -> bytes:
+        """Return the answer of the one who serves `key`; waits for it.
+
+        Raises:
+            NoAnswerError: nobody serves the key, or not in time.
+        """
+        try:
+            for reply in self._session.get(key, payload=payload, timeout=timeout_s):
+                if reply.ok is not None:
+                    return reply.ok.payload.to_bytes()
+        except zenoh.ZError as error:
+            raise BusError(reason(error)) from error
+        raise NoAnswerError(key, timeout_s)
+
+    def announce(self, key: str) -> Token:
+        """Announce that whoever owns `key` lives, until the token or the session is closed."""
+        return Token(self._session.liveliness().declare_token(key))
+
+    def living(self, key: str, timeout_s: float = 0.5) -> list[str]:
+        """Return the keys of all that live and match `key`."""
+        replies = self._session.liveliness().get(key, timeout=timeout_s)
+        return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+
+    def watch_alive(self, key: str, take: Callable[[str, bool], None]) -> None:
+        """Call `take` with the key and True or False, when somebody comes or goes, or is there."""
+        self._kept.append(
+            self._session.liveliness().declare_subscriber(
+                key,
+                lambda sample: take(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT),
+                history=True,
+            )
+        )
+
+
+def _drain(channel: Any, depth: int) -> Iterator[Any]:
+    """Yield what waits in a channel, no more than fits: a flood must not hold up who drains it.
+
+    Raises:
+        BusError: the session is closed.
+    """
+    try:
+        for _ in range(depth):
+            if (item := channel.try_recv()) is None:
+                return
+            yield item
+    except zenoh.ZError as error:
+        raise BusError(reason(error)) from error
+
+
+def _sample(sample: zenoh.Sample) -> Sample:
+    return Sample(
+        key=str(sample.key_expr),
+        payload=sample.payload.to_bytes(),
+        attachment=sample.attachment.to_bytes() if sample.attachment is not None else b"",
+        is_put=sample.kind == zenoh.SampleKind.PUT,
+    )

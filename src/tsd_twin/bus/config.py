@@ -1,0 +1,139 @@
+"""How sessions are configured: closed by default, quick to notice a dead peer."""
+
+from __future__ import annotations
+
+import ipaddress
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import zenoh
+
+from tsd_twin.errors import BusError
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+
+
+@dataclass(frozen=True, slots=True)
+class Config:
+    """How to open a session."""
+
+    json5: str
+    """In Zenoh's own terms."""
+    where: str
+    """What an error calls it: the endpoints, or the file."""
+
+
+def node_config(listen: Sequence[str], connect: Sequence[str] = ()) -> Config:
+    """Return the configuration of a robot node: it listens, and routes between those who connect.
+
+    Raises:
+        BusError: it would listen beyond this machine, which needs TLS and access control.
+    """
+    for endpoint in listen:
+        _refuse_open_door(endpoint, guarded=False)
+    settings = _common("router", connect)
+    settings["listen"] = {"endpoints": list(listen)}
+    # The only way to learn which port ":0" became; reading it needs a session of our own.
+    settings["adminspace"] = {"enabled": True, "permissions": {"read": True, "write": False}}
+    return Config(json.dumps(settings), ", ".join(listen))
+
+
+def client_config(connect: Sequence[str]) -> Config:
+    """Return the configuration of a dashboard or a tool: it connects, and listens nowhere.
+
+    It is a peer, not a client: a peer connects in the background, also when the robot comes later.
+    """
+    settings = _common("peer", connect)
+    settings["listen"] = {"endpoints": []}
+    return Config(json.dumps(settings), ", ".join(connect))
+
+
+def from_file(path: str) -> Config:
+    """Return the configuration of a JSON5 file, for TLS and access control.
+
+    Raises:
+        BusError: it cannot be read, has a key that Zenoh does not know, or opens a door to anybody.
+    """
+    try:
+        text = Path(path).read_text("utf-8")
+        parsed = zenoh.Config.from_json5(text)
+        guarded = json.loads(parsed.get_json("access_control/enabled"))
+        listening = json.loads(parsed.get_json("listen/endpoints"))
+    except (zenoh.ZError, OSError, ValueError) as error:
+        raise BusError(f"{path}: {reason(error)}") from error
+    if isinstance(listening, dict):  # One list for each mode.
+        by_mode = cast("dict[str, list[str]]", listening)
+        listening = [endpoint for group in by_mode.values() for endpoint in group]
+    for endpoint in cast("list[str]", listening or []):
+        _refuse_open_door(endpoint, guarded=bool(guarded))
+    return Config(text, path)
+
+
+def is_loopback(endpoint: str) -> bool:
+    """Return whether an endpoint such as `tcp/127.0.0.1:7447` is of this machine only."""
+    protocol, _, address = endpoint.partition("/")
+    if protocol == "unixsock-stream":
+        return True
+    host = address.split("?")[0].split("#")[0].rpartition(":")[0].strip("[]")
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def reason(error: Exception) -> str:
+    """Return what Zenoh says went wrong, without the places in its source code."""
+    text = str(error).split(" at /")[0].strip()
+    for known in ("Address already in use", "Cannot assign requested address"):
+        if known in text:
+            return known.lower()
+    return text.rstrip(".")
+
+
+def _common(mode: str, connect: Sequence[str]) -> dict[str, Any]:
+    return {
+        "mode": mode,
+        "connect": {
+            "endpoints": list(connect),
+            "timeout_ms": 0,
+            "exit_on_failure": False,
+            "retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
+        },
+        "scouting": {
+            "delay": 0,
+            "multicast": {"enabled": False},
+            "gossip": {"enabled": False},
+        },
+        "timestamping": {"enabled": True},  # Late joiners of events are served by time.
+        "queries_default_timeout": 1000,
+        "transport": {
+            "unicast": {"open_timeout": 2000, "accept_timeout": 2000, "max_sessions": 64},
+            "link": {"tx": {"lease": 1000, "keep_alive": 4}},
+            "shared_memory": {"enabled": False},
+        },
+        "low_pass_filter": [
+            {
+                "flows": ["ingress"],
+                "messages": ["put", "query"],
+                "key_exprs": ["twin/*/cmd/**", "twin/*/srv/**", "twin/*/stop"],
+                "size_limit": 4096,
+            }
+        ],
+    }
+
+
+def _refuse_open_door(endpoint: str, *, guarded: bool) -> None:
+    if is_loopback(endpoint) or (guarded and endpoint.startswith(("tls/", "quic/"))):
+        return
+    if "/" not in endpoint:
+        raise BusError(f"'{endpoint}' is no endpoint: write it as {DEFAULT_ENDPOINT}")
+    raise BusError(
+        f"{endpoint} can be reached by other machines, so it needs TLS and access control: "
+        "write both into a Zenoh configuration and give it with --zenoh-config FILE, "
+        f"or listen on {DEFAULT_ENDPOINT}"
+    )

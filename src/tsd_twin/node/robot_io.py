@@ -1,0 +1,51 @@
+"""What the node needs of a robot: the one plug that simulator and hardware share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol, runtime_checkable
+
+from tsd_twin.lie import SE2, Array
+
+
+class RobotIO(Protocol):
+    """Joints of a robot; all calls come from one thread."""
+
+    def read(self, now_s: float) -> Array | None:
+        """Return the measured joints (n,), NaN where a speed is not measured; None: no news."""
+        ...
+
+    def write(self, setpoint: Array, now_s: float) -> None:
+        """Pass on the set-point (n,); a wheel speed of zero means zero throttle."""
+        ...
+
+    def hardware(self) -> Mapping[str, Any]:
+        """Return what the status says about the hardware: `kind` and what else there is."""
+        ...
+
+    def close(self) -> None:
+        """Leave the robot at rest."""
+        ...
+
+
+class Truth(Protocol):
+    """Where a simulated robot really is."""
+
+    @property
+    def pose(self) -> SE2:
+        """Pose in the world."""
+        ...
+
+    @property
+    def twist(self) -> Array:
+        """(3,): in the base frame."""
+        ...
+
+
+@runtime_checkable
+class Simulated(Protocol):
+    """A robot whose true motion is known."""
+
+    def truth(self, now_s: float) -> Truth:
+        """Return where the robot really is."""
+        ...

@@ -1,0 +1,125 @@
+"""What all programs do alike: flags, signals, and one clear sentence when something is wrong."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from types import FrameType
+
+from tsd_twin import __version__, robots
+from tsd_twin.bus import DEFAULT_ENDPOINT, Config, client_config, from_file, node_config
+from tsd_twin.errors import TwinError
+
+
+def parser(prog: str, purpose: str, examples: Sequence[str]) -> argparse.ArgumentParser:
+    """Return a parser whose help ends with examples that can be copied."""
+    made = argparse.ArgumentParser(
+        prog=prog,
+        description=purpose,
+        epilog="examples:\n" + "\n".join(f"  {example}" for example in examples),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    made.add_argument("--version", action="version", version=f"%(prog)s {__version__}")
+    made.add_argument(
+        "--until-eof", action="store_true", help="end when standard input ends, as a child does"
+    )
+    made.add_argument("-v", "--verbose", action="store_true", help="log what happens to stderr")
+    return made
+
+
+def add_robot_flags(made: argparse.ArgumentParser) -> None:
+    """Add `--robot` and `--id`."""
+    made.add_argument(
+        "--robot",
+        default="tsd",
+        metavar="NAME|FILE",
+        help=f"a shipped robot ({', '.join(robots.names())}) or a TOML file of yours; default tsd",
+    )
+    made.add_argument("--id", help="id on the bus, 1 to 32 of a-z 0-9 _ -; default: its name")
+
+
+def add_node_flags(made: argparse.ArgumentParser) -> None:
+    """Add where a robot node listens."""
+    made.add_argument(
+        "--listen",
+        default=DEFAULT_ENDPOINT,
+        metavar="ENDPOINT",
+        help=f"where the bus listens; default {DEFAULT_ENDPOINT}, port 0 takes a free one",
+    )
+    made.add_argument(
+        "--connect",
+        action="append",
+        default=[],
+        metavar="ENDPOINT",
+        help="a router to join as well; may be repeated",
+    )
+    made.add_argument("--zenoh-config", metavar="FILE", help="a JSON5 file, for TLS and access")
+
+
+def node_bus(args: argparse.Namespace) -> Config:
+    """Return the bus configuration that the flags of `add_node_flags` ask for."""
+    if args.zenoh_config:
+        return from_file(args.zenoh_config)
+    return node_config([args.listen], args.connect)
+
+
+def add_client_flags(made: argparse.ArgumentParser) -> None:
+    """Add where a program that only connects finds its robots."""
+    made.add_argument(
+        "--connect",
+        action="append",
+        metavar="ENDPOINT",
+        help=f"where a robot listens, may be repeated; default {DEFAULT_ENDPOINT}",
+    )
+    made.add_argument("--zenoh-config", metavar="FILE", help="a JSON5 file, for TLS and access")
+
+
+def client_bus(args: argparse.Namespace) -> Config:
+    """Return the bus configuration that the flags of `add_client_flags` ask for."""
+    if args.zenoh_config:
+        return from_file(args.zenoh_config)
+    return client_config(args.connect or [DEFAULT_ENDPOINT])
+
+
+def stop_event(args: argparse.Namespace) -> threading.Event:
+    """Return an event that SIGINT and SIGTERM set, and with `--until-eof` the end of the input."""
+    stop = threading.Event()
+
+    def handle(_signal: int, _frame: FrameType | None) -> None:
+        stop.set()
+
+    signal.signal(signal.SIGINT, handle)
+    signal.signal(signal.SIGTERM, handle)
+    if args.until_eof:
+        threading.Thread(target=_wait_for_eof, args=(stop,), daemon=True).start()
+    return stop
+
+
+def _wait_for_eof(stop: threading.Event) -> None:
+    while os.read(sys.stdin.fileno(), 4096):
+        pass
+    stop.set()
+
+
+def say_ready(what: str) -> None:
+    """Print the one line that says that a program can be used, and where."""
+    print(f"ready: {what}", flush=True)  # noqa: T201  The line is the interface of a program.
+
+
+def run(made: argparse.ArgumentParser, body: Callable[[argparse.Namespace], None]) -> None:
+    """Parse the flags and run a program; errors meant for people end in one sentence."""
+    args = made.parse_args()
+    logging.basicConfig(
+        level=logging.INFO if args.verbose else logging.WARNING,
+        format="%(asctime)s %(name)s: %(message)s",
+        stream=sys.stderr,
+    )
+    try:
+        body(args)
+    except TwinError as error:
+        sys.exit(f"{made.prog}: {error}")
