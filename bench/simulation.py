@@ -1,0 +1,123 @@
+"""The core and the simulator in virtual time."""
+
+from __future__ import annotations
+
+import gc
+import time
+import tracemalloc
+from collections.abc import Iterator
+
+import msgspec
+import numpy as np
+
+from bench.table import Row
+from tsd_twin import robots
+from tsd_twin.core import RobotCore
+from tsd_twin.lie import SE2, Array
+from tsd_twin.messages.command import Sample, encode_attachment
+from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
+from tsd_twin.motion import TwistLimiter
+from tsd_twin.sim import Simulation, SimRobot
+from tsd_twin.topics import Service
+
+PERIOD_S = 0.01
+_LEASE = bytes(16)
+_HOUR = 360_000
+
+
+class VirtualRobot:
+    """One robot that is driven in virtual time, as the node drives it, without a bus."""
+
+    def __init__(self) -> None:
+        robot = robots.load("tsd")
+        self.core = RobotCore(robot, lambda: _LEASE)
+        self.io = SimRobot(robot)
+        self.now_s = 0.0
+        self.seq = 0
+        self._serve(Service.LEASE, {"op": "acquire", "operator": "bench"})
+        self._serve(Service.ARM, {"lease": _LEASE.hex()})
+        while self.core.authority.mode != "ready":
+            renewal = {"op": "renew", "operator": "bench", "lease": _LEASE.hex()}
+            self._serve(Service.LEASE, renewal)
+            self.tick([])
+        self.core.take_events()
+
+    def _serve(self, service: Service, request: dict[str, object]) -> None:
+        self.core.serve(service, msgspec.json.encode(request), self.now_s)
+
+    def tick(self, samples: list[Sample]) -> None:
+        """Let one control period pass."""
+        self.now_s += PERIOD_S
+        setpoint = self.core.step(self.now_s, self.io.read(self.now_s), samples)
+        self.io.write(setpoint, self.now_s)
+
+    def command(self, twist: Array) -> Sample:
+        """Return a command that counts now."""
+        self.seq += 1
+        self.core.note_status_sent(self.seq, self.now_s)
+        return Sample(
+            "twin/tsd/cmd/bench/twist",
+            encode_twist(TwistStamped(BASE, twist)),
+            encode_attachment(self.seq, _LEASE, self.seq),
+        )
+
+
+def rows() -> Iterator[Row]:
+    """Measure one robot, a batch, the core alone, and what it leaves behind."""
+    robot = VirtualRobot()
+    twist = np.array([0.6, 0.1, 0.0, 0.0, 0.0, 0.8])
+    steps = 6000
+    in_core_s = 0.0
+    start = time.perf_counter()
+    for step in range(steps):
+        samples = [robot.command(twist)] if step % 2 == 0 else []  # 50 Hz, as a page sends.
+        robot.now_s += PERIOD_S
+        measured = robot.io.read(robot.now_s)
+        before = time.perf_counter()
+        setpoint = robot.core.step(robot.now_s, measured, samples)
+        in_core_s += time.perf_counter() - before
+        robot.io.write(setpoint, robot.now_s)
+    took_s = time.perf_counter() - start
+    yield Row(
+        "core step, share of the period", 100 * in_core_s / steps / PERIOD_S, 1.0, "%", "10 ms"
+    )
+    faster = steps * PERIOD_S / took_s
+    yield Row("core and plant, one robot", faster, 30, "x", "real time", at_least=True)
+    yield Row("core and plant, batch of 2,000", batch(2000), 1000, "rob s/s", "", at_least=True)
+    yield Row(
+        "memory after an hour of driving", growth_kb(robot, twist), 50, "kB", "after a minute"
+    )
+
+
+def batch(robots_at_once: int) -> float:
+    """Return robot-seconds a second: limits, inverse, plant, forward and pose for all of them."""
+    robot = robots.load("tsd")
+    drive, limiter = robot.kinematics(), TwistLimiter(robot.kinematics(), robot.limits)
+    simulation = Simulation(robot, (robots_at_once,))
+    request = np.random.default_rng(0).normal(size=(robots_at_once, 3))
+    twist, pose = np.zeros_like(request), SE2.identity((robots_at_once,))
+    periods = 100
+    start = time.perf_counter()
+    for _ in range(periods):
+        twist = limiter.advance(twist, request, PERIOD_S)
+        simulation.command(drive.inverse(twist))
+        simulation.advance(PERIOD_S)
+        pose = drive.move(pose, drive.forward(simulation.measure()).twist, PERIOD_S)
+    return robots_at_once * periods * PERIOD_S / (time.perf_counter() - start)
+
+
+def growth_kb(robot: VirtualRobot, twist: Array) -> float:
+    """Return what an hour of driving leaves in memory beyond what a minute leaves."""
+    tracemalloc.start()
+    try:
+        for step in range(_HOUR):
+            robot.tick([robot.command(twist)] if step % 2 == 0 else [])
+            robot.core.take_events()
+            if step == 6000:
+                gc.collect()
+                early, _ = tracemalloc.get_traced_memory()
+        gc.collect()
+        late, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    return (late - early) / 1000

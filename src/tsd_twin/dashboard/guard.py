@@ -1,0 +1,73 @@
+"""Who may speak to the gateway: pages that it has served itself, under a name that it knows."""
+
+from __future__ import annotations
+
+import ipaddress
+from collections.abc import Collection
+from urllib.parse import urlsplit
+
+CONTENT_SECURITY_POLICY = "; ".join(
+    (
+        "default-src 'self'",
+        # viser unpacks its client in the page itself, compiles WebAssembly and starts workers from
+        # blobs; its Plotly widget needs eval.
+        "script-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:",
+        "worker-src blob: data:",
+        "connect-src 'self' data: blob:",
+        "style-src 'self' 'unsafe-inline'",
+        "img-src 'self' data: blob:",
+        "font-src 'self' data:",
+        "object-src 'none'",
+        "base-uri 'none'",
+        "form-action 'none'",
+        "frame-ancestors 'none'",
+    )
+)
+
+HEADERS = {
+    "Content-Security-Policy": CONTENT_SECURITY_POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Server": "tsd-twin",
+}
+"""Sent with every answer. A framed page could be clicked through, so nobody may frame it."""
+
+
+def refusal(
+    host: str | None, origin: str | None, port: int, allowed_hosts: Collection[str]
+) -> str | None:
+    """Return why a request is refused, by its `Host` and `Origin` headers; None when it is not.
+
+    A page of another site can make a browser speak to this machine, also under a name of its own
+    that it points here (DNS rebinding). It can forge neither header.
+    """
+    if host is None or not _is_ours(host, port, allowed_hosts):
+        return (
+            f"This gateway does not answer to the name '{host or ''}': "
+            f"open http://127.0.0.1:{port}/ or start it with that name allowed."
+        )
+    if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
+        return f"A page of {origin} may not speak to this gateway."
+    return None
+
+
+def is_loopback(name: str) -> bool:
+    """Return whether a host name or address, without port, is this machine for itself only."""
+    if name.lower() == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(name).is_loopback
+    except ValueError:
+        return False
+
+
+def _is_ours(host: str, port: int, allowed_hosts: Collection[str]) -> bool:
+    if host.lower() in {name.lower() for name in allowed_hosts}:
+        return True
+    try:
+        parts = urlsplit(f"//{host}")
+        return is_loopback(parts.hostname or "") and (parts.port or 80) == port
+    except ValueError:  # No port number, or brackets that do not match.
+        return False

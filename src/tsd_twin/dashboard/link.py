@@ -1,0 +1,174 @@
+"""What the dashboard knows of one robot, and how it speaks to it."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from dataclasses import dataclass, replace
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from tsd_twin import robots, topics
+from tsd_twin.bus import Bus, Publisher
+from tsd_twin.errors import BusError, MessageError
+from tsd_twin.lie import Array
+from tsd_twin.messages.command import encode_attachment
+from tsd_twin.messages.ros import (
+    BASE,
+    JointState,
+    Odometry,
+    TwistStamped,
+    decode_joints,
+    decode_odometry,
+    encode_twist,
+)
+from tsd_twin.messages.service import Description, LeaseReply, Reply, StopRequest
+from tsd_twin.messages.status import Status, decode_stamp, decode_status
+from tsd_twin.topics import Service, Urgency
+
+STOP_REPEATS = 20
+"""A stop is sent this often at 10 Hz, unless it is acknowledged before."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """The newest of everything a robot has said."""
+
+    joints: JointState | None = None
+    setpoint: JointState | None = None
+    odom: Odometry | None = None
+    truth: Odometry | None = None
+    status: Status | None = None
+    status_seq: int = 0
+    received_s: float = -np.inf
+    """When the newest of these came in, on the clock given to `poll`."""
+
+
+class RobotLink:
+    """One robot on the bus: its description, its newest state, and a way to command it.
+
+    `poll` belongs to one thread; all else may be called from any.
+    """
+
+    def __init__(self, bus: Bus, robot_id: str) -> None:
+        """Fetch the description of a living robot.
+
+        Raises:
+            BusError: it does not answer, or its description cannot be used.
+        """
+        self.id = robot_id
+        self._bus = bus
+        answer = bus.ask(Service.DESC.key(robot_id), b"")
+        description = msgspec.json.decode(answer, type=Description)
+        self.robot = robots.parse(description.robot, f"description of {robot_id}")
+        self.urdf = description.urdf
+        self.drive = self.robot.kinematics()
+        self.snapshot = Snapshot()
+        self._readers = {
+            "joints": (bus.reader(topics.JOINTS.key(robot_id), 1), decode_joints),
+            "setpoint": (bus.reader(topics.SETPOINT.key(robot_id), 1), decode_joints),
+            "odom": (bus.reader(topics.ODOM.key(robot_id), 1), decode_odometry),
+            "truth": (bus.reader(topics.TRUTH.key(robot_id), 1), decode_odometry),
+        }
+        self._status = bus.reader(topics.STATUS.key(robot_id), 1)
+        self._stop = bus.publisher(Service.STOP.key(robot_id), Urgency.REAL_TIME)
+        self._twists: dict[str, Publisher] = {}
+        self._lock = threading.Lock()
+
+    def close(self) -> None:
+        """Stop listening."""
+        for reader, _ in self._readers.values():
+            reader.close()
+        self._status.close()
+        self._stop.close()
+        with self._lock:
+            for publisher in self._twists.values():
+                publisher.close()
+            self._twists.clear()
+
+    def poll(self, now_s: float) -> bool:
+        """Take in what has arrived, and return whether there is a new status."""
+        fresh: dict[str, Any] = {}
+        for name, (reader, decode) in self._readers.items():
+            if (sample := reader.newest()) is not None:
+                try:
+                    fresh[name] = decode(sample.payload)
+                except MessageError:
+                    continue  # Somebody else writes on this key; the age of the state will tell.
+        new_status = self._poll_status(fresh)
+        if fresh:
+            self.snapshot = replace(self.snapshot, **fresh, received_s=now_s)
+        return new_status
+
+    def _poll_status(self, fresh: dict[str, Any]) -> bool:
+        sample = self._status.newest()
+        if sample is None:
+            return False
+        try:
+            fresh["status"] = decode_status(sample.payload)
+            fresh["status_seq"] = decode_stamp(sample.attachment)[0]
+        except MessageError:
+            fresh.pop("status", None)
+            return False
+        return True
+
+    def ask(self, service: Service, request: msgspec.Struct, timeout_s: float = 1.0) -> Reply:
+        """Return the answer of a service; waits for it, and silence is an answer too."""
+        return self._ask(
+            service, request, Reply, Reply(False, "the robot does not answer"), timeout_s
+        )
+
+    def ask_lease(self, request: msgspec.Struct, timeout_s: float = 1.0) -> LeaseReply:
+        """Return the answer of the lease service; waits for it."""
+        silence = LeaseReply(False, reason="the robot does not answer")
+        return self._ask(Service.LEASE, request, LeaseReply, silence, timeout_s)
+
+    def _ask(
+        self, service: Service, request: msgspec.Struct, kind: Any, silence: Any, timeout_s: float
+    ) -> Any:
+        try:
+            answer = self._bus.ask(service.key(self.id), msgspec.json.encode(request), timeout_s)
+            return msgspec.json.decode(answer, type=kind)
+        except (BusError, msgspec.DecodeError):
+            return silence
+
+    def stop(self, operator: str, reason: str = "") -> Reply:
+        """Stop the robot: sent at once, and again until it is acknowledged. Waits for that."""
+        request = StopRequest(operator, reason)
+        payload = msgspec.json.encode(request)
+        for _ in range(STOP_REPEATS):
+            self._stop.put(payload)
+            reply = self.ask(Service.STOP, request, timeout_s=0.1)
+            if reply.ok:
+                return reply
+        return Reply(False, "the stop was not acknowledged")
+
+    def command(
+        self, driver: Driver, spatial_twist: Array, status_seq: int, frame: str = BASE
+    ) -> None:
+        """Send a twist (6,), m/s and rad/s in `frame`, on behalf of the holder of a lease."""
+        with self._lock:
+            if driver.operator not in self._twists:
+                self._twists[driver.operator] = self._bus.publisher(
+                    topics.twist_key(self.id, driver.operator),
+                    Urgency.REAL_TIME,
+                    topics.TWIST.type,
+                )
+            publisher = self._twists[driver.operator]
+        publisher.put(
+            encode_twist(TwistStamped(frame, spatial_twist)),
+            encode_attachment(next(driver.numbers), driver.lease, status_seq),
+        )
+
+
+class Driver:
+    """The holder of a lease, with the numbers of its commands."""
+
+    def __init__(self, operator: str, lease_hex: str, max_age_s: float) -> None:
+        self.operator = operator
+        self.lease_hex = lease_hex
+        self.lease = bytes.fromhex(lease_hex)
+        self.max_age_s = max_age_s
+        self.numbers = itertools.count(1)

@@ -1,0 +1,215 @@
+"""What page and gateway say to each other, as `docs/teleop.md` has it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal, TypeAlias
+
+import msgspec
+from msgspec import Meta
+
+from tsd_twin.errors import MessageError
+from tsd_twin.messages.service import Event
+from tsd_twin.messages.status import Status
+
+Count: TypeAlias = Annotated[int, Meta(ge=0, le=2**53)]
+"""A number that a browser can hold exactly."""
+Triple: TypeAlias = tuple[float, float, float]
+
+
+class _Message(msgspec.Struct, frozen=True, tag_field="t", kw_only=True):
+    """A JSON object; `t` says which."""
+
+
+# From the page.
+
+
+class Drive(_Message, frozen=True, tag="drive"):
+    """Move like this: m/s and rad/s in `frame`."""
+
+    vx: float
+    vy: float
+    omega: float
+    seen: Count
+    frame: Literal["base_link", "odom"] = "base_link"
+
+
+class Release(_Message, frozen=True, tag="release"):
+    """All controls have been let go."""
+
+
+class PanelReleased(_Message, frozen=True, tag="panel_released"):
+    """The sliders of the panel have been let go: they shall spring back."""
+
+
+class Beat(_Message, frozen=True, tag="beat"):
+    """The page lives; `sent_ms` is on its own clock and comes back."""
+
+    seen: Count
+    sent_ms: float
+    focus: bool = True
+
+
+class AskLease(_Message, frozen=True, tag="lease"):
+    """Take or give up control."""
+
+    op: Literal["acquire", "release"]
+    take_over: bool = False
+    max_age_s: Annotated[float, Meta(gt=0.0, le=10.0)] | None = None
+
+
+class Arm(_Message, frozen=True, tag="arm"):
+    """Spin up."""
+
+
+class Disarm(_Message, frozen=True, tag="disarm"):
+    """Spin down."""
+
+
+class Reset(_Message, frozen=True, tag="reset"):
+    """End a latched stop."""
+
+
+class Stop(_Message, frozen=True, tag="stop"):
+    """Stop and latch."""
+
+
+class Choose(_Message, frozen=True, tag="robot"):
+    """Watch another robot."""
+
+    id: Annotated[str, Meta(max_length=32)]
+
+
+FromPage: TypeAlias = (
+    Drive | Release | PanelReleased | Beat | AskLease | Arm | Disarm | Reset | Stop | Choose
+)
+_DECODER = msgspec.json.Decoder(FromPage)
+
+
+def decode(text: str | bytes) -> FromPage:
+    """Return the message in a text frame.
+
+    Raises:
+        MessageError: `shape`, when it is none of the above.
+    """
+    try:
+        return _DECODER.decode(text)
+    except (msgspec.DecodeError, UnicodeError) as error:
+        raise MessageError("shape", str(error)) from error
+
+
+# To the page.
+
+
+class RobotName(msgspec.Struct, frozen=True):
+    """A line of the robot menu."""
+
+    id: str
+    title: str
+
+
+class Welcome(_Message, frozen=True, tag="welcome"):
+    """Who the page is, and which robots there are."""
+
+    operator: str
+    role: Literal["operator", "viewer"]
+    robots: Sequence[RobotName]
+    robot: str | None
+
+
+class Limits(msgspec.Struct, frozen=True):
+    """What the description allows."""
+
+    speed_mps: float
+    turn_rate_rad_per_s: float
+
+
+class Card(_Message, frozen=True, tag="robot"):
+    """What does not change about a robot."""
+
+    id: str
+    title: str
+    limits: Limits
+    levels: Sequence[int]
+    wheel_radius_mm: float
+    max_tilt_deg: float
+    modules: Sequence[str]
+
+
+class Module(msgspec.Struct, frozen=True):
+    """One gimbal; degrees."""
+
+    alpha: float
+    beta: float
+    tilt: float
+    radius_mm: float
+    rpm: float
+    set_alpha: float
+    set_beta: float
+    axle: tuple[float, float]
+    """Where the axle leans, seen from above in `base_link`; length 1 is the tilt limit."""
+    set_axle: tuple[float, float]
+    spinning: bool
+
+
+class State(_Message, frozen=True, tag="state"):
+    """How the robot is."""
+
+    seen: int
+    age_ms: float
+    status: Status
+    you: bool
+    robot_ms: float | None
+    pose: Triple | None
+    twist: Triple | None
+    commanded: Triple | None
+    truth: Triple | None
+    modules: Sequence[Module]
+
+
+class Panel(_Message, frozen=True, tag="panel"):
+    """Where the sliders of the viser panel are."""
+
+    vx: float
+    vy: float
+    omega: float
+    mode: Literal["preview", "drive"]
+    latch: bool
+
+
+class Released(_Message, frozen=True, tag="released"):
+    """The gateway has let go on behalf of the page; controls must be centred first."""
+
+    reason: str
+
+
+class Answer(_Message, frozen=True, tag="reply"):
+    """What became of a button."""
+
+    to: str
+    ok: bool
+    reason: str = ""
+
+
+class Happened(_Message, frozen=True, tag="event"):
+    """Something happened to the robot."""
+
+    kind: str
+    text: str
+    robot_s: float
+
+    @classmethod
+    def of(cls, event: Event) -> Happened:
+        """Return the part of an event that is shown."""
+        return cls(kind=event.kind, text=event.text, robot_s=round(event.robot_s, 3))
+
+
+class Echo(_Message, frozen=True, tag="beat"):
+    """Answer to a beat."""
+
+    sent_ms: float
+
+
+def encode(message: Any) -> str:
+    """Return the text frame of a message; numbers that are not finite become null."""
+    return msgspec.json.encode(message).decode()

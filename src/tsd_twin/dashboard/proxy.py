@@ -1,0 +1,108 @@
+"""viser's own socket, passed through: viser listens on the loopback only, and checks nobody."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import re
+import socket
+from typing import TypeAlias
+
+from aiohttp import ClientError, ClientSession, ClientWebSocketResponse, WSMsgType, web
+
+PAGE_HEADER = "X-Tsd-Page"
+"""Request header by which viser's side learns which page a client belongs to."""
+PAGE = re.compile(r"[0-9a-f]{16}")
+"""A page id: made by the page itself, and good for nothing else."""
+
+_FROM_PAGE = 16 * 2**20
+"""Bytes: rendered pictures that viser asks a page for."""
+_FROM_VISER = 64 * 2**20
+_SOCKET_BUFFER = 128 * 2**10
+"""Bytes: by default the kernel holds 2 MB for a slow page, which is many seconds of old poses."""
+_HEARTBEAT_S = 10.0
+
+_Socket: TypeAlias = web.WebSocketResponse | ClientWebSocketResponse
+
+
+class ViserProxy:
+    """Connects each page's `viser/<page>` to the viser server."""
+
+    def __init__(self, viser_port: int) -> None:
+        self._url = f"ws://127.0.0.1:{viser_port}/"
+        self._client: ClientSession | None = None
+        self._open: set[web.WebSocketResponse] = set()
+
+    async def close(self) -> None:
+        """Close all sockets."""
+        for page in tuple(self._open):
+            await page.close(code=1001, message=b"the dashboard ends")
+        if self._client is not None:
+            await self._client.close()
+
+    async def serve(self, request: web.Request) -> web.StreamResponse:
+        """Answer `GET viser/<page>`."""
+        page_id = request.match_info["page"]
+        if not PAGE.fullmatch(page_id):
+            raise web.HTTPBadRequest(text="A page id is 16 hex digits.")
+        if self._client is None:
+            self._client = ClientSession()
+        offered = request.headers.get("Sec-WebSocket-Protocol", "")
+        protocols = [name.strip() for name in offered.split(",") if name.strip()]
+        try:
+            viser = await self._client.ws_connect(
+                self._url,
+                protocols=protocols,
+                headers={PAGE_HEADER: page_id},
+                compress=0,
+                max_msg_size=_FROM_VISER,
+                autoclose=True,
+            )
+        except (ClientError, OSError) as error:
+            raise web.HTTPServiceUnavailable(text=f"viser does not answer: {error}") from error
+        async with viser:
+            chosen = (viser.protocol,) if viser.protocol else ()
+            page = web.WebSocketResponse(
+                protocols=chosen,
+                compress=False,
+                max_msg_size=_FROM_PAGE,
+                heartbeat=_HEARTBEAT_S,
+            )
+            await page.prepare(request)
+            _bound(request.get_extra_info("socket"), socket.SO_SNDBUF)
+            _bound(viser.get_extra_info("socket"), socket.SO_RCVBUF)
+            self._open.add(page)
+            try:
+                await _connect(page, viser)
+            finally:
+                self._open.discard(page)
+        return page
+
+
+async def _connect(page: web.WebSocketResponse, viser: ClientWebSocketResponse) -> None:
+    """Pass messages both ways until either side ends, then end the other."""
+    ways = [asyncio.create_task(_pass(page, viser)), asyncio.create_task(_pass(viser, page))]
+    try:
+        await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for way in ways:
+            way.cancel()
+        await asyncio.gather(*ways, return_exceptions=True)
+        # viser tells a client of another version why it is refused.
+        await page.close(code=viser.close_code or 1001)
+        await viser.close()
+
+
+async def _pass(source: _Socket, sink: _Socket) -> None:
+    """Pass messages on, one at a time: a slow reader slows its writer, and nothing piles up."""
+    with contextlib.suppress(ConnectionError):
+        async for message in source:
+            if message.type is WSMsgType.BINARY:
+                await sink.send_bytes(message.data)
+            elif message.type is WSMsgType.TEXT:
+                await sink.send_str(message.data)
+
+
+def _bound(connection: socket.socket | None, option: int) -> None:
+    if connection is not None:
+        connection.setsockopt(socket.SOL_SOCKET, option, _SOCKET_BUFFER)
