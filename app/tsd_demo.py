@@ -44,8 +44,8 @@ def demonstrate(args: argparse.Namespace) -> None:
     dashboard = ["tsd_dashboard", "--connect", endpoint, "--port", str(page_port), *verbose]
     with child(mock, stop) as robot_ready, child(dashboard, stop) as page_ready:
         robot_ready.wait_for()
-        url = page_ready.wait_for().split()[-1]
-        program.say_ready(f"open {url} in a browser; Ctrl-C ends the demo")
+        url = page_ready.wait_for().split()[1]
+        program.say_ready(f"{url} with the bus at {endpoint}; Ctrl-C ends both")
         if not args.no_browser:
             # A browser may hold its own console for as long as it runs.
             threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()

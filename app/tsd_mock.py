@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 
 from tsd_twin import description, program, robots
-from tsd_twin.bus import Bus
 from tsd_twin.messages.service import Description
 from tsd_twin.node import RobotNode
 from tsd_twin.sim import SimRobot
@@ -29,7 +28,7 @@ def serve(args: argparse.Namespace) -> None:
     robot = robots.parse(text, args.robot)
     robot_id = args.id or robot.name
     simulated = SimRobot(robot, seed=args.seed, noise=args.noise)
-    with Bus(program.node_bus(args)) as bus:
+    with program.node_bus(args) as bus:
         node = RobotNode(
             bus, robot_id, robot, simulated, Description(text, description.urdf(robot))
         )

@@ -12,8 +12,11 @@ from collections.abc import Callable, Sequence
 from types import FrameType
 
 from tsd_twin import __version__, robots
-from tsd_twin.bus import DEFAULT_ENDPOINT, Config, client_config, from_file, node_config
+from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, client_config, from_file, node_config
 from tsd_twin.errors import TwinError
+
+_LOG = logging.getLogger(__name__)
+_PATIENCE_S = 2.0
 
 
 def parser(prog: str, purpose: str, examples: Sequence[str]) -> argparse.ArgumentParser:
@@ -61,11 +64,15 @@ def add_node_flags(made: argparse.ArgumentParser) -> None:
     made.add_argument("--zenoh-config", metavar="FILE", help="a JSON5 file, for TLS and access")
 
 
-def node_bus(args: argparse.Namespace) -> Config:
-    """Return the bus configuration that the flags of `add_node_flags` ask for."""
+def node_bus(args: argparse.Namespace) -> Bus:
+    """Open the bus that the flags of `add_node_flags` ask for."""
     if args.zenoh_config:
-        return from_file(args.zenoh_config)
-    return node_config([args.listen], args.connect)
+        return Bus(from_file(args.zenoh_config))
+    bus = Bus(node_config([args.listen], args.connect))
+    # Whether an id is taken can be known only when those who may have it are there.
+    if args.connect and not bus.wait_for_peer(_PATIENCE_S):
+        _LOG.warning("nobody answers at %s yet", ", ".join(args.connect))
+    return bus
 
 
 def add_client_flags(made: argparse.ArgumentParser) -> None:
@@ -79,11 +86,11 @@ def add_client_flags(made: argparse.ArgumentParser) -> None:
     made.add_argument("--zenoh-config", metavar="FILE", help="a JSON5 file, for TLS and access")
 
 
-def client_bus(args: argparse.Namespace) -> Config:
-    """Return the bus configuration that the flags of `add_client_flags` ask for."""
+def client_bus(args: argparse.Namespace) -> Bus:
+    """Open the bus that the flags of `add_client_flags` ask for."""
     if args.zenoh_config:
-        return from_file(args.zenoh_config)
-    return client_config(args.connect or [DEFAULT_ENDPOINT])
+        return Bus(from_file(args.zenoh_config))
+    return Bus(client_config(args.connect or [DEFAULT_ENDPOINT]))
 
 
 def stop_event(args: argparse.Namespace) -> threading.Event:

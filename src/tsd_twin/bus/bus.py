@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from collections.abc import Callable, Iterator
 from types import TracebackType
 from typing import Any, Self
@@ -129,7 +130,9 @@ class Bus:
     def __init__(self, config: Config) -> None:
         self._kept: list[object] = []  # A subscription ends when nobody refers to it.
         try:
-            self._session = zenoh.open(zenoh.Config.from_json5(config.json5))
+            settings = zenoh.Config.from_json5(config.json5)
+            self._joins = bool(json.loads(settings.get_json("connect/endpoints")))
+            self._session = zenoh.open(settings)
         except zenoh.ZError as error:
             raise BusError(f"cannot open the bus at {config.where}: {reason(error)}") from error
 
@@ -158,6 +161,17 @@ class Bus:
             if reply.ok is not None:
                 return list(json.loads(reply.ok.payload.to_string())["locators"])
         return []
+
+    def wait_for_peer(self, timeout_s: float) -> bool:
+        """Wait until this session is linked to another, and return whether it is."""
+        linked = threading.Event()
+        listener = self._session.info.declare_transport_events_listener(
+            lambda _event: linked.set(), history=True
+        )
+        try:
+            return linked.wait(timeout_s)
+        finally:
+            listener.undeclare()
 
     def publisher(self, key: str, urgency: Urgency, type_name: str = "json") -> Publisher:
         """Return a publisher; `type_name` is `json` or the ROS 2 type of a CDR payload."""
@@ -222,9 +236,23 @@ class Bus:
         return Token(self._session.liveliness().declare_token(key))
 
     def living(self, key: str, timeout_s: float = 0.5) -> list[str]:
-        """Return the keys of all that live and match `key`."""
+        """Return the keys of those that live and match `key`.
+
+        A session joins others in the background and hears of them a moment later, some 0.1 s
+        between routers: one that joins waits for the first of them, or until the time is over.
+        """
         replies = self._session.liveliness().get(key, timeout=timeout_s)
-        return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+        keys = [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+        if self._joins and not keys:
+            somebody = threading.Event()
+
+            def note(sample: zenoh.Sample) -> None:
+                keys.append(str(sample.key_expr))
+                somebody.set()
+
+            with self._session.liveliness().declare_subscriber(key, note, history=True):
+                somebody.wait(timeout_s)
+        return keys
 
     def watch_alive(self, key: str, take: Callable[[str, bool], None]) -> None:
         """Call `take` with the key and True or False, when somebody comes or goes, or is there."""

@@ -1,0 +1,163 @@
+"""A command on its way through the node, against a bare ping over the same kind of session."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from bench.table import Row, percentile
+from tsd_twin import topics
+from tsd_twin.bus import Bus, client_config
+from tsd_twin.messages.command import Sample, encode_attachment
+from tsd_twin.messages.ros import BASE, TwistStamped, decode_joints, encode_twist
+from tsd_twin.messages.status import decode_stamp
+from tsd_twin.topics import Service, Urgency
+
+_COMMANDS = 500
+_PERIOD_S = 0.02
+_HALF_CONTROL_PERIOD_MS = 5.0
+
+_ECHO = """
+import sys, threading
+from tsd_twin.bus import Bus, node_config
+from tsd_twin.topics import Urgency
+with Bus(node_config(["tcp/127.0.0.1:0"])) as bus:
+    back = bus.publisher("bench/pong", Urgency.REAL_TIME)
+    bus.watch("bench/ping", lambda sample: back.put(sample.payload))
+    print("ready:", bus.endpoints()[0], flush=True)
+    sys.stdin.read()
+"""
+
+
+def rows() -> Iterator[Row]:
+    """Measure at the 50 Hz that a page sends at."""
+    with program([sys.executable, "-c", _ECHO]) as endpoint, Bus(client_config([endpoint])) as bus:
+        ping_ms = pings(bus)
+    mock = [sys.executable, "-m", "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"]
+    with program(mock) as endpoint, Bus(client_config([endpoint])) as bus:
+        command_ms = commands(bus)
+    for name, share, sampling_ms in (
+        ("p50", 0.5, _HALF_CONTROL_PERIOD_MS),
+        ("p99", 0.99, 2 * _HALF_CONTROL_PERIOD_MS),
+    ):
+        floor = percentile(ping_ms, share)
+        yield Row(
+            f"command put to set-point published, {name}",
+            percentile(command_ms, share),
+            floor + sampling_ms + 1.0,
+            "ms",
+            f"ping {floor:.2f} ms + {sampling_ms:g} ms of sampling + 1 ms",
+        )
+
+
+def pings(bus: Bus) -> list[float]:
+    """Return round trips of a bare ping, at 50 Hz."""
+    came = threading.Event()
+    bus.watch("bench/pong", lambda _sample: came.set())
+    out = bus.publisher("bench/ping", Urgency.REAL_TIME)
+
+    def send() -> None:
+        came.clear()
+        out.put(bytes(100))
+
+    while not came.wait(0.05):
+        send()
+    return paced(send, came)
+
+
+def commands(bus: Bus) -> list[float]:
+    """Return times from the put of a command to the set-point that shows it, at 50 Hz."""
+    robot = "tsd"
+    seen = {"status": 0, "mode": ""}
+    came = threading.Event()
+    sent: list[float] = [0.0]
+
+    def on_status(sample: Sample) -> None:
+        seen["status"] = decode_stamp(sample.attachment)[0]
+        seen["mode"] = json.loads(sample.payload)["mode"]
+
+    def on_setpoint(sample: Sample) -> None:
+        # Each command asks for another speed, so a set-point that moved shows the newest.
+        beta = decode_joints(sample.payload).position_rad[4]
+        if abs(beta - sent[0]) > 1e-9:
+            sent[0] = beta
+            came.set()
+
+    bus.watch(topics.STATUS.key(robot), on_status)
+    bus.watch(topics.SETPOINT.key(robot), on_setpoint)
+    until(lambda: seen["status"] > 0)
+    ask = json.dumps({"op": "acquire", "operator": "bench"}).encode()
+    lease = json.loads(bus.ask(Service.LEASE.key(robot), ask))["lease"]
+    bus.ask(Service.ARM.key(robot), json.dumps({"lease": lease}).encode())
+    renew = json.dumps({"op": "renew", "operator": "bench", "lease": lease}).encode()
+    until(lambda: bool(bus.ask(Service.LEASE.key(robot), renew)) and seen["mode"] == "ready")
+    out = bus.publisher(topics.twist_key(robot, "bench"), Urgency.REAL_TIME, topics.TWIST.type)
+    numbers = itertools.count(1)
+    # Small steps of speed, which the limiter passes on whole, so that one set-point shows each.
+    speeds = itertools.cycle([0.40, 0.42])
+
+    def send() -> None:
+        came.clear()
+        twist = np.array([next(speeds), 0.0, 0.0, 0.0, 0.0, 0.0])
+        out.put(
+            encode_twist(TwistStamped(BASE, twist)),
+            encode_attachment(next(numbers), bytes.fromhex(lease), seen["status"]),
+        )
+
+    for _ in range(25):  # Up to speed first.
+        send()
+        time.sleep(_PERIOD_S)
+    return paced(send, came)
+
+
+def paced(send: Callable[[], None], came: threading.Event) -> list[float]:
+    """Return how long each of many answers takes, in ms, at 50 Hz with a phase that wanders."""
+    times_ms: list[float] = []
+    random = np.random.default_rng(0)
+    for _ in range(_COMMANDS):
+        start = time.perf_counter()
+        send()
+        if came.wait(0.5):
+            times_ms.append(1000 * (time.perf_counter() - start))
+        left_s = _PERIOD_S - (time.perf_counter() - start) + float(random.uniform(0, 0.005))
+        time.sleep(max(left_s, 0.0))
+    if len(times_ms) < _COMMANDS - 5:
+        raise RuntimeError(f"{_COMMANDS - len(times_ms)} answers never came")
+    return times_ms
+
+
+def until(condition: Callable[[], bool], patience_s: float = 20.0) -> None:
+    """Wait until a condition holds."""
+    end = time.monotonic() + patience_s
+    while not condition():
+        if time.monotonic() > end:
+            raise RuntimeError("waited in vain")
+        time.sleep(0.02)
+
+
+class program:  # noqa: N801  It is used as a function.
+    """A process that prints `ready: ... <address>` and ends with its standard input."""
+
+    def __init__(self, command: list[str]) -> None:
+        self._command = command
+
+    def __enter__(self) -> str:
+        self.process = subprocess.Popen(
+            self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            if line.startswith("ready:"):
+                return line.split()[-1]
+        raise RuntimeError(f"{self._command} ended before it was ready")
+
+    def __exit__(self, *_: object) -> None:
+        self.process.communicate(timeout=10)
+

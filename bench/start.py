@@ -1,0 +1,38 @@
+"""From the command to a page that can be used."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+
+from bench.table import Row
+
+
+def rows() -> Iterator[Row]:
+    """Measure `tsd-demo` on a warm install, beside a bare interpreter that imports the same."""
+    demo_s = min(until_ready() for _ in range(3))
+    code = "import viser, zenoh, aiohttp, trimesh, rosbags.typesys"
+    start = time.perf_counter()
+    subprocess.run([sys.executable, "-c", code], check=True)
+    floor_s = time.perf_counter() - start
+    yield Row("tsd-demo ready", demo_s, 5.0, "s", f"importing the libraries alone {floor_s:.2f} s")
+
+
+def until_ready() -> float:
+    """Return the time until the demo says that it is ready."""
+    start = time.perf_counter()
+    demo = subprocess.Popen(
+        [sys.executable, "-m", "tsd_demo", "--no-browser", "--until-eof"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert demo.stdout is not None
+    for line in demo.stdout:
+        if line.startswith("ready:"):
+            break
+    took_s = time.perf_counter() - start
+    demo.communicate(timeout=10)
+    return took_s

@@ -1,0 +1,18 @@
+"""Simulated robots: what a real one would measure, and the truth apart from it."""
+
+from tsd_twin.sim.esc import SpeedControllers
+from tsd_twin.sim.motor import Motors
+from tsd_twin.sim.plant import KinematicPlant
+from tsd_twin.sim.servo import Servos
+from tsd_twin.sim.sim_robot import SimRobot, Truth
+from tsd_twin.sim.simulation import Simulation
+
+__all__ = [
+    "KinematicPlant",
+    "Motors",
+    "Servos",
+    "SimRobot",
+    "Simulation",
+    "SpeedControllers",
+    "Truth",
+]

@@ -1,0 +1,101 @@
+"""A simulated robot behind the same face as a real one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsd_twin.drives import JointKind
+from tsd_twin.lie import SE2, Array
+from tsd_twin.robots import Robot
+from tsd_twin.sim.simulation import Simulation
+
+_SHORTEST_STEP_S = 1e-9
+"""Less is left to the next call: speeds over such a step would be differences of roundings."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """What only a simulator knows."""
+
+    pose: SE2
+    """Pose of the robot in the world."""
+    twist: Array
+    """(3,): velocity in the body frame, metres and radians a second."""
+    joints: Array
+    """(n,): joint vector, before steps and noise."""
+
+
+class SimRobot:
+    """Servos, motors and chassis of one robot, in virtual time.
+
+    It stands still until the first call says what time it is, and is moved on to the time of each
+    call after that; a time that lies in the past moves nothing. Nothing here looks at a clock.
+    `noise` scales the standard deviations of the description; 0 is none. The robot of the thesis
+    does not measure how fast its wheels turn, so this one does only with `measures_spin`.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        seed: int | None = 0,
+        noise: float = 0.0,
+        *,
+        measures_spin: bool = False,
+        battery_v: float | None = None,
+        pose: SE2 | None = None,
+    ) -> None:
+        self._simulation = Simulation(robot, seed=seed, noise=noise, battery_v=battery_v, pose=pose)
+        joints = self._simulation.drive.joints
+        self._unmeasured = np.array(
+            [joint.kind is JointKind.VELOCITY and not measures_spin for joint in joints]
+        )
+        self._facts: dict[str, object] = {"kind": "sim", "noise": noise, "seed": seed}
+        self._now_s: float | None = None
+
+    def read(self, now_s: float) -> Array:
+        """Return the measured joints (n,) in the order of `drive.joints`; NaN is not measured."""
+        self._advance(now_s)
+        measured = self._simulation.measure()
+        measured[self._unmeasured] = np.nan
+        return measured
+
+    def write(self, setpoint: Array, now_s: float) -> None:
+        """Give the actuators their set-points (n,): angles, and wheel speeds; 0 is zero throttle.
+
+        Raises:
+            ValueError: a number is not finite, or there is not one for each joint.
+        """
+        if np.shape(setpoint) != self._unmeasured.shape:
+            raise ValueError(
+                f"set-points must have the shape {self._unmeasured.shape}, "
+                f"these have {np.shape(setpoint)}"
+            )
+        self._advance(now_s)
+        self._simulation.command(setpoint)
+
+    def truth(self, now_s: float) -> Truth:
+        """Return the true state."""
+        self._advance(now_s)
+        simulation = self._simulation
+        return Truth(simulation.pose, simulation.twist(), simulation.joints.copy())
+
+    def hardware(self) -> dict[str, object]:
+        """Return facts for the status that JSON can hold."""
+        simulation = self._simulation
+        return self._facts | {
+            "battery_v": simulation.battery_v,
+            "esc_armed": bool(simulation.controllers.armed.all()),
+            "pulse_us": simulation.motors.pulse_us(simulation.controllers.signal).tolist(),
+        }
+
+    def close(self) -> None:
+        """Do nothing: there is nothing to let go of."""
+
+    def _advance(self, now_s: float) -> None:
+        if self._now_s is None:
+            self._now_s = now_s
+        elif now_s - self._now_s > _SHORTEST_STEP_S:
+            self._simulation.advance(now_s - self._now_s)
+            self._now_s = now_s

@@ -1,0 +1,106 @@
+"""Programs as a user starts them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Generator
+from typing import IO
+
+import pytest
+
+PATIENCE_S = 30.0
+
+
+class Program:
+    """One of our programs, running."""
+
+    def __init__(self, arguments: list[str]) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self.output: list[str] = []
+        self.errors: list[str] = []
+        self._ready = threading.Event()
+        self._threads = [
+            threading.Thread(target=self._read, args=(self.process.stdout, self.output)),
+            threading.Thread(target=self._read, args=(self.process.stderr, self.errors)),
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def _read(self, stream: IO[str], into: list[str]) -> None:
+        for line in stream:
+            into.append(line.rstrip("\n"))
+            if line.startswith("ready:"):
+                self._ready.set()
+        self._ready.set()
+
+    def ready(self) -> str:
+        """Return the `ready:` line."""
+        assert self._ready.wait(PATIENCE_S), f"not ready: {self.output} {self.errors}"
+        lines = [line for line in self.output if line.startswith("ready:")]
+        assert lines, f"ended before it was ready: {self.output} {self.errors}"
+        return lines[0]
+
+    def end(self, signal_number: int = signal.SIGINT) -> int:
+        """Signal, wait, and return the exit code."""
+        self.process.send_signal(signal_number)
+        return self.wait()
+
+    def wait(self) -> int:
+        """Wait for the end and return the exit code."""
+        code = self.process.wait(PATIENCE_S)
+        for thread in self._threads:
+            thread.join(PATIENCE_S)
+        return code
+
+    @property
+    def sentence(self) -> str:
+        """What was said on standard error."""
+        return "\n".join(self.errors)
+
+    def clean_up(self) -> None:
+        """Leave nothing behind."""
+        if self.process.poll() is None:
+            self.process.kill()
+        self.wait()
+        for stream in (self.process.stdin, self.process.stdout, self.process.stderr):
+            if stream is not None:
+                stream.close()
+
+
+@pytest.fixture
+def start() -> Generator[Callable[..., Program]]:
+    """Start programs; all are gone when the test ends."""
+    started: list[Program] = []
+
+    def start(*arguments: str) -> Program:
+        started.append(Program(list(arguments)))
+        return started[-1]
+
+    yield start
+    for program in started:
+        program.clean_up()
+
+
+def children_of(pid: int) -> list[int]:
+    """Return the pids of the living children of a process."""
+    found: list[int] = []
+    for entry in os.listdir("/proc"):
+        if entry.isdigit():
+            try:
+                with open(f"/proc/{entry}/stat") as file:
+                    fields = file.read().rpartition(")")[2].split()
+            except OSError:
+                continue
+            if int(fields[1]) == pid and fields[0] != "Z":
+                found.append(int(entry))
+    return found

@@ -1,0 +1,118 @@
+"""`tsd-mock` as a user meets it: it says when it is ready, ends when told, explains mistakes."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from tests.app.conftest import Program
+
+from tsd_twin import robots
+from tsd_twin.bus import Bus, client_config
+from tsd_twin.topics import Service, alive_key
+
+pytestmark = pytest.mark.system
+
+Start = Callable[..., Program]
+ANY_PORT = ("--listen", "tcp/127.0.0.1:0")
+
+
+@pytest.mark.parametrize("signal_number", [signal.SIGINT, signal.SIGTERM])
+def test_it_says_where_it_listens_and_ends_with_zero_when_told(
+    start: Start, signal_number: int
+) -> None:
+    mock = start("tsd_mock", *ANY_PORT)
+    endpoint = mock.ready().split()[-1]
+    with Bus(client_config([endpoint])) as bus:
+        reply = json.loads(bus.ask(Service.DESC.key("tsd"), b""))
+    assert robots.parse(reply["robot"], "desc").name == "tsd"
+    assert reply["urdf"].startswith("<")
+    assert mock.end(signal_number) == 0
+    assert mock.sentence == ""
+
+
+def test_it_ends_with_its_standard_input(start: Start) -> None:
+    mock = start("tsd_mock", *ANY_PORT, "--until-eof")
+    mock.ready()
+    assert mock.process.stdin is not None
+    mock.process.stdin.close()
+    assert mock.wait() == 0
+
+
+def test_a_robot_of_ones_own_runs_under_its_own_name(start: Start, tmp_path: Path) -> None:
+    mine = tmp_path / "mine.toml"
+    text = robots.text("tsd").replace('name = "tsd"', 'name = "mine"')
+    mine.write_text(text.replace("pivot_radius_m = 0.15", "pivot_radius_m = 0.2"))
+    mock = start("tsd_mock", "--robot", str(mine), *ANY_PORT)
+    endpoint = mock.ready().split()[-1]
+    with Bus(client_config([endpoint])) as bus:
+        assert bus.ask(Service.DESC.key("mine"), b"")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--robot", "tds"], ["no such robot", "did you mean 'tsd'"]),
+        (["--robot", "missing/my.toml"], ["missing/my.toml", "cannot be read"]),
+        (["--listen", "nonsense"], ["'nonsense' is no endpoint", "tcp/127.0.0.1:7447"]),
+        (["--listen", "tcp/0.0.0.0:7447"], ["TLS and access control", "--zenoh-config"]),
+        (["--zenoh-config", "missing.json5"], ["missing.json5"]),
+        ([*ANY_PORT, "--id", "Not An Id"], ["'Not An Id' cannot be an id"]),
+        (["--colour", "red"], ["unrecognized arguments: --colour red"]),
+    ],
+)
+def test_a_mistake_ends_in_one_clear_sentence(
+    start: Start, arguments: list[str], words: list[str]
+) -> None:
+    mock = start("tsd_mock", *arguments)
+    assert mock.wait() != 0
+    assert "Traceback" not in mock.sentence
+    assert len([line for line in mock.errors if "usage:" not in line and line.strip()]) <= 4
+    for word in words:
+        assert word in mock.sentence
+
+
+def test_a_misspelt_key_is_named_with_the_file(start: Start, tmp_path: Path) -> None:
+    mine = tmp_path / "mine.toml"
+    mine.write_text(robots.text("tsd").replace("max_tilt_deg", "max_tlit_deg"))
+    mock = start("tsd_mock", "--robot", str(mine), *ANY_PORT)
+    assert mock.wait() == 1
+    assert "mine.toml" in mock.sentence
+    assert "max_tlit_deg" in mock.sentence
+    assert "did you mean 'max_tilt_deg'" in mock.sentence
+
+
+def test_a_port_in_use_is_named(start: Start) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        mock = start("tsd_mock", "--listen", f"tcp/127.0.0.1:{port}")
+        assert mock.wait() == 1
+    assert str(port) in mock.sentence
+    assert "already in use" in mock.sentence
+    assert len(mock.errors) == 1
+
+
+def test_a_second_robot_with_the_same_id_refuses_and_the_first_runs_on(start: Start) -> None:
+    first = start("tsd_mock", *ANY_PORT)
+    endpoint = first.ready().split()[-1]
+    second = start("tsd_mock", *ANY_PORT, "--connect", endpoint)
+    assert second.wait() == 1
+    assert "'tsd' is on the bus already" in second.sentence
+    third = start("tsd_mock", *ANY_PORT, "--connect", endpoint, "--id", "other")
+    third.ready()
+    with Bus(client_config([endpoint])) as bus:
+        assert set(bus.living(alive_key("*"))) == {"twin/tsd/alive", "twin/other/alive"}
+    assert first.process.poll() is None
+
+
+def test_help_shows_examples(start: Start) -> None:
+    mock = start("tsd_mock", "--help")
+    assert mock.wait() == 0
+    assert "examples:" in "\n".join(mock.output)
+    assert "--robot" in "\n".join(mock.output)

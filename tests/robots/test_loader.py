@@ -1,0 +1,198 @@
+"""A robot file is either right, or its error says what to change, where, and into what."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from tsd_twin.drives import Drive
+from tsd_twin.errors import RobotFileError
+from tsd_twin.robots import Robot, load, names, parse, text
+
+TSD = text("tsd")
+
+
+def edited(old: str, new: str) -> str:
+    """The shipped file with one line changed."""
+    assert TSD.count(old) == 1, f"{old!r} is not one place of the file"
+    return TSD.replace(old, new)
+
+
+def refusal(toml: str) -> str:
+    with pytest.raises(RobotFileError) as caught:
+        parse(toml, "my.toml")
+    message = str(caught.value)
+    assert message.startswith("my.toml: ")
+    return message
+
+
+@pytest.mark.parametrize("name", names())
+def test_every_shipped_robot_loads(name: str) -> None:
+    robot = load(name)
+    assert robot.name == name
+    drive: Drive = robot.kinematics()
+    assert len(drive.joints) > 0
+
+
+def test_the_robot_of_the_thesis_is_shipped() -> None:
+    assert "tsd" in names()
+
+
+@pytest.mark.parametrize("name", names())
+def test_the_text_of_a_robot_is_all_there_is_to_it(name: str, tmp_path: Path) -> None:
+    """What goes over the bus as text is the same robot at the other end, and from a file."""
+    path = tmp_path / "copy.toml"
+    path.write_text(text(name), encoding="utf-8")
+    assert load(str(path)) == parse(text(name), "peer") == load(name)
+    assert text(str(path)) == text(name)
+
+
+@pytest.mark.parametrize("name", names())
+def test_every_key_of_a_shipped_file_is_read_as_it_stands(name: str) -> None:
+    """Against the standard library's reader; defaults may only add to it."""
+
+    def assert_within(file: object, robot: object) -> None:
+        if isinstance(file, dict):
+            assert isinstance(robot, dict)
+            for key, value in file.items():
+                assert_within(value, robot[key])
+        else:
+            assert file == robot
+
+    assert_within(tomllib.loads(text(name)), msgspec.json.decode(msgspec.json.encode(load(name))))
+
+
+@pytest.mark.parametrize("name", names())
+def test_values_survive_being_taken_apart_and_put_together(name: str) -> None:
+    robot = load(name)
+    assert msgspec.convert(msgspec.to_builtins(robot), Robot) == robot
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "valid"),
+    [
+        ("pivot_radius_m", "pivot_radius", "'pivot_radius' in [drive]", "mean 'pivot_radius_m'?"),
+        ('kind = "singularity"', 'knd = "singularity"', "'knd' in [drive]", "mean 'kind'?"),
+        ("[motor]", "[motr]", "'motr' in the top level", "did you mean 'motor'?"),
+        ('title = "', 'titel = "', "'titel' in the top level", "did you mean 'title'?"),
+        ("spin_share", "share", "'share' in [noise]", "valid here: gimbal_angle_deg, spin_share"),
+    ],
+)
+def test_a_misspelt_key_is_named_with_the_key_that_was_meant(
+    old: str, new: str, key: str, valid: str
+) -> None:
+    message = refusal(edited(old, new))
+    assert f"unknown key {key}" in message
+    assert valid in message
+
+
+@pytest.mark.parametrize(
+    ("old", "key", "valid"),
+    [
+        ("wheel_radius_m = 0.04\n", "'wheel_radius_m' is missing in [drive]", "azimuths_deg, "),
+        ('kind = "singularity"\n', "'kind' is missing in [drive]", "kinds are singularity"),
+        ('name = "tsd"\n', "'name' is missing in the top level", "valid here: name, title"),
+        ("[battery]\nnominal_v = 12.0\n", "'battery' is missing in the top level", "battery"),
+    ],
+)
+def test_a_missing_key_is_named(old: str, key: str, valid: str) -> None:
+    message = refusal(edited(old, ""))
+    assert f"key {key}" in message
+    assert valid in message
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key", "valid"),
+    [
+        ("pivot_radius_m = 0.15", 'pivot_radius_m = "wide"', "drive.pivot_radius_m", "float"),
+        ("pivot_radius_m = 0.15", "pivot_radius_m = true", "drive.pivot_radius_m", "float"),
+        ("pivot_radius_m = 0.15", "pivot_radius_m = -0.15", "drive.pivot_radius_m", "float > 0.0"),
+        ("pivot_radius_m = 0.15", "pivot_radius_m = 0.0", "drive.pivot_radius_m", "float > 0.0"),
+        ("pivot_radius_m = 0.15", "pivot_radius_m = nan", "drive.pivot_radius_m", "float > 0.0"),
+        ("pivot_radius_m = 0.15", "pivot_radius_m = inf", "drive.pivot_radius_m", "finite number"),
+        ("90.0, 210.0", "90.0, nan", "drive.azimuths_deg[1]", "finite number"),
+        ("90.0, 210.0", "90.0, -inf", "drive.azimuths_deg[1]", "finite number"),
+        ("0.0402, 0.0611", "0.0402, inf", "servo.size_m[1]", "finite number"),
+        ("90.0, 210.0, 330.0", "90.0", "drive.azimuths_deg", "length >= 2"),
+        ("max_tilt_deg = 30.0", "max_tilt_deg = 90.0", "drive.max_tilt_deg", "float < 80.0"),
+        ("steps_per_turn = 4096", "steps_per_turn = 0.5", "servo.steps_per_turn", "int"),
+        ("steps_per_turn = 4096", "steps_per_turn = 0", "servo.steps_per_turn", "int >= 1"),
+        ("[0, 0, 2938", '[0, "a", 2938', "motor.speed_rpm[1][1]", "float"),
+        ("[0, 0, 2938", "[0, -1, 2938", "motor.speed_rpm[1][1]", "float >= 0.0"),
+        ("total_kg = 3.0", "total_kg = [3.0]", "mass.total_kg", "float"),
+        ("[battery]", "[[battery]]", "battery", "expected object"),
+        ('name = "tsd"', 'name = "My Robot"', "name", "[a-z0-9_-]{1,32}"),
+        ('name = "tsd"', 'name = "tsd\\n"', "name", "[a-z0-9_-]{1,32}"),
+        ('name = "tsd"', 'name = "twin/tsd"', "name", "[a-z0-9_-]{1,32}"),
+        ('kind = "singularity"', 'kind = "tricycle"', "drive.kind", "kinds are singularity"),
+        ('kind = "singularity"', "kind = 3", "drive.kind", "kinds are singularity"),
+    ],
+)
+def test_an_impossible_value_is_named_with_what_is_possible(
+    old: str, new: str, key: str, valid: str
+) -> None:
+    message = refusal(edited(old, new))
+    assert message.startswith(f"my.toml: {key}: ")
+    assert valid in message
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("90.0, 210.0, 330.0", "90.0, 210.0", "speed_rpm has 3 lists, the drive has 2 wheels"),
+        ("signal = [0, 20,", "signal = [0,", "speed_rpm[0] has 10 speeds for 9 signals"),
+        ("[0, 0, 2938,", "[0, 2938,", "speed_rpm[1] has 9 speeds for 10 signals"),
+        ("signal = [0, 20,", "signal = [20, 20,", "motor.signal must rise"),
+        ("[0, 0, 2938, 4762", "[0, 0, 4762, 2938", "motor.speed_rpm[1] must not fall"),
+        ("[0, 0, 2938", "[5, 5, 2938", "motor.speed_rpm[1] starts at 5 (0:"),
+        ("90.0, 210.0", "90.0, 90.0", "drive.azimuths_deg has the same direction twice"),
+        ("90.0, 210.0", "90.0, 450.0", "drive.azimuths_deg has the same direction twice"),
+        ("cruise_speed_rpm = 2500.0", "cruise_speed_rpm = 1999.0", "from 2000 to 13603 (between"),
+        ("cruise_speed_rpm = 2500.0", "cruise_speed_rpm = 13410.0", "motor 3 turns from 2000 to"),
+        ("speed_mps = 1.0", "speed_mps = 1.0\nmax_command_age_s = 1.5", "limits.max_command_age_s"),
+    ],
+)
+def test_values_that_contradict_each_other_are_named(old: str, new: str, says: str) -> None:
+    assert says in refusal(edited(old, new))
+
+
+def test_what_is_not_toml_is_said_to_be_so_with_the_line() -> None:
+    message = refusal(edited("[motor]", "[motor"))
+    assert "not valid TOML" in message
+    assert "line " in message
+
+
+def test_an_unknown_name_lists_the_shipped_robots_and_suggests_one() -> None:
+    with pytest.raises(RobotFileError) as caught:
+        load("tds")
+    message = str(caught.value)
+    assert message.startswith("tds: no such robot, did you mean 'tsd'?")
+    assert ", ".join(names()) in message
+    assert "my_robot.toml" in message
+
+
+@pytest.mark.parametrize("name", ["no_such.toml", "./no_such", "no_such/robot.toml"])
+def test_a_missing_file_is_named_with_what_is_shipped(name: str) -> None:
+    with pytest.raises(RobotFileError) as caught:
+        load(name)
+    message = str(caught.value)
+    assert message.startswith(f"{name}: cannot be read: No such file")
+    assert ", ".join(names()) in message
+
+
+def test_a_folder_and_a_binary_file_are_no_robots(tmp_path: Path) -> None:
+    with pytest.raises(RobotFileError, match="cannot be read: Is a directory"):
+        load(str(tmp_path))
+    binary = tmp_path / "robot.toml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(RobotFileError, match="not UTF-8 text"):
+        load(str(binary))
+
+
+def test_a_description_cannot_be_changed() -> None:
+    robot = load("tsd")
+    with pytest.raises(AttributeError, match="immutable"):
+        robot.drive.wheel_radius_m = 1.0
