@@ -130,7 +130,7 @@ class Body(Table, frozen=True):
     acrylic_rgba: Colour = (0.16, 0.44, 0.62, 0.42)
     frame_rgba: Colour = (0.80, 0.82, 0.85, 1.0)
     wheel_rgba: Colour = (0.96, 0.36, 0.05, 1.0)
-    front_rgba: Colour = (0.98, 0.74, 0.05, 1.0)
+    front_rgba: Colour = (0.60, 0.90, 0.05, 1.0)
     """Of the arrow that points forward."""
     meshes: str | None = None
     """Folder with a `parts.toml`, shown instead of the generated look."""
