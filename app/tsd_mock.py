@@ -30,7 +30,11 @@ def serve(args: argparse.Namespace) -> None:
     simulated = SimRobot(robot, seed=args.seed, noise=args.noise)
     with program.node_bus(args) as bus:
         node = RobotNode(
-            bus, robot_id, robot, simulated, Description(text, description.urdf(robot))
+            bus,
+            robot_id,
+            robot,
+            simulated,
+            Description(text, description.urdf(robot, description.parts(robot))),
         )
         program.say_ready(f"tsd-mock {robot_id} on {' '.join(bus.endpoints()) or args.connect}")
         node.run(stop)

@@ -6,26 +6,24 @@ import ipaddress
 from collections.abc import Collection
 from urllib.parse import urlsplit
 
-CONTENT_SECURITY_POLICY = "; ".join(
-    (
-        "default-src 'self'",
-        # viser unpacks its client in the page itself, compiles WebAssembly and starts workers from
-        # blobs; its Plotly widget needs eval.
-        "script-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:",
-        "worker-src blob: data:",
-        "connect-src 'self' data: blob:",
-        "style-src 'self' 'unsafe-inline'",
-        "img-src 'self' data: blob:",
-        "font-src 'self' data:",
-        "object-src 'none'",
-        "base-uri 'none'",
-        "form-action 'none'",
-        "frame-ancestors 'none'",
-    )
-)
+_SOURCES = {
+    "default-src": "'self'",
+    # viser unpacks its client in the page itself, compiles WebAssembly and starts workers from
+    # blobs; its Plotly widget needs eval.
+    "script-src": "'self' 'unsafe-inline' 'unsafe-eval' blob: data:",
+    "worker-src": "blob: data:",
+    "connect-src": "'self' data: blob:",
+    "style-src": "'self' 'unsafe-inline'",
+    "img-src": "'self' data: blob:",
+    "font-src": "'self' data:",
+    "object-src": "'none'",
+    "base-uri": "'none'",
+    "form-action": "'none'",
+    "frame-ancestors": "'none'",
+}
 
 HEADERS = {
-    "Content-Security-Policy": CONTENT_SECURITY_POLICY,
+    "Content-Security-Policy": "; ".join(f"{key} {value}" for key, value in _SOURCES.items()),
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Opener-Policy": "same-origin",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import hashlib
-from importlib import resources
 from pathlib import Path
 
 import viser
@@ -12,7 +11,7 @@ from aiohttp import web
 
 from tsd_twin.errors import TwinError
 
-STATIC = Path(str(resources.files("tsd_twin.dashboard"))) / "static"
+STATIC = Path(__file__).parent / "static"
 """Our scripts and styles."""
 STRIPPED = frozenset({"websocket", "playbackPath"})
 """Query parameters by which a link could make viser's client obey a foreign server."""

@@ -158,6 +158,8 @@ class State(_Message, frozen=True, tag="state"):
     seen: int
     age_ms: float
     status: Status
+    mode_age_s: float
+    """For how long the robot has been in its mode, as far as the gateway knows."""
     you: bool
     robot_ms: float | None
     pose: Triple | None
@@ -197,11 +199,13 @@ class Happened(_Message, frozen=True, tag="event"):
     kind: str
     text: str
     robot_s: float
+    past: bool = False
+    """It happened before the page looked."""
 
     @classmethod
-    def of(cls, event: Event) -> Happened:
+    def of(cls, event: Event, *, past: bool = False) -> Happened:
         """Return the part of an event that is shown."""
-        return cls(kind=event.kind, text=event.text, robot_s=round(event.robot_s, 3))
+        return cls(kind=event.kind, text=event.text, robot_s=round(event.robot_s, 3), past=past)
 
 
 class Echo(_Message, frozen=True, tag="beat"):

@@ -10,8 +10,8 @@ from typing import TypeAlias
 
 from aiohttp import ClientError, ClientSession, ClientWebSocketResponse, WSMsgType, web
 
-PAGE_HEADER = "X-Tsd-Page"
-"""Request header by which viser's side learns which page a client belongs to."""
+from tsd_twin.dashboard.viser_private import PAGE_HEADER
+
 PAGE = re.compile(r"[0-9a-f]{16}")
 """A page id: made by the page itself, and good for nothing else."""
 

@@ -45,7 +45,13 @@ class RobotView:
         )
 
     def state(
-        self, snapshot: Snapshot, status: Status, now_s: float, robot_ms: float | None, *, you: bool
+        self,
+        snapshot: Snapshot,
+        status: Status,
+        now_s: float,
+        *,
+        mode_age_s: float,
+        robot_ms: float | None,
     ) -> State:
         """Return the newest of everything; null where the robot has not said it yet."""
         joints = self._vector(snapshot.joints)
@@ -55,7 +61,8 @@ class RobotView:
             seen=snapshot.status_seq,
             age_ms=round(1000.0 * (now_s - snapshot.received_s), 1),
             status=status,
-            you=you,
+            mode_age_s=round(mode_age_s, 1),
+            you=False,
             robot_ms=robot_ms,
             pose=_rounded(odom.xy_heading) if odom else None,
             twist=_rounded(odom.twist) if odom else None,

@@ -1,0 +1,47 @@
+"""`tsd-dashboard`: the page from which robots on the bus are seen and driven."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+
+from tsd_twin import program
+from tsd_twin.dashboard import dashboard
+
+PORT = 8080
+
+PARSER = program.parser(
+    "tsd-dashboard",
+    "See and drive the robots on the bus from a browser.",
+    [
+        "tsd-dashboard                                    robots of this machine",
+        "tsd-dashboard --connect tcp/127.0.0.1:7448       another robot; may be repeated",
+        "tsd-dashboard --port 0 --light                   any free port, light colours",
+    ],
+)
+
+
+def serve(args: argparse.Namespace) -> None:
+    """Run until SIGINT or SIGTERM."""
+    stop = program.stop_event(args)
+
+    def ready(port: int) -> None:
+        program.say_ready(f"http://{args.host}:{port}/")
+
+    with program.client_bus(args) as bus:
+        asyncio.run(dashboard.run(bus, args.host, args.port, stop, ready, dark=not args.light))
+
+
+def main() -> None:
+    """Read the flags and run."""
+    program.add_client_flags(PARSER)
+    PARSER.add_argument(
+        "--host", default="127.0.0.1", help="address to listen on; default 127.0.0.1"
+    )
+    PARSER.add_argument("--port", type=int, default=PORT, help=f"default {PORT}; 0 is a free one")
+    PARSER.add_argument("--light", action="store_true", help="light colours instead of dark ones")
+    program.run(PARSER, serve)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,86 @@
+"""One robot in the scene."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from tsd_twin.dashboard.fleet_meshes import FleetMeshes
+from tsd_twin.dashboard.link import Snapshot
+from tsd_twin.dashboard.poses import joint_vector
+from tsd_twin.dashboard.robot_marks import RobotMarks
+from tsd_twin.drives import JointKind, SingularityDrive
+from tsd_twin.lie import Array
+from tsd_twin.robots import Robot
+
+SLOWER = 50
+"""Wheels are drawn turning this much slower than they do: 2,500 a minute as 50 a minute, 5 degrees
+a frame. At their true speed a picture at 60 Hz would show them creeping, standing or going back."""
+_LONGEST_S = 0.1
+"""A gap in the state longer than this is no time that a wheel was seen turning."""
+
+
+class Source(Protocol):
+    """Where a robot's description and its newest state come from; a link, for one."""
+
+    @property
+    def id(self) -> str:
+        """Id of the robot."""
+        ...
+
+    @property
+    def robot(self) -> Robot:
+        """Its description."""
+        ...
+
+    @property
+    def drive(self) -> SingularityDrive:
+        """Its kinematics."""
+        ...
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The newest of everything it has said; the same object as long as there is nothing new."""
+        ...
+
+
+class Body:
+    """What is known of a robot, and what is drawn of it."""
+
+    def __init__(self, link: Source, meshes: FleetMeshes, marks: RobotMarks) -> None:
+        self.id = link.id
+        self.link = link
+        self.meshes = meshes
+        self.marks = marks
+        self.shown = Snapshot()
+        self.joints = link.drive.inverse(np.zeros(3))
+        self.angles = np.zeros(link.drive.modules)
+        self.pose = np.zeros(3)
+        self._turned_s = -np.inf
+        self._wheels = np.array([joint.kind is JointKind.VELOCITY for joint in link.drive.joints])
+
+    @property
+    def behind(self) -> bool:
+        """The link has heard something that is not drawn yet."""
+        return self.link.snapshot is not self.shown
+
+    def update(self) -> None:
+        """Take in the newest snapshot."""
+        new, old = self.link.snapshot, self.shown
+        self.shown = new
+        if new.odom is not None:
+            self.pose = new.odom.xy_heading
+        if new.joints is not None and new.joints is not old.joints:
+            joints = joint_vector(self.link.drive, new.joints)
+            if joints is not None:
+                self._turn_wheels(joints, new.received_s)
+        self.meshes.place(self.id, self.pose, self.joints, self.angles)
+        self.marks.update(new, old, self.joints)
+
+    def _turn_wheels(self, joints: Array, now_s: float) -> None:
+        dt_s, self._turned_s = now_s - self._turned_s, now_s
+        self.joints = joints
+        if dt_s < _LONGEST_S:
+            turned = self.angles + joints[self._wheels] * dt_s / SLOWER
+            self.angles = np.remainder(turned, 2.0 * np.pi)

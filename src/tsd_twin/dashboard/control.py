@@ -1,0 +1,84 @@
+"""The right of one page to drive one robot."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Sequence
+
+import numpy as np
+
+from tsd_twin.dashboard.calls import Calls
+from tsd_twin.dashboard.link import Driver, RobotLink
+from tsd_twin.errors import BusError
+from tsd_twin.messages.ros import BASE
+from tsd_twin.messages.service import HolderRequest, LeaseRequest, Reply
+from tsd_twin.messages.status import Status
+from tsd_twin.topics import Service
+
+_LOG = logging.getLogger(__name__)
+
+_GRACE_S = 0.3
+"""A status that was under way when the lease was granted does not know of it."""
+
+
+class Control:
+    """A lease, as long as it lasts."""
+
+    def __init__(self, link: RobotLink, driver: Driver, calls: Calls) -> None:
+        self.link = link
+        self._driver = driver
+        self._calls = calls
+        self._granted_s = time.monotonic()
+        self._components = list(link.drive.components)
+
+    def drive(self, twist: Sequence[float], seen: int, frame: str = BASE) -> None:
+        """Send a twist (3,) at once, with the number of the state that its sender has seen."""
+        spatial = np.zeros(6)
+        spatial[self._components] = twist
+        try:
+            self.link.command(self._driver, spatial, seen, frame)
+        except BusError as error:
+            _LOG.warning("%s: %s", self.link.id, error)  # The robot stops by itself.
+
+    def rest(self) -> None:
+        """Send one zero; it is said now, so it counts, whatever the page has seen."""
+        self.drive((0.0, 0.0, 0.0), self.link.snapshot.status_seq)
+
+    def is_lost(self, status: Status) -> bool:
+        """Return whether the robot says that another has control, or nobody."""
+        settled = time.monotonic() - self._granted_s > _GRACE_S
+        return settled and status.lease.holder != self._driver.operator
+
+    async def ask(self, service: Service) -> Reply:
+        """Ask for what only the holder may."""
+        return await self._calls.ask(self.link.ask, service, HolderRequest(self._driver.lease_hex))
+
+    async def renew(self) -> None:
+        """Keep the lease; whether that worked is seen in the status."""
+        await self._calls.ask(
+            self.link.ask_lease,
+            LeaseRequest(op="renew", operator=self._driver.operator, lease=self._driver.lease_hex),
+        )
+
+    async def release(self) -> None:
+        """Give the lease back; if that fails, it runs out."""
+        await self._calls.ask(
+            self.link.ask_lease,
+            LeaseRequest(
+                op="release", operator=self._driver.operator, lease=self._driver.lease_hex
+            ),
+        )
+
+
+async def acquire(
+    link: RobotLink, operator: str, calls: Calls, *, take_over: bool, max_age_s: float | None
+) -> Control | str:
+    """Return control of a robot, or why it is refused."""
+    reply = await calls.ask(
+        link.ask_lease,
+        LeaseRequest(op="acquire", operator=operator, take_over=take_over, max_age_s=max_age_s),
+    )
+    if not reply.granted or reply.lease is None:
+        return reply.reason or "the robot refuses"
+    return Control(link, Driver(operator, reply.lease, reply.max_age_s), calls)

@@ -1,0 +1,65 @@
+"""The dashboard: bus, scene, panels and gateway, put together."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable
+
+from tsd_twin.bus import Bus
+from tsd_twin.dashboard import viser_server
+from tsd_twin.dashboard.fleet import Fleet
+from tsd_twin.dashboard.gateway import Gateway
+from tsd_twin.dashboard.panels import Panels
+from tsd_twin.dashboard.scene import Scene
+from tsd_twin.dashboard.ticker import Ticker
+from tsd_twin.messages.service import Event
+
+TITLE = "tsd-twin"
+_LOOK_FOR_STOP_S = 0.2
+
+
+async def run(
+    bus: Bus,
+    host: str,
+    port: int,
+    stop: threading.Event,
+    on_ready: Callable[[int], None],
+    *,
+    dark: bool,
+) -> None:
+    """Serve the page until `stop` is set; `on_ready` is called with the port.
+
+    Raises:
+        TwinError: the address cannot be used.
+    """
+    loop = asyncio.get_running_loop()
+    fleet = Fleet(bus)
+    server = viser_server.start(TITLE, dark=dark)
+    try:
+        scene = Scene(server)
+        # The two know each other by callbacks only: neither waits for the other's thread.
+        gateway = Gateway(fleet, server.get_port(), on_released=lambda page: panels.reset(page))
+        panels = Panels(server, scene, gateway.panel, gateway.choose, dark=dark)
+
+        def on_status(robot_id: str) -> None:
+            loop.call_soon_threadsafe(gateway.on_status, robot_id)
+
+        def on_event(robot_id: str, event: Event) -> None:
+            loop.call_soon_threadsafe(gateway.on_event, robot_id, event)
+
+        await gateway.start(host, port)
+        ended = threading.Event()
+        ticker = Ticker(fleet, scene, on_status, on_event)
+        thread = threading.Thread(target=ticker.run, args=(ended,), name="ticker")
+        thread.start()
+        try:
+            on_ready(gateway.port)
+            while not stop.is_set():  # Set by a signal handler, which cannot wake a loop safely.
+                await asyncio.sleep(_LOOK_FOR_STOP_S)
+        finally:
+            await gateway.stop()
+            ended.set()
+            await asyncio.to_thread(thread.join)
+    finally:
+        server.stop()

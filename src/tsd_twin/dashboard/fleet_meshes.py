@@ -1,0 +1,92 @@
+"""The solid robots: one batched node for each kind of link, for all robots of a description."""
+
+from __future__ import annotations
+
+import numpy as np
+import viser
+
+from tsd_twin.dashboard.poses import link_poses
+from tsd_twin.dashboard.shape import Shape
+from tsd_twin.description import Link
+from tsd_twin.lie import SE2, Array
+
+
+class FleetMeshes:
+    """Robots of one description; their poses are computed and sent together.
+
+    Twenty robots cost as many messages as one, and as many draw calls.
+    """
+
+    def __init__(self, scene: viser.SceneApi, name: str, shape: Shape) -> None:
+        self.shape = shape
+        self._scene = scene
+        self._name = name
+        self._ids: list[str] = []
+        self._handles: dict[Link, viser.BatchedGlbHandle] = {}
+        self._bases = np.zeros((0, 3))
+        self._joints = np.zeros((0, len(shape.drive.joints)))
+        self._angles = np.zeros((0, shape.drive.modules))
+        self._moved = False
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """The robots, in the order of their instances."""
+        return tuple(self._ids)
+
+    def node(self, kind: Link) -> str:
+        """Return the name of the node that has all links of a kind."""
+        return f"{self._name}/{kind}"
+
+    def add(self, robot_id: str) -> None:
+        """Show another robot: at the origin, upright, until it is placed."""
+        upright = self.shape.drive.inverse(np.zeros(3))
+        self._ids.append(robot_id)
+        self._bases = np.vstack([self._bases, np.zeros(3)])
+        self._joints = np.vstack([self._joints, upright])
+        self._angles = np.vstack([self._angles, np.zeros(self.shape.drive.modules)])
+        self._moved = True
+        self.send()
+
+    def remove(self, robot_id: str) -> None:
+        """Show a robot no longer."""
+        row = self._ids.index(robot_id)
+        self._ids.pop(row)
+        self._bases, self._joints, self._angles = (
+            np.delete(rows, row, axis=0) for rows in (self._bases, self._joints, self._angles)
+        )
+        self._moved = True
+        self.send()
+
+    def place(self, robot_id: str, base: Array, joints: Array, wheel_angles_rad: Array) -> None:
+        """Note where a robot is: pose (3,), joint vector (n,), turns of the wheels (k,)."""
+        row = self._ids.index(robot_id)
+        self._bases[row], self._joints[row] = base, joints
+        self._angles[row] = wheel_angles_rad
+        self._moved = True
+
+    def send(self) -> None:
+        """Send what has been noted; what has not changed is not sent."""
+        if not self._moved:
+            return
+        self._moved = False
+        if not self._ids:
+            for handle in self._handles.values():
+                handle.remove()
+            self._handles.clear()
+            return
+        every = link_poses(self.shape.drive, SE2(self._bases), self._joints, self._angles)
+        for kind, data in self.shape.glbs.items():
+            wxyz = every[kind].wxyz.reshape(-1, 4).astype(np.float32)
+            position = every[kind].position.reshape(-1, 3).astype(np.float32)
+            if kind in self._handles:
+                self._handles[kind].batched_wxyzs = wxyz
+                self._handles[kind].batched_positions = position
+            else:
+                self._handles[kind] = self._scene.add_batched_glb(
+                    self.node(kind), data, wxyz, position, lod="off"
+                )
+
+    def scales_without(self, robot_id: str | None, kind: Link) -> Array:
+        """Return scales (instances of `kind`,) that hide one robot, or none: 0 for it, else 1."""
+        shown = np.array([0.0 if other == robot_id else 1.0 for other in self._ids])
+        return np.repeat(shown, self.shape.count(kind))

@@ -1,0 +1,92 @@
+"""The panels of all clients, and which page each belongs to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal, TypeAlias
+
+import viser
+
+from tsd_twin.dashboard.drive_tab import Mode
+from tsd_twin.dashboard.panel import Panel
+from tsd_twin.dashboard.scene import Scene
+from tsd_twin.dashboard.viser_private import page_of
+
+OnPanel: TypeAlias = Callable[[str, float, float, float, Literal["preview", "drive"], bool], None]
+"""Called on viser's thread with page, the three numbers of the twist, mode and latch."""
+OnRobot: TypeAlias = Callable[[str, str], None]
+"""Called on viser's thread with page and robot id."""
+
+
+class Panels:
+    """Makes a panel for each client that connects, and tells the gateway what is done there.
+
+    A client of which nobody says what page it belongs to has a panel that moves nothing but its own
+    picture.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        scene: Scene,
+        on_panel: OnPanel,
+        on_robot: OnRobot,
+        *,
+        dark: bool = True,
+    ) -> None:
+        self._server = server
+        self._scene = scene
+        self._on_panel = on_panel
+        self._on_robot = on_robot
+        self._dark = dark
+        self._panels: dict[int, Panel] = {}
+        self._pages: dict[int, str | None] = {}
+        scene.watch(self)
+        server.on_client_connect(self._connect)
+        server.on_client_disconnect(self._disconnect)
+
+    def reset(self, page: str) -> None:
+        """Let the sliders of a page spring back: it has let go, or somebody has for it."""
+        for panel in self._of(page):
+            panel.reset()
+
+    def choose(self, page: str, robot_id: str) -> None:
+        """Turn the panel of a page to another robot."""
+        for panel in self._of(page):
+            panel.choose(robot_id)
+
+    def moved(self) -> None:
+        """Let each client follow its robot."""
+        for panel in self._panels.values():
+            panel.moved()
+
+    def rebuild(self) -> None:
+        """Take in that robots have come or gone."""
+        for panel in self._panels.values():
+            panel.rebuild()
+
+    def _of(self, page: str) -> list[Panel]:
+        with self._scene.lock:
+            return [panel for client, panel in self._panels.items() if self._pages[client] == page]
+
+    async def _connect(self, client: viser.ClientHandle) -> None:
+        page = page_of(self._server, client.client_id)
+
+        def moved(x: float, y: float, turn: float, mode: Mode, latch: bool) -> None:
+            if page is not None:
+                self._on_panel(page, x, y, turn, mode.value, latch)
+
+        def robot(robot_id: str) -> None:
+            if page is not None:
+                self._on_robot(page, robot_id)
+
+        with self._scene.lock:  # No robot may come in between.
+            self._pages[client.client_id] = page
+            self._panels[client.client_id] = Panel(
+                self._scene, client, moved, robot, dark=self._dark
+            )
+
+    async def _disconnect(self, client: viser.ClientHandle) -> None:
+        with self._scene.lock:
+            self._pages.pop(client.client_id, None)
+            self._panels.pop(client.client_id, None)

@@ -1,0 +1,247 @@
+"""One page: every rule between its messages and the robot."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import msgspec
+
+from tsd_twin.authority import Mode
+from tsd_twin.dashboard.calls import Calls
+from tsd_twin.dashboard.desk import Desk
+from tsd_twin.dashboard.grip import SILENT_S, Grip, Hold
+from tsd_twin.dashboard.mailbox import Mailbox
+from tsd_twin.dashboard.protocol import (
+    Answer,
+    Arm,
+    AskLease,
+    Beat,
+    Choose,
+    Disarm,
+    Drive,
+    Echo,
+    FromPage,
+    Happened,
+    PanelReleased,
+    Release,
+    Released,
+    Reset,
+    State,
+    Stop,
+    Welcome,
+    decode,
+    encode,
+)
+from tsd_twin.dashboard.roster import Roster
+from tsd_twin.errors import MessageError
+from tsd_twin.messages.service import Event, Reply
+from tsd_twin.topics import Service
+
+_DRIVABLE = (Mode.READY, Mode.DRIVING)
+_OF_THE_HOLDER: Mapping[type[Arm | Disarm | Reset], Service] = {
+    Arm: Service.ARM,
+    Disarm: Service.DISARM,
+    Reset: Service.RESET,
+}
+_STOPS_AT_ONCE = 2
+"""The second begins after the first, so a third would say nothing new."""
+
+
+class Session:
+    """Everything happens on the event loop; what waits for a robot is a task of this session."""
+
+    def __init__(
+        self, page: str, roster: Roster, calls: Calls, on_released: Callable[[str], None]
+    ) -> None:
+        self.page = page
+        self.mail = Mailbox()
+        self.robot_id: str | None = None
+        """The robot that is watched."""
+        self.rejected = 0
+        """Messages that were none."""
+        self._operator = f"web-{page[:8]}"
+        self._roster = roster
+        self._calls = calls
+        self._on_released = on_released
+        self._grip = Grip()
+        self._desk = Desk(self._operator, calls, self._post, self.let_go)
+        self._watchdog: asyncio.TimerHandle | None = None
+        self._stopping: set[asyncio.Task[None]] = set()
+
+    def fleet_changed(self) -> None:
+        """Say who the page is and which robots there are; show it one."""
+        names = self._roster.names()
+        if self.robot_id is None and names:
+            self.robot_id = names[0].id
+        self._post(
+            Welcome(operator=self._operator, role="operator", robots=names, robot=self.robot_id)
+        )
+        self._show_robot()
+
+    async def close(self) -> None:
+        """Put the robot at rest and give control back; the socket is closed or lost."""
+        if self._watchdog is not None:
+            self._watchdog.cancel()
+        self._release()
+        await self._desk.close()
+        self._on_released(self.page)
+
+    # From the page.
+
+    def receive(self, text: str | bytes) -> None:
+        """Act on one message; whatever it is, nothing is raised and nothing grows."""
+        try:
+            self._obey(decode(text))
+        except MessageError as error:
+            self.reject(str(error))
+
+    def reject(self, reason: str) -> None:
+        """Count what is no message; the page is told once."""
+        self.rejected += 1
+        if self.rejected == 1:
+            self._post(Answer(to="message", ok=False, reason=reason))
+
+    def _obey(self, message: FromPage) -> None:
+        match message:
+            case Drive():
+                self._drive(message)
+            case Beat():
+                self._beat(message)
+            case Release():
+                self._release()
+            case PanelReleased():
+                self._on_released(self.page)
+            case Stop():
+                self._stop()
+            case Choose():
+                self.choose(message.id)
+            case AskLease():
+                self._lease(message)
+            case Arm() | Disarm() | Reset():
+                service = _OF_THE_HOLDER[type(message)]
+                self._desk.ask(service.name.lower(), self._desk.serve(service))
+
+    def _drive(self, message: Drive) -> None:
+        twist = (message.vx, message.vy, message.omega)
+        if not all(math.isfinite(value) for value in twist):
+            raise MessageError("nonfinite", "a twist must be finite numbers")
+        self.mail.seen(message.seen)
+        control = self._desk.control
+        if control is None or not self._grip.drive(time.monotonic()):
+            return
+        status = control.link.snapshot.status
+        if status is None or status.mode not in _DRIVABLE:
+            # A control that is held while the robot comes to be ready must not set it off.
+            self.let_go(f"the robot is {status.mode if status else 'silent'}")
+            return
+        control.drive(twist, message.seen, message.frame)
+        if self._watchdog is None:
+            self._watch(SILENT_S)
+
+    def _watch(self, wait_s: float) -> None:
+        loop = asyncio.get_running_loop()
+        self._watchdog = loop.call_later(wait_s, self._check_silence)
+
+    def _check_silence(self) -> None:
+        self._watchdog = None
+        if self._grip.hold is not Hold.HELD:
+            return
+        silent_s = self._grip.silent_for_s(time.monotonic())
+        if silent_s >= SILENT_S:
+            self.let_go(f"no command from the page for {SILENT_S * 1000:.0f} ms")
+        else:
+            self._watch(SILENT_S - silent_s)
+
+    def _release(self) -> None:
+        if self._grip.release() and self._desk.control is not None:
+            self._desk.control.rest()
+
+    def let_go(self, reason: str) -> None:
+        """Put the robot at rest on behalf of the page, if it holds a control."""
+        if self._grip.let_go():
+            if self._desk.control is not None:
+                self._desk.control.rest()
+            self._post(Released(reason=reason))
+            self._on_released(self.page)
+
+    def _beat(self, message: Beat) -> None:
+        self._desk.beat()
+        self.mail.seen(message.seen)
+        self._post(Echo(sent_ms=message.sent_ms))
+        if not message.focus:
+            self.let_go("the page is not in front")
+
+    def _stop(self) -> None:
+        self.let_go("software stop")
+        if len(self._stopping) < _STOPS_AT_ONCE:
+            task = asyncio.create_task(self._stop_and_answer())
+            self._stopping.add(task)
+            task.add_done_callback(self._stopping.discard)
+
+    async def _stop_and_answer(self) -> None:
+        view = self._roster.view(self.robot_id)
+        reply = Reply(False, "no robot is shown")
+        if view is not None:
+            reply = await self._calls.stop(view.link, self._operator)
+        self._post(Answer(to="stop", ok=reply.ok, reason=reply.reason))
+
+    def _lease(self, message: AskLease) -> None:
+        if message.op == "release":
+            self._desk.ask("lease", self._desk.release())
+        else:
+            view = self._roster.view(self.robot_id)
+            self._desk.ask("lease", self._desk.acquire(view.link if view else None, message))
+
+    def choose(self, robot_id: str) -> None:
+        """Turn to another robot: control of the one before is given up."""
+        if robot_id != self.robot_id:
+            self._desk.ask("robot", self._choose(robot_id))
+
+    async def _choose(self, robot_id: str) -> Reply:
+        if self._roster.view(robot_id) is None:
+            return Reply(False, f"there is no robot {robot_id}")
+        self.let_go("another robot is shown")
+        await self._desk.give_up()
+        self.robot_id = robot_id
+        self._show_robot()
+        return Reply(True)
+
+    # To the page.
+
+    def show(self, state: State) -> None:
+        """Send a new state of the robot that is watched."""
+        control, lease = self._desk.control, state.status.lease
+        if control is not None and control.is_lost(state.status):
+            self._lost(f"{lease.holder} has taken over" if lease.holder else "it has run out")
+            control = None
+        if state.status.mode not in _DRIVABLE:
+            self.let_go(f"the robot is {state.status.mode}")
+        you = control is not None and lease.holder == self._operator
+        self.mail.state(state.seen, encode(msgspec.structs.replace(state, you=you)))
+
+    def tell(self, event: Event, *, past: bool = False) -> None:
+        """Send an event of the robot that is watched."""
+        self._post(Happened.of(event, past=past))
+
+    def _lost(self, reason: str) -> None:
+        self.let_go(f"control is lost: {reason}")
+        self._desk.lost()
+        self._post(Happened(kind="lease", text=f"You have lost control: {reason}.", robot_s=0.0))
+
+    def _show_robot(self) -> None:
+        view = self._roster.view(self.robot_id)
+        if view is None:
+            return
+        self.mail.forget_states()
+        self._post(view.card())
+        for event in self._roster.events(view.link.id):
+            self.tell(event, past=True)
+        if (state := self._roster.state(view.link.id)) is not None:
+            self.show(state)
+
+    def _post(self, message: Any) -> None:
+        self.mail.post(encode(message))

@@ -1,0 +1,136 @@
+// The status bar: which robot, what it does, who drives, how good the link is.
+
+import { Button } from "./button.js";
+import { el, icon, mark, say } from "./dom.js";
+import { fixed } from "./format.js";
+import { notArm, notDisarm, notTake } from "./permission.js";
+
+const GOOD_MS = 100;
+const FAIR_MS = 200;
+const AT_REST = new Set(["disarmed", "stopped", "fault"]);
+const FAR_MS = 150; // From here on commands would be late too often for the usual age limit.
+
+export class Bar {
+  constructor(link, tips, { takeOver, fold }) {
+    this._link = link;
+    this._takeOver = takeOver;
+    this._robots = el("select", { "aria-label": "Robot", onchange: () => this._choose() });
+    this._modeIcon = el("span", { class: "shape" });
+    this._modeWord = el("span");
+    this._mode = el("span", { class: "mode", role: "status", "aria-label": "Mode" }, this._modeIcon, this._modeWord);
+    this._who = el("span", { class: "who" });
+    this._dot = el("span", { class: "shape" });
+    this._ms = el("span", { class: "number" });
+    this._linkStatus = el("span", { class: "link", role: "status", "aria-live": "off", "aria-label": "Link", tabindex: "0" }, this._dot, this._ms);
+    this._volts = el("span", { class: "number" });
+    this._battery = el("span", { class: "battery", hidden: true }, icon("battery"), this._volts);
+    this.arm = new Button("Arm", { tips, press: () => link.send({ t: this._armed ? "disarm" : "arm" }), kind: "primary" });
+    this.control = new Button("Take control", { tips, press: () => this._pressControl(), kind: "primary" });
+    this._fold = new Button("Fold", { tips, press: fold, kind: "quiet" });
+    tips.attach(this._linkStatus, () => this._explainLink());
+    this.level = el("span", { class: "slot" });
+    this.element = el(
+      "header",
+      { class: "bar surface" },
+      el("span", { class: "group robot" }, this._robots),
+      el("span", { class: "group state" }, this._mode, this.arm.element),
+      el("span", { class: "group driver" }, this._who, this.control.element),
+      el("span", { class: "group facts" }, this._linkStatus, this._battery),
+      el("span", { class: "group last" }, this.level, this._fold.element),
+    );
+    for (const type of ["state", "welcome", "robot", "beat", "down"]) link.on(type, () => this._draw());
+    this._draw();
+  }
+
+  /** Acquire control of the robot that is watched. */
+  take(takeOver) {
+    const trip = this._link.roundTripMs();
+    // A far link is given more time, at the price of a lower speed that the robot sets.
+    const maxAge = trip !== null && trip > FAR_MS ? (2 * trip + 100) / 1000 : null;
+    this._link.send({ t: "lease", op: "acquire", take_over: takeOver, max_age_s: maxAge });
+  }
+
+  showFolded(folded) {
+    this._fold.become(folded ? "Unfold" : "Fold", folded ? "Show the stick and the figures" : "Hide the stick and the figures");
+    mark(this._fold.button, "aria-expanded", String(!folded));
+  }
+
+  _pressControl() {
+    const { you, status } = this._link.state;
+    if (you) this._link.send({ t: "lease", op: "release" });
+    else if (status.lease.holder !== null) this._takeOver(status.lease.holder);
+    else this.take(false);
+  }
+
+  _choose() {
+    this._link.send({ t: "robot", id: this._robots.value });
+  }
+
+  _draw() {
+    const link = this._link;
+    const stale = link.isStale();
+    const status = link.state?.status ?? null;
+    this._drawRobots();
+    this._drawMode(stale || status === null ? null : status.mode);
+    this._drawControl(status);
+    this._drawLink();
+    const volts = status?.hardware.battery_v;
+    this._battery.hidden = typeof volts !== "number";
+    say(this._volts, `${fixed(volts, 1)} V`);
+  }
+
+  _drawRobots() {
+    const robots = this._link.welcome?.robots ?? [];
+    const shown = [...this._robots.options].map((option) => option.value);
+    if (robots.map(({ id }) => id).join() !== shown.join()) {
+      this._robots.replaceChildren(...robots.map(({ id, title }) => el("option", { value: id, title }, id)));
+    }
+    mark(this._robots, "data-single", robots.length > 1 ? null : "");
+    this._robots.hidden = robots.length === 0;
+    if (this._link.robot !== null) this._robots.value = this._link.robot.id;
+  }
+
+  _drawMode(mode) {
+    const word = mode ?? (this._link.robot === null ? "no robot" : "no signal");
+    if (mode !== this._shownMode || this._modeIcon.childElementCount === 0) {
+      this._shownMode = mode;
+      this._modeIcon.replaceChildren(icon(mode ?? "none"));
+    }
+    say(this._modeWord, word.toUpperCase());
+    mark(this._mode, "data-mode", mode ?? "unknown");
+    this._armed = mode !== null && !AT_REST.has(mode);
+    this.arm.become(this._armed ? "Disarm" : "Arm", this._armed ? "Spin the wheels down" : "Check neutral tilt, then spin the wheels up");
+    this.arm.allow(this._armed ? notDisarm(this._link) : notArm(this._link));
+    mark(this.arm.button, "data-quiet", this._armed ? "" : null);
+  }
+
+  _drawControl(status) {
+    const you = this._link.state?.you ?? false;
+    const holder = status?.lease.holder ?? null;
+    say(this._who, you ? "you drive" : holder === null ? "nobody drives" : `${holder} drives`);
+    this.control.become(
+      you ? "Release control" : "Take control",
+      you ? "Give control back; the robot comes to rest" : "Ask for the right to drive; one at a time has it",
+    );
+    this.control.allow(notTake(this._link));
+    mark(this.control.button, "data-quiet", you ? "" : null);
+  }
+
+  _drawLink() {
+    const trip = this._link.roundTripMs();
+    const lost = this._link.isStale();
+    const grade = lost || trip === null ? "none" : trip < GOOD_MS ? "good" : trip < FAIR_MS ? "fair" : "poor";
+    if (grade !== this._grade) {
+      this._grade = grade;
+      this._dot.replaceChildren(icon(grade));
+    }
+    mark(this._linkStatus, "data-grade", grade);
+    say(this._ms, lost ? "no link" : `${trip === null ? "–" : Math.round(trip)} ms`);
+  }
+
+  _explainLink() {
+    const { connected, pageMs, state } = this._link;
+    if (!connected) return "No connection to the dashboard.";
+    return `There and back: page to dashboard ${fixed(pageMs, 1)} ms, dashboard to robot ${fixed(state?.robot_ms, 1)} ms.`;
+  }
+}

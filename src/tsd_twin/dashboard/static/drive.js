@@ -1,0 +1,151 @@
+// From controls to commands. Each source of motion (stick, turn slider, keys, gamepad, panel) has
+//   held      whether somebody holds it
+//   cancel()  go back to the centre; moves nothing until it is deliberately used again
+// and either `unit`, {x, y, turn} as shares of what the speed level allows, or `twist`, in m/s and
+// rad/s. As long as any is held, a command goes out every 20 ms; nothing is ever queued.
+
+import { notDrive } from "./permission.js";
+
+const PERIOD_MS = 20;
+const STOP_EVERY_MS = 200;
+const STOP_DOUBT_MS = 600;
+const STOP_FOR_MS = 5000;
+
+export class Drive {
+  constructor(link) {
+    this.link = link;
+    this.level = 50;
+    this.frame = "base_link";
+    this.onMessage = () => {};
+    this._sources = [];
+    this._listeners = [];
+    this._timer = null;
+    this._stop = null;
+    link.on("state", () => this._checkState());
+    link.on("beat", () => this._checkBeat());
+    link.on("down", () => this.letGo("The connection is lost."));
+    link.on("released", (message) => this.letGo(`Let go: ${message.reason}. Push again to drive.`, true));
+    link.on("reply", (message) => this._checkReply(message));
+    addEventListener("blur", () => this.letGo());
+    addEventListener("pagehide", () => this.letGo());
+    document.addEventListener("visibilitychange", () => this.letGo());
+  }
+
+  add(source) {
+    this._sources.push(source);
+  }
+
+  onChange(listener) {
+    this._listeners.push(listener);
+  }
+
+  get held() {
+    return this._timer !== null;
+  }
+
+  /** What one unit of a control means now: level times the limits in force. */
+  get scale() {
+    const limits = this.link.state?.status.limits;
+    const share = this.level / 100;
+    return { speed: share * (limits?.speed_mps ?? 0), turn: share * (limits?.turn_rate_rad_per_s ?? 0) };
+  }
+
+  /** What the controls ask for, each share within 1. */
+  get unit() {
+    let [x, y, turn] = [0, 0, 0];
+    for (const { unit } of this._sources) {
+      if (unit === undefined) continue;
+      x += unit.x;
+      y += unit.y;
+      turn += unit.turn;
+    }
+    const length = Math.max(1, Math.hypot(x, y));
+    return { x: x / length, y: y / length, turn: Math.max(-1, Math.min(1, turn)) };
+  }
+
+  /** What is asked of the robot, m/s and rad/s. */
+  get twist() {
+    const panel = this._sources.find((source) => source.held && source.twist !== undefined);
+    if (panel !== undefined) return { ...panel.twist, frame: "base_link" };
+    const { unit, scale } = this;
+    return { vx: unit.x * scale.speed, vy: unit.y * scale.speed, omega: unit.turn * scale.turn, frame: this.frame };
+  }
+
+  /** A source has changed: begin, go on, or let go. Hands on any control end what is latched. */
+  changed() {
+    const hands = this._sources.some((source) => source.held && source.twist === undefined);
+    if (hands) for (const source of this._sources) if (source.twist !== undefined) source.cancel();
+    const held = this._sources.some((source) => source.held);
+    if (held && !this.held) this._begin();
+    else if (!held && this.held) this._end();
+    else if (held) this._send();
+    this._tell();
+  }
+
+  /** Back to the centre with everything; to drive again, a control must be used anew. */
+  letGo(message = "", gatewayHas = false) {
+    const had = this.held;
+    for (const source of this._sources) source.cancel();
+    if (this.held) this._end();
+    else if (gatewayHas) this.link.send({ t: "release" });
+    this._tell();
+    if (message && (had || gatewayHas)) this.onMessage(message);
+  }
+
+  /** Stop the robot: at once, in every state, and again until it is acknowledged. */
+  stop() {
+    const now = performance.now();
+    this._stop = { sinceMs: now, sentMs: now, doubted: false };
+    this.link.send({ t: "stop" });
+    this.letGo();
+  }
+
+  _begin() {
+    const reason = notDrive(this.link);
+    if (reason !== null) {
+      for (const source of this._sources) source.cancel();
+      this.onMessage(reason);
+      return;
+    }
+    this._timer = setInterval(() => this._send(), PERIOD_MS);
+    this._send();
+  }
+
+  _end() {
+    clearInterval(this._timer);
+    this._timer = null;
+    this.link.send({ t: "release" });
+  }
+
+  _send() {
+    const reason = notDrive(this.link);
+    if (reason !== null) this.letGo(`Let go: ${reason} Push again to drive.`);
+    else this.link.send({ t: "drive", ...this.twist, seen: this.link.state.seen });
+  }
+
+  _checkState() {
+    const reason = this.held ? notDrive(this.link) : null;
+    if (reason !== null) this.letGo(`Let go: ${reason} Push again to drive.`);
+    if (this.link.state.status.mode === "stopped") this._stop = null;
+    this._tell();
+  }
+
+  _checkBeat() {
+    if (this._stop === null) return;
+    const now = performance.now();
+    if (now - this._stop.sentMs > STOP_EVERY_MS && this.link.send({ t: "stop" })) this._stop.sentMs = now;
+    if (now - this._stop.sinceMs > STOP_DOUBT_MS && !this._stop.doubted) {
+      this._stop.doubted = true;
+      this.onMessage("The stop is not confirmed. Use the hardware stop.");
+    }
+    if (now - this._stop.sinceMs > STOP_FOR_MS) this._stop = null;
+  }
+
+  _checkReply({ to, ok }) {
+    if (to === "stop" && ok) this._stop = null;
+  }
+
+  _tell() {
+    for (const listener of this._listeners) listener();
+  }
+}

@@ -1,0 +1,64 @@
+// The gamepad: left stick drives, right stick turns, B stops.
+
+const PERIOD_MS = 20;
+const DEAD_ZONE = 0.1;
+const STOP_BUTTON = 1;
+
+export class Gamepad {
+  constructor(drive, stop) {
+    this.unit = { x: 0, y: 0, turn: 0 };
+    this.held = false;
+    this._drive = drive;
+    this._stop = stop;
+    this._spent = false;
+    this._pressed = false;
+    this._timer = null;
+    addEventListener("gamepadconnected", () => this._watch());
+    addEventListener("gamepaddisconnected", () => this._poll());
+  }
+
+  /** Back to the centre; until the real sticks are there too, they do nothing. */
+  cancel() {
+    this._spent = this._spent || this.held;
+    this.held = false;
+    this.unit = { x: 0, y: 0, turn: 0 };
+  }
+
+  _watch() {
+    this._timer ??= setInterval(() => this._poll(), PERIOD_MS);
+  }
+
+  _poll() {
+    const pad = navigator.getGamepads().find((each) => each?.connected) ?? null;
+    if (pad === null) {
+      clearInterval(this._timer);
+      this._timer = null;
+    }
+    const pressed = pad?.buttons[STOP_BUTTON]?.pressed ?? false;
+    if (pressed && !this._pressed) this._stop();
+    this._pressed = pressed;
+    this._read(pad?.axes ?? []);
+  }
+
+  _read([right = 0, down = 0, turn = 0]) {
+    const [y, x] = stick(-right, -down);
+    const turned = beyond(-turn);
+    const centred = x === 0 && y === 0 && turned === 0;
+    if (centred) this._spent = false;
+    if (this._spent || (centred && !this.held)) return;
+    this.held = !centred;
+    this.unit = { x, y, turn: turned };
+    this._drive.changed();
+  }
+}
+
+/** Return a stick's place with its round dead zone taken out, so that motion begins at zero. */
+function stick(a, b) {
+  const length = Math.hypot(a, b);
+  const share = length < DEAD_ZONE ? 0 : Math.min(1, (length - DEAD_ZONE) / (1 - DEAD_ZONE)) / length;
+  return [a * share, b * share];
+}
+
+function beyond(value) {
+  return stick(value, 0)[0];
+}

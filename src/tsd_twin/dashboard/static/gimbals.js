@@ -1,0 +1,128 @@
+// A dial for each gimbal, seen from above, forward up: where the axle should lean and where it does.
+
+import { el, mark, say, svg } from "./dom.js";
+import { fixed } from "./format.js";
+import { isSeen } from "./panels.js";
+
+const REACH = 40; // Radius of the tilt limit in the drawing.
+const CONFLICT_MPS = 0.1; // End of the conflict bar.
+
+export class Gimbals {
+  constructor(link, place) {
+    this._link = link;
+    this._list = el("div", { class: "gimbals" });
+    this._conflict = el("div", { class: "meter", role: "meter", "aria-label": "Conflict", "aria-valuemin": "0", "aria-valuemax": CONFLICT_MPS }, el("div"));
+    this._residual = el("span", { class: "value" });
+    this._verdict = el("p", { class: "verdict" });
+    this._waiting = el("p", { class: "muted" }, "Waiting for the robot.");
+    this._all = el(
+      "div",
+      {},
+      el("p", { class: "key" }, el("i", { class: "ring" }), "set-point", el("i", { class: "dot" }), "measured", el("span", { class: "muted" }, "from above, forward up")),
+      this._list,
+      el("div", { class: "head" }, el("strong", {}, "Conflict"), this._residual, el("span", { class: "unit" }, "m/s")),
+      this._conflict,
+      this._verdict,
+    );
+    place.append(this._waiting, this._all);
+    this._draw = () => isSeen(this._list.parentElement.getRootNode().host) && this._show();
+    this._open = true;
+    link.on("state", () => this._open && this._draw());
+    link.on("robot", () => this._open && this._build());
+    this._build();
+  }
+
+  close() {
+    this._open = false;
+  }
+
+  _build() {
+    const robot = this._link.robot;
+    this._waiting.hidden = robot !== null;
+    this._all.hidden = robot === null;
+    if (robot === null) return;
+    this._dials = robot.modules.map((name, i) => new Dial(i + 1, robot));
+    this._list.replaceChildren(...this._dials.map((dial) => dial.element));
+  }
+
+  _show() {
+    const { modules, status } = this._link.state;
+    const suspect = status.conflict.suspect;
+    modules.forEach((module, i) => this._dials?.[i]?.show(module, this._link.robot.modules[i] === suspect));
+    const residual = status.conflict.residual_mps;
+    say(this._residual, fixed(residual, 3));
+    this._conflict.firstChild.style.transform = `scaleX(${Math.min(1, residual / CONFLICT_MPS)})`;
+    mark(this._conflict, "aria-valuenow", residual);
+    mark(this._conflict, "data-suspect", suspect === null ? null : "");
+    const number = this._link.robot.modules.indexOf(suspect) + 1;
+    say(this._verdict, suspect === null ? "The modules agree." : `Module ${number} contradicts the others.`);
+  }
+}
+
+class Dial {
+  constructor(number, robot) {
+    this._cells = {};
+    this._set = svg("circle", { class: "ring", r: 5 });
+    this._dot = svg("circle", { class: "dot", r: 4 });
+    this._lean = svg("line", { class: "lean", x1: 0, y1: 0 });
+    this._spin = svg("g", { class: "spin" }, svg("path", { d: "M0 -46A46 46 0 0 0 -23 -39.8" }), svg("path", { d: "M0 46A46 46 0 0 0 23 39.8" }));
+    const limit = fixed(robot.max_tilt_deg, 0);
+    const face = svg(
+      "svg",
+      { class: "dial", viewBox: "-50 -50 100 100", role: "img", "aria-label": `Axle of module ${number}; the circle is ${limit} degrees` },
+      svg("circle", { class: "limit", r: REACH }),
+      svg("circle", { class: "half", r: REACH / 2 }),
+      svg("path", { class: "cross", d: `M0 ${-REACH}V${REACH}M${-REACH} 0H${REACH}` }),
+      svg("text", { class: "limit-text", x: 3, y: -REACH + 10 }, `${limit}°`),
+      this._spin,
+      this._lean,
+      this._set,
+      this._dot,
+    );
+    this.element = el(
+      "section",
+      { class: "module", "aria-label": `Module ${number}` },
+      face,
+      el(
+        "dl",
+        {},
+        el("div", { class: "title" }, el("dt", {}, `Module ${number}`), el("dd", {}, (this._state = el("span", { class: "muted" })))),
+        ...[["tilt", "°"], ["α", "°"], ["β", "°"], ["radius", "mm"], ["speed", "rpm"]].map(([name, unit]) => this._row(name, unit)),
+      ),
+    );
+  }
+
+  show(module, suspect) {
+    const cells = this._cells;
+    say(cells.tilt, fixed(module.tilt, 1));
+    say(cells.α, fixed(module.alpha, 1));
+    say(cells.β, fixed(module.beta, 1));
+    say(cells.radius, fixed(module.radius_mm, 2));
+    say(cells.speed, fixed(module.rpm, 0));
+    say(this._state, suspect ? "suspect" : module.spinning ? "spinning" : "at rest");
+    mark(this.element, "data-spinning", module.spinning ? "" : null);
+    mark(this.element, "data-suspect", suspect ? "" : null);
+    put(this._set, module.set_axle);
+    put(this._dot, module.axle);
+    const [x, y] = place(module.axle);
+    mark(this._lean, "x2", x);
+    mark(this._lean, "y2", y);
+  }
+
+  _row(name, unit) {
+    const value = el("span", { class: "value" });
+    this._cells[name] = value;
+    return el("div", {}, el("dt", {}, name), el("dd", {}, value, el("span", { class: "unit" }, unit)));
+  }
+}
+
+function put(node, axle) {
+  const [x, y] = place(axle);
+  mark(node, "cx", x);
+  mark(node, "cy", y);
+}
+
+/** From the robot's axes, x forward and y left, to the drawing's, x right and y down. */
+function place([x, y]) {
+  return [(-y * REACH).toFixed(2), (-x * REACH).toFixed(2)];
+}

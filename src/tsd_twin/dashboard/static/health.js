@@ -1,0 +1,88 @@
+// How well everything works, in figures, and what has happened.
+
+import { el, say } from "./dom.js";
+import { fixed } from "./format.js";
+import { isSeen } from "./panels.js";
+
+const REASONS = { stale: "too old", lease: "no lease", order: "out of order", nonfinite: "not finite", key: "wrong key", shape: "unreadable" };
+const LINES = 40;
+
+export class Health {
+  constructor(link, place) {
+    this._link = link;
+    this._values = new Map();
+    this._table = el("div", { class: "tables" });
+    this._log = el("ol", { class: "log", role: "log", "aria-live": "polite", "aria-label": "Events", tabindex: "0" });
+    place.append(this._table, el("div", { class: "head" }, el("strong", {}, "Events")), this._log);
+    this._open = true;
+    link.on("state", () => this._open && isSeen(place.host) && this._show());
+    link.on("event", (event) => this._open && this._log.prepend(line(event)));
+    link.on("event", () => this._log.children[LINES]?.remove());
+    link.on("robot", () => this._log.replaceChildren());
+    this._log.append(...link.history.slice(-LINES).reverse().map(line));
+  }
+
+  close() {
+    this._open = false;
+  }
+
+  _show() {
+    const { status, age_ms: age, robot_ms: robot } = this._link.state;
+    const { loop, command, lease, limits } = status;
+    const dropped = Object.entries(command.dropped);
+    const sections = {
+      Loop: { rate: `${fixed(loop.hz, 1)} Hz`, "jitter p99": `${fixed(loop.jitter_p99_ms, 2)} ms`, overruns: String(loop.overruns) },
+      Link: {
+        "page to dashboard": `${fixed(this._link.pageMs, 1)} ms`,
+        "dashboard to robot": `${fixed(robot, 1)} ms`,
+        "age of the picture": `${fixed(age, 0)} ms`,
+      },
+      Commands: {
+        accepted: String(command.accepted),
+        "age of the newest": command.age_s === null ? "–" : command.age_s < 10 ? `${fixed(1000 * command.age_s, 0)} ms` : "over 10 s",
+        dropped: String(dropped.reduce((sum, [, count]) => sum + count, 0)),
+        ...Object.fromEntries(dropped.filter(([, count]) => count > 0).map(([why, count]) => [`· ${REASONS[why] ?? why}`, String(count)])),
+      },
+      Control: {
+        holder: lease.holder ?? "nobody",
+        "lease ends in": lease.holder === null ? "–" : `${fixed(lease.remaining_s, 1)} s`,
+        "speed limit": `${fixed(limits.speed_mps, 2)} m/s`,
+        "let through": `${fixed(100 * limits.applied, 0)} %`,
+        "oldest command": `${fixed(1000 * limits.max_command_age_s, 0)} ms`,
+      },
+      Hardware: Object.fromEntries(Object.entries(status.hardware).map(([name, value]) => [name.replaceAll("_", " "), written(value)])),
+    };
+    const shape = JSON.stringify(Object.entries(sections).map(([title, rows]) => [title, Object.keys(rows)]));
+    if (shape !== this._shape) this._build(shape, sections);
+    for (const [title, rows] of Object.entries(sections)) {
+      for (const [name, value] of Object.entries(rows)) say(this._values.get(`${title} ${name}`), value);
+    }
+  }
+
+  _build(shape, sections) {
+    this._shape = shape;
+    this._values.clear();
+    this._table.replaceChildren(...Object.entries(sections).map(([title, rows]) => this._section(title, Object.keys(rows))));
+  }
+
+  _section(title, names) {
+    const lines = names.map((name) => {
+      const cell = el("td", { class: "value" });
+      this._values.set(`${title} ${name}`, cell);
+      return el("tr", {}, el("th", { scope: "row" }, name), cell);
+    });
+    return el("table", {}, el("caption", {}, title), el("tbody", {}, ...lines));
+  }
+}
+
+function line({ kind, text, robot_s: seconds }) {
+  const time = el("span", { class: "value time" }, seconds > 0 ? `${fixed(seconds, 1)} s` : "now");
+  return el("li", { "data-kind": kind }, time, el("span", {}, text));
+}
+
+function written(value) {
+  if (Array.isArray(value)) return value.map(written).join(", ");
+  if (typeof value === "number") return fixed(value, Number.isInteger(value) ? 0 : 2);
+  if (typeof value === "boolean") return value ? "yes" : "no";
+  return typeof value === "object" ? JSON.stringify(value) : String(value);
+}

@@ -1,0 +1,75 @@
+// Three short hints on the first visit, each until it has been followed; then never again.
+
+import { Button } from "./button.js";
+import { el, say } from "./dom.js";
+
+const KEY = "tsd.hints";
+
+export class Hints {
+  /** `steps` have a `target` element, a `text`, `when(state)` it makes sense, and `done(state)`. */
+  constructor(link, tips, steps) {
+    this._steps = steps;
+    this._link = link;
+    this._at = 0;
+    this._text = el("p");
+    this._count = el("span", { class: "number" });
+    const next = new Button("Next", { tips, press: () => this._go(this._at + 1), kind: "quiet" });
+    const skip = new Button("Skip", { tips, press: () => this._go(this._steps.length), kind: "quiet" });
+    this.element = el(
+      "div",
+      { class: "hint", hidden: true, role: "note", "aria-label": "Hint" },
+      this._text,
+      el("div", { class: "row" }, this._count, skip.element, next.element),
+      el("div", { class: "arrow" }),
+    );
+    if (remembered()) return;
+    link.on("state", () => this._draw());
+    link.on("down", () => (this.element.hidden = true));
+  }
+
+  _go(step) {
+    this._at = step;
+    if (step >= this._steps.length) remember();
+    this._draw();
+  }
+
+  _draw() {
+    while (this._at < this._steps.length && this._steps[this._at].done(this._link.state)) this._at += 1;
+    const step = this._steps[this._at];
+    if (step === undefined) remember();
+    this.element.hidden = step === undefined || this._link.isStale() || !step.when(this._link.state);
+    if (this.element.hidden) return;
+    say(this._text, step.text);
+    say(this._count, `${this._at + 1} of ${this._steps.length}`);
+    this._place(step.target);
+  }
+
+  _place(target) {
+    const frame = this.element.parentElement.getBoundingClientRect();
+    const box = target.getBoundingClientRect();
+    const own = this.element.getBoundingClientRect();
+    const centre = box.left + box.width / 2 - frame.left;
+    const x = Math.max(8, Math.min(frame.width - own.width - 8, centre - own.width / 2));
+    const isBelow = box.top - frame.top < frame.height / 2;
+    const y = isBelow ? box.bottom - frame.top + 12 : box.top - frame.top - own.height - 12;
+    this.element.style.transform = `translate(${Math.round(x)}px, ${Math.round(y)}px)`;
+    this.element.style.setProperty("--at", `${Math.round(centre - x)}px`);
+    this.element.dataset.side = isBelow ? "below" : "above";
+  }
+}
+
+function remembered() {
+  try {
+    return localStorage.getItem(KEY) !== null;
+  } catch {
+    return true; // Without a memory, hints would come back each time.
+  }
+}
+
+function remember() {
+  try {
+    localStorage.setItem(KEY, "seen");
+  } catch {
+    // Then they come back.
+  }
+}

@@ -1,0 +1,69 @@
+// The keyboard: W A S D and Q E drive, the space bar stops. Listeners run before those of viser,
+// whose camera would move with the same keys.
+
+const DRIVE = { KeyW: [1, 0, 0], KeyS: [-1, 0, 0], KeyA: [0, 1, 0], KeyD: [0, -1, 0], KeyQ: [0, 0, 1], KeyE: [0, 0, -1] };
+
+export class Keys {
+  /** `focused(event)` may take a key for the control that has the focus; it returns whether it did. */
+  constructor(drive, { focused, stop }) {
+    this._drive = drive;
+    this._focused = focused;
+    this._stop = stop;
+    this._down = new Set();
+    for (const type of ["keydown", "keyup"]) {
+      addEventListener(type, (event) => this._take(event), { capture: true });
+    }
+  }
+
+  get held() {
+    return this._down.size > 0;
+  }
+
+  get unit() {
+    const [x, y, turn] = [...this._down]
+      .map((code) => DRIVE[code])
+      .reduce((sum, way) => sum.map((value, i) => value + way[i]), [0, 0, 0]);
+    const length = Math.max(1, Math.hypot(x, y));
+    return { x: x / length, y: y / length, turn };
+  }
+
+  cancel() {
+    this._down.clear();
+  }
+
+  _take(event) {
+    const target = event.composedPath()[0];
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (event.code === "Space" ? takesSpaces(target) : takesText(target)) return;
+    const taken = this._focused(event) || this._takeStop(event) || this._takeDrive(event);
+    if (!taken) return;
+    event.preventDefault();
+    event.stopImmediatePropagation();
+  }
+
+  _takeStop(event) {
+    if (event.code !== "Space") return false;
+    if (event.type === "keydown" && !event.repeat) this._stop();
+    return true;
+  }
+
+  _takeDrive(event) {
+    if (!(event.code in DRIVE)) return false;
+    if (event.type === "keydown" && !event.repeat) this._down.add(event.code);
+    else if (event.type === "keydown" || !this._down.delete(event.code)) return true;
+    this._drive.changed();
+    return true;
+  }
+}
+
+function takesText(target) {
+  if (!(target instanceof HTMLElement)) return false;
+  if (target.isContentEditable || target instanceof HTMLTextAreaElement || target instanceof HTMLSelectElement) return true;
+  return target instanceof HTMLInputElement && !target.readOnly && !["checkbox", "radio", "range", "button"].includes(target.type);
+}
+
+/** A field for a number takes no spaces, so there the space bar stops as everywhere else. */
+function takesSpaces(target) {
+  const numeric = ["numeric", "decimal"].includes(target.inputMode) || target.type === "number";
+  return takesText(target) && !numeric;
+}

@@ -1,0 +1,137 @@
+// The socket to the gateway, and the newest of everything that it has said.
+
+const BEAT_MS = 100;
+const SILENT_MS = 2000; // No echo for this long: the connection is lost, whatever the browser says.
+const RETRY_MS = 500;
+const FULL_BYTES = 4096; // What waits in the browser is too old already to be sent.
+
+export const STALE_MS = 300;
+
+export class Link {
+  constructor(page) {
+    this.page = page;
+    this.connected = false;
+    this.welcome = null;
+    this.robot = null; // What does not change about the robot that is watched.
+    this.state = null;
+    this.stateMs = -Infinity; // When it came, on the clock of `performance.now`.
+    this.pageMs = null; // Round trip to the gateway, median of the last few.
+    this.history = []; // Events, oldest first.
+    this._listeners = new Map();
+    this._trips = [];
+    this._socket = null;
+  }
+
+  /** Call `listener` with each message of a type, or for `up`, `down`, `beat`. */
+  on(type, listener) {
+    if (!this._listeners.has(type)) this._listeners.set(type, []);
+    this._listeners.get(type).push(listener);
+  }
+
+  open() {
+    this._connect();
+    setInterval(() => this._beat(), BEAT_MS);
+  }
+
+  /** Send a message now or never; return whether it went out. */
+  send(message) {
+    const socket = this._socket;
+    if (socket?.readyState !== WebSocket.OPEN || socket.bufferedAmount > FULL_BYTES) return false;
+    socket.send(JSON.stringify(message));
+    return true;
+  }
+
+  /** Milliseconds since the newest state came, or since the robot said what is in it. */
+  ageMs() {
+    return performance.now() - this.stateMs + (this.state?.age_ms ?? 0);
+  }
+
+  isStale() {
+    return !this.connected || this.ageMs() > STALE_MS;
+  }
+
+  /** Page to robot and back, in ms; null when one of the two is not known. */
+  roundTripMs() {
+    if (!this.connected || this.pageMs === null || !Number.isFinite(this.state?.robot_ms ?? NaN)) return null;
+    return this.pageMs + this.state.robot_ms;
+  }
+
+  _connect() {
+    const address = new URL(`teleop?page=${this.page}`, location.href);
+    address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
+    const socket = new WebSocket(address);
+    this._socket = socket;
+    socket.onopen = () => {
+      this._echoMs = performance.now();
+      this.connected = true;
+      this._emit("up");
+      this._beat();
+    };
+    socket.onmessage = (event) => {
+      if (socket === this._socket) this._receive(JSON.parse(event.data));
+    };
+    socket.onclose = () => {
+      if (socket === this._socket) this._lost();
+    };
+  }
+
+  _lost() {
+    this._socket = null;
+    const was = this.connected;
+    this.connected = false;
+    this._trips = [];
+    this.pageMs = null;
+    if (was) this._emit("down");
+    setTimeout(() => this._connect(), RETRY_MS);
+  }
+
+  _beat() {
+    if (this.connected) {
+      const now = performance.now();
+      if (now - this._echoMs > SILENT_MS) {
+        const socket = this._socket;
+        this._lost(); // Before closing it: that may take as long as it likes.
+        socket.close();
+      } else {
+        const focus = window.tsd.hasFocus() && document.visibilityState === "visible";
+        this.send({ t: "beat", seen: this.state?.seen ?? 0, sent_ms: now, focus });
+      }
+    }
+    this._emit("beat");
+  }
+
+  _receive(message) {
+    switch (message.t) {
+      case "beat":
+        this._measure(message.sent_ms);
+        return;
+      case "state":
+        this.state = message;
+        this.stateMs = performance.now();
+        break;
+      case "robot":
+        if (message.id !== this.robot?.id) this.stateMs = -Infinity;
+        this.robot = message;
+        this.history = []; // The gateway tells it again.
+        break;
+      case "welcome":
+        this.welcome = message;
+        break;
+      case "event":
+        this.history = [...this.history.slice(-99), { ...message, atMs: Date.now() }];
+        break;
+    }
+    this._emit(message.t, message);
+  }
+
+  _measure(sentMs) {
+    this._echoMs = performance.now();
+    this._trips = [...this._trips.slice(-8), this._echoMs - sentMs];
+    const sorted = [...this._trips].sort((a, b) => a - b);
+    this.pageMs = sorted[sorted.length >> 1];
+  }
+
+  _emit(type, message) {
+    for (const listener of this._listeners.get(type) ?? []) listener(message);
+  }
+}

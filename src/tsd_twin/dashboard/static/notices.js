@@ -1,0 +1,48 @@
+// Short sentences that come and go, and questions that wait for an answer.
+
+import { Button } from "./button.js";
+import { el } from "./dom.js";
+
+const SHOWN_MS = 6000;
+const AT_ONCE = 3;
+
+export class Notices {
+  constructor(tips) {
+    this._tips = tips;
+    this._list = el("div", { class: "toasts", role: "log", "aria-live": "polite", "aria-label": "Messages" });
+    this._question = el("div", { class: "question" });
+    this.element = el("div", { class: "notices" }, this._question, this._list);
+  }
+
+  /** Say something; the same sentence again only stays longer. */
+  say(text) {
+    const same = [...this._list.children].find((child) => child.textContent === text);
+    const toast = same ?? el("div", { class: "toast surface" }, text);
+    clearTimeout(toast.timer);
+    toast.timer = setTimeout(() => toast.remove(), SHOWN_MS);
+    if (same) return;
+    while (this._list.childElementCount >= AT_ONCE) this._list.firstElementChild.remove();
+    this._list.append(toast);
+  }
+
+  /** Ask; `yes()` is called if it is agreed to. A new question takes the place of the old one. */
+  ask(text, label, yes) {
+    const done = () => this._question.replaceChildren();
+    const agree = new Button(label, { tips: this._tips, press: () => (done(), yes()), kind: "primary" });
+    const refuse = new Button("Cancel", { tips: this._tips, press: done, kind: "quiet" });
+    const dialog = el(
+      "div",
+      { class: "dialog surface", role: "alertdialog", "aria-label": label, onkeydown: (event) => event.key === "Escape" && done() },
+      el("p", {}, text),
+      el("div", { class: "row" }, refuse.element, agree.element),
+    );
+    this._question.replaceChildren(dialog);
+    refuse.button.focus({ focusVisible: false });
+  }
+}
+
+/** What of a robot's events is worth a sentence; the rest stands in the log of the Health tab. */
+export function worthSaying({ kind, text }, operator) {
+  if (kind === "lease") return !text.startsWith(operator) || text.includes(" took ");
+  return kind === "mode" && /to (stopping|disarmed):/.test(text) && !text.includes("by the operator");
+}

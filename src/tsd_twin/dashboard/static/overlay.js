@@ -1,0 +1,183 @@
+// The controls that must never be lost, drawn over viser's scene.
+
+import { Bar } from "./bar.js";
+import { Card } from "./card.js";
+import { el, mark, say } from "./dom.js";
+import { Drive } from "./drive.js";
+import { Frame } from "./frame.js";
+import { Gamepad } from "./gamepad.js";
+import { Hints } from "./hints.js";
+import { Keys } from "./keys.js";
+import { Level } from "./level.js";
+import { Link } from "./link.js";
+import { Notices, worthSaying } from "./notices.js";
+import { notDrive } from "./permission.js";
+import { Pose } from "./pose.js";
+import { Sliders } from "./sliders.js";
+import { Stale } from "./stale.js";
+import { Stick } from "./stick.js";
+import { StopButton } from "./stop.js";
+import { watchPanels } from "./panels.js";
+import { Tip } from "./tip.js";
+import { Turn } from "./turn.js";
+
+const STYLES = ["frame", "bar", "buttons", "notices", "card", "dock", "stop", "small"];
+
+const link = new Link(window.tsd.page);
+const drive = new Drive(link);
+const host = el("div", { id: "tsd-overlay" });
+const root = host.attachShadow({ mode: "open" });
+const frame = new Frame(host);
+const tips = new Tip();
+const notices = new Notices(tips);
+const stop = () => drive.stop();
+
+const bar = new Bar(link, tips, {
+  takeOver: (holder) => notices.ask(`${holder} drives now and would lose control.`, "Take over", () => bar.take(true)),
+  fold: () => fold(!inner.hasAttribute("data-folded")),
+});
+const level = new Level(link, drive, tips);
+const stale = new Stale(link);
+const card = new Card(link, tips);
+const stick = new Stick(drive);
+const turn = new Turn(drive);
+const stopButton = new StopButton(link, tips, stop);
+const sliders = new Sliders(drive, link, (event) => frame.isPanel(event));
+const preview = el("div", { class: "preview", hidden: true }, "PREVIEW", el("span", {}, "the sliders pose the gimbals, the robot stays put"));
+const axes = el("button", { type: "button", class: "button quiet axes", role: "switch", "aria-label": "World axes", onclick: () => turnAxes() });
+
+const left = el("div", { class: "left" }, stick.element);
+const right = el("div", { class: "right" }, turn.element);
+const dock = el("div", { class: "dock" }, left, stopButton.element, right);
+const pose = new Pose(link);
+const inner = el(
+  "div",
+  { class: "frame" },
+  stale.veil,
+  bar.element,
+  el("div", { class: "messages" }, stale.banner, preview, notices.element),
+  card.element,
+  pose.element,
+  dock,
+  tips.element,
+);
+const isArmed = ({ status }) => ["arming", "ready", "driving"].includes(status.mode);
+const hints = new Hints(link, tips, [
+  {
+    target: bar.control.button,
+    text: "Take control: one person drives at a time.",
+    when: (state) => !state.you,
+    done: (state) => state.you,
+  },
+  {
+    target: bar.arm.button,
+    text: "Arm: the wheels spin up. They spin even when the robot stands still.",
+    when: (state) => state.you && state.status.mode === "disarmed",
+    done: isArmed,
+  },
+  {
+    target: stick.pad,
+    text: "Push the stick, or hold W A S D and Q E. It springs back, and the robot stops.",
+    when: (state) => state.you && isArmed(state),
+    done: ({ status }) => status.mode === "driving",
+  },
+]);
+inner.append(hints.element);
+
+const keysHelp = el("div", { class: "keys", "aria-hidden": "true" });
+keysHelp.innerHTML = "<kbd>W A S D</kbd> · <kbd>Q E</kbd> · gamepad &nbsp; <kbd>space</kbd> = stop";
+stopButton.element.append(keysHelp);
+stick.element.querySelector(".caption").replaceWith(el("div", { class: "caption-row" }, el("div", { class: "caption", "aria-hidden": "true" }, "Drive"), axes));
+
+const keys = new Keys(drive, { focused: keyOfFocused, stop });
+for (const source of [stick, turn, keys, new Gamepad(drive, stop), sliders]) drive.add(source);
+drive.onChange(draw);
+drive.onMessage = (text) => notices.say(text);
+link.on("state", draw);
+link.on("beat", draw);
+link.on("event", (event) => {
+  if (!event.past && worthSaying(event, link.welcome?.operator)) notices.say(event.text);
+});
+link.on("reply", ({ ok, reason }) => !ok && notices.say(`Refused: ${reason}.`));
+link.on("robot", ({ title }) => (document.title = `${title} · tsd-twin`));
+tips.attach(stick.pad, () => notDrive(link) ?? "Up is forward, left is left");
+tips.attach(turn.track, () => notDrive(link) ?? "Left turns left");
+tips.attach(axes, () => "Up on the stick: forward of the robot, or along x of the world");
+
+root.append(...STYLES.map((name) => el("link", { rel: "stylesheet", href: `static/${name}.css`, onload: styled })), inner);
+inner.style.visibility = "hidden"; // Until it has its styles.
+document.head.append(el("link", { rel: "stylesheet", href: "static/page.css" }));
+document.body.append(host);
+new ResizeObserver(reserve).observe(bar.element);
+new ResizeObserver(reserve).observe(dock);
+new ResizeObserver(reserve).observe(host);
+frame.phone.addEventListener("change", layOut);
+layOut();
+fold(false);
+turnAxes("base_link");
+watchPanels(link);
+link.open();
+
+function keyOfFocused(event) {
+  const focused = root.activeElement;
+  if (focused === stick.pad) return stick.key(event);
+  if (focused === turn.track) return turn.key(event);
+  return focused === card.reset.button && card.latched && card.reset.key(event);
+}
+
+function draw() {
+  const { scale, twist } = drive;
+  const refusal = notDrive(link);
+  const sliding = sliders.held;
+  const unit = sliding ? share(twist, scale) : drive.unit;
+  const commanded = refusal === null ? share(inFrame(link.state), scale) : null;
+  stick.draw(unit, commanded, drive.level, twist);
+  turn.draw(unit.turn, commanded?.turn ?? null, twist.omega);
+  for (const node of [stick.pad, turn.track]) mark(node, "aria-disabled", refusal === null ? null : "true");
+  say(root.getElementById("stick-help"), refusal ?? "Drag, or use the arrow keys: up is forward. It springs back.");
+  preview.hidden = !sliders.preview;
+}
+
+/** Return a twist as shares of what the level allows. */
+function share({ vx, vy, omega }, { speed, turn: most }) {
+  return { x: speed > 0 ? vx / speed : 0, y: speed > 0 ? vy / speed : 0, turn: most > 0 ? omega / most : 0 };
+}
+
+/** Return what is commanded to the joints, along the axes that the stick has. */
+function inFrame({ commanded, pose: at }) {
+  const [vx, vy, omega] = commanded ?? [0, 0, 0];
+  const heading = drive.frame === "odom" ? (at?.[2] ?? 0) : 0;
+  const [c, s] = [Math.cos(heading), Math.sin(heading)];
+  return { vx: c * vx - s * vy, vy: s * vx + c * vy, omega };
+}
+
+function turnAxes(to = drive.frame === "odom" ? "base_link" : "odom") {
+  drive.letGo(); // The same push would mean another way.
+  drive.frame = to;
+  say(axes, to === "odom" ? "world axes" : "robot axes");
+  mark(axes, "aria-checked", String(to === "odom"));
+}
+
+function styled() {
+  styled.count = (styled.count ?? 0) + 1;
+  if (styled.count === STYLES.length) inner.style.removeProperty("visibility");
+}
+
+function fold(folded) {
+  mark(inner, "data-folded", folded ? "" : null);
+  bar.showFolded(folded);
+  if (folded) drive.letGo();
+}
+
+function layOut() {
+  (frame.phone.matches ? right : bar.level).prepend(level.element);
+  reserve();
+}
+
+function reserve() {
+  const box = host.getBoundingClientRect();
+  const lowest = frame.phone.matches ? pose.element : bar.element;
+  const top = lowest.getBoundingClientRect().bottom - box.top;
+  const bottom = box.bottom - dock.getBoundingClientRect().top;
+  frame.reserve(top, bottom + 8);
+}

@@ -1,0 +1,49 @@
+// The tabs of viser's panel that we fill: viser makes empty places, and makes them anew when it
+// connects again.
+
+import { el } from "./dom.js";
+import { Gimbals } from "./gimbals.js";
+import { Health } from "./health.js";
+import { Plots } from "./plots.js";
+import { Recorder } from "./recorder.js";
+
+/** Fill all places that there are and that will come. */
+export function watchPanels(link) {
+  const recorder = new Recorder(link);
+  const makers = {
+    gimbals: (place) => new Gimbals(link, place),
+    plots: (place) => new Plots(recorder, place),
+    health: (place) => new Health(link, place),
+  };
+  const filled = new Map();
+  const fill = () => {
+    for (const [place, content] of filled) {
+      if (place.isConnected) continue;
+      content.close();
+      filled.delete(place);
+    }
+    for (const place of document.querySelectorAll("[data-tsd]")) {
+      const make = makers[place.dataset.tsd];
+      if (make !== undefined && !filled.has(place)) filled.set(place, make(shadow(place)));
+    }
+  };
+  let waiting = false;
+  new MutationObserver(() => {
+    if (waiting) return;
+    waiting = true;
+    setTimeout(() => ((waiting = false), fill()), 50);
+  }).observe(document.body, { childList: true, subtree: true });
+  fill();
+}
+
+function shadow(place) {
+  const root = place.shadowRoot ?? place.attachShadow({ mode: "open" });
+  const styles = ["panel", place.dataset.tsd];
+  root.replaceChildren(...styles.map((name) => el("link", { rel: "stylesheet", href: `static/${name}.css` })));
+  return root;
+}
+
+/** Whether an element can be seen now: a tab that is not shown takes no room. */
+export function isSeen(node) {
+  return document.visibilityState === "visible" && node.offsetParent !== null;
+}

@@ -1,0 +1,57 @@
+// What cannot be done now, and why: each returns a sentence, or null when it can be done.
+
+const MOVABLE = new Set(["ready", "driving"]);
+const LATCHED = new Set(["stopped", "fault"]);
+const SAID = {
+  disarmed: "the robot is disarmed: arm it first",
+  arming: "the robot is still arming",
+  stopping: "the robot is coming to rest",
+  stopped: "the robot is stopped: reset the stop first",
+  fault: "the robot has a fault: reset it first",
+};
+
+function notConnected(link) {
+  if (!link.connected) return "No connection to the dashboard.";
+  if (link.robot === null) return "No robot is on the bus.";
+  if (link.isStale()) return "The robot has gone silent.";
+  return null;
+}
+
+function notYours(link) {
+  const reason = notConnected(link);
+  if (reason !== null) return reason;
+  if (link.state.you) return null;
+  const holder = link.state.status.lease.holder;
+  return holder === null ? "Nobody has control: take it first." : `${holder} drives: ask for control.`;
+}
+
+export function notDrive(link) {
+  const reason = notYours(link);
+  if (reason !== null) return reason;
+  const mode = link.state.status.mode;
+  return MOVABLE.has(mode) ? null : capital(SAID[mode] ?? `the robot is ${mode}`);
+}
+
+export function notTake(link) {
+  return notConnected(link);
+}
+
+export function notArm(link) {
+  const reason = notYours(link);
+  if (reason !== null) return reason;
+  const mode = link.state.status.mode;
+  if (LATCHED.has(mode)) return capital(SAID[mode]);
+  return mode === "disarmed" ? null : `The robot is ${mode} already.`;
+}
+
+export function notDisarm(link) {
+  return notYours(link);
+}
+
+export function notReset(link) {
+  return notYours(link);
+}
+
+function capital(sentence) {
+  return `${sentence[0].toUpperCase()}${sentence.slice(1)}.`;
+}

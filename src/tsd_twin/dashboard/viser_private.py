@@ -1,0 +1,46 @@
+"""What viser does but does not publish: the only door to it, and why its version is pinned."""
+
+from __future__ import annotations
+
+from operator import attrgetter
+
+import numpy as np
+import viser
+from viser import _messages as messages  # The classes of what it sends; it exports none.
+
+from tsd_twin.lie import Array
+
+PAGE_HEADER = "X-Tsd-Page"
+"""The gateway adds it to the request of a viser socket: the page that the socket belongs to."""
+
+_SOCKET_SERVER = attrgetter("_websock_server")
+_LIVE_CONNECTIONS = attrgetter("_websock_server._live_connections")
+_SOCKET = attrgetter("_websock_connection")
+
+
+def page_of(server: viser.ViserServer, client_id: int) -> str | None:
+    """Return the page that a client belongs to; None when nobody says, or it has gone."""
+    connection = _LIVE_CONNECTIONS(server).get(client_id)
+    if connection is None or connection.request is None:
+        return None
+    return connection.request.headers.get(PAGE_HEADER)
+
+
+def is_gone(client: viser.ClientHandle) -> bool:
+    """Return whether a client cannot be sent anything any more; its callbacks come a little later."""
+    return bool(_SOCKET(client).get_message_buffer().done)
+
+
+def refuse_sharing(server: viser.ViserServer) -> None:
+    """Make the server deaf to what any client may send: a wish for a public tunnel to itself."""
+    for message in (messages.ShareUrlRequest, messages.ShareUrlDisconnect):
+        _SOCKET_SERVER(server).unregister_handler(message)
+
+
+def scale_instances(client: viser.ClientHandle, name: str, scales: Array) -> None:
+    """Let one client see the instances of a shared batched node scaled by `scales` (n,); 0 hides.
+
+    A client's own node of that name would hide all instances, and would have to be moved for it.
+    """
+    update = messages.SceneNodeUpdateMessage(name, {"batched_scales": np.float32(scales)})
+    _SOCKET(client).queue_message(update)
