@@ -1,0 +1,27 @@
+"""Draw all drawings: `python docs/img/draw` writes them beside itself, or into a given folder."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import modes
+import processes
+import side_view
+import top_view
+
+DRAWINGS = {
+    "modes": modes.draw,
+    "processes": processes.draw,
+    "side_view": side_view.draw,
+    "top_view": top_view.draw,
+}
+
+
+def main(folder: Path) -> None:
+    """Write every drawing into `folder`."""
+    for name, draw in DRAWINGS.items():
+        (folder / f"{name}.svg").write_text(draw(), encoding="utf-8")
+
+
+main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent.parent)
