@@ -76,6 +76,8 @@ class Authority:
             self._attended_s = now_s
         if after is not before:
             self._report_lease(before, after, now_s)
+        elif not reply.granted and request.op != "peek":
+            self._refused(f"{request.op} control", reply.reason, now_s)
         return reply
 
     def arm(self, lease_hex: str, now_s: float) -> Reply:

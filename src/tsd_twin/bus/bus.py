@@ -130,7 +130,7 @@ class Bus:
     def __init__(self, config: Config) -> None:
         self._kept: list[object] = []  # A subscription ends when nobody refers to it.
         try:
-            settings = zenoh.Config.from_json5(config.json5)
+            settings = config.parsed()
             self._joins = bool(json.loads(settings.get_json("connect/endpoints")))
             self._session = zenoh.open(settings)
         except zenoh.ZError as error:

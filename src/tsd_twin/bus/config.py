@@ -1,11 +1,14 @@
 """How sessions are configured: closed by default, quick to notice a dead peer."""
 
+# pyright: reportUnknownMemberType=false
+# The stubs of zenoh leave out what methods without a result return.
+
 from __future__ import annotations
 
 import ipaddress
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
@@ -14,6 +17,17 @@ import zenoh
 from tsd_twin.errors import BusError
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+
+_TLS = "transport/link/tls"
+_FILES = (
+    f"{_TLS}/root_ca_certificate",
+    f"{_TLS}/listen_private_key",
+    f"{_TLS}/listen_certificate",
+    f"{_TLS}/connect_private_key",
+    f"{_TLS}/connect_certificate",
+    "transport/auth/usrpwd/dictionary_file",
+)
+"""Settings that name a file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +38,24 @@ class Config:
     """In Zenoh's own terms."""
     where: str
     """What an error calls it: the endpoints, or the file."""
+    files: Mapping[str, Path] = field(default_factory=dict[str, Path])
+    """Settings that name a file, with where it is; they come before what `json5` says."""
+
+    @property
+    def certificate(self) -> Path | None:
+        """The file by which this side says who it is, when it connects with one."""
+        return self.files.get(f"{_TLS}/connect_certificate")
+
+    def parsed(self) -> zenoh.Config:
+        """Return it as Zenoh takes it.
+
+        Raises:
+            zenoh.ZError: there is a key that Zenoh does not know.
+        """
+        settings = zenoh.Config.from_json5(self.json5)
+        for key, file in self.files.items():
+            settings.insert_json5(key, json.dumps(str(file)))
+        return settings
 
 
 def node_config(listen: Sequence[str], connect: Sequence[str] = ()) -> Config:
@@ -54,22 +86,31 @@ def client_config(connect: Sequence[str]) -> Config:
 def from_file(path: str) -> Config:
     """Return the configuration of a JSON5 file, for TLS and access control.
 
+    Files that it names are looked for from where it is itself, so that a folder can be moved.
+
     Raises:
-        BusError: it cannot be read, has a key that Zenoh does not know, or opens a door to anybody.
+        BusError: it cannot be read, has a key that Zenoh does not know, names a file that is not
+            there, or opens a door to anybody.
     """
     try:
         text = Path(path).read_text("utf-8")
         parsed = zenoh.Config.from_json5(text)
-        guarded = json.loads(parsed.get_json("access_control/enabled"))
+        access = json.loads(parsed.get_json("access_control"))
         listening = json.loads(parsed.get_json("listen/endpoints"))
+        files = _files(parsed, Path(path).absolute().parent)
     except (zenoh.ZError, OSError, ValueError) as error:
         raise BusError(f"{path}: {reason(error)}") from error
     if isinstance(listening, dict):  # One list for each mode.
         by_mode = cast("dict[str, list[str]]", listening)
         listening = [endpoint for group in by_mode.values() for endpoint in group]
+    guarded = access["enabled"] and access["default_permission"] == "deny"
     for endpoint in cast("list[str]", listening or []):
-        _refuse_open_door(endpoint, guarded=bool(guarded))
-    return Config(text, path)
+        _refuse_open_door(endpoint, guarded=guarded)
+    for file in files.values():
+        if not file.is_file():
+            # A session that connects in the background would never say so.
+            raise BusError(f"{path} needs {file}, which is not there")
+    return Config(text, path, files)
 
 
 def is_loopback(endpoint: str) -> bool:
@@ -93,6 +134,11 @@ def reason(error: Exception) -> str:
         if known in text:
             return known.lower()
     return text.rstrip(".")
+
+
+def _files(settings: zenoh.Config, folder: Path) -> dict[str, Path]:
+    named = {key: json.loads(settings.get_json(key)) for key in _FILES}
+    return {key: folder / name for key, name in named.items() if name is not None}
 
 
 def _common(mode: str, connect: Sequence[str]) -> dict[str, Any]:
@@ -134,6 +180,6 @@ def _refuse_open_door(endpoint: str, *, guarded: bool) -> None:
         raise BusError(f"'{endpoint}' is no endpoint: write it as {DEFAULT_ENDPOINT}")
     raise BusError(
         f"{endpoint} can be reached by other machines, so it needs TLS and access control: "
-        "write both into a Zenoh configuration and give it with --zenoh-config FILE, "
+        "tsd-certs makes a Zenoh configuration with both, to be given with --zenoh-config FILE; "
         f"or listen on {DEFAULT_ENDPOINT}"
     )

@@ -37,7 +37,7 @@ from tsd_twin.messages.status import (
     LoopStatus,
     Status,
 )
-from tsd_twin.motion import TwistLimiter
+from tsd_twin.motion import TwistLimiter, within_reason
 from tsd_twin.robots import Robot
 from tsd_twin.topics import Service
 
@@ -108,9 +108,15 @@ class RobotCore:
             self._measured_s = now_s
             joints = measured.copy()
             speeds = joints[self._wheels]
-            joints[self._wheels] = np.where(np.isnan(speeds), spin, speeds)
-            self.rates = (joints - self.joints) / dt_s
-            self.joints = joints
+            joints[self._wheels] = np.where(np.isfinite(speeds), speeds, spin)
+        elif math.isfinite(self._measured_s):
+            # Without news the gimbals are taken to stay, but wheels that are shut off run down.
+            joints = self.joints.copy()
+            joints[self._wheels] = spin
+        else:
+            return
+        self.rates = (joints - self.joints) / dt_s
+        self.joints = joints
         motion = self._odometry.advance(self.joints, dt_s)
         self._conflict.advance(motion.residual, dt_s)
 
@@ -152,7 +158,7 @@ class RobotCore:
         """Return the commanded twist (3,) in the base frame."""
         command = self.authority.command
         assert command is not None  # noqa: S101  The caller has looked; this tells the type checker.
-        twist = command.twist[self._components]
+        twist = within_reason(command.twist[self._components])
         if command.frame == ODOM:
             # Eq. 1: from world to robot by a turn of minus the heading.
             twist[:2] = self._odometry.pose.inverse().rotate(twist[:2])
@@ -160,8 +166,8 @@ class RobotCore:
 
     def _report_clamp(self, request: Array, capped: Array, now_s: float) -> None:
         # By the largest number of each, since they differ by a factor: no square overflows.
-        length = max(map(abs, request.tolist()))
-        self._applied_share = max(map(abs, capped.tolist())) / length if length > 0.0 else 1.0
+        length = _largest(request)
+        self._applied_share = _largest(capped) / length if length > 0.0 else 1.0
         if self._applied_share < 0.999 and now_s - self._clamp_reported_s >= _CLAMP_REPORT_S:
             self._clamp_reported_s = now_s
             self._events.append(
@@ -206,9 +212,10 @@ class RobotCore:
                 case Service.DESC:
                     return Reply(False, "the node answers this")
         except MessageError as error:
+            refusal = self._refused(service, str(error), now_s)
             if service is Service.LEASE:
-                return LeaseReply(False, reason=str(error))
-            return Reply(False, str(error))
+                return LeaseReply(False, reason=refusal.reason, ok=False)
+            return refusal
 
     def stop(self, payload: bytes, now_s: float) -> Reply:
         """Stop and latch, whatever the payload is: a stop needs nothing to count."""
@@ -221,14 +228,20 @@ class RobotCore:
     def _set_pose(self, request: SetPoseRequest, now_s: float) -> Reply:
         pose = np.array([request.x_m, request.y_m, request.heading_rad])
         if not self.authority.holds(request.lease, now_s):
-            return Reply(False, "take control first")
+            return self._refused(Service.SET_POSE, "take control first", now_s)
         if not np.isfinite(pose).all():
-            return Reply(False, "a pose must be finite numbers")
+            return self._refused(Service.SET_POSE, "a pose must be finite numbers", now_s)
         if self.authority.mode in (Mode.DRIVING, Mode.STOPPING):
             # A command in the world's axes would turn with the heading.
-            return Reply(False, "the pose can be set at rest only")
+            return self._refused(Service.SET_POSE, "the pose can be set at rest only", now_s)
         self._odometry.set_pose(pose)
         return Reply(True)
+
+    def _refused(self, service: Service, reason: str, now_s: float) -> Reply:
+        what = service.removeprefix("srv/")
+        text = f"Request to {what} refused: {reason}."
+        self._events.append(Event("refusal", text, rule=what, robot_s=now_s))
+        return Reply(False, reason)
 
     # What there is to see.
 
@@ -301,3 +314,7 @@ class RobotCore:
         if residual is None or not self._conflict.evident or self.authority.mode not in ARMED:
             return None
         return self.drive.actuators[int(self.drive.blame(residual).argmax())]
+
+
+def _largest(twist: Array) -> float:
+    return float(np.maximum.reduce(np.abs(twist)))

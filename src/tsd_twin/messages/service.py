@@ -12,6 +12,8 @@ from tsd_twin.errors import MessageError
 
 LeaseId: TypeAlias = Annotated[str, Meta(pattern=r"^[0-9a-f]{32}\Z")]
 Operator: TypeAlias = Annotated[str, Meta(pattern=r"^[a-z0-9_-]{1,32}\Z")]
+ShortText: TypeAlias = Annotated[str, Meta(max_length=200)]
+"""Goes into every status for as long as it is true."""
 StructT = TypeVar("StructT", bound=msgspec.Struct)
 RequestT = TypeVar("RequestT", bound="Request")
 
@@ -51,8 +53,8 @@ class SetPoseRequest(Request, frozen=True):
 class StopRequest(Request, frozen=True):
     """`stop`: anybody may; all fields can be left out."""
 
-    operator: str = ""
-    reason: str = ""
+    operator: ShortText = ""
+    reason: ShortText = ""
 
 
 class LeaseReply(msgspec.Struct, frozen=True):
@@ -65,6 +67,8 @@ class LeaseReply(msgspec.Struct, frozen=True):
     reason: str = ""
     max_age_s: float = 0.0
     """Age up to which commands count under this lease."""
+    ok: bool = True
+    """False when the request could not be read."""
 
 
 class Reply(msgspec.Struct, frozen=True):

@@ -31,8 +31,7 @@ class TwistLimiter:
         `share` in (0, 1] lowers the limits of speed and turn rate.
         """
         limits = self._limits
-        largest = np.maximum.reduce(np.abs(twist), axis=-1, keepdims=True)
-        twist = twist / np.maximum(1.0, largest / _LARGEST)
+        twist = within_reason(twist)
         over = np.sqrt(_speed_squared(twist)) / (limits.speed_mps * share)
         over = np.maximum(over, np.abs(twist[..., 2]) / (limits.turn_rate_rad_per_s * share))
         over = np.maximum(over, self._drive.demand(twist))
@@ -60,6 +59,12 @@ class TwistLimiter:
         )
         over = np.maximum(over, self._drive.rate_demand(step, dt_s))[..., None]
         return np.where(over <= 1.0, goal, current + step / np.maximum(1.0, over))
+
+
+def within_reason(twist: Array) -> Array:
+    """Return `twist` (..., 3), finite, scaled so that its numbers can be squared and added."""
+    largest = np.maximum.reduce(np.abs(twist), axis=-1, keepdims=True)
+    return twist / np.maximum(1.0, largest / _LARGEST)
 
 
 def _speed_squared(twist: Array) -> Array:

@@ -49,7 +49,6 @@ class RobotNode:
             raise BusError(
                 f"a robot with the id '{robot_id}' is on the bus already: choose another"
             )
-        self._token = bus.announce(alive)
         self._bus = bus
         self._id = robot_id
         self._io = io
@@ -65,6 +64,8 @@ class RobotNode:
         self._event_publishers: dict[str, Publisher] = {}
         self._numbers = dict.fromkeys(states, 0)
         self._mode = self._core.authority.mode
+        # Last: who hears of the robot may ask it at once.
+        self._token = bus.announce(alive)
 
     def run(self, stop: threading.Event) -> None:
         """Run until `stop` is set; the last thing the robot hears is to be at rest."""
