@@ -30,7 +30,9 @@ format: .venv/.dev ## Format and mend what can be mended
 	$(BIN)/ruff check --fix .
 
 meshes: .venv/.dev ## Generate meshes and URDF from the descriptions
-	$(BIN)/python -m tsd_twin.description
+	for robot in src/tsd_twin/robots/*.toml; do \
+	  $(BIN)/python -m tsd_twin.description "$$(basename "$$robot" .toml)"; \
+	done
 
 lock: .venv/.dev ## Resolve the versions that set-up installs
 	$(BIN)/python -m pip install --quiet uv

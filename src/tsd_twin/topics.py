@@ -19,7 +19,7 @@ class Urgency(StrEnum):
     DATA = "data"
     """Dropped rather than queued."""
     EVENT = "event"
-    """Kept for late joiners, resent when missed."""
+    """Kept for late joiners."""
 
 
 @dataclass(frozen=True, slots=True)

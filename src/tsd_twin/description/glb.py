@@ -14,7 +14,7 @@ from trimesh.visual.material import PBRMaterial
 from tsd_twin.description.part import Part
 
 _CREASE_DEG = 32.0
-"""Edges sharper than this stay sharp: more than a facet of a cylinder with 12 sides, less than 45."""
+"""Edges sharper than this stay sharp: more than a facet of 12 sides has, less than a chamfer."""
 
 
 def glb(parts: Iterable[Part]) -> bytes:

@@ -212,10 +212,7 @@ class SingularityDrive:
         return np.arctan2(sine, np.cos(alpha) * np.cos(beta))
 
     def effective_radius_m(self, joints: Array) -> Array:
-        """Return the effective wheel radius (..., k): ground speed per wheel speed, r_w sin(tilt).
-
-        Eq. 19 and 21 print cos(g) where cos^2(g) is meant.
-        """
+        """Return the effective wheel radius (..., k): ground speed per wheel speed, r_w sin(tilt)."""
         return self.wheel_radius_m * np.sin(self.tilt(joints))
 
     def move(self, pose: SE2, twist: Array, dt_s: float) -> SE2:

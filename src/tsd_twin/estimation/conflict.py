@@ -1,7 +1,8 @@
 """Whether the measured joints agree with one another.
 
-A gimbal that jams, lags or is mis-homed contradicts the others. A wheel that slides on the floor
-moves no gimbal and cannot be seen, so this is no slip sensor.
+A gimbal that jams or lags contradicts the others. What is not measured cannot be seen: a wheel that
+slides on the floor moves no gimbal, so this is no slip sensor; a wheel that turns at another speed
+than assumed shows only where speeds are measured; a mis-homed gimbal reports what it was told.
 """
 
 from __future__ import annotations

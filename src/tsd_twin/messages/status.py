@@ -70,7 +70,7 @@ class LoopStatus(msgspec.Struct, frozen=True):
 
 
 class ArmingStatus(msgspec.Struct, frozen=True):
-    """Where arming stands: `neutral`, `hold`, `spin_up`; progress from 0 to 1."""
+    """Where arming stands: `hold` (neutral tilt, zero throttle) or `spin_up`; progress 0 to 1."""
 
     phase: str
     progress: float

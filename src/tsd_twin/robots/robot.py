@@ -133,7 +133,7 @@ class Body(Table, frozen=True):
     front_rgba: Colour = (0.60, 0.90, 0.05, 1.0)
     """Of the arrow that points forward."""
     meshes: str | None = None
-    """Folder with a `parts.toml`, shown instead of the generated look."""
+    """Folder with a `parts.json`, shown instead of the generated look."""
 
 
 class Noise(Table, frozen=True):

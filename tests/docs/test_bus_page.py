@@ -1,0 +1,137 @@
+"""docs/bus.md is the table of topics, the messages, and a client that runs."""
+
+from __future__ import annotations
+
+import ast
+import json
+import queue
+import re
+import struct
+import subprocess
+import sys
+import typing
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from tests.app.conftest import Program
+from tests.docs.pages import code, page, quoted, section, tables
+from tsd_twin import topics
+from tsd_twin.bus import Bus, client_config
+from tsd_twin.messages import command, service
+from tsd_twin.messages.command import Sample
+from tsd_twin.messages.ros import decode_odometry
+from tsd_twin.messages.service import decode_request
+from tsd_twin.messages.status import DropCounts, Status, encode_stamp
+from tsd_twin.topics import TOPICS, Service
+
+PAGE = page("bus.md")
+REQUESTS: dict[str, type[service.Request]] = {
+    "srv/lease": service.LeaseRequest,
+    "srv/set_pose": service.SetPoseRequest,
+    "stop": service.StopRequest,
+    "desc": service.Request,
+}
+ANSWERS: dict[str, type[msgspec.Struct]] = {
+    "srv/lease": service.LeaseReply,
+    "desc": service.Description,
+}
+
+
+def test_every_topic_is_in_the_table_with_type_rate_and_urgency() -> None:
+    streams, qualities, _ = tables(section(PAGE, "## Streams"))
+    *rows, alive = streams
+    shown = [(quoted(key)[0], quoted(kind)[0], float(hz), qos) for key, kind, hz, qos, _ in rows]
+    assert shown == [(t.path, t.type, t.rate_hz, t.urgency.value) for t in TOPICS]
+    assert topics.alive_key("*") == f"twin/*/{quoted(alive[0])[0]}"
+    assert [row[0] for row in qualities] == [urgency.value for urgency in topics.Urgency]
+
+
+def test_the_attachments_are_packed_as_shown() -> None:
+    _, _, attachments = tables(section(PAGE, "## Streams"))
+    formats = {name: quoted(packed)[0] for name, packed, _ in attachments}
+    lease = bytes(range(16))
+    assert command.encode_attachment(7, lease, 9) == struct.pack(formats["command"], 7, lease, 9)
+    assert encode_stamp(7, -9) == struct.pack(formats["stamp"], 7, -9)
+
+
+def test_every_service_is_shown_with_a_request_and_an_answer_that_can_be_read() -> None:
+    (rows,) = tables(section(PAGE, "## Services"))
+    for name, request, answer in rows:
+        kind = REQUESTS.get(quoted(name)[0], service.HolderRequest)
+        decode_request(quoted(request)[0].encode(), kind)
+        assert set(json.loads(quoted(request)[0])) <= set(kind.__struct_fields__)
+        if quoted(answer):
+            reply = ANSWERS.get(quoted(name)[0], service.Reply)
+            assert set(json.loads(quoted(answer)[0])) <= set(reply.__struct_fields__)
+            msgspec.json.decode(quoted(answer)[0], type=reply)
+    assert {quoted(row[0])[0] for row in rows} == {service.value for service in Service}
+    shown = {key for row in rows for cell in row[1:] for c in quoted(cell) for key in json.loads(c)}
+    for kind in (service.LeaseRequest, service.LeaseReply, service.SetPoseRequest):
+        assert set(kind.__struct_fields__) <= shown
+
+
+def test_the_reasons_for_dropping_are_those_that_are_counted() -> None:
+    (rows,) = tables(section(PAGE, "## Why a command does not count"))
+    assert {quoted(row[0])[0] for row in rows} == set(DropCounts.__struct_fields__)
+
+
+def leaves(kind: type[msgspec.Struct], path: str = "") -> Iterator[str]:
+    """Walk the fields of a status; counts by reason are one."""
+    for name, hint in typing.get_type_hints(kind).items():
+        (inner, *_) = [t for t in (typing.get_args(hint) or (hint,)) if t is not type(None)]
+        if isinstance(inner, type) and issubclass(inner, msgspec.Struct) and inner != DropCounts:
+            yield from leaves(inner, f"{path}{name}.")
+        else:
+            yield f"{path}{name}"
+
+
+def test_every_field_of_the_status_is_explained() -> None:
+    (rows,) = tables(section(PAGE, "## Status"))
+    assert [field for row in rows for field in quoted(row[0])] == list(leaves(Status))
+
+
+def test_the_event_that_is_shown_is_one() -> None:
+    shown = json.loads(quoted(section(PAGE, "## Events").splitlines()[-1])[0])
+    assert set(shown) == set(service.Event.__struct_fields__)
+
+
+def test_the_client_needs_zenoh_and_rosbags_only() -> None:
+    (example,) = code(PAGE, "python")
+    imported: set[str] = set()
+    for node in ast.walk(ast.parse(example)):
+        if isinstance(node, ast.Import):
+            imported |= {name.name.split(".")[0] for name in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            imported.add(str(node.module).split(".")[0])
+    assert imported - sys.stdlib_module_names == {"zenoh", "rosbags"}
+
+
+@pytest.mark.system
+def test_the_client_drives_the_mock_half_a_metre(tmp_path: Path) -> None:
+    (example,) = code(PAGE, "python")
+    script = tmp_path / "drive.py"
+    script.write_text(example, encoding="utf-8")
+    mock = Program(["tsd_mock", "--listen", "tcp/127.0.0.1:0"])
+    try:
+        endpoint = mock.ready().split()[-1]
+        run = [sys.executable, str(script), endpoint]
+        # Away from the checkout, so that nothing of this project can be imported by chance.
+        done = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True, timeout=60.0)
+        assert done.returncode == 0, done.stdout + done.stderr
+        said = re.fullmatch(r"x (\S+) m, y (\S+) m, (\d+) commands counted\n", done.stdout)
+        assert said, done.stdout
+        with Bus(client_config([endpoint])) as bus:
+            truth: queue.Queue[Sample] = queue.Queue()
+            bus.watch(topics.TRUTH.key("tsd"), truth.put)
+            x, y, heading = decode_odometry(truth.get(timeout=10.0).payload).xy_heading
+        # The way depends a little on how late the script wakes up.
+        assert x == pytest.approx(0.5, abs=0.15)
+        assert (float(said[1]), float(said[2])) == pytest.approx((x, y), abs=0.03)
+        assert abs(heading) < 0.05
+        assert int(said[3]) > 10
+    finally:
+        mock.end()
+        mock.clean_up()

@@ -1,0 +1,70 @@
+"""Links lead somewhere, drawings are what their scripts draw, and layers are those in force."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from tests.docs.pages import ROOT, anchors, code, links, page, without_code
+
+PAGES = [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("meshes/*.md")]
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_relative_link_leads_somewhere(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    for link in links(text):
+        if "://" in link:
+            continue
+        file, _, anchor = link.partition("#")
+        target = (path.parent / file).resolve() if file else path
+        assert target.exists(), f"{link} leads nowhere"
+        assert ROOT in target.parents, f"{link} leads out of the project"
+        if anchor:
+            assert anchor in anchors(target.read_text(encoding="utf-8")), f"{link}: no such heading"
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_no_inline_formula_has_an_escape_that_markdown_eats(path: Path) -> None:
+    prose = without_code(path.read_text(encoding="utf-8"))
+    for formula in re.findall(r"\$([^$\n]+)\$", prose):
+        assert not re.search(r"\\[^A-Za-z]", formula), formula
+
+
+def test_every_page_is_linked_from_the_readme() -> None:
+    linked = {link.partition("#")[0] for link in links((ROOT / "README.md").read_text("utf-8"))}
+    missing = {f"docs/{path.name}" for path in ROOT.glob("docs/*.md")} - linked
+    assert not missing
+
+
+def test_the_drawings_are_what_their_scripts_draw(tmp_path: Path) -> None:
+    """Of modes.svg too, which is drawn from the table that the robot runs on."""
+    subprocess.run([sys.executable, str(ROOT / "docs/img/draw"), str(tmp_path)], check=True)
+    drawn = {path.name: path.read_text(encoding="utf-8") for path in tmp_path.iterdir()}
+    committed = {
+        path.name: path.read_text(encoding="utf-8") for path in ROOT.glob("docs/img/*.svg")
+    }
+    assert drawn == committed, "run: python docs/img/draw"
+
+
+def test_the_layers_on_the_page_are_those_that_are_checked() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    contracts = settings["tool"]["importlinter"]["contracts"]
+    (layers,) = [contract["layers"] for contract in contracts if contract["type"] == "layers"]
+    (shown,) = code(page("architecture.md"), "text")
+    assert shown.splitlines() == ["app", *layers]
+
+
+def test_every_folder_of_the_package_has_its_row() -> None:
+    folders = {path.parent.name for path in (ROOT / "src/tsd_twin").glob("*/*.py")}
+    linked = {Path(link).name for link in links(page("architecture.md"))}
+    assert folders <= linked, "docs/architecture.md says what each folder is"
+
+
+def test_contributing_is_short() -> None:
+    assert len((ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").splitlines()) <= 30
