@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import json
 import signal
 import socket
 import subprocess
 import sys
 import threading
+import time
+import urllib.request
 import webbrowser
 from collections.abc import Generator
 from typing import IO
@@ -34,8 +37,8 @@ PARSER = program.parser(
 def demonstrate(args: argparse.Namespace) -> None:
     """Start both processes, and end both when one ends or a signal comes."""
     stop = program.stop_event(args)
-    bus_port = free_port(args.bus_port or BUS_PORT, chosen=args.bus_port is not None)
-    page_port = free_port(args.port or PAGE_PORT, chosen=args.port is not None)
+    bus_port = free_port(args.bus_port, BUS_PORT)
+    page_port = free_port(args.port, PAGE_PORT)
     endpoint = f"tcp/127.0.0.1:{bus_port}"
     robot = ["--robot", args.robot, *(["--id", args.id] if args.id else [])]
     noise = ["--noise", str(args.noise)]
@@ -45,6 +48,7 @@ def demonstrate(args: argparse.Namespace) -> None:
     with child(mock, stop) as robot_ready, child(dashboard, stop) as page_ready:
         robot_ready.wait_for()
         url = page_ready.wait_for().split()[1]
+        wait_for_robot(url, stop)
         program.say_ready(f"{url} with the bus at {endpoint}; Ctrl-C ends both")
         if not args.no_browser:
             # A browser may hold its own console for as long as it runs.
@@ -73,8 +77,8 @@ class Child:
         if not self._ready.wait(_PATIENCE_S):
             raise TwinError(f"{self._name} was not ready within {_PATIENCE_S:g} s")
         if not self._line:
-            if self._stop.is_set() and self._process.poll() in (None, 0):
-                sys.exit(0)  # Ctrl-C while starting.
+            if self._process.wait(_PATIENCE_S) == 0:
+                sys.exit(0)  # It was told to end while starting, as by Ctrl-C.
             raise TwinError(f"{self._name} ended before it was ready; see above")
         return self._line
 
@@ -110,31 +114,48 @@ def child(arguments: list[str], stop: threading.Event) -> Generator[Child]:
             process.wait()
 
 
-def free_port(wanted: int, *, chosen: bool) -> int:
-    """Return `wanted` if it is free, else any free port; a chosen port must be free.
+def wait_for_robot(url: str, stop: threading.Event) -> None:
+    """Wait until the dashboard sees the robot, since a page without one is no demo.
 
     Raises:
-        TwinError: a chosen port is in use.
+        TwinError: it took too long.
     """
-    for port in (wanted, 0):
+    end_s = time.monotonic() + _PATIENCE_S
+    while not stop.wait(0.05):
+        with urllib.request.urlopen(f"{url}healthz") as answer:  # noqa: S310  Our own page.
+            if json.load(answer)["ready"]:
+                return
+        if time.monotonic() > end_s:
+            raise TwinError(f"the dashboard did not see the robot within {_PATIENCE_S:g} s")
+
+
+def free_port(chosen: int | None, usual: int) -> int:
+    """Return the chosen port if it is free; when none was chosen the usual one, or any free one.
+
+    Raises:
+        TwinError: the chosen port is in use, or is none.
+    """
+    for port in (usual, 0) if chosen is None else (chosen,):
         with socket.socket() as probe:
             # As servers do, so that a port that was in use a minute ago counts as free.
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
                 probe.bind(("127.0.0.1", port))
-            except OSError as error:
-                if chosen:
-                    raise TwinError(f"port {port} is in use: choose another") from error
+            except (OSError, OverflowError):
                 continue
             return probe.getsockname()[1]
-    raise TwinError("this machine has no free port")
+    raise TwinError(f"port {chosen} cannot be used: choose another, or 0 for any free one")
 
 
 def main() -> None:
     """Read the flags and run."""
     program.add_robot_flags(PARSER)
-    PARSER.add_argument("--port", type=int, help=f"of the page; default {PAGE_PORT} or a free one")
-    PARSER.add_argument("--bus-port", type=int, help=f"default {BUS_PORT} or a free one")
+    PARSER.add_argument(
+        "--port", type=int, help=f"of the page; default {PAGE_PORT}, or any free one"
+    )
+    PARSER.add_argument(
+        "--bus-port", type=int, help=f"of the bus; default {BUS_PORT}, or any free one"
+    )
     PARSER.add_argument("--noise", type=float, default=0.0, help="times [noise]; default 0")
     PARSER.add_argument("--no-browser", action="store_true", help="do not open a browser")
     program.run(PARSER, demonstrate)

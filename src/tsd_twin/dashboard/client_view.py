@@ -13,7 +13,7 @@ from tsd_twin.dashboard.ghosts import add_cage
 from tsd_twin.dashboard.layers import ROOT, Layer, layer_nodes, robot_node
 from tsd_twin.dashboard.poses import link_poses
 from tsd_twin.dashboard.scene import Scene
-from tsd_twin.dashboard.viser_private import is_gone, scale_instances
+from tsd_twin.dashboard.viser_private import scale_instances
 from tsd_twin.dashboard.viser_server import CAMERA_M, LOOK_AT_M
 from tsd_twin.description import Link
 from tsd_twin.lie import SE2, Array
@@ -115,9 +115,8 @@ class ClientView:
         """Pose the gimbals by a joint vector (n,) in this picture only; None: as they are."""
         with self._scene.lock:
             self._tried = joints
-            if not is_gone(self._client):
-                self._draw_tried()
-                self._client.flush()
+            self._draw_tried()
+        self._client.flush()
 
     def _draw_tried(self) -> None:
         body = self.body
@@ -152,16 +151,12 @@ class ClientView:
 
     def moved(self) -> None:
         """Move the world of this client, if it follows another robot than the rest."""
-        if self._world is None or self._stopped_xy is not None:
-            return
-        if not is_gone(self._client):
+        if self._world is not None and self._stopped_xy is None:
             self._world.position = (*self._world_xy, 0.0)
             self._client.flush()
 
     def rebuild(self) -> None:
         """Make the nodes of this client anew, after robots came or went, or a wish has changed."""
-        if is_gone(self._client):
-            return
         own = self._client.scene
         with self._client.atomic():
             if self._gimbals:

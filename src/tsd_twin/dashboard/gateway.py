@@ -28,14 +28,15 @@ _GOODBYE_S = 0.5
 _PATIENCE_S = 3.0
 
 
-def _nothing(page: str) -> None:
-    del page
+def _nothing(*_args: str) -> None:
+    pass
 
 
 class Gateway:
     """One HTTP server on one event loop.
 
-    `on_status` and `on_event` belong to that loop; `panel` may be called from any thread.
+    `on_status` and `on_event` belong to that loop; `panel` and `choose` may be called from any
+    thread.
     """
 
     def __init__(
@@ -45,12 +46,13 @@ class Gateway:
         *,
         allowed_hosts: Collection[str] = (),
         on_released: Callable[[str], None] = _nothing,
+        on_chosen: Callable[[str, str], None] = _nothing,
     ) -> None:
         """Read viser's page.
 
         `allowed_hosts` are values of the `Host` header that are answered beside those of the
-        loopback; `on_released` is called on the event loop, with the page, when the sliders of its
-        panel shall spring back.
+        loopback. Called on the event loop: `on_released`, with the page, when the sliders of its
+        panel shall spring back, and `on_chosen`, with page and robot id, when its menu is used.
 
         Raises:
             TwinError: viser's page cannot be used.
@@ -60,7 +62,7 @@ class Gateway:
         self._calls = Calls()
         self._roster = Roster(fleet, self._calls)
         self._allowed_hosts = frozenset(allowed_hosts)
-        self._on_released = on_released
+        self._on_released, self._on_chosen = on_released, on_chosen
         self._sessions: dict[str, Session] = {}
         self._sockets: dict[str, web.WebSocketResponse] = {}
         self._rejected = 0
@@ -210,7 +212,7 @@ class Gateway:
         await socket.prepare(request)
         if (before := self._sockets.get(page)) is not None:  # Its connection was lost unnoticed.
             await before.close(code=1001, message=b"the page has come back")
-        session = Session(page, self._roster, self._calls, self._on_released)
+        session = Session(page, self._roster, self._calls, self._on_released, self._on_chosen)
         self._sessions[page], self._sockets[page] = session, socket
         delivering = asyncio.create_task(session.mail.deliver(socket))
         try:

@@ -101,9 +101,9 @@ def add_cage(
 def _hoop(wheel_radius_m: float) -> Surface:
     """Return a ring about the wheel and a pointer along its axle, in the frame of the wheel."""
     thin = 0.025 * wheel_radius_m
-    ring = CrossSection.circle(thin, 8).translate((1.62 * wheel_radius_m, 0.0))
+    ring = CrossSection.circle(thin, 6).translate((1.62 * wheel_radius_m, 0.0))
     length = 2.0 * wheel_radius_m
     pointer = CrossSection.square((thin, length)).translate((0.0, 0.8 * wheel_radius_m))
-    tip = CrossSection.circle(3.0 * thin, 16).translate((0.0, 2.8 * wheel_radius_m))
+    tip = CrossSection.circle(3.0 * thin, 12).translate((0.0, 2.8 * wheel_radius_m))
     profile: Any = ring + pointer + tip
-    return Surface.of(profile.revolve(64))
+    return Surface.of(profile.revolve(48))

@@ -28,6 +28,7 @@ class Panel:
         *,
         dark: bool,
     ) -> None:
+        self.client = client
         self._view = ClientView(scene, client)
         gui = client.gui
         tabs = gui.add_tab_group()

@@ -10,7 +10,7 @@ import viser
 from tsd_twin.dashboard.drive_tab import Mode
 from tsd_twin.dashboard.panel import Panel
 from tsd_twin.dashboard.scene import Scene
-from tsd_twin.dashboard.viser_private import page_of
+from tsd_twin.dashboard.viser_private import is_gone, page_of
 
 OnPanel: TypeAlias = Callable[[str, float, float, float, Literal["preview", "drive"], bool], None]
 """Called on viser's thread with page, the three numbers of the twist, mode and latch."""
@@ -57,17 +57,22 @@ class Panels:
 
     def moved(self) -> None:
         """Let each client follow its robot."""
-        for panel in self._panels.values():
+        for panel in self._living():
             panel.moved()
 
     def rebuild(self) -> None:
         """Take in that robots have come or gone."""
-        for panel in self._panels.values():
+        for panel in self._living():
             panel.rebuild()
 
     def _of(self, page: str) -> list[Panel]:
         with self._scene.lock:
-            return [panel for client, panel in self._panels.items() if self._pages[client] == page]
+            return [
+                panel for panel in self._living() if self._pages[panel.client.client_id] == page
+            ]
+
+    def _living(self) -> list[Panel]:
+        return [panel for panel in self._panels.values() if not is_gone(panel.client)]
 
     async def _connect(self, client: viser.ClientHandle) -> None:
         page = page_of(self._server, client.client_id)

@@ -12,6 +12,8 @@ from aiohttp import ClientError, ClientSession, ClientWebSocketResponse, WSMsgTy
 
 from tsd_twin.dashboard.viser_private import PAGE_HEADER
 
+DARK_HEADER = "X-Tsd-Dark"
+"""Request header with `1` when the operator likes dark colours, `0` when light ones."""
 PAGE = re.compile(r"[0-9a-f]{16}")
 """A page id: made by the page itself, and good for nothing else."""
 
@@ -53,7 +55,10 @@ class ViserProxy:
             viser = await self._client.ws_connect(
                 self._url,
                 protocols=protocols,
-                headers={PAGE_HEADER: page_id},
+                headers={
+                    PAGE_HEADER: page_id,
+                    DARK_HEADER: "1" if request.query.get("dark") == "1" else "0",
+                },
                 compress=0,
                 max_msg_size=_FROM_VISER,
                 autoclose=True,

@@ -11,41 +11,21 @@ from typing import Any
 import msgspec
 
 from tsd_twin.authority import Mode
+from tsd_twin.dashboard import protocol
 from tsd_twin.dashboard.calls import Calls
 from tsd_twin.dashboard.desk import Desk
 from tsd_twin.dashboard.grip import SILENT_S, Grip, Hold
 from tsd_twin.dashboard.mailbox import Mailbox
-from tsd_twin.dashboard.protocol import (
-    Answer,
-    Arm,
-    AskLease,
-    Beat,
-    Choose,
-    Disarm,
-    Drive,
-    Echo,
-    FromPage,
-    Happened,
-    PanelReleased,
-    Release,
-    Released,
-    Reset,
-    State,
-    Stop,
-    Welcome,
-    decode,
-    encode,
-)
 from tsd_twin.dashboard.roster import Roster
 from tsd_twin.errors import MessageError
 from tsd_twin.messages.service import Event, Reply
 from tsd_twin.topics import Service
 
 _DRIVABLE = (Mode.READY, Mode.DRIVING)
-_OF_THE_HOLDER: Mapping[type[Arm | Disarm | Reset], Service] = {
-    Arm: Service.ARM,
-    Disarm: Service.DISARM,
-    Reset: Service.RESET,
+_OF_THE_HOLDER: Mapping[type[protocol.Arm | protocol.Disarm | protocol.Reset], Service] = {
+    protocol.Arm: Service.ARM,
+    protocol.Disarm: Service.DISARM,
+    protocol.Reset: Service.RESET,
 }
 _STOPS_AT_ONCE = 2
 """The second begins after the first, so a third would say nothing new."""
@@ -55,7 +35,12 @@ class Session:
     """Everything happens on the event loop; what waits for a robot is a task of this session."""
 
     def __init__(
-        self, page: str, roster: Roster, calls: Calls, on_released: Callable[[str], None]
+        self,
+        page: str,
+        roster: Roster,
+        calls: Calls,
+        on_released: Callable[[str], None],
+        on_chosen: Callable[[str, str], None],
     ) -> None:
         self.page = page
         self.mail = Mailbox()
@@ -66,7 +51,7 @@ class Session:
         self._operator = f"web-{page[:8]}"
         self._roster = roster
         self._calls = calls
-        self._on_released = on_released
+        self._on_released, self._on_chosen = on_released, on_chosen
         self._grip = Grip()
         self._desk = Desk(self._operator, calls, self._post, self.let_go)
         self._watchdog: asyncio.TimerHandle | None = None
@@ -78,7 +63,9 @@ class Session:
         if self.robot_id is None and names:
             self.robot_id = names[0].id
         self._post(
-            Welcome(operator=self._operator, role="operator", robots=names, robot=self.robot_id)
+            protocol.Welcome(
+                operator=self._operator, role="operator", robots=names, robot=self.robot_id
+            )
         )
         self._show_robot()
 
@@ -95,7 +82,7 @@ class Session:
     def receive(self, text: str | bytes) -> None:
         """Act on one message; whatever it is, nothing is raised and nothing grows."""
         try:
-            self._obey(decode(text))
+            self._obey(protocol.decode(text))
         except MessageError as error:
             self.reject(str(error))
 
@@ -103,29 +90,29 @@ class Session:
         """Count what is no message; the page is told once."""
         self.rejected += 1
         if self.rejected == 1:
-            self._post(Answer(to="message", ok=False, reason=reason))
+            self._post(protocol.Answer(to="message", ok=False, reason=reason))
 
-    def _obey(self, message: FromPage) -> None:
+    def _obey(self, message: protocol.FromPage) -> None:
         match message:
-            case Drive():
+            case protocol.Drive():
                 self._drive(message)
-            case Beat():
+            case protocol.Beat():
                 self._beat(message)
-            case Release():
+            case protocol.Release():
                 self._release()
-            case PanelReleased():
+            case protocol.PanelReleased():
                 self._on_released(self.page)
-            case Stop():
+            case protocol.Stop():
                 self._stop()
-            case Choose():
+            case protocol.Choose():
                 self.choose(message.id)
-            case AskLease():
+            case protocol.AskLease():
                 self._lease(message)
-            case Arm() | Disarm() | Reset():
+            case protocol.Arm() | protocol.Disarm() | protocol.Reset():
                 service = _OF_THE_HOLDER[type(message)]
                 self._desk.ask(service.name.lower(), self._desk.serve(service))
 
-    def _drive(self, message: Drive) -> None:
+    def _drive(self, message: protocol.Drive) -> None:
         twist = (message.vx, message.vy, message.omega)
         if not all(math.isfinite(value) for value in twist):
             raise MessageError("nonfinite", "a twist must be finite numbers")
@@ -165,13 +152,13 @@ class Session:
         if self._grip.let_go():
             if self._desk.control is not None:
                 self._desk.control.rest()
-            self._post(Released(reason=reason))
+            self._post(protocol.Released(reason=reason))
             self._on_released(self.page)
 
-    def _beat(self, message: Beat) -> None:
+    def _beat(self, message: protocol.Beat) -> None:
         self._desk.beat()
         self.mail.seen(message.seen)
-        self._post(Echo(sent_ms=message.sent_ms))
+        self._post(protocol.Echo(sent_ms=message.sent_ms))
         if not message.focus:
             self.let_go("the page is not in front")
 
@@ -187,9 +174,9 @@ class Session:
         reply = Reply(False, "no robot is shown")
         if view is not None:
             reply = await self._calls.stop(view.link, self._operator)
-        self._post(Answer(to="stop", ok=reply.ok, reason=reply.reason))
+        self._post(protocol.Answer(to="stop", ok=reply.ok, reason=reply.reason))
 
-    def _lease(self, message: AskLease) -> None:
+    def _lease(self, message: protocol.AskLease) -> None:
         if message.op == "release":
             self._desk.ask("lease", self._desk.release())
         else:
@@ -208,11 +195,12 @@ class Session:
         await self._desk.give_up()
         self.robot_id = robot_id
         self._show_robot()
+        self._on_chosen(self.page, robot_id)
         return Reply(True)
 
     # To the page.
 
-    def show(self, state: State) -> None:
+    def show(self, state: protocol.State) -> None:
         """Send a new state of the robot that is watched."""
         control, lease = self._desk.control, state.status.lease
         if control is not None and control.is_lost(state.status):
@@ -221,16 +209,18 @@ class Session:
         if state.status.mode not in _DRIVABLE:
             self.let_go(f"the robot is {state.status.mode}")
         you = control is not None and lease.holder == self._operator
-        self.mail.state(state.seen, encode(msgspec.structs.replace(state, you=you)))
+        self.mail.state(state.seen, protocol.encode(msgspec.structs.replace(state, you=you)))
 
     def tell(self, event: Event, *, past: bool = False) -> None:
         """Send an event of the robot that is watched."""
-        self._post(Happened.of(event, past=past))
+        self._post(protocol.Happened.of(event, past=past))
 
     def _lost(self, reason: str) -> None:
         self.let_go(f"control is lost: {reason}")
         self._desk.lost()
-        self._post(Happened(kind="lease", text=f"You have lost control: {reason}.", robot_s=0.0))
+        self._post(
+            protocol.Happened(kind="lease", text=f"You have lost control: {reason}.", robot_s=0.0)
+        )
 
     def _show_robot(self) -> None:
         view = self._roster.view(self.robot_id)
@@ -244,4 +234,4 @@ class Session:
             self.show(state)
 
     def _post(self, message: Any) -> None:
-        self.mail.post(encode(message))
+        self.mail.post(protocol.encode(message))

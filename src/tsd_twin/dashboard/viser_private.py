@@ -27,7 +27,7 @@ def page_of(server: viser.ViserServer, client_id: int) -> str | None:
 
 
 def is_gone(client: viser.ClientHandle) -> bool:
-    """Return whether a client cannot be sent anything any more; its callbacks come a little later."""
+    """Return whether a client cannot be sent anything any more; viser says so a little later."""
     return bool(_SOCKET(client).get_message_buffer().done)
 
 

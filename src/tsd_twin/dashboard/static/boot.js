@@ -6,18 +6,19 @@
   const socket = new URL(`viser/${id}`, location.href);
   socket.protocol = location.protocol === "https:" ? "wss:" : "ws:";
 
-  // viser's client reads these from the address, once, when it starts; nobody else needs them.
-  const ours = { websocket: socket.href };
+  // Which colours the operator likes; viser's side learns it with the socket.
   const dark = matchMedia("(prefers-color-scheme: dark)").matches;
-  if (dark && !new URLSearchParams(location.search).has("darkMode")) ours.darkMode = "";
+  socket.searchParams.set("dark", dark ? "1" : "0");
 
+  // viser's client reads this from the address, once, when it starts; nobody else needs it.
+  const KEY = "websocket";
   const replaceState = history.replaceState.bind(history);
   const start = new URL(location.href);
-  for (const [key, value] of Object.entries(ours)) start.searchParams.set(key, value);
+  start.searchParams.set(KEY, socket.href);
   replaceState(history.state, "", start);
   history.replaceState = (state, title, address) => {
     const clean = new URL(address ?? location.href, location.href);
-    for (const key of Object.keys(ours)) clean.searchParams.delete(key);
+    clean.searchParams.delete(KEY);
     replaceState(state, title, clean);
   };
 

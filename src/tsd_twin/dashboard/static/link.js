@@ -116,12 +116,19 @@ export class Link {
         break;
       case "welcome":
         this.welcome = message;
+        this._stay(message);
         break;
       case "event":
         this.history = [...this.history.slice(-99), { ...message, atMs: Date.now() }];
         break;
     }
     this._emit(message.t, message);
+  }
+
+  /** After a new connection, go on with the robot that was watched before. */
+  _stay({ robot, robots }) {
+    const before = this.robot?.id ?? robot;
+    if (before !== robot && robots.some(({ id }) => id === before)) this.send({ t: "robot", id: before });
   }
 
   _measure(sentMs) {

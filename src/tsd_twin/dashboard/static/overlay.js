@@ -6,6 +6,7 @@ import { el, mark, say } from "./dom.js";
 import { Drive } from "./drive.js";
 import { Frame } from "./frame.js";
 import { Gamepad } from "./gamepad.js";
+import { drawsInSoftware } from "./graphics.js";
 import { Hints } from "./hints.js";
 import { Keys } from "./keys.js";
 import { Level } from "./level.js";
@@ -108,6 +109,7 @@ root.append(...STYLES.map((name) => el("link", { rel: "stylesheet", href: `stati
 inner.style.visibility = "hidden"; // Until it has its styles.
 document.head.append(el("link", { rel: "stylesheet", href: "static/page.css" }));
 document.body.append(host);
+mark(inner, "data-plain", drawsInSoftware() ? "" : null);
 new ResizeObserver(reserve).observe(bar.element);
 new ResizeObserver(reserve).observe(dock);
 new ResizeObserver(reserve).observe(host);

@@ -24,7 +24,7 @@ export class Pose {
         this._figure("ω", "rad/s"),
       ),
     );
-    link.on("state", () => this._draw());
+    link.on("beat", () => this._draw()); // Half as often as there are states: nobody reads faster.
     link.on("robot", () => this._draw());
     this._draw();
   }

@@ -2,63 +2,82 @@
 // seen here: they count while a pointer that came down in the panel is down, or while latched.
 
 const RESET_EVERY_MS = 250;
+const AT_ZERO = { vx: 0, vy: 0, omega: 0, mode: "preview", latch: false };
 
 export class Sliders {
   constructor(drive, link, isPanel) {
     this.preview = false; // They pose the gimbals only, and are not at zero.
     this._drive = drive;
     this._link = link;
-    this._panel = null;
+    this._panel = AT_ZERO;
     this._pointers = new Set();
-    this._spent = false;
+    this._touched = false; // By a hand, since they were last let go.
     this._resetMs = -Infinity;
     link.on("panel", (message) => this._take(message));
-    link.on("beat", () => this._reset());
-    link.on("down", () => this._take({ vx: 0, vy: 0, omega: 0, mode: "preview", latch: false }));
-    addEventListener("pointerdown", (event) => isPanel(event) && this._pointers.add(event.pointerId), { capture: true });
-    for (const end of ["pointerup", "pointercancel"]) {
-      addEventListener(end, (event) => this._drop(event), { capture: true });
-    }
+    for (const gone of ["released", "down"]) link.on(gone, () => this._show(AT_ZERO));
+    const listen = (type, listener) => addEventListener(type, listener, { capture: true });
+    listen("pointerdown", (event) => isPanel(event) && this._touch(event));
+    listen("keydown", (event) => isPanel(event) && (this._touched = true));
+    listen("pointerup", (event) => this._lift(event));
+    listen("pointercancel", (event) => this._lift(event));
   }
 
   get held() {
-    const panel = this._panel;
-    if (panel?.mode !== "drive" || this._spent || !isMoving(panel)) return false;
-    return panel.latch || this._pointers.size > 0;
+    return this._panel.mode === "drive" && isMoving(this._panel) && this._inHand(this._panel);
   }
 
   get twist() {
-    const { vx, vy, omega } = this._panel ?? { vx: 0, vy: 0, omega: 0 };
+    const { vx, vy, omega } = this._panel;
     return { vx, vy, omega };
   }
 
-  /** Let go: until the sliders have sprung back, they do nothing. */
+  /** Let go: the sliders spring back, and do nothing until a hand comes to them again. */
   cancel() {
-    if (this._panel?.mode !== "drive" || !isMoving(this._panel)) return;
-    this._spent = true;
-    this._reset();
+    this._touched = false;
+    this._pointers.clear();
+    if (this._panel.mode === "drive" && isMoving(this._panel)) this._springBack();
+  }
+
+  _inHand(panel) {
+    return this._touched && (panel.latch || this._pointers.size > 0);
+  }
+
+  _touch(event) {
+    this._touched = true;
+    this._pointers.add(event.pointerId);
+  }
+
+  _lift(event) {
+    if (!this._pointers.delete(event.pointerId)) return;
+    if (this._panel.mode === "drive" && isMoving(this._panel) && !this._inHand(this._panel)) this._springBack();
+    this._drive.changed();
   }
 
   _take(panel) {
+    this._show(panel);
+    // What viser has held back for a moment comes after the hand has gone.
+    if (panel.mode === "drive" && isMoving(panel) && !this._inHand(panel)) this._springBack();
+    this._drive.changed();
+  }
+
+  _show(panel) {
     this._panel = panel;
     this.preview = panel.mode === "preview" && isMoving(panel);
-    if (!isMoving(panel)) this._spent = false;
-    this._drive.changed();
-    this._reset();
   }
 
-  _drop(event) {
-    if (!this._pointers.delete(event.pointerId)) return;
-    this._drive.changed();
-    this._reset();
-  }
-
-  /** Ask for the sliders to spring back; again if need be, since a late message may move them. */
-  _reset() {
-    const panel = this._panel;
+  _springBack() {
+    this._show({ ...this._panel, vx: 0, vy: 0, omega: 0 });
     const now = performance.now();
-    if (panel?.mode !== "drive" || !isMoving(panel) || this.held || now - this._resetMs < RESET_EVERY_MS) return;
-    this._resetMs = now;
+    if (now - this._resetMs < RESET_EVERY_MS) {
+      // Once more when they have come to rest, or the last one would stay where it is.
+      this._again ??= setTimeout(() => ((this._again = null), this._ask()), RESET_EVERY_MS);
+      return;
+    }
+    this._ask();
+  }
+
+  _ask() {
+    this._resetMs = performance.now();
     this._link.send({ t: "panel_released" });
   }
 }

@@ -1,0 +1,126 @@
+"""`tsd-certs`: keys, certificates and access rules for a robot on a network."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from tsd_twin import access, program
+from tsd_twin.access import AUTHORITY, ROBOT, KeyFolder, Order, Role
+from tsd_twin.bus import client_config, from_file, node_config
+
+SOON = timedelta(days=30)
+
+PARSER = program.parser(
+    "tsd-certs",
+    "Keys, certificates and access rules for a robot on a network. Run it again to add names: "
+    "what is there stays good.",
+    [
+        "tsd-certs keys --robot-host robot.local --robot-host 192.168.1.7 --operator alice",
+        "tsd-certs keys --operator bob --viewer guest     two more, for the same robot",
+        "tsd-certs keys                                   who there is, and until when",
+        "rm keys/guest.*; tsd-certs keys                  a robot without guest",
+    ],
+)
+
+
+def make(args: argparse.Namespace) -> None:
+    """Make what is missing, and say what goes where."""
+    now = datetime.now(UTC)
+    folder = KeyFolder(args.folder)
+    people = [access.client(name, Role.OPERATOR) for name in args.operator]
+    people += [access.client(name, Role.VIEWER) for name in args.viewer]
+    order = Order(tuple(args.robot_host), tuple(people), args.days, args.listen)
+    access.fulfil(
+        order,
+        folder,
+        now,
+        json.loads(node_config([]).json5),
+        lambda endpoint: json.loads(client_config([endpoint]).json5),
+    )
+    for identity in folder.people():
+        from_file(str(folder.settings_file(identity.name)))
+    from_file(str(folder.settings_file(ROBOT)))
+    print("\n".join(report(folder, now)))
+
+
+def report(folder: KeyFolder, now: datetime) -> list[str]:
+    """Return what was made, who there is, and what to copy where."""
+    lines = [f"made {shown(folder.made)}" if folder.made else "everything is there already"]
+    lines += ["", f"robot {', '.join(folder.hosts())}{term(folder, ROBOT, now)}"]
+    lines += copying(folder, ROBOT, "tsd-mock")
+    for person in folder.people():
+        lines += ["", f"{person.role} {person.name}{term(folder, person.name, now)}"]
+        lines += copying(folder, person.name, "tsd-dashboard")
+    lines += [
+        "",
+        "A robot obeys the rules it was started with: copy robot.json5 and start it again.",
+        f"Keep {folder.key_file(AUTHORITY)} offline: who has it can make anybody an operator.",
+    ]
+    return lines
+
+
+def term(folder: KeyFolder, name: str, now: datetime) -> str:
+    """Return until when a certificate is good, and what to do when that is soon."""
+    end = folder.end_of(name)
+    text = f", until {end:%F}"
+    if end - now < SOON:
+        text += f": to renew it, remove {name}.pem and name {name} again"
+    return text
+
+
+def copying(folder: KeyFolder, name: str, command: str) -> list[str]:
+    """Return what one machine gets, and what runs there."""
+    settings = folder.settings_file(name)
+    return [
+        f"  copy to its machine  {shown(folder.files_of(name))}",
+        f"  and run there        {command} --zenoh-config {shown([settings])}",
+    ]
+
+
+def shown(files: Sequence[Path]) -> str:
+    """Return file names as a shell takes them."""
+    return shlex.join(str(file) for file in files)
+
+
+def main() -> None:
+    """Read the flags and run."""
+    PARSER.add_argument("folder", type=Path, help="where the files are, or shall be")
+    PARSER.add_argument(
+        "--robot-host",
+        action="append",
+        default=[],
+        metavar="HOST",
+        help="a name or address of the robot; clients connect to the first; may be repeated",
+    )
+    PARSER.add_argument(
+        "--operator",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="somebody who sees, drives and stops; may be repeated",
+    )
+    PARSER.add_argument(
+        "--viewer",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="somebody who sees and stops; may be repeated",
+    )
+    PARSER.add_argument(
+        "--days", type=int, default=365, help="how long new certificates are good; default 365"
+    )
+    PARSER.add_argument(
+        "--listen",
+        metavar="ENDPOINT",
+        help=f"where the robot listens; default {access.LISTEN}",
+    )
+    program.run(PARSER, make)
+
+
+if __name__ == "__main__":
+    main()

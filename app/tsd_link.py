@@ -1,0 +1,57 @@
+"""`tsd-link`: a bad link between a dashboard and a robot, to see what becomes of the driving."""
+
+from __future__ import annotations
+
+import argparse
+
+from tsd_twin import program
+from tsd_twin.bus import DEFAULT_ENDPOINT
+from tsd_twin.linksim import LinkSimulator, LinkSpec
+
+PARSER = program.parser(
+    "tsd-link",
+    "A bad link between a dashboard and a robot.",
+    [
+        "tsd-link --link delay=150ms,jitter=30ms,loss=2%    a far robot",
+        "tsd-link --link stall=2s@10s                       a link that hangs every 10 s",
+        "tsd-link --link bandwidth=1Mbit                    a thin one",
+        "tsd-link --link loss=5%,reorder=5% --target udp/127.0.0.1:7447",
+    ],
+)
+
+
+def simulate(args: argparse.Namespace) -> None:
+    """Run until SIGINT or SIGTERM."""
+    stop = program.stop_event(args)
+    spec = LinkSpec.parse(args.link)
+    listen = args.listen or f"{args.target.partition('/')[0]}/127.0.0.1:0"
+    with LinkSimulator(spec, listen, args.target) as link:
+        program.say_ready(f"tsd-link {spec} to {args.target} on {link.endpoint}")
+        stop.wait()
+
+
+def main() -> None:
+    """Read the flags and run."""
+    PARSER.add_argument(
+        "--link",
+        required=True,
+        metavar="SPEC",
+        help="what is bad about it: delay, jitter, loss, reorder, stall, bandwidth, seed; "
+        "see the examples",
+    )
+    PARSER.add_argument(
+        "--target",
+        default=DEFAULT_ENDPOINT,
+        metavar="ENDPOINT",
+        help=f"where the robot listens, tcp or udp; default {DEFAULT_ENDPOINT}",
+    )
+    PARSER.add_argument(
+        "--listen",
+        metavar="ENDPOINT",
+        help="where the dashboard connects to; default a free port of this machine",
+    )
+    program.run(PARSER, simulate)
+
+
+if __name__ == "__main__":
+    main()

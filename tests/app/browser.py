@@ -1,0 +1,66 @@
+"""Debian's Chromium, without a screen, and what a person does with the page."""
+
+from __future__ import annotations
+
+import shutil
+
+from playwright.sync_api import Page, expect
+
+FLAGS = (
+    "--headless=new",
+    "--no-sandbox",  # Tests run as root, where Chromium has no sandbox.
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--disable-dev-shm-usage",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+)
+PATIENCE_MS = 20_000
+QUICK = "?fixedDpr=0.4"
+"""Fewer pixels: the processor of a test machine draws them all."""
+
+
+def executable() -> str:
+    """Return the browser that `scripts/ensure_chromium` looks for."""
+    for name in ("chromium", "chromium-browser", "google-chrome"):
+        if found := shutil.which(name):
+            return found
+    raise AssertionError("there is no Chromium: run scripts/ensure_chromium")
+
+
+def mode(page: Page, word: str) -> None:
+    """Wait until the page says that the robot is in a mode."""
+    expect(page.get_by_role("status", name="Mode")).to_contain_text(
+        word, ignore_case=True, timeout=PATIENCE_MS
+    )
+
+
+def press(page: Page, name: str) -> None:
+    """Press a button, once it can be pressed."""
+    button = page.get_by_role("button", name=name, exact=True)
+    expect(button).to_be_visible(timeout=PATIENCE_MS)
+    expect(button).not_to_have_attribute("aria-disabled", "true", timeout=PATIENCE_MS)
+    # By the centre of its box: waiting for frames that are the same takes long without a GPU.
+    box = button.bounding_box()
+    assert box is not None
+    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+
+
+def take_control_and_arm(page: Page) -> None:
+    """Do what a newcomer does first."""
+    mode(page, "disarmed")
+    press(page, "Take control")
+    expect(page.get_by_role("button", name="Release control")).to_be_visible(timeout=PATIENCE_MS)
+    press(page, "Arm")
+    mode(page, "ready")
+
+
+def centre(page: Page, role: str, name: str) -> tuple[float, float, float]:
+    """Return the centre of an element, and half its height, in pixels."""
+    box = page.get_by_role(role, name=name).bounding_box()  # type: ignore[arg-type]
+    assert box is not None
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2, box["height"] / 2

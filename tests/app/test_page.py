@@ -1,0 +1,216 @@
+"""A newcomer drives the simulated robot from a real browser, through the real programs."""
+
+from __future__ import annotations
+
+import math
+import re
+import threading
+import time
+from collections.abc import Callable, Generator, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, ConsoleMessage, Page, expect, sync_playwright
+from tests.app.browser import (
+    FLAGS,
+    PATIENCE_MS,
+    QUICK,
+    centre,
+    executable,
+    mode,
+    press,
+    take_control_and_arm,
+)
+from tests.app.conftest import Program
+
+from tsd_twin import topics
+from tsd_twin.bus import Bus, Config, client_config
+from tsd_twin.lie import Array
+from tsd_twin.messages.command import Sample
+from tsd_twin.messages.ros import decode_joints, decode_odometry, decode_twist
+
+pytestmark = pytest.mark.system
+
+STOP_WITHIN_M = 0.35
+ANY_PORTS = ("--port", "0", "--bus-port", "0")
+_PATIENCE_S = 20.0
+
+
+@pytest.fixture(scope="module")
+def browser() -> Generator[Browser]:
+    with sync_playwright() as playwright:
+        running = playwright.chromium.launch(executable_path=executable(), args=list(FLAGS))
+        yield running
+        running.close()
+
+
+class Watcher:
+    """What crosses the bus, seen by somebody who is neither page nor robot."""
+
+    def __init__(self, bus: Bus) -> None:
+        self._news = threading.Condition()
+        self.truth: Array = np.zeros(3)
+        self.twist: Array = np.zeros(3)
+        self.tilt_rad = 0.0
+        self.set_tilt_rad = 0.0
+        self.commands: list[Array] = []
+        bus.watch(topics.TRUTH.key("tsd"), self._on_truth)
+        bus.watch(topics.JOINTS.key("tsd"), self._on_joints)
+        bus.watch(topics.SETPOINT.key("tsd"), self._on_setpoint)
+        bus.watch(topics.TWIST.key("tsd"), self._on_command)
+
+    def _on_truth(self, sample: Sample) -> None:
+        odometry = decode_odometry(sample.payload)
+        with self._news:
+            self.truth, self.twist = odometry.xy_heading, odometry.twist
+            self._news.notify_all()
+
+    def _on_joints(self, sample: Sample) -> None:
+        self.tilt_rad = float(np.nanmax(np.abs(decode_joints(sample.payload).position_rad)))
+
+    def _on_setpoint(self, sample: Sample) -> None:
+        self.set_tilt_rad = float(np.nanmax(np.abs(decode_joints(sample.payload).position_rad)))
+
+    def _on_command(self, sample: Sample) -> None:
+        self.commands.append(decode_twist(sample.payload).twist)
+
+    def until(self, condition: Callable[[], bool], what: str) -> None:
+        """Wait until the truth is as expected."""
+        with self._news:
+            assert self._news.wait_for(condition, _PATIENCE_S), f"never: {what}, at {self.truth}"
+
+    @property
+    def at_rest(self) -> bool:
+        return bool(np.abs(self.twist).max() < 1e-3)
+
+
+def observer(endpoint: str) -> Config:
+    """Return a session that also hears what other sessions tell the robot: peers would not."""
+    config = client_config([endpoint])
+    return Config(config.json5.replace('"mode": "peer"', '"mode": "client"'), endpoint)
+
+
+@dataclass
+class Demo:
+    """The demo with its page open, and somebody who watches the bus."""
+
+    page: Page
+    watcher: Watcher
+    console: list[ConsoleMessage]
+    failures: list[str]
+
+
+@pytest.fixture
+def demo(start: Callable[..., Program], browser: Browser) -> Iterator[Demo]:
+    line = start("tsd_demo", "--no-browser", "--until-eof", *ANY_PORTS).ready()
+    url, endpoint = re.findall(r"http://\S+|tcp/[\d.:]+", line)
+    context = browser.new_context(viewport={"width": 960, "height": 600})
+    page = context.new_page()
+    console: list[ConsoleMessage] = []
+    failures: list[str] = []
+    page.on("console", lambda message: console.append(message))
+    page.on("pageerror", lambda error: failures.append(str(error)))
+    page.on("requestfailed", lambda request: failures.append(request.url))
+    with Bus(observer(endpoint)) as bus:
+        watcher = Watcher(bus)
+        page.goto(url + QUICK)
+        skip = page.get_by_role("button", name="Skip")
+        expect(skip).to_be_visible(timeout=PATIENCE_MS)
+        press(page, "Skip")
+        yield Demo(page, watcher, console, failures)
+    context.close()
+
+
+def test_the_page_loads_without_an_error(demo: Demo) -> None:
+    mode(demo.page, "disarmed")
+    expect(demo.page.get_by_role("slider", name="Turn")).to_be_visible()
+    for name in ("Mode", "Link", "Pose", "Speed"):
+        expect(demo.page.get_by_role("status", name=name)).to_be_visible()
+    assert [message.text for message in demo.console if message.type == "error"] == []
+    assert demo.failures == []
+
+
+def test_the_stick_drives_forward_and_let_go_the_robot_stands_still(demo: Demo) -> None:
+    page, watcher = demo.page, demo.watcher
+    take_control_and_arm(page)
+    x, y, reach = centre(page, "region", "Drive stick")
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x, y - reach)
+    watcher.until(lambda: watcher.twist[0] > 0.4, "half the top speed, forward")
+    pushed_s = time.monotonic()
+    watcher.until(lambda: time.monotonic() - pushed_s > 2.0, "two seconds of driving")
+    at_release = watcher.truth.copy()
+    page.mouse.up()
+    watcher.until(lambda: watcher.at_rest, "standstill")
+    rolled_m = math.dist(at_release[:2], watcher.truth[:2])
+    assert rolled_m <= STOP_WITHIN_M
+    assert watcher.truth[0] > 0.8
+    assert abs(watcher.truth[1]) < 0.05
+    assert not watcher.commands[-1].any(), "one zero, then silence"
+    shown = page.get_by_role("status", name="Pose").inner_text()
+    numbers = [float(n.replace("−", "-")) for n in re.findall(r"[−-]?\d+\.\d+", shown)]
+    assert numbers[0] == pytest.approx(watcher.truth[0], abs=0.03)
+    mode(page, "ready")
+
+
+def test_keys_drive_as_the_stick_does(demo: Demo) -> None:
+    page, watcher = demo.page, demo.watcher
+    take_control_and_arm(page)
+    for key, axis, sign in (("w", 0, 1), ("a", 1, 1), ("s", 0, -1), ("d", 1, -1), ("q", 2, 1)):
+        page.keyboard.down(key)
+        watcher.until(lambda a=axis, s=sign: s * watcher.twist[a] > 0.3, f"{key} moves axis {axis}")
+        at_release = watcher.truth.copy()
+        page.keyboard.up(key)
+        watcher.until(lambda: watcher.at_rest, f"standstill after {key}")
+        assert math.dist(at_release[:2], watcher.truth[:2]) <= STOP_WITHIN_M
+        mode(page, "ready")
+
+
+def test_stop_latches_and_only_reset_arm_and_a_new_command_move_again(demo: Demo) -> None:
+    page, watcher = demo.page, demo.watcher
+    take_control_and_arm(page)
+    page.keyboard.down("w")
+    watcher.until(lambda: watcher.twist[0] > 0.4, "driving")
+    at_stop = watcher.truth.copy()
+    page.keyboard.press(" ")
+    watcher.until(lambda: watcher.at_rest, "standstill")
+    assert math.dist(at_stop[:2], watcher.truth[:2]) <= STOP_WITHIN_M
+    mode(page, "stopped")
+    page.keyboard.up("w")
+    x, y, _ = centre(page, "button", "Reset stop")
+    page.mouse.move(x, y)
+    page.mouse.down()
+    mode(page, "disarmed")
+    page.mouse.up()
+    assert watcher.at_rest
+    press(page, "Arm")
+    mode(page, "ready")
+    assert watcher.at_rest
+    page.keyboard.down("s")
+    watcher.until(lambda: watcher.twist[0] < -0.3, "driving again, backwards")
+    page.keyboard.up("s")
+    watcher.until(lambda: watcher.at_rest, "standstill")
+
+
+def test_a_preview_moves_gimbals_in_the_picture_and_nothing_else(demo: Demo) -> None:
+    page, watcher = demo.page, demo.watcher
+    mode(page, "disarmed")
+    scene = page.locator("canvas").last
+    still = scene.screenshot()
+    slider = page.get_by_role("slider").and_(page.locator("[role=slider]")).first
+    expect(slider).to_be_visible(timeout=PATIENCE_MS)
+    box = slider.bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 40, y, steps=4)
+    page.mouse.up()
+    expect(page.get_by_text("PREVIEW", exact=False).first).to_be_visible(timeout=PATIENCE_MS)
+    assert scene.screenshot() != still
+    assert watcher.commands == []
+    assert watcher.tilt_rad == 0.0
+    assert watcher.set_tilt_rad == 0.0
+    assert not watcher.truth.any()

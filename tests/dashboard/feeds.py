@@ -1,0 +1,67 @@
+"""A robot that says what a test wants it to say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tsd_twin import robots
+from tsd_twin.dashboard.link import Snapshot
+from tsd_twin.drives import JointKind, SingularityDrive
+from tsd_twin.lie import Array
+from tsd_twin.messages.ros import JointState, Odometry
+from tsd_twin.robots import Robot
+
+PERIOD_S = 0.02
+
+
+@dataclass
+class Feed:
+    """What a link to a robot is for the scene: a description and the newest snapshot."""
+
+    id: str = "tsd"
+    robot: Robot = field(default_factory=lambda: robots.load("tsd"))
+    snapshot: Snapshot = field(default_factory=Snapshot)
+
+    def __post_init__(self) -> None:
+        self.drive: SingularityDrive = self.robot.kinematics()
+        self.now_s = 100.0
+
+    def say(
+        self,
+        *,
+        pose: Array | None = None,
+        joints: Array | None = None,
+        setpoint: Array | None = None,
+        truth: Array | None = None,
+        covariance: Array | None = None,
+        after_s: float = PERIOD_S,
+    ) -> None:
+        """Say what is given, some time after the last word."""
+        self.now_s += after_s
+        said = self.snapshot
+        if joints is not None:
+            said = replace(said, joints=self._joint_state(joints))
+        if setpoint is not None:
+            said = replace(said, setpoint=self._joint_state(setpoint))
+        if pose is not None:
+            said = replace(said, odom=odometry(pose, covariance))
+        if truth is not None:
+            said = replace(said, truth=odometry(truth))
+        self.snapshot = replace(said, received_s=self.now_s)
+
+    def _joint_state(self, joints: Array) -> JointState:
+        is_angle = np.array([joint.kind is JointKind.POSITION for joint in self.drive.joints])
+        return JointState(
+            [joint.name for joint in self.drive.joints],
+            np.where(is_angle, joints, np.nan),
+            np.where(is_angle, np.nan, joints),
+        )
+
+
+def odometry(pose: Array, covariance: Array | None = None) -> Odometry:
+    nothing = np.zeros((3, 3))
+    return Odometry(
+        np.asarray(pose, float), np.zeros(3), nothing if covariance is None else covariance, nothing
+    )
