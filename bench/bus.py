@@ -160,4 +160,3 @@ class program:  # noqa: N801  It is used as a function.
 
     def __exit__(self, *_: object) -> None:
         self.process.communicate(timeout=10)
-

@@ -17,7 +17,7 @@ from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.command import Sample, encode_attachment
 from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
 from tsd_twin.motion import TwistLimiter
-from tsd_twin.sim import Simulation, SimRobot
+from tsd_twin.sim import SimRobot, Simulation
 from tsd_twin.topics import Service
 
 PERIOD_S = 0.01

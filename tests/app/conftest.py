@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Generator
+from pathlib import Path
 from typing import IO
 
 import pytest
@@ -94,13 +94,22 @@ def start() -> Generator[Callable[..., Program]]:
 def children_of(pid: int) -> list[int]:
     """Return the pids of the living children of a process."""
     found: list[int] = []
-    for entry in os.listdir("/proc"):
-        if entry.isdigit():
-            try:
-                with open(f"/proc/{entry}/stat") as file:
-                    fields = file.read().rpartition(")")[2].split()
-            except OSError:
-                continue
-            if int(fields[1]) == pid and fields[0] != "Z":
-                found.append(int(entry))
+    for folder in Path("/proc").glob("[0-9]*"):
+        fields = stat_of(int(folder.name))
+        if fields is not None and int(fields[1]) == pid and fields[0] != "Z":
+            found.append(int(folder.name))
     return found
+
+
+def alive(pid: int) -> bool:
+    """Return whether a process runs, and is no mere entry in the table."""
+    fields = stat_of(pid)
+    return fields is not None and fields[0] != "Z"
+
+
+def stat_of(pid: int) -> list[str] | None:
+    """Return state, parent and so on of a process; None when there is none."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return None

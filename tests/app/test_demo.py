@@ -13,7 +13,8 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from tests.app.conftest import PATIENCE_S, Program, children_of
+
+from tests.app.conftest import PATIENCE_S, Program, alive, children_of
 
 pytestmark = pytest.mark.system
 
@@ -109,16 +110,7 @@ def test_a_dashboard_without_a_robot_serves_and_waits_for_one(start: Start) -> N
 
 
 def test_other_machines_are_refused_with_a_sentence(start: Start) -> None:
-    dashboard = start("tsd_dashboard", "--host", "0.0.0.0", "--port", "0")  # noqa: S104  Refused.
+    dashboard = start("tsd_dashboard", "--host", "0.0.0.0", "--port", "0")
     assert dashboard.wait() == 1
     assert "0.0.0.0" in dashboard.sentence
     assert len(dashboard.errors) == 1
-
-
-def alive(pid: int) -> bool:
-    """Return whether a process runs, and is no mere entry in the table."""
-    try:
-        with open(f"/proc/{pid}/stat") as file:
-            return file.read().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False

@@ -1,0 +1,129 @@
+"""What the dashboard costs with one viewer and with twenty, while the robot drives."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing as mp
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from multiprocessing.connection import Connection
+
+import msgspec
+import numpy as np
+import psutil
+from websockets.sync.client import connect
+from websockets.typing import Subprotocol
+
+from bench.bus import program
+from bench.table import Row, percentile
+from tests.dashboard.feeds import Feed
+from tests.dashboard.viewers import CAMERA, decoded
+from tsd_twin.dashboard import viser_server
+from tsd_twin.dashboard.scene import Scene
+
+_SECONDS = 8.0
+_FRAMES = 600
+_STEP_M = 0.01
+PROTOCOL = Subprotocol("viser-v1.1.1")
+
+
+def rows() -> Iterator[Row]:
+    """Measure the real processes, then the scene alone from set to socket."""
+    mock = [sys.executable, "-m", "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"]
+    for viewers, share in ((1, 15.0), (20, 40.0)):
+        with program(mock) as endpoint:
+            page = [sys.executable, "-m", "tsd_dashboard", "--port", "0", "--until-eof"]
+            served = program([*page, "--connect", endpoint])
+            with served as url:
+                cpu, sent = load(served.process.pid, url, viewers)
+        hz = f"{sent['frames_hz']:.0f} frames a second"
+        yield Row(f"dashboard, {viewers} viewer(s), of one core", cpu, share, "%", hz)
+        yield Row(f"scene, each of {viewers}", sent["scene_kB_s"], 70, "kB/s", "")
+        both = sent["scene_kB_s"] + sent["teleop_kB_s"]
+        yield Row(f"scene, numbers and plots, each of {viewers}", both, 100, "kB/s", "")
+    floor_ms, times_ms = latencies()
+    beside = f"an empty frame of viser {floor_ms:.1f} ms"
+    yield Row("set to socket, p99", percentile(times_ms, 0.99), 12.0, "ms", beside)
+
+
+def load(pid: int, url: str, viewers: int) -> tuple[float, dict[str, float]]:
+    """Return the share of a core, in percent, and what each viewer was sent."""
+    command = [sys.executable, "-m", "bench.viewers", url, str(viewers), str(_SECONDS), "drive"]
+    watching = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert watching.stdout is not None
+    watching.stdout.readline()
+    dashboard = psutil.Process(pid)
+    dashboard.cpu_percent()
+    sent = json.loads(watching.stdout.readline())
+    cpu = dashboard.cpu_percent()
+    watching.wait(20)
+    return cpu, sent
+
+
+def latencies() -> tuple[float, list[float]]:
+    """Return p99 of a bare viser node and all times of our scene, in ms, at 60 Hz."""
+    server = viser_server.start("bench")
+    try:
+        bare = server.scene.add_frame("/bare", show_axes=False)
+
+        def move_bare(x: float) -> None:
+            bare.position = (x, 0.0, 0.0)
+            server.flush()
+
+        floor = timed(server.get_port(), "/bare", move_bare)
+        feed, scene = Feed(), Scene(server)
+        feed.say(pose=np.zeros(3), joints=feed.drive.inverse(np.zeros(3)))
+        scene.add(feed)  # type: ignore[arg-type]
+
+        def move_robot(x: float) -> None:
+            joints = feed.drive.inverse(np.array([0.5, 0.2 * np.sin(x), 0.4]))
+            pose = np.array([-x, 0.0, 0.5 * x])
+            feed.say(pose=pose, joints=joints, setpoint=joints, truth=pose + 0.01)
+            scene.draw()
+
+        return percentile(floor, 0.99), timed(server.get_port(), "/w", move_robot)
+    finally:
+        server.stop()
+
+
+def timed(port: int, node: str, move: Callable[[float], None]) -> list[float]:
+    """Return how long each new position takes from here to a socket in another process, in ms."""
+    spawn = mp.get_context("spawn")
+    ours, theirs = spawn.Pipe()
+    reader = spawn.Process(target=receive, args=(port, node, theirs))
+    reader.start()
+    ours.recv()
+    set_s: dict[int, float] = {}
+    for step in range(1, _FRAMES + 1):
+        set_s[step] = time.monotonic()
+        move(step * _STEP_M)
+        time.sleep(1 / 60)
+    ours.send("enough")
+    got_s: dict[int, float] = ours.recv()
+    reader.join()
+    return [1000 * (got_s[step] - set_s[step]) for step in set_s if step in got_s]
+
+
+def receive(port: int, node: str, pipe: Connection) -> None:
+    """Note when each position arrives; positions are numbered by where they are."""
+    got_s: dict[int, float] = {}
+    url = f"ws://127.0.0.1:{port}"
+    with connect(url, subprotocols=[PROTOCOL], compression=None, max_size=None) as socket:
+        socket.send(msgspec.msgpack.encode(CAMERA))
+        said_ready = False
+        while not pipe.poll():
+            try:
+                frame = socket.recv(timeout=0.2)
+            except TimeoutError:
+                if not said_ready:  # The scene itself has come in.
+                    pipe.send("ready")
+                    said_ready = True
+                continue
+            now_s = time.monotonic()
+            assert isinstance(frame, bytes)
+            for message in decoded(frame):
+                if message["type"] == "SetPositionMessage" and message["name"] == node:
+                    got_s[round(message["position"][0] / _STEP_M)] = now_s
+    pipe.send(got_s)

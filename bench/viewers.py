@@ -1,0 +1,139 @@
+"""Viewers in a process of their own: `python -m bench.viewers URL COUNT SECONDS [drive|watch]`.
+
+Prints what each was sent, as JSON. With `drive` the first one takes control and drives a circle.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import json
+import secrets
+import sys
+import time
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import msgspec
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.typing import Subprotocol
+
+from tests.dashboard.viewers import CAMERA
+
+_WARM_UP_S = 2.0
+
+
+class Tally:
+    """Bytes that came in while they were counted."""
+
+    def __init__(self) -> None:
+        self.scene = 0
+        self.teleop = 0
+        self.frames = 0
+        self.counting = False
+
+
+async def main(url: str, count: int, seconds: float, what: str) -> None:
+    """Connect all viewers, wait until the robot drives, count."""
+    tallies = [Tally() for _ in range(count)]
+    driving = asyncio.Event()
+    tasks = [
+        asyncio.create_task(view(url, tally, driving, drives=what == "drive" and i == 0))
+        for i, tally in enumerate(tallies)
+    ]
+    async with asyncio.timeout(60):
+        await driving.wait()
+    await asyncio.sleep(_WARM_UP_S)  # The scene itself, half a megabyte, is not what is counted.
+    for tally in tallies:
+        tally.counting = True
+    print("counting", flush=True)
+    start = time.monotonic()
+    await asyncio.sleep(seconds)
+    took_s = time.monotonic() - start
+    result = {
+        "scene_kB_s": max(tally.scene for tally in tallies) / took_s / 1000,
+        "teleop_kB_s": max(tally.teleop for tally in tallies) / took_s / 1000,
+        "frames_hz": min(tally.frames for tally in tallies) / took_s,
+    }
+    print(json.dumps(result), flush=True)
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def view(url: str, tally: Tally, driving: asyncio.Event, *, drives: bool) -> None:
+    """Be one page: a socket for the scene and one for the controls."""
+    page = secrets.token_hex(8)
+    base = url.replace("http://", "ws://")
+    async with (
+        connect(
+            f"{base}viser/{page}",
+            subprotocols=[Subprotocol("viser-v1.1.1")],
+            compression=None,
+            max_size=None,
+        ) as scene,
+        connect(f"{base}teleop?page={page}", compression=None) as teleop,
+    ):
+        await scene.send(msgspec.msgpack.encode(CAMERA))
+        await asyncio.gather(watch(scene, tally), operate(teleop, tally, driving, drives=drives))
+
+
+async def watch(scene: ClientConnection, tally: Tally) -> None:
+    """Count what the scene costs."""
+    async for frame in scene:
+        if tally.counting:
+            tally.scene += len(frame)
+            tally.frames += 1
+
+
+async def operate(
+    teleop: ClientConnection, tally: Tally, driving: asyncio.Event, *, drives: bool
+) -> None:
+    """Send beats as a page does, and drive a circle if so told."""
+    seen: dict[str, Any] = {"seen": 0, "mode": ""}
+    asked: set[str] = set()
+
+    async def say(**message: Any) -> None:
+        await teleop.send(json.dumps(message))
+
+    speaking = asyncio.create_task(speak(say, seen, drives=drives))
+    try:
+        async for text in teleop:
+            if tally.counting:
+                tally.teleop += len(text)
+            message = json.loads(text)
+            if message["t"] != "state":
+                continue
+            seen["seen"], seen["mode"] = message["seen"], message["status"]["mode"]
+            if seen["mode"] == "driving":
+                driving.set()
+            elif drives and (request := next_request(message, asked)) is not None:
+                await say(**request)
+    finally:
+        speaking.cancel()
+
+
+async def speak(say: Callable[..., Awaitable[None]], seen: dict[str, Any], *, drives: bool) -> None:
+    """Send a beat ten times a second, and commands fifty times."""
+    for tick in itertools.count():
+        if tick % 5 == 0:
+            await say(t="beat", seen=seen["seen"], sent_ms=0.0, focus=True)
+        if drives and seen["mode"] in ("ready", "driving"):
+            await say(t="drive", vx=0.4, vy=0.1, omega=0.8, seen=seen["seen"])
+        await asyncio.sleep(0.02)
+
+
+def next_request(state: dict[str, Any], asked: set[str]) -> dict[str, Any] | None:
+    """Return what to ask for next on the way to driving, once each."""
+    for wanted, request in (
+        (not state["you"], {"t": "lease", "op": "acquire"}),
+        (state["you"] and state["status"]["mode"] == "disarmed", {"t": "arm"}),
+    ):
+        if wanted and request["t"] not in asked:
+            asked.add(request["t"])
+            return request
+    return None
+
+
+if __name__ == "__main__":
+    asyncio.run(main(sys.argv[1], int(sys.argv[2]), float(sys.argv[3]), sys.argv[4]))
