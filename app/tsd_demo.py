@@ -18,6 +18,7 @@ from typing import IO
 
 from tsd_twin import program
 from tsd_twin.errors import TwinError
+from tsd_twin.linksim import LinkSpec
 
 BUS_PORT = 7447
 PAGE_PORT = 8080
@@ -29,6 +30,7 @@ PARSER = program.parser(
     [
         "tsd-demo                        drive the triple singularity drive",
         "tsd-demo --robot my.toml        drive a robot of your own",
+        "tsd-demo --link delay=150ms     drive it over a bad link, see tsd-link --help",
         "tsd-demo --no-browser           print the address and leave the browser alone",
     ],
 )
@@ -37,6 +39,7 @@ PARSER = program.parser(
 def demonstrate(args: argparse.Namespace) -> None:
     """Start both processes, and end both when one ends or a signal comes."""
     stop = program.stop_event(args)
+    link = LinkSpec.parse(args.link) if args.link else None
     bus_port = free_port(args.bus_port, BUS_PORT)
     page_port = free_port(args.port, PAGE_PORT)
     endpoint = f"tcp/127.0.0.1:{bus_port}"
@@ -44,8 +47,12 @@ def demonstrate(args: argparse.Namespace) -> None:
     noise = ["--noise", str(args.noise)]
     verbose = ["--verbose"] if args.verbose else []
     mock = ["tsd_mock", *robot, *noise, "--listen", endpoint, *verbose]
-    dashboard = ["tsd_dashboard", "--connect", endpoint, "--port", str(page_port), *verbose]
-    with child(mock, stop) as robot_ready, child(dashboard, stop) as page_ready:
+    dashboard = ["tsd_dashboard", "--port", str(page_port), *verbose, "--connect"]
+    with (
+        child(mock, stop) as robot_ready,
+        linked(link, endpoint, stop) as robot_seen_at,
+        child([*dashboard, robot_seen_at], stop) as page_ready,
+    ):
         robot_ready.wait_for()
         url = page_ready.wait_for().split()[1]
         wait_for_robot(url, stop)
@@ -114,6 +121,16 @@ def child(arguments: list[str], stop: threading.Event) -> Generator[Child]:
             process.wait()
 
 
+@contextlib.contextmanager
+def linked(link: LinkSpec | None, endpoint: str, stop: threading.Event) -> Generator[str]:
+    """Yield where the dashboard finds the robot: behind a bad link, when one is asked for."""
+    if link is None:
+        yield endpoint
+        return
+    with child(["tsd_link", "--target", endpoint, "--link", str(link)], stop) as ready:
+        yield ready.wait_for().split()[-1]
+
+
 def wait_for_robot(url: str, stop: threading.Event) -> None:
     """Wait until the dashboard sees the robot, since a page without one is no demo.
 
@@ -157,6 +174,7 @@ def main() -> None:
         "--bus-port", type=int, help=f"of the bus; default {BUS_PORT}, or any free one"
     )
     PARSER.add_argument("--noise", type=float, default=0.0, help="times [noise]; default 0")
+    PARSER.add_argument("--link", metavar="SPEC", help="put a bad link between the two")
     PARSER.add_argument("--no-browser", action="store_true", help="do not open a browser")
     program.run(PARSER, demonstrate)
 

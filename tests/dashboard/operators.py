@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from tsd_twin import robots, topics
+from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.dashboard.fleet import Fleet
 from tsd_twin.dashboard.gateway import Gateway
@@ -233,8 +233,3 @@ def site(viser_port: int = 1) -> Generator[Site]:
             yield made
         finally:
             made.close()
-
-
-def commands_of(bus: Bus, operator: str) -> Any:
-    """What an operator puts on the bus: a reader that forgets nothing within a test."""
-    return bus.reader(topics.twist_key("tsd", operator), 4096)

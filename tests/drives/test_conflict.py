@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.drives.generated import directions, drives, joint_vectors, shares, size, within_limit
 
+from tests.drives.generated import directions, drives, joint_vectors, shares, size, within_limit
 from tsd_twin.drives import SingularityDrive
 from tsd_twin.lie import Array
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from tests.drives.generated import directions, drives, joint_vectors, shares, size, within_limit
 from tests.drives.rolling import gimbals, in_robot_frame, pivots, slip
-
 from tsd_twin.drives import SingularityDrive
 from tsd_twin.lie import Array
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from tests.drives.generated import directions, drive_of, drives, shares, size, within_limit
 from tests.drives.rolling import gimbals, in_robot_frame, pivots
-
 from tsd_twin.drives import JointKind, SingularityDrive
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import RPM, load

@@ -128,7 +128,7 @@ class Bus:
     """
 
     def __init__(self, config: Config) -> None:
-        self._kept: list[object] = []  # A subscription ends when nobody refers to it.
+        self._kept: list[object] = []  # Subscriptions and tokens end when nobody refers to them.
         try:
             settings = config.parsed()
             self._joins = bool(json.loads(settings.get_json("connect/endpoints")))
@@ -233,7 +233,9 @@ class Bus:
 
     def announce(self, key: str) -> Token:
         """Announce that whoever owns `key` lives, until the token or the session is closed."""
-        return Token(self._session.liveliness().declare_token(key))
+        token = self._session.liveliness().declare_token(key)
+        self._kept.append(token)
+        return Token(token)
 
     def living(self, key: str, timeout_s: float = 0.5) -> list[str]:
         """Return the keys of those that live and match `key`.

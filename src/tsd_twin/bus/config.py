@@ -146,7 +146,7 @@ def _common(mode: str, connect: Sequence[str]) -> dict[str, Any]:
         "mode": mode,
         "connect": {
             "endpoints": list(connect),
-            "timeout_ms": 0,
+            "timeout_ms": -1,  # For ever, in the background: zero would mean once.
             "exit_on_failure": False,
             "retry": {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2},
         },

@@ -8,7 +8,13 @@ import re
 import socket
 from typing import TypeAlias
 
-from aiohttp import ClientError, ClientSession, ClientWebSocketResponse, WSMsgType, web
+from aiohttp import (
+    ClientError,
+    ClientSession,
+    ClientWebSocketResponse,
+    WSMsgType,
+    web,
+)
 
 from tsd_twin.dashboard.viser_private import PAGE_HEADER
 
@@ -23,6 +29,7 @@ _FROM_VISER = 64 * 2**20
 _SOCKET_BUFFER = 128 * 2**10
 """Bytes: by default the kernel holds 2 MB for a slow page, which is many seconds of old poses."""
 _HEARTBEAT_S = 10.0
+_GOODBYE_S = 0.5
 
 _Socket: TypeAlias = web.WebSocketResponse | ClientWebSocketResponse
 
@@ -37,8 +44,9 @@ class ViserProxy:
 
     async def close(self) -> None:
         """Close all sockets."""
-        for page in tuple(self._open):
-            await page.close(code=1001, message=b"the dashboard ends")
+        await asyncio.gather(
+            *(page.close(code=1001, message=b"the dashboard ends") for page in self._open)
+        )
         if self._client is not None:
             await self._client.close()
 
@@ -61,13 +69,13 @@ class ViserProxy:
                 },
                 compress=0,
                 max_msg_size=_FROM_VISER,
-                autoclose=True,
             )
         except (ClientError, OSError) as error:
             raise web.HTTPServiceUnavailable(text=f"viser does not answer: {error}") from error
         async with viser:
             chosen = (viser.protocol,) if viser.protocol else ()
             page = web.WebSocketResponse(
+                timeout=_GOODBYE_S,
                 protocols=chosen,
                 compress=False,
                 max_msg_size=_FROM_PAGE,
@@ -95,7 +103,9 @@ async def _connect(page: web.WebSocketResponse, viser: ClientWebSocketResponse) 
         await asyncio.gather(*ways, return_exceptions=True)
         # viser tells a client of another version why it is refused.
         await page.close(code=viser.close_code or 1001)
-        await viser.close()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(_GOODBYE_S):
+                await viser.close()
 
 
 async def _pass(source: _Socket, sink: _Socket) -> None:

@@ -10,7 +10,7 @@ from tsd_twin.drives import Drive
 from tsd_twin.lie import Array
 from tsd_twin.robots.robot import Limits
 
-_LARGEST = 1e6
+_LARGEST = 1e100
 """Beyond this, in m/s or rad/s, a request is scaled first so that no square overflows."""
 
 

@@ -44,7 +44,7 @@ class RobotNode:
         Raises:
             BusError: the id is taken, or cannot be one.
         """
-        alive = topics.alive_key(robot_id)
+        alive = topics.alive_key(topics.checked(robot_id))
         if bus.living(alive):
             raise BusError(
                 f"a robot with the id '{robot_id}' is on the bus already: choose another"

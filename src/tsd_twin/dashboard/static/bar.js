@@ -17,15 +17,33 @@ export class Bar {
     this._robots = el("select", { "aria-label": "Robot", onchange: () => this._choose() });
     this._modeIcon = el("span", { class: "shape" });
     this._modeWord = el("span");
-    this._mode = el("span", { class: "mode", role: "status", "aria-label": "Mode" }, this._modeIcon, this._modeWord);
+    this._mode = el(
+      "span",
+      { class: "mode", role: "status", "aria-label": "Mode" },
+      this._modeIcon,
+      this._modeWord,
+    );
     this._who = el("span", { class: "who" });
     this._dot = el("span", { class: "shape" });
     this._ms = el("span", { class: "number" });
-    this._linkStatus = el("span", { class: "link", role: "status", "aria-live": "off", "aria-label": "Link", tabindex: "0" }, this._dot, this._ms);
+    this._linkStatus = el(
+      "span",
+      { class: "link", role: "status", "aria-live": "off", "aria-label": "Link", tabindex: "0" },
+      this._dot,
+      this._ms,
+    );
     this._volts = el("span", { class: "number" });
     this._battery = el("span", { class: "battery", hidden: true }, icon("battery"), this._volts);
-    this.arm = new Button("Arm", { tips, press: () => link.send({ t: this._armed ? "disarm" : "arm" }), kind: "primary" });
-    this.control = new Button("Take control", { tips, press: () => this._pressControl(), kind: "primary" });
+    this.arm = new Button("Arm", {
+      tips,
+      press: () => link.send({ t: this._armed ? "disarm" : "arm" }),
+      kind: "primary",
+    });
+    this.control = new Button("Take control", {
+      tips,
+      press: () => this._pressControl(),
+      kind: "primary",
+    });
     this._fold = new Button("Fold", { tips, press: fold, kind: "quiet" });
     tips.attach(this._linkStatus, () => this._explainLink());
     this.level = el("span", { class: "slot" });
@@ -38,7 +56,8 @@ export class Bar {
       el("span", { class: "group facts" }, this._linkStatus, this._battery),
       el("span", { class: "group last" }, this.level, this._fold.element),
     );
-    for (const type of ["state", "welcome", "robot", "beat", "down"]) link.on(type, () => this._draw());
+    for (const type of ["state", "welcome", "robot", "beat", "down"])
+      link.on(type, () => this._draw());
     this._draw();
   }
 
@@ -51,7 +70,10 @@ export class Bar {
   }
 
   showFolded(folded) {
-    this._fold.become(folded ? "Unfold" : "Fold", folded ? "Show the stick and the figures" : "Hide the stick and the figures");
+    this._fold.become(
+      folded ? "Unfold" : "Fold",
+      folded ? "Show the stick and the figures" : "Hide the stick and the figures",
+    );
     mark(this._fold.button, "aria-expanded", String(!folded));
   }
 
@@ -83,7 +105,9 @@ export class Bar {
     const robots = this._link.welcome?.robots ?? [];
     const shown = [...this._robots.options].map((option) => option.value);
     if (robots.map(({ id }) => id).join() !== shown.join()) {
-      this._robots.replaceChildren(...robots.map(({ id, title }) => el("option", { value: id, title }, id)));
+      this._robots.replaceChildren(
+        ...robots.map(({ id, title }) => el("option", { value: id, title }, id)),
+      );
     }
     mark(this._robots, "data-single", robots.length > 1 ? null : "");
     this._robots.hidden = robots.length === 0;
@@ -99,7 +123,10 @@ export class Bar {
     say(this._modeWord, word.toUpperCase());
     mark(this._mode, "data-mode", mode ?? "unknown");
     this._armed = mode !== null && !AT_REST.has(mode);
-    this.arm.become(this._armed ? "Disarm" : "Arm", this._armed ? "Spin the wheels down" : "Check neutral tilt, then spin the wheels up");
+    this.arm.become(
+      this._armed ? "Disarm" : "Arm",
+      this._armed ? "Spin the wheels down" : "Check neutral tilt, then spin the wheels up",
+    );
     this.arm.allow(this._armed ? notDisarm(this._link) : notArm(this._link));
     mark(this.arm.button, "data-quiet", this._armed ? "" : null);
   }
@@ -110,7 +137,9 @@ export class Bar {
     say(this._who, you ? "you drive" : holder === null ? "nobody drives" : `${holder} drives`);
     this.control.become(
       you ? "Release control" : "Take control",
-      you ? "Give control back; the robot comes to rest" : "Ask for the right to drive; one at a time has it",
+      you
+        ? "Give control back; the robot comes to rest"
+        : "Ask for the right to drive; one at a time has it",
     );
     this.control.allow(notTake(this._link));
     mark(this.control.button, "data-quiet", you ? "" : null);
@@ -119,7 +148,8 @@ export class Bar {
   _drawLink() {
     const trip = this._link.roundTripMs();
     const lost = this._link.isStale();
-    const grade = lost || trip === null ? "none" : trip < GOOD_MS ? "good" : trip < FAIR_MS ? "fair" : "poor";
+    const grade =
+      lost || trip === null ? "none" : trip < GOOD_MS ? "good" : trip < FAIR_MS ? "fair" : "poor";
     if (grade !== this._grade) {
       this._grade = grade;
       this._dot.replaceChildren(icon(grade));

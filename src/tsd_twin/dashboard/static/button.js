@@ -15,7 +15,11 @@ export class Button {
     const id = `why-${(count += 1)}`;
     this._why = el("span", { class: "sr", id }, tip);
     this._label = el("span", { class: "label" }, label);
-    this.button = el("button", { type: "button", class: `button ${kind}`, "aria-describedby": id }, this._label);
+    this.button = el(
+      "button",
+      { type: "button", class: `button ${kind}`, "aria-describedby": id },
+      this._label,
+    );
     this.element = el("span", { class: "holder" }, this.button, this._why);
     this.button.addEventListener("click", (event) => this._click(event));
     tips.attach(this.button, () => this.reason ?? this._tip);

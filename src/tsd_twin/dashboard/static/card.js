@@ -18,9 +18,20 @@ export class Card {
     this._link = link;
     this._shape = el("span", { class: "shape" });
     this._title = el("h2");
-    this._text = el("p", { class: "why" });
+    this._text = el("p", { class: "why", "aria-live": "polite" });
     this._since = el("p", { class: "since number" });
-    this._bar = el("div", { class: "progress", role: "progressbar", "aria-label": "Arming", "aria-valuemin": "0", "aria-valuemax": "100" }, el("div"), el("div"));
+    this._bar = el(
+      "div",
+      {
+        class: "progress",
+        role: "progressbar",
+        "aria-label": "Arming",
+        "aria-valuemin": "0",
+        "aria-valuemax": "100",
+      },
+      el("div"),
+      el("div"),
+    );
     this._next = el("p", { class: "next" });
     this.reset = new HoldButton("Reset stop", {
       tips,
@@ -31,7 +42,7 @@ export class Card {
     this._action = el("div", { class: "action" }, this.reset.element, this._next);
     this.element = el(
       "section",
-      { class: "card surface", hidden: true, "aria-live": "polite" },
+      { class: "card surface", hidden: true },
       el("div", { class: "head" }, this._shape, this._title, this._since),
       this._text,
       this._bar,
@@ -59,7 +70,10 @@ export class Card {
     this._bar.hidden = this._mode !== "arming";
     this._action.hidden = this._mode === "arming";
     const sinceMs = Date.now() - 1000 * state.mode_age_s;
-    say(this._since, this._mode === "arming" ? "" : `since ${clock(sinceMs)}, ${duration(state.mode_age_s)}`);
+    say(
+      this._since,
+      this._mode === "arming" ? "" : `since ${clock(sinceMs)}, ${duration(state.mode_age_s)}`,
+    );
     if (this._mode === "arming") this._drawArming(state.status.arming);
     else this._drawLatched(state.status);
   }
@@ -71,7 +85,11 @@ export class Card {
     const [hold, spin] = this._bar.children;
     hold.style.setProperty("--done", phase > 1 ? 1 : progress);
     spin.style.setProperty("--done", phase > 1 ? progress : 0);
-    mark(this._bar, "aria-valuenow", Math.round(100 * (phase > 1 ? 0.5 + progress / 2 : progress / 2)));
+    mark(
+      this._bar,
+      "aria-valuenow",
+      Math.round(100 * (phase > 1 ? 0.5 + progress / 2 : progress / 2)),
+    );
   }
 
   _drawLatched(status) {

@@ -29,7 +29,8 @@ export class Chart {
       canvas.width = Math.round(width * density);
       canvas.height = Math.round(height * density);
     }
-    const pen = canvas.getContext("2d");
+    // In plain memory: a graphics card that is busy with the scene would keep this page waiting.
+    const pen = canvas.getContext("2d", { willReadFrequently: true });
     pen.setTransform(density, 0, 0, density, 0, 0);
     pen.clearRect(0, 0, width, height);
     const style = getComputedStyle(canvas);
@@ -79,7 +80,8 @@ export class Chart {
     pen.font = `11px ${style.fontFamily}`;
     pen.textAlign = "right";
     pen.textBaseline = "middle";
-    for (const value of [bottom, middle, top]) pen.fillText(tick(value), GUTTER_PX - 6, Math.min(HEIGHT_PX - 6, Math.max(6, y(value))));
+    for (const value of [bottom, middle, top])
+      pen.fillText(tick(value), GUTTER_PX - 6, Math.min(HEIGHT_PX - 6, Math.max(6, y(value))));
     if (!this._axis) return;
     pen.textBaseline = "alphabetic";
     for (let s = 0; s <= SPAN_S; s += 5) {

@@ -40,24 +40,47 @@ export function icon(name) {
   );
 }
 
-const LINE = { fill: "none", stroke: "currentColor", "stroke-width": 1.75, "stroke-linecap": "round", "stroke-linejoin": "round" };
+const LINE = {
+  fill: "none",
+  stroke: "currentColor",
+  "stroke-width": 1.75,
+  "stroke-linecap": "round",
+  "stroke-linejoin": "round",
+};
 const SOLID = { fill: "currentColor" };
 
 // One shape for each mode, so that none is told by its colour alone.
 const ICONS = {
   disarmed: [["circle", { cx: 8, cy: 8, r: 5.5, ...LINE }]],
-  arming: [["circle", { cx: 8, cy: 8, r: 5.5, ...LINE, "stroke-dasharray": "2.6 3.16" }], ["circle", { cx: 8, cy: 8, r: 2, ...SOLID }]],
+  arming: [
+    ["circle", { cx: 8, cy: 8, r: 5.5, ...LINE, "stroke-dasharray": "2.6 3.16" }],
+    ["circle", { cx: 8, cy: 8, r: 2, ...SOLID }],
+  ],
   ready: [["circle", { cx: 8, cy: 8, r: 6, ...SOLID }]],
-  driving: [["path", { d: "M4 2.5 14 8 4 13.5Z", ...SOLID, stroke: "currentColor", "stroke-linejoin": "round" }]],
+  driving: [
+    [
+      "path",
+      { d: "M4 2.5 14 8 4 13.5Z", ...SOLID, stroke: "currentColor", "stroke-linejoin": "round" },
+    ],
+  ],
   stopping: [["path", { d: "M3 3.5 8 8.5 13 3.5M3 8.5 8 13.5 13 8.5", ...LINE }]],
   stopped: [["path", { d: "M5.2 1h5.6L15 5.2v5.6L10.8 15H5.2L1 10.8V5.2Z", ...SOLID }]],
-  fault: [["path", { d: "M8 1.5 15 14H1Z", ...LINE }], ["path", { d: "M8 6v4M8 12v.1", ...LINE }]],
+  fault: [
+    ["path", { d: "M8 1.5 15 14H1Z", ...LINE }],
+    ["path", { d: "M8 6v4M8 12v.1", ...LINE }],
+  ],
   unknown: [["path", { d: "M5.5 6a2.5 2.5 0 1 1 3.6 2.2c-.8.4-1.1.9-1.1 1.8M8 13v.1", ...LINE }]],
   good: [["circle", { cx: 8, cy: 8, r: 5, ...SOLID }]],
-  fair: [["circle", { cx: 8, cy: 8, r: 4.5, ...LINE }], ["path", { d: "M8 3.5a4.5 4.5 0 0 0 0 9Z", ...SOLID }]],
+  fair: [
+    ["circle", { cx: 8, cy: 8, r: 4.5, ...LINE }],
+    ["path", { d: "M8 3.5a4.5 4.5 0 0 0 0 9Z", ...SOLID }],
+  ],
   poor: [["circle", { cx: 8, cy: 8, r: 4.5, ...LINE }]],
   none: [["path", { d: "M4 4l8 8M12 4l-8 8", ...LINE }]],
-  battery: [["path", { d: "M1.5 5h11v6h-11ZM14.5 7v2", ...LINE }], ["path", { d: "M3.5 7h5v2h-5Z", ...SOLID }]],
+  battery: [
+    ["path", { d: "M1.5 5h11v6h-11ZM14.5 7v2", ...LINE }],
+    ["path", { d: "M3.5 7h5v2h-5Z", ...SOLID }],
+  ],
   fold: [["path", { d: "M3 10l5-5 5 5", ...LINE }]],
   chevron: [["path", { d: "M4 6l4 4 4-4", ...LINE }]],
   close: [["path", { d: "M4 4l8 8M12 4l-8 8", ...LINE }]],

@@ -24,7 +24,9 @@ export class Drive {
     link.on("state", () => this._checkState());
     link.on("beat", () => this._checkBeat());
     link.on("down", () => this.letGo("The connection is lost."));
-    link.on("released", (message) => this.letGo(`Let go: ${message.reason}. Push again to drive.`, true));
+    link.on("released", (message) =>
+      this.letGo(`Let go: ${message.reason}. Push again to drive.`, true),
+    );
     link.on("reply", (message) => this._checkReply(message));
     addEventListener("blur", () => this.letGo());
     addEventListener("pagehide", () => this.letGo());
@@ -47,7 +49,10 @@ export class Drive {
   get scale() {
     const limits = this.link.state?.status.limits;
     const share = this.level / 100;
-    return { speed: share * (limits?.speed_mps ?? 0), turn: share * (limits?.turn_rate_rad_per_s ?? 0) };
+    return {
+      speed: share * (limits?.speed_mps ?? 0),
+      turn: share * (limits?.turn_rate_rad_per_s ?? 0),
+    };
   }
 
   /** What the controls ask for, each share within 1. */
@@ -68,7 +73,12 @@ export class Drive {
     const panel = this._sources.find((source) => source.held && source.twist !== undefined);
     if (panel !== undefined) return { ...panel.twist, frame: "base_link" };
     const { unit, scale } = this;
-    return { vx: unit.x * scale.speed, vy: unit.y * scale.speed, omega: unit.turn * scale.turn, frame: this.frame };
+    return {
+      vx: unit.x * scale.speed,
+      vy: unit.y * scale.speed,
+      omega: unit.turn * scale.turn,
+      frame: this.frame,
+    };
   }
 
   /** A source has changed: begin, go on, or let go. Hands on any control end what is latched. */
@@ -119,13 +129,13 @@ export class Drive {
 
   _send() {
     const reason = notDrive(this.link);
-    if (reason !== null) this.letGo(`Let go: ${reason} Push again to drive.`);
+    if (reason !== null) this.letGo(`${reason} Push again to drive.`);
     else this.link.send({ t: "drive", ...this.twist, seen: this.link.state.seen });
   }
 
   _checkState() {
     const reason = this.held ? notDrive(this.link) : null;
-    if (reason !== null) this.letGo(`Let go: ${reason} Push again to drive.`);
+    if (reason !== null) this.letGo(`${reason} Push again to drive.`);
     if (this.link.state.status.mode === "stopped") this._stop = null;
     this._tell();
   }
@@ -133,7 +143,8 @@ export class Drive {
   _checkBeat() {
     if (this._stop === null) return;
     const now = performance.now();
-    if (now - this._stop.sentMs > STOP_EVERY_MS && this.link.send({ t: "stop" })) this._stop.sentMs = now;
+    if (now - this._stop.sentMs > STOP_EVERY_MS && this.link.send({ t: "stop" }))
+      this._stop.sentMs = now;
     if (now - this._stop.sinceMs > STOP_DOUBT_MS && !this._stop.doubted) {
       this._stop.doubted = true;
       this.onMessage("The stop is not confirmed. Use the hardware stop.");

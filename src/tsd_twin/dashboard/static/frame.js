@@ -19,7 +19,9 @@ export class Frame {
   /** Whether an event is on viser's panel: neither on the scene nor on us. */
   isPanel(event) {
     const path = event.composedPath();
-    return !path.includes(this._host) && !path.includes(this._canvas) && path.includes(document.body);
+    return (
+      !path.includes(this._host) && !path.includes(this._canvas) && path.includes(document.body)
+    );
   }
 
   /** Tell how much room the controls take, so that the drawer opens above them. */
@@ -32,7 +34,10 @@ export class Frame {
     if (!this._canvas?.isConnected) this._adopt(document.querySelector("canvas[data-engine]"));
     if (this.phone.matches && !this._drawer?.isConnected) this._adoptDrawer();
     const box = this._canvas?.getBoundingClientRect();
-    const [left, top, width, height] = box && box.width > 0 ? [box.left, box.top, box.width, box.height] : [0, 0, innerWidth, innerHeight];
+    const [left, top, width, height] =
+      box && box.width > 0
+        ? [box.left, box.top, box.width, box.height]
+        : [0, 0, innerWidth, innerHeight];
     const shown = `left:${left}px;top:${top}px;width:${width}px;height:${height}px`;
     if (shown !== this._shown) this._host.style.cssText = this._shown = shown;
   }

@@ -55,7 +55,8 @@ export class Gamepad {
 /** Return a stick's place with its round dead zone taken out, so that motion begins at zero. */
 function stick(a, b) {
   const length = Math.hypot(a, b);
-  const share = length < DEAD_ZONE ? 0 : Math.min(1, (length - DEAD_ZONE) / (1 - DEAD_ZONE)) / length;
+  const share =
+    length < DEAD_ZONE ? 0 : Math.min(1, (length - DEAD_ZONE) / (1 - DEAD_ZONE)) / length;
   return [a * share, b * share];
 }
 

@@ -11,16 +11,40 @@ export class Gimbals {
   constructor(link, place) {
     this._link = link;
     this._list = el("div", { class: "gimbals" });
-    this._conflict = el("div", { class: "meter", role: "meter", "aria-label": "Conflict", "aria-valuemin": "0", "aria-valuemax": CONFLICT_MPS }, el("div"));
+    this._conflict = el(
+      "div",
+      {
+        class: "meter",
+        role: "meter",
+        "aria-label": "Conflict",
+        "aria-valuemin": "0",
+        "aria-valuemax": CONFLICT_MPS,
+      },
+      el("div"),
+    );
     this._residual = el("span", { class: "value" });
     this._verdict = el("p", { class: "verdict" });
     this._waiting = el("p", { class: "muted" }, "Waiting for the robot.");
     this._all = el(
       "div",
       {},
-      el("p", { class: "key" }, el("i", { class: "ring" }), "set-point", el("i", { class: "dot" }), "measured", el("span", { class: "muted" }, "from above, forward up")),
+      el(
+        "p",
+        { class: "key" },
+        el("i", { class: "ring" }),
+        "set-point",
+        el("i", { class: "dot" }),
+        "measured",
+        el("span", { class: "muted" }, "from above, forward up"),
+      ),
       this._list,
-      el("div", { class: "head" }, el("strong", {}, "Conflict"), this._residual, el("span", { class: "unit" }, "m/s")),
+      el(
+        "div",
+        { class: "head" },
+        el("strong", {}, "Conflict"),
+        this._residual,
+        el("span", { class: "unit" }, "m/s"),
+      ),
       this._conflict,
       this._verdict,
     );
@@ -48,14 +72,19 @@ export class Gimbals {
   _show() {
     const { modules, status } = this._link.state;
     const suspect = status.conflict.suspect;
-    modules.forEach((module, i) => this._dials?.[i]?.show(module, this._link.robot.modules[i] === suspect));
+    modules.forEach((module, i) =>
+      this._dials?.[i]?.show(module, this._link.robot.modules[i] === suspect),
+    );
     const residual = status.conflict.residual_mps;
     say(this._residual, fixed(residual, 3));
     this._conflict.firstChild.style.transform = `scaleX(${Math.min(1, residual / CONFLICT_MPS)})`;
     mark(this._conflict, "aria-valuenow", residual);
     mark(this._conflict, "data-suspect", suspect === null ? null : "");
     const number = this._link.robot.modules.indexOf(suspect) + 1;
-    say(this._verdict, suspect === null ? "The modules agree." : `Module ${number} contradicts the others.`);
+    say(
+      this._verdict,
+      suspect === null ? "The modules agree." : `Module ${number} contradicts the others.`,
+    );
   }
 }
 
@@ -65,11 +94,21 @@ class Dial {
     this._set = svg("circle", { class: "ring", r: 5 });
     this._dot = svg("circle", { class: "dot", r: 4 });
     this._lean = svg("line", { class: "lean", x1: 0, y1: 0 });
-    this._spin = svg("g", { class: "spin" }, svg("path", { d: "M0 -46A46 46 0 0 0 -23 -39.8" }), svg("path", { d: "M0 46A46 46 0 0 0 23 39.8" }));
+    this._spin = svg(
+      "g",
+      { class: "spin" },
+      svg("path", { d: "M0 -46A46 46 0 0 0 -23 -39.8" }),
+      svg("path", { d: "M0 46A46 46 0 0 0 23 39.8" }),
+    );
     const limit = fixed(robot.max_tilt_deg, 0);
     const face = svg(
       "svg",
-      { class: "dial", viewBox: "-50 -50 100 100", role: "img", "aria-label": `Axle of module ${number}; the circle is ${limit} degrees` },
+      {
+        class: "dial",
+        viewBox: "-50 -50 100 100",
+        role: "img",
+        "aria-label": `Axle of module ${number}; the circle is ${limit} degrees`,
+      },
       svg("circle", { class: "limit", r: REACH }),
       svg("circle", { class: "half", r: REACH / 2 }),
       svg("path", { class: "cross", d: `M0 ${-REACH}V${REACH}M${-REACH} 0H${REACH}` }),
@@ -86,8 +125,19 @@ class Dial {
       el(
         "dl",
         {},
-        el("div", { class: "title" }, el("dt", {}, `Module ${number}`), el("dd", {}, (this._state = el("span", { class: "muted" })))),
-        ...[["tilt", "°"], ["α", "°"], ["β", "°"], ["radius", "mm"], ["speed", "rpm"]].map(([name, unit]) => this._row(name, unit)),
+        el(
+          "div",
+          { class: "title" },
+          el("dt", {}, `Module ${number}`),
+          el("dd", {}, (this._state = el("span", { class: "muted" }))),
+        ),
+        ...[
+          ["tilt", "°"],
+          ["α", "°"],
+          ["β", "°"],
+          ["radius", "mm"],
+          ["speed", "rpm"],
+        ].map(([name, unit]) => this._row(name, unit)),
       ),
     );
   }
@@ -112,7 +162,12 @@ class Dial {
   _row(name, unit) {
     const value = el("span", { class: "value" });
     this._cells[name] = value;
-    return el("div", {}, el("dt", {}, name), el("dd", {}, value, el("span", { class: "unit" }, unit)));
+    return el(
+      "div",
+      {},
+      el("dt", {}, name),
+      el("dd", {}, value, el("span", { class: "unit" }, unit)),
+    );
   }
 }
 

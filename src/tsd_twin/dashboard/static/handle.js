@@ -30,7 +30,8 @@ export class Handle {
     this._pointer = null;
     this._arrows.clear();
     this._place(0, 0);
-    if (pointer !== null && this._node.hasPointerCapture(pointer)) this._node.releasePointerCapture(pointer);
+    if (pointer !== null && this._node.hasPointerCapture(pointer))
+      this._node.releasePointerCapture(pointer);
   }
 
   /** Take a key event; return whether it was an arrow key. */

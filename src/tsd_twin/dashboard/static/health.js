@@ -4,7 +4,14 @@ import { el, say } from "./dom.js";
 import { fixed } from "./format.js";
 import { isSeen } from "./panels.js";
 
-const REASONS = { stale: "too old", lease: "no lease", order: "out of order", nonfinite: "not finite", key: "wrong key", shape: "unreadable" };
+const REASONS = {
+  stale: "too old",
+  lease: "no lease",
+  order: "out of order",
+  nonfinite: "not finite",
+  key: "wrong key",
+  shape: "unreadable",
+};
 const LINES = 40;
 
 export class Health {
@@ -12,7 +19,13 @@ export class Health {
     this._link = link;
     this._values = new Map();
     this._table = el("div", { class: "tables" });
-    this._log = el("ol", { class: "log", role: "log", "aria-live": "polite", "aria-label": "Events", tabindex: "0" });
+    this._log = el("ol", {
+      class: "log",
+      role: "log",
+      "aria-live": "polite",
+      "aria-label": "Events",
+      tabindex: "0",
+    });
     place.append(this._table, el("div", { class: "head" }, el("strong", {}, "Events")), this._log);
     this._open = true;
     link.on("state", () => this._open && isSeen(place.host) && this._show());
@@ -31,7 +44,11 @@ export class Health {
     const { loop, command, lease, limits } = status;
     const dropped = Object.entries(command.dropped);
     const sections = {
-      Loop: { rate: `${fixed(loop.hz, 1)} Hz`, "jitter p99": `${fixed(loop.jitter_p99_ms, 2)} ms`, overruns: String(loop.overruns) },
+      Loop: {
+        rate: `${fixed(loop.hz, 1)} Hz`,
+        "jitter p99": `${fixed(loop.jitter_p99_ms, 2)} ms`,
+        overruns: String(loop.overruns),
+      },
       Link: {
         "page to dashboard": `${fixed(this._link.pageMs, 1)} ms`,
         "dashboard to robot": `${fixed(robot, 1)} ms`,
@@ -39,9 +56,18 @@ export class Health {
       },
       Commands: {
         accepted: String(command.accepted),
-        "age of the newest": command.age_s === null ? "–" : command.age_s < 10 ? `${fixed(1000 * command.age_s, 0)} ms` : "over 10 s",
+        "age of the newest":
+          command.age_s === null
+            ? "–"
+            : command.age_s < 10
+              ? `${fixed(1000 * command.age_s, 0)} ms`
+              : "over 10 s",
         dropped: String(dropped.reduce((sum, [, count]) => sum + count, 0)),
-        ...Object.fromEntries(dropped.filter(([, count]) => count > 0).map(([why, count]) => [`· ${REASONS[why] ?? why}`, String(count)])),
+        ...Object.fromEntries(
+          dropped
+            .filter(([, count]) => count > 0)
+            .map(([why, count]) => [`· ${REASONS[why] ?? why}`, String(count)]),
+        ),
       },
       Control: {
         holder: lease.holder ?? "nobody",
@@ -50,19 +76,29 @@ export class Health {
         "let through": `${fixed(100 * limits.applied, 0)} %`,
         "oldest command": `${fixed(1000 * limits.max_command_age_s, 0)} ms`,
       },
-      Hardware: Object.fromEntries(Object.entries(status.hardware).map(([name, value]) => [name.replaceAll("_", " "), written(value)])),
+      Hardware: Object.fromEntries(
+        Object.entries(status.hardware).map(([name, value]) => [
+          name.replaceAll("_", " "),
+          written(value),
+        ]),
+      ),
     };
-    const shape = JSON.stringify(Object.entries(sections).map(([title, rows]) => [title, Object.keys(rows)]));
+    const shape = JSON.stringify(
+      Object.entries(sections).map(([title, rows]) => [title, Object.keys(rows)]),
+    );
     if (shape !== this._shape) this._build(shape, sections);
     for (const [title, rows] of Object.entries(sections)) {
-      for (const [name, value] of Object.entries(rows)) say(this._values.get(`${title} ${name}`), value);
+      for (const [name, value] of Object.entries(rows))
+        say(this._values.get(`${title} ${name}`), value);
     }
   }
 
   _build(shape, sections) {
     this._shape = shape;
     this._values.clear();
-    this._table.replaceChildren(...Object.entries(sections).map(([title, rows]) => this._section(title, Object.keys(rows))));
+    this._table.replaceChildren(
+      ...Object.entries(sections).map(([title, rows]) => this._section(title, Object.keys(rows))),
+    );
   }
 
   _section(title, names) {

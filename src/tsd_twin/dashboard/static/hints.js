@@ -14,7 +14,11 @@ export class Hints {
     this._text = el("p");
     this._count = el("span", { class: "number" });
     const next = new Button("Next", { tips, press: () => this._go(this._at + 1), kind: "quiet" });
-    const skip = new Button("Skip", { tips, press: () => this._go(this._steps.length), kind: "quiet" });
+    const skip = new Button("Skip", {
+      tips,
+      press: () => this._go(this._steps.length),
+      kind: "quiet",
+    });
     this.element = el(
       "div",
       { class: "hint", hidden: true, role: "note", "aria-label": "Hint" },
@@ -34,10 +38,12 @@ export class Hints {
   }
 
   _draw() {
-    while (this._at < this._steps.length && this._steps[this._at].done(this._link.state)) this._at += 1;
+    while (this._at < this._steps.length && this._steps[this._at].done(this._link.state))
+      this._at += 1;
     const step = this._steps[this._at];
     if (step === undefined) remember();
-    this.element.hidden = step === undefined || this._link.isStale() || !step.when(this._link.state);
+    this.element.hidden =
+      step === undefined || this._link.isStale() || !step.when(this._link.state);
     if (this.element.hidden) return;
     say(this._text, step.text);
     say(this._count, `${this._at + 1} of ${this._steps.length}`);

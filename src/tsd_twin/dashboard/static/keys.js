@@ -1,7 +1,14 @@
 // The keyboard: W A S D and Q E drive, the space bar stops. Listeners run before those of viser,
 // whose camera would move with the same keys.
 
-const DRIVE = { KeyW: [1, 0, 0], KeyS: [-1, 0, 0], KeyA: [0, 1, 0], KeyD: [0, -1, 0], KeyQ: [0, 0, 1], KeyE: [0, 0, -1] };
+const DRIVE = {
+  KeyW: [1, 0, 0],
+  KeyS: [-1, 0, 0],
+  KeyA: [0, 1, 0],
+  KeyD: [0, -1, 0],
+  KeyQ: [0, 0, 1],
+  KeyE: [0, 0, -1],
+};
 
 export class Keys {
   /** `focused(event)` may take a key for the control that has the focus; it returns whether it did. */
@@ -58,8 +65,17 @@ export class Keys {
 
 function takesText(target) {
   if (!(target instanceof HTMLElement)) return false;
-  if (target.isContentEditable || target instanceof HTMLTextAreaElement || target instanceof HTMLSelectElement) return true;
-  return target instanceof HTMLInputElement && !target.readOnly && !["checkbox", "radio", "range", "button"].includes(target.type);
+  if (
+    target.isContentEditable ||
+    target instanceof HTMLTextAreaElement ||
+    target instanceof HTMLSelectElement
+  )
+    return true;
+  return (
+    target instanceof HTMLInputElement &&
+    !target.readOnly &&
+    !["checkbox", "radio", "range", "button"].includes(target.type)
+  );
 }
 
 /** A field for a number takes no spaces, so there the space bar stops as everywhere else. */

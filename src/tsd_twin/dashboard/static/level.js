@@ -8,8 +8,18 @@ export class Level {
   constructor(link, drive, tips) {
     this._drive = drive;
     this._choices = [];
-    this._group = el("span", { class: "levels", role: "radiogroup", "aria-label": "Speed level", onkeydown: (event) => this._key(event) });
-    this.element = el("span", { class: "level-control" }, el("span", { class: "caption", "aria-hidden": "true" }, "Level"), this._group);
+    this._group = el("span", {
+      class: "levels",
+      role: "radiogroup",
+      "aria-label": "Speed level",
+      onkeydown: (event) => this._key(event),
+    });
+    this.element = el(
+      "span",
+      { class: "level-control" },
+      el("span", { class: "caption", "aria-hidden": "true" }, "Level"),
+      this._group,
+    );
     tips.attach(this._group, () => "How fast a full stick drives, in percent of the limits");
     link.on("robot", (robot) => this._offer(robot.levels));
     this._offer(FALLBACK);
@@ -20,7 +30,17 @@ export class Level {
     this._choices = [...levels];
     this._group.replaceChildren(
       ...levels.map((level) =>
-        el("button", { type: "button", role: "radio", "data-level": level, "aria-label": `${level} %`, onclick: () => this._set(level) }, String(level)),
+        el(
+          "button",
+          {
+            type: "button",
+            role: "radio",
+            "data-level": level,
+            "aria-label": `${level} %`,
+            onclick: () => this._set(level),
+          },
+          String(level),
+        ),
       ),
       el("span", { class: "unit", "aria-hidden": "true" }, "%"),
     );

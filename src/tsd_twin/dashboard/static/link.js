@@ -52,7 +52,8 @@ export class Link {
 
   /** Page to robot and back, in ms; null when one of the two is not known. */
   roundTripMs() {
-    if (!this.connected || this.pageMs === null || !Number.isFinite(this.state?.robot_ms ?? NaN)) return null;
+    if (!this.connected || this.pageMs === null || !Number.isFinite(this.state?.robot_ms ?? NaN))
+      return null;
     return this.pageMs + this.state.robot_ms;
   }
 
@@ -128,7 +129,8 @@ export class Link {
   /** After a new connection, go on with the robot that was watched before. */
   _stay({ robot, robots }) {
     const before = this.robot?.id ?? robot;
-    if (before !== robot && robots.some(({ id }) => id === before)) this.send({ t: "robot", id: before });
+    if (before !== robot && robots.some(({ id }) => id === before))
+      this.send({ t: "robot", id: before });
   }
 
   _measure(sentMs) {

@@ -9,7 +9,12 @@ const AT_ONCE = 3;
 export class Notices {
   constructor(tips) {
     this._tips = tips;
-    this._list = el("div", { class: "toasts", role: "log", "aria-live": "polite", "aria-label": "Messages" });
+    this._list = el("div", {
+      class: "toasts",
+      role: "log",
+      "aria-live": "polite",
+      "aria-label": "Messages",
+    });
     this._question = el("div", { class: "question" });
     this.element = el("div", { class: "notices" }, this._question, this._list);
   }
@@ -28,11 +33,20 @@ export class Notices {
   /** Ask; `yes()` is called if it is agreed to. A new question takes the place of the old one. */
   ask(text, label, yes) {
     const done = () => this._question.replaceChildren();
-    const agree = new Button(label, { tips: this._tips, press: () => (done(), yes()), kind: "primary" });
+    const agree = new Button(label, {
+      tips: this._tips,
+      press: () => (done(), yes()),
+      kind: "primary",
+    });
     const refuse = new Button("Cancel", { tips: this._tips, press: done, kind: "quiet" });
     const dialog = el(
       "div",
-      { class: "dialog surface", role: "alertdialog", "aria-label": label, onkeydown: (event) => event.key === "Escape" && done() },
+      {
+        class: "dialog surface",
+        role: "alertdialog",
+        "aria-label": label,
+        onkeydown: (event) => event.key === "Escape" && done(),
+      },
       el("p", {}, text),
       el("div", { class: "row" }, refuse.element, agree.element),
     );
@@ -44,5 +58,7 @@ export class Notices {
 /** What of a robot's events is worth a sentence; the rest stands in the log of the Health tab. */
 export function worthSaying({ kind, text }, operator) {
   if (kind === "lease") return !text.startsWith(operator) || text.includes(" took ");
-  return kind === "mode" && /to (stopping|disarmed):/.test(text) && !text.includes("by the operator");
+  return (
+    kind === "mode" && /to (stopping|disarmed):/.test(text) && !text.includes("by the operator")
+  );
 }

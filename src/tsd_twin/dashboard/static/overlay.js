@@ -22,6 +22,7 @@ import { watchPanels } from "./panels.js";
 import { Tip } from "./tip.js";
 import { Turn } from "./turn.js";
 
+const NARROW_PX = 600; // As in small.css.
 const STYLES = ["frame", "bar", "buttons", "notices", "card", "dock", "stop", "small"];
 
 const link = new Link(window.tsd.page);
@@ -34,7 +35,8 @@ const notices = new Notices(tips);
 const stop = () => drive.stop();
 
 const bar = new Bar(link, tips, {
-  takeOver: (holder) => notices.ask(`${holder} drives now and would lose control.`, "Take over", () => bar.take(true)),
+  takeOver: (holder) =>
+    notices.ask(`${holder} drives now and would lose control.`, "Take over", () => bar.take(true)),
   fold: () => fold(!inner.hasAttribute("data-folded")),
 });
 const level = new Level(link, drive, tips);
@@ -44,8 +46,19 @@ const stick = new Stick(drive);
 const turn = new Turn(drive);
 const stopButton = new StopButton(link, tips, stop);
 const sliders = new Sliders(drive, link, (event) => frame.isPanel(event));
-const preview = el("div", { class: "preview", hidden: true }, "PREVIEW", el("span", {}, "the sliders pose the gimbals, the robot stays put"));
-const axes = el("button", { type: "button", class: "button quiet axes", role: "switch", "aria-label": "World axes", onclick: () => turnAxes() });
+const preview = el(
+  "div",
+  { class: "preview", hidden: true },
+  "PREVIEW",
+  el("span", {}, "the sliders pose the gimbals, the robot stays put"),
+);
+const axes = el("button", {
+  type: "button",
+  class: "button quiet axes",
+  role: "switch",
+  "aria-label": "World axes",
+  onclick: () => turnAxes(),
+});
 
 const left = el("div", { class: "left" }, stick.element);
 const right = el("div", { class: "right" }, turn.element);
@@ -85,10 +98,23 @@ const hints = new Hints(link, tips, [
 ]);
 inner.append(hints.element);
 
-const keysHelp = el("div", { class: "keys", "aria-hidden": "true" });
-keysHelp.innerHTML = "<kbd>W A S D</kbd> · <kbd>Q E</kbd> · gamepad &nbsp; <kbd>space</kbd> = stop";
+const key = (name) => el("kbd", {}, name);
+const keysHelp = el(
+  "div",
+  { class: "keys", "aria-hidden": "true" },
+  ...[key("W A S D"), " · ", key("Q E"), " · gamepad \u2003 ", key("space"), " = stop"],
+);
 stopButton.element.append(keysHelp);
-stick.element.querySelector(".caption").replaceWith(el("div", { class: "caption-row" }, el("div", { class: "caption", "aria-hidden": "true" }, "Drive"), axes));
+stick.element
+  .querySelector(".caption")
+  .replaceWith(
+    el(
+      "div",
+      { class: "caption-row" },
+      el("div", { class: "caption", "aria-hidden": "true" }, "Drive"),
+      axes,
+    ),
+  );
 
 const keys = new Keys(drive, { focused: keyOfFocused, stop });
 for (const source of [stick, turn, keys, new Gamepad(drive, stop), sliders]) drive.add(source);
@@ -105,14 +131,19 @@ tips.attach(stick.pad, () => notDrive(link) ?? "Up is forward, left is left");
 tips.attach(turn.track, () => notDrive(link) ?? "Left turns left");
 tips.attach(axes, () => "Up on the stick: forward of the robot, or along x of the world");
 
-root.append(...STYLES.map((name) => el("link", { rel: "stylesheet", href: `static/${name}.css`, onload: styled })), inner);
+root.append(
+  ...STYLES.map((name) =>
+    el("link", { rel: "stylesheet", href: `static/${name}.css`, onload: styled }),
+  ),
+  inner,
+);
 inner.style.visibility = "hidden"; // Until it has its styles.
 document.head.append(el("link", { rel: "stylesheet", href: "static/page.css" }));
 document.body.append(host);
 mark(inner, "data-plain", drawsInSoftware() ? "" : null);
 new ResizeObserver(reserve).observe(bar.element);
 new ResizeObserver(reserve).observe(dock);
-new ResizeObserver(reserve).observe(host);
+new ResizeObserver(layOut).observe(host);
 frame.phone.addEventListener("change", layOut);
 layOut();
 fold(false);
@@ -135,14 +166,22 @@ function draw() {
   const commanded = refusal === null ? share(inFrame(link.state), scale) : null;
   stick.draw(unit, commanded, drive.level, twist);
   turn.draw(unit.turn, commanded?.turn ?? null, twist.omega);
-  for (const node of [stick.pad, turn.track]) mark(node, "aria-disabled", refusal === null ? null : "true");
-  say(root.getElementById("stick-help"), refusal ?? "Drag, or use the arrow keys: up is forward. It springs back.");
+  for (const node of [stick.pad, turn.track])
+    mark(node, "aria-disabled", refusal === null ? null : "true");
+  say(
+    root.getElementById("stick-help"),
+    refusal ?? "Drag, or use the arrow keys: up is forward. It springs back.",
+  );
   preview.hidden = !sliders.preview;
 }
 
 /** Return a twist as shares of what the level allows. */
 function share({ vx, vy, omega }, { speed, turn: most }) {
-  return { x: speed > 0 ? vx / speed : 0, y: speed > 0 ? vy / speed : 0, turn: most > 0 ? omega / most : 0 };
+  return {
+    x: speed > 0 ? vx / speed : 0,
+    y: speed > 0 ? vy / speed : 0,
+    turn: most > 0 ? omega / most : 0,
+  };
 }
 
 /** Return what is commanded to the joints, along the axes that the stick has. */
@@ -172,13 +211,14 @@ function fold(folded) {
 }
 
 function layOut() {
-  (frame.phone.matches ? right : bar.level).prepend(level.element);
+  (host.clientWidth <= NARROW_PX ? right : bar.level).prepend(level.element);
+  mark(inner, "data-drawer", frame.phone.matches ? "" : null);
   reserve();
 }
 
 function reserve() {
   const box = host.getBoundingClientRect();
-  const lowest = frame.phone.matches ? pose.element : bar.element;
+  const lowest = host.clientWidth <= NARROW_PX ? pose.element : bar.element;
   const top = lowest.getBoundingClientRect().bottom - box.top;
   const bottom = box.bottom - dock.getBoundingClientRect().top;
   frame.reserve(top, bottom + 8);

@@ -39,7 +39,9 @@ export function watchPanels(link) {
 function shadow(place) {
   const root = place.shadowRoot ?? place.attachShadow({ mode: "open" });
   const styles = ["panel", place.dataset.tsd];
-  root.replaceChildren(...styles.map((name) => el("link", { rel: "stylesheet", href: `static/${name}.css` })));
+  root.replaceChildren(
+    ...styles.map((name) => el("link", { rel: "stylesheet", href: `static/${name}.css` })),
+  );
   return root;
 }
 

@@ -22,7 +22,9 @@ function notYours(link) {
   if (reason !== null) return reason;
   if (link.state.you) return null;
   const holder = link.state.status.lease.holder;
-  return holder === null ? "Nobody has control: take it first." : `${holder} drives: ask for control.`;
+  return holder === null
+    ? "Nobody has control: take it first."
+    : `${holder} drives: ask for control.`;
 }
 
 export function notDrive(link) {

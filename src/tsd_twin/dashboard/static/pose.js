@@ -32,7 +32,15 @@ export class Pose {
   _figure(name, unit) {
     const value = el("span", { class: "value number" });
     this._cells[name] = value;
-    return el("span", { class: "figure" }, el("span", { class: "name" }, name), " ", value, el("span", { class: "unit" }, unit === "°" ? unit : ` ${unit}`), " ");
+    return el(
+      "span",
+      { class: "figure" },
+      el("span", { class: "name" }, name),
+      " ",
+      value,
+      el("span", { class: "unit" }, unit === "°" ? unit : ` ${unit}`),
+      " ",
+    );
   }
 
   _draw() {

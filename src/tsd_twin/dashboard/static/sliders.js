@@ -49,7 +49,8 @@ export class Sliders {
 
   _lift(event) {
     if (!this._pointers.delete(event.pointerId)) return;
-    if (this._panel.mode === "drive" && isMoving(this._panel) && !this._inHand(this._panel)) this._springBack();
+    if (this._panel.mode === "drive" && isMoving(this._panel) && !this._inHand(this._panel))
+      this._springBack();
     this._drive.changed();
   }
 

@@ -7,12 +7,12 @@ export class Stale {
   constructor(link) {
     this._link = link;
     this.veil = el("div", { class: "veil", hidden: true });
-    this._text = el("strong");
-    this._count = el("span", { class: "number" });
+    this._text = el("strong", { role: "alert" });
+    this._count = el("span", { class: "number", "aria-hidden": "true" });
     this._then = el("span", { class: "then" });
     this.banner = el(
       "div",
-      { class: "banner", role: "alert", hidden: true },
+      { class: "banner", hidden: true },
       icon("fault"),
       this._text,
       this._count,

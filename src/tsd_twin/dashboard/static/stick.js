@@ -14,7 +14,13 @@ export class Stick {
     this._gap = el("div", { class: "gap", hidden: true });
     this.pad = el(
       "div",
-      { class: "pad", role: "region", "aria-label": "Drive stick", "aria-describedby": "stick-help", tabindex: "0" },
+      {
+        class: "pad",
+        role: "region",
+        "aria-label": "Drive stick",
+        "aria-describedby": "stick-help",
+        tabindex: "0",
+      },
       el("div", { class: "level" }),
       this._gap,
       this._allowed,
@@ -25,7 +31,11 @@ export class Stick {
       { class: "control stick" },
       el("div", { class: "caption", "aria-hidden": "true" }, "Drive"),
       this.pad,
-      el("span", { class: "sr", id: "stick-help" }, "Drag, or use the arrow keys: up is forward. It springs back."),
+      el(
+        "span",
+        { class: "sr", id: "stick-help" },
+        "Drag, or use the arrow keys: up is forward. It springs back.",
+      ),
     );
     this._handle = new Handle(this.pad, {
       reach: (box) => box.width / 2 - KNOB_PX,
@@ -50,7 +60,11 @@ export class Stick {
   draw(unit, allowed, level, twist) {
     put(this._asked, unit.x, unit.y);
     this.pad.style.setProperty("--level", level / 100);
-    mark(this.pad, "aria-valuetext", `forward ${fixed(twist.vx, 2)}, left ${fixed(twist.vy, 2)} m/s`);
+    mark(
+      this.pad,
+      "aria-valuetext",
+      `forward ${fixed(twist.vx, 2)}, left ${fixed(twist.vy, 2)} m/s`,
+    );
     mark(this._allowed, "hidden", allowed === null ? "" : null);
     mark(this._gap, "hidden", allowed === null ? "" : null);
     if (allowed === null) return;
@@ -59,7 +73,10 @@ export class Stick {
     put(this._allowed, x, y);
     put(this._gap, x, y);
     this._gap.style.setProperty("--length", Math.hypot(unit.x - x, unit.y - y).toFixed(4));
-    this._gap.style.setProperty("--angle", `${Math.atan2(-(unit.x - x), -(unit.y - y)).toFixed(4)}rad`);
+    this._gap.style.setProperty(
+      "--angle",
+      `${Math.atan2(-(unit.x - x), -(unit.y - y)).toFixed(4)}rad`,
+    );
   }
 
   _place(right, up) {

@@ -26,10 +26,23 @@ export class StopButton {
       "div",
       { class: "control stopping" },
       this.button,
-      el("span", { class: "sr", id: "stop-help" }, "Software stop, also with the space bar. It is no emergency stop: that has to cut the power."),
+      el(
+        "span",
+        { class: "sr", id: "stop-help" },
+        "Software stop, also with the space bar. It is no emergency stop: that has to cut the power.",
+      ),
     );
-    tips.attach(this.button, () => "Software stop (space bar). It does not replace an emergency stop that cuts the power.");
-    link.on("state", ({ status }) => mark(this.button, "data-calm", ["stopped", "fault"].includes(status.mode) && !link.isStale() ? "" : null));
+    tips.attach(
+      this.button,
+      () => "Software stop (space bar). It does not replace an emergency stop that cuts the power.",
+    );
+    link.on("state", ({ status }) =>
+      mark(
+        this.button,
+        "data-calm",
+        ["stopped", "fault"].includes(status.mode) && !link.isStale() ? "" : null,
+      ),
+    );
     link.on("down", () => mark(this.button, "data-calm", null));
   }
 }

@@ -1,0 +1,151 @@
+"""A whole robot in virtual time: the core, joints that follow it, and operators who drive it."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from tsd_twin import robots
+from tsd_twin.authority import Mode
+from tsd_twin.core import RobotCore
+from tsd_twin.lie import Array
+from tsd_twin.messages.command import Sample, encode_attachment
+from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
+from tsd_twin.messages.status import LoopStatus, Status
+from tsd_twin.sim import SimRobot
+from tsd_twin.topics import Service
+
+PERIOD_S = 0.01
+ROBOT = robots.load("tsd")
+
+
+@dataclass(slots=True)
+class Pilot:
+    """Somebody who holds a lease, or did."""
+
+    name: str
+    lease: str
+    numbers: itertools.count[int] = field(default_factory=lambda: itertools.count(1))
+
+
+class Rig:
+    """A core at 100 Hz, with perfect joints or with a simulated robot."""
+
+    def __init__(self, simulated: SimRobot | None = None, start_s: float = 0.0) -> None:
+        ids = itertools.count(1)
+        self.core = RobotCore(ROBOT, lambda: next(ids).to_bytes(16, "big"))
+        self.simulated = simulated
+        self.now_s = start_s
+        self.status_seq = 0
+        self.status_sent_s: dict[int, float] = {}
+        self.inbox: list[Sample] = []
+        self.measures = True
+        self.wheels = np.array([joint.name.endswith("wheel") for joint in self.core.drive.joints])
+        self._ticks = itertools.count()
+        self.setpoint = self.core.setpoint
+        self.tick(0.0)
+
+    @property
+    def mode(self) -> Mode:
+        return self.core.authority.mode
+
+    @property
+    def twist(self) -> Array:
+        return self.core.twist
+
+    @property
+    def pose(self) -> Array:
+        """x, y, heading as the robot estimates it."""
+        return self.core.odometry(0).xy_heading
+
+    def truth(self) -> Array:
+        """x, y, heading as the simulator knows it."""
+        assert self.simulated is not None
+        return self.simulated.truth(self.now_s).pose.xy_heading
+
+    def status(self) -> Status:
+        return self.core.status(self.now_s, LoopStatus(), {})
+
+    def tick(self, dt_s: float = PERIOD_S) -> None:
+        """One turn of the loop, as the node has it: read, step, write, and send the status."""
+        self.now_s += dt_s
+        inbox, self.inbox = self.inbox, []
+        self.setpoint = self.core.step(self.now_s, self._measure(), inbox)
+        if self.simulated is not None:
+            self.simulated.write(self.setpoint, self.now_s)
+        if next(self._ticks) % 5 == 0:
+            self.status_seq += 1
+            self.status_sent_s[self.status_seq] = self.now_s
+            self.core.note_status_sent(self.status_seq, self.now_s)
+
+    def _measure(self) -> Array | None:
+        if not self.measures:
+            return None
+        if self.simulated is not None:
+            return self.simulated.read(self.now_s)
+        return np.where(self.wheels, np.nan, self.setpoint)
+
+    def wait(self, seconds: float) -> None:
+        for _ in range(round(seconds / PERIOD_S)):
+            self.tick()
+
+    def ask(self, service: Service, **fields: Any) -> Any:
+        return self.core.serve(service, json.dumps(fields).encode(), self.now_s)
+
+    def acquire(self, name: str = "alice", **fields: Any) -> Pilot:
+        reply = self.ask(Service.LEASE, op="acquire", operator=name, **fields)
+        assert reply.granted, reply.reason
+        return self.pilot(name, reply.lease)
+
+    @staticmethod
+    def pilot(name: str, lease: str) -> Pilot:
+        return Pilot(name, lease)
+
+    def sample(
+        self, pilot: Pilot, twist: Sequence[float], frame: str = BASE, **changed: Any
+    ) -> Sample:
+        """A command of (vx, vy, omega), as it should be but for what is `changed`."""
+        vx, vy, omega = twist
+        spatial = np.array([vx, vy, 0.0, 0.0, 0.0, omega])
+        attachment = encode_attachment(
+            changed.get("seq", next(pilot.numbers)),
+            bytes.fromhex(changed.get("lease", pilot.lease)),
+            changed.get("status_seq", self.status_seq),
+        )
+        payload = encode_twist(TwistStamped(frame, spatial))
+        return Sample(f"twin/tsd/cmd/{pilot.name}/twist", payload, attachment)
+
+    def send(self, pilot: Pilot, twist: Sequence[float], frame: str = BASE) -> None:
+        self.inbox.append(self.sample(pilot, twist, frame))
+
+    def drive(
+        self, pilot: Pilot, twist: Sequence[float], seconds: float, frame: str = BASE
+    ) -> None:
+        """Hold the stick: 50 commands a second."""
+        for i in range(round(seconds / PERIOD_S)):
+            if i % 2 == 0:
+                self.send(pilot, twist, frame)
+            self.tick()
+
+    def get_ready(self, name: str = "alice", **fields: Any) -> Pilot:
+        """Take control and arm."""
+        pilot = self.acquire(name, **fields)
+        reply = self.ask(Service.ARM, lease=pilot.lease)
+        assert reply.ok, reply.reason
+        for _ in range(40):
+            if self.mode is Mode.READY:
+                break
+            self.drive(pilot, (0, 0, 0), 0.1)
+        assert self.mode is Mode.READY
+        return pilot
+
+    def place(self, *xy_heading: float, pilot: Pilot) -> None:
+        """Tell the robot where it is."""
+        x, y, heading = xy_heading
+        reply = self.ask(Service.SET_POSE, lease=pilot.lease, x_m=x, y_m=y, heading_rad=heading)
+        assert reply.ok, reply.reason

@@ -1,0 +1,388 @@
+"""Whatever operators, links and joints do, and in whatever order: what always holds."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import (
+    RuleBasedStateMachine,
+    initialize,
+    precondition,
+    rule,
+    run_state_machine_as_test,
+)
+
+from tests.core.rig import ROBOT, Pilot, Rig
+from tsd_twin.authority import Mode
+from tsd_twin.lie import Array
+from tsd_twin.messages.command import Sample
+from tsd_twin.sim import SimRobot
+from tsd_twin.topics import Service
+
+NAMES = ("alice", "bob", "carol")
+operators = st.sampled_from(NAMES)
+speeds = st.sampled_from([0.0, 0.3, -1.0, 5.0, 1e9, -1e300])
+twists = st.tuples(speeds, speeds, speeds)
+frames = st.sampled_from(["base_link", "odom"])
+seconds = st.sampled_from([0.02, 0.1, 0.3, 0.7])
+
+
+class Referee:
+    """A second opinion on which commands count: the rules as sentences, with no code shared."""
+
+    def __init__(self) -> None:
+        self.holder: str | None = None
+        self.lease = ""
+        self.ends_s = -math.inf
+        self.max_age_s = 0.25
+        self.newest = 0
+        self.counted = 0
+        self.sent = 0
+        self.counted_s = -math.inf
+        self.pushed_s = -math.inf
+
+    def grant(self, name: str, reply: Any, now_s: float) -> None:
+        self.holder, self.lease, self.newest = name, reply.lease, 0
+        self.ends_s, self.max_age_s = now_s + 2.0, reply.max_age_s
+
+    def holds(self, name: str, lease: str, now_s: float) -> bool:
+        return (name, lease) == (self.holder, self.lease) and now_s < self.ends_s
+
+    def judge(self, letter: dict[str, Any], now_s: float) -> None:
+        self.sent += 1
+        if not letter["sound"] or not self.holds(letter["name"], letter["lease"], now_s):
+            return
+        if letter["seq"] <= self.newest or now_s - letter["seen_s"] > self.max_age_s:
+            return
+        self.newest, self.ends_s = letter["seq"], now_s + 2.0
+        self.counted, self.counted_s = self.counted + 1, now_s
+        if any(letter["twist"]):
+            self.pushed_s = now_s
+
+
+class Driving(RuleBasedStateMachine):
+    """Two or three operators, one robot, a bad link, and gimbals that are not always measured."""
+
+    @initialize(noise=st.sampled_from([None, 0.0, 1.0]), ready=st.sampled_from([True, True, False]))
+    def switch_on(self, noise: float | None, ready: bool) -> None:
+        self.rig = Rig(None if noise is None else SimRobot(ROBOT, seed=1, noise=noise))
+        self.referee = Referee()
+        self.pilots: dict[str, Pilot] = {}
+        self.leases = ["ab" * 16]
+        self.letters: list[dict[str, Any]] = []
+        self.old: list[tuple[Sample, dict[str, Any]]] = []
+        self.since_stop: list[str] = ["reset"]  # Fresh from the box it needs no reset.
+        if ready:
+            self.does_all_to_drive("alice")
+            assert self.rig.mode is Mode.READY
+
+    # What operators do.
+
+    @rule(name=operators, take_over=st.booleans(), max_age_s=st.sampled_from([None, 0.5, 9.0]))
+    def takes_control(self, name: str, take_over: bool, max_age_s: float | None) -> None:
+        now_s = self.rig.now_s
+        free = now_s >= self.referee.ends_s or self.referee.holder is None
+        fields = {} if max_age_s is None else {"max_age_s": max_age_s}
+        reply = self.rig.ask(
+            Service.LEASE, op="acquire", operator=name, take_over=take_over, **fields
+        )
+        assert reply.granted == (free or take_over)
+        if reply.granted:
+            self.pilots[name] = self.rig.pilot(name, reply.lease)
+            self.leases.append(reply.lease)
+            self.referee.grant(name, reply, now_s)
+
+    @precondition(lambda self: self.pilots)
+    @rule(data=st.data(), op=st.sampled_from(["renew", "release"]))
+    def renews_or_releases(self, data: st.DataObject, op: str) -> None:
+        pilot = self.any_pilot(data)
+        now_s = self.rig.now_s
+        held = self.referee.holds(pilot.name, pilot.lease, now_s)
+        reply = self.rig.ask(Service.LEASE, op=op, operator=pilot.name, lease=pilot.lease)
+        assert reply.granted == (held and op == "renew")
+        if held and op == "renew":
+            self.referee.ends_s = now_s + 2.0
+        elif held:
+            self.referee.holder = None
+
+    @rule(name=operators)
+    def arms(self, name: str) -> None:
+        reply = self.rig.ask(Service.ARM, lease=self.lease_of(name))
+        assert not reply.ok or self.holds(name)
+        if reply.ok:
+            self.since_stop.append("arm")
+
+    @rule(name=operators)
+    def disarms(self, name: str) -> None:
+        reply = self.rig.ask(Service.DISARM, lease=self.lease_of(name))
+        assert reply.ok == self.holds(name)
+
+    @rule(name=operators)
+    def resets(self, name: str) -> None:
+        mode, twist = self.rig.mode, self.rig.twist
+        reply = self.rig.ask(Service.RESET, lease=self.lease_of(name))
+        if reply.ok:
+            assert self.holds(name)
+            assert mode in (Mode.STOPPED, Mode.FAULT)
+            assert self.rig.mode is Mode.DISARMED
+            assert not twist.any()
+            assert self.rig.now_s - self.referee.pushed_s >= 0.5
+            self.since_stop = ["reset"]
+            self.tick()
+            assert not self.rig.setpoint.any(), "a reset moves nothing"
+
+    @rule(payload=st.sampled_from([b"", b"\xff", b'{"operator": "bob"}', b"[]"]))
+    def somebody_stops(self, payload: bytes) -> None:
+        assert self.rig.core.serve(Service.STOP, payload, self.rig.now_s).ok
+        assert self.rig.mode in (Mode.STOPPED, Mode.FAULT)
+        self.since_stop = []
+        self.tick()
+        assert not self.rig.setpoint.any(), "a stop acts at once"
+
+    @precondition(lambda self: self.pilots)
+    @rule(data=st.data(), twist=twists, seconds=seconds, frame=frames)
+    def somebody_holds_the_stick(
+        self, data: st.DataObject, twist: tuple[float, ...], seconds: float, frame: str
+    ) -> None:
+        self.holds_the_stick(self.any_pilot(data).name, twist, seconds, frame)
+
+    @precondition(lambda self: len(self.pilots) > 1)
+    @rule(twist=twists, seconds=seconds)
+    def all_hold_their_sticks(self, twist: tuple[float, float, float], seconds: float) -> None:
+        for i in range(round(seconds / 0.02)):
+            for k, name in enumerate(sorted(self.pilots)):
+                self.send(name, tuple(np.roll(twist, i + k)), "base_link")
+            self.tick()
+
+    @rule(name=operators)
+    def does_all_to_drive(self, name: str) -> None:
+        self.takes_control(name, take_over=True, max_age_s=None)
+        if self.rig.mode in (Mode.STOPPED, Mode.FAULT):
+            self.time_passes(0.5)
+            self.resets(name)
+        self.arms(name)
+        self.holds_the_stick(name, (0.0, 0.0, 0.0), 2.8, "base_link")
+
+    # What a link does.
+
+    @precondition(lambda self: self.pilots)
+    @rule(
+        data=st.data(),
+        wrong=st.sampled_from(["nan", "inf", "frame", "stale", "future", "body", "key"]),
+    )
+    def a_bad_command_arrives(self, data: st.DataObject, wrong: str) -> None:
+        rig, pilot = self.rig, self.any_pilot(data)
+        changed: dict[str, Any] = {}
+        twist, frame = (1.0, 0.5, 1.0), "base_link"
+        seen_s = rig.status_sent_s[rig.status_seq]
+        if wrong in ("nan", "inf"):
+            twist = (float(wrong), 0.0, 0.0)
+        if wrong == "frame":
+            frame = "map"
+        if wrong == "future":
+            changed, seen_s = {"status_seq": rig.status_seq + 1}, -math.inf
+        if wrong == "stale":
+            seq = data.draw(st.integers(1, rig.status_seq))
+            changed, seen_s = {"status_seq": seq}, rig.status_sent_s[seq]
+        seq = next(pilot.numbers)
+        sample = rig.sample(pilot, twist, frame, seq=seq, **changed)
+        if wrong == "body":
+            sample = Sample(sample.key, data.draw(st.binary(max_size=60)), sample.attachment)
+        if wrong == "key":
+            sample = Sample("twin/tsd/cmd/*/twist", sample.payload, sample.attachment)
+        self.post(
+            sample,
+            {
+                "sound": wrong in ("stale", "future"),
+                "name": pilot.name,
+                "lease": pilot.lease,
+                "seq": seq,
+                "seen_s": seen_s,
+                "twist": twist,
+            },
+        )
+        self.tick()
+
+    @precondition(lambda self: self.pilots)
+    @rule(data=st.data(), name=operators, stolen=st.booleans())
+    def somebody_drives_with_a_lease_that_is_not_theirs(
+        self, data: st.DataObject, name: str, stolen: bool
+    ) -> None:
+        """The holder's name with another id, and the holder's id with another name."""
+        holder = self.referee.holder or name
+        lease = self.referee.lease if stolen else data.draw(st.sampled_from(self.leases))
+        self.pilots.setdefault(name, self.rig.pilot(name, "00" * 16))
+        self.send(name if stolen else holder, (1.0, 0.0, 0.0), "base_link", lease=lease)
+        self.tick()
+
+    @precondition(lambda self: self.old)
+    @rule(data=st.data())
+    def old_commands_arrive_again(self, data: st.DataObject) -> None:
+        first = data.draw(st.integers(0, len(self.old) - 1))
+        for sample, letter in self.old[first : first + 100]:
+            self.post(sample, letter, keep=False)
+        self.tick()
+
+    # What time and joints do.
+
+    @rule(seconds=st.sampled_from([0.01, 0.05, 0.2, 0.6, 2.5]))
+    def time_passes(self, seconds: float) -> None:
+        for _ in range(round(seconds / 0.01)):
+            self.tick()
+
+    @rule()
+    def all_go_for_coffee(self) -> None:
+        for _ in range(25):
+            self.tick(0.42)
+
+    @rule(pause_s=st.sampled_from([0.03, 0.15, 0.3, 3.0]))
+    def the_loop_stalls(self, pause_s: float) -> None:
+        self.tick(pause_s)
+
+    @rule(seconds=st.sampled_from([0.05, 0.3]))
+    def the_joints_are_not_measured(self, seconds: float) -> None:
+        self.rig.measures = False
+        self.time_passes(seconds)
+        self.rig.measures = True
+
+    # How it is done.
+
+    def any_pilot(self, data: st.DataObject) -> Pilot:
+        return self.pilots[data.draw(st.sampled_from(sorted(self.pilots)))]
+
+    def lease_of(self, name: str) -> str:
+        return self.pilots[name].lease if name in self.pilots else "00" * 16
+
+    def holds(self, name: str) -> bool:
+        return self.referee.holds(name, self.lease_of(name), self.rig.now_s)
+
+    def holds_the_stick(
+        self, name: str, twist: tuple[float, ...], seconds: float, frame: str
+    ) -> None:
+        for i in range(round(seconds / 0.01)):
+            if i % 2 == 0:
+                self.send(name, twist, frame)
+            self.tick()
+
+    def send(self, name: str, twist: tuple[float, ...], frame: str, lease: str = "") -> None:
+        rig, pilot = self.rig, self.pilots[name]
+        lease = lease or pilot.lease
+        seq = next(pilot.numbers)
+        letter = {
+            "sound": True,
+            "name": name,
+            "lease": lease,
+            "seq": seq,
+            "seen_s": rig.status_sent_s[rig.status_seq],
+            "twist": twist,
+        }
+        self.post(rig.sample(pilot, twist, frame, seq=seq, lease=lease), letter)
+
+    def post(self, sample: Sample, letter: dict[str, Any], keep: bool = True) -> None:
+        self.rig.inbox.append(sample)
+        self.letters.append(letter)
+        if keep:
+            self.old = [*self.old[-300:], (sample, letter)]
+
+    def tick(self, dt_s: float = 0.01) -> None:
+        """One turn of the loop, judged by the referee and held against the laws."""
+        before, letters, self.letters = self.rig.twist, self.letters, []
+        self.rig.tick(dt_s)
+        counted = self.referee.counted
+        pushed_s = self.referee.pushed_s
+        for letter in letters:
+            self.referee.judge(letter, self.rig.now_s)
+        if self.rig.mode in (Mode.STOPPED, Mode.FAULT):
+            self.since_stop = []
+        elif self.rig.mode is Mode.DISARMED:
+            self.since_stop = ["reset"]
+        elif self.referee.counted > counted and self.referee.pushed_s > pushed_s:
+            self.since_stop.append("push")
+        self.every_sample_is_counted_once_and_only_those_that_count_are_accepted()
+        self.two_operators_never_drive_at_once()
+        self.it_moves_only_on_a_fresh_command_or_while_braking(before)
+        self.after_a_stop_it_moves_only_after_reset_and_arm_and_a_new_command()
+        self.the_commanded_twist_never_jumps(before, dt_s)
+        self.set_points_are_finite_and_within_the_tilt_limit()
+        self.wheels_never_spin_unless_armed()
+
+    # The laws.
+
+    def every_sample_is_counted_once_and_only_those_that_count_are_accepted(self) -> None:
+        gate = self.rig.core.authority.gate
+        drops = gate.dropped
+        dropped = (
+            drops.stale + drops.lease + drops.order + drops.nonfinite + drops.key + drops.shape
+        )
+        assert gate.accepted + dropped == self.referee.sent
+        assert gate.accepted == self.referee.counted
+
+    def two_operators_never_drive_at_once(self) -> None:
+        """Whoever's command is obeyed is the one who was granted the lease last."""
+        authority = self.rig.core.authority
+        if authority.command is not None:
+            assert authority.command.operator == self.referee.holder
+            assert authority.command.lease.hex() == self.referee.lease
+            assert self.rig.now_s < self.referee.ends_s
+
+    def it_moves_only_on_a_fresh_command_or_while_braking(self, before: Array) -> None:
+        rig = self.rig
+        if not rig.twist.any():
+            return
+        assert rig.mode in (Mode.DRIVING, Mode.STOPPING)
+        if rig.mode is Mode.DRIVING:
+            assert rig.now_s - self.referee.counted_s <= 0.2
+        else:
+            assert (np.abs(rig.twist) <= np.abs(before)).all()
+            assert np.linalg.norm(rig.twist) < np.linalg.norm(before)
+
+    def after_a_stop_it_moves_only_after_reset_and_arm_and_a_new_command(self) -> None:
+        if self.rig.twist.any():
+            steps = [
+                step for i, step in enumerate(self.since_stop) if step not in self.since_stop[:i]
+            ]
+            assert steps[:2] == ["reset", "arm"]
+            assert "push" in self.since_stop[self.since_stop.index("arm") :]
+
+    def the_commanded_twist_never_jumps(self, before: Array, dt_s: float) -> None:
+        rig, limits = self.rig, self.rig.core.robot.limits
+        if rig.mode in (Mode.STOPPED, Mode.FAULT):
+            assert not rig.twist.any()
+            return
+        change = rig.twist - before
+        assert np.hypot(*change[:2]) <= limits.deceleration_mps2 * dt_s * (1 + 1e-9)
+        assert abs(change[2]) <= limits.angular_acceleration_rad_per_s2 * dt_s * (1 + 1e-9)
+        if np.hypot(*rig.twist[:2]) > np.hypot(*before[:2]):
+            assert np.hypot(*change[:2]) <= limits.acceleration_mps2 * dt_s * (1 + 1e-9)
+
+    def set_points_are_finite_and_within_the_tilt_limit(self) -> None:
+        joints = self.rig.setpoint.reshape(-1, 3)
+        assert np.isfinite(joints).all()
+        upright = np.cos(joints[:, 0]) * np.cos(joints[:, 1])
+        assert (upright >= np.cos(np.radians(30.0)) - 1e-12).all()
+        assert np.isfinite(self.rig.pose).all()
+
+    def wheels_never_spin_unless_armed(self) -> None:
+        rig = self.rig
+        spinning = rig.setpoint[rig.wheels] != 0.0
+        assert spinning.all() == spinning.any()
+        if rig.mode in (Mode.DISARMED, Mode.STOPPED, Mode.FAULT):
+            assert not spinning.any()
+        if rig.mode in (Mode.READY, Mode.DRIVING, Mode.STOPPING):
+            assert spinning.all()
+
+
+def test_the_laws_hold_whatever_happens_in_whatever_order() -> None:
+    run_state_machine_as_test(
+        Driving,
+        settings=settings(
+            max_examples=30,
+            stateful_step_count=30,
+            deadline=None,
+            suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
+        ),
+    )

@@ -1,0 +1,33 @@
+"""Those who look on: what an operator puts on the bus, and whether all of it has been acted on."""
+
+from __future__ import annotations
+
+from tests.dashboard.operators import Page, Site
+from tsd_twin import topics
+from tsd_twin.messages.command import Command, decode_command
+
+KEPT = 4096
+"""More commands than any test sends."""
+
+
+class Commands:
+    """What one operator puts on the bus from now on."""
+
+    def __init__(self, served: Site, page: Page) -> None:
+        self._reader = served.bus.reader(topics.twist_key("tsd", page.operator), KEPT)
+        # Nothing that the gateway has sent before may be taken for what it sends now.
+        self.take()
+
+    def take(self) -> list[Command]:
+        return [decode_command(sample) for sample in self._reader.take()]
+
+
+def zeros_at_the_end(commands: list[Command]) -> int:
+    moving = [bool(command.twist.any()) for command in commands]
+    return moving[::-1].index(True) if any(moving) else len(moving)
+
+
+def settle(page: Page) -> None:
+    """Wait until everything that was sent before has been acted on: three states later."""
+    count = len(page.all("state"))
+    page.until(lambda: len(page.all("state")) >= count + 3)

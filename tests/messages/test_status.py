@@ -1,0 +1,96 @@
+"""The status as a reader with nothing but JSON sees it, and the stamp on all that a robot sends."""
+
+from __future__ import annotations
+
+import json
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tsd_twin.errors import MessageError
+from tsd_twin.messages.status import (
+    ArmingStatus,
+    CommandStatus,
+    ConflictStatus,
+    DropCounts,
+    LeaseStatus,
+    LimitStatus,
+    LoopStatus,
+    Status,
+    decode_stamp,
+    decode_status,
+    encode_stamp,
+    encode_status,
+)
+
+finite = st.floats(allow_nan=False, allow_infinity=False)
+counts = st.integers(0, 2**62)
+texts = st.text(max_size=20)
+statuses = st.builds(
+    Status,
+    mode=texts,
+    stop_reason=texts,
+    arming=st.none() | st.builds(ArmingStatus, texts, finite),
+    lease=st.builds(LeaseStatus, st.none() | texts, finite),
+    command=st.builds(
+        CommandStatus,
+        seq=counts,
+        age_s=st.none() | finite,
+        accepted=counts,
+        dropped=st.builds(DropCounts, *[counts] * 6),
+    ),
+    limits=st.builds(LimitStatus, *[finite] * 4),
+    conflict=st.builds(ConflictStatus, finite, st.none() | texts),
+    loop=st.builds(LoopStatus, finite, counts, finite),
+    hardware=st.dictionaries(texts, st.none() | texts | finite | st.lists(finite), max_size=4),
+)
+
+
+@given(status=statuses)
+def test_a_status_survives_the_bus(status: Status) -> None:
+    assert decode_status(encode_status(status)) == status
+
+
+def test_a_status_has_the_fields_that_others_rely_on() -> None:
+    plain = json.loads(encode_status(Status("ready")))
+    assert plain["mode"] == "ready"
+    assert plain["stop_reason"] == ""
+    assert plain["lease"] == {"holder": None, "remaining_s": 0.0}
+    reasons = ("stale", "lease", "order", "nonfinite", "key", "shape")
+    assert plain["command"] == {
+        "seq": 0,
+        "age_s": None,
+        "accepted": 0,
+        "dropped": dict.fromkeys(reasons, 0),
+    }
+    assert plain["conflict"] == {"residual_mps": 0.0, "suspect": None}
+    assert plain["loop"] == {"hz": 0.0, "overruns": 0, "jitter_p99_ms": 0.0}
+    assert set(plain) >= {"limits", "hardware"}
+
+
+def test_fields_of_a_later_version_are_ignored() -> None:
+    plain = json.loads(encode_status(Status("ready"))) | {"new": {"a": 1}}
+    assert decode_status(json.dumps(plain).encode()) == Status("ready")
+
+
+@pytest.mark.parametrize("payload", [b"", b"[]", b"{}", b'{"mode": 1}', b'{"mode": "\xff"}'])
+def test_what_is_no_status_is_a_shape_error(payload: bytes) -> None:
+    with pytest.raises(MessageError, match="not a status") as caught:
+        decode_status(payload)
+    assert caught.value.reason == "shape"
+
+
+@given(seq=st.integers(0, 2**64 - 1), robot_ns=st.integers(-(2**63), 2**63 - 1))
+def test_a_stamp_is_number_and_time_in_16_little_endian_bytes(seq: int, robot_ns: int) -> None:
+    stamp = encode_stamp(seq, robot_ns)
+    assert stamp == struct.pack("<Qq", seq, robot_ns)
+    assert decode_stamp(stamp) == (seq, robot_ns)
+
+
+@given(stamp=st.binary(max_size=40).filter(lambda stamp: len(stamp) != 16))
+def test_a_stamp_of_another_size_is_a_shape_error(stamp: bytes) -> None:
+    with pytest.raises(MessageError, match="stamp") as caught:
+        decode_stamp(stamp)
+    assert caught.value.reason == "shape"

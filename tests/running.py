@@ -1,0 +1,71 @@
+"""A robot node on a real bus, as the mock and the bridge run it, in a thread of its own."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Generator
+from dataclasses import dataclass, field
+
+from tsd_twin import robots
+from tsd_twin.bus import Bus, client_config, node_config
+from tsd_twin.messages.service import Description
+from tsd_twin.node import RobotIO, RobotNode
+from tsd_twin.robots import Robot
+from tsd_twin.sim import SimRobot
+
+PATIENCE_S = 20.0
+"""What is waited for comes within milliseconds, unless it never does."""
+ANY_PORT = "tcp/127.0.0.1:0"
+URDF = '<robot name="tsd"/>'
+QUICK = robots.text("tsd").replace("[motor]", "[motor]\narming_hold_s = 0.1", 1)
+"""The shipped robot with speed controllers that arm at once."""
+
+
+@dataclass(slots=True)
+class RunningNode:
+    """A node that runs, and where to find it."""
+
+    id: str
+    toml: str
+    robot: Robot
+    bus: Bus
+    endpoint: str
+    io: RobotIO
+    stopping: threading.Event = field(default_factory=threading.Event)
+    failure: BaseException | None = None
+    """What ended it, if it did not end by itself."""
+
+    def client(self) -> Bus:
+        """Return a session that is linked to it."""
+        bus = Bus(client_config([self.endpoint]))
+        assert bus.wait_for_peer(PATIENCE_S)
+        return bus
+
+
+@contextlib.contextmanager
+def running(
+    robot_id: str = "tsd", toml: str = QUICK, io: RobotIO | None = None
+) -> Generator[RunningNode]:
+    """Run a node, with a simulated robot unless another is given, and end it afterwards."""
+    robot = robots.parse(toml, robot_id)
+    io = SimRobot(robot) if io is None else io
+    with Bus(node_config([ANY_PORT])) as bus:
+        node = RobotNode(bus, robot_id, robot, io, Description(toml, URDF))
+        (endpoint,) = bus.endpoints()
+        it = RunningNode(robot_id, toml, robot, bus, endpoint, io)
+
+        def run() -> None:
+            try:
+                node.run(it.stopping)
+            except OSError as error:  # A device that fails; all else is a bug and shows itself.
+                it.failure = error
+
+        thread = threading.Thread(target=run, name=robot_id)
+        thread.start()
+        try:
+            yield it
+        finally:
+            it.stopping.set()
+            thread.join(PATIENCE_S)
+            assert not thread.is_alive()

@@ -1,0 +1,217 @@
+"""What somebody who is let in may not do to a robot, tried with real sessions.
+
+Nothing is waited for by the clock. That something does not arrive is shown by what is sent after
+it, the same way, and does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+
+import msgspec
+import pytest
+
+from tests.system.guarded_robot import (
+    DESCRIPTION,
+    ID,
+    Guarded,
+    hold,
+    listening,
+    make_keys,
+    put,
+    set_free,
+)
+from tsd_twin import topics
+from tsd_twin.access import KeyFolder
+from tsd_twin.bus import Bus
+from tsd_twin.dashboard.link import RobotLink
+from tsd_twin.errors import NoAnswerError
+from tsd_twin.messages.command import Sample
+from tsd_twin.messages.service import LeaseRequest
+from tsd_twin.messages.status import decode_status
+from tsd_twin.topics import Service, Topic
+
+pytestmark = pytest.mark.system
+
+COMMANDS = topics.TWIST.key(ID)
+STATUS = topics.STATUS.key(ID)
+STOP = topics.STOP.key(ID)
+ALICES, PAGES, BOBS, GUESTS = (
+    topics.twist_key(ID, name) for name in ("alice", "alice-0123abcd", "bob", "guest")
+)
+FORGED, RUBBISH = b"forged", b"rubbish"
+
+
+@pytest.fixture(scope="module")
+def keys(tmp_path_factory: pytest.TempPathFactory) -> KeyFolder:
+    return make_keys(tmp_path_factory.mktemp("access") / "keys")
+
+
+@pytest.fixture(scope="module", params=[False, True], ids=["as made", "told who listens"])
+def robot(request: pytest.FixtureRequest, keys: KeyFolder) -> Generator[Guarded]:
+    guarded = Guarded(keys, told=request.param)
+    yield guarded
+    survived = guarded.is_running
+    guarded.close()
+    assert survived
+
+
+@pytest.fixture
+def alice(robot: Guarded) -> Generator[Bus]:
+    """An operator, who sets the robot free when the test ends."""
+    with robot.join("alice") as bus:
+        yield bus
+        set_free(bus)
+
+
+@pytest.fixture
+def bob(robot: Guarded) -> Generator[Bus]:
+    """Another operator."""
+    with robot.join("bob") as bus:
+        yield bus
+
+
+@pytest.fixture
+def guest(robot: Guarded) -> Generator[Bus]:
+    """A viewer."""
+    with robot.join("guest") as bus:
+        yield bus
+
+
+def misshapen(sample: Sample) -> int:
+    """Return how many commands of a wrong shape the robot has counted; -1: this is no status."""
+    if sample.key != STATUS or sample.payload == FORGED:
+        return -1
+    return decode_status(sample.payload).command.dropped.shape
+
+
+@pytest.mark.parametrize("key", [GUESTS, ALICES, COMMANDS, "twin/*/cmd/**"])
+def test_a_command_of_a_viewer_does_not_reach_the_robot(
+    robot: Guarded, alice: Bus, guest: Bus, key: str
+) -> None:
+    hold(link := RobotLink(alice, ID), "alice")
+    before = robot.status().command
+    with listening(robot.bus, COMMANDS, STOP) as ear:
+        robot.force(guest, key, FORGED)
+        put(guest, STOP, RUBBISH)
+        ear.until(lambda sample: sample.key == STOP)
+    assert [sample.key for sample in ear.heard] == [STOP]
+    after = robot.status(lambda status: status.mode == "stopped").command
+    assert (after.accepted, after.dropped) == (before.accepted, before.dropped)
+    link.close()
+
+
+def test_a_viewer_gets_no_control(alice: Bus, guest: Bus) -> None:
+    link = RobotLink(alice, ID)
+    driver = hold(link, "alice")
+    request = LeaseRequest(op="acquire", operator="guest", take_over=True)
+    for service in Service:
+        if service.startswith("srv/"):
+            with pytest.raises(NoAnswerError):
+                guest.ask(service.key(ID), msgspec.json.encode(request))
+    renew = LeaseRequest(op="renew", operator="alice", lease=driver.lease_hex)
+    assert link.ask_lease(renew).granted
+    link.close()
+
+
+@pytest.mark.parametrize("key", [ALICES, PAGES, COMMANDS])
+def test_an_operator_cannot_send_on_the_key_of_another_nor_on_those_of_all(
+    robot: Guarded, bob: Bus, key: str
+) -> None:
+    with listening(robot.bus, COMMANDS) as ear:
+        put(bob, key, FORGED)
+        put(bob, BOBS, RUBBISH)
+        ear.until(lambda sample: sample.key == BOBS)
+    assert [sample.payload for sample in ear.heard] == [RUBBISH]
+
+
+@pytest.mark.parametrize("key", ["twin/*/cmd/bob/twist", f"twin/{ID}/cmd/bob-$*/twist"])
+def test_what_an_operator_sends_on_a_pattern_of_the_own_keys_is_dropped_and_counted(
+    robot: Guarded, bob: Bus, key: str
+) -> None:
+    before = robot.status().command
+    put(bob, key, FORGED)
+    put(bob, BOBS, RUBBISH)
+    after = robot.status(lambda status: status.command.dropped.shape > before.dropped.shape).command
+    assert after.dropped.key == before.dropped.key + 1
+    assert after.accepted == before.accepted
+
+
+def test_a_deletion_does_not_reach_the_robot(robot: Guarded, bob: Bus) -> None:
+    with listening(robot.bus, COMMANDS) as ear:
+        put(bob, BOBS, RUBBISH)
+        bob._session.delete(BOBS)
+        put(bob, BOBS, RUBBISH)
+        ear.until(lambda _: len(ear.heard) == 2)
+    assert all(sample.is_put for sample in ear.heard)
+
+
+def test_a_command_that_is_too_long_does_not_reach_the_robot(robot: Guarded, bob: Bus) -> None:
+    with listening(robot.bus, COMMANDS) as ear:
+        for length in (4097, 1_000_000, 4096):
+            put(bob, BOBS, bytes(length))
+        ear.until(lambda _: True)
+    assert len(ear.heard[0].payload) == 4096
+
+
+@pytest.mark.parametrize("topic", [topics.ODOM, topics.STATUS, topics.EVENT])
+def test_nobody_hears_a_state_that_an_operator_forges(
+    robot: Guarded, bob: Bus, guest: Bus, topic: Topic
+) -> None:
+    key = topic.key(ID).replace("*", "mode")
+    before = robot.status().command.dropped.shape
+    with listening(guest, key, STATUS) as seen, listening(robot.bus, key) as at_home:
+        seen.until(lambda sample: sample.key == STATUS)
+        robot.force(bob, key, FORGED)
+        put(bob, BOBS, RUBBISH)
+        # The robot counts that and says so, on the way that the forged state would have taken.
+        seen.until(lambda sample: misshapen(sample) > before)
+    assert FORGED not in {sample.payload for sample in seen.heard + at_home.heard}
+
+
+@pytest.mark.parametrize("topic", [topics.ODOM, topics.STATUS, topics.EVENT])
+def test_nobody_hears_a_state_that_a_viewer_forges(
+    robot: Guarded, alice: Bus, guest: Bus, topic: Topic
+) -> None:
+    key = topic.key(ID).replace("*", "mode")
+    with listening(alice, key, STATUS) as seen:
+        seen.until(lambda sample: sample.key == STATUS)
+        robot.force(guest, key, FORGED)
+        put(guest, STOP, RUBBISH)
+        seen.until(lambda sample: sample.key == STATUS and b'"stopped"' in sample.payload)
+    assert FORGED not in {sample.payload for sample in seen.heard}
+
+
+def test_nobody_can_pose_as_a_robot(robot: Guarded, bob: Bus, guest: Bus) -> None:
+    asked: list[object] = []
+    before = robot.status().command.dropped.shape
+    with (
+        bob._session.liveliness().declare_token(topics.alive_key("false")),
+        bob._session.declare_queryable(Service.DESC.key("false"), asked.append),
+        bob._session.declare_queryable(Service.DESC.key(ID), asked.append),
+    ):
+        put(bob, BOBS, RUBBISH)
+        robot.status(lambda status: status.command.dropped.shape > before)
+        assert set(guest.living(topics.alive_key("*"))) == {topics.alive_key(ID)}
+        assert DESCRIPTION.urdf.encode() in guest.ask(Service.DESC.key(ID), b"")
+        with pytest.raises(NoAnswerError):
+            guest.ask(Service.DESC.key("false"), b"")
+    assert asked == []
+
+
+@pytest.mark.parametrize("key", [COMMANDS, f"twin/{ID}/**", "**"])
+def test_nobody_overhears_the_commands_of_another(
+    robot: Guarded, bob: Bus, guest: Bus, key: str
+) -> None:
+    with listening(guest, key) as ear, listening(guest, STATUS) as seen:
+        seen.until(lambda _: True)
+        before = robot.status().command.dropped.shape
+        put(bob, BOBS, RUBBISH)
+        seen.until(lambda sample: misshapen(sample) > before)
+        assert RUBBISH not in {sample.payload for sample in ear.heard}
+
+
+def test_nobody_reads_the_books_of_the_robots_own_session(robot: Guarded, alice: Bus) -> None:
+    books = f"@/{robot.bus._session.zid()}/router"
+    assert list(robot.bus._session.get(books, timeout=2.0)) != []
+    assert list(alice._session.get(books, timeout=2.0)) == []
