@@ -16,7 +16,7 @@ PARSER = program.parser(
     [
         "tsd-dashboard                                    robots of this machine",
         "tsd-dashboard --connect tcp/127.0.0.1:7448       another robot; may be repeated",
-        "tsd-dashboard --port 0 --light                   any free port, light colours",
+        "tsd-dashboard --port 0                           on any free port, which it prints",
     ],
 )
 
@@ -29,7 +29,7 @@ def serve(args: argparse.Namespace) -> None:
         program.say_ready(f"http://{args.host}:{port}/")
 
     with program.client_bus(args) as bus:
-        asyncio.run(dashboard.run(bus, args.host, args.port, stop, ready, dark=not args.light))
+        asyncio.run(dashboard.run(bus, args.host, args.port, stop, ready))
 
 
 def main() -> None:
@@ -39,7 +39,6 @@ def main() -> None:
         "--host", default="127.0.0.1", help="address to listen on; default 127.0.0.1"
     )
     PARSER.add_argument("--port", type=int, default=PORT, help=f"default {PORT}; 0 is a free one")
-    PARSER.add_argument("--light", action="store_true", help="light colours instead of dark ones")
     program.run(PARSER, serve)
 
 

@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Generator
 
 import pytest
+from hypothesis import settings
 
 from tests.running import RunningNode, running
+
+settings.register_profile("unhurried", deadline=None)  # A busy machine is no failure.
+settings.load_profile("unhurried")
 
 
 @pytest.fixture

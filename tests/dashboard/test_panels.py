@@ -101,7 +101,8 @@ def opened(desk: Desk, page: str | None) -> Generator[Viewer]:
 
 def hidden(viewer: Viewer, kind: str) -> list[bool]:
     """Whether each link of a kind is hidden from this client."""
-    scales = viewer.shared[f"/w/m0/{kind}"].props["batched_scales"]
+    (node,) = (node for name, node in viewer.shared.items() if name.endswith(f"/m{kind}"))
+    scales = node.props["batched_scales"]
     return [] if scales is None else [bool(scale == 0.0) for scale in scales]
 
 
@@ -217,7 +218,7 @@ def test_preview_shows_its_own_gimbals_to_its_own_client(
         np.testing.assert_allclose(shown, poses[kind].wxyz, atol=1e-6)
     # Nothing of it is for others, nor for who comes later.
     assert onlooker.own == {}
-    assert onlooker.shared["/w/m0/outer"].props["batched_scales"] is None
+    assert onlooker.shared["/w/r/tsd/mouter"].props["batched_scales"] is None
 
 
 def test_the_live_gimbals_come_back(desk: Desk, feed: Feed, viewer: Viewer) -> None:
@@ -234,7 +235,7 @@ def test_the_live_gimbals_come_back(desk: Desk, feed: Feed, viewer: Viewer) -> N
     poses = link_poses(feed.drive, SE2.identity(), joints, np.zeros(feed.drive.modules))["inner"]
     viewer.until(
         lambda: np.allclose(
-            np.reshape(viewer.shared["/w/m0/inner"].props["batched_wxyzs"], (-1, 4)),
+            np.reshape(viewer.shared["/w/r/tsd/minner"].props["batched_wxyzs"], (-1, 4)),
             poses.wxyz,
             atol=1e-6,
         )

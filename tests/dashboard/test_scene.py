@@ -74,7 +74,17 @@ def rows(node: Node) -> tuple[Array, Array]:
 def batches(viewer: Viewer) -> dict[str, Node]:
     """The nodes of solid parts, by kind of link."""
     found = {name: node for name, node in viewer.shared.items() if node.kind == "BatchedGlbMessage"}
-    return {name.rsplit("/", 1)[1]: node for name, node in found.items()}
+    return {name.rsplit("/m", 1)[1]: node for name, node in found.items()}
+
+
+def in_world(viewer: Viewer, kind: str) -> tuple[Array, Array]:
+    """Orientations (n, 4) and positions (n, 3) of the links of a kind, in `odom`."""
+    (name,) = (name for name in viewer.shared if name.endswith(f"/m{kind}"))
+    wxyz, position = rows(viewer.shared[name])
+    carrier = viewer.node(name.rsplit("/", 1)[0])
+    turn = SO3(np.array(carrier.wxyz))
+    turned = turn @ SO3(np.float64(wxyz))
+    return turned.wxyz, turn.rotate(np.float64(position)) + np.array(carrier.position)
 
 
 def fence(scene: Scene, viewer: Viewer) -> list[dict[str, object]]:
@@ -107,7 +117,7 @@ def test_links_are_sent_where_the_kinematics_have_them(
     fence(scene, viewer)
     upright = np.zeros(feed.drive.modules)
     for kind, poses in link_poses(feed.drive, SE2(POSE), joints, upright).items():
-        wxyz, position = rows(batches(viewer)[kind])
+        wxyz, position = in_world(viewer, kind)
         np.testing.assert_allclose(wxyz, poses.wxyz, atol=1e-6)
         np.testing.assert_allclose(position, poses.position, atol=1e-6)
 
@@ -119,7 +129,7 @@ def test_the_world_moves_so_that_the_robot_keeps_its_place(
         feed.say(pose=np.array([x, -2.0 * x, 0.1]))
         scene.draw()
         fence(scene, viewer)
-        seen = rows(batches(viewer)["chassis"])[1][0] + viewer.node("/w").position
+        seen = in_world(viewer, "chassis")[1][0] + viewer.node("/w").position
         np.testing.assert_allclose(seen, (0.0, 0.0, feed.drive.wheel_radius_m), atol=1e-5)
 
 
@@ -143,7 +153,7 @@ def test_a_robot_at_rest_sends_the_turning_of_its_wheels_alone(
     feed.say(pose=POSE, joints=joints, setpoint=joints, truth=POSE)
     scene.draw()
     (message,) = fence(scene, viewer)
-    assert message["name"] == "/w/m0/wheel"
+    assert message["name"] == "/w/r/tsd/mwheel"
 
 
 def test_wheels_turn_slower_than_they_do_and_not_in_a_gap(
@@ -190,13 +200,13 @@ def test_robots_of_one_description_share_their_nodes(
     for robot, x in ((feed, 1.0), (other, 2.0)):
         robot.say(pose=np.array([x, 0.0, 0.0]))
     scene.draw()
-    solid = [m for m in fence(scene, viewer) if str(m["name"]).startswith("/w/m")]
-    assert {m["name"] for m in solid} == {f"/w/m0/{kind}" for kind in batches(viewer)}
-    np.testing.assert_array_equal(rows(batches(viewer)["chassis"])[1][:, 0], [1.0, 2.0])
+    solid = [m for m in fence(scene, viewer) if "batched_positions" in str(m.get("updates"))]
+    assert {m["name"] for m in solid} == {f"/w/r/tsd/m{kind}" for kind in batches(viewer)}
+    np.testing.assert_allclose(in_world(viewer, "chassis")[1][:, 0], [1.0, 2.0])
     assert viewer.node("/w/r/bob/n").visible  # Names are shown when there are several.
     scene.remove("tsd")
     fence(scene, viewer)
-    np.testing.assert_array_equal(rows(batches(viewer)["chassis"])[1][:, 0], [2.0])
+    np.testing.assert_allclose(in_world(viewer, "chassis")[1][:, 0], [2.0])
     assert not [name for name in viewer.shared if name.startswith("/w/r/tsd")]
 
 
@@ -207,11 +217,11 @@ def test_a_robot_of_another_description_has_nodes_of_its_own(
     wide = Feed("wide", _with_drive(feed, pivot_radius_m=1.2 * drive.pivot_radius_m))
     scene.add(wide)
     fence(scene, viewer)
-    assert len(rows(viewer.node("/w/m0/chassis"))[0]) == 1
-    assert len(rows(viewer.node("/w/m1/chassis"))[0]) == 1
+    assert len(rows(viewer.node("/w/r/tsd/mchassis"))[0]) == 1
+    assert len(rows(viewer.node("/w/r/wide/mchassis"))[0]) == 1
     scene.remove("wide")
     fence(scene, viewer)
-    assert "/w/m1/chassis" not in viewer.shared
+    assert "/w/r/wide/mchassis" not in viewer.shared
 
 
 def _with_drive(feed: Feed, **changed: float) -> Robot:

@@ -98,7 +98,7 @@ class Viewer:
         def holds() -> bool:
             try:
                 return bool(condition())
-            except (KeyError, StopIteration):  # It has not been sent yet.
+            except (KeyError, StopIteration, ValueError):  # It has not been sent yet.
                 return False
 
         with self._changed:

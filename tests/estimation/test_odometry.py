@@ -178,6 +178,20 @@ def test_covariances_are_symmetric_never_negative_and_never_shrink(script: list[
         heading_variance = odometry.pose_covariance[2, 2]
 
 
+@given(twist=twists, heading=st.floats(-3.0, 3.0))
+def test_how_much_is_known_does_not_depend_on_where_north_is(twist: Array, heading: float) -> None:
+    """Turned as a whole, the same drive has the same covariance, turned."""
+    straight, turned = new_odometry(ROBOT.noise), new_odometry(ROBOT.noise)
+    turned.set_pose(np.array([0.0, 0.0, heading]))
+    for odometry in (straight, turned):
+        drive_for(odometry, twist, 0.5)
+    c, s = np.cos(heading), np.sin(heading)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    np.testing.assert_allclose(
+        turned.pose_covariance, turn @ straight.pose_covariance @ turn.T, rtol=1e-9, atol=1e-15
+    )
+
+
 def test_without_noise_in_the_description_nothing_is_uncertain() -> None:
     odometry = new_odometry()
     drive_for(odometry, np.array([0.5, 0.2, 1.0]), 2.0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import assume, given
@@ -147,6 +149,21 @@ def test_no_gimbal_is_asked_to_turn_faster_than_its_servo_can(
     # Angles of the joints before and after, by the kinematics, not by the limiter's bound.
     change = (case.drive.inverse(following) - case.drive.inverse(current)).reshape(-1, 3)[:, :2]
     assert np.abs(change).max() <= case.drive.max_tilt_rate_rad_per_s * dt_s * ROUNDING + 1e-12
+
+
+@pytest.mark.parametrize("tilt_rate", [0.2, 0.7, 1.2])
+def test_slow_servos_slow_the_robot_down(tilt_rate: float) -> None:
+    """Wheels that turn slowly tilt far for little speed, so here it is the servos that limit."""
+    drive = ROBOT.kinematics().with_spin(60.0)
+    drive = dataclasses.replace(drive, max_tilt_rate_rad_per_s=tilt_rate)
+    limiter = TwistLimiter(drive, ROBOT.limits)
+    current, fastest = np.zeros(3), 0.0
+    for _ in range(20):
+        following = limiter.advance(current, np.array([0.5, 0.0, 0.0]), DT_S)
+        change = (drive.inverse(following) - drive.inverse(current)).reshape(-1, 3)[:, :2]
+        fastest = max(fastest, np.abs(change).max() / DT_S)
+        current = following
+    assert 0.8 * tilt_rate < fastest <= tilt_rate * ROUNDING
 
 
 @given(case=cases(), start=twists(), request=twists() | st.just(np.zeros(3)))

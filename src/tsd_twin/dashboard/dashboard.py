@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 from tsd_twin.bus import Bus
 from tsd_twin.dashboard import viser_server
@@ -25,8 +26,6 @@ async def run(
     port: int,
     stop: threading.Event,
     on_ready: Callable[[int], None],
-    *,
-    dark: bool,
 ) -> None:
     """Serve the page until `stop` is set; `on_ready` is called with the port.
 
@@ -35,12 +34,26 @@ async def run(
     """
     loop = asyncio.get_running_loop()
     fleet = Fleet(bus)
-    server = viser_server.start(TITLE, dark=dark)
+    # Panels wait for a frame to be drawn; the loop between fingers and robots must not.
+    chores = ThreadPoolExecutor(1, "panels")
+
+    def on_released(page: str) -> None:
+        chores.submit(panels.reset, page)
+
+    def on_chosen(page: str, robot_id: str) -> None:
+        chores.submit(panels.choose, page, robot_id)
+
+    server = viser_server.start(TITLE)
     try:
         scene = Scene(server)
         # The two know each other by callbacks only: neither waits for the other's thread.
-        gateway = Gateway(fleet, server.get_port(), on_released=lambda page: panels.reset(page))
-        panels = Panels(server, scene, gateway.panel, gateway.choose, dark=dark)
+        gateway = Gateway(
+            fleet,
+            server.get_port(),
+            on_released=on_released,
+            on_chosen=on_chosen,
+        )
+        panels = Panels(server, scene, gateway.panel, gateway.choose)
 
         def on_status(robot_id: str) -> None:
             loop.call_soon_threadsafe(gateway.on_status, robot_id)
@@ -62,4 +75,5 @@ async def run(
             ended.set()
             await asyncio.to_thread(thread.join)
     finally:
+        chores.shutdown()
         server.stop()

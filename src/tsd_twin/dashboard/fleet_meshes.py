@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import viser
 
+from tsd_twin.dashboard.layers import robot_node
 from tsd_twin.dashboard.poses import link_poses
 from tsd_twin.dashboard.shape import Shape
 from tsd_twin.description import Link
@@ -14,13 +15,14 @@ from tsd_twin.lie import SE2, Array
 class FleetMeshes:
     """Robots of one description; their poses are computed and sent together.
 
-    Twenty robots cost as many messages as one, and as many draw calls.
+    Twenty robots cost as many messages as one, and as many draw calls. The nodes hang on the first
+    robot: browsers apply poses of nodes in the frame they come in, and poses of instances later, so
+    a robot that is alone does not lag behind its own arrows and rings.
     """
 
-    def __init__(self, scene: viser.SceneApi, name: str, shape: Shape) -> None:
+    def __init__(self, scene: viser.SceneApi, shape: Shape) -> None:
         self.shape = shape
         self._scene = scene
-        self._name = name
         self._ids: list[str] = []
         self._handles: dict[Link, viser.BatchedGlbHandle] = {}
         self._bases = np.zeros((0, 3))
@@ -35,7 +37,7 @@ class FleetMeshes:
 
     def node(self, kind: Link) -> str:
         """Return the name of the node that has all links of a kind."""
-        return f"{self._name}/{kind}"
+        return f"{robot_node(self._ids[0])}/m{kind}"
 
     def add(self, robot_id: str) -> None:
         """Show another robot: at the origin, upright, until it is placed."""
@@ -51,6 +53,8 @@ class FleetMeshes:
         """Show a robot no longer."""
         row = self._ids.index(robot_id)
         self._ids.pop(row)
+        if row == 0:
+            self._clear()
         self._bases, self._joints, self._angles = (
             np.delete(rows, row, axis=0) for rows in (self._bases, self._joints, self._angles)
         )
@@ -70,11 +74,9 @@ class FleetMeshes:
             return
         self._moved = False
         if not self._ids:
-            for handle in self._handles.values():
-                handle.remove()
-            self._handles.clear()
             return
-        every = link_poses(self.shape.drive, SE2(self._bases), self._joints, self._angles)
+        bases = SE2(self._bases[0]).inverse() @ SE2(self._bases)
+        every = link_poses(self.shape.drive, bases, self._joints, self._angles)
         for kind, data in self.shape.glbs.items():
             wxyz = every[kind].wxyz.reshape(-1, 4).astype(np.float32)
             position = every[kind].position.reshape(-1, 3).astype(np.float32)
@@ -85,6 +87,11 @@ class FleetMeshes:
                 self._handles[kind] = self._scene.add_batched_glb(
                     self.node(kind), data, wxyz, position, lod="off"
                 )
+
+    def _clear(self) -> None:
+        for handle in self._handles.values():
+            handle.remove()
+        self._handles.clear()
 
     def scales_without(self, robot_id: str | None, kind: Link) -> Array:
         """Return scales (instances of `kind`,) that hide one robot, or none: 0 for it, else 1."""

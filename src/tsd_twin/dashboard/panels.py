@@ -10,7 +10,8 @@ import viser
 from tsd_twin.dashboard.drive_tab import Mode
 from tsd_twin.dashboard.panel import Panel
 from tsd_twin.dashboard.scene import Scene
-from tsd_twin.dashboard.viser_private import is_gone, page_of
+from tsd_twin.dashboard.viser_private import is_gone, page_of, prefers_dark
+from tsd_twin.dashboard.viser_server import set_theme
 
 OnPanel: TypeAlias = Callable[[str, float, float, float, Literal["preview", "drive"], bool], None]
 """Called on viser's thread with page, the three numbers of the twist, mode and latch."""
@@ -32,8 +33,9 @@ class Panels:
         on_panel: OnPanel,
         on_robot: OnRobot,
         *,
-        dark: bool = True,
+        dark: bool | None = None,
     ) -> None:
+        """`dark` is the same for everybody; None is as each browser prefers."""
         self._server = server
         self._scene = scene
         self._on_panel = on_panel
@@ -87,9 +89,11 @@ class Panels:
 
         with self._scene.lock:  # No robot may come in between.
             self._pages[client.client_id] = page
-            self._panels[client.client_id] = Panel(
-                self._scene, client, moved, robot, dark=self._dark
-            )
+            dark = self._dark
+            if dark is None:
+                dark = prefers_dark(self._server, client.client_id) is not False
+                set_theme(client.gui, dark=dark)
+            self._panels[client.client_id] = Panel(self._scene, client, moved, robot, dark=dark)
 
     async def _disconnect(self, client: viser.ClientHandle) -> None:
         with self._scene.lock:

@@ -16,10 +16,8 @@ from aiohttp import (
     web,
 )
 
-from tsd_twin.dashboard.viser_private import PAGE_HEADER
+from tsd_twin.dashboard.viser_private import DARK_HEADER, PAGE_HEADER
 
-DARK_HEADER = "X-Tsd-Dark"
-"""Request header with `1` when the operator likes dark colours, `0` when light ones."""
 PAGE = re.compile(r"[0-9a-f]{16}")
 """A page id: made by the page itself, and good for nothing else."""
 

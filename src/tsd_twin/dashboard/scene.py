@@ -71,12 +71,11 @@ class Scene:
         known = self._fleets.get(key)
         shape = known.shape if known else Shape(link.robot)  # Nobody has to wait for this.
         with self.lock:
-            name = f"{ROOT}/m{len(self._fleets)}"
-            meshes = self._fleets.setdefault(key, FleetMeshes(self.server.scene, name, shape))
+            meshes = self._fleets.setdefault(key, FleetMeshes(self.server.scene, shape))
             if link.id in self._bodies:
                 self._erase(self._bodies[link.id])
-            meshes.add(link.id)
             marks = RobotMarks(self.server.scene, link.id, meshes.shape)
+            meshes.add(link.id)
             self._bodies[link.id] = Body(link, meshes, marks)
             self._regroup()
 

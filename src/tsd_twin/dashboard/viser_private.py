@@ -12,6 +12,8 @@ from tsd_twin.lie import Array
 
 PAGE_HEADER = "X-Tsd-Page"
 """The gateway adds it to the request of a viser socket: the page that the socket belongs to."""
+DARK_HEADER = "X-Tsd-Dark"
+"""Likewise: 1 or 0 as the browser prefers dark or light colours."""
 
 _SOCKET_SERVER = attrgetter("_websock_server")
 _LIVE_CONNECTIONS = attrgetter("_websock_server._live_connections")
@@ -20,10 +22,20 @@ _SOCKET = attrgetter("_websock_connection")
 
 def page_of(server: viser.ViserServer, client_id: int) -> str | None:
     """Return the page that a client belongs to; None when nobody says, or it has gone."""
+    return _header_of(server, client_id, PAGE_HEADER)
+
+
+def prefers_dark(server: viser.ViserServer, client_id: int) -> bool | None:
+    """Return whether the browser of a client prefers dark colours; None when nobody says."""
+    word = _header_of(server, client_id, DARK_HEADER)
+    return None if word is None else word == "1"
+
+
+def _header_of(server: viser.ViserServer, client_id: int, name: str) -> str | None:
     connection = _LIVE_CONNECTIONS(server).get(client_id)
     if connection is None or connection.request is None:
         return None
-    return connection.request.headers.get(PAGE_HEADER)
+    return connection.request.headers.get(name)
 
 
 def is_gone(client: viser.ClientHandle) -> bool:

@@ -212,7 +212,7 @@ class SingularityDrive:
         return np.arctan2(sine, np.cos(alpha) * np.cos(beta))
 
     def effective_radius_m(self, joints: Array) -> Array:
-        """Return the effective wheel radius (..., k), ground speed per wheel speed: r_w sin(tilt)."""
+        """Return the effective wheel radius (..., k): ground by wheel speed, r_w sin(tilt)."""
         return self.wheel_radius_m * np.sin(self.tilt(joints))
 
     def move(self, pose: SE2, twist: Array, dt_s: float) -> SE2:

@@ -27,6 +27,7 @@ class FarSide(Side):
     def opened(self) -> None:
         """Connect, unless the client has given up."""
         if not self._abandoned:
+            # Kept, since the loop alone does not keep a task alive.
             self._dialling = asyncio.create_task(self._dial())
 
     async def _dial(self) -> None:
