@@ -114,8 +114,8 @@ def test_what_has_run_out_is_refused_and_what_begins_a_little_later_is_not(tmp_p
     late = Party(tmp_path / "late", NOW + timedelta(hours=12))
     assert shake_hands(late, late) == "alice"
     (tmp_path / "old").mkdir()
+    old = Party(tmp_path / "old", NOW - timedelta(days=10, seconds=1))
     with pytest.raises(ssl.SSLCertVerificationError, match="expired"):
-        old = Party(tmp_path / "old", NOW - timedelta(days=10, seconds=1))
         shake_hands(old, old)
 
 

@@ -260,7 +260,7 @@ def test_preview_hides_the_gimbals_of_its_robot_only(
     desk.scene.add(Feed("bob"))
     viewer.until(lambda: hidden(viewer, "outer") == [True] * k + [False] * k)
     desk.scene.remove(feed.id)
-    viewer.until(lambda: hidden(viewer, "outer") == [False] * k)
+    viewer.until(lambda: "/w/r/bob/mouter" in viewer.shared and not any(hidden(viewer, "outer")))
 
 
 def test_a_client_that_comes_before_the_robot_gets_its_sliders_with_it(desk: Desk) -> None:

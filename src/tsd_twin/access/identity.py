@@ -46,7 +46,7 @@ def client(name: str, role: Role) -> Identity:
     if len(name) > LONGEST:
         raise TwinError(f"'{name}' is too long: pages add to it, so {LONGEST} characters are left")
     if name in (ROBOT, AUTHORITY):
-        raise TwinError(f"'{name}' is a name of the {name} itself: choose another")
+        raise TwinError(f"'{name}' is not for people here: choose another")
     return Identity(name, role)
 
 

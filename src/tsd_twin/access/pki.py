@@ -61,6 +61,11 @@ class CertificateAuthority:
         )
         return cls(key, certificate)
 
+    @property
+    def end(self) -> datetime:
+        """When it runs out, and with it all that it has signed."""
+        return self.certificate.not_valid_after_utc
+
     def issue_robot(
         self, key: Key, hosts: Sequence[str], now: datetime, days: int
     ) -> x509.Certificate:
@@ -87,7 +92,8 @@ class CertificateAuthority:
     def _leaf(
         self, key: Key, identity: Identity, now: datetime, days: int
     ) -> x509.CertificateBuilder:
-        end, last = now + timedelta(days=days), self.certificate.not_valid_after_utc
+        # Certificates know whole seconds.
+        end, last = (now + timedelta(days=days)).replace(microsecond=0), self.end
         if days < 1 or end > last:
             raise TwinError(f"{days} days are not between 1 day and the authority's end, {last:%F}")
         return (
