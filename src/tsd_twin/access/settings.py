@@ -7,14 +7,13 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from tsd_twin.access.identity import ROBOT, Identity
+from tsd_twin.access.identity import AUTHORITY, ROBOT, Identity
 from tsd_twin.access.rules import EVERYTHING, access_control
 from tsd_twin.errors import TwinError
 
 LISTEN = "tls/0.0.0.0:7447"
-AUTHORITY_FILE = "ca.pem"
 LARGEST_BYTES = 65536
-"""A robot puts together no message beyond this; a command has 144, a request a few hundred."""
+"""A robot puts together no message beyond this; a command has 108, a request a few hundred."""
 _PORT = re.compile(r"^tls/.*?:(\d+)(?:[?#].*)?$")
 
 
@@ -74,7 +73,7 @@ def _with_tls(base: Mapping[str, Any], files: Mapping[str, Any]) -> dict[str, An
     settings["transport"]["link"] |= {
         "protocols": ["tls"],
         "tls": {
-            "root_ca_certificate": AUTHORITY_FILE,
+            "root_ca_certificate": f"{AUTHORITY}.pem",
             "enable_mtls": True,
             # What has run out must not go on because it began in time.
             "close_link_on_expiration": True,
