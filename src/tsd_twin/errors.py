@@ -5,7 +5,8 @@ TwinError               anything below; its text is one sentence for the person 
 ├── RobotFileError      a robot description is missing, misspelt or impossible
 ├── MessageError        a peer sent something that cannot be read (theirs, not ours)
 ├── BusError            the bus cannot be opened, or is used in a way that is not allowed
-│   └── NoAnswerError      a service did not answer in time
+│   └── NoAnswerError   a service did not answer in time
+├── LinkError           a description of a simulated link cannot be read (in linksim)
 └── MeshError           a generated part is missing or is not a closed solid
 ```
 
