@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import queue
 import threading
 from collections.abc import Generator
 from dataclasses import dataclass, field
+from typing import Any
 
 from tsd_twin import robots
-from tsd_twin.bus import Bus, client_config, node_config
+from tsd_twin.bus import Bus, Publisher, client_config, node_config
 from tsd_twin.messages.service import Description
 from tsd_twin.node import RobotIO, RobotNode
 from tsd_twin.robots import Robot
@@ -69,3 +71,29 @@ def running(
             it.stopping.set()
             thread.join(PATIENCE_S)
             assert not thread.is_alive()
+
+
+class Mailbox:
+    """Takes what a watcher gets, and waits for it."""
+
+    def __init__(self) -> None:
+        self._queue: queue.SimpleQueue[Any] = queue.SimpleQueue()
+
+    def __call__(self, *item: Any) -> None:
+        self._queue.put(item[0] if len(item) == 1 else item)
+
+    def next(self) -> Any:
+        return self._queue.get(timeout=PATIENCE_S)
+
+
+def matched(publisher: Publisher) -> Publisher:
+    """Wait until the publisher knows of somebody who listens."""
+    inner = publisher._publisher
+    heard = threading.Event()
+    listener = inner.declare_matching_listener(
+        lambda status: heard.set() if status.matching else None
+    )
+    if not inner.matching_status.matching:
+        assert heard.wait(PATIENCE_S)
+    listener.undeclare()
+    return publisher

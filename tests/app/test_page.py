@@ -166,6 +166,8 @@ def demo(start: Callable[..., Program], browser: Browser) -> Iterator[Demo]:
 def test_the_page_loads_without_an_error(demo: Demo) -> None:
     mode(demo.page, "disarmed")
     expect(demo.page.get_by_role("slider", name="Turn")).to_be_visible()
+    for name in ("vx (m/s)", "vy (m/s)", "omega (rad/s)"):
+        expect(demo.page.get_by_role("slider", name=name)).to_be_visible(timeout=PATIENCE_MS)
     for name in ("Mode", "Link", "Pose", "Speed"):
         expect(demo.page.get_by_role("status", name=name)).to_be_visible()
     assert [message.text for message in demo.console if message.type == "error"] == []
@@ -246,7 +248,7 @@ def test_a_preview_moves_gimbals_in_the_picture_and_nothing_else(demo: Demo) -> 
     mode(page, "disarmed")
     scene = page.locator("canvas").last
     still = scene.screenshot()
-    slider = page.get_by_role("slider").and_(page.locator("[role=slider]")).first
+    slider = page.get_by_role("slider", name="vx (m/s)")
     expect(slider).to_be_visible(timeout=PATIENCE_MS)
     box = slider.bounding_box()
     assert box is not None

@@ -2,93 +2,20 @@
 
 from __future__ import annotations
 
-import queue
 import subprocess
 import sys
-import threading
-from collections.abc import Callable, Generator
-from typing import Any
+from collections.abc import Callable
 
 import pytest
 import zenoh
 
-from tests.running import ANY_PORT, PATIENCE_S
-from tsd_twin.bus import Bus, Publisher, client_config, node_config
-from tsd_twin.errors import BusError, NoAnswerError
+from tests.running import Mailbox, matched
+from tsd_twin.bus import Bus, client_config
+from tsd_twin.errors import BusError
 from tsd_twin.messages.command import Sample
 from tsd_twin.topics import Urgency
 
 KEY = "twin/r1/state/odom"
-
-
-@pytest.fixture
-def robot() -> Generator[Bus]:
-    """A session that listens."""
-    with Bus(node_config([ANY_PORT])) as bus:
-        yield bus
-
-
-@pytest.fixture
-def connect(robot: Bus) -> Generator[Callable[[], Bus]]:
-    """Make sessions that are linked to it."""
-    opened: list[Bus] = []
-
-    def open_one() -> Bus:
-        opened.append(Bus(client_config(robot.endpoints())))
-        assert opened[-1].wait_for_peer(PATIENCE_S)
-        return opened[-1]
-
-    yield open_one
-    for bus in opened:
-        bus.close()
-
-
-class Mailbox:
-    """Takes what a watcher gets, and waits for it."""
-
-    def __init__(self) -> None:
-        self._queue: queue.SimpleQueue[Any] = queue.SimpleQueue()
-
-    def __call__(self, *item: Any) -> None:
-        self._queue.put(item[0] if len(item) == 1 else item)
-
-    def next(self) -> Any:
-        return self._queue.get(timeout=PATIENCE_S)
-
-
-def matched(publisher: Publisher) -> Publisher:
-    """Wait until the publisher knows of somebody who listens."""
-    inner = publisher._publisher
-    heard = threading.Event()
-    listener = inner.declare_matching_listener(
-        lambda status: heard.set() if status.matching else None
-    )
-    if not inner.matching_status.matching:
-        assert heard.wait(PATIENCE_S)
-    listener.undeclare()
-    return publisher
-
-
-def answering(bus: Bus, key: str, payload: bytes) -> Callable[[], None]:
-    """Serve a key in a thread; the function that is returned ends it."""
-    server, stop = bus.server(key), threading.Event()
-
-    def serve() -> None:
-        while not stop.wait(0.005):
-            for request in server.take():
-                request.reply(payload + request.payload)
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-
-    def end() -> None:
-        stop.set()
-        thread.join(PATIENCE_S)
-
-    return end
-
-
-# Streams.
 
 
 def test_any_port_becomes_a_real_one(robot: Bus) -> None:
@@ -207,9 +134,6 @@ def test_a_closed_session_is_used_in_vain_and_says_so(robot: Bus) -> None:
             use()
 
 
-# Events.
-
-
 def test_events_reach_those_who_come_later(robot: Bus, connect: Callable[[], Bus]) -> None:
     publisher = robot.publisher("twin/r1/event/mode", Urgency.EVENT)
     for i in range(5):
@@ -231,106 +155,3 @@ def test_events_of_a_kind_that_is_new_reach_those_who_wait(
         kept.append(robot.publisher(f"twin/r1/event/{kind}", Urgency.EVENT))
         kept[-1].put(kind.encode())
         assert box.next().payload == kind.encode()
-
-
-# Services.
-
-
-def test_a_question_is_answered(robot: Bus, connect: Callable[[], Bus]) -> None:
-    end = answering(robot, "twin/r1/desc", b"you said ")
-    client = connect()
-    try:
-        assert client.ask("twin/r1/desc", b"hello", PATIENCE_S) == b"you said hello"
-        assert client.ask("twin/r1/desc", b"", PATIENCE_S) == b"you said "
-    finally:
-        end()
-
-
-def test_an_answer_to_a_pattern_names_the_one_who_answers(
-    robot: Bus, connect: Callable[[], Bus]
-) -> None:
-    ends = [answering(robot, f"twin/{name}/desc", name.encode()) for name in ("r1", "r2")]
-    client = connect()
-    try:
-        replies = client._session.get("twin/*/desc", timeout=PATIENCE_S)
-        answers = {str(r.ok.key_expr): r.ok.payload.to_bytes() for r in replies if r.ok}
-    finally:
-        for end in ends:
-            end()
-    assert answers == {"twin/r1/desc": b"r1", "twin/r2/desc": b"r2"}
-
-
-def test_silence_is_an_error_that_names_the_key(robot: Bus, connect: Callable[[], Bus]) -> None:
-    client = connect()
-    with pytest.raises(NoAnswerError, match="twin/nobody/desc: no answer within"):
-        client.ask("twin/nobody/desc", b"", 0.2)
-    robot.server("twin/r1/desc")  # Which nobody takes requests from.
-    with pytest.raises(NoAnswerError, match=r"twin/r1/desc: no answer within 0\.2 s"):
-        client.ask("twin/r1/desc", b"", 0.2)
-
-
-# Who is there.
-
-
-def test_who_lives_is_known_until_the_session_ends(robot: Bus, connect: Callable[[], Bus]) -> None:
-    """A client of one robot sees the other robot, whose node has joined the node of the first."""
-    box, late = Mailbox(), Mailbox()
-    connect().watch_alive("twin/*/alive", box)
-    other = Bus(node_config([ANY_PORT], robot.endpoints()))
-    other.announce("twin/r2/alive")  # Nobody keeps the token: it lives on.
-    assert box.next() == ("twin/r2/alive", True)
-    assert robot.living("twin/*/alive") == ["twin/r2/alive"]
-    connect().watch_alive("twin/*/alive", late)
-    assert late.next() == ("twin/r2/alive", True)
-    other.close()
-    assert box.next() == ("twin/r2/alive", False)
-    assert robot.living("twin/*/alive") == []
-
-
-def test_a_token_can_be_taken_back(robot: Bus, connect: Callable[[], Bus]) -> None:
-    box = Mailbox()
-    connect().watch_alive("twin/*/alive", box)
-    token = robot.announce("twin/r1/alive")
-    assert box.next() == ("twin/r1/alive", True)
-    token.close()
-    assert box.next() == ("twin/r1/alive", False)
-
-
-def test_a_router_that_joins_another_hears_of_those_who_live_there(robot: Bus) -> None:
-    """Two robots on two machines: the second must see the first before it takes the same id."""
-    robot.announce("twin/r1/alive")
-    with Bus(node_config([ANY_PORT], robot.endpoints())) as other:
-        assert other.living("twin/r1/alive", PATIENCE_S) == ["twin/r1/alive"]
-
-
-def test_nobody_lives_where_nobody_is(robot: Bus) -> None:
-    assert robot.living("twin/*/alive") == []
-
-
-# Coming and going.
-
-
-def test_a_client_finds_a_robot_that_comes_later() -> None:
-    with Bus(node_config([ANY_PORT])) as first:
-        (endpoint,) = first.endpoints()
-    with Bus(client_config([endpoint])) as client:
-        assert not client.wait_for_peer(0.3)  # It has tried, and was refused.
-        box = Mailbox()
-        client.watch(KEY, box)
-        with Bus(node_config([endpoint])) as robot:
-            assert client.wait_for_peer(PATIENCE_S)
-            matched(robot.publisher(KEY, Urgency.DATA)).put(b"here")
-            assert box.next().payload == b"here"
-
-
-def test_a_client_finds_a_robot_that_comes_back() -> None:
-    box = Mailbox()
-    with Bus(node_config([ANY_PORT])) as first:
-        (endpoint,) = first.endpoints()
-        client = Bus(client_config([endpoint]))
-        client.watch(KEY, box)
-        matched(first.publisher(KEY, Urgency.DATA)).put(b"before")
-        assert box.next().payload == b"before"
-    with client, Bus(node_config([endpoint])) as again:
-        matched(again.publisher(KEY, Urgency.DATA)).put(b"after")
-        assert box.next().payload == b"after"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -16,9 +15,10 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
+from tests.core.play import Play
+from tests.core.referee import Referee
 from tests.core.rig import ROBOT, Pilot, Rig
 from tsd_twin.authority import Mode
-from tsd_twin.lie import Array
 from tsd_twin.messages.command import Sample
 from tsd_twin.sim import SimRobot
 from tsd_twin.topics import Service
@@ -31,41 +31,7 @@ frames = st.sampled_from(["base_link", "odom"])
 seconds = st.sampled_from([0.02, 0.1, 0.3, 0.7])
 
 
-class Referee:
-    """A second opinion on which commands count: the rules as sentences, with no code shared."""
-
-    def __init__(self) -> None:
-        self.holder: str | None = None
-        self.lease = ""
-        self.ends_s = -math.inf
-        self.max_age_s = 0.25
-        self.newest = 0
-        self.counted = 0
-        self.sent = 0
-        self.counted_s = -math.inf
-        self.pushed_s = -math.inf
-
-    def grant(self, name: str, reply: Any, now_s: float) -> None:
-        self.holder, self.lease, self.newest = name, reply.lease, 0
-        self.ends_s, self.max_age_s = now_s + 2.0, reply.max_age_s
-
-    def holds(self, name: str, lease: str, now_s: float) -> bool:
-        return (name, lease) == (self.holder, self.lease) and now_s < self.ends_s
-
-    def judge(self, letter: dict[str, Any], now_s: float, sent_s: float) -> None:
-        """`sent_s` is when the status went out that the letter names, if it did by then."""
-        self.sent += 1
-        if not letter["sound"] or not self.holds(letter["name"], letter["lease"], now_s):
-            return
-        if letter["seq"] <= self.newest or now_s - sent_s > self.max_age_s:
-            return
-        self.newest, self.ends_s = letter["seq"], now_s + 2.0
-        self.counted, self.counted_s = self.counted + 1, now_s
-        if any(letter["twist"]):
-            self.pushed_s = now_s
-
-
-class Driving(RuleBasedStateMachine):
+class Driving(Play, RuleBasedStateMachine):
     """Two or three operators, one robot, a bad link, and gimbals that are not always measured."""
 
     @initialize(noise=st.sampled_from([None, 0.0, 1.0]), ready=st.sampled_from([True, True, False]))
@@ -255,134 +221,6 @@ class Driving(RuleBasedStateMachine):
         self.rig.measures = False
         self.time_passes(seconds)
         self.rig.measures = True
-
-    # How it is done.
-
-    def any_pilot(self, data: st.DataObject) -> Pilot:
-        return self.pilots[data.draw(st.sampled_from(sorted(self.pilots)))]
-
-    def lease_of(self, name: str) -> str:
-        return self.pilots[name].lease if name in self.pilots else "00" * 16
-
-    def holds(self, name: str) -> bool:
-        return self.referee.holds(name, self.lease_of(name), self.rig.now_s)
-
-    def holds_the_stick(
-        self, name: str, twist: tuple[float, ...], seconds: float, frame: str
-    ) -> None:
-        for i in range(round(seconds / 0.01)):
-            if i % 2 == 0:
-                self.send(name, twist, frame)
-            self.tick()
-
-    def send(self, name: str, twist: tuple[float, ...], frame: str, lease: str = "") -> None:
-        rig, pilot = self.rig, self.pilots[name]
-        lease = lease or pilot.lease
-        seq = next(pilot.numbers)
-        letter = {
-            "sound": True,
-            "name": name,
-            "lease": lease,
-            "seq": seq,
-            "status_seq": rig.status_seq,
-            "twist": twist,
-        }
-        self.post(rig.sample(pilot, twist, frame, seq=seq, lease=lease), letter)
-
-    def post(self, sample: Sample, letter: dict[str, Any], keep: bool = True) -> None:
-        self.rig.inbox.append(sample)
-        self.letters.append(letter)
-        if keep:
-            self.old = [*self.old[-300:], (sample, letter)]
-
-    def tick(self, dt_s: float = 0.01) -> None:
-        """One turn of the loop, judged by the referee and held against the laws."""
-        before, letters, self.letters = self.rig.twist, self.letters, []
-        sent_s = dict(self.rig.status_sent_s)
-        self.rig.tick(dt_s)
-        counted = self.referee.counted
-        pushed_s = self.referee.pushed_s
-        for letter in letters:
-            status_sent_s = sent_s.get(letter["status_seq"], -math.inf)
-            self.referee.judge(letter, self.rig.now_s, status_sent_s)
-        if self.rig.mode in (Mode.STOPPED, Mode.FAULT):
-            self.since_stop = []
-        elif self.rig.mode is Mode.DISARMED:
-            self.since_stop = ["reset"]
-        elif self.referee.counted > counted and self.referee.pushed_s > pushed_s:
-            self.since_stop.append("push")
-        self.every_sample_is_counted_once_and_only_those_that_count_are_accepted()
-        self.two_operators_never_drive_at_once()
-        self.it_moves_only_on_a_fresh_command_or_while_braking(before)
-        self.after_a_stop_it_moves_only_after_reset_and_arm_and_a_new_command()
-        self.the_commanded_twist_never_jumps(before, dt_s)
-        self.set_points_are_finite_and_within_the_tilt_limit()
-        self.wheels_never_spin_unless_armed()
-
-    # The laws.
-
-    def every_sample_is_counted_once_and_only_those_that_count_are_accepted(self) -> None:
-        gate = self.rig.core.authority.gate
-        drops = gate.dropped
-        dropped = (
-            drops.stale + drops.lease + drops.order + drops.nonfinite + drops.key + drops.shape
-        )
-        assert gate.accepted + dropped == self.referee.sent
-        assert gate.accepted == self.referee.counted
-
-    def two_operators_never_drive_at_once(self) -> None:
-        """Whoever's command is obeyed is the one who was granted the lease last."""
-        authority = self.rig.core.authority
-        if authority.command is not None:
-            assert authority.command.operator == self.referee.holder
-            assert authority.command.lease.hex() == self.referee.lease
-            assert self.rig.now_s < self.referee.ends_s
-
-    def it_moves_only_on_a_fresh_command_or_while_braking(self, before: Array) -> None:
-        rig = self.rig
-        if not rig.twist.any():
-            return
-        assert rig.mode in (Mode.DRIVING, Mode.STOPPING)
-        if rig.mode is Mode.DRIVING:
-            assert rig.now_s - self.referee.counted_s <= 0.2
-        else:
-            assert (np.abs(rig.twist) <= np.abs(before)).all()
-            assert np.linalg.norm(rig.twist) < np.linalg.norm(before)
-
-    def after_a_stop_it_moves_only_after_reset_and_arm_and_a_new_command(self) -> None:
-        if self.rig.twist.any():
-            steps = [
-                step for i, step in enumerate(self.since_stop) if step not in self.since_stop[:i]
-            ]
-            assert steps[:2] == ["reset", "arm"]
-            assert "push" in self.since_stop[self.since_stop.index("arm") :]
-
-    def the_commanded_twist_never_jumps(self, before: Array, dt_s: float) -> None:
-        rig, limits = self.rig, self.rig.core.robot.limits
-        if rig.mode in (Mode.STOPPED, Mode.FAULT):
-            assert not rig.twist.any()
-            return
-        change = rig.twist - before
-        assert np.hypot(*change[:2]) <= limits.deceleration_mps2 * dt_s * (1 + 1e-9)
-        assert abs(change[2]) <= limits.angular_acceleration_rad_per_s2 * dt_s * (1 + 1e-9)
-        if np.hypot(*rig.twist[:2]) > np.hypot(*before[:2]):
-            assert np.hypot(*change[:2]) <= limits.acceleration_mps2 * dt_s * (1 + 1e-9)
-
-    def set_points_are_finite_and_within_the_tilt_limit(self) -> None:
-        joints = self.rig.setpoint.reshape(-1, 3)
-        assert np.isfinite(joints).all()
-        upright = np.cos(joints[:, 0]) * np.cos(joints[:, 1])
-        assert (upright >= np.cos(np.radians(30.0)) - 1e-12).all()
-        assert np.isfinite(self.rig.pose).all()
-
-    def wheels_never_spin_unless_armed(self) -> None:
-        rig = self.rig
-        spinning = rig.setpoint[rig.wheels] != 0.0
-        assert spinning.all() == spinning.any()
-        if rig.mode in (Mode.DISARMED, Mode.STOPPED, Mode.FAULT):
-            assert not spinning.any()
-        if rig.mode in (Mode.READY, Mode.DRIVING, Mode.STOPPING):
-            assert spinning.all()
 
 
 def test_the_laws_hold_whatever_happens_in_whatever_order() -> None:

@@ -10,7 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from tests.running import PATIENCE_S, RunningNode
+from tests.running import PATIENCE_S, RunningNode, matched
 from tsd_twin import topics
 from tsd_twin.lie import Array
 from tsd_twin.messages.command import Sample, encode_attachment
@@ -39,8 +39,10 @@ class Pilot:
         self._news = threading.Condition()
         self._pause = threading.Event()
         self._numbers = itertools.count(1)
-        self._command = self.bus.publisher(
-            topics.twist_key(self.id, name), Urgency.REAL_TIME, topics.TWIST.type
+        self._command = matched(
+            self.bus.publisher(
+                topics.twist_key(self.id, name), Urgency.REAL_TIME, topics.TWIST.type
+            )
         )
         self.bus.watch(f"twin/{self.id}/state/*", self._note)
         self.bus.watch_events(topics.EVENT.key(self.id), self._note_event)

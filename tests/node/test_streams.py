@@ -13,12 +13,11 @@ import pytest
 import zenoh
 from rosbags.typesys import Stores, get_typestore
 
-from tests.bus.test_bus import Mailbox
 from tests.node.pilot import Pilot
-from tests.running import PATIENCE_S, URDF, RunningNode, running
+from tests.running import PATIENCE_S, URDF, Mailbox, RunningNode, matched, running
 from tsd_twin import topics
 from tsd_twin.messages.service import Event
-from tsd_twin.topics import Service
+from tsd_twin.topics import Service, Urgency
 
 CDR = "application/cdr;{}"
 STREAMS = {
@@ -145,6 +144,7 @@ def test_garbage_on_every_key_is_counted_or_ignored_and_ends_nothing(
     keys += ["twin/tsd/event/mode", "twin/tsd/alive", "twin/tsd/cmd/alice/twist/more", "twin/tsd"]
     before = drops(alice)
     with robot.client() as client:
+        matched(client.publisher(topics.twist_key("tsd", "alice"), Urgency.REAL_TIME))
         for key in keys:
             for payload in GARBAGE:
                 client._session.put(key, payload, attachment=payload[:32])

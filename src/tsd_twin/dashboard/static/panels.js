@@ -4,10 +4,11 @@
 import { el } from "./dom.js";
 import { Gimbals } from "./gimbals.js";
 import { Health } from "./health.js";
+import { nameControls } from "./names.js";
 import { Plots } from "./plots.js";
 import { Recorder } from "./recorder.js";
 
-/** Fill all places that there are and that will come. */
+/** Fill all places that there are and that will come, and name what viser leaves without a name. */
 export function watchPanels(link) {
   const recorder = new Recorder(link);
   const makers = {
@@ -17,6 +18,7 @@ export function watchPanels(link) {
   };
   const filled = new Map();
   const fill = () => {
+    nameControls();
     for (const [place, content] of filled) {
       if (place.isConnected) continue;
       content.close();

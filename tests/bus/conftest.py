@@ -1,0 +1,32 @@
+"""Sessions on one machine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+
+import pytest
+
+from tests.running import ANY_PORT, PATIENCE_S
+from tsd_twin.bus import Bus, client_config, node_config
+
+
+@pytest.fixture
+def robot() -> Generator[Bus]:
+    """A session that listens."""
+    with Bus(node_config([ANY_PORT])) as bus:
+        yield bus
+
+
+@pytest.fixture
+def connect(robot: Bus) -> Generator[Callable[[], Bus]]:
+    """Make sessions that are linked to it."""
+    opened: list[Bus] = []
+
+    def open_one() -> Bus:
+        opened.append(Bus(client_config(robot.endpoints())))
+        assert opened[-1].wait_for_peer(PATIENCE_S)
+        return opened[-1]
+
+    yield open_one
+    for bus in opened:
+        bus.close()

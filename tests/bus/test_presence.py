@@ -1,0 +1,72 @@
+"""Who is there, who comes and who goes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from tests.running import ANY_PORT, PATIENCE_S, Mailbox, matched
+from tsd_twin.bus import Bus, client_config, node_config
+from tsd_twin.topics import Urgency
+
+KEY = "twin/r1/state/odom"
+
+
+def test_who_lives_is_known_until_the_session_ends(robot: Bus, connect: Callable[[], Bus]) -> None:
+    """A client of one robot sees the other robot, whose node has joined the node of the first."""
+    box, late = Mailbox(), Mailbox()
+    connect().watch_alive("twin/*/alive", box)
+    other = Bus(node_config([ANY_PORT], robot.endpoints()))
+    other.announce("twin/r2/alive")  # Nobody keeps the token: it lives on.
+    assert box.next() == ("twin/r2/alive", True)
+    assert robot.living("twin/*/alive") == ["twin/r2/alive"]
+    connect().watch_alive("twin/*/alive", late)
+    assert late.next() == ("twin/r2/alive", True)
+    other.close()
+    assert box.next() == ("twin/r2/alive", False)
+    assert robot.living("twin/*/alive") == []
+
+
+def test_a_token_can_be_taken_back(robot: Bus, connect: Callable[[], Bus]) -> None:
+    box = Mailbox()
+    connect().watch_alive("twin/*/alive", box)
+    token = robot.announce("twin/r1/alive")
+    assert box.next() == ("twin/r1/alive", True)
+    token.close()
+    assert box.next() == ("twin/r1/alive", False)
+
+
+def test_a_router_that_joins_another_hears_of_those_who_live_there(robot: Bus) -> None:
+    """Two robots on two machines: the second must see the first before it takes the same id."""
+    robot.announce("twin/r1/alive")
+    with Bus(node_config([ANY_PORT], robot.endpoints())) as other:
+        assert other.living("twin/r1/alive", PATIENCE_S) == ["twin/r1/alive"]
+
+
+def test_nobody_lives_where_nobody_is(robot: Bus) -> None:
+    assert robot.living("twin/*/alive") == []
+
+
+def test_a_client_finds_a_robot_that_comes_later() -> None:
+    with Bus(node_config([ANY_PORT])) as first:
+        (endpoint,) = first.endpoints()
+    with Bus(client_config([endpoint])) as client:
+        assert not client.wait_for_peer(0.3)  # It has tried, and was refused.
+        box = Mailbox()
+        client.watch(KEY, box)
+        with Bus(node_config([endpoint])) as robot:
+            assert client.wait_for_peer(PATIENCE_S)
+            matched(robot.publisher(KEY, Urgency.DATA)).put(b"here")
+            assert box.next().payload == b"here"
+
+
+def test_a_client_finds_a_robot_that_comes_back() -> None:
+    box = Mailbox()
+    with Bus(node_config([ANY_PORT])) as first:
+        (endpoint,) = first.endpoints()
+        client = Bus(client_config([endpoint]))
+        client.watch(KEY, box)
+        matched(first.publisher(KEY, Urgency.DATA)).put(b"before")
+        assert box.next().payload == b"before"
+    with client, Bus(node_config([endpoint])) as again:
+        matched(again.publisher(KEY, Urgency.DATA)).put(b"after")
+        assert box.next().payload == b"after"

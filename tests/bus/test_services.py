@@ -1,0 +1,66 @@
+"""Questions and answers between sessions."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+import pytest
+
+from tests.running import PATIENCE_S
+from tsd_twin.bus import Bus
+from tsd_twin.errors import NoAnswerError
+
+KEY = "twin/r1/state/odom"
+
+
+def answering(bus: Bus, key: str, payload: bytes) -> Callable[[], None]:
+    """Serve a key in a thread; the function that is returned ends it."""
+    server, stop = bus.server(key), threading.Event()
+
+    def serve() -> None:
+        while not stop.wait(0.005):
+            for request in server.take():
+                request.reply(payload + request.payload)
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+
+    def end() -> None:
+        stop.set()
+        thread.join(PATIENCE_S)
+
+    return end
+
+
+def test_a_question_is_answered(robot: Bus, connect: Callable[[], Bus]) -> None:
+    end = answering(robot, "twin/r1/desc", b"you said ")
+    client = connect()
+    try:
+        assert client.ask("twin/r1/desc", b"hello", PATIENCE_S) == b"you said hello"
+        assert client.ask("twin/r1/desc", b"", PATIENCE_S) == b"you said "
+    finally:
+        end()
+
+
+def test_an_answer_to_a_pattern_names_the_one_who_answers(
+    robot: Bus, connect: Callable[[], Bus]
+) -> None:
+    ends = [answering(robot, f"twin/{name}/desc", name.encode()) for name in ("r1", "r2")]
+    client = connect()
+    try:
+        replies = client._session.get("twin/*/desc", timeout=PATIENCE_S)
+        answers = {str(r.ok.key_expr): r.ok.payload.to_bytes() for r in replies if r.ok}
+    finally:
+        for end in ends:
+            end()
+    assert answers == {"twin/r1/desc": b"r1", "twin/r2/desc": b"r2"}
+
+
+def test_silence_is_an_error_that_names_the_key(robot: Bus, connect: Callable[[], Bus]) -> None:
+    client = connect()
+    with pytest.raises(NoAnswerError, match="twin/nobody/desc: no answer within"):
+        client.ask("twin/nobody/desc", b"", 0.2)
+    robot.server("twin/r1/desc")  # Which nobody takes requests from.
+    with pytest.raises(NoAnswerError, match=r"twin/r1/desc: no answer within 0\.2 s"):
+        client.ask("twin/r1/desc", b"", 0.2)

@@ -1,0 +1,92 @@
+"""What holds after every turn of the loop, whatever has happened."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tests.core.referee import Referee
+from tests.core.rig import Rig
+from tsd_twin.authority import Mode
+from tsd_twin.lie import Array
+
+
+class Laws:
+    """The laws, each a sentence that raises when it is broken."""
+
+    rig: Rig
+    referee: Referee
+    since_stop: list[str]
+    """What has been done since the last stop: `reset`, `arm`, `push`."""
+
+    def hold(self, before: Array, dt_s: float) -> None:
+        """Hold what the robot does against all of them; `before` is the twist of `dt_s` ago."""
+        self.every_sample_is_counted_once_and_only_those_that_count_are_accepted()
+        self.two_operators_never_drive_at_once()
+        self.it_moves_only_on_a_fresh_command_or_while_braking(before)
+        self.after_a_stop_it_moves_only_after_reset_and_arm_and_a_new_command()
+        self.the_commanded_twist_never_jumps(before, dt_s)
+        self.set_points_are_finite_and_within_the_tilt_limit()
+        self.wheels_never_spin_unless_armed()
+
+    def every_sample_is_counted_once_and_only_those_that_count_are_accepted(self) -> None:
+        gate = self.rig.core.authority.gate
+        drops = gate.dropped
+        dropped = (
+            drops.stale + drops.lease + drops.order + drops.nonfinite + drops.key + drops.shape
+        )
+        assert gate.accepted + dropped == self.referee.sent
+        assert gate.accepted == self.referee.counted
+
+    def two_operators_never_drive_at_once(self) -> None:
+        """Whoever's command is obeyed is the one who was granted the lease last."""
+        authority = self.rig.core.authority
+        if authority.command is not None:
+            assert authority.command.operator == self.referee.holder
+            assert authority.command.lease.hex() == self.referee.lease
+            assert self.rig.now_s < self.referee.ends_s
+
+    def it_moves_only_on_a_fresh_command_or_while_braking(self, before: Array) -> None:
+        rig = self.rig
+        if not rig.twist.any():
+            return
+        assert rig.mode in (Mode.DRIVING, Mode.STOPPING)
+        if rig.mode is Mode.DRIVING:
+            assert rig.now_s - self.referee.counted_s <= 0.2
+        else:
+            assert (np.abs(rig.twist) <= np.abs(before)).all()
+            assert np.linalg.norm(rig.twist) < np.linalg.norm(before)
+
+    def after_a_stop_it_moves_only_after_reset_and_arm_and_a_new_command(self) -> None:
+        if self.rig.twist.any():
+            steps = [
+                step for i, step in enumerate(self.since_stop) if step not in self.since_stop[:i]
+            ]
+            assert steps[:2] == ["reset", "arm"]
+            assert "push" in self.since_stop[self.since_stop.index("arm") :]
+
+    def the_commanded_twist_never_jumps(self, before: Array, dt_s: float) -> None:
+        rig, limits = self.rig, self.rig.core.robot.limits
+        if rig.mode in (Mode.STOPPED, Mode.FAULT):
+            assert not rig.twist.any()
+            return
+        change = rig.twist - before
+        assert np.hypot(*change[:2]) <= limits.deceleration_mps2 * dt_s * (1 + 1e-9)
+        assert abs(change[2]) <= limits.angular_acceleration_rad_per_s2 * dt_s * (1 + 1e-9)
+        if np.hypot(*rig.twist[:2]) > np.hypot(*before[:2]):
+            assert np.hypot(*change[:2]) <= limits.acceleration_mps2 * dt_s * (1 + 1e-9)
+
+    def set_points_are_finite_and_within_the_tilt_limit(self) -> None:
+        joints = self.rig.setpoint.reshape(-1, 3)
+        assert np.isfinite(joints).all()
+        upright = np.cos(joints[:, 0]) * np.cos(joints[:, 1])
+        assert (upright >= np.cos(np.radians(30.0)) - 1e-12).all()
+        assert np.isfinite(self.rig.pose).all()
+
+    def wheels_never_spin_unless_armed(self) -> None:
+        rig = self.rig
+        spinning = rig.setpoint[rig.wheels] != 0.0
+        assert spinning.all() == spinning.any()
+        if rig.mode in (Mode.DISARMED, Mode.STOPPED, Mode.FAULT):
+            assert not spinning.any()
+        if rig.mode in (Mode.READY, Mode.DRIVING, Mode.STOPPING):
+            assert spinning.all()
