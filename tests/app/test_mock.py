@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import signal
 import socket
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -118,8 +119,18 @@ def test_a_second_robot_with_the_same_id_refuses_and_the_first_runs_on(start: St
     assert "'tsd' is on the bus already" in second.sentence
     third = start("tsd_mock", *ANY_PORT, "--connect", endpoint, "--id", "other")
     third.ready()
+    both = {"twin/tsd/alive", "twin/other/alive"}
+    here = threading.Event()
+    living: set[str] = set()
+
+    def note(key: str, lives: bool) -> None:
+        (living.add if lives else living.discard)(key)
+        if living == both:
+            here.set()
+
     with Bus(client_config([endpoint])) as bus:
-        assert set(bus.living(alive_key("*"))) == {"twin/tsd/alive", "twin/other/alive"}
+        bus.watch_alive(alive_key("*"), note)
+        assert here.wait(PATIENCE_S), f"only {living}"
     assert first.process.poll() is None
 
 

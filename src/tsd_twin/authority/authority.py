@@ -62,6 +62,7 @@ class Authority:
         self._pushed_s = -np.inf
         self._spin_up_s: float | None = None
         self._disarm_at_rest = False
+        self._holder = ""
         self._reported_s: dict[str, float] = {}
         self._events: list[Event] = []
 
@@ -150,9 +151,7 @@ class Authority:
 
     def step(self, facts: Facts, now_s: float) -> None:
         """Let time pass: what has run out, has run out."""
-        lease = self._desk.current(now_s)
-        if lease is not None:
-            self._attended_s = now_s
+        lease = self._watch_lease(now_s)
         if facts.fault and self.mode in ARMED:
             self._go(Mode.FAULT, facts.fault, now_s)
         match self.mode:
@@ -197,6 +196,15 @@ class Authority:
         return events
 
     # Inside.
+
+    def _watch_lease(self, now_s: float) -> Lease | None:
+        lease = self._desk.current(now_s)
+        if lease is not None:
+            self._attended_s = now_s
+        elif self._holder:
+            self._report("lease", f"Control of {self._holder} has run out.", "lease", now_s)
+        self._holder = lease.holder if lease else ""
+        return lease
 
     def _step_arming(self, facts: Facts, now_s: float) -> None:
         if now_s - self._attended_s >= UNATTENDED_S:
@@ -245,6 +253,7 @@ class Authority:
         return Reply(False, reason)
 
     def _report_lease(self, before: Lease | None, after: Lease | None, now_s: float) -> None:
+        self._holder = after.holder if after else ""
         if after is None:
             text = f"{before.holder if before else 'The holder'} released control."
         elif before is None or before.holder == after.holder:

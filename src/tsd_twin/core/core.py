@@ -47,6 +47,8 @@ AT_SPEED = 0.02
 """Wheels within this share of their set-point count as at speed."""
 SILENT_S = 0.1
 """Joints that are not measured for this long are a fault while armed."""
+LONGEST_STEP_S = 0.02
+"""The most time that one step towards another speed makes use of."""
 _CLAMP_REPORT_S = 0.5
 
 
@@ -144,7 +146,10 @@ class RobotCore:
                 share = lease.speed_cap_mps / self.robot.limits.speed_mps
                 goal = self._limiter.cap(request, share)
             if dt_s > 0.0:
-                self.twist = self._limiter.approach(self.twist, goal, dt_s)
+                # After a loop that was held up, speed is not gained in one leap; it may be lost so,
+                # since the robot has been driving on all the while.
+                step_s = min(dt_s, LONGEST_STEP_S) if goal.any() else dt_s
+                self.twist = self._limiter.approach(self.twist, goal, step_s)
             self._report_clamp(request, goal, now_s)
         else:
             # Not at rest only when latched: the limiter starts from zero again, nothing jumps.

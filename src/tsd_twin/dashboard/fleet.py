@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import queue
+import threading
+import time
 from collections.abc import Callable
 from types import MappingProxyType
 
@@ -12,25 +14,30 @@ import msgspec
 from tsd_twin import topics
 from tsd_twin.bus import Bus
 from tsd_twin.dashboard.link import RobotLink
-from tsd_twin.errors import TwinError
+from tsd_twin.errors import NoAnswerError, TwinError
 from tsd_twin.messages.command import Sample
 from tsd_twin.messages.service import Event
 
 _LOG = logging.getLogger(__name__)
+_AGAIN_S = 0.5
 
 
 class Fleet:
     """Links to all living robots; a robot that goes keeps its link, and its state grows old.
 
-    The bus only hands over who came and went, and `refresh`, called by one thread, acts on it.
+    A robot that comes is asked for its description on a thread of the fleet, so that one that is
+    slow to answer keeps nobody waiting.
     """
 
     def __init__(self, bus: Bus) -> None:
         self._bus = bus
         self._links: dict[str, RobotLink] = {}
+        self._living: set[str] = set()
         self._came: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._met: queue.SimpleQueue[RobotLink] = queue.SimpleQueue()
         self._events: queue.SimpleQueue[tuple[str, Event]] = queue.SimpleQueue()
         self._on_change: list[Callable[[], None]] = []
+        threading.Thread(target=self._meet, name="fleet", daemon=True).start()
         bus.watch_alive(topics.alive_key("*"), self._note)
         bus.watch_events(topics.EVENT.key("*"), self._note_event)
 
@@ -44,23 +51,31 @@ class Fleet:
         self._on_change.append(call)
 
     def refresh(self) -> list[str]:
-        """Take in who came since the last call, and return their ids; may wait for answers."""
+        """Take in who came since the last call, and return their ids."""
         came: list[str] = []
-        while not self._came.empty():
-            robot_id = self._came.get()
-            try:
-                link = RobotLink(self._bus, robot_id)
-            except TwinError as error:
-                _LOG.warning("robot %s cannot be shown: %s", robot_id, error)
-                continue
-            if robot_id in self._links:  # It was restarted, perhaps as another robot.
-                self._links[robot_id].close()
-            self._links[robot_id] = link
-            came.append(robot_id)
+        while not self._met.empty():
+            link = self._met.get()
+            if link.id in self._links:  # It was restarted, perhaps as another robot.
+                self._links[link.id].close()
+            self._links[link.id] = link
+            came.append(link.id)
         if came:
             for call in self._on_change:
                 call()
         return came
+
+    def _meet(self) -> None:
+        while True:
+            robot_id = self._came.get()
+            while robot_id in self._living:
+                try:
+                    self._met.put(RobotLink(self._bus, robot_id))
+                    break
+                except NoAnswerError:
+                    time.sleep(_AGAIN_S)  # It lives, so it will answer; or it will go.
+                except TwinError as error:
+                    _LOG.warning("robot %s cannot be shown: %s", robot_id, error)
+                    break
 
     def take_events(self) -> list[tuple[str, Event]]:
         """Return (robot, event) for all that happened since the last call."""
@@ -70,8 +85,12 @@ class Fleet:
         return events
 
     def _note(self, key: str, lives: bool) -> None:
+        robot_id = topics.robot_of(key)
         if lives:
-            self._came.put(topics.robot_of(key))
+            self._living.add(robot_id)
+            self._came.put(robot_id)
+        else:
+            self._living.discard(robot_id)
 
     def _note_event(self, sample: Sample) -> None:
         try:

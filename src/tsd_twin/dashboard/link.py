@@ -24,7 +24,13 @@ from tsd_twin.messages.ros import (
     decode_odometry,
     encode_twist,
 )
-from tsd_twin.messages.service import Description, LeaseReply, Reply, StopRequest
+from tsd_twin.messages.service import (
+    Description,
+    LeaseReply,
+    Reply,
+    StopRequest,
+    decode_json,
+)
 from tsd_twin.messages.status import Status, decode_stamp, decode_status
 from tsd_twin.topics import Service, Urgency
 
@@ -61,7 +67,7 @@ class RobotLink:
         self.id = robot_id
         self._bus = bus
         answer = bus.ask(Service.DESC.key(robot_id), b"")
-        description = msgspec.json.decode(answer, type=Description)
+        description = decode_json(answer, Description, "a description")
         self.robot = robots.parse(description.robot, f"description of {robot_id}")
         self.urdf = description.urdf
         self.drive = self.robot.kinematics()
@@ -130,8 +136,8 @@ class RobotLink:
     ) -> Any:
         try:
             answer = self._bus.ask(service.key(self.id), msgspec.json.encode(request), timeout_s)
-            return msgspec.json.decode(answer, type=kind)
-        except (BusError, msgspec.DecodeError):
+            return decode_json(answer, kind, "an answer")
+        except (BusError, MessageError):
             return silence
 
     def stop(self, operator: str, reason: str = "") -> Reply:
