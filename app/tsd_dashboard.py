@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import logging
 
 from tsd_twin import program
 from tsd_twin.dashboard import dashboard
+from tsd_twin.dashboard.gateway import ANYBODY
 
+_LOG = logging.getLogger(__name__)
+_PATIENCE_S = 3.0
 PORT = 8080
 
 PARSER = program.parser(
@@ -29,7 +33,10 @@ def serve(args: argparse.Namespace) -> None:
         program.say_ready(f"http://{args.host}:{port}/")
 
     with program.client_bus(args) as bus:
-        asyncio.run(dashboard.run(bus, args.host, args.port, stop, ready))
+        if args.zenoh_config and not bus.wait_for_peer(_PATIENCE_S):
+            _LOG.warning("no robot lets us in yet: it is off, or refuses the certificate")
+        owner = program.certificate(args) or ANYBODY
+        asyncio.run(dashboard.run(bus, args.host, args.port, stop, ready, owner))
 
 
 def main() -> None:

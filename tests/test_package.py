@@ -16,6 +16,8 @@ NEEDED = (
     "tsd_demo.py",
     "tsd_mock.py",
     "tsd_dashboard.py",
+    "tsd_link.py",
+    "tsd_certs.py",
     "tsd_twin/robots/tsd.toml",
     "tsd_twin/dashboard/static/overlay.js",
     "tsd_twin/meshes/tsd/tsd.urdf",

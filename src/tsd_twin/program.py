@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from types import FrameType
 
 from tsd_twin import __version__, robots
+from tsd_twin.access import Identity, certificate_identity
 from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, client_config, from_file, node_config
 from tsd_twin.errors import TwinError
 
@@ -91,6 +92,12 @@ def client_bus(args: argparse.Namespace) -> Bus:
     if args.zenoh_config:
         return Bus(from_file(args.zenoh_config))
     return Bus(client_config(args.connect or [DEFAULT_ENDPOINT]))
+
+
+def certificate(args: argparse.Namespace) -> Identity | None:
+    """Return who the certificate in `--zenoh-config` says that this program is, if there is one."""
+    file = from_file(args.zenoh_config).certificate if args.zenoh_config else None
+    return None if file is None else certificate_identity(file)
 
 
 def stop_event(args: argparse.Namespace) -> threading.Event:

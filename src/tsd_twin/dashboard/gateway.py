@@ -11,6 +11,7 @@ import msgspec
 from aiohttp import WSMsgType, web
 from aiohttp.typedefs import Handler
 
+from tsd_twin.access import Identity, Role
 from tsd_twin.dashboard.calls import Calls
 from tsd_twin.dashboard.guard import HEADERS, is_loopback, refusal
 from tsd_twin.dashboard.pages import STATIC, IndexPage
@@ -32,6 +33,10 @@ def _nothing(*_args: str) -> None:
     pass
 
 
+ANYBODY = Identity("web", Role.OPERATOR)
+"""Whose dashboard it is when no certificate says so."""
+
+
 class Gateway:
     """One HTTP server on one event loop.
 
@@ -44,12 +49,14 @@ class Gateway:
         fleet: Fleet,
         viser_port: int,
         *,
+        owner: Identity = ANYBODY,
         allowed_hosts: Collection[str] = (),
         on_released: Callable[[str], None] = _nothing,
         on_chosen: Callable[[str, str], None] = _nothing,
     ) -> None:
         """Read viser's page.
 
+        `owner` is who this dashboard is on the bus; a viewer's pages may watch, and stop.
         `allowed_hosts` are values of the `Host` header that are answered beside those of the
         loopback. Called on the event loop: `on_released`, with the page, when the sliders of its
         panel shall spring back, and `on_chosen`, with page and robot id, when its menu is used.
@@ -61,6 +68,7 @@ class Gateway:
         self._proxy = ViserProxy(viser_port)
         self._calls = Calls()
         self._roster = Roster(fleet, self._calls)
+        self._owner = owner
         self._allowed_hosts = frozenset(allowed_hosts)
         self._on_released, self._on_chosen = on_released, on_chosen
         self._sessions: dict[str, Session] = {}
@@ -212,7 +220,14 @@ class Gateway:
         await socket.prepare(request)
         if (before := self._sockets.get(page)) is not None:  # Its connection was lost unnoticed.
             await before.close(code=1001, message=b"the page has come back")
-        session = Session(page, self._roster, self._calls, self._on_released, self._on_chosen)
+        session = Session(
+            page,
+            self._roster,
+            self._calls,
+            self._on_released,
+            self._on_chosen,
+            owner=self._owner,
+        )
         self._sessions[page], self._sockets[page] = session, socket
         delivering = asyncio.create_task(session.mail.deliver(socket))
         try:

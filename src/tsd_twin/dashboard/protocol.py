@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 import msgspec
 from msgspec import Meta
 
+from tsd_twin.access import Role
 from tsd_twin.errors import MessageError
 from tsd_twin.messages.service import Event
 from tsd_twin.messages.status import Status
@@ -112,7 +113,7 @@ class Welcome(_Message, frozen=True, tag="welcome"):
     """Who the page is, and which robots there are."""
 
     operator: str
-    role: Literal["operator", "viewer"]
+    role: Role
     robots: Sequence[RobotName]
     robot: str | None
 

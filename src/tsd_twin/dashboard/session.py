@@ -10,6 +10,7 @@ from typing import Any
 
 import msgspec
 
+from tsd_twin.access import Identity, Role
 from tsd_twin.authority import Mode
 from tsd_twin.dashboard import protocol
 from tsd_twin.dashboard.calls import Calls
@@ -27,6 +28,7 @@ _OF_THE_HOLDER: Mapping[type[protocol.Arm | protocol.Disarm | protocol.Reset], S
     protocol.Disarm: Service.DISARM,
     protocol.Reset: Service.RESET,
 }
+_WATCHES = "this dashboard only watches: its certificate is a viewer's"
 _STOPS_AT_ONCE = 2
 """The second begins after the first, so a third would say nothing new."""
 
@@ -41,14 +43,18 @@ class Session:
         calls: Calls,
         on_released: Callable[[str], None],
         on_chosen: Callable[[str, str], None],
+        *,
+        owner: Identity,
     ) -> None:
+        """`owner` is whose dashboard this is; each page of it has an operator id of its own."""
         self.page = page
         self.mail = Mailbox()
         self.robot_id: str | None = None
         """The robot that is watched."""
         self.rejected = 0
         """Messages that were none."""
-        self._operator = f"web-{page[:8]}"
+        self._operator = f"{owner.name}-{page[:8]}"
+        self._role = owner.role
         self._roster = roster
         self._calls = calls
         self._on_released, self._on_chosen = on_released, on_chosen
@@ -64,7 +70,7 @@ class Session:
             self.robot_id = names[0].id
         self._post(
             protocol.Welcome(
-                operator=self._operator, role="operator", robots=names, robot=self.robot_id
+                operator=self._operator, role=self._role, robots=names, robot=self.robot_id
             )
         )
         self._show_robot()
@@ -106,6 +112,8 @@ class Session:
                 self._stop()
             case protocol.Choose():
                 self.choose(message.id)
+            case protocol.AskLease() if self._role is Role.VIEWER:
+                self._post(protocol.Answer(to="lease", ok=False, reason=_WATCHES))
             case protocol.AskLease():
                 self._lease(message)
             case protocol.Arm() | protocol.Disarm() | protocol.Reset():
