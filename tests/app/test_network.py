@@ -1,0 +1,89 @@
+"""From keys to wheels: the programs as they are used over a network, with certificates."""
+
+from __future__ import annotations
+
+import json
+import re
+import secrets
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from websockets.sync.client import ClientConnection, connect
+
+from tests.app.conftest import Program
+
+pytestmark = pytest.mark.system
+
+Start = Callable[..., Program]
+_PATIENCE_S = 20.0
+_STATES = 600
+
+
+@pytest.fixture
+def keys(start: Start, tmp_path: Path) -> Path:
+    """Keys for a robot on this machine, an operator and a viewer."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    folder = tmp_path / "keys"
+    people = ("--operator", "alice", "--viewer", "guest")
+    where = ("--robot-host", "127.0.0.1", "--listen", f"tls/127.0.0.1:{port}")
+    assert start("tsd_certs", str(folder), *people, *where).wait() == 0
+    start("tsd_mock", "--zenoh-config", str(folder / "robot.json5")).ready()
+    return folder
+
+
+def page_of(start: Start, config: Path) -> ClientConnection:
+    """Open the page of somebody's dashboard, without a browser."""
+    dashboard = start("tsd_dashboard", "--port", "0", "--zenoh-config", str(config))
+    port = re.findall(r"http://127.0.0.1:(\d+)", dashboard.ready())[0]
+    return connect(f"ws://127.0.0.1:{port}/teleop?page={secrets.token_hex(8)}")
+
+
+def say(page: ClientConnection, **message: Any) -> None:
+    page.send(json.dumps(message))
+
+
+def hear(page: ClientConnection, kind: str) -> dict[str, Any]:
+    """Return the next message of a kind."""
+    while True:
+        message = json.loads(page.recv(_PATIENCE_S))
+        if message["t"] == kind:
+            return message
+
+
+def test_the_dashboard_of_an_operator_drives_under_her_name(start: Start, keys: Path) -> None:
+    with page_of(start, keys / "alice.json5") as page:
+        assert re.fullmatch(r"alice-[0-9a-f]{8}", hear(page, "welcome")["operator"])
+        asked = set[str]()
+        for _ in range(_STATES):
+            state = hear(page, "state")
+            say(page, t="beat", seen=state["seen"], sent_ms=0.0)
+            if not state["you"] and "lease" not in asked:
+                asked.add("lease")
+                say(page, t="lease", op="acquire")
+            elif state["you"] and state["status"]["mode"] == "disarmed" and "arm" not in asked:
+                asked.add("arm")
+                say(page, t="arm")
+            elif state["status"]["mode"] in ("ready", "driving"):
+                say(page, t="drive", vx=0.3, vy=0.0, omega=0.0, seen=state["seen"])
+            if state["twist"] is not None and state["twist"][0] > 0.2:
+                assert state["status"]["lease"]["holder"].startswith("alice-")
+                return
+    pytest.fail("she never drove")
+
+
+def test_the_dashboard_of_a_viewer_watches_and_stops(start: Start, keys: Path) -> None:
+    with page_of(start, keys / "guest.json5") as page:
+        assert hear(page, "welcome")["role"] == "viewer"
+        assert hear(page, "state")["status"]["mode"] == "disarmed"
+        say(page, t="lease", op="acquire")
+        answer = hear(page, "reply")
+        assert not answer["ok"]
+        assert "viewer" in answer["reason"]
+        say(page, t="stop")
+        assert hear(page, "reply")["ok"]
+        assert any(hear(page, "state")["status"]["mode"] == "stopped" for _ in range(_STATES))
