@@ -1,7 +1,8 @@
 """The bus: the only door to zenoh."""
 
-from tsd_twin.bus.bus import Bus, Publisher, Reader, Request, Server
+from tsd_twin.bus.bus import Bus
 from tsd_twin.bus.config import DEFAULT_ENDPOINT, Config, client_config, from_file, node_config
+from tsd_twin.bus.ends import Publisher, Reader, Request, Server, Token
 
 __all__ = [
     "DEFAULT_ENDPOINT",
@@ -11,6 +12,7 @@ __all__ = [
     "Reader",
     "Request",
     "Server",
+    "Token",
     "client_config",
     "from_file",
     "node_config",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Self
 
@@ -15,6 +15,7 @@ import zenoh
 import zenoh.ext
 
 from tsd_twin.bus.config import Config, reason
+from tsd_twin.bus.ends import Publisher, Reader, Server, Token, sample_of
 from tsd_twin.errors import BusError, NoAnswerError
 from tsd_twin.messages.command import Sample
 from tsd_twin.topics import Urgency
@@ -34,91 +35,6 @@ _QOS: dict[Urgency, dict[str, Any]] = {
         "congestion_control": zenoh.CongestionControl.DROP,
     },
 }
-
-
-class Publisher:
-    """Sends on one key; a put is never waited for."""
-
-    def __init__(self, publisher: zenoh.Publisher | zenoh.ext.AdvancedPublisher) -> None:
-        self._publisher = publisher
-
-    def put(self, payload: bytes, attachment: bytes = b"") -> None:
-        """Send a payload; nobody listening is no error.
-
-        Raises:
-            BusError: the session is closed.
-        """
-        try:
-            self._publisher.put(payload, attachment=attachment or None)
-        except zenoh.ZError as error:
-            raise BusError(reason(error)) from error
-
-    def close(self) -> None:
-        """Take the key back."""
-        self._publisher.undeclare()
-
-
-class Reader:
-    """Keeps the newest samples of a key expression until they are taken; the oldest give way."""
-
-    def __init__(self, subscriber: zenoh.Subscriber[Any], depth: int) -> None:
-        self._subscriber = subscriber
-        self._depth = depth
-
-    def take(self) -> list[Sample]:
-        """Return what came in since the last call, oldest first, without waiting."""
-        return [_sample(sample) for sample in _drain(self._subscriber, self._depth)]
-
-    def newest(self) -> Sample | None:
-        """Return the newest of what came in since the last call."""
-        samples = self.take()
-        return samples[-1] if samples else None
-
-    def close(self) -> None:
-        """Stop reading."""
-        self._subscriber.undeclare()
-
-
-class Request:
-    """A request that waits for its answer."""
-
-    def __init__(self, key: str, query: zenoh.Query) -> None:
-        self._key = key
-        self._query = query
-        self.payload = query.payload.to_bytes() if query.payload is not None else b""
-
-    def reply(self, payload: bytes) -> None:
-        """Answer; an asker that has gone is no error."""
-        try:
-            # The key asked for may be a pattern, and an answer must name one key.
-            self._query.reply(self._key, payload)
-            self._query.drop()
-        except zenoh.ZError:
-            return
-
-
-class Server:
-    """Keeps requests to one key until they are taken."""
-
-    def __init__(self, key: str, queryable: zenoh.Queryable[Any], depth: int) -> None:
-        self._key = key
-        self._queryable = queryable
-        self._depth = depth
-
-    def take(self) -> list[Request]:
-        """Return the requests that came in since the last call, without waiting."""
-        return [Request(self._key, query) for query in _drain(self._queryable, self._depth)]
-
-
-class Token:
-    """The word that somebody lives; it goes with the session, also when the process dies."""
-
-    def __init__(self, token: zenoh.LivelinessToken) -> None:
-        self._token = token
-
-    def close(self) -> None:
-        """Take the word back."""
-        self._token.undeclare()
 
 
 class Bus:
@@ -203,7 +119,7 @@ class Bus:
     def watch(self, key: str, take: Callable[[Sample], None]) -> None:
         """Call `take` with every sample of a key expression."""
         self._kept.append(
-            self._session.declare_subscriber(key, lambda sample: take(_sample(sample)))
+            self._session.declare_subscriber(key, lambda sample: take(sample_of(sample)))
         )
 
     def watch_events(self, key: str, take: Callable[[Sample], None]) -> None:
@@ -212,7 +128,7 @@ class Bus:
             zenoh.ext.declare_advanced_subscriber(
                 self._session,
                 key,
-                lambda sample: take(_sample(sample)),
+                lambda sample: take(sample_of(sample)),
                 history=zenoh.ext.HistoryConfig(detect_late_publishers=True),
             )
         )
@@ -265,27 +181,3 @@ class Bus:
                 history=True,
             )
         )
-
-
-def _drain(channel: Any, depth: int) -> Iterator[Any]:
-    """Yield what waits in a channel, no more than fits: a flood must not hold up who drains it.
-
-    Raises:
-        BusError: the session is closed.
-    """
-    try:
-        for _ in range(depth):
-            if (item := channel.try_recv()) is None:
-                return
-            yield item
-    except zenoh.ZError as error:
-        raise BusError(reason(error)) from error
-
-
-def _sample(sample: zenoh.Sample) -> Sample:
-    return Sample(
-        key=str(sample.key_expr),
-        payload=sample.payload.to_bytes(),
-        attachment=sample.attachment.to_bytes() if sample.attachment is not None else b"",
-        is_put=sample.kind == zenoh.SampleKind.PUT,
-    )
