@@ -17,7 +17,7 @@ import zenoh
 from tsd_twin import access, robots, topics
 from tsd_twin.access import KeyFolder, Order, Role
 from tsd_twin.bus import Bus, Config, client_config, from_file, node_config
-from tsd_twin.bus.bus import _sample
+from tsd_twin.bus.ends import sample_of
 from tsd_twin.dashboard.link import Driver, RobotLink
 from tsd_twin.messages.command import Sample
 from tsd_twin.messages.service import Description, HolderRequest, LeaseRequest
@@ -177,7 +177,7 @@ def listening(bus: Bus, *keys: str) -> Generator[Ear]:
     with contextlib.ExitStack() as stack:
         for key in keys:
             stack.enter_context(
-                bus._session.declare_subscriber(key, lambda sample: ear(_sample(sample)))
+                bus._session.declare_subscriber(key, lambda sample: ear(sample_of(sample)))
             )
         yield ear
 

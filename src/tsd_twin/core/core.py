@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from tsd_twin.authority import ARMED, Authority, Facts, Mode
-from tsd_twin.drives import JointKind
+from tsd_twin.authority import Authority, Facts, Mode
+from tsd_twin.core.estimator import Estimator
 from tsd_twin.errors import MessageError
-from tsd_twin.estimation import ConflictMonitor, PlanarOdometry, SpinModel
 from tsd_twin.lie import Array
 from tsd_twin.messages.command import Sample
 from tsd_twin.messages.ros import ODOM, JointState, Odometry
@@ -31,7 +30,6 @@ from tsd_twin.messages.service import (
 )
 from tsd_twin.messages.status import (
     CommandStatus,
-    ConflictStatus,
     LeaseStatus,
     LimitStatus,
     LoopStatus,
@@ -41,10 +39,6 @@ from tsd_twin.motion import TwistLimiter, within_reason
 from tsd_twin.robots import Robot
 from tsd_twin.topics import Service
 
-NEUTRAL_RAD = math.radians(1.0)
-"""Gimbals within this of upright count as neutral."""
-AT_SPEED = 0.02
-"""Wheels within this share of their set-point count as at speed."""
 SILENT_S = 0.1
 """Joints that are not measured for this long are a fault while armed."""
 LONGEST_STEP_S = 0.02
@@ -59,31 +53,19 @@ class RobotCore:
         self.robot = robot
         self.drive = robot.kinematics()
         self.authority = Authority(robot, new_lease_id)
-        kinds = [joint.kind for joint in self.drive.joints]
+        self._estimator = Estimator(robot)
         self._names = [joint.name for joint in self.drive.joints]
-        self._is_angle = np.array([kind is JointKind.POSITION for kind in kinds])
-        self._angles = np.flatnonzero(self._is_angle)
+        self._is_angle = self._estimator.is_angle
         self._wheels = np.flatnonzero(~self._is_angle)
-        self._at_rest = self.drive.inverse(np.zeros(3))
-        self._tolerance = np.where(self._is_angle, NEUTRAL_RAD, AT_SPEED * np.abs(self._at_rest))
-        off = np.where(self._is_angle, self._at_rest, 0.0)
         self._limiter = TwistLimiter(self.drive, robot.limits)
-        self._spin = SpinModel(robot.motor, len(self._wheels))
-        self._odometry = PlanarOdometry(self.drive, robot.noise)
-        self._conflict = ConflictMonitor(self._residual_sigma())
         self._components = list(self.drive.components)
         self._now_s = -math.inf
-        self._measured_s = -math.inf
         self._applied_share = 1.0
         self._clamp_reported_s = -math.inf
         self._events: list[Event] = []
         self.twist = np.zeros(3)
         """(3,): the twist that is commanded to the joints, in the base frame."""
-        self.joints = off.copy()
-        """(n,): measured joints; speeds that are not measured come from the model of the motors."""
-        self.rates = np.zeros(len(kinds))
-        """(n,): how fast the joints change, of wheels the acceleration."""
-        self.setpoint = off.copy()
+        self.setpoint = self._estimator.joints.copy()
         """(n,): what the joints shall do."""
 
     # The control loop.
@@ -97,44 +79,21 @@ class RobotCore:
         dt_s = now_s - self._now_s if math.isfinite(self._now_s) else 0.01
         self._now_s = now_s
         if dt_s > 0.0:
-            self._estimate(now_s, measured, dt_s)
+            self._estimator.advance(now_s, measured, self.setpoint, dt_s)
         for sample in samples:
             self.authority.receive(sample, now_s)
         self.authority.step(self._facts(now_s), now_s)
         self._command(now_s, max(dt_s, 0.0))
         return self.setpoint
 
-    def _estimate(self, now_s: float, measured: Array | None, dt_s: float) -> None:
-        spin = self._spin.advance(self.setpoint[self._wheels], dt_s)
-        if measured is not None and np.isfinite(measured[self._angles]).all():
-            self._measured_s = now_s
-            joints = measured.copy()
-            speeds = joints[self._wheels]
-            joints[self._wheels] = np.where(np.isfinite(speeds), speeds, spin)
-        elif math.isfinite(self._measured_s):
-            # Without news the gimbals are taken to stay, but wheels that are shut off run down.
-            joints = self.joints.copy()
-            joints[self._wheels] = spin
-        else:
-            return
-        self.rates = (joints - self.joints) / dt_s
-        self.joints = joints
-        motion = self._odometry.advance(self.joints, dt_s)
-        self._conflict.advance(motion.residual, dt_s)
-
     def _facts(self, now_s: float) -> Facts:
-        silent = now_s - self._measured_s > SILENT_S
+        silent = now_s - self._estimator.measured_s > SILENT_S
         at_rest = not self.twist.any()
         fault = f"the joints have not been measured for {SILENT_S * 1000:.0f} ms" if silent else ""
         if self.authority.mode is not Mode.ARMING:
             return Facts(neutral=False, at_speed=False, at_rest=at_rest, fault=fault)
-        near = np.abs(self.joints - self._at_rest) <= self._tolerance
-        return Facts(
-            neutral=not silent and bool(near[self._angles].all()),
-            at_speed=bool(near[self._wheels].all()),
-            at_rest=at_rest,
-            fault=fault,
-        )
+        neutral, at_speed = self._estimator.neutral_and_at_speed()
+        return Facts(neutral and not silent, at_speed, at_rest, fault)
 
     def _command(self, now_s: float, dt_s: float) -> None:
         authority = self.authority
@@ -166,7 +125,7 @@ class RobotCore:
         twist = within_reason(command.twist[self._components])
         if command.frame == ODOM:
             # Eq. 1: from world to robot by a turn of minus the heading.
-            twist[:2] = self._odometry.pose.inverse().rotate(twist[:2])
+            twist[:2] = self._estimator.pose.inverse().rotate(twist[:2])
         return twist
 
     def _report_clamp(self, request: Array, capped: Array, now_s: float) -> None:
@@ -185,15 +144,6 @@ class RobotCore:
                     robot_s=now_s,
                 )
             )
-
-    def _residual_sigma(self) -> float:
-        """Return the standard deviation of a residual, m/s, from the noise in the description."""
-        noise = self.robot.noise
-        joints = self.drive.inverse(np.array([self.robot.limits.speed_mps, 0.0, 0.0]))
-        sigma = self._is_angle * math.radians(noise.gimbal_angle_deg)
-        sigma = sigma + ~self._is_angle * noise.spin_share * np.abs(joints)
-        shift = self.drive.forward(joints + np.diag(sigma)).residual
-        return float(np.sqrt(np.square(shift).sum() / shift.shape[-1]))
 
     # What operators ask for.
 
@@ -239,7 +189,7 @@ class RobotCore:
         if self.authority.mode in (Mode.DRIVING, Mode.STOPPING):
             # A command in the world's axes would turn with the heading.
             return self._refused(Service.SET_POSE, "the pose can be set at rest only", now_s)
-        self._odometry.set_pose(pose)
+        self._estimator.set_pose(pose)
         return Reply(True)
 
     def _refused(self, service: Service, reason: str, now_s: float) -> Reply:
@@ -260,9 +210,14 @@ class RobotCore:
         self._events = []
         return events
 
+    @property
+    def joints(self) -> Array:
+        """(n,): measured joints; speeds that are not measured come from the model of the motors."""
+        return self._estimator.joints
+
     def joint_state(self, stamp_ns: int) -> JointState:
         """Return the measured joints."""
-        return self._joint_state(self.joints, self.rates, stamp_ns)
+        return self._joint_state(self.joints, self._estimator.rates, stamp_ns)
 
     def setpoint_state(self, stamp_ns: int) -> JointState:
         """Return the commanded joints."""
@@ -274,14 +229,7 @@ class RobotCore:
 
     def odometry(self, stamp_ns: int) -> Odometry:
         """Return the estimate: pose in `odom`, twist in `base_link`, with covariances."""
-        odometry = self._odometry
-        return Odometry(
-            odometry.pose.xy_heading,
-            odometry.motion.twist,
-            odometry.pose_covariance,
-            odometry.twist_covariance,
-            stamp_ns,
-        )
+        return self._estimator.odometry(stamp_ns)
 
     def status(self, now_s: float, loop: LoopStatus, hardware: Mapping[str, Any]) -> Status:
         """Return what `state/status` says."""
@@ -308,17 +256,10 @@ class RobotCore:
                 max_command_age_s=lease.max_age_s if lease else limits.max_command_age_s,
                 applied=round(self._applied_share, 3),
             ),
-            conflict=ConflictStatus(round(self._conflict.residual_mps, 5), self._suspect()),
+            conflict=self._estimator.conflict(wheels_spin=authority.wheels_spin),
             loop=loop,
             hardware=hardware,
         )
-
-    def _suspect(self) -> str | None:
-        residual = self._conflict.residual
-        # Wheels that are not at speed say nothing about the gimbals.
-        if residual is None or not self._conflict.evident or self.authority.mode not in ARMED:
-            return None
-        return self.drive.actuators[int(self.drive.blame(residual).argmax())]
 
 
 def _largest(twist: Array) -> float:

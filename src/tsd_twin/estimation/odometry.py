@@ -32,6 +32,7 @@ class PlanarOdometry:
         self._spin_share = ~self._is_angle * noise.spin_share
         self._previous: Array | None = None
         self._until_refresh = 0
+        self._growth_per_s: Array = np.zeros((3, 3))
         self.pose = SE2.identity()
         self.motion = Motion(np.zeros(3), np.zeros(0))
         self.pose_covariance: Array = np.zeros((3, 3))
@@ -60,14 +61,15 @@ class PlanarOdometry:
         """Grow the covariances: first-order error propagation along the step."""
         if self._until_refresh == 0:
             self.twist_covariance = self._twist_covariance(joints)
+            heading = float(moved.xy_heading[2])
+            c, s = math.cos(heading), math.sin(heading)
+            turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+            self._growth_per_s = turn @ self.twist_covariance @ turn.T * CORRELATION_S
         self._until_refresh = (self._until_refresh + 1) % _REFRESH_EVERY
-        dx, dy, _ = moved.xy_heading - self.pose.xy_heading
-        heading = moved.xy_heading[2]
-        c, s = math.cos(heading), math.sin(heading)
+        dx, dy, _ = (moved.xy_heading - self.pose.xy_heading).tolist()
         carry = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
-        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        added = turn @ self.twist_covariance @ turn.T * (dt_s * CORRELATION_S)
-        self.pose_covariance = carry @ self.pose_covariance @ carry.T + added
+        carried = carry @ self.pose_covariance @ carry.T
+        self.pose_covariance = carried + dt_s * self._growth_per_s
 
     def _twist_covariance(self, joints: Array) -> Array:
         sigma = self._angle_sigma + self._spin_share * np.abs(joints)
