@@ -1,0 +1,154 @@
+"""`make soak`: robot and dashboard as real processes, driven and visited until the time is over.
+
+Ends with a non-zero code when one of them dies or grows, when connecting gets slow, when a viewer
+is cut off, or when nobody gets to drive.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import psutil
+
+from bench.bus import program
+from bench.table import Row
+from bench.visits import drivers, visit, visitors
+
+HALF_AN_HOUR_S = 1800.0
+SHORTEST_S = 15.0
+"""Three drivers, each of whom has to take control and arm."""
+SLACK_MB = 16.0
+"""What a process may gain after warm-up, however long it runs: allocators, caches, threads."""
+CONNECT_S = 1.0
+
+_VISITORS = 3
+_LONGEST_DRIVE_S = 60.0
+_LONGEST_WARM_UP_S = 120.0
+_SAMPLE_S = 0.5
+
+Processes = dict[str, subprocess.Popen[str]]
+
+
+class CutShortError(Exception):
+    """The soak cannot go on; the text says why."""
+
+
+@dataclass
+class Record:
+    """What was seen."""
+
+    rss_mb: dict[str, list[float]] = field(default_factory=dict)
+    connects_s: list[float] = field(default_factory=list)
+    last_connects_s: list[float] = field(default_factory=list)
+    drove: list[bool] = field(default_factory=list)
+
+
+def main() -> None:
+    """Start both, soak, judge."""
+    parser = argparse.ArgumentParser(prog="make soak", description=__doc__)
+    parser.add_argument("--seconds", type=float, default=HALF_AN_HOUR_S)
+    seconds: float = parser.parse_args().seconds
+    if not seconds >= SHORTEST_S:
+        parser.error(f"{seconds:g} s are too few, {SHORTEST_S:g} are the least")
+    run = [sys.executable, "-m"]
+    mock = program([*run, "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"])
+    with mock as endpoint:
+        page = [*run, "tsd_dashboard", "--port", "0", "--until-eof", "--connect", endpoint]
+        dashboard = program(page)
+        with dashboard as url:
+            processes = {"tsd-mock": mock.process, "tsd-dashboard": dashboard.process}
+            pids = ", ".join(f"{name} is {process.pid}" for name, process in processes.items())
+            print(f"soaking for {seconds:g} s: {pids}", flush=True)
+            try:
+                record = asyncio.run(soak(url, processes, seconds))
+            except CutShortError as error:
+                sys.exit(f"cut short: {error}")
+    missed = 0
+    for row in verdict(record, min(_LONGEST_WARM_UP_S / seconds, 1 / 3)):
+        print(row)
+        missed += not row.met
+    print(f"{missed} missed" if missed else "all met")
+    sys.exit(missed > 0)
+
+
+async def soak(url: str, processes: Processes, seconds: float) -> Record:
+    """Let people come and go while both run, and return what was seen.
+
+    Raises:
+        CutShortError: a process ended, or somebody was cut off.
+    """
+    record = Record()
+    over = asyncio.create_task(observe(processes, seconds, record))
+    people = [asyncio.create_task(drivers(url, min(_LONGEST_DRIVE_S, seconds / 3), record.drove))]
+    people += [
+        asyncio.create_task(visitors(url, seed, record.connects_s)) for seed in range(_VISITORS)
+    ]
+    try:
+        done, _ = await asyncio.wait([over, *people], return_when=asyncio.FIRST_COMPLETED)
+        if over not in done:
+            # People stop only when they are stopped. That a process has ended says more about it.
+            await asyncio.wait([over], timeout=2 * _SAMPLE_S)
+        if over.done():
+            over.result()
+        for person in done - {over}:
+            raise CutShortError(repr(person.exception()))
+        for _ in range(5):
+            async with visit(url) as (_scene, _teleop, took_s):
+                record.last_connects_s.append(took_s)
+    finally:
+        for task in (over, *people):
+            task.cancel()
+        await asyncio.gather(over, *people, return_exceptions=True)
+    return record
+
+
+async def observe(processes: Processes, seconds: float, record: Record) -> None:
+    """Note how large each process is, for as long as all live.
+
+    Raises:
+        CutShortError: one has ended.
+    """
+    start_s = time.monotonic()
+    insides = {name: psutil.Process(process.pid) for name, process in processes.items()}
+    while (now_s := time.monotonic() - start_s) < seconds:
+        for name, process in processes.items():
+            if process.poll() is not None:
+                raise CutShortError(f"{name} ended with {process.returncode} after {now_s:.0f} s")
+            record.rss_mb.setdefault(name, []).append(insides[name].memory_info().rss / 1e6)
+        await asyncio.sleep(_SAMPLE_S)
+
+
+def verdict(record: Record, warm_up: float) -> Iterator[Row]:
+    """Return what has to hold, when a share of the time is taken for warm-up.
+
+    That both live and nobody was cut off is not among it: the soak would not have come this far.
+    """
+    for name, sizes_mb in record.rss_mb.items():
+        start_mb, end_mb = start_and_end(sizes_mb, warm_up)
+        beside = f"{start_mb:.0f} MB after warm-up, {end_mb:.0f} MB at the end"
+        yield Row(f"{name}, growth", end_mb - start_mb, SLACK_MB, "MB", beside)
+    before_s = statistics.median(record.connects_s)
+    beside = f"{len(record.connects_s)} visits before, {before_s:.3f} s"
+    last_s = statistics.median(record.last_connects_s)
+    yield Row("a page sees all there is, at the end", last_s, CONNECT_S, "s", beside)
+    share = 100 * sum(record.drove) / len(record.drove)
+    beside = f"{sum(record.drove)} of {len(record.drove)}"
+    yield Row("drivers who got to drive", share, 90.0, "%", beside, at_least=True)
+
+
+def start_and_end(sizes: Sequence[float], warm_up: float) -> tuple[float, float]:
+    """Return medians of the first and of the last quarter of what follows the warm-up."""
+    warm = sizes[int(len(sizes) * warm_up) :]
+    quarter = max(len(warm) // 4, 1)
+    return statistics.median(warm[:quarter]), statistics.median(warm[-quarter:])
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,103 @@
+"""People who open the page, stay for a while, and leave."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import itertools
+import secrets
+import time
+from collections.abc import AsyncGenerator
+from functools import partial
+from importlib.metadata import version
+
+import msgspec
+import numpy as np
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.typing import Subprotocol
+
+from bench.viewers import Tally, operate, watch
+from tests.dashboard.viewers import CAMERA, decoded
+
+_PROTOCOL = Subprotocol(f"viser-v{version('viser')}")
+_LONGEST_VISIT_S = 5.0
+_PATIENCE_S = 30.0
+
+
+class CutOffError(Exception):
+    """The server closed a page that was to stay."""
+
+
+@contextlib.asynccontextmanager
+async def visit(url: str) -> AsyncGenerator[tuple[ClientConnection, ClientConnection, float]]:
+    """Open a page, and yield its sockets and how long it took to see all there is, in seconds."""
+    page, base = secrets.token_hex(8), url.replace("http://", "ws://")
+    start_s = time.perf_counter()
+    # Without a bound on what waits to be read: a full queue hides the answer to a goodbye.
+    unbounded = partial(connect, compression=None, max_size=None, max_queue=None)
+    async with (
+        unbounded(f"{base}viser/{page}", subprotocols=[_PROTOCOL]) as scene,
+        unbounded(f"{base}teleop?page={page}") as teleop,
+    ):
+        await scene.send(msgspec.msgpack.encode(CAMERA))
+        async with asyncio.timeout(_PATIENCE_S):
+            await replayed(scene)
+        yield scene, teleop, time.perf_counter() - start_s
+
+
+async def replayed(scene: ClientConnection) -> None:
+    """Read until all has been sent that there was to see."""
+    async for frame in scene:
+        assert isinstance(frame, bytes)
+        if any(message["type"] == "ReplayDoneMessage" for message in decoded(frame)):
+            return
+    raise CutOffError("the server closed a page before it had sent all")
+
+
+async def drivers(url: str, each_s: float, drove: list[bool]) -> None:
+    """Drive one after the other, and note of each whether the robot did."""
+    while True:
+        driving = asyncio.Event()
+        async with visit(url) as (scene, teleop, _took_s):
+            await stay(scene, teleop, each_s, driving, drives=True)
+        drove.append(driving.is_set())
+
+
+async def visitors(url: str, seed: int, connects_s: list[float]) -> None:
+    """Look on one after the other; every second one leaves without a goodbye."""
+    chance = np.random.default_rng(seed)
+    for number in itertools.count():
+        async with visit(url) as (scene, teleop, took_s):
+            connects_s.append(took_s)
+            await stay(scene, teleop, chance.uniform(0.1, _LONGEST_VISIT_S), asyncio.Event())
+            if number % 2:
+                scene.transport.abort()
+                teleop.transport.abort()
+        await asyncio.sleep(chance.uniform(0.0, 1.0))
+
+
+async def stay(
+    scene: ClientConnection,
+    teleop: ClientConnection,
+    seconds: float,
+    driving: asyncio.Event,
+    *,
+    drives: bool = False,
+) -> None:
+    """Be a page that is open for so long.
+
+    Raises:
+        CutOffError: the server closed it before.
+    """
+    ways = [
+        asyncio.create_task(watch(scene, Tally())),
+        asyncio.create_task(operate(teleop, Tally(), driving, drives=drives)),
+    ]
+    try:
+        done, _ = await asyncio.wait(ways, timeout=seconds, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for way in ways:
+            way.cancel()
+        await asyncio.gather(*ways, return_exceptions=True)
+    if done:
+        raise CutOffError("the server closed a page")
