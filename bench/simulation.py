@@ -80,7 +80,7 @@ def rows() -> Iterator[Row]:
 
 
 def drive(robot: VirtualRobot, twist: Array) -> tuple[float, float]:
-    """Return the time of a period in the core alone, and with the plant, over a round of driving."""
+    """Return the time of a period in the core alone, and with the plant, in a round of driving."""
     in_core_s = 0.0
     start = time.perf_counter()
     for step in range(_STEPS):

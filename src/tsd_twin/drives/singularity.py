@@ -6,6 +6,7 @@ command of one; the corrections are named where they are used and derived in `do
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -127,9 +128,7 @@ class SingularityDrive:
 
     def demand(self, twist: Array) -> Array:
         """Return sin(tilt) of the most tilted module over its limit, (...); 1 is at the limit."""
-        axles = self.axles(twist)
-        squared = axles[..., 0] ** 2 + axles[..., 1] ** 2
-        return np.sqrt(squared.max(axis=-1)) / np.sin(self.max_tilt_rad)
+        return self._worst_sine(twist) / math.sin(self.max_tilt_rad)
 
     def rate_demand(self, step: Array, dt_s: float) -> Array:
         """Return the tilt rate of the fastest gimbal over its limit, (...), for a twist `step`.
@@ -138,11 +137,16 @@ class SingularityDrive:
         beta by (l_x' + l_x l_y l_y' / (1 - l_y^2)) / l_z, at most |l'| (1 + c^2) / (2 c^2) with
         c = cos(max tilt); alpha, at most |l'| / c, is never the faster one.
         """
-        axles = self.axles(step)
-        squared = axles[..., 0] ** 2 + axles[..., 1] ** 2
-        c_squared = np.cos(self.max_tilt_rad) ** 2
+        c_squared = math.cos(self.max_tilt_rad) ** 2
         growth = (1.0 + c_squared) / (2.0 * c_squared)
-        return np.sqrt(squared.max(axis=-1)) * growth / (self.max_tilt_rate_rad_per_s * dt_s)
+        return self._worst_sine(step) * (growth / (self.max_tilt_rate_rad_per_s * dt_s))
+
+    def _worst_sine(self, twist: Array) -> Array:
+        """Return sin(tilt) of the most tilted module, (...), for `twist` (..., 3)."""
+        axles = twist @ self._axles_by_part.T
+        squared = axles * axles
+        k = self.modules
+        return np.sqrt(np.maximum.reduce(squared[..., :k] + squared[..., k:], axis=-1))
 
     def limit(self, twist: Array) -> Array:
         """Return `twist` (..., 3) scaled as a whole until no module tilts beyond its limit."""
@@ -154,7 +158,7 @@ class SingularityDrive:
         alpha = asin(l_y), beta = atan2(l_x, l_z) = asin(l_x / cos(alpha)): Eq. 24 and 25 solved for
         the gimbal angles.
         """
-        k, limit = self.modules, float(np.sin(self.max_tilt_rad))
+        k, limit = self.modules, math.sin(self.max_tilt_rad)
         flat = twist.reshape(-1, 3)
         joints = np.empty((len(flat), k, 3))
         joints[..., 2] = self.spin_rad_per_s
