@@ -163,3 +163,14 @@ def test_drops_are_told_five_times_a_second_at_most(stage: Stage) -> None:
     assert [4 <= len(of_rule) <= 6 for of_rule in by_rule] == [True, True]
     assert len(events) == sum(map(len, by_rule))
     assert stage.authority.gate.dropped.nonfinite == 100
+
+
+def test_refusals_are_told_five_times_a_second_at_most_and_answered_each(stage: Stage) -> None:
+    stage.authority.take_events()
+    for _ in range(100):
+        assert not stage.authority.arm("00" * 16, stage.now_s).ok
+        assert not stage.authority.refuse("set_pose", "it is no request", stage.now_s).ok
+        stage.wait(0.01)
+    events = [event for event in stage.authority.take_events() if event.kind == "refusal"]
+    by_rule = [[e for e in events if e.rule == rule] for rule in ("arm", "set_pose")]
+    assert [4 <= len(of_rule) <= 6 for of_rule in by_rule] == [True, True]

@@ -25,7 +25,8 @@ NEUTRAL_S = 1.0
 SPIN_UP_S = 5.0
 """Time that arming gives the wheels to come to speed."""
 _REPORT_S = 0.2
-"""Drops under one reason are reported no more often than this."""
+"""Drops and refusals under one rule are reported no more often, so that a flood is not answered by
+one of events."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +64,7 @@ class Authority:
         self._spin_up_s: float | None = None
         self._disarm_at_rest = False
         self._holder = ""
-        self._reported_s: dict[str, float] = {}
+        self._reported_s: dict[tuple[str, str], float] = {}
         self._events: list[Event] = []
 
     # What operators ask for.
@@ -78,24 +79,24 @@ class Authority:
         if after is not before:
             self._report_lease(before, after, now_s)
         elif not reply.granted and request.op != "peek":
-            self._refused(f"{request.op} control", reply.reason, now_s)
+            self.refuse(f"{request.op} control", reply.reason, now_s)
         return reply
 
     def arm(self, lease_hex: str, now_s: float) -> Reply:
         """Begin arming: only the holder, only from disarmed."""
         if refusal := self._refusal(lease_hex, now_s):
-            return self._refused("arm", refusal, now_s)
+            return self.refuse("arm", refusal, now_s)
         if self.mode in LATCHED:
-            return self._refused("arm", f"the robot is {self.mode}: reset first", now_s)
+            return self.refuse("arm", f"the robot is {self.mode}: reset first", now_s)
         if self.mode is not Mode.DISARMED:
-            return self._refused("arm", f"the robot is {self.mode} already", now_s)
+            return self.refuse("arm", f"the robot is {self.mode} already", now_s)
         self._go(Mode.ARMING, "armed by the operator", now_s)
         return Reply(True)
 
     def disarm(self, lease_hex: str, now_s: float) -> Reply:
         """Spin down: at once when at rest, after a controlled stop when driving."""
         if refusal := self._refusal(lease_hex, now_s):
-            return self._refused("disarm", refusal, now_s)
+            return self.refuse("disarm", refusal, now_s)
         reason = "disarmed by the operator"
         if self.mode in (Mode.ARMING, Mode.READY):
             self._go(Mode.DISARMED, reason, now_s)
@@ -115,13 +116,19 @@ class Authority:
     def reset(self, lease_hex: str, now_s: float) -> Reply:
         """Unlatch: leads to disarmed, never to motion."""
         if refusal := self._refusal(lease_hex, now_s):
-            return self._refused("reset", refusal, now_s)
+            return self.refuse("reset", refusal, now_s)
         if self.mode not in LATCHED:
-            return self._refused("reset", f"the robot is {self.mode}, not stopped", now_s)
+            return self.refuse("reset", f"the robot is {self.mode}, not stopped", now_s)
         if now_s - self._pushed_s < QUIET_BEFORE_RESET_S:
-            return self._refused("reset", "let go of the stick first", now_s)
+            return self.refuse("reset", "let go of the stick first", now_s)
         self._go(Mode.DISARMED, "reset by the operator", now_s)
         return Reply(True)
+
+    def refuse(self, what: str, reason: str, now_s: float) -> Reply:
+        """Return a refusal, and report it unless another of its kind was a moment ago."""
+        text = f"Request to {what} refused: {reason}."
+        self._report_now_and_then("refusal", text, what, now_s)
+        return Reply(False, reason)
 
     def holds(self, lease_hex: str, now_s: float) -> bool:
         """Return whether this is the lease in force."""
@@ -133,10 +140,9 @@ class Authority:
         """Take one sample from the bus; whether it counts is decided and counted here."""
         outcome = self.gate.check(sample, self._desk.current(now_s), now_s)
         if isinstance(outcome, MessageError):
-            last = self._reported_s.get(outcome.reason, -np.inf)
-            if now_s - last >= _REPORT_S:
-                self._reported_s[outcome.reason] = now_s
-                self._report("drop", f"A command was dropped: {outcome}.", outcome.reason, now_s)
+            self._report_now_and_then(
+                "drop", f"A command was dropped: {outcome}.", outcome.reason, now_s
+            )
             return
         self._desk.renew(now_s)
         self.command_s, self.command_seq = now_s, outcome.seq
@@ -248,10 +254,6 @@ class Authority:
         lease = self._desk.current(now_s)
         return f"{lease.holder} has control" if lease else "take control first"
 
-    def _refused(self, what: str, reason: str, now_s: float) -> Reply:
-        self._report("refusal", f"Request to {what} refused: {reason}.", what, now_s)
-        return Reply(False, reason)
-
     def _report_lease(self, before: Lease | None, after: Lease | None, now_s: float) -> None:
         self._holder = after.holder if after else ""
         if after is None:
@@ -261,6 +263,11 @@ class Authority:
         else:
             text = f"{after.holder} took control over from {before.holder}."
         self._report("lease", text, "lease", now_s)
+
+    def _report_now_and_then(self, kind: str, text: str, rule: str, now_s: float) -> None:
+        if now_s - self._reported_s.get((kind, rule), -np.inf) >= _REPORT_S:
+            self._reported_s[kind, rule] = now_s
+            self._report(kind, text, rule, now_s)
 
     def _report(self, kind: str, text: str, rule: str, now_s: float) -> None:
         self._events.append(Event(kind, text, rule=rule, robot_s=now_s))

@@ -193,10 +193,7 @@ class RobotCore:
         return Reply(True)
 
     def _refused(self, service: Service, reason: str, now_s: float) -> Reply:
-        what = service.removeprefix("srv/")
-        text = f"Request to {what} refused: {reason}."
-        self._events.append(Event("refusal", text, rule=what, robot_s=now_s))
-        return Reply(False, reason)
+        return self.authority.refuse(service.removeprefix("srv/"), reason, now_s)
 
     # What there is to see.
 

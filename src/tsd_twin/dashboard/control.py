@@ -31,6 +31,8 @@ class Control:
         self._calls = calls
         self._granted_s = time.monotonic()
         self._components = list(link.drive.components)
+        self.max_age_s = driver.max_age_s
+        """Commands that answer an older word of the robot do not count."""
 
     def drive(self, twist: Sequence[float], seen: int, frame: str = BASE) -> None:
         """Send a twist (3,) at once, with the number of the state that its sender has seen."""

@@ -9,14 +9,12 @@ import time
 from collections.abc import Callable
 from types import MappingProxyType
 
-import msgspec
-
 from tsd_twin import topics
 from tsd_twin.bus import Bus
 from tsd_twin.dashboard.link import RobotLink
-from tsd_twin.errors import NoAnswerError, TwinError
+from tsd_twin.errors import BusError, MessageError, NoAnswerError, TwinError
 from tsd_twin.messages.command import Sample
-from tsd_twin.messages.service import Event
+from tsd_twin.messages.service import Event, decode_json
 
 _LOG = logging.getLogger(__name__)
 _AGAIN_S = 0.5
@@ -85,7 +83,10 @@ class Fleet:
         return events
 
     def _note(self, key: str, lives: bool) -> None:
-        robot_id = topics.robot_of(key)
+        try:
+            robot_id = topics.robot_of(key)
+        except BusError:
+            return  # Anybody may announce anything; a robot has an id.
         if lives:
             self._living.add(robot_id)
             self._came.put(robot_id)
@@ -94,7 +95,8 @@ class Fleet:
 
     def _note_event(self, sample: Sample) -> None:
         try:
-            event = msgspec.json.decode(sample.payload, type=Event)
-        except msgspec.DecodeError:
+            robot_id = topics.robot_of(sample.key)
+            event = decode_json(sample.payload, Event, "an event")
+        except (BusError, MessageError):
             return
-        self._events.put((topics.robot_of(sample.key), event))
+        self._events.put((robot_id, event))

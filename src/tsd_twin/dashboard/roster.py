@@ -15,6 +15,7 @@ from tsd_twin.dashboard.protocol import RobotName, State
 from tsd_twin.dashboard.view import RobotView
 from tsd_twin.messages.service import Event, LeaseRequest
 
+ROBOTS_REMEMBERED = 64
 EVENTS_SHOWN = 30
 """Events of a robot that a page gets which comes later."""
 FRESH_S = 1.0
@@ -79,7 +80,9 @@ class Roster:
         )
 
     def note(self, robot_id: str, event: Event) -> None:
-        """Remember an event."""
+        """Remember an event; it may come before its robot is known."""
+        if robot_id not in self._events and len(self._events) >= ROBOTS_REMEMBERED:
+            return  # Anybody may make up robots.
         self._events.setdefault(robot_id, deque(maxlen=EVENTS_SHOWN)).append(event)
 
     def events(self, robot_id: str) -> list[Event]:

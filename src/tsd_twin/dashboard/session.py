@@ -65,6 +65,9 @@ class Session:
 
     def fleet_changed(self) -> None:
         """Say who the page is and which robots there are; show it one."""
+        control = self._desk.control
+        if control is not None and (view := self._roster.view(control.link.id)) is not None:
+            control.link = view.link  # It was away for a moment; the link of before hears nothing.
         names = self._roster.names()
         if self.robot_id is None and names:
             self.robot_id = names[0].id
@@ -127,6 +130,10 @@ class Session:
         self.mail.seen(message.seen)
         control = self._desk.control
         if control is None or not self._grip.drive(time.monotonic()):
+            return
+        if time.monotonic() - control.link.snapshot.received_s > control.max_age_s:
+            # The robot stops meanwhile, and may be ready again before the next word of it comes.
+            self.let_go(f"the robot has not been heard for {control.max_age_s:g} s")
             return
         status = control.link.snapshot.status
         if status is None or status.mode not in _DRIVABLE:

@@ -1,0 +1,28 @@
+"""docs/hazards.md names code and tests that exist."""
+
+from __future__ import annotations
+
+import ast
+
+import pytest
+
+from tests.docs.pages import ROOT, page, quoted, tables
+
+(ROWS,) = tables(page("hazards.md"))
+
+
+def test_there_are_many_and_each_is_named_once() -> None:
+    causes = [row[0] for row in ROWS]
+    assert len(causes) >= 18
+    assert len(set(causes)) == len(causes)
+
+
+@pytest.mark.parametrize("row", ROWS, ids=lambda row: row[0])
+def test_the_rule_is_in_a_file_and_a_test_proves_it(row: list[str]) -> None:
+    _, _, _, code, test = row
+    (module,) = quoted(code)
+    assert (ROOT / "src/tsd_twin" / module).is_file(), f"{module} is not there"
+    ((file, _, name),) = [place.partition("::") for place in quoted(test)]
+    tree = ast.parse((ROOT / "tests" / file).read_text(encoding="utf-8"))
+    names = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    assert name in names, f"{file} has no {name}"

@@ -1,0 +1,146 @@
+"""A page without a browser, in a process of its own: `python -m tests.system.pretend_page URL`.
+
+Speaks `docs/teleop.md`. What its hand does comes as lines on standard input: `ready [MAX_AGE_S]`,
+`push VX`, `insist VX` (as a person who, let go of, takes control and pushes again), `release`,
+`freeze` (sends no more commands, and says nothing about it), `close`. What it notices goes out as
+lines of JSON.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import json
+import secrets
+import sys
+import time
+from typing import Any
+
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import ConnectionClosed
+
+PERIOD_S = 0.02
+_BEAT_EVERY = 5
+_ASK_AGAIN_S = 0.5
+
+
+class Hand:
+    """What the person in front of the page wants."""
+
+    def __init__(self) -> None:
+        self.vx: float | None = None
+        self.insists = False
+        self.wants_ready = False
+        self.max_age_s: float | None = None
+
+
+class Page:
+    """One teleop socket and a hand."""
+
+    def __init__(self, socket: ClientConnection) -> None:
+        self._socket = socket
+        self._hand = Hand()
+        self._seen = 0
+        self._asked_s = 0.0
+
+    async def run(self) -> None:
+        """Listen and speak until the socket is closed."""
+        tasks = [asyncio.create_task(self._speak()), asyncio.create_task(self._obey())]
+        try:
+            async for text in self._socket:
+                await self._hear(json.loads(text))
+        except ConnectionClosed:
+            pass
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            tell("lost")
+
+    async def _say(self, **message: Any) -> None:
+        await self._socket.send(json.dumps(message))
+
+    async def _speak(self) -> None:
+        for tick in itertools.count():
+            if tick % _BEAT_EVERY == 0:
+                await self._say(t="beat", seen=self._seen, sent_ms=0.0, focus=True)
+            if (vx := self._hand.vx) is not None:
+                await self._say(t="drive", vx=vx, vy=0.0, omega=0.0, seen=self._seen)
+            await asyncio.sleep(PERIOD_S)
+
+    async def _hear(self, message: dict[str, Any]) -> None:
+        match message["t"]:
+            case "state":
+                self._seen = message["seen"]
+                if self._hand.wants_ready or self._hand.insists:
+                    await self._get_ready(message)
+            case "released":
+                tell("released", message["reason"])
+                if self._hand.insists:
+                    await self._say(t="release")
+            case "reply" if not message["ok"]:
+                tell("refused", f"{message['to']}: {message['reason']}")
+            case _:
+                pass
+
+    async def _get_ready(self, state: dict[str, Any]) -> None:
+        """Take the next step on the way to `ready`."""
+        mode = state["status"]["mode"]
+        if state["you"] and mode == "ready":
+            if self._hand.wants_ready:
+                self._hand.wants_ready = False
+                tell("ready")
+        elif time.monotonic() - self._asked_s > _ASK_AGAIN_S:
+            self._asked_s = time.monotonic()
+            if not state["you"]:
+                age_s = self._hand.max_age_s
+                await self._say(t="lease", op="acquire", take_over=True, max_age_s=age_s)
+            elif mode in ("stopped", "fault"):
+                await self._say(t="reset")
+            elif mode == "disarmed":
+                await self._say(t="arm")
+
+    async def _obey(self) -> None:
+        lines = asyncio.StreamReader()
+        loop = asyncio.get_running_loop()
+        await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(lines), sys.stdin)
+        while line := await lines.readline():
+            await self._do(*line.decode().split())
+        await self._socket.close()
+
+    async def _do(self, what: str, *number: str) -> None:
+        hand = self._hand
+        match what:
+            case "ready":
+                hand.wants_ready, hand.max_age_s = True, float(number[0]) if number else None
+            case "push" | "insist":
+                hand.vx, hand.insists = float(number[0]), what == "insist"
+            case "release" | "freeze":
+                hand.vx, hand.insists = None, False
+                if what == "release":
+                    await self._say(t="release")
+            case "close":
+                hand.vx = None
+                tell("done", what)  # Closing ends all of this, and then nothing is told any more.
+                await self._socket.close()
+                return
+            case _:
+                raise ValueError(what)
+        tell("done", what)
+
+
+def tell(what: str, why: str = "") -> None:
+    """Say what happened, and when."""
+    sys.stdout.write(json.dumps({"what": what, "why": why, "at_s": time.monotonic()}) + "\n")
+    sys.stdout.flush()
+
+
+async def main(url: str) -> None:
+    """Open the socket of a page."""
+    address = url.replace("http://", "ws://") + f"teleop?page={secrets.token_hex(8)}"
+    async with connect(address, compression=None) as socket:
+        await Page(socket).run()
+
+
+if __name__ == "__main__":
+    asyncio.run(main(sys.argv[1]))
