@@ -36,11 +36,10 @@ class Surface(NamedTuple):
 
     @classmethod
     def of(cls, solid: Any) -> Surface:
-        """Return the surface of a Manifold."""
+        """Return the surface of a Manifold, as copies: a view would keep the solid alive."""
         mesh = solid.to_mesh()
         return cls(
-            np.asarray(mesh.vert_properties, np.float32)[:, :3],
-            np.asarray(mesh.tri_verts, np.uint32),
+            np.array(mesh.vert_properties[:, :3], np.float32), np.array(mesh.tri_verts, np.uint32)
         )
 
 
