@@ -75,7 +75,7 @@ def latencies() -> tuple[float, list[float]]:
         floor = timed(server.get_port(), "/bare", move_bare)
         feed, scene = Feed(), Scene(server)
         feed.say(pose=np.zeros(3), joints=feed.drive.inverse(np.zeros(3)))
-        scene.add(feed)  # type: ignore[arg-type]
+        scene.add(feed)
 
         def move_robot(x: float) -> None:
             joints = feed.drive.inverse(np.array([0.5, 0.2 * np.sin(x), 0.4]))

@@ -61,6 +61,6 @@ def take_control_and_arm(page: Page) -> None:
 
 def centre(page: Page, role: str, name: str) -> tuple[float, float, float]:
     """Return the centre of an element, and half its height, in pixels."""
-    box = page.get_by_role(role, name=name).bounding_box()  # type: ignore[arg-type]
+    box = page.get_by_role(role, name=name).bounding_box()
     assert box is not None
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2, box["height"] / 2
