@@ -19,7 +19,7 @@ FLAGS = (
     "--disable-sync",
     "--no-first-run",
 )
-PATIENCE_MS = 20_000
+PATIENCE_MS = 60_000
 QUICK = "?fixedDpr=0.4"
 """Fewer pixels: the processor of a test machine draws them all."""
 

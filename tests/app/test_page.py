@@ -30,14 +30,14 @@ from tsd_twin.lie import Array
 from tsd_twin.messages.command import Sample
 from tsd_twin.messages.ros import decode_joints, decode_odometry, decode_twist
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
 
 STOP_WITHIN_M = 0.35
 MOVING_MPS = 0.15
 """A page without a GPU is a slow link, and on that less speed is granted than is asked for."""
 ANY_PORTS = ("--port", "0", "--bus-port", "0")
-_PATIENCE_S = 20.0
-_PRESSES, _PRESS_S = 5, 5.0
+_PATIENCE_S = 60.0
+_PRESSES, _PRESS_S = 10, 5.0
 
 
 @pytest.fixture(scope="module")

@@ -83,7 +83,7 @@ class LinkSimulator:
         self._thread.start()
         try:
             self._port = opened.result()
-        except Exception:
+        except Exception:  # Whatever it was, it goes on to the caller, without a thread left.
             self._thread.join()
             self._thread = None
             raise
