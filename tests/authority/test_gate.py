@@ -158,6 +158,19 @@ def test_a_burst_of_stale_commands_has_no_effect() -> None:
     assert counts(gate) == {"stale": 353}
 
 
+def test_what_was_sent_before_a_stop_was_seen_does_not_count_after_it() -> None:
+    """Young enough it may be: whoever sent it may have let go since."""
+    gate, patient = new_gate(), lease(max_age_s=1.0)
+    assert isinstance(gate.check(sample(0), patient, NOW_S), Command)
+    gate.note_stopping(NOW_S + 0.2)
+    gate.note_status(FRESH + 1, NOW_S + 0.2)
+    assert drop(gate, sample(1), patient, NOW_S + 0.3) == "stale"
+    assert isinstance(gate.check(sample(2, status_seq=FRESH + 1), patient, NOW_S + 0.3), Command)
+    other = lease("bob", b"N" * 16, max_age_s=1.0)
+    theirs = sample(1, b"N" * 16, operator="bob")
+    assert isinstance(gate.check(theirs, other, NOW_S + 0.3), Command)  # Granted after the stop.
+
+
 def test_only_a_bounded_number_of_status_is_remembered() -> None:
     gate = CommandGate()
     for number in range(10_000):

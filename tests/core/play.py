@@ -22,6 +22,8 @@ class Play(Laws):
     """What is on its way to the robot, as the referee sees it."""
     old: list[tuple[Sample, dict[str, Any]]]
     """What has been sent before, to be sent again."""
+    seen: Mode = Mode.DISARMED
+    """The mode after the last thing that happened."""
 
     def any_pilot(self, data: st.DataObject) -> Pilot:
         return self.pilots[data.draw(st.sampled_from(sorted(self.pilots)))]
@@ -76,4 +78,12 @@ class Play(Laws):
             self.since_stop = ["reset"]
         elif self.referee.counted > counted and self.referee.pushed_s > pushed_s:
             self.since_stop.append("push")
+        self.note_mode()
         self.hold(before, dt_s)
+
+    def note_mode(self) -> None:
+        """Tell the referee when the robot begins to stop by itself: that is for all to see."""
+        mode = self.rig.mode
+        if mode is Mode.STOPPING and self.seen is not mode:
+            self.referee.note_stopping(self.rig.now_s)
+        self.seen = mode

@@ -19,6 +19,12 @@ class Referee:
         self.sent = 0
         self.counted_s = -math.inf
         self.pushed_s = -math.inf
+        self.counted_lease = ""
+        self.stopping = ("", -math.inf)
+        """Under which lease, and when, the robot last began to stop by itself."""
+
+    def note_stopping(self, now_s: float) -> None:
+        self.stopping = (self.counted_lease, now_s)
 
     def grant(self, name: str, reply: Any, now_s: float) -> None:
         self.holder, self.lease, self.newest = name, reply.lease, 0
@@ -34,6 +40,9 @@ class Referee:
             return
         if letter["seq"] <= self.newest or now_s - sent_s > self.max_age_s:
             return
+        if letter["lease"] == self.stopping[0] and sent_s < self.stopping[1]:
+            return
+        self.counted_lease = letter["lease"]
         self.newest, self.ends_s = letter["seq"], now_s + 2.0
         self.counted, self.counted_s = self.counted + 1, now_s
         if any(letter["twist"]):

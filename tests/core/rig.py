@@ -47,6 +47,7 @@ class Rig:
         self.measures = True
         self.wheels = np.array([joint.name.endswith("wheel") for joint in self.core.drive.joints])
         self._ticks = itertools.count()
+        self._told = self.mode
         self.setpoint = self.core.setpoint
         self.tick(0.0)
 
@@ -78,7 +79,8 @@ class Rig:
         self.setpoint = self.core.step(self.now_s, self._measure(), inbox)
         if self.simulated is not None:
             self.simulated.write(self.setpoint, self.now_s)
-        if next(self._ticks) % 5 == 0:
+        if next(self._ticks) % 5 == 0 or self.mode is not self._told:
+            self._told = self.mode
             self.status_seq += 1
             self.status_sent_s[self.status_seq] = self.now_s
             self.core.note_status_sent(self.status_seq, self.now_s)

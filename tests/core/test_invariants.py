@@ -87,6 +87,7 @@ class Driving(Play, RuleBasedStateMachine):
     def disarms(self, name: str) -> None:
         reply = self.rig.ask(Service.DISARM, lease=self.lease_of(name))
         assert reply.ok == self.holds(name)
+        self.note_mode()
 
     @rule(name=operators)
     def resets(self, name: str) -> None:

@@ -107,15 +107,20 @@ class Observer:
         counts = self.status.command.dropped
         return {name: getattr(counts, name) for name in counts.__struct_fields__}
 
-    def run_since(self, fault_s: float) -> Run:
+    def run_since(self, fault_s: float, under_way_s: float = 0.0) -> Run:
         """Return what the robot has done since a fault.
 
-        From the last truth before it, so that the way is rather too long than too short.
+        From the last truth before it, so that the way is rather too long than too short. A standstill
+        counts as the last one only when nothing can be `under_way_s` any more that was sent before.
         """
         with self._news:
             truth = list(self.truth)
         first = max(i for i, (robot_s, _, _) in enumerate(truth) if robot_s <= fault_s)
-        still = next(i for i in range(first + 1, len(truth)) if truth[i][2] < AT_REST_MPS)
+        still = next(
+            i
+            for i in range(first + 1, len(truth))
+            if truth[i][2] < AT_REST_MPS and truth[i][0] >= fault_s + under_way_s
+        )
         return Run(
             _way_m(truth[first : still + 1]), truth[still][0] - fault_s, _way_m(truth[still:])
         )

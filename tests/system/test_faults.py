@@ -19,6 +19,8 @@ MOVED_M = 0.002
 """Standstill is standstill: a servo step of 0.09 degrees is 16 mm/s, so 2 mm is 0.12 s of one."""
 WATCHED_S = 1.5
 """For how long nothing may move after the last thing that happened."""
+MAX_AGE_S = 1.0
+"""Of a patient lease: the oldest that a command may be."""
 PAUSE_S = 0.02
 SLOW_MPS = 0.3
 """What a patient lease allows is a little more."""
@@ -71,11 +73,11 @@ def scene(lasting: Stage) -> Generator[Stage]:
     lasting.observer.until_rest()
 
 
-def watch(scene: Stage, fault_s: float, over_s: float) -> Run:
+def watch(scene: Stage, fault_s: float, over_s: float, under_way_s: float = 0.0) -> Run:
     """Look on until some time after all is over, and return what the robot did since the fault."""
     scene.observer.until_rest()
     scene.observer.until_time(over_s + WATCHED_S)
-    return scene.observer.run_since(fault_s)
+    return scene.observer.run_since(fault_s, under_way_s)
 
 
 def stands_still(run: Run) -> None:
@@ -157,7 +159,7 @@ def test_a_link_that_stalls_and_recovers(scene: Stage, table: Table, length_s: f
 def test_a_link_that_loses_and_delays(scene: Stage, table: Table, insists_s: float) -> None:
     """A person who accepts to be slower drives on as far as the link lets her, then lets go."""
     page, observer = scene.page(), scene.observer
-    page.get_ready(1.0)
+    page.get_ready(MAX_AGE_S)
     page.do("insist", SPEED_MPS)
     observer.until_speed(SLOW_MPS)
     fault_s = time.monotonic()
@@ -166,8 +168,8 @@ def test_a_link_that_loses_and_delays(scene: Stage, table: Table, insists_s: flo
     way_m = observer.way_since(fault_s)
     assert way_m > 0.0
     released_s = page.do("release")
-    # What was sent before may be on its way for as long as the lease says.
-    run = watch(scene, released_s, released_s + 2.0)
+    # What was pushed before may be under way for as long as the lease says, and then no more.
+    run = watch(scene, released_s, released_s + 2.0, MAX_AGE_S)
     note = f"at {SLOW_MPS} m/s, let go after {way_m:.2f} m in {insists_s:g} s"
     stands_still(table.add("link loses 10 %, jitter 100 ms", run, note))
 

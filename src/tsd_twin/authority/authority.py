@@ -241,7 +241,9 @@ class Authority:
             raise AssertionError(f"there is no way from {self.mode} to {mode}")
         before, self.mode, self.reason, self._since_s = self.mode, mode, reason, now_s
         self._spin_up_s = None
-        if mode is not Mode.STOPPING:
+        if mode is Mode.STOPPING:
+            self.gate.note_stopping(now_s)
+        else:
             self._disarm_at_rest = False
         if mode is not Mode.DRIVING:
             self.command = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 
 from tsd_twin.authority.lease import Lease
@@ -18,8 +19,9 @@ class CommandGate:
 
     A command counts only if its key names one operator, who holds the lease; the lease id is the
     current one; its number rises; the newest status it has seen was sent less than the allowed age
-    ago; and its numbers are finite. The echo of the status bounds the age of a command without any
-    agreement between clocks, and kills the bursts of old commands that a stalled link replays.
+    ago, and not before the robot last began to stop by itself; and its numbers are finite. The
+    echo of the status bounds the age of a command without any agreement between clocks, and kills
+    the bursts of old commands that a stalled link replays.
     """
 
     def __init__(self) -> None:
@@ -27,6 +29,15 @@ class CommandGate:
         self.dropped = DropCounts()
         self._sent_s: OrderedDict[int, float] = OrderedDict()
         self._seen: tuple[bytes, int] = (b"", -1)
+        self._stopping: tuple[bytes, float] = (b"", -math.inf)
+
+    def note_stopping(self, now_s: float) -> None:
+        """Remember when the robot began to stop by itself, and under which lease it had driven.
+
+        What was under way then may still be young enough to count, but whoever sent it did not know
+        of the stop, and may have let go since: it must not move the robot again.
+        """
+        self._stopping = (self._seen[0], now_s)
 
     def note_status(self, seq: int, now_s: float) -> None:
         """Remember when status `seq` was sent."""
@@ -56,6 +67,9 @@ class CommandGate:
         sent_s = self._sent_s.get(command.status_seq)
         if sent_s is None:
             raise MessageError("stale", f"status {command.status_seq} was not sent lately")
+        stopped_lease, stopping_s = self._stopping
+        if stopped_lease == command.lease and sent_s < stopping_s:
+            raise MessageError("stale", "command was sent before the stop was seen")
         if now_s - sent_s > lease.max_age_s:
             raise MessageError(
                 "stale", f"command is {now_s - sent_s:.2f} s old, {lease.max_age_s:g} s are allowed"
