@@ -110,8 +110,8 @@ class Observer:
     def run_since(self, fault_s: float, under_way_s: float = 0.0) -> Run:
         """Return what the robot has done since a fault.
 
-        From the last truth before it, so that the way is rather too long than too short. A standstill
-        counts as the last one only when nothing can be `under_way_s` any more that was sent before.
+        From the last truth before it, so that the way is rather too long than too short. A
+        standstill counts once nothing can be under way any more that was sent before the fault.
         """
         with self._news:
             truth = list(self.truth)
