@@ -1,0 +1,62 @@
+"""A second estimate, of robots that can tell in more than one way where they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from tsd_twin.drives import Motion
+from tsd_twin.lie import Array
+from tsd_twin.robots import Robot
+
+
+class Estimate(Protocol):
+    """Where a robot is, and how it moves."""
+
+    @property
+    def pose(self) -> Any:
+        """The pose in `odom`."""
+        ...
+
+    @property
+    def motion(self) -> Motion:
+        """The twist in `base_link`, and what it leaves unexplained."""
+        ...
+
+    @property
+    def pose_covariance(self) -> Array:
+        """(3, 3): of the pose, in `odom`."""
+        ...
+
+    @property
+    def twist_covariance(self) -> Array:
+        """(3, 3): of the twist, in `base_link`."""
+        ...
+
+    def set_pose(self, pose: Any) -> None:
+        """Take the robot to be at `pose`, exactly."""
+        ...
+
+
+class SecondEstimate(Estimate, Protocol):
+    """An estimate beside that of the drive's own kinematics."""
+
+    def follow(self, joints: Array, sensors: Array, motion: Motion, dt_s: float) -> None:
+        """Take in joints (n,) and other sensors (s,), NaN where there is no number.
+
+        They were measured `dt_s` after the last ones; `motion` is what the drive's own kinematics
+        make of the joints.
+        """
+        ...
+
+
+SECOND: dict[type[Robot], Callable[[Any], tuple[SecondEstimate, bool] | None]] = {}
+"""From the kind of a robot to its second estimate, and whether that is the better one; kinds that
+have none are not in here."""
+
+
+def second_estimate(robot: Robot) -> tuple[SecondEstimate | None, bool]:
+    """Return the second estimate of a robot, if it has one, and whether that is the better one."""
+    make = SECOND.get(type(robot))
+    made = None if make is None else make(robot)
+    return (None, False) if made is None else made
