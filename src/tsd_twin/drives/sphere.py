@@ -130,11 +130,11 @@ class SphereDrive:
         return Motion(twist, self.wheel_radius_m * left)
 
     def blame(self, residual: Array) -> Array:
-        """Return how much of the squared `residual` (..., k) each wheel explains alone, (..., k)."""
+        """Return how much of the squared `residual` (..., k) each wheel alone explains."""
         return residual * residual * self._leave_out
 
     def move(self, pose: SO3, twist: Array, dt_s: float) -> SO3:
-        """Return `pose` after `dt_s` seconds of constant `twist` (..., 3), about the base's axes."""
+        """Return `pose` after `dt_s` seconds of constant `twist` (..., 3), in the axes of the base."""
         return SO3.exp(twist * dt_s) @ pose
 
     # What the rows make of it.

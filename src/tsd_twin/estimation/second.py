@@ -6,8 +6,10 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from tsd_twin.drives import Motion
+from tsd_twin.estimation.dead_wheels import DeadWheelOdometry
+from tsd_twin.estimation.rows import RowOdometry
 from tsd_twin.lie import Array
-from tsd_twin.robots import Robot
+from tsd_twin.robots import OmniRobot, Robot, SphereRobot
 
 
 class Estimate(Protocol):
@@ -50,7 +52,18 @@ class SecondEstimate(Estimate, Protocol):
         ...
 
 
-SECOND: dict[type[Robot], Callable[[Any], tuple[SecondEstimate, bool] | None]] = {}
+def _by_dead_wheels(robot: OmniRobot) -> tuple[SecondEstimate, bool] | None:
+    return None if robot.dead_wheels is None else (DeadWheelOdometry(robot), True)
+
+
+def _by_rows(robot: SphereRobot) -> tuple[SecondEstimate, bool]:
+    return RowOdometry(robot), robot.estimate.model == "dual"
+
+
+SECOND: dict[type[Robot], Callable[[Any], tuple[SecondEstimate, bool] | None]] = {
+    OmniRobot: _by_dead_wheels,
+    SphereRobot: _by_rows,
+}
 """From the kind of a robot to its second estimate, and whether that is the better one; kinds that
 have none are not in here."""
 

@@ -18,8 +18,6 @@ class GearedMotor(Table, frozen=True):
     """Of the motor's own rotor."""
     time_constant_s: Positive
     """Of the speed control: how fast a wheel follows its set-point."""
-    encoder_steps_per_turn: Positive = 1024.0
-    """Of the wheel."""
     current_limit: Positive = 1.0
     """Most torque that the driver lets through, as a share of the stall torque."""
 

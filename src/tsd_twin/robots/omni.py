@@ -33,6 +33,8 @@ class OmniGeometry(Table, frozen=True, tag="omni", tag_field="kind"):
     wheels: Annotated[list[OmniWheel], Meta(min_length=1, max_length=12)]
     friction: Positive = 0.6
     """Of the rollers on the floor."""
+    slip: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
+    """Share of each rim's way that the floor swallows, in the simulator."""
 
 
 class OmniMass(Table, frozen=True):

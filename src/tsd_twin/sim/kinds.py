@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from tsd_twin.robots import Robot, SingularityRobot
+from tsd_twin.robots import OmniRobot, Robot, SingularityRobot, SphereRobot
+from tsd_twin.sim.omni import OmniSimulation
 from tsd_twin.sim.simulation import Simulation
 from tsd_twin.sim.singularity import SingularitySimulation
+from tsd_twin.sim.sphere import SphereSimulation
 
 SIMULATIONS: dict[type[Robot], Callable[..., Simulation]] = {
     SingularityRobot: SingularitySimulation,
+    OmniRobot: OmniSimulation,
+    SphereRobot: SphereSimulation,
 }
 """One for each kind of robot in `KINDS`; all take the same arguments, as `simulate` has them."""
 
