@@ -59,6 +59,10 @@ def test_every_key_of_a_shipped_file_is_read_as_it_stands(name: str) -> None:
             assert isinstance(robot, dict)
             for key, value in file.items():
                 assert_within(value, robot[key])
+        elif isinstance(file, list):
+            assert isinstance(robot, list)
+            for mine, theirs in zip(file, robot, strict=True):
+                assert_within(mine, theirs)
         else:
             assert file == robot
 

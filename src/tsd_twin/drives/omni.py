@@ -160,7 +160,7 @@ def impossible(positions_m: Array, directions_rad: Array, rollers_rad: Array) ->
     vx, vy, omega = motions[-1] / [1.0, 1.0, reach_m]
     if abs(omega) * reach_m < 1e-3:
         return f"no wheel can push the robot towards {math.degrees(math.atan2(vy, vx)):.0f} degrees"
-    x, y = -vy / omega + 0.0, vx / omega + 0.0
+    x, y = (round(float(v), 6) + 0.0 for v in (-vy / omega, vx / omega))
     return f"no wheel can turn the robot about the point x = {x:.3g} m, y = {y:.3g} m"
 
 

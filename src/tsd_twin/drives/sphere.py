@@ -134,7 +134,7 @@ class SphereDrive:
         return residual * residual * self._leave_out
 
     def move(self, pose: SO3, twist: Array, dt_s: float) -> SO3:
-        """Return `pose` after `dt_s` seconds of constant `twist` (..., 3), in the axes of the base."""
+        """Return `pose` after `dt_s` seconds of constant `twist` (..., 3), in the base's axes."""
         return SO3.exp(twist * dt_s) @ pose
 
     # What the rows make of it.
@@ -145,7 +145,7 @@ class SphereDrive:
         l = floor(N phi / pi mod 2) + 1 (Eq. 8 to 11). On the first, the contact is towards
         `axes`, which in the mounting of the paper is towards the equator.
         """
-        return 2.0 * np.floor(np.mod(angles_rad / self.row_rad, 2.0)) - 1.0
+        return 2.0 * np.mod(np.floor(angles_rad / self.row_rad), 2.0) - 1.0
 
     def mean_side(self, before_rad: Array, after_rad: Array) -> Array:
         """Return the mean of `side` over the way from one angle (..., k) to another, exactly."""
