@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -136,8 +135,3 @@ def _apart(mounts: Sequence[Mount], scale: float, train: float) -> bool:
         near = -mount.plan.half_width - _BRACKET * scale
         prints.append(mount.outline_in_base(rectangle((-half, half), (near - train, near))))
     return all((a ^ b).area() < 1e-6 for a, b in itertools.combinations(prints, 2))
-
-
-def radial(at_m: tuple[float, float], axle_rad: float, plan: WheelPlan) -> Mount:
-    """Return the mount of a wheel at a place, with an axle that points outward."""
-    return Mount(1e3 * at_m[0], 1e3 * at_m[1], math.degrees(axle_rad), plan)

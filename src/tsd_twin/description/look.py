@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from tsd_twin.description import singularity
+from tsd_twin.description import omni, singularity, sphere
 from tsd_twin.description.part import Link, Parts
 from tsd_twin.description.tree import Tree
-from tsd_twin.robots import Robot, SingularityRobot
+from tsd_twin.robots import OmniRobot, Robot, SingularityRobot, SphereRobot
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +23,8 @@ class Kind:
 
 KINDS: dict[type[Robot], Kind] = {
     SingularityRobot: Kind(singularity.draw, singularity.tree, singularity.masses_kg),
+    OmniRobot: Kind(omni.draw, omni.tree, omni.masses_kg),
+    SphereRobot: Kind(sphere.draw, sphere.tree, sphere.masses_kg),
 }
 """From the tables of a robot to its kind."""
 

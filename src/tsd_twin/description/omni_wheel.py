@@ -15,7 +15,7 @@ from manifold3d import CrossSection, Manifold
 
 from tsd_twin.description import paint
 from tsd_twin.description.part import Drawing
-from tsd_twin.description.solids import around, circle, polygon, rod, slab, tube, union
+from tsd_twin.description.solids import around, circle, polygon, rod, slab, union
 from tsd_twin.lie import Array
 from tsd_twin.robots.robot import Body
 
@@ -87,7 +87,7 @@ def drawings(plan: WheelPlan, body: Body) -> list[Drawing]:
     hub = _straight_hub(plan) if len(plan.rows) > 1 else _slanting_hub(plan)
     wide = plan.half_width
     bore = rod(0.09 * plan.radius, (-2.0 * wide, 2.0 * wide))
-    boss = tube(0.09 * plan.radius, 0.2 * plan.radius, (-wide, wide + 0.02 * plan.radius))
+    boss = rod(0.2 * plan.radius, (-wide - 0.01 * plan.radius, wide + 0.02 * plan.radius))
     solids = [
         Drawing("hub", (hub + boss) - bore, paint.shell(body)),
         Drawing(
@@ -153,7 +153,7 @@ def _straight_hub(plan: WheelPlan) -> Manifold:
     disc = circle(plan.ring + 0.42 * plan.roller_radius)
     disc -= _windows(plan)
     discs = union(slab(disc, (z - thick, z + thick)) for z in plan.rows)
-    core = tube(0.1 * plan.radius, 0.3 * plan.radius, (min(plan.rows), max(plan.rows)))
+    core = rod(0.3 * plan.radius, (min(plan.rows), max(plan.rows)))
     return (discs + core) - _at_rollers(plan, pocket)
 
 
@@ -164,7 +164,7 @@ def _slanting_hub(plan: WheelPlan) -> Manifold:
     plate = circle(ends + 0.02 * plan.roller_radius)
     plate -= _windows(plan)
     plates = [slab(plate, (inside, outside)), slab(plate, (-outside, -inside))]
-    drum = tube(0.22 * plan.radius, 0.28 * plan.radius, (-inside, inside))
+    drum = rod(0.28 * plan.radius, (-inside - 0.5, inside + 0.5))
     pocket = _roller(plan, _GAP * plan.roller_radius, 5)
     return union([*plates, drum]) - _at_rollers(plan, pocket)
 

@@ -6,36 +6,43 @@ Millimetres in `base_link`.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
-from manifold3d import CrossSection, Manifold
+from manifold3d import CrossSection, Manifold, OpType
 
-from tsd_twin.description import paint
+from tsd_twin.description import omni_wheel, paint
 from tsd_twin.description.bay import MOTOR, Bay, Mount
 from tsd_twin.description.gear_motor import gear_motor
 from tsd_twin.description.load import load_drawings
 from tsd_twin.description.omni_wheel import WheelPlan
-from tsd_twin.description.omni_wheel import drawings as wheel_drawings
 from tsd_twin.description.part import Drawing
-from tsd_twin.description.solids import Point, box, circle, rectangle, rod, slab, standing, union
+from tsd_twin.description.solids import box, circle, rectangle, rod, slab, standing, union
 from tsd_twin.robots.robot import Body
 
-DEAD_WHEEL = 0.28
-"""Radius of the wheels that only measure, as a share of that of the others."""
+
+class Tracker(NamedTuple):
+    """A wheel that is not driven and only measures: millimetres and degrees in `base_link`."""
+
+    x: float
+    y: float
+    turn_deg: float
+    """Direction that it measures along."""
+    radius: float
 
 
-def drawings(bay: Bay, body: Body, dead_wheels: tuple[Point, ...] = ()) -> list[Drawing]:
+def drawings(bay: Bay, body: Body, trackers: Sequence[Tracker] = ()) -> list[Drawing]:
     """Return the chassis and all that is fixed to it.
 
     Args:
         bay: where things go.
         body: colours.
-        dead_wheels: x and y of each wheel that only measures, millimetres, and the direction in
-            degrees that it measures along.
+        trackers: the wheels that only measure, below the lower deck.
     """
     one = gear_motor(MOTOR * bay.scale, bay.train)
     decks = [
-        slab(bay.outline - _holes(bay), (bay.deck - bay.plate, bay.deck)),
+        slab(bay.outline - _holes(bay, trackers), (bay.deck - bay.plate, bay.deck)),
         slab(bay.outline, (bay.roof, bay.top)),
     ]
     parts = [
@@ -49,7 +56,7 @@ def drawings(bay: Bay, body: Body, dead_wheels: tuple[Point, ...] = ()) -> list[
         Drawing("standoffs", _standoffs(bay), paint.STEEL),
         *load_drawings(bay, body),
     ]
-    return parts + (_dead_wheels(bay, body, dead_wheels) if dead_wheels else [])
+    return parts + (_trackers(bay, body, trackers) if trackers else [])
 
 
 def _each(bay: Bay, solid: Manifold) -> Manifold:
@@ -57,52 +64,52 @@ def _each(bay: Bay, solid: Manifold) -> Manifold:
     return union(m.in_base(solid.translate((0.0, bay.face(m), 0.0))) for m in bay.mounts)
 
 
-def _holes(bay: Bay) -> CrossSection:
-    """Return what is cut out of the lower deck to save weight, in its middle."""
-    reach = 0.24 * bay.middle
-    hole = rectangle((-0.5 * reach, 0.5 * reach), (-0.5 * reach, 0.5 * reach), 0.2 * reach)
-    return CrossSection.compose(
-        [
-            hole.translate((x, y))
-            for x in (-0.9 * reach, 0.9 * reach)
-            for y in (-0.9 * reach, 0.9 * reach)
-        ]
-    )
+def _holes(bay: Bay, trackers: Sequence[Tracker]) -> CrossSection:
+    """Return what is cut out of the lower deck: for trackers, and in its middle to save weight."""
+    reach = 0.16 * bay.middle
+    hole = rectangle((-reach, reach), (-reach, reach), 0.3 * reach)
+    slots: list[CrossSection] = []
+    for one in trackers:
+        wide = WheelPlan.usual(one.radius).half_width + 2.0
+        slot = rectangle((-one.radius - 3.0, one.radius + 3.0), (-wide, wide), 2.0)
+        slots.append(slot.rotate(one.turn_deg).translate((one.x, one.y)))
+    return CrossSection.batch_boolean([hole, *slots], OpType.Add)
 
 
 def _bracket(bay: Bay, mount: Mount) -> Manifold:
     """Return the plate between a wheel and its gearbox, with its feet and gussets on the deck."""
     m, face = bay.scale, bay.face(mount)
     half = 1.25 * MOTOR * m
-    plate = rectangle((-half, half), (bay.deck, bay.roof), 4.0 * m) - circle(0.4 * MOTOR * m)
+    plate = rectangle((-half, half), (bay.deck + 0.3 * m, bay.roof), 4.0 * m)
+    plate -= circle(0.4 * MOTOR * m)
     upright = standing(plate, (face, face + 6.0 * m))
     feet = union(
         box(
-            sorted_span(side * half, side * (half - 6.0 * m)),
-            (face - 26.0 * m, face + 1.0),
+            _span(side * (half - 0.6 * m), side * (half - 6.0 * m)),
+            (face - 26.0 * m, face + 2.3 * m),
             (bay.deck, bay.deck + 5.0 * m),
         )
-        + gusset(side, half, face, bay)
+        + _gusset(side, half, face, bay)
         for side in (-1.0, 1.0)
     )
     return upright + feet
 
 
-def sorted_span(a: float, b: float) -> tuple[float, float]:
+def _span(a: float, b: float) -> tuple[float, float]:
     """Return the two in order."""
     return min(a, b), max(a, b)
 
 
-def gusset(side: float, half: float, face: float, bay: Bay) -> Manifold:
+def _gusset(side: float, half: float, face: float, bay: Bay) -> Manifold:
     """Return the triangle between a bracket and its foot."""
     m = bay.scale
     outline = CrossSection.batch_hull(
         [
-            rectangle((face - 24.0 * m, face + 1.0), (bay.deck, bay.deck + 4.0 * m)),
-            rectangle((face - 3.0 * m, face + 1.0), (bay.deck, bay.roof - 8.0 * m)),
+            rectangle((face - 24.0 * m, face + 1.7 * m), (bay.deck + 0.6 * m, bay.deck + 4.0 * m)),
+            rectangle((face - 3.0 * m, face + 1.7 * m), (bay.deck + 0.6 * m, bay.roof - 8.0 * m)),
         ]
     )
-    x = sorted_span(side * half, side * (half - 3.5 * m))
+    x = _span(side * (half - 1.2 * m), side * (half - 4.6 * m))
     return slab(outline, x).rotate((90.0, 0.0, 90.0))
 
 
@@ -130,40 +137,35 @@ def _standoffs(bay: Bay) -> Manifold:
     return union(spacer.translate((x, y, 0.0)) for x, y in there)
 
 
-def _dead_wheels(bay: Bay, body: Body, dead_wheels: tuple[Point, ...]) -> list[Drawing]:
+def _trackers(bay: Bay, body: Body, trackers: Sequence[Tracker]) -> list[Drawing]:
     """Return small omni wheels below the lower deck, each on an arm, with its encoder."""
-    radius = DEAD_WHEEL * bay.floor
-    plan = replace(WheelPlan.usual(radius), rollers=6, sides=8)
-    low = bay.deck - bay.plate
-    arm_y = (plan.half_width + 1.0, plan.half_width + 4.0)
-    height = -bay.floor + radius
-    arm = CrossSection.batch_hull(
-        [
-            circle(0.36 * radius, (0.0, height)),
-            rectangle((-0.5 * radius, 0.5 * radius), (low - 2.0, low + 0.5)),
-        ]
-    )
-    arms = standing(arm, arm_y)
-    at = (0.0, 0.0, height)
-    encoder = rod(0.5 * radius, (arm_y[1], arm_y[1] + 0.7 * radius), "y", at)
-    wheel = {d.name: d.solid.translate(at) for d in wheel_drawings(plan, body)}
-    solids = {
-        "tracker_arms": (arms, paint.frame(body)),
-        "tracker_encoders": (encoder, paint.BLUE),
-        "tracker_hubs": (
-            rod(0.72 * radius, (-plan.half_width, plan.half_width), "y", at),
-            paint.WHITE,
-        ),
-        "tracker_rollers": (wheel["rollers"], paint.RUBBER),
-        "tracker_shafts": (wheel["shaft"], paint.STEEL),
-    }
+    every = [_tracker(bay, body, one) for one in trackers]
     return [
-        Drawing(
-            name,
-            union(
-                solid.rotate((0.0, 0.0, turn)).translate((x, y, 0.0)) for x, y, turn in dead_wheels
-            ),
-            material,
-        )
-        for name, (solid, material) in solids.items()
+        same[0]._replace(solid=union(drawing.solid for drawing in same))
+        for same in zip(*every, strict=True)
+    ]
+
+
+def _tracker(bay: Bay, body: Body, one: Tracker) -> list[Drawing]:
+    """Return one of them, in its place."""
+    r = one.radius
+    plan = replace(WheelPlan.usual(r), rollers=6, sides=8)
+    low, height = bay.deck - bay.plate, r - bay.floor
+    side = plan.half_width + 3.0
+    arm = CrossSection.batch_hull(
+        [circle(0.36 * r, (0.0, height)), rectangle((-0.5 * r, 0.5 * r), (low - 2.0, low + 0.5))]
+    )
+    at = (0.0, 0.0, height)
+    wheel = {d.name: d.solid.translate(at) for d in omni_wheel.drawings(plan, body)}
+    wide = plan.half_width
+    drawings = [
+        Drawing("tracker_arms", standing(arm, (side, side + 3.0)), paint.frame(body)),
+        Drawing("tracker_encoders", rod(0.5 * r, (side + 3.0, side + 13.0), "y", at), paint.BLUE),
+        Drawing("tracker_hubs", rod(0.72 * r, (-wide, wide), "y", at), paint.WHITE),
+        Drawing("tracker_rollers", wheel["rollers"], paint.RUBBER),
+        Drawing("tracker_shafts", rod(0.1 * r, (-wide - 1.0, side + 1.0), "y", at), paint.STEEL),
+    ]
+    return [
+        d._replace(solid=d.solid.rotate((0.0, 0.0, one.turn_deg)).translate((one.x, one.y, 0.0)))
+        for d in drawings
     ]

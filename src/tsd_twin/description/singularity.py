@@ -7,11 +7,12 @@ import numpy as np
 from tsd_twin.description import chassis, inner, outer, wheel
 from tsd_twin.description.layout import Layout
 from tsd_twin.description.part import Drawing, Link, Parts, drawn
-from tsd_twin.description.tree import Hinge, Limbs, Range, Sphere, Tree, about_z
+from tsd_twin.description.tree import Hinge, Limbs, Range, Sphere, Tree, about_z, alike
 from tsd_twin.errors import RobotFileError
 from tsd_twin.lie import SO3
 from tsd_twin.robots import RPM, SingularityRobot
 
+_AXES = {"beta": (0.0, 1.0, 0.0), "alpha": (-1.0, 0.0, 0.0), "wheel": (0.0, 0.0, 1.0)}
 _REACH = 1.6
 """Inboard reach of a module from its pivot, in wheel radii; the drawings keep to it."""
 
@@ -62,7 +63,7 @@ def tree(robot: SingularityRobot) -> Tree:
             pivots if own else np.zeros((k, 3)),
             about_z(azimuths - 0.5 * np.pi) if own else SO3.identity((k,)),
             hinge,
-            {"beta": (0.0, 1.0, 0.0), "alpha": (-1.0, 0.0, 0.0), "wheel": (0.0, 0.0, 1.0)}[joint],
+            alike(_AXES[joint], k),
             tilt if hinge is Hinge.ANGLE else None,
             Sphere(g.wheel_radius_m) if kind == "wheel" else None,
         )

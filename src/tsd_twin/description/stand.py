@@ -60,8 +60,6 @@ class Lean:
 class Stand:
     """Where the parts of a stand go."""
 
-    sphere: float
-    """Radius."""
     plan: WheelPlan
     leans: tuple[Lean, ...]
 
@@ -143,10 +141,11 @@ def _bracket(stand: Stand, lean: Lean) -> Manifold:
     y = (near, near + thick)
     face = rectangle((-1.32 * m, 1.32 * m), (-m, m), 0.3 * m) - circle(0.4 * m)
     pieces = [lean.in_base(slab(face, (-y[1], -y[0])).rotate((90.0, 0.0, 0.0)))]
-    for x in ((-1.32 * m, -1.06 * m), (1.06 * m, 1.32 * m)):
-        shoulder = lean.in_base(box(x, y, (-0.5 * m, 0.5 * m)))
+    for x in ((-1.3 * m, -1.07 * m), (1.07 * m, 1.3 * m)):
+        inside = (y[0] + 0.1 * thick, y[1] - 0.1 * thick)
+        shoulder = lean.in_base(box(x, inside, (-0.5 * m, 0.5 * m)))
         shade = shoulder.project()
-        foot = slab(shade, (stand.deck, stand.deck + 1.0))
+        foot = slab(shade, (stand.deck + 0.4, stand.deck + 1.4))
         pieces.append(Manifold.batch_hull([shoulder, foot]))
         pieces.append(slab(grown(shade, 0.25 * m), (stand.deck, stand.deck + 3.0)))
     return union(pieces)

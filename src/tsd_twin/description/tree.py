@@ -75,8 +75,8 @@ class Limbs:
     turn: SO3
     """(k, 4): p_parent = R p_link + at, at joint zero."""
     hinge: Hinge
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    """Of the joint, in the frame of the link."""
+    axes: Array
+    """(k, 3): unit vectors that the joints turn about, in the frames of the links."""
     range: Range | None = None
     hull: Hull = None
 
@@ -109,6 +109,11 @@ class Tree:
     def limb(self, kind: Link) -> Limbs:
         """Return the links of a kind; not the chassis."""
         return next(limbs for limbs in self.limbs if limbs.kind == kind)
+
+
+def alike(axis: tuple[float, float, float], k: int) -> Array:
+    """Return one axis (k, 3) for k joints."""
+    return np.tile(np.array(axis), (k, 1))
 
 
 def about_z(angles_rad: Array) -> SO3:

@@ -73,7 +73,7 @@ def _hang(root: ET.Element, limbs: Limbs, i: int, above: str) -> None:
     if limbs.hinge is not Hinge.BALL:
         _origin(joint, limbs.at_m[i], roll_pitch_yaw(limbs.turn.wxyz[i]))
     if limbs.hinge in (Hinge.ANGLE, Hinge.SPIN):
-        ET.SubElement(joint, "axis", xyz=" ".join(_text(part) for part in limbs.axis))
+        ET.SubElement(joint, "axis", xyz=" ".join(_text(part) for part in limbs.axes[i]))
     if limbs.range is not None:
         _limit(joint, limbs.range)
 
