@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from tsd_twin.lie import Array
 from tsd_twin.robots.robot import RPM, NotNegative, Positive, SpinUp, Table
 
 
@@ -36,9 +39,22 @@ class GearedMotor(Table, frozen=True):
         """Inertia of the rotor as the wheel feels it."""
         return self.rotor_inertia_kg_m2 * self.gear_ratio**2
 
+    def acceleration_rad_per_s2(self, inertia_kg_m2: float) -> float:
+        """Return what a wheel that feels an inertia can do from standing."""
+        return self.stall_torque_nm * min(1.0, self.current_limit) / inertia_kg_m2
+
     def spin_up(self) -> SpinUp:
         """Return how a wheel follows its set-point, as long as torque and grip suffice."""
         return SpinUp(0.0, self.time_constant_s, self.time_constant_s)
+
+
+def carried_kg_m2(twist_from_speeds: Array, body: Array) -> float:
+    """Return the most inertia that a wheel feels of a body with masses and inertias `body` (3,).
+
+    The largest over all motions: the kinetic energy of the body in terms of the wheel speeds.
+    """
+    by_wheels = twist_from_speeds.T @ (body[:, None] * twist_from_speeds)
+    return float(np.linalg.eigvalsh(by_wheels)[-1])
 
 
 class WheelNoise(Table, frozen=True):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
@@ -11,7 +13,7 @@ from msgspec import Meta
 from tsd_twin.drives import Joint, JointKind, OmniDrive
 from tsd_twin.drives.omni import impossible
 from tsd_twin.lie import Array
-from tsd_twin.robots.geared_motor import GearedMotor, WheelNoise
+from tsd_twin.robots.geared_motor import GearedMotor, WheelNoise, carried_kg_m2
 from tsd_twin.robots.robot import JointNoise, NotNegative, Positive, Problem, Robot, SpinUp, Table
 
 
@@ -96,18 +98,30 @@ class OmniRobot(Robot, frozen=True, kw_only=True):
     def kinematics(self) -> OmniDrive:
         """Return the drive."""
         positions, directions, rollers = self._layout()
-        motor, radius_m = self.motor, self.drive.wheel_radius_m
-        carried = self.mass.total_kg * radius_m**2 / len(directions)
-        return OmniDrive(
+        drive = OmniDrive(
             positions_m=positions,
             directions_rad=directions,
             rollers_rad=rollers,
-            wheel_radius_m=radius_m,
-            max_speed_rad_per_s=motor.top_speed_rad_per_s,
-            max_acceleration_rad_per_s2=motor.stall_torque_nm
-            * min(1.0, motor.current_limit)
-            / (carried + motor.rotor_at_wheel_kg_m2),
+            wheel_radius_m=self.drive.wheel_radius_m,
+            max_speed_rad_per_s=self.motor.top_speed_rad_per_s,
+            max_acceleration_rad_per_s2=math.inf,
         )
+        inertia = self.driven_inertia_kg_m2(drive)
+        return replace(
+            drive, max_acceleration_rad_per_s2=self.motor.acceleration_rad_per_s2(inertia)
+        )
+
+    @property
+    def wheel_inertia_kg_m2(self) -> float:
+        """Of a wheel and what turns with it."""
+        rim = 0.5 * self.mass.wheel_kg * self.drive.wheel_radius_m**2
+        return rim + self.motor.rotor_at_wheel_kg_m2
+
+    def driven_inertia_kg_m2(self, drive: OmniDrive) -> float:
+        """Return the most that a wheel feels, itself and its share of the robot."""
+        mass = self.mass
+        body = np.array([mass.total_kg, mass.total_kg, mass.yaw_inertia_kg_m2])
+        return self.wheel_inertia_kg_m2 + carried_kg_m2(drive.twist_from_speeds, body)
 
     def joint_noise(self) -> JointNoise:
         """Return the noise of the wheel speeds."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Annotated, Literal
 
 import numpy as np
@@ -12,7 +13,7 @@ from msgspec import Meta
 from tsd_twin.drives import SphereDrive
 from tsd_twin.drives.sphere import impossible, mounting
 from tsd_twin.lie import Array
-from tsd_twin.robots.geared_motor import GearedMotor, WheelNoise
+from tsd_twin.robots.geared_motor import GearedMotor, WheelNoise, carried_kg_m2
 from tsd_twin.robots.robot import JointNoise, NotNegative, Positive, Problem, Robot, SpinUp, Table
 
 
@@ -67,22 +68,30 @@ class SphereRobot(Robot, frozen=True, kw_only=True):
 
     def kinematics(self) -> SphereDrive:
         """Return the drive."""
-        g, motor = self.drive, self.motor
+        g = self.drive
         contacts, actuations = self._mounting()
-        # A full sphere, 2/5 m R^2, as one wheel of several feels it through the contact.
-        carried = 0.4 * self.mass.sphere_kg * g.wheel_radius_m**2 / len(contacts)
-        return SphereDrive(
+        drive = SphereDrive(
             contacts=contacts,
             actuations=actuations,
             sphere_radius_m=g.sphere_radius_m,
             wheel_radius_m=g.wheel_radius_m,
             row_offset_rad=math.asin(g.row_distance_m / (2.0 * self._roller_circle_m)),
             row_rad=2.0 * math.pi / g.rollers,
-            max_speed_rad_per_s=motor.top_speed_rad_per_s,
-            max_acceleration_rad_per_s2=motor.stall_torque_nm
-            * min(1.0, motor.current_limit)
-            / (carried + motor.rotor_at_wheel_kg_m2),
+            max_speed_rad_per_s=self.motor.top_speed_rad_per_s,
+            max_acceleration_rad_per_s2=math.inf,
         )
+        inertia = self.driven_inertia_kg_m2(drive)
+        return replace(
+            drive, max_acceleration_rad_per_s2=self.motor.acceleration_rad_per_s2(inertia)
+        )
+
+    def driven_inertia_kg_m2(self, drive: SphereDrive) -> float:
+        """Return the most that a wheel feels, itself and its share of the sphere, a full one."""
+        mass, g = self.mass, self.drive
+        sphere = np.full(3, 0.4 * mass.sphere_kg * g.sphere_radius_m**2)
+        rim = 0.5 * mass.wheel_kg * g.wheel_radius_m**2
+        carried = carried_kg_m2(drive.twist_from_speeds, sphere)
+        return self.motor.rotor_at_wheel_kg_m2 + rim + carried
 
     def joint_noise(self) -> JointNoise:
         """Return the noise of the wheel speeds."""

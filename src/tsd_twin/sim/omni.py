@@ -14,6 +14,9 @@ _LONGEST_STEP_S = 0.0025
 _CREEP_MPS = 0.01
 """A roller pulls with its full friction when its rim is some times faster than the floor."""
 _GRAVITY_MPS2 = 9.81
+_ROUNDS = 30
+_CLOSE_MPS = 0.2 * _CREEP_MPS
+"""Creep that is known to this is known well enough."""
 _SETTLED = 1e-9
 """Metres, or radians, a second below which nothing moves."""
 
@@ -51,11 +54,9 @@ class OmniSimulation:
         self._pull_m = (1.0 - robot.drive.slip) * self._arm_m
         mass = robot.mass
         self._body = np.array([mass.total_kg, mass.total_kg, mass.yaw_inertia_kg_m2])
-        rim = 0.5 * mass.wheel_kg * drive.wheel_radius_m**2
-        self._wheel = rim + robot.motor.rotor_at_wheel_kg_m2
-        carried = mass.total_kg * drive.wheel_radius_m**2 / drive.wheels
+        self._wheel = robot.wheel_inertia_kg_m2
         share = self.battery_v / robot.battery.nominal_v
-        self._motors = GearedMotors.of(robot.motor, self._wheel + carried, share)
+        self._motors = GearedMotors.of(robot.motor, robot.driven_inertia_kg_m2(drive), share)
         self._friction_n = robot.drive.friction * mass.total_kg * _GRAVITY_MPS2 / drive.wheels
         random = np.random.default_rng(seed)
         shape = self.joints.shape
@@ -105,29 +106,7 @@ class OmniSimulation:
         }
 
     def _step(self, dt_s: float) -> None:
-        """Solve the implicit Euler equations of body and wheels, friction and torque linearised.
-
-        With creep s = pull w - g xi, friction F = c s, and the torque of the speed control, each
-        wheel's equation gives its new speed from the new twist xi; that leaves three for the body.
-        """
-        grip, motors, joints = self._grip, self._motors, self.joints
-        creep = self._pull_m * joints - self._twist @ grip.T
-        c = self._friction_n / np.sqrt(creep * creep + _CREEP_MPS**2)
-        wanted = motors.gain_nm_s * (self._goals - joints)
-        low, high = motors.bounds(joints)
-        free = (wanted > low) & (wanted < high)
-        gain = motors.gain_nm_s * free
-        torque = np.where(free, gain * self._goals, np.clip(wanted, low, high))
-        heavy = self._wheel / dt_s
-        total = heavy + gain + c * self._arm_m * self._pull_m
-        alone = (heavy * joints + torque) / total
-        along = c * self._arm_m / total
-        weight = c * (1.0 - self._pull_m * along)
-        inertia = np.diag(self._body / dt_s)
-        matrix = inertia + (grip.T * weight[..., None, :]) @ grip
-        push = self._twist * (self._body / dt_s) + (c * self._pull_m * alone) @ grip
-        twist = np.linalg.solve(matrix, push[..., None])[..., 0]
-        self.joints = alone + along * (twist @ grip.T)
+        joints, twist = self._after(dt_s)
         middle = 0.5 * (self._twist + twist)
         self.pose = self.pose @ SE2.exp(dt_s * middle)
         if self._sensors is not None:
@@ -138,5 +117,50 @@ class OmniSimulation:
         vx, vy = twist[..., 0].copy(), twist[..., 1].copy()
         twist[..., 0], twist[..., 1] = cos * vx - sin * vy, sin * vx + cos * vy
         if not self._goals.any() and np.abs(twist).max() < _SETTLED:
-            twist[...], self.joints[...] = 0.0, 0.0
-        self._twist = twist
+            twist[...], joints[...] = 0.0, 0.0
+        self.joints, self._twist = joints, twist
+
+    def _after(self, dt_s: float) -> tuple[Array, Array]:
+        """Return wheel speeds and twist by the implicit Euler equations of wheels and body.
+
+        Friction is c s with the creep s, and c falls as the creep grows: solved again with the c of
+        the creep that came out, until that is the one that went in.
+        """
+        low, high = self._motors.bounds(self.joints)
+        wanted = self._motors.gain_nm_s * (self._goals - self.joints)
+        free = (wanted > low) & (wanted < high)
+        gain = self._motors.gain_nm_s * free
+        torque = np.where(free, gain * self._goals, np.clip(wanted, low, high))
+        joints, twist = self.joints, self._twist
+        creep = self._creep(joints, twist)
+        going = np.ones((*twist.shape[:-1], 1), dtype=bool)
+        for _ in range(_ROUNDS):
+            c = self._friction_n / np.sqrt(creep * creep + _CREEP_MPS**2)
+            solved = self._linear(c, gain, torque, dt_s)
+            # One that is done is left as it is, so that a batch is its members.
+            joints = np.where(going, solved[0], joints)
+            twist = np.where(going, solved[1], twist)
+            before, creep = creep, self._creep(joints, twist)
+            change = np.maximum.reduce(np.abs(creep - before), axis=-1, keepdims=True)
+            going = going & (change >= _CLOSE_MPS)
+            if not going.any():
+                break
+        return joints, twist
+
+    def _linear(self, c: Array, gain: Array, torque: Array, dt_s: float) -> tuple[Array, Array]:
+        """Return wheel speeds and twist for friction c s and torque less gain times speed.
+
+        Each wheel's equation gives its speed from the twist; that leaves three for the body.
+        """
+        grip, heavy = self._grip, self._wheel / dt_s
+        total = heavy + gain + c * self._arm_m * self._pull_m
+        alone = (heavy * self.joints + torque) / total
+        along = c * self._arm_m / total
+        weight = c * (1.0 - self._pull_m * along)
+        matrix = np.diag(self._body / dt_s) + (grip.T * weight[..., None, :]) @ grip
+        push = self._twist * (self._body / dt_s) + (c * self._pull_m * alone) @ grip
+        twist = np.linalg.solve(matrix, push[..., None])[..., 0]
+        return alone + along * (twist @ grip.T), twist
+
+    def _creep(self, joints: Array, twist: Array) -> Array:
+        return self._pull_m * joints - twist @ self._grip.T

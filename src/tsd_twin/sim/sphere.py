@@ -40,13 +40,8 @@ class SphereSimulation:
         self.angles_rad: Array = np.zeros_like(self.joints)
         """(..., k): how far each wheel has turned."""
         self._goals = np.zeros_like(self.joints)
-        motor, mass = robot.motor, robot.mass
-        radius = drive.wheel_radius_m
-        self._inertia = (
-            motor.rotor_at_wheel_kg_m2
-            + 0.5 * mass.wheel_kg * radius**2
-            + 0.4 * mass.sphere_kg * radius**2 / drive.wheels
-        )
+        motor = robot.motor
+        self._inertia = robot.driven_inertia_kg_m2(drive)
         share = self.battery_v / robot.battery.nominal_v
         self._motors = GearedMotors.of(motor, self._inertia, share)
         self._time_constant_s = motor.time_constant_s
