@@ -38,7 +38,7 @@ class Estimator:
         at_speed = np.maximum(AT_SPEED * np.abs(self._at_rest), AT_REST_RAD_PER_S)
         self._tolerance = np.where(self.is_angle, NEUTRAL_RAD, at_speed)
         self._spin = SpinModel(robot.spin_up(), len(self._wheels))
-        self._plain = ODOMETRY[self.drive.space](self.drive, robot.joint_noise())
+        self._plain = ODOMETRY[self.drive.space](self.drive, robot.joint_errors())
         self._second, prefer_second = second_estimate(robot)
         best = self._second if prefer_second else None
         self._best: Estimate = self._plain if best is None else best
@@ -114,7 +114,7 @@ class Estimator:
 
     def _residual_sigma(self, robot: Robot) -> float:
         """Return the standard deviation of a residual, m/s, from the noise in the description."""
-        noise = robot.joint_noise()
+        noise = robot.joint_errors()
         speed = robot.limits.speed_mps / self.drive.lever_m
         joints = self.drive.inverse(np.array([speed, 0.0, 0.0]))
         sigma = self.is_angle * noise.angle_rad + ~self.is_angle * noise.spin_share * np.abs(joints)

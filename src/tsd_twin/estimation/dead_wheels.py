@@ -28,7 +28,7 @@ class DeadWheelOdometry(PlanarOdometry):
         """
         if robot.dead_wheels is None:
             raise ValueError(f"{robot.name} has no dead wheels")
-        super().__init__(robot.kinematics(), robot.joint_noise())
+        super().__init__(robot.kinematics(), robot.joint_errors())
         sensors = robot.dead_wheels
         wheels = np.array(sensors.rows()) / sensors.radius_m
         self._twist_from_rates = np.linalg.inv(np.vstack([wheels, [0.0, 0.0, 1.0]]))

@@ -11,7 +11,7 @@ import numpy as np
 from tsd_twin.drives import Drive, JointKind, Motion
 from tsd_twin.drives.drive import PoseT
 from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.robots import JointNoise
+from tsd_twin.robots import JointErrors
 
 CORRELATION_S = 1.0
 """Time over which an error of the joints persists: quantisation and a wrong spin do not average
@@ -27,7 +27,7 @@ class JointOdometry(Generic[PoseT]):
     add up to the exact displacement; the pose moves by the exponential of the twist.
     """
 
-    def __init__(self, drive: Drive[PoseT], noise: JointNoise) -> None:
+    def __init__(self, drive: Drive[PoseT], noise: JointErrors) -> None:
         self._drive = drive
         kinds = [joint.kind for joint in drive.joints]
         self._is_angle = np.array([kind is JointKind.POSITION for kind in kinds])
@@ -117,7 +117,7 @@ class OrientationOdometry(JointOdometry[SO3]):
         return SO3.exp(dt_s * self.motion.twist).as_matrix()
 
 
-ODOMETRY: dict[type[Any], Callable[[Drive[Any], JointNoise], JointOdometry[Any]]] = {
+ODOMETRY: dict[type[Any], Callable[[Drive[Any], JointErrors], JointOdometry[Any]]] = {
     SE2: PlanarOdometry,
     SO3: OrientationOdometry,
 }

@@ -19,7 +19,7 @@ class RowOdometry(OrientationOdometry):
 
     def __init__(self, robot: SphereRobot) -> None:
         self._sphere: SphereDrive = robot.kinematics()
-        super().__init__(self._sphere, robot.joint_noise())
+        super().__init__(self._sphere, robot.joint_errors())
         self.angles_rad: Array = np.zeros(self._sphere.wheels)
         """(k,): how far each wheel has turned."""
 

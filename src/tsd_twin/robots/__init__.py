@@ -3,14 +3,14 @@
 from tsd_twin.robots.kinds import KINDS
 from tsd_twin.robots.loader import load, names, of_kind, parse, text
 from tsd_twin.robots.omni import OmniRobot
-from tsd_twin.robots.robot import RPM, JointNoise, Robot, SpinUp
+from tsd_twin.robots.robot import RPM, JointErrors, Robot, SpinUp
 from tsd_twin.robots.singularity import SingularityRobot
 from tsd_twin.robots.sphere import SphereRobot
 
 __all__ = [
     "KINDS",
     "RPM",
-    "JointNoise",
+    "JointErrors",
     "OmniRobot",
     "Robot",
     "SingularityRobot",

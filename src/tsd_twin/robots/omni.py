@@ -14,7 +14,7 @@ from tsd_twin.drives import Joint, JointKind, OmniDrive
 from tsd_twin.drives.omni import impossible
 from tsd_twin.lie import Array
 from tsd_twin.robots.geared_motor import GearedMotor, WheelNoise, carried_kg_m2
-from tsd_twin.robots.robot import JointNoise, NotNegative, Positive, Problem, Robot, SpinUp, Table
+from tsd_twin.robots.robot import JointErrors, NotNegative, Positive, Problem, Robot, SpinUp, Table
 
 
 class OmniWheel(Table, frozen=True):
@@ -123,9 +123,9 @@ class OmniRobot(Robot, frozen=True, kw_only=True):
         body = np.array([mass.total_kg, mass.total_kg, mass.yaw_inertia_kg_m2])
         return self.wheel_inertia_kg_m2 + carried_kg_m2(drive.twist_from_speeds, body)
 
-    def joint_noise(self) -> JointNoise:
+    def joint_errors(self) -> JointErrors:
         """Return the noise of the wheel speeds."""
-        return JointNoise(spin_share=self.noise.spin_share)
+        return JointErrors(spin_share=self.noise.spin_share)
 
     def spin_up(self) -> SpinUp:
         """Return how wheels follow their set-points."""

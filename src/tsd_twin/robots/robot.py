@@ -76,7 +76,7 @@ class Body(Table, frozen=True):
 
 
 @dataclass(frozen=True, slots=True)
-class JointNoise:
+class JointErrors:
     """Standard deviations of what is measured of the joints."""
 
     angle_rad: float = 0.0
@@ -132,7 +132,7 @@ class Robot(Table, frozen=True, kw_only=True):
         """Return the drive."""
         raise NotImplementedError
 
-    def joint_noise(self) -> JointNoise:
+    def joint_errors(self) -> JointErrors:
         """Return how noisy the measured joints are."""
         raise NotImplementedError
 

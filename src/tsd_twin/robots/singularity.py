@@ -13,7 +13,7 @@ from msgspec import Meta
 from tsd_twin.drives import SingularityDrive
 from tsd_twin.robots.robot import (
     RPM,
-    JointNoise,
+    JointErrors,
     NotNegative,
     Positive,
     Problem,
@@ -121,9 +121,9 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
             max_tilt_rate_rad_per_s=self.servo.no_load_speed_rpm * RPM,
         )
 
-    def joint_noise(self) -> JointNoise:
+    def joint_errors(self) -> JointErrors:
         """Return the noise of gimbal angles and wheel speeds."""
-        return JointNoise(math.radians(self.noise.gimbal_angle_deg), self.noise.spin_share)
+        return JointErrors(math.radians(self.noise.gimbal_angle_deg), self.noise.spin_share)
 
     def spin_up(self) -> SpinUp:
         """Return how the drive motors spin up and run down."""

@@ -14,7 +14,7 @@ from tsd_twin.drives import SphereDrive
 from tsd_twin.drives.sphere import impossible, mounting
 from tsd_twin.lie import Array
 from tsd_twin.robots.geared_motor import GearedMotor, WheelNoise, carried_kg_m2
-from tsd_twin.robots.robot import JointNoise, NotNegative, Positive, Problem, Robot, SpinUp, Table
+from tsd_twin.robots.robot import JointErrors, NotNegative, Positive, Problem, Robot, SpinUp, Table
 
 
 class SphereWheel(Table, frozen=True):
@@ -93,9 +93,9 @@ class SphereRobot(Robot, frozen=True, kw_only=True):
         carried = carried_kg_m2(drive.twist_from_speeds, sphere)
         return self.motor.rotor_at_wheel_kg_m2 + rim + carried
 
-    def joint_noise(self) -> JointNoise:
+    def joint_errors(self) -> JointErrors:
         """Return the noise of the wheel speeds."""
-        return JointNoise(spin_share=self.noise.spin_share)
+        return JointErrors(spin_share=self.noise.spin_share)
 
     def spin_up(self) -> SpinUp:
         """Return how wheels follow their set-points."""
