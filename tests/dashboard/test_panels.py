@@ -15,11 +15,10 @@ import viser
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.dashboard.feeds import Feed
+from tests.dashboard.feeds import Feed, posed
 from tests.dashboard.viewers import PATIENCE_S, Node, Viewer, viewing
 from tsd_twin.dashboard import viser_server
 from tsd_twin.dashboard.panels import Panels
-from tsd_twin.dashboard.poses import link_poses
 from tsd_twin.dashboard.scene import Scene
 from tsd_twin.dashboard.viser_private import page_of
 from tsd_twin.lie import SE2
@@ -211,7 +210,7 @@ def test_preview_shows_its_own_gimbals_to_its_own_client(
     k = feed.drive.modules
     viewer.until(lambda: all(hidden(viewer, kind) == [True] * k for kind in GIMBALS))
     joints = feed.drive.inverse(np.array([0.0, 0.0, 1.5]))
-    poses = link_poses(feed.drive, SE2.identity(), joints, np.zeros(k))
+    poses = posed(feed.robot, SE2.identity(), joints)
     for kind in GIMBALS:
         assert tried(viewer, kind).visible
         shown = np.reshape(tried(viewer, kind).props["batched_wxyzs"], (-1, 4))
@@ -232,7 +231,7 @@ def test_the_live_gimbals_come_back(desk: Desk, feed: Feed, viewer: Viewer) -> N
     joints = feed.drive.inverse(np.array([0.2, 0.1, 0.0]))
     feed.say(joints=joints)
     desk.scene.draw()
-    poses = link_poses(feed.drive, SE2.identity(), joints, np.zeros(feed.drive.modules))["inner"]
+    poses = posed(feed.robot, SE2.identity(), joints)["inner"]
     viewer.until(
         lambda: np.allclose(
             np.reshape(viewer.shared["/w/r/tsd/minner"].props["batched_wxyzs"], (-1, 4)),

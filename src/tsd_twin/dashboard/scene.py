@@ -13,7 +13,7 @@ import viser
 from tsd_twin.dashboard.body import Body, Source
 from tsd_twin.dashboard.fleet_meshes import FleetMeshes
 from tsd_twin.dashboard.ground import add_ground
-from tsd_twin.dashboard.layers import ROOT, SCALE, TRAILS, TRUTHS
+from tsd_twin.dashboard.layers import OTHERS, ROOT, SCALE, TRAILS, TRUTHS
 from tsd_twin.dashboard.robot_marks import RobotMarks
 from tsd_twin.dashboard.shape import Shape
 
@@ -46,7 +46,7 @@ class Scene:
         self._world = server.scene.add_frame(ROOT, show_axes=False)
         self._viewers: list[Viewer] = []
         add_ground(server.scene, ROOT, SCALE)
-        for node in (TRUTHS, TRAILS):
+        for node in (TRUTHS, OTHERS, TRAILS):
             server.scene.add_frame(node, show_axes=False)
 
     @property
