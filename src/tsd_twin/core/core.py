@@ -17,7 +17,7 @@ from tsd_twin.core.estimator import Estimator
 from tsd_twin.core.spaces import SPACES
 from tsd_twin.drives import JointKind
 from tsd_twin.errors import MessageError
-from tsd_twin.lie import Array
+from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.command import Sample
 from tsd_twin.messages.ros import ODOM, JointState, Odometry
 from tsd_twin.messages.service import (
@@ -52,11 +52,20 @@ _CLAMP_REPORT_S = 0.5
 class RobotCore:
     """Everything between the bus and the joints of one robot."""
 
-    def __init__(self, robot: Robot, new_lease_id: Callable[[], bytes]) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        new_lease_id: Callable[[], bytes],
+        *,
+        pose: SE2 | SO3 | None = None,
+    ) -> None:
+        """`pose`, of the drive's space, is where the robot is taken to be; the identity if not."""
         self.robot = robot
         self.drive = robot.kinematics()
         self.authority = Authority(robot, new_lease_id)
         self._estimator = Estimator(robot)
+        if pose is not None:
+            self._estimator.set_pose(pose)
         self._space = SPACES[self.drive.space]
         self._names = [joint.name for joint in self.drive.joints]
         self._is_angle = self._estimator.is_angle

@@ -14,6 +14,7 @@ from tsd_twin import topics
 from tsd_twin.bus import Bus, Publisher
 from tsd_twin.core import RobotCore
 from tsd_twin.errors import BusError
+from tsd_twin.lie import SE2, SO3
 from tsd_twin.messages.ros import Odometry, encode_joints, encode_odometry
 from tsd_twin.messages.service import Description, Event
 from tsd_twin.messages.status import encode_stamp, encode_status
@@ -39,9 +40,16 @@ class RobotNode:
     """
 
     def __init__(
-        self, bus: Bus, robot_id: str, robot: Robot, io: RobotIO, description: Description
+        self,
+        bus: Bus,
+        robot_id: str,
+        robot: Robot,
+        io: RobotIO,
+        description: Description,
+        *,
+        pose: SE2 | SO3 | None = None,
     ):
-        """Claim the robot id on the bus.
+        """Claim the robot id on the bus; `pose` is where the robot is taken to be.
 
         Raises:
             BusError: the id is taken, or cannot be one.
@@ -54,7 +62,7 @@ class RobotNode:
         self._bus = bus
         self._id = robot_id
         self._io = io
-        self._core = RobotCore(robot, lambda: secrets.token_bytes(16))
+        self._core = RobotCore(robot, lambda: secrets.token_bytes(16), pose=pose)
         self._description = msgspec.json.encode(description)
         self._commands = bus.reader(topics.TWIST.key(robot_id), _COMMANDS_KEPT)
         self._stops = bus.reader(topics.STOP.key(robot_id), 8)
