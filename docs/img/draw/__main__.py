@@ -6,14 +6,18 @@ import sys
 from pathlib import Path
 
 import modes
+import omni_wheel
 import processes
 import side_view
+import sphere
 import top_view
 
 DRAWINGS = {
     "modes": modes.draw,
+    "omni_wheel": omni_wheel.draw,
     "processes": processes.draw,
     "side_view": side_view.draw,
+    "sphere": sphere.draw,
     "top_view": top_view.draw,
 }
 

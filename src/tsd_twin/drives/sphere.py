@@ -178,7 +178,8 @@ class SphereDrive:
         rows = self.true_rows(side)
         if self.wheels == 3:
             return np.linalg.solve(rows, joints[..., None])[..., 0]
-        return (np.linalg.pinv(rows) @ joints[..., None])[..., 0]
+        back: Array = np.linalg.pinv(rows)
+        return (back @ joints[..., None])[..., 0]
 
 
 def mounting(

@@ -97,10 +97,11 @@ def parse(toml: str, file: str) -> Robot:
 
 def _kind(tables: Any, file: str) -> type[Robot]:
     """Return what a file has to be read as; whatever else is wrong with it shows in the reading."""
-    drive = tables.get("drive")
-    if not isinstance(drive, dict):
+    table = tables.get("drive")
+    if not isinstance(table, dict):
         return SingularityRobot
-    keys = list(typing.cast("dict[str, Any]", drive))
+    drive = typing.cast("dict[str, Any]", table)
+    keys = list(drive)
     if "kind" not in keys:
         near = difflib.get_close_matches("kind", keys, n=1)
         problem = (
@@ -109,7 +110,7 @@ def _kind(tables: Any, file: str) -> type[Robot]:
             else "key 'kind' is missing in [drive]"
         )
         raise RobotFileError(file, problem, _valid_kinds())
-    kind: Any = drive["kind"]
+    kind = drive["kind"]
     if not isinstance(kind, str) or kind not in KINDS:
         problem = f"drive.kind: invalid value {kind!r}" + _closest(str(kind), list(KINDS))
         raise RobotFileError(file, problem, _valid_kinds())

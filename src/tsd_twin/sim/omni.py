@@ -129,7 +129,7 @@ class OmniSimulation:
         low, high = self._motors.bounds(self.joints)
         wanted = self._motors.gain_nm_s * (self._goals - self.joints)
         free = (wanted > low) & (wanted < high)
-        gain = self._motors.gain_nm_s * free
+        gain: Array = np.where(free, self._motors.gain_nm_s, 0.0)
         torque = np.where(free, gain * self._goals, np.clip(wanted, low, high))
         joints, twist = self.joints, self._twist
         creep = self._creep(joints, twist)
@@ -159,7 +159,7 @@ class OmniSimulation:
         weight = c * (1.0 - self._pull_m * along)
         matrix = np.diag(self._body / dt_s) + (grip.T * weight[..., None, :]) @ grip
         push = self._twist * (self._body / dt_s) + (c * self._pull_m * alone) @ grip
-        twist = np.linalg.solve(matrix, push[..., None])[..., 0]
+        twist: Array = np.linalg.solve(matrix, push[..., None])[..., 0]
         return alone + along * (twist @ grip.T), twist
 
     def _creep(self, joints: Array, twist: Array) -> Array:
