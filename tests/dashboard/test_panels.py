@@ -36,6 +36,7 @@ class Desk:
     scene: Scene
     moves: SimpleQueue[tuple[Any, ...]] = field(default_factory=SimpleQueue)
     choices: SimpleQueue[tuple[str, str]] = field(default_factory=SimpleQueue)
+    points: SimpleQueue[tuple[Any, ...]] = field(default_factory=SimpleQueue)
     gone: SimpleQueue[int] = field(default_factory=SimpleQueue)
 
     def __post_init__(self) -> None:
@@ -44,6 +45,7 @@ class Desk:
             self.scene,
             lambda *move: self.moves.put(move),
             lambda page, robot: self.choices.put((page, robot)),
+            lambda *point: self.points.put(point),
         )
         self.server.on_client_disconnect(self._note)
 
@@ -120,7 +122,7 @@ def test_every_control_has_a_label_and_a_hint(viewer: Viewer) -> None:
 
 def test_the_page_finds_the_places_it_draws_in(viewer: Viewer) -> None:
     content = [c.props["content"] for c in viewer.controls.values() if c.kind == "GuiHtmlMessage"]
-    assert content == [f'<div data-tsd="{name}"></div>' for name in ("gimbals", "plots", "health")]
+    assert content == [f'<div data-tsd="{name}"></div>' for name in ("joints", "plots", "health")]
     (tabs,) = (c for c in viewer.controls.values() if c.kind == "GuiTabGroupMessage")
     assert list(tabs.props["_tab_labels"]) == ["Drive", "Gimbals", "View", "Plots", "Health"]
 

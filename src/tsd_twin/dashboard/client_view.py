@@ -11,6 +11,7 @@ from tsd_twin.dashboard import palette
 from tsd_twin.dashboard.body import Body
 from tsd_twin.dashboard.ghosts import add_cage
 from tsd_twin.dashboard.layers import ROOT, Layer, layer_nodes
+from tsd_twin.dashboard.pointing import point_on_ball
 from tsd_twin.dashboard.scene import Scene
 from tsd_twin.dashboard.tried import Tried
 from tsd_twin.dashboard.viser_server import CAMERA_M, LOOK_AT_M
@@ -92,6 +93,17 @@ class ClientView:
             self._client.camera.position = middle + offset
             self._client.camera.look_at = middle + LOOK_AT_M
         self._client.flush()
+
+    def point(self, origin: Array, direction: Array) -> tuple[float, float, float] | None:
+        """Return the point of the ball that a ray (3,), (3,) in its picture meets."""
+        body = self.body
+        radius_m = None if body is None else body.meshes.shape.ball_radius_m
+        if body is None or radius_m is None:
+            return None
+        x, y = self._world_xy
+        height_m = body.meshes.shape.skeleton.tree.height_m
+        centre = np.array([x + body.pose[0], y + body.pose[1], height_m])
+        return point_on_ball(origin, direction, centre, radius_m, body.ball)
 
     # What it shows.
 

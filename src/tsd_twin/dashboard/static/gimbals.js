@@ -49,7 +49,7 @@ export class Gimbals {
       this._verdict,
     );
     place.append(this._waiting, this._all);
-    this._draw = () => isSeen(this._list.parentElement.getRootNode().host) && this._show();
+    this._draw = () => isSeen(place) && this._show();
     this._open = true;
     link.on("state", () => this._open && this._draw());
     link.on("robot", () => this._open && this._build());

@@ -2,8 +2,8 @@
 // connects again.
 
 import { el } from "./dom.js";
-import { Gimbals } from "./gimbals.js";
 import { Health } from "./health.js";
+import { Joints } from "./joints.js";
 import { nameControls } from "./names.js";
 import { Plots } from "./plots.js";
 import { Recorder } from "./recorder.js";
@@ -12,7 +12,7 @@ import { Recorder } from "./recorder.js";
 export function watchPanels(link) {
   const recorder = new Recorder(link);
   const makers = {
-    gimbals: (place) => new Gimbals(link, place),
+    joints: (place) => new Joints(link, place),
     plots: (place) => new Plots(recorder, place),
     health: (place) => new Health(link, place),
   };
@@ -38,9 +38,11 @@ export function watchPanels(link) {
   fill();
 }
 
+const STYLES = { joints: ["gimbals", "wheels"], plots: ["plots"], health: ["health"] };
+
 function shadow(place) {
   const root = place.shadowRoot ?? place.attachShadow({ mode: "open" });
-  const styles = ["panel", place.dataset.tsd];
+  const styles = ["panel", ...STYLES[place.dataset.tsd]];
   root.replaceChildren(
     ...styles.map((name) => el("link", { rel: "stylesheet", href: `static/${name}.css` })),
   );
