@@ -176,10 +176,8 @@ class SphereDrive:
     def true_twist(self, joints: Array, side: Array) -> Array:
         """Return the twist (..., 3) that wheel speeds `joints` (..., k) give the sphere."""
         rows = self.true_rows(side)
-        if self.wheels == 3:
-            return np.linalg.solve(rows, joints[..., None])[..., 0]
-        back: Array = np.linalg.pinv(rows)
-        return (back @ joints[..., None])[..., 0]
+        back = np.linalg.inv(rows) if self.wheels == 3 else np.linalg.pinv(rows)
+        return np.asarray((back @ joints[..., None])[..., 0], dtype=float)
 
 
 def mounting(

@@ -159,7 +159,7 @@ class OmniSimulation:
         weight = c * (1.0 - self._pull_m * along)
         matrix = np.diag(self._body / dt_s) + (grip.T * weight[..., None, :]) @ grip
         push = self._twist * (self._body / dt_s) + (c * self._pull_m * alone) @ grip
-        twist: Array = np.linalg.solve(matrix, push[..., None])[..., 0]
+        twist = np.asarray(np.linalg.solve(matrix, push[..., None])[..., 0], dtype=float)
         return alone + along * (twist @ grip.T), twist
 
     def _creep(self, joints: Array, twist: Array) -> Array:
