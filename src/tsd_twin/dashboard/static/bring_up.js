@@ -1,7 +1,7 @@
 // A point of the sphere that was clicked on is brought up: a source of motion like the stick, which
 // goes on by itself until it is there. Hands on any control, or anything that lets go, ends it.
 
-import { rotated } from "./sphere.js";
+import { rotated } from "./space.js";
 
 const CLICK_MS = 3000; // The word of a click comes by way of the server.
 const GIVE_UP_MS = 30000;

@@ -2,7 +2,7 @@
 
 import { el, mark, say, svg } from "./dom.js";
 import { fixed } from "./format.js";
-import { isSeen } from "./panels.js";
+import { isSeen } from "./seen.js";
 
 const REACH = 40; // Radius of the tilt limit in the drawing.
 const CONFLICT_MPS = 0.1; // End of the conflict bar.

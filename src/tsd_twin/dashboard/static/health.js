@@ -2,7 +2,7 @@
 
 import { el, say } from "./dom.js";
 import { fixed } from "./format.js";
-import { isSeen } from "./panels.js";
+import { isSeen } from "./seen.js";
 
 const REASONS = {
   stale: "too old",

@@ -48,8 +48,3 @@ function shadow(place) {
   );
   return root;
 }
-
-/** Whether an element can be seen now: a tab that is not shown takes no room. */
-export function isSeen(node) {
-  return document.visibilityState === "visible" && node.offsetParent !== null;
-}

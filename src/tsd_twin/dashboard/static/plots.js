@@ -3,7 +3,7 @@
 import { Chart } from "./chart.js";
 import { el, say } from "./dom.js";
 import { fixed } from "./format.js";
-import { isSeen } from "./panels.js";
+import { isSeen } from "./seen.js";
 
 const FRAME_MS = 80;
 const TONES = ["one", "two", "three", "four"];

@@ -2,7 +2,8 @@
 
 import { el, mark, say, svg } from "./dom.js";
 import { fixed } from "./format.js";
-import { isSeen } from "./panels.js";
+import { isSeen } from "./seen.js";
+import { rotated } from "./space.js";
 import { Apart, WheelList } from "./wheels.js";
 
 const RADIUS = 40; // Of the drawing.
@@ -86,12 +87,6 @@ export class Sphere {
     );
     say(this._rows, `Rows in contact: ${ball.rows.map((row) => ROWS[row]).join(", ")}.`);
   }
-}
-
-/** Return a vector turned by a unit quaternion w, x, y, z. */
-export function rotated([w, x, y, z], [a, b, c]) {
-  const [p, q, r] = [2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)];
-  return [a + w * p + y * r - z * q, b + w * q + z * p - x * r, c + w * r + x * q - y * p];
 }
 
 /** Seen from above, x up and y to the left; what is below is faint. */

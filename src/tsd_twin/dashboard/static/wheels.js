@@ -2,7 +2,7 @@
 
 import { el, mark, say } from "./dom.js";
 import { fixed } from "./format.js";
-import { isSeen } from "./panels.js";
+import { isSeen } from "./seen.js";
 
 const CONFLICT_MPS = 0.1; // End of the conflict bar.
 
