@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeAlias
-
 import numpy as np
 import viser
 
@@ -12,9 +9,6 @@ from tsd_twin.dashboard.layers import robot_node
 from tsd_twin.dashboard.shape import Shape
 from tsd_twin.description import Link
 from tsd_twin.lie import SE2, SO3, Array
-
-OnClick: TypeAlias = Callable[[viser.ClientHandle, str, Array, Array], None]
-"""Called with client, robot id, and the ray of the click in the scene: origin, direction (3,)."""
 
 
 class FleetMeshes:
@@ -34,8 +28,6 @@ class FleetMeshes:
         self._balls = np.zeros((0, 4))
         self._angles = np.zeros((0, len(shape.drive.joints)))
         self._moved = False
-        self.on_click: OnClick | None = None
-        """Called on viser's thread when a ball is clicked on."""
 
     @property
     def ids(self) -> tuple[str, ...]:
@@ -93,15 +85,6 @@ class FleetMeshes:
                 self._handles[kind] = self._scene.add_batched_glb(
                     self.node(kind), data, wxyz, position, lod="off"
                 )
-                if kind == self.shape.ball:
-                    self._handles[kind].on_click(self._clicked)
-
-    async def _clicked(self, event: viser.SceneNodePointerEvent[Any]) -> None:
-        """Tell whose ball a ray meets; a client may send any ray and any number."""
-        row = event.instance_index
-        if self.on_click is not None and row is not None and 0 <= row < len(self._ids):
-            origin, direction = np.array(event.ray_origin), np.array(event.ray_direction)
-            self.on_click(event.client, self._ids[row], origin, direction)
 
     def _clear(self) -> None:
         for handle in self._handles.values():

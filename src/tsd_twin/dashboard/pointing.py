@@ -3,10 +3,45 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any, TypeAlias
 
 import numpy as np
+import viser
 
+from tsd_twin.dashboard.shape import Shape
 from tsd_twin.lie import SO3, Array
+
+OnClick: TypeAlias = Callable[[viser.ClientHandle, str, Array, Array], None]
+"""Called on viser's thread with client, robot id, and the ray in the scene: origin, direction (3,).
+
+A client may send any ray."""
+
+
+def add_target(
+    scene: viser.SceneApi, name: str, shape: Shape, robot_id: str, on_click: OnClick
+) -> None:
+    """Add what is clicked on where a robot has its ball, if it has one: it cannot be seen.
+
+    The ball itself is a batched node, and those break the page of viser 1.1.1 when they can be
+    clicked on.
+    """
+    if shape.ball_radius_m is None:
+        return
+    target = scene.add_icosphere(
+        name,
+        1.002 * shape.ball_radius_m,
+        opacity=0.0,
+        cast_shadow=False,
+        receive_shadow=False,
+        position=(0.0, 0.0, shape.skeleton.tree.height_m),
+    )
+
+    async def clicked(event: viser.SceneNodePointerEvent[Any]) -> None:
+        ray = np.array(event.ray_origin), np.array(event.ray_direction)
+        on_click(event.client, robot_id, *ray)
+
+    target.on_click(clicked)
 
 
 def point_on_ball(

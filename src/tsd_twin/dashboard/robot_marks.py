@@ -11,6 +11,7 @@ from tsd_twin.dashboard.ellipse import CovarianceEllipse
 from tsd_twin.dashboard.ghosts import PoseGhost, SetpointGhost, place
 from tsd_twin.dashboard.layers import OTHERS, TRAILS, TRUTHS, Layer, mark_node, robot_node
 from tsd_twin.dashboard.link import Snapshot
+from tsd_twin.dashboard.pointing import OnClick, add_target
 from tsd_twin.dashboard.poses import joint_vector
 from tsd_twin.dashboard.shape import Shape
 from tsd_twin.dashboard.trail import Trail
@@ -24,7 +25,9 @@ class RobotMarks:
     it only moves along.
     """
 
-    def __init__(self, scene: viser.SceneApi, robot_id: str, shape: Shape) -> None:
+    def __init__(
+        self, scene: viser.SceneApi, robot_id: str, shape: Shape, on_click: OnClick
+    ) -> None:
         node, self._drive = robot_node(robot_id), shape.drive
         self._base = scene.add_frame(node, show_axes=False)
         self.setpoint = (
@@ -39,6 +42,7 @@ class RobotMarks:
         self.ellipse = CovarianceEllipse(scene, mark_node(Layer.ELLIPSE, robot_id))
         if not shape.skeleton.has_ball:  # It stays where it is, whatever it does.
             _add_heading(scene, f"{node}/h", shape.reach_m)
+        add_target(scene, f"{node}/b", shape, robot_id, on_click)
         self._cover = _add_cover(scene, f"{node}/c", shape)
         self.label = scene.add_label(
             mark_node(Layer.LABELS, robot_id),

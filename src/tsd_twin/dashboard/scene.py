@@ -11,9 +11,10 @@ import msgspec
 import viser
 
 from tsd_twin.dashboard.body import Body, Source
-from tsd_twin.dashboard.fleet_meshes import FleetMeshes, OnClick
+from tsd_twin.dashboard.fleet_meshes import FleetMeshes
 from tsd_twin.dashboard.ground import add_ground
 from tsd_twin.dashboard.layers import OTHERS, ROOT, SCALE, TRAILS, TRUTHS
+from tsd_twin.dashboard.pointing import OnClick
 from tsd_twin.dashboard.robot_marks import RobotMarks
 from tsd_twin.dashboard.shape import Shape
 from tsd_twin.lie import Array
@@ -75,10 +76,9 @@ class Scene:
         shape = known.shape if known else Shape(link.robot)  # Nobody has to wait for this.
         with self.lock:
             meshes = self._fleets.setdefault(key, FleetMeshes(self.server.scene, shape))
-            meshes.on_click = self._clicked
             if link.id in self._bodies:
                 self._erase(self._bodies[link.id])
-            marks = RobotMarks(self.server.scene, link.id, meshes.shape)
+            marks = RobotMarks(self.server.scene, link.id, meshes.shape, self._clicked)
             meshes.add(link.id)
             self._bodies[link.id] = Body(link, meshes, marks)
             self._regroup()

@@ -75,12 +75,6 @@ class Shape:
         return any(limbs.hinge is Hinge.ANGLE for limbs in self.skeleton.tree.limbs)
 
     @property
-    def ball(self) -> Link | None:
-        """The kind of link that is turned in place, if there is one."""
-        kinds = [limbs.kind for limbs in self.skeleton.tree.limbs if limbs.hinge is Hinge.BALL]
-        return kinds[0] if kinds else None
-
-    @property
     def ball_radius_m(self) -> float | None:
         """Radius of the ball that it turns in place; None: it drives over a floor."""
         for limbs in self.skeleton.tree.limbs:
