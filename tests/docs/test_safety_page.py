@@ -41,6 +41,7 @@ def test_the_times_are_those_of_the_code_and_the_shipped_robot() -> None:
         "limits": ROBOT.limits,
         "motor": ROBOT.motor,
         "lease": lease,
+        "hand_over": hand_over,
         "authority": authority,
         "core": core.core,
     }

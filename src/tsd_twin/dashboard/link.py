@@ -12,6 +12,7 @@ import numpy as np
 
 from tsd_twin import robots, topics
 from tsd_twin.bus import Bus, Publisher
+from tsd_twin.dashboard.trips import RoundTrips
 from tsd_twin.errors import BusError, MessageError
 from tsd_twin.lie import Array
 from tsd_twin.messages.command import encode_attachment
@@ -72,6 +73,8 @@ class RobotLink:
         self.urdf = description.urdf
         self.drive = self.robot.kinematics()
         self.snapshot = Snapshot()
+        self.trips = RoundTrips()
+        """How long the robot takes to answer, as far as it has been measured."""
         self._readers = {
             "joints": (bus.reader(topics.JOINTS.key(robot_id), 1), decode_joints),
             "setpoint": (bus.reader(topics.SETPOINT.key(robot_id), 1), decode_joints),

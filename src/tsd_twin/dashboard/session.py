@@ -60,6 +60,7 @@ class Session:
         self._on_released, self._on_chosen = on_released, on_chosen
         self._grip = Grip()
         self._desk = Desk(self._operator, calls, self._post, self.let_go)
+        self._stops: int | None = None
         self._watchdog: asyncio.TimerHandle | None = None
         self._stopping: set[asyncio.Task[None]] = set()
 
@@ -129,7 +130,11 @@ class Session:
             raise MessageError("nonfinite", "a twist must be finite numbers")
         self.mail.seen(message.seen)
         control = self._desk.control
-        if control is None or not self._grip.drive(time.monotonic()):
+        if control is None:
+            if self._grip.refuse():  # What is held while control changes hands must not set it off.
+                self._post(protocol.Released(reason="you do not have control"))
+            return
+        if not self._grip.drive(time.monotonic()):
             return
         if time.monotonic() - control.link.snapshot.received_s > control.max_age_s:
             # The robot stops meanwhile, and may be ready again before the next word of it comes.
@@ -192,11 +197,20 @@ class Session:
         self._post(protocol.Answer(to="stop", ok=reply.ok, reason=reply.reason))
 
     def _lease(self, message: protocol.AskLease) -> None:
-        if message.op == "release":
-            self._desk.ask("lease", self._desk.release())
-        else:
-            view = self._roster.view(self.robot_id)
-            self._desk.ask("lease", self._desk.acquire(view.link if view else None, message))
+        desk = self._desk
+        view = self._roster.view(self.robot_id)
+        link = view.link if view else None
+        match message.op:
+            case "acquire":
+                desk.ask("lease", desk.acquire(link, message))
+            case "request":
+                desk.ask("lease", desk.request(link, message))
+            case "release":
+                desk.ask("lease", desk.release())
+            case "withdraw":
+                desk.ask("lease", desk.withdraw())
+            case "grant" | "keep":
+                desk.ask("lease", desk.answer(message.op, message.asker))
 
     def choose(self, robot_id: str) -> None:
         """Turn to another robot: control of the one before is given up."""
@@ -208,7 +222,7 @@ class Session:
             return Reply(False, f"there is no robot {robot_id}")
         self.let_go("another robot is shown")
         await self._desk.give_up()
-        self.robot_id = robot_id
+        self.robot_id, self._stops = robot_id, None
         self._show_robot()
         self._on_chosen(self.page, robot_id)
         return Reply(True)
@@ -221,8 +235,13 @@ class Session:
         if control is not None and control.is_lost(state.status):
             self._lost(f"{lease.holder} has taken over" if lease.holder else "it has run out")
             control = None
+        self._desk.hear(lease)
         if state.status.mode not in _DRIVABLE:
             self.let_go(f"the robot is {state.status.mode}")
+        if self._stops not in (None, state.status.stops):
+            # It may be ready again by now: a stop can be shorter than the time between two states.
+            self.let_go("the robot has stopped by itself")
+        self._stops = state.status.stops
         you = control is not None and lease.holder == self._operator
         self.mail.state(state.seen, protocol.encode(msgspec.structs.replace(state, you=you)))
 

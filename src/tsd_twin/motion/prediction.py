@@ -1,0 +1,100 @@
+"""Where a robot will be: its model run forward by what it has been told and has not heard yet."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Generic
+
+import numpy as np
+
+from tsd_twin.drives.drive import Drive, PoseT
+from tsd_twin.lie import Array
+from tsd_twin.motion.limiter import TwistLimiter
+from tsd_twin.robots.robot import Limits
+
+STEP_S = 0.01
+"""As long as a period of the robot, which approaches a command in steps."""
+LONGEST_S = 5.0
+"""Nobody wants to know what is later, and every robot has come to rest by then."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Due:
+    """A command that is on its way."""
+
+    after_s: float
+    """When it arrives, counted from the state that is run forward; before it when negative."""
+    request: Array
+    """(3,): the twist that it asks for, in the base frame."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment(Generic[PoseT]):
+    """One step of a prediction."""
+
+    after_s: float
+    pose: PoseT
+    twist: Array
+    """(3,): what is commanded to the joints."""
+
+
+class Predictor(Generic[PoseT]):
+    """Runs the limiter and the drive of the robot forward; everything is an argument.
+
+    `lag_s` is how late the joints follow their set-points, as a first-order lag.
+    """
+
+    def __init__(self, drive: Drive[PoseT], limits: Limits, lag_s: float = 0.0) -> None:
+        self._drive = drive
+        self._limiter = TwistLimiter(drive, limits)
+        # What is left after a step of the difference between set-point and motion.
+        self._left = math.exp(-STEP_S / lag_s) if lag_s > 0.0 else 0.0
+
+    def moments(
+        self, pose: PoseT, twist: Array, commands: Sequence[Due], share: float = 1.0
+    ) -> Iterator[Moment[PoseT]]:
+        """Yield state after state, from `pose` with `twist` (3,) commanded to the joints.
+
+        `commands` are in the order of their arrival; the last one holds for ever, and without any
+        the robot goes on as it does. `share` is that of the limits which the lease leaves.
+        """
+        waiting = list(commands)
+        goal = moving = twist = np.asarray(twist, float)
+        for step in range(round(LONGEST_S / STEP_S) + 1):
+            after_s = step * STEP_S
+            yield Moment(after_s, pose, twist)
+            while waiting and waiting[0].after_s <= after_s:
+                request = waiting.pop(0).request
+                goal = self._limiter.cap(request, share)
+            twist = self._limiter.approach(twist, goal, STEP_S)
+            moving = twist + self._left * (moving - twist)
+            pose = self._drive.move(pose, moving, STEP_S)
+
+    def after(
+        self,
+        ahead_s: float,
+        pose: PoseT,
+        twist: Array,
+        commands: Sequence[Due],
+        share: float = 1.0,
+    ) -> PoseT:
+        """Return the pose after `ahead_s`, to the step."""
+        for moment in self.moments(pose, twist, commands, share):
+            pose = moment.pose
+            if moment.after_s >= ahead_s - 0.5 * STEP_S:
+                break
+        return pose
+
+    def until_rest(
+        self, pose: PoseT, twist: Array, commands: Sequence[Due], share: float = 1.0
+    ) -> list[PoseT]:
+        """Return the poses on the way until the last command holds and the robot is at rest."""
+        path: list[PoseT] = []
+        last_s = commands[-1].after_s if commands else 0.0
+        for moment in self.moments(pose, twist, commands, share):
+            path.append(moment.pose)
+            if moment.after_s > last_s and not moment.twist.any():
+                break
+        return path
