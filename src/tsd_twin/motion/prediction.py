@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Generic
+from typing import Any, Generic
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from tsd_twin.robots.robot import Limits
 
 STEP_S = 0.01
 """As long as a period of the robot, which approaches a command in steps."""
+AT_REST = 0.005
+"""In m/s and rad/s: less is standstill."""
 LONGEST_S = 5.0
 """Nobody wants to know what is later, and every robot has come to rest by then."""
 
@@ -26,8 +28,8 @@ class Due:
 
     after_s: float
     """When it arrives, counted from the state that is run forward; before it when negative."""
-    request: Array
-    """(3,): the twist that it asks for, in the base frame."""
+    request: Callable[[Any], Array] | Array
+    """(3,): the twist that it asks for, in the base frame; or how that follows from the pose."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,21 +38,25 @@ class Moment(Generic[PoseT]):
 
     after_s: float
     pose: PoseT
-    twist: Array
-    """(3,): what is commanded to the joints."""
+    moving: Array
+    """(3,): the twist with which it moves, which follows the one that is commanded."""
 
 
 class Predictor(Generic[PoseT]):
     """Runs the limiter and the drive of the robot forward; everything is an argument.
 
-    `lag_s` is how late the joints follow their set-points, as a first-order lag.
+    `lag_s` is how late the joints follow their set-points, as a first-order lag; `step_s` is best
+    a period of the robot, and may be longer where a centimetre does not matter.
     """
 
-    def __init__(self, drive: Drive[PoseT], limits: Limits, lag_s: float = 0.0) -> None:
+    def __init__(
+        self, drive: Drive[PoseT], limits: Limits, lag_s: float = 0.0, step_s: float = STEP_S
+    ) -> None:
         self._drive = drive
+        self._step_s = step_s
         self._limiter = TwistLimiter(drive, limits)
         # What is left after a step of the difference between set-point and motion.
-        self._left = math.exp(-STEP_S / lag_s) if lag_s > 0.0 else 0.0
+        self._left = math.exp(-step_s / lag_s) if lag_s > 0.0 else 0.0
 
     def moments(
         self, pose: PoseT, twist: Array, commands: Sequence[Due], share: float = 1.0
@@ -60,17 +66,20 @@ class Predictor(Generic[PoseT]):
         `commands` are in the order of their arrival; the last one holds for ever, and without any
         the robot goes on as it does. `share` is that of the limits which the lease leaves.
         """
-        waiting = list(commands)
+        waiting, step_s = list(commands), self._step_s
         goal = moving = twist = np.asarray(twist, float)
-        for step in range(round(LONGEST_S / STEP_S) + 1):
-            after_s = step * STEP_S
-            yield Moment(after_s, pose, twist)
-            while waiting and waiting[0].after_s <= after_s:
+        request: Callable[[Any], Array] | Array | None = None
+        for step in range(round(LONGEST_S / step_s) + 1):
+            after_s = step * step_s
+            yield Moment(after_s, pose, moving)
+            while waiting and waiting[0].after_s <= after_s + 1e-9:
                 request = waiting.pop(0).request
-                goal = self._limiter.cap(request, share)
-            twist = self._limiter.approach(twist, goal, STEP_S)
+            if request is not None:
+                wanted = request(pose) if callable(request) else request
+                goal = self._limiter.cap(wanted, share)
+            twist = self._limiter.approach(twist, goal, step_s)
             moving = twist + self._left * (moving - twist)
-            pose = self._drive.move(pose, moving, STEP_S)
+            pose = self._drive.move(pose, moving, step_s)
 
     def after(
         self,
@@ -83,7 +92,7 @@ class Predictor(Generic[PoseT]):
         """Return the pose after `ahead_s`, to the step."""
         for moment in self.moments(pose, twist, commands, share):
             pose = moment.pose
-            if moment.after_s >= ahead_s - 0.5 * STEP_S:
+            if moment.after_s >= ahead_s - 0.5 * self._step_s:
                 break
         return pose
 
@@ -95,6 +104,6 @@ class Predictor(Generic[PoseT]):
         last_s = commands[-1].after_s if commands else 0.0
         for moment in self.moments(pose, twist, commands, share):
             path.append(moment.pose)
-            if moment.after_s > last_s and not moment.twist.any():
+            if moment.after_s > last_s and np.abs(moment.moving).max() < AT_REST:
                 break
         return path

@@ -35,7 +35,11 @@ export function notDrive(link) {
 }
 
 export function notTake(link) {
-  return notConnected(link);
+  const reason = notConnected(link);
+  if (reason !== null) return reason;
+  const { reserved_for: kept } = link.state.status.lease;
+  const free = (kept ?? null) === null || kept === link.welcome?.operator;
+  return free ? null : `Control is kept for ${kept}, for a moment.`;
 }
 
 export function notArm(link) {
