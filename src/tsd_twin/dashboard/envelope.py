@@ -18,13 +18,15 @@ _SEEN_M = 0.001
 def outline(path: Array, reach_m: float) -> Array:
     """Return what a disc sweeps along `path` (n, 2+), or more: a convex polygon (SIDES, 2).
 
-    It is the convex hull of the discs, by its support function; the arcs to standstill are short,
-    so the hull adds little. The corners lie outside the circles, so that no edge cuts into one.
+    It is about the convex hull of the discs, by its support function: tangents in SIDES directions,
+    and where each meets the next. The arcs to standstill are short, so the hull adds little.
     """
     angles = np.arange(SIDES) * 2.0 * np.pi / SIDES
-    rays = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    farthest = np.argmax(path[:, :2] @ rays.T, axis=0)
-    return path[farthest, :2] + reach_m / np.cos(np.pi / SIDES) * rays
+    x, y = np.cos(angles), np.sin(angles)
+    far = (path[:, :2] @ np.stack([x, y])).max(axis=0) + reach_m
+    next_x, next_y, next_far = (np.roll(values, -1) for values in (x, y, far))
+    corners = np.stack([far * next_y - next_far * y, next_far * x - far * next_x], axis=-1)
+    return corners / np.sin(2.0 * np.pi / SIDES)
 
 
 class StopEnvelope:
