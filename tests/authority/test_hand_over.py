@@ -96,7 +96,7 @@ def test_a_request_without_an_answer_ends(asked: Stage) -> None:
     assert asked.authority.hand_over.asked(asked.now_s) is not None
     hold_on(asked, 1.0)
     assert asked.authority.hand_over.asked(asked.now_s) is None
-    assert "got no answer from alice" in texts(asked)[-1]
+    assert "alice has given no answer to bob" in texts(asked)[-1]
     assert answer(asked, "grant").reason == "nobody asks for control"
 
 

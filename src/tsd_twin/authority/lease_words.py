@@ -37,7 +37,7 @@ class LeaseWords:
         if holder and not self._holder:
             return f"Control of {holder} has run out."
         if asked is not None and self._asked is None:
-            return f"{asked.operator} has asked for control and got no answer from {holder}."
+            return f"{holder} has given no answer to {asked.operator}, who asked for control."
         if reserved is not None and self._reserved is None:
             return f"Control was kept for {reserved.operator}, who did not take it."
         return ""
