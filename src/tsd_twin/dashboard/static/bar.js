@@ -23,7 +23,9 @@ export class Bar {
       this._modeIcon,
       this._modeWord,
     );
-    this._who = el("span", { class: "who" });
+    this._name = el("span", { class: "name" });
+    this._does = el("span");
+    this._who = el("span", { class: "who" }, this._name, " ", this._does);
     this._dot = el("span", { class: "shape" });
     this._grade = el("span", { class: "word" });
     this._ms = el("span", { class: "number" });
@@ -144,8 +146,9 @@ export class Bar {
     const holder = status?.lease.holder ?? null;
     const kept = status?.lease.reserved_for ?? null;
     const waits = this._handOver().waits;
-    const free = kept === null ? "nobody drives" : `kept for ${kept}`;
-    say(this._who, you ? "you drive" : holder === null ? free : `${holder} drives`);
+    say(this._name, you ? "you" : (holder ?? (kept === null ? "nobody" : "kept for")));
+    say(this._does, you ? "drive" : (holder === null ? kept : null) ?? "drives");
+    mark(this._who, "title", you ? null : holder);
     this.control.become(
       ...(you
         ? ["Release control", "Give control back; the robot comes to rest"]
