@@ -37,7 +37,7 @@ def test_control_is_asked_for_and_handed_over_by_keyboard(start: Callable[..., P
             mode(page, "disarmed")
             press(page, "Skip")
         press(alice, "Take control")
-        expect(alice.get_by_text("you drive")).to_be_visible(timeout=PATIENCE_MS)
+        expect(alice.get_by_text("you drive", exact=True)).to_be_visible(timeout=PATIENCE_MS)
         before = alice.evaluate(ACTIVE)
         press(bob, "Ask for control")
         assert "You have asked" in notice(bob)
@@ -46,7 +46,7 @@ def test_control_is_asked_for_and_handed_over_by_keyboard(start: Callable[..., P
         hand_over = alice.get_by_role("button", name="Hand over")
         hand_over.focus()
         alice.keyboard.press("Enter")
-        expect(bob.get_by_text("you drive")).to_be_visible(timeout=PATIENCE_MS)
+        expect(bob.get_by_text("you drive", exact=True)).to_be_visible(timeout=PATIENCE_MS)
         expect(alice.get_by_role("button", name="Ask for control")).to_be_visible(
             timeout=PATIENCE_MS
         )
@@ -58,6 +58,7 @@ def test_control_is_asked_for_and_handed_over_by_keyboard(start: Callable[..., P
         alice.get_by_label("Reason, for all to see").fill("it is my robot")
         press(alice, "Take over")
         for page in (alice, bob):
-            expect(page.get_by_text("it is my robot")).to_be_visible(timeout=PATIENCE_MS)
-        expect(alice.get_by_text("you drive")).to_be_visible(timeout=PATIENCE_MS)
+            messages = page.get_by_role("log", name="Messages")
+            expect(messages).to_contain_text("it is my robot", timeout=PATIENCE_MS)
+        expect(alice.get_by_text("you drive", exact=True)).to_be_visible(timeout=PATIENCE_MS)
         browser.close()
