@@ -38,6 +38,8 @@ def test_control_is_asked_for_and_handed_over_by_keyboard(start: Callable[..., P
             press(page, "Skip")
         press(alice, "Take control")
         expect(alice.get_by_text("you drive", exact=True)).to_be_visible(timeout=PATIENCE_MS)
+        link = alice.get_by_role("status", name="Link")
+        expect(link).to_contain_text(re.compile(r"(good|fair|poor)\s*\d+ ms"), timeout=PATIENCE_MS)
         before = alice.evaluate(ACTIVE)
         press(bob, "Ask for control")
         assert "You have asked" in notice(bob)
