@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 import viser
 
 from tsd_twin.dashboard import palette
@@ -72,9 +73,9 @@ class StopEnvelope:
         self._area.vertices = self._raised()
         self._rim.points = self._edges()
 
-    def _raised(self) -> Array:
+    def _raised(self) -> npt.NDArray[np.float32]:
         return np.insert(self._shown, 2, HEIGHT_M, axis=1).astype(np.float32)
 
-    def _edges(self) -> Array:
+    def _edges(self) -> npt.NDArray[np.float32]:
         corners = self._raised()
         return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)

@@ -75,7 +75,7 @@ class Predictor(Generic[PoseT]):
             while waiting and waiting[0].after_s <= after_s + 1e-9:
                 request = waiting.pop(0).request
             if request is not None:
-                wanted = request(pose) if callable(request) else request
+                wanted = request if isinstance(request, np.ndarray) else request(pose)
                 goal = self._limiter.cap(wanted, share)
             twist = self._limiter.approach(twist, goal, step_s)
             moving = twist + self._left * (moving - twist)
