@@ -102,20 +102,19 @@ def _under_way(sent: Sequence[Sent], now_s: float, trip_s: float, heading: float
     no clocks have to agree for that.
     """
     recent = [one for one in sent if one.sent_s > now_s - trip_s - _SINCE_S]
-    return [Due(one.sent_s - now_s + trip_s, _request(one, heading)) for one in recent]
+    from_world = _FromWorld(heading)
+    return [
+        Due(one.sent_s - now_s + trip_s, one.twist, from_world if one.frame == ODOM else None)
+        for one in recent
+    ]
 
 
-def _request(one: Sent, heading: float) -> Array | _InWorld:
-    return _InWorld(one.twist, heading) if one.frame == ODOM else one.twist
+@dataclass(frozen=True, slots=True)
+class _FromWorld:
+    """Turns twists from the axes of `odom` to those of a robot; poses begin at `heading_rad`."""
 
+    heading_rad: float
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _InWorld:
-    """A twist in the axes of `odom`, for a robot that turns; `heading` is where poses begin."""
-
-    twist: Array
-    heading: float
-
-    def __call__(self, pose: SE2) -> Array:
-        turn = SE2(np.array([0.0, 0.0, self.heading + float(pose.xy_heading[2])]))
-        return np.append(turn.inverse().rotate(self.twist[:2]), self.twist[2])
+    def __call__(self, pose: SE2, twist: Array) -> Array:
+        turn = SE2(np.array([0.0, 0.0, self.heading_rad + float(pose.xy_heading[2])]))
+        return np.append(turn.inverse().rotate(twist[:2]), twist[2])

@@ -28,8 +28,10 @@ class Due:
 
     after_s: float
     """When it arrives, counted from the state that is run forward; before it when negative."""
-    request: Callable[[Any], Array] | Array
-    """(3,): the twist that it asks for, in the base frame; or how that follows from the pose."""
+    request: Array
+    """(3,): the twist that it asks for."""
+    to_base: Callable[[Any, Array], Array] | None = None
+    """How the pose turns it into the base frame, where it is not in that frame already."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,14 +70,16 @@ class Predictor(Generic[PoseT]):
         """
         waiting, step_s = list(commands), self._step_s
         goal = moving = twist = np.asarray(twist, float)
-        request: Callable[[Any], Array] | Array | None = None
+        newest: Due | None = None
         for step in range(round(LONGEST_S / step_s) + 1):
             after_s = step * step_s
             yield Moment(after_s, pose, moving)
             while waiting and waiting[0].after_s <= after_s + 1e-9:
-                request = waiting.pop(0).request
-            if request is not None:
-                wanted = request if isinstance(request, np.ndarray) else request(pose)
+                newest = waiting.pop(0)
+            if newest is not None:
+                wanted = newest.request
+                if newest.to_base is not None:
+                    wanted = newest.to_base(pose, wanted)
                 goal = self._limiter.cap(wanted, share)
             twist = self._limiter.approach(twist, goal, step_s)
             moving = twist + self._left * (moving - twist)
