@@ -85,7 +85,7 @@ export class HandOver {
   _draw() {
     const { state } = this._link;
     const lease = state?.status.lease ?? {};
-    const asked = !this._link.isStale() && (lease.asked_by ?? null) !== null;
+    const asked = this._link.connected && (lease.asked_by ?? null) !== null;
     const holds = asked && state.you;
     const shown = holds || (asked && this.waits);
     this._card.hidden = !shown;
