@@ -9,6 +9,7 @@ import logging
 from tsd_twin import program
 from tsd_twin.dashboard import dashboard
 from tsd_twin.dashboard.gateway import ANYBODY
+from tsd_twin.dashboard.heap import return_large_blocks
 
 _LOG = logging.getLogger(__name__)
 _PATIENCE_S = 3.0
@@ -27,6 +28,7 @@ PARSER = program.parser(
 
 def serve(args: argparse.Namespace) -> None:
     """Run until SIGINT or SIGTERM."""
+    return_large_blocks()
     stop = program.stop_event(args)
 
     def ready(port: int) -> None:

@@ -7,7 +7,7 @@ import argparse
 from tsd_twin import description, program, robots
 from tsd_twin.messages.service import Description
 from tsd_twin.node import RobotNode
-from tsd_twin.sim import SimRobot
+from tsd_twin.sim import Board, SimRobot
 
 PARSER = program.parser(
     "tsd-mock",
@@ -27,13 +27,13 @@ def serve(args: argparse.Namespace) -> None:
     text = robots.text(args.robot)
     robot = robots.parse(text, args.robot)
     robot_id = args.id or robot.name
-    simulated = SimRobot(robot, seed=args.seed, noise=args.noise)
+    board = Board(robot, SimRobot(robot, seed=args.seed, noise=args.noise))
     with program.node_bus(args) as bus:
         node = RobotNode(
             bus,
             robot_id,
             robot,
-            simulated,
+            board,
             Description(text, description.urdf(robot, description.parts(robot))),
         )
         program.say_ready(f"tsd-mock {robot_id} on {' '.join(bus.endpoints()) or args.connect}")
