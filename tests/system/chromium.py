@@ -23,7 +23,7 @@ from websockets.sync.client import connect
 
 from tests.app.browser import FLAGS, executable
 
-PATIENCE_S = 15.0
+PATIENCE_S = 60.0
 _LOOK_EVERY_S = 0.03
 
 

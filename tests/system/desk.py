@@ -15,7 +15,7 @@ from tests.system.table import MOVED_M
 
 WATCHED_S = 1.0
 """For how long nothing may move after the last thing that happened."""
-_PRESSES = 12
+_PRESSES = 6
 _PRESS_S = 5.0
 
 
