@@ -30,7 +30,7 @@ class Board:
         self._wheels = np.flatnonzero([j.kind is JointKind.VELOCITY for j in drive.joints])
         self._rest = drive.inverse(np.zeros(len(drive.components)))
         self._rest[self._wheels] = 0.0
-        self._obeyed = self._rest
+        self._obeyed: Array = self._rest
         self._fed_s = 0.0
         self.tripped = False
 
