@@ -85,7 +85,7 @@ class RealPage:
 
     def take_control(self) -> None:
         """Take control, from whoever has it."""
-        self.tab.until(
-            f"{self.element('.driver')}.textContent.startsWith('you drive') || "
-            f"({self.button('Take control')}?.click(), {self.button('Take over')}?.click(), false)"
-        )
+        steps = ("Take control", "Ask for control", "Take over…", "Take over")
+        clicks = ", ".join(f"{self.button(step)}?.click()" for step in steps)
+        mine = f"{self.element('.driver')}.textContent.startsWith('you drive')"
+        self.tab.until(f"{mine} || ({clicks}, false)")
