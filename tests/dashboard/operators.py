@@ -15,6 +15,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config, node_config
+from tsd_twin.dashboard.door import Door, Rules
 from tsd_twin.dashboard.fleet import Fleet
 from tsd_twin.dashboard.gateway import Gateway
 from tsd_twin.dashboard.link import RobotLink
@@ -145,7 +146,7 @@ class Page:
 class Site:
     """Robots on a bus, and a gateway that shows them."""
 
-    def __init__(self, bus: Bus, viser_port: int) -> None:
+    def __init__(self, bus: Bus, viser_port: int, door: Door | None) -> None:
         self.released: list[str] = []
         self.chosen: list[tuple[str, str]] = []
         self.bus = bus
@@ -155,7 +156,7 @@ class Site:
         self.gateway = Gateway(
             self.fleet,
             viser_port,
-            allowed_hosts=["robot.example"],
+            door=door or Door(Rules(allowed_hosts=["robot.example"])),
             on_released=self.released.append,
         )
         self._threads = [
@@ -225,10 +226,10 @@ def robot_on_a_bus(robot_id: str = "tsd") -> Generator[str]:
 
 
 @contextmanager
-def site(viser_port: int = 1) -> Generator[Site]:
+def site(viser_port: int = 1, door: Door | None = None) -> Generator[Site]:
     """A robot and a gateway; without a viser unless a port is given."""
     with robot_on_a_bus() as endpoint, Bus(client_config([endpoint])) as bus:
-        made = Site(bus, viser_port)
+        made = Site(bus, viser_port, door)
         try:
             yield made
         finally:

@@ -118,6 +118,9 @@ class Welcome(_Message, frozen=True, tag="welcome"):
 
     operator: str
     role: Role
+    user: str | None
+    """Who has logged in; None where nobody has to."""
+    may_stop: bool
     robots: Sequence[RobotName]
     robot: str | None
 

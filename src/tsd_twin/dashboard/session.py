@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from tsd_twin.access import Identity, Role
+from tsd_twin.access import Role
 from tsd_twin.authority import Mode
 from tsd_twin.dashboard import protocol
 from tsd_twin.dashboard.calls import Calls
@@ -18,6 +18,7 @@ from tsd_twin.dashboard.desk import Desk
 from tsd_twin.dashboard.grip import SILENT_S, Grip, Hold
 from tsd_twin.dashboard.mailbox import Mailbox
 from tsd_twin.dashboard.roster import Roster
+from tsd_twin.dashboard.visitor import Visitor
 from tsd_twin.errors import MessageError
 from tsd_twin.messages.service import Event, Reply
 from tsd_twin.topics import Service
@@ -28,7 +29,7 @@ _OF_THE_HOLDER: Mapping[type[protocol.Arm | protocol.Disarm | protocol.Reset], S
     protocol.Disarm: Service.DISARM,
     protocol.Reset: Service.RESET,
 }
-_WATCHES = "this dashboard only watches: its certificate is a viewer's"
+_WATCHES = "a viewer only watches"
 _STOPS_AT_ONCE = 2
 """The second begins after the first, so a third would say nothing new."""
 
@@ -44,17 +45,18 @@ class Session:
         on_released: Callable[[str], None],
         on_chosen: Callable[[str, str], None],
         *,
-        owner: Identity,
+        visitor: Visitor,
     ) -> None:
-        """`owner` is whose dashboard this is; each page of it has an operator id of its own."""
+        """`visitor` is whose page this is; each of theirs has an operator id of its own."""
         self.page = page
+        self.visitor = visitor
         self.mail = Mailbox()
         self.robot_id: str | None = None
         """The robot that is watched."""
         self.rejected = 0
         """Messages that were none."""
-        self._operator = f"{owner.name}-{page[:8]}"
-        self._role = owner.role
+        self._operator = f"{visitor.identity.name}-{page[:8]}"
+        self._role = visitor.identity.role
         self._roster = roster
         self._calls = calls
         self._on_released, self._on_chosen = on_released, on_chosen
@@ -74,7 +76,12 @@ class Session:
             self.robot_id = names[0].id
         self._post(
             protocol.Welcome(
-                operator=self._operator, role=self._role, robots=names, robot=self.robot_id
+                operator=self._operator,
+                role=self._role,
+                user=self.visitor.user,
+                may_stop=self.visitor.may_stop,
+                robots=names,
+                robot=self.robot_id,
             )
         )
         self._show_robot()
@@ -183,6 +190,9 @@ class Session:
             self.let_go("the page is not in front")
 
     def _stop(self) -> None:
+        if not self.visitor.may_stop:
+            self._post(protocol.Answer(to="stop", ok=False, reason=_WATCHES))
+            return
         self.let_go("software stop")
         if len(self._stopping) < _STOPS_AT_ONCE:
             task = asyncio.create_task(self._stop_and_answer())
