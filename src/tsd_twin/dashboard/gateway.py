@@ -250,6 +250,7 @@ class Gateway:
 
 
 async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:
-    response.headers.update(HEADERS)
+    if "Content-Security-Policy" not in response.headers:  # The login page has rules of its own.
+        response.headers.update(HEADERS)
     if request.path.startswith("/static/"):
         response.headers["Cache-Control"] = "no-cache"

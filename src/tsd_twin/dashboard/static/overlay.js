@@ -1,5 +1,6 @@
 // The controls that must never be lost, drawn over viser's scene.
 
+import { Account } from "./account.js";
 import { Bar } from "./bar.js";
 import { Card } from "./card.js";
 import { el, mark, say } from "./dom.js";
@@ -24,7 +25,10 @@ import { Tip } from "./tip.js";
 import { Turn } from "./turn.js";
 
 const NARROW_PX = 600; // As in small.css.
-const STYLES = ["frame", "bar", "buttons", "notices", "handover", "card", "dock", "stop", "small"];
+const STYLES = [
+  ...["frame", "bar", "buttons", "notices", "handover", "card", "dock", "stop", "small"],
+  "account", // Last: it takes away what others show.
+];
 
 const link = new Link(window.tsd.page);
 const drive = new Drive(link);
@@ -80,6 +84,9 @@ const inner = el(
   tips.element,
 );
 const isArmed = ({ status }) => ["arming", "ready", "driving"].includes(status.mode);
+const account = new Account(link, tips, inner);
+bar.element.append(account.element);
+stopButton.element.append(account.watching);
 const hints = new Hints(link, tips, [
   {
     target: bar.control.button,
