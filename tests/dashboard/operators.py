@@ -32,9 +32,17 @@ T = TypeVar("T")
 class Page:
     """What the page in a browser does, with its own socket: it beats, and drives while it holds."""
 
-    def __init__(self, port: int, page: str, *, acknowledge: bool = True) -> None:
+    def __init__(
+        self,
+        port: int,
+        page: str,
+        *,
+        acknowledge: bool = True,
+        user: str = "web",
+        cookie: str | None = None,
+    ) -> None:
         self.name = page
-        self.operator = f"web-{page[:8]}"
+        self.operator = f"{user}-{page[:8]}"
         self.holds: dict[str, float] | None = None
         self.beats = True
         self.focus = True
@@ -43,7 +51,10 @@ class Page:
         self._acknowledge = acknowledge
         self._changed = threading.Condition()
         self._ended = threading.Event()
-        self._socket: ClientConnection = connect(f"ws://127.0.0.1:{port}/teleop?page={page}")
+        self._socket: ClientConnection = connect(
+            f"ws://127.0.0.1:{port}/teleop?page={page}",
+            additional_headers=None if cookie is None else {"Cookie": cookie},
+        )
         self._threads = [threading.Thread(target=work) for work in (self._read, self._beat)]
         for thread in self._threads:
             thread.start()

@@ -35,7 +35,9 @@ def key() -> str:
 def has_key(request: Request) -> bool:
     """Return whether a request brings the key, once."""
     brought = request.headers.get_all(KEY_HEADER)
-    return len(brought) == 1 and secrets.compare_digest(brought[0].encode(), key().encode())
+    return len(brought) == 1 and secrets.compare_digest(
+        brought[0].encode("utf-8", "replace"), key().encode()
+    )
 
 
 @contextmanager
