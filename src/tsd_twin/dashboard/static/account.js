@@ -11,6 +11,7 @@ export class Account {
   constructor(link, tips, frame) {
     this._link = link;
     this._frame = frame;
+    this._leaving = false;
     this._user = el("span", { class: "user" });
     const out = new Button("Log out", { tips, press: () => this._logOut(), kind: "quiet" });
     this.element = el("span", { class: "group account", hidden: true }, this._user, out.element);
@@ -30,13 +31,14 @@ export class Account {
   }
 
   async _logOut() {
+    this._leaving = true;
     await fetch("logout", { method: "POST", redirect: "manual" }).catch(() => null);
     location.assign("login");
   }
 
   /** A browser does not say why it has no socket; when it is the login, go there. */
   async _ask() {
-    if (this._link.connected || this._link.welcome.user === null) return;
+    if (this._leaving || this._link.connected || this._link.welcome.user === null) return;
     const answer = await fetch("healthz").catch(() => null);
     if (answer?.status === 401) location.assign("login");
     else setTimeout(() => this._ask(), ASK_MS);
