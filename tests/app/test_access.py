@@ -190,7 +190,7 @@ def test_alice_logs_in_drives_under_her_name_and_logs_out(
     page.goto(url + QUICK)
     press(page, "Skip")
     press(page, "Take control")
-    expect(page.get_by_text("you drive")).to_be_visible(timeout=PATIENCE_MS)
+    expect(page.get_by_role("button", name="Release control")).to_be_visible(timeout=PATIENCE_MS)
     press(page, "Log out")
     page.wait_for_url("**/login")
     assert context.cookies() == []
@@ -247,7 +247,9 @@ def test_nginx_as_on_the_page_of_the_docs(
         page.goto(f"{there}/{QUICK}")
         press(page, "Skip")
         press(page, "Take control")
-        expect(page.get_by_text("you drive")).to_be_visible(timeout=PATIENCE_MS)
+        expect(page.get_by_role("button", name="Release control")).to_be_visible(
+            timeout=PATIENCE_MS
+        )
         expect(page.get_by_role("slider", name="vx (m/s)")).to_be_visible(timeout=PATIENCE_MS)
         value = f"{cookie.get('name')}={cookie.get('value')}"
         trusting = ssl.create_default_context(cafile=folder / "keys" / "ca.pem")
