@@ -12,7 +12,7 @@ from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2
 from tsd_twin.messages.service import Description
 from tsd_twin.node import RobotNode
-from tsd_twin.sim import SimRobot
+from tsd_twin.sim import Board, SimRobot
 
 PARSER = program.parser(
     "tsd-mock",
@@ -33,13 +33,13 @@ def serve(args: argparse.Namespace) -> None:
     robot = robots.parse(text, args.robot)
     robot_id = args.id or robot.name
     pose = start_pose(args.at, robot) if args.at else None
-    simulated = SimRobot(robot, seed=args.seed, noise=args.noise, pose=pose)
+    board = Board(robot, SimRobot(robot, seed=args.seed, noise=args.noise, pose=pose))
     with program.node_bus(args) as bus:
         node = RobotNode(
             bus,
             robot_id,
             robot,
-            simulated,
+            board,
             Description(text, description.urdf(robot, description.parts(robot))),
             pose=pose,
         )

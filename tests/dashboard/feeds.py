@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 
 from tsd_twin import robots
-from tsd_twin.dashboard.link import Snapshot
+from tsd_twin.dashboard.link import Sent, Snapshot
 from tsd_twin.dashboard.poses import Poses, Skeleton
+from tsd_twin.dashboard.trips import RoundTrips
 from tsd_twin.description import tree
 from tsd_twin.drives import JointKind
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.ros import JointState, Odometry
+from tsd_twin.messages.status import Status
 from tsd_twin.robots import Robot
 
 PERIOD_S = 0.02
@@ -26,6 +28,8 @@ class Feed:
     id: str = "tsd"
     robot: Any = field(default_factory=lambda: robots.load("tsd"))
     snapshot: Snapshot = field(default_factory=Snapshot)
+    sent: list[Sent] = field(default_factory=list[Sent])
+    trips: RoundTrips = field(default_factory=RoundTrips)
 
     def __post_init__(self) -> None:
         self.drive: Any = self.robot.kinematics()
@@ -41,6 +45,7 @@ class Feed:
         ball: SO3 | None = None,
         true_ball: SO3 | None = None,
         other_ball: SO3 | None = None,
+        status: Status | None = None,
         covariance: Array | None = None,
         after_s: float = PERIOD_S,
     ) -> None:
@@ -53,6 +58,8 @@ class Feed:
             said = replace(said, setpoint=self._joint_state(setpoint))
         if pose is not None:
             said = replace(said, odom=odometry(pose, covariance))
+        if status is not None:
+            said = replace(said, status=status)
         if truth is not None:
             said = replace(said, truth=odometry(truth))
         for name, turned in (("odom", ball), ("truth", true_ball), ("other", other_ball)):

@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
 
 from tsd_twin.dashboard.fleet_meshes import FleetMeshes
-from tsd_twin.dashboard.link import Snapshot
+from tsd_twin.dashboard.foresight import NOTHING, Foresight, Outlook
+from tsd_twin.dashboard.link import Sent, Snapshot
 from tsd_twin.dashboard.poses import joint_vector
+from tsd_twin.dashboard.rate import Rate
 from tsd_twin.dashboard.robot_marks import RobotMarks
+from tsd_twin.dashboard.trips import RoundTrips
 from tsd_twin.drives import Drive, JointKind
-from tsd_twin.lie import SO3, Array
+from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.robots import Robot
 
 SLOWER = 50
 """Wheels that spin on gimbals are drawn turning this much slower than they do: 2,500 a minute as 50
 a minute, 5 degrees a frame. At their true speed a picture at 60 Hz would show them creeping,
 standing or going back. Wheels that roll are drawn as fast as they are."""
+FORESEEN_HZ = 10.0
+"""The model is run forward this often: it takes a millisecond or two."""
 _LONGEST_S = 0.1
 """A gap in the state longer than this is no time that a wheel was seen turning."""
 
@@ -45,6 +51,16 @@ class Source(Protocol):
         """The newest of everything it has said; the same object as long as there is nothing new."""
         ...
 
+    @property
+    def sent(self) -> Sequence[Sent]:
+        """The newest commands to it from here."""
+        ...
+
+    @property
+    def trips(self) -> RoundTrips:
+        """How long it takes to answer."""
+        ...
+
 
 class Body:
     """What is known of a robot, and what is drawn of it."""
@@ -64,6 +80,9 @@ class Body:
         self.ball = SO3.identity()
         """How the ball in it is turned, if there is one."""
         self._turned_s = -np.inf
+        # What stays where it is goes nowhere.
+        self._foresight = Foresight(link.drive, link.robot) if link.drive.space is SE2 else None
+        self._foresees = Rate(FORESEEN_HZ)
         self._wheels = np.array([joint.kind is JointKind.VELOCITY for joint in link.drive.joints])
         self._slower = SLOWER if meshes.shape.tilts else 1
 
@@ -87,6 +106,14 @@ class Body:
                 self._turn_wheels(joints, new.received_s)
         self.meshes.place(self.id, self.pose, self.ball, self.angles)
         self.marks.update(new, old, self.joints)
+        if self._foresight is not None and self._foresees.due(new.received_s):
+            self.marks.foresee(self._outlook(self._foresight, new))
+
+    def _outlook(self, foresight: Foresight, new: Snapshot) -> Outlook:
+        setpoint = joint_vector(self.link.drive, new.setpoint) if new.setpoint else None
+        if setpoint is None:
+            return NOTHING
+        return foresight.look(new, setpoint, self.link.sent, self.link.trips)
 
     def _turn_wheels(self, joints: Array, now_s: float) -> None:
         dt_s, self._turned_s = now_s - self._turned_s, now_s

@@ -1,4 +1,4 @@
-"""What is not the estimate: where the gimbals are told to be, and where else the robot may be."""
+"""What is not the estimate: where gimbals shall be, where else the robot is, where it will be."""
 
 from __future__ import annotations
 
@@ -90,6 +90,23 @@ def _differ(said: Odometry, estimate: Odometry) -> bool:
         return bool(np.linalg.norm(between.log()) > VISIBLE_RAD)
     off = said.xy_heading - estimate.xy_heading
     return bool(math.hypot(off[0], off[1]) > VISIBLE_M or abs(wrap(off[2])) > VISIBLE_RAD)
+
+
+class PredictedGhost:
+    """A cage of lines where the robot will be when a command that is sent now arrives.
+
+    It hangs on the robot, so a delay that stays the same at a speed that stays the same is silent.
+    """
+
+    def __init__(self, scene: viser.SceneApi, name: str, shape: Shape) -> None:
+        self._frame = scene.add_frame(name, show_axes=False)
+        self._cage = add_cage(scene, f"{name}/c", shape, palette.PREDICTED, visible=False)
+
+    def update(self, ahead: Array | None) -> None:
+        """Show a pose (3,) in the frame of the robot; None: there is nothing to predict."""
+        self._cage.visible = ahead is not None
+        if ahead is not None:
+            place(self._frame, np.round(ahead, 3))
 
 
 def place(frame: viser.FrameHandle, pose: Array) -> None:

@@ -18,6 +18,8 @@ class Layer(StrEnum):
     TRAIL = "trail"
     ARROWS = "thrust arrows"
     ELLIPSE = "covariance ellipse"
+    PREDICTED = "predicted pose"
+    ENVELOPE = "stop envelope"
     LABELS = "labels"
 
 
@@ -30,7 +32,14 @@ _SHARED = {
     Layer.TRAIL: TRAILS,
     Layer.LABELS: SCALE,
 }
-_EACH = {Layer.SETPOINT: "s", Layer.ARROWS: "a", Layer.ELLIPSE: "e", Layer.LABELS: "n"}
+_EACH = {
+    Layer.SETPOINT: "s",
+    Layer.ARROWS: "a",
+    Layer.ELLIPSE: "e",
+    Layer.PREDICTED: "g",
+    Layer.ENVELOPE: "b",
+    Layer.LABELS: "n",
+}
 
 
 def robot_node(robot_id: str) -> str:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import itertools
 import threading
+import time
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -13,6 +16,7 @@ import numpy as np
 
 from tsd_twin import robots, topics
 from tsd_twin.bus import Bus, Publisher
+from tsd_twin.dashboard.trips import RoundTrips
 from tsd_twin.errors import BusError, MessageError
 from tsd_twin.lie import SO3, Array
 from tsd_twin.messages.command import encode_attachment
@@ -35,6 +39,7 @@ from tsd_twin.messages.service import (
 from tsd_twin.messages.status import Status, decode_stamp, decode_status
 from tsd_twin.topics import Service, Urgency
 
+_SENT_KEPT = 100
 STOP_REPEATS = 20
 """A stop is sent this often at 10 Hz, unless it is acknowledged before."""
 
@@ -53,6 +58,17 @@ class Snapshot:
     status_seq: int = 0
     received_s: float = -np.inf
     """When the newest of these came in, on the clock given to `poll`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sent:
+    """A command that has been sent from here."""
+
+    sent_s: float
+    """On the monotonic clock, which `poll` is given too."""
+    twist: Array
+    """(3,): m/s and rad/s in `frame`."""
+    frame: str
 
 
 class RobotLink:
@@ -76,6 +92,8 @@ class RobotLink:
         self.drive = self.robot.kinematics()
         self.snapshot = Snapshot()
         decode_pose = partial(decode_odometry, turning=self.drive.space is SO3)
+        self.trips = RoundTrips()
+        """How long the robot takes to answer, as far as it has been measured."""
         self._readers = {
             "joints": (bus.reader(topics.JOINTS.key(robot_id), 1), decode_joints),
             "setpoint": (bus.reader(topics.SETPOINT.key(robot_id), 1), decode_joints),
@@ -87,6 +105,13 @@ class RobotLink:
         self._stop = bus.publisher(Service.STOP.key(robot_id), Urgency.REAL_TIME)
         self._twists: dict[str, Publisher] = {}
         self._lock = threading.Lock()
+        self._sent: deque[Sent] = deque(maxlen=_SENT_KEPT)
+        self._components = list(self.drive.components)
+
+    @property
+    def sent(self) -> Sequence[Sent]:
+        """The newest commands from here, oldest first: the robot may not have heard them yet."""
+        return tuple(self._sent)
 
     def close(self) -> None:
         """Stop listening."""
@@ -168,6 +193,7 @@ class RobotLink:
                     topics.TWIST.type,
                 )
             publisher = self._twists[driver.operator]
+        self._sent.append(Sent(time.monotonic(), spatial_twist[self._components], frame))
         publisher.put(
             encode_twist(TwistStamped(frame, spatial_twist)),
             encode_attachment(next(driver.numbers), driver.lease, status_seq),

@@ -12,6 +12,7 @@ from tsd_twin.dashboard.gimbal_figures import GimbalFigures
 from tsd_twin.dashboard.link import RobotLink, Snapshot
 from tsd_twin.dashboard.protocol import Card, Limits, Number, State, Triple
 from tsd_twin.dashboard.sphere_figures import SphereFigures
+from tsd_twin.dashboard.trips import RoundTrips
 from tsd_twin.dashboard.wheel_figures import WheelFigures
 from tsd_twin.drives import JointKind
 from tsd_twin.lie import SE2, Array
@@ -74,9 +75,10 @@ class RobotView:
         now_s: float,
         *,
         mode_age_s: float,
-        robot_ms: float | None,
+        trips: RoundTrips,
     ) -> State:
         """Return the newest of everything; null where the robot has not said it yet."""
+        typical_s, jitter_s = trips.typical_s(), trips.jitter_s()
         joints = self._vector(snapshot.joints)
         setpoint = self._vector(snapshot.setpoint)
         odom, truth = snapshot.odom, snapshot.truth
@@ -89,7 +91,8 @@ class RobotView:
             status=status,
             mode_age_s=round(mode_age_s, 1),
             you=False,
-            robot_ms=robot_ms,
+            robot_ms=_ms(typical_s),
+            robot_jitter_ms=_ms(jitter_s),
             pose=self._place(odom),
             twist=_rounded(odom.twist) if odom else None,
             commanded=None if setpoint is None else _rounded(self._drive.forward(setpoint).twist),
@@ -111,6 +114,10 @@ class RobotView:
         rows = [place[name] for name in self._order]
         joints = np.where(self._is_angle, state.position_rad[rows], state.velocity_rad_per_s[rows])
         return joints if np.isfinite(joints).all() else None
+
+
+def _ms(seconds: float | None) -> float | None:
+    return None if seconds is None else round(1000.0 * seconds, 2)
 
 
 def _rounded(values: Array) -> Triple:

@@ -18,6 +18,8 @@ _HINTS = {
     Layer.OTHER: "Rose cage: where the robot is by its other estimate, of robots that have two",
     Layer.ARROWS: "Yellow: direction and speed that each wheel gives the robot, or the ball on it",
     Layer.ELLIPSE: "Blue ellipse: where the robot is with 86 % certainty, two sigma",
+    Layer.PREDICTED: "Pink cage: where the robot will be when a command sent now arrives",
+    Layer.ENVELOPE: "Red area: where the robot can still get to if the link dies now",
     Layer.LABELS: "Metres on the axes of the floor, and names when there are several robots",
 }
 

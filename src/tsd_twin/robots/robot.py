@@ -140,6 +140,11 @@ class Robot(Table, frozen=True, kw_only=True):
         """Return how wheels follow their set-points."""
         raise NotImplementedError
 
+    @property
+    def lag_s(self) -> float:
+        """Time constant with which the motion of the robot follows its set-points."""
+        return self.spin_up().up_s
+
     def problems(self) -> Iterator[Problem]:
         """Yield what no single value can show to be wrong."""
         raise NotImplementedError

@@ -130,6 +130,11 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
         m = self.motor
         return SpinUp(m.start_speed_rpm * RPM, m.time_constant_up_s, m.time_constant_down_s)
 
+    @property
+    def lag_s(self) -> float:
+        """That of the servos: the wheels spin at one speed."""
+        return 1.0 / self.servo.approach_rate_per_s
+
     def problems(self) -> Iterator[Problem]:
         """Yield two pivots in one place, and what keeps the motor table from having an inverse."""
         azimuths = [azimuth % 360.0 for azimuth in self.drive.azimuths_deg]

@@ -1,5 +1,6 @@
 """Simulated robots: what a real one would measure, and the truth apart from it."""
 
+from tsd_twin.sim.board import Board
 from tsd_twin.sim.esc import SpeedControllers
 from tsd_twin.sim.kinds import SIMULATIONS, simulate
 from tsd_twin.sim.motor import Motors
@@ -11,6 +12,7 @@ from tsd_twin.sim.singularity import SingularitySimulation
 
 __all__ = [
     "SIMULATIONS",
+    "Board",
     "KinematicPlant",
     "Motors",
     "Servos",
