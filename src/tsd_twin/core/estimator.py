@@ -32,7 +32,7 @@ class Estimator:
         self._tolerance = np.where(self.is_angle, NEUTRAL_RAD, AT_SPEED * np.abs(self._at_rest))
         self._spin = SpinModel(robot.motor, len(self._wheels))
         self._odometry = PlanarOdometry(self.drive, robot.noise)
-        self._conflict = ConflictMonitor(self._residual_sigma(robot))
+        self._conflict = ConflictMonitor(self.drive, robot.noise)
         self.measured_s = -math.inf
         """When the joints were measured last."""
         self.joints = np.where(self.is_angle, self._at_rest, 0.0)
@@ -89,15 +89,12 @@ class Estimator:
 
     def conflict(self, *, wheels_spin: bool) -> ConflictStatus:
         """Return how well the joints agree; wheels that do not spin say nothing about gimbals."""
-        residual, suspect = self._conflict.residual, None
-        if residual is not None and self._conflict.evident and wheels_spin:
-            suspect = self.drive.actuators[int(self.drive.blame(residual).argmax())]
-        return ConflictStatus(round(self._conflict.residual_mps, 5), suspect)
-
-    def _residual_sigma(self, robot: Robot) -> float:
-        """Return the standard deviation of a residual, m/s, from the noise in the description."""
-        joints = self.drive.inverse(np.array([robot.limits.speed_mps, 0.0, 0.0]))
-        sigma = self.is_angle * math.radians(robot.noise.gimbal_angle_deg)
-        sigma = sigma + ~self.is_angle * robot.noise.spin_share * np.abs(joints)
-        shift = self.drive.forward(joints + np.diag(sigma)).residual
-        return float(np.sqrt(np.square(shift).sum() / shift.shape[-1]))
+        verdict, names = self._conflict.judge(self.joints), self.drive.actuators
+        level = verdict.level if wheels_spin else 0.0
+        suspect = verdict.suspect if wheels_spin else None
+        return ConflictStatus(
+            residual_mps=round(verdict.residual_mps, 5),
+            suspect=None if suspect is None else names[suspect],
+            level=round(level, 4),
+            explained=dict(zip(names, (level * verdict.shares).round(4).tolist(), strict=True)),
+        )

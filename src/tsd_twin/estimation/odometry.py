@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from tsd_twin.drives import Drive, JointKind, Motion
+from tsd_twin.drives import Drive, Motion
+from tsd_twin.estimation.joint_noise import JointNoise
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots.robot import Noise
 
@@ -26,10 +27,7 @@ class PlanarOdometry:
 
     def __init__(self, drive: Drive[SE2], noise: Noise) -> None:
         self._drive = drive
-        kinds = [joint.kind for joint in drive.joints]
-        self._is_angle = np.array([kind is JointKind.POSITION for kind in kinds])
-        self._angle_sigma = self._is_angle * math.radians(noise.gimbal_angle_deg)
-        self._spin_share = ~self._is_angle * noise.spin_share
+        self._noise = JointNoise(drive, noise)
         self._previous: Array | None = None
         self._until_refresh = 0
         self._growth_per_s: Array = np.zeros((3, 3))
@@ -38,7 +36,7 @@ class PlanarOdometry:
         self.pose_covariance: Array = np.zeros((3, 3))
         """(3, 3): of x, y, heading, in `odom`."""
         self.twist_covariance: Array = np.zeros((3, 3))
-        """(3, 3): of vx, vy, omega, in `base_link`."""
+        """(3, 3): of vx, vy, omega, in `base_link`; more when the joints contradict one another."""
 
     def set_pose(self, xy_heading: Array) -> None:
         """Take the robot to be at `xy_heading` (3,), exactly."""
@@ -72,8 +70,19 @@ class PlanarOdometry:
         self.pose_covariance = carried + dt_s * self._growth_per_s
 
     def _twist_covariance(self, joints: Array) -> Array:
-        sigma = self._angle_sigma + self._spin_share * np.abs(joints)
         # The Jacobian of the forward kinematics by differences, all joints in one batch.
-        nudged = joints + np.diag(np.maximum(sigma, 1e-9))
-        shift = self._drive.forward(nudged).twist - self._drive.forward(joints).twist
-        return shift.T @ shift
+        nudged = joints + np.diag(np.maximum(self._noise.sigma(joints), 1e-9))
+        off, here = self._drive.forward(nudged), self._drive.forward(joints)
+        shift = off.twist - here.twist
+        return self._disbelief(off.residual - here.residual) * (shift.T @ shift)
+
+    def _disbelief(self, shift: Array) -> float:
+        """Return how many times the squared residual is what the noise makes of it; at least 1.
+
+        Measurements that contradict one another by more than their errors have larger errors than
+        was said: Birge, "The calculation of errors by the method of least squares" (1932).
+        """
+        residual = self.motion.residual
+        explained = float(np.square(shift).sum())
+        found = float(residual @ residual)
+        return found / explained if found > explained > 0.0 else 1.0
