@@ -15,22 +15,23 @@ from tsd_twin.motion.trajectory import Reference, Trajectory
 class TrackerSettings:
     """How a trajectory is followed."""
 
-    lag_s: float = 0.03
+    lag_s: float = 0.04
     """Time by which the actuators follow late: acceleration is fed forward by so much."""
-    along: Gains = field(default_factory=lambda: Gains(4.0, 2.0))
+    along: Gains = field(default_factory=lambda: Gains(8.0, 1.0, integral_limit=0.05))
     """Against being early or late."""
-    across: Gains = field(default_factory=lambda: Gains(5.0, 4.0))
+    across: Gains = field(default_factory=lambda: Gains(8.0, 1.0, integral_limit=0.05))
     """Against being beside the path, the signed distance to it."""
-    heading: Gains = field(default_factory=lambda: Gains(6.0, 4.0, integral_limit=0.5))
+    heading: Gains = field(default_factory=lambda: Gains(8.0, 1.0, integral_limit=0.2))
 
 
 class Tracker:
     """Twists that make a robot follow a trajectory, open or closed loop.
 
-    Feed-forward is the twist of the reference plus its rate times the lag of the actuators: what
-    joints that follow late by a first order have to be told. Time and poses are arguments; poses
-    may have leading batch dimensions. Twists are not limited here: the trajectory is, and the core
-    limits what correction adds.
+    Feed-forward is the twist of the reference ahead by the lag of the actuators: to first order the
+    twist now and its rate times the lag, which is what joints that follow late have to be told. The
+    sum itself would jump with the acceleration, and the core would not let it. Time and poses are
+    arguments; poses may have leading batch dimensions. Twists are not limited here: the trajectory
+    is, and the core limits what correction adds.
     """
 
     def __init__(self, trajectory: Trajectory, settings: TrackerSettings | None = None) -> None:
@@ -41,7 +42,7 @@ class Tracker:
 
     def feed_forward(self, t_s: float) -> Array:
         """Return the body twist (3,) to command at `t_s` when nothing is measured: open loop."""
-        return self._feed_forward(self.trajectory.at(t_s))
+        return self.trajectory.at(t_s + self._lag_s).twist
 
     def advance(self, t_s: float, pose: SE2, dt_s: float) -> Array:
         """Return the body twist (..., 3) to command at `t_s`, when the robot is at `pose` (...).
@@ -51,16 +52,14 @@ class Tracker:
         reference = self.trajectory.at(t_s)
         error = errors(reference, pose)
         correction = self._pid.advance(error, dt_s)
-        wanted = SE2(reference.pose).rotate(self._feed_forward(reference)[:2])
+        ahead = self.feed_forward(t_s)
+        wanted = SE2(reference.pose).rotate(ahead[:2])
         along = SE2(np.array([0.0, 0.0, float(reference.direction)]))
         world = wanted + along.rotate(correction[..., :2])
         out = np.empty(np.shape(pose.xy_heading))
         out[..., :2] = pose.inverse().rotate(world)
-        out[..., 2] = self._feed_forward(reference)[2] + correction[..., 2]
+        out[..., 2] = ahead[2] + correction[..., 2]
         return out
-
-    def _feed_forward(self, reference: Reference) -> Array:
-        return reference.twist + self._lag_s * reference.twist_rate
 
 
 def errors(reference: Reference, pose: SE2) -> Array:
