@@ -58,9 +58,10 @@ class ParityTest:
             return ParityTest(np.zeros((0, slopes.shape[1])), np.zeros((len(slopes), 0)), np.inf)
         noise = (np.maximum(sigma, _LEAST_SIGMA)[:, None] * slopes) @ basis.T
         covariance = noise.T @ noise
-        whiten = np.linalg.solve(np.linalg.cholesky(covariance), basis)
-        lines = slopes @ whiten.T
-        lengths = np.linalg.norm(lines, axis=1, keepdims=True)
+        root = np.asarray(np.linalg.cholesky(covariance), dtype=float)
+        whiten: Array = np.asarray(np.linalg.solve(root, basis), dtype=float)
+        lines: Array = slopes @ whiten.T
+        lengths: Array = np.sqrt(np.square(lines).sum(axis=1, keepdims=True))
         # Of a wheel that pushes nothing, no speed shows: such a line would be rounding.
         lines = np.where(lengths > _RANK * lengths.max(), lines / np.maximum(lengths, 1e-300), 0.0)
         return ParityTest(whiten, lines, _threshold(len(basis), false_alarm))

@@ -162,9 +162,8 @@ def _corrected(pose: Array, covariance: Array, measurement: _Measurement) -> tup
     off = measurement.value - pose @ rows.T
     heading = rows[:, 2] != 0.0
     off[..., heading] = wrap(off[..., heading])
-    gain = _transposed(
-        np.linalg.solve(rows @ covariance @ rows.T + measurement.covariance, rows @ covariance)
-    )
+    innovation: Array = rows @ covariance @ rows.T + measurement.covariance
+    gain = _transposed(np.asarray(np.linalg.solve(innovation, rows @ covariance), dtype=float))
     keep = np.eye(3) - gain @ rows
     corrected = keep @ covariance @ _transposed(keep)
     corrected = corrected + gain @ measurement.covariance @ _transposed(gain)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from tsd_twin.lab import look
 from tsd_twin.lab.drive_path import Record
+from tsd_twin.lab.look import Axes
 from tsd_twin.lab.sensors import Frame
 from tsd_twin.lie import SE2, Array
 

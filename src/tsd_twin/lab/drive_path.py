@@ -94,7 +94,7 @@ def follow(
     s_m = np.linspace(0.0, trajectory.length_m, 2001)
     joints = np.array([*trajectory.route.breaks_m])
     return Record(
-        t_s=PERIOD_S * np.arange(len(steps)),
+        t_s=PERIOD_S * np.arange(len(steps), dtype=np.float64),
         path_xy=trajectory.route.path.at(np.sort(np.concatenate([s_m, joints]))).xy,
         **{name: np.array(row) for name, row in rows.items()},
     )

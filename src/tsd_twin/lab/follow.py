@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 from tsd_twin import robots
 from tsd_twin.lab import charts, look, shapes
@@ -56,7 +57,7 @@ def _path(args: argparse.Namespace) -> Path:
 
 def _draw(args: argparse.Namespace, record: Record, frames: list[Frame], out: Output) -> None:
     name = "given points" if args.points else args.path
-    figure = look.figure(10.5, 5.2, f"Following: {name}, loop: {args.loop}")
+    figure: Any = look.figure(10.5, 5.2, f"Following: {name}, loop: {args.loop}")
     grid = figure.add_gridspec(2, 2, width_ratios=[1.15, 1.0])
     charts.draw_positions(figure.add_subplot(grid[:, 0]), record, frames, "position from above")
     charts.draw_speeds(figure.add_subplot(grid[0, 1]), record, frames, "speed over the floor")

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeAlias
 
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+Axes: TypeAlias = Any
+"""Of matplotlib, which leaves the types of its keywords open; pictures are looked at."""
 
 REFERENCE = "#5b6472"
 TRUTH = "#c2410c"
@@ -18,7 +20,7 @@ _INK, _GRID = "#1f2933", "#d9dee5"
 
 def figure(width_in: float, height_in: float, title: str) -> Figure:
     """Return an empty figure with a title on top, laid out by itself."""
-    made = Figure(figsize=(width_in, height_in), layout="constrained", facecolor="white")
+    made: Any = Figure(figsize=(width_in, height_in), layout="constrained", facecolor="white")
     made.suptitle(title, fontsize=13, color=_INK, x=0.01, ha="left", weight="bold")
     return made
 

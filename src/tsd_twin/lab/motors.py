@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import math
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from tsd_twin import robots
 from tsd_twin.lab import look
@@ -14,6 +16,9 @@ from tsd_twin.lab.experiment import Experiment
 from tsd_twin.lab.output import Output
 from tsd_twin.lie import Array
 from tsd_twin.robots import Robot
+
+Rows: TypeAlias = npt.NDArray[np.bool_]
+"""(r,): some of the rows of the table."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,23 +29,24 @@ class Lines:
     """(k,): rpm for each unit of the signal."""
     offset: Array
     """(k,): rpm."""
-    used: Array
+    used: Rows
     """(r,): which rows of the table were fitted."""
 
     def rpm(self, signal: Array) -> Array:
         """Return the speeds (k, ...) at `signal` (...)."""
         return np.multiply.outer(self.slope, signal) + self.offset.reshape(-1, *[1] * signal.ndim)
 
-    def error_rpm(self, signal: Array, rpm: Array, where: Array) -> Array:
+    def error_rpm(self, signal: Array, rpm: Array, where: Rows) -> Array:
         """Return the root mean square errors (k,) over the rows `where` (r,) of a table."""
         off = (self.rpm(signal) - rpm)[:, where]
         return np.sqrt(np.mean(np.square(off), axis=-1))
 
 
-def fit(signal: Array, rpm: Array, used: Array) -> Lines:
+def fit(signal: Array, rpm: Array, used: Rows) -> Lines:
     """Return the lines through the rows `used` (r,) of signal (r,) and rpm (k, r)."""
-    x, y = signal[used], rpm[:, used]
-    slope = ((x - x.mean()) * (y - y.mean(axis=1, keepdims=True))).sum(axis=1)
+    x: Array = signal[used]
+    y: Array = rpm[:, used]
+    slope: Array = ((x - x.mean()) * (y - y.mean(axis=1, keepdims=True))).sum(axis=1)
     slope = slope / np.square(x - x.mean()).sum()
     return Lines(slope, y.mean(axis=1) - slope * x.mean(), used)
 
@@ -49,8 +55,9 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     """Fit both lines, draw them and say which predicts better."""
     robot = robots.load(args.robot)
     signal, rpm = np.array(robot.motor.signal), np.array(robot.motor.speed_rpm)
-    turning = (rpm > 0.0).all(axis=0)
-    all_rows, working = (fit(signal, rpm, used) for used in (np.full(len(signal), True), turning))
+    turning: Rows = np.asarray((rpm > 0.0).all(axis=0))
+    every: Rows = np.ones(len(signal), dtype=bool)
+    all_rows, working = (fit(signal, rpm, used) for used in (every, turning))
     columns = {"signal": signal} | {f"motor{i + 1}_rpm": row for i, row in enumerate(rpm)}
     for name, lines in (("all_rows", all_rows), ("working_range", working)):
         for i, row in enumerate(lines.rpm(signal)):
@@ -65,7 +72,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     return lines
 
 
-def _said(lines: Lines, signal: Array, rpm: Array, turning: Array) -> list[str]:
+def _said(lines: Lines, signal: Array, rpm: Array, turning: Rows) -> list[str]:
     errors = lines.error_rpm(signal, rpm, turning)
     return [
         f"  motor {i + 1}: {rounded(slope, 2)} / {rounded(offset, 1)}"
@@ -84,7 +91,7 @@ def rounded(value: float, digits: int) -> str:
 def _draw(robot: Robot, signal: Array, rpm: Array, lines: tuple[Lines, Lines], out: Output) -> None:
     figure = look.figure(10.0, 4.2, f"Motors of {robot.title.lower()}: speed against signal")
     left, right = figure.subplots(1, 2)
-    fine = np.linspace(signal[0], signal[-1], 200)
+    fine = np.linspace(float(signal[0]), float(signal[-1]), 200)
     for i, row in enumerate(rpm):
         left.plot(signal, row, "o", color=look.SERIES[i], markersize=5, label=f"motor {i + 1}")
         for of, style in zip(lines, ("--", "-"), strict=True):

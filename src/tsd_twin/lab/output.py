@@ -7,11 +7,10 @@ import itertools
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from rich.console import Console
 from rich.progress import track
 
@@ -46,8 +45,8 @@ class Output:
         except OSError as error:
             raise _refused(self.folder, error) from error
 
-    def picture(self, name: str, figure: Figure) -> None:
-        """Write `name`.png."""
+    def picture(self, name: str, figure: Any) -> None:
+        """Write `name`.png, from a figure of matplotlib."""
         FigureCanvasAgg(figure)
         try:
             figure.savefig(self._file(f"{name}.png"), dpi=_DOTS_PER_INCH)

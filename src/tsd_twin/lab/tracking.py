@@ -44,7 +44,8 @@ def tracking_errors(xy: Array, reference_xy: Array, path_xy: Array) -> TrackingE
 
     `path_xy` (m, 2) are points along the path, close together.
     """
-    off = np.hypot(*(xy - reference_xy).T)
+    apart = xy - reference_xy
+    off = np.hypot(apart[:, 0], apart[:, 1])
     return TrackingErrors(
         rms_m=float(np.sqrt(np.mean(np.square(off)))),
         worst_m=float(off.max()),

@@ -61,7 +61,7 @@ class Chain:
         out = PathPoints(np.empty((*s.shape, 2)), *(np.empty(s.shape) for _ in range(3)))
         for i in np.unique(part):
             here = part == i
-            points = self._paths[i].at(s[here] - self._starts[i])
+            points = self._paths[int(i)].at(s[here] - self._starts[i])
             out.xy[here] = points.xy
             out.direction[here] = points.direction + self._turns[i]
             out.curvature[here] = points.curvature

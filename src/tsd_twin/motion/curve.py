@@ -37,7 +37,9 @@ class Curve:
 
     def __init__(self, polynomials: Any, breaks: Array, *, smooth: bool = True) -> None:
         self._by_order = [polynomials] + [polynomials.derivative(n) for n in (1, 2, 3)]
-        cuts = [np.linspace(a, b, _PARTS + 1)[:-1] for a, b in itertools.pairwise(breaks)]
+        cuts: list[Array] = [
+            np.linspace(a, b, _PARTS + 1)[:-1] for a, b in itertools.pairwise(breaks)
+        ]
         self._u: Array = np.concatenate([*cuts, breaks[-1:]])
         velocity = self._derivative(1, self._u)
         if not np.isfinite(velocity).all() or np.hypot(*velocity.T).min() <= 0.0:
@@ -125,7 +127,8 @@ def function(
     y = np.broadcast_to(np.asarray(f(x), dtype=float), x.shape)
     if not np.isfinite(y).all() or start_x_m == end_x_m:
         raise PathError(f"f(x) must be finite from {start_x_m} to {end_x_m}, two different places")
-    smooth: Any = make_interp_spline(t, np.stack([x, y], axis=-1), k=5)
+    # scipy has no types for it.
+    smooth: Any = make_interp_spline(t, np.stack([x, y], axis=-1), k=5)  # pyright: ignore
     return Curve(smooth, t)
 
 

@@ -14,7 +14,9 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -184,7 +186,7 @@ def _backward(cells: _Cells, cap: Array) -> tuple[Array, Array]:
         if u + twice * a > k:
             # The line of all (a, u) that lead to k passes between (0, 0) and the crest.
             inside = k / (u + twice * a) * u
-            u = _last(cells, i, inside, u, lambda u, k=k, twice=twice: ((k - u) / twice, u))
+            u = _last(cells, i, inside, u, partial(_towards, k, twice))
             a = (k - u) / twice
         highest[i], acceleration[i] = u, a
     return highest, acceleration
@@ -198,20 +200,36 @@ def _forward(cells: _Cells, highest: Array, safe: Array) -> tuple[Array, Array]:
         wanted = (float(highest[i + 1]) - u) / twice
         # The set is convex: what can be done at the highest speed can be done in proportion below.
         inside = float(safe[i]) * (u / float(highest[i]) if highest[i] > 0.0 else 0.0)
-        a = _last(cells, i, inside, wanted, lambda a, u=u: (a, np.full_like(a, u)))
+        a = _last(cells, i, inside, wanted, partial(_from, u))
         acceleration[i] = a
         squared[i + 1] = max(0.0, u + twice * a)
     return squared, acceleration
 
 
-def _last(cells: _Cells, cell: int, inside: float, outside: float, point: Any) -> float:
+def _towards(end: float, twice: float, u: Array) -> tuple[Array, Array]:
+    """Return (a, u) that lead from each of `u` to `end`, over half of `twice`."""
+    return (end - u) / twice, u
+
+
+def _from(u: float, a: Array) -> tuple[Array, Array]:
+    """Return (a, u) for each of `a`."""
+    return a, np.full(a.shape, u)
+
+
+def _last(
+    cells: _Cells,
+    cell: int,
+    inside: float,
+    outside: float,
+    point: Callable[[Array], tuple[Array, Array]],
+) -> float:
     """Return the last number on the way from `inside` to `outside` at which a cell's limits hold.
 
     `point` maps numbers to (a, u). The set is convex, so that what holds is an interval.
     """
     low, high = inside, outside
     for _ in range(_ROUNDS):
-        tries = np.linspace(low, high, _TRIES)
+        tries: Array = np.linspace(low, high, _TRIES)
         a, u = point(tries)
         holds = cells.usage(cell, a, u) <= 1.0
         last = int(np.flatnonzero(holds)[-1]) if holds.any() else 0
