@@ -1,0 +1,14 @@
+"""Experiments and calibration, in virtual time or on a robot: each leaves a picture and a table."""
+
+from tsd_twin.lab import follow, motors, square
+from tsd_twin.lab.experiment import Experiment
+from tsd_twin.lab.output import Output
+
+EXPERIMENTS: tuple[Experiment, ...] = (
+    motors.EXPERIMENT,
+    square.EXPERIMENT,
+    follow.EXPERIMENT,
+)
+"""What `tsd-lab` can do; one more is one more file and one more row."""
+
+__all__ = ["EXPERIMENTS", "Experiment", "Output"]
