@@ -16,6 +16,7 @@ PARSER = program.parser(
         "tsd-lab motors                          Table 1 of the thesis to its Table 2",
         "tsd-lab square --loop camera            its 1 m square, closed loop",
         "tsd-lab follow --path eight --out run1  a path, timed to the limits",
+        "tsd-lab atlas                           Fig. 7 of the paper on the spherical platform",
         "tsd-lab square --help                   flags and examples of one experiment",
     ],
 )

@@ -15,7 +15,7 @@ from tsd_twin.lab import look
 from tsd_twin.lab.experiment import Experiment
 from tsd_twin.lab.output import Output
 from tsd_twin.lie import Array
-from tsd_twin.robots import Robot
+from tsd_twin.robots import SingularityRobot, of_kind
 
 Rows: TypeAlias = npt.NDArray[np.bool_]
 """(r,): some of the rows of the table."""
@@ -53,7 +53,7 @@ def fit(signal: Array, rpm: Array, used: Rows) -> Lines:
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
     """Fit both lines, draw them and say which predicts better."""
-    robot = robots.load(args.robot)
+    robot = of_kind(robots.load(args.robot), SingularityRobot)
     signal, rpm = np.array(robot.motor.signal), np.array(robot.motor.speed_rpm)
     turning: Rows = np.asarray((rpm > 0.0).all(axis=0))
     every: Rows = np.ones(len(signal), dtype=bool)
@@ -88,7 +88,9 @@ def rounded(value: float, digits: int) -> str:
     return f"{value + math.copysign(1e-9, value):.{digits}f}"
 
 
-def _draw(robot: Robot, signal: Array, rpm: Array, lines: tuple[Lines, Lines], out: Output) -> None:
+def _draw(
+    robot: SingularityRobot, signal: Array, rpm: Array, lines: tuple[Lines, Lines], out: Output
+) -> None:
     figure = look.figure(10.0, 4.2, f"Motors of {robot.title.lower()}: speed against signal")
     left, right = figure.subplots(1, 2)
     fine = np.linspace(float(signal[0]), float(signal[-1]), 200)

@@ -31,9 +31,16 @@ class VirtualRobot:
 
     What holds on the machine holds here: arming, limits, command gate. Poses are those since
     `ready`: the robot is put on its mark then, and told so.
+
+    Raises:
+        TwinError: the robot does not move over a floor, or does not get ready.
     """
 
     def __init__(self, robot: Robot, simulated: SimRobot) -> None:
+        if robot.kinematics().space is not SE2:
+            raise TwinError(
+                f"{robot.name} turns a sphere in place: it cannot be driven along a path"
+            )
         ids = itertools.count(1)
         self.core = RobotCore(robot, lambda: next(ids).to_bytes(16, "big"))
         self.simulated = simulated
