@@ -1,6 +1,6 @@
 """Experiments and calibration, in virtual time or on a robot: each leaves a picture and a table."""
 
-from tsd_twin.lab import follow, motors, square
+from tsd_twin.lab import budget, follow, motors, square
 from tsd_twin.lab.experiment import Experiment
 from tsd_twin.lab.output import Output
 
@@ -8,6 +8,7 @@ EXPERIMENTS: tuple[Experiment, ...] = (
     motors.EXPERIMENT,
     square.EXPERIMENT,
     follow.EXPERIMENT,
+    budget.EXPERIMENT,
 )
 """What `tsd-lab` can do; one more is one more file and one more row."""
 
