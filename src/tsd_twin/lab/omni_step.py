@@ -7,13 +7,13 @@ import math
 
 import msgspec
 import numpy as np
-from matplotlib.axes import Axes
 
 from tsd_twin import robots
 from tsd_twin.errors import TwinError
 from tsd_twin.lab import look
 from tsd_twin.lab.experiment import Experiment
 from tsd_twin.lab.half_way import Dash, Run, dash
+from tsd_twin.lab.look import Axes
 from tsd_twin.lab.output import Output
 from tsd_twin.lab.virtual_robot import VirtualRobot
 from tsd_twin.lie import Array

@@ -69,10 +69,13 @@ class RowEffect:
 
 def row_effect(drive: SphereDrive, table: Array = TABLE_1, step_s: float = STEP_S) -> RowEffect:
     """Return what the rows make of wheel speeds (r, 1 + k) that are linear between times."""
-    t = np.linspace(table[0, 0], table[-1, 0], round((table[-1, 0] - table[0, 0]) / step_s) + 1)
-    speeds = np.stack([np.interp(t, table[:, 0], column) for column in table[:, 1:].T], axis=-1)
+    start, end = float(table[0, 0]), float(table[-1, 0])
+    t: Array = np.linspace(start, end, round((end - start) / step_s) + 1)
+    speeds: Array = np.stack(
+        [np.interp(t, table[:, 0], column) for column in table[:, 1:].T], axis=-1
+    )
     # Trapezia add up to the exact angle of a speed that is linear in time.
-    steps = 0.5 * (speeds[1:] + speeds[:-1]) * np.diff(t)[:, None]
-    angles = np.concatenate([np.zeros((1, speeds.shape[1])), np.cumsum(steps, axis=0)])
+    steps: Array = 0.5 * (speeds[1:] + speeds[:-1]) * np.diff(t)[:, None]
+    angles: Array = np.concatenate([np.zeros((1, speeds.shape[1])), np.cumsum(steps, axis=0)])
     ideal = drive.forward(speeds).twist
     return RowEffect(t, speeds, ideal, drive.true_twist(speeds, drive.side(angles)))

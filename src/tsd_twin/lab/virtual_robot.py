@@ -37,10 +37,6 @@ class VirtualRobot:
     """
 
     def __init__(self, robot: Robot, simulated: SimRobot) -> None:
-        if robot.kinematics().space is not SE2:
-            raise TwinError(
-                f"{robot.name} turns a sphere in place: it cannot be driven along a path"
-            )
         ids = itertools.count(1)
         self.core = RobotCore(robot, lambda: next(ids).to_bytes(16, "big"))
         self.simulated = simulated
@@ -50,10 +46,11 @@ class VirtualRobot:
         self._seq, self._status_seq = 0, 0
         self._mark = SE2.identity()
         self._tick(None)
+        self._on_the_floor()
         lease = self._ask(Service.LEASE, {"op": "acquire", "operator": _OPERATOR})
         self._lease = str(lease["lease"])
         self._get_ready()
-        self._mark = self.simulated.truth(self.now_s).pose
+        self._mark = self._on_the_floor()
         self._ask(Service.SET_POSE, {"lease": self._lease} | _xyh(0.0, 0.0, 0.0))
 
     def drive(self, twist: Array) -> None:
@@ -63,7 +60,7 @@ class VirtualRobot:
     @property
     def truth(self) -> SE2:
         """Where the robot really is, seen from its mark."""
-        return self._mark.inverse() @ self.simulated.truth(self.now_s).pose
+        return self._mark.inverse() @ self._on_the_floor()
 
     @property
     def true_twist(self) -> Array:
@@ -77,6 +74,12 @@ class VirtualRobot:
     def status(self) -> Status:
         """Return the status."""
         return self.core.status(self.now_s, LoopStatus(), {})
+
+    def _on_the_floor(self) -> SE2:
+        pose = self.simulated.truth(self.now_s).pose
+        if not isinstance(pose, SE2):
+            raise TwinError(f"{self.core.robot.name} turns a sphere in place: it follows no path")
+        return pose
 
     def _get_ready(self) -> None:
         self._ask(Service.ARM, {"lease": self._lease})
