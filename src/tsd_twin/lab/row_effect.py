@@ -71,9 +71,8 @@ def row_effect(drive: SphereDrive, table: Array = TABLE_1, step_s: float = STEP_
     """Return what the rows make of wheel speeds (r, 1 + k) that are linear between times."""
     start, end = float(table[0, 0]), float(table[-1, 0])
     t: Array = np.linspace(start, end, round((end - start) / step_s) + 1)
-    speeds: Array = np.stack(
-        [np.interp(t, table[:, 0], column) for column in table[:, 1:].T], axis=-1
-    )
+    columns = [np.interp(t, table[:, 0], table[:, i]) for i in range(1, table.shape[1])]
+    speeds = np.stack(columns, axis=-1)
     # Trapezia add up to the exact angle of a speed that is linear in time.
     steps: Array = 0.5 * (speeds[1:] + speeds[:-1]) * np.diff(t)[:, None]
     angles: Array = np.concatenate([np.zeros((1, speeds.shape[1])), np.cumsum(steps, axis=0)])
