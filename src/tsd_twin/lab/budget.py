@@ -95,7 +95,7 @@ def spin_by_line(robot: SingularityRobot) -> Array:
     line = motors.fit(signal, rpm, np.ones(len(signal), dtype=bool))
     wanted = robot.drive.cruise_speed_rpm
     given = (wanted - line.offset) / line.slope
-    turns = [np.interp(given[i], signal, rpm[i]) for i in range(len(rpm))]
+    turns = [float(np.interp(given[i], signal, rpm[i])) for i in range(len(rpm))]
     return np.array(turns) / wanted - 1.0
 
 
