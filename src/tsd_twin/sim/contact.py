@@ -30,6 +30,7 @@ class ContactSimulation:
     def __init__(
         self,
         robot: SingularityRobot,
+        batch: tuple[int, ...] = (),
         *,
         seed: int | None = 0,
         noise: float = 0.0,
@@ -37,7 +38,9 @@ class ContactSimulation:
         pose: SE2 | None = None,
         patch: ContactPatch | None = None,
     ) -> None:
-        self._actuation = Actuation(robot, (), seed, noise, battery_v)
+        if batch:
+            raise ValueError(f"rigid bodies are simulated one robot at a time, not {batch}")
+        self._actuation = Actuation(robot, batch, seed, noise, battery_v)
         self.drive = self._actuation.drive
         self._patch = patch or ContactPatch()
         servos = self._actuation.servos
