@@ -121,11 +121,8 @@ def test_the_demo_puts_it_between_dashboard_and_robot_and_ends_all_three(start: 
     assert demo.sentence == ""
 
 
-def test_over_the_link_of_the_readme_somebody_drives_ten_seconds_without_a_break(
-    start: Start,
-) -> None:
-    """A machine that is busy breaks it off too, so it may take some attempts; over TCP, where what
-    is lost holds up the rest, none of them lasts."""
+def test_over_the_link_of_the_readme_somebody_takes_control_arms_and_drives(start: Start) -> None:
+    """For how long without a break is counted in virtual time, by `core/test_far_link.py`."""
     ports = ("--port", "0", "--bus-port", "0", "--no-browser", "--until-eof")
     demo = start("tsd_demo", *ports, "--link", "delay=150ms,jitter=30ms,loss=2%")
     url = demo.ready().split()[1]
@@ -133,17 +130,9 @@ def test_over_the_link_of_the_readme_somebody_drives_ten_seconds_without_a_break
     say(page, "ready 1.0")
     until(lambda: any('"ready"' in line for line in page.output), "ready")
     say(page, "insist 0.3")
-    assert any(drives_ten_seconds(page, url) for _ in range(6)), page.output[-5:]
-
-
-def drives_ten_seconds(page: Program, url: str) -> bool:
     until(lambda: mode(url) == "driving", "driving")
-    told, start_s = len(page.output), time.monotonic()
-    while time.monotonic() - start_s < 10.0:
-        if mode(url) != "driving" or any('"released"' in line for line in page.output[told:]):
-            return False
-        time.sleep(0.1)
-    return True
+    say(page, "release")
+    until(lambda: mode(url) != "driving", "at rest")
 
 
 def mode(url: str) -> str:

@@ -8,10 +8,12 @@ wait at that moment ("deque mutated during iteration"): whatever came after in t
 from __future__ import annotations
 
 import asyncio
+import sys
 
-from viser.infra import _infra as infra
+import viser.infra
 from viser.infra._async_message_buffer import AsyncMessageBuffer
 
+_MAKES_QUEUES = sys.modules[viser.infra.WebsockServer.__module__]
 _QUEUE = "AsyncMessageBuffer"
 
 
@@ -42,4 +44,4 @@ class Queue(AsyncMessageBuffer):
 
 def fill_from_any_thread() -> None:
     """Let all queues that viser makes from now on be such ones; calling it again does nothing."""
-    setattr(infra, _QUEUE, Queue)
+    setattr(_MAKES_QUEUES, _QUEUE, Queue)
