@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.app.conftest import PATIENCE_S, Program, children_of
+from tests.app.conftest import Program, children_of
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.topics import Service
 
@@ -119,38 +119,6 @@ def test_the_demo_puts_it_between_dashboard_and_robot_and_ends_all_three(start: 
         assert json.load(answer)["ready"] is True
     assert demo.end() == 0
     assert demo.sentence == ""
-
-
-def test_over_the_link_of_the_readme_somebody_takes_control_arms_and_drives(start: Start) -> None:
-    """For how long without a break is counted in virtual time, by `core/test_far_link.py`."""
-    ports = ("--port", "0", "--bus-port", "0", "--no-browser", "--until-eof")
-    demo = start("tsd_demo", *ports, "--link", "delay=150ms,jitter=30ms,loss=2%")
-    url = demo.ready().split()[1]
-    page = start("tests.system.pretend_page", url)
-    say(page, "ready 1.0")
-    until(lambda: any('"ready"' in line for line in page.output), "ready")
-    say(page, "insist 0.3")
-    until(lambda: mode(url) == "driving", "driving")
-    say(page, "release")
-    until(lambda: mode(url) != "driving", "at rest")
-
-
-def mode(url: str) -> str:
-    with urllib.request.urlopen(url + "healthz") as answer:  # noqa: S310  Our own page.
-        return json.load(answer)["robots"]["tsd"]["mode"]
-
-
-def say(page: Program, line: str) -> None:
-    assert page.process.stdin is not None
-    page.process.stdin.write(line + "\n")
-    page.process.stdin.flush()
-
-
-def until(condition: Callable[[], bool], what: str) -> None:
-    end_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < end_s, f"never {what}"
-        time.sleep(0.05)
 
 
 def test_the_demo_explains_a_mistake_in_the_link_before_it_starts_anything(start: Start) -> None:
