@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import Protocol
 
-from tsd_twin.wire.packet import Packet
+from tsd_twin.wire.packet import Packet, Status
 
 
 class Framing(Protocol):
-    """What the decoder needs of a protocol; the modules `protocol1` and `protocol2` are such."""
+    """What makes packets of bytes; the modules `protocol1` and `protocol2` are such."""
 
     HEADER: bytes
 
@@ -19,6 +19,10 @@ class Framing(Protocol):
 
     def decode(self, frame: bytes) -> Packet | None:
         """Return the packet in a whole frame; None: the sum is wrong."""
+        ...
+
+    def as_status(self, packet: Packet) -> Status | None:
+        """Return the answer that a packet is; None: it is none."""
         ...
 
 
@@ -31,7 +35,7 @@ class Decoder:
     """
 
     def __init__(self, framing: Framing, *, longest: int = 512, timeout_s: float = 0.02) -> None:
-        self._framing = framing
+        self.framing = framing
         self._header = framing.HEADER
         self._longest = longest
         self._timeout_s = timeout_s
@@ -66,7 +70,7 @@ class Decoder:
 
     def _take(self, packets: list[Packet]) -> None:
         while self._find_header():
-            size = self._framing.size(bytes(self._kept[: len(self._header) + 8]))
+            size = self.framing.size(bytes(self._kept[: len(self._header) + 8]))
             if size is None:
                 return
             if size == 0 or size > self._longest:
@@ -74,7 +78,7 @@ class Decoder:
             elif len(self._kept) < size:
                 return
             else:
-                packet = self._framing.decode(bytes(self._kept[:size]))
+                packet = self.framing.decode(bytes(self._kept[:size]))
                 if packet is None:
                     self.sum_errors += 1
                     self._skip(1)

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 from tsd_twin.wire.packet import BROADCAST, Instruction, Packet, Status
 
-HEADER = b"\xff\xff"
+HEADER: bytes = b"\xff\xff"
 OVERHEAD = 6
 """Bytes of a frame without parameters."""
 

@@ -12,7 +12,7 @@ from struct import pack, unpack_from
 from tsd_twin.wire.crc import crc16
 from tsd_twin.wire.packet import BROADCAST, Instruction, Packet, Status
 
-HEADER = b"\xff\xff\xfd\x00"
+HEADER: bytes = b"\xff\xff\xfd\x00"
 OVERHEAD = 10
 """Bytes of a frame without parameters."""
 _LIKE_HEADER = b"\xff\xff\xfd"

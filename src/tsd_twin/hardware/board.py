@@ -1,0 +1,169 @@
+"""The controller board at the other end of a line: one WRITE and one READ in each cycle."""
+
+from __future__ import annotations
+
+import logging
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsd_twin.authority import Mandate
+from tsd_twin.hardware.arm_switch import ArmSwitch
+from tsd_twin.hardware.calibration import CENTRE, Calibration
+from tsd_twin.hardware.errors import HardwareError
+from tsd_twin.hardware.health import LinkHealth
+from tsd_twin.hardware.joints import Joints, padded
+from tsd_twin.hardware.line import Line
+from tsd_twin.hardware.order import Order
+from tsd_twin.wire import protocol2
+from tsd_twin.wire.blocks import Command, Identity, Setup, Telemetry
+from tsd_twin.wire.packet import ALERT, Status
+from tsd_twin.wire.table import BOARD_ID, ESCS, MODEL, SERVOS, TABLE_VERSION, ZERO_THROTTLE
+
+_LOG = logging.getLogger(__name__)
+BAUD = 1_000_000
+ANSWER_S = 0.02
+"""Patience with an answer in a cycle."""
+_BOOT_S = 4.0
+"""To open its port resets the board, whose boot loader then waits about a second for uploads."""
+_TRY_S = 0.1
+_LEAVING = 5
+
+
+@dataclass(frozen=True, slots=True)
+class News:
+    """What the board said last."""
+
+    telemetry: Telemetry
+    heard_s: float
+    lost: str
+    """Why it is not armed although it should be; else empty."""
+
+
+class Board:
+    """The device of a `Keeper`. `order` is written, and `news` and `gone` read, by other threads.
+
+    Each of them is replaced as a whole, so nobody sees a half.
+    """
+
+    name = "the controller board"
+
+    def __init__(
+        self, joints: Joints, calibration: Calibration, *, servos: bool = True, baud: int = BAUD
+    ) -> None:
+        """Speak for a board that drives the servos as well, or only the speed controllers."""
+        self.baud = baud
+        self.health = LinkHealth()
+        self.order = Order(np.zeros(joints.count), Mandate(False, 0), 0.0)
+        self.news: News | None = None
+        self.gone = ""
+        """Why there is no news; else empty."""
+        self._joints = joints
+        self._servos = servos
+        self._switch = ArmSwitch()
+        reverse = [sign < 0 for sign in calibration.signs(joints.names)]
+        self._setup = Setup(
+            padded(calibration.neutral(joints.names), SERVOS, CENTRE),
+            sum(1 << i for i, turned in enumerate(reverse) if turned),
+            joints.goal_limit,
+            joints.servos if servos else 0,
+        )
+        self._rest = Command(throttle=(ZERO_THROTTLE,) * ESCS)
+
+    def connect(self, line: Line) -> None:
+        """See whether it is a board of ours with a table that we know, and set it up.
+
+        Raises:
+            HardwareError: it is not, or does not answer.
+        """
+        self._wait_for_answer(line)
+        identity = Identity.unpack(
+            self._need(line, protocol2.read(BOARD_ID, Identity.ADDRESS, Identity.LAYOUT.size)).data
+        )
+        if identity.model != MODEL or identity.table_version != TABLE_VERSION:
+            raise HardwareError(
+                f"the device at {line.name} is model {identity.model} with control table "
+                f"{identity.table_version}: this program needs model {MODEL} with table "
+                f"{TABLE_VERSION}; flash the firmware that comes with it"
+            )
+        # A board that was not reset may still be armed, which would refuse the set-up.
+        self._need(line, protocol2.write(BOARD_ID, Command.ADDRESS, self._rest.pack()))
+        self._need(line, protocol2.write(BOARD_ID, Setup.ADDRESS, self._setup.pack()))
+        self.gone = ""
+
+    def cycle(self, line: Line) -> bool:
+        """Write what shall be and read what is, both in one go; return whether it answered.
+
+        Raises:
+            HardwareError: the port is gone, or the board has restarted and is no longer ours.
+        """
+        order, began_s = self.order, time.monotonic()
+        request = protocol2.write(BOARD_ID, Command.ADDRESS, self._command(order, began_s).pack())
+        request += protocol2.read(BOARD_ID, Telemetry.ADDRESS, Telemetry.LAYOUT.size)
+        answers = line.ask(request, 2, ANSWER_S)
+        now_s = time.monotonic()
+        data = [a.data for a in answers if len(a.data) == Telemetry.LAYOUT.size]
+        if len(answers) < 2 or not data:
+            self.health.miss()
+            return False
+        self.health.note(now_s - began_s)
+        telemetry = Telemetry.unpack(data[-1])
+        if self.news is not None and _restarted(self.news.telemetry, telemetry):
+            _LOG.warning("the controller board has restarted")
+            self._switch.lose("the controller board has restarted")
+            self.connect(line)
+        self._switch.note(telemetry, now_s)
+        self.news = News(telemetry, now_s, self._switch.lost)
+        return True
+
+    def lose(self, reason: str) -> None:
+        """Take note that it is gone: it will come back disarmed, and stays so."""
+        self._switch.lose("the controller board was lost")
+        self.news, self.gone = None, reason
+        self.health.reconnects += 1
+
+    def leave(self, line: Line) -> None:
+        """Disarm it, more than once if it does not hear."""
+        for _ in range(_LEAVING):
+            request = protocol2.write(BOARD_ID, Command.ADDRESS, self._rest.pack())
+            if line.ask(request, 1, ANSWER_S):
+                return
+
+    def _command(self, order: Order, now_s: float) -> Command:
+        if not order.in_force(now_s):
+            self._switch.lose("the robot node hangs")
+            return self._rest
+        arm = self._switch.turn(order.mandate.armed, now_s)
+        goals = self._joints.goals(order.setpoint) if self._servos else ()
+        return Command(
+            heartbeat=order.mandate.words & 0xFFFF,
+            arm=arm,
+            throttle=padded(self._joints.throttles(order.setpoint), ESCS, ZERO_THROTTLE),
+            goal=padded(goals, SERVOS, 0),
+        )
+
+    def _wait_for_answer(self, line: Line) -> None:
+        end_s = time.monotonic() + _BOOT_S
+        while not line.ask(protocol2.ping(BOARD_ID), 1, _TRY_S):
+            if time.monotonic() > end_s:
+                raise HardwareError(
+                    f"nothing at {line.name} answers as a controller board at {self.baud} Bd: "
+                    "is its firmware flashed, and is it the right port?"
+                )
+
+    def _need(self, line: Line, request: bytes) -> Status:
+        answers = line.ask(request, 1, _TRY_S)
+        if not answers:
+            raise HardwareError(f"the controller board at {line.name} fell silent")
+        if answers[0].error & ~ALERT:
+            raise HardwareError(
+                f"the controller board at {line.name} refuses its set-up: error {answers[0].error}"
+            )
+        return answers[0]
+
+
+def _restarted(before: Telemetry, after: Telemetry) -> bool:
+    """Return whether there was a reset in between; after 50 days the clock begins again."""
+    back_ms = before.millis - after.millis
+    return after.resets != before.resets or 0 < back_ms < 1 << 31
