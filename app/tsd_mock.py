@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from tsd_twin import description, program, robots
-from tsd_twin.messages.service import Description
-from tsd_twin.node import RobotNode
+from tsd_twin import program, robot_program
+from tsd_twin.node import RobotIO
+from tsd_twin.robots import Robot
 from tsd_twin.sim import SimRobot
 
 PARSER = program.parser(
@@ -21,34 +21,18 @@ PARSER = program.parser(
 )
 
 
-def serve(args: argparse.Namespace) -> None:
-    """Run until SIGINT or SIGTERM."""
-    stop = program.stop_event(args)
-    text = robots.text(args.robot)
-    robot = robots.parse(text, args.robot)
-    robot_id = args.id or robot.name
-    simulated = SimRobot(robot, seed=args.seed, noise=args.noise)
-    with program.node_bus(args) as bus:
-        node = RobotNode(
-            bus,
-            robot_id,
-            robot,
-            simulated,
-            Description(text, description.urdf(robot, description.parts(robot))),
-        )
-        program.say_ready(f"tsd-mock {robot_id} on {' '.join(bus.endpoints()) or args.connect}")
-        node.run(stop)
+def joints(robot: Robot, args: argparse.Namespace) -> RobotIO:
+    """Return the simulated joints."""
+    return SimRobot(robot, seed=args.seed, noise=args.noise)
 
 
 def main() -> None:
     """Read the flags and run."""
-    program.add_robot_flags(PARSER)
-    program.add_node_flags(PARSER)
     PARSER.add_argument("--seed", type=int, default=0, help="of the noise; default 0")
     PARSER.add_argument(
         "--noise", type=float, default=0.0, metavar="SCALE", help="times [noise]; default 0"
     )
-    program.run(PARSER, serve)
+    robot_program.serve(PARSER, joints)
 
 
 if __name__ == "__main__":

@@ -42,17 +42,18 @@ typedef enum {  // Why arming was last refused; 0 once it succeeds.
   REFUSAL_NOT_NEUTRAL = 5,
   REFUSAL_KILL = 6,
   REFUSAL_RC = 7,
+  REFUSAL_SETUP = 8,
 } refusal_code_t;
 
 // Who this is, and what is fixed in it.
 #define CT_IDENTITY 0
 #define CT_IDENTITY_SIZE 21
 
-// How the robot is built; the bridge writes it when it connects. Lost with a reset.
+// How the robot is built; the bridge writes it when it connects. Kept without power.
 #define CT_SETUP 21
 #define CT_SETUP_SIZE 16
 
-// What the joints shall do: one WRITE in each cycle.
+// What the joints shall do: one WRITE of all of it in each cycle; of a part is error 5.
 #define CT_COMMAND 37
 #define CT_COMMAND_SIZE 22
 
@@ -78,7 +79,7 @@ typedef struct __attribute__((packed)) {
   uint16_t goal_limit;  // 34: Goals are held within ± this. [step]
   uint8_t servos_expected;  // 36: Bit i: servo i must answer to arm and to stay armed; 0 when others drive the servos.
   // command: read and write
-  uint16_t heartbeat;  // 37: Any change is a beat.
+  uint16_t heartbeat;  // 37: Any change is a beat; arming needs one.
   uint8_t arm;  // 39: Going from 0 to 1 arms, if nothing speaks against it; 0 disarms. After a trip it has to be written 0 first: 1 again and again never arms again.
   uint8_t torque;  // 40: 0 lets the servos go, while disarmed only.
   uint16_t throttle[3];  // 41: Pulse to each speed controller; put out while armed. [0.5 us]

@@ -28,6 +28,7 @@ REFUSALS: dict[int, str] = {
     Refusal.NOT_NEUTRAL: "the gimbals are not at neutral tilt",
     Refusal.KILL: "the kill switch of the radio control is on",
     Refusal.RC: "the radio control has the robot",
+    Refusal.SETUP: "it was never told where neutral is",
 }
 
 

@@ -93,7 +93,7 @@ def ports() -> list[str]:
 
 
 def _sentence(name: str, error: BaseException) -> str:
-    match getattr(error, "errno", None) or (error.args[0] if error.args else None):
+    match _number(error):
         case errno.ENOENT:
             return f"{name} is not there: plug it in, or choose one that 'tsd-bridge --list' shows"
         case errno.EACCES | errno.EPERM:
@@ -105,5 +105,17 @@ def _sentence(name: str, error: BaseException) -> str:
             return f"{name} is in use by another program: end it first"
         case errno.ENOTTY | errno.EISDIR | errno.EINVAL:
             return f"{name} is no serial port"
+        case errno.ECONNREFUSED | errno.EHOSTUNREACH | errno.ETIMEDOUT:
+            return f"nobody answers at {name}"
         case _:
             return f"{name} cannot be opened: {error}"
+
+
+def _number(error: BaseException | None) -> int | None:
+    """Return the errno of an error, or of the one that it was raised for; pyserial drops some."""
+    while error is not None:
+        number = getattr(error, "errno", None) or next(iter(error.args), None)
+        if isinstance(number, int):
+            return number
+        error = error.__cause__ or error.__context__
+    return None

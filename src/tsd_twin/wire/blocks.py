@@ -70,7 +70,7 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """How the robot is built; the bridge writes it when it connects. Lost with a reset."""
+    """How the robot is built; the bridge writes it when it connects. Kept without power."""
 
     ADDRESS: ClassVar[int] = 21
     LAYOUT: ClassVar[Struct] = Struct("<6HBHB")
@@ -107,13 +107,13 @@ class Setup:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What the joints shall do: one WRITE in each cycle."""
+    """What the joints shall do: one WRITE of all of it in each cycle; of a part is error 5."""
 
     ADDRESS: ClassVar[int] = 37
     LAYOUT: ClassVar[Struct] = Struct("<HBB3H6h")
 
     heartbeat: int = 0
-    """Any change is a beat."""
+    """Any change is a beat; arming needs one."""
     arm: int = 0
     """Going from 0 to 1 arms, if nothing speaks against it; 0 disarms. After a trip it has to
     be written 0 first: 1 again and again never arms again.

@@ -52,6 +52,8 @@ class Refusal(IntEnum):
     """The kill switch is on, or the radio control was there and is lost."""
     RC = 7
     """The radio control has the robot."""
+    SETUP = 8
+    """No set-up was ever written: where neutral is, is not known."""
 
 
 class ResetCause(IntFlag):

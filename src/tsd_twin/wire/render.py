@@ -101,7 +101,7 @@ def page() -> str:
         f"This is version {table.TABLE_VERSION} of its table, {TABLE_SIZE} bytes, little endian, "
         "without gaps. [bridge.md](bridge.md) says how it is used.",
         "A value beyond its limits is answered with error 4, a write to what cannot be written (or "
-        "not now) with error 7; nothing of such a write is taken.",
+        "not now) with error 7, other instructions with error 2; nothing of such a write is taken.",
     ]
     for block in BLOCKS:
         lines += ["", f"## {block.name.capitalize()}", ""]

@@ -84,7 +84,7 @@ IDENTITY = Block(
 SETUP = Block(
     "setup",
     "setup",
-    "How the robot is built; the bridge writes it when it connects. Lost with a reset.",
+    "How the robot is built; the bridge writes it when it connects. Kept without power.",
     (
         Item("neutral", "u16", "Servo position of neutral.", 2048, (0, 4095), "step", SERVOS),
         Item("reverse", "u8", "Bit i: servo i turns the other way.", 0, (0, 63)),
@@ -102,9 +102,9 @@ SETUP = Block(
 COMMAND = Block(
     "command",
     "w",
-    "What the joints shall do: one WRITE in each cycle.",
+    "What the joints shall do: one WRITE of all of it in each cycle; of a part is error 5.",
     (
-        Item("heartbeat", "u16", "Any change is a beat.", 0, (0, 65535)),
+        Item("heartbeat", "u16", "Any change is a beat; arming needs one.", 0, (0, 65535)),
         Item(
             "arm",
             "u8",

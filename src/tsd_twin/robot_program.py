@@ -1,0 +1,36 @@
+"""What programs that run a robot node do alike: they differ in the joints."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+from collections.abc import Callable
+
+from tsd_twin import description, program, robots
+from tsd_twin.messages.service import Description
+from tsd_twin.node import RobotIO, RobotNode
+from tsd_twin.robots import Robot
+
+
+def serve(
+    made: argparse.ArgumentParser, joints: Callable[[Robot, argparse.Namespace], RobotIO]
+) -> None:
+    """Read the flags of `made`, to which those of a node are added, and run until told to end."""
+    program.add_robot_flags(made)
+    program.add_node_flags(made)
+    program.run(made, lambda args: _run(made.prog, args, joints))
+
+
+def _run(
+    name: str, args: argparse.Namespace, joints: Callable[[Robot, argparse.Namespace], RobotIO]
+) -> None:
+    stop = program.stop_event(args)
+    text = robots.text(args.robot)
+    robot = robots.parse(text, args.robot)
+    robot_id = args.id or robot.name
+    shown = Description(text, description.urdf(robot, description.parts(robot)))
+    # Whatever goes wrong from here on, the joints are closed, and so left at rest.
+    with program.node_bus(args) as bus, contextlib.closing(joints(robot, args)) as io:
+        node = RobotNode(bus, robot_id, robot, io, shown)
+        program.say_ready(f"{name} {robot_id} on {' '.join(bus.endpoints()) or args.connect}")
+        node.run(stop)
