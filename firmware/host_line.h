@@ -1,0 +1,17 @@
+// UART0, the line to the PC: bytes in and out, by interrupts.
+#ifndef HOST_LINE_H
+#define HOST_LINE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+void host_line_start(void);
+bool host_line_receive(uint8_t *byte);
+
+// Sends all of it, or nothing when there is no room.
+bool host_line_send(const uint8_t *bytes, uint8_t length);
+
+// Bytes that came and were lost since the last call.
+uint8_t host_line_lost(void);
+
+#endif

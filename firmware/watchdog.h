@@ -1,0 +1,24 @@
+// The watchdog of the chip, and what is remembered over a reset.
+#ifndef WATCHDOG_H
+#define WATCHDOG_H
+
+#include <stdint.h>
+
+typedef struct {
+  uint16_t magic;
+  uint16_t trips;   // Since power came.
+  uint16_t resets;  // Since power came.
+} memory_t;
+
+extern memory_t watchdog_memory;
+
+// Why the board started: MCUSR.
+uint8_t watchdog_reset_cause(void);
+
+// Counts this start; clears the counters when power came.
+void watchdog_remember(void);
+
+// To be called by the safety rules and nobody else: a loop that spins without them is hung.
+void watchdog_kick(void);
+
+#endif
