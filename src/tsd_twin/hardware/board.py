@@ -29,6 +29,7 @@ _BOOT_S = 4.0
 """To open its port resets the board, whose boot loader then waits about a second for uploads."""
 _TRY_S = 0.1
 _LEAVING = 5
+_READ = protocol2.read(BOARD_ID, Telemetry.ADDRESS, Telemetry.LAYOUT.size)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +91,8 @@ class Board:
         # A board that was not reset may still be armed, which would refuse the set-up.
         self._need(line, protocol2.write(BOARD_ID, Command.ADDRESS, self._rest.pack()))
         self._need(line, protocol2.write(BOARD_ID, Setup.ADDRESS, self._setup.pack()))
+        said = self._need(line, _READ)
+        self.news = News(Telemetry.unpack(said.data), time.monotonic(), self._switch.lost)
         self.gone = ""
 
     def cycle(self, line: Line) -> bool:
@@ -100,8 +103,7 @@ class Board:
         """
         order, began_s = self.order, time.monotonic()
         request = protocol2.write(BOARD_ID, Command.ADDRESS, self._command(order, began_s).pack())
-        request += protocol2.read(BOARD_ID, Telemetry.ADDRESS, Telemetry.LAYOUT.size)
-        answers = line.ask(request, 2, ANSWER_S)
+        answers = line.ask(request + _READ, 2, ANSWER_S)
         now_s = time.monotonic()
         data = [a.data for a in answers if len(a.data) == Telemetry.LAYOUT.size]
         if len(answers) < 2 or not data:
