@@ -6,7 +6,7 @@ import argparse
 import sys
 
 from tsd_twin import program, robot_program
-from tsd_twin.hardware import Calibration, HardwareError, MegaRobot, ports
+from tsd_twin.hardware import Calibration, HardwareError, MegaRobot, U2D2Robot, ports
 from tsd_twin.hardware.board import BAUD
 from tsd_twin.node import RobotIO
 from tsd_twin.robots import Robot
@@ -19,6 +19,7 @@ PARSER = program.parser(
         "tsd-bridge --list                          what serial ports there are",
         "tsd-bridge --port /dev/ttyACM0             the triple singularity drive",
         "tsd-bridge --port /dev/serial/by-id/usb-Arduino_...-if00 --calibration mine.toml",
+        "tsd-bridge --port /dev/ttyACM0 --servos /dev/ttyUSB0",
         "tsd-bridge --port socket://192.168.1.7:4004   a board behind ser2net or socat",
     ],
 )
@@ -29,7 +30,10 @@ def joints(robot: Robot, args: argparse.Namespace) -> RobotIO:
     if not args.port:
         raise HardwareError("--port is missing: 'tsd-bridge --list' shows what ports there are")
     calibration = Calibration.read(args.calibration) if args.calibration else Calibration()
-    return MegaRobot(robot, args.port, Motors.of(robot), calibration, baud=args.baud)
+    motors = Motors.of(robot)
+    if args.servos:
+        return U2D2Robot(robot, args.port, args.servos, motors, calibration, baud=args.baud)
+    return MegaRobot(robot, args.port, motors, calibration, baud=args.baud)
 
 
 class _List(argparse.Action):
@@ -45,6 +49,11 @@ def main() -> None:
     PARSER.add_argument("--list", action=_List, nargs=0, help="show the serial ports and end")
     PARSER.add_argument(
         "--port", metavar="PORT", help="device, or a URL of pyserial, of the controller board"
+    )
+    PARSER.add_argument(
+        "--servos",
+        metavar="PORT",
+        help="of a U2D2 with the servos, when they are not connected to the board",
     )
     PARSER.add_argument(
         "--baud", type=int, default=BAUD, help=f"of the board, as it was flashed; default {BAUD}"

@@ -18,7 +18,7 @@ from tsd_twin.hardware.line import Line
 from tsd_twin.hardware.order import Order
 from tsd_twin.wire import protocol2
 from tsd_twin.wire.blocks import Command, Identity, Setup, Telemetry
-from tsd_twin.wire.packet import ALERT, Status
+from tsd_twin.wire.packet import ALERT
 from tsd_twin.wire.table import BOARD_ID, ESCS, MODEL, SERVOS, TABLE_VERSION, ZERO_THROTTLE
 
 _LOG = logging.getLogger(__name__)
@@ -28,6 +28,7 @@ ANSWER_S = 0.02
 _BOOT_S = 4.0
 """To open its port resets the board, whose boot loader then waits about a second for uploads."""
 _TRY_S = 0.1
+_TRIES = 3
 _LEAVING = 5
 _READ = protocol2.read(BOARD_ID, Telemetry.ADDRESS, Telemetry.LAYOUT.size)
 
@@ -79,9 +80,9 @@ class Board:
             HardwareError: it is not, or does not answer.
         """
         self._wait_for_answer(line)
-        identity = Identity.unpack(
-            self._need(line, protocol2.read(BOARD_ID, Identity.ADDRESS, Identity.LAYOUT.size)).data
-        )
+        size = Identity.LAYOUT.size
+        read = protocol2.read(BOARD_ID, Identity.ADDRESS, size)
+        identity = Identity.unpack(self._need(line, read, size))
         if identity.model != MODEL or identity.table_version != TABLE_VERSION:
             raise HardwareError(
                 f"the device at {line.name} is model {identity.model} with control table "
@@ -91,8 +92,8 @@ class Board:
         # A board that was not reset may still be armed, which would refuse the set-up.
         self._need(line, protocol2.write(BOARD_ID, Command.ADDRESS, self._rest.pack()))
         self._need(line, protocol2.write(BOARD_ID, Setup.ADDRESS, self._setup.pack()))
-        said = self._need(line, _READ)
-        self.news = News(Telemetry.unpack(said.data), time.monotonic(), self._switch.lost)
+        said = Telemetry.unpack(self._need(line, _READ, Telemetry.LAYOUT.size))
+        self.news = News(said, time.monotonic(), self._switch.lost)
         self.gone = ""
 
     def cycle(self, line: Line) -> bool:
@@ -154,15 +155,18 @@ class Board:
                     "is its firmware flashed, and is it the right port?"
                 )
 
-    def _need(self, line: Line, request: bytes) -> Status:
-        answers = line.ask(request, 1, _TRY_S)
-        if not answers:
-            raise HardwareError(f"the controller board at {line.name} fell silent")
-        if answers[0].error & ~ALERT:
-            raise HardwareError(
-                f"the controller board at {line.name} refuses its set-up: error {answers[0].error}"
-            )
-        return answers[0]
+    def _need(self, line: Line, request: bytes, size: int = 0) -> bytes:
+        """Return the `size` bytes of an answer that must come, sooner or later."""
+        for _ in range(_TRIES):
+            for answer in line.ask(request, 1, _TRY_S):
+                if answer.error & ~ALERT:
+                    raise HardwareError(
+                        f"the controller board at {line.name} refuses its set-up: "
+                        f"error {answer.error & ~ALERT}"
+                    )
+                if len(answer.data) == size:  # Else it answers an older question.
+                    return answer.data
+        raise HardwareError(f"the controller board at {line.name} does not answer as it should")
 
 
 def _restarted(before: Telemetry, after: Telemetry) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 from tsd_twin.authority import Mandate
@@ -53,14 +54,12 @@ class MegaRobot:
         self._expected = self._joints.servos if servos else 0
         self._mandate = Mandate(False, 0)
         self._read_s = 0.0
-        self._now_s = 0.0
         self._keeper = Keeper(port, self._board)
 
     def read(self, now_s: float) -> Array | None:
         """Return the measured joints (n,), NaN where nothing is measured; None: no news."""
-        self._now_s = now_s
         news = self._board.news
-        if news is None or news.heard_s <= self._read_s:
+        if news is None or news.heard_s <= self._read_s or now_s - news.heard_s > SILENT_S:
             return None
         self._read_s = news.heard_s
         return self._joints.measured(news.telemetry.position, news.telemetry.servo_alive)
@@ -100,7 +99,7 @@ class MegaRobot:
         facts: dict[str, Any] = {"kind": "mega", "connected": news is not None}
         if news is not None:
             facts |= self._facts(news.telemetry)
-            facts["age_ms"] = round(1000.0 * (self._now_s - news.heard_s), 1)
+            facts["age_ms"] = round(1000.0 * (time.monotonic() - news.heard_s), 1)
         return facts | {"link": board.health.status()}
 
     def close(self) -> None:
