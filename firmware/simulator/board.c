@@ -15,6 +15,16 @@
 
 #define FREQUENCY 16000000
 #define US(us) ((avr_cycle_count_t)(us) * (FREQUENCY / 1000000))
+/* Addresses in the data space of the ATmega2560. */
+#define PCIFR 0x3B
+#define PCICR 0x68
+#define PCMSK2 0x6D
+#define UBRR0 0xC4
+#define UBRR1 0xCC
+#define OCR4AH 0xA9
+#define OCR4CH 0xAD
+#define PCINT2_VECTOR 11
+
 #define RC_CHANNELS 6
 #define RC_FRAME US(20000)
 #define QUEUE 65536 /* An index wraps by itself. */
@@ -52,11 +62,11 @@ typedef struct board {
   bool sending;
   uint8_t request[LONGEST_REQUEST];
   uint32_t request_length, strays, cuts, collisions;
-  avr_cycle_count_t request_byte;
   queue_t to_bus;
   void (*on_request)(const uint8_t *bytes, uint32_t length);
   esc_t esc[3];
   /* Receiver. */
+  avr_int_vector_t rc_change; /* simavr 1.6 has pin change interrupts at port B only. */
   uint32_t rc_us[RC_CHANNELS];
   uint8_t rc_channel;
   bool rc_high;
@@ -76,8 +86,6 @@ static avr_cycle_count_t byte_cycles(avr_t *avr, uint16_t ubrr) {
   uint32_t divisor = avr->data[ubrr] | (avr->data[ubrr + 1] & 0xf) << 8;
   return (divisor + 1) * 8 * 11; /* simavr counts eleven bits. */
 }
-#define UBRR0 0xC4
-#define UBRR1 0xCC
 
 static avr_irq_t *uart(board_t *board, char name, int irq) {
   return avr_io_getirq(board->avr, AVR_IOCTL_UART_GETIRQ(name), irq);
@@ -126,8 +134,15 @@ static void on_bus_byte(avr_irq_t *irq, uint32_t value, void *param) {
     return;
   }
   if (board->request_length < LONGEST_REQUEST) board->request[board->request_length++] = value;
-  board->request_byte = board->avr->cycle;
   avr_raise_irq(uart(board, '1', UART_IRQ_INPUT), value);
+}
+
+static const avr_uart_t *bus_uart(const avr_t *avr) {
+  for (const avr_io_t *io = avr->io_port; io; io = io->next) {
+    const avr_uart_t *found = (const avr_uart_t *)io;
+    if (!strcmp(io->kind, "uart") && found->name == '1') return found;
+  }
+  abort();
 }
 
 static void on_direction(avr_irq_t *irq, uint32_t value, void *param) {
@@ -140,9 +155,7 @@ static void on_direction(avr_irq_t *irq, uint32_t value, void *param) {
     board->request_length = 0;
     return;
   }
-  /* simavr counts a byte from the end of the last one, not from when it was handed over. */
-  avr_cycle_count_t some_bits = byte_cycles(board->avr, UBRR1) / 3;
-  if (board->avr->cycle < board->request_byte + some_bits) {
+  if (bus_uart(board->avr)->tx_cnt) {
     board->cuts++;
     return;
   }
@@ -172,12 +185,18 @@ static void on_esc(avr_irq_t *irq, uint32_t value, void *param) {
   }
 }
 
+static void set_rc_pin(board_t *board, bool high) {
+  avr_t *avr = board->avr;
+  avr_raise_irq(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('K'), board->rc_channel), high);
+  if (avr->data[PCMSK2] & 1 << board->rc_channel) avr_raise_interrupt(avr, &board->rc_change);
+}
+
 /* Six pulses one after the other, as receivers make them. */
 static avr_cycle_count_t step_receiver(avr_t *avr, avr_cycle_count_t when, void *param) {
+  (void)avr;
   board_t *board = param;
-  avr_irq_t *pin = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('K'), board->rc_channel);
   if (board->rc_high) {
-    avr_raise_irq(pin, 0);
+    set_rc_pin(board, false);
     board->rc_high = false;
     board->rc_channel++;
   }
@@ -188,8 +207,7 @@ static avr_cycle_count_t step_receiver(avr_t *avr, avr_cycle_count_t when, void 
     if (board->rc_frame <= when) board->rc_frame = when + RC_FRAME;
     return board->rc_frame;
   }
-  pin = avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('K'), board->rc_channel);
-  avr_raise_irq(pin, 1);
+  set_rc_pin(board, true);
   board->rc_high = true;
   return when + US(board->rc_us[board->rc_channel]);
 }
@@ -249,6 +267,12 @@ board_t *board_open(const char *elf, uint16_t mode_address) {
   board->io.kind = "board";
   board->io.reset = on_reset;
   avr_register_io(avr, &board->io);
+  board->rc_change = (avr_int_vector_t){
+      .vector = PCINT2_VECTOR,
+      .enable = AVR_IO_REGBIT(PCICR, 2),
+      .raised = AVR_IO_REGBIT(PCIFR, 2),
+  };
+  avr_register_vector(avr, &board->rc_change);
   uint32_t flags = 0;
   avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('0'), &flags);
   avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('1'), &flags);
@@ -258,7 +282,7 @@ board_t *board_open(const char *elf, uint16_t mode_address) {
   for (int i = 3; i < 6; i++) {
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('H'), i), on_esc, board);
   }
-  for (int address = 0xA9; address <= 0xAD; address += 2) {
+  for (int address = OCR4AH; address <= OCR4CH; address += 2) {
     avr_register_io_write(avr, address, on_width, board);
   }
   avr_reset(avr);

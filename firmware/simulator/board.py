@@ -139,6 +139,10 @@ class Board:
         """Return a byte of memory."""
         return self._lib.board_peek(self._board, address)
 
+    def poke(self, address: int, value: int) -> None:
+        """Change a byte of memory, as a cosmic ray does."""
+        self._lib.board_poke(self._board, address, value)
+
     def hang(self) -> None:
         """Make the firmware hang with interrupts off, until the next reset."""
         self._lib.board_hang(self._board)
@@ -181,6 +185,7 @@ def _library() -> ctypes.CDLL:
         ("set_rc", pointer),
         ("set_adc", u32, u32),
         ("peek", ctypes.c_uint16),
+        ("poke", ctypes.c_uint16, ctypes.c_uint8),
         ("hang",),
         ("reset", ctypes.c_bool),
         ("ask", ctypes.c_char_p, pointer, u32, ctypes.c_char_p, u32, ctypes.c_char_p, u32, u32),

@@ -49,7 +49,10 @@ class Body:
         self.simulation.advance(now_s - self._now_s)
         self._now_s = now_s
         angles = self.gimbals
-        goals = [servo.goal if servo.torque and not servo.dead else None for servo in servos]
+        goals = [
+            servo.goal if servo.torque and not servo.dead and not servo.jammed else None
+            for servo in servos
+        ]
         told = (*goals, *pulses_us)
         if told != self._told:
             self._told = told

@@ -50,6 +50,8 @@ class Mx64:
         self.registers = REGISTERS[version]
         self.dead = False
         """Does not answer any more; its motor stays where it is."""
+        self.jammed = False
+        """Answers, and stays where it is."""
         self.fault = False
         """Reports a hardware error."""
         self.return_delay_us = 500
