@@ -70,14 +70,27 @@ class PretendBoard:
         self.table = bytearray(TABLE_SIZE)
         self.obeys_arm = True
         self.silent = False
+        self.late = 0
+        """Answers that are kept back before any goes out."""
+        self.asked = 0
+        self._kept: list[bytes] = []
         self.error = 0
         self.commands: list[Command] = []
         self.setups: list[Setup] = []
 
     def answer(self, packet: Packet) -> bytes:
         """Return what goes back."""
+        self.asked += 1
+        self._kept.append(self._answer(packet))
         if self.silent:
-            return b""
+            self._kept.clear()
+        out, self._kept = (
+            self._kept[: -self.late or None],
+            self._kept[-self.late or len(self._kept) :],
+        )
+        return b"".join(out)
+
+    def _answer(self, packet: Packet) -> bytes:
         if packet.code == Instruction.PING:
             return protocol2.status(packet.id, 0, self.identity.pack()[:3])
         address = int.from_bytes(packet.params[:2], "little")
@@ -94,6 +107,7 @@ class PretendBoard:
             self.setups.append(Setup.unpack(data))
         else:
             self.commands.append(Command.unpack(data))
+            self.telemetry = replace(self.telemetry, beat=self.commands[-1].heartbeat)
             if self.obeys_arm:
                 mode = BoardMode.ARMED if self.commands[-1].arm else BoardMode.DISARMED
                 self.telemetry = replace(self.telemetry, mode=int(mode))

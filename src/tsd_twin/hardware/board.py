@@ -18,7 +18,7 @@ from tsd_twin.hardware.line import Line
 from tsd_twin.hardware.order import Order
 from tsd_twin.wire import protocol2
 from tsd_twin.wire.blocks import Command, Identity, Setup, Telemetry
-from tsd_twin.wire.packet import ALERT
+from tsd_twin.wire.packet import ALERT, Status
 from tsd_twin.wire.table import BOARD_ID, ESCS, MODEL, SERVOS, TABLE_VERSION, ZERO_THROTTLE
 
 _LOG = logging.getLogger(__name__)
@@ -29,6 +29,7 @@ _BOOT_S = 4.0
 """To open its port resets the board, whose boot loader then waits about a second for uploads."""
 _TRY_S = 0.1
 _TRIES = 3
+_SETTLE_S = 0.03
 _LEAVING = 5
 _READ = protocol2.read(BOARD_ID, Telemetry.ADDRESS, Telemetry.LAYOUT.size)
 
@@ -99,19 +100,23 @@ class Board:
     def cycle(self, line: Line) -> bool:
         """Write what shall be and read what is, both in one go; return whether it answered.
 
+        The echo of the heartbeat shows that the answer is one to this very question.
+
         Raises:
             HardwareError: the port is gone, or the board has restarted and is no longer ours.
         """
-        order, began_s = self.order, time.monotonic()
-        request = protocol2.write(BOARD_ID, Command.ADDRESS, self._command(order, began_s).pack())
-        answers = line.ask(request + _READ, 2, ANSWER_S)
+        began_s = time.monotonic()
+        command = self._command(self.order, began_s)
+        request = protocol2.write(BOARD_ID, Command.ADDRESS, command.pack()) + _READ
+        answers = line.ask(request, 2, ANSWER_S)
         now_s = time.monotonic()
-        data = [a.data for a in answers if len(a.data) == Telemetry.LAYOUT.size]
-        if len(answers) < 2 or not data:
+        telemetry = _telemetry(answers)
+        if telemetry is None or telemetry.beat != command.heartbeat:
             self.health.miss()
+            if answers:  # The answers to an older question: all later ones would be late as well.
+                line.drain(_SETTLE_S)
             return False
         self.health.note(now_s - began_s)
-        telemetry = Telemetry.unpack(data[-1])
         if self.news is not None and _restarted(self.news.telemetry, telemetry):
             _LOG.warning("the controller board has restarted")
             self._switch.lose("the controller board has restarted")
@@ -148,12 +153,13 @@ class Board:
 
     def _wait_for_answer(self, line: Line) -> None:
         end_s = time.monotonic() + _BOOT_S
-        while not line.ask(protocol2.ping(BOARD_ID), 1, _TRY_S):
+        while not any(a.data for a in line.ask(protocol2.ping(BOARD_ID), 1, _TRY_S)):
             if time.monotonic() > end_s:
                 raise HardwareError(
                     f"nothing at {line.name} answers as a controller board at {self.baud} Bd: "
                     "is its firmware flashed, and is it the right port?"
                 )
+        line.drain(_SETTLE_S)
 
     def _need(self, line: Line, request: bytes, size: int = 0) -> bytes:
         """Return the `size` bytes of an answer that must come, sooner or later."""
@@ -167,6 +173,13 @@ class Board:
                 if len(answer.data) == size:  # Else it answers an older question.
                     return answer.data
         raise HardwareError(f"the controller board at {line.name} does not answer as it should")
+
+
+def _telemetry(answers: list[Status]) -> Telemetry | None:
+    """Return what was read, if the answers are those to a write and a read."""
+    if [len(answer.data) for answer in answers] != [0, Telemetry.LAYOUT.size]:
+        return None
+    return Telemetry.unpack(answers[1].data)
 
 
 def _restarted(before: Telemetry, after: Telemetry) -> bool:

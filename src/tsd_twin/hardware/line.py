@@ -13,6 +13,7 @@ from tsd_twin.wire.packet import Status
 _READ_S = 0.002
 """How long one read waits: a fraction of a cycle, so that the time for an answer is kept."""
 _CHUNK = 4096
+_LONGEST_DRAIN = 5.0
 
 
 class Line:
@@ -26,7 +27,7 @@ class Line:
         """
         self.name = name
         self._port = open_port(name, baud, _READ_S)
-        self._late = False
+        self._late = True  # What stands there already is for whom the port was open before.
         self.sum_errors = 0
         """Answers with a wrong sum."""
 
@@ -53,6 +54,21 @@ class Line:
         self.sum_errors += decoder.sum_errors
         self._late = len(found) < answers
         return found
+
+    def drain(self, silence_s: float) -> None:
+        """Take in and forget what still comes, until nothing has come for `silence_s`, or long.
+
+        Raises:
+            PortError: the port is gone.
+        """
+        try:
+            began_s = now_s = heard_s = time.monotonic()
+            while now_s - heard_s < silence_s and now_s - began_s < _LONGEST_DRAIN * silence_s:
+                heard = bool(self._port.read(_CHUNK))
+                now_s = time.monotonic()
+                heard_s = now_s if heard else heard_s
+        except GONE as error:
+            raise PortError(f"{self.name} is gone") from error
 
     def _receive(self, decoder: Decoder, answers: int, patience_s: float) -> list[Status]:
         found: list[Status] = []

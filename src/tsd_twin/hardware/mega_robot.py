@@ -6,7 +6,7 @@ import time
 from typing import Any
 
 from tsd_twin.authority import Mandate
-from tsd_twin.hardware.arm_switch import TRIPS
+from tsd_twin.hardware.arm_switch import REFUSALS, TRIPS
 from tsd_twin.hardware.board import BAUD, Board
 from tsd_twin.hardware.calibration import Calibration
 from tsd_twin.hardware.joints import Joints, ThrottleLaw
@@ -15,7 +15,7 @@ from tsd_twin.hardware.order import Order
 from tsd_twin.lie import Array
 from tsd_twin.robots import Robot
 from tsd_twin.wire.blocks import Telemetry
-from tsd_twin.wire.codes import BoardMode
+from tsd_twin.wire.codes import SWITCH_US, BoardMode, RcChannel, Refusal
 
 SILENT_S = 0.1
 """News older than this is none."""
@@ -84,14 +84,7 @@ class MegaRobot:
             return f"the controller board is not connected: {self._board.gone}"
         if now_s - news.heard_s > SILENT_S:
             return f"the controller board has not answered for {SILENT_S * 1000:.0f} ms"
-        said = news.telemetry
-        if said.mode == BoardMode.RC:
-            return "the radio control has the robot"
-        if dead := self._expected & ~said.servo_alive:
-            return f"{self._joints.named(dead)}: no answer"
-        if broken := self._expected & said.servo_fault:
-            return f"{self._joints.named(broken)}: hardware error"
-        return news.lost
+        return self._objection(news.telemetry, news.lost)
 
     def hardware(self) -> dict[str, Any]:
         """Return facts for the status that JSON can hold."""
@@ -106,6 +99,23 @@ class MegaRobot:
         """Disarm the board and close the line."""
         self._keeper.close()
 
+    def _objection(self, said: Telemetry, lost: str) -> str:
+        if said.mode == BoardMode.RC:
+            return "the radio control has the robot"
+        if dead := self._expected & ~said.servo_alive:
+            return f"{self._joints.named(dead)}: no answer"
+        if broken := self._expected & said.servo_fault:
+            return f"{self._joints.named(broken)}: hardware error"
+        if lost:
+            return lost
+        if not said.esc_ready:
+            return "the speed controllers have not had zero throttle for 2 s yet"
+        if 0 < said.rc[RcChannel.KILL] < SWITCH_US:
+            return REFUSALS[Refusal.KILL]
+        if said.rc[RcChannel.MANUAL] > SWITCH_US:
+            return "the radio control is switched to manual"
+        return ""
+
     def _facts(self, said: Telemetry) -> dict[str, Any]:
         facts: dict[str, Any] = {
             "board": MODES.get(said.mode, said.mode),
@@ -113,6 +123,7 @@ class MegaRobot:
             "battery_v": round(said.battery_mv / 1000.0, 2),
             "esc_armed": bool(said.esc_ready),
             "pulse_us": [pulse / 2.0 for pulse in said.throttle_out],
+            "rc_us": list(said.rc),
             "counters": {
                 "crc_errors": said.crc_errors,
                 "rx_errors": said.rx_errors,

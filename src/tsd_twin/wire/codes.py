@@ -63,3 +63,19 @@ class ResetCause(IntFlag):
     EXTERNAL = 2
     BROWN_OUT = 4
     WATCHDOG = 8
+
+
+class RcChannel(IntEnum):
+    """Which entry of `rc` is what; a switch is on the side of its pulse, seen from `SWITCH_US`."""
+
+    FORWARD = 0
+    LEFT = 1
+    TURN = 2
+    SPEED = 3
+    KILL = 4
+    """Shorter kills: a receiver that loses its transmitter is set to do that."""
+    MANUAL = 5
+    """Longer gives the robot to the radio control."""
+
+
+SWITCH_US = 1500
