@@ -22,10 +22,10 @@ from tsd_twin.wire.table import TABLE_SIZE
 
 
 class Peer:
-    """A pty whose other end answers requests by a function; `port` stays when plugged anew."""
+    """A pty whose other end answers bytes by a function; `port` stays when plugged anew."""
 
-    def __init__(self, folder: Path, answer: Callable[[Packet], bytes]) -> None:
-        self.port = str(folder / "port")
+    def __init__(self, port: Path, answer: Callable[[bytes, float], bytes]) -> None:
+        self.port = str(port)
         self._answer = answer
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
@@ -51,12 +51,10 @@ class Peer:
             Path(self.port).unlink()
 
     def _run(self, master: int, slave: int) -> None:
-        decoder = Decoder(protocol2)
         while not self._stopping.is_set():
             if select.select([master], [], [], 0.01)[0]:
-                for packet in decoder.feed(os.read(master, 4096), time.monotonic()):
-                    with contextlib.suppress(OSError):
-                        os.write(master, self._answer(packet))
+                with contextlib.suppress(OSError):
+                    os.write(master, self._answer(os.read(master, 4096), time.monotonic()))
         os.close(master)
         os.close(slave)
 
@@ -73,13 +71,17 @@ class PretendBoard:
         self.late = 0
         """Answers that are kept back before any goes out."""
         self.asked = 0
+        self._decoder = Decoder(protocol2)
         self._kept: list[bytes] = []
         self.error = 0
         self.commands: list[Command] = []
         self.setups: list[Setup] = []
 
-    def answer(self, packet: Packet) -> bytes:
+    def answer(self, data: bytes, now_s: float) -> bytes:
         """Return what goes back."""
+        return b"".join(self._late(packet) for packet in self._decoder.feed(data, now_s))
+
+    def _late(self, packet: Packet) -> bytes:
         self.asked += 1
         self._kept.append(self._answer(packet))
         if self.silent:
@@ -122,7 +124,7 @@ class PretendBoard:
 @contextlib.contextmanager
 def plugged(folder: Path, board: PretendBoard) -> Generator[Peer]:
     """Have a pretended board at a pty."""
-    peer = Peer(folder, board.answer)
+    peer = Peer(folder / "board", board.answer)
     try:
         yield peer
     finally:
