@@ -2,8 +2,10 @@
 #ifndef HOST_H
 #define HOST_H
 
-// Handles all that came.
-void host_poll(void);
+#include <stdbool.h>
+
+// Handles some of what came; returns whether there is more.
+bool host_poll(void);
 
 // To be called each millisecond: gives up on packets that were cut.
 void host_tick(void);

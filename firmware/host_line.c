@@ -2,6 +2,7 @@
 
 #include <avr/interrupt.h>
 #include <avr/io.h>
+#include <string.h>
 #include <util/atomic.h>
 
 #include "baud.h"
@@ -9,21 +10,18 @@
 
 _Static_assert(BAUD_FITS(HOST_BAUD), "HOST_BAUD cannot be made of 16 MHz");
 
-// As long as an index can count: it wraps by itself.
+// As long as an index can count: it wraps by itself. Bytes that come while 256 wait spoil those,
+// and the sums of their packets with them.
 static uint8_t in[256], out[256];
-static volatile uint8_t in_head, out_tail, lost;
+static volatile uint8_t in_head, out_tail, status;
 static uint8_t in_tail, out_head;
 
+// Short: a byte comes every 160 cycles, on this line and on that of the servos, and two wait.
 ISR(USART0_RX_vect) {
-  uint8_t status = UCSR0A;
+  status |= UCSR0A;
   uint8_t head = in_head;
-  in[head++] = UDR0;
-  if (status & (_BV(FE0) | _BV(DOR0))) lost++;
-  if (head == in_tail) {
-    lost++;
-  } else {
-    in_head = head;
-  }
+  in[head] = UDR0;
+  in_head = head + 1;
   CLOCK_WAKE();
 }
 
@@ -47,9 +45,14 @@ bool host_line_receive(uint8_t *byte) {
   return true;
 }
 
+bool host_line_waiting(void) { return in_tail != in_head; }
+
 bool host_line_send(const uint8_t *bytes, uint8_t length) {
   if ((uint8_t)(out_tail - out_head - 1) < length) return false;
-  for (uint8_t i = 0; i < length; i++) out[(uint8_t)(out_head + i)] = bytes[i];
+  uint16_t left = sizeof out - out_head;
+  uint8_t first = length < left ? length : left;
+  memcpy(out + out_head, bytes, first);
+  memcpy(out, bytes + first, length - first);
   ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
     out_head += length;
     UCSR0B |= _BV(UDRIE0);
@@ -57,11 +60,11 @@ bool host_line_send(const uint8_t *bytes, uint8_t length) {
   return true;
 }
 
-uint8_t host_line_lost(void) {
-  uint8_t count = 0;
+bool host_line_overrun(void) {
+  uint8_t seen = 0;
   ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
-    count = lost;
-    lost = 0;
+    seen = status;
+    status = 0;
   }
-  return count;
+  return seen & _BV(DOR0);
 }

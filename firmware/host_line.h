@@ -7,11 +7,12 @@
 
 void host_line_start(void);
 bool host_line_receive(uint8_t *byte);
+bool host_line_waiting(void);
 
 // Sends all of it, or nothing when there is no room.
 bool host_line_send(const uint8_t *bytes, uint8_t length);
 
-// Bytes that came and were lost since the last call.
-uint8_t host_line_lost(void);
+// Whether bytes came faster than they were fetched, since the last call.
+bool host_line_overrun(void);
 
 #endif

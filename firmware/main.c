@@ -1,5 +1,6 @@
 // Firmware of the triple singularity drive for the Arduino Mega (ATmega2560).
 #include <avr/interrupt.h>
+#include <stdbool.h>
 
 #include "battery.h"
 #include "clock.h"
@@ -35,9 +36,9 @@ int main(void) {
   clock_start();
   sei();
   while (true) {
-    host_poll();
+    bool more = host_poll();
     servos_poll();
     while (clock_tick()) tick();
-    clock_sleep();
+    if (!more) clock_sleep();
   }
 }

@@ -13,7 +13,7 @@
 #define DEAD_US 20
 #define TRAVEL_US 400  // From the centre to the end.
 #define SPEED_LOW_US 1100
-#define SPEED_TRAVEL_US 800
+#define SPEED_TRAVEL_US 780  // Less than the stick has: its end is the end.
 
 uint16_t manual_throttle[CT_ESCS];
 int16_t manual_goal[CT_SERVOS];

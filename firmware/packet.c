@@ -48,6 +48,19 @@ static uint8_t unstuffed(uint8_t *data, uint8_t length) {
   return end - data;
 }
 
+// Stuffs what looks like a header, in place; returns how many bytes it is then.
+static uint8_t stuffed(uint8_t *data, uint8_t length) {
+  uint8_t *end = data + length, *at = data;
+  while ((at = memchr(at, START[2], end - at))) {
+    at++;
+    bool header = at - data >= 3 && at[-2] == START[1] && at[-3] == START[0];
+    if (!header) continue;
+    memmove(at + 1, at, end++ - at);
+    *at++ = START[2];
+  }
+  return end - data;
+}
+
 bool decoder_take(decoder_t *decoder, packet_t *packet) {
   if (decoder->done) {
     drop(decoder, decoder->done);
@@ -91,12 +104,8 @@ uint8_t packet_write(uint8_t *out, uint8_t id, uint8_t instruction, const uint8_
   memcpy(out, START, sizeof START);
   out[4] = id;
   out[HEADER] = instruction;
-  uint8_t end = HEADER + 1;
-  for (uint8_t i = 0; i < count; i++) {
-    out[end++] = parameters[i];
-    bool header = out[end - 3] == 0xff && out[end - 2] == 0xff && out[end - 1] == 0xfd;
-    if (header && end - 3 >= HEADER) out[end++] = 0xfd;
-  }
+  memcpy(out + HEADER + 1, parameters, count);
+  uint8_t end = stuffed(out + HEADER, 1 + count) + HEADER;
   uint16_t length = end - HEADER + 2;
   out[5] = length & 0xff;
   out[6] = length >> 8;

@@ -9,13 +9,14 @@
 #define TORQUE_ENABLE 24
 #define GOAL_POSITION 30
 #define PRESENT 36  // Position (2), speed (2), load (2), voltage, temperature, ..., current (2).
-#define PRESENT_LENGTH 34
+#define SOME 8
+#define ALL 34
 #define FAULTS 0x25  // Overload, overheating, input voltage.
 
 enum { PING = 1, READ = 2, WRITE = 3, SYNC_WRITE = 0x83 };
 
 // FF FF, id, length, error, parameters, sum.
-static uint8_t reply[6 + PRESENT_LENGTH];
+static uint8_t reply[6 + ALL];
 static uint8_t length;
 
 static uint8_t sum(const uint8_t *bytes, uint8_t count) {
@@ -40,8 +41,8 @@ static uint8_t set_torque(uint8_t *out, uint8_t id, bool on) {
   return request(out, id, WRITE, parameters, sizeof parameters);
 }
 
-static uint8_t ask(uint8_t *out, uint8_t id) {
-  uint8_t parameters[] = {PRESENT, PRESENT_LENGTH};
+static uint8_t ask(uint8_t *out, uint8_t id, bool all) {
+  uint8_t parameters[] = {PRESENT, all ? ALL : SOME};
   return request(out, id, READ, parameters, sizeof parameters);
 }
 
@@ -75,17 +76,17 @@ static reply_t receive(uint8_t byte, uint8_t id) {
 static uint16_t u16(const uint8_t *bytes) { return bytes[0] | (uint16_t)bytes[1] << 8; }
 
 static bool report(servo_report_t *report) {
-  if (length != sizeof reply) return false;
   const uint8_t *present = reply + 5;
+  if (length != 6 + SOME && length != 6 + ALL) return false;
   uint16_t speed = u16(present + 2);
   int32_t magnitude = ((int32_t)(speed & 0x3ff) * 1992) >> 8;  // 0.114 turns a minute
-  *report = (servo_report_t){
-      .position = u16(present),
-      .velocity = speed & 0x400 ? -magnitude : magnitude,  // This bit: clockwise.
-      .voltage = present[6],
-      .temperature = present[7],
-      .current = ((int32_t)u16(present + 32) - 2048) * 9 / 2,  // 4.5 mA
-  };
+  report->position = u16(present);
+  report->velocity = speed & 0x400 ? -magnitude : magnitude;  // This bit: clockwise.
+  report->voltage = present[6];
+  report->temperature = present[7];
+  if (length == 6 + ALL) {
+    report->current = ((int32_t)u16(present + 32) - 2048) * 9 / 2;  // 4.5 mA
+  }
   return true;
 }
 

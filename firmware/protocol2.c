@@ -6,8 +6,9 @@
 
 #define TORQUE_ENABLE 64
 #define GOAL_POSITION 116
-#define PRESENT 126        // Current (2), velocity (4), position (4), ..., voltage (2), temperature.
-#define PRESENT_LENGTH 21
+#define PRESENT 126  // Current (2), velocity (4), position (4), ..., voltage (2), temperature.
+#define SOME 10
+#define ALL 21
 
 static decoder_t decoder;
 static packet_t reply;
@@ -19,8 +20,8 @@ static uint8_t set_torque(uint8_t *out, uint8_t id, bool on) {
   return packet_write(out, id, PACKET_WRITE, parameters, sizeof parameters);
 }
 
-static uint8_t ask(uint8_t *out, uint8_t id) {
-  uint8_t parameters[] = {PRESENT, 0, PRESENT_LENGTH, 0};
+static uint8_t ask(uint8_t *out, uint8_t id, bool all) {
+  uint8_t parameters[] = {PRESENT, 0, all ? ALL : SOME, 0};
   return packet_write(out, id, PACKET_READ, parameters, sizeof parameters);
 }
 
@@ -52,15 +53,15 @@ static int32_t i32(const uint8_t *bytes) {
 }
 
 static bool report(servo_report_t *report) {
-  if (reply.count != 1 + PRESENT_LENGTH) return false;
   const uint8_t *present = reply.parameters + 1;
-  *report = (servo_report_t){
-      .current = ((int32_t)i16(present) * 860) >> 8,    // 3.36 mA
-      .velocity = (i32(present + 2) * 4002) >> 8,  // 0.229 turns a minute
-      .position = i32(present + 6),
-      .voltage = present[18],
-      .temperature = present[20],
-  };
+  if (reply.count != 1 + SOME && reply.count != 1 + ALL) return false;
+  report->current = ((int32_t)i16(present) * 860) >> 8;    // 3.36 mA
+  report->velocity = (i32(present + 2) * 4002) >> 8;  // 0.229 turns a minute
+  report->position = i32(present + 6);
+  if (reply.count == 1 + ALL) {
+    report->voltage = present[18];
+    report->temperature = present[20];
+  }
   return true;
 }
 

@@ -18,7 +18,7 @@ static bool arm_was_written = true;
 // Since the last beat. Counted up instead of compared with a clock: nothing can wrap.
 static uint16_t beat_age_ms;
 static uint16_t zero_throttle_ms;
-static bool manual_before = true;  // As `arm_was_written`: the switch has to be moved.
+static bool manual_before = true;
 
 void safety_start(void) {
   table.reset_cause = watchdog_reset_cause();
@@ -122,9 +122,10 @@ static trip_code_t reason_to_trip(void) {
 }
 
 // The radio control gets the robot when its switch is moved, and loses it when it is moved back.
+// A switch that stands at "manual" when the receiver is first heard has to be moved there again.
 static void look_at_switch(void) {
   bool manual = receiver_manual(), edge = manual && !manual_before;
-  manual_before = manual;
+  manual_before = manual || !receiver_present();
   if (table.mode == BOARD_RC && !manual) disarm();
   if (table.mode != BOARD_DISARMED || !edge) return;
   table.refusal = refusal_to_anybody();

@@ -20,11 +20,12 @@ typedef enum { REPLY_NONE, REPLY_OK, REPLY_FAULT, REPLY_BROKEN } reply_t;
 typedef struct {
   uint8_t (*ping)(uint8_t *out, uint8_t id);
   uint8_t (*set_torque)(uint8_t *out, uint8_t id, bool on);
-  uint8_t (*ask)(uint8_t *out, uint8_t id);
+  // For position and velocity, or for all of a report.
+  uint8_t (*ask)(uint8_t *out, uint8_t id, bool all);
   // `goals` of servos 1 to 6, those in `mask`; 0 when there are none.
   uint8_t (*set_goals)(uint8_t *out, uint8_t mask, const uint16_t *goals);
   reply_t (*receive)(uint8_t byte, uint8_t id);
-  // Reads the reply to `ask`; false when it is none.
+  // Fills in what the reply to `ask` says; false when it is none.
   bool (*report)(servo_report_t *report);
   void (*listen)(void);  // Forgets what came before.
 } protocol_t;

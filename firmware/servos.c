@@ -30,6 +30,7 @@ static uint8_t servo;
 static bool pinging, listening;
 static uint16_t listening_since;
 
+static servo_report_t reports[CT_SERVOS];
 static uint8_t age_ms[CT_SERVOS];
 static uint8_t to_tell;  // Bit i: servo i has to be told whether to hold.
 static bool told_torque;
@@ -71,7 +72,8 @@ static bool ask(uint8_t i) {
   if (!(table.servo_found & bit(i))) return false;
   servo = i;
   protocol = spoken_by(i);
-  return send(protocol->ask(servo_line_request(), i + 1));
+  // All of a report takes long: one servo at a time, and none in cycles with another request.
+  return send(protocol->ask(servo_line_request(), i + 1, cycles % REMIND_CYCLES == 2 * i + 1));
 }
 
 // Tells one servo whether to hold, or looks for one that is missing.
@@ -130,18 +132,18 @@ static int16_t within_i16(int32_t value) {
 }
 
 static void take_report(uint8_t i) {
-  servo_report_t report;
-  if (!protocol->report(&report)) {
+  servo_report_t *report = &reports[i];
+  if (!protocol->report(report)) {
     table.servo_errors++;
     return;
   }
-  int32_t position = report.position - table.neutral[i], velocity = report.velocity;
+  int32_t position = report->position - table.neutral[i], velocity = report->velocity;
   bool reverse = table.reverse & bit(i);
   table.position[i] = within_i16(reverse ? -position : position);
   table.velocity[i] = within_i16(reverse ? -velocity : velocity);
-  table.current[i] = reverse ? -report.current : report.current;
-  table.voltage[i] = report.voltage;
-  table.temperature[i] = report.temperature;
+  table.current[i] = reverse ? -report->current : report->current;
+  table.voltage[i] = report->voltage;
+  table.temperature[i] = report->temperature;
   age_ms[i] = 0;
   table.servo_alive |= bit(i);
 }

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "avr_adc.h"
+#include "avr_eeprom.h"
 #include "avr_extint.h"
 #include "avr_ioport.h"
 #include "avr_uart.h"
@@ -366,6 +367,11 @@ void board_set_adc(board_t *board, uint32_t channel, uint32_t millivolts) {
 uint8_t board_peek(board_t *board, uint16_t address) { return board->avr->data[address]; }
 void board_poke(board_t *board, uint16_t address, uint8_t value) {
   board->avr->data[address] = value;
+}
+
+void board_poke_eeprom(board_t *board, uint16_t address, uint8_t value) {
+  avr_eeprom_desc_t byte = {.ee = &value, .offset = address, .size = 1};
+  avr_ioctl(board->avr, AVR_IOCTL_EEPROM_SET, &byte);
 }
 
 /* Makes the firmware hang with interrupts off, wherever it is; the next reset mends it. */

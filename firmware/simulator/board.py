@@ -143,6 +143,10 @@ class Board:
         """Change a byte of memory, as a cosmic ray does."""
         self._lib.board_poke(self._board, address, value)
 
+    def poke_eeprom(self, address: int, value: int) -> None:
+        """Change a byte of the memory that outlives power."""
+        self._lib.board_poke_eeprom(self._board, address, value)
+
     def hang(self) -> None:
         """Make the firmware hang with interrupts off, until the next reset."""
         self._lib.board_hang(self._board)
@@ -186,6 +190,7 @@ def _library() -> ctypes.CDLL:
         ("set_adc", u32, u32),
         ("peek", ctypes.c_uint16),
         ("poke", ctypes.c_uint16, ctypes.c_uint8),
+        ("poke_eeprom", ctypes.c_uint16, ctypes.c_uint8),
         ("hang",),
         ("reset", ctypes.c_bool),
         ("ask", ctypes.c_char_p, pointer, u32, ctypes.c_char_p, u32, ctypes.c_char_p, u32, u32),

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from firmware.simulator.board import build
+
 pytest.register_assert_rewrite("tests.firmware.laws", "tests.firmware.pilot")
 
 from tests.firmware.pilot import Bench  # noqa: E402
@@ -21,5 +22,8 @@ def elf() -> Path:
 @pytest.fixture
 def bench(elf: Path) -> Generator[Bench]:
     it = Bench(elf)
-    yield it
-    it.finish()
+    try:
+        yield it
+        it.finish()
+    finally:
+        it.close()

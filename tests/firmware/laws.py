@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from tests.firmware.pilot import CRUISE, CYCLE_S, ZERO, Bench, write
 from tsd_twin.wire.blocks import Command, Identity, Setup
 from tsd_twin.wire.codes import BoardMode, Refusal, ResetCause, Trip
@@ -68,7 +70,8 @@ def after_a_trip_only_a_new_arming_arms(bench: Bench) -> None:
 def after_a_reset_only_a_new_arming_arms(bench: Bench) -> None:
     pilot = bench.pilot().get_driving()
     pilot.rig.board.reset()
-    assert pilot.drive(2.5, throttle=ZERO).mode == BoardMode.DISARMED
+    pilot.rig.run(2.5)
+    assert pilot.drive(0.3, throttle=ZERO).mode == BoardMode.DISARMED
     assert pilot.telemetry().reset_cause == ResetCause.EXTERNAL
     assert pilot.arm().mode == BoardMode.ARMED
 
@@ -172,6 +175,15 @@ def a_setup_is_kept_over_resets(bench: Bench) -> None:
     assert pilot.arm().mode == BoardMode.ARMED
 
 
+def a_setup_that_was_spoilt_is_none(bench: Bench) -> None:
+    pilot = bench.pilot().get_ready()
+    pilot.rig.board.poke_eeprom(3, 0x55)
+    pilot.rig.board.reset(power=True)
+    pilot.rig.run(2.1)
+    assert pilot.arm().refusal == Refusal.SETUP
+    assert pilot.telemetry().position == (0,) * 6
+
+
 def a_servo_that_dies_stops_and_is_named(bench: Bench) -> None:
     pilot = bench.pilot().get_driving()
     pilot.rig.servos[3].dead = True
@@ -210,6 +222,20 @@ def a_disarming_counts_without_a_beat(bench: Bench) -> None:
     assert seen is not None
     assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.NONE)
     assert pilot.until_quiet(0.03) < 0.03
+
+
+def a_flood_does_not_keep_the_rules_waiting(bench: Bench) -> None:
+    pilot = bench.pilot().get_driving()
+    random = np.random.default_rng(9)
+    for _ in range(11):
+        pilot.rig.board.send(random.bytes(5000))
+        pilot.rig.run(0.05)
+    assert max(pilot.rig.pulses_us()) < 1001.0
+    assert pilot.rig.board.resets == 0, "the watchdog had to end it"
+    pilot.rig.run(0.2)
+    seen = pilot.telemetry()
+    assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.HEARTBEAT)
+    assert seen.rx_errors > 0
 
 
 def writes_that_are_wrong_change_nothing(bench: Bench) -> None:
@@ -295,9 +321,9 @@ def the_radio_control_takes_over_and_gives_back(bench: Bench) -> None:
 
 
 def the_radio_control_begins_with_its_switch_and_no_speed(bench: Bench) -> None:
-    pilot = bench.pilot(receiver=True)
+    pilot = bench.pilot().get_ready()
     pilot.rig.set_switches(manual=True)
-    pilot.get_ready()
+    pilot.rig.run(0.3)
     assert pilot.mode() == BoardMode.DISARMED, "the switch was on before"
     assert pilot.arm().refusal == Refusal.RC
     pilot.rig.set_switches()

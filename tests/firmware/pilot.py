@@ -156,10 +156,9 @@ class Pilot:
         return self.rig.board.now_s - start_s
 
     def finish(self) -> None:
-        """Look at what must never have happened, and free the rig."""
+        """Look at what must never have happened."""
         widest = max(self.rig.board.pulse(i).unarmed_us for i in range(3))
         faults = self.rig.board.bus_faults()
-        self.rig.close()
         assert widest < 1001.0, f"a pulse of {widest} us while nobody had the joints"
         assert faults == (0, 0, 0), "the servo bus was not kept clean"
 
@@ -181,3 +180,8 @@ class Bench:
         """Look at all pilots."""
         for pilot in self._pilots:
             pilot.finish()
+
+    def close(self) -> None:
+        """Free all rigs."""
+        for pilot in self._pilots:
+            pilot.rig.close()
