@@ -9,12 +9,14 @@ import modes
 import processes
 import side_view
 import top_view
+import wiring
 
 DRAWINGS = {
     "modes": modes.draw,
     "processes": processes.draw,
     "side_view": side_view.draw,
     "top_view": top_view.draw,
+    "wiring": wiring.draw,
 }
 
 
