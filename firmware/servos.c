@@ -2,6 +2,7 @@
 
 #include "clock.h"
 #include "control_table.h"
+#include "gimbals.h"
 #include "servo.h"
 #include "servo_line.h"
 #include "table.h"
@@ -59,11 +60,7 @@ static bool send(uint8_t length) {
 static bool send_goals(const protocol_t *to, uint8_t mask) {
   if (!servo_command.torque) return false;
   uint16_t goals[CT_SERVOS];
-  for (uint8_t i = 0; i < CT_SERVOS; i++) {
-    int16_t goal = servo_command.goal[i];
-    goal = table.neutral[i] + (table.reverse & bit(i) ? -goal : goal);
-    goals[i] = goal < 0 ? 0 : goal > 4095 ? 4095 : goal;
-  }
+  for (uint8_t i = 0; i < CT_SERVOS; i++) goals[i] = gimbals_goal(i, servo_command.goal[i]);
   protocol = to;
   return send(to->set_goals(servo_line_request(), mask & table.servo_found, goals));
 }
@@ -127,23 +124,12 @@ static void begin_cycle(void) {
   if (!begin(step)) next();
 }
 
-static int16_t within_i16(int32_t value) {
-  return value > INT16_MAX ? INT16_MAX : value < INT16_MIN ? INT16_MIN : value;
-}
-
 static void take_report(uint8_t i) {
-  servo_report_t *report = &reports[i];
-  if (!protocol->report(report)) {
+  if (!protocol->report(&reports[i])) {
     table.servo_errors++;
     return;
   }
-  int32_t position = report->position - table.neutral[i], velocity = report->velocity;
-  bool reverse = table.reverse & bit(i);
-  table.position[i] = within_i16(reverse ? -position : position);
-  table.velocity[i] = within_i16(reverse ? -velocity : velocity);
-  table.current[i] = reverse ? -report->current : report->current;
-  table.voltage[i] = report->voltage;
-  table.temperature[i] = report->temperature;
+  gimbals_report(i, &reports[i]);
   age_ms[i] = 0;
   table.servo_alive |= bit(i);
 }
