@@ -105,8 +105,8 @@ class Machine:
         self.pilot = self._pilot()
 
     def _pilot(self) -> Pilot:
-        endpoint = self.bridge.ready().split()[-1]
-        return Pilot.blind(cast(RunningNode, Endpoint("tsd", endpoint)))
+        self.endpoint = self.bridge.ready().split()[-1]
+        return Pilot.blind(cast(RunningNode, Endpoint("tsd", self.endpoint)))
 
     @property
     def mode(self) -> str:

@@ -18,7 +18,7 @@ from tsd_twin.hardware import Calibration, HardwareError, MegaRobot
 from tsd_twin.node import Guarded, RobotIO
 from tsd_twin.sim import Motors
 from tsd_twin.wire import protocol2
-from tsd_twin.wire.blocks import Command, Identity
+from tsd_twin.wire.blocks import Command, Identity, Setup
 from tsd_twin.wire.codes import BoardMode, Trip
 
 PATIENCE_S = 60.0
@@ -168,10 +168,29 @@ def test_a_board_that_refuses_its_set_up_is_not_used(tmp_path: Path) -> None:
         MegaRobot(ROBOT, peer.port, Motors.of(ROBOT))
 
 
+def test_a_board_that_the_radio_control_has_is_met_if_it_knows_its_set_up(
+    tmp_path: Path,
+) -> None:
+    board = PretendBoard()
+    with plugged(tmp_path, board) as peer:
+        for _ in range(2):
+            MegaRobot(ROBOT, peer.port, Motors.of(ROBOT)).close()
+        assert len(board.setups) == 2, "told again, since it may not know that it knows"
+        board.obeys_arm = False
+        board.telemetry = replace(board.telemetry, mode=BoardMode.RC)
+        robot = MegaRobot(ROBOT, peer.port, Motors.of(ROBOT))
+        assert robot.fault(time.monotonic()) == "the radio control has the robot"
+        robot.close()
+        assert len(board.setups) == 2
+        board.error = 7
+        with pytest.raises(HardwareError, match="cannot be set up while the radio control has"):
+            MegaRobot(ROBOT, peer.port, Motors.of(ROBOT), Calibration({"module1_beta": 9}))
+
+
 def test_a_port_at_which_nobody_answers_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tsd_twin.hardware.board._BOOT_S", 0.2)
+    monkeypatch.setattr("tsd_twin.hardware.meeting._BOOT_S", 0.2)
     board = PretendBoard()
     board.silent = True
     with (
@@ -219,7 +238,6 @@ def test_unplugged_it_is_a_fault_and_back_it_is_disarmed(it: Bench) -> None:
     it.until(lambda: len(it.board.commands) > count + 20, "cycles", armed=True)
     assert not any(command.arm for command in it.board.commands[count:])
     assert it.fault == "the controller board was lost"
-    assert len(it.board.setups) == 2
     it.disarm()
     it.arm()
 
@@ -228,6 +246,7 @@ def test_a_board_that_restarts_is_set_up_again_and_stays_disarmed(it: Bench) -> 
     it.arm()
     count = len(it.board.commands)
     it.board.telemetry = replace(it.board.telemetry, millis=0, resets=1, mode=0)
+    it.board.table[Setup.ADDRESS] ^= 1  # It has forgotten, too.
     it.until(lambda: it.fault, "noticed", armed=True)
     assert it.fault == "the controller board has restarted"
     it.until(lambda: len(it.board.setups) == 2, "set up again", armed=True)

@@ -7,8 +7,8 @@ from enum import Enum, auto
 from tsd_twin.wire.blocks import Telemetry
 from tsd_twin.wire.codes import BoardMode, Refusal, Trip
 
-ANSWER_S = 0.05
-"""A board that is asked to arm has done it, or said why not, after this."""
+ANSWERS = 3
+"""A board that is asked to arm has done it, or said why not, after so many cycles."""
 
 TRIPS: dict[int, str] = {
     Trip.NONE: "it does not say why",
@@ -47,25 +47,26 @@ class ArmSwitch:
 
     def __init__(self) -> None:
         self._state = _State.OFF
-        self._asked_s = 0.0
+        self._answers = 0
         self.lost = ""
         """Why it is off although it should be on; else empty."""
 
-    def turn(self, wanted: bool, now_s: float) -> int:
+    def turn(self, wanted: bool) -> int:
         """Return what to write, for a robot that is armed or is not."""
         if not wanted:
             self._state, self.lost = _State.OFF, ""
         elif self._state is _State.OFF:
-            self._state, self._asked_s = _State.ASKED, now_s
+            self._state, self._answers = _State.ASKED, 0
         return int(self._state in (_State.ASKED, _State.ON))
 
-    def note(self, telemetry: Telemetry, now_s: float) -> None:
+    def note(self, telemetry: Telemetry) -> None:
         """Take in what the board says."""
         armed = telemetry.mode == BoardMode.ARMED
         if self._state is _State.ASKED:
+            self._answers += 1
             if armed:
                 self._state = _State.ON
-            elif now_s - self._asked_s > ANSWER_S:
+            elif self._answers >= ANSWERS:
                 why = REFUSALS.get(telemetry.refusal, f"refusal {telemetry.refusal}")
                 self.lose(f"the board does not arm: {why}")
         elif self._state is _State.ON and not armed:

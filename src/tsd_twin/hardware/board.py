@@ -11,27 +11,21 @@ import numpy as np
 from tsd_twin.authority import Mandate
 from tsd_twin.hardware.arm_switch import ArmSwitch
 from tsd_twin.hardware.calibration import CENTRE, Calibration
-from tsd_twin.hardware.errors import HardwareError
 from tsd_twin.hardware.health import LinkHealth
 from tsd_twin.hardware.joints import Joints, padded
 from tsd_twin.hardware.line import Line
+from tsd_twin.hardware.meeting import READ, REST, SETTLE_S, meet
 from tsd_twin.hardware.order import Order
 from tsd_twin.wire import protocol2
-from tsd_twin.wire.blocks import Command, Identity, Setup, Telemetry
-from tsd_twin.wire.packet import ALERT, Status
-from tsd_twin.wire.table import BOARD_ID, ESCS, MODEL, SERVOS, TABLE_VERSION, ZERO_THROTTLE
+from tsd_twin.wire.blocks import Command, Setup, Telemetry
+from tsd_twin.wire.packet import Status
+from tsd_twin.wire.table import BOARD_ID, ESCS, SERVOS, ZERO_THROTTLE
 
 _LOG = logging.getLogger(__name__)
 BAUD = 1_000_000
 ANSWER_S = 0.02
 """Patience with an answer in a cycle."""
-_BOOT_S = 4.0
-"""To open its port resets the board, whose boot loader then waits about a second for uploads."""
-_TRY_S = 0.1
-_TRIES = 3
-_SETTLE_S = 0.03
 _LEAVING = 5
-_READ = protocol2.read(BOARD_ID, Telemetry.ADDRESS, Telemetry.LAYOUT.size)
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +66,6 @@ class Board:
             joints.goal_limit,
             joints.servos if servos else 0,
         )
-        self._rest = Command(throttle=(ZERO_THROTTLE,) * ESCS)
 
     def connect(self, line: Line) -> None:
         """See whether it is a board of ours with a table that we know, and set it up.
@@ -80,20 +73,7 @@ class Board:
         Raises:
             HardwareError: it is not, or does not answer.
         """
-        self._wait_for_answer(line)
-        size = Identity.LAYOUT.size
-        read = protocol2.read(BOARD_ID, Identity.ADDRESS, size)
-        identity = Identity.unpack(self._need(line, read, size))
-        if identity.model != MODEL or identity.table_version != TABLE_VERSION:
-            raise HardwareError(
-                f"the device at {line.name} is model {identity.model} with control table "
-                f"{identity.table_version}: this program needs model {MODEL} with table "
-                f"{TABLE_VERSION}; flash the firmware that comes with it"
-            )
-        # A board that was not reset may still be armed, which would refuse the set-up.
-        self._need(line, protocol2.write(BOARD_ID, Command.ADDRESS, self._rest.pack()))
-        self._need(line, protocol2.write(BOARD_ID, Setup.ADDRESS, self._setup.pack()))
-        said = Telemetry.unpack(self._need(line, _READ, Telemetry.LAYOUT.size))
+        said = meet(line, self._setup, self.baud)
         self.news = News(said, time.monotonic(), self._switch.lost)
         self.gone = ""
 
@@ -107,21 +87,21 @@ class Board:
         """
         began_s = time.monotonic()
         command = self._command(self.order, began_s)
-        request = protocol2.write(BOARD_ID, Command.ADDRESS, command.pack()) + _READ
+        request = protocol2.write(BOARD_ID, Command.ADDRESS, command.pack()) + READ
         answers = line.ask(request, 2, ANSWER_S)
         now_s = time.monotonic()
         telemetry = _telemetry(answers)
         if telemetry is None or telemetry.beat != command.heartbeat:
             self.health.miss()
             if answers:  # The answers to an older question: all later ones would be late as well.
-                line.drain(_SETTLE_S)
+                line.drain(SETTLE_S)
             return False
         self.health.note(now_s - began_s)
         if self.news is not None and _restarted(self.news.telemetry, telemetry):
             _LOG.warning("the controller board has restarted")
             self._switch.lose("the controller board has restarted")
             self.connect(line)
-        self._switch.note(telemetry, now_s)
+        self._switch.note(telemetry)
         self.news = News(telemetry, now_s, self._switch.lost)
         return True
 
@@ -134,15 +114,15 @@ class Board:
     def leave(self, line: Line) -> None:
         """Disarm it, more than once if it does not hear."""
         for _ in range(_LEAVING):
-            request = protocol2.write(BOARD_ID, Command.ADDRESS, self._rest.pack())
+            request = protocol2.write(BOARD_ID, Command.ADDRESS, REST.pack())
             if line.ask(request, 1, ANSWER_S):
                 return
 
     def _command(self, order: Order, now_s: float) -> Command:
         if not order.in_force(now_s):
             self._switch.lose("the robot node hangs")
-            return self._rest
-        arm = self._switch.turn(order.mandate.armed, now_s)
+            return REST
+        arm = self._switch.turn(order.mandate.armed)
         goals = self._joints.goals(order.setpoint) if self._servos else ()
         return Command(
             heartbeat=order.mandate.words & 0xFFFF,
@@ -150,29 +130,6 @@ class Board:
             throttle=padded(self._joints.throttles(order.setpoint), ESCS, ZERO_THROTTLE),
             goal=padded(goals, SERVOS, 0),
         )
-
-    def _wait_for_answer(self, line: Line) -> None:
-        end_s = time.monotonic() + _BOOT_S
-        while not any(a.data for a in line.ask(protocol2.ping(BOARD_ID), 1, _TRY_S)):
-            if time.monotonic() > end_s:
-                raise HardwareError(
-                    f"nothing at {line.name} answers as a controller board at {self.baud} Bd: "
-                    "is its firmware flashed, and is it the right port?"
-                )
-        line.drain(_SETTLE_S)
-
-    def _need(self, line: Line, request: bytes, size: int = 0) -> bytes:
-        """Return the `size` bytes of an answer that must come, sooner or later."""
-        for _ in range(_TRIES):
-            for answer in line.ask(request, 1, _TRY_S):
-                if answer.error & ~ALERT:
-                    raise HardwareError(
-                        f"the controller board at {line.name} refuses its set-up: "
-                        f"error {answer.error & ~ALERT}"
-                    )
-                if len(answer.data) == size:  # Else it answers an older question.
-                    return answer.data
-        raise HardwareError(f"the controller board at {line.name} does not answer as it should")
 
 
 def _telemetry(answers: list[Status]) -> Telemetry | None:

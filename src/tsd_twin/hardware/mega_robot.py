@@ -110,7 +110,7 @@ class MegaRobot:
             return lost
         if not said.esc_ready:
             return "the speed controllers have not had zero throttle for 2 s yet"
-        if 0 < said.rc[RcChannel.KILL] < SWITCH_US:
+        if 0 < said.rc[RcChannel.KILL] <= SWITCH_US:
             return REFUSALS[Refusal.KILL]
         if said.rc[RcChannel.MANUAL] > SWITCH_US:
             return "the radio control is switched to manual"
