@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
+import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import psutil
 
-from bench.bus import program
 from bench.table import Row
 from tsd_twin import topics
 from tsd_twin.bus import Bus, client_config
-from tsd_twin.messages.status import decode_status
+from tsd_twin.messages.status import Status, decode_status
 
+_SETTLE_S = 2.0
 _MEASURED_S = 10.0
 _MEDIAN_MS, _P99_MS, _SHARE = 4.0, 8.0, 15.0
 
@@ -24,27 +26,45 @@ def rows() -> Iterator[Row]:
     """Let it run at 100 Hz for a while, disarmed: cycles are the same whoever drives."""
     with tempfile.TemporaryDirectory() as folder:
         port = str(Path(folder) / "port")
-        box = [sys.executable, "-m", "firmware.simulator", "--link", port]
-        with program(box):
-            bridge = [sys.executable, "-m", "tsd_bridge", "--port", port]
-            bridge += ["--listen", "tcp/127.0.0.1:0", "--until-eof"]
-            with program(bridge) as endpoint, Bus(client_config([endpoint])) as bus:
-                process = child(bridge)
-                latest: list[bytes] = []
-                bus.watch(topics.STATUS.key("tsd"), lambda sample: latest.append(sample.payload))
-                process.cpu_percent()
-                time.sleep(_MEASURED_S)
-                share = process.cpu_percent()
-                link = decode_status(latest[-1]).hardware["link"]
+        with (
+            _started("firmware.simulator", "--link", port),
+            _started("tsd_bridge", "--port", port, "--listen", "tcp/127.0.0.1:0") as bridge,
+        ):
+            share, status = _watch(*bridge)
+    link = status.hardware["link"]
     beside = f"{link['missed']} of {link['cycles']} cycles without an answer"
     yield Row("write and read of the board, p50", link["round_trip_ms"], _MEDIAN_MS, "ms", beside)
     yield Row("write and read of the board, p99", link["round_trip_p99_ms"], _P99_MS, "ms", beside)
     yield Row("bridge at 100 Hz", share, _SHARE, "% core", "node, bus and line together")
 
 
-def child(command: list[str]) -> psutil.Process:
-    """Return the process that was started with a command."""
-    found = psutil.Process().children()
-    return next(
-        process for process in found if process.cmdline()[-len(command) + 1 :] == command[1:]
-    )
+def _watch(pid: int, endpoint: str) -> tuple[float, Status]:
+    """Return the share of a core that a bridge takes, and its newest status."""
+    latest: list[bytes] = []
+    with Bus(client_config([endpoint])) as bus:
+        bus.watch(topics.STATUS.key("tsd"), lambda sample: latest.append(sample.payload))
+        time.sleep(_SETTLE_S)
+        process = psutil.Process(pid)
+        process.cpu_percent()
+        time.sleep(_MEASURED_S)
+        return process.cpu_percent(), decode_status(latest[-1])
+
+
+@contextlib.contextmanager
+def _started(*arguments: str) -> Generator[tuple[int, str]]:
+    """Run a program; yield its pid, and where its `ready:` line says that it is."""
+    command = [sys.executable, "-m", *arguments]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    with process.stdout:
+        try:
+            yield process.pid, _ready(process.stdout.readline())
+        finally:
+            process.terminate()
+            process.wait()
+
+
+def _ready(line: str) -> str:
+    if not line.startswith("ready:"):
+        raise RuntimeError(f"not ready: {line}")
+    return line.split()[-1]
