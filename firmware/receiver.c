@@ -6,6 +6,7 @@
 
 #include "pins.h"
 #include "table.h"
+#include "watchdog.h"
 
 #define LOST_MS 100
 #define SWITCH_US 1500
@@ -15,7 +16,6 @@
 static volatile uint16_t width[CT_RC_CHANNELS];  // [0.5 us]
 static volatile uint8_t news;
 static uint8_t age_ms[CT_RC_CHANNELS];
-static bool seen;
 
 ISR(PCINT2_vect) {
   static uint8_t before;
@@ -58,7 +58,7 @@ void receiver_tick(void) {
     }
     if (age_ms[i] > LOST_MS) table.rc[i] = 0;
   }
-  if (receiver_present()) seen = true;
+  if (receiver_present()) watchdog_memory.receiver_seen = true;
 }
 
 bool receiver_present(void) {
@@ -68,10 +68,10 @@ bool receiver_present(void) {
   return true;
 }
 
-bool receiver_seen(void) { return seen; }
+bool receiver_seen(void) { return watchdog_memory.receiver_seen; }
 
 bool receiver_kills(void) {
-  return seen && (!receiver_present() || table.rc[RC_KILL] <= SWITCH_US);
+  return receiver_seen() && (!receiver_present() || table.rc[RC_KILL] <= SWITCH_US);
 }
 
 bool receiver_manual(void) { return receiver_present() && table.rc[RC_MANUAL] > SWITCH_US; }

@@ -2,12 +2,15 @@
 #ifndef WATCHDOG_H
 #define WATCHDOG_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
+// Since power came.
 typedef struct {
   uint16_t magic;
-  uint16_t trips;   // Since power came.
-  uint16_t resets;  // Since power came.
+  uint16_t trips;
+  uint16_t resets;
+  bool receiver_seen;
 } memory_t;
 
 extern memory_t watchdog_memory;
@@ -15,7 +18,7 @@ extern memory_t watchdog_memory;
 // Why the board started: MCUSR.
 uint8_t watchdog_reset_cause(void);
 
-// Counts this start; clears the counters when power came.
+// Counts this start; forgets all when power came.
 void watchdog_remember(void);
 
 // To be called by the safety rules and nobody else: a loop that spins without them is hung.

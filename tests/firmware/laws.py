@@ -304,6 +304,14 @@ def a_lost_radio_control_stops(bench: Bench) -> None:
     assert pilot.arm().refusal == Refusal.KILL
 
 
+def a_lost_radio_control_is_missed_after_a_reset_too(bench: Bench) -> None:
+    pilot = bench.pilot(receiver=True).get_driving()
+    pilot.rig.lose_receiver()
+    pilot.rig.board.reset()
+    pilot.rig.run(2.1)
+    assert pilot.arm().refusal == Refusal.KILL
+
+
 def the_radio_control_takes_over_and_gives_back(bench: Bench) -> None:
     pilot = bench.pilot(receiver=True).get_driving()
     pilot.rig.set_switches(manual=True)

@@ -336,6 +336,13 @@ MUTANTS = (
         "a_lost_radio_control_stops",
     ),
     Mutant(
+        "a reset forgets what was there",
+        "watchdog.c",
+        "watchdog_memory.magic != MAGIC || (cause & _BV(PORF))",
+        "true",
+        "a_lost_radio_control_is_missed_after_a_reset_too",
+    ),
+    Mutant(
         "the radio control cannot take over",
         "safety.c",
         "  if (pc && receiver_manual()) return TRIP_RC_TOOK_OVER;\n",
