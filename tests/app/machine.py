@@ -89,19 +89,22 @@ class Machine:
         self.bridge = self.start_bridge()
         self.pilot = self._pilot()
 
-    def start_bridge(self, port: str | None = None) -> Program:
+    def start_bridge(self, port: str | None = None, *more: str) -> Program:
         """Start a bridge at the box, or at another port."""
         return self._start(
             "tsd_bridge",
             *("--port", port or self.box.port),
             *("--robot", str(self.description)),
             *("--listen", "tcp/127.0.0.1:0"),
+            *more,
         )
 
-    def restart_bridge(self, port: str | None = None) -> None:
-        """Have another bridge in place of one that has ended, and the operator at it."""
+    def restart_bridge(self, port: str | None = None, *more: str) -> None:
+        """Have another bridge in place of the last, and the operator at it."""
+        if self.bridge.process.poll() is None:
+            self.bridge.end()
         self.pilot.bus.close()
-        self.bridge = self.start_bridge(port)
+        self.bridge = self.start_bridge(port, *more)
         self.pilot = self._pilot()
 
     def _pilot(self) -> Pilot:
@@ -128,10 +131,11 @@ class Machine:
         """Take control, reset and arm as often as it takes: a busy machine is silent at times."""
         self._until(lambda: self.mode == "ready", (0.0, 0.0, 0.0))
 
-    def drive(self) -> None:
-        """Get ready, and drive until the actuators do."""
+    def drive(self, until: Callable[[], object] | None = None) -> None:
+        """Get ready, and drive until the actuators do, or something else is the case."""
+        there = until or (lambda: self.box.drives)
         self.get_ready()
-        self._until(lambda: self.mode == "driving" and self.box.drives, AHEAD)
+        self._until(lambda: self.mode == "driving" and there(), AHEAD)
 
     def _until(self, condition: Callable[[], object], twist: tuple[float, float, float]) -> None:
         pilot, end_s = self.pilot, time.monotonic() + PATIENCE_S

@@ -23,8 +23,8 @@ from tsd_twin.wire.table import BOARD_ID, ESCS, SERVOS, ZERO_THROTTLE
 
 _LOG = logging.getLogger(__name__)
 BAUD = 1_000_000
-ANSWER_S = 0.02
-"""Patience with an answer in a cycle."""
+ANSWER_S = 0.04
+"""Patience with an answer in a cycle: two that are lost are not yet `SILENT_S`."""
 _LEAVING = 5
 
 
