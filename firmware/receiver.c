@@ -57,8 +57,8 @@ void receiver_tick(void) {
       age_ms[i] = 0;
     }
     if (age_ms[i] > LOST_MS) table.rc[i] = 0;
+    if (table.rc[i]) watchdog_memory.receiver_seen = true;
   }
-  if (receiver_present()) watchdog_memory.receiver_seen = true;
 }
 
 bool receiver_present(void) {

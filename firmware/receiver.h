@@ -14,8 +14,8 @@ void receiver_tick(void);
 // All channels have pulses.
 bool receiver_present(void);
 
-// All channels had pulses at some time since power came: from then on they are needed, also after
-// a reset.
+// A channel had pulses at some time since power came: from then on all are needed, also after a
+// reset. Who wired the kill switch alone must not believe that it is heard.
 bool receiver_seen(void);
 
 // The kill switch is on, or nobody can tell any more. A robot without receiver has none.

@@ -80,9 +80,10 @@ class Rig:
         self._receiver[4:] = [1100 if kill else 1900, 1900 if manual else 1100]
         self.board.set_receiver(self._receiver)
 
-    def lose_receiver(self) -> None:
-        """Let the pulses of the receiver cease."""
-        self.board.set_receiver([0] * 6)
+    def lose_receiver(self, *channels: int) -> None:
+        """Let the pulses of some channels cease; of all when none is named."""
+        lost = channels or range(6)
+        self.board.set_receiver([0 if i in lost else us for i, us in enumerate(self._receiver)])
 
     def _on_request(self, request: bytes) -> None:
         answer = self.chain.answer(request)

@@ -336,6 +336,13 @@ MUTANTS = (
         "a_lost_radio_control_stops",
     ),
     Mutant(
+        "a receiver counts only when it is whole",
+        "receiver.c",
+        "if (table.rc[i]) watchdog_memory.receiver_seen = true;",
+        "if (receiver_present()) watchdog_memory.receiver_seen = true;",
+        "a_wire_of_the_receiver_that_is_off_stops",
+    ),
+    Mutant(
         "a reset forgets what was there",
         "watchdog.c",
         "watchdog_memory.magic != MAGIC || (cause & _BV(PORF))",
