@@ -39,6 +39,12 @@ def test_the_firmware_compiles_at_slower_lines_and_refuses_what_cannot_be_made(
     assert make("SERVO_BAUD=57600").returncode != 0
 
 
+def test_nothing_that_is_shipped_uses_the_simulator() -> None:
+    root = FIRMWARE.parent
+    for path in [*root.glob("src/**/*.py"), *root.glob("app/*.py")]:
+        assert "firmware.simulator" not in path.read_text(encoding="utf-8"), path
+
+
 def test_every_pin_of_the_table_is_in_pins_h() -> None:
     readme = (FIRMWARE / "README.md").read_text(encoding="utf-8")
     for port in re.findall(r"\bP([A-L])[0-7]\b", readme.split("## Flash it")[0]):
