@@ -34,11 +34,13 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Generator[Machine]:
         started.append(Program(list(arguments)))
         return started[-1]
 
-    made = Machine(start, tmp_path_factory.mktemp("machine"))
-    yield made
-    made.close()
-    for program in reversed(started):
-        program.clean_up()
+    try:
+        made = Machine(start, tmp_path_factory.mktemp("machine"))
+        yield made
+        made.close()
+    finally:
+        for program in reversed(started):
+            program.clean_up()
 
 
 def test_the_pose_on_the_bus_comes_from_servos_that_the_firmware_moves(machine: Machine) -> None:
