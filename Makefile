@@ -50,8 +50,9 @@ lock: .venv/.dev ## Resolve the versions that set-up installs
 	$(BIN)/uv pip compile --quiet pyproject.toml --group dev $(LOCK) --output-file requirements/dev.txt
 LOCK := --universal --generate-hashes --no-emit-index-url --python-version 3.11 --custom-compile-command "make lock"
 
-browser: ## Install Chromium when there is none
+browser: ## Install Chromium and nginx, for the tests, when there are none
 	@scripts/ensure_chromium
+	@scripts/ensure_nginx
 
 avr: ## Install compiler and simulator of the firmware when there are none
 	@scripts/ensure_avr

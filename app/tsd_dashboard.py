@@ -5,10 +5,15 @@ from __future__ import annotations
 import argparse
 import asyncio
 import logging
+from pathlib import Path
 
 from tsd_twin import program
-from tsd_twin.dashboard import dashboard
-from tsd_twin.dashboard.gateway import ANYBODY
+from tsd_twin.access import Users
+from tsd_twin.dashboard import dashboard, tls
+from tsd_twin.dashboard.door import Rules
+from tsd_twin.dashboard.heap import return_large_blocks
+from tsd_twin.dashboard.visitor import ANYBODY
+from tsd_twin.errors import TwinError
 
 _LOG = logging.getLogger(__name__)
 _PATIENCE_S = 3.0
@@ -21,22 +26,81 @@ PARSER = program.parser(
         "tsd-dashboard                                    robots of this machine",
         "tsd-dashboard --connect tcp/127.0.0.1:7448       another robot; may be repeated",
         "tsd-dashboard --port 0                           on any free port, which it prints",
+        "tsd-dashboard --host 0.0.0.0 --users users.toml --tls-cert it.pem --tls-key it.key",
+        "                                                 for other machines, with a login",
+        "tsd-dashboard --users users.toml --behind-proxy --allow-host robot.example",
+        "                                                 behind nginx on this machine",
     ],
 )
 
 
 def serve(args: argparse.Namespace) -> None:
     """Run until SIGINT or SIGTERM."""
+    return_large_blocks()
     stop = program.stop_event(args)
+    rules = rules_of(args)
+    rules.check(args.host)
 
     def ready(port: int) -> None:
-        program.say_ready(f"http://{args.host}:{port}/")
+        program.say_ready(f"{url(args, rules, port)}")
 
     with program.client_bus(args) as bus:
         if args.zenoh_config and not bus.wait_for_peer(_PATIENCE_S):
             _LOG.warning("no robot lets us in yet: it is off, or refuses the certificate")
-        owner = program.certificate(args) or ANYBODY
-        asyncio.run(dashboard.run(bus, args.host, args.port, stop, ready, owner))
+        asyncio.run(dashboard.run(bus, args.host, args.port, stop, ready, rules))
+
+
+def rules_of(args: argparse.Namespace) -> Rules:
+    """Return who may come in, as the flags have it.
+
+    Raises:
+        TwinError: one flag needs another, or a file cannot be used.
+    """
+    names: list[str] = list(args.allow_host)
+    context = None
+    if (args.tls_cert is None) != (args.tls_key is None):
+        raise TwinError("--tls-cert and --tls-key go together: name both, or neither")
+    if args.tls_cert is not None:
+        context = tls.server_context(args.tls_cert, args.tls_key)
+        names += tls.names_of(args.tls_cert)
+    return Rules(
+        owner=program.certificate(args) or ANYBODY,
+        users=None if args.users is None else Users.load(args.users),
+        tls=context,
+        proxy=args.behind_proxy,
+        allowed_hosts=names,
+    )
+
+
+def url(args: argparse.Namespace, rules: Rules, port: int) -> str:
+    """Return where the page is, seen from this machine."""
+    scheme = "http" if rules.tls is None else "https"
+    host = f"[{args.host}]" if ":" in args.host else args.host
+    return f"{scheme}://{host}:{port}/"
+
+
+def add_access_flags() -> None:
+    """Add what it takes to let other machines in."""
+    made = PARSER.add_argument_group("for other machines", "docs/access.md goes step by step.")
+    made.add_argument(
+        "--users", type=Path, metavar="FILE", help="who may log in; tsd-users makes it"
+    )
+    made.add_argument("--tls-cert", type=Path, metavar="FILE", help="certificate chain in PEM")
+    made.add_argument("--tls-key", type=Path, metavar="FILE", help="its private key")
+    made.add_argument(
+        "--allow-host",
+        action="append",
+        default=[],
+        metavar="NAME[:PORT]",
+        help="a name that browsers know it by, beside those in the certificate; may be repeated",
+    )
+    made.add_argument(
+        "--behind-proxy",
+        nargs="?",
+        const="127.0.0.1",
+        metavar="ADDRESS",
+        help="let in only what a proxy passes on that speaks TLS; default: one on this machine",
+    )
 
 
 def main() -> None:
@@ -46,6 +110,7 @@ def main() -> None:
         "--host", default="127.0.0.1", help="address to listen on; default 127.0.0.1"
     )
     PARSER.add_argument("--port", type=int, default=PORT, help=f"default {PORT}; 0 is a free one")
+    add_access_flags()
     program.run(PARSER, serve)
 
 

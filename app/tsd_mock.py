@@ -7,7 +7,7 @@ import argparse
 from tsd_twin import program, robot_program
 from tsd_twin.node import RobotIO
 from tsd_twin.robots import Robot
-from tsd_twin.sim import SimRobot
+from tsd_twin.sim import Board, SimRobot
 
 PARSER = program.parser(
     "tsd-mock",
@@ -22,8 +22,8 @@ PARSER = program.parser(
 
 
 def joints(robot: Robot, args: argparse.Namespace) -> RobotIO:
-    """Return the simulated joints."""
-    return SimRobot(robot, seed=args.seed, noise=args.noise)
+    """Return the simulated joints, behind a simulated board."""
+    return Board(robot, SimRobot(robot, seed=args.seed, noise=args.noise))
 
 
 def main() -> None:

@@ -20,7 +20,7 @@ from bench.bus import program
 from bench.table import Row, percentile
 from tests.dashboard.feeds import Feed
 from tests.dashboard.viewers import CAMERA, decoded
-from tsd_twin.dashboard import viser_server
+from tsd_twin.dashboard import viser_key, viser_server
 from tsd_twin.dashboard.scene import Scene
 
 _SECONDS = 8.0
@@ -92,7 +92,7 @@ def timed(port: int, node: str, move: Callable[[float], None]) -> list[float]:
     """Return how long each new position takes from here to a socket in another process, in ms."""
     spawn = mp.get_context("spawn")
     ours, theirs = spawn.Pipe()
-    reader = spawn.Process(target=receive, args=(port, node, theirs))
+    reader = spawn.Process(target=receive, args=(port, viser_key.key(), node, theirs))
     reader.start()
     ours.recv()
     set_s: dict[int, float] = {}
@@ -106,11 +106,18 @@ def timed(port: int, node: str, move: Callable[[float], None]) -> list[float]:
     return [1000 * (got_s[step] - set_s[step]) for step in set_s if step in got_s]
 
 
-def receive(port: int, node: str, pipe: Connection) -> None:
+def receive(port: int, key: str, node: str, pipe: Connection) -> None:
     """Note when each position arrives; positions are numbered by where they are."""
     got_s: dict[int, float] = {}
     url = f"ws://127.0.0.1:{port}"
-    with connect(url, subprotocols=[PROTOCOL], compression=None, max_size=None) as socket:
+    headers = {viser_key.KEY_HEADER: key}
+    with connect(
+        url,
+        subprotocols=[PROTOCOL],
+        additional_headers=headers,
+        compression=None,
+        max_size=None,
+    ) as socket:
         socket.send(msgspec.msgpack.encode(CAMERA))
         said_ready = False
         while not pipe.poll():

@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import asyncio
 import contextlib
-import os
 import statistics
 import subprocess
 import sys
@@ -35,10 +34,6 @@ _LONGEST_DRIVE_S = 60.0
 _LONGEST_WARM_UP_S = 120.0
 _SAMPLE_S = 0.5
 
-# glibc raises its own bound between heap and maps with what is freed, and then keeps what lies
-# between in the heap, in pieces: memory that nobody holds would look like growth.
-_STEADY_HEAP = {"MALLOC_MMAP_THRESHOLD_": "65536"}
-
 Processes = dict[str, subprocess.Popen[str]]
 
 
@@ -63,7 +58,6 @@ def main() -> None:
     seconds: float = parser.parse_args().seconds
     if not seconds >= SHORTEST_S:
         parser.error(f"{seconds:g} s are too few, {SHORTEST_S:g} are the least")
-    os.environ.update(_STEADY_HEAP)
     run = [sys.executable, "-m"]
     mock = program([*run, "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"])
     with mock as endpoint:

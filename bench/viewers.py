@@ -90,7 +90,7 @@ async def operate(
     teleop: ClientConnection, tally: Tally, driving: asyncio.Event, *, drives: bool
 ) -> None:
     """Send beats as a page does, and drive a circle if so told."""
-    seen: dict[str, Any] = {"seen": 0, "mode": ""}
+    seen: dict[str, Any] = {"seen": 0, "mode": "", "you": False}
     asked: set[str] = set()
 
     async def say(**message: Any) -> None:
@@ -102,9 +102,12 @@ async def operate(
             if tally.counting:
                 tally.teleop += len(text)
             message = json.loads(text)
+            if message["t"] == "released":
+                await say(t="release")  # As a page does whose controls have sprung back.
             if message["t"] != "state":
                 continue
             seen["seen"], seen["mode"] = message["seen"], message["status"]["mode"]
+            seen["you"] = message["you"]
             if seen["mode"] == "driving":
                 driving.set()
             elif drives and (request := next_request(message, asked)) is not None:
@@ -118,7 +121,7 @@ async def speak(say: Callable[..., Awaitable[None]], seen: dict[str, Any], *, dr
     for tick in itertools.count():
         if tick % 5 == 0:
             await say(t="beat", seen=seen["seen"], sent_ms=0.0, focus=True)
-        if drives and seen["mode"] in ("ready", "driving"):
+        if drives and seen["you"] and seen["mode"] in ("ready", "driving"):
             await say(t="drive", vx=0.4, vy=0.1, omega=0.8, seen=seen["seen"])
         await asyncio.sleep(0.02)
 

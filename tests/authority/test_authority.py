@@ -33,6 +33,10 @@ def test_a_take_over_stops_the_robot_until_the_new_holder_drives(stage: Stage) -
     assert not stage.send(1.0, operator="alice")
     stage.lease = new
     assert stage.send(1.0, operator="bob")
+    assert stage.mode is Mode.STOPPING, "not out of the motion of another"
+    stage.wait(0.01, at_rest=True)
+    assert stage.mode is Mode.READY
+    assert stage.send(1.0, operator="bob")
     assert stage.mode is Mode.DRIVING
     assert stage.authority.command.operator == "bob"
 

@@ -17,11 +17,15 @@ class Laws:
     referee: Referee
     since_stop: list[str]
     """What has been done since the last stop: `reset`, `arm`, `push`."""
+    obeyed: bytes = b""
+    """The lease of the newest command that was obeyed."""
 
     def hold(self, before: Array, dt_s: float) -> None:
         """Hold what the robot does against all of them; `before` is the twist of `dt_s` ago."""
         self.every_sample_is_counted_once_and_only_those_that_count_are_accepted()
         self.two_operators_never_drive_at_once()
+        self.who_has_just_got_control_drives_from_standstill_on(before)
+        self.control_is_kept_for_one_who_was_granted_it_and_not_for_ever()
         self.it_moves_only_on_a_fresh_command_or_while_braking(before)
         self.after_a_stop_it_moves_only_after_reset_and_arm_and_a_new_command()
         self.the_commanded_twist_never_jumps(before, dt_s)
@@ -44,6 +48,23 @@ class Laws:
             assert authority.command.operator == self.referee.holder
             assert authority.command.lease.hex() == self.referee.lease
             assert self.rig.now_s < self.referee.ends_s
+
+    def who_has_just_got_control_drives_from_standstill_on(self, before: Array) -> None:
+        """Between commands of two leases that are obeyed lies a standstill."""
+        command = self.rig.core.authority.command
+        if command is None:
+            return
+        if command.lease != self.obeyed and self.obeyed:
+            assert not before.any()
+        self.obeyed = command.lease
+
+    def control_is_kept_for_one_who_was_granted_it_and_not_for_ever(self) -> None:
+        lease, (asker, until_s) = self.rig.status().lease, self.referee.reserved
+        kept = self.rig.now_s < until_s
+        assert (lease.reserved_for, lease.reserved_s <= 3.0) == (asker if kept else None, True)
+        assert not (lease.holder and lease.reserved_for)
+        assert lease.asked_by == (self.referee.asker(self.rig.now_s) or None)
+        assert lease.asked_by is None or lease.asked_by != lease.holder
 
     def it_moves_only_on_a_fresh_command_or_while_braking(self, before: Array) -> None:
         rig = self.rig

@@ -22,11 +22,50 @@ class Referee:
         self.counted_lease = ""
         self.stopping = ("", -math.inf)
         """Under which lease, and when, the robot last began to stop by itself."""
+        self.asked = ("", -math.inf)
+        """Who asks the holder for control, and until when."""
+        self.reserved = ("", -math.inf)
+        """Who alone may take control, and until when."""
+        self.kept = ("", -math.inf)
+        """Who was told no, and until when that stands."""
 
     def note_stopping(self, now_s: float) -> None:
         self.stopping = (self.counted_lease, now_s)
 
+    def is_free(self, now_s: float) -> bool:
+        """Whether nobody has control; what was asked of the last holder ends with that."""
+        if self.holder is not None and now_s >= self.ends_s:
+            self.end()
+        return self.holder is None
+
+    def end(self) -> None:
+        self.holder = None
+        self.asked = self.reserved = self.kept = ("", -math.inf)
+
+    def asker(self, now_s: float) -> str:
+        return self.asked[0] if not self.is_free(now_s) and now_s < self.asked[1] else ""
+
+    def may_acquire(self, name: str, take_over: bool, now_s: float) -> bool:
+        if now_s < self.reserved[1] and self.reserved[0] != name:
+            return False
+        return take_over or self.is_free(now_s)
+
+    def may_request(self, name: str, now_s: float) -> bool:
+        if self.is_free(now_s) or name == self.holder:
+            return False
+        if now_s < self.kept[1] and name == self.kept[0]:
+            return False
+        return self.asker(now_s) in ("", name)
+
+    def hand_over(self, now_s: float) -> None:
+        """The holder lets go, in favour of who asks."""
+        asker = self.asker(now_s)
+        self.end()
+        if asker:
+            self.reserved = (asker, now_s + 3.0)
+
     def grant(self, name: str, reply: Any, now_s: float) -> None:
+        self.end()
         self.holder, self.lease, self.newest = name, reply.lease, 0
         self.ends_s, self.max_age_s = now_s + 2.0, reply.max_age_s
 

@@ -52,12 +52,12 @@ class Driving(Play, RuleBasedStateMachine):
     @rule(name=operators, take_over=st.booleans(), max_age_s=st.sampled_from([None, 0.5, 9.0]))
     def takes_control(self, name: str, take_over: bool, max_age_s: float | None) -> None:
         now_s = self.rig.now_s
-        free = now_s >= self.referee.ends_s or self.referee.holder is None
+        may = self.referee.may_acquire(name, take_over, now_s)
         fields = {} if max_age_s is None else {"max_age_s": max_age_s}
         reply = self.rig.ask(
             Service.LEASE, op="acquire", operator=name, take_over=take_over, **fields
         )
-        assert reply.granted == (free or take_over)
+        assert reply.granted == reply.done == may
         if reply.granted:
             self.pilots[name] = self.rig.pilot(name, reply.lease)
             self.leases.append(reply.lease)
@@ -71,10 +71,67 @@ class Driving(Play, RuleBasedStateMachine):
         held = self.referee.holds(pilot.name, pilot.lease, now_s)
         reply = self.rig.ask(Service.LEASE, op=op, operator=pilot.name, lease=pilot.lease)
         assert reply.granted == (held and op == "renew")
+        assert reply.done == held
         if held and op == "renew":
             self.referee.ends_s = now_s + 2.0
         elif held:
-            self.referee.holder = None
+            self.referee.hand_over(now_s)
+
+    @rule(name=operators)
+    def asks_for_control(self, name: str) -> None:
+        now_s, before = self.rig.now_s, self.everything()
+        may = self.referee.may_request(name, now_s)
+        fresh = not self.referee.asker(now_s)
+        reply = self.rig.ask(Service.LEASE, op="request", operator=name)
+        assert (reply.done, reply.granted) == (may, False)
+        if may and fresh:
+            self.referee.asked = (name, now_s + 15.0)
+        assert self.everything() == before, "a request alone changes nothing"
+
+    @rule(name=operators)
+    def asks_no_longer(self, name: str) -> None:
+        now_s, before = self.rig.now_s, self.everything()
+        asks = self.referee.asker(now_s) == name
+        assert self.rig.ask(Service.LEASE, op="withdraw", operator=name).done == asks
+        if asks:
+            self.referee.asked = ("", now_s)
+        assert self.everything() == before
+
+    @precondition(lambda self: self.pilots)
+    @rule(data=st.data(), asker=operators, op=st.sampled_from(["grant", "keep"]))
+    def answers_who_asks(self, data: st.DataObject, asker: str, op: str) -> None:
+        self.answers(self.any_pilot(data), asker, op)
+
+    @precondition(lambda self: not self.referee.is_free(self.rig.now_s))
+    @rule(name=operators, op=st.sampled_from(["grant", "grant", "keep"]), at_once=st.booleans())
+    def control_is_asked_for_and_that_is_answered(self, name: str, op: str, at_once: bool) -> None:
+        self.asks_for_control(name)
+        holder = self.pilots[self.referee.holder or ""]
+        self.answers(holder, name, op)
+        if at_once:
+            self.takes_control(name, take_over=False, max_age_s=None)
+
+    def answers(self, pilot: Pilot, asker: str, op: str) -> None:
+        now_s, driving = self.rig.now_s, self.rig.mode is Mode.DRIVING
+        may = self.referee.holds(pilot.name, pilot.lease, now_s)
+        may = may and self.referee.asker(now_s) == asker
+        fields = {"operator": pilot.name, "lease": pilot.lease, "asker": asker}
+        reply = self.rig.ask(Service.LEASE, op=op, **fields)
+        assert (reply.done, reply.granted) == (may, False)
+        if may and op == "keep":
+            self.referee.asked, self.referee.kept = ("", now_s), (asker, now_s + 5.0)
+        elif may:
+            self.referee.hand_over(now_s)
+            self.tick()
+            if driving:
+                assert self.rig.mode in (Mode.STOPPING, Mode.FAULT), "a grant stops the robot"
+
+    def everything(self) -> tuple[Any, ...]:
+        """What moves the robot, and who may."""
+        authority, now_s = self.rig.core.authority, self.rig.now_s
+        lease = authority.lease_in_force(now_s)
+        holder = lease and (lease.holder, lease.id, lease.expires_s, lease.max_age_s)
+        return authority.mode, authority.command, holder, self.rig.twist.tolist()
 
     @rule(name=operators)
     def arms(self, name: str) -> None:
@@ -122,9 +179,24 @@ class Driving(Play, RuleBasedStateMachine):
     @rule(name=operators, legs=st.lists(st.tuples(twists, seconds, frames), min_size=1, max_size=4))
     def the_holder_drives(self, name: str, legs: list[Any]) -> None:
         if not self.holds(self.referee.holder or ""):
+            if not self.referee.may_acquire(name, True, self.rig.now_s):
+                name = self.referee.reserved[0]
             self.takes_control(name, take_over=True, max_age_s=None)
         for twist, seconds, frame in legs:
             self.holds_the_stick(self.referee.holder or name, twist, seconds, frame)
+
+    @precondition(lambda self: self.rig.mode in (Mode.READY, Mode.DRIVING))
+    @rule(name=operators, twist=twists, asks=st.booleans())
+    def control_changes_hands_in_full_motion_and_the_next_one_pushes(
+        self, name: str, twist: tuple[float, float, float], asks: bool
+    ) -> None:
+        self.the_holder_drives(name="alice", legs=[((1.0, 0.0, 0.0), 0.3, "base_link")])
+        if asks and not self.referee.is_free(self.rig.now_s):
+            self.control_is_asked_for_and_that_is_answered(name, "grant", at_once=True)
+        else:
+            self.takes_control(name, take_over=True, max_age_s=None)
+        if name in self.pilots:
+            self.holds_the_stick(name, twist, 0.3, "base_link")
 
     @precondition(lambda self: len(self.pilots) > 1)
     @rule(twist=twists, seconds=seconds)
@@ -136,6 +208,8 @@ class Driving(Play, RuleBasedStateMachine):
 
     @rule(name=operators)
     def does_all_to_drive(self, name: str) -> None:
+        if not self.referee.may_acquire(name, True, self.rig.now_s):
+            self.time_passes(3.0)  # A reservation ends.
         self.takes_control(name, take_over=True, max_age_s=None)
         if self.rig.mode in (Mode.STOPPED, Mode.FAULT):
             self.time_passes(0.5)

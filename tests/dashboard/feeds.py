@@ -7,10 +7,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tsd_twin import robots
-from tsd_twin.dashboard.link import Snapshot
+from tsd_twin.dashboard.link import Sent, Snapshot
+from tsd_twin.dashboard.trips import RoundTrips
 from tsd_twin.drives import JointKind, SingularityDrive
 from tsd_twin.lie import Array
 from tsd_twin.messages.ros import JointState, Odometry
+from tsd_twin.messages.status import Status
 from tsd_twin.robots import Robot
 
 PERIOD_S = 0.02
@@ -23,6 +25,8 @@ class Feed:
     id: str = "tsd"
     robot: Robot = field(default_factory=lambda: robots.load("tsd"))
     snapshot: Snapshot = field(default_factory=Snapshot)
+    sent: list[Sent] = field(default_factory=list[Sent])
+    trips: RoundTrips = field(default_factory=RoundTrips)
 
     def __post_init__(self) -> None:
         self.drive: SingularityDrive = self.robot.kinematics()
@@ -35,6 +39,7 @@ class Feed:
         joints: Array | None = None,
         setpoint: Array | None = None,
         truth: Array | None = None,
+        status: Status | None = None,
         covariance: Array | None = None,
         after_s: float = PERIOD_S,
     ) -> None:
@@ -47,6 +52,8 @@ class Feed:
             said = replace(said, setpoint=self._joint_state(setpoint))
         if pose is not None:
             said = replace(said, odom=odometry(pose, covariance))
+        if status is not None:
+            said = replace(said, status=status)
         if truth is not None:
             said = replace(said, truth=odometry(truth))
         self.snapshot = replace(said, received_s=self.now_s)

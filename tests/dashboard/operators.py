@@ -15,6 +15,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config, node_config
+from tsd_twin.dashboard.door import Door, Rules
 from tsd_twin.dashboard.fleet import Fleet
 from tsd_twin.dashboard.gateway import Gateway
 from tsd_twin.dashboard.link import RobotLink
@@ -31,9 +32,17 @@ T = TypeVar("T")
 class Page:
     """What the page in a browser does, with its own socket: it beats, and drives while it holds."""
 
-    def __init__(self, port: int, page: str, *, acknowledge: bool = True) -> None:
+    def __init__(
+        self,
+        port: int,
+        page: str,
+        *,
+        acknowledge: bool = True,
+        user: str = "web",
+        cookie: str | None = None,
+    ) -> None:
         self.name = page
-        self.operator = f"web-{page[:8]}"
+        self.operator = f"{user}-{page[:8]}"
         self.holds: dict[str, float] | None = None
         self.beats = True
         self.focus = True
@@ -42,7 +51,10 @@ class Page:
         self._acknowledge = acknowledge
         self._changed = threading.Condition()
         self._ended = threading.Event()
-        self._socket: ClientConnection = connect(f"ws://127.0.0.1:{port}/teleop?page={page}")
+        self._socket: ClientConnection = connect(
+            f"ws://127.0.0.1:{port}/teleop?page={page}",
+            additional_headers=None if cookie is None else {"Cookie": cookie},
+        )
         self._threads = [threading.Thread(target=work) for work in (self._read, self._beat)]
         for thread in self._threads:
             thread.start()
@@ -145,7 +157,7 @@ class Page:
 class Site:
     """Robots on a bus, and a gateway that shows them."""
 
-    def __init__(self, bus: Bus, viser_port: int) -> None:
+    def __init__(self, bus: Bus, viser_port: int, door: Door | None) -> None:
         self.released: list[str] = []
         self.chosen: list[tuple[str, str]] = []
         self.bus = bus
@@ -155,7 +167,7 @@ class Site:
         self.gateway = Gateway(
             self.fleet,
             viser_port,
-            allowed_hosts=["robot.example"],
+            door=door or Door(Rules(allowed_hosts=["robot.example"])),
             on_released=self.released.append,
         )
         self._threads = [
@@ -225,10 +237,10 @@ def robot_on_a_bus(robot_id: str = "tsd") -> Generator[str]:
 
 
 @contextmanager
-def site(viser_port: int = 1) -> Generator[Site]:
+def site(viser_port: int = 1, door: Door | None = None) -> Generator[Site]:
     """A robot and a gateway; without a viser unless a port is given."""
     with robot_on_a_bus() as endpoint, Bus(client_config([endpoint])) as bus:
-        made = Site(bus, viser_port)
+        made = Site(bus, viser_port, door)
         try:
             yield made
         finally:

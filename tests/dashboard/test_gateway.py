@@ -178,7 +178,7 @@ def test_it_does_not_listen_where_others_could_reach_it(served: Site) -> None:
     async def start() -> None:
         await Gateway(served.fleet, 1).start("0.0.0.0", 0)
 
-    with pytest.raises(TwinError, match="no login"):
+    with pytest.raises(TwinError, match="has no login"):
         asyncio.run(start())
 
 

@@ -17,6 +17,8 @@ import zstandard
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
+from tsd_twin.dashboard.viser_key import KEY_HEADER, key
+
 PATIENCE_S = 10.0
 CAMERA = {
     "type": "ViewerCameraMessage",
@@ -183,7 +185,7 @@ def decoded(frame: bytes) -> list[dict[str, Any]]:
 @contextmanager
 def viewing(port: int, page: str | None = None) -> Generator[Viewer]:
     """A client that has said hello and has been sent all that there was."""
-    headers = {} if page is None else {"X-Tsd-Page": page}
+    headers = {KEY_HEADER: key()} | ({} if page is None else {"X-Tsd-Page": page})
     socket = connect(
         f"ws://127.0.0.1:{port}",
         subprotocols=["viser-v1.1.1"],

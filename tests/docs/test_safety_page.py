@@ -10,7 +10,7 @@ import pytest
 
 from tests.docs.pages import page, quoted, section, tables
 from tsd_twin import core
-from tsd_twin.authority import LATCHED, TRANSITIONS, Mode, authority, lease
+from tsd_twin.authority import LATCHED, TRANSITIONS, Mode, authority, hand_over, lease
 from tsd_twin.core import RobotCore
 from tsd_twin.messages.command import Sample, encode_attachment
 from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
@@ -41,6 +41,7 @@ def test_the_times_are_those_of_the_code_and_the_shipped_robot() -> None:
         "limits": ROBOT.limits,
         "motor": ROBOT.motor,
         "lease": lease,
+        "hand_over": hand_over,
         "authority": authority,
         "core": core.core,
     }

@@ -57,11 +57,20 @@ def test_a_status_has_the_fields_that_others_rely_on() -> None:
     plain = json.loads(encode_status(Status("ready")))
     assert plain["mode"] == "ready"
     assert plain["stop_reason"] == ""
-    assert plain["lease"] == {"holder": None, "remaining_s": 0.0}
+    assert plain["stops"] == 0
+    assert plain["lease"] == {
+        "holder": None,
+        "remaining_s": 0.0,
+        "asked_by": None,
+        "asks_for_s": 0.0,
+        "reserved_for": None,
+        "reserved_s": 0.0,
+    }
     reasons = ("stale", "lease", "order", "nonfinite", "key", "shape")
     assert plain["command"] == {
         "seq": 0,
         "age_s": None,
+        "echo_s": None,
         "accepted": 0,
         "dropped": dict.fromkeys(reasons, 0),
     }

@@ -88,14 +88,25 @@ class Observer:
 
     def until_speed(self, speed_mps: float = SPEED_MPS) -> None:
         """Wait until the robot has been as fast as it was asked to be for some samples."""
-        self.until(
-            lambda: all(speed >= 0.98 * speed_mps for _, _, speed in self.truth[-5:]),
-            f"{speed_mps} m/s",
-        )
+        assert self.gets_fast(PATIENCE_S, speed_mps), f"never {speed_mps} m/s; {self.status}"
+
+    def gets_fast(self, patience_s: float, speed_mps: float = SPEED_MPS) -> bool:
+        """Return whether within so long it has been as fast as it was asked to be."""
+
+        def fast() -> bool:
+            return all(speed >= 0.98 * speed_mps for _, _, speed in self.truth[-5:])
+
+        with self._news:
+            return self._news.wait_for(fast, patience_s)
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing moves."""
+        return self.truth[-1][2] < AT_REST_MPS
 
     def until_rest(self) -> None:
         """Wait until nothing moves."""
-        self.until(lambda: self.truth[-1][2] < AT_REST_MPS, "standstill")
+        self.until(lambda: self.at_rest, "standstill")
 
     def way_since(self, time_s: float) -> float:
         """Return how far the robot has gone, in metres."""

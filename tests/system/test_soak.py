@@ -14,7 +14,7 @@ import pytest
 from bench.soak import SLACK_MB, Record, verdict
 
 ROOT = Path(__file__).parents[2]
-PATIENCE_S = 90.0
+PATIENCE_S = 180.0
 
 Start = Callable[[int], subprocess.Popen[str]]
 
@@ -37,8 +37,8 @@ def start() -> Generator[Start]:
 
 
 @pytest.mark.system
-def test_twenty_seconds_pass(start: Start) -> None:
-    soak = start(20)
+def test_sixty_seconds_pass(start: Start) -> None:
+    soak = start(60)
     output, errors = soak.communicate(timeout=PATIENCE_S)
     assert soak.returncode == 0, output + errors
     assert output.count("  ok  ") == 4

@@ -70,7 +70,7 @@ def write_certificate(file: Path, certificate: Certificate) -> None:
     replace(file, certificate.public_bytes(serialization.Encoding.PEM))
 
 
-def replace(file: Path, content: bytes) -> None:
+def replace(file: Path, content: bytes, mode: int = 0o644) -> None:
     """Write a file whole: whenever this is interrupted, there is never half of one.
 
     Raises:
@@ -78,7 +78,10 @@ def replace(file: Path, content: bytes) -> None:
     """
     draft = file.with_name(f"{file.name}.new")
     try:
-        draft.write_bytes(content)
+        draft.unlink(missing_ok=True)  # One that was left behind may be anybody's to read.
+        descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+        with os.fdopen(descriptor, "wb") as stream:
+            stream.write(content)
         draft.replace(file)
     except OSError as error:
         raise TwinError(f"{file} cannot be written: {error.strerror}") from error

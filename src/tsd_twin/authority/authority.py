@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsd_twin.authority.gate import CommandGate
+from tsd_twin.authority.hand_over import HandOver
 from tsd_twin.authority.lease import Lease, LeaseDesk, held_by
+from tsd_twin.authority.lease_words import LeaseWords
 from tsd_twin.authority.mandate import Mandate
 from tsd_twin.authority.modes import ARMED, LATCHED, TRANSITIONS, Mode
 from tsd_twin.errors import MessageError
@@ -25,6 +27,7 @@ NEUTRAL_S = 1.0
 """Time that arming gives the gimbals to come to neutral."""
 SPIN_UP_S = 5.0
 """Time that arming gives the wheels to come to speed."""
+_LOST = "the operator gave up or lost control"
 _REPORT_S = 0.2
 """Drops and refusals under one rule are reported no more often, so that a flood is not answered by
 one of events."""
@@ -56,7 +59,11 @@ class Authority:
         """The newest that counted since the robot last came to rest."""
         self.command_s = -np.inf
         self.command_seq = 0
+        self.stops = 0
+        """How often the robot has begun to come to rest by itself."""
         self._desk = LeaseDesk(robot, new_lease_id)
+        self._words = LeaseWords(self._desk)
+        self._drove: bytes = b""
         self._timeout_s = robot.limits.command_timeout_s
         self._hold_s = robot.motor.arming_hold_s
         self._since_s = 0.0
@@ -64,9 +71,8 @@ class Authority:
         self._pushed_s = -np.inf
         self._spin_up_s: float | None = None
         self._disarm_at_rest = False
-        self._words = 0
+        self._vouched = 0
         self._fault = ""
-        self._holder = ""
         self._reported_s: dict[tuple[str, str], float] = {}
         self._events: list[Event] = []
 
@@ -79,9 +85,15 @@ class Authority:
         after = self._desk.current(now_s)
         if after is not None:
             self._attended_s = now_s
-        if after is not before:
-            self._report_lease(before, after, now_s)
-        elif not reply.granted and request.op != "peek":
+        if after is not before and self.mode is Mode.DRIVING:
+            # Now, not in the next step: a command of the new holder may come in before that.
+            self._go(Mode.STOPPING, _LOST, now_s)
+        if text := self._words.after(request, before, now_s):
+            if request.op in ("request", "withdraw"):  # Anybody may, as often as they like.
+                self._report_now_and_then("lease", text, request.op, now_s)
+            else:
+                self._report("lease", text, "lease", now_s)
+        elif not reply.done and request.op != "peek":
             self.refuse(f"{request.op} control", reply.reason, now_s)
         return reply
 
@@ -150,12 +162,14 @@ class Authority:
             )
             return
         self._desk.renew(now_s)
-        self._words += 1
+        self._vouched += 1
         self.command_s, self.command_seq = now_s, outcome.seq
         pushes = bool(outcome.twist.any())
         if pushes:
             self._pushed_s = now_s
-        obeys = self.mode in (Mode.READY, Mode.STOPPING) and not self._disarm_at_rest
+        # Who has just got control drives from standstill on, not out of the motion of another.
+        goes_on = self.mode is Mode.STOPPING and outcome.lease == self._drove
+        obeys = self.mode is Mode.READY or (goes_on and not self._disarm_at_rest)
         if pushes and obeys:
             self._go(Mode.DRIVING, "", now_s)
         if self.mode is Mode.DRIVING:
@@ -184,7 +198,7 @@ class Authority:
             case Mode.DISARMED | Mode.STOPPED | Mode.FAULT:
                 pass
         if self.mode in (Mode.ARMING, Mode.READY):
-            self._words += 1
+            self._vouched += 1
 
     def arming(self, now_s: float) -> ArmingStatus | None:
         """Return how far arming is."""
@@ -204,11 +218,16 @@ class Authority:
     @property
     def mandate(self) -> Mandate:
         """On whose word the joints move."""
-        return Mandate(self.mode in ARMED, self._words)
+        return Mandate(self.mode in ARMED, self._vouched)
 
     def lease_in_force(self, now_s: float) -> Lease | None:
         """Return the lease in force, if any."""
         return self._desk.current(now_s)
+
+    @property
+    def hand_over(self) -> HandOver:
+        """Who asks for control, and for whom it is kept."""
+        return self._desk.hand_over
 
     def take_events(self) -> list[Event]:
         """Return what has happened since the last call."""
@@ -221,9 +240,8 @@ class Authority:
         lease = self._desk.current(now_s)
         if lease is not None:
             self._attended_s = now_s
-        elif self._holder:
-            self._report("lease", f"Control of {self._holder} has run out.", "lease", now_s)
-        self._holder = lease.holder if lease else ""
+        if text := self._words.run_out(now_s):
+            self._report("lease", text, "lease", now_s)
         return lease
 
     def _step_arming(self, facts: Facts, now_s: float) -> None:
@@ -243,7 +261,7 @@ class Authority:
     def _step_driving(self, lease: Lease | None, facts: Facts, now_s: float) -> None:
         silent_s = now_s - self.command_s
         if lease is None or self.command is None or lease.id != self.command.lease:
-            self._go(Mode.STOPPING, "the operator gave up or lost control", now_s)
+            self._go(Mode.STOPPING, _LOST, now_s)
         elif silent_s > self._timeout_s:
             reason = f"no command for {self._timeout_s * 1000:.0f} ms"
             self._go(Mode.STOPPING, reason, now_s)
@@ -256,8 +274,10 @@ class Authority:
         before, self.mode, self.reason, self._since_s = self.mode, mode, reason, now_s
         self._spin_up_s = None
         if mode is Mode.STOPPING:
+            self.stops += 1
+            self._drove = self.command.lease if self.command is not None else b""
             self.gate.note_stopping(now_s)
-            self._words += 1
+            self._vouched += 1
         else:
             self._disarm_at_rest = False
         if mode is not Mode.DRIVING:
@@ -270,16 +290,6 @@ class Authority:
             return ""
         lease = self._desk.current(now_s)
         return f"{lease.holder} has control" if lease else "take control first"
-
-    def _report_lease(self, before: Lease | None, after: Lease | None, now_s: float) -> None:
-        self._holder = after.holder if after else ""
-        if after is None:
-            text = f"{before.holder if before else 'The holder'} released control."
-        elif before is None or before.holder == after.holder:
-            text = f"{after.holder} has control."
-        else:
-            text = f"{after.holder} took control over from {before.holder}."
-        self._report("lease", text, "lease", now_s)
 
     def _report_now_and_then(self, kind: str, text: str, rule: str, now_s: float) -> None:
         if now_s - self._reported_s.get((kind, rule), -np.inf) >= _REPORT_S:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from tsd_twin.authority.hand_over import HandOver
 from tsd_twin.messages.service import LeaseReply, LeaseRequest
 from tsd_twin.robots import Robot
 
@@ -32,11 +33,12 @@ class LeaseDesk:
         self._limits = robot.limits
         self._new_id = new_id
         self._lease: Lease | None = None
+        self.hand_over = HandOver()
 
     def current(self, now_s: float) -> Lease | None:
         """Return the lease in force, if any; an expired one ends here."""
         if self._lease is not None and now_s >= self._lease.expires_s:
-            self._lease = None
+            self._end()
         return self._lease
 
     def answer(self, request: LeaseRequest, now_s: float) -> LeaseReply:
@@ -47,14 +49,50 @@ class LeaseDesk:
                 return self._acquire(request, lease, now_s)
             case "peek":
                 return LeaseReply(False, holder=lease.holder if lease else None)
-            case "renew" | "release":
+            case "request":
+                return self._request(request, lease, now_s)
+            case "withdraw":
+                return self._done(
+                    lease, self.hand_over.withdraw(request.operator, now_s), "withdrawn"
+                )
+            case "renew" | "release" | "grant" | "keep":
                 if lease is None or not held_by(lease, request.operator, request.lease):
                     return self._refuse(lease, "this lease is not in force")
-                if request.op == "release":
+                return self._of_holder(request, lease, now_s)
+
+    def _of_holder(self, request: LeaseRequest, lease: Lease, now_s: float) -> LeaseReply:
+        hand_over = self.hand_over
+        match request.op:
+            case "release":
+                # Who is asked and lets go has answered.
+                if (asked := hand_over.asked(now_s)) is not None:
+                    hand_over.grant(asked.operator, now_s)
                     self._lease = None
-                    return LeaseReply(False, reason="released")
+                else:
+                    self._end()
+                return LeaseReply(False, reason="released", done=True)
+            case "grant":
+                refusal = hand_over.grant(request.asker, now_s)
+                if not refusal:
+                    self._lease = None
+                return self._done(self._lease, refusal, f"control is kept for {request.asker}")
+            case "keep":
+                return self._done(lease, hand_over.keep(request.asker, now_s), "control is kept")
+            case _:
                 lease.expires_s = now_s + TTL_S
                 return self._granted(lease)
+
+    def _request(self, request: LeaseRequest, lease: Lease | None, now_s: float) -> LeaseReply:
+        if lease is None:
+            return self._refuse(lease, "nobody has control: acquire it")
+        if lease.holder == request.operator:
+            return self._refuse(lease, f"{lease.holder} has control already")
+        refusal = self.hand_over.ask(request.operator, now_s)
+        return self._done(lease, refusal, f"{lease.holder} is asked")
+
+    def _end(self) -> None:
+        self._lease = None
+        self.hand_over.end()
 
     def renew(self, now_s: float) -> None:
         """Extend the lease in force, because its holder drives."""
@@ -62,6 +100,9 @@ class LeaseDesk:
             self._lease.expires_s = now_s + TTL_S
 
     def _acquire(self, request: LeaseRequest, lease: Lease | None, now_s: float) -> LeaseReply:
+        reserved = self.hand_over.reserved(now_s)
+        if reserved is not None and reserved.operator != request.operator:
+            return self._refuse(lease, f"control is kept for {reserved.operator}, for a moment")
         if lease is not None and not request.take_over:
             return self._refuse(lease, f"{lease.holder} drives; ask for control or take over")
         limits = self._limits
@@ -74,6 +115,7 @@ class LeaseDesk:
         cap = speed_cap_mps(limits.deceleration_mps2, late_s, limits.stop_allowance_m)
         if max_age_s <= limits.max_command_age_s:
             cap = limits.speed_mps
+        self._end()
         self._lease = Lease(
             holder=request.operator,
             id=self._new_id(),
@@ -84,7 +126,13 @@ class LeaseDesk:
         return self._granted(self._lease)
 
     def _granted(self, lease: Lease) -> LeaseReply:
-        return LeaseReply(True, lease.id.hex(), lease.holder, TTL_S, "", lease.max_age_s)
+        return LeaseReply(True, lease.id.hex(), lease.holder, TTL_S, "", lease.max_age_s, done=True)
+
+    def _done(self, lease: Lease | None, refusal: str, what: str) -> LeaseReply:
+        """Return the answer to what grants no lease by itself."""
+        if refusal:
+            return self._refuse(lease, refusal)
+        return LeaseReply(False, holder=lease.holder if lease else None, reason=what, done=True)
 
     def _refuse(self, lease: Lease | None, reason: str) -> LeaseReply:
         return LeaseReply(False, holder=lease.holder if lease else None, reason=reason)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tsd_twin.authority import Authority, Facts, Mode
+from tsd_twin.authority import Authority, Facts, Lease, Mode
 from tsd_twin.core.estimator import Estimator
 from tsd_twin.errors import MessageError
 from tsd_twin.lie import Array
@@ -241,13 +241,13 @@ class RobotCore:
         return Status(
             mode=authority.mode,
             stop_reason=authority.reason,
+            stops=authority.stops,
             arming=authority.arming(now_s),
-            lease=LeaseStatus(lease.holder, round(lease.expires_s - now_s, 3))
-            if lease
-            else LeaseStatus(),
+            lease=self._lease_status(lease, now_s),
             command=CommandStatus(
                 seq=authority.command_seq,
                 age_s=round(age_s, 4) if math.isfinite(age_s) else None,
+                echo_s=None if authority.gate.echo_s is None else round(authority.gate.echo_s, 4),
                 accepted=authority.gate.accepted,
                 dropped=authority.gate.dropped,
             ),
@@ -260,6 +260,18 @@ class RobotCore:
             conflict=self._estimator.conflict(wheels_spin=authority.wheels_spin),
             loop=loop,
             hardware=hardware,
+        )
+
+    def _lease_status(self, lease: Lease | None, now_s: float) -> LeaseStatus:
+        asked = self.authority.hand_over.asked(now_s) if lease else None
+        reserved = self.authority.hand_over.reserved(now_s)
+        return LeaseStatus(
+            holder=lease.holder if lease else None,
+            remaining_s=round(lease.expires_s - now_s, 3) if lease else 0.0,
+            asked_by=asked.operator if asked else None,
+            asks_for_s=round(asked.until_s - now_s, 3) if asked else 0.0,
+            reserved_for=reserved.operator if reserved else None,
+            reserved_s=round(reserved.until_s - now_s, 3) if reserved else 0.0,
         )
 
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
 
 from tsd_twin.dashboard.fleet_meshes import FleetMeshes
-from tsd_twin.dashboard.link import Snapshot
+from tsd_twin.dashboard.foresight import NOTHING, Foresight
+from tsd_twin.dashboard.link import Sent, Snapshot
 from tsd_twin.dashboard.poses import joint_vector
+from tsd_twin.dashboard.rate import Rate
 from tsd_twin.dashboard.robot_marks import RobotMarks
+from tsd_twin.dashboard.trips import RoundTrips
 from tsd_twin.drives import JointKind, SingularityDrive
 from tsd_twin.lie import Array
 from tsd_twin.robots import Robot
@@ -17,6 +21,8 @@ from tsd_twin.robots import Robot
 SLOWER = 50
 """Wheels are drawn turning this much slower than they do: 2,500 a minute as 50 a minute, 5 degrees
 a frame. At their true speed a picture at 60 Hz would show them creeping, standing or going back."""
+FORESEEN_HZ = 10.0
+"""The model is run forward this often: it takes a millisecond or two."""
 _LONGEST_S = 0.1
 """A gap in the state longer than this is no time that a wheel was seen turning."""
 
@@ -44,6 +50,16 @@ class Source(Protocol):
         """The newest of everything it has said; the same object as long as there is nothing new."""
         ...
 
+    @property
+    def sent(self) -> Sequence[Sent]:
+        """The newest commands to it from here."""
+        ...
+
+    @property
+    def trips(self) -> RoundTrips:
+        """How long it takes to answer."""
+        ...
+
 
 class Body:
     """What is known of a robot, and what is drawn of it."""
@@ -58,6 +74,8 @@ class Body:
         self.angles = np.zeros(link.drive.modules)
         self.pose = np.zeros(3)
         self._turned_s = -np.inf
+        self._foresight = Foresight(link.drive, link.robot)
+        self._foresees = Rate(FORESEEN_HZ)
         self._wheels = np.array([joint.kind is JointKind.VELOCITY for joint in link.drive.joints])
 
     @property
@@ -77,6 +95,15 @@ class Body:
                 self._turn_wheels(joints, new.received_s)
         self.meshes.place(self.id, self.pose, self.joints, self.angles)
         self.marks.update(new, old, self.joints)
+        if self._foresees.due(new.received_s):
+            self._foresee(new)
+
+    def _foresee(self, new: Snapshot) -> None:
+        setpoint = joint_vector(self.link.drive, new.setpoint) if new.setpoint else None
+        outlook = NOTHING
+        if setpoint is not None:
+            outlook = self._foresight.look(new, setpoint, self.link.sent, self.link.trips)
+        self.marks.foresee(outlook)
 
     def _turn_wheels(self, joints: Array, now_s: float) -> None:
         dt_s, self._turned_s = now_s - self._turned_s, now_s

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 
@@ -72,15 +73,28 @@ class Control:
             ),
         )
 
+    async def answer(self, op: Literal["grant", "keep"], asker: str | None) -> Reply:
+        """Grant control to who asks for it, or keep it."""
+        driver = self._driver
+        request = LeaseRequest(op=op, operator=driver.operator, lease=driver.lease_hex, asker=asker)
+        reply = await self._calls.ask(self.link.ask_lease, request)
+        return Reply(reply.done, reply.reason)
+
 
 async def acquire(
-    link: RobotLink, operator: str, calls: Calls, *, take_over: bool, max_age_s: float | None
+    link: RobotLink,
+    operator: str,
+    calls: Calls,
+    *,
+    take_over: bool,
+    max_age_s: float | None,
+    reason: str = "",
 ) -> Control | str:
     """Return control of a robot, or why it is refused."""
-    reply = await calls.ask(
-        link.ask_lease,
-        LeaseRequest(op="acquire", operator=operator, take_over=take_over, max_age_s=max_age_s),
+    request = LeaseRequest(
+        op="acquire", operator=operator, take_over=take_over, max_age_s=max_age_s, reason=reason
     )
+    reply = await calls.ask(link.ask_lease, request)
     if not reply.granted or reply.lease is None:
         return reply.reason or "the robot refuses"
     return Control(link, Driver(operator, reply.lease, reply.max_age_s), calls)

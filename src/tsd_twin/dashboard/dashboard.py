@@ -7,11 +7,11 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
-from tsd_twin.access import Identity
 from tsd_twin.bus import Bus
 from tsd_twin.dashboard import viser_server
+from tsd_twin.dashboard.door import Door, Rules
 from tsd_twin.dashboard.fleet import Fleet
-from tsd_twin.dashboard.gateway import ANYBODY, Gateway
+from tsd_twin.dashboard.gateway import Gateway
 from tsd_twin.dashboard.panels import Panels
 from tsd_twin.dashboard.scene import Scene
 from tsd_twin.dashboard.ticker import Ticker
@@ -27,15 +27,16 @@ async def run(
     port: int,
     stop: threading.Event,
     on_ready: Callable[[int], None],
-    owner: Identity = ANYBODY,
+    rules: Rules,
 ) -> None:
     """Serve the page until `stop` is set; `on_ready` is called with the port.
 
-    `owner` is who the dashboard is on the bus.
+    `rules` say who may come in.
 
     Raises:
-        TwinError: the address cannot be used.
+        TwinError: the address cannot be used, or not with these rules.
     """
+    rules.check(host)
     loop = asyncio.get_running_loop()
     fleet = Fleet(bus)
     # Panels wait for a frame to be drawn; the loop between fingers and robots must not.
@@ -54,7 +55,7 @@ async def run(
         gateway = Gateway(
             fleet,
             server.get_port(),
-            owner=owner,
+            door=Door(rules),
             on_released=on_released,
             on_chosen=on_chosen,
         )

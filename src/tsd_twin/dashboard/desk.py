@@ -5,13 +5,15 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable, Coroutine
-from typing import Any
+from typing import Any, Literal
 
+from tsd_twin.dashboard.asking import Asking, News
 from tsd_twin.dashboard.calls import Calls
 from tsd_twin.dashboard.control import Control, acquire
 from tsd_twin.dashboard.link import RobotLink
 from tsd_twin.dashboard.protocol import Answer, AskLease
 from tsd_twin.messages.service import Reply
+from tsd_twin.messages.status import LeaseStatus
 from tsd_twin.topics import Service
 
 BEAT_S = 2.0
@@ -32,6 +34,7 @@ class Desk:
     ) -> None:
         self.control: Control | None = None
         """What the page has control of."""
+        self._wanted: Asking | None = None
         self._operator = operator
         self._calls = calls
         self._answer = answer
@@ -62,6 +65,23 @@ class Desk:
             await asyncio.wait([self._asking])
         await self.give_up()
 
+    def hear(self, lease: LeaseStatus) -> None:
+        """Take control once the holder has granted it, for a page that is still there."""
+        wanted = self._wanted
+        if wanted is None or (self._asking is not None and not self._asking.done()):
+            return
+        if time.monotonic() - self._beat_s > BEAT_S:
+            self.ask("lease", self.withdraw())
+            return
+        match wanted.news(lease):
+            case News.OURS:
+                self._wanted = None
+                self.ask("lease", self.acquire(wanted.link, wanted.wish))
+            case News.OVER:
+                self._wanted = None
+            case News.WAITING:
+                pass
+
     # Requests.
 
     async def acquire(self, link: RobotLink | None, wish: AskLease) -> Reply:
@@ -75,12 +95,43 @@ class Desk:
             self._calls,
             take_over=wish.take_over,
             max_age_s=wish.max_age_s,
+            reason=wish.reason,
         )
         if isinstance(control, str):
             return Reply(False, control)
         self.control = control
         self._keeping = asyncio.create_task(self._keep(control))
         return Reply(True)
+
+    async def request(self, link: RobotLink | None, wish: AskLease) -> Reply:
+        """Ask the holder for control; `hear` takes it when it is granted."""
+        if link is None:
+            return Reply(False, "no robot is shown")
+        await self.give_up()
+        asking = Asking(link, self._operator, wish, self._calls)
+        reply = await asking.ask()
+        if reply.ok:
+            self._wanted = asking
+        return reply
+
+    async def withdraw(self) -> Reply:
+        """Ask for control no longer."""
+        wanted, self._wanted = self._wanted, None
+        if wanted is None:
+            return Reply(False, "you do not ask for control")
+        return await wanted.withdraw()
+
+    async def answer(self, op: Literal["grant", "keep"], asker: str | None) -> Reply:
+        """Answer who asks for control; who grants it has let go first."""
+        control = self.control
+        if control is None:
+            return Reply(False, "take control first")
+        if op == "grant":
+            self._let_go("control is handed over")
+        reply = await control.answer(op, asker)
+        if reply.ok and op == "grant" and self.control is control:
+            self.lost()
+        return reply
 
     async def release(self) -> Reply:
         """Release control."""
@@ -97,9 +148,12 @@ class Desk:
     # Control.
 
     async def give_up(self) -> None:
-        """Give control back to the robot, if there is any."""
-        control = self.control
+        """Give control back to the robot, if there is any, and ask for it no longer."""
+        control, wanted = self.control, self._wanted
+        self._wanted = None
         self.lost()
+        if wanted is not None:
+            await wanted.withdraw()
         if control is not None:
             await control.release()
 

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from typing import Literal
 
 import msgspec
 from aiohttp import WSMsgType, web
-from aiohttp.typedefs import Handler
 
-from tsd_twin.access import Identity, Role
 from tsd_twin.dashboard.calls import Calls
-from tsd_twin.dashboard.guard import HEADERS, is_loopback, refusal
+from tsd_twin.dashboard.door import Door, Rules, visitor_of
+from tsd_twin.dashboard.guard import HEADERS
 from tsd_twin.dashboard.pages import STATIC, IndexPage
 from tsd_twin.dashboard.protocol import Panel, encode
 from tsd_twin.dashboard.proxy import PAGE, ViserProxy
+from tsd_twin.dashboard.reception import Reception
 from tsd_twin.dashboard.roster import Fleet, Roster
 from tsd_twin.dashboard.session import Session
 from tsd_twin.errors import TwinError
@@ -33,10 +33,6 @@ def _nothing(*_args: str) -> None:
     pass
 
 
-ANYBODY = Identity("web", Role.OPERATOR)
-"""Whose dashboard it is when no certificate says so."""
-
-
 class Gateway:
     """One HTTP server on one event loop.
 
@@ -49,34 +45,32 @@ class Gateway:
         fleet: Fleet,
         viser_port: int,
         *,
-        owner: Identity = ANYBODY,
-        allowed_hosts: Collection[str] = (),
+        door: Door | None = None,
         on_released: Callable[[str], None] = _nothing,
         on_chosen: Callable[[str, str], None] = _nothing,
     ) -> None:
         """Read viser's page.
 
-        `owner` is who this dashboard is on the bus; a viewer's pages may watch, and stop.
-        `allowed_hosts` are values of the `Host` header that are answered beside those of the
-        loopback. Called on the event loop: `on_released`, with the page, when the sliders of its
-        panel shall spring back, and `on_chosen`, with page and robot id, when its menu is used.
+        `door` decides who may come in; without one everybody may, from this machine. Called on the
+        event loop: `on_released`, with the page, when the sliders of its panel shall spring back,
+        and `on_chosen`, with page and robot id, when its menu is used.
 
         Raises:
             TwinError: viser's page cannot be used.
         """
         self._index = IndexPage()
+        self._door = Door(Rules()) if door is None else door
+        self._reception = Reception(self._door)
         self._proxy = ViserProxy(viser_port)
         self._calls = Calls()
         self._roster = Roster(fleet, self._calls)
-        self._owner = owner
-        self._allowed_hosts = frozenset(allowed_hosts)
         self._on_released, self._on_chosen = on_released, on_chosen
         self._sessions: dict[str, Session] = {}
         self._sockets: dict[str, web.WebSocketResponse] = {}
         self._rejected = 0
         self._loop: asyncio.AbstractEventLoop | None = None
         self._runner: web.AppRunner | None = None
-        self._measuring: asyncio.Task[None] | None = None
+        self._watching: list[asyncio.Task[None]] = []
         self.port = 0
         """Where the gateway listens, once it has been started."""
         fleet.on_change(self._fleet_changed)
@@ -85,40 +79,38 @@ class Gateway:
         """Listen; port 0 takes a free one.
 
         Raises:
-            TwinError: the port is in use, or the host can be reached by other machines, for whom
-                there is no login.
+            TwinError: the port is in use, or others could come in, or read what is said.
         """
-        if not is_loopback(host):
-            raise TwinError(
-                f"{host} can be reached by other machines and the dashboard has no login: listen "
-                "on 127.0.0.1, and let a reverse proxy with TLS and a login pass requests on"
-            )
+        self._door.rules.check(host)
         self._loop = asyncio.get_running_loop()
-        app = web.Application(middlewares=[self._guard])
+        app = web.Application(middlewares=[self._door.guard], client_max_size=_MESSAGE_BYTES)
         app.on_response_prepare.append(_add_headers)
         app.router.add_get("/", self._index.serve)
         app.router.add_get("/healthz", self._serve_health)
         app.router.add_get("/teleop", self._serve_teleop)
-        app.router.add_get("/viser/{page}", self._proxy.serve)
+        app.router.add_get("/viser/{page}", self._serve_viser)
+        self._reception.add_to(app.router)
         app.router.add_static("/static", STATIC)
         runner = web.AppRunner(app, access_log=None, shutdown_timeout=_PATIENCE_S)
         await runner.setup()
-        site = web.TCPSite(runner, host, port)
+        site = web.TCPSite(runner, host, port, ssl_context=self._door.rules.tls)
         try:
             await site.start()
         except OSError as error:
             await runner.cleanup()
             raise TwinError(f"port {port} of {host} cannot be used: choose another") from error
         self.port = runner.addresses[0][1]
+        self._door.open(host, self.port)
         self._runner = runner
-        self._measuring = asyncio.create_task(self._roster.measure())
+        watching = (self._roster.measure(), self._door.watch())
+        self._watching = [asyncio.create_task(work) for work in watching]
 
     async def stop(self) -> None:
         """Let go of all robots, close all sockets, and listen no more."""
         if self._runner is None:
             return
-        if self._measuring is not None:
-            self._measuring.cancel()
+        for task in self._watching:
+            task.cancel()
         goodbyes = (
             socket.close(code=1001, message=b"the dashboard ends")
             for socket in self._sockets.values()
@@ -128,6 +120,7 @@ class Gateway:
         await self._runner.cleanup()
         self._runner, self._loop = None, None
         self._calls.close()
+        self._reception.close()
 
     @property
     def rejected(self) -> int:
@@ -193,14 +186,6 @@ class Gateway:
 
     # What is served.
 
-    @web.middleware
-    async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        headers = request.headers
-        reason = refusal(headers.get("Host"), headers.get("Origin"), self.port, self._allowed_hosts)
-        if reason is not None:
-            raise web.HTTPForbidden(text=reason)
-        return await handler(request)
-
     async def _serve_health(self, request: web.Request) -> web.StreamResponse:
         del request
         robots = self._roster.health()
@@ -210,10 +195,14 @@ class Gateway:
             body=body, content_type="application/json", headers={"Cache-Control": "no-store"}
         )
 
+    async def _serve_viser(self, request: web.Request) -> web.StreamResponse:
+        page, visitor = self._page_of(request, request.match_info["page"]), visitor_of(request)
+        return await self._proxy.serve(
+            request, page, visitor, lambda socket: self._door.holding(visitor, socket)
+        )
+
     async def _serve_teleop(self, request: web.Request) -> web.StreamResponse:
-        page = request.query.get("page", "")
-        if not PAGE.fullmatch(page):
-            raise web.HTTPBadRequest(text="A page id is 16 hex digits.")
+        page, visitor = self._page_of(request, request.query.get("page", "")), visitor_of(request)
         socket = web.WebSocketResponse(
             timeout=_GOODBYE_S, compress=False, max_msg_size=_MESSAGE_BYTES, heartbeat=_HEARTBEAT_S
         )
@@ -226,22 +215,32 @@ class Gateway:
             self._calls,
             self._on_released,
             self._on_chosen,
-            owner=self._owner,
+            visitor=visitor,
         )
         self._sessions[page], self._sockets[page] = session, socket
         delivering = asyncio.create_task(session.mail.deliver(socket))
         try:
-            session.fleet_changed()
-            async for message in socket:
-                if message.type is WSMsgType.TEXT:
-                    session.receive(message.data)
-                else:
-                    session.reject("shape: messages are text")
+            with self._door.holding(visitor, socket):
+                session.fleet_changed()
+                async for message in socket:
+                    if message.type is WSMsgType.TEXT:
+                        session.receive(message.data)
+                    else:
+                        session.reject("shape: messages are text")
         finally:
             delivering.cancel()
             await asyncio.gather(delivering, return_exceptions=True)
             await self._end(session, socket)
         return socket
+
+    def _page_of(self, request: web.Request, page: str) -> str:
+        """Return the page that a socket is for, unless it is none, or that of another login."""
+        if not PAGE.fullmatch(page):
+            raise web.HTTPBadRequest(text="A page id is 16 hex digits.")
+        session = self._sessions.get(page)
+        if session is not None and session.visitor.key != visitor_of(request).key:
+            raise web.HTTPForbidden(text="This page belongs to another login.")
+        return page
 
     async def _end(self, session: Session, socket: web.WebSocketResponse) -> None:
         await session.close()
@@ -251,6 +250,7 @@ class Gateway:
 
 
 async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:
-    response.headers.update(HEADERS)
+    if "Content-Security-Policy" not in response.headers:  # The login page has rules of its own.
+        response.headers.update(HEADERS)
     if request.path.startswith("/static/"):
         response.headers["Cache-Control"] = "no-cache"

@@ -1,4 +1,4 @@
-"""What is not the estimate: where the gimbals are told to be, and where the robot really is."""
+"""What is not the estimate: where gimbals shall be, where the robot is, where it will be."""
 
 from __future__ import annotations
 
@@ -73,6 +73,23 @@ class TruthGhost:
         self._frame.remove()
 
 
+class PredictedGhost:
+    """A cage of lines where the robot will be when a command that is sent now arrives.
+
+    It hangs on the robot, so a delay that stays the same at a speed that stays the same is silent.
+    """
+
+    def __init__(self, scene: viser.SceneApi, name: str, shape: Shape) -> None:
+        self._frame = scene.add_frame(name, show_axes=False)
+        self._cage = add_cage(scene, f"{name}/c", shape, palette.PREDICTED, visible=False)
+
+    def update(self, ahead: Array | None) -> None:
+        """Show a pose (3,) in the frame of the robot; None: there is nothing to predict."""
+        self._cage.visible = ahead is not None
+        if ahead is not None:
+            place(self._frame, np.round(ahead, 3))
+
+
 def place(frame: viser.FrameHandle, pose: Array) -> None:
     """Move a node to a planar pose (3,)."""
     half = 0.5 * float(pose[2])
@@ -81,7 +98,12 @@ def place(frame: viser.FrameHandle, pose: Array) -> None:
 
 
 def add_cage(
-    scene: viser.SceneApi, name: str, shape: Shape, *, visible: bool
+    scene: viser.SceneApi,
+    name: str,
+    shape: Shape,
+    colour: palette.Rgb = palette.TRUTH,
+    *,
+    visible: bool,
 ) -> viser.LineSegmentsHandle:
     """Add the edges of what a robot stands in: lines hide nothing, as a translucent body would."""
     foot = shape.footprint
@@ -91,7 +113,7 @@ def add_cage(
     return scene.add_line_segments(
         name,
         np.concatenate([*rims, posts]),
-        palette.TRUTH,
+        colour,
         thickness=2.0,
         thickness_units="screen",
         visible=visible,

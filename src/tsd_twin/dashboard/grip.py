@@ -44,6 +44,11 @@ class Grip:
         self.hold = Hold.SPENT
         return True
 
+    def refuse(self) -> bool:
+        """Note a command that may not go anywhere: who holds a control now must centre it first."""
+        was, self.hold = self.hold, Hold.SPENT
+        return was is not Hold.SPENT
+
     def silent_for_s(self, now_s: float) -> float:
         """Return the time since the newest command; 0 when nothing is held."""
         return now_s - self._driven_s if self.hold is Hold.HELD else 0.0

@@ -34,19 +34,27 @@ HEADERS = {
 
 
 def refusal(
-    host: str | None, origin: str | None, port: int, allowed_hosts: Collection[str]
+    host: str | None,
+    origin: str | None,
+    port: int,
+    allowed_hosts: Collection[str],
+    *,
+    addresses: bool = False,
+    secure: bool = False,
 ) -> str | None:
     """Return why a request is refused, by its `Host` and `Origin` headers; None when it is not.
 
     A page of another site can make a browser speak to this machine, also under a name of its own
-    that it points here (DNS rebinding). It can forge neither header.
+    that it points here (DNS rebinding). It can forge neither header. With `addresses` the gateway
+    also answers to any address with its port: nobody can point one of those elsewhere. When the
+    browser's side is `secure`, a page that came without TLS is another site.
     """
-    if host is None or not _is_ours(host, port, allowed_hosts):
+    if host is None or not _is_ours(host, port, allowed_hosts, addresses=addresses):
         return (
             f"This gateway does not answer to the name '{host or ''}': "
-            f"open http://127.0.0.1:{port}/ or start it with that name allowed."
+            f"open http://127.0.0.1:{port}/ or start it with --allow-host and that name."
         )
-    if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
+    if origin is not None and not _is_page_of(origin, host, secure=secure):
         return f"A page of {origin} may not speak to this gateway."
     return None
 
@@ -61,11 +69,27 @@ def is_loopback(name: str) -> bool:
         return False
 
 
-def _is_ours(host: str, port: int, allowed_hosts: Collection[str]) -> bool:
+def is_address(name: str) -> bool:
+    """Return whether a host is an IP address, and no name that somebody could point anywhere."""
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+def _is_ours(host: str, port: int, allowed_hosts: Collection[str], *, addresses: bool) -> bool:
     if host.lower() in {name.lower() for name in allowed_hosts}:
         return True
     try:
         parts = urlsplit(f"//{host}")
-        return is_loopback(parts.hostname or "") and (parts.port or 80) == port
+        name = parts.hostname or ""
+        known = is_loopback(name) or (addresses and is_address(name))
+        return known and (parts.port or 80) == port
     except ValueError:  # No port number, or brackets that do not match.
         return False
+
+
+def _is_page_of(origin: str, host: str, *, secure: bool) -> bool:
+    parts = urlsplit(origin)
+    return parts.netloc.lower() == host.lower() and not (secure and parts.scheme != "https")

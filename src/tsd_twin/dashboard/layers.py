@@ -17,13 +17,22 @@ class Layer(StrEnum):
     TRAIL = "trail"
     ARROWS = "thrust arrows"
     ELLIPSE = "covariance ellipse"
+    PREDICTED = "predicted pose"
+    ENVELOPE = "stop envelope"
     LABELS = "labels"
 
 
 TRUTHS, TRAILS, SCALE = f"{ROOT}/t", f"{ROOT}/k", f"{ROOT}/l"
 """Nodes of all robots' true poses, of all trails, and of the metres on the floor."""
 _SHARED = {Layer.TRUTH: TRUTHS, Layer.TRAIL: TRAILS, Layer.LABELS: SCALE}
-_EACH = {Layer.SETPOINT: "s", Layer.ARROWS: "a", Layer.ELLIPSE: "e", Layer.LABELS: "n"}
+_EACH = {
+    Layer.SETPOINT: "s",
+    Layer.ARROWS: "a",
+    Layer.ELLIPSE: "e",
+    Layer.PREDICTED: "g",
+    Layer.ENVELOPE: "b",
+    Layer.LABELS: "n",
+}
 
 
 def robot_node(robot_id: str) -> str:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import itertools
 import threading
+import time
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,6 +15,7 @@ import numpy as np
 
 from tsd_twin import robots, topics
 from tsd_twin.bus import Bus, Publisher
+from tsd_twin.dashboard.trips import RoundTrips
 from tsd_twin.errors import BusError, MessageError
 from tsd_twin.lie import Array
 from tsd_twin.messages.command import encode_attachment
@@ -34,6 +38,7 @@ from tsd_twin.messages.service import (
 from tsd_twin.messages.status import Status, decode_stamp, decode_status
 from tsd_twin.topics import Service, Urgency
 
+_SENT_KEPT = 100
 STOP_REPEATS = 20
 """A stop is sent this often at 10 Hz, unless it is acknowledged before."""
 
@@ -50,6 +55,17 @@ class Snapshot:
     status_seq: int = 0
     received_s: float = -np.inf
     """When the newest of these came in, on the clock given to `poll`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sent:
+    """A command that has been sent from here."""
+
+    sent_s: float
+    """On the monotonic clock, which `poll` is given too."""
+    twist: Array
+    """(3,): m/s and rad/s in `frame`."""
+    frame: str
 
 
 class RobotLink:
@@ -72,6 +88,8 @@ class RobotLink:
         self.urdf = description.urdf
         self.drive = self.robot.kinematics()
         self.snapshot = Snapshot()
+        self.trips = RoundTrips()
+        """How long the robot takes to answer, as far as it has been measured."""
         self._readers = {
             "joints": (bus.reader(topics.JOINTS.key(robot_id), 1), decode_joints),
             "setpoint": (bus.reader(topics.SETPOINT.key(robot_id), 1), decode_joints),
@@ -82,6 +100,13 @@ class RobotLink:
         self._stop = bus.publisher(Service.STOP.key(robot_id), Urgency.REAL_TIME)
         self._twists: dict[str, Publisher] = {}
         self._lock = threading.Lock()
+        self._sent: deque[Sent] = deque(maxlen=_SENT_KEPT)
+        self._components = list(self.drive.components)
+
+    @property
+    def sent(self) -> Sequence[Sent]:
+        """The newest commands from here, oldest first: the robot may not have heard them yet."""
+        return tuple(self._sent)
 
     def close(self) -> None:
         """Stop listening."""
@@ -163,6 +188,7 @@ class RobotLink:
                     topics.TWIST.type,
                 )
             publisher = self._twists[driver.operator]
+        self._sent.append(Sent(time.monotonic(), spatial_twist[self._components], frame))
         publisher.put(
             encode_twist(TwistStamped(frame, spatial_twist)),
             encode_attachment(next(driver.numbers), driver.lease, status_seq),

@@ -18,6 +18,10 @@ THRUST: Rgb = (240, 150, 10)
 """What the wheels do over the ground."""
 PREVIEW: Rgb = (190, 70, 230)
 """What the robot would do."""
+PREDICTED: Rgb = (235, 80, 160)
+"""Where the robot will be."""
+ENVELOPE: Rgb = (232, 90, 60)
+"""Where the robot can still get to."""
 STALE: Rgb = (128, 132, 138)
 """What is not known any more."""
 GRID_FINE: Rgb = (128, 134, 142)

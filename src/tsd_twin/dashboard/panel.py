@@ -27,17 +27,22 @@ class Panel:
         on_robot: Callable[[str], None],
         *,
         dark: bool,
+        watches: bool = False,
     ) -> None:
+        """A client that only watches has no control whose movement would be heard."""
         self.client = client
         self._view = ClientView(scene, client)
         gui = client.gui
         tabs = gui.add_tab_group()
-        with tabs.add_tab("Drive"):
-            self._drive = DriveTab(gui, self._view, on_moved, on_robot)
+        self._drive: DriveTab | None = None
+        if not watches:
+            with tabs.add_tab("Drive"):
+                self._drive = DriveTab(gui, self._view, on_moved, on_robot)
         with tabs.add_tab("Gimbals"):
             gui.add_html('<div data-tsd="gimbals"></div>')
-        with tabs.add_tab("View"):
-            ViewTab(gui, self._view, scene.clear_trails, dark=dark)
+        if not watches:
+            with tabs.add_tab("View"):
+                ViewTab(gui, self._view, scene.clear_trails, dark=dark)
         with tabs.add_tab("Plots"):
             gui.add_html('<div data-tsd="plots"></div>')
         with tabs.add_tab("Health"):
@@ -50,15 +55,18 @@ class Panel:
     def rebuild(self) -> None:
         """Take in that robots have come or gone."""
         self._view.rebuild()
-        self._drive.refresh()
+        if self._drive is not None:
+            self._drive.refresh()
 
     def reset(self) -> None:
         """Let the sliders spring back."""
-        self._drive.reset()
+        if self._drive is not None:
+            self._drive.reset()
 
     def choose(self, robot_id: str) -> None:
         """Turn to another robot, chosen elsewhere in the page."""
         if robot_id != self._view.robot_id and robot_id in self._view.robot_ids:
-            self._drive.reset()
+            self.reset()
             self._view.choose(robot_id)
-            self._drive.refresh()
+            if self._drive is not None:
+                self._drive.refresh()

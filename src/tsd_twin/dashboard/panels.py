@@ -10,7 +10,7 @@ import viser
 from tsd_twin.dashboard.drive_tab import Mode
 from tsd_twin.dashboard.panel import Panel
 from tsd_twin.dashboard.scene import Scene
-from tsd_twin.dashboard.viser_private import is_gone, page_of, prefers_dark
+from tsd_twin.dashboard.viser_private import is_gone, only_watches, page_of, prefers_dark
 from tsd_twin.dashboard.viser_server import set_theme
 
 OnPanel: TypeAlias = Callable[[str, float, float, float, Literal["preview", "drive"], bool], None]
@@ -93,7 +93,10 @@ class Panels:
             if dark is None:
                 dark = prefers_dark(self._server, client.client_id) is not False
                 set_theme(client.gui, dark=dark)
-            self._panels[client.client_id] = Panel(self._scene, client, moved, robot, dark=dark)
+            watches = only_watches(self._server, client.client_id)
+            self._panels[client.client_id] = Panel(
+                self._scene, client, moved, robot, dark=dark, watches=watches
+            )
 
     async def _disconnect(self, client: viser.ClientHandle) -> None:
         with self._scene.lock:

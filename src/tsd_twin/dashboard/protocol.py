@@ -10,7 +10,7 @@ from msgspec import Meta
 
 from tsd_twin.access import Role
 from tsd_twin.errors import MessageError
-from tsd_twin.messages.service import Event
+from tsd_twin.messages.service import Event, Operator, ShortText
 from tsd_twin.messages.status import Status
 
 Count: TypeAlias = Annotated[int, Meta(ge=0, le=2**53)]
@@ -52,10 +52,14 @@ class Beat(_Message, frozen=True, tag="beat"):
 
 
 class AskLease(_Message, frozen=True, tag="lease"):
-    """Take or give up control."""
+    """Take or give up control, ask its holder for it, or answer who asks."""
 
-    op: Literal["acquire", "release"]
+    op: Literal["acquire", "release", "request", "withdraw", "grant", "keep"]
     take_over: bool = False
+    reason: ShortText = ""
+    """Why it is taken over."""
+    asker: Operator | None = None
+    """Who is answered, by grant and keep."""
     max_age_s: Annotated[float, Meta(gt=0.0, le=10.0)] | None = None
 
 
@@ -114,6 +118,9 @@ class Welcome(_Message, frozen=True, tag="welcome"):
 
     operator: str
     role: Role
+    user: str | None
+    """Who has logged in; None where nobody has to."""
+    may_stop: bool
     robots: Sequence[RobotName]
     robot: str | None
 
@@ -163,6 +170,9 @@ class State(_Message, frozen=True, tag="state"):
     """For how long the robot has been in its mode, as far as the gateway knows."""
     you: bool
     robot_ms: float | None
+    """Round trip from here to the robot, median of the last ones."""
+    robot_jitter_ms: float | None
+    """How much longer one in twenty of them took."""
     pose: Triple | None
     twist: Triple | None
     commanded: Triple | None

@@ -6,7 +6,8 @@ import asyncio
 import contextlib
 import re
 import socket
-from typing import TypeAlias
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 
 from aiohttp import (
     ClientError,
@@ -16,20 +17,21 @@ from aiohttp import (
     web,
 )
 
-from tsd_twin.dashboard.viser_private import DARK_HEADER, PAGE_HEADER
+from tsd_twin.access import Role
+from tsd_twin.dashboard.viser_filter import LARGEST_BYTES, passed
+from tsd_twin.dashboard.viser_key import KEY_HEADER, key
+from tsd_twin.dashboard.viser_private import DARK_HEADER, PAGE_HEADER, ROLE_HEADER
+from tsd_twin.dashboard.visitor import Visitor
+from tsd_twin.errors import MessageError
 
 PAGE = re.compile(r"[0-9a-f]{16}")
 """A page id: made by the page itself, and good for nothing else."""
 
-_FROM_PAGE = 16 * 2**20
-"""Bytes: rendered pictures that viser asks a page for."""
 _FROM_VISER = 64 * 2**20
 _SOCKET_BUFFER = 128 * 2**10
 """Bytes: by default the kernel holds 2 MB for a slow page, which is many seconds of old poses."""
 _HEARTBEAT_S = 10.0
 _GOODBYE_S = 0.5
-
-_Socket: TypeAlias = web.WebSocketResponse | ClientWebSocketResponse
 
 
 class ViserProxy:
@@ -48,11 +50,14 @@ class ViserProxy:
         if self._client is not None:
             await self._client.close()
 
-    async def serve(self, request: web.Request) -> web.StreamResponse:
-        """Answer `GET viser/<page>`."""
-        page_id = request.match_info["page"]
-        if not PAGE.fullmatch(page_id):
-            raise web.HTTPBadRequest(text="A page id is 16 hex digits.")
+    async def serve(
+        self,
+        request: web.Request,
+        page_id: str,
+        visitor: Visitor,
+        holding: Callable[[web.WebSocketResponse], AbstractContextManager[None]],
+    ) -> web.StreamResponse:
+        """Answer `GET viser/<page>`; the page's socket is open within `holding` it."""
         if self._client is None:
             self._client = ClientSession()
         offered = request.headers.get("Sec-WebSocket-Protocol", "")
@@ -62,7 +67,9 @@ class ViserProxy:
                 self._url,
                 protocols=protocols,
                 headers={
+                    KEY_HEADER: key(),
                     PAGE_HEADER: page_id,
+                    ROLE_HEADER: visitor.identity.role,
                     DARK_HEADER: "1" if request.query.get("dark") == "1" else "0",
                 },
                 compress=0,
@@ -76,7 +83,7 @@ class ViserProxy:
                 timeout=_GOODBYE_S,
                 protocols=chosen,
                 compress=False,
-                max_msg_size=_FROM_PAGE,
+                max_msg_size=LARGEST_BYTES,
                 heartbeat=_HEARTBEAT_S,
             )
             await page.prepare(request)
@@ -84,15 +91,19 @@ class ViserProxy:
             _bound(viser.get_extra_info("socket"), socket.SO_RCVBUF)
             self._open.add(page)
             try:
-                await _connect(page, viser)
+                with holding(page):
+                    await _connect(page, viser, visitor.identity.role)
             finally:
                 self._open.discard(page)
         return page
 
 
-async def _connect(page: web.WebSocketResponse, viser: ClientWebSocketResponse) -> None:
+async def _connect(page: web.WebSocketResponse, viser: ClientWebSocketResponse, role: Role) -> None:
     """Pass messages both ways until either side ends, then end the other."""
-    ways = [asyncio.create_task(_pass(page, viser)), asyncio.create_task(_pass(viser, page))]
+    ways = [
+        asyncio.create_task(_pass_checked(page, viser, role)),
+        asyncio.create_task(_pass(viser, page)),
+    ]
     try:
         await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
     finally:
@@ -106,14 +117,24 @@ async def _connect(page: web.WebSocketResponse, viser: ClientWebSocketResponse) 
                 await viser.close()
 
 
-async def _pass(source: _Socket, sink: _Socket) -> None:
+async def _pass(source: ClientWebSocketResponse, sink: web.WebSocketResponse) -> None:
     """Pass messages on, one at a time: a slow reader slows its writer, and nothing piles up."""
     with contextlib.suppress(ConnectionError):
         async for message in source:
             if message.type is WSMsgType.BINARY:
                 await sink.send_bytes(message.data)
-            elif message.type is WSMsgType.TEXT:
-                await sink.send_str(message.data)
+
+
+async def _pass_checked(
+    source: web.WebSocketResponse, sink: ClientWebSocketResponse, role: Role
+) -> None:
+    """Pass on what a page may say, until it says something that no page says."""
+    with contextlib.suppress(ConnectionError, MessageError):
+        async for message in source:
+            if message.type is not WSMsgType.BINARY:
+                return
+            if (frame := passed(message.data, role)) is not None:
+                await sink.send_bytes(frame)
 
 
 def _bound(connection: socket.socket | None, option: int) -> None:

@@ -8,7 +8,9 @@ import viser
 from tsd_twin.dashboard import palette
 from tsd_twin.dashboard.arrows import ThrustArrows
 from tsd_twin.dashboard.ellipse import CovarianceEllipse
-from tsd_twin.dashboard.ghosts import SetpointGhost, TruthGhost, place
+from tsd_twin.dashboard.envelope import StopEnvelope
+from tsd_twin.dashboard.foresight import Outlook
+from tsd_twin.dashboard.ghosts import PredictedGhost, SetpointGhost, TruthGhost, place
 from tsd_twin.dashboard.layers import TRAILS, TRUTHS, Layer, mark_node, robot_node
 from tsd_twin.dashboard.link import Snapshot
 from tsd_twin.dashboard.poses import joint_vector
@@ -18,7 +20,7 @@ from tsd_twin.lie import Array
 
 
 class RobotMarks:
-    """Ghosts, trail, arrows, ellipse, heading and cover of one robot.
+    """Ghosts, trail, arrows, ellipse, envelope, heading and cover of one robot.
 
     What belongs to the robot hangs on one node that moves with it, so that it costs nothing while
     it only moves along.
@@ -32,6 +34,8 @@ class RobotMarks:
         self.trail = Trail(scene, f"{TRAILS}/{robot_id}")
         self.arrows = ThrustArrows(scene, mark_node(Layer.ARROWS, robot_id), shape.drive)
         self.ellipse = CovarianceEllipse(scene, mark_node(Layer.ELLIPSE, robot_id))
+        self.predicted = PredictedGhost(scene, mark_node(Layer.PREDICTED, robot_id), shape)
+        self.envelope = StopEnvelope(scene, mark_node(Layer.ENVELOPE, robot_id), shape.reach_m)
         _add_heading(scene, f"{node}/h", shape.reach_m)
         self._cover = _add_cover(scene, f"{node}/c", shape)
         self.label = scene.add_label(
@@ -43,8 +47,18 @@ class RobotMarks:
         )
 
     def set_stale(self, stale: bool) -> None:
-        """Cover the robot in grey while nothing is known of it."""
+        """Cover the robot in grey while nothing is known of it.
+
+        The envelope stays: it is within it, if the link has died.
+        """
         self._cover.visible = stale
+        if stale:
+            self.predicted.update(None)
+
+    def foresee(self, outlook: Outlook) -> None:
+        """Show what lies ahead."""
+        self.predicted.update(outlook.ghost)
+        self.envelope.update(outlook.path)
 
     def update(self, new: Snapshot, old: Snapshot, joints: Array) -> None:
         """Show what is in `new` and was not in `old`; `joints` (n,) are the newest measured."""

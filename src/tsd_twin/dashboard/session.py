@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from tsd_twin.access import Identity, Role
+from tsd_twin.access import Role
 from tsd_twin.authority import Mode
 from tsd_twin.dashboard import protocol
 from tsd_twin.dashboard.calls import Calls
@@ -18,6 +18,7 @@ from tsd_twin.dashboard.desk import Desk
 from tsd_twin.dashboard.grip import SILENT_S, Grip, Hold
 from tsd_twin.dashboard.mailbox import Mailbox
 from tsd_twin.dashboard.roster import Roster
+from tsd_twin.dashboard.visitor import Visitor
 from tsd_twin.errors import MessageError
 from tsd_twin.messages.service import Event, Reply
 from tsd_twin.topics import Service
@@ -28,7 +29,7 @@ _OF_THE_HOLDER: Mapping[type[protocol.Arm | protocol.Disarm | protocol.Reset], S
     protocol.Disarm: Service.DISARM,
     protocol.Reset: Service.RESET,
 }
-_WATCHES = "this dashboard only watches: its certificate is a viewer's"
+_WATCHES = "a viewer only watches"
 _STOPS_AT_ONCE = 2
 """The second begins after the first, so a third would say nothing new."""
 
@@ -44,22 +45,24 @@ class Session:
         on_released: Callable[[str], None],
         on_chosen: Callable[[str, str], None],
         *,
-        owner: Identity,
+        visitor: Visitor,
     ) -> None:
-        """`owner` is whose dashboard this is; each page of it has an operator id of its own."""
+        """`visitor` is whose page this is; each of theirs has an operator id of its own."""
         self.page = page
+        self.visitor = visitor
         self.mail = Mailbox()
         self.robot_id: str | None = None
         """The robot that is watched."""
         self.rejected = 0
         """Messages that were none."""
-        self._operator = f"{owner.name}-{page[:8]}"
-        self._role = owner.role
+        self._operator = f"{visitor.identity.name}-{page[:8]}"
+        self._role = visitor.identity.role
         self._roster = roster
         self._calls = calls
         self._on_released, self._on_chosen = on_released, on_chosen
         self._grip = Grip()
         self._desk = Desk(self._operator, calls, self._post, self.let_go)
+        self._stops: int | None = None
         self._watchdog: asyncio.TimerHandle | None = None
         self._stopping: set[asyncio.Task[None]] = set()
 
@@ -73,7 +76,12 @@ class Session:
             self.robot_id = names[0].id
         self._post(
             protocol.Welcome(
-                operator=self._operator, role=self._role, robots=names, robot=self.robot_id
+                operator=self._operator,
+                role=self._role,
+                user=self.visitor.user,
+                may_stop=self.visitor.may_stop,
+                robots=names,
+                robot=self.robot_id,
             )
         )
         self._show_robot()
@@ -129,7 +137,11 @@ class Session:
             raise MessageError("nonfinite", "a twist must be finite numbers")
         self.mail.seen(message.seen)
         control = self._desk.control
-        if control is None or not self._grip.drive(time.monotonic()):
+        if control is None:
+            if self._grip.refuse():  # What is held while control changes hands must not set it off.
+                self._post(protocol.Released(reason="you do not have control"))
+            return
+        if not self._grip.drive(time.monotonic()):
             return
         if time.monotonic() - control.link.snapshot.received_s > control.max_age_s:
             # The robot stops meanwhile, and may be ready again before the next word of it comes.
@@ -178,6 +190,9 @@ class Session:
             self.let_go("the page is not in front")
 
     def _stop(self) -> None:
+        if not self.visitor.may_stop:
+            self._post(protocol.Answer(to="stop", ok=False, reason=_WATCHES))
+            return
         self.let_go("software stop")
         if len(self._stopping) < _STOPS_AT_ONCE:
             task = asyncio.create_task(self._stop_and_answer())
@@ -192,11 +207,20 @@ class Session:
         self._post(protocol.Answer(to="stop", ok=reply.ok, reason=reply.reason))
 
     def _lease(self, message: protocol.AskLease) -> None:
-        if message.op == "release":
-            self._desk.ask("lease", self._desk.release())
-        else:
-            view = self._roster.view(self.robot_id)
-            self._desk.ask("lease", self._desk.acquire(view.link if view else None, message))
+        desk = self._desk
+        view = self._roster.view(self.robot_id)
+        link = view.link if view else None
+        match message.op:
+            case "acquire":
+                desk.ask("lease", desk.acquire(link, message))
+            case "request":
+                desk.ask("lease", desk.request(link, message))
+            case "release":
+                desk.ask("lease", desk.release())
+            case "withdraw":
+                desk.ask("lease", desk.withdraw())
+            case "grant" | "keep":
+                desk.ask("lease", desk.answer(message.op, message.asker))
 
     def choose(self, robot_id: str) -> None:
         """Turn to another robot: control of the one before is given up."""
@@ -208,7 +232,7 @@ class Session:
             return Reply(False, f"there is no robot {robot_id}")
         self.let_go("another robot is shown")
         await self._desk.give_up()
-        self.robot_id = robot_id
+        self.robot_id, self._stops = robot_id, None
         self._show_robot()
         self._on_chosen(self.page, robot_id)
         return Reply(True)
@@ -221,8 +245,13 @@ class Session:
         if control is not None and control.is_lost(state.status):
             self._lost(f"{lease.holder} has taken over" if lease.holder else "it has run out")
             control = None
+        self._desk.hear(lease)
         if state.status.mode not in _DRIVABLE:
             self.let_go(f"the robot is {state.status.mode}")
+        if self._stops not in (None, state.status.stops):
+            # It may be ready again by now: a stop can be shorter than the time between two states.
+            self.let_go("the robot has stopped by itself")
+        self._stops = state.status.stops
         you = control is not None and lease.holder == self._operator
         self.mail.state(state.seen, protocol.encode(msgspec.structs.replace(state, you=you)))
 

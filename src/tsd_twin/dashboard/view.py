@@ -6,6 +6,7 @@ import numpy as np
 
 from tsd_twin.dashboard.link import RobotLink, Snapshot
 from tsd_twin.dashboard.protocol import Card, Limits, Module, State, Triple
+from tsd_twin.dashboard.trips import RoundTrips
 from tsd_twin.drives import JointKind
 from tsd_twin.lie import Array
 from tsd_twin.messages.ros import JointState
@@ -51,9 +52,10 @@ class RobotView:
         now_s: float,
         *,
         mode_age_s: float,
-        robot_ms: float | None,
+        trips: RoundTrips,
     ) -> State:
         """Return the newest of everything; null where the robot has not said it yet."""
+        typical_s, jitter_s = trips.typical_s(), trips.jitter_s()
         joints = self._vector(snapshot.joints)
         setpoint = self._vector(snapshot.setpoint)
         odom, truth = snapshot.odom, snapshot.truth
@@ -63,7 +65,8 @@ class RobotView:
             status=status,
             mode_age_s=round(mode_age_s, 1),
             you=False,
-            robot_ms=robot_ms,
+            robot_ms=_ms(typical_s),
+            robot_jitter_ms=_ms(jitter_s),
             pose=_rounded(odom.xy_heading) if odom else None,
             twist=_rounded(odom.twist) if odom else None,
             commanded=None if setpoint is None else _rounded(self._drive.forward(setpoint).twist),
@@ -112,6 +115,10 @@ class RobotView:
             )
             for i in range(len(measured))
         ]
+
+
+def _ms(seconds: float | None) -> float | None:
+    return None if seconds is None else round(1000.0 * seconds, 2)
 
 
 def _rounded(values: Array) -> Triple:

@@ -17,6 +17,8 @@ _HINTS = {
     Layer.TRAIL: "Blue line: where the robot believes it was, the last 40 m",
     Layer.ARROWS: "Yellow: direction and speed that each wheel gives the robot",
     Layer.ELLIPSE: "Blue ellipse: where the robot is with 86 % certainty, two sigma",
+    Layer.PREDICTED: "Pink cage: where the robot will be when a command sent now arrives",
+    Layer.ENVELOPE: "Red area: where the robot can still get to if the link dies now",
     Layer.LABELS: "Metres on the axes of the floor, and names when there are several robots",
 }
 

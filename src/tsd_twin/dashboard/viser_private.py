@@ -8,12 +8,15 @@ import numpy as np
 import viser
 from viser import _messages as messages  # The classes of what it sends; it exports none.
 
+from tsd_twin.access import Role
 from tsd_twin.lie import Array
 
 PAGE_HEADER = "X-Tsd-Page"
 """The gateway adds it to the request of a viser socket: the page that the socket belongs to."""
 DARK_HEADER = "X-Tsd-Dark"
 """Likewise: 1 or 0 as the browser prefers dark or light colours."""
+ROLE_HEADER = "X-Tsd-Role"
+"""Likewise: whether somebody is a viewer."""
 
 _SOCKET_SERVER = attrgetter("_websock_server")
 _LIVE_CONNECTIONS = attrgetter("_websock_server._live_connections")
@@ -29,6 +32,11 @@ def prefers_dark(server: viser.ViserServer, client_id: int) -> bool | None:
     """Return whether the browser of a client prefers dark colours; None when nobody says."""
     word = _header_of(server, client_id, DARK_HEADER)
     return None if word is None else word == "1"
+
+
+def only_watches(server: viser.ViserServer, client_id: int) -> bool:
+    """Return whether a client is a viewer's, so that nothing that it would say is heard."""
+    return _header_of(server, client_id, ROLE_HEADER) == Role.VIEWER
 
 
 def _header_of(server: viser.ViserServer, client_id: int, name: str) -> str | None:

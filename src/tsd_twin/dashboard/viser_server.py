@@ -5,7 +5,7 @@ from __future__ import annotations
 import rich
 import viser
 
-from tsd_twin.dashboard import palette, viser_replay
+from tsd_twin.dashboard import palette, viser_key, viser_replay
 from tsd_twin.dashboard.viser_private import refuse_sharing
 
 LOOPBACK = "127.0.0.1"
@@ -20,8 +20,8 @@ PANEL_PX = 288
 def start(title: str, *, dark: bool = True) -> viser.ViserServer:
     """Return a running server on a free port of the loopback; `get_port()` says which.
 
-    viser has no authentication and no check of origins: whoever reaches the port is in. A port that
-    the system chooses is free, so viser does not go looking for another one.
+    viser has no authentication and no check of origins, so the port asks for `viser_key.key()`. A
+    port that the system chooses is free, so viser does not go looking for another one.
 
     Raises:
         TwinError: another version of viser is installed than the one that this is made for.
@@ -29,7 +29,8 @@ def start(title: str, *, dark: bool = True) -> viser.ViserServer:
     viser_replay.refuse_other_versions()
     # viser announces itself on standard output, where our programs print one line only.
     rich.get_console().quiet = True
-    server = viser.ViserServer(host=LOOPBACK, port=0, label=title, verbose=False)
+    with viser_key.locked():
+        server = viser.ViserServer(host=LOOPBACK, port=0, label=title, verbose=False)
     refuse_sharing(server)
     viser_replay.skip_what_is_gone(server)
     set_theme(server.gui, dark=dark)

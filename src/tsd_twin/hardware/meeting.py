@@ -19,7 +19,7 @@ SETTLE_S = 0.03
 """Silence after which no answer to an older question comes any more."""
 _BOOT_S = 4.0
 """To open its port resets the board, whose boot loader then waits about a second for uploads."""
-_TRY_S = 0.1
+_TRY_S = 0.3
 _TRIES = 3
 
 

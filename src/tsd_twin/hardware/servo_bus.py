@@ -23,6 +23,8 @@ BAUD = 1_000_000
 ALIVE_S = 0.05
 """A servo that answered within this counts as alive, as it does for the board."""
 _ANSWER_S = 0.02
+_TRY_S = 0.1
+"""Patience while they are set up."""
 _TRIES = 3
 _WATCHDOG = 10
 """200 ms: less than the board gives the speed controllers."""
@@ -147,10 +149,10 @@ class ServoBus:
 
     def _find(self, line: Line, device: int) -> None:
         for _ in range(_TRIES):
-            if line.ask(protocol2.ping(device), 1, _ANSWER_S):
+            if line.ask(protocol2.ping(device), 1, _TRY_S):
                 return
         servo = self._joints.named(1 << device - 1)
-        if line.ask(protocol1.ping(device), 1, _ANSWER_S, protocol1):
+        if line.ask(protocol1.ping(device), 1, _TRY_S, protocol1):
             raise HardwareError(
                 f"{servo} speaks Protocol 1.0: bring its firmware to 2.0 with the recovery of "
                 "Dynamixel Wizard 2.0, or connect the servos to the board, which speaks both"
@@ -179,7 +181,7 @@ class ServoBus:
 
     def _ask(self, line: Line, device: int, request: bytes) -> Status:
         for _ in range(_TRIES):
-            for answer in line.ask(request, 1, _ANSWER_S):
+            for answer in line.ask(request, 1, _TRY_S):
                 if answer.error & ~ALERT:
                     raise HardwareError(
                         f"{self._joints.named(1 << device - 1)} refuses its set-up: "

@@ -23,14 +23,21 @@ class Request(msgspec.Struct, frozen=True):
 
 
 class LeaseRequest(Request, frozen=True, kw_only=True):
-    """`srv/lease`: `acquire`, `renew` and `release` the right to drive, or `peek` who has it."""
+    """`srv/lease`: `acquire`, `renew` and `release` the right to drive, or `peek` who has it.
 
-    op: Literal["acquire", "renew", "release", "peek"]
+    `request` asks the holder for it, until `withdraw`; the holder answers with `grant` or `keep`.
+    """
+
+    op: Literal["acquire", "renew", "release", "peek", "request", "withdraw", "grant", "keep"]
     operator: Operator
     lease: LeaseId | None = None
-    """For renew and release."""
+    """For what only the holder may: renew, release, grant and keep."""
+    asker: Operator | None = None
+    """For grant and keep: whose request is answered."""
     take_over: bool = False
     """Acquire it even though another holds it; the holder sees that."""
+    reason: ShortText = ""
+    """Why it is taken over, for all to see."""
     max_age_s: Annotated[float, Meta(gt=0.0)] | None = None
     """Age up to which commands shall count, for far links; the speed cap shrinks with it."""
 
@@ -69,6 +76,8 @@ class LeaseReply(msgspec.Struct, frozen=True):
     """Age up to which commands count under this lease."""
     ok: bool = True
     """False when the request could not be read."""
+    done: bool = False
+    """What was asked for has happened, also where that grants no lease to who asked for it."""
 
 
 class Reply(msgspec.Struct, frozen=True):

@@ -19,6 +19,14 @@ class LeaseStatus(msgspec.Struct, frozen=True):
 
     holder: str | None = None
     remaining_s: float = 0.0
+    asked_by: str | None = None
+    """Who asks the holder for control."""
+    asks_for_s: float = 0.0
+    """How much longer, unless there is an answer."""
+    reserved_for: str | None = None
+    """Who alone may acquire it, because the holder has granted it."""
+    reserved_s: float = 0.0
+    """For how much longer."""
 
 
 class DropCounts(msgspec.Struct):
@@ -39,6 +47,8 @@ class CommandStatus(msgspec.Struct, frozen=True):
     """Of the newest counted one."""
     age_s: float | None = None
     """Since the newest counted one; none was counted: null."""
+    echo_s: float | None = None
+    """How old the status was that the newest counted one answers: the whole way there and back."""
     accepted: int = 0
     dropped: DropCounts = msgspec.field(default_factory=DropCounts)
 
@@ -81,6 +91,8 @@ class Status(msgspec.Struct, frozen=True):
 
     mode: str
     stop_reason: str = ""
+    stops: int = 0
+    """How often it has begun to come to rest by itself: none is missed, however short it was."""
     arming: ArmingStatus | None = None
     lease: LeaseStatus = LeaseStatus()
     command: CommandStatus = CommandStatus()

@@ -1,5 +1,6 @@
 """Simulated robots: what a real one would measure, and the truth apart from it."""
 
+from tsd_twin.sim.board import Board
 from tsd_twin.sim.esc import SpeedControllers
 from tsd_twin.sim.motor import Motors
 from tsd_twin.sim.plant import KinematicPlant
@@ -8,6 +9,7 @@ from tsd_twin.sim.sim_robot import SimRobot, Truth
 from tsd_twin.sim.simulation import Simulation
 
 __all__ = [
+    "Board",
     "KinematicPlant",
     "Motors",
     "Servos",

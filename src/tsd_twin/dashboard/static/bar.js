@@ -4,16 +4,16 @@ import { Button } from "./button.js";
 import { el, icon, mark, say } from "./dom.js";
 import { fixed } from "./format.js";
 import { notArm, notDisarm, notTake } from "./permission.js";
+import { quality } from "./quality.js";
 
-const GOOD_MS = 100;
-const FAIR_MS = 200;
 const AT_REST = new Set(["disarmed", "stopped", "fault"]);
+const WORDS = { good: "good", fair: "fair", poor: "poor", none: "" };
 const FAR_MS = 150; // From here on commands would be late too often for the usual age limit.
 
 export class Bar {
-  constructor(link, tips, { takeOver, fold }) {
+  constructor(link, tips, { handOver, fold }) {
     this._link = link;
-    this._takeOver = takeOver;
+    this._handOver = handOver;
     this._robots = el("select", { "aria-label": "Robot", onchange: () => this._choose() });
     this._modeIcon = el("span", { class: "shape" });
     this._modeWord = el("span");
@@ -23,13 +23,17 @@ export class Bar {
       this._modeIcon,
       this._modeWord,
     );
-    this._who = el("span", { class: "who" });
+    this._name = el("span", { class: "name" });
+    this._does = el("span");
+    this._who = el("span", { class: "who" }, this._name, " ", this._does);
     this._dot = el("span", { class: "shape" });
+    this._grade = el("span", { class: "word" });
     this._ms = el("span", { class: "number" });
     this._linkStatus = el(
       "span",
       { class: "link", role: "status", "aria-live": "off", "aria-label": "Link", tabindex: "0" },
       this._dot,
+      this._grade,
       this._ms,
     );
     this._volts = el("span", { class: "number" });
@@ -61,12 +65,17 @@ export class Bar {
     this._draw();
   }
 
-  /** Acquire control of the robot that is watched. */
-  take(takeOver) {
+  /** What is asked for together with control. */
+  wish() {
     const trip = this._link.roundTripMs();
     // A far link is given more time, at the price of a lower speed that the robot sets.
-    const maxAge = trip !== null && trip > FAR_MS ? (2 * trip + 100) / 1000 : null;
-    this._link.send({ t: "lease", op: "acquire", take_over: takeOver, max_age_s: maxAge });
+    return { max_age_s: trip !== null && trip > FAR_MS ? (2 * trip + 100) / 1000 : null };
+  }
+
+  /** Acquire control of the robot that is watched; with a reason, also from who has it. */
+  take(reason = null) {
+    const over = reason === null ? {} : { take_over: true, reason };
+    this._link.send({ t: "lease", op: "acquire", ...this.wish(), ...over });
   }
 
   showFolded(folded) {
@@ -80,8 +89,9 @@ export class Bar {
   _pressControl() {
     const { you, status } = this._link.state;
     if (you) this._link.send({ t: "lease", op: "release" });
-    else if (status.lease.holder !== null) this._takeOver(status.lease.holder);
-    else this.take(false);
+    else if (this._handOver().waits) this._handOver().withdraw();
+    else if (status.lease.holder !== null) this._handOver().ask();
+    else this.take();
   }
 
   _choose() {
@@ -134,33 +144,57 @@ export class Bar {
   _drawControl(status) {
     const you = this._link.state?.you ?? false;
     const holder = status?.lease.holder ?? null;
-    say(this._who, you ? "you drive" : holder === null ? "nobody drives" : `${holder} drives`);
+    const kept = status?.lease.reserved_for ?? null;
+    const waits = this._handOver().waits;
+    say(this._name, you ? "you" : (holder ?? (kept === null ? "nobody" : "kept for")));
+    say(this._does, you ? "drive" : (holder === null ? kept : null) ?? "drives");
+    mark(this._who, "title", you ? null : holder);
     this.control.become(
-      you ? "Release control" : "Take control",
-      you
-        ? "Give control back; the robot comes to rest"
-        : "Ask for the right to drive; one at a time has it",
+      ...(you
+        ? ["Release control", "Give control back; the robot comes to rest"]
+        : waits
+          ? ["Withdraw request", "Ask for control no longer"]
+          : holder === null
+            ? ["Take control", "Ask for the right to drive; one at a time has it"]
+            : ["Ask for control", `${holder} drives, is asked, and can hand over or keep control`]),
     );
     this.control.allow(notTake(this._link));
-    mark(this.control.button, "data-quiet", you ? "" : null);
+    mark(this.control.button, "data-quiet", you || waits ? "" : null);
   }
 
   _drawLink() {
-    const trip = this._link.roundTripMs();
     const lost = this._link.isStale();
-    const grade =
-      lost || trip === null ? "none" : trip < GOOD_MS ? "good" : trip < FAIR_MS ? "fair" : "poor";
-    if (grade !== this._grade) {
-      this._grade = grade;
+    const trip = this._link.roundTripMs();
+    const { grade } = this._quality();
+    if (grade !== this._shownGrade) {
+      this._shownGrade = grade;
       this._dot.replaceChildren(icon(grade));
     }
     mark(this._linkStatus, "data-grade", grade);
+    say(this._grade, WORDS[grade]);
     say(this._ms, lost ? "no link" : `${trip === null ? "–" : Math.round(trip)} ms`);
   }
 
+  _quality() {
+    const link = this._link;
+    return quality({
+      tripMs: link.isStale() ? null : link.roundTripMs(),
+      jitterMs: link.jitterMs(),
+      lost: link.lost,
+      allowedMs: 1000 * (link.state?.status.limits.max_command_age_s ?? 0),
+    });
+  }
+
   _explainLink() {
-    const { connected, pageMs, state } = this._link;
+    const { connected, pageMs, pageJitterMs, lost, state } = this._link;
     if (!connected) return "No connection to the dashboard.";
-    return `There and back: page to dashboard ${fixed(pageMs, 1)} ms, dashboard to robot ${fixed(state?.robot_ms, 1)} ms.`;
+    const { used } = this._quality();
+    const allowed = 1000 * (state?.status.limits.max_command_age_s ?? NaN);
+    return (
+      `There and back: page to dashboard ${fixed(pageMs, 0)} ms, dashboard to robot ${fixed(state?.robot_ms, 0)} ms. ` +
+      `One in twenty takes ${fixed(pageJitterMs, 0)} and ${fixed(state?.robot_jitter_ms, 0)} ms longer. ` +
+      `That is ${fixed(100 * (used ?? NaN), 0)} % of the ${fixed(allowed, 0)} ms that a command may be old. ` +
+      `${fixed(100 * lost, 0)} % of the states did not come.`
+    );
   }
 }

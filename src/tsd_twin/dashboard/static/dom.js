@@ -81,6 +81,11 @@ const ICONS = {
     ["path", { d: "M1.5 5h11v6h-11ZM14.5 7v2", ...LINE }],
     ["path", { d: "M3.5 7h5v2h-5Z", ...SOLID }],
   ],
+  ask: [
+    ["circle", { cx: 5, cy: 5, r: 2.5, ...LINE }],
+    ["path", { d: "M1 13.5c0-3 1.6-4.5 4-4.5 1.2 0 2.2.4 2.9 1.1", ...LINE }],
+    ["path", { d: "M9.5 12.5H15M12.5 9.8l2.7 2.7-2.7 2.7", ...LINE }],
+  ],
   fold: [["path", { d: "M3 10l5-5 5 5", ...LINE }]],
   chevron: [["path", { d: "M4 6l4 4 4-4", ...LINE }]],
   close: [["path", { d: "M4 4l8 8M12 4l-8 8", ...LINE }]],

@@ -4,7 +4,7 @@
 // and either `unit`, {x, y, turn} as shares of what the speed level allows, or `twist`, in m/s and
 // rad/s. As long as any is held, a command goes out every 20 ms; nothing is ever queued.
 
-import { notDrive } from "./permission.js";
+import { notDrive, notStop } from "./permission.js";
 
 const PERIOD_MS = 20;
 const STOP_EVERY_MS = 200;
@@ -104,6 +104,11 @@ export class Drive {
 
   /** Stop the robot: at once, in every state, and again until it is acknowledged. */
   stop() {
+    const reason = notStop(this.link);
+    if (reason !== null) {
+      this.onMessage(reason);
+      return;
+    }
     const now = performance.now();
     this._stop = { sinceMs: now, sentMs: now, doubted: false };
     this.link.send({ t: "stop" });

@@ -10,11 +10,15 @@ export class Gamepad {
     this.held = false;
     this._drive = drive;
     this._stop = stop;
-    this._spent = false;
+    this._spent = true; // A pad that is found with its stick held must come to the centre first.
+    this._index = null; // Of the pad that is read.
     this._pressed = false;
     this._timer = null;
     addEventListener("gamepadconnected", () => this._watch());
-    addEventListener("gamepaddisconnected", () => this._poll());
+    addEventListener("gamepaddisconnected", ({ gamepad }) => {
+      if (gamepad.index === this._index) this._change(null); // It may be back before the next look.
+      this._poll();
+    });
   }
 
   /** Back to the centre; until the real sticks are there too, they do nothing. */
@@ -34,10 +38,21 @@ export class Gamepad {
       clearInterval(this._timer);
       this._timer = null;
     }
+    if ((pad?.index ?? null) !== this._index) this._change(pad?.index ?? null);
     const pressed = pad?.buttons[STOP_BUTTON]?.pressed ?? false;
     if (pressed && !this._pressed) this._stop();
     this._pressed = pressed;
-    this._read(pad?.axes ?? []);
+    if (pad !== null) this._read(pad.axes);
+  }
+
+  /** The pad is unplugged, or another takes its place: let go, and begin at the centre. */
+  _change(index) {
+    this._index = index;
+    const was = this.held;
+    this.cancel();
+    this._spent = true;
+    this._pressed = false;
+    if (was) this._drive.changed();
   }
 
   _read([right = 0, down = 0, turn = 0]) {

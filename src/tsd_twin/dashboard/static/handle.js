@@ -1,5 +1,7 @@
 // A control that is held with one finger, or with the arrow keys while it has the focus.
 
+import { HeldKeys } from "./held.js";
+
 const ARROWS = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] };
 
 export class Handle {
@@ -10,7 +12,7 @@ export class Handle {
     this._place = place;
     this._changed = changed;
     this._pointer = null;
-    this._arrows = new Set();
+    this._arrows = new HeldKeys();
     node.addEventListener("pointerdown", (event) => this._grab(event));
     node.addEventListener("pointermove", (event) => this._move(event));
     for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) {
@@ -28,7 +30,7 @@ export class Handle {
   cancel() {
     const pointer = this._pointer;
     this._pointer = null;
-    this._arrows.clear();
+    this._arrows.cancel();
     this._place(0, 0);
     if (pointer !== null && this._node.hasPointerCapture(pointer))
       this._node.releasePointerCapture(pointer);
@@ -37,11 +39,8 @@ export class Handle {
   /** Take a key event; return whether it was an arrow key. */
   key(event) {
     if (!(event.code in ARROWS)) return false;
-    if (event.type === "keydown" ? event.repeat : !this._arrows.has(event.code)) return true;
-    if (event.type === "keydown") this._arrows.add(event.code);
-    else this._arrows.delete(event.code);
-    const pressed = [...this._arrows].map((code) => ARROWS[code]);
-    this._place(...pressed.reduce(([a, b], [c, d]) => [a + c, b + d], [0, 0]));
+    if (!this._arrows.take(event)) return true;
+    this._place(...this._arrows.sum(ARROWS, 2));
     this._changed();
     return true;
   }
@@ -74,7 +73,7 @@ export class Handle {
 
   _dropArrows() {
     if (this._arrows.size === 0) return;
-    this._arrows.clear();
+    this._arrows.cancel();
     this._place(0, 0);
     this._changed();
   }

@@ -52,10 +52,13 @@ export class Health {
       Link: {
         "page to dashboard": `${fixed(this._link.pageMs, 1)} ms`,
         "dashboard to robot": `${fixed(robot, 1)} ms`,
+        jitter: `${fixed(this._link.jitterMs(), 1)} ms`,
+        "states lost": `${fixed(100 * this._link.lost, 1)} %`,
         "age of the picture": `${fixed(age, 0)} ms`,
       },
       Commands: {
         accepted: String(command.accepted),
+        "there and back": command.echo_s === null ? "–" : `${fixed(1000 * command.echo_s, 0)} ms`,
         "age of the newest":
           command.age_s === null
             ? "–"

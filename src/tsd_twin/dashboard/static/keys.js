@@ -1,6 +1,8 @@
 // The keyboard: W A S D and Q E drive, the space bar stops. Listeners run before those of viser,
 // whose camera would move with the same keys.
 
+import { HeldKeys } from "./held.js";
+
 const DRIVE = {
   KeyW: [1, 0, 0],
   KeyS: [-1, 0, 0],
@@ -16,31 +18,32 @@ export class Keys {
     this._drive = drive;
     this._focused = focused;
     this._stop = stop;
-    this._down = new Set();
+    this._keys = new HeldKeys();
     for (const type of ["keydown", "keyup"]) {
       addEventListener(type, (event) => this._take(event), { capture: true });
     }
   }
 
   get held() {
-    return this._down.size > 0;
+    return this._keys.size > 0;
   }
 
   get unit() {
-    const [x, y, turn] = [...this._down]
-      .map((code) => DRIVE[code])
-      .reduce((sum, way) => sum.map((value, i) => value + way[i]), [0, 0, 0]);
+    const [x, y, turn] = this._keys.sum(DRIVE, 3);
     const length = Math.max(1, Math.hypot(x, y));
     return { x: x / length, y: y / length, turn };
   }
 
   cancel() {
-    this._down.clear();
+    this._keys.cancel();
   }
 
   _take(event) {
     const target = event.composedPath()[0];
-    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    const up = event.type === "keyup";
+    // A key comes up wherever the focus has gone meanwhile, and whatever else is held by then.
+    if (up && this._keys.take(event)) this._drive.changed();
+    if (!up && (event.ctrlKey || event.metaKey || event.altKey)) return;
     if (event.code === "Space" ? takesSpaces(target) : takesText(target)) return;
     const taken = this._focused(event) || this._takeStop(event) || this._takeDrive(event);
     if (!taken) return;
@@ -56,9 +59,7 @@ export class Keys {
 
   _takeDrive(event) {
     if (!(event.code in DRIVE)) return false;
-    if (event.type === "keydown" && !event.repeat) this._down.add(event.code);
-    else if (event.type === "keydown" || !this._down.delete(event.code)) return true;
-    this._drive.changed();
+    if (this._keys.take(event)) this._drive.changed();
     return true;
   }
 }

@@ -1,9 +1,14 @@
 // The socket to the gateway, and the newest of everything that it has said.
 
+import { spread } from "./quality.js";
+
 const BEAT_MS = 100;
 const SILENT_MS = 2000; // No echo for this long: the connection is lost, whatever the browser says.
 const RETRY_MS = 500;
 const FULL_BYTES = 4096; // What waits in the browser is too old already to be sent.
+
+const TRIPS = 50; // Five seconds.
+const STATES = 100;
 
 export const STALE_MS = 300;
 
@@ -16,9 +21,12 @@ export class Link {
     this.state = null;
     this.stateMs = -Infinity; // When it came, on the clock of `performance.now`.
     this.pageMs = null; // Round trip to the gateway, median of the last few.
+    this.pageJitterMs = null; // How much longer one in twenty takes.
+    this.lost = 0; // Share of the states that did not come, of the last few seconds.
     this.history = []; // Events, oldest first.
     this._listeners = new Map();
     this._trips = [];
+    this._seen = [];
     this._socket = null;
   }
 
@@ -57,6 +65,12 @@ export class Link {
     return this.pageMs + this.state.robot_ms;
   }
 
+  /** How much longer one in twenty round trips takes, in ms; null when it is not known. */
+  jitterMs() {
+    if (this.roundTripMs() === null) return null;
+    return (this.pageJitterMs ?? 0) + (this.state.robot_jitter_ms ?? 0);
+  }
+
   _connect() {
     const address = new URL(`teleop?page=${this.page}`, location.href);
     address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
@@ -81,7 +95,8 @@ export class Link {
     const was = this.connected;
     this.connected = false;
     this._trips = [];
-    this.pageMs = null;
+    this._seen = [];
+    this.pageMs = this.pageJitterMs = null;
     if (was) this._emit("down");
     setTimeout(() => this._connect(), RETRY_MS);
   }
@@ -109,9 +124,11 @@ export class Link {
       case "state":
         this.state = message;
         this.stateMs = performance.now();
+        this._count(message.seen);
         break;
       case "robot":
         if (message.id !== this.robot?.id) this.stateMs = -Infinity;
+        this._seen = [];
         this.robot = message;
         this.history = []; // The gateway tells it again.
         break;
@@ -135,9 +152,17 @@ export class Link {
 
   _measure(sentMs) {
     this._echoMs = performance.now();
-    this._trips = [...this._trips.slice(-8), this._echoMs - sentMs];
-    const sorted = [...this._trips].sort((a, b) => a - b);
-    this.pageMs = sorted[sorted.length >> 1];
+    this._trips = [...this._trips.slice(1 - TRIPS), this._echoMs - sentMs];
+    this.pageMs = spread(this._trips.slice(-9)).middle;
+    this.pageJitterMs = spread(this._trips).jitter;
+  }
+
+  /** The robot numbers its states, so what is missing is seen. */
+  _count(seen) {
+    const newest = this._seen.at(-1) ?? -1;
+    this._seen = seen < newest ? [seen] : [...this._seen.slice(1 - STATES), seen];
+    const sent = seen - this._seen[0] + 1;
+    this.lost = Math.max(0, 1 - this._seen.length / sent);
   }
 
   _emit(type, message) {

@@ -30,12 +30,18 @@ export class Notices {
     this._list.append(toast);
   }
 
-  /** Ask; `yes()` is called if it is agreed to. A new question takes the place of the old one. */
-  ask(text, label, yes) {
+  /**
+   * Ask; `yes(word)` is called if it is agreed to, with what stands in the `field`, if there is one.
+   * A new question takes the place of the old one.
+   */
+  ask(text, label, yes, field = null) {
     const done = () => this._question.replaceChildren();
+    const entry =
+      field === null ? null : el("input", { type: "text", maxlength: "120", value: field.value });
+    entry?.addEventListener("keydown", (event) => event.key === "Enter" && agree.use());
     const agree = new Button(label, {
       tips: this._tips,
-      press: () => (done(), yes()),
+      press: () => (done(), yes(entry?.value.trim())),
       kind: "primary",
     });
     const refuse = new Button("Cancel", { tips: this._tips, press: done, kind: "quiet" });
@@ -48,6 +54,7 @@ export class Notices {
         onkeydown: (event) => event.key === "Escape" && done(),
       },
       el("p", {}, text),
+      entry === null ? null : el("label", { class: "field" }, field.label, entry),
       el("div", { class: "row" }, refuse.element, agree.element),
     );
     this._question.replaceChildren(dialog);
@@ -57,6 +64,7 @@ export class Notices {
 
 /** What of a robot's events is worth a sentence; the rest stands in the log of the Health tab. */
 export function worthSaying({ kind, text }, operator) {
+  if (kind === "lease" && text.includes(` asks ${operator} `)) return false; // A notice says it.
   if (kind === "lease") return !text.startsWith(operator) || text.includes(" took ");
   return (
     kind === "mode" && /to (stopping|disarmed):/.test(text) && !text.includes("by the operator")

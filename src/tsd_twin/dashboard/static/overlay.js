@@ -1,5 +1,6 @@
 // The controls that must never be lost, drawn over viser's scene.
 
+import { Account } from "./account.js";
 import { Bar } from "./bar.js";
 import { Card } from "./card.js";
 import { el, mark, say } from "./dom.js";
@@ -7,6 +8,7 @@ import { Drive } from "./drive.js";
 import { Frame } from "./frame.js";
 import { Gamepad } from "./gamepad.js";
 import { drawsInSoftware } from "./graphics.js";
+import { HandOver } from "./handover.js";
 import { Hints } from "./hints.js";
 import { Keys } from "./keys.js";
 import { Level } from "./level.js";
@@ -23,7 +25,10 @@ import { Tip } from "./tip.js";
 import { Turn } from "./turn.js";
 
 const NARROW_PX = 600; // As in small.css.
-const STYLES = ["frame", "bar", "buttons", "notices", "card", "dock", "stop", "small"];
+const STYLES = [
+  ...["frame", "bar", "buttons", "notices", "handover", "card", "dock", "stop", "small"],
+  "account", // Last: it takes away what others show.
+];
 
 const link = new Link(window.tsd.page);
 const drive = new Drive(link);
@@ -34,9 +39,12 @@ const tips = new Tip();
 const notices = new Notices(tips);
 const stop = () => drive.stop();
 
+const handOver = new HandOver(link, tips, notices, {
+  acquire: (reason) => bar.take(reason),
+  wish: () => bar.wish(),
+});
 const bar = new Bar(link, tips, {
-  takeOver: (holder) =>
-    notices.ask(`${holder} drives now and would lose control.`, "Take over", () => bar.take(true)),
+  handOver: () => handOver,
   fold: () => fold(!inner.hasAttribute("data-folded")),
 });
 const level = new Level(link, drive, tips);
@@ -69,13 +77,16 @@ const inner = el(
   { class: "frame" },
   stale.veil,
   bar.element,
-  el("div", { class: "messages" }, stale.banner, preview, notices.element),
+  el("div", { class: "messages" }, stale.banner, preview, handOver.element, notices.element),
   card.element,
   pose.element,
   dock,
   tips.element,
 );
 const isArmed = ({ status }) => ["arming", "ready", "driving"].includes(status.mode);
+const account = new Account(link, tips, inner);
+bar.element.append(account.element);
+stopButton.element.append(account.watching);
 const hints = new Hints(link, tips, [
   {
     target: bar.control.button,

@@ -10,6 +10,12 @@ const SAID = {
   fault: "the robot has a fault: reset it first",
 };
 
+export const WATCHES = "You watch: a viewer does not drive.";
+
+export function watches(link) {
+  return link.welcome?.role === "viewer";
+}
+
 function notConnected(link) {
   if (!link.connected) return "No connection to the dashboard.";
   if (link.robot === null) return "No robot is on the bus.";
@@ -17,8 +23,12 @@ function notConnected(link) {
   return null;
 }
 
+function notAllowed(link) {
+  return notConnected(link) ?? (watches(link) ? WATCHES : null);
+}
+
 function notYours(link) {
-  const reason = notConnected(link);
+  const reason = notAllowed(link);
   if (reason !== null) return reason;
   if (link.state.you) return null;
   const holder = link.state.status.lease.holder;
@@ -35,7 +45,16 @@ export function notDrive(link) {
 }
 
 export function notTake(link) {
-  return notConnected(link);
+  const reason = notAllowed(link);
+  if (reason !== null) return reason;
+  const { reserved_for: kept } = link.state.status.lease;
+  const free = (kept ?? null) === null || kept === link.welcome?.operator;
+  return free ? null : `Control is kept for ${kept}, for a moment.`;
+}
+
+export function notStop(link) {
+  const may = link.welcome?.may_stop ?? true;
+  return may ? null : "You watch: a viewer neither drives nor stops.";
 }
 
 export function notArm(link) {

@@ -1,0 +1,79 @@
+"""`tsd-users`: who may log in to a dashboard, and as what."""
+
+from __future__ import annotations
+
+import argparse
+import getpass
+import sys
+from pathlib import Path
+
+from tsd_twin import program
+from tsd_twin.access import Role, Users
+from tsd_twin.errors import TwinError
+
+PARSER = program.parser(
+    "tsd-users",
+    "Names, roles and passwords for the dashboard. Passwords are asked for, or read from standard "
+    "input, and kept as argon2 hashes. Start the dashboard again after a change.",
+    [
+        "tsd-users users.toml --operator alice       add Alice, or give her a new password",
+        "tsd-users users.toml --viewer guest         somebody who only watches",
+        "tsd-users users.toml --viewer eve --may-stop    who watches, and may stop the robot",
+        "tsd-users users.toml --remove guest",
+        "tsd-users users.toml                        who there is",
+        "tsd-users users.toml --operator alice < password.txt",
+        "tsd-dashboard --users users.toml            what the file is for",
+    ],
+)
+
+
+def change(args: argparse.Namespace) -> None:
+    """Do what the flags say, and say who there is."""
+    file: Path = args.file
+    users = Users.load_any(file) if file.exists() else Users({})
+    if args.remove:
+        users.remove(args.remove)
+        users.save(file)
+    elif name := args.operator or args.viewer:
+        role = Role.OPERATOR if args.operator else Role.VIEWER
+        if args.may_stop and role is Role.OPERATOR:
+            raise TwinError("an operator may stop anyway: --may-stop is for a viewer")
+        users.put(name, role, password_for(name), may_stop=args.may_stop)
+        users.save(file)
+    elif not file.exists():
+        raise TwinError(f"there is no {file} yet: add somebody with --operator NAME")
+    for name in users.names:
+        user = users.user(name)
+        print(f"{user.role} {name}" + (", may stop" if user.may_stop else ""))
+
+
+def password_for(name: str) -> str:
+    """Ask for a new password twice, without an echo; or take a line from standard input.
+
+    Raises:
+        TwinError: the two differ, or there is none.
+    """
+    if not sys.stdin.isatty():
+        return sys.stdin.readline().rstrip("\r\n")
+    try:
+        password = getpass.getpass(f"new password for {name}: ")
+        if getpass.getpass("the same again: ") != password:
+            raise TwinError("the two are not the same: nothing was changed")
+    except (EOFError, KeyboardInterrupt):
+        raise TwinError("no password: nothing was changed") from None
+    return password
+
+
+def main() -> None:
+    """Read the flags and run."""
+    PARSER.add_argument("file", type=Path, help="where the users are, or shall be")
+    what = PARSER.add_mutually_exclusive_group()
+    what.add_argument("--operator", metavar="NAME", help="add somebody who sees, drives and stops")
+    what.add_argument("--viewer", metavar="NAME", help="add somebody who only sees")
+    what.add_argument("--remove", metavar="NAME", help="remove somebody")
+    PARSER.add_argument("--may-stop", action="store_true", help="a viewer may stop the robot, too")
+    program.run(PARSER, change)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,120 @@
+"""Where a robot will be, and where it can still get to, as far as this dashboard knows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsd_twin.authority import Mode
+from tsd_twin.dashboard.link import Sent, Snapshot
+from tsd_twin.dashboard.trips import RoundTrips
+from tsd_twin.drives import Drive
+from tsd_twin.lie import SE2, Array
+from tsd_twin.messages.ros import ODOM
+from tsd_twin.messages.status import Status
+from tsd_twin.motion.prediction import Due, Predictor
+from tsd_twin.robots import Robot
+
+WORTH_S = 0.05
+"""A delay shorter than this is not worth a ghost."""
+MARGIN_S = 0.03
+"""Commands come in every 20 ms and are looked at every 10 ms."""
+_COARSE_S = 0.02
+_SINCE_S = 0.5
+"""Who has sent nothing for this long, and a round trip, does not drive."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outlook:
+    """What lies ahead, in the frame of the robot as it was last heard of."""
+
+    ghost: Array | None
+    """(3,): where it will be when a command that is sent now arrives; None when that is now."""
+    path: Array | None
+    """(n, 3): where it goes if it hears nothing from now on, until it rests; None at rest."""
+
+
+NOTHING = Outlook(None, None)
+
+
+class Foresight:
+    """Runs the model of one planar robot forward."""
+
+    def __init__(self, drive: Drive[SE2], robot: Robot) -> None:
+        self._drive = drive
+        self._limits = robot.limits
+        lag_s = 1.0 / robot.servo.approach_rate_per_s
+        self._fine = Predictor(drive, robot.limits, lag_s)
+        self._coarse = Predictor(drive, robot.limits, lag_s, _COARSE_S)
+
+    def look(
+        self, snapshot: Snapshot, setpoint: Array, sent: Sequence[Sent], trips: RoundTrips
+    ) -> Outlook:
+        """Return what lies ahead of a robot with the joints told to be at `setpoint` (n,)."""
+        status, odom = snapshot.status, snapshot.odom
+        if status is None or odom is None or status.mode not in (Mode.DRIVING, Mode.STOPPING):
+            return NOTHING
+        twist = self._drive.forward(setpoint).twist
+        heading = float(odom.xy_heading[2])
+        share = status.limits.speed_mps / self._limits.speed_mps
+        trip_s = trips.typical_s()
+        ghost = None
+        if trip_s is not None and trip_s >= WORTH_S and status.mode == Mode.DRIVING:
+            commands = _under_way(sent, snapshot.received_s, trip_s, heading)
+            if commands:
+                here = SE2.identity()
+                ghost = self._fine.after(trip_s, here, twist, commands, share).xy_heading
+        path = self._path(status, twist, sent, snapshot.received_s, trips.late_s(), heading)
+        return Outlook(ghost, path)
+
+    def _path(
+        self,
+        status: Status,
+        twist: Array,
+        sent: Sequence[Sent],
+        now_s: float,
+        late_s: float | None,
+        heading: float,
+    ) -> Array:
+        # Whatever is measured, no command counts that is older than this; and how far away another
+        # dashboard is that drives, is not known here.
+        last_s = status.limits.max_command_age_s
+        commands: list[Due] = []
+        if late_s is not None and (own := _under_way(sent, now_s, late_s, heading)):
+            last_s = min(last_s, late_s)
+            commands = [due for due in own if due.after_s <= last_s]
+        silence_s = last_s + self._limits.command_timeout_s + MARGIN_S
+        if status.mode == Mode.STOPPING:
+            commands, silence_s = [], 0.0
+        share = status.limits.speed_mps / self._limits.speed_mps
+        poses = self._coarse.until_rest(
+            SE2.identity(), twist, [*commands, Due(silence_s, np.zeros(3))], share
+        )
+        return np.array([pose.xy_heading for pose in poses])
+
+
+def _under_way(sent: Sequence[Sent], now_s: float, trip_s: float, heading: float) -> list[Due]:
+    """Return the commands that a state which has come in now does not know of, or just does.
+
+    A command that is sent now arrives a round trip after the state that has come in now was sent:
+    no clocks have to agree for that.
+    """
+    recent = [one for one in sent if one.sent_s > now_s - trip_s - _SINCE_S]
+    from_world = _FromWorld(heading)
+    return [
+        Due(one.sent_s - now_s + trip_s, one.twist, from_world if one.frame == ODOM else None)
+        for one in recent
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class _FromWorld:
+    """Turns twists from the axes of `odom` to those of a robot; poses begin at `heading_rad`."""
+
+    heading_rad: float
+
+    def __call__(self, pose: SE2, twist: Array) -> Array:
+        turn = SE2(np.array([0.0, 0.0, self.heading_rad + float(pose.xy_heading[2])]))
+        return np.append(turn.inverse().rotate(twist[:2]), twist[2])

@@ -1,0 +1,46 @@
+// Who is logged in here, and the way out.
+
+import { Button } from "./button.js";
+import { el, mark, say } from "./dom.js";
+import { WATCHES, notStop, watches } from "./permission.js";
+
+const ASK_MS = 2000;
+
+export class Account {
+  /** Marks `frame` when whoever is logged in only watches. */
+  constructor(link, tips, frame) {
+    this._link = link;
+    this._frame = frame;
+    this._leaving = false;
+    this._user = el("span", { class: "user" });
+    const out = new Button("Log out", { tips, press: () => this._logOut(), kind: "quiet" });
+    this.element = el("span", { class: "group account", hidden: true }, this._user, out.element);
+    this.watching = el("p", { class: "watching", hidden: true });
+    link.on("welcome", () => this._draw());
+    link.on("down", () => this._ask());
+  }
+
+  _draw() {
+    const { user } = this._link.welcome;
+    this.element.hidden = user === null;
+    say(this._user, user ?? "");
+    mark(this._frame, "data-watches", watches(this._link) ? "" : null);
+    mark(this._frame, "data-cannot-stop", notStop(this._link) === null ? null : "");
+    this.watching.hidden = !watches(this._link);
+    say(this.watching, notStop(this._link) ?? WATCHES);
+  }
+
+  async _logOut() {
+    this._leaving = true;
+    await fetch("logout", { method: "POST", redirect: "manual" }).catch(() => null);
+    location.assign("login");
+  }
+
+  /** A browser does not say why it has no socket; when it is the login, go there. */
+  async _ask() {
+    if (this._leaving || this._link.connected || this._link.welcome.user === null) return;
+    const answer = await fetch("healthz").catch(() => null);
+    if (answer?.status === 401) location.assign("login");
+    else setTimeout(() => this._ask(), ASK_MS);
+  }
+}

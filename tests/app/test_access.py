@@ -1,0 +1,274 @@
+"""The dashboard for other machines: who makes users, what is refused, and a login in a browser."""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import socket
+import ssl
+import subprocess
+import sys
+from collections.abc import Callable, Generator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from tests.app.browser import FLAGS, PATIENCE_MS, QUICK, executable, mode, press
+from tests.app.conftest import PATIENCE_S, Program
+from tests.app.proxy import nginx
+from tsd_twin.access import Role, Users
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
+
+Start = Callable[..., Program]
+PHRASE = "correct horse battery"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A file of users as `tsd-users` makes it, and a certificate as `tsd-certs` does."""
+    made = tmp_path_factory.mktemp("access")
+    for flags in (["--operator", "alice"], ["--viewer", "guest"]):
+        subprocess.run(
+            [sys.executable, "-m", "tsd_users", str(made / "users.toml"), *flags],
+            input=f"{PHRASE}\n",
+            text=True,
+            check=True,
+            stdout=subprocess.DEVNULL,
+        )
+    hosts = ["--robot-host", "localhost", "--robot-host", "robots.example"]
+    subprocess.run(
+        [sys.executable, "-m", "tsd_certs", str(made / "keys"), *hosts],
+        check=True,
+        stdout=subprocess.DEVNULL,
+    )
+    return made
+
+
+@pytest.fixture(scope="module")
+def browser() -> Generator[Browser]:
+    with sync_playwright() as playwright:
+        running = playwright.chromium.launch(executable_path=executable(), args=list(FLAGS))
+        yield running
+        running.close()
+
+
+@pytest.fixture
+def context(browser: Browser) -> Generator[BrowserContext]:
+    made = browser.new_context(ignore_https_errors=True, viewport={"width": 960, "height": 600})
+    made.set_default_timeout(PATIENCE_MS)
+    yield made
+    made.close()
+
+
+def access_flags(folder: Path) -> list[str]:
+    keys = folder / "keys"
+    return [
+        *("--users", str(folder / "users.toml")),
+        *("--tls-cert", str(keys / "robot.pem"), "--tls-key", str(keys / "robot.key")),
+    ]
+
+
+def served(start: Start, *flags: str) -> str:
+    """Start a robot and a dashboard; return its address."""
+    endpoint = start("tsd_mock", "--listen", "tcp/127.0.0.1:0").ready().split()[-1]
+    line = start("tsd_dashboard", "--port", "0", "--connect", endpoint, *flags).ready()
+    return re.findall(r"https?://\S+", line)[0]
+
+
+# Users.
+
+
+def test_users_come_and_go_and_the_file_says_who_there_is(start: Start, tmp_path: Path) -> None:
+    file = tmp_path / "users.toml"
+    nobody = start("tsd_users", str(file))
+    assert nobody.wait() == 1
+    assert "--operator NAME" in nobody.sentence
+    for flags in (("--operator", "alice"), ("--viewer", "eve", "--may-stop")):
+        program = start("tsd_users", str(file), *flags)
+        assert program.process.stdin is not None
+        program.process.stdin.write(f"{PHRASE}\n")
+        program.process.stdin.flush()
+        assert program.wait() == 0
+    assert program.output == ["operator alice, may stop", "viewer eve, may stop"]
+    assert start("tsd_users", str(file), "--remove", "alice").wait() == 0
+    assert Users.load(file).names == ["eve"]
+    assert Users.load(file).user("eve").role is Role.VIEWER
+
+
+def test_a_password_at_the_terminal_is_asked_for_twice_and_not_echoed(tmp_path: Path) -> None:
+    file = tmp_path / "users.toml"
+    terminal, its_side = pty.openpty()
+    program = subprocess.Popen(
+        [sys.executable, "-m", "tsd_users", str(file), "--operator", "al"],
+        stdin=its_side,
+        stdout=its_side,
+        stderr=its_side,
+        start_new_session=True,
+    )
+    os.close(its_side)
+    seen = b""
+    for prompt in (b"new password for al: ", b"the same again: "):
+        while prompt not in seen:
+            seen += os.read(terminal, 1024)
+        os.write(terminal, f"{PHRASE}\n".encode())
+    while b"operator al" not in seen:
+        seen += os.read(terminal, 1024)
+    assert program.wait(PATIENCE_S) == 0
+    os.close(terminal)
+    assert PHRASE.encode() not in seen
+    assert Users.load(file).check("al", PHRASE) is not None
+
+
+# Refusals.
+
+
+@pytest.mark.parametrize(
+    ("flags", "sentence"),
+    [
+        (["--host", "0.0.0.0"], "--users FILE"),
+        (["--host", "0.0.0.0", "--users", "{users}"], "--tls-cert"),
+        (["--host", "0.0.0.0", "--users", "{users}", "--behind-proxy"], "passwords"),
+        (["--behind-proxy"], "--users FILE"),
+        (["--tls-cert", "{pem}"], "go together"),
+        (["--tls-cert", "{pem}", "--tls-key", "{other}"], "is not the key of"),
+        (["--tls-cert", "{pem}", "--tls-key", "nowhere.key"], "nowhere.key cannot be read"),
+        (["--tls-cert", "{users}", "--tls-key", "{other}"], "as a certificate"),
+        (["--users", "nowhere.toml"], "nowhere.toml cannot be read"),
+        (["--users", "{open}"], "chmod 600"),
+    ],
+)
+def test_what_would_be_open_or_cannot_work_is_one_sentence(
+    start: Start, folder: Path, tmp_path: Path, flags: list[str], sentence: str
+) -> None:
+    readable = tmp_path / "users.toml"
+    readable.write_bytes((folder / "users.toml").read_bytes())
+    readable.chmod(0o644)
+    places = {
+        "users": folder / "users.toml",
+        "pem": folder / "keys" / "robot.pem",
+        "other": folder / "keys" / "ca.key",
+        "open": readable,
+    }
+    program = start("tsd_dashboard", "--port", "0", *(flag.format(**places) for flag in flags))
+    assert program.wait() == 1
+    assert sentence in program.sentence
+    assert len(program.errors) == 1
+
+
+# In a browser.
+
+
+def log_in(page: Page, name: str, phrase: str = PHRASE) -> None:
+    page.get_by_label("Name").fill(name)
+    page.get_by_label("Password").fill(phrase)
+    page.get_by_role("button", name="Log in").click()
+
+
+def test_alice_logs_in_drives_under_her_name_and_logs_out(
+    start: Start, folder: Path, context: BrowserContext
+) -> None:
+    url = served(start, "--host", "0.0.0.0", *access_flags(folder))
+    url = url.replace("0.0.0.0", "localhost")
+    page = context.new_page()
+    page.goto(url)
+    expect(page.get_by_label("Name")).to_be_focused()
+    log_in(page, "alice", "wrong wrong wrong")
+    expect(page.get_by_role("alert")).to_have_text("Name or password is wrong.")
+    expect(page.get_by_label("Password")).to_be_focused()
+    assert context.cookies() == []
+    log_in(page, "Alice ")
+    page.wait_for_url(url)
+    (cookie,) = context.cookies()
+    assert cookie.get("secure")
+    assert cookie.get("httpOnly")
+    assert cookie.get("sameSite") == "Strict"
+    page.goto(url + QUICK)
+    press(page, "Skip")
+    press(page, "Take control")
+    expect(page.get_by_role("button", name="Release control")).to_be_visible(timeout=PATIENCE_MS)
+    press(page, "Log out")
+    page.wait_for_url("**/login")
+    assert context.cookies() == []
+    page.goto(url)
+    expect(page.get_by_role("button", name="Log in")).to_be_visible()
+
+
+def test_a_viewer_in_a_browser_has_nothing_to_drive_with_and_goes_when_logged_out(
+    start: Start, folder: Path, context: BrowserContext
+) -> None:
+    url = served(start, *access_flags(folder))
+    page = context.new_page()
+    page.goto(url)
+    log_in(page, "guest")
+    mode(page, "disarmed")
+    expect(page.get_by_text("You watch: a viewer neither drives nor stops.")).to_be_visible()
+    for name in ("STOP", "Take control", "Arm"):
+        expect(page.get_by_role("button", name=name, exact=True)).to_be_hidden()
+    expect(page.get_by_role("tab", name="Gimbals")).to_be_visible(timeout=PATIENCE_MS)
+    expect(page.get_by_role("tab", name="Drive")).to_have_count(0)
+    # The login ends elsewhere: the page notices, and does not pretend to be live.
+    page.evaluate("fetch('logout', { method: 'POST', redirect: 'manual' })")
+    page.wait_for_url("**/login")
+
+
+def test_nginx_as_on_the_page_of_the_docs(
+    start: Start, folder: Path, context: BrowserContext, tmp_path: Path
+) -> None:
+    with nginx(tmp_path, folder / "keys") as proxy:
+        host = f"robots.example:{proxy.port}"
+        flags = ("--users", str(folder / "users.toml"), "--behind-proxy", "--allow-host", host)
+        url = served(start, *flags)
+        proxy.pass_on_to(url)
+        page = context.new_page()
+        page.goto(f"https://localhost:{proxy.port}/twin/")
+        expect(page.get_by_text("does not answer to the name")).to_be_visible()
+        there = f"https://{host}/twin"
+        resolved = context.browser
+        assert resolved is not None
+        by_name = resolved.browser_type.launch(
+            executable_path=executable(),
+            args=[*FLAGS, "--host-resolver-rules=MAP robots.example 127.0.0.1"],
+        )
+        outside = by_name.new_context(ignore_https_errors=True)
+        outside.set_default_timeout(PATIENCE_MS)
+        page = outside.new_page()
+        page.goto(there)
+        assert page.url == f"{there}/login"
+        log_in(page, "alice")
+        page.wait_for_url("**/twin/")
+        assert page.url == f"{there}/"
+        (cookie,) = outside.cookies()
+        assert (cookie.get("path"), cookie.get("secure")) == ("/twin", True)
+        page.goto(f"{there}/{QUICK}")
+        press(page, "Skip")
+        press(page, "Take control")
+        expect(page.get_by_role("button", name="Release control")).to_be_visible(
+            timeout=PATIENCE_MS
+        )
+        expect(page.get_by_role("slider", name="vx (m/s)")).to_be_visible(timeout=PATIENCE_MS)
+        value = f"{cookie.get('name')}={cookie.get('value')}"
+        trusting = ssl.create_default_context(cafile=folder / "keys" / "ca.pem")
+        for origin, allowed in ((f"https://{host}", True), ("https://evil.example", False)):
+            headers = {"Cookie": value, "Origin": origin}
+            status = 101
+            try:
+                connect(
+                    f"wss://{host}/twin/teleop?page=0123456789abcdef",
+                    sock=socket.create_connection(("127.0.0.1", proxy.port)),
+                    additional_headers=headers,
+                    ssl=trusting,
+                    open_timeout=PATIENCE_S,
+                ).close()
+            except InvalidStatus as refused:
+                status = refused.response.status_code
+            assert (status == 101) is allowed, (origin, status)
+        press(page, "Log out")
+        page.wait_for_url("**/twin/login")
+        by_name.close()
+    with pytest.raises(InvalidStatus):  # Past the proxy there is no way in, whatever is claimed.
+        connect(url.replace("http", "ws") + "teleop?page=0123456789abcdef")

@@ -1,0 +1,149 @@
+"""The area on the floor holds what a robot does when its link dies; at rest there is nothing."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.core.rig import ROBOT, Rig
+from tests.dashboard.feeds import Feed
+from tsd_twin.authority import Mode
+from tsd_twin.dashboard.envelope import outline
+from tsd_twin.dashboard.foresight import Foresight, Outlook
+from tsd_twin.dashboard.link import Sent
+from tsd_twin.dashboard.trips import RoundTrips
+from tsd_twin.lie import SE2, Array
+from tsd_twin.messages.ros import BASE, ODOM
+from tsd_twin.messages.status import LimitStatus, Status
+from tsd_twin.sim import SimRobot
+
+DRIVE = ROBOT.kinematics()
+REACH_M = 0.25
+WITHIN_M = 0.01
+speeds = st.floats(-0.7, 0.7)
+twists = st.tuples(speeds, speeds, st.floats(-3.0, 3.0))
+
+
+def trips_of(trip_s: float | None) -> RoundTrips:
+    trips = RoundTrips()
+    if trip_s is not None:
+        trips.add(trip_s)
+    return trips
+
+
+def look(
+    feed: Feed, twist: Array, mode: str, trip_s: float | None, sent: list[Sent], max_age_s: float
+) -> Outlook:
+    status = Status(mode, limits=LimitStatus(1.0, 3.0, max_age_s))
+    setpoint = DRIVE.inverse(twist)
+    feed.say(pose=np.zeros(3), setpoint=setpoint, status=status)
+    return Foresight(DRIVE, ROBOT).look(feed.snapshot, setpoint, sent, trips_of(trip_s))
+
+
+def commands(feed: Feed, twist: Array, frame: str = BASE) -> list[Sent]:
+    """Fifty a second, up to now."""
+    return [Sent(feed.now_s - 0.02 * i, twist, frame) for i in range(40, 0, -1)]
+
+
+@pytest.mark.parametrize("delay_periods", [0, 5, 10])
+@pytest.mark.parametrize("omega", [0.0, 1.5, -3.0])
+def test_a_robot_whose_link_dies_comes_to_rest_within_what_was_drawn(
+    delay_periods: int, omega: float
+) -> None:
+    """Simulated, with the commands under way arriving, and up to its true standstill."""
+    rig = Rig(SimRobot(ROBOT))
+    pilot = rig.get_ready()
+    twist = np.array([0.8, -0.3, omega])
+    rig.drive(pilot, twist.tolist(), 1.0)
+    assert rig.mode is Mode.DRIVING
+    pose, setpoint = rig.pose, rig.setpoint
+    feed = Feed()
+    sent = commands(feed, twist)
+    status = Status("driving", limits=LimitStatus(1.0, 3.0, 0.25))
+    feed.say(pose=pose, setpoint=setpoint, status=status)
+    trips = trips_of(delay_periods * 0.01)
+    path = Foresight(DRIVE, ROBOT).look(feed.snapshot, setpoint, sent, trips).path
+    assert path is not None
+    # What was under way still arrives; then nothing does.
+    rig.drive(pilot, twist.tolist(), delay_periods * 0.01)
+    start, corners = SE2(pose), outline(path, REACH_M)
+    farthest = 0.0
+    for _ in range(100):
+        rig.tick()
+        there = start.inverse().transform(rig.truth()[:2])
+        farthest = max(farthest, float(np.hypot(*there)))
+        assert depth_m(corners, there) >= REACH_M - WITHIN_M
+    assert not rig.twist.any()
+    drawn = max(float(np.hypot(*point)) for point in path[:, :2])
+    assert drawn < farthest + 0.06, "no more is drawn than the rules allow"
+
+
+def depth_m(corners: Array, point: Array) -> float:
+    """How deep a point lies within a convex polygon; negative outside."""
+    edges = np.roll(corners, -1, axis=0) - corners
+    inward = np.stack([-edges[:, 1], edges[:, 0]], axis=-1)
+    inward /= np.linalg.norm(inward, axis=-1, keepdims=True)
+    return float(((point - corners) * inward).sum(axis=-1).min())
+
+
+@given(
+    path=st.lists(st.tuples(speeds, speeds), min_size=1, max_size=20), reach_m=st.floats(0.05, 1.0)
+)
+def test_the_outline_holds_a_disc_about_every_point_of_the_path(
+    path: list[tuple[float, float]], reach_m: float
+) -> None:
+    corners = outline(np.array(path), reach_m)
+    distinct = corners[np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=-1) > 1e-9]
+    for point in path:
+        assert depth_m(distinct, np.array(point)) >= reach_m - 1e-9
+
+
+@pytest.mark.parametrize("mode", ["disarmed", "ready", "stopped", "fault"])
+def test_at_rest_there_is_nothing_to_show(mode: str) -> None:
+    outlook = look(Feed(), np.zeros(3), mode, 0.2, [], 0.25)
+    assert outlook.ghost is None
+    assert outlook.path is None
+
+
+@given(twist=twists)
+def test_a_ghost_is_shown_to_who_drives_over_a_delay_only(
+    twist: tuple[float, float, float],
+) -> None:
+    asked = np.array(twist)
+    feed = Feed()
+    sent = commands(feed, asked)
+    ghost = look(feed, asked, "driving", 0.15, sent, 0.25).ghost
+    assert ghost is not None
+    if math.hypot(*twist[:2]) > 0.05:
+        assert np.hypot(*ghost[:2]) > 0.0
+    assert look(feed, asked, "driving", 0.02, sent, 0.25).ghost is None
+    assert look(feed, asked, "driving", None, sent, 0.25).ghost is None
+    assert look(feed, asked, "driving", 0.15, [], 0.25).ghost is None, "another dashboard drives"
+
+
+def test_who_knows_no_delay_draws_the_most_that_the_rules_allow() -> None:
+    forward = np.array([1.0, 0.0, 0.0])
+    feed = Feed()
+    sent = commands(feed, forward)
+    near = look(feed, forward, "driving", 0.01, sent, 0.25).path
+    unknown = look(feed, forward, "driving", None, sent, 0.25).path
+    watching = look(feed, forward, "driving", 0.01, [], 0.25).path
+    slow = look(feed, forward, "driving", 9.0, sent, 0.25).path
+    reach = [path[-1, 0] for path in (near, unknown, watching, slow) if path is not None]
+    # 0.2 s of silence and braking from 1 m/s at 6 m/s^2; at most 0.25 s more.
+    assert reach[0] == pytest.approx(0.01 + 0.2 + 1.0 / 12.0, abs=0.06)
+    assert reach[1:] == pytest.approx([0.25 + 0.2 + 1.0 / 12.0] * 3, abs=0.06)
+
+
+def test_a_command_in_the_axes_of_the_world_does_not_turn_with_the_robot() -> None:
+    feed = Feed()
+    sent = commands(feed, np.array([0.5, 0.0, 2.0]), ODOM)
+    ghost = look(feed, np.array([0.5, 0.0, 2.0]), "driving", 0.3, sent, 1.0).ghost
+    assert ghost is not None
+    assert ghost[0] == pytest.approx(0.15, abs=0.02)
+    assert abs(ghost[1]) < 0.02
+    assert ghost[2] == pytest.approx(0.6, abs=0.05)

@@ -1,0 +1,91 @@
+"""What passes to viser is what viser reads, and no more than the role allows."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from viser import _messages as messages
+
+from tests.dashboard.viewers import CAMERA
+from tsd_twin.access import Role
+from tsd_twin.dashboard.viser_filter import LARGEST_BYTES, passed
+from tsd_twin.errors import MessageError
+
+ROLES = [Role.OPERATOR, Role.VIEWER]
+SLIDER = {"type": "GuiUpdateMessage", "uuid": "u", "updates": {"value": 0.5}}
+ALL_KINDS = sorted(kind.__name__ for kind in messages.Message.get_subclasses())
+values = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**31), 2**31) | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner),
+    max_leaves=5,
+)
+
+
+def through(message: Any, role: Role) -> Any:
+    frame = passed(msgspec.msgpack.encode(message), role)
+    return None if frame is None else msgspec.msgpack.decode(frame)
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_everybody_may_look_around(role: Role) -> None:
+    assert through(CAMERA, role) == CAMERA
+
+
+def test_an_operator_may_move_a_control_and_a_viewer_may_not() -> None:
+    assert through(SLIDER, Role.OPERATOR) == SLIDER
+    assert through(SLIDER, Role.VIEWER) is None
+
+
+@pytest.mark.parametrize("role", ROLES)
+@pytest.mark.parametrize(
+    "kind", [k for k in ALL_KINDS if k not in (CAMERA["type"], SLIDER["type"])]
+)
+def test_of_all_that_viser_knows_nothing_else_passes(kind: str, role: Role) -> None:
+    with contextlib.suppress(MessageError):  # What no page says ends the connection.
+        assert passed(msgspec.msgpack.encode({"type": kind, "uuid": "u"}), role) is None
+
+
+@given(st.dictionaries(st.text(max_size=8) | st.just("value"), values, max_size=3))
+def test_of_a_control_only_the_value_can_be_set(updates: dict[str, Any]) -> None:
+    result = through({**SLIDER, "updates": updates}, Role.OPERATOR)
+    assert (result is not None) == (list(updates) == ["value"])
+
+
+@given(st.sampled_from(["ViewerCameraMessage", "GuiUpdateMessage"]), values)
+def test_a_type_that_is_said_twice_is_judged_as_viser_reads_it(first: str, value: Any) -> None:
+    """One map with two keys `type`: who looks at the first one only would be fooled."""
+    packed = msgspec.msgpack.encode
+    for kinds in ((first, "ShareUrlRequest"), ("ShareUrlRequest", first)):
+        body = b"".join(packed("type") + packed(kind) for kind in kinds)
+        frame = b"\x83" + body + packed("updates") + packed({"value": value})
+        result = passed(frame, Role.OPERATOR)
+        if result is not None:
+            read = msgspec.msgpack.decode(result)
+            assert read["type"] == first
+            assert result.count(b"type") == 1
+
+
+@pytest.mark.parametrize("role", ROLES)
+@given(st.binary(max_size=300))
+def test_whatever_is_sent_passes_is_dropped_or_is_an_error_of_theirs(
+    role: Role, frame: bytes
+) -> None:
+    try:
+        result = passed(frame, role)
+    except MessageError:
+        return
+    assert result is None or msgspec.msgpack.decode(result)["type"] in (
+        CAMERA["type"],
+        SLIDER["type"],
+    )
+
+
+def test_deep_and_large_frames_are_errors_of_theirs() -> None:
+    for frame in (b"\x91" * 10_000, b"\x81\xa4type" * 3000, bytes(LARGEST_BYTES + 1)):
+        with pytest.raises(MessageError):
+            passed(frame, Role.OPERATOR)

@@ -1,0 +1,91 @@
+"""The dashboard's page in a real browser, and somebody in front of it."""
+
+from __future__ import annotations
+
+import json
+
+from tests.system.chromium import Chromium, Tab
+from tests.system.faults import SPEED_MPS, Observer
+
+SMALL = "?fixedDpr=0.1"
+"""Next to no pixels: the scene is not what is looked at here, and a processor draws them all."""
+NEAR_MS = 100
+"""A page that is still busy with loading would be taken for a far one, and driven slower."""
+_OVERLAY = "document.getElementById('tsd-overlay').shadowRoot"
+_SHOWN = "getClientRects().length > 0"
+_EVENTS = ("blur", "visibilitychange", "pointercancel", "lostpointercapture")
+"""When these happen the page tells, since asking for them takes its time."""
+
+
+class RealPage:
+    """One tab with the dashboard in it."""
+
+    def __init__(self, browser: Chromium, url: str, *, window: bool = False) -> None:
+        self.tab: Tab = browser.open(url + SMALL, window=window)
+        self.until_loaded()
+
+    def until_loaded(self) -> None:
+        """Wait until the controls are there and the robot is known, and note what happens."""
+        self.tab.until(f"{self.element('.pad')}?.{_SHOWN}")
+        link = f"{self.element('[aria-label=Link]')}.textContent"
+        self.tab.until(f"Number(/(\\d+) ms/.exec({link})?.[1] ?? Infinity) < {NEAR_MS}")
+        self.tab.tell_of(_EVENTS)
+
+    def element(self, selector: str) -> str:
+        """Return an expression for an element of the overlay."""
+        return f"{_OVERLAY}.querySelector({json.dumps(selector)})"
+
+    def text(self, selector: str) -> str:
+        """Return what an element of the overlay says."""
+        return str(self.tab.value(f"{self.element(selector)}.textContent"))
+
+    def place(self, selector: str, up: float = 0.0) -> tuple[float, float]:
+        """Return a place in an element: in the middle, or a share of half its height above it."""
+        x, y = self.tab.value(
+            f"(({{x, y, width, height}}) => [x + width / 2, y + height / 2 * (1 - {up})])"
+            f"({self.element(selector)}.getBoundingClientRect())"
+        )
+        return x, y
+
+    def until_mode(self, mode: str) -> None:
+        """Wait until the page says that the robot is in a mode."""
+        said = self.element("[role=status][aria-label=Mode]")
+        self.tab.until(f"{said}.textContent.toLowerCase().includes({json.dumps(mode)})")
+
+    def button(self, name: str) -> str:
+        """Return an expression for a button that can be used now, by its name."""
+        return (
+            f"[...{_OVERLAY}.querySelectorAll('button')].find((each) => "
+            f"(each.getAttribute('aria-label') ?? each.textContent) === {json.dumps(name)} && "
+            f"each.{_SHOWN} && !each.hasAttribute('aria-disabled'))"
+        )
+
+    def press(self, name: str) -> None:
+        """Click on a button, once it can be used."""
+        self.tab.until(f"Boolean({self.button(name)})")
+        self.tab.value(f"{self.button(name)}.click()")
+
+    def drives(self) -> bool:
+        """Return whether this page has control."""
+        return self.text(".driver").startswith("you drive")
+
+    def get_ready(self, observer: Observer) -> None:
+        """Take control and arm, at the highest level."""
+        if observer.status.mode in ("stopped", "fault"):
+            self.take_control()
+            self.tab.until(f"Boolean({self.button('Reset stop')})")
+            self.tab.value(f"{self.button('Reset stop')}.click()")  # As assistive technology does.
+        self.take_control()
+        observer.until(lambda: observer.status.mode in ("disarmed", "ready"), "a way to be ready")
+        if observer.status.mode == "disarmed":
+            self.press("Arm")
+        self.until_mode("ready")
+        self.press("100 %")
+        assert observer.status.limits.speed_mps == SPEED_MPS
+
+    def take_control(self) -> None:
+        """Take control, from whoever has it."""
+        steps = ("Take control", "Ask for control", "Take over…", "Take over")
+        clicks = ", ".join(f"{self.button(step)}?.click()" for step in steps)
+        mine = f"{self.element('.driver')}.textContent.startsWith('you drive')"
+        self.tab.until(f"{mine} || ({clicks}, false)")
