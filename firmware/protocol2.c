@@ -13,7 +13,9 @@
 static decoder_t decoder;
 static packet_t reply;
 
-static uint8_t ping(uint8_t *out, uint8_t id) { return packet_write(out, id, PACKET_PING, NULL, 0); }
+static uint8_t ping(uint8_t *out, uint8_t id) {
+  return packet_write(out, id, PACKET_PING, NULL, 0);
+}
 
 static uint8_t set_torque(uint8_t *out, uint8_t id, bool on) {
   uint8_t parameters[] = {TORQUE_ENABLE, 0, on};
