@@ -168,6 +168,21 @@ class Machine:
                 return
         raise AssertionError(f"this machine is too busy: {self.reason}")
 
+    def refuses_to_arm(self, reason: str) -> None:
+        """Ask for it until it is refused for this reason, resetting what is latched."""
+        pilot = self.pilot
+
+        def refused() -> bool:
+            if not self._holds:
+                pilot.acquire(take_over=True)
+            if self.mode in ("fault", "stopped"):
+                pilot.ask(Service.RESET, lease=pilot.lease)
+            reply = pilot.ask(Service.ARM, lease=pilot.lease)
+            assert not reply["ok"], "it has armed"
+            return reply["reason"] == reason
+
+        wait_until(refused, f"no refusal because {reason}")
+
     def stays_at_rest(self, seconds: float = 0.5) -> bool:
         """Return whether nothing moves, with the stick held, for a while of the board's time."""
         start_s = self.box.show()["time_s"]
