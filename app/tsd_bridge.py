@@ -9,7 +9,7 @@ from tsd_twin import program, robot_program
 from tsd_twin.hardware import Calibration, HardwareError, MegaRobot, U2D2Robot, ports
 from tsd_twin.hardware.board import BAUD
 from tsd_twin.node import RobotIO
-from tsd_twin.robots import Robot
+from tsd_twin.robots import Robot, SingularityRobot, of_kind
 from tsd_twin.sim import Motors
 
 PARSER = program.parser(
@@ -30,10 +30,11 @@ def joints(robot: Robot, args: argparse.Namespace) -> RobotIO:
     if not args.port:
         raise HardwareError("--port is missing: 'tsd-bridge --list' shows what ports there are")
     calibration = Calibration.read(args.calibration) if args.calibration else Calibration()
-    motors = Motors.of(robot)
+    machine = of_kind(robot, SingularityRobot)
+    motors = Motors.of(machine)
     if args.servos:
-        return U2D2Robot(robot, args.port, args.servos, motors, calibration, baud=args.baud)
-    return MegaRobot(robot, args.port, motors, calibration, baud=args.baud)
+        return U2D2Robot(machine, args.port, args.servos, motors, calibration, baud=args.baud)
+    return MegaRobot(machine, args.port, motors, calibration, baud=args.baud)
 
 
 class _List(argparse.Action):

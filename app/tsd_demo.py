@@ -1,4 +1,4 @@
-"""`tsd-demo`: a simulated robot and its dashboard, with one command."""
+"""`tsd-demo`: simulated robots and their dashboard, with one command."""
 
 from __future__ import annotations
 
@@ -16,20 +16,25 @@ import webbrowser
 from collections.abc import Generator
 from typing import IO
 
-from tsd_twin import program
+from tsd_twin import program, robots
 from tsd_twin.errors import TwinError
+from tsd_twin.lie import SE2
 from tsd_twin.linksim import LinkSpec
 
 BUS_PORT = 7447
 PAGE_PORT = 8080
+SPACING_M = 1.0
+"""Between robots that start side by side."""
 _PATIENCE_S = 30.0
 
 PARSER = program.parser(
     "tsd-demo",
-    "A simulated robot and its dashboard in the browser. Ctrl-C ends both.",
+    "Simulated robots and their dashboard in the browser. Ctrl-C ends all.",
     [
         "tsd-demo                        drive the triple singularity drive",
+        "tsd-demo --robot atlas          turn a sphere; also omni4, kiwi, mecanum",
         "tsd-demo --robot my.toml        drive a robot of your own",
+        "tsd-demo --robot tsd --robot omni4 --robot atlas    several in one page",
         "tsd-demo --link delay=150ms     drive it over a bad link, see tsd-link --help",
         "tsd-demo --no-browser           print the address and leave the browser alone",
     ],
@@ -37,30 +42,71 @@ PARSER = program.parser(
 
 
 def demonstrate(args: argparse.Namespace) -> None:
-    """Start both processes, and end both when one ends or a signal comes."""
+    """Start all processes, and end all when one ends or a signal comes."""
     stop = program.stop_event(args)
     link = LinkSpec.parse(args.link) if args.link else None
-    bus_port = free_port(args.bus_port, BUS_PORT)
+    chosen = cast_of(args.robot or ["tsd"], args.id)
+    bus_ports = [free_port(args.bus_port, BUS_PORT), *(free_port(0, 0) for _ in chosen[1:])]
     page_port = free_port(args.port, PAGE_PORT)
-    endpoint = f"tcp/127.0.0.1:{bus_port}"
-    robot = ["--robot", args.robot, *(["--id", args.id] if args.id else [])]
-    noise = ["--noise", str(args.noise)]
-    verbose = ["--verbose"] if args.verbose else []
-    mock = ["tsd_mock", *robot, *noise, "--listen", endpoint, *verbose]
-    dashboard = ["tsd_dashboard", "--port", str(page_port), *verbose, "--connect"]
-    with (
-        child(mock, stop) as robot_ready,
-        linked(link, endpoint, stop) as robot_seen_at,
-        child([*dashboard, robot_seen_at], stop) as page_ready,
-    ):
-        robot_ready.wait_for()
+    endpoints = [f"tcp/127.0.0.1:{port}" for port in bus_ports]
+    more = ["--noise", str(args.noise), *(["--verbose"] if args.verbose else [])]
+    dashboard = [
+        "tsd_dashboard",
+        "--port",
+        str(page_port),
+        *(["--verbose"] if args.verbose else []),
+    ]
+    with contextlib.ExitStack() as running:
+        robots_ready = [
+            running.enter_context(child([*role, "--listen", endpoint, *more], stop))
+            for role, endpoint in zip(chosen, endpoints, strict=True)
+        ]
+        seen_at = [running.enter_context(linked(link, each, stop)) for each in endpoints]
+        for each in seen_at:
+            dashboard += ["--connect", each]
+        page_ready = running.enter_context(child(dashboard, stop))
+        for ready in robots_ready:
+            ready.wait_for()
         url = page_ready.wait_for().split()[1]
-        wait_for_robot(url, stop)
-        program.say_ready(f"{url} with the bus at {endpoint}; Ctrl-C ends both")
+        wait_for_robots(url, len(chosen), stop)
+        program.say_ready(f"{url} with the bus at {' '.join(endpoints)}; Ctrl-C ends all")
         if not args.no_browser:
             # A browser may hold its own console for as long as it runs.
             threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
         stop.wait()
+
+
+def cast_of(names: list[str], robot_id: str | None) -> list[list[str]]:
+    """Return the command of each robot: its id on the bus, and where it stands.
+
+    Raises:
+        TwinError: a robot cannot be read, or one id is asked for several.
+    """
+    if robot_id and len(names) > 1:
+        raise TwinError("--id is for one robot; several are called by their names")
+    described = [robots.load(name) for name in names]  # A bad file is told before anything starts.
+    places = free_places([robot.kinematics().space is SE2 for robot in described])
+    ids: list[str] = []
+    for robot in described:
+        number = sum(robot.name == other.name for other in described[: len(ids)]) + 1
+        ids.append(robot_id or (robot.name if number == 1 else f"{robot.name[:29]}-{number}"))
+    return [
+        ["tsd_mock", "--robot", name, "--id", id_, *(["--at", place] if place else [])]
+        for name, id_, place in zip(names, ids, places, strict=True)
+    ]
+
+
+def free_places(drives: list[bool]) -> list[str]:
+    """Return where robots stand so that none is in another: those that do not drive do not ask."""
+    first = 0 if all(drives) else 1
+    spots = iter(range(first, first + len(drives)))
+    return [spot(next(spots)) if moves else "" for moves in drives]
+
+
+def spot(number: int) -> str:
+    """Return a place on a line across the robots' way: the middle, left, right, farther left..."""
+    side = (number + 1) // 2 * (1 if number % 2 else -1)
+    return f"0,{SPACING_M * side:g},0" if number else ""
 
 
 class Child:
@@ -131,8 +177,8 @@ def linked(link: LinkSpec | None, endpoint: str, stop: threading.Event) -> Gener
         yield ready.wait_for().split()[-1]
 
 
-def wait_for_robot(url: str, stop: threading.Event) -> None:
-    """Wait until the dashboard sees the robot, since a page without one is no demo.
+def wait_for_robots(url: str, count: int, stop: threading.Event) -> None:
+    """Wait until the dashboard sees the robots, since a page without them is no demo.
 
     Raises:
         TwinError: it took too long.
@@ -140,10 +186,11 @@ def wait_for_robot(url: str, stop: threading.Event) -> None:
     end_s = time.monotonic() + _PATIENCE_S
     while not stop.wait(0.05):
         with urllib.request.urlopen(f"{url}healthz") as answer:  # noqa: S310  Our own page.
-            if json.load(answer)["ready"]:
+            health = json.load(answer)
+            if health["ready"] and len(health["robots"]) >= count:
                 return
         if time.monotonic() > end_s:
-            raise TwinError(f"the dashboard did not see the robot within {_PATIENCE_S:g} s")
+            raise TwinError(f"the dashboard did not see every robot within {_PATIENCE_S:g} s")
 
 
 def free_port(chosen: int | None, usual: int) -> int:
@@ -166,7 +213,7 @@ def free_port(chosen: int | None, usual: int) -> int:
 
 def main() -> None:
     """Read the flags and run."""
-    program.add_robot_flags(PARSER)
+    program.add_robot_flags(PARSER, several=True)
     PARSER.add_argument(
         "--port", type=int, help=f"of the page; default {PAGE_PORT}, or any free one"
     )
@@ -174,7 +221,7 @@ def main() -> None:
         "--bus-port", type=int, help=f"of the bus; default {BUS_PORT}, or any free one"
     )
     PARSER.add_argument("--noise", type=float, default=0.0, help="times [noise]; default 0")
-    PARSER.add_argument("--link", metavar="SPEC", help="put a bad link between the two")
+    PARSER.add_argument("--link", metavar="SPEC", help="put a bad link between them")
     PARSER.add_argument("--no-browser", action="store_true", help="do not open a browser")
     program.run(PARSER, demonstrate)
 

@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import math
+
+import numpy as np
 
 from tsd_twin import program, robot_program
+from tsd_twin.errors import TwinError
+from tsd_twin.lie import SE2
 from tsd_twin.node import RobotIO
 from tsd_twin.robots import Robot
 from tsd_twin.sim import Board, SimRobot
@@ -23,7 +28,30 @@ PARSER = program.parser(
 
 def joints(robot: Robot, args: argparse.Namespace) -> RobotIO:
     """Return the simulated joints, behind a simulated board."""
-    return Board(robot, SimRobot(robot, seed=args.seed, noise=args.noise))
+    pose = pose_at(robot, args)
+    return Board(robot, SimRobot(robot, seed=args.seed, noise=args.noise, pose=pose))
+
+
+def pose_at(robot: Robot, args: argparse.Namespace) -> SE2 | None:
+    """Return where it stands at the start, if `--at` says so."""
+    return start_pose(args.at, robot) if args.at else None
+
+
+def start_pose(text: str, robot: Robot) -> SE2:
+    """Return the pose that `--at` asks for.
+
+    Raises:
+        TwinError: it is no x, y and heading, or the robot has no such pose.
+    """
+    if robot.kinematics().space is not SE2:
+        raise TwinError(f"--at: {robot.name} stays where it is, only its sphere turns")
+    try:
+        x, y, heading_deg = (float(number) for number in text.split(","))
+    except ValueError as error:
+        raise TwinError(f"--at: '{text}' is not like 1.5,-1,90: m, m, degrees") from error
+    if not all(math.isfinite(number) for number in (x, y, heading_deg)):
+        raise TwinError(f"--at: '{text}' has to be finite numbers")
+    return SE2(np.array([x, y, math.radians(heading_deg)]))
 
 
 def main() -> None:
@@ -32,7 +60,12 @@ def main() -> None:
     PARSER.add_argument(
         "--noise", type=float, default=0.0, metavar="SCALE", help="times [noise]; default 0"
     )
-    robot_program.serve(PARSER, joints)
+    PARSER.add_argument(
+        "--at",
+        metavar="X,Y,DEGREES",
+        help="where it stands at the start, m and degrees; default 0,0,0",
+    )
+    robot_program.serve(PARSER, joints, pose_at)
 
 
 if __name__ == "__main__":

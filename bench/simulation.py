@@ -17,7 +17,7 @@ from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.command import Sample, encode_attachment
 from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
 from tsd_twin.motion import TwistLimiter
-from tsd_twin.sim import SimRobot, Simulation
+from tsd_twin.sim import SimRobot, simulate
 from tsd_twin.topics import Service
 
 PERIOD_S = 0.01
@@ -98,7 +98,7 @@ def batch(robots_at_once: int) -> float:
     """Return robot-seconds a second: limits, inverse, plant, forward and pose for all of them."""
     robot = robots.load("tsd")
     drive, limiter = robot.kinematics(), TwistLimiter(robot.kinematics(), robot.limits)
-    simulation = Simulation(robot, (robots_at_once,))
+    simulation = simulate(robot, (robots_at_once,))
     request = np.random.default_rng(0).normal(size=(robots_at_once, 3))
     twist, pose = np.zeros_like(request), SE2.identity((robots_at_once,))
     periods = 100

@@ -10,13 +10,13 @@ import sys
 
 import numpy as np
 
-from tsd_twin.robots import RPM, load
+from tsd_twin.robots import RPM, SingularityRobot, load, of_kind
 from tsd_twin.sim import Motors
 
 
 def header() -> str:
     """Return the text of `robot.h`, made from the description `tsd`."""
-    robot = load("tsd")
+    robot = of_kind(load("tsd"), SingularityRobot)
     drive = robot.kinematics()
     motors = Motors.of(robot)
     cruise = np.full(drive.modules, robot.drive.cruise_speed_rpm * RPM)

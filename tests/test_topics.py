@@ -20,6 +20,7 @@ def test_keys_are_those_that_other_programs_rely_on() -> None:
         "twin/r1/state/joints": "sensor_msgs/msg/JointState",
         "twin/r1/state/setpoint": "sensor_msgs/msg/JointState",
         "twin/r1/state/odom": "nav_msgs/msg/Odometry",
+        "twin/r1/state/odom_other": "nav_msgs/msg/Odometry",
         "twin/r1/state/truth": "nav_msgs/msg/Odometry",
         "twin/r1/state/status": "json",
         "twin/r1/event/*": "json",

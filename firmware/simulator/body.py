@@ -9,8 +9,8 @@ import numpy as np
 
 from firmware.simulator.mx64 import Mx64
 from tsd_twin.lie import SE2, Array
-from tsd_twin.robots import Robot
-from tsd_twin.sim import Simulation
+from tsd_twin.robots import SingularityRobot
+from tsd_twin.sim import SingularitySimulation
 
 _ANGLES = np.array([0, 1, 3, 4, 6, 7])
 _WHEELS = np.array([2, 5, 8])
@@ -23,8 +23,10 @@ class Body:
     `reverse` says which turn the other way; the firmware is told by its setup.
     """
 
-    def __init__(self, robot: Robot, neutral: Sequence[int], reverse: Sequence[bool]) -> None:
-        self.simulation = Simulation(robot)
+    def __init__(
+        self, robot: SingularityRobot, neutral: Sequence[int], reverse: Sequence[bool]
+    ) -> None:
+        self.simulation = SingularitySimulation(robot)
         self._neutral = np.array(neutral)
         self._sign = np.where(reverse, -1.0, 1.0)
         self._step_rad = self.simulation.servos.step_rad

@@ -7,6 +7,7 @@ TwinError               anything below; its text is one sentence for the person 
 ├── BusError            the bus cannot be opened, or is used in a way that is not allowed
 │   └── NoAnswerError   a service did not answer in time
 ├── LinkError           a description of a simulated link cannot be read (in linksim)
+├── PathError           a path that nobody can follow
 └── MeshError           a generated part is missing or is not a closed solid
 ```
 
@@ -42,6 +43,10 @@ class NoAnswerError(BusError):
 
     def __init__(self, key: str, timeout_s: float) -> None:
         super().__init__(f"{key}: no answer within {timeout_s:g} s")
+
+
+class PathError(TwinError):
+    """A path that nobody can follow: no length, a gap, a corner where there must be none."""
 
 
 class MeshError(TwinError):

@@ -121,7 +121,7 @@ class SO3:
     @staticmethod
     def exp(tangent: Array) -> SO3:
         """Return the rotation about `tangent` (..., 3) by its length; Eq. 101."""
-        half = 0.5 * np.linalg.norm(tangent, axis=-1)
+        half = 0.5 * np.sqrt(np.add.reduce(np.square(tangent), axis=-1))
         wxyz = np.empty((*np.shape(tangent)[:-1], 4))
         wxyz[..., 0] = np.cos(half)
         wxyz[..., 1:] = 0.5 * sinc(half)[..., None] * tangent
@@ -141,29 +141,31 @@ class SO3:
 
     def __matmul__(self, other: SO3) -> SO3:
         """Compose: R_ac = R_ab @ R_bc, normalised."""
-        w1, x1, y1, z1 = np.moveaxis(self.wxyz, -1, 0)
-        w2, x2, y2, z2 = np.moveaxis(other.wxyz, -1, 0)
-        wxyz = np.stack(
-            [
-                w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
-                w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
-                w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
-                w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
-            ],
-            axis=-1,
-        )
-        return SO3(wxyz / np.linalg.norm(wxyz, axis=-1, keepdims=True))
+        a, b = self.wxyz, other.wxyz
+        w1, x1, y1, z1 = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
+        w2, x2, y2, z2 = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
+        w = w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2
+        wxyz = np.empty((*np.shape(w), 4))
+        wxyz[..., 0] = w
+        wxyz[..., 1] = w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2
+        wxyz[..., 2] = w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2
+        wxyz[..., 3] = w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2
+        wxyz /= np.sqrt(np.add.reduce(np.square(wxyz), axis=-1, keepdims=True))
+        return SO3(wxyz)
 
     def rotate(self, vectors: Array) -> Array:
         """Turn local `vectors` (..., 3) into the parent's axes."""
-        w, xyz = self.wxyz[..., :1], self.wxyz[..., 1:]
-        twice = 2.0 * np.cross(xyz, vectors)
-        return vectors + w * twice + np.cross(xyz, twice)
+        return np.asarray((self.as_matrix() @ vectors[..., None])[..., 0], dtype=float)
 
     def as_matrix(self) -> Array:
         """Return the rotation matrices (..., 3, 3)."""
-        basis = np.eye(3)
-        columns = [
-            SO3(self.wxyz).rotate(np.broadcast_to(e, (*self.wxyz.shape[:-1], 3))) for e in basis
-        ]
-        return np.stack(columns, axis=-1)
+        q = self.wxyz
+        w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+        out = np.empty((*np.shape(w), 3, 3))
+        out[..., 0, 0] = 1.0 - 2.0 * (y * y + z * z)
+        out[..., 1, 1] = 1.0 - 2.0 * (x * x + z * z)
+        out[..., 2, 2] = 1.0 - 2.0 * (x * x + y * y)
+        out[..., 0, 1], out[..., 1, 0] = 2.0 * (x * y - w * z), 2.0 * (x * y + w * z)
+        out[..., 0, 2], out[..., 2, 0] = 2.0 * (x * z + w * y), 2.0 * (x * z - w * y)
+        out[..., 1, 2], out[..., 2, 1] = 2.0 * (y * z - w * x), 2.0 * (y * z + w * x)
+        return out

@@ -36,13 +36,16 @@ def parser(prog: str, purpose: str, examples: Sequence[str]) -> argparse.Argumen
     return made
 
 
-def add_robot_flags(made: argparse.ArgumentParser) -> None:
-    """Add `--robot` and `--id`."""
+def add_robot_flags(made: argparse.ArgumentParser, *, several: bool = False) -> None:
+    """Add `--robot`, a list when there may be `several`, and `--id`."""
+    shipped = ", ".join(robots.names())
     made.add_argument(
         "--robot",
-        default="tsd",
+        action="append" if several else "store",
+        default=None if several else "tsd",
         metavar="NAME|FILE",
-        help=f"a shipped robot ({', '.join(robots.names())}) or a TOML file of yours; default tsd",
+        help=f"a shipped robot ({shipped}) or a TOML file of yours; default tsd"
+        + ("; may be repeated" if several else ""),
     )
     made.add_argument("--id", help="id on the bus, 1 to 32 of a-z 0-9 _ -; default: its name")
 

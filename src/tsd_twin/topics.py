@@ -49,11 +49,12 @@ STOP = Topic("stop", "json", Urgency.REAL_TIME, 10.0)
 JOINTS = Topic("state/joints", "sensor_msgs/msg/JointState", Urgency.DATA, 50.0)
 SETPOINT = Topic("state/setpoint", "sensor_msgs/msg/JointState", Urgency.DATA, 50.0)
 ODOM = Topic("state/odom", "nav_msgs/msg/Odometry", Urgency.DATA, 50.0)
+OTHER_ODOM = Topic("state/odom_other", "nav_msgs/msg/Odometry", Urgency.DATA, 50.0)
 TRUTH = Topic("state/truth", "nav_msgs/msg/Odometry", Urgency.DATA, 50.0)
 STATUS = Topic("state/status", "json", Urgency.DATA, 20.0)
 EVENT = Topic("event/*", "json", Urgency.EVENT, 5.0)
 
-TOPICS = (TWIST, STOP, JOINTS, SETPOINT, ODOM, TRUTH, STATUS, EVENT)
+TOPICS = (TWIST, STOP, JOINTS, SETPOINT, ODOM, OTHER_ODOM, TRUTH, STATUS, EVENT)
 
 
 class Service(StrEnum):

@@ -13,10 +13,12 @@ import numpy as np
 from tsd_twin import robots
 from tsd_twin.authority import Mode
 from tsd_twin.core import RobotCore
+from tsd_twin.drives import JointKind
 from tsd_twin.lie import Array
 from tsd_twin.messages.command import Sample, encode_attachment
 from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
 from tsd_twin.messages.status import LoopStatus, Status
+from tsd_twin.robots import Robot
 from tsd_twin.sim import SimRobot
 from tsd_twin.topics import Service
 
@@ -36,16 +38,19 @@ class Pilot:
 class Rig:
     """A core at 100 Hz, with perfect joints or with a simulated robot."""
 
-    def __init__(self, simulated: SimRobot | None = None, start_s: float = 0.0) -> None:
+    def __init__(
+        self, simulated: SimRobot | None = None, start_s: float = 0.0, robot: Robot = ROBOT
+    ) -> None:
         ids = itertools.count(1)
-        self.core = RobotCore(ROBOT, lambda: next(ids).to_bytes(16, "big"))
+        self.core = RobotCore(robot, lambda: next(ids).to_bytes(16, "big"))
         self.simulated = simulated
         self.now_s = start_s
         self.status_seq = 0
         self.status_sent_s: dict[int, float] = {}
         self.inbox: list[Sample] = []
         self.measures = True
-        self.wheels = np.array([joint.name.endswith("wheel") for joint in self.core.drive.joints])
+        joints = self.core.drive.joints
+        self.wheels = np.array([joint.kind is JointKind.VELOCITY for joint in joints])
         self._ticks = itertools.count()
         self._told = self.mode
         self.setpoint = self.core.setpoint
@@ -61,8 +66,9 @@ class Rig:
 
     @property
     def pose(self) -> Array:
-        """x, y, heading as the robot estimates it."""
-        return self.core.odometry(0).xy_heading
+        """x, y, heading as the robot estimates it; of a sphere its quaternion, w first."""
+        message = self.core.odometry(0)
+        return message.xy_heading if message.wxyz is None else message.wxyz
 
     def truth(self) -> Array:
         """x, y, heading as the simulator knows it."""
@@ -90,6 +96,8 @@ class Rig:
             return None
         if self.simulated is not None:
             return self.simulated.read(self.now_s)
+        if self.core.robot.measures_spin:
+            return self.setpoint.copy()
         return np.where(self.wheels, np.nan, self.setpoint)
 
     def wait(self, seconds: float) -> None:
@@ -111,9 +119,9 @@ class Rig:
     def sample(
         self, pilot: Pilot, twist: Sequence[float], frame: str = BASE, **changed: Any
     ) -> Sample:
-        """A command of (vx, vy, omega), as it should be but for what is `changed`."""
-        vx, vy, omega = twist
-        spatial = np.array([vx, vy, 0.0, 0.0, 0.0, omega])
+        """A command of the three numbers, as it should be but for what is `changed`."""
+        spatial = np.zeros(6)
+        spatial[list(self.core.drive.components)] = twist
         attachment = encode_attachment(
             changed.get("seq", next(pilot.numbers)),
             bytes.fromhex(changed.get("lease", pilot.lease)),

@@ -17,7 +17,8 @@ from hypothesis.stateful import (
 
 from tests.core.play import Play
 from tests.core.referee import Referee
-from tests.core.rig import ROBOT, Pilot, Rig
+from tests.core.rig import Pilot, Rig
+from tsd_twin import robots
 from tsd_twin.authority import Mode
 from tsd_twin.messages.command import Sample
 from tsd_twin.sim import SimRobot
@@ -32,11 +33,17 @@ seconds = st.sampled_from([0.02, 0.1, 0.3, 0.7])
 
 
 class Driving(Play, RuleBasedStateMachine):
-    """Two or three operators, one robot, a bad link, and gimbals that are not always measured."""
+    """Two or three operators, one robot, a bad link, and joints that are not always measured."""
 
-    @initialize(noise=st.sampled_from([None, 0.0, 1.0]), ready=st.sampled_from([True, True, False]))
-    def switch_on(self, noise: float | None, ready: bool) -> None:
-        self.rig = Rig(None if noise is None else SimRobot(ROBOT, seed=1, noise=noise))
+    @initialize(
+        name=st.sampled_from(["tsd", "tsd", "omni4", "atlas"]),
+        noise=st.sampled_from([None, 0.0, 1.0]),
+        ready=st.sampled_from([True, True, False]),
+    )
+    def switch_on(self, name: str, noise: float | None, ready: bool) -> None:
+        robot = robots.load(name)
+        simulated = None if noise is None else SimRobot(robot, seed=1, noise=noise)
+        self.rig = Rig(simulated, robot=robot)
         self.referee = Referee()
         self.pilots: dict[str, Pilot] = {}
         self.leases = ["ab" * 16]

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
 from tsd_twin import robots
 from tsd_twin.dashboard.link import Sent, Snapshot
+from tsd_twin.dashboard.poses import Poses, Skeleton
 from tsd_twin.dashboard.trips import RoundTrips
-from tsd_twin.drives import JointKind, SingularityDrive
-from tsd_twin.lie import Array
+from tsd_twin.description import tree
+from tsd_twin.drives import JointKind
+from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.ros import JointState, Odometry
 from tsd_twin.messages.status import Status
 from tsd_twin.robots import Robot
@@ -23,13 +26,13 @@ class Feed:
     """What a link to a robot is for the scene: a description and the newest snapshot."""
 
     id: str = "tsd"
-    robot: Robot = field(default_factory=lambda: robots.load("tsd"))
+    robot: Any = field(default_factory=lambda: robots.load("tsd"))
     snapshot: Snapshot = field(default_factory=Snapshot)
     sent: list[Sent] = field(default_factory=list[Sent])
     trips: RoundTrips = field(default_factory=RoundTrips)
 
     def __post_init__(self) -> None:
-        self.drive: SingularityDrive = self.robot.kinematics()
+        self.drive: Any = self.robot.kinematics()
         self.now_s = 100.0
 
     def say(
@@ -39,6 +42,9 @@ class Feed:
         joints: Array | None = None,
         setpoint: Array | None = None,
         truth: Array | None = None,
+        ball: SO3 | None = None,
+        true_ball: SO3 | None = None,
+        other_ball: SO3 | None = None,
         status: Status | None = None,
         covariance: Array | None = None,
         after_s: float = PERIOD_S,
@@ -56,6 +62,9 @@ class Feed:
             said = replace(said, status=status)
         if truth is not None:
             said = replace(said, truth=odometry(truth))
+        for name, turned in (("odom", ball), ("truth", true_ball), ("other", other_ball)):
+            if turned is not None:
+                said = replace(said, **{name: replace(odometry(np.zeros(3)), wxyz=turned.wxyz)})
         self.snapshot = replace(said, received_s=self.now_s)
 
     def _joint_state(self, joints: Array) -> JointState:
@@ -72,3 +81,11 @@ def odometry(pose: Array, covariance: Array | None = None) -> Odometry:
     return Odometry(
         np.asarray(pose, float), np.zeros(3), nothing if covariance is None else covariance, nothing
     )
+
+
+def posed(robot: Robot, base: SE2, joints: Array, ball: SO3 | None = None) -> dict[str, Poses]:
+    """Return the links of a robot whose wheels have not turned yet."""
+    drive = robot.kinematics()
+    is_angle = np.array([joint.kind is JointKind.POSITION for joint in drive.joints])
+    turned = SO3.identity() if ball is None else ball
+    return Skeleton(tree(robot), drive).poses(base, turned, np.where(is_angle, joints, 0.0))

@@ -30,7 +30,7 @@ def two() -> Generator[Two]:
         sites: list[Site] = []
         for _ in range(2):
             bus = stack.enter_context(Bus(client_config([endpoint])))
-            sites.append(Site(bus, NO_VISER))
+            sites.append(Site(bus, NO_VISER, None))
             stack.callback(sites[-1].close)
         yield Two(*sites)
 

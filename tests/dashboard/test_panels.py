@@ -15,11 +15,10 @@ import viser
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.dashboard.feeds import Feed
+from tests.dashboard.feeds import Feed, posed
 from tests.dashboard.viewers import PATIENCE_S, Node, Viewer, viewing
 from tsd_twin.dashboard import viser_server
 from tsd_twin.dashboard.panels import Panels
-from tsd_twin.dashboard.poses import link_poses
 from tsd_twin.dashboard.scene import Scene
 from tsd_twin.dashboard.viser_private import page_of
 from tsd_twin.lie import SE2
@@ -37,6 +36,7 @@ class Desk:
     scene: Scene
     moves: SimpleQueue[tuple[Any, ...]] = field(default_factory=SimpleQueue)
     choices: SimpleQueue[tuple[str, str]] = field(default_factory=SimpleQueue)
+    points: SimpleQueue[tuple[Any, ...]] = field(default_factory=SimpleQueue)
     gone: SimpleQueue[int] = field(default_factory=SimpleQueue)
 
     def __post_init__(self) -> None:
@@ -45,6 +45,7 @@ class Desk:
             self.scene,
             lambda *move: self.moves.put(move),
             lambda page, robot: self.choices.put((page, robot)),
+            lambda *point: self.points.put(point),
         )
         self.server.on_client_disconnect(self._note)
 
@@ -121,7 +122,7 @@ def test_every_control_has_a_label_and_a_hint(viewer: Viewer) -> None:
 
 def test_the_page_finds_the_places_it_draws_in(viewer: Viewer) -> None:
     content = [c.props["content"] for c in viewer.controls.values() if c.kind == "GuiHtmlMessage"]
-    assert content == [f'<div data-tsd="{name}"></div>' for name in ("gimbals", "plots", "health")]
+    assert content == [f'<div data-tsd="{name}"></div>' for name in ("joints", "plots", "health")]
     (tabs,) = (c for c in viewer.controls.values() if c.kind == "GuiTabGroupMessage")
     assert list(tabs.props["_tab_labels"]) == ["Drive", "Gimbals", "View", "Plots", "Health"]
 
@@ -211,7 +212,7 @@ def test_preview_shows_its_own_gimbals_to_its_own_client(
     k = feed.drive.modules
     viewer.until(lambda: all(hidden(viewer, kind) == [True] * k for kind in GIMBALS))
     joints = feed.drive.inverse(np.array([0.0, 0.0, 1.5]))
-    poses = link_poses(feed.drive, SE2.identity(), joints, np.zeros(k))
+    poses = posed(feed.robot, SE2.identity(), joints)
     for kind in GIMBALS:
         assert tried(viewer, kind).visible
         shown = np.reshape(tried(viewer, kind).props["batched_wxyzs"], (-1, 4))
@@ -232,7 +233,7 @@ def test_the_live_gimbals_come_back(desk: Desk, feed: Feed, viewer: Viewer) -> N
     joints = feed.drive.inverse(np.array([0.2, 0.1, 0.0]))
     feed.say(joints=joints)
     desk.scene.draw()
-    poses = link_poses(feed.drive, SE2.identity(), joints, np.zeros(feed.drive.modules))["inner"]
+    poses = posed(feed.robot, SE2.identity(), joints)["inner"]
     viewer.until(
         lambda: np.allclose(
             np.reshape(viewer.shared["/w/r/tsd/minner"].props["batched_wxyzs"], (-1, 4)),

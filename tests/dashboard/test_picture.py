@@ -48,7 +48,7 @@ class Desk:
         self.server = server
         self.scene = Scene(server)
         server.scene.configure_default_lights(cast_shadow=False)  # Drawn by the processor here.
-        self.panels = Panels(server, self.scene, lambda *_: None, lambda *_: None)
+        self.panels = Panels(server, self.scene, *[lambda *_: None] * 3)
         self.feed = Feed()
         self.scene.add(self.feed)
         self.errors: list[str] = []

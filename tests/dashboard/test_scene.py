@@ -13,14 +13,13 @@ import viser
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.dashboard.feeds import PERIOD_S, Feed
+from tests.dashboard.feeds import PERIOD_S, Feed, posed
 from tests.dashboard.viewers import Node, Viewer, viewing
 from tsd_twin.dashboard import trail, viser_server
 from tsd_twin.dashboard.arrows import HEAD_M, LENGTH_PER_SPEED_S
 from tsd_twin.dashboard.body import SLOWER
 from tsd_twin.dashboard.ellipse import SIGMAS, CovarianceEllipse
 from tsd_twin.dashboard.ghosts import VISIBLE_M
-from tsd_twin.dashboard.poses import link_poses
 from tsd_twin.dashboard.scene import Scene
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.robots import RPM, Robot
@@ -115,8 +114,7 @@ def test_links_are_sent_where_the_kinematics_have_them(
     feed.say(pose=POSE, joints=joints)
     scene.draw()
     fence(scene, viewer)
-    upright = np.zeros(feed.drive.modules)
-    for kind, poses in link_poses(feed.drive, SE2(POSE), joints, upright).items():
+    for kind, poses in posed(feed.robot, SE2(POSE), joints).items():
         wxyz, position = in_world(viewer, kind)
         np.testing.assert_allclose(wxyz, poses.wxyz, atol=1e-6)
         np.testing.assert_allclose(position, poses.position, atol=1e-6)
@@ -186,7 +184,7 @@ def test_joints_of_another_robot_move_nothing(scene: Scene, feed: Feed, viewer: 
     feed.snapshot = replace(feed.snapshot, joints=stranger)
     scene.draw()
     fence(scene, viewer)
-    upright = link_poses(feed.drive, SE2.identity(), 0.0 * joints, np.zeros(feed.drive.modules))
+    upright = posed(feed.robot, SE2.identity(), 0.0 * joints)
     wxyz, _ = rows(batches(viewer)["inner"])
     np.testing.assert_allclose(wxyz, upright["inner"].wxyz, atol=1e-6)
 

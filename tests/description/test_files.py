@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from tsd_twin.description import LINKS, parts, read, shipped, write
+from tsd_twin.description import parts, read, shipped, write
 from tsd_twin.errors import MeshError
 from tsd_twin.robots import load, names
+
+TSD = ("chassis", "outer", "inner", "wheel")
 
 
 @pytest.fixture
@@ -49,8 +51,9 @@ def test_committed_meshes_are_closed_and_have_no_flat_triangles(name: str) -> No
 def test_what_was_written_is_read(tmp_path: Path) -> None:
     robot = load("tsd")
     write(robot, tmp_path)
-    drawn, back = parts(robot), read(tmp_path)
-    for link in LINKS:
+    drawn, back = parts(robot), read(tmp_path, TSD)
+    assert tuple(back) == TSD
+    for link in TSD:
         for a, b in zip(drawn[link], back[link], strict=True):
             assert (a.name, a.link, a.rgba) == (b.name, b.link, b.rgba)
             assert (a.metallic, a.roughness) == (b.metallic, b.roughness)
@@ -72,7 +75,7 @@ def test_a_folder_of_own_meshes_replaces_the_drawing(folder: Path) -> None:
 def test_a_missing_mesh_is_named(folder: Path) -> None:
     (folder / "outer_belt.stl").unlink()
     with pytest.raises(MeshError, match=r"outer_belt\.stl cannot be read"):
-        read(folder)
+        read(folder, TSD)
 
 
 def test_a_mesh_with_a_hole_is_named(folder: Path) -> None:
@@ -80,13 +83,13 @@ def test_a_mesh_with_a_hole_is_named(folder: Path) -> None:
     open_box.update_faces(np.arange(12) > 0)
     (folder / "outer_belt.stl").write_bytes(open_box.export(file_type="stl"))
     with pytest.raises(MeshError, match="outer_belt is not a closed solid"):
-        read(folder)
+        read(folder, TSD)
 
 
 def test_a_file_that_is_no_mesh_is_named(folder: Path) -> None:
     (folder / "outer_belt.stl").write_bytes(b"\x00" * 20)
     with pytest.raises(MeshError, match=r"outer_belt"):
-        read(folder)
+        read(folder, TSD)
 
 
 def test_a_list_without_a_link_says_which(folder: Path) -> None:
@@ -94,7 +97,7 @@ def test_a_list_without_a_link_says_which(folder: Path) -> None:
     kept = [entry for entry in entries if entry["link"] != "inner"]
     (folder / "parts.json").write_text(json.dumps(kept))
     with pytest.raises(MeshError, match="no part for inner"):
-        read(folder)
+        read(folder, TSD)
 
 
 @pytest.mark.parametrize(
@@ -110,12 +113,12 @@ def test_a_misspelt_list_says_where(folder: Path, old: str, new: str, problem: s
     assert old in text
     (folder / "parts.json").write_text(text.replace(old, new))
     with pytest.raises(MeshError, match=problem):
-        read(folder)
+        read(folder, TSD)
 
 
 def test_a_folder_without_a_list_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(MeshError, match=r"parts\.json cannot be read"):
-        read(tmp_path)
+        read(tmp_path, TSD)
 
 
 def test_meshes_that_do_not_come_with_the_program_are_an_error() -> None:

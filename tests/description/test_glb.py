@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tsd_twin.description import LINKS, Material, Part, draw, glb
+from tsd_twin.description import Material, Part, draw, glb
 from tsd_twin.robots import load
 
 PARTS = draw(load("tsd"))
@@ -32,7 +32,7 @@ def header(data: bytes) -> dict[str, Any]:
     return json.loads(data[20 : 20 + size])
 
 
-@pytest.mark.parametrize("link", LINKS)
+@pytest.mark.parametrize("link", PARTS)
 def test_every_part_is_there_with_its_shape(link: str) -> None:
     meshes = opened(glb(PARTS[link]))
     assert sorted(meshes) == sorted(part.name for part in PARTS[link])

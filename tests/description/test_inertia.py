@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tsd_twin.description import Material, Part
-from tsd_twin.description.inertia import inertia, masses_kg
+from tsd_twin.description.inertia import inertia
+from tsd_twin.description.look import masses_kg
 from tsd_twin.errors import RobotFileError
 from tsd_twin.robots import load
 

@@ -12,18 +12,18 @@ from hypothesis import strategies as st
 from tsd_twin import robots
 from tsd_twin.estimation import PlanarOdometry
 from tsd_twin.estimation.odometry import CORRELATION_S
-from tsd_twin.lie import Array
-from tsd_twin.robots.robot import Noise
+from tsd_twin.lie import SE2, Array
+from tsd_twin.robots import JointErrors
 
 ROBOT = robots.load("tsd")
 DRIVE = ROBOT.kinematics()
-EXACT = Noise()
+EXACT = JointErrors()
 DT_S = 0.01
 
 unhurried = settings(deadline=None, max_examples=25)
 
 
-def new_odometry(noise: Noise = EXACT) -> PlanarOdometry:
+def new_odometry(noise: JointErrors = EXACT) -> PlanarOdometry:
     return PlanarOdometry(DRIVE, noise)
 
 
@@ -141,11 +141,10 @@ def test_the_first_measurement_moves_nothing_by_being_the_first() -> None:
 
 
 def test_a_pose_that_is_set_is_kept_and_certain() -> None:
-    odometry = new_odometry(ROBOT.noise)
+    odometry = new_odometry(ROBOT.joint_errors())
     drive_for(odometry, np.array([0.5, 0.0, 1.0]), 1.0)
     where = np.array([1.0, -2.0, 7.0])
-    odometry.set_pose(where)
-    where[0] = 99.0
+    odometry.set_pose(SE2(where))
     np.testing.assert_array_equal(odometry.pose.xy_heading, [1.0, -2.0, 7.0])
     np.testing.assert_array_equal(odometry.pose_covariance, 0.0)
 
@@ -163,7 +162,7 @@ twists = st.tuples(*[st.floats(-0.7, 0.7)] * 2, st.floats(-3.0, 3.0)).map(np.arr
 
 @given(script=st.lists(twists, min_size=1, max_size=5))
 def test_covariances_are_symmetric_never_negative_and_never_shrink(script: list[Array]) -> None:
-    odometry = new_odometry(ROBOT.noise)
+    odometry = new_odometry(ROBOT.joint_errors())
     volume, heading_variance = 0.0, 0.0
     for twist in script:
         drive_for(odometry, twist, 0.1)
@@ -181,8 +180,8 @@ def test_covariances_are_symmetric_never_negative_and_never_shrink(script: list[
 @given(twist=twists, heading=st.floats(-3.0, 3.0))
 def test_how_much_is_known_does_not_depend_on_where_north_is(twist: Array, heading: float) -> None:
     """Turned as a whole, the same drive has the same covariance, turned."""
-    straight, turned = new_odometry(ROBOT.noise), new_odometry(ROBOT.noise)
-    turned.set_pose(np.array([0.0, 0.0, heading]))
+    straight, turned = new_odometry(ROBOT.joint_errors()), new_odometry(ROBOT.joint_errors())
+    turned.set_pose(SE2(np.array([0.0, 0.0, heading])))
     for odometry in (straight, turned):
         drive_for(odometry, twist, 0.5)
     c, s = np.cos(heading), np.sin(heading)
@@ -208,11 +207,9 @@ def test_errors_that_last_as_long_as_is_assumed_spread_as_far_as_is_claimed(
 ) -> None:
     """Joints are wrong by errors that are drawn anew after each correlation time."""
     random = np.random.default_rng(1)
-    noise, spans, runs = ROBOT.noise, 3, 150
+    noise, spans, runs = ROBOT.joint_errors(), 3, 150
     joints = DRIVE.inverse(np.array(twist))
-    sigma = np.where(
-        np.arange(9) % 3 == 2, noise.spin_share * joints, np.radians(noise.gimbal_angle_deg)
-    )
+    sigma = np.where(np.arange(9) % 3 == 2, noise.spin_share * joints, noise.angle_rad)
     claim = new_odometry(noise)
     drive_for(claim, np.array(twist), spans * CORRELATION_S)
     ends = []

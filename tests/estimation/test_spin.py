@@ -11,7 +11,8 @@ from tsd_twin import robots
 from tsd_twin.estimation import SpinModel
 from tsd_twin.robots import RPM
 
-MOTOR = robots.load("tsd").motor
+ROBOT = robots.load("tsd")
+MOTOR, LAW = ROBOT.motor, ROBOT.spin_up()
 CRUISE = 2500.0 * RPM
 
 setpoints = st.sampled_from([0.0, CRUISE, 3000.0 * RPM, 1900.0 * RPM, 13_000.0 * RPM])
@@ -23,7 +24,7 @@ setpoints = st.sampled_from([0.0, CRUISE, 3000.0 * RPM, 1900.0 * RPM, 13_000.0 *
     )
 )
 def test_it_follows_the_differential_equation(script: list[tuple[list[float], float]]) -> None:
-    model = SpinModel(MOTOR, 3)
+    model = SpinModel(LAW, 3)
     euler, steps = np.zeros(3), 1000
     for wanted, dt_s in script:
         model.advance(np.array(wanted), dt_s)
@@ -36,7 +37,7 @@ def test_it_follows_the_differential_equation(script: list[tuple[list[float], fl
 
 @given(wanted=setpoints, first=setpoints, cut=st.floats(0.01, 0.99))
 def test_two_short_steps_are_one_long_step(wanted: float, first: float, cut: float) -> None:
-    whole, halves = SpinModel(MOTOR, 1), SpinModel(MOTOR, 1)
+    whole, halves = SpinModel(LAW, 1), SpinModel(LAW, 1)
     for model in (whole, halves):
         model.advance(np.array([first]), 0.1)
     whole.advance(np.array([wanted]), 0.3)
@@ -46,13 +47,13 @@ def test_two_short_steps_are_one_long_step(wanted: float, first: float, cut: flo
 
 
 def test_a_motor_told_less_than_it_can_turn_stands_still() -> None:
-    model = SpinModel(MOTOR, 1)
+    model = SpinModel(LAW, 1)
     assert model.advance(np.array([1999.0 * RPM]), 10.0)[0] == 0.0
     assert model.advance(np.array([2001.0 * RPM]), 10.0)[0] == pytest.approx(2001.0 * RPM)
 
 
 def test_wheels_speed_up_and_run_down_with_their_own_time_constants() -> None:
-    model = SpinModel(MOTOR, 1)
+    model = SpinModel(LAW, 1)
     up = model.advance(np.array([CRUISE]), MOTOR.time_constant_up_s)[0]
     assert up == pytest.approx(CRUISE * (1.0 - np.exp(-1.0)))
     model.advance(np.array([CRUISE]), 100.0)

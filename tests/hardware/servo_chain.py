@@ -12,7 +12,7 @@ from tsd_twin.wire import mx64, protocol1, protocol2
 from tsd_twin.wire.decoder import Decoder
 from tsd_twin.wire.packet import Instruction, Packet
 
-_LAWS = Servos.of(robots.load("tsd"), 12.0)
+_LAWS = Servos.of(robots.of_kind(robots.load("tsd"), robots.SingularityRobot), 12.0)
 TRIPPED = 255
 
 

@@ -13,7 +13,7 @@ from tsd_twin.hardware.joints import Joints, padded
 from tsd_twin.lie import Array
 from tsd_twin.sim import Motors
 
-ROBOT = robots.load("tsd")
+ROBOT = robots.of_kind(robots.load("tsd"), robots.SingularityRobot)
 JOINTS = Joints(ROBOT, Motors.of(ROBOT))
 STEP_RAD = 2 * np.pi / 4096
 ANGLES = st.lists(st.floats(-0.5, 0.5), min_size=6, max_size=6)
@@ -70,7 +70,7 @@ def test_a_set_point_that_is_kept_is_a_copy() -> None:
 def test_a_robot_with_too_many_joints_is_refused() -> None:
     text = robots.text("tsd").replace("[90.0, 210.0, 330.0]", "[45.0, 135.0, 225.0, 315.0]")
     row = "  [0, 0, 2892, 4137, 5895, 7264, 8419, 10113, 11927, 13603],\n"
-    four = robots.parse(text.replace(row, 2 * row), "four")
+    four = robots.of_kind(robots.parse(text.replace(row, 2 * row), "four"), robots.SingularityRobot)
     with pytest.raises(HardwareError, match="8 gimbals and 4 wheels, the board has 6 servos and 3"):
         Joints(four, Motors.of(four))
 

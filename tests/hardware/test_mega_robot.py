@@ -22,7 +22,7 @@ from tsd_twin.wire.blocks import Command, Identity, Setup
 from tsd_twin.wire.codes import BoardMode, Trip
 
 PATIENCE_S = 60.0
-ROBOT = robots.load("tsd")
+ROBOT = robots.of_kind(robots.load("tsd"), robots.SingularityRobot)
 DRIVE = ROBOT.kinematics()
 REST = np.zeros(9)
 AHEAD = DRIVE.inverse(np.array([0.5, 0.0, 0.0]))

@@ -32,6 +32,7 @@ class Pilot:
 
     def __init__(self, node: RunningNode, name: str = "alice", streams: int = 5) -> None:
         self.id, self.name, self.lease = node.id, name, "00" * 16
+        self.components = node.robot.kinematics().components
         self.bus = node.client()
         self.newest: dict[str, Sample] = {}
         self.history: dict[str, list[Sample]] = {}
@@ -138,8 +139,9 @@ class Pilot:
         return decode_stamp(self.newest["status"].attachment)[0]
 
     def send(self, twist: Sequence[float], frame: str = BASE, seen: int | None = None) -> None:
-        vx, vy, omega = twist
-        payload = encode_twist(TwistStamped(frame, np.array([vx, vy, 0, 0, 0, omega])))
+        spatial = np.zeros(6)
+        spatial[list(self.components)] = twist
+        payload = encode_twist(TwistStamped(frame, spatial))
         seen = self.seen if seen is None else seen
         attachment = encode_attachment(next(self._numbers), bytes.fromhex(self.lease), seen)
         self._command.put(payload, attachment)

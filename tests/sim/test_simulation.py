@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tsd_twin.lie import SE2, Array
-from tsd_twin.robots import Robot, load
-from tsd_twin.sim import Simulation
+from tsd_twin.robots import Robot, SingularityRobot, load
+from tsd_twin.sim import Simulation, simulate
 
 ROBOT = load("tsd")
 DRIVE = ROBOT.kinematics()
@@ -22,7 +22,7 @@ def command(twist: list[float] | Array) -> Array:
 
 def spun_up(robot: Robot = ROBOT, batch: tuple[int, ...] = (), **options: float) -> Simulation:
     """A robot that stands still at the origin, its wheels at cruising speed."""
-    simulation = Simulation(robot, batch, **options)
+    simulation = simulate(robot, batch, **options)
     idle = command([0.0, 0.0, 0.0])
     idle[2::3] = 0.0
     simulation.command(idle)
@@ -216,9 +216,9 @@ def test_another_number_of_wheels_is_another_description_and_nothing_else() -> N
     tables = msgspec.to_builtins(ROBOT)
     tables["drive"]["azimuths_deg"] = [45.0, 135.0, 225.0, 315.0]
     tables["motor"]["speed_rpm"].append(tables["motor"]["speed_rpm"][0])
-    robot = msgspec.convert(tables, Robot)
+    robot = msgspec.convert(tables, SingularityRobot)
     drive = robot.kinematics()
-    simulation = Simulation(robot)
+    simulation = simulate(robot)
     idle = drive.inverse(np.zeros(3))
     idle[2::3] = 0.0
     for setpoint, seconds in ((idle, 2.0), (drive.inverse(np.zeros(3)), 30.0)):

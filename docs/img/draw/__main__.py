@@ -6,15 +6,19 @@ import sys
 from pathlib import Path
 
 import modes
+import omni_wheel
 import processes
 import side_view
+import sphere
 import top_view
 import wiring
 
 DRAWINGS = {
     "modes": modes.draw,
+    "omni_wheel": omni_wheel.draw,
     "processes": processes.draw,
     "side_view": side_view.draw,
+    "sphere": sphere.draw,
     "top_view": top_view.draw,
     "wiring": wiring.draw,
 }

@@ -65,7 +65,7 @@ class Authority:
         self._words = LeaseWords(self._desk)
         self._drove: bytes = b""
         self._timeout_s = robot.limits.command_timeout_s
-        self._hold_s = robot.motor.arming_hold_s
+        self._hold_s = robot.arming_hold_s
         self._since_s = 0.0
         self._attended_s = -np.inf
         self._pushed_s = -np.inf

@@ -14,8 +14,10 @@ import numpy as np
 
 from tsd_twin.authority import Authority, Facts, Lease, Mode
 from tsd_twin.core.estimator import Estimator
+from tsd_twin.core.spaces import SPACES
+from tsd_twin.drives import JointKind
 from tsd_twin.errors import MessageError
-from tsd_twin.lie import Array
+from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.command import Sample
 from tsd_twin.messages.ros import ODOM, JointState, Odometry
 from tsd_twin.messages.service import (
@@ -24,6 +26,7 @@ from tsd_twin.messages.service import (
     LeaseReply,
     LeaseRequest,
     Reply,
+    SetOrientationRequest,
     SetPoseRequest,
     StopRequest,
     decode_request,
@@ -49,13 +52,25 @@ _CLAMP_REPORT_S = 0.5
 class RobotCore:
     """Everything between the bus and the joints of one robot."""
 
-    def __init__(self, robot: Robot, new_lease_id: Callable[[], bytes]) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        new_lease_id: Callable[[], bytes],
+        *,
+        pose: SE2 | SO3 | None = None,
+    ) -> None:
+        """`pose`, of the drive's space, is where the robot is taken to be; the identity if not."""
         self.robot = robot
         self.drive = robot.kinematics()
         self.authority = Authority(robot, new_lease_id)
         self._estimator = Estimator(robot)
+        if pose is not None:
+            self._estimator.set_pose(pose)
+        self._space = SPACES[self.drive.space]
         self._names = [joint.name for joint in self.drive.joints]
         self._is_angle = self._estimator.is_angle
+        self._sensors = robot.sensors
+        self._sensor_is_angle = [s.kind is JointKind.POSITION for s in self._sensors]
         self._wheels = np.flatnonzero(~self._is_angle)
         self._limiter = TwistLimiter(self.drive, robot.limits)
         self._components = list(self.drive.components)
@@ -75,8 +90,9 @@ class RobotCore:
     ) -> Array:
         """Return the set-point (n,) for the period that begins at `now_s`.
 
-        `measured` (n,) are the joints, NaN where a speed is not measured; None when there is no
-        measurement. `samples` are all that came in on the command key since the last step.
+        `measured` (n + s,) are the joints and then the sensors of the robot, NaN where a number is
+        not measured; None when there is no measurement. `samples` are all that came in on the
+        command key since the last step.
         `fault` says what the board below the joints objects to, if anything.
         """
         dt_s = now_s - self._now_s if math.isfinite(self._now_s) else 0.01
@@ -128,8 +144,7 @@ class RobotCore:
         assert command is not None  # noqa: S101  The caller has looked; this tells the type checker.
         twist = within_reason(command.twist[self._components])
         if command.frame == ODOM:
-            # Eq. 1: from world to robot by a turn of minus the heading.
-            twist[:2] = self._estimator.pose.inverse().rotate(twist[:2])
+            twist = self._space.into_base(self._estimator.pose, twist)
         return twist
 
     def _report_clamp(self, request: Array, capped: Array, now_s: float) -> None:
@@ -165,7 +180,7 @@ class RobotCore:
                 case Service.RESET:
                     return self.authority.reset(decode_request(payload, HolderRequest).lease, now_s)
                 case Service.SET_POSE:
-                    return self._set_pose(decode_request(payload, SetPoseRequest), now_s)
+                    return self._set_pose(decode_request(payload, self._space.request()), now_s)
                 case Service.STOP:
                     return self.stop(payload, now_s)
                 case Service.DESC:
@@ -184,11 +199,11 @@ class RobotCore:
             request = StopRequest()
         return self.authority.stop(request, now_s)
 
-    def _set_pose(self, request: SetPoseRequest, now_s: float) -> Reply:
-        pose = np.array([request.x_m, request.y_m, request.heading_rad])
+    def _set_pose(self, request: SetPoseRequest | SetOrientationRequest, now_s: float) -> Reply:
+        pose = self._space.asked(request)
         if not self.authority.holds(request.lease, now_s):
             return self._refused(Service.SET_POSE, "take control first", now_s)
-        if not np.isfinite(pose).all():
+        if pose is None:
             return self._refused(Service.SET_POSE, "a pose must be finite numbers", now_s)
         if self.authority.mode in (Mode.DRIVING, Mode.STOPPING):
             # A command in the world's axes would turn with the heading.
@@ -217,8 +232,17 @@ class RobotCore:
         return self._estimator.joints
 
     def joint_state(self, stamp_ns: int) -> JointState:
-        """Return the measured joints."""
-        return self._joint_state(self.joints, self._estimator.rates, stamp_ns)
+        """Return the measured joints, and after them what the other sensors measure."""
+        state = self._joint_state(self.joints, self._estimator.rates, stamp_ns)
+        if not self._sensors:
+            return state
+        values, is_angle = self._estimator.sensors, self._sensor_is_angle
+        return JointState(
+            [*state.names, *(sensor.name for sensor in self._sensors)],
+            np.append(state.position_rad, np.where(is_angle, values, np.nan)),
+            np.append(state.velocity_rad_per_s, np.where(is_angle, np.nan, values)),
+            stamp_ns,
+        )
 
     def setpoint_state(self, stamp_ns: int) -> JointState:
         """Return the commanded joints."""
@@ -231,6 +255,10 @@ class RobotCore:
     def odometry(self, stamp_ns: int) -> Odometry:
         """Return the estimate: pose in `odom`, twist in `base_link`, with covariances."""
         return self._estimator.odometry(stamp_ns)
+
+    def other_odometry(self, stamp_ns: int) -> Odometry | None:
+        """Return the estimate that `odometry` is not, where the robot has two; see docs/bus.md."""
+        return self._estimator.other_odometry(stamp_ns)
 
     def status(self, now_s: float, loop: LoopStatus, hardware: Mapping[str, Any]) -> Status:
         """Return what `state/status` says."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from tsd_twin.drives import JointKind
-from tsd_twin.estimation import ConflictMonitor, PlanarOdometry, SpinModel
-from tsd_twin.lie import SE2, Array
+from tsd_twin.estimation import ODOMETRY, ConflictMonitor, Estimate, SpinModel, second_estimate
+from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.ros import Odometry
 from tsd_twin.messages.status import ConflictStatus
 from tsd_twin.robots import Robot
@@ -17,6 +18,8 @@ NEUTRAL_RAD = math.radians(1.0)
 """Gimbals within this of upright count as neutral."""
 AT_SPEED = 0.02
 """Wheels within this share of their set-point count as at speed."""
+AT_REST_RAD_PER_S = 0.1
+"""Wheels slower than this count as at speed when they shall stand."""
 
 
 class Estimator:
@@ -28,38 +31,50 @@ class Estimator:
         """(n,): which joints are angles; the others are speeds."""
         self._angles = np.flatnonzero(self.is_angle)
         self._wheels = np.flatnonzero(~self.is_angle)
+        self._needed = np.flatnonzero(self.is_angle | robot.measures_spin)
         self._at_rest = self.drive.inverse(np.zeros(3))
-        self._tolerance = np.where(self.is_angle, NEUTRAL_RAD, AT_SPEED * np.abs(self._at_rest))
-        self._spin = SpinModel(robot.motor, len(self._wheels))
-        self._odometry = PlanarOdometry(self.drive, robot.noise)
-        self._conflict = ConflictMonitor(self._residual_sigma(robot))
+        at_speed = np.maximum(AT_SPEED * np.abs(self._at_rest), AT_REST_RAD_PER_S)
+        self._tolerance = np.where(self.is_angle, NEUTRAL_RAD, at_speed)
+        self._spin = SpinModel(robot.spin_up(), len(self._wheels))
+        self._plain = ODOMETRY[self.drive.space](self.drive, robot.joint_errors())
+        self._second, prefer_second = second_estimate(robot)
+        best = self._second if prefer_second else None
+        self._best: Estimate = self._plain if best is None else best
+        self._conflict = ConflictMonitor(self.drive, robot.joint_errors())
         self.measured_s = -math.inf
         """When the joints were measured last."""
         self.joints = np.where(self.is_angle, self._at_rest, 0.0)
         """(n,): measured joints; speeds that are not measured come from the model of the motors."""
         self.rates = np.zeros(len(self.is_angle))
         """(n,): how fast the joints change, of wheels the acceleration."""
+        self.sensors = np.full(len(robot.sensors), np.nan)
+        """(s,): what the other sensors measured last, NaN where they do not."""
 
     def advance(self, now_s: float, measured: Array | None, setpoint: Array, dt_s: float) -> None:
-        """Take in the joints (n,) measured now, `dt_s` after the last ones; None: there are none.
+        """Take in what was measured now, `dt_s` after the last time; None: there is nothing.
 
-        `setpoint` (n,) is what the joints were told meanwhile.
+        `measured` (n + s,) are the joints and the other sensors, `setpoint` (n,) is what the joints
+        were told meanwhile.
         """
         spin = self._spin.advance(setpoint[self._wheels], dt_s)
-        if measured is not None and np.isfinite(measured[self._angles]).all():
+        if measured is not None and np.isfinite(measured[self._needed]).all():
             self.measured_s = now_s
-            joints = measured.copy()
+            joints = measured[: len(self.joints)].copy()
+            self.sensors = measured[len(joints) :]
             speeds = joints[self._wheels]
             joints[self._wheels] = np.where(np.isfinite(speeds), speeds, spin)
         elif math.isfinite(self.measured_s):
             # Without news the gimbals are taken to stay, but wheels that are shut off run down.
             joints = self.joints.copy()
             joints[self._wheels] = spin
+            self.sensors = np.full(len(self.sensors), np.nan)
         else:
             return
         self.rates = (joints - self.joints) / dt_s
         self.joints = joints
-        motion = self._odometry.advance(joints, dt_s)
+        motion = self._plain.advance(joints, dt_s)
+        if self._second is not None:
+            self._second.follow(joints, self.sensors, motion, dt_s)
         self._conflict.advance(motion.residual, dt_s)
 
     def neutral_and_at_speed(self) -> tuple[bool, bool]:
@@ -68,36 +83,44 @@ class Estimator:
         return bool(near[self._angles].all()), bool(near[self._wheels].all())
 
     @property
-    def pose(self) -> SE2:
-        """The pose in `odom`."""
-        return self._odometry.pose
+    def pose(self) -> Any:
+        """The pose in `odom`, of the drive's space."""
+        return self._best.pose
 
-    def set_pose(self, xy_heading: Array) -> None:
-        """Take the robot to be at `xy_heading` (3,), exactly."""
-        self._odometry.set_pose(xy_heading)
+    def set_pose(self, pose: SE2 | SO3) -> None:
+        """Take the robot to be at `pose`, exactly."""
+        self._plain.set_pose(pose)
+        if self._second is not None:
+            self._second.set_pose(pose)
 
     def odometry(self, stamp_ns: int) -> Odometry:
         """Return pose in `odom` and twist in `base_link`, with covariances."""
-        odometry = self._odometry
-        return Odometry(
-            odometry.pose.xy_heading,
-            odometry.motion.twist,
-            odometry.pose_covariance,
-            odometry.twist_covariance,
-            stamp_ns,
-        )
+        return _message(self._best, stamp_ns)
+
+    def other_odometry(self, stamp_ns: int) -> Odometry | None:
+        """Return the estimate that `odometry` is not, where there are two."""
+        if self._second is None:
+            return None
+        return _message(self._plain if self._best is self._second else self._second, stamp_ns)
 
     def conflict(self, *, wheels_spin: bool) -> ConflictStatus:
         """Return how well the joints agree; wheels that do not spin say nothing about gimbals."""
-        residual, suspect = self._conflict.residual, None
-        if residual is not None and self._conflict.evident and wheels_spin:
-            suspect = self.drive.actuators[int(self.drive.blame(residual).argmax())]
-        return ConflictStatus(round(self._conflict.residual_mps, 5), suspect)
+        verdict, names = self._conflict.judge(self.joints), self.drive.actuators
+        level = verdict.level if wheels_spin else 0.0
+        suspect = verdict.suspect if wheels_spin else None
+        return ConflictStatus(
+            residual_mps=round(verdict.residual_mps, 5),
+            suspect=None if suspect is None else names[suspect],
+            level=round(level, 4),
+            explained=dict(zip(names, (level * verdict.shares).round(4).tolist(), strict=True)),
+        )
 
-    def _residual_sigma(self, robot: Robot) -> float:
-        """Return the standard deviation of a residual, m/s, from the noise in the description."""
-        joints = self.drive.inverse(np.array([robot.limits.speed_mps, 0.0, 0.0]))
-        sigma = self.is_angle * math.radians(robot.noise.gimbal_angle_deg)
-        sigma = sigma + ~self.is_angle * robot.noise.spin_share * np.abs(joints)
-        shift = self.drive.forward(joints + np.diag(sigma)).residual
-        return float(np.sqrt(np.square(shift).sum() / shift.shape[-1]))
+
+def _message(estimate: Estimate, stamp_ns: int) -> Odometry:
+    return Odometry.of(
+        estimate.pose,
+        estimate.motion.twist,
+        estimate.pose_covariance,
+        estimate.twist_covariance,
+        stamp_ns,
+    )

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from tsd_twin.dashboard.fleet_meshes import FleetMeshes
-from tsd_twin.dashboard.foresight import NOTHING, Foresight
+from tsd_twin.dashboard.foresight import NOTHING, Foresight, Outlook
 from tsd_twin.dashboard.link import Sent, Snapshot
 from tsd_twin.dashboard.poses import joint_vector
 from tsd_twin.dashboard.rate import Rate
 from tsd_twin.dashboard.robot_marks import RobotMarks
 from tsd_twin.dashboard.trips import RoundTrips
-from tsd_twin.drives import JointKind, SingularityDrive
-from tsd_twin.lie import Array
+from tsd_twin.drives import Drive, JointKind
+from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.robots import Robot
 
 SLOWER = 50
-"""Wheels are drawn turning this much slower than they do: 2,500 a minute as 50 a minute, 5 degrees
-a frame. At their true speed a picture at 60 Hz would show them creeping, standing or going back."""
+"""Wheels that spin on gimbals are drawn turning this much slower than they do: 2,500 a minute as 50
+a minute, 5 degrees a frame. At their true speed a picture at 60 Hz would show them creeping,
+standing or going back. Wheels that roll are drawn as fast as they are."""
 FORESEEN_HZ = 10.0
 """The model is run forward this often: it takes a millisecond or two."""
 _LONGEST_S = 0.1
@@ -41,7 +42,7 @@ class Source(Protocol):
         ...
 
     @property
-    def drive(self) -> SingularityDrive:
+    def drive(self) -> Drive[Any]:
         """Its kinematics."""
         ...
 
@@ -71,12 +72,19 @@ class Body:
         self.marks = marks
         self.shown = Snapshot()
         self.joints = link.drive.inverse(np.zeros(3))
-        self.angles = np.zeros(link.drive.modules)
+        """The joint vector (n,)."""
+        self.angles = np.zeros(len(link.drive.joints))
+        """The joints (n,) as they are drawn: angles, of wheels those that they have turned by."""
         self.pose = np.zeros(3)
+        """Where the base is (3,): the origin, if it does not move."""
+        self.ball = SO3.identity()
+        """How the ball in it is turned, if there is one."""
         self._turned_s = -np.inf
-        self._foresight = Foresight(link.drive, link.robot)
+        # What stays where it is goes nowhere.
+        self._foresight = Foresight(link.drive, link.robot) if link.drive.space is SE2 else None
         self._foresees = Rate(FORESEEN_HZ)
         self._wheels = np.array([joint.kind is JointKind.VELOCITY for joint in link.drive.joints])
+        self._slower = SLOWER if meshes.shape.tilts else 1
 
     @property
     def behind(self) -> bool:
@@ -88,26 +96,28 @@ class Body:
         new, old = self.link.snapshot, self.shown
         self.shown = new
         if new.odom is not None:
-            self.pose = new.odom.xy_heading
+            if new.odom.wxyz is None:
+                self.pose = new.odom.xy_heading
+            else:
+                self.ball = SO3(new.odom.wxyz)
         if new.joints is not None and new.joints is not old.joints:
             joints = joint_vector(self.link.drive, new.joints)
             if joints is not None:
                 self._turn_wheels(joints, new.received_s)
-        self.meshes.place(self.id, self.pose, self.joints, self.angles)
+        self.meshes.place(self.id, self.pose, self.ball, self.angles)
         self.marks.update(new, old, self.joints)
-        if self._foresees.due(new.received_s):
-            self._foresee(new)
+        if self._foresight is not None and self._foresees.due(new.received_s):
+            self.marks.foresee(self._outlook(self._foresight, new))
 
-    def _foresee(self, new: Snapshot) -> None:
+    def _outlook(self, foresight: Foresight, new: Snapshot) -> Outlook:
         setpoint = joint_vector(self.link.drive, new.setpoint) if new.setpoint else None
-        outlook = NOTHING
-        if setpoint is not None:
-            outlook = self._foresight.look(new, setpoint, self.link.sent, self.link.trips)
-        self.marks.foresee(outlook)
+        if setpoint is None:
+            return NOTHING
+        return foresight.look(new, setpoint, self.link.sent, self.link.trips)
 
     def _turn_wheels(self, joints: Array, now_s: float) -> None:
         dt_s, self._turned_s = now_s - self._turned_s, now_s
         self.joints = joints
-        if dt_s < _LONGEST_S:
-            turned = self.angles + joints[self._wheels] * dt_s / SLOWER
-            self.angles = np.remainder(turned, 2.0 * np.pi)
+        seen_s = dt_s / self._slower if dt_s < _LONGEST_S else 0.0
+        turned = np.remainder(self.angles + joints * seen_s, 2.0 * np.pi)
+        self.angles = np.where(self._wheels, turned, joints)

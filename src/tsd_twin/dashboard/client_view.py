@@ -10,12 +10,11 @@ import viser
 from tsd_twin.dashboard import palette
 from tsd_twin.dashboard.body import Body
 from tsd_twin.dashboard.ghosts import add_cage
-from tsd_twin.dashboard.layers import ROOT, Layer, layer_nodes, robot_node
-from tsd_twin.dashboard.poses import link_poses
+from tsd_twin.dashboard.layers import ROOT, Layer, layer_nodes
+from tsd_twin.dashboard.pointing import point_on_ball
 from tsd_twin.dashboard.scene import Scene
-from tsd_twin.dashboard.viser_private import scale_instances
+from tsd_twin.dashboard.tried import Tried
 from tsd_twin.dashboard.viser_server import CAMERA_M, LOOK_AT_M
-from tsd_twin.description import Link
 from tsd_twin.lie import SE2, Array
 
 
@@ -47,7 +46,7 @@ class ClientView:
         self._stopped_xy: tuple[float, float] | None = None
         self._world: viser.FrameHandle | None = None
         self._tried: Array | None = None
-        self._gimbals: dict[Link, viser.BatchedGlbHandle] = {}
+        self._preview = Tried(client)
 
     # What it looks at.
 
@@ -95,6 +94,17 @@ class ClientView:
             self._client.camera.look_at = middle + LOOK_AT_M
         self._client.flush()
 
+    def point(self, origin: Array, direction: Array) -> tuple[float, float, float] | None:
+        """Return the point of the ball that a ray (3,), (3,) in its picture meets."""
+        body = self.body
+        radius_m = None if body is None else body.meshes.shape.ball_radius_m
+        if body is None or radius_m is None:
+            return None
+        x, y = self._world_xy
+        height_m = body.meshes.shape.skeleton.tree.height_m
+        centre = np.array([x + body.pose[0], y + body.pose[1], height_m])
+        return point_on_ball(origin, direction, centre, radius_m, body.ball)
+
     # What it shows.
 
     def show(self, layer: Layer, on: bool) -> None:
@@ -112,40 +122,18 @@ class ClientView:
     # What it tries out.
 
     def try_out(self, joints: Array | None) -> None:
-        """Pose the gimbals by a joint vector (n,) in this picture only; None: as they are."""
+        """Show in this picture only what a joint vector (n,) would do; None: what is.
+
+        It poses gimbals; of wheels that only roll, arrows tell which way and how fast.
+        """
         with self._scene.lock:
             self._tried = joints
             self._draw_tried()
         self._client.flush()
 
     def _draw_tried(self) -> None:
-        body = self.body
-        if body is None or (self._tried is None and not self._gimbals):
-            return
-        if self._tried is None:
-            for handle in self._gimbals.values():
-                handle.visible = False
-            self._hide_gimbals(body, None)
-            return
-        drive, shape = body.link.drive, body.meshes.shape
-        poses = link_poses(drive, SE2.identity(), self._tried, body.angles)
-        for kind in shape.moving:
-            if kind not in self._gimbals:
-                self._gimbals[kind] = self._client.scene.add_batched_glb(
-                    f"{robot_node(body.id)}/p{kind}",
-                    shape.tinted(kind, palette.PREVIEW),
-                    *poses[kind],
-                    lod="off",
-                )
-            self._gimbals[kind].batched_wxyzs = poses[kind].wxyz.astype(np.float32)
-            self._gimbals[kind].visible = True
-        self._hide_gimbals(body, body.id)
-
-    def _hide_gimbals(self, body: Body, robot_id: str | None) -> None:
-        """Let this client not see the moving links of one robot, or see those of all."""
-        for kind in body.meshes.shape.moving:
-            scales = body.meshes.scales_without(robot_id, kind)
-            scale_instances(self._client, body.meshes.node(kind), scales)
+        if self.body is not None:
+            self._preview.draw(self.body, self._tried)
 
     # What the scene asks for.
 
@@ -159,11 +147,10 @@ class ClientView:
         """Make the nodes of this client anew, after robots came or went, or a wish has changed."""
         own = self._client.scene
         with self._client.atomic():
-            if self._gimbals:
-                for body in self._scene.bodies.values():
-                    self._hide_gimbals(body, None)
+            for body in self._scene.bodies.values():
+                self._preview.forget(body)
             own.reset()
-            self._gimbals.clear()
+            self._preview.clear()
             self._world = None
             if self._robot_id not in self._scene.bodies:
                 self._robot_id, self._tried = self._scene.leader, None
@@ -184,7 +171,7 @@ class ClientView:
         if self._truth is Truth.ALWAYS:
             for body in self._scene.bodies.values():
                 name = body.marks.truth.cage_name
-                add_cage(own, name, body.meshes.shape, visible=True)
+                add_cage(own, name, body.meshes.shape, palette.TRUTH, visible=True)
 
     @property
     def _world_xy(self) -> tuple[float, float]:

@@ -59,7 +59,7 @@ async def run(
             on_released=on_released,
             on_chosen=on_chosen,
         )
-        panels = Panels(server, scene, gateway.panel, gateway.choose)
+        panels = Panels(server, scene, gateway.panel, gateway.choose, gateway.point)
 
         def on_status(robot_id: str) -> None:
             loop.call_soon_threadsafe(gateway.on_status, robot_id)

@@ -12,11 +12,10 @@ import viser
 
 from tsd_twin.dashboard.body import Body
 from tsd_twin.dashboard.client_view import ClientView
+from tsd_twin.dashboard.components import FLOOR, components, ends
 from tsd_twin.lie import Array
 from tsd_twin.motion import TwistLimiter
 
-_AXES = ("vx (m/s)", "vy (m/s)", "vz (m/s)", "omega x (rad/s)", "omega y (rad/s)", "omega (rad/s)")
-"""What the numbers of a spatial twist are called; the first three are limited by the speed."""
 _STEPS = 50
 """Steps of a slider from zero to its end."""
 
@@ -53,19 +52,19 @@ class DriveTab:
         )
         self._sliders = [
             gui.add_slider(
-                name,
+                one.label,
                 -1.0,
                 1.0,
                 1.0 / _STEPS,
                 0.0,
-                hint="Forward, left and turning left are positive",
+                hint=one.hint,
             )
-            for name in _AXES[:3]
+            for one in FLOOR
         ]
         self._mode: viser.GuiDropdownHandle[str] = gui.add_dropdown(
             "mode",
             [str(mode) for mode in Mode],
-            hint="preview poses the gimbals in your picture only; drive commands the robot",
+            hint="preview shows in your picture what the joints would do; drive commands the robot",
         )
         self._latch = gui.add_checkbox(
             "latch",
@@ -91,14 +90,19 @@ class DriveTab:
             return
         self._robot.options = ids
         self._robot.value = body.id
-        limits = body.link.robot.limits
-        for slider, component in zip(self._sliders, body.link.drive.components, strict=True):
-            end = limits.speed_mps if component < 3 else limits.turn_rate_rad_per_s
-            slider.label = _AXES[component]
+        drive = body.link.drive
+        for slider, component, end in zip(
+            self._sliders,
+            components(drive),
+            ends(drive, body.link.robot.limits),
+            strict=True,
+        ):
+            slider.label = component.label
+            slider.hint = component.hint
             slider.min, slider.max, slider.step = -end, end, end / _STEPS
 
     def reset(self) -> None:
-        """Let the sliders spring back, and show the gimbals as they are."""
+        """Let the sliders spring back, and show the joints as they are."""
         for slider in self._sliders:
             slider.value = 0.0
         self._view.try_out(None)

@@ -6,10 +6,9 @@ import numpy as np
 import viser
 
 from tsd_twin.dashboard.layers import robot_node
-from tsd_twin.dashboard.poses import link_poses
 from tsd_twin.dashboard.shape import Shape
 from tsd_twin.description import Link
-from tsd_twin.lie import SE2, Array
+from tsd_twin.lie import SE2, SO3, Array
 
 
 class FleetMeshes:
@@ -26,8 +25,8 @@ class FleetMeshes:
         self._ids: list[str] = []
         self._handles: dict[Link, viser.BatchedGlbHandle] = {}
         self._bases = np.zeros((0, 3))
-        self._joints = np.zeros((0, len(shape.drive.joints)))
-        self._angles = np.zeros((0, shape.drive.modules))
+        self._balls = np.zeros((0, 4))
+        self._angles = np.zeros((0, len(shape.drive.joints)))
         self._moved = False
 
     @property
@@ -41,11 +40,10 @@ class FleetMeshes:
 
     def add(self, robot_id: str) -> None:
         """Show another robot: at the origin, upright, until it is placed."""
-        upright = self.shape.drive.inverse(np.zeros(3))
         self._ids.append(robot_id)
         self._bases = np.vstack([self._bases, np.zeros(3)])
-        self._joints = np.vstack([self._joints, upright])
-        self._angles = np.vstack([self._angles, np.zeros(self.shape.drive.modules)])
+        self._balls = np.vstack([self._balls, SO3.identity().wxyz])
+        self._angles = np.vstack([self._angles, np.zeros(len(self.shape.drive.joints))])
         self._moved = True
         self.send()
 
@@ -55,17 +53,17 @@ class FleetMeshes:
         self._ids.pop(row)
         if row == 0:
             self._clear()
-        self._bases, self._joints, self._angles = (
-            np.delete(rows, row, axis=0) for rows in (self._bases, self._joints, self._angles)
+        self._bases, self._balls, self._angles = (
+            np.delete(rows, row, axis=0) for rows in (self._bases, self._balls, self._angles)
         )
         self._moved = True
         self.send()
 
-    def place(self, robot_id: str, base: Array, joints: Array, wheel_angles_rad: Array) -> None:
-        """Note where a robot is: pose (3,), joint vector (n,), turns of the wheels (k,)."""
+    def place(self, robot_id: str, base: Array, ball: SO3, angles_rad: Array) -> None:
+        """Note where a robot is: pose (3,), turn of its ball if any, angles of its joints (n,)."""
         row = self._ids.index(robot_id)
-        self._bases[row], self._joints[row] = base, joints
-        self._angles[row] = wheel_angles_rad
+        self._bases[row], self._balls[row] = base, ball.wxyz
+        self._angles[row] = angles_rad
         self._moved = True
 
     def send(self) -> None:
@@ -76,7 +74,7 @@ class FleetMeshes:
         if not self._ids:
             return
         bases = SE2(self._bases[0]).inverse() @ SE2(self._bases)
-        every = link_poses(self.shape.drive, bases, self._joints, self._angles)
+        every = self.shape.skeleton.poses(bases, SO3(self._balls), self._angles)
         for kind, data in self.shape.glbs.items():
             wxyz = every[kind].wxyz.reshape(-1, 4).astype(np.float32)
             position = every[kind].position.reshape(-1, 3).astype(np.float32)

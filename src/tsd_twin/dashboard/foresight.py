@@ -45,9 +45,8 @@ class Foresight:
     def __init__(self, drive: Drive[SE2], robot: Robot) -> None:
         self._drive = drive
         self._limits = robot.limits
-        lag_s = 1.0 / robot.servo.approach_rate_per_s
-        self._fine = Predictor(drive, robot.limits, lag_s)
-        self._coarse = Predictor(drive, robot.limits, lag_s, _COARSE_S)
+        self._fine = Predictor(drive, robot.limits, robot.lag_s)
+        self._coarse = Predictor(drive, robot.limits, robot.lag_s, _COARSE_S)
 
     def look(
         self, snapshot: Snapshot, setpoint: Array, sent: Sequence[Sent], trips: RoundTrips

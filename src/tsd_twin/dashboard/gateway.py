@@ -14,7 +14,7 @@ from tsd_twin.dashboard.calls import Calls
 from tsd_twin.dashboard.door import Door, Rules, visitor_of
 from tsd_twin.dashboard.guard import HEADERS
 from tsd_twin.dashboard.pages import STATIC, IndexPage
-from tsd_twin.dashboard.protocol import Panel, encode
+from tsd_twin.dashboard.protocol import Panel, Point, encode
 from tsd_twin.dashboard.proxy import PAGE, ViserProxy
 from tsd_twin.dashboard.reception import Reception
 from tsd_twin.dashboard.roster import Fleet, Roster
@@ -160,6 +160,14 @@ class Gateway:
         message = Panel(vx=vx, vy=vy, omega=omega, mode=mode, latch=latch)
         self._call_soon(lambda: self._tell_panel(page, message))
 
+    def point(self, page: str, robot_id: str, at: tuple[float, float, float]) -> None:
+        """Tell a page which point of a ball was clicked on; from any thread.
+
+        The page is what brings it up, under the same dead man's switch as its stick.
+        """
+        message = Point(robot=robot_id, at=at)
+        self._call_soon(lambda: self._tell_page(page, message))
+
     def choose(self, page: str, robot_id: str) -> None:
         """Turn a page to another robot, as its panel asks; from any thread."""
         self._call_soon(lambda: self._turn(page, robot_id))
@@ -171,6 +179,10 @@ class Gateway:
     def _tell_panel(self, page: str, message: Panel) -> None:
         if (session := self._sessions.get(page)) is not None:
             session.mail.panel(encode(message))
+
+    def _tell_page(self, page: str, message: Point) -> None:
+        if (session := self._sessions.get(page)) is not None:
+            session.mail.post(encode(message))
 
     def _fleet_changed(self) -> None:
         self._call_soon(self._tell_fleet)

@@ -1,4 +1,4 @@
-"""What is not the estimate: where gimbals shall be, where the robot is, where it will be."""
+"""What is not the estimate: where gimbals shall be, where else the robot is, where it will be."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import viser
 from manifold3d import CrossSection
 
 from tsd_twin.dashboard import palette
-from tsd_twin.dashboard.poses import Poses, link_poses
+from tsd_twin.dashboard.poses import Poses
 from tsd_twin.dashboard.shape import Shape, Surface
-from tsd_twin.drives import SingularityDrive
-from tsd_twin.lie import SE2, Array, wrap
+from tsd_twin.lie import SE2, SO3, Array, wrap
+from tsd_twin.messages.ros import Odometry
 
 VISIBLE_M = 0.005
 VISIBLE_RAD = math.radians(0.5)
-"""The true pose is shown when it is farther from the estimate than this, or turned by more."""
+"""Another pose is shown when it is farther from the estimate than this, or turned by more."""
 
 
 class SetpointGhost:
@@ -26,13 +26,15 @@ class SetpointGhost:
     Drawn around the wheel, not over it, so that small differences show and nothing flickers.
     """
 
-    def __init__(self, scene: viser.SceneApi, name: str, drive: SingularityDrive) -> None:
-        self._drive = drive
-        self._shown = drive.inverse(np.zeros(3))
+    def __init__(self, scene: viser.SceneApi, name: str, shape: Shape) -> None:
+        self._skeleton = shape.skeleton
+        (self._wheels,) = self._skeleton.wheels
+        self._shown = shape.drive.inverse(np.zeros(3))
         wxyz, position = self._poses(self._shown)
+        assert self._wheels.hull is not None  # noqa: S101  Or they would not be among the wheels.
         self._handle = scene.add_batched_meshes_simple(
             name,
-            *_hoop(drive.wheel_radius_m),
+            *_hoop(self._wheels.hull.radius_m),
             wxyz,
             position,
             batched_colors=palette.SETPOINT,
@@ -49,28 +51,45 @@ class SetpointGhost:
         self._handle.batched_wxyzs = self._poses(setpoint).wxyz.astype(np.float32)
 
     def _poses(self, joints: Array) -> Poses:
-        still = np.zeros(self._drive.modules)
-        return link_poses(self._drive, SE2.identity(), joints, still)["wheel"]
+        # A hoop is round: by how much its wheel has turned does not show.
+        every = self._skeleton.poses(SE2.identity(), SO3.identity(), joints)
+        return every[self._wheels.kind]
 
 
-class TruthGhost:
-    """A cage of lines around the robot, where a simulator says that it is."""
+class PoseGhost:
+    """A cage of lines where somebody else has the robot: a simulator, or a second estimate.
 
-    def __init__(self, scene: viser.SceneApi, name: str, shape: Shape) -> None:
+    Of a ball, great circles that are turned as that one has it.
+    """
+
+    def __init__(self, scene: viser.SceneApi, name: str, shape: Shape, colour: palette.Rgb) -> None:
         self._frame = scene.add_frame(name, show_axes=False)
+        self._height_m = shape.skeleton.tree.height_m
         self.cage_name = f"{name}/c"
-        self._cage = add_cage(scene, self.cage_name, shape, visible=False)
+        self._cage = add_cage(scene, self.cage_name, shape, colour, visible=False)
 
-    def update(self, truth: Array, estimate: Array) -> None:
-        """Show the true pose (3,), unless that is as good as the estimated one (3,)."""
-        off = truth - estimate
-        differs = math.hypot(off[0], off[1]) > VISIBLE_M or abs(wrap(off[2])) > VISIBLE_RAD
-        self._cage.visible = bool(differs)
-        place(self._frame, truth)  # Also out of sight: a client may show the cage all the same.
+    def update(self, said: Odometry, estimate: Odometry) -> None:
+        """Show what is said of the pose, unless that is as good as the estimate."""
+        self._cage.visible = _differ(said, estimate)
+        # Also out of sight: a client may show the cage all the same.
+        if said.wxyz is None:
+            place(self._frame, said.xy_heading)
+        else:
+            self._frame.position = (0.0, 0.0, self._height_m)
+            self._frame.wxyz = said.wxyz
 
     def remove(self) -> None:
         """Show it no more."""
         self._frame.remove()
+
+
+def _differ(said: Odometry, estimate: Odometry) -> bool:
+    """Tell whether two poses are so far apart that it shows."""
+    if said.wxyz is not None and estimate.wxyz is not None:
+        between = SO3(estimate.wxyz).inverse() @ SO3(said.wxyz)
+        return bool(np.linalg.norm(between.log()) > VISIBLE_RAD)
+    off = said.xy_heading - estimate.xy_heading
+    return bool(math.hypot(off[0], off[1]) > VISIBLE_M or abs(wrap(off[2])) > VISIBLE_RAD)
 
 
 class PredictedGhost:
@@ -98,26 +117,35 @@ def place(frame: viser.FrameHandle, pose: Array) -> None:
 
 
 def add_cage(
-    scene: viser.SceneApi,
-    name: str,
-    shape: Shape,
-    colour: palette.Rgb = palette.TRUTH,
-    *,
-    visible: bool,
+    scene: viser.SceneApi, name: str, shape: Shape, colour: palette.Rgb, *, visible: bool
 ) -> viser.LineSegmentsHandle:
     """Add the edges of what a robot stands in: lines hide nothing, as a translucent body would."""
-    foot = shape.footprint
-    low, high = (np.insert(foot, 2, z, axis=1) for z in (0.003, shape.height_m))
-    rims = [np.stack([rim, np.roll(rim, -1, axis=0)], axis=1) for rim in (low, high)]
-    posts = np.stack([low, high], axis=1)[:: max(1, len(foot) // 6)]
     return scene.add_line_segments(
         name,
-        np.concatenate([*rims, posts]),
+        _box(shape) if shape.ball_radius_m is None else _circles(shape.ball_radius_m),
         colour,
         thickness=2.0,
         thickness_units="screen",
         visible=visible,
     )
+
+
+def _box(shape: Shape) -> Array:
+    """Return the edges (n, 2, 3) around a robot that stands on the floor."""
+    foot = shape.footprint
+    low, high = (np.insert(foot, 2, z, axis=1) for z in (0.003, shape.height_m))
+    rims = [np.stack([rim, np.roll(rim, -1, axis=0)], axis=1) for rim in (low, high)]
+    posts = np.stack([low, high], axis=1)[:: max(1, len(foot) // 6)]
+    return np.concatenate([*rims, posts])
+
+
+def _circles(radius_m: float) -> Array:
+    """Return great circles (n, 2, 3) just outside a ball, and pointers along its X and Z."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 73)
+    flat = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=-1)
+    lines = [np.stack([ring[:-1], ring[1:]], axis=1) for ring in (flat, flat[:, [0, 2, 1]])]
+    pointers = [np.array([[axis, 1.25 * axis]]) for axis in np.eye(3)[[0, 2]]]
+    return 1.01 * radius_m * np.concatenate([*lines, *pointers])
 
 
 def _hoop(wheel_radius_m: float) -> Surface:

@@ -14,6 +14,7 @@ class Layer(StrEnum):
 
     SETPOINT = "set-point"
     TRUTH = "true pose"
+    OTHER = "other estimate"
     TRAIL = "trail"
     ARROWS = "thrust arrows"
     ELLIPSE = "covariance ellipse"
@@ -22,9 +23,15 @@ class Layer(StrEnum):
     LABELS = "labels"
 
 
-TRUTHS, TRAILS, SCALE = f"{ROOT}/t", f"{ROOT}/k", f"{ROOT}/l"
-"""Nodes of all robots' true poses, of all trails, and of the metres on the floor."""
-_SHARED = {Layer.TRUTH: TRUTHS, Layer.TRAIL: TRAILS, Layer.LABELS: SCALE}
+TRUTHS, OTHERS, TRAILS, SCALE = f"{ROOT}/t", f"{ROOT}/o", f"{ROOT}/k", f"{ROOT}/l"
+"""Nodes of all robots' true poses, of what else is estimated, of all trails, and of the metres on
+the floor."""
+_SHARED = {
+    Layer.TRUTH: TRUTHS,
+    Layer.OTHER: OTHERS,
+    Layer.TRAIL: TRAILS,
+    Layer.LABELS: SCALE,
+}
 _EACH = {
     Layer.SETPOINT: "s",
     Layer.ARROWS: "a",

@@ -8,6 +8,7 @@ import time
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import msgspec
@@ -17,7 +18,7 @@ from tsd_twin import robots, topics
 from tsd_twin.bus import Bus, Publisher
 from tsd_twin.dashboard.trips import RoundTrips
 from tsd_twin.errors import BusError, MessageError
-from tsd_twin.lie import Array
+from tsd_twin.lie import SO3, Array
 from tsd_twin.messages.command import encode_attachment
 from tsd_twin.messages.ros import (
     BASE,
@@ -50,6 +51,8 @@ class Snapshot:
     joints: JointState | None = None
     setpoint: JointState | None = None
     odom: Odometry | None = None
+    other: Odometry | None = None
+    """The estimate that `odom` is not, of robots that have two."""
     truth: Odometry | None = None
     status: Status | None = None
     status_seq: int = 0
@@ -88,13 +91,15 @@ class RobotLink:
         self.urdf = description.urdf
         self.drive = self.robot.kinematics()
         self.snapshot = Snapshot()
+        decode_pose = partial(decode_odometry, turning=self.drive.space is SO3)
         self.trips = RoundTrips()
         """How long the robot takes to answer, as far as it has been measured."""
         self._readers = {
             "joints": (bus.reader(topics.JOINTS.key(robot_id), 1), decode_joints),
             "setpoint": (bus.reader(topics.SETPOINT.key(robot_id), 1), decode_joints),
-            "odom": (bus.reader(topics.ODOM.key(robot_id), 1), decode_odometry),
-            "truth": (bus.reader(topics.TRUTH.key(robot_id), 1), decode_odometry),
+            "odom": (bus.reader(topics.ODOM.key(robot_id), 1), decode_pose),
+            "other": (bus.reader(topics.OTHER_ODOM.key(robot_id), 1), decode_pose),
+            "truth": (bus.reader(topics.TRUTH.key(robot_id), 1), decode_pose),
         }
         self._status = bus.reader(topics.STATUS.key(robot_id), 1)
         self._stop = bus.publisher(Service.STOP.key(robot_id), Urgency.REAL_TIME)

@@ -14,6 +14,8 @@ SETPOINT: Rgb = (0, 200, 215)
 """What the robot is told."""
 TRUTH: Rgb = (60, 190, 90)
 """What a simulator knows."""
+OTHER: Rgb = (232, 86, 120)
+"""What a robot that has two estimates believes less."""
 THRUST: Rgb = (240, 150, 10)
 """What the wheels do over the ground."""
 PREVIEW: Rgb = (190, 70, 230)

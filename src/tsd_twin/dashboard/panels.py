@@ -12,9 +12,12 @@ from tsd_twin.dashboard.panel import Panel
 from tsd_twin.dashboard.scene import Scene
 from tsd_twin.dashboard.viser_private import is_gone, only_watches, page_of, prefers_dark
 from tsd_twin.dashboard.viser_server import set_theme
+from tsd_twin.lie import Array
 
 OnPanel: TypeAlias = Callable[[str, float, float, float, Literal["preview", "drive"], bool], None]
 """Called on viser's thread with page, the three numbers of the twist, mode and latch."""
+OnPoint: TypeAlias = Callable[[str, str, tuple[float, float, float]], None]
+"""Called on viser's thread with page, robot id, and the unit vector to a point of its ball."""
 OnRobot: TypeAlias = Callable[[str, str], None]
 """Called on viser's thread with page and robot id."""
 
@@ -32,6 +35,7 @@ class Panels:
         scene: Scene,
         on_panel: OnPanel,
         on_robot: OnRobot,
+        on_point: OnPoint,
         *,
         dark: bool | None = None,
     ) -> None:
@@ -40,10 +44,12 @@ class Panels:
         self._scene = scene
         self._on_panel = on_panel
         self._on_robot = on_robot
+        self._on_point = on_point
         self._dark = dark
         self._panels: dict[int, Panel] = {}
         self._pages: dict[int, str | None] = {}
         scene.watch(self)
+        scene.on_click = self._clicked
         server.on_client_connect(self._connect)
         server.on_client_disconnect(self._disconnect)
 
@@ -66,6 +72,18 @@ class Panels:
         """Take in that robots have come or gone."""
         for panel in self._living():
             panel.rebuild()
+
+    def _clicked(
+        self, client: viser.ClientHandle, robot_id: str, origin: Array, direction: Array
+    ) -> None:
+        """Tell the page what was clicked on: it decides whether that shall move anything."""
+        with self._scene.lock:
+            panel, page = self._panels.get(client.client_id), self._pages.get(client.client_id)
+            if panel is None or page is None or panel.robot_id != robot_id:
+                return
+            at = panel.point(origin, direction)
+        if at is not None:
+            self._on_point(page, robot_id, at)
 
     def _of(self, page: str) -> list[Panel]:
         with self._scene.lock:

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from tsd_twin.description import Link
-from tsd_twin.drives import JointKind, SingularityDrive
+from tsd_twin.description import Hinge, Limbs, Link, Tree
+from tsd_twin.description.tree import Sphere
+from tsd_twin.drives import Drive, JointKind
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.ros import JointState
 
-_Y = np.array([0.0, 1.0, 0.0])
-_X = np.array([1.0, 0.0, 0.0])
 _Z = np.array([0.0, 0.0, 1.0])
+_MOVES = (Hinge.ANGLE, Hinge.SPIN)
+"""Hinges that a joint of the drive turns."""
 
 
 class Poses(NamedTuple):
@@ -25,53 +26,100 @@ class Poses(NamedTuple):
     """(..., k, 3): metres; z is the height above the floor."""
 
 
-def link_poses(
-    drive: SingularityDrive, base: SE2, joints: Array, wheel_angles_rad: Array
-) -> dict[Link, Poses]:
-    """Return the poses of the links `chassis`, `outer`, `inner` and `wheel` above the floor.
+class Skeleton:
+    """The links of one description, which joint angles pose."""
 
-    `base` (...) is where `base_link` is, whose origin is as high as the gimbal centres: a wheel
-    radius above the floor. `joints` (..., n) are the joint vector, whose wheel speeds do not matter
-    here, and `wheel_angles_rad` (..., k) the angles that the wheels have turned by. All links of a
-    module have their origin in its pivot; the outer one turns by beta about Y_W, in it the inner
-    one by -alpha about X, in it the wheel about Z (Eq. 24 and 25).
-    """
-    k, heading = drive.modules, base.xy_heading[..., 2:]
-    modules = joints.reshape(*joints.shape[:-1], k, 3)
-    outer = _turn(heading + drive.azimuths_rad - 0.5 * np.pi, _Z) @ _turn(modules[..., 1], _Y)
-    inner = outer @ _turn(-modules[..., 0], _X)
-    wheel = inner @ _turn(wheel_angles_rad, _Z)
-    pivots = SE2(base.xy_heading[..., None, :]).transform(drive.pivots_m)
-    at_pivots = _raised(pivots, drive.wheel_radius_m)
-    return {
-        "chassis": Poses(
-            _turn(heading, _Z).wxyz, _raised(base.xy_heading[..., None, :2], drive.wheel_radius_m)
-        ),
-        "outer": Poses(outer.wxyz, at_pivots),
-        "inner": Poses(inner.wxyz, at_pivots),
-        "wheel": Poses(wheel.wxyz, at_pivots),
-    }
+    def __init__(self, tree: Tree, drive: Drive[Any]) -> None:
+        self.tree = tree
+        places = {joint.name: i for i, joint in enumerate(drive.joints)}
+        self._columns: dict[Link, list[int]] = {
+            limbs.kind: [places[name] for name in limbs.joints]
+            for limbs in tree.limbs
+            if limbs.hinge in _MOVES
+        }
+
+    def poses(self, base: SE2, ball: SO3, angles: Array) -> dict[Link, Poses]:
+        """Return the poses of all links above the floor, by their kind.
+
+        `base` (...) is where `base_link` stands, `ball` (...) how a ball in it is turned, which
+        means nothing to a robot without one. `angles` (..., n) are those of the joints of the
+        drive, in its order, radians: for a wheel the angle that it has turned by.
+        """
+        heading, xy = base.xy_heading[..., 2:], base.xy_heading[..., None, :2]
+        seen = {"chassis": Poses(_turn(heading, _Z).wxyz, _raised(xy, self.tree.height_m))}
+        for limbs in self.tree.limbs:
+            above = seen[limbs.parent]
+            turn = SO3(above.wxyz) @ limbs.turn
+            if limbs.kind in self._columns:
+                turn = turn @ _turn(angles[..., self._columns[limbs.kind]], limbs.axes)
+            elif limbs.hinge is Hinge.BALL:
+                turn = turn @ SO3(ball.wxyz[..., None, :])
+            seen[limbs.kind] = Poses(turn.wxyz, _placed(limbs, above))
+        return seen
+
+    @property
+    def wheels(self) -> tuple[Limbs, ...]:
+        """The links that touch floor or ball: those that spin and collide."""
+        return tuple(
+            limbs
+            for limbs in self.tree.limbs
+            if limbs.hinge is Hinge.SPIN and limbs.hull is not None
+        )
+
+    def contacts(self, joints: Array) -> tuple[Array, Array]:
+        """Return where wheels touch (k, 3) and what they do there (k, 3), m/s, by rolling.
+
+        In the frame on the floor below `base_link`, from a joint vector (n,): the velocity that a
+        wheel gives the robot over the floor, or the ball over the robot. Only along its circle: on
+        rollers a wheel lets the rest be. Wheels that contradict one another are seen to.
+        """
+        here = self.poses(SE2.identity(), SO3.identity(), self._at_rest(joints))
+        places: list[Array] = []
+        velocities: list[Array] = []
+        for limbs in self.wheels:
+            assert limbs.hull is not None  # noqa: S101  That is how they were chosen.
+            turn = SO3(here[limbs.kind].wxyz)
+            spin = turn.rotate(limbs.axes * joints[self._columns[limbs.kind], None])
+            # A round wheel touches with its lowest point, however it is tilted.
+            up = _Z if isinstance(limbs.hull, Sphere) else turn.rotate(_Z)
+            arm = limbs.hull.radius_m * np.broadcast_to(up, spin.shape)
+            places.append(here[limbs.kind].position - arm)
+            velocities.append(np.cross(spin, arm) * (-1.0 if self.has_ball else 1.0))
+        return np.concatenate(places), np.concatenate(velocities)
+
+    @property
+    def has_ball(self) -> bool:
+        """Whether it turns a ball in place, instead of driving over a floor."""
+        return any(limbs.hinge is Hinge.BALL for limbs in self.tree.limbs)
+
+    def _at_rest(self, joints: Array) -> Array:
+        """Return the joints as angles, wheels as they were built in."""
+        angles = joints.copy()
+        for limbs in self.wheels:
+            angles[self._columns[limbs.kind]] = 0.0
+        return angles
 
 
-def contact_velocities(drive: SingularityDrive, joints: Array) -> Array:
-    """Return what each wheel does over the ground (..., k, 2), m/s in the axes of the base frame.
-
-    By rolling, from `joints` (..., n) alone: wheels that contradict one another are seen to.
-    """
-    angles = drive.azimuths_rad - 0.5 * np.pi
-    poses = SE2(np.stack([0.0 * angles, 0.0 * angles, angles], axis=-1))
-    return poses.rotate(drive.contacts(joints))
-
-
-def joint_vector(drive: SingularityDrive, state: JointState) -> Array | None:
-    """Return the joint vector (n,) in a message, or None when it is of other joints.
+def joint_vector(drive: Drive[Any], state: JointState) -> Array | None:
+    """Return the joint vector (n,) in a message, or None when it lacks one of our joints.
 
     What the message leaves open, like speeds in set-points of angles, is zero.
     """
-    if list(state.names) != [joint.name for joint in drive.joints]:
+    place = {name: i for i, name in enumerate(state.names)}
+    if not all(joint.name in place for joint in drive.joints):
         return None
+    rows = [place[joint.name] for joint in drive.joints]
     is_angle = np.array([joint.kind is JointKind.POSITION for joint in drive.joints])
-    return np.nan_to_num(np.where(is_angle, state.position_rad, state.velocity_rad_per_s))
+    return np.nan_to_num(
+        np.where(is_angle, state.position_rad[rows], state.velocity_rad_per_s[rows])
+    )
+
+
+def _placed(limbs: Limbs, above: Poses) -> Array:
+    """Return where links (..., k, 3) are that hang on others."""
+    if not limbs.at_m.any():
+        return above.position
+    return above.position + SO3(above.wxyz).rotate(limbs.at_m)
 
 
 def _turn(angle_rad: Array, axis: Array) -> SO3:

@@ -26,7 +26,7 @@ class _Message(msgspec.Struct, frozen=True, tag_field="t", kw_only=True):
 
 
 class Drive(_Message, frozen=True, tag="drive"):
-    """Move like this: m/s and rad/s in `frame`."""
+    """Move like this: m/s and rad/s in `frame`; of a ball wx, wy and wz, rad/s, in their place."""
 
     vx: float
     vy: float
@@ -132,6 +132,14 @@ class Limits(msgspec.Struct, frozen=True):
     turn_rate_rad_per_s: float
 
 
+class Number(msgspec.Struct, frozen=True):
+    """What one of the three numbers of a twist is."""
+
+    name: str
+    symbol: str
+    unit: str
+
+
 class Card(_Message, frozen=True, tag="robot"):
     """What does not change about a robot."""
 
@@ -139,9 +147,23 @@ class Card(_Message, frozen=True, tag="robot"):
     title: str
     limits: Limits
     levels: Sequence[int]
-    wheel_radius_mm: float
-    max_tilt_deg: float
-    modules: Sequence[str]
+    space: Literal["floor", "ball"]
+    """What moves: the robot over a floor, or a ball that it turns in place."""
+    numbers: Sequence[Number]
+    """Of `drive`, `twist` and `commanded`, in this order."""
+    lever_m: float
+    """Metres a second that one unit of the first two numbers is; limits of speed are in m/s."""
+    panel: Literal["gimbals", "wheels", "sphere"]
+    """What there is to see of its actuators."""
+    max_tilt_deg: float | None = None
+    modules: Sequence[str] = ()
+    """Names of the gimbals."""
+    wheels: Sequence[str] = ()
+    """Names of the wheels that roll."""
+    max_rpm: float | None = None
+    """Of those wheels."""
+    other: str | None = None
+    """What its other estimate is made by, of robots that have two."""
 
 
 class Module(msgspec.Struct, frozen=True):
@@ -158,6 +180,39 @@ class Module(msgspec.Struct, frozen=True):
     """Where the axle leans, seen from above in `base_link`; length 1 is the tilt limit."""
     set_axle: tuple[float, float]
     spinning: bool
+
+
+class Wheel(msgspec.Struct, frozen=True):
+    """One wheel that rolls."""
+
+    rpm: float
+    set_rpm: float
+    residual_mps: float
+    """Speed of its rim that no motion of the robot explains."""
+
+
+class Ball(msgspec.Struct, frozen=True):
+    """A sphere that turns in place; angular velocities in rad/s."""
+
+    wxyz: tuple[float, float, float, float]
+    """How it is turned."""
+    ideal: Triple
+    """Its angular velocity if each wheel touched half-way between its rows."""
+    dual: Triple | None
+    """And by the rows that do touch."""
+    angle_deg: float | None
+    """Between the two."""
+    magnitude_percent: float | None
+    """By how much the first is smaller."""
+    rows: Sequence[int]
+    """The row that each wheel stands on, 1 or 2; 0 when that cannot be told."""
+
+
+class Apart(msgspec.Struct, frozen=True):
+    """How far the other estimate is from the estimate."""
+
+    metres: float
+    degrees: float
 
 
 class State(_Message, frozen=True, tag="state"):
@@ -177,7 +232,10 @@ class State(_Message, frozen=True, tag="state"):
     twist: Triple | None
     commanded: Triple | None
     truth: Triple | None
-    modules: Sequence[Module]
+    modules: Sequence[Module] = ()
+    wheels: Sequence[Wheel] = ()
+    ball: Ball | None = None
+    apart: Apart | None = None
 
 
 class Panel(_Message, frozen=True, tag="panel"):
@@ -188,6 +246,14 @@ class Panel(_Message, frozen=True, tag="panel"):
     omega: float
     mode: Literal["preview", "drive"]
     latch: bool
+
+
+class Point(_Message, frozen=True, tag="point"):
+    """A point of a ball was clicked on in the page: it wants to be brought up."""
+
+    robot: str
+    at: Triple
+    """Unit vector to it, along the axes that are painted on the ball."""
 
 
 class Released(_Message, frozen=True, tag="released"):

@@ -10,9 +10,10 @@ from tsd_twin.dashboard.arrows import ThrustArrows
 from tsd_twin.dashboard.ellipse import CovarianceEllipse
 from tsd_twin.dashboard.envelope import StopEnvelope
 from tsd_twin.dashboard.foresight import Outlook
-from tsd_twin.dashboard.ghosts import PredictedGhost, SetpointGhost, TruthGhost, place
-from tsd_twin.dashboard.layers import TRAILS, TRUTHS, Layer, mark_node, robot_node
+from tsd_twin.dashboard.ghosts import PoseGhost, PredictedGhost, SetpointGhost, place
+from tsd_twin.dashboard.layers import OTHERS, TRAILS, TRUTHS, Layer, mark_node, robot_node
 from tsd_twin.dashboard.link import Snapshot
+from tsd_twin.dashboard.pointing import OnClick, add_target
 from tsd_twin.dashboard.poses import joint_vector
 from tsd_twin.dashboard.shape import Shape
 from tsd_twin.dashboard.trail import Trail
@@ -26,22 +27,31 @@ class RobotMarks:
     it only moves along.
     """
 
-    def __init__(self, scene: viser.SceneApi, robot_id: str, shape: Shape) -> None:
+    def __init__(
+        self, scene: viser.SceneApi, robot_id: str, shape: Shape, on_click: OnClick
+    ) -> None:
         node, self._drive = robot_node(robot_id), shape.drive
         self._base = scene.add_frame(node, show_axes=False)
-        self.setpoint = SetpointGhost(scene, mark_node(Layer.SETPOINT, robot_id), shape.drive)
-        self.truth = TruthGhost(scene, f"{TRUTHS}/{robot_id}", shape)
+        self.setpoint = (
+            SetpointGhost(scene, mark_node(Layer.SETPOINT, robot_id), shape)
+            if shape.tilts
+            else None
+        )
+        self.truth = PoseGhost(scene, f"{TRUTHS}/{robot_id}", shape, palette.TRUTH)
+        self.other = PoseGhost(scene, f"{OTHERS}/{robot_id}", shape, palette.OTHER)
         self.trail = Trail(scene, f"{TRAILS}/{robot_id}")
-        self.arrows = ThrustArrows(scene, mark_node(Layer.ARROWS, robot_id), shape.drive)
+        self.arrows = ThrustArrows(scene, mark_node(Layer.ARROWS, robot_id), shape.skeleton)
         self.ellipse = CovarianceEllipse(scene, mark_node(Layer.ELLIPSE, robot_id))
         self.predicted = PredictedGhost(scene, mark_node(Layer.PREDICTED, robot_id), shape)
         self.envelope = StopEnvelope(scene, mark_node(Layer.ENVELOPE, robot_id), shape.reach_m)
-        _add_heading(scene, f"{node}/h", shape.reach_m)
+        if not shape.skeleton.has_ball:  # It stays where it is, whatever it does.
+            _add_heading(scene, f"{node}/h", shape.reach_m)
+        add_target(scene, f"{node}/x", shape, robot_id, on_click)
         self._cover = _add_cover(scene, f"{node}/c", shape)
         self.label = scene.add_label(
             mark_node(Layer.LABELS, robot_id),
             robot_id,
-            position=(0.0, 0.0, 0.3),
+            position=(0.0, 0.0, shape.height_m + 0.15),
             anchor="bottom-center",
             visible=False,
         )
@@ -62,24 +72,30 @@ class RobotMarks:
 
     def update(self, new: Snapshot, old: Snapshot, joints: Array) -> None:
         """Show what is in `new` and was not in `old`; `joints` (n,) are the newest measured."""
-        if new.odom is not None and new.odom is not old.odom:
+        moved = new.odom is not None and new.odom is not old.odom
+        if new.odom is not None and moved and new.odom.wxyz is None:
             pose = new.odom.xy_heading
             place(self._base, pose)
             self.trail.update(pose[:2], new.received_s)
             self.ellipse.update(new.odom.pose_covariance, float(pose[2]), new.received_s)
         if new.joints is not old.joints:
             self.arrows.update(joints, new.received_s)
-        if new.setpoint is not None and new.setpoint is not old.setpoint:
+        if self.setpoint and new.setpoint is not None and new.setpoint is not old.setpoint:
             setpoint = joint_vector(self._drive, new.setpoint)
             if setpoint is not None:
                 self.setpoint.update(setpoint)
-        if new.truth is not None and new.odom is not None and new.truth is not old.truth:
-            self.truth.update(new.truth.xy_heading, new.odom.xy_heading)
+        for ghost, said, before in (
+            (self.truth, new.truth, old.truth),
+            (self.other, new.other, old.other),
+        ):
+            if said is not None and new.odom is not None and said is not before:
+                ghost.update(said, new.odom)
 
     def remove(self) -> None:
         """Draw nothing of it any more."""
         self.trail.clear()
         self.truth.remove()
+        self.other.remove()
         self._base.remove()
 
 

@@ -13,9 +13,11 @@ import viser
 from tsd_twin.dashboard.body import Body, Source
 from tsd_twin.dashboard.fleet_meshes import FleetMeshes
 from tsd_twin.dashboard.ground import add_ground
-from tsd_twin.dashboard.layers import ROOT, SCALE, TRAILS, TRUTHS
+from tsd_twin.dashboard.layers import OTHERS, ROOT, SCALE, TRAILS, TRUTHS
+from tsd_twin.dashboard.pointing import OnClick
 from tsd_twin.dashboard.robot_marks import RobotMarks
 from tsd_twin.dashboard.shape import Shape
+from tsd_twin.lie import Array
 
 
 class Viewer(Protocol):
@@ -45,8 +47,10 @@ class Scene:
         self._fleets: dict[bytes, FleetMeshes] = {}
         self._world = server.scene.add_frame(ROOT, show_axes=False)
         self._viewers: list[Viewer] = []
+        self.on_click: OnClick | None = None
+        """Called on viser's thread when the ball of a robot is clicked on."""
         add_ground(server.scene, ROOT, SCALE)
-        for node in (TRUTHS, TRAILS):
+        for node in (TRUTHS, OTHERS, TRAILS):
             server.scene.add_frame(node, show_axes=False)
 
     @property
@@ -74,7 +78,7 @@ class Scene:
             meshes = self._fleets.setdefault(key, FleetMeshes(self.server.scene, shape))
             if link.id in self._bodies:
                 self._erase(self._bodies[link.id])
-            marks = RobotMarks(self.server.scene, link.id, meshes.shape)
+            marks = RobotMarks(self.server.scene, link.id, meshes.shape, self._clicked)
             meshes.add(link.id)
             self._bodies[link.id] = Body(link, meshes, marks)
             self._regroup()
@@ -119,6 +123,12 @@ class Scene:
     def watch(self, viewer: Viewer) -> None:
         """Tell somebody from now on, under the lock, when robots come, go and move."""
         self._viewers.append(viewer)
+
+    def _clicked(
+        self, client: viser.ClientHandle, robot_id: str, origin: Array, direction: Array
+    ) -> None:
+        if self.on_click is not None:
+            self.on_click(client, robot_id, origin, direction)
 
     def _erase(self, body: Body) -> None:
         body.meshes.remove(body.id)

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tsd_twin.dashboard.palette import Rgb
-from tsd_twin.dashboard.poses import link_poses
-from tsd_twin.description import Link, Part, glb, parts
+from tsd_twin.dashboard.poses import Skeleton
+from tsd_twin.description import Hinge, Link, Part, glb, parts, tree
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.robots import Robot
 
@@ -48,12 +48,13 @@ class Shape:
 
     def __init__(self, robot: Robot) -> None:
         self.drive = robot.kinematics()
+        self.skeleton = Skeleton(tree(robot), self.drive)
         self._parts = parts(robot)
         self.glbs: dict[Link, bytes] = {kind: glb(drawn) for kind, drawn in self._parts.items()}
         """A binary glTF for each kind of link, metres, in the frame of the link."""
-        still = np.zeros(self.drive.modules)
-        upright = self.drive.inverse(np.zeros(3))
-        self._poses = link_poses(self.drive, SE2.identity(), upright, still)
+        self._poses = self.skeleton.poses(
+            SE2.identity(), SO3.identity(), np.zeros(len(self.drive.joints))
+        )
 
     @property
     def moving(self) -> tuple[Link, ...]:
@@ -68,9 +69,22 @@ class Shape:
         """Return the binary glTF of a kind of link, all its parts tinted."""
         return glb(_tinted(self._parts[kind], colour))
 
+    @property
+    def tilts(self) -> bool:
+        """Whether joints are told which angle to have, as gimbals are; wheels only turn."""
+        return any(limbs.hinge is Hinge.ANGLE for limbs in self.skeleton.tree.limbs)
+
+    @property
+    def ball_radius_m(self) -> float | None:
+        """Radius of the ball that it turns in place; None: it drives over a floor."""
+        for limbs in self.skeleton.tree.limbs:
+            if limbs.hinge is Hinge.BALL and limbs.hull is not None:
+                return limbs.hull.radius_m
+        return None
+
     @cached_property
     def hull(self) -> Surface:
-        """The convex hull of all parts, gimbals upright; origin on the floor below `base_link`."""
+        """The convex hull of all parts, joints at zero; origin on the floor below `base_link`."""
         points = [
             SO3(wxyz).rotate(np.asarray(part.mesh.vertices)) + position
             for kind, drawn in self._parts.items()

@@ -15,7 +15,8 @@ from tsd_twin.dashboard.viser_server import set_theme
 _HINTS = {
     Layer.SETPOINT: "Cyan rings: where the gimbals are told to be",
     Layer.TRAIL: "Blue line: where the robot believes it was, the last 40 m",
-    Layer.ARROWS: "Yellow: direction and speed that each wheel gives the robot",
+    Layer.OTHER: "Rose cage: where the robot is by its other estimate, of robots that have two",
+    Layer.ARROWS: "Yellow: direction and speed that each wheel gives the robot, or the ball on it",
     Layer.ELLIPSE: "Blue ellipse: where the robot is with 86 % certainty, two sigma",
     Layer.PREDICTED: "Pink cage: where the robot will be when a command sent now arrives",
     Layer.ENVELOPE: "Red area: where the robot can still get to if the link dies now",
@@ -50,7 +51,7 @@ class ViewTab:
         )
         clear = gui.add_button("Clear trail", hint="Forget where the robots were, for everybody")
         self._toggle("dark", lambda on: set_theme(gui, dark=on), "Dark colours", initial=dark)
-        gui.add_markdown(f"Wheels are drawn turning {SLOWER} times slower than they do.")
+        gui.add_markdown(f"Wheels on gimbals are drawn turning {SLOWER} times slower than they do.")
         camera.on_click(self._looked)
         truth.on_update(self._truth_chosen)
         clear.on_click(self._cleared)

@@ -21,6 +21,9 @@ ROLE_HEADER = "X-Tsd-Role"
 _SOCKET_SERVER = attrgetter("_websock_server")
 _LIVE_CONNECTIONS = attrgetter("_websock_server._live_connections")
 _SOCKET = attrgetter("_websock_connection")
+_LABEL_NAME = "_label"
+_LABEL = attrgetter(_LABEL_NAME)
+_REBUILD = attrgetter("_parent._rebuild_tab_props")
 
 
 def page_of(server: viser.ViserServer, client_id: int) -> str | None:
@@ -64,3 +67,10 @@ def scale_instances(client: viser.ClientHandle, name: str, scales: Array) -> Non
     """
     update = messages.SceneNodeUpdateMessage(name, {"batched_scales": np.float32(scales)})
     _SOCKET(client).queue_message(update)
+
+
+def rename_tab(tab: viser.GuiTabHandle, label: str) -> None:
+    """Write another word on a tab; it keeps its place and what is in it."""
+    if _LABEL(tab) != label:
+        setattr(tab, _LABEL_NAME, label)
+        _REBUILD(tab)()

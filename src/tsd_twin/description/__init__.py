@@ -2,21 +2,26 @@
 
 from tsd_twin.description.files import parts, read, shipped, write
 from tsd_twin.description.glb import glb
-from tsd_twin.description.look import Parts, draw
-from tsd_twin.description.part import LINKS, Link, Material, Part
+from tsd_twin.description.look import draw, tree
+from tsd_twin.description.part import Link, Material, Part, Parts
+from tsd_twin.description.tree import BASE, Hinge, Limbs, Tree
 from tsd_twin.description.urdf import urdf
 
 __all__ = [
-    "LINKS",
+    "BASE",
+    "Hinge",
+    "Limbs",
     "Link",
     "Material",
     "Part",
     "Parts",
+    "Tree",
     "draw",
     "glb",
     "parts",
     "read",
     "shipped",
+    "tree",
     "urdf",
     "write",
 ]

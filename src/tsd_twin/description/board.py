@@ -8,8 +8,6 @@ from __future__ import annotations
 from manifold3d import Manifold
 
 from tsd_twin.description import paint
-from tsd_twin.description.decks import Decks
-from tsd_twin.description.layout import Layout
 from tsd_twin.description.part import Drawing
 from tsd_twin.description.solids import box, rectangle, rod, slab, union
 
@@ -25,13 +23,19 @@ _HEADERS = [
 """Bounds along X and Y of the strips that wires plug into."""
 
 
-def drawings(layout: Layout, decks: Decks) -> list[Drawing]:
-    """Return the board with its parts, on standoffs, smaller if the deck is."""
-    fit = min(1.0, (decks.middle - 6.0) / 66.0)
+def drawings(deck: float, room: float, x: float = 0.0) -> list[Drawing]:
+    """Return the board with its parts, on standoffs, smaller if there is less room.
+
+    Args:
+        deck: height of the deck it stands on.
+        room: radius of what is free on the deck, about its place.
+        x: how far ahead of the middle of the robot that is.
+    """
+    fit = min(1.0, (room - 6.0) / 66.0)
 
     def placed(solid: Manifold) -> Manifold:
         at = (-0.5 * _LENGTH - 9.0, -0.5 * _WIDTH, 8.0)
-        return solid.translate(at).scale([fit] * 3).translate((0.0, 0.0, layout.top))
+        return solid.translate(at).scale([fit] * 3).translate((x, 0.0, deck))
 
     sheet = slab(rectangle((0.0, _LENGTH), (0.0, _WIDTH), 2.5), (0.0, _THICKNESS))
     return [

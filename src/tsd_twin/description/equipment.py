@@ -34,7 +34,7 @@ def drawings(layout: Layout, decks: Decks, body: Body) -> list[Drawing]:
     """Return all equipment."""
     return [
         *_battery(layout),
-        *board.drawings(layout, decks),
+        *board.drawings(layout.top, decks.middle),
         *_controllers(layout, decks),
         Drawing("radio", _radio(layout, decks), paint.BLACK),
         Drawing("standoffs", _standoffs(layout, decks), paint.STEEL),

@@ -5,28 +5,30 @@ A folder holds one binary STL for each part, `parts.json` with their materials, 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import msgspec
 import trimesh
 
 import tsd_twin
-from tsd_twin.description.look import Parts, draw
-from tsd_twin.description.part import LINKS, Link, Material, Part
+from tsd_twin.description.look import draw, tree
+from tsd_twin.description.part import Link, Material, Part, Parts
 from tsd_twin.description.urdf import urdf
 from tsd_twin.errors import MeshError
 from tsd_twin.robots import Robot
 from tsd_twin.robots.robot import Colour, Positive, Share
 
 _LIST = "parts.json"
+_Word: TypeAlias = Annotated[str, msgspec.Meta(pattern=r"^[a-z0-9_]+\Z")]
 
 
 class _Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What an STL file does not say about a part."""
 
-    link: Link
-    name: Annotated[str, msgspec.Meta(pattern=r"^[a-z0-9_]+\Z")]
+    link: _Word
+    name: _Word
     rgba: Colour
     metallic: Share
     roughness: Share
@@ -37,24 +39,32 @@ def parts(robot: Robot) -> Parts:
     """Return the parts of each kind of link: those in the folder `body.meshes`, or else drawn.
 
     Raises:
-        RobotFileError: there is no room for the modules.
+        RobotFileError: there is no room for what the drive needs.
         MeshError: the folder lacks a file, or a mesh in it is not a closed solid.
     """
-    return draw(robot) if robot.body.meshes is None else read(Path(robot.body.meshes))
+    if robot.body.meshes is None:
+        return draw(robot)
+    return read(Path(robot.body.meshes), tree(robot).kinds)
 
 
-def read(folder: Path) -> Parts:
-    """Return the parts in a folder.
+def read(folder: Path, kinds: Sequence[Link]) -> Parts:
+    """Return the parts in a folder, for a robot with these kinds of links.
 
     Raises:
-        MeshError: a file is missing or unreadable, a mesh is not a closed solid, or a link is bare.
+        MeshError: a file is missing or unreadable, a mesh is not a closed solid, a link is bare, or
+            of no such kind.
     """
     try:
         entries = msgspec.json.decode((folder / _LIST).read_bytes(), type=list[_Entry])
     except (OSError, msgspec.MsgspecError) as error:
         raise MeshError(f"{folder / _LIST} cannot be read: {error}") from error
-    found: dict[Link, list[Part]] = {link: [] for link in LINKS}
+    found: dict[Link, list[Part]] = {link: [] for link in kinds}
     for entry in entries:
+        if entry.link not in found:
+            raise MeshError(
+                f"{folder / _LIST}: {entry.link} is no link of this robot, which has "
+                + ", ".join(kinds)
+            )
         material = Material(entry.rgba, entry.metallic, entry.roughness, entry.density_kg_per_m3)
         path = folder / f"{entry.link}_{entry.name}.stl"
         found[entry.link].append(Part.of(entry.name, entry.link, _load(path), material))
@@ -68,7 +78,7 @@ def write(robot: Robot, folder: Path) -> None:
     """Write parts, list and URDF into `folder`, the same bytes for the same description.
 
     Raises:
-        RobotFileError: there is no room for the modules, or the masses do not add up.
+        RobotFileError: there is no room for what the drive needs, or the masses do not add up.
         MeshError: as in `parts`.
     """
     look = parts(robot)

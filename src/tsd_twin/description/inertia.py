@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from tsd_twin.description.part import Link, Part
-from tsd_twin.errors import RobotFileError
+from tsd_twin.description.part import Part
 from tsd_twin.lie import Array
-from tsd_twin.robots import Robot
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,25 +43,3 @@ def inertia(parts: Iterable[Part], mass_kg: float) -> Inertia:
         # Parallel axis theorem.
         tensor += own + mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     return Inertia(mass_kg, centre, tensor * (mass_kg / total))
-
-
-def masses_kg(robot: Robot) -> dict[Link, float]:
-    """Return the mass of each kind of link; the chassis weighs what the modules leave.
-
-    Raises:
-        RobotFileError: the modules alone are heavier than the robot.
-    """
-    mass = robot.mass
-    modules = robot.drive.modules * (mass.wheel_kg + 2.0 * mass.gimbal_kg)
-    if modules >= mass.total_kg:
-        raise RobotFileError(
-            robot.name,
-            f"mass.total_kg is {mass.total_kg:g}, the modules alone weigh {modules:g}",
-            "more than mass.wheel_kg and twice mass.gimbal_kg for each wheel",
-        )
-    return {
-        "chassis": mass.total_kg - modules,
-        "outer": mass.gimbal_kg,
-        "inner": mass.gimbal_kg,
-        "wheel": mass.wheel_kg,
-    }

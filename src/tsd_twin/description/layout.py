@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from manifold3d import CrossSection, Manifold
 
 from tsd_twin.errors import RobotFileError
-from tsd_twin.robots import Robot
+from tsd_twin.robots import SingularityRobot
 
 NOMINAL_WHEEL = 40.0
 """Wheel radius that modules are drawn for; other sizes are the same drawing, scaled."""
@@ -40,7 +40,7 @@ class Layout:
     """Height of the underside of the upper deck."""
 
     @classmethod
-    def of(cls, robot: Robot) -> Layout:
+    def of(cls, robot: SingularityRobot) -> Layout:
         """Lay out a robot.
 
         Raises:

@@ -1,40 +1,53 @@
-"""The look of a robot: all its parts, drawn from its description."""
+"""The look of a robot and how it hangs together, whatever its kind."""
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
-from tsd_twin.description import chassis, inner, outer, wheel
-from tsd_twin.description.layout import Layout
-from tsd_twin.description.part import Drawing, Link, Part
-from tsd_twin.robots import Robot
+from tsd_twin.description import omni, singularity, sphere
+from tsd_twin.description.part import Link, Parts
+from tsd_twin.description.tree import Tree
+from tsd_twin.robots import OmniRobot, Robot, SingularityRobot, SphereRobot
 
-Parts: TypeAlias = dict[Link, tuple[Part, ...]]
-"""Parts of each kind of link; modules are alike, so `outer`, `inner` and `wheel` are there once."""
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """What has to be known of a kind of robot to show it."""
+
+    draw: Callable[[Any], Parts]
+    tree: Callable[[Any], Tree]
+    masses_kg: Callable[[Any], dict[Link, float]]
+
+
+KINDS: dict[type[Robot], Kind] = {
+    SingularityRobot: Kind(singularity.draw, singularity.tree, singularity.masses_kg),
+    OmniRobot: Kind(omni.draw, omni.tree, omni.masses_kg),
+    SphereRobot: Kind(sphere.draw, sphere.tree, sphere.masses_kg),
+}
+"""From the tables of a robot to its kind."""
 
 
 def draw(robot: Robot) -> Parts:
     """Return the parts of each kind of link, in the frame of the link, drawn to the description.
 
     Raises:
-        RobotFileError: there is no room for the modules.
+        RobotFileError: there is no room for what the drive needs.
         MeshError: a drawing does not make a closed solid; a bug.
     """
-    layout, body = Layout.of(robot), robot.body
-    modules: dict[Link, list[Drawing]] = {
-        "outer": outer.drawings(layout, body),
-        "inner": inner.drawings(body),
-        "wheel": wheel.drawings(body),
-    }
-    parts: Parts = {"chassis": _parts("chassis", chassis.drawings(layout, body))}
-    m = layout.scale
-    for link, drawings in modules.items():
-        scaled = [drawing._replace(solid=drawing.solid.scale([m, m, m])) for drawing in drawings]
-        parts[link] = _parts(link, scaled)
-    return parts
+    return KINDS[type(robot)].draw(robot)
 
 
-def _parts(link: Link, drawings: list[Drawing]) -> tuple[Part, ...]:
-    # A robot without room for a kind of part simply has none, no standoffs for example.
-    there = [drawing for drawing in drawings if not drawing.solid.is_empty()]
-    return tuple(Part.drawn(link, drawing) for drawing in there)
+def tree(robot: Robot) -> Tree:
+    """Return how the links of a robot hang on one another."""
+    return KINDS[type(robot)].tree(robot)
+
+
+def masses_kg(robot: Robot) -> dict[Link, float]:
+    """Return the mass of each kind of link; the chassis weighs what the others leave.
+
+    Raises:
+        RobotFileError: they leave nothing.
+    """
+    return KINDS[type(robot)].masses_kg(robot)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import trimesh
@@ -11,9 +12,10 @@ from manifold3d import Manifold
 
 from tsd_twin.errors import MeshError
 
-Link: TypeAlias = Literal["chassis", "outer", "inner", "wheel"]
-"""Kinds of links."""
-LINKS: tuple[Link, ...] = ("chassis", "outer", "inner", "wheel")
+Link: TypeAlias = str
+"""A kind of link: `chassis`, `wheel`, ...; links of one kind are alike and share their parts."""
+Parts: TypeAlias = dict[Link, tuple["Part", ...]]
+"""Parts of each kind of link, once for all links that are alike; the chassis first."""
 _GRID_M = 1e-6
 """Vertices are rounded to this, so that the last digits of a processor do not reach the files."""
 
@@ -94,3 +96,12 @@ def _mesh(solid: Manifold) -> trimesh.Trimesh:
     first = np.argmin(faces, axis=1)[:, None]
     faces = np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1)
     return trimesh.Trimesh(grid[order] * _GRID_M, faces[np.lexsort(faces.T[::-1])], process=False)
+
+
+def drawn(link: Link, drawings: Iterable[Drawing]) -> tuple[Part, ...]:
+    """Return the parts of a kind of link, without what there was no room for.
+
+    Raises:
+        MeshError: a drawing does not make a closed solid.
+    """
+    return tuple(Part.drawn(link, one) for one in drawings if not one.solid.is_empty())

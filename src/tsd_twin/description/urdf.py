@@ -1,8 +1,8 @@
 """The robot as URDF, for other people's tools.
 
-Links: `base_footprint`, on the floor; `base_link`, above it and as high as the gimbal centres, with
-the chassis; and for each module `module1_outer`, `module1_inner`, `module1_wheel`, ... Joints have
-the names, signs and zeros of `SingularityDrive`, so a joint vector of the kinematics poses it.
+Links: `base_footprint`, on the floor; `base_link`, above it, with the chassis; and those of its
+tree. Joints have the names, signs and zeros of the kinematics, so a joint vector poses it. URDF has
+no joint that turns in every direction: there, three turn one after another.
 """
 
 from __future__ import annotations
@@ -11,22 +11,20 @@ import math
 from collections.abc import Iterable, Mapping
 from xml.etree import ElementTree as ET
 
-from tsd_twin.description.inertia import Inertia, inertia, masses_kg
-from tsd_twin.description.look import Parts
-from tsd_twin.description.part import Link, Part
-from tsd_twin.robots import RPM, Robot
+from tsd_twin.description.inertia import Inertia, inertia
+from tsd_twin.description.look import masses_kg, tree
+from tsd_twin.description.part import Link, Part, Parts
+from tsd_twin.description.tree import BASE, Cylinder, Hinge, Hull, Limbs, Range, roll_pitch_yaw
+from tsd_twin.robots import Robot
 
-_AXES = {"beta": "0 1 0", "alpha": "-1 0 0", "wheel": "0 0 1"}
-"""Of the joints: l = Ry(beta) Rx(-alpha) z, Eq. 24 and 25 of the thesis."""
-_MODULE_REACH = 1.6
-"""Inboard reach of a module from its pivot, in wheel radii; the drawings keep to it."""
+_RINGS = (("yaw", "0 0 1"), ("pitch", "0 1 0"), ("roll", "1 0 0"))
+"""What a ball hangs in: turns about Z, then the new Y, then the new X."""
+_RING_KG, _RING_KG_M2 = 1e-6, 1e-9
+"""Of a ring, which is not there: readers want every link that moves to weigh something."""
 
 
 def urdf(robot: Robot, parts: Parts, mesh_uri: str = "") -> str:
     """Return the URDF text.
-
-    Wheels collide as spheres, which is what they are where they touch; the chassis as a cylinder
-    between them, as far above the gimbal centres as its underside is below; frames not at all.
 
     Args:
         robot: its description.
@@ -38,6 +36,7 @@ def urdf(robot: Robot, parts: Parts, mesh_uri: str = "") -> str:
         RobotFileError: the masses do not add up.
     """
     inertias = {kind: inertia(parts[kind], mass) for kind, mass in masses_kg(robot).items()}
+    hung = tree(robot)
     root = ET.Element("robot", name=robot.name)
     # MuJoCo alone reads this: show visuals, keep base_link, and look for meshes beside the file.
     extension = ET.SubElement(root, "mujoco")
@@ -52,28 +51,48 @@ def urdf(robot: Robot, parts: Parts, mesh_uri: str = "") -> str:
         return element
 
     ET.SubElement(root, "link", name="base_footprint")
-    _collision_cylinder(link("base_link", "chassis"), robot, parts["chassis"])
-    footprint = _joint(root, "base_joint", "fixed", ("base_footprint", "base_link"))
-    _origin(footprint, (0.0, 0.0, robot.drive.wheel_radius_m))
-    for i, azimuth_deg in enumerate(robot.drive.azimuths_deg):
-        module, azimuth = f"module{i + 1}", math.radians(azimuth_deg)
-        outer, inner, wheel = (f"{module}_{kind}" for kind in ("outer", "inner", "wheel"))
-        link(outer, "outer")
-        link(inner, "inner")
-        _collision_sphere(link(wheel, "wheel"), robot.drive.wheel_radius_m)
-        beta = _joint(root, f"{module}_beta", "revolute", ("base_link", outer))
-        radius = robot.drive.pivot_radius_m
-        at = (radius * math.cos(azimuth), radius * math.sin(azimuth), 0.0)
-        _origin(beta, at, yaw=azimuth - 0.5 * math.pi)
-        alpha = _joint(root, f"{module}_alpha", "revolute", (outer, inner))
-        spin = _joint(root, f"{module}_wheel", "continuous", (inner, wheel))
-        for joint, name in ((beta, "beta"), (alpha, "alpha"), (spin, "wheel")):
-            ET.SubElement(joint, "axis", xyz=_AXES[name])
-        for joint in (beta, alpha):
-            _limit(joint, robot)
+    _collision_core(link(BASE, "chassis"), hung.core_m, parts["chassis"])
+    footprint = _joint(root, "base_joint", "fixed", ("base_footprint", BASE))
+    _origin(footprint, (0.0, 0.0, hung.height_m))
+    for i in range(max(limbs.count for limbs in hung.limbs)):
+        for limbs in (limbs for limbs in hung.limbs if i < limbs.count):
+            _collision(link(limbs.names[i], limbs.kind), limbs.hull)
+            above = BASE if limbs.parent == "chassis" else hung.limb(limbs.parent).names[i]
+            if limbs.hinge is Hinge.BALL:
+                above = _rings(root, limbs, i, above)
+            _hang(root, limbs, i, above)
     ET.indent(root)
     # No encoding in the declaration: parsers refuse to take one from a text.
     return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _hang(root: ET.Element, limbs: Limbs, i: int, above: str) -> None:
+    """Add the joint of a link; the last ring of a ball holds it fast."""
+    kind = "fixed" if limbs.hinge is Hinge.BALL else str(limbs.hinge)
+    joint = _joint(root, limbs.joints[i], kind, (above, limbs.names[i]))
+    if limbs.hinge is not Hinge.BALL:
+        _origin(joint, limbs.at_m[i], roll_pitch_yaw(limbs.turn.wxyz[i]))
+    if limbs.hinge in (Hinge.ANGLE, Hinge.SPIN):
+        ET.SubElement(joint, "axis", xyz=" ".join(_text(part) for part in limbs.axes[i]))
+    if limbs.range is not None:
+        _limit(joint, limbs.range)
+
+
+def _rings(root: ET.Element, limbs: Limbs, i: int, above: str) -> str:
+    """Add the rings that a ball hangs in, and return the innermost."""
+    for number, (name, axis) in enumerate(_RINGS):
+        ring = f"{limbs.names[i]}_{name}"
+        element = ET.SubElement(ET.SubElement(root, "link", name=ring), "inertial")
+        _origin(element, (0.0, 0.0, 0.0))
+        ET.SubElement(element, "mass", value=_text(_RING_KG))
+        moments = {at: _text(_RING_KG_M2) for at in ("ixx", "iyy", "izz")}
+        ET.SubElement(element, "inertia", ixy="0", ixz="0", iyz="0", attrib=moments)
+        joint = _joint(root, f"{limbs.joints[i]}_{name}", str(Hinge.SPIN), (above, ring))
+        if number == 0:
+            _origin(joint, limbs.at_m[i], roll_pitch_yaw(limbs.turn.wxyz[i]))
+        ET.SubElement(joint, "axis", xyz=axis)
+        above = ring
+    return above
 
 
 def _inertial(link: ET.Element, body: Inertia) -> None:
@@ -104,13 +123,21 @@ def _visuals(link: ET.Element, parts: Iterable[Part], mesh_uri: str) -> None:
         ET.SubElement(material, "color", rgba=" ".join(_text(c) for c in part.rgba))
 
 
-def _collision_sphere(link: ET.Element, radius_m: float) -> None:
-    geometry = ET.SubElement(ET.SubElement(link, "collision"), "geometry")
-    ET.SubElement(geometry, "sphere", radius=_text(radius_m))
+def _collision(link: ET.Element, hull: Hull) -> None:
+    if hull is None:
+        return
+    collision = ET.SubElement(link, "collision")
+    if isinstance(hull, Cylinder):
+        # Theirs are about Z.
+        _origin(collision, (0.0, 0.0, 0.0), (0.5 * math.pi, 0.0, 0.0))
+        size = {"radius": _text(hull.radius_m), "length": _text(hull.length_m)}
+        ET.SubElement(ET.SubElement(collision, "geometry"), "cylinder", attrib=size)
+    else:
+        geometry = ET.SubElement(collision, "geometry")
+        ET.SubElement(geometry, "sphere", radius=_text(hull.radius_m))
 
 
-def _collision_cylinder(link: ET.Element, robot: Robot, chassis: Iterable[Part]) -> None:
-    radius_m = robot.drive.pivot_radius_m - _MODULE_REACH * robot.drive.wheel_radius_m
+def _collision_core(link: ET.Element, radius_m: float, chassis: Iterable[Part]) -> None:
     if radius_m <= 0.0:
         return
     below_m = -min(float(part.mesh.vertices[:, 2].min()) for part in chassis)
@@ -125,21 +152,23 @@ def _joint(root: ET.Element, name: str, kind: str, links: tuple[str, str]) -> ET
     return joint
 
 
-def _limit(joint: ET.Element, robot: Robot) -> None:
-    tilt = _text(math.radians(robot.drive.max_tilt_deg))
+def _limit(joint: ET.Element, limits: Range) -> None:
+    angle = _text(limits.angle_rad)
     ET.SubElement(
         joint,
         "limit",
-        lower=f"-{tilt}",
-        upper=tilt,
-        effort=_text(robot.servo.stall_torque_nm),
-        velocity=_text(robot.servo.no_load_speed_rpm * RPM),
+        lower=f"-{angle}",
+        upper=angle,
+        effort=_text(limits.torque_nm),
+        velocity=_text(limits.speed_rad_per_s),
     )
 
 
-def _origin(element: ET.Element, xyz_m: Iterable[float], yaw: float = 0.0) -> None:
-    xyz = " ".join(_text(value) for value in xyz_m)
-    ET.SubElement(element, "origin", xyz=xyz, rpy=f"0 0 {_text(yaw)}")
+def _origin(
+    element: ET.Element, xyz_m: Iterable[float], rpy: Iterable[float] = (0.0, 0.0, 0.0)
+) -> None:
+    xyz, angles = (" ".join(_text(value) for value in three) for three in (xyz_m, rpy))
+    ET.SubElement(element, "origin", xyz=xyz, rpy=angles)
 
 
 def _text(value: float) -> str:

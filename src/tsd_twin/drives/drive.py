@@ -61,6 +61,19 @@ class Drive(Protocol, Generic[PoseT]):
         """Where the three numbers of a twist stand in a spatial twist (vx, vy, vz, wx, wy, wz)."""
         ...
 
+    @property
+    def space(self) -> type[PoseT]:
+        """What poses are elements of: SE2 for a robot on a floor, SO3 for a sphere that turns."""
+        ...
+
+    @property
+    def lever_m(self) -> float:
+        """Speed, m/s, that one unit of the first two numbers of a twist is: 1 for a planar twist.
+
+        The radius of a sphere, whose twist is in radians a second: limits are in m/s for all.
+        """
+        ...
+
     def inverse(self, twist: Array) -> Array:
         """Return the joint vector (..., n) that moves the robot by `twist` (..., 3)."""
         ...

@@ -107,6 +107,16 @@ class SingularityDrive:
         return (0, 1, 5)
 
     @property
+    def space(self) -> type[SE2]:
+        """Poses are planar."""
+        return SE2
+
+    @property
+    def lever_m(self) -> float:
+        """Twists are in metres a second."""
+        return 1.0
+
+    @property
     def pivots_m(self) -> Array:
         """(k, 2): positions of the pivots in the robot frame."""
         return self.pivot_radius_m * np.stack(

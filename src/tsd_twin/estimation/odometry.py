@@ -1,48 +1,51 @@
-"""The pose of a planar robot by forward kinematics of its measured joints."""
+"""The pose of a robot by forward kinematics of its measured joints."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any, Generic
 
 import numpy as np
 
-from tsd_twin.drives import Drive, JointKind, Motion
-from tsd_twin.lie import SE2, Array
-from tsd_twin.robots.robot import Noise
+from tsd_twin.drives import Drive, Motion
+from tsd_twin.drives.drive import PoseT
+from tsd_twin.estimation.joint_noise import JointNoise
+from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.robots import JointErrors
 
 CORRELATION_S = 1.0
 """Time over which an error of the joints persists: quantisation and a wrong spin do not average
 out from one sample to the next, so the variance grows with this time, not with the period."""
+_ROUNDING = 1e-18
+"""Squared m/s: joints that cannot contradict one another leave this much and less."""
 _REFRESH_EVERY = 10
 """Steps for which the covariance of the twist is kept: it follows the joints slowly."""
 
 
-class PlanarOdometry:
+class JointOdometry(Generic[PoseT]):
     """Pose, twist and their covariances from a stream of joint vectors.
 
     Between two samples the joints are taken to move evenly, so that the terms in the gimbal rates
     add up to the exact displacement; the pose moves by the exponential of the twist.
     """
 
-    def __init__(self, drive: Drive[SE2], noise: Noise) -> None:
+    def __init__(self, drive: Drive[PoseT], noise: JointErrors) -> None:
         self._drive = drive
-        kinds = [joint.kind for joint in drive.joints]
-        self._is_angle = np.array([kind is JointKind.POSITION for kind in kinds])
-        self._angle_sigma = self._is_angle * math.radians(noise.gimbal_angle_deg)
-        self._spin_share = ~self._is_angle * noise.spin_share
+        self._noise = JointNoise(drive, noise)
         self._previous: Array | None = None
         self._until_refresh = 0
         self._growth_per_s: Array = np.zeros((3, 3))
-        self.pose = SE2.identity()
+        self.pose: PoseT = drive.space.identity()
         self.motion = Motion(np.zeros(3), np.zeros(0))
         self.pose_covariance: Array = np.zeros((3, 3))
-        """(3, 3): of x, y, heading, in `odom`."""
+        """(3, 3): of the pose, in `odom`."""
         self.twist_covariance: Array = np.zeros((3, 3))
-        """(3, 3): of vx, vy, omega, in `base_link`."""
+        """(3, 3): of the twist, in `base_link`; more when the joints contradict one another."""
 
-    def set_pose(self, xy_heading: Array) -> None:
-        """Take the robot to be at `xy_heading` (3,), exactly."""
-        self.pose = SE2(np.array(xy_heading, dtype=float))
+    def set_pose(self, pose: PoseT) -> None:
+        """Take the robot to be at `pose`, exactly."""
+        self.pose = pose
         self.pose_covariance = np.zeros((3, 3))
 
     def advance(self, joints: Array, dt_s: float) -> Motion:
@@ -51,29 +54,82 @@ class PlanarOdometry:
         self._previous = joints
         step = joints - previous
         middle = previous + 0.5 * step
-        self.motion = motion = self._drive.forward(middle, step / dt_s)
+        self.motion = motion = self._forward(middle, step / dt_s, dt_s)
         moved = self._drive.move(self.pose, motion.twist, dt_s)
         self._spread(moved, middle, dt_s)
         self.pose = moved
         return motion
 
-    def _spread(self, moved: SE2, joints: Array, dt_s: float) -> None:
+    def _forward(self, joints: Array, rates: Array, dt_s: float) -> Motion:  # noqa: ARG002
+        """Return the motion over a step of `dt_s`, from the joints (n,) half-way through it."""
+        return self._drive.forward(joints, rates)
+
+    def _spread(self, moved: PoseT, joints: Array, dt_s: float) -> None:
         """Grow the covariances: first-order error propagation along the step."""
         if self._until_refresh == 0:
             self.twist_covariance = self._twist_covariance(joints)
-            heading = float(moved.xy_heading[2])
-            c, s = math.cos(heading), math.sin(heading)
-            turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+            turn = self._axes(moved)
             self._growth_per_s = turn @ self.twist_covariance @ turn.T * CORRELATION_S
         self._until_refresh = (self._until_refresh + 1) % _REFRESH_EVERY
-        dx, dy, _ = (moved.xy_heading - self.pose.xy_heading).tolist()
-        carry = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
+        carry = self._carry(moved, dt_s)
         carried = carry @ self.pose_covariance @ carry.T
         self.pose_covariance = carried + dt_s * self._growth_per_s
 
+    def _axes(self, pose: PoseT) -> Array:
+        """Return what turns an error of the twist into one of the pose's rate, (3, 3)."""
+        raise NotImplementedError
+
+    def _carry(self, moved: PoseT, dt_s: float) -> Array:
+        """Return how an error of `self.pose` shows in the one it `moved` to, (3, 3)."""
+        raise NotImplementedError
+
     def _twist_covariance(self, joints: Array) -> Array:
-        sigma = self._angle_sigma + self._spin_share * np.abs(joints)
         # The Jacobian of the forward kinematics by differences, all joints in one batch.
-        nudged = joints + np.diag(np.maximum(sigma, 1e-9))
-        shift = self._drive.forward(nudged).twist - self._drive.forward(joints).twist
-        return shift.T @ shift
+        nudged = joints + np.diag(np.maximum(self._noise.sigma(joints), 1e-9))
+        off, here = self._drive.forward(nudged), self._drive.forward(joints)
+        shift = off.twist - here.twist
+        return self._disbelief(off.residual - here.residual) * (shift.T @ shift)
+
+    def _disbelief(self, shift: Array) -> float:
+        """Return how many times the squared residual is what the noise makes of it; at least 1.
+
+        Measurements that contradict one another by more than their errors have larger errors than
+        was said: Birge, "The calculation of errors by the method of least squares" (1932).
+        """
+        residual = self.motion.residual
+        explained = float(np.square(shift).sum())
+        found = float(residual @ residual)
+        return found / explained if found > explained > _ROUNDING else 1.0
+
+
+class PlanarOdometry(JointOdometry[SE2]):
+    """Of a robot on a floor: covariance of x, y, heading and of vx, vy, omega."""
+
+    def _axes(self, pose: SE2) -> Array:
+        heading = float(pose.xy_heading[2])
+        c, s = math.cos(heading), math.sin(heading)
+        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+    def _carry(self, moved: SE2, dt_s: float) -> Array:  # noqa: ARG002
+        dx, dy, _ = (moved.xy_heading - self.pose.xy_heading).tolist()
+        return np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
+
+
+class OrientationOdometry(JointOdometry[SO3]):
+    """Of a sphere that turns: covariance of a small turn about the axes of the base.
+
+    Twist and error are both in the axes of the base; an error turns along with the sphere.
+    """
+
+    def _axes(self, pose: SO3) -> Array:  # noqa: ARG002
+        return np.eye(3)
+
+    def _carry(self, moved: SO3, dt_s: float) -> Array:  # noqa: ARG002
+        return SO3.exp(dt_s * self.motion.twist).as_matrix()
+
+
+ODOMETRY: dict[type[Any], Callable[[Drive[Any], JointErrors], JointOdometry[Any]]] = {
+    SE2: PlanarOdometry,
+    SO3: OrientationOdometry,
+}
+"""From the space of poses to the odometry in it."""

@@ -7,27 +7,27 @@ import math
 import numpy as np
 
 from tsd_twin.lie import Array
-from tsd_twin.robots.robot import RPM, Motor
+from tsd_twin.robots import SpinUp
 
 
 class SpinModel:
     """Speeds of velocity joints as their motors are known to follow set-points: first order."""
 
-    def __init__(self, motor: Motor, joints: int) -> None:
-        self._motor = motor
+    def __init__(self, spin_up: SpinUp, joints: int) -> None:
+        self._spin_up = spin_up
         self.spin_rad_per_s: Array = np.zeros(joints)
         """(m,)."""
 
     def advance(self, setpoint_rad_per_s: Array, dt_s: float) -> Array:
         """Return the speeds (m,) after `dt_s` of a set-point (m,)."""
-        motor, spin = self._motor, self.spin_rad_per_s
+        law, spin = self._spin_up, self.spin_rad_per_s
         goal = np.where(
-            np.abs(setpoint_rad_per_s) < motor.start_speed_rpm * RPM, 0.0, setpoint_rad_per_s
+            np.abs(setpoint_rad_per_s) < law.start_speed_rad_per_s, 0.0, setpoint_rad_per_s
         )
         decay = np.where(
             np.abs(goal) > np.abs(spin),
-            math.exp(-dt_s / motor.time_constant_up_s),
-            math.exp(-dt_s / motor.time_constant_down_s),
+            math.exp(-dt_s / law.up_s),
+            math.exp(-dt_s / law.down_s),
         )
         self.spin_rad_per_s = goal + (spin - goal) * decay
         return self.spin_rad_per_s

@@ -11,7 +11,7 @@ import numpy as np
 from tsd_twin.drives import JointKind
 from tsd_twin.hardware.errors import HardwareError
 from tsd_twin.lie import Array
-from tsd_twin.robots import Robot
+from tsd_twin.robots import SingularityRobot
 from tsd_twin.wire.table import ESCS, FULL_THROTTLE, SERVOS, ZERO_THROTTLE
 
 _PULSES_PER_US = 2.0
@@ -32,7 +32,7 @@ class ThrottleLaw(Protocol):
 class Joints:
     """Which joint is which servo or speed controller, and in what units."""
 
-    def __init__(self, robot: Robot, throttle: ThrottleLaw) -> None:
+    def __init__(self, robot: SingularityRobot, throttle: ThrottleLaw) -> None:
         """Take the joints of a robot.
 
         Raises:

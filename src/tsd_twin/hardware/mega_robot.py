@@ -13,7 +13,7 @@ from tsd_twin.hardware.joints import Joints, ThrottleLaw
 from tsd_twin.hardware.keeper import Keeper
 from tsd_twin.hardware.order import Order
 from tsd_twin.lie import Array
-from tsd_twin.robots import Robot
+from tsd_twin.robots import SingularityRobot
 from tsd_twin.wire.blocks import Telemetry
 from tsd_twin.wire.codes import SWITCH_US, BoardMode, RcChannel, Refusal
 
@@ -34,7 +34,7 @@ class MegaRobot:
 
     def __init__(
         self,
-        robot: Robot,
+        robot: SingularityRobot,
         port: str,
         throttle: ThrottleLaw,
         calibration: Calibration | None = None,

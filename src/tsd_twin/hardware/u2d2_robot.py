@@ -14,7 +14,7 @@ from tsd_twin.hardware.mega_robot import SILENT_S, MegaRobot
 from tsd_twin.hardware.order import Order
 from tsd_twin.hardware.servo_bus import ServoBus, ServoNews
 from tsd_twin.lie import Array
-from tsd_twin.robots import Robot
+from tsd_twin.robots import SingularityRobot
 
 
 class U2D2Robot:
@@ -22,7 +22,7 @@ class U2D2Robot:
 
     def __init__(
         self,
-        robot: Robot,
+        robot: SingularityRobot,
         board_port: str,
         servo_port: str,
         throttle: ThrottleLaw,

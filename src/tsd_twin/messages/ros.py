@@ -16,7 +16,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
 from tsd_twin.errors import MessageError
-from tsd_twin.lie import Array
+from tsd_twin.lie import SE2, SO3, Array
 
 BASE = "base_link"
 """Frame of the robot: X forward, Y left, Z up, at the height of the wheel centres."""
@@ -25,6 +25,8 @@ ODOM = "odom"
 
 PLANAR = (0, 1, 5)
 """Where (vx, vy, omega) stand in a spatial twist (vx, vy, vz, wx, wy, wz)."""
+TURNING = (3, 4, 5)
+"""Where (wx, wy, wz) of a sphere stand."""
 
 _LARGEST = 4096  # Bytes; ours have fewer than 800. What is larger was not meant for us.
 
@@ -50,17 +52,37 @@ class JointState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Odometry:
-    """A planar pose in `odom` and a twist in `base_link`, with covariances."""
+    """A pose in `odom` and a twist in `base_link`, with covariances.
+
+    Planar, unless `wxyz` is given: then it is the orientation of a sphere that turns in place, the
+    twist its angular velocity, and position and heading mean nothing.
+    """
 
     xy_heading: Array
     """(3,): metres and radians."""
     twist: Array
-    """(3,): vx, vy, omega."""
+    """(3,): vx, vy, omega; of a sphere wx, wy, wz."""
     pose_covariance: Array
-    """(3, 3): of x, y, heading, axes of `odom`."""
+    """(3, 3): of x, y, heading, axes of `odom`; of a sphere of small turns about those axes."""
     twist_covariance: Array
     """(3, 3)."""
     stamp_ns: int = 0
+    wxyz: Array | None = None
+    """(4,): unit quaternion."""
+
+    @staticmethod
+    def of(
+        pose: SE2 | SO3,
+        twist: Array,
+        pose_covariance: Array,
+        twist_covariance: Array,
+        stamp_ns: int = 0,
+    ) -> Odometry:
+        """Return the message for a pose of either space."""
+        xy_heading, wxyz = (
+            (pose.xy_heading, None) if isinstance(pose, SE2) else (np.zeros(3), pose.wxyz)
+        )
+        return Odometry(xy_heading, twist, pose_covariance, twist_covariance, stamp_ns, wxyz)
 
 
 def encode_twist(message: TwistStamped) -> bytes:
@@ -124,7 +146,16 @@ def decode_joints(payload: bytes) -> JointState:
 def encode_odometry(message: Odometry) -> bytes:
     """Return the CDR of a `nav_msgs/msg/Odometry`."""
     x, y, heading = (float(v) for v in message.xy_heading)
-    vx, vy, omega = (float(v) for v in message.twist)
+    if message.wxyz is None:
+        rows = PLANAR
+        quaternion = (math.cos(heading / 2.0), 0.0, 0.0, math.sin(heading / 2.0))
+    else:
+        rows, quaternion = TURNING, tuple(float(v) for v in message.wxyz)
+    spatial = [0.0] * 6
+    for row, value in zip(rows, message.twist, strict=True):
+        spatial[row] = float(value)
+    lx, ly, lz, ax, ay, az = spatial
+    qw, qx, qy, qz = quaternion
     vector = "geometry_msgs/msg/Vector3"
     return _encode(
         _make(
@@ -136,31 +167,27 @@ def encode_odometry(message: Odometry) -> bytes:
                 pose=_make(
                     "geometry_msgs/msg/Pose",
                     position=_make("geometry_msgs/msg/Point", x=x, y=y, z=0.0),
-                    orientation=_make(
-                        "geometry_msgs/msg/Quaternion",
-                        x=0.0,
-                        y=0.0,
-                        z=math.sin(heading / 2.0),
-                        w=math.cos(heading / 2.0),
-                    ),
+                    orientation=_make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
                 ),
-                covariance=_spatial(message.pose_covariance),
+                covariance=_spatial(message.pose_covariance, rows),
             ),
             twist=_make(
                 "geometry_msgs/msg/TwistWithCovariance",
                 twist=_make(
                     "geometry_msgs/msg/Twist",
-                    linear=_make(vector, x=vx, y=vy, z=0.0),
-                    angular=_make(vector, x=0.0, y=0.0, z=omega),
+                    linear=_make(vector, x=lx, y=ly, z=lz),
+                    angular=_make(vector, x=ax, y=ay, z=az),
                 ),
-                covariance=_spatial(message.twist_covariance),
+                covariance=_spatial(message.twist_covariance, rows),
             ),
         )
     )
 
 
-def decode_odometry(payload: bytes) -> Odometry:
+def decode_odometry(payload: bytes, *, turning: bool = False) -> Odometry:
     """Return the planar part of the odometry in a CDR payload; heading in [-2 pi, 2 pi].
+
+    With `turning`, return the orientation and the angular velocity: what a sphere sends.
 
     Raises:
         MessageError: `shape`, when this is no `nav_msgs/msg/Odometry`.
@@ -168,20 +195,22 @@ def decode_odometry(payload: bytes) -> Odometry:
     raw = _decode(payload, "nav_msgs/msg/Odometry")
     position, turn = raw.pose.pose.position, raw.pose.pose.orientation
     linear, angular = raw.twist.twist.linear, raw.twist.twist.angular
-    rows = np.ix_(PLANAR, PLANAR)
+    rows = np.ix_(TURNING, TURNING) if turning else np.ix_(PLANAR, PLANAR)
+    twist = [angular.x, angular.y, angular.z] if turning else [linear.x, linear.y, angular.z]
     return Odometry(
         xy_heading=np.array([position.x, position.y, 2.0 * math.atan2(turn.z, turn.w)]),
-        twist=np.array([linear.x, linear.y, angular.z]),
+        twist=np.array(twist),
         pose_covariance=raw.pose.covariance.reshape(6, 6)[rows],
         twist_covariance=raw.twist.covariance.reshape(6, 6)[rows],
         stamp_ns=_stamp_ns(raw),
+        wxyz=np.array([turn.w, turn.x, turn.y, turn.z]) if turning else None,
     )
 
 
-def _spatial(planar: Array) -> Array:
-    """Return the row-major (36,) spatial covariance of a planar (3, 3) one."""
+def _spatial(covariance: Array, rows: tuple[int, int, int]) -> Array:
+    """Return the row-major (36,) spatial covariance of a (3, 3) one."""
     spatial = np.zeros((6, 6))
-    spatial[np.ix_(PLANAR, PLANAR)] = planar
+    spatial[np.ix_(rows, rows)] = covariance
     return spatial.reshape(36)
 
 

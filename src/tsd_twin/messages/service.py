@@ -57,6 +57,14 @@ class SetPoseRequest(Request, frozen=True):
     heading_rad: float
 
 
+class SetOrientationRequest(Request, frozen=True):
+    """`srv/set_pose` of a sphere: how it is turned; upright unless a quaternion is given."""
+
+    lease: LeaseId
+    xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    """Quaternion of any length, as in `geometry_msgs/msg/Quaternion`."""
+
+
 class StopRequest(Request, frozen=True):
     """`stop`: anybody may; all fields can be left out."""
 

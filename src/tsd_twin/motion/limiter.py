@@ -24,6 +24,7 @@ class TwistLimiter:
     def __init__(self, drive: Drive[Any], limits: Limits) -> None:
         self._drive = drive
         self._limits = limits
+        self._squared_lever = drive.lever_m**2
 
     def cap(self, twist: Array, share: Array | float = 1.0) -> Array:
         """Return `twist` (..., 3) scaled to the limits of speed, turn rate and tilt.
@@ -32,7 +33,7 @@ class TwistLimiter:
         """
         limits = self._limits
         twist = within_reason(twist)
-        over = np.sqrt(_speed_squared(twist)) / (limits.speed_mps * share)
+        over = np.sqrt(self._speed_squared(twist)) / (limits.speed_mps * share)
         over = np.maximum(over, np.abs(twist[..., 2]) / (limits.turn_rate_rad_per_s * share))
         over = np.maximum(over, self._drive.demand(twist))
         return twist / np.maximum(1.0, over)[..., None]
@@ -51,21 +52,21 @@ class TwistLimiter:
         """
         limits = self._limits
         step = goal - current
-        slower = _speed_squared(goal) < _speed_squared(current)
+        slower = self._speed_squared(goal) < self._speed_squared(current)
         acceleration = np.where(slower, limits.deceleration_mps2, limits.acceleration_mps2)
-        over = np.sqrt(_speed_squared(step)) / (acceleration * dt_s)
+        over = np.sqrt(self._speed_squared(step)) / (acceleration * dt_s)
         over = np.maximum(
             over, np.abs(step[..., 2]) / (limits.angular_acceleration_rad_per_s2 * dt_s)
         )
         over = np.maximum(over, self._drive.rate_demand(step, dt_s))[..., None]
         return np.where(over <= 1.0, goal, current + step / np.maximum(1.0, over))
 
+    def _speed_squared(self, twist: Array) -> Array:
+        squared = twist[..., 0] * twist[..., 0] + twist[..., 1] * twist[..., 1]
+        return self._squared_lever * squared
+
 
 def within_reason(twist: Array) -> Array:
     """Return `twist` (..., 3), finite, scaled so that its numbers can be squared and added."""
     largest = np.maximum.reduce(np.abs(twist), axis=-1, keepdims=True)
     return twist / np.maximum(1.0, largest / _LARGEST)
-
-
-def _speed_squared(twist: Array) -> Array:
-    return twist[..., 0] * twist[..., 0] + twist[..., 1] * twist[..., 1]

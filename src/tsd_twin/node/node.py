@@ -8,12 +8,13 @@ import threading
 import time
 
 import msgspec
+import numpy as np
 
 from tsd_twin import topics
 from tsd_twin.bus import Bus, Publisher
 from tsd_twin.core import RobotCore
 from tsd_twin.errors import BusError
-from tsd_twin.lie import Array
+from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.ros import Odometry, encode_joints, encode_odometry
 from tsd_twin.messages.service import Description, Event
 from tsd_twin.messages.status import encode_stamp, encode_status
@@ -25,6 +26,7 @@ from tsd_twin.topics import Service, Urgency
 _LOG = logging.getLogger(__name__)
 
 PERIOD_S = 0.01
+_EXACT = np.zeros((3, 3))
 _STATE_EVERY = 2  # 50 Hz
 _STATUS_EVERY = 5  # 20 Hz
 _COMMANDS_KEPT = 64
@@ -38,9 +40,16 @@ class RobotNode:
     """
 
     def __init__(
-        self, bus: Bus, robot_id: str, robot: Robot, io: RobotIO, description: Description
+        self,
+        bus: Bus,
+        robot_id: str,
+        robot: Robot,
+        io: RobotIO,
+        description: Description,
+        *,
+        pose: SE2 | SO3 | None = None,
     ):
-        """Claim the robot id on the bus.
+        """Claim the robot id on the bus; `pose` is where the robot is taken to be.
 
         Raises:
             BusError: the id is taken, or cannot be one.
@@ -54,12 +63,12 @@ class RobotNode:
         self._id = robot_id
         self._io = io
         self._guard = io if isinstance(io, Guarded) else None
-        self._core = RobotCore(robot, lambda: secrets.token_bytes(16))
+        self._core = RobotCore(robot, lambda: secrets.token_bytes(16), pose=pose)
         self._description = msgspec.json.encode(description)
         self._commands = bus.reader(topics.TWIST.key(robot_id), _COMMANDS_KEPT)
         self._stops = bus.reader(topics.STOP.key(robot_id), 8)
         self._servers = {service: bus.server(service.key(robot_id)) for service in Service}
-        states = (topics.JOINTS, topics.SETPOINT, topics.ODOM, topics.TRUTH, topics.STATUS)
+        states = tuple(topic for topic in topics.TOPICS if topic.path.startswith("state/"))
         self._publishers = {
             topic: bus.publisher(topic.key(robot_id), topic.urgency, topic.type) for topic in states
         }
@@ -121,12 +130,7 @@ class RobotNode:
             self._put(topics.SETPOINT, encode_joints(core.setpoint_state(stamp_ns)), now_s)
         if state_due:
             self._put(topics.JOINTS, encode_joints(core.joint_state(stamp_ns)), now_s)
-            self._put(topics.ODOM, encode_odometry(core.odometry(stamp_ns)), now_s)
-            if isinstance(self._io, Simulated):
-                truth = self._io.truth(now_s)
-                exact = core.odometry(stamp_ns).pose_covariance * 0.0
-                message = Odometry(truth.pose.xy_heading, truth.twist, exact, exact, stamp_ns)
-                self._put(topics.TRUTH, encode_odometry(message), now_s)
+            self._publish_poses(now_s, stamp_ns)
         for event in core.take_events():
             self._put_event(event)
         if tick % _STATUS_EVERY == 0 or core.authority.mode is not self._mode:
@@ -134,6 +138,16 @@ class RobotNode:
             status = core.status(now_s, rate.status(), self._io.hardware())
             number = self._put(topics.STATUS, encode_status(status), now_s)
             core.note_status_sent(number, now_s)
+
+    def _publish_poses(self, now_s: float, stamp_ns: int) -> None:
+        self._put(topics.ODOM, encode_odometry(self._core.odometry(stamp_ns)), now_s)
+        other = self._core.other_odometry(stamp_ns)
+        if other is not None:
+            self._put(topics.OTHER_ODOM, encode_odometry(other), now_s)
+        if isinstance(self._io, Simulated):
+            truth = self._io.truth(now_s)
+            message = Odometry.of(truth.pose, truth.twist, _EXACT, _EXACT, stamp_ns)
+            self._put(topics.TRUTH, encode_odometry(message), now_s)
 
     def _put(self, topic: topics.Topic, payload: bytes, now_s: float) -> int:
         self._numbers[topic] += 1

@@ -6,14 +6,17 @@ from collections.abc import Mapping
 from typing import Any, Protocol, runtime_checkable
 
 from tsd_twin.authority import Mandate
-from tsd_twin.lie import SE2, Array
+from tsd_twin.lie import SE2, SO3, Array
 
 
 class RobotIO(Protocol):
     """Joints of a robot; all calls come from one thread."""
 
     def read(self, now_s: float) -> Array | None:
-        """Return the measured joints (n,), NaN where a speed is not measured; None: no news."""
+        """Return what is measured, NaN where a number is not; None: no news.
+
+        (n + s,): the joints of the drive, then `robot.sensors`, which may be left out.
+        """
         ...
 
     def write(self, setpoint: Array, now_s: float) -> None:
@@ -46,7 +49,7 @@ class Truth(Protocol):
     """Where a simulated robot really is."""
 
     @property
-    def pose(self) -> SE2:
+    def pose(self) -> SE2 | SO3:
         """Pose in the world."""
         ...
 

@@ -1,6 +1,24 @@
 """Descriptions of robots, and the robots that come with the program."""
 
-from tsd_twin.robots.loader import load, names, parse, text
-from tsd_twin.robots.robot import RPM, Robot
+from tsd_twin.robots.kinds import KINDS
+from tsd_twin.robots.loader import load, names, of_kind, parse, text
+from tsd_twin.robots.omni import OmniRobot
+from tsd_twin.robots.robot import RPM, JointErrors, Robot, SpinUp
+from tsd_twin.robots.singularity import SingularityRobot
+from tsd_twin.robots.sphere import SphereRobot
 
-__all__ = ["RPM", "Robot", "load", "names", "parse", "text"]
+__all__ = [
+    "KINDS",
+    "RPM",
+    "JointErrors",
+    "OmniRobot",
+    "Robot",
+    "SingularityRobot",
+    "SphereRobot",
+    "SpinUp",
+    "load",
+    "names",
+    "of_kind",
+    "parse",
+    "text",
+]

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import difflib
-import itertools
 import math
 import re
-import types
 import typing
 from collections.abc import Iterator, Sequence
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
 from tsd_twin.errors import RobotFileError
-from tsd_twin.robots.robot import DriveGeometry, Robot
+from tsd_twin.robots.kinds import KINDS
+from tsd_twin.robots.robot import Problem, Robot, Table
+from tsd_twin.robots.singularity import SingularityRobot
 
 _PACKAGE = "tsd_twin.robots"
+
+RobotT = TypeVar("RobotT", bound=Robot)
 
 
 def names() -> list[str]:
@@ -59,25 +61,60 @@ def load(name_or_path: str) -> Robot:
     return parse(text(name_or_path), name_or_path)
 
 
+def of_kind(robot: Robot, kind: type[RobotT]) -> RobotT:
+    """Return `robot`, known to be of a kind, to who can work with that kind only.
+
+    Raises:
+        RobotFileError: it is of another kind; the message says which one is needed.
+    """
+    if not isinstance(robot, kind):
+        needed, given = (
+            next(tag for tag, table in KINDS.items() if table is each)
+            for each in (kind, type(robot))
+        )
+        raise RobotFileError(robot.name, f"drive.kind is {given}", f"{needed} is needed here")
+    return robot
+
+
 def parse(toml: str, file: str) -> Robot:
     """Return the robot of a TOML text; `file` is what errors call it.
 
     Raises:
         RobotFileError: as in `load`.
     """
+    kind: type[Robot] = Robot
     try:
         tables: Any = msgspec.toml.decode(toml)
-        robot = msgspec.convert(tables, Robot)
+        kind = _kind(tables, file)
+        robot = msgspec.convert(tables, kind)
     except msgspec.ValidationError as error:
-        raise RobotFileError(file, *_explain(str(error))) from error
+        raise RobotFileError(file, *_explain(str(error), kind)) from error
     except msgspec.DecodeError as error:
         raise RobotFileError(file, f"not valid TOML: {error}") from error
-    if "kind" not in tables["drive"]:
-        # As long as there is one kind only, msgspec takes that one to be meant.
-        raise RobotFileError(file, "key 'kind' is missing in [drive]", _valid_kinds())
     _check(robot, file)
-    _check_motor(robot, file)
     return robot
+
+
+def _kind(tables: Any, file: str) -> type[Robot]:
+    """Return what a file has to be read as; whatever else is wrong with it shows in the reading."""
+    table = tables.get("drive")
+    if not isinstance(table, dict):
+        return SingularityRobot
+    drive = typing.cast("dict[str, Any]", table)
+    keys = list(drive)
+    if "kind" not in keys:
+        near = difflib.get_close_matches("kind", keys, n=1)
+        problem = (
+            f"unknown key '{near[0]}' in [drive], did you mean 'kind'?"
+            if near
+            else "key 'kind' is missing in [drive]"
+        )
+        raise RobotFileError(file, problem, _valid_kinds())
+    kind = drive["kind"]
+    if not isinstance(kind, str) or kind not in KINDS:
+        problem = f"drive.kind: invalid value {kind!r}" + _closest(str(kind), list(KINDS))
+        raise RobotFileError(file, problem, _valid_kinds())
+    return KINDS[kind]
 
 
 def _check(robot: Robot, file: str) -> None:
@@ -85,52 +122,13 @@ def _check(robot: Robot, file: str) -> None:
     for path, number in _numbers(msgspec.to_builtins(robot)):
         if not math.isfinite(number):
             raise RobotFileError(file, f"{path}: {number} is not a finite number")
-    azimuths = [azimuth % 360.0 for azimuth in robot.drive.azimuths_deg]
-    if len(set(azimuths)) < len(azimuths):
-        raise RobotFileError(
-            file, "drive.azimuths_deg has the same direction twice", "one direction for each pivot"
-        )
     limits = robot.limits
     if limits.max_command_age_s > limits.max_command_age_ceiling_s:
         raise RobotFileError(
             file, "limits.max_command_age_s is above limits.max_command_age_ceiling_s"
         )
-
-
-def _check_motor(robot: Robot, file: str) -> None:
-    """Raise when the calibration table has no curve with an inverse for each wheel."""
-    motor, modules = robot.motor, robot.drive.modules
-    rows = len(motor.signal)
-    if any(b <= a for a, b in itertools.pairwise(motor.signal)):
-        raise RobotFileError(file, "motor.signal must rise from row to row")
-    if len(motor.speed_rpm) != modules:
-        raise RobotFileError(
-            file,
-            f"motor.speed_rpm has {len(motor.speed_rpm)} lists, the drive has {modules} wheels",
-            "one list for each of drive.azimuths_deg",
-        )
-    for i, column in enumerate(motor.speed_rpm):
-        if len(column) != rows:
-            raise RobotFileError(
-                file,
-                f"motor.speed_rpm[{i}] has {len(column)} speeds for {rows} signals",
-                "one speed for each of motor.signal",
-            )
-        if any(b < a for a, b in itertools.pairwise(column)):
-            raise RobotFileError(file, f"motor.speed_rpm[{i}] must not fall as the signal rises")
-        if column[0] > 0.0:
-            raise RobotFileError(
-                file,
-                f"motor.speed_rpm[{i}] starts at {column[0]:g}",
-                "0: the lowest signal is zero throttle",
-            )
-        if not motor.start_speed_rpm <= robot.drive.cruise_speed_rpm <= column[-1]:
-            raise RobotFileError(
-                file,
-                f"drive.cruise_speed_rpm is {robot.drive.cruise_speed_rpm:g}, "
-                f"motor {i + 1} turns from {motor.start_speed_rpm:g} to {column[-1]:g}",
-                "between motor.start_speed_rpm and the last speed of every motor",
-            )
+    for problem, valid in robot.problems():
+        raise RobotFileError(file, problem, valid)
 
 
 def _numbers(value: Any, path: str = "") -> Iterator[tuple[str, float]]:
@@ -145,7 +143,7 @@ def _numbers(value: Any, path: str = "") -> Iterator[tuple[str, float]]:
             yield from _numbers(item, f"{path}[{i}]")
 
 
-def _explain(message: str) -> tuple[str, str]:
+def _explain(message: str, kind: type[Robot]) -> Problem:
     """Turn a message of msgspec into a sentence, and into what would be valid."""
     found = re.fullmatch(r"(?P<what>.*?)(?: - at `\$(?P<path>.*)`)?", message, re.DOTALL)
     what, path = (found["what"], (found["path"] or "").lstrip(".")) if found else (message, "")
@@ -153,32 +151,37 @@ def _explain(message: str) -> tuple[str, str]:
     missing = re.search(r"missing required field `(.+)`", what)
     table = f"[{path}]" if path else "the top level"
     if unknown:
-        keys = _keys(path)
+        keys = _keys(path, kind)
         return (
             f"unknown key '{unknown[1]}' in {table}{_closest(unknown[1], keys)}",
             f"valid here: {', '.join(keys)}",
         )
     if missing:
-        return f"key '{missing[1]}' is missing in {table}", f"valid here: {', '.join(_keys(path))}"
+        keys = _keys(path, kind)
+        return f"key '{missing[1]}' is missing in {table}", f"valid here: {', '.join(keys)}"
     plain = what[0].lower() + what[1:].replace("`", "")
-    return f"{path or 'the file'}: {plain}", _valid_kinds() if path == "drive.kind" else ""
+    return f"{path or 'the file'}: {plain}", ""
 
 
-def _keys(path: str) -> list[str]:
-    """Return the keys that are valid in the table at `path`."""
-    table: Any = Robot
+def _keys(path: str, kind: type[Robot]) -> list[str]:
+    """Return the keys that are valid in the table at `path` of such a robot."""
+    table: Any = kind
     for part in filter(None, path.split(".")):
-        hints = typing.get_type_hints(table)
-        table = hints.get(re.sub(r"\[.*", "", part), Robot)
-        if isinstance(table, types.UnionType):
-            table = typing.get_args(table)[0]
+        table = _table(typing.get_type_hints(table).get(re.sub(r"\[.*", "", part)))
     tag = table.__struct_config__.tag_field
     return [*filter(None, [tag]), *(f.encode_name for f in msgspec.structs.fields(table))]
 
 
+def _table(hint: Any) -> Any:
+    """Return the kind of table in a type hint: itself, or that of a list, or of what may be."""
+    if isinstance(hint, type) and issubclass(hint, Table):
+        return hint
+    inside = (_table(part) for part in typing.get_args(hint))
+    return next((table for table in inside if table is not None), None)
+
+
 def _valid_kinds() -> str:
-    tables: tuple[Any, ...] = typing.get_args(DriveGeometry) or (DriveGeometry,)
-    return "kinds are " + ", ".join(table.__struct_config__.tag for table in tables)
+    return "kinds are " + ", ".join(KINDS)
 
 
 def _closest(word: str, valid: list[str]) -> str:

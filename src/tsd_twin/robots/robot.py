@@ -1,4 +1,4 @@
-"""The description of a robot, as it stands in a TOML file.
+"""The description of a robot, as it stands in a TOML file: what all kinds have in common.
 
 Every quantity is SI unless its key says otherwise. Derived things (matrices, URDF, meshes) are
 generated from it, never written down.
@@ -7,14 +7,14 @@ generated from it, never written down.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Annotated, TypeAlias
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeAlias
 
 import msgspec
-import numpy as np
 from msgspec import Meta
 
-from tsd_twin.drives import SingularityDrive
+from tsd_twin.drives import Drive, Joint
 
 RPM = math.pi / 30.0
 """One turn a minute in radians a second."""
@@ -26,31 +26,12 @@ Colour: TypeAlias = tuple[Share, Share, Share, Share]
 """Red, green, blue (sRGB) and opacity."""
 Name: TypeAlias = Annotated[str, Meta(pattern=r"^[a-z0-9_-]{1,32}\Z")]
 """Names that become part of a bus key; `$` would let a newline at the end pass."""
+Problem: TypeAlias = tuple[str, str]
+"""What is wrong, and what would be right, or nothing."""
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A table of the file: unknown keys are errors, values are read-only."""
-
-
-class SingularityGeometry(Table, frozen=True, tag="singularity", tag_field="kind"):
-    """`[drive]` of a singularity drive."""
-
-    azimuths_deg: Annotated[list[float], Meta(min_length=2)]
-    """Direction of each pivot, from X forward towards Y left."""
-    pivot_radius_m: Positive
-    wheel_radius_m: Positive
-    max_tilt_deg: Annotated[float, Meta(gt=0.0, lt=80.0)]
-    cruise_speed_rpm: Positive
-    """Speed of the wheels when the robot is ready: the gear."""
-
-    @property
-    def modules(self) -> int:
-        """Number of wheels."""
-        return len(self.azimuths_deg)
-
-
-DriveGeometry: TypeAlias = SingularityGeometry
-"""Union of the `[drive]` tables, told apart by `kind`."""
 
 
 class Limits(Table, frozen=True):
@@ -72,52 +53,10 @@ class Limits(Table, frozen=True):
     """Travel allowed after a late command; the speed cap of a lease with a larger age follows."""
 
 
-class Servo(Table, frozen=True):
-    """`[servo]`: one gimbal actuator."""
-
-    model: str
-    steps_per_turn: Annotated[int, Meta(gt=0)]
-    no_load_speed_rpm: Positive
-    """At the nominal voltage of the battery."""
-    approach_rate_per_s: Positive
-    """Close to the goal the error decays exponentially, at this rate."""
-    stall_torque_nm: Positive = 6.0
-    """At the nominal voltage of the battery; of an MX-64 unless given."""
-    size_m: tuple[Positive, Positive, Positive] = (0.0402, 0.0611, 0.041)
-    """Width, length and depth along the shaft, of the case; of an MX-64 unless given."""
-
-
-class Motor(Table, frozen=True):
-    """`[motor]`: the drive motors with their speed controllers, one curve for each wheel."""
-
-    signal: Annotated[list[float], Meta(min_length=2)]
-    """Throttle signal of each row of the calibration table, rising."""
-    speed_rpm: Annotated[list[list[NotNegative]], Meta(min_length=1)]
-    """Measured speed at each signal, one list for each motor."""
-    start_speed_rpm: NotNegative
-    """Below this the motor does not turn."""
-    time_constant_up_s: Positive
-    time_constant_down_s: Positive
-    pulse_low_us: Positive = 1000.0
-    """Pulse width that the lowest signal stands for."""
-    pulse_high_us: Positive = 2000.0
-    arming_hold_s: NotNegative = 2.0
-    """Time at zero throttle that the speed controllers need before they arm."""
-
-
 class Battery(Table, frozen=True):
     """`[battery]`."""
 
     nominal_v: Positive
-
-
-class Mass(Table, frozen=True):
-    """`[mass]`: for the dynamics and the URDF."""
-
-    total_kg: Positive
-    wheel_kg: Positive
-    gimbal_kg: Positive
-    """Of one outer or inner frame with what it carries."""
 
 
 class Body(Table, frozen=True):
@@ -136,16 +75,33 @@ class Body(Table, frozen=True):
     """Folder with a `parts.json`, shown instead of the generated look."""
 
 
-class Noise(Table, frozen=True):
-    """`[noise]`: standard deviations, for the covariance and as the simulator's default."""
+@dataclass(frozen=True, slots=True)
+class JointErrors:
+    """Standard deviations of what is measured of the joints."""
 
-    gimbal_angle_deg: NotNegative = 0.0
-    spin_share: NotNegative = 0.0
-    """Of a wheel's speed."""
+    angle_rad: float = 0.0
+    """Of a position joint."""
+    spin_share: float = 0.0
+    """Of a velocity joint, as a share of its speed."""
+
+
+@dataclass(frozen=True, slots=True)
+class SpinUp:
+    """How the speed of a wheel follows its set-point: first order."""
+
+    start_speed_rad_per_s: float
+    """A set-point below this turns nothing."""
+    up_s: float
+    """Time constant when the wheel gets faster."""
+    down_s: float
+    """Time constant when it gets slower."""
 
 
 class Robot(Table, frozen=True, kw_only=True):
-    """A whole robot."""
+    """A whole robot: what every kind has, and what the core asks of every kind.
+
+    A kind adds its own tables, `drive` among them, and stands in the table `KINDS`.
+    """
 
     name: Name
     title: str
@@ -153,23 +109,42 @@ class Robot(Table, frozen=True, kw_only=True):
     """Where the figures come from."""
     assumptions: Sequence[str] = ()
     """What no source gives, and was chosen."""
-    drive: DriveGeometry
     limits: Limits
-    servo: Servo
-    motor: Motor
     battery: Battery
-    mass: Mass
     body: Body = Body()
-    noise: Noise = Noise()
 
-    def kinematics(self) -> SingularityDrive:
-        """Return the drive in its cruising gear."""
-        g = self.drive
-        return SingularityDrive(
-            azimuths_rad=np.radians(g.azimuths_deg),
-            pivot_radius_m=g.pivot_radius_m,
-            wheel_radius_m=g.wheel_radius_m,
-            spin_rad_per_s=g.cruise_speed_rpm * RPM,
-            max_tilt_rad=float(np.radians(g.max_tilt_deg)),
-            max_tilt_rate_rad_per_s=self.servo.no_load_speed_rpm * RPM,
-        )
+    @property
+    def arming_hold_s(self) -> float:
+        """Time at zero throttle that arming takes before anything may turn; 0: just enable."""
+        return 0.0
+
+    @property
+    def measures_spin(self) -> bool:
+        """Whether the speed of the wheels is measured; else it comes from `spin_up`."""
+        return True
+
+    @property
+    def sensors(self) -> tuple[Joint, ...]:
+        """What is measured besides the joints of the drive, after them in this order."""
+        return ()
+
+    def kinematics(self) -> Drive[Any]:
+        """Return the drive."""
+        raise NotImplementedError
+
+    def joint_errors(self) -> JointErrors:
+        """Return how noisy the measured joints are."""
+        raise NotImplementedError
+
+    def spin_up(self) -> SpinUp:
+        """Return how wheels follow their set-points."""
+        raise NotImplementedError
+
+    @property
+    def lag_s(self) -> float:
+        """Time constant with which the motion of the robot follows its set-points."""
+        return self.spin_up().up_s
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what no single value can show to be wrong."""
+        raise NotImplementedError

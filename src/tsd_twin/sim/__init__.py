@@ -2,19 +2,24 @@
 
 from tsd_twin.sim.board import Board
 from tsd_twin.sim.esc import SpeedControllers
+from tsd_twin.sim.kinds import SIMULATIONS, simulate
 from tsd_twin.sim.motor import Motors
 from tsd_twin.sim.plant import KinematicPlant
 from tsd_twin.sim.servo import Servos
 from tsd_twin.sim.sim_robot import SimRobot, Truth
 from tsd_twin.sim.simulation import Simulation
+from tsd_twin.sim.singularity import SingularitySimulation
 
 __all__ = [
+    "SIMULATIONS",
     "Board",
     "KinematicPlant",
     "Motors",
     "Servos",
     "SimRobot",
     "Simulation",
+    "SingularitySimulation",
     "SpeedControllers",
     "Truth",
+    "simulate",
 ]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsd_twin.lie import Array
-from tsd_twin.robots import RPM, Robot
+from tsd_twin.robots import RPM, SingularityRobot
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,7 +26,7 @@ class Motors:
     """Pulse widths of the first and of the last signal."""
 
     @staticmethod
-    def of(robot: Robot) -> Motors:
+    def of(robot: SingularityRobot) -> Motors:
         """Return the motors of `robot`, as measured at its nominal voltage."""
         motor = robot.motor
         return Motors(

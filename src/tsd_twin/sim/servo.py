@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsd_twin.lie import Array
-from tsd_twin.robots import RPM, Robot
+from tsd_twin.robots import RPM, SingularityRobot
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class Servos:
     """A goal beyond this, on either side, is taken for the last step within it."""
 
     @staticmethod
-    def of(robot: Robot, battery_v: float) -> Servos:
+    def of(robot: SingularityRobot, battery_v: float) -> Servos:
         """Return the servos of `robot`; their top speed follows the voltage."""
         share = battery_v / robot.battery.nominal_v
         return Servos(

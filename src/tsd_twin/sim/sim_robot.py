@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsd_twin.drives import JointKind
-from tsd_twin.lie import SE2, Array
+from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.robots import Robot
-from tsd_twin.sim.simulation import Simulation
+from tsd_twin.sim.kinds import simulate
 
 _SHORTEST_STEP_S = 1e-9
 """Less is left to the next call: speeds over such a step would be differences of roundings."""
@@ -19,21 +19,21 @@ _SHORTEST_STEP_S = 1e-9
 class Truth:
     """What only a simulator knows."""
 
-    pose: SE2
+    pose: SE2 | SO3
     """Pose of the robot in the world."""
     twist: Array
-    """(3,): velocity in the body frame, metres and radians a second."""
+    """(3,): velocity in the base frame, metres and radians a second."""
     joints: Array
     """(n,): joint vector, before steps and noise."""
 
 
 class SimRobot:
-    """Servos, motors and chassis of one robot, in virtual time.
+    """Actuators, sensors and body of one robot, in virtual time.
 
     It stands still until the first call says what time it is, and is moved on to the time of each
     call after that; a time that lies in the past moves nothing. Nothing here looks at a clock.
-    `noise` scales the standard deviations of the description; 0 is none. The robot of the thesis
-    does not measure how fast its wheels turn, so this one does only with `measures_spin`.
+    `noise` scales the standard deviations of the description; 0 is none. How fast wheels turn is
+    measured if robots of this kind do, or as `measures_spin` says.
     """
 
     def __init__(
@@ -42,20 +42,22 @@ class SimRobot:
         seed: int | None = 0,
         noise: float = 0.0,
         *,
-        measures_spin: bool = False,
+        measures_spin: bool | None = None,
         battery_v: float | None = None,
-        pose: SE2 | None = None,
+        pose: SE2 | SO3 | None = None,
     ) -> None:
-        self._simulation = Simulation(robot, seed=seed, noise=noise, battery_v=battery_v, pose=pose)
+        self._simulation = simulate(robot, seed=seed, noise=noise, battery_v=battery_v, pose=pose)
         joints = self._simulation.drive.joints
-        self._unmeasured = np.array(
-            [joint.kind is JointKind.VELOCITY and not measures_spin for joint in joints]
+        measured = robot.measures_spin if measures_spin is None else measures_spin
+        self._shape = (len(joints),)
+        self._unmeasured = np.flatnonzero(
+            [joint.kind is JointKind.VELOCITY and not measured for joint in joints]
         )
         self._facts: dict[str, object] = {"kind": "sim", "noise": noise, "seed": seed}
         self._now_s: float | None = None
 
     def read(self, now_s: float) -> Array:
-        """Return the measured joints (n,) in the order of `drive.joints`; NaN is not measured."""
+        """Return what is measured, (n + s,): joints, then sensors; NaN is not measured."""
         self._advance(now_s)
         measured = self._simulation.measure()
         measured[self._unmeasured] = np.nan
@@ -67,10 +69,9 @@ class SimRobot:
         Raises:
             ValueError: a number is not finite, or there is not one for each joint.
         """
-        if np.shape(setpoint) != self._unmeasured.shape:
+        if np.shape(setpoint) != self._shape:
             raise ValueError(
-                f"set-points must have the shape {self._unmeasured.shape}, "
-                f"these have {np.shape(setpoint)}"
+                f"set-points must have the shape {self._shape}, these have {np.shape(setpoint)}"
             )
         self._advance(now_s)
         self._simulation.command(setpoint)
@@ -83,12 +84,7 @@ class SimRobot:
 
     def hardware(self) -> dict[str, object]:
         """Return facts for the status that JSON can hold."""
-        simulation = self._simulation
-        return self._facts | {
-            "battery_v": simulation.battery_v,
-            "esc_armed": bool(simulation.controllers.armed.all()),
-            "pulse_us": simulation.motors.pulse_us(simulation.controllers.signal).tolist(),
-        }
+        return self._facts | dict(self._simulation.facts())
 
     def close(self) -> None:
         """Do nothing: there is nothing to let go of."""

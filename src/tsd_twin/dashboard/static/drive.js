@@ -5,6 +5,7 @@
 // rad/s. As long as any is held, a command goes out every 20 ms; nothing is ever queued.
 
 import { notDrive, notStop } from "./permission.js";
+import { spaceOf } from "./space.js";
 
 const PERIOD_MS = 20;
 const STOP_EVERY_MS = 200;
@@ -50,7 +51,7 @@ export class Drive {
     const limits = this.link.state?.status.limits;
     const share = this.level / 100;
     return {
-      speed: share * (limits?.speed_mps ?? 0),
+      speed: (share * (limits?.speed_mps ?? 0)) / (this.link.robot?.lever_m ?? 1),
       turn: share * (limits?.turn_rate_rad_per_s ?? 0),
     };
   }
@@ -68,17 +69,17 @@ export class Drive {
     return { x: x / length, y: y / length, turn: Math.max(-1, Math.min(1, turn)) };
   }
 
-  /** What is asked of the robot, m/s and rad/s. */
+  /** What is asked of the robot: the three numbers of its twist, m/s and rad/s. */
   get twist() {
     const panel = this._sources.find((source) => source.held && source.twist !== undefined);
     if (panel !== undefined) return { ...panel.twist, frame: "base_link" };
     const { unit, scale } = this;
-    return {
-      vx: unit.x * scale.speed,
-      vy: unit.y * scale.speed,
-      omega: unit.turn * scale.turn,
-      frame: this.frame,
-    };
+    const [vx, vy, omega] = spaceOf(this.link.robot).twist(
+      unit.x * scale.speed,
+      unit.y * scale.speed,
+      unit.turn * scale.turn,
+    );
+    return { vx, vy, omega, frame: this.frame };
   }
 
   /** A source has changed: begin, go on, or let go. Hands on any control end what is latched. */

@@ -24,6 +24,12 @@ export class Frame {
     );
   }
 
+  /** Whether an event is on the scene itself, below all controls. */
+  isScene(event) {
+    const path = event.composedPath();
+    return !path.includes(this._host) && this._canvas !== null && path.includes(this._canvas);
+  }
+
   /** Tell how much room the controls take, so that the drawer opens above them. */
   reserve(top, bottom) {
     document.documentElement.style.setProperty("--tsd-top", `${Math.ceil(top)}px`);

@@ -2,7 +2,7 @@
 
 import { el, mark, say, svg } from "./dom.js";
 import { fixed } from "./format.js";
-import { isSeen } from "./panels.js";
+import { isSeen } from "./seen.js";
 
 const REACH = 40; // Radius of the tilt limit in the drawing.
 const CONFLICT_MPS = 0.1; // End of the conflict bar.
@@ -49,7 +49,7 @@ export class Gimbals {
       this._verdict,
     );
     place.append(this._waiting, this._all);
-    this._draw = () => isSeen(this._list.parentElement.getRootNode().host) && this._show();
+    this._draw = () => isSeen(place) && this._show();
     this._open = true;
     link.on("state", () => this._open && this._draw());
     link.on("robot", () => this._open && this._build());

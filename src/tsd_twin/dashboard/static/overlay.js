@@ -2,6 +2,7 @@
 
 import { Account } from "./account.js";
 import { Bar } from "./bar.js";
+import { BringUp } from "./bring_up.js";
 import { Card } from "./card.js";
 import { el, mark, say } from "./dom.js";
 import { Drive } from "./drive.js";
@@ -17,6 +18,7 @@ import { Notices, worthSaying } from "./notices.js";
 import { notDrive } from "./permission.js";
 import { Pose } from "./pose.js";
 import { Sliders } from "./sliders.js";
+import { spaceOf } from "./space.js";
 import { Stale } from "./stale.js";
 import { Stick } from "./stick.js";
 import { StopButton } from "./stop.js";
@@ -54,11 +56,12 @@ const stick = new Stick(drive);
 const turn = new Turn(drive);
 const stopButton = new StopButton(link, tips, stop);
 const sliders = new Sliders(drive, link, (event) => frame.isPanel(event));
+const bringUp = new BringUp(drive, link, (event) => frame.isScene(event));
 const preview = el(
   "div",
   { class: "preview", hidden: true },
   "PREVIEW",
-  el("span", {}, "the sliders pose the gimbals, the robot stays put"),
+  el("span", {}, "the sliders move your picture only, the robot stays put"),
 );
 const axes = el("button", {
   type: "button",
@@ -96,7 +99,11 @@ const hints = new Hints(link, tips, [
   },
   {
     target: bar.arm.button,
-    text: "Arm: the wheels spin up. They spin even when the robot stands still.",
+    get text() {
+      return link.robot?.panel === "gimbals"
+        ? "Arm: the wheels spin up. They spin even when the robot stands still."
+        : "Arm: from then on the motors hold the robot, and move it when you ask.";
+    },
     when: (state) => state.you && state.status.mode === "disarmed",
     done: isArmed,
   },
@@ -128,7 +135,8 @@ stick.element
   );
 
 const keys = new Keys(drive, { focused: keyOfFocused, stop });
-for (const source of [stick, turn, keys, new Gamepad(drive, stop), sliders]) drive.add(source);
+for (const source of [stick, turn, keys, new Gamepad(drive, stop), sliders, bringUp])
+  drive.add(source);
 drive.onChange(draw);
 drive.onMessage = (text) => notices.say(text);
 link.on("state", draw);
@@ -137,8 +145,12 @@ link.on("event", (event) => {
   if (!event.past && worthSaying(event, link.welcome?.operator)) notices.say(event.text);
 });
 link.on("reply", ({ ok, reason }) => !ok && notices.say(`Refused: ${reason}.`));
-link.on("robot", ({ title }) => (document.title = `${title} · tsd-twin`));
-tips.attach(stick.pad, () => notDrive(link) ?? "Up is forward, left is left");
+link.on("robot", ({ title, space }) => {
+  document.title = `${title} · tsd-twin`;
+  axes.hidden = space === "ball"; // Its base and the world are one.
+  if (axes.hidden && drive.frame !== "base_link") turnAxes("base_link");
+});
+tips.attach(stick.pad, () => notDrive(link) ?? spaceOf(link.robot).words);
 tips.attach(turn.track, () => notDrive(link) ?? "Left turns left");
 tips.attach(axes, () => "Up on the stick: forward of the robot, or along x of the world");
 
@@ -172,35 +184,36 @@ function keyOfFocused(event) {
 function draw() {
   const { scale, twist } = drive;
   const refusal = notDrive(link);
-  const sliding = sliders.held;
-  const unit = sliding ? share(twist, scale) : drive.unit;
-  const commanded = refusal === null ? share(inFrame(link.state), scale) : null;
-  stick.draw(unit, commanded, drive.level, twist);
+  const space = spaceOf(link.robot);
+  const byItself = sliders.held || bringUp.held;
+  const unit = byItself ? share(space.unit([twist.vx, twist.vy, twist.omega]), scale) : drive.unit;
+  const commanded = refusal === null ? share(inFrame(link.state, space), scale) : null;
+  stick.draw(unit, commanded, drive.level, scale, space);
   turn.draw(unit.turn, commanded?.turn ?? null, twist.omega);
   for (const node of [stick.pad, turn.track])
     mark(node, "aria-disabled", refusal === null ? null : "true");
   say(
     root.getElementById("stick-help"),
-    refusal ?? "Drag, or use the arrow keys: up is forward. It springs back.",
+    refusal ?? `Drag, or use the arrow keys. ${space.words}. It springs back.`,
   );
   preview.hidden = !sliders.preview;
 }
 
-/** Return a twist as shares of what the level allows. */
-function share({ vx, vy, omega }, { speed, turn: most }) {
+/** Return where the controls would be, as shares of what the level allows. */
+function share({ x, y, turn: rate }, { speed, turn: most }) {
   return {
-    x: speed > 0 ? vx / speed : 0,
-    y: speed > 0 ? vy / speed : 0,
-    turn: most > 0 ? omega / most : 0,
+    x: speed > 0 ? x / speed : 0,
+    y: speed > 0 ? y / speed : 0,
+    turn: most > 0 ? rate / most : 0,
   };
 }
 
 /** Return what is commanded to the joints, along the axes that the stick has. */
-function inFrame({ commanded, pose: at }) {
-  const [vx, vy, omega] = commanded ?? [0, 0, 0];
+function inFrame({ commanded, pose: at }, space) {
+  const { x, y, turn: rate } = space.unit(commanded ?? [0, 0, 0]);
   const heading = drive.frame === "odom" ? (at?.[2] ?? 0) : 0;
   const [c, s] = [Math.cos(heading), Math.sin(heading)];
-  return { vx: c * vx - s * vy, vy: s * vx + c * vy, omega };
+  return { x: c * x - s * y, y: s * x + c * y, turn: rate };
 }
 
 function turnAxes(to = drive.frame === "odom" ? "base_link" : "odom") {

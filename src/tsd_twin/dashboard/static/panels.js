@@ -2,8 +2,8 @@
 // connects again.
 
 import { el } from "./dom.js";
-import { Gimbals } from "./gimbals.js";
 import { Health } from "./health.js";
+import { Joints } from "./joints.js";
 import { nameControls } from "./names.js";
 import { Plots } from "./plots.js";
 import { Recorder } from "./recorder.js";
@@ -12,7 +12,7 @@ import { Recorder } from "./recorder.js";
 export function watchPanels(link) {
   const recorder = new Recorder(link);
   const makers = {
-    gimbals: (place) => new Gimbals(link, place),
+    joints: (place) => new Joints(link, place),
     plots: (place) => new Plots(recorder, place),
     health: (place) => new Health(link, place),
   };
@@ -38,16 +38,13 @@ export function watchPanels(link) {
   fill();
 }
 
+const STYLES = { joints: ["gimbals", "wheels"], plots: ["plots"], health: ["health"] };
+
 function shadow(place) {
   const root = place.shadowRoot ?? place.attachShadow({ mode: "open" });
-  const styles = ["panel", place.dataset.tsd];
+  const styles = ["panel", ...STYLES[place.dataset.tsd]];
   root.replaceChildren(
     ...styles.map((name) => el("link", { rel: "stylesheet", href: `static/${name}.css` })),
   );
   return root;
-}
-
-/** Whether an element can be seen now: a tab that is not shown takes no room. */
-export function isSeen(node) {
-  return document.visibilityState === "visible" && node.offsetParent !== null;
 }

@@ -3,10 +3,70 @@
 import { Chart } from "./chart.js";
 import { el, say } from "./dom.js";
 import { fixed } from "./format.js";
-import { isSeen } from "./panels.js";
+import { isSeen } from "./seen.js";
 
 const FRAME_MS = 80;
 const TONES = ["one", "two", "three", "four"];
+
+const CONFLICT = {
+  title: "Conflict",
+  unit: "m/s",
+  decimals: 3,
+  least: 0.02,
+  series: [["residual", "conflict"]],
+  positive: true,
+};
+const ACTUATORS = {
+  gimbals: ({ modules }) => [
+    {
+      title: "Tilt",
+      unit: "°",
+      decimals: 1,
+      least: 5,
+      series: modules.map((name, i) => [String(i + 1), `tilt ${name}`]),
+      positive: true,
+    },
+    CONFLICT,
+  ],
+  wheels: (card) => [speeds(card), CONFLICT],
+  sphere: (card) => [
+    speeds(card),
+    {
+      title: "Models apart",
+      unit: "°",
+      decimals: 1,
+      least: 4,
+      series: [["ideal to dual", "models"]],
+      positive: true,
+    },
+  ],
+};
+
+/** Numbers of the twist, those of one unit in one chart. */
+function motion({ space, numbers }) {
+  const least = { "m/s": 0.2, "rad/s": 0.5 };
+  const units = [...new Set(numbers.map(({ unit }) => unit))];
+  const titles = { "m/s": "Velocity", "rad/s": space === "ball" ? "Turning" : "Turn rate" };
+  return units.map((unit) => ({
+    title: titles[unit],
+    unit,
+    decimals: 2,
+    least: least[unit],
+    series: numbers.filter((one) => one.unit === unit).map(({ symbol, name }) => [symbol, name]),
+    pairs: true,
+  }));
+}
+
+function speeds({ wheels, max_rpm: most }) {
+  return {
+    title: "Wheels",
+    unit: "rpm",
+    decimals: 0,
+    least: most / 10,
+    series: wheels.map((name, i) => [String(i + 1), name]),
+    pairs: true,
+  };
+}
 
 export class Plots {
   constructor(recorder, place) {
@@ -22,8 +82,8 @@ export class Plots {
 
   _draw() {
     if (!isSeen(this._place)) return;
-    const key = `${this._recorder.robot} ${this._recorder.modules}`;
-    if (key !== this._key) this._build(key);
+    if (this._recorder.card === null) return;
+    if (this._recorder.card !== this._card) this._build(this._recorder.card);
     const nowS = performance.now() / 1000;
     for (const { chart, values } of this._rows) {
       chart.draw(nowS);
@@ -32,45 +92,11 @@ export class Plots {
     }
   }
 
-  _build(key) {
-    this._key = key;
-    const modules = this._recorder.modules;
+  _build(card) {
+    this._card = card;
     const rows = [
-      {
-        title: "Velocity",
-        unit: "m/s",
-        decimals: 2,
-        least: 0.2,
-        series: [
-          ["vx", "vx"],
-          ["vy", "vy"],
-        ],
-        pairs: true,
-      },
-      {
-        title: "Turn rate",
-        unit: "rad/s",
-        decimals: 2,
-        least: 0.5,
-        series: [["ω", "omega"]],
-        pairs: true,
-      },
-      {
-        title: "Tilt",
-        unit: "°",
-        decimals: 1,
-        least: 5,
-        series: modules.map((name, i) => [String(i + 1), `tilt ${name}`]),
-        positive: true,
-      },
-      {
-        title: "Conflict",
-        unit: "m/s",
-        decimals: 3,
-        least: 0.02,
-        series: [["residual", "conflict"]],
-        positive: true,
-      },
+      ...motion(card),
+      ...ACTUATORS[card.panel](card),
       {
         title: "Round trip",
         unit: "ms",

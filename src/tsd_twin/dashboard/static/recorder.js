@@ -9,7 +9,7 @@ export class Recorder {
     this.times = new Float64Array(LENGTH);
     this.rows = new Map(); // Name of a channel to its values, in the same places as the times.
     this.count = 0; // Samples so far; the newest is at (count - 1) modulo the length.
-    this.modules = [];
+    this.card = null; // Of the robot that is recorded.
     link.on("state", (state) => this._take(state, link));
     link.on("robot", (robot) => this._begin(robot));
   }
@@ -35,21 +35,27 @@ export class Recorder {
   _begin(robot) {
     if (this.robot === robot.id) return;
     this.robot = robot.id;
-    this.modules = robot.modules;
+    this.card = robot;
     this.count = 0;
     this.rows.clear();
   }
 
   _take(state, link) {
+    if (this.card === null) return;
     const at = this.count % LENGTH;
     this.times[at] = performance.now() / 1000;
     const commanded = state.commanded ?? NOTHING;
     const twist = state.twist ?? NOTHING;
-    ["vx", "vy", "omega"].forEach((name, i) => {
+    this.card.numbers.forEach(({ name }, i) => {
       this._put(`set ${name}`, at, commanded[i]);
       this._put(name, at, twist[i]);
     });
-    this.modules.forEach((name, i) => this._put(`tilt ${name}`, at, state.modules[i]?.tilt));
+    this.card.modules.forEach((name, i) => this._put(`tilt ${name}`, at, state.modules[i]?.tilt));
+    this.card.wheels.forEach((name, i) => {
+      this._put(`set ${name}`, at, state.wheels[i]?.set_rpm);
+      this._put(name, at, state.wheels[i]?.rpm);
+    });
+    this._put("models", at, state.ball?.angle_deg);
     this._put("conflict", at, state.status.conflict.residual_mps);
     this._put("latency", at, link.roundTripMs());
     this.count += 1;

@@ -57,14 +57,12 @@ export class Stick {
   }
 
   /** Draw what is asked for and what the robot makes of it, as shares of what the level allows. */
-  draw(unit, allowed, level, twist) {
+  draw(unit, allowed, level, scale, space) {
     put(this._asked, unit.x, unit.y);
     this.pad.style.setProperty("--level", level / 100);
-    mark(
-      this.pad,
-      "aria-valuetext",
-      `forward ${fixed(twist.vx, 2)}, left ${fixed(twist.vy, 2)} m/s`,
-    );
+    const [forward, left, word] = space.stick;
+    const said = [unit.x, unit.y].map((share) => fixed(share * scale.speed, 2));
+    mark(this.pad, "aria-valuetext", `${forward} ${said[0]}, ${left} ${said[1]} ${word}`);
     mark(this._allowed, "hidden", allowed === null ? "" : null);
     mark(this._gap, "hidden", allowed === null ? "" : null);
     if (allowed === null) return;

@@ -1,0 +1,170 @@
+// A bar for each wheel that rolls: how fast it turns, how fast it should, and what no motion explains.
+
+import { el, mark, say } from "./dom.js";
+import { fixed } from "./format.js";
+import { isSeen } from "./seen.js";
+
+const CONFLICT_MPS = 0.1; // End of the conflict bar.
+
+export class Wheels {
+  constructor(link, place) {
+    this._link = link;
+    this._list = new WheelList(link);
+    this._residual = el("span", { class: "value" });
+    this._conflict = el(
+      "div",
+      {
+        class: "meter",
+        role: "meter",
+        "aria-label": "Conflict",
+        "aria-valuemin": "0",
+        "aria-valuemax": CONFLICT_MPS,
+      },
+      el("div"),
+    );
+    this._verdict = el("p", { class: "verdict" });
+    this._apart = new Apart(link);
+    place.append(
+      this._list.element,
+      el(
+        "div",
+        { class: "head" },
+        el("strong", {}, "Conflict"),
+        this._residual,
+        el("span", { class: "unit" }, "m/s"),
+      ),
+      this._conflict,
+      this._verdict,
+      this._apart.element,
+    );
+    this._open = true;
+    link.on("state", () => this._open && isSeen(place) && this._show());
+  }
+
+  close() {
+    this._open = false;
+  }
+
+  _show() {
+    const { status } = this._link.state;
+    const { residual_mps: residual, suspect } = status.conflict;
+    this._list.show(suspect);
+    this._apart.show();
+    say(this._residual, fixed(residual, 3));
+    this._conflict.firstChild.style.transform = `scaleX(${Math.min(1, residual / CONFLICT_MPS)})`;
+    mark(this._conflict, "aria-valuenow", residual);
+    mark(this._conflict, "data-suspect", suspect === null ? null : "");
+    const number = this._link.robot.wheels.indexOf(suspect) + 1;
+    const alone = this._link.robot.wheels.length < 4;
+    say(
+      this._verdict,
+      suspect !== null
+        ? `Wheel ${number} contradicts the others.`
+        : alone
+          ? "Three wheels cannot contradict one another."
+          : "The wheels agree.",
+    );
+  }
+}
+
+/** A row for each wheel, with a bar from the middle: to the right it turns forward. */
+export class WheelList {
+  constructor(link) {
+    this._link = link;
+    this._built = null;
+    this._rows = [];
+    this._bars = el("div", { class: "wheels" });
+    this.element = el(
+      "div",
+      {},
+      el(
+        "p",
+        { class: "key" },
+        el("i", { class: "tick" }),
+        "set-point",
+        el("i", { class: "dot" }),
+        "measured",
+        el("span", { class: "muted" }, "right is forward"),
+      ),
+      this._bars,
+    );
+  }
+
+  show(suspect) {
+    const { robot, state } = this._link;
+    if (this._built !== robot) this._build(robot);
+    state.wheels.forEach((wheel, i) => this._rows[i]?.(wheel, robot.wheels[i] === suspect));
+  }
+
+  _build(robot) {
+    this._built = robot;
+    const rows = robot.wheels.map((_, i) => row(i + 1, robot.max_rpm));
+    this._rows = rows.map(({ show }) => show);
+    this._bars.replaceChildren(...rows.map(({ element }) => element));
+  }
+}
+
+/** How far the other estimate is off, of robots that have two. */
+export class Apart {
+  constructor(link) {
+    this._link = link;
+    this._text = el("p", { class: "verdict" });
+    this.element = el(
+      "div",
+      { class: "apart", hidden: true },
+      el(
+        "div",
+        { class: "head" },
+        el("i", { class: "cage", "aria-hidden": "true" }),
+        el("strong", {}, "Other estimate"),
+      ),
+      this._text,
+    );
+  }
+
+  show() {
+    const { robot, state } = this._link;
+    this.element.hidden = !robot.other || !state.apart;
+    if (this.element.hidden) return;
+    const { metres, degrees } = state.apart;
+    const by = robot.space === "ball" ? "" : `${fixed(metres, 3)} m and `;
+    say(this._text, `By its ${robot.other} it is ${by}${fixed(degrees, 1)}° elsewhere.`);
+  }
+}
+
+function row(number, most) {
+  const bar = el("div", { class: "bar" });
+  const tick = el("div", { class: "tick" });
+  const speed = el("span", { class: "value" });
+  const track = el(
+    "div",
+    {
+      class: "speed",
+      role: "meter",
+      "aria-label": `Speed of wheel ${number}`,
+      "aria-valuemin": -most,
+      "aria-valuemax": most,
+    },
+    bar,
+    tick,
+  );
+  const element = el(
+    "section",
+    { class: "wheel", "aria-label": `Wheel ${number}` },
+    el("strong", {}, `Wheel ${number}`),
+    el("span", { class: "figure" }, speed, el("span", { class: "unit" }, " rpm")),
+    track,
+  );
+  const show = ({ rpm, set_rpm: set }, suspect) => {
+    say(speed, fixed(rpm, 0));
+    bar.style.transform = `scaleX(${clamp(rpm / most).toFixed(4)})`;
+    tick.style.left = `${(50 + 50 * clamp(set / most)).toFixed(2)}%`;
+    mark(track, "aria-valuenow", Math.round(rpm));
+    mark(element, "data-suspect", suspect ? "" : null);
+  };
+  return { element, show };
+}
+
+function clamp(share) {
+  return Math.max(-1, Math.min(1, share));
+}

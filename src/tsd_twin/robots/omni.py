@@ -1,0 +1,155 @@
+"""The description of a platform on wheels with rollers: omni wheels, Killough's three, Mecanum."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta
+
+from tsd_twin.drives import Joint, JointKind, OmniDrive
+from tsd_twin.drives.omni import impossible
+from tsd_twin.lie import Array
+from tsd_twin.robots.geared_motor import GearedMotor, WheelNoise, carried_kg_m2
+from tsd_twin.robots.robot import JointErrors, NotNegative, Positive, Problem, Robot, SpinUp, Table
+
+
+class OmniWheel(Table, frozen=True):
+    """One of `[[drive.wheels]]`."""
+
+    x_m: float
+    y_m: float
+    direction_deg: float
+    """Where the wheel drives to when it turns forward, from X towards Y."""
+    roller_deg: float = 0.0
+    """Axle of the roller on the floor, from there: 0 for an omni wheel, +-45 for Mecanum."""
+
+
+class OmniGeometry(Table, frozen=True, tag="omni", tag_field="kind"):
+    """`[drive]` of a platform on wheels with rollers."""
+
+    wheel_radius_m: Positive
+    wheels: Annotated[list[OmniWheel], Meta(min_length=1, max_length=12)]
+    friction: Positive = 0.6
+    """Of the rollers on the floor."""
+    slip: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
+    """Share of each rim's way that the floor swallows, in the simulator."""
+
+
+class OmniMass(Table, frozen=True):
+    """`[mass]`: for the dynamics and the URDF."""
+
+    total_kg: Positive
+    wheel_kg: Positive
+    yaw_inertia_kg_m2: Positive
+    """Of the whole robot, about the vertical through its centre."""
+
+
+class DeadWheel(Table, frozen=True):
+    """One of `[[dead_wheels.wheels]]`: it is not driven, and measures along its direction."""
+
+    x_m: float
+    y_m: float
+    direction_deg: float
+
+
+class DeadWheels(Table, frozen=True):
+    """`[dead_wheels]`: two in L, and a rate gyro for what they cannot see."""
+
+    radius_m: Positive
+    pulses_per_turn: Positive
+    wheels: Annotated[list[DeadWheel], Meta(min_length=2, max_length=2)]
+    gyro_range_deg_per_s: Positive
+    gyro_drift_deg_per_h: NotNegative = 0.0
+    """How far the gyro turns away in an hour at rest."""
+
+    def rows(self) -> tuple[tuple[float, float, float], ...]:
+        """Return the velocity over the ground that each wheel measures, from the body twist."""
+        angles = [np.radians(wheel.direction_deg) for wheel in self.wheels]
+        return tuple(
+            (float(np.cos(a)), float(np.sin(a)), float(w.x_m * np.sin(a) - w.y_m * np.cos(a)))
+            for a, w in zip(angles, self.wheels, strict=True)
+        )
+
+
+class OmniRobot(Robot, frozen=True, kw_only=True):
+    """A platform on wheels with rollers."""
+
+    drive: OmniGeometry
+    motor: GearedMotor
+    mass: OmniMass
+    noise: WheelNoise = WheelNoise()
+    dead_wheels: DeadWheels | None = None
+
+    @property
+    def sensors(self) -> tuple[Joint, ...]:
+        """Angles of the dead wheels, and the rate of the gyro."""
+        if self.dead_wheels is None:
+            return ()
+        return (
+            Joint("dead1", JointKind.POSITION),
+            Joint("dead2", JointKind.POSITION),
+            Joint("gyro", JointKind.VELOCITY),
+        )
+
+    def kinematics(self) -> OmniDrive:
+        """Return the drive."""
+        positions, directions, rollers = self._layout()
+        drive = OmniDrive(
+            positions_m=positions,
+            directions_rad=directions,
+            rollers_rad=rollers,
+            wheel_radius_m=self.drive.wheel_radius_m,
+            max_speed_rad_per_s=self.motor.top_speed_rad_per_s,
+            max_acceleration_rad_per_s2=math.inf,
+        )
+        inertia = self.driven_inertia_kg_m2(drive)
+        return replace(
+            drive, max_acceleration_rad_per_s2=self.motor.acceleration_rad_per_s2(inertia)
+        )
+
+    @property
+    def wheel_inertia_kg_m2(self) -> float:
+        """Of a wheel and what turns with it."""
+        rim = 0.5 * self.mass.wheel_kg * self.drive.wheel_radius_m**2
+        return rim + self.motor.rotor_at_wheel_kg_m2
+
+    def driven_inertia_kg_m2(self, drive: OmniDrive) -> float:
+        """Return the most that a wheel feels, itself and its share of the robot."""
+        mass = self.mass
+        body = np.array([mass.total_kg, mass.total_kg, mass.yaw_inertia_kg_m2])
+        return self.wheel_inertia_kg_m2 + carried_kg_m2(drive.twist_from_speeds, body)
+
+    def joint_errors(self) -> JointErrors:
+        """Return the noise of the wheel speeds."""
+        return JointErrors(spin_share=self.noise.spin_share)
+
+    def spin_up(self) -> SpinUp:
+        """Return how wheels follow their set-points."""
+        return self.motor.spin_up()
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield what the wheels, driven or dead, cannot do."""
+        if problem := impossible(*self._layout()):
+            yield (
+                f"drive.wheels: {problem}",
+                "three or more wheels that do not all drive along lines through one point",
+            )
+        if self.dead_wheels is not None:
+            (ax, ay, _), (bx, by, _) = self.dead_wheels.rows()
+            if abs(ax * by - ay * bx) < 0.1:
+                yield (
+                    "dead_wheels.wheels: both measure along one direction",
+                    "two directions, best at right angles",
+                )
+
+    def _layout(self) -> tuple[Array, Array, Array]:
+        wheels = self.drive.wheels
+        return (
+            np.array([[wheel.x_m, wheel.y_m] for wheel in wheels]),
+            np.radians([wheel.direction_deg for wheel in wheels]),
+            np.radians([wheel.roller_deg for wheel in wheels]),
+        )

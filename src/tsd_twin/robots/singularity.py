@@ -1,0 +1,179 @@
+"""The description of a singularity drive: wheels that always spin, on servo gimbals."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta
+
+from tsd_twin.drives import SingularityDrive
+from tsd_twin.robots.robot import (
+    RPM,
+    JointErrors,
+    NotNegative,
+    Positive,
+    Problem,
+    Robot,
+    SpinUp,
+    Table,
+)
+
+
+class SingularityGeometry(Table, frozen=True, tag="singularity", tag_field="kind"):
+    """`[drive]` of a singularity drive."""
+
+    azimuths_deg: Annotated[list[float], Meta(min_length=2)]
+    """Direction of each pivot, from X forward towards Y left."""
+    pivot_radius_m: Positive
+    wheel_radius_m: Positive
+    max_tilt_deg: Annotated[float, Meta(gt=0.0, lt=80.0)]
+    cruise_speed_rpm: Positive
+    """Speed of the wheels when the robot is ready: the gear."""
+
+    @property
+    def modules(self) -> int:
+        """Number of wheels."""
+        return len(self.azimuths_deg)
+
+
+class Servo(Table, frozen=True):
+    """`[servo]`: one gimbal actuator."""
+
+    model: str
+    steps_per_turn: Annotated[int, Meta(gt=0)]
+    no_load_speed_rpm: Positive
+    """At the nominal voltage of the battery."""
+    approach_rate_per_s: Positive
+    """Close to the goal the error decays exponentially, at this rate."""
+    stall_torque_nm: Positive = 6.0
+    """At the nominal voltage of the battery; of an MX-64 unless given."""
+    size_m: tuple[Positive, Positive, Positive] = (0.0402, 0.0611, 0.041)
+    """Width, length and depth along the shaft, of the case; of an MX-64 unless given."""
+
+
+class Motor(Table, frozen=True):
+    """`[motor]`: the drive motors with their speed controllers, one curve for each wheel."""
+
+    signal: Annotated[list[float], Meta(min_length=2)]
+    """Throttle signal of each row of the calibration table, rising."""
+    speed_rpm: Annotated[list[list[NotNegative]], Meta(min_length=1)]
+    """Measured speed at each signal, one list for each motor."""
+    start_speed_rpm: NotNegative
+    """Below this the motor does not turn."""
+    time_constant_up_s: Positive
+    time_constant_down_s: Positive
+    pulse_low_us: Positive = 1000.0
+    """Pulse width that the lowest signal stands for."""
+    pulse_high_us: Positive = 2000.0
+    arming_hold_s: NotNegative = 2.0
+    """Time at zero throttle that the speed controllers need before they arm."""
+
+
+class Mass(Table, frozen=True):
+    """`[mass]`: for the dynamics and the URDF."""
+
+    total_kg: Positive
+    wheel_kg: Positive
+    gimbal_kg: Positive
+    """Of one outer or inner frame with what it carries."""
+
+
+class Noise(Table, frozen=True):
+    """`[noise]`: standard deviations, for the covariance and as the simulator's default."""
+
+    gimbal_angle_deg: NotNegative = 0.0
+    spin_share: NotNegative = 0.0
+    """Of a wheel's speed."""
+
+
+class SingularityRobot(Robot, frozen=True, kw_only=True):
+    """A robot on a singularity drive."""
+
+    drive: SingularityGeometry
+    servo: Servo
+    motor: Motor
+    mass: Mass
+    noise: Noise = Noise()
+
+    @property
+    def arming_hold_s(self) -> float:
+        """Speed controllers arm only after zero throttle."""
+        return self.motor.arming_hold_s
+
+    @property
+    def measures_spin(self) -> bool:
+        """The robot of the thesis does not."""
+        return False
+
+    def kinematics(self) -> SingularityDrive:
+        """Return the drive in its cruising gear."""
+        g = self.drive
+        return SingularityDrive(
+            azimuths_rad=np.radians(g.azimuths_deg),
+            pivot_radius_m=g.pivot_radius_m,
+            wheel_radius_m=g.wheel_radius_m,
+            spin_rad_per_s=g.cruise_speed_rpm * RPM,
+            max_tilt_rad=float(np.radians(g.max_tilt_deg)),
+            max_tilt_rate_rad_per_s=self.servo.no_load_speed_rpm * RPM,
+        )
+
+    def joint_errors(self) -> JointErrors:
+        """Return the noise of gimbal angles and wheel speeds."""
+        return JointErrors(math.radians(self.noise.gimbal_angle_deg), self.noise.spin_share)
+
+    def spin_up(self) -> SpinUp:
+        """Return how the drive motors spin up and run down."""
+        m = self.motor
+        return SpinUp(m.start_speed_rpm * RPM, m.time_constant_up_s, m.time_constant_down_s)
+
+    @property
+    def lag_s(self) -> float:
+        """That of the servos: the wheels spin at one speed."""
+        return 1.0 / self.servo.approach_rate_per_s
+
+    def problems(self) -> Iterator[Problem]:
+        """Yield two pivots in one place, and what keeps the motor table from having an inverse."""
+        azimuths = [azimuth % 360.0 for azimuth in self.drive.azimuths_deg]
+        if len(set(azimuths)) < len(azimuths):
+            yield (
+                "drive.azimuths_deg has the same direction twice",
+                "one direction for each pivot",
+            )
+        yield from self._motor_problems()
+
+    def _motor_problems(self) -> Iterator[Problem]:
+        motor, modules = self.motor, self.drive.modules
+        if any(b <= a for a, b in itertools.pairwise(motor.signal)):
+            yield "motor.signal must rise from row to row", ""
+        if len(motor.speed_rpm) != modules:
+            yield (
+                f"motor.speed_rpm has {len(motor.speed_rpm)} lists, the drive has {modules} wheels",
+                "one list for each of drive.azimuths_deg",
+            )
+        for i, column in enumerate(motor.speed_rpm):
+            yield from self._curve_problems(i, column)
+
+    def _curve_problems(self, i: int, column: list[float]) -> Iterator[Problem]:
+        motor, rows = self.motor, len(self.motor.signal)
+        if len(column) != rows:
+            yield (
+                f"motor.speed_rpm[{i}] has {len(column)} speeds for {rows} signals",
+                "one speed for each of motor.signal",
+            )
+        if any(b < a for a, b in itertools.pairwise(column)):
+            yield f"motor.speed_rpm[{i}] must not fall as the signal rises", ""
+        if column and column[0] > 0.0:
+            yield (
+                f"motor.speed_rpm[{i}] starts at {column[0]:g}",
+                "0: the lowest signal is zero throttle",
+            )
+        if column and not motor.start_speed_rpm <= self.drive.cruise_speed_rpm <= column[-1]:
+            yield (
+                f"drive.cruise_speed_rpm is {self.drive.cruise_speed_rpm:g}, "
+                f"motor {i + 1} turns from {motor.start_speed_rpm:g} to {column[-1]:g}",
+                "between motor.start_speed_rpm and the last speed of every motor",
+            )

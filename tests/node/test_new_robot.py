@@ -1,0 +1,100 @@
+"""A robot of a known kind is one TOML file: written, loaded, put on the bus and driven."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.node.pilot import Pilot
+from tests.running import running
+from tsd_twin import robots
+from tsd_twin.lie import SO3
+from tsd_twin.messages.ros import decode_odometry
+
+FIVE_WHEELS = """
+name = "star"
+title = "Five omni wheels"
+
+[drive]
+kind = "omni"
+wheel_radius_m = 0.04
+wheels = [
+  { x_m = 0.2, y_m = 0.0, direction_deg = 90.0 },
+  { x_m = 0.06, y_m = 0.19, direction_deg = 162.0 },
+  { x_m = -0.16, y_m = 0.12, direction_deg = 234.0 },
+  { x_m = -0.16, y_m = -0.12, direction_deg = 306.0 },
+  { x_m = 0.06, y_m = -0.19, direction_deg = 18.0 },
+]
+
+[limits]
+speed_mps = 1.0
+turn_rate_rad_per_s = 2.0
+acceleration_mps2 = 2.0
+deceleration_mps2 = 2.5
+angular_acceleration_rad_per_s2 = 8.0
+
+[motor]
+power_w = 40.0
+gear_ratio = 15.0
+no_load_speed_rpm = 6000.0
+rotor_inertia_kg_m2 = 2e-6
+time_constant_s = 0.03
+
+[battery]
+nominal_v = 12.0
+
+[mass]
+total_kg = 6.0
+wheel_kg = 0.2
+yaw_inertia_kg_m2 = 0.12
+"""
+FOUR_MODULES = (
+    robots.text("tsd")
+    .replace('name = "tsd"', 'name = "quad"')
+    .replace("[90.0, 210.0, 330.0]", "[45.0, 135.0, 225.0, 315.0]")
+    .replace("speed_rpm = [\n", f"speed_rpm = [\n  {[0, 0, *range(3000, 14000, 1400)]},\n")
+    .replace("[motor]", "[motor]\narming_hold_s = 0.1")
+)
+
+
+@pytest.mark.parametrize("text", [FIVE_WHEELS, FOUR_MODULES], ids=["star", "quad"])
+def test_a_robot_that_is_one_file_drives(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    robot = robots.load(str(path))
+    with running(robot.name, robots.text(str(path))) as node, Pilot(node) as pilot:
+        pilot.get_ready()
+        pilot.drive((0.3, 0.2, 0.0), until=lambda: pilot.truth.xy_heading[0] > 0.3)
+        x, y, _ = pilot.truth.xy_heading
+        assert y == pytest.approx(x * 2.0 / 3.0, abs=0.05)
+        np.testing.assert_allclose(pilot.odom.xy_heading, pilot.truth.xy_heading, atol=0.05)
+
+
+def test_a_robot_with_two_estimates_sends_both() -> None:
+    text = robots.text("omni4").replace("friction = 0.7", "friction = 0.7\nslip = 0.2")
+    with running("omni4", text) as node, Pilot(node, streams=6) as pilot:
+        pilot.get_ready()
+        pilot.drive((0.5, 0.0, 0.0), until=lambda: pilot.truth.xy_heading[0] > 0.5)
+        best, true = pilot.odom.xy_heading[0], pilot.truth.xy_heading[0]
+        other = decode_odometry(pilot.newest["odom_other"].payload).xy_heading[0]
+        assert best == pytest.approx(true, abs=0.05)
+        assert other > 1.1 * true
+
+
+def test_a_sphere_turns_about_the_axis_that_it_is_told() -> None:
+    with running("atlas", robots.text("atlas")) as node, Pilot(node, streams=6) as pilot:
+
+        def read(what: str) -> SO3:
+            wxyz = decode_odometry(pilot.newest[what].payload, turning=True).wxyz
+            assert wxyz is not None
+            return SO3(wxyz)
+
+        pilot.get_ready()
+        pilot.drive((0.0, 2.0, 0.0), until=lambda: read("truth").log()[1] > 1.0)
+        turned = read("truth").log()
+        # Rows that hop push it a little aside; the estimate knows.
+        assert np.abs(turned[[0, 2]]).max() < 0.1 * turned[1]
+        off = (read("odom") @ read("truth").inverse()).log()
+        assert np.linalg.norm(off) < 0.1
