@@ -14,6 +14,7 @@ from tests.node.pilot import Pilot
 from tests.running import RunningNode
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config
+from tsd_twin.robots import Robot
 from tsd_twin.topics import Service
 
 AHEAD = (0.5, 0.0, 0.0)
@@ -31,6 +32,7 @@ class Endpoint:
 
     id: str
     endpoint: str
+    robot: Robot
 
     def client(self) -> Bus:
         """Return a session that is linked to it."""
@@ -109,7 +111,7 @@ class Machine:
 
     def _pilot(self) -> Pilot:
         self.endpoint = self.bridge.ready().split()[-1]
-        return Pilot.blind(cast(RunningNode, Endpoint("tsd", self.endpoint)))
+        return Pilot.blind(cast(RunningNode, Endpoint("tsd", self.endpoint, robots.load("tsd"))))
 
     @property
     def mode(self) -> str:
