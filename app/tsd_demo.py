@@ -36,6 +36,7 @@ PARSER = program.parser(
         "tsd-demo --robot my.toml        drive a robot of your own",
         "tsd-demo --robot tsd --robot omni4 --robot atlas    several in one page",
         "tsd-demo --link delay=150ms     drive it over a bad link, see tsd-link --help",
+        "tsd-demo --plant mujoco         move it as rigid bodies on a floor, not by equations",
         "tsd-demo --no-browser           print the address and leave the browser alone",
     ],
 )
@@ -49,7 +50,13 @@ def demonstrate(args: argparse.Namespace) -> None:
     bus_ports = [free_port(args.bus_port, BUS_PORT), *(free_port(0, 0) for _ in chosen[1:])]
     page_port = free_port(args.port, PAGE_PORT)
     endpoints = [f"tcp/127.0.0.1:{port}" for port in bus_ports]
-    more = ["--noise", str(args.noise), *(["--verbose"] if args.verbose else [])]
+    more = [
+        "--noise",
+        str(args.noise),
+        "--plant",
+        args.plant,
+        *(["--verbose"] if args.verbose else []),
+    ]
     dashboard = [
         "tsd_dashboard",
         "--port",
@@ -221,6 +228,7 @@ def main() -> None:
         "--bus-port", type=int, help=f"of the bus; default {BUS_PORT}, or any free one"
     )
     PARSER.add_argument("--noise", type=float, default=0.0, help="times [noise]; default 0")
+    program.add_plant_flag(PARSER)
     PARSER.add_argument("--link", metavar="SPEC", help="put a bad link between them")
     PARSER.add_argument("--no-browser", action="store_true", help="do not open a browser")
     program.run(PARSER, demonstrate)

@@ -22,6 +22,7 @@ PARSER = program.parser(
         "tsd-mock --robot my.toml --id left         a robot of your own, under another id",
         "tsd-mock --listen tcp/127.0.0.1:0          on a free port, which it prints",
         "tsd-mock --noise 1                         with the noise of the description",
+        "tsd-mock --plant mujoco                    rigid bodies on a floor, not equations",
     ],
 )
 
@@ -29,7 +30,8 @@ PARSER = program.parser(
 def joints(robot: Robot, args: argparse.Namespace) -> RobotIO:
     """Return the simulated joints, behind a simulated board."""
     pose = pose_at(robot, args)
-    return Board(robot, SimRobot(robot, seed=args.seed, noise=args.noise, pose=pose))
+    simulated = SimRobot(robot, seed=args.seed, noise=args.noise, pose=pose, plant=args.plant)
+    return Board(robot, simulated)
 
 
 def pose_at(robot: Robot, args: argparse.Namespace) -> SE2 | None:
@@ -65,6 +67,7 @@ def main() -> None:
         metavar="X,Y,DEGREES",
         help="where it stands at the start, m and degrees; default 0,0,0",
     )
+    program.add_plant_flag(PARSER)
     robot_program.serve(PARSER, joints, pose_at)
 
 

@@ -8,7 +8,8 @@ TwinError               anything below; its text is one sentence for the person 
 │   └── NoAnswerError   a service did not answer in time
 ├── LinkError           a description of a simulated link cannot be read (in linksim)
 ├── PathError           a path that nobody can follow
-└── MeshError           a generated part is missing or is not a closed solid
+├── MeshError           a generated part is missing or is not a closed solid
+└── MissingExtraError   an optional package that was asked for is not installed
 ```
 
 Any other exception is a bug.
@@ -51,3 +52,10 @@ class PathError(TwinError):
 
 class MeshError(TwinError):
     """A generated part is missing or is not a closed solid."""
+
+
+class MissingExtraError(TwinError):
+    """Something was asked for that an optional package would do."""
+
+    def __init__(self, what: str, extra: str) -> None:
+        super().__init__(f"{what} needs a package more: pip install 'tsd-twin[{extra}]'")
