@@ -5,15 +5,15 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench soak format lock meshes clean
+.PHONY: help demo test check bench soak format lock meshes clean firmware robot-in-a-box avr
 
 help: ## Show this list
-	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):.*## (.*)/make \1\t\2/' | expand -t 14
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 22
 
 demo: .venv/.run ## Drive the simulated robot in the browser
 	$(BIN)/tsd-demo $(ARGS)
 
-test: check browser ## Check, then run all tests
+test: check browser avr ## Check, then run all tests
 	$(BIN)/pytest $(ARGS)
 
 check: .venv/.dev ## Format, lint, types, layers
@@ -33,6 +33,12 @@ format: .venv/.dev ## Format and mend what can be mended
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
+firmware: avr ## Build the firmware of the controller board
+	@$(MAKE) --no-print-directory -C firmware
+
+robot-in-a-box: .venv/.run avr ## Run the firmware in real time behind a port, for tsd-bridge
+	$(BIN)/python -m firmware.simulator $(ARGS)
+
 meshes: .venv/.dev ## Generate meshes and URDF from the descriptions
 	for robot in src/tsd_twin/robots/*.toml; do \
 	  $(BIN)/python -m tsd_twin.description "$$(basename "$$robot" .toml)"; \
@@ -48,8 +54,11 @@ browser: ## Install Chromium and nginx, for the tests, when there are none
 	@scripts/ensure_chromium
 	@scripts/ensure_nginx
 
+avr: ## Install compiler and simulator of the firmware when there are none
+	@scripts/ensure_avr
+
 clean: ## Remove what set-up made
-	rm -rf .venv
+	rm -rf .venv firmware/build
 
 .venv/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit("tsd-twin needs Python 3.11 or newer, $(PYTHON) is " + sys.version.split()[0] if sys.version_info < (3, 11) else 0)'

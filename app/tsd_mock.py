@@ -7,11 +7,11 @@ import math
 
 import numpy as np
 
-from tsd_twin import description, program, robots
+from tsd_twin import program, robot_program
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2
-from tsd_twin.messages.service import Description
-from tsd_twin.node import RobotNode
+from tsd_twin.node import RobotIO
+from tsd_twin.robots import Robot
 from tsd_twin.sim import Board, SimRobot
 
 PARSER = program.parser(
@@ -27,29 +27,19 @@ PARSER = program.parser(
 )
 
 
-def serve(args: argparse.Namespace) -> None:
-    """Run until SIGINT or SIGTERM."""
-    stop = program.stop_event(args)
-    text = robots.text(args.robot)
-    robot = robots.parse(text, args.robot)
-    robot_id = args.id or robot.name
-    pose = start_pose(args.at, robot) if args.at else None
+def joints(robot: Robot, args: argparse.Namespace) -> RobotIO:
+    """Return the simulated joints, behind a simulated board."""
+    pose = pose_at(robot, args)
     simulated = SimRobot(robot, seed=args.seed, noise=args.noise, pose=pose, plant=args.plant)
-    board = Board(robot, simulated)
-    with program.node_bus(args) as bus:
-        node = RobotNode(
-            bus,
-            robot_id,
-            robot,
-            board,
-            Description(text, description.urdf(robot, description.parts(robot))),
-            pose=pose,
-        )
-        program.say_ready(f"tsd-mock {robot_id} on {' '.join(bus.endpoints()) or args.connect}")
-        node.run(stop)
+    return Board(robot, simulated)
 
 
-def start_pose(text: str, robot: robots.Robot) -> SE2:
+def pose_at(robot: Robot, args: argparse.Namespace) -> SE2 | None:
+    """Return where it stands at the start, if `--at` says so."""
+    return start_pose(args.at, robot) if args.at else None
+
+
+def start_pose(text: str, robot: Robot) -> SE2:
     """Return the pose that `--at` asks for.
 
     Raises:
@@ -68,8 +58,6 @@ def start_pose(text: str, robot: robots.Robot) -> SE2:
 
 def main() -> None:
     """Read the flags and run."""
-    program.add_robot_flags(PARSER)
-    program.add_node_flags(PARSER)
     PARSER.add_argument("--seed", type=int, default=0, help="of the noise; default 0")
     PARSER.add_argument(
         "--noise", type=float, default=0.0, metavar="SCALE", help="times [noise]; default 0"
@@ -80,7 +68,7 @@ def main() -> None:
         help="where it stands at the start, m and degrees; default 0,0,0",
     )
     program.add_plant_flag(PARSER)
-    program.run(PARSER, serve)
+    robot_program.serve(PARSER, joints, pose_at)
 
 
 if __name__ == "__main__":

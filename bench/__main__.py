@@ -6,7 +6,7 @@ import argparse
 import importlib
 import sys
 
-PARTS = ("kinematics", "simulation", "bus", "dashboard", "start")
+PARTS = ("kinematics", "simulation", "firmware", "bus", "bridge", "dashboard", "start")
 
 
 def main() -> None:

@@ -168,9 +168,11 @@ def test_joints_that_are_not_measured_from_the_start_cannot_be_armed(rig: Rig) -
     rig.measures = False
     rig.wait(0.5)
     pilot = rig.acquire()
-    rig.ask(Service.ARM, lease=pilot.lease)
+    reply = rig.ask(Service.ARM, lease=pilot.lease)
+    assert not reply.ok
+    assert "have not been measured" in reply.reason
     rig.tick()
-    assert rig.mode is Mode.FAULT
+    assert rig.mode is Mode.DISARMED
     assert still(rig)
 
 

@@ -12,7 +12,8 @@ import pytest
 
 from tests.docs.pages import ROOT, anchors, code, links, page, without_code
 
-PAGES = [*ROOT.glob("*.md"), *ROOT.glob("docs/*.md"), *ROOT.glob("meshes/*.md")]
+FOLDERS = ("", "docs/", "meshes/", "firmware/", "firmware/simulator/")
+PAGES = [path for folder in FOLDERS for path in ROOT.glob(f"{folder}*.md")]
 
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))

@@ -11,6 +11,7 @@ import processes
 import side_view
 import sphere
 import top_view
+import wiring
 
 DRAWINGS = {
     "modes": modes.draw,
@@ -19,6 +20,7 @@ DRAWINGS = {
     "side_view": side_view.draw,
     "sphere": sphere.draw,
     "top_view": top_view.draw,
+    "wiring": wiring.draw,
 }
 
 

@@ -11,6 +11,7 @@ from tsd_twin.authority.gate import CommandGate
 from tsd_twin.authority.hand_over import HandOver
 from tsd_twin.authority.lease import Lease, LeaseDesk, held_by
 from tsd_twin.authority.lease_words import LeaseWords
+from tsd_twin.authority.mandate import Mandate
 from tsd_twin.authority.modes import ARMED, LATCHED, TRANSITIONS, Mode
 from tsd_twin.errors import MessageError
 from tsd_twin.messages.command import Command, Sample
@@ -70,6 +71,8 @@ class Authority:
         self._pushed_s = -np.inf
         self._spin_up_s: float | None = None
         self._disarm_at_rest = False
+        self._vouched = 0
+        self._fault = ""
         self._reported_s: dict[tuple[str, str], float] = {}
         self._events: list[Event] = []
 
@@ -102,6 +105,8 @@ class Authority:
             return self.refuse("arm", f"the robot is {self.mode}: reset first", now_s)
         if self.mode is not Mode.DISARMED:
             return self.refuse("arm", f"the robot is {self.mode} already", now_s)
+        if self._fault:
+            return self.refuse("arm", self._fault, now_s)
         self._go(Mode.ARMING, "armed by the operator", now_s)
         return Reply(True)
 
@@ -157,6 +162,7 @@ class Authority:
             )
             return
         self._desk.renew(now_s)
+        self._vouched += 1
         self.command_s, self.command_seq = now_s, outcome.seq
         pushes = bool(outcome.twist.any())
         if pushes:
@@ -172,6 +178,7 @@ class Authority:
     def step(self, facts: Facts, now_s: float) -> None:
         """Let time pass: what has run out, has run out."""
         lease = self._watch_lease(now_s)
+        self._fault = facts.fault
         if facts.fault and self.mode in ARMED:
             self._go(Mode.FAULT, facts.fault, now_s)
         match self.mode:
@@ -190,6 +197,8 @@ class Authority:
                     )
             case Mode.DISARMED | Mode.STOPPED | Mode.FAULT:
                 pass
+        if self.mode in (Mode.ARMING, Mode.READY):
+            self._vouched += 1
 
     def arming(self, now_s: float) -> ArmingStatus | None:
         """Return how far arming is."""
@@ -205,6 +214,11 @@ class Authority:
         if self.mode is Mode.ARMING:
             return self._spin_up_s is not None
         return self.mode in ARMED
+
+    @property
+    def mandate(self) -> Mandate:
+        """On whose word the joints move."""
+        return Mandate(self.mode in ARMED, self._vouched)
 
     def lease_in_force(self, now_s: float) -> Lease | None:
         """Return the lease in force, if any."""
@@ -264,6 +278,7 @@ class Authority:
             self.stops += 1
             self._drove = self.command.lease if self.command is not None else b""
             self.gate.note_stopping(now_s)
+            self._vouched += 1
         else:
             self._disarm_at_rest = False
         if mode is not Mode.DRIVING:

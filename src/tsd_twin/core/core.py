@@ -85,12 +85,15 @@ class RobotCore:
 
     # The control loop.
 
-    def step(self, now_s: float, measured: Array | None, samples: Sequence[Sample]) -> Array:
+    def step(
+        self, now_s: float, measured: Array | None, samples: Sequence[Sample], fault: str = ""
+    ) -> Array:
         """Return the set-point (n,) for the period that begins at `now_s`.
 
         `measured` (n + s,) are the joints and then the sensors of the robot, NaN where a number is
         not measured; None when there is no measurement. `samples` are all that came in on the
         command key since the last step.
+        `fault` says what the board below the joints objects to, if anything.
         """
         dt_s = now_s - self._now_s if math.isfinite(self._now_s) else 0.01
         self._now_s = now_s
@@ -98,14 +101,15 @@ class RobotCore:
             self._estimator.advance(now_s, measured, self.setpoint, dt_s)
         for sample in samples:
             self.authority.receive(sample, now_s)
-        self.authority.step(self._facts(now_s), now_s)
+        self.authority.step(self._facts(now_s, fault), now_s)
         self._command(now_s, max(dt_s, 0.0))
         return self.setpoint
 
-    def _facts(self, now_s: float) -> Facts:
+    def _facts(self, now_s: float, fault: str) -> Facts:
         silent = now_s - self._estimator.measured_s > SILENT_S
         at_rest = not self.twist.any()
-        fault = f"the joints have not been measured for {SILENT_S * 1000:.0f} ms" if silent else ""
+        if silent and not fault:
+            fault = f"the joints have not been measured for {SILENT_S * 1000:.0f} ms"
         if self.authority.mode is not Mode.ARMING:
             return Facts(neutral=False, at_speed=False, at_rest=at_rest, fault=fault)
         neutral, at_speed = self._estimator.neutral_and_at_speed()

@@ -14,12 +14,12 @@ from tsd_twin import topics
 from tsd_twin.bus import Bus, Publisher
 from tsd_twin.core import RobotCore
 from tsd_twin.errors import BusError
-from tsd_twin.lie import SE2, SO3
+from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.ros import Odometry, encode_joints, encode_odometry
 from tsd_twin.messages.service import Description, Event
 from tsd_twin.messages.status import encode_stamp, encode_status
 from tsd_twin.node.rate import RateKeeper
-from tsd_twin.node.robot_io import RobotIO, Simulated
+from tsd_twin.node.robot_io import Guarded, RobotIO, Simulated
 from tsd_twin.robots import Robot
 from tsd_twin.topics import Service, Urgency
 
@@ -62,6 +62,7 @@ class RobotNode:
         self._bus = bus
         self._id = robot_id
         self._io = io
+        self._guard = io if isinstance(io, Guarded) else None
         self._core = RobotCore(robot, lambda: secrets.token_bytes(16), pose=pose)
         self._description = msgspec.json.encode(description)
         self._commands = bus.reader(topics.TWIST.key(robot_id), _COMMANDS_KEPT)
@@ -92,7 +93,7 @@ class RobotNode:
         now_s = time.monotonic()
         self._core.stop(b'{"reason": "the node ended"}', now_s)
         try:
-            self._io.write(self._core.step(now_s, None, ()), now_s)
+            self._write(self._core.step(now_s, None, ()), now_s)
         finally:
             self._io.close()
             self._token.close()
@@ -103,9 +104,14 @@ class RobotNode:
             self._core.stop(sample.payload, now_s)
         self._serve(now_s)
         commands = self._commands.take()
-        setpoint = self._core.step(now_s, measured, commands)
-        self._io.write(setpoint, now_s)
+        fault = self._guard.fault(now_s) if self._guard else ""
+        self._write(self._core.step(now_s, measured, commands, fault), now_s)
         self._publish(now_s, tick, bool(commands), rate)
+
+    def _write(self, setpoint: Array, now_s: float) -> None:
+        if self._guard:
+            self._guard.vouch(self._core.authority.mandate)
+        self._io.write(setpoint, now_s)
 
     def _serve(self, now_s: float) -> None:
         for service, server in self._servers.items():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Protocol, runtime_checkable
 
+from tsd_twin.authority import Mandate
 from tsd_twin.lie import SE2, SO3, Array
 
 
@@ -28,6 +29,19 @@ class RobotIO(Protocol):
 
     def close(self) -> None:
         """Leave the robot at rest."""
+        ...
+
+
+@runtime_checkable
+class Guarded(Protocol):
+    """A robot with a board that stops by itself when nobody stands behind what it is told."""
+
+    def fault(self, now_s: float) -> str:
+        """Return what the board objects to, as a part of a sentence; "" while all is well."""
+        ...
+
+    def vouch(self, mandate: Mandate) -> None:
+        """Say on whose word the next set-point is given."""
         ...
 
 

@@ -89,12 +89,7 @@ export class Health {
           ]),
         ),
       },
-      Hardware: Object.fromEntries(
-        Object.entries(status.hardware).map(([name, value]) => [
-          name.replaceAll("_", " "),
-          written(value),
-        ]),
-      ),
+      ...tables("Hardware", status.hardware),
     };
     const shape = JSON.stringify(
       Object.entries(sections).map(([title, rows]) => [title, Object.keys(rows)]),
@@ -129,9 +124,24 @@ function line({ kind, text, robot_s: seconds }) {
   return el("li", { "data-kind": kind }, time, el("span", {}, text));
 }
 
+// Whatever a robot says of its hardware: figures in one table, each group of them in one of its own.
+function tables(title, facts) {
+  const rows = Object.entries(facts).map(([name, value]) => [name.replaceAll("_", " "), value]);
+  const groups = rows.filter(([, value]) => isGroup(value));
+  const figures = rows.filter(([, value]) => !isGroup(value));
+  return Object.assign(
+    { [title]: Object.fromEntries(figures.map(([name, value]) => [name, written(value)])) },
+    ...groups.map(([name, value]) => tables(`${title}: ${name}`, value)),
+  );
+}
+
+function isGroup(value) {
+  return typeof value === "object" && value !== null && !Array.isArray(value);
+}
+
 function written(value) {
   if (Array.isArray(value)) return value.map(written).join(", ");
   if (typeof value === "number") return fixed(value, Number.isInteger(value) ? 0 : 2);
   if (typeof value === "boolean") return value ? "yes" : "no";
-  return typeof value === "object" ? JSON.stringify(value) : String(value);
+  return value === null ? "–" : String(value);
 }

@@ -1,0 +1,69 @@
+"""`tsd-bridge`: a machine on the bus, driven through its controller board."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from tsd_twin import program, robot_program
+from tsd_twin.hardware import Calibration, HardwareError, MegaRobot, U2D2Robot, ports
+from tsd_twin.hardware.board import BAUD
+from tsd_twin.node import RobotIO
+from tsd_twin.robots import Robot, SingularityRobot, of_kind
+from tsd_twin.sim import Motors
+
+PARSER = program.parser(
+    "tsd-bridge",
+    "A machine on the bus, driven through its controller board.",
+    [
+        "tsd-bridge --list                          what serial ports there are",
+        "tsd-bridge --port /dev/ttyACM0             the triple singularity drive",
+        "tsd-bridge --port /dev/serial/by-id/usb-Arduino_...-if00 --calibration mine.toml",
+        "tsd-bridge --port /dev/ttyACM0 --servos /dev/ttyUSB0",
+        "tsd-bridge --port socket://192.168.1.7:4004   a board behind ser2net or socat",
+    ],
+)
+
+
+def joints(robot: Robot, args: argparse.Namespace) -> RobotIO:
+    """Return the joints of the machine, connected."""
+    if not args.port:
+        raise HardwareError("--port is missing: 'tsd-bridge --list' shows what ports there are")
+    calibration = Calibration.read(args.calibration) if args.calibration else Calibration()
+    machine = of_kind(robot, SingularityRobot)
+    motors = Motors.of(machine)
+    if args.servos:
+        return U2D2Robot(machine, args.port, args.servos, motors, calibration, baud=args.baud)
+    return MegaRobot(machine, args.port, motors, calibration, baud=args.baud)
+
+
+class _List(argparse.Action):
+    """Prints the ports and ends, as `--version` does."""
+
+    def __call__(self, *_: object) -> None:
+        print("\n".join(ports()) or "no serial ports: is the board plugged in?")
+        sys.exit(0)
+
+
+def main() -> None:
+    """Read the flags and run."""
+    PARSER.add_argument("--list", action=_List, nargs=0, help="show the serial ports and end")
+    PARSER.add_argument(
+        "--port", metavar="PORT", help="device, or a URL of pyserial, of the controller board"
+    )
+    PARSER.add_argument(
+        "--servos",
+        metavar="PORT",
+        help="of a U2D2 with the servos, when they are not connected to the board",
+    )
+    PARSER.add_argument(
+        "--baud", type=int, default=BAUD, help=f"of the board, as it was flashed; default {BAUD}"
+    )
+    PARSER.add_argument(
+        "--calibration", metavar="FILE", help="TOML: neutral steps and turned servos"
+    )
+    robot_program.serve(PARSER, joints)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,176 @@
+// Made by `python -m tsd_twin.wire` from src/tsd_twin/wire/table.py; do not edit.
+// The control table: little endian, packed. Error 4: a value beyond its limits; error 7:
+// not writable, or not now.
+#ifndef CONTROL_TABLE_H
+#define CONTROL_TABLE_H
+
+#include <stdint.h>
+
+#define CT_MODEL 2014
+#define CT_FW_VERSION 1
+#define CT_BOARD_ID 200
+#define CT_TABLE_VERSION 1
+#define CT_SERVOS 6
+#define CT_ESCS 3
+#define CT_RC_CHANNELS 6
+#define CT_ZERO_THROTTLE 2000
+#define CT_FULL_THROTTLE 4000
+#define CT_SIZE 154
+
+typedef enum {  // Who has the joints.
+  BOARD_DISARMED = 0,
+  BOARD_ARMED = 1,
+  BOARD_RC = 2,
+} board_code_t;
+
+typedef enum {  // Why the board last disarmed itself; stays until it is armed again.
+  TRIP_NONE = 0,
+  TRIP_HEARTBEAT = 1,
+  TRIP_KILL = 2,
+  TRIP_RC_LOST = 3,
+  TRIP_RC_TOOK_OVER = 4,
+  TRIP_SERVO = 5,
+  TRIP_WATCHDOG = 6,
+} trip_code_t;
+
+typedef enum {  // Why arming was last refused; 0 once it succeeds.
+  REFUSAL_NONE = 0,
+  REFUSAL_ESC_HOLD = 1,
+  REFUSAL_THROTTLE = 2,
+  REFUSAL_GOAL = 3,
+  REFUSAL_SERVO = 4,
+  REFUSAL_NOT_NEUTRAL = 5,
+  REFUSAL_KILL = 6,
+  REFUSAL_RC = 7,
+  REFUSAL_SETUP = 8,
+} refusal_code_t;
+
+// Who this is, and what is fixed in it.
+#define CT_IDENTITY 0
+#define CT_IDENTITY_SIZE 21
+
+// How the robot is built; the bridge writes it when it connects. Kept without power.
+#define CT_SETUP 21
+#define CT_SETUP_SIZE 16
+
+// What the joints shall do: one WRITE of all of it in each cycle; of a part is error 5.
+#define CT_COMMAND 37
+#define CT_COMMAND_SIZE 22
+
+// What is the case: one READ in each cycle.
+#define CT_TELEMETRY 59
+#define CT_TELEMETRY_SIZE 95
+
+typedef struct __attribute__((packed)) {
+  // identity: read only
+  uint16_t model;  // 0: Kind of board.
+  uint8_t fw;  // 2: Version of the firmware, as a ping answers it.
+  uint8_t table_version;  // 3: Version of this table.
+  uint8_t id;  // 4: Id on the wire.
+  uint32_t host_baud;  // 5: Rate of the line to the PC. [Bd]
+  uint32_t servo_baud;  // 9: Rate of the servo bus. [Bd]
+  uint16_t heartbeat_timeout_ms;  // 13: Trips after this without a beat. [ms]
+  uint16_t watchdog_ms;  // 15: A hung firmware is reset after this. [ms]
+  uint16_t esc_hold_ms;  // 17: Zero throttle before arming. [ms]
+  uint16_t neutral_band;  // 19: Neutral is within this. [step]
+  // setup: read; write while disarmed
+  uint16_t neutral[6];  // 21: Servo position of neutral. [step]
+  uint8_t reverse;  // 33: Bit i: servo i turns the other way.
+  uint16_t goal_limit;  // 34: Goals are held within ± this. [step]
+  uint8_t servos_expected;  // 36: Bit i: servo i must answer to arm and to stay armed; 0 when others drive the servos.
+  // command: read and write
+  uint16_t heartbeat;  // 37: Any change is a beat; arming needs one.
+  uint8_t arm;  // 39: Going from 0 to 1 arms, if nothing speaks against it; 0 disarms. After a trip it has to be written 0 first: 1 again and again never arms again.
+  uint8_t torque;  // 40: 0 lets the servos go, while disarmed only.
+  uint16_t throttle[3];  // 41: Pulse to each speed controller; put out while armed. [0.5 us]
+  int16_t goal[6];  // 47: Gimbals from neutral: alpha and beta of module 1, then 2, then 3; obeyed while armed. [step]
+  // telemetry: read only
+  uint32_t millis;  // 59: Since the reset. [ms]
+  uint8_t mode;  // 63: Who has the joints: `BoardMode`.
+  uint8_t trip;  // 64: Why the board last disarmed itself, until it arms: `Trip`.
+  uint8_t refusal;  // 65: Why arming was last refused: `Refusal`.
+  uint8_t reset_cause;  // 66: Why the board started: `ResetCause`.
+  uint16_t beat;  // 67: Echo of the newest heartbeat.
+  uint8_t esc_ready;  // 69: 1: zero throttle was put out for `esc_hold_ms`.
+  uint8_t servo_found;  // 70: Bit i: servo i answered a ping.
+  uint8_t servo_alive;  // 71: Bit i: servo i answered within the last 50 ms.
+  uint8_t servo_protocol;  // 72: Bit i: servo i speaks Protocol 2.0, else 1.0.
+  uint8_t servo_fault;  // 73: Bit i: servo i reports a hardware error.
+  uint16_t throttle_out[3];  // 74: Pulse that is put out. [0.5 us]
+  int16_t position[6];  // 80: Gimbals from neutral. [step]
+  int16_t velocity[6];  // 92: Gimbals. [step/s]
+  int16_t current[6];  // 104: Of the servos. [mA]
+  uint8_t voltage[6];  // 116: At the servos. [0.1 V]
+  uint8_t temperature[6];  // 122: Of the servos. [deg C]
+  uint16_t rc[6];  // 128: Pulses of the receiver: forward, left, turn, speed, kill, manual; 0: no pulses. [us]
+  uint16_t battery_mv;  // 140: Of the battery. [mV]
+  uint16_t crc_errors;  // 142: Packets from the PC with a wrong sum.
+  uint16_t rx_errors;  // 144: Bytes from the PC lost, or cut packets given up.
+  uint16_t servo_errors;  // 146: Answers of servos that were missing or wrong.
+  uint16_t overruns;  // 148: Cycles that took longer than 10 ms.
+  uint16_t trips;  // 150: Times that the board disarmed itself since power came.
+  uint16_t resets;  // 152: Resets since power came.
+} control_table_t;
+
+_Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
+
+// X(name, address, type, count, default): every item.
+#define CT_ITEMS(X) \
+  X(model, 0, uint16_t, 1, 2014) \
+  X(fw, 2, uint8_t, 1, 1) \
+  X(table_version, 3, uint8_t, 1, 1) \
+  X(id, 4, uint8_t, 1, 200) \
+  X(host_baud, 5, uint32_t, 1, 1000000) \
+  X(servo_baud, 9, uint32_t, 1, 1000000) \
+  X(heartbeat_timeout_ms, 13, uint16_t, 1, 500) \
+  X(watchdog_ms, 15, uint16_t, 1, 250) \
+  X(esc_hold_ms, 17, uint16_t, 1, 2000) \
+  X(neutral_band, 19, uint16_t, 1, 34) \
+  X(neutral, 21, uint16_t, 6, 2048) \
+  X(reverse, 33, uint8_t, 1, 0) \
+  X(goal_limit, 34, uint16_t, 1, 341) \
+  X(servos_expected, 36, uint8_t, 1, 63) \
+  X(heartbeat, 37, uint16_t, 1, 0) \
+  X(arm, 39, uint8_t, 1, 0) \
+  X(torque, 40, uint8_t, 1, 1) \
+  X(throttle, 41, uint16_t, 3, 2000) \
+  X(goal, 47, int16_t, 6, 0) \
+  X(millis, 59, uint32_t, 1, 0) \
+  X(mode, 63, uint8_t, 1, 0) \
+  X(trip, 64, uint8_t, 1, 0) \
+  X(refusal, 65, uint8_t, 1, 0) \
+  X(reset_cause, 66, uint8_t, 1, 0) \
+  X(beat, 67, uint16_t, 1, 0) \
+  X(esc_ready, 69, uint8_t, 1, 0) \
+  X(servo_found, 70, uint8_t, 1, 0) \
+  X(servo_alive, 71, uint8_t, 1, 0) \
+  X(servo_protocol, 72, uint8_t, 1, 0) \
+  X(servo_fault, 73, uint8_t, 1, 0) \
+  X(throttle_out, 74, uint16_t, 3, 2000) \
+  X(position, 80, int16_t, 6, 0) \
+  X(velocity, 92, int16_t, 6, 0) \
+  X(current, 104, int16_t, 6, 0) \
+  X(voltage, 116, uint8_t, 6, 0) \
+  X(temperature, 122, uint8_t, 6, 0) \
+  X(rc, 128, uint16_t, 6, 0) \
+  X(battery_mv, 140, uint16_t, 1, 0) \
+  X(crc_errors, 142, uint16_t, 1, 0) \
+  X(rx_errors, 144, uint16_t, 1, 0) \
+  X(servo_errors, 146, uint16_t, 1, 0) \
+  X(overruns, 148, uint16_t, 1, 0) \
+  X(trips, 150, uint16_t, 1, 0) \
+  X(resets, 152, uint16_t, 1, 0)
+
+// X(name, address, type, count, least, most): every item that can be written.
+#define CT_WRITABLE(X) \
+  X(neutral, 21, uint16_t, 6, 0, 4095) \
+  X(reverse, 33, uint8_t, 1, 0, 63) \
+  X(goal_limit, 34, uint16_t, 1, 0, 1023) \
+  X(servos_expected, 36, uint8_t, 1, 0, 63) \
+  X(heartbeat, 37, uint16_t, 1, 0, 65535) \
+  X(arm, 39, uint8_t, 1, 0, 1) \
+  X(torque, 40, uint8_t, 1, 0, 1) \
+  X(throttle, 41, uint16_t, 3, 2000, 4000) \
+  X(goal, 47, int16_t, 6, -1023, 1023)
+
+#endif

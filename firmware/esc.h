@@ -1,0 +1,15 @@
+// The three speed controllers: pulses made by hardware, 50 a second.
+#ifndef ESC_H
+#define ESC_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+// Begins with zero throttle: a controller that sees more when it gets power may take it for the
+// start of its calibration. Nobody has to call it, it is run by the start of the program.
+__attribute__((naked, used, section(".init3"))) void esc_start(void);
+
+// Widths in half microseconds, from the next pulse on.
+void esc_put(const uint16_t *half_us);
+
+#endif

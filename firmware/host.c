@@ -1,0 +1,102 @@
+#include "host.h"
+
+#include <string.h>
+
+#include "host_line.h"
+#include "packet.h"
+#include "table.h"
+
+#define BETWEEN_BYTES_MS 10
+#define AT_A_TIME 32  // Bytes; a line that never pauses must not keep the safety rules waiting.
+
+static decoder_t decoder;
+static uint8_t silent_ms;
+
+void host_start(void) {
+  decoder_clear(&decoder);
+  host_line_start();
+}
+
+static uint16_t word(const uint8_t *bytes) { return bytes[0] | (uint16_t)bytes[1] << 8; }
+
+static void answer(answer_t error, const uint8_t *data, uint8_t length) {
+  static uint8_t parameters[1 + CT_SIZE], out[PACKET_ROOM];
+  parameters[0] = error;
+  memcpy(parameters + 1, data, length);
+  // Without room the PC has asked again before it was answered: it gets the first answers.
+  host_line_send(out, packet_write(out, CT_BOARD_ID, PACKET_STATUS, parameters, 1 + length));
+}
+
+static void ping(void) {
+  uint8_t identity[] = {table.model & 0xff, table.model >> 8, table.fw};
+  answer(ANSWER_OK, identity, sizeof identity);
+}
+
+static void read(const packet_t *packet) {
+  if (packet->count != 4) {
+    answer(ANSWER_LENGTH, NULL, 0);
+    return;
+  }
+  uint16_t address = word(packet->parameters), length = word(packet->parameters + 2);
+  if (length == 0 || length > CT_SIZE) {
+    answer(ANSWER_LENGTH, NULL, 0);
+  } else if (address > CT_SIZE - length) {
+    answer(ANSWER_ACCESS, NULL, 0);
+  } else {
+    answer(ANSWER_OK, (const uint8_t *)&table + address, length);
+  }
+}
+
+static answer_t write(const packet_t *packet) {
+  if (packet->count < 3) return ANSWER_LENGTH;
+  return table_write(word(packet->parameters), packet->parameters + 2, packet->count - 2);
+}
+
+static void handle(const packet_t *packet) {
+  // What others answer is none of ours, and a broadcast is answered when it is a ping.
+  bool broadcast = packet->id == PACKET_BROADCAST && packet->instruction == PACKET_PING;
+  if (packet->id != CT_BOARD_ID && !broadcast) return;
+  switch (packet->instruction) {
+    case PACKET_PING:
+      ping();
+      break;
+    case PACKET_READ:
+      read(packet);
+      break;
+    case PACKET_WRITE:
+      answer(write(packet), NULL, 0);
+      break;
+    case PACKET_STATUS:
+      break;
+    default:
+      answer(ANSWER_INSTRUCTION, NULL, 0);
+  }
+}
+
+static void handle_all(void) {
+  packet_t packet;
+  while (decoder_take(&decoder, &packet)) handle(&packet);
+  table.crc_errors += decoder.crc_errors;
+  decoder.crc_errors = 0;
+}
+
+bool host_poll(void) {
+  uint8_t byte = 0;
+  for (uint8_t i = 0; i < AT_A_TIME && host_line_receive(&byte); i++) {
+    silent_ms = 0;
+    if (decoder_push(&decoder, byte)) handle_all();
+  }
+  if (host_line_overrun()) table.rx_errors++;
+  return host_line_waiting();
+}
+
+void host_tick(void) {
+  if (silent_ms < BETWEEN_BYTES_MS) {
+    silent_ms++;
+    return;
+  }
+  while (decoder_give_up(&decoder)) {
+    table.rx_errors++;
+    handle_all();
+  }
+}

@@ -1,0 +1,44 @@
+// Firmware of the triple singularity drive for the Arduino Mega (ATmega2560).
+#include <avr/interrupt.h>
+#include <stdbool.h>
+
+#include "battery.h"
+#include "clock.h"
+#include "crc16.h"
+#include "host.h"
+#include "receiver.h"
+#include "safety.h"
+#include "servos.h"
+#include "setup.h"
+#include "table.h"
+#include "watchdog.h"
+
+static void tick(void) {
+  table.millis++;
+  receiver_tick();
+  servos_tick();
+  host_tick();
+  battery_tick();
+  setup_tick();
+  safety_tick();
+}
+
+int main(void) {
+  crc16_start();
+  table_start();
+  watchdog_remember();
+  setup_start();
+  safety_start();
+  receiver_start();
+  battery_start();
+  servos_start();
+  host_start();
+  clock_start();
+  sei();
+  while (true) {
+    bool more = host_poll();
+    servos_poll();
+    while (clock_tick()) tick();
+    if (!more) clock_sleep();
+  }
+}

@@ -1,0 +1,95 @@
+// MX-64 with its factory firmware, Protocol 1.0. Source: Robotis e-Manual, "MX-64" and
+// "DYNAMIXEL Protocol 1.0".
+#include <string.h>
+
+#include "control_table.h"
+#include "servo.h"
+
+#define BROADCAST 0xfe
+#define TORQUE_ENABLE 24
+#define GOAL_POSITION 30
+#define PRESENT 36  // Position (2), speed (2), load (2), voltage, temperature, ..., current (2).
+#define SOME 8
+#define ALL 34
+#define FAULTS 0x25  // Overload, overheating, input voltage.
+
+enum { PING = 1, READ = 2, WRITE = 3, SYNC_WRITE = 0x83 };
+
+// FF FF, id, length, error, parameters, sum.
+static uint8_t reply[6 + ALL];
+static uint8_t length;
+
+static uint8_t sum(const uint8_t *bytes, uint8_t count) {
+  uint8_t total = 0;
+  while (count--) total += *bytes++;
+  return ~total;
+}
+
+static uint8_t request(uint8_t *out, uint8_t id, uint8_t instruction, const uint8_t *parameters,
+                       uint8_t count) {
+  uint8_t header[] = {0xff, 0xff, id, count + 2, instruction};
+  memcpy(out, header, sizeof header);
+  memcpy(out + 5, parameters, count);
+  out[5 + count] = sum(out + 2, 3 + count);
+  return 6 + count;
+}
+
+static uint8_t ping(uint8_t *out, uint8_t id) { return request(out, id, PING, NULL, 0); }
+
+static uint8_t set_torque(uint8_t *out, uint8_t id, bool on) {
+  uint8_t parameters[] = {TORQUE_ENABLE, on};
+  return request(out, id, WRITE, parameters, sizeof parameters);
+}
+
+static uint8_t ask(uint8_t *out, uint8_t id, bool all) {
+  uint8_t parameters[] = {PRESENT, all ? ALL : SOME};
+  return request(out, id, READ, parameters, sizeof parameters);
+}
+
+static uint8_t set_goals(uint8_t *out, uint8_t mask, const uint16_t *goals) {
+  uint8_t parameters[2 + 3 * CT_SERVOS] = {GOAL_POSITION, 2};
+  uint8_t count = 2;
+  for (uint8_t i = 0; i < CT_SERVOS; i++) {
+    if (!(mask & 1 << i)) continue;
+    uint8_t goal[] = {i + 1, goals[i] & 0xff, goals[i] >> 8};
+    memcpy(parameters + count, goal, sizeof goal);
+    count += sizeof goal;
+  }
+  if (count == 2) return 0;
+  return request(out, BROADCAST, SYNC_WRITE, parameters, count);
+}
+
+static reply_t receive(uint8_t byte, uint8_t id) {
+  if (length < 2 && byte != 0xff) {
+    length = 0;
+    return REPLY_NONE;
+  }
+  if (length == 2 && byte == 0xff) return REPLY_NONE;  // Noise before the header.
+  reply[length++] = byte;
+  if (length < 4) return REPLY_NONE;
+  if (reply[2] != id || reply[3] < 2 || reply[3] > sizeof reply - 4) return REPLY_BROKEN;
+  if (length < 4 + reply[3]) return REPLY_NONE;
+  if (sum(reply + 2, length - 3) != reply[length - 1]) return REPLY_BROKEN;
+  return reply[4] & FAULTS ? REPLY_FAULT : REPLY_OK;
+}
+
+static uint16_t u16(const uint8_t *bytes) { return bytes[0] | (uint16_t)bytes[1] << 8; }
+
+static bool report(servo_report_t *report) {
+  const uint8_t *present = reply + 5;
+  if (length != 6 + SOME && length != 6 + ALL) return false;
+  uint16_t speed = u16(present + 2);
+  int32_t magnitude = ((int32_t)(speed & 0x3ff) * 1992) >> 8;  // 0.114 turns a minute
+  report->position = u16(present);
+  report->velocity = speed & 0x400 ? -magnitude : magnitude;  // This bit: clockwise.
+  report->voltage = present[6];
+  report->temperature = present[7];
+  if (length == 6 + ALL) {
+    report->current = ((int32_t)u16(present + 32) - 2048) * 9 / 2;  // 4.5 mA
+  }
+  return true;
+}
+
+static void listen(void) { length = 0; }
+
+const protocol_t PROTOCOL_1 = {ping, set_torque, ask, set_goals, receive, report, listen};

@@ -1,0 +1,72 @@
+// MX-64 with the firmware of Protocol 2.0. Source: Robotis e-Manual, "MX-64(2.0)".
+#include <string.h>
+
+#include "packet.h"
+#include "servo.h"
+
+#define TORQUE_ENABLE 64
+#define GOAL_POSITION 116
+#define PRESENT 126  // Current (2), velocity (4), position (4), ..., voltage (2), temperature.
+#define SOME 10
+#define ALL 21
+
+static decoder_t decoder;
+static packet_t reply;
+
+static uint8_t ping(uint8_t *out, uint8_t id) {
+  return packet_write(out, id, PACKET_PING, NULL, 0);
+}
+
+static uint8_t set_torque(uint8_t *out, uint8_t id, bool on) {
+  uint8_t parameters[] = {TORQUE_ENABLE, 0, on};
+  return packet_write(out, id, PACKET_WRITE, parameters, sizeof parameters);
+}
+
+static uint8_t ask(uint8_t *out, uint8_t id, bool all) {
+  uint8_t parameters[] = {PRESENT, 0, all ? ALL : SOME, 0};
+  return packet_write(out, id, PACKET_READ, parameters, sizeof parameters);
+}
+
+static uint8_t set_goals(uint8_t *out, uint8_t mask, const uint16_t *goals) {
+  uint8_t parameters[4 + 5 * CT_SERVOS] = {GOAL_POSITION, 0, 4, 0};
+  uint8_t count = 4;
+  for (uint8_t i = 0; i < CT_SERVOS; i++) {
+    if (!(mask & 1 << i)) continue;
+    uint8_t goal[] = {i + 1, goals[i] & 0xff, goals[i] >> 8, 0, 0};
+    memcpy(parameters + count, goal, sizeof goal);
+    count += sizeof goal;
+  }
+  if (count == 4) return 0;
+  return packet_write(out, PACKET_BROADCAST, PACKET_SYNC_WRITE, parameters, count);
+}
+
+static reply_t receive(uint8_t byte, uint8_t id) {
+  if (!decoder_push(&decoder, byte) || !decoder_take(&decoder, &reply)) return REPLY_NONE;
+  if (reply.id != id || reply.instruction != PACKET_STATUS || !reply.count) return REPLY_BROKEN;
+  uint8_t error = reply.parameters[0];
+  if (error & ~PACKET_ALERT) return REPLY_BROKEN;
+  return error ? REPLY_FAULT : REPLY_OK;
+}
+
+static int16_t i16(const uint8_t *bytes) { return bytes[0] | (uint16_t)bytes[1] << 8; }
+
+static int32_t i32(const uint8_t *bytes) {
+  return (uint16_t)i16(bytes) | (uint32_t)(uint16_t)i16(bytes + 2) << 16;
+}
+
+static bool report(servo_report_t *report) {
+  const uint8_t *present = reply.parameters + 1;
+  if (reply.count != 1 + SOME && reply.count != 1 + ALL) return false;
+  report->current = ((int32_t)i16(present) * 860) >> 8;    // 3.36 mA
+  report->velocity = (i32(present + 2) * 4002) >> 8;  // 0.229 turns a minute
+  report->position = i32(present + 6);
+  if (reply.count == 1 + ALL) {
+    report->voltage = present[18];
+    report->temperature = present[20];
+  }
+  return true;
+}
+
+static void listen(void) { decoder_clear(&decoder); }
+
+const protocol_t PROTOCOL_2 = {ping, set_torque, ask, set_goals, receive, report, listen};

@@ -1,0 +1,25 @@
+// Made by `python firmware/robot.py` from src/tsd_twin/robots/tsd.toml; do not edit.
+#ifndef ROBOT_H
+#define ROBOT_H
+
+#include <stdint.h>
+
+#define ROBOT_MODULES 3
+#define ROBOT_TILT_LIMIT_SINE 0.5f
+#define ROBOT_STEPS_PER_RADIAN 651.898647f
+#define ROBOT_SPEED_MPS 1.0f
+#define ROBOT_TURN_RATE 3.0f  // [rad/s]
+#define ROBOT_ACCELERATION 4.0f  // [m/s2]
+#define ROBOT_ANGULAR_ACCELERATION 20.0f  // [rad/s2]
+
+// Pulses that turn the wheels at cruising speed. [0.5 us]
+static const uint16_t ROBOT_CRUISE_THROTTLE[] = {2414, 2411, 2417};
+
+// (l_x, l_y) of each module from (vx, vy, omega), at cruising speed. [s/m, s/m, s/rad]
+static const float ROBOT_AXLES[ROBOT_MODULES][2][3] = {
+    {{0.0000000f, -0.0954930f, 0.0000000f}, {0.0954930f, 0.0000000f, -0.0143239f}},
+    {{0.0826993f, 0.0477465f, 0.0000000f}, {-0.0477465f, 0.0826993f, -0.0143239f}},
+    {{-0.0826993f, 0.0477465f, 0.0000000f}, {-0.0477465f, -0.0826993f, -0.0143239f}},
+};
+
+#endif

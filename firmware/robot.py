@@ -1,0 +1,62 @@
+"""Write `robot.h`: what the firmware has to know of the robot to drive by radio control.
+
+python firmware/robot.py > firmware/robot.h
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+
+import numpy as np
+
+from tsd_twin.robots import RPM, SingularityRobot, load, of_kind
+from tsd_twin.sim import Motors
+
+
+def header() -> str:
+    """Return the text of `robot.h`, made from the description `tsd`."""
+    robot = of_kind(load("tsd"), SingularityRobot)
+    drive = robot.kinematics()
+    motors = Motors.of(robot)
+    cruise = np.full(drive.modules, robot.drive.cruise_speed_rpm * RPM)
+    throttles = np.round(2.0 * motors.pulse_us(motors.signal(cruise))).astype(int)
+    axles = np.moveaxis(drive.axles(np.eye(3)), 0, -1)
+    rows = ",\n".join(
+        "    {"
+        + ", ".join(
+            "{" + ", ".join(f"{x + 0.0:.7f}f" for x in np.round(row, 7)) + "}" for row in module
+        )
+        + "}"
+        for module in axles
+    )
+    limits = robot.limits
+    return f"""\
+// Made by `python firmware/robot.py` from src/tsd_twin/robots/tsd.toml; do not edit.
+#ifndef ROBOT_H
+#define ROBOT_H
+
+#include <stdint.h>
+
+#define ROBOT_MODULES {drive.modules}
+#define ROBOT_TILT_LIMIT_SINE {math.sin(drive.max_tilt_rad):.9g}f
+#define ROBOT_STEPS_PER_RADIAN {robot.servo.steps_per_turn / (2.0 * math.pi):.9g}f
+#define ROBOT_SPEED_MPS {limits.speed_mps}f
+#define ROBOT_TURN_RATE {limits.turn_rate_rad_per_s}f  // [rad/s]
+#define ROBOT_ACCELERATION {limits.acceleration_mps2}f  // [m/s2]
+#define ROBOT_ANGULAR_ACCELERATION {limits.angular_acceleration_rad_per_s2}f  // [rad/s2]
+
+// Pulses that turn the wheels at cruising speed. [0.5 us]
+static const uint16_t ROBOT_CRUISE_THROTTLE[] = {{{", ".join(map(str, throttles))}}};
+
+// (l_x, l_y) of each module from (vx, vy, omega), at cruising speed. [s/m, s/m, s/rad]
+static const float ROBOT_AXLES[ROBOT_MODULES][2][3] = {{
+{rows},
+}};
+
+#endif
+"""
+
+
+if __name__ == "__main__":
+    sys.stdout.write(header())

@@ -1,0 +1,172 @@
+#include "safety.h"
+
+#include <avr/io.h>
+#include <stdlib.h>
+
+#include "esc.h"
+#include "manual.h"
+#include "pins.h"
+#include "receiver.h"
+#include "servos.h"
+#include "setup.h"
+#include "table.h"
+#include "watchdog.h"
+
+// What was written to `arm` last. A board that has just started takes it for 1: who goes on
+// sending 1 as before does not arm it.
+static bool arm_was_written = true;
+// Since the last beat. Counted up instead of compared with a clock: nothing can wrap.
+static uint16_t beat_age_ms;
+static uint16_t zero_throttle_ms;
+static bool manual_before = true;
+
+void safety_start(void) {
+  table.reset_cause = watchdog_reset_cause();
+  if (table.reset_cause & _BV(WDRF)) {
+    table.trip = TRIP_WATCHDOG;
+    watchdog_memory.trips++;
+  }
+  LIGHT_DDR |= LIGHT;
+}
+
+static void disarm(void) {
+  table.mode = BOARD_DISARMED;
+  table.arm = 0;
+}
+
+static void trip(trip_code_t reason) {
+  disarm();
+  table.trip = reason;
+  watchdog_memory.trips++;
+}
+
+static bool servos_well(void) {
+  uint8_t expected = table.servos_expected;
+  return (table.servo_alive & expected) == expected && !(table.servo_fault & expected);
+}
+
+static bool neutral(void) {
+  for (uint8_t i = 0; i < CT_SERVOS; i++) {
+    bool expected = table.servos_expected & 1 << i;
+    if (expected && abs(table.position[i]) > (int16_t)CT_DEFAULT(neutral_band)) return false;
+  }
+  return true;
+}
+
+static bool throttles_zero(void) {
+  for (uint8_t i = 0; i < CT_ESCS; i++) {
+    if (table.throttle[i] != CT_ZERO_THROTTLE) return false;
+  }
+  return true;
+}
+
+static bool goals_zero(void) {
+  for (uint8_t i = 0; i < CT_SERVOS; i++) {
+    if (table.goal[i] != 0) return false;
+  }
+  return true;
+}
+
+// What speaks against anybody having the joints.
+static refusal_code_t refusal_to_anybody(void) {
+  if (!setup_known()) return REFUSAL_SETUP;
+  if (!table.esc_ready) return REFUSAL_ESC_HOLD;
+  if (receiver_kills()) return REFUSAL_KILL;
+  if (!servos_well()) return REFUSAL_SERVO;
+  return REFUSAL_NONE;
+}
+
+static refusal_code_t refusal_to_pc(void) {
+  refusal_code_t refusal = refusal_to_anybody();
+  if (refusal) return refusal;
+  if (table.mode == BOARD_RC || receiver_manual()) return REFUSAL_RC;
+  if (!throttles_zero()) return REFUSAL_THROTTLE;
+  if (!goals_zero()) return REFUSAL_GOAL;
+  if (!neutral()) return REFUSAL_NOT_NEUTRAL;
+  return REFUSAL_NONE;
+}
+
+static void give_to(board_code_t mode) {
+  table.mode = mode;
+  table.trip = TRIP_NONE;
+}
+
+void safety_command(void) {
+  bool beat = table.heartbeat != table.beat;
+  bool wanted = table.arm, edge = wanted && !arm_was_written;
+  arm_was_written = wanted;
+  if (beat) {
+    table.beat = table.heartbeat;
+    beat_age_ms = 0;
+  }
+  if (!wanted) {
+    if (table.mode == BOARD_ARMED) disarm();
+  } else if (table.mode != BOARD_ARMED) {
+    table.arm = 0;
+    if (!edge || !beat) return;
+    table.refusal = refusal_to_pc();
+    if (table.refusal) return;
+    table.arm = 1;
+    give_to(BOARD_ARMED);
+  }
+}
+
+static trip_code_t reason_to_trip(void) {
+  bool pc = table.mode == BOARD_ARMED;
+  if (receiver_seen() && !receiver_present()) return TRIP_RC_LOST;
+  if (receiver_kills()) return TRIP_KILL;
+  if (!servos_well()) return TRIP_SERVO;
+  if (pc && receiver_manual()) return TRIP_RC_TOOK_OVER;
+  if (pc && beat_age_ms >= CT_DEFAULT(heartbeat_timeout_ms)) return TRIP_HEARTBEAT;
+  return TRIP_NONE;
+}
+
+// The radio control gets the robot when its switch is moved, and loses it when it is moved back.
+// A switch that stands at "manual" when the receiver is first heard has to be moved there again.
+static void look_at_switch(void) {
+  bool manual = receiver_manual(), edge = manual && !manual_before;
+  manual_before = manual || !receiver_present();
+  if (table.mode == BOARD_RC && !manual) disarm();
+  if (table.mode != BOARD_DISARMED || !edge) return;
+  table.refusal = refusal_to_anybody();
+  if (!table.refusal && !manual_speed_is_zero()) table.refusal = REFUSAL_THROTTLE;
+  if (table.refusal) return;
+  manual_begin();
+  give_to(BOARD_RC);
+}
+
+// Hands on what may pass: without anybody zero throttle, and gimbals to neutral.
+static void put_out(void) {
+  bool pc = table.mode == BOARD_ARMED, rc = table.mode == BOARD_RC;
+  const uint16_t *throttle = rc ? manual_throttle : table.throttle;
+  const int16_t *goal = rc ? manual_goal : table.goal;
+  int16_t limit = table.goal_limit;
+  for (uint8_t i = 0; i < CT_ESCS; i++) {
+    table.throttle_out[i] = pc || rc ? throttle[i] : CT_ZERO_THROTTLE;
+  }
+  for (uint8_t i = 0; i < CT_SERVOS; i++) {
+    int16_t wanted = pc || rc ? goal[i] : 0;
+    servo_command.goal[i] = wanted > limit ? limit : wanted < -limit ? -limit : wanted;
+  }
+  servo_command.torque = setup_known() && (table.torque || pc || rc);
+  esc_put(table.throttle_out);
+  if (pc || rc) {
+    LIGHT_PORT |= LIGHT;
+  } else {
+    LIGHT_PORT &= ~LIGHT;
+  }
+}
+
+void safety_tick(void) {
+  if (beat_age_ms < UINT16_MAX) beat_age_ms++;
+  if (zero_throttle_ms < CT_DEFAULT(esc_hold_ms)) zero_throttle_ms++;
+  table.esc_ready = zero_throttle_ms >= CT_DEFAULT(esc_hold_ms);
+  trip_code_t reason = table.mode == BOARD_DISARMED ? TRIP_NONE : reason_to_trip();
+  if (reason) trip(reason);
+  look_at_switch();
+  if (table.mode == BOARD_RC) manual_tick();
+  put_out();
+  table.trips = watchdog_memory.trips;
+  table.resets = watchdog_memory.resets;
+  watchdog_kick();
+}

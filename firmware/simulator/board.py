@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The controller board in virtual time: the firmware as compiled, and what its pins say."""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+FIRMWARE = Path(__file__).parents[1]
+BUILD = FIRMWARE / "build"
+HZ = 16_000_000
+_US = HZ // 1_000_000
+_Request = ctypes.CFUNCTYPE(None, ctypes.POINTER(ctypes.c_uint8), ctypes.c_uint32)
+
+
+def build() -> Path:
+    """Build the firmware and the library that runs it, if need be; return the firmware."""
+    goals = ["build/firmware.elf", "simulator"]
+    run = ["make", "-s", "-C", str(FIRMWARE), *goals]
+    subprocess.run(run, check=True)  # noqa: S603
+    return BUILD / "firmware.elf"
+
+
+def symbol(elf: Path, name: str) -> int:
+    """Return the address of a variable in memory."""
+    run = ["avr-nm", str(elf)]
+    listing = subprocess.run(run, check=True, capture_output=True, text=True).stdout  # noqa: S603
+    found = [line.split()[0] for line in listing.splitlines() if line.split()[-1] == name]
+    return int(found[0], 16) & 0xFFFF
+
+
+@dataclass(frozen=True)
+class Pulse:
+    """What was seen on the wire to a speed controller."""
+
+    count: int
+    us: float
+    """Width of the newest."""
+    unarmed_us: float
+    """Width of the widest that came while nobody had the joints."""
+    first_s: float
+    """When the first began."""
+
+
+class Board:
+    """An ATmega2560 at 16 MHz with its firmware; nothing happens but in `run`.
+
+    `mode_address` is where the firmware keeps who has the joints; pulses are judged by it.
+    """
+
+    def __init__(self, elf: Path, mode_address: int = 0) -> None:
+        self._lib = _library()
+        self._board = self._lib.board_open(str(elf).encode(), mode_address)
+        if not self._board:
+            raise OSError(f"cannot load {elf}")
+        self._receive = ctypes.create_string_buffer(65536)
+        self._call: ctypes._FuncPointer | None = None
+        self._raised: BaseException | None = None
+
+    def close(self) -> None:
+        """Free it."""
+        if self._board:
+            self._lib.board_close(self._board)
+        self._board = None
+
+    @property
+    def now_s(self) -> float:
+        """Time since power came."""
+        return self._lib.board_cycle(self._board) / HZ
+
+    @property
+    def resets(self) -> int:
+        """Resets so far, by whom ever."""
+        return self._lib.board_resets(self._board)
+
+    def run(self, seconds: float) -> None:
+        """Let time pass.
+
+        Raises:
+            RuntimeError: the firmware ran into nowhere.
+        """
+        end = self._lib.board_cycle(self._board) + round(seconds * HZ)
+        if not self._lib.board_run(self._board, end):
+            raise RuntimeError("the firmware crashed")
+        if self._raised is not None:
+            raised, self._raised = self._raised, None
+            raise raised
+
+    def send(self, data: bytes) -> None:
+        """Send bytes to the board as the PC does, at the rate of the line."""
+        self._lib.board_send(self._board, data, len(data))
+
+    def receive(self) -> bytes:
+        """Return what the board sent to the PC since the last call."""
+        count = self._lib.board_receive(self._board, self._receive, len(self._receive))
+        return ctypes.string_at(self._receive, count)
+
+    def on_request(self, call: Callable[[bytes], None]) -> None:
+        """Have `call` called with each request on the servo bus, when it is over."""
+
+        def guarded(data: ctypes._Pointer[ctypes.c_uint8], count: int) -> None:
+            try:
+                call(ctypes.string_at(data, count))
+            except BaseException as error:  # Nothing can be raised through C.
+                self._raised = error
+
+        self._call = _Request(guarded)
+        self._lib.board_on_request(self._board, self._call)
+
+    def reply(self, data: bytes, delay_us: int) -> None:
+        """Send bytes to the board as servos do, `delay_us` from now."""
+        self._lib.board_reply(self._board, data, len(data), delay_us)
+
+    def bus_faults(self) -> tuple[int, int, int]:
+        """Return bytes sent while listening, requests cut by the pin, replies talked over."""
+        counts = (ctypes.c_uint32 * 3)()
+        self._lib.board_bus_faults(self._board, counts)
+        return tuple(counts)  # type: ignore[return-value]
+
+    def pulse(self, index: int) -> Pulse:
+        """Return what is on the wire to one speed controller."""
+        facts = (ctypes.c_uint64 * 4)()
+        self._lib.board_esc(self._board, index, facts)
+        count, width, unarmed, first = facts
+        return Pulse(count, width / _US, unarmed / _US, first / HZ)
+
+    def set_receiver(self, us: Sequence[int]) -> None:
+        """Set the widths of the receiver's six channels; 0 is no pulse."""
+        self._lib.board_set_rc(self._board, (ctypes.c_uint32 * 6)(*us))
+
+    def set_adc(self, channel: int, volts: float) -> None:
+        """Set the voltage at an analogue input."""
+        self._lib.board_set_adc(self._board, channel, round(1000.0 * volts))
+
+    def peek(self, address: int) -> int:
+        """Return a byte of memory."""
+        return self._lib.board_peek(self._board, address)
+
+    def poke(self, address: int, value: int) -> None:
+        """Change a byte of memory, as a cosmic ray does."""
+        self._lib.board_poke(self._board, address, value)
+
+    def poke_eeprom(self, address: int, value: int) -> None:
+        """Change a byte of the memory that outlives power."""
+        self._lib.board_poke_eeprom(self._board, address, value)
+
+    def hang(self) -> None:
+        """Make the firmware hang with interrupts off, until the next reset."""
+        self._lib.board_hang(self._board)
+
+    def reset(self, *, power: bool = False) -> None:
+        """Reset it by its pin, or as power does that comes back."""
+        self._lib.board_reset(self._board, power)
+
+    def ask(self, cases: Sequence[bytes], ping: bytes, answer: bytes, patience_s: float) -> int:
+        """Send each case and `ping` behind it; return how many were followed by `answer` in time.
+
+        It ends with the first that was not.
+        """
+        lengths = (ctypes.c_uint32 * len(cases))(*map(len, cases))
+        patience_us = round(1e6 * patience_s)
+        return self._lib.board_ask(
+            self._board, b"".join(cases), lengths, len(cases),
+            ping, len(ping), answer, len(answer), patience_us,
+        )  # fmt: skip
+
+
+def _library() -> ctypes.CDLL:
+    lib = ctypes.CDLL(str(BUILD / "libboard.so"))
+    lib.board_open.argtypes = [ctypes.c_char_p, ctypes.c_uint16]
+    lib.board_open.restype = ctypes.c_void_p
+    lib.board_cycle.restype = ctypes.c_uint64
+    lib.board_run.restype = ctypes.c_bool
+    pointer, u32 = ctypes.c_void_p, ctypes.c_uint32
+    for name, *arguments in (
+        ("close",),
+        ("cycle",),
+        ("resets",),
+        ("run", ctypes.c_uint64),
+        ("send", ctypes.c_char_p, u32),
+        ("receive", ctypes.c_char_p, u32),
+        ("on_request", _Request),
+        ("reply", ctypes.c_char_p, u32, u32),
+        ("bus_faults", pointer),
+        ("esc", u32, pointer),
+        ("set_rc", pointer),
+        ("set_adc", u32, u32),
+        ("peek", ctypes.c_uint16),
+        ("poke", ctypes.c_uint16, ctypes.c_uint8),
+        ("poke_eeprom", ctypes.c_uint16, ctypes.c_uint8),
+        ("hang",),
+        ("reset", ctypes.c_bool),
+        ("ask", ctypes.c_char_p, pointer, u32, ctypes.c_char_p, u32, ctypes.c_char_p, u32, u32),
+    ):
+        getattr(lib, f"board_{name}").argtypes = [pointer, *arguments]
+    lib.board_peek.restype = ctypes.c_uint8
+    return lib

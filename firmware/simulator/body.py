@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What hangs on the board: the simulated motors, gimbals and wheels of `tsd_twin.sim`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from firmware.simulator.mx64 import Mx64
+from tsd_twin.lie import SE2, Array
+from tsd_twin.robots import SingularityRobot
+from tsd_twin.sim import SingularitySimulation
+
+_ANGLES = np.array([0, 1, 3, 4, 6, 7])
+_WHEELS = np.array([2, 5, 8])
+
+
+class Body:
+    """Moves as the mock does, by what servos and speed controllers are told.
+
+    `neutral` are the positions of the servos, in steps, when the gimbals are neutral, and
+    `reverse` says which turn the other way; the firmware is told by its setup.
+    """
+
+    def __init__(
+        self, robot: SingularityRobot, neutral: Sequence[int], reverse: Sequence[bool]
+    ) -> None:
+        self.simulation = SingularitySimulation(robot)
+        self._neutral = np.array(neutral)
+        self._sign = np.where(reverse, -1.0, 1.0)
+        self._step_rad = self.simulation.servos.step_rad
+        self._now_s = 0.0
+        self._told: tuple[float, ...] = ()
+
+    @property
+    def gimbals(self) -> Array:
+        """(6,): angles from neutral, radians."""
+        return self.simulation.joints[_ANGLES]
+
+    @property
+    def pose(self) -> SE2:
+        """Pose in the world."""
+        return self.simulation.pose
+
+    def follow(self, now_s: float, servos: Sequence[Mx64], pulses_us: Sequence[float]) -> None:
+        """Move on to `now_s`, then take over what is told and tell the servos where they are.
+
+        A pulse of 0 is none at all.
+        """
+        self.simulation.advance(now_s - self._now_s)
+        self._now_s = now_s
+        angles = self.gimbals
+        goals = [
+            servo.goal if servo.torque and not servo.dead and not servo.jammed else None
+            for servo in servos
+        ]
+        told = (*goals, *pulses_us)
+        if told != self._told:
+            self._told = told
+            self._command(goals, angles, pulses_us)
+        rates = self.simulation.servos.rate(angles, self._goals)
+        steps = np.round(self._neutral + self._sign * angles / self._step_rad)
+        for servo, position, rate in zip(servos, steps, self._sign * rates, strict=True):
+            servo.position = int(position)
+            servo.velocity_steps_per_s = rate / self._step_rad
+
+    def _command(
+        self, goals: Sequence[int | None], angles: Array, pulses_us: Sequence[float]
+    ) -> None:
+        self._goals = np.array(
+            [
+                angle if goal is None else sign * (goal - neutral) * self._step_rad
+                for goal, angle, sign, neutral in zip(
+                    goals, angles, self._sign, self._neutral, strict=True
+                )
+            ]
+        )
+        setpoint = np.zeros(9)
+        setpoint[_ANGLES] = self._goals
+        setpoint[_WHEELS] = self._speeds(np.array(pulses_us))
+        if min(pulses_us) > 0.0:  # Controllers without a signal do not begin to arm.
+            self.simulation.command(setpoint)
+
+    def _speeds(self, pulses_us: Array) -> Array:
+        motors = self.simulation.motors
+        low_us, high_us = motors.pulses_us
+        first, last = motors.signals[0], motors.signals[-1]
+        share = np.clip((pulses_us - low_us) / (high_us - low_us), 0.0, 1.0)
+        # A controller passes nothing on that is within a microsecond of zero throttle.
+        share[pulses_us < low_us + 1.0] = 0.0
+        return motors.speed(first + share * (last - first))

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The robot in real time behind a pseudo-terminal, which a program opens like a serial port."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import select
+import time
+import tty
+from pathlib import Path
+
+from firmware.simulator.rig import Rig
+
+_SLICE_S = 0.0005
+"""Bytes wait this long at most until the board gets them."""
+_AT_ONCE = 10
+"""Slices that are caught up with before it listens again."""
+_START_S = 0.01
+"""After this a board hears its line."""
+_BEHIND_S = 0.05
+"""A machine that is busy for longer lets the robot's time stand still meanwhile."""
+
+
+class Box:
+    """A rig whose board is at the other end of `path`; `step` has to be called all the time."""
+
+    def __init__(self, rig: Rig, link: Path | None = None) -> None:
+        self.rig = rig
+        self._link = link
+        self._ends: tuple[int, int] | None = None
+        self._frozen_until_s = 0.0
+        self._unplugged_until_s = 0.0
+        rig.run(_START_S)
+        self._due_s = time.monotonic()
+        self._plug_in()
+
+    @property
+    def path(self) -> str:
+        """What a program has to open; changes when it is unplugged, the link does not."""
+        return str(self._link) if self._link else os.ttyname(self._need_ends()[1])
+
+    def close(self) -> None:
+        """Take the port away and free the robot."""
+        self.unplug(0.0)
+        self.rig.close()
+
+    def unplug(self, seconds: float) -> None:
+        """Take the port away for a while."""
+        self._unplugged_until_s = time.monotonic() + seconds
+        if self._link:
+            self._link.unlink(missing_ok=True)
+        for end in self._ends or ():
+            os.close(end)
+        self._ends = None
+
+    def freeze(self, seconds: float) -> None:
+        """Let the board stand still for a while, its watchdog and its pulses with it."""
+        self._frozen_until_s = time.monotonic() + seconds
+
+    def garbage(self, data: bytes) -> None:
+        """Put bytes on the line to the PC that no board sent."""
+        if self._ends:
+            os.write(self._ends[0], data)
+
+    def step(self, also: int | None = None) -> bool:
+        """Go on for a moment of real time; return whether there is something to read at `also`."""
+        now_s = time.monotonic()
+        if self._ends is None and now_s >= self._unplugged_until_s:
+            self._plug_in()
+        frozen = now_s < self._frozen_until_s
+        if frozen or now_s - self._due_s > _BEHIND_S:
+            self._due_s = now_s
+        watched = [also] if also is not None else []
+        if self._ends and not frozen:
+            watched.append(self._ends[0])
+        wait_s = max(0.0, self._due_s - now_s) if not frozen else 0.01
+        ready, _, _ = select.select(watched, [], [], wait_s)
+        if self._ends and self._ends[0] in ready:
+            self._take(self._ends[0])
+        if not frozen:
+            self._catch_up()
+        return also in ready
+
+    def _catch_up(self) -> None:
+        # Not for ever: a machine too busy to keep up has to hear the line all the same.
+        for _ in range(_AT_ONCE):
+            if self._due_s > time.monotonic():
+                return
+            self._due_s += _SLICE_S
+            self.rig.run(_SLICE_S)
+            data = self.rig.board.receive()
+            if data and self._ends:
+                # A program that does not read loses bytes, as at a real port.
+                with contextlib.suppress(BlockingIOError):
+                    os.write(self._ends[0], data)
+
+    def _take(self, master: int) -> None:
+        try:
+            self.rig.board.send(os.read(master, 4096))
+        except OSError as error:
+            if error.errno not in (errno.EIO, errno.EAGAIN):
+                raise
+
+    def _plug_in(self) -> None:
+        # The other end stays open here too: it would be gone when a program closes it.
+        master, slave = os.openpty()
+        tty.setraw(slave)
+        os.set_blocking(master, False)
+        self._ends = (master, slave)
+        if self._link:
+            self._link.unlink(missing_ok=True)
+            self._link.symlink_to(os.ttyname(slave))
+
+    def _need_ends(self) -> tuple[int, int]:
+        if self._ends is None:
+            raise OSError("unplugged")
+        return self._ends

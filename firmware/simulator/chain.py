@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Servos on one bus: what they do with a request, and what comes back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from types import ModuleType
+
+from firmware.simulator import protocol1, protocol2
+from firmware.simulator.mx64 import Mx64
+
+
+class Chain:
+    """Servos by their number on the bus."""
+
+    def __init__(self, servos: Iterable[Mx64]) -> None:
+        self.servos = {servo.number: servo for servo in servos}
+        self.requests = 0
+        self.nonsense = 0
+        """Requests that no servo can make anything of."""
+
+    def answer(self, request: bytes) -> tuple[bytes, int] | None:
+        """Take a request; return the answer and the delay in microseconds until it comes."""
+        self.requests += 1
+        protocol = protocol2 if request[:4] == b"\xff\xff\xfd\x00" else protocol1
+        parsed = protocol.parse(request)
+        if parsed is None:
+            self.nonsense += 1
+            return None
+        number, instruction, parameters = parsed
+        if instruction == protocol.SYNC_WRITE:
+            self._sync_write(protocol, parameters)
+            return None
+        servo = self.servos.get(number)
+        if servo is None or servo.dead or servo.registers.protocol is not protocol:
+            return None
+        return self._reply(servo, instruction, parameters), servo.return_delay_us
+
+    def _reply(self, servo: Mx64, instruction: int, parameters: bytes) -> bytes:
+        protocol = servo.registers.protocol
+        if instruction == protocol.PING:
+            return servo.answer_to_ping()
+        address, rest = protocol.fields(parameters)
+        if instruction == protocol.READ:
+            return servo.status(servo.read(address, int.from_bytes(rest, "little")))
+        servo.write(address, rest)
+        return servo.status()
+
+    def _sync_write(self, protocol: ModuleType, parameters: bytes) -> None:
+        address, rest = protocol.fields(parameters)
+        head = 2 if protocol is protocol2 else 1
+        size, rest = int.from_bytes(rest[:head], "little"), rest[head:]
+        for at in range(0, len(rest), size + 1):
+            servo = self.servos.get(rest[at])
+            if servo is not None and not servo.dead and servo.registers.protocol is protocol:
+                servo.write(address, rest[at + 1 : at + 1 + size])

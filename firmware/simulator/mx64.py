@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Registers of an MX-64 with either firmware. Source: Robotis e-Manual, MX-64, MX-64(2.0)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import ModuleType
+
+from firmware.simulator import protocol1, protocol2
+
+
+@dataclass(frozen=True)
+class Registers:
+    """Addresses, sizes in bytes, and how a servo of one firmware answers."""
+
+    protocol: ModuleType
+    model: int
+    torque: int
+    goal: tuple[int, int]
+    position: tuple[int, int]
+    velocity: tuple[int, int]
+    voltage: tuple[int, int]
+    temperature: int
+    current: tuple[int, int]
+    steps_per_s: float
+    """One unit of velocity."""
+    fault: int
+    """Error of a status when the hardware is in trouble."""
+
+
+REGISTERS = {
+    1: Registers(
+        protocol1, 310, torque=24, goal=(30, 2), position=(36, 2), velocity=(38, 2),
+        voltage=(42, 1), temperature=43, current=(68, 2),
+        steps_per_s=0.114 * 4096 / 60, fault=0x20,
+    ),
+    2: Registers(
+        protocol2, 311, torque=64, goal=(116, 4), position=(132, 4), velocity=(128, 4),
+        voltage=(144, 2), temperature=146, current=(126, 2),
+        steps_per_s=0.229 * 4096 / 60, fault=0x80,
+    ),
+}  # fmt: skip
+
+
+class Mx64:
+    """One servo as the bus sees it; where it stands is told by the simulation."""
+
+    def __init__(self, number: int, version: int) -> None:
+        self.number = number
+        self.registers = REGISTERS[version]
+        self.dead = False
+        """Does not answer any more; its motor stays where it is."""
+        self.jammed = False
+        """Answers, and stays where it is."""
+        self.fault = False
+        """Reports a hardware error."""
+        self.return_delay_us = 500
+        self.position = 2048
+        self.velocity_steps_per_s = 0.0
+        self.volts = 12.0
+        self._memory = bytearray(256)
+        self._put(self.registers.goal, 2048)
+        self._memory[self.registers.temperature] = 35
+
+    @property
+    def torque(self) -> bool:
+        """Whether it holds."""
+        return bool(self._memory[self.registers.torque])
+
+    @property
+    def goal(self) -> int:
+        """Where it shall go, in steps."""
+        at, size = self.registers.goal
+        return int.from_bytes(self._memory[at : at + size], "little", signed=size == 4)
+
+    def write(self, address: int, data: bytes) -> None:
+        """Take a write. One of the goal switches torque on with the factory firmware."""
+        self._memory[address : address + len(data)] = data
+        if self.registers.protocol is protocol1 and address == self.registers.goal[0]:
+            self._memory[self.registers.torque] = 1
+
+    def read(self, address: int, length: int) -> bytes:
+        """Return registers as they are now."""
+        registers = self.registers
+        self._put(registers.position, self.position)
+        units = round(self.velocity_steps_per_s / registers.steps_per_s)
+        if registers.protocol is protocol1:
+            # Sign and magnitude, and a current that is 0 at 2048.
+            self._put(registers.velocity, min(abs(units), 0x3FF) | (0x400 if units < 0 else 0))
+            self._put(registers.current, 2048)
+        else:
+            self._put(registers.velocity, units)
+        self._put(registers.voltage, round(10.0 * self.volts))
+        return bytes(self._memory[address : address + length])
+
+    def status(self, data: bytes = b"") -> bytes:
+        """Return an answer of this servo."""
+        registers = self.registers
+        return registers.protocol.status(self.number, data, registers.fault if self.fault else 0)
+
+    def answer_to_ping(self) -> bytes:
+        """Return the answer, which has model and version with the newer firmware only."""
+        if self.registers.protocol is protocol1:
+            return self.status()
+        return self.status(self.registers.model.to_bytes(2, "little") + b"\x29")
+
+    def _put(self, register: tuple[int, int], value: int) -> None:
+        at, size = register
+        self._memory[at : at + size] = (value % (1 << 8 * size)).to_bytes(size, "little")

@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Dynamixel Protocol 1.0 as a servo hears and speaks it."""
+
+from __future__ import annotations
+
+BROADCAST = 0xFE
+PING, READ, WRITE, SYNC_WRITE = 0x01, 0x02, 0x03, 0x83
+
+
+def parse(request: bytes) -> tuple[int, int, bytes] | None:
+    """Return id, instruction and parameters of a packet; None when it is none."""
+    if request[:2] != b"\xff\xff" or len(request) < 6 or len(request) != request[3] + 4:
+        return None
+    if sum(request[2:]) & 0xFF != 0xFF:
+        return None
+    return request[2], request[4], request[5:-1]
+
+
+def fields(parameters: bytes) -> tuple[int, bytes]:
+    """Return the address that a read or write begins with, and what follows."""
+    return parameters[0], parameters[1:]
+
+
+def status(servo: int, data: bytes, error: int = 0) -> bytes:
+    """Return what a servo answers."""
+    body = bytes([servo, len(data) + 2, error]) + data
+    return b"\xff\xff" + body + bytes([~sum(body) & 0xFF])

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Dynamixel Protocol 2.0 as a servo hears and speaks it; written apart from `tsd_twin.wire`."""
+
+from __future__ import annotations
+
+BROADCAST = 0xFE
+PING, READ, WRITE, STATUS, SYNC_WRITE = 0x01, 0x02, 0x03, 0x55, 0x83
+_START = b"\xff\xff\xfd\x00"
+_HEADER, _STUFFED = b"\xff\xff\xfd", b"\xff\xff\xfd\xfd"
+
+
+def _row(byte: int) -> int:
+    total = byte << 8
+    for _ in range(8):
+        total = total << 1 ^ (0x18005 if total & 0x8000 else 0)
+    return total & 0xFFFF
+
+
+_ROWS = [_row(byte) for byte in range(256)]
+
+
+def crc(data: bytes) -> bytes:
+    """Return the sum of a packet: polynomial 0x8005, most significant bit first."""
+    total = 0
+    for byte in data:
+        total = (total << 8 & 0xFFFF) ^ _ROWS[total >> 8 ^ byte]
+    return total.to_bytes(2, "little")
+
+
+def packet(ident: int, instruction: int, parameters: bytes = b"") -> bytes:
+    """Return a whole packet."""
+    body = (bytes([instruction]) + parameters).replace(_HEADER, _STUFFED)
+    data = _START + bytes([ident]) + (len(body) + 2).to_bytes(2, "little") + body
+    return data + crc(data)
+
+
+def parse(request: bytes) -> tuple[int, int, bytes] | None:
+    """Return id, instruction and parameters of a packet; None when it is none."""
+    if request[:4] != _START or len(request) < 10:
+        return None
+    if len(request) != 7 + int.from_bytes(request[5:7], "little"):
+        return None
+    if crc(request[:-2]) != request[-2:]:
+        return None
+    body = request[7:-2].replace(_STUFFED, _HEADER)
+    return request[4], body[0], body[1:]
+
+
+def fields(parameters: bytes) -> tuple[int, bytes]:
+    """Return the address that a read or write begins with, and what follows."""
+    return int.from_bytes(parameters[:2], "little"), parameters[2:]
+
+
+def status(servo: int, data: bytes, error: int = 0) -> bytes:
+    """Return what a servo answers."""
+    return packet(servo, STATUS, bytes([error]) + data)

@@ -1,0 +1,54 @@
+#include "table.h"
+
+#include <string.h>
+
+#include "safety.h"
+#include "setup.h"
+
+control_table_t table;
+
+void table_start(void) {
+  uint8_t *bytes = (uint8_t *)&table;
+#define X(name, address, type, count, value) \
+  for (uint8_t i = 0; i < count; i++) ((type *)(bytes + address))[i] = (type)(value);
+  CT_ITEMS(X)
+#undef X
+  table.fw = CT_FW_VERSION;
+  table.host_baud = HOST_BAUD;
+  table.servo_baud = SERVO_BAUD;
+}
+
+static bool within_limits(const uint8_t *bytes) {
+#define X(name, address, type, count, least, most)            \
+  for (uint8_t i = 0; i < count; i++) {                       \
+    int32_t value = ((const type *)(bytes + address))[i];     \
+    if (value < (int32_t)least || value > (int32_t)most) return false; \
+  }
+  CT_WRITABLE(X)
+#undef X
+  return true;
+}
+
+static bool inside(uint16_t address, uint16_t length, uint16_t block, uint16_t size) {
+  return address >= block && address < block + size && length <= block + size - address;
+}
+
+answer_t table_write(uint16_t address, const uint8_t *data, uint16_t length) {
+  static control_table_t wanted;
+  bool setup = inside(address, length, CT_SETUP, CT_SETUP_SIZE);
+  bool command = inside(address, length, CT_COMMAND, CT_COMMAND_SIZE);
+  if (length == 0) return ANSWER_LENGTH;
+  if (!setup && !command) return ANSWER_ACCESS;
+  if (command && length != CT_COMMAND_SIZE) return ANSWER_LENGTH;
+  if (setup && table.mode != BOARD_DISARMED) return ANSWER_ACCESS;
+  wanted = table;
+  memcpy((uint8_t *)&wanted + address, data, length);
+  if (!within_limits((const uint8_t *)&wanted)) return ANSWER_RANGE;
+  memcpy((uint8_t *)&table + address, data, length);
+  if (command) {
+    safety_command();
+  } else {
+    setup_written();
+  }
+  return ANSWER_OK;
+}

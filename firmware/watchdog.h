@@ -1,0 +1,27 @@
+// The watchdog of the chip, and what is remembered over a reset.
+#ifndef WATCHDOG_H
+#define WATCHDOG_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+// Since power came.
+typedef struct {
+  uint16_t magic;
+  uint16_t trips;
+  uint16_t resets;
+  bool receiver_seen;
+} memory_t;
+
+extern memory_t watchdog_memory;
+
+// Why the board started: MCUSR.
+uint8_t watchdog_reset_cause(void);
+
+// Counts this start; forgets all when power came.
+void watchdog_remember(void);
+
+// To be called by the safety rules and nobody else: a loop that spins without them is hung.
+void watchdog_kick(void);
+
+#endif

@@ -1,0 +1,133 @@
+"""The thread that owns a port: connects, asks in every cycle, and connects again."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from typing import Protocol
+
+from tsd_twin.hardware.errors import HardwareError
+from tsd_twin.hardware.line import Line
+from tsd_twin.hardware.port import lasting_name
+
+_LOG = logging.getLogger(__name__)
+_IDLE_S = 0.02
+"""A cycle is run this often when nobody asks for one."""
+_RETRY_S = 0.25
+_GIVE_UP_S = 2.0
+"""A device that is silent for this long is opened anew."""
+_LEAVE_S = 2.0
+
+
+class Device(Protocol):
+    """What is at the other end; all calls come from the keeper's thread."""
+
+    name: str
+    baud: int
+
+    def connect(self, line: Line) -> None:
+        """See whether it is ours, and set it up.
+
+        Raises:
+            HardwareError: it is not, or does not answer.
+        """
+        ...
+
+    def cycle(self, line: Line) -> bool:
+        """Ask once; return whether all answers came."""
+        ...
+
+    def lose(self, reason: str) -> None:
+        """Take note that the device is gone."""
+        ...
+
+    def leave(self, line: Line) -> None:
+        """Leave it at rest; the last call."""
+        ...
+
+
+class Keeper:
+    """Keeps one device: one thread, one port, which is opened again whenever it is lost."""
+
+    def __init__(self, port: str, device: Device) -> None:
+        """Connect.
+
+        Raises:
+            HardwareError: the device is not there, not ours, or does not answer.
+        """
+        self._device = device
+        self._port = lasting_name(port)
+        self._stopping = threading.Event()
+        self._wanted = threading.Event()
+        self._decided = threading.Event()
+        self._refused: HardwareError | None = None
+        self._thread = threading.Thread(target=self._run, name=device.name, daemon=True)
+        self._thread.start()
+        self._decided.wait()
+        if self._refused is not None:
+            raise self._refused
+
+    def cycle(self) -> None:
+        """Ask for a cycle now; what is under way is not waited for."""
+        self._wanted.set()
+
+    def close(self) -> None:
+        """Leave the device at rest and close the port."""
+        self._stopping.set()
+        self._wanted.set()
+        self._thread.join(_LEAVE_S)
+
+    def _run(self) -> None:
+        try:
+            line = self._connect()
+        except HardwareError as error:
+            self._refused = error
+            return
+        finally:
+            self._decided.set()
+        while line is not None:
+            try:
+                self._serve(line)
+                self._device.leave(line)
+                line.close()
+                return
+            except HardwareError as error:
+                _LOG.warning("%s", error)
+                self._device.lose(str(error))
+            line.close()
+            line = self._reconnect()
+
+    def _serve(self, line: Line) -> None:
+        heard_s = time.monotonic()
+        while not self._stopping.is_set():
+            self._wanted.wait(_IDLE_S)
+            self._wanted.clear()
+            if self._device.cycle(line):
+                heard_s = time.monotonic()
+            elif time.monotonic() - heard_s > _GIVE_UP_S:
+                raise HardwareError(f"{self._device.name} has been silent for {_GIVE_UP_S:g} s")
+
+    def _connect(self) -> Line:
+        line = Line(self._port, self._device.baud)
+        try:
+            self._device.connect(line)
+        except HardwareError:
+            line.close()
+            raise
+        return line
+
+    def _reconnect(self) -> Line | None:
+        told = ""
+        while not self._stopping.wait(_RETRY_S):
+            try:
+                line = self._connect()
+            except HardwareError as error:
+                self._device.lose(str(error))
+                if str(error) != told:
+                    _LOG.info("%s", error)
+                told = str(error)
+            else:
+                _LOG.warning("%s is back", self._device.name)
+                return line
+        return None

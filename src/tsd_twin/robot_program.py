@@ -1,0 +1,52 @@
+"""What programs that run a robot node do alike: they differ in the joints."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+from collections.abc import Callable
+
+from tsd_twin import description, program, robots
+from tsd_twin.lie import SE2, SO3
+from tsd_twin.messages.service import Description
+from tsd_twin.node import RobotIO, RobotNode
+from tsd_twin.robots import Robot
+
+Flags = argparse.Namespace
+Pose = SE2 | SO3
+
+
+def _unknown(_robot: Robot, _args: Flags) -> Pose | None:
+    return None
+
+
+def serve(
+    made: argparse.ArgumentParser,
+    joints: Callable[[Robot, Flags], RobotIO],
+    pose: Callable[[Robot, Flags], Pose | None] = _unknown,
+) -> None:
+    """Read the flags of `made`, to which those of a node are added, and run until told to end.
+
+    `joints` connects to the joints, and `pose` says where the robot is taken to be.
+    """
+    program.add_robot_flags(made)
+    program.add_node_flags(made)
+    program.run(made, lambda args: _run(made.prog, args, joints, pose))
+
+
+def _run(
+    name: str,
+    args: Flags,
+    joints: Callable[[Robot, Flags], RobotIO],
+    pose: Callable[[Robot, Flags], Pose | None],
+) -> None:
+    stop = program.stop_event(args)
+    text = robots.text(args.robot)
+    robot = robots.parse(text, args.robot)
+    robot_id = args.id or robot.name
+    shown = Description(text, description.urdf(robot, description.parts(robot)))
+    # Whatever goes wrong from here on, the joints are closed, and so left at rest.
+    with program.node_bus(args) as bus, contextlib.closing(joints(robot, args)) as io:
+        node = RobotNode(bus, robot_id, robot, io, shown, pose=pose(robot, args))
+        program.say_ready(f"{name} {robot_id} on {' '.join(bus.endpoints()) or args.connect}")
+        node.run(stop)

@@ -1,0 +1,1 @@
+"""Dynamixel packets and the control table of the controller board; no I/O."""

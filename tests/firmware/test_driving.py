@@ -1,0 +1,184 @@
+"""The board drives: servos of both protocols, speed controllers, radio control, battery."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.firmware.pilot import CRUISE, CYCLE_S, Bench, read
+from tsd_twin.robots import RPM, SingularityRobot, load, of_kind
+from tsd_twin.sim import Servos, SingularitySimulation
+from tsd_twin.wire.blocks import Command, Identity, Setup, Telemetry
+from tsd_twin.wire.codes import BoardMode, ResetCause, Trip
+from tsd_twin.wire.table import FW_VERSION
+
+STEP_RAD = 2.0 * math.pi / 4096
+
+
+def wave(cycle: int) -> list[int]:
+    """Goals that keep all gimbals moving, each on its own."""
+    return [round(80 * math.sin(2 * math.pi * CYCLE_S * cycle * (0.2 + 0.1 * i))) for i in range(6)]
+
+
+def test_a_minute_at_100_hertz_without_a_trip_and_gimbals_follow(bench: Bench) -> None:
+    pilot = bench.pilot(receiver=True).get_ready()
+    assert pilot.arm().mode == BoardMode.ARMED
+    behind = np.zeros(6)
+    for cycle in range(6000):
+        seen = pilot.cycle(1, CRUISE, wave(cycle))
+        assert seen is not None
+        assert (seen.mode, seen.trip) == (BoardMode.ARMED, Trip.NONE)
+        if cycle > 100:
+            behind = np.maximum(behind, np.abs(np.array(wave(cycle)) - seen.position))
+    assert pilot.missed == 0
+    assert (seen.crc_errors, seen.rx_errors, seen.servo_errors) == (0, 0, 0)
+    # With the return delay that servos come with, and eleven bits to a byte, it is a near thing.
+    assert seen.overruns < 10
+    assert (pilot.rig.chain.nonsense, seen.trips, seen.resets) == (0, 0, 0)
+    # The servos need 1 / 32 s to follow, the bus two cycles more to tell and to be told.
+    fastest = 80 * 2 * math.pi * 0.7
+    assert (behind < fastest * (1 / 32 + 3 * CYCLE_S)).all()
+    assert (behind > 0).all()
+
+
+@pytest.mark.parametrize("version", [1, 2, (1, 2, 1, 2, 2, 1)], ids=str)
+def test_servos_of_either_protocol_are_found_told_and_read(
+    version: int | tuple[int, ...], bench: Bench
+) -> None:
+    neutral = (2048, 2100, 1990, 2048, 2048, 2011)
+    reverse = [False, True, False, False, True, True]
+    pilot = bench.pilot(version, neutral=neutral, reverse=reverse)
+    pilot.get_ready(Setup(neutral=neutral, reverse=0b110010))
+    assert pilot.arm().mode == BoardMode.ARMED
+    goal = (120, -90, 60, 30, -200, 7)
+    seen = pilot.drive(0.5, goal=goal)
+    versions = [version] * 6 if isinstance(version, int) else version
+    assert seen.servo_protocol == sum(1 << i for i in range(6) if versions[i] == 2)
+    assert seen.position == goal
+    assert pilot.rig.body.gimbals == pytest.approx(np.array(goal) * STEP_RAD, abs=STEP_RAD)
+    assert seen.voltage == (120,) * 6
+    assert seen.temperature == (35,) * 6
+    assert seen.current == (0,) * 6
+    assert seen.servo_errors == 0
+    moving = [pilot.cycle(1, CRUISE, (-120, 90, -60, -30, 200, -7)) for _ in range(4)][-1]
+    assert moving is not None
+    top = Servos.of(of_kind(load("tsd"), SingularityRobot), 12.0).speed_limit_rad_per_s / STEP_RAD
+    assert moving.velocity[0] == pytest.approx(-top, rel=0.02)
+    assert moving.velocity[4] == pytest.approx(top, rel=0.02)
+
+
+def test_the_pose_is_that_of_the_mock_with_the_same_commands(bench: Bench) -> None:
+    """From pulse to spin and from goal to gimbal nothing is lost: both roll the same way."""
+    pilot = bench.pilot().get_ready()
+    robot = of_kind(load("tsd"), SingularityRobot)
+    drive = robot.kinematics()
+    joints = drive.inverse(np.array([0.3, -0.2, 0.5]))
+    gimbals = joints.reshape(3, 3)[:, :2].ravel()
+    goal = [round(angle / STEP_RAD) for angle in gimbals]
+    assert pilot.arm().mode == BoardMode.ARMED
+    pilot.drive(2.0)
+    start = pilot.rig.body.pose
+    pilot.drive(2.0, goal=goal)
+    moved = start.inverse() @ pilot.rig.body.pose
+    mock = SingularitySimulation(robot)
+    spin = np.zeros(9)
+    spin[[2, 5, 8]] = robot.drive.cruise_speed_rpm * RPM
+    for setpoint, seconds in ((spin * 0.0, 2.5), (spin, 2.0), (joints, 2.0)):
+        mock.command(setpoint)
+        mock.advance(seconds)
+    assert moved.xy_heading == pytest.approx(mock.pose.xy_heading, abs=0.02)
+    assert np.hypot(*moved.xy_heading[:2]) > 0.4
+
+
+def test_throttles_are_put_out_to_half_a_microsecond(bench: Bench) -> None:
+    pilot = bench.pilot().get_ready()
+    assert pilot.arm().mode == BoardMode.ARMED
+    for throttle in (
+        (2001, 2255, 2256),
+        (3000, 2511, 2512),
+        (4000, 3999, 2000),
+        (2256, 2512, 2768),
+    ):
+        assert pilot.drive(0.1, throttle=throttle).throttle_out == throttle
+        assert pilot.rig.pulses_us() == pytest.approx([t / 2 for t in throttle], abs=0.3)
+
+
+def test_a_board_that_gets_power_says_who_it_is(bench: Bench) -> None:
+    pilot = bench.pilot()
+    pilot.rig.run(0.01)
+    seen = Identity.unpack(pilot.ask(read_block(Identity))[1])
+    assert seen == Identity(fw=FW_VERSION)
+    assert Setup.unpack(pilot.ask(read_block(Setup))[1]) == Setup()
+    assert Command.unpack(pilot.ask(read_block(Command))[1]) == Command()
+    assert pilot.telemetry().reset_cause == ResetCause.POWER_ON
+
+
+def read_block(block: type[Identity | Setup | Command | Telemetry]) -> bytes:
+    return read(block.ADDRESS, block.LAYOUT.size)
+
+
+def test_battery_and_receiver_are_measured(bench: Bench) -> None:
+    pilot = bench.pilot(receiver=True)
+    for volts in (9.5, 12.6, 14.8):
+        pilot.rig.set_battery(volts)
+        pilot.rig.set_sticks(volts / 20, -volts / 20, 0.0, 0.25)
+        pilot.rig.run(0.2)
+        seen = pilot.telemetry()
+        assert seen.battery_mv == pytest.approx(1000 * volts, rel=0.005)
+        sticks = [1500 + 20 * volts, 1500 - 20 * volts, 1500, 1300, 1900, 1100]
+        assert seen.rc == pytest.approx(sticks, abs=8)
+
+
+def test_the_radio_control_drives_by_the_kinematics_of_the_drive(bench: Bench) -> None:
+    pilot = bench.pilot(receiver=True).get_ready()
+    pilot.rig.set_switches(manual=True)
+    pilot.rig.run(0.1)
+    assert pilot.mode() == BoardMode.RC
+    robot = of_kind(load("tsd"), SingularityRobot)
+    drive = robot.kinematics()
+    for forward, left, turn in (
+        (1.0, 0.0, 0.0),
+        (0.0, -1.0, 0.0),
+        (0.0, 0.0, 1.0),
+        (0.5, 0.5, -0.5),
+        (1.0, 1.0, 1.0),
+    ):
+        pilot.rig.set_sticks(forward, left, turn, 1.0)
+        pilot.rig.run(1.0)
+        translation = np.array([dead(forward), dead(left)])
+        translation /= max(1.0, float(np.hypot(*translation)))
+        twist = np.array([*translation, robot.limits.turn_rate_rad_per_s * dead(turn)])
+        gimbals = drive.inverse(twist).reshape(3, 3)[:, :2].ravel()
+        goals = [servo.goal - 2048 for servo in pilot.rig.servos]
+        # A stick is measured to 0.3 %, and a goal is a whole step.
+        assert goals == pytest.approx(gimbals / STEP_RAD, abs=2.0)
+    assert pilot.telemetry().throttle_out == CRUISE
+    before = pilot.rig.body.pose
+    pilot.rig.set_sticks(1.0, 0.0, 0.0, 1.0)
+    pilot.rig.run(1.0)
+    x, y, heading = (before.inverse() @ pilot.rig.body.pose).xy_heading
+    assert np.hypot(x, y) > 0.7
+    assert abs(heading) < 0.5
+
+
+def dead(stick: float) -> float:
+    """The share that is left of a stick outside its dead zone of 20 in 400 us."""
+    return math.copysign(max(0.0, abs(stick) - 0.05) / 0.95, stick)
+
+
+def test_sticks_that_jump_are_approached_within_the_acceleration(bench: Bench) -> None:
+    pilot = bench.pilot(receiver=True).get_ready()
+    pilot.rig.set_switches(manual=True)
+    pilot.rig.run(0.1)
+    pilot.rig.set_sticks(1.0, 0.0, 0.0, 1.0)
+    robot = of_kind(load("tsd"), SingularityRobot)
+    most = robot.kinematics().inverse(np.array([1.0, 0.0, 0.0]))
+    full = [round(angle / STEP_RAD) for angle in most.reshape(3, 3)[:, :2].ravel()]
+    started_s = pilot.rig.board.now_s
+    while [servo.goal - 2048 for servo in pilot.rig.servos] != full:
+        pilot.rig.run(0.01)
+        assert pilot.rig.board.now_s < started_s + 2.0
+    took_s = pilot.rig.board.now_s - started_s
+    assert took_s == pytest.approx(1.0 / robot.limits.acceleration_mps2, abs=0.08)

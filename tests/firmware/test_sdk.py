@@ -1,0 +1,59 @@
+"""The maker's own software speaks with the board: ping, read, write."""
+
+from __future__ import annotations
+
+import dynamixel_sdk as sdk
+
+from firmware.simulator.rig import Rig
+from tests.firmware.pilot import Bench
+from tsd_twin.wire.blocks import Setup
+from tsd_twin.wire.table import ADDRESS, BOARD_ID, FW_VERSION, MODEL
+
+
+class RigPort:
+    """A rig as what the SDK calls a port; its time passes while the SDK waits."""
+
+    def __init__(self, rig: Rig) -> None:
+        self.is_using = False
+        self._rig = rig
+        self._received = b""
+        self._deadline_s = 0.0
+
+    def clearPort(self) -> None:  # noqa: N802  The SDK's name.
+        self._received = b""
+
+    def writePort(self, packet: list[int]) -> int:  # noqa: N802
+        self._rig.board.send(bytes(packet))
+        return len(packet)
+
+    def readPort(self, length: int) -> bytes:  # noqa: N802
+        self._rig.run(0.0005)
+        self._received += self._rig.board.receive()
+        taken, self._received = self._received[:length], self._received[length:]
+        return taken
+
+    def setPacketTimeout(self, length: int) -> None:  # noqa: N802
+        self._deadline_s = self._rig.board.now_s + 0.02 + length * 1e-5
+
+    def isPacketTimeout(self) -> bool:  # noqa: N802
+        return self._rig.board.now_s > self._deadline_s
+
+
+def test_the_makers_software_pings_reads_and_writes(bench: Bench) -> None:
+    pilot = bench.pilot()
+    pilot.rig.run(0.05)
+    port, handler = RigPort(pilot.rig), sdk.Protocol2PacketHandler()
+    assert handler.ping(port, BOARD_ID) == (MODEL, sdk.COMM_SUCCESS, 0)
+    assert handler.read1ByteTxRx(port, BOARD_ID, ADDRESS["fw"]) == (FW_VERSION, 0, 0)
+    assert handler.read4ByteTxRx(port, BOARD_ID, ADDRESS["host_baud"]) == (1_000_000, 0, 0)
+    for neutral in (0, 1234, 4095):
+        assert handler.write2ByteTxRx(port, BOARD_ID, ADDRESS["neutral"], neutral) == (0, 0)
+        assert handler.read2ByteTxRx(port, BOARD_ID, ADDRESS["neutral"]) == (neutral, 0, 0)
+    assert handler.write2ByteTxRx(port, BOARD_ID, ADDRESS["neutral"], 4096) == (0, 4)
+    assert handler.write1ByteTxRx(port, BOARD_ID, ADDRESS["mode"], 1) == (0, 7)
+    setup = Setup(neutral=(2000, 2010, 2020, 2030, 2040, 2050), reverse=5, goal_limit=100)
+    data = list(setup.pack())
+    assert handler.writeTxRx(port, BOARD_ID, Setup.ADDRESS, len(data), data) == (0, 0)
+    read, result, error = handler.readTxRx(port, BOARD_ID, Setup.ADDRESS, len(data))
+    assert (Setup.unpack(bytes(read)), result, error) == (setup, 0, 0)
+    assert handler.ping(port, 1)[1] == sdk.COMM_RX_TIMEOUT

@@ -1,0 +1,105 @@
+"""Arming the board: on purpose only, and never again by itself."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tsd_twin.hardware.arm_switch import ANSWERS, REFUSALS, TRIPS, ArmSwitch
+from tsd_twin.wire.blocks import Telemetry
+from tsd_twin.wire.codes import BoardMode, Refusal, Trip
+
+OFF = Telemetry(mode=BoardMode.DISARMED)
+ON = Telemetry(mode=BoardMode.ARMED)
+
+
+def armed() -> ArmSwitch:
+    switch = ArmSwitch()
+    assert switch.turn(True) == 1
+    switch.note(ON)
+    return switch
+
+
+def test_a_robot_that_is_not_armed_asks_for_nothing() -> None:
+    switch = ArmSwitch()
+    assert switch.turn(False) == 0
+    switch.note(OFF)
+    assert switch.lost == ""
+
+
+def test_it_stays_on_while_the_board_is() -> None:
+    switch = armed()
+    for _ in range(100):
+        assert switch.turn(True) == 1
+        switch.note(ON)
+    assert switch.lost == ""
+    assert switch.turn(False) == 0
+
+
+def test_a_board_that_trips_is_not_asked_again_until_the_robot_was_disarmed() -> None:
+    switch = armed()
+    switch.note(Telemetry(trip=Trip.HEARTBEAT))
+    assert switch.lost == "the board disarmed itself: no word of an operator came in time"
+    for _ in range(100):
+        assert switch.turn(True) == 0
+        switch.note(ON)
+    assert switch.turn(False) == 0
+    assert switch.lost == ""
+    assert switch.turn(True) == 1
+
+
+def test_a_refusal_is_said_once_there_was_time_for_an_answer() -> None:
+    switch = ArmSwitch()
+    switch.turn(True)
+    refused = Telemetry(refusal=Refusal.SERVO)
+    for _ in range(ANSWERS - 1):
+        switch.note(refused)
+        assert switch.lost == ""
+    switch.note(refused)
+    assert switch.lost == "the board does not arm: a servo does not answer or has an error"
+    assert switch.turn(True) == 0
+
+
+def test_a_board_that_is_lost_while_off_is_no_loss() -> None:
+    switch = ArmSwitch()
+    switch.lose("unplugged")
+    assert switch.lost == ""
+    assert switch.turn(True) == 1
+    switch.lose("unplugged")
+    assert switch.lost == "unplugged"
+    assert switch.turn(True) == 0
+
+
+def test_every_code_has_its_words_and_an_unknown_one_is_no_error() -> None:
+    assert set(TRIPS) == set(Trip)
+    assert set(REFUSALS) == set(Refusal)
+    switch = armed()
+    switch.note(Telemetry(trip=77))
+    assert switch.lost.endswith("trip 77")
+
+
+EVENTS = st.lists(st.sampled_from(["arm", "disarm", "on", "off", "lose", "cycle"]), max_size=60)
+
+
+@given(EVENTS)
+def test_between_two_times_off_it_is_asked_for_on_at_most_once(events: list[str]) -> None:
+    """Whatever happens in between: 0 to 1 is written only right after the robot was disarmed."""
+    switch, wanted = ArmSwitch(), False
+    before, rises_allowed = 0, True
+    for event in events:
+        if event in ("arm", "disarm"):
+            wanted = event == "arm"
+        elif event in ("on", "off"):
+            switch.note(ON if event == "on" else OFF)
+        elif event == "lose":
+            switch.lose("lost")
+        written = switch.turn(wanted)
+        if not wanted:
+            assert written == 0
+            rises_allowed = True
+        elif written > before:
+            assert rises_allowed
+            rises_allowed = False
+        elif written < before:
+            assert switch.lost
+        before = written

@@ -1,0 +1,84 @@
+"""Between joints and what goes over the wire."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tsd_twin import robots
+from tsd_twin.hardware import HardwareError
+from tsd_twin.hardware.joints import Joints, padded
+from tsd_twin.lie import Array
+from tsd_twin.sim import Motors
+
+ROBOT = robots.of_kind(robots.load("tsd"), robots.SingularityRobot)
+JOINTS = Joints(ROBOT, Motors.of(ROBOT))
+STEP_RAD = 2 * np.pi / 4096
+ANGLES = st.lists(st.floats(-0.5, 0.5), min_size=6, max_size=6)
+
+
+def setpoint(angles: list[float], speed_rpm: float = 0.0) -> Array:
+    """The nine joints of the robot: alpha, beta and wheel of each module."""
+    joints = np.full(9, speed_rpm * np.pi / 30)
+    joints[[0, 1, 3, 4, 6, 7]] = angles
+    return joints
+
+
+@given(ANGLES)
+def test_goals_are_the_nearest_steps_within_the_tilt_limit(angles: list[float]) -> None:
+    expected = np.clip(np.round(np.array(angles) / STEP_RAD), -341, 341)
+    assert JOINTS.goals(setpoint(angles)) == tuple(expected)
+    assert JOINTS.goal_limit == 341  # 30 degrees of 4096 / 360 steps each
+
+
+@given(ANGLES, st.integers(0, 63))
+def test_measured_angles_are_those_of_the_goals_where_servos_live(
+    angles: list[float], alive: int
+) -> None:
+    measured = JOINTS.measured(JOINTS.goals(setpoint(angles)), alive)
+    lives = np.array([bool(alive >> i & 1) for i in range(6)])
+    gimbals = measured[[0, 1, 3, 4, 6, 7]]
+    assert np.isnan(measured[[2, 5, 8]]).all()
+    assert np.isnan(gimbals[~lives]).all()
+    np.testing.assert_allclose(gimbals[lives], np.array(angles)[lives], atol=STEP_RAD / 2 + 1e-9)
+
+
+def test_throttles_follow_the_table_of_the_thesis() -> None:
+    """Table 1: signal 60 turns the motors at 4137, 4762 and 4322 rpm; 60 / 180 is 1333 us."""
+    joints = setpoint([0.0] * 6)
+    joints[[2, 5, 8]] = np.array([4137, 4762, 4322]) * np.pi / 30
+    assert JOINTS.throttles(joints) == (2667, 2667, 2667)
+    assert JOINTS.throttles(setpoint([0.0] * 6)) == (2000, 2000, 2000)
+    assert JOINTS.throttles(setpoint([0.0] * 6, 1e6)) == (4000, 4000, 4000)
+
+
+@pytest.mark.parametrize("bad", [np.zeros(8), np.full(9, np.nan), np.full(9, np.inf)])
+def test_what_is_no_set_point_is_refused(bad: Array) -> None:
+    with pytest.raises(ValueError, match="9 finite numbers"):
+        JOINTS.checked(bad)
+
+
+def test_a_set_point_that_is_kept_is_a_copy() -> None:
+    given_one = np.zeros(9)
+    kept = JOINTS.checked(given_one)
+    given_one[0] = 1.0
+    assert not kept.any()
+
+
+def test_a_robot_with_too_many_joints_is_refused() -> None:
+    text = robots.text("tsd").replace("[90.0, 210.0, 330.0]", "[45.0, 135.0, 225.0, 315.0]")
+    row = "  [0, 0, 2892, 4137, 5895, 7264, 8419, 10113, 11927, 13603],\n"
+    four = robots.of_kind(robots.parse(text.replace(row, 2 * row), "four"), robots.SingularityRobot)
+    with pytest.raises(HardwareError, match="8 gimbals and 4 wheels, the board has 6 servos and 3"):
+        Joints(four, Motors.of(four))
+
+
+def test_servos_are_named_by_number_and_joint() -> None:
+    assert JOINTS.named(0b000100) == "servo 3 (module2_alpha)"
+    assert JOINTS.named(0b100001) == "servos 1 (module1_alpha), 6 (module3_beta)"
+
+
+def test_what_the_robot_does_not_have_is_filled_up() -> None:
+    assert padded((1, 2), 4, 7) == (1, 2, 7, 7)

@@ -1,0 +1,102 @@
+"""Opening ports: names that last, and one sentence for each thing that can be wrong."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import pty
+import socket
+from collections.abc import Generator
+from pathlib import Path
+
+import pytest
+import serial
+
+from tsd_twin.hardware.errors import PortError
+from tsd_twin.hardware.port import _sentence, lasting_name, open_port
+
+
+@pytest.fixture
+def terminal() -> Generator[tuple[int, str]]:
+    master, slave = pty.openpty()
+    yield master, os.ttyname(slave)
+    os.close(slave)
+    os.close(master)
+
+
+def refusal(name: str) -> str:
+    with pytest.raises(PortError) as caught:
+        open_port(name, 115200, 0.01)
+    return str(caught.value)
+
+
+def test_a_port_carries_bytes_both_ways(terminal: tuple[int, str]) -> None:
+    master, name = terminal
+    port = open_port(name, 1_000_000, 1.0)
+    port.write(b"\x00\xffout")
+    assert os.read(master, 5) == b"\x00\xffout"
+    os.write(master, b"\r\n\x03in")
+    assert port.read(5) == b"\r\n\x03in"
+    port.close()
+
+
+def test_a_device_that_is_not_there(tmp_path: Path) -> None:
+    assert refusal(str(tmp_path / "ttyACM9")).endswith(
+        "is not there: plug it in, or choose one that 'tsd-bridge --list' shows"
+    )
+
+
+def test_a_file_is_no_port(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    assert refusal(str(tmp_path / "file")).endswith("is no serial port")
+
+
+def test_a_port_in_use(terminal: tuple[int, str]) -> None:
+    name = terminal[1]
+    port = open_port(name, 115200, 0.01)
+    assert refusal(name) == f"{name} is in use by another program: end it first"
+    port.close()
+    open_port(name, 115200, 0.01).close()
+
+
+def test_a_port_that_another_kind_of_program_has_locked(terminal: tuple[int, str]) -> None:
+    with open(terminal[1], "rb+", buffering=0) as other:  # noqa: PTH123
+        fcntl.flock(other, fcntl.LOCK_EX)
+        assert "in use" in refusal(terminal[1])
+
+
+def test_without_permission_it_says_what_group_to_join() -> None:
+    """Root, as which tests may run, is refused nothing: so by the number that the system gives."""
+    try:
+        raise serial.SerialException(errno.EACCES, "could not open port x: Permission denied")
+    except serial.SerialException as error:
+        sentence = _sentence("/dev/ttyACM0", error)
+    assert "no permission to open /dev/ttyACM0" in sentence
+    assert "dialout" in sentence
+
+
+def test_nobody_at_an_address() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))  # Bound, but not listened on.
+        url = f"socket://127.0.0.1:{taken.getsockname()[1]}"
+        assert refusal(url) == f"nobody answers at {url}"
+
+
+def test_a_url_of_an_unknown_kind() -> None:
+    assert "'foo' not known" in refusal("foo://bar")
+
+
+def test_a_device_is_known_by_its_link(tmp_path: Path) -> None:
+    links = tmp_path / "by-id"
+    device = tmp_path / "ttyACM0"
+    device.write_text("")
+    assert lasting_name(str(device), links) == str(device)
+    links.mkdir()
+    assert lasting_name(str(device), links) == str(device)
+    (links / "usb-Arduino_Mega_1234-if00").symlink_to("../ttyACM0")
+    (links / "usb-Other").symlink_to("../ttyACM1")
+    link = str(links / "usb-Arduino_Mega_1234-if00")
+    assert lasting_name(str(device), links) == link
+    assert lasting_name(link, links) == link
+    assert lasting_name("socket://host:1", links) == "socket://host:1"
