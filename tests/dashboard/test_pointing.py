@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from tsd_twin.access import Role
 from tsd_twin.dashboard.pointing import point_on_ball
+from tsd_twin.dashboard.viser_filter import passed
 from tsd_twin.lie import SO3
 
 parts = st.floats(-1.0, 1.0)
@@ -52,3 +55,32 @@ def test_what_is_no_ray_or_misses_meets_nothing(
     with np.errstate(invalid="ignore"):
         met = point_on_ball(np.array(origin), np.array(direction), CENTRE, RADIUS_M, SO3.identity())
     assert met is None
+
+
+CLICK = {
+    "type": "SceneNodeClickMessage",
+    "name": "/w/r/atlas/x",
+    "instance_index": None,
+    "ray_origin": [0.0, 0.0, 1.0],
+    "ray_direction": [0.0, 0.0, -1.0],
+    "screen_pos": [0.5, 0.5],
+    "modifier": None,
+    "owner": "",
+}
+
+
+@pytest.mark.parametrize(
+    ("changed", "role", "passes"),
+    [
+        ({}, Role.OPERATOR, True),
+        ({}, Role.VIEWER, False),
+        ({"name": "/w/r/atlas/msphere"}, Role.OPERATOR, False),
+        ({"name": "/w/r/atlas/x\n"}, Role.OPERATOR, False),
+        ({"ray_origin": [0.0, 0.0]}, Role.OPERATOR, False),
+        ({"ray_direction": "up"}, Role.OPERATOR, False),
+    ],
+)
+def test_of_clicks_only_those_on_a_sphere_by_an_operator_reach_viser(
+    changed: dict[str, object], role: Role, passes: bool
+) -> None:
+    assert (passed(msgspec.msgpack.encode(CLICK | changed), role) is not None) is passes
