@@ -17,6 +17,7 @@ from collections.abc import Generator
 from typing import IO
 
 from tsd_twin import program, robots
+from tsd_twin.bus import over_datagrams
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2
 from tsd_twin.linksim import LinkSpec
@@ -36,6 +37,7 @@ PARSER = program.parser(
         "tsd-demo --robot my.toml        drive a robot of your own",
         "tsd-demo --robot tsd --robot omni4 --robot atlas    several in one page",
         "tsd-demo --link delay=150ms     drive it over a bad link, see tsd-link --help",
+        "tsd-demo --plant mujoco         move it as rigid bodies on a floor, not by equations",
         "tsd-demo --no-browser           print the address and leave the browser alone",
     ],
 )
@@ -46,10 +48,22 @@ def demonstrate(args: argparse.Namespace) -> None:
     stop = program.stop_event(args)
     link = LinkSpec.parse(args.link) if args.link else None
     chosen = cast_of(args.robot or ["tsd"], args.id)
-    bus_ports = [free_port(args.bus_port, BUS_PORT), *(free_port(0, 0) for _ in chosen[1:])]
+    # Over TCP, whatever a bad link loses holds up all that comes after it.
+    protocol, kind = ("udp", socket.SOCK_DGRAM) if link else ("tcp", socket.SOCK_STREAM)
+    bus_ports = [
+        free_port(args.bus_port, BUS_PORT, kind),
+        *(free_port(0, 0, kind) for _ in chosen[1:]),
+    ]
     page_port = free_port(args.port, PAGE_PORT)
-    endpoints = [f"tcp/127.0.0.1:{port}" for port in bus_ports]
-    more = ["--noise", str(args.noise), *(["--verbose"] if args.verbose else [])]
+    endpoints = [f"{protocol}/127.0.0.1:{port}" for port in bus_ports]
+    more = [
+        "--noise",
+        str(args.noise),
+        "--plant",
+        args.plant,
+        *(["--verbose"] if args.verbose else []),
+    ]
+    listening = [over_datagrams(each) for each in endpoints] if link else endpoints
     dashboard = [
         "tsd_dashboard",
         "--port",
@@ -58,8 +72,8 @@ def demonstrate(args: argparse.Namespace) -> None:
     ]
     with contextlib.ExitStack() as running:
         robots_ready = [
-            running.enter_context(child([*role, "--listen", endpoint, *more], stop))
-            for role, endpoint in zip(chosen, endpoints, strict=True)
+            running.enter_context(child([*role, "--listen", heard_at, *more], stop))
+            for role, heard_at in zip(chosen, listening, strict=True)
         ]
         seen_at = [running.enter_context(linked(link, each, stop)) for each in endpoints]
         for each in seen_at:
@@ -174,7 +188,7 @@ def linked(link: LinkSpec | None, endpoint: str, stop: threading.Event) -> Gener
         yield endpoint
         return
     with child(["tsd_link", "--target", endpoint, "--link", str(link)], stop) as ready:
-        yield ready.wait_for().split()[-1]
+        yield over_datagrams(ready.wait_for().split()[-1])
 
 
 def wait_for_robots(url: str, count: int, stop: threading.Event) -> None:
@@ -193,16 +207,17 @@ def wait_for_robots(url: str, count: int, stop: threading.Event) -> None:
             raise TwinError(f"the dashboard did not see every robot within {_PATIENCE_S:g} s")
 
 
-def free_port(chosen: int | None, usual: int) -> int:
+def free_port(chosen: int | None, usual: int, kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
     """Return the chosen port if it is free; when none was chosen the usual one, or any free one.
 
     Raises:
         TwinError: the chosen port is in use, or is none.
     """
     for port in (usual, 0) if chosen is None else (chosen,):
-        with socket.socket() as probe:
-            # As servers do, so that a port that was in use a minute ago counts as free.
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        with socket.socket(type=kind) as probe:
+            if kind is socket.SOCK_STREAM:
+                # As servers do, so that a port that was in use a minute ago counts as free.
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
                 probe.bind(("127.0.0.1", port))
             except (OSError, OverflowError):
@@ -221,6 +236,7 @@ def main() -> None:
         "--bus-port", type=int, help=f"of the bus; default {BUS_PORT}, or any free one"
     )
     PARSER.add_argument("--noise", type=float, default=0.0, help="times [noise]; default 0")
+    program.add_plant_flag(PARSER)
     PARSER.add_argument("--link", metavar="SPEC", help="put a bad link between them")
     PARSER.add_argument("--no-browser", action="store_true", help="do not open a browser")
     program.run(PARSER, demonstrate)

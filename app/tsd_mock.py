@@ -22,6 +22,7 @@ PARSER = program.parser(
         "tsd-mock --robot my.toml --id left         a robot of your own, under another id",
         "tsd-mock --listen tcp/127.0.0.1:0          on a free port, which it prints",
         "tsd-mock --noise 1                         with the noise of the description",
+        "tsd-mock --plant mujoco                    rigid bodies on a floor, not equations",
     ],
 )
 
@@ -33,7 +34,8 @@ def serve(args: argparse.Namespace) -> None:
     robot = robots.parse(text, args.robot)
     robot_id = args.id or robot.name
     pose = start_pose(args.at, robot) if args.at else None
-    board = Board(robot, SimRobot(robot, seed=args.seed, noise=args.noise, pose=pose))
+    simulated = SimRobot(robot, seed=args.seed, noise=args.noise, pose=pose, plant=args.plant)
+    board = Board(robot, simulated)
     with program.node_bus(args) as bus:
         node = RobotNode(
             bus,
@@ -77,6 +79,7 @@ def main() -> None:
         metavar="X,Y,DEGREES",
         help="where it stands at the start, m and degrees; default 0,0,0",
     )
+    program.add_plant_flag(PARSER)
     program.run(PARSER, serve)
 
 

@@ -18,6 +18,7 @@ NEEDED = (
     "tsd_dashboard.py",
     "tsd_link.py",
     "tsd_certs.py",
+    "tsd_lab.py",
     "tsd_twin/robots/tsd.toml",
     "tsd_twin/dashboard/static/overlay.js",
     "tsd_twin/meshes/tsd/tsd.urdf",

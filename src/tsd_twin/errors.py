@@ -7,7 +7,9 @@ TwinError               anything below; its text is one sentence for the person 
 ├── BusError            the bus cannot be opened, or is used in a way that is not allowed
 │   └── NoAnswerError   a service did not answer in time
 ├── LinkError           a description of a simulated link cannot be read (in linksim)
-└── MeshError           a generated part is missing or is not a closed solid
+├── PathError           a path that nobody can follow
+├── MeshError           a generated part is missing or is not a closed solid
+└── MissingExtraError   an optional package that was asked for is not installed
 ```
 
 Any other exception is a bug.
@@ -44,5 +46,16 @@ class NoAnswerError(BusError):
         super().__init__(f"{key}: no answer within {timeout_s:g} s")
 
 
+class PathError(TwinError):
+    """A path that nobody can follow: no length, a gap, a corner where there must be none."""
+
+
 class MeshError(TwinError):
     """A generated part is missing or is not a closed solid."""
+
+
+class MissingExtraError(TwinError):
+    """Something was asked for that an optional package would do."""
+
+    def __init__(self, what: str, extra: str) -> None:
+        super().__init__(f"{what} needs a package more: pip install 'tsd-twin[{extra}]'")

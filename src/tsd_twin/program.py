@@ -15,6 +15,7 @@ from tsd_twin import __version__, robots
 from tsd_twin.access import Identity, certificate_identity
 from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, client_config, from_file, node_config
 from tsd_twin.errors import TwinError
+from tsd_twin.sim import PLANTS
 
 _LOG = logging.getLogger(__name__)
 _PATIENCE_S = 2.0
@@ -48,6 +49,17 @@ def add_robot_flags(made: argparse.ArgumentParser, *, several: bool = False) -> 
         + ("; may be repeated" if several else ""),
     )
     made.add_argument("--id", help="id on the bus, 1 to 32 of a-z 0-9 _ -; default: its name")
+
+
+def add_plant_flag(made: argparse.ArgumentParser) -> None:
+    """Add `--plant`."""
+    made.add_argument(
+        "--plant",
+        choices=sorted(PLANTS),
+        default="kinematic",
+        help="what moves it: rolling by the equations (default), or rigid bodies in MuJoCo, "
+        "for which the extra `mujoco` must be installed",
+    )
 
 
 def add_node_flags(made: argparse.ArgumentParser) -> None:

@@ -16,7 +16,7 @@ from tests.app.conftest import PATIENCE_S, Program
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.errors import NoAnswerError
-from tsd_twin.topics import Service, alive_key
+from tsd_twin.topics import STATUS, Service, alive_key
 
 pytestmark = pytest.mark.system
 
@@ -139,3 +139,15 @@ def test_help_shows_examples(start: Start) -> None:
     assert mock.wait() == 0
     assert "examples:" in "\n".join(mock.output)
     assert "--robot" in "\n".join(mock.output)
+
+
+def test_it_moves_as_rigid_bodies_when_asked(start: Start) -> None:
+    mock = start("tsd_mock", *ANY_PORT, "--plant", "mujoco")
+    endpoint = mock.ready().split()[-1]
+    heard = threading.Event()
+    with Bus(client_config([endpoint])) as bus:
+        bus.watch(
+            STATUS.key("tsd"), lambda sample: heard.set() if b'"mujoco"' in sample.payload else None
+        )
+        assert heard.wait(PATIENCE_S)
+    assert mock.end(signal.SIGTERM) == 0

@@ -29,7 +29,7 @@ NOW_S = 50.0
 
 
 def lease(holder: str = "alice", id_: bytes = LEASE_ID, max_age_s: float = 0.25) -> Lease:
-    return Lease(holder, id_, NOW_S + 2.0, max_age_s, 1.0)
+    return Lease(holder, id_, NOW_S + 2.0, max_age_s, 1.0, 0.2)
 
 
 def new_gate() -> CommandGate:

@@ -18,6 +18,8 @@ class Referee:
         self.counted = 0
         self.sent = 0
         self.counted_s = -math.inf
+        self.echoed_s = -math.inf
+        """When the status was sent that the newest counted command had seen."""
         self.pushed_s = -math.inf
         self.counted_lease = ""
         self.stopping = ("", -math.inf)
@@ -44,6 +46,12 @@ class Referee:
 
     def asker(self, now_s: float) -> str:
         return self.asked[0] if not self.is_free(now_s) and now_s < self.asked[1] else ""
+
+    def stands(self, now_s: float) -> bool:
+        """Whether the newest command that counted may still move the robot: it is no older than the
+        timeout, or what it had seen no older than the timeout and what the lease adds to the age.
+        """
+        return now_s - self.counted_s <= 0.2 or now_s - self.echoed_s <= 0.2 + self.max_age_s - 0.25
 
     def may_acquire(self, name: str, take_over: bool, now_s: float) -> bool:
         if now_s < self.reserved[1] and self.reserved[0] != name:
@@ -83,6 +91,6 @@ class Referee:
             return
         self.counted_lease = letter["lease"]
         self.newest, self.ends_s = letter["seq"], now_s + 2.0
-        self.counted, self.counted_s = self.counted + 1, now_s
+        self.counted, self.counted_s, self.echoed_s = self.counted + 1, now_s, sent_s
         if any(letter["twist"]):
             self.pushed_s = now_s

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from tsd_twin.drives import Motion
 from tsd_twin.lie import Array
@@ -131,9 +132,13 @@ def test_the_residuals_of_one_module_that_is_off() -> None:
     assert f"{DRIVE.forward(slowed.reshape(-1)).twist[2]:.2f} rad/s unseen" in TEXT
     noise = ROBOT.noise
     sigma = np.tile([np.radians(noise.gimbal_angle_deg)] * 2 + [noise.spin_share * SPIN], 3)
-    noisy = joints.reshape(-1) + np.diag(sigma)
-    total = np.linalg.norm(DRIVE.forward(noisy).residual) / np.sqrt(6.0)
-    assert f"| {5000.0 * total:.0f} mm/s |" in row("| evidence")
+    nudge = 1e-6 * np.eye(9)
+    ends = [DRIVE.forward(joints.reshape(-1) + sign * nudge).residual for sign in (1.0, -1.0)]
+    shift = sigma[:, None] * (ends[0] - ends[1]) / 2e-6
+    beyond = chi2.isf(1e-4, 3)
+    assert f"above {beyond:.1f}," in row("| evidence")
+    least, _, most = 1000.0 * np.sqrt(beyond * np.linalg.eigvalsh(shift.T @ shift)[-3:] / 6.0)
+    assert f"| {least:.0f} to {most:.0f} mm/s, by direction |" in row("| evidence")
 
 
 def turn(angle: float) -> Array:

@@ -42,7 +42,13 @@ statuses = st.builds(
         dropped=st.builds(DropCounts, *[counts] * 6),
     ),
     limits=st.builds(LimitStatus, *[finite] * 4),
-    conflict=st.builds(ConflictStatus, finite, st.none() | texts),
+    conflict=st.builds(
+        ConflictStatus,
+        finite,
+        st.none() | texts,
+        finite,
+        st.dictionaries(texts, finite, max_size=4),
+    ),
     loop=st.builds(LoopStatus, finite, counts, finite),
     hardware=st.dictionaries(texts, st.none() | texts | finite | st.lists(finite), max_size=4),
 )
@@ -74,7 +80,12 @@ def test_a_status_has_the_fields_that_others_rely_on() -> None:
         "accepted": 0,
         "dropped": dict.fromkeys(reasons, 0),
     }
-    assert plain["conflict"] == {"residual_mps": 0.0, "suspect": None}
+    assert plain["conflict"] == {
+        "residual_mps": 0.0,
+        "suspect": None,
+        "level": 0.0,
+        "explained": {},
+    }
     assert plain["loop"] == {"hz": 0.0, "overruns": 0, "jitter_p99_ms": 0.0}
     assert set(plain) >= {"limits", "hardware"}
 

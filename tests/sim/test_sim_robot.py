@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tsd_twin.errors import RobotFileError
 from tsd_twin.lie import Array
 from tsd_twin.robots import load
 from tsd_twin.sim import SimRobot
@@ -194,3 +195,22 @@ def test_facts_about_the_hardware_go_into_json() -> None:
     signals = [20.0 + 20.0 * 2500.0 / top for top in (2892.0, 2938.0, 2856.0)]
     np.testing.assert_allclose(facts["pulse_us"], [1000.0 + s / 0.18 for s in signals], rtol=1e-9)
     robot.close()
+
+
+def test_rigid_bodies_stand_behind_the_same_face() -> None:
+    robot = SimRobot(ROBOT, plant="mujoco")
+    robot.write(IDLE, 0.0)
+    robot.write(CRUISE, 2.2)
+    robot.write(AHEAD, 4.0)
+    measured, truth = robot.read(4.5), robot.truth(4.5)
+    assert measured.shape == AHEAD.shape
+    assert robot.hardware()["plant"] == "mujoco"
+    np.testing.assert_allclose(
+        measured.reshape(3, 3)[:, :2], truth.joints.reshape(3, 3)[:, :2], atol=STEP
+    )
+    np.testing.assert_allclose(truth.twist, [0.5, 0.2, 1.0], rtol=0, atol=0.05)
+
+
+def test_a_robot_that_no_such_plant_moves_is_refused_in_one_sentence() -> None:
+    with pytest.raises(RobotFileError, match=r"kiwi: the plant `mujoco` cannot move it \(only"):
+        SimRobot(load("kiwi"), plant="mujoco")

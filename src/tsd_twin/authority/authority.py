@@ -245,12 +245,13 @@ class Authority:
             self._go(Mode.DISARMED, "not armed: the wheels did not come to speed", now_s)
 
     def _step_driving(self, lease: Lease | None, facts: Facts, now_s: float) -> None:
-        silent_s = now_s - self.command_s
         if lease is None or self.command is None or lease.id != self.command.lease:
             self._go(Mode.STOPPING, _LOST, now_s)
-        elif silent_s > self._timeout_s:
-            reason = f"no command for {self._timeout_s * 1000:.0f} ms"
-            self._go(Mode.STOPPING, reason, now_s)
+            return
+        echo_s = self.command_s - self.gate.echoed_s
+        allowed_s = max(self._timeout_s, lease.stands_s - echo_s)
+        if now_s - self.command_s > allowed_s:
+            self._go(Mode.STOPPING, f"no command for {allowed_s * 1000:.0f} ms", now_s)
         elif facts.at_rest and not self.command.twist.any():
             self._go(Mode.READY, "", now_s)
 

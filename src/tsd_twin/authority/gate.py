@@ -29,6 +29,8 @@ class CommandGate:
         self.dropped = DropCounts()
         self.echo_s: float | None = None
         """Age, on arrival, of the status that the newest counted command echoes."""
+        self.echoed_s = -math.inf
+        """When the status was sent that the newest counted command echoes."""
         self._sent_s: OrderedDict[int, float] = OrderedDict()
         self._seen: tuple[bytes, int] = (b"", -1)
         self._stopping: tuple[bytes, float] = (b"", -math.inf)
@@ -76,4 +78,4 @@ class CommandGate:
             raise MessageError(
                 "stale", f"command is {now_s - sent_s:.2f} s old, {lease.max_age_s:g} s are allowed"
             )
-        self.echo_s = now_s - sent_s
+        self.echo_s, self.echoed_s = now_s - sent_s, sent_s

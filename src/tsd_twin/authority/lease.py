@@ -24,6 +24,10 @@ class Lease:
     max_age_s: float
     speed_cap_mps: float
     """The later a command may be, the slower the robot may be."""
+    stands_s: float
+    """A command stands until this long after the status went out that it echoes, if that is later
+    than the timeout: the gaps of a far link are as long as it is late, and the cap reckons with it.
+    """
 
 
 class LeaseDesk:
@@ -122,6 +126,7 @@ class LeaseDesk:
             expires_s=now_s + TTL_S,
             max_age_s=max_age_s,
             speed_cap_mps=min(cap, limits.speed_mps),
+            stands_s=late_s,
         )
         return self._granted(self._lease)
 

@@ -36,7 +36,7 @@ TRANSITIONS: dict[tuple[Mode, Mode], str] = {
     (Mode.READY, Mode.DRIVING): "counted non-zero command",
     (Mode.READY, Mode.DISARMED): "disarm, or no operator for 10 s",
     (Mode.DRIVING, Mode.READY): "counted zero command, and at rest",
-    (Mode.DRIVING, Mode.STOPPING): "no counted command for 200 ms, control lost, or disarm",
+    (Mode.DRIVING, Mode.STOPPING): "no counted command in time, control lost, or disarm",
     (Mode.STOPPING, Mode.DRIVING): "counted command",
     (Mode.STOPPING, Mode.READY): "at rest",
     (Mode.STOPPING, Mode.DISARMED): "at rest, after disarm",

@@ -1,7 +1,14 @@
 """The bus: the only door to zenoh."""
 
 from tsd_twin.bus.bus import Bus
-from tsd_twin.bus.config import DEFAULT_ENDPOINT, Config, client_config, from_file, node_config
+from tsd_twin.bus.config import (
+    DEFAULT_ENDPOINT,
+    Config,
+    client_config,
+    from_file,
+    node_config,
+    over_datagrams,
+)
 from tsd_twin.bus.ends import Publisher, Reader, Request, Server, Token
 
 __all__ = [
@@ -16,4 +23,5 @@ __all__ = [
     "client_config",
     "from_file",
     "node_config",
+    "over_datagrams",
 ]

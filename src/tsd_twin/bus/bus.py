@@ -23,16 +23,19 @@ from tsd_twin.topics import Urgency
 EVENTS_KEPT = 100
 """Events of each kind that a late joiner still gets."""
 
+# What is said again at once is not repeated by a link that has the choice, see `over_datagrams`.
 _QOS: dict[Urgency, dict[str, Any]] = {
     Urgency.REAL_TIME: {
         "priority": zenoh.Priority.REAL_TIME,
         "express": True,
         "congestion_control": zenoh.CongestionControl.DROP,
+        "reliability": zenoh.Reliability.BEST_EFFORT,
     },
     Urgency.DATA: {
         "priority": zenoh.Priority.DATA,
         "express": False,
         "congestion_control": zenoh.CongestionControl.DROP,
+        "reliability": zenoh.Reliability.BEST_EFFORT,
     },
 }
 

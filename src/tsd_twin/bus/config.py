@@ -18,6 +18,10 @@ from tsd_twin.errors import BusError
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 
+_LEASE_MS = 1000
+_FAR_LEASE_MS = 3000
+"""A stream over a far link may repeat a sign of life twice before it comes through."""
+_MIXED = "?rel=1;mixed_rel=1"
 _TLS = "transport/link/tls"
 _FILES = (
     f"{_TLS}/root_ca_certificate",
@@ -66,7 +70,7 @@ def node_config(listen: Sequence[str], connect: Sequence[str] = ()) -> Config:
     """
     for endpoint in listen:
         _refuse_open_door(endpoint, guarded=False)
-    settings = _common("router", connect)
+    settings = _common("router", connect, listen)
     settings["listen"] = {"endpoints": list(listen)}
     # The only way to learn which port ":0" became; reading it needs a session of our own.
     settings["adminspace"] = {"enabled": True, "permissions": {"read": True, "write": False}}
@@ -113,6 +117,16 @@ def from_file(path: str) -> Config:
     return Config(text, path, files)
 
 
+def over_datagrams(endpoint: str) -> str:
+    """Return a `udp/` endpoint with what lets a lossy link lose streams without holding them up.
+
+    One QUIC connection, neither encrypted nor authenticated, so for this machine only: commands and
+    states are datagrams of it, lost one by one; all else is a stream of it, which repeats. Both
+    sides need it.
+    """
+    return endpoint + _MIXED
+
+
 def is_loopback(endpoint: str) -> bool:
     """Return whether an endpoint such as `tcp/127.0.0.1:7447` is of this machine only."""
     protocol, _, address = endpoint.partition("/")
@@ -141,7 +155,8 @@ def _files(settings: zenoh.Config, folder: Path) -> dict[str, Path]:
     return {key: folder / name for key, name in named.items() if name is not None}
 
 
-def _common(mode: str, connect: Sequence[str]) -> dict[str, Any]:
+def _common(mode: str, connect: Sequence[str], listen: Sequence[str] = ()) -> dict[str, Any]:
+    far = any(endpoint.endswith(_MIXED) for endpoint in (*connect, *listen))
     return {
         "mode": mode,
         "connect": {
@@ -159,7 +174,7 @@ def _common(mode: str, connect: Sequence[str]) -> dict[str, Any]:
         "queries_default_timeout": 1000,
         "transport": {
             "unicast": {"open_timeout": 2000, "accept_timeout": 2000, "max_sessions": 64},
-            "link": {"tx": {"lease": 1000, "keep_alive": 4}},
+            "link": {"tx": {"lease": _FAR_LEASE_MS if far else _LEASE_MS, "keep_alive": 4}},
             "shared_memory": {"enabled": False},
         },
         "low_pass_filter": [

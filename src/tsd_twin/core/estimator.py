@@ -20,8 +20,6 @@ AT_SPEED = 0.02
 """Wheels within this share of their set-point count as at speed."""
 AT_REST_RAD_PER_S = 0.1
 """Wheels slower than this count as at speed when they shall stand."""
-_FINEST_MPS = 1e-4
-"""A conflict below a few of these is rounding, also of joints without any noise."""
 
 
 class Estimator:
@@ -42,7 +40,7 @@ class Estimator:
         self._second, prefer_second = second_estimate(robot)
         best = self._second if prefer_second else None
         self._best: Estimate = self._plain if best is None else best
-        self._conflict = ConflictMonitor(self._residual_sigma(robot))
+        self._conflict = ConflictMonitor(self.drive, robot.joint_errors())
         self.measured_s = -math.inf
         """When the joints were measured last."""
         self.joints = np.where(self.is_angle, self._at_rest, 0.0)
@@ -107,19 +105,15 @@ class Estimator:
 
     def conflict(self, *, wheels_spin: bool) -> ConflictStatus:
         """Return how well the joints agree; wheels that do not spin say nothing about gimbals."""
-        residual, suspect = self._conflict.residual, None
-        if residual is not None and self._conflict.evident and wheels_spin:
-            suspect = self.drive.actuators[int(self.drive.blame(residual).argmax())]
-        return ConflictStatus(round(self._conflict.residual_mps, 5), suspect)
-
-    def _residual_sigma(self, robot: Robot) -> float:
-        """Return the standard deviation of a residual, m/s, from the noise in the description."""
-        noise = robot.joint_errors()
-        speed = robot.limits.speed_mps / self.drive.lever_m
-        joints = self.drive.inverse(np.array([speed, 0.0, 0.0]))
-        sigma = self.is_angle * noise.angle_rad + ~self.is_angle * noise.spin_share * np.abs(joints)
-        shift = self.drive.forward(joints + np.diag(sigma)).residual
-        return max(_FINEST_MPS, float(np.sqrt(np.square(shift).sum() / shift.shape[-1])))
+        verdict, names = self._conflict.judge(self.joints), self.drive.actuators
+        level = verdict.level if wheels_spin else 0.0
+        suspect = verdict.suspect if wheels_spin else None
+        return ConflictStatus(
+            residual_mps=round(verdict.residual_mps, 5),
+            suspect=None if suspect is None else names[suspect],
+            level=round(level, 4),
+            explained=dict(zip(names, (level * verdict.shares).round(4).tolist(), strict=True)),
+        )
 
 
 def _message(estimate: Estimate, stamp_ns: int) -> Odometry:

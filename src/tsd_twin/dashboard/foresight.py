@@ -84,7 +84,9 @@ class Foresight:
         if late_s is not None and (own := _under_way(sent, now_s, late_s, heading)):
             last_s = min(last_s, late_s)
             commands = [due for due in own if due.after_s <= last_s]
-        silence_s = last_s + self._limits.command_timeout_s + MARGIN_S
+        # Under a lease for late commands, the newest stands for as long as it may be late.
+        stands_s = status.limits.max_command_age_s - self._limits.max_command_age_s
+        silence_s = max(last_s, stands_s) + self._limits.command_timeout_s + MARGIN_S
         if status.mode == Mode.STOPPING:
             commands, silence_s = [], 0.0
         share = status.limits.speed_mps / self._limits.speed_mps

@@ -1,12 +1,13 @@
 """What the robot does, from what it measures."""
 
-from tsd_twin.estimation.conflict import ConflictMonitor
+from tsd_twin.estimation.conflict import ConflictMonitor, Verdict
 from tsd_twin.estimation.odometry import (
     ODOMETRY,
     JointOdometry,
     OrientationOdometry,
     PlanarOdometry,
 )
+from tsd_twin.estimation.pose_filter import PoseFilter, with_gyro
 from tsd_twin.estimation.second import SECOND, Estimate, SecondEstimate, second_estimate
 from tsd_twin.estimation.spin import SpinModel
 
@@ -18,7 +19,10 @@ __all__ = [
     "JointOdometry",
     "OrientationOdometry",
     "PlanarOdometry",
+    "PoseFilter",
     "SecondEstimate",
     "SpinModel",
+    "Verdict",
     "second_estimate",
+    "with_gyro",
 ]

@@ -8,14 +8,17 @@ from typing import Any, Generic
 
 import numpy as np
 
-from tsd_twin.drives import Drive, JointKind, Motion
+from tsd_twin.drives import Drive, Motion
 from tsd_twin.drives.drive import PoseT
+from tsd_twin.estimation.joint_noise import JointNoise
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.robots import JointErrors
 
 CORRELATION_S = 1.0
 """Time over which an error of the joints persists: quantisation and a wrong spin do not average
 out from one sample to the next, so the variance grows with this time, not with the period."""
+_ROUNDING = 1e-18
+"""Squared m/s: joints that cannot contradict one another leave this much and less."""
 _REFRESH_EVERY = 10
 """Steps for which the covariance of the twist is kept: it follows the joints slowly."""
 
@@ -29,10 +32,7 @@ class JointOdometry(Generic[PoseT]):
 
     def __init__(self, drive: Drive[PoseT], noise: JointErrors) -> None:
         self._drive = drive
-        kinds = [joint.kind for joint in drive.joints]
-        self._is_angle = np.array([kind is JointKind.POSITION for kind in kinds])
-        self._angle_sigma = self._is_angle * noise.angle_rad
-        self._spin_share = ~self._is_angle * noise.spin_share
+        self._noise = JointNoise(drive, noise)
         self._previous: Array | None = None
         self._until_refresh = 0
         self._growth_per_s: Array = np.zeros((3, 3))
@@ -41,7 +41,7 @@ class JointOdometry(Generic[PoseT]):
         self.pose_covariance: Array = np.zeros((3, 3))
         """(3, 3): of the pose, in `odom`."""
         self.twist_covariance: Array = np.zeros((3, 3))
-        """(3, 3): of the twist, in `base_link`."""
+        """(3, 3): of the twist, in `base_link`; more when the joints contradict one another."""
 
     def set_pose(self, pose: PoseT) -> None:
         """Take the robot to be at `pose`, exactly."""
@@ -84,11 +84,22 @@ class JointOdometry(Generic[PoseT]):
         raise NotImplementedError
 
     def _twist_covariance(self, joints: Array) -> Array:
-        sigma = self._angle_sigma + self._spin_share * np.abs(joints)
         # The Jacobian of the forward kinematics by differences, all joints in one batch.
-        nudged = joints + np.diag(np.maximum(sigma, 1e-9))
-        shift = self._drive.forward(nudged).twist - self._drive.forward(joints).twist
-        return shift.T @ shift
+        nudged = joints + np.diag(np.maximum(self._noise.sigma(joints), 1e-9))
+        off, here = self._drive.forward(nudged), self._drive.forward(joints)
+        shift = off.twist - here.twist
+        return self._disbelief(off.residual - here.residual) * (shift.T @ shift)
+
+    def _disbelief(self, shift: Array) -> float:
+        """Return how many times the squared residual is what the noise makes of it; at least 1.
+
+        Measurements that contradict one another by more than their errors have larger errors than
+        was said: Birge, "The calculation of errors by the method of least squares" (1932).
+        """
+        residual = self.motion.residual
+        explained = float(np.square(shift).sum())
+        found = float(residual @ residual)
+        return found / explained if found > explained > _ROUNDING else 1.0
 
 
 class PlanarOdometry(JointOdometry[SE2]):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import asyncio
+import contextlib
 import enum
 import socket
 import struct
@@ -131,7 +132,9 @@ class Side(asyncio.Protocol, abc.ABC):
         """Write no more; the other side has ended."""
         self._finished = True
         if self._transport is not None and not self._transport.is_closing():
-            self._transport.write_eof()
+            # A connection that was reset a moment ago is not known to be closing yet.
+            with contextlib.suppress(OSError):
+                self._transport.write_eof()
             if self._ended:
                 self._transport.close()
 

@@ -69,6 +69,10 @@ class ConflictStatus(msgspec.Struct, frozen=True):
     residual_mps: float = 0.0
     suspect: str | None = None
     """The module that the others contradict, once there is evidence."""
+    level: float = 0.0
+    """Chi-square of the residual over its threshold: from 1 on it is evidence."""
+    explained: Mapping[str, float] = {}
+    """How much of `level` each module explains alone."""
 
 
 class LoopStatus(msgspec.Struct, frozen=True):

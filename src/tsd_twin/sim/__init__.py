@@ -2,7 +2,7 @@
 
 from tsd_twin.sim.board import Board
 from tsd_twin.sim.esc import SpeedControllers
-from tsd_twin.sim.kinds import SIMULATIONS, simulate
+from tsd_twin.sim.kinds import PLANTS, SIMULATIONS, simulate
 from tsd_twin.sim.motor import Motors
 from tsd_twin.sim.plant import KinematicPlant
 from tsd_twin.sim.servo import Servos
@@ -11,6 +11,7 @@ from tsd_twin.sim.simulation import Simulation
 from tsd_twin.sim.singularity import SingularitySimulation
 
 __all__ = [
+    "PLANTS",
     "SIMULATIONS",
     "Board",
     "KinematicPlant",

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from tsd_twin.errors import RobotFileError
 from tsd_twin.robots import OmniRobot, Robot, SingularityRobot, SphereRobot
+from tsd_twin.sim.contact import ContactSimulation
 from tsd_twin.sim.omni import OmniSimulation
 from tsd_twin.sim.simulation import Simulation
 from tsd_twin.sim.singularity import SingularitySimulation
@@ -17,6 +19,11 @@ SIMULATIONS: dict[type[Robot], Callable[..., Simulation]] = {
     SphereRobot: SphereSimulation,
 }
 """One for each kind of robot in `KINDS`; all take the same arguments, as `simulate` has them."""
+PLANTS: dict[str, dict[type[Robot], Callable[..., Simulation]]] = {
+    "kinematic": SIMULATIONS,
+    "mujoco": {SingularityRobot: ContactSimulation},
+}
+"""What can move a robot: equations of rolling, for all; solid bodies on a floor, for some."""
 
 
 def simulate(
@@ -27,11 +34,19 @@ def simulate(
     noise: float = 0.0,
     battery_v: float | None = None,
     pose: Any = None,
+    plant: str = "kinematic",
 ) -> Simulation:
     """Return `batch` robots of one description, all at the same virtual time; `()` is a single one.
 
     `noise` scales the standard deviations of the description: 0 is none, 1 is as described. `pose`
-    is where they start, of the drive's space.
+    is where they start, of the drive's space. `plant` is one of `PLANTS`.
+
+    Raises:
+        RobotFileError: there is no such plant for robots of this kind.
+        MissingExtraError: the package that it needs is not installed.
     """
-    make = SIMULATIONS[type(robot)]
+    make = PLANTS[plant].get(type(robot))
+    if make is None:
+        kinds = ", ".join(sorted(kind.__name__ for kind in PLANTS[plant]))
+        raise RobotFileError(robot.name, f"the plant `{plant}` cannot move it", f"only {kinds}")
     return make(robot, batch, seed=seed, noise=noise, battery_v=battery_v, pose=pose)

@@ -33,7 +33,8 @@ class SimRobot:
     It stands still until the first call says what time it is, and is moved on to the time of each
     call after that; a time that lies in the past moves nothing. Nothing here looks at a clock.
     `noise` scales the standard deviations of the description; 0 is none. How fast wheels turn is
-    measured if robots of this kind do, or as `measures_spin` says.
+    measured if robots of this kind do, or as `measures_spin` says. `plant` is what moves it, see
+    `simulate`, which also names what is raised.
     """
 
     def __init__(
@@ -45,8 +46,11 @@ class SimRobot:
         measures_spin: bool | None = None,
         battery_v: float | None = None,
         pose: SE2 | SO3 | None = None,
+        plant: str = "kinematic",
     ) -> None:
-        self._simulation = simulate(robot, seed=seed, noise=noise, battery_v=battery_v, pose=pose)
+        self._simulation = simulate(
+            robot, seed=seed, noise=noise, battery_v=battery_v, pose=pose, plant=plant
+        )
         joints = self._simulation.drive.joints
         measured = robot.measures_spin if measures_spin is None else measures_spin
         self._shape = (len(joints),)

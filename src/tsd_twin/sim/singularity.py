@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from tsd_twin.drives import JointKind
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import SingularityRobot
-from tsd_twin.sim.esc import SpeedControllers
-from tsd_twin.sim.motor import Motors
+from tsd_twin.sim.actuation import Actuation
 from tsd_twin.sim.plant import KinematicPlant
-from tsd_twin.sim.servo import Servos
 
 _LONGEST_STEP_S = 0.02
 """The approach of the servos, some 30 per second, is a smooth curve over this."""
@@ -21,9 +18,8 @@ _SETTLED = 1e-9
 class SingularitySimulation:
     """`batch` robots of one description, all at the same virtual time; `()` is a single one.
 
-    Servos, speed controllers and motors feed a kinematic plant. `noise` scales the standard
-    deviations of the description: 0 is none, 1 is as described. Gimbal angles are noisy each time
-    they are measured; the speed of each wheel is off by a share that stays the same for the run.
+    Servos, speed controllers and motors feed a kinematic plant: wheels roll without slip, and
+    nothing has mass. For `noise` see `Actuation`.
     """
 
     def __init__(
@@ -36,50 +32,22 @@ class SingularitySimulation:
         battery_v: float | None = None,
         pose: SE2 | None = None,
     ) -> None:
-        self.drive = robot.kinematics()
-        kinds = [joint.kind for joint in self.drive.joints]
-        self._angles = np.flatnonzero([kind is JointKind.POSITION for kind in kinds])
-        self._wheels = np.flatnonzero([kind is JointKind.VELOCITY for kind in kinds])
-        wheels = (*batch, len(self._wheels))
-        self.battery_v = robot.battery.nominal_v if battery_v is None else battery_v
-        self.servos = Servos.of(robot, self.battery_v)
-        self.motors = Motors.of(robot)
-        self.controllers = SpeedControllers(
-            wheels, float(self.motors.signals[0]), robot.motor.arming_hold_s
-        )
+        self._actuation = Actuation(robot, batch, seed, noise, battery_v)
+        self.drive = self._actuation.drive
         self._plant = KinematicPlant(self.drive)
-        self._random = np.random.default_rng(seed)
-        self._angle_noise_rad = noise * float(np.radians(robot.noise.gimbal_angle_deg))
-        spin_errors = noise * robot.noise.spin_share * self._random.standard_normal(wheels)
-        # The curves were measured at the nominal voltage; a speed controller passes on a share of
-        # what the battery has.
-        self._speed_share = self.battery_v / robot.battery.nominal_v * (1.0 + spin_errors)
         self.pose = SE2(np.zeros((*batch, 3)) + (0.0 if pose is None else pose.xy_heading))
         """True pose in the world."""
-        self.joints: Array = np.zeros((*batch, len(kinds)))
+        self.joints: Array = np.zeros((*batch, len(self.drive.joints)))
         """(..., n): true joint vector."""
-        self._goals = np.zeros((*batch, len(self._angles)))
-        self._speed_goals = np.zeros(wheels)
         self._halves = np.array([0.5, 1.0]).reshape(2, *(1,) * (len(batch) + 1))
 
     def command(self, setpoint: Array) -> None:
-        """Give all actuators new set-points, (..., n) in the order of `drive.joints`.
-
-        Wheels turn one way only; a speed of zero or less is zero throttle.
-
-        Raises:
-            ValueError: a number is not finite, or there is not one for each joint.
-        """
-        if not np.isfinite(setpoint).all():
-            raise ValueError(f"set-points must be finite, these are {setpoint}")
-        setpoint = np.broadcast_to(setpoint, self.joints.shape)
-        self._goals[...] = self.servos.goal(setpoint[..., self._angles])
-        signal = self.controllers.command(self.motors.signal(setpoint[..., self._wheels]))
-        self._speed_goals[...] = self.motors.speed(signal) * self._speed_share
+        """Give all actuators new set-points, as `Actuation.command` takes them."""
+        self._actuation.command(setpoint)
 
     def advance(self, dt_s: float) -> None:
         """Let `dt_s` seconds pass: in short steps while joints move, in one when all are still."""
-        self.controllers.advance(dt_s)
+        self._actuation.controllers.advance(dt_s)
         left_s = dt_s
         while left_s > 0.0:
             steps = np.ceil(left_s / _LONGEST_STEP_S)
@@ -88,45 +56,38 @@ class SingularitySimulation:
             left_s -= step_s
 
     def measure(self) -> Array:
-        """Return the joint vector (..., n), its angles as the servos report them: in whole steps.
-
-        Wheel speeds are exact here; whether a robot measures them is for the caller to say.
-        """
-        measured = self.joints.copy()
-        angles = measured[..., self._angles]
-        if self._angle_noise_rad > 0.0:
-            angles += self._angle_noise_rad * self._random.standard_normal(angles.shape)
-        measured[..., self._angles] = self.servos.quantise(angles)
-        return measured
+        """Return the joint vector (..., n) as `Actuation.measure` has it."""
+        return self._actuation.measure(self.joints)
 
     def twist(self) -> Array:
         """Return the true twist (..., 3) in the body frame."""
+        actuation = self._actuation
         rates = np.zeros_like(self.joints)
-        rates[..., self._angles] = self.servos.rate(self.joints[..., self._angles], self._goals)
+        rates[..., actuation.angles] = actuation.servos.rate(
+            self.joints[..., actuation.angles], actuation.goals
+        )
         return self.drive.forward(self.joints, rates).twist
 
     def facts(self) -> dict[str, object]:
-        """Return voltage, whether the speed controllers are armed, and what pulses they get."""
-        return {
-            "battery_v": self.battery_v,
-            "esc_armed": bool(self.controllers.armed.all()),
-            "pulse_us": self.motors.pulse_us(self.controllers.signal).tolist(),
-        }
+        """Return what the actuators say."""
+        return self._actuation.facts()
 
     def _settled(self) -> bool:
-        angle_errors = np.abs(self.joints[..., self._angles] - self._goals)
-        speed_errors = np.abs(self.joints[..., self._wheels] - self._speed_goals)
+        actuation = self._actuation
+        angle_errors = np.abs(self.joints[..., actuation.angles] - actuation.goals)
+        speed_errors = np.abs(self.joints[..., actuation.wheels] - actuation.speed_goals)
         return bool(angle_errors.max() < _SETTLED and speed_errors.max() < _SETTLED)
 
     def _step(self, dt_s: float) -> None:
+        actuation = self._actuation
         elapsed_s = dt_s * self._halves
         nodes = np.empty((3, *self.joints.shape))
         nodes[0] = self.joints
-        nodes[1:, ..., self._angles] = self.servos.after(
-            self.joints[..., self._angles], self._goals, elapsed_s
+        nodes[1:, ..., actuation.angles] = actuation.servos.after(
+            self.joints[..., actuation.angles], actuation.goals, elapsed_s
         )
-        nodes[1:, ..., self._wheels] = self.motors.after(
-            self.joints[..., self._wheels], self._speed_goals, elapsed_s
+        nodes[1:, ..., actuation.wheels] = actuation.motors.after(
+            self.joints[..., actuation.wheels], actuation.speed_goals, elapsed_s
         )
         self.pose = self._plant.move(self.pose, nodes, dt_s)
         self.joints = nodes[2]

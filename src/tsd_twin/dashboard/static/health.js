@@ -41,7 +41,7 @@ export class Health {
 
   _show() {
     const { status, age_ms: age, robot_ms: robot } = this._link.state;
-    const { loop, command, lease, limits } = status;
+    const { loop, command, lease, limits, conflict } = status;
     const dropped = Object.entries(command.dropped);
     const sections = {
       Loop: {
@@ -78,6 +78,16 @@ export class Health {
         "speed limit": `${fixed(limits.speed_mps, 2)} m/s`,
         "let through": `${fixed(100 * limits.applied, 0)} %`,
         "oldest command": `${fixed(1000 * limits.max_command_age_s, 0)} ms`,
+      },
+      Conflict: {
+        residual: `${fixed(1000 * conflict.residual_mps, 1)} mm/s`,
+        evidence: `${fixed(100 * conflict.level, 0)} %`,
+        ...Object.fromEntries(
+          Object.entries(conflict.explained).map(([name, level]) => [
+            `· ${name}`,
+            `${fixed(100 * level, 0)} %${name === conflict.suspect ? ", suspect" : ""}`,
+          ]),
+        ),
       },
       Hardware: Object.fromEntries(
         Object.entries(status.hardware).map(([name, value]) => [

@@ -1,0 +1,118 @@
+"""A path, timed to the limits, on the simulated robot: open or closed loop."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from tsd_twin import robots
+from tsd_twin.lab import charts, look, shapes
+from tsd_twin.lab.drive_path import Record, follow
+from tsd_twin.lab.experiment import Experiment
+from tsd_twin.lab.observer import Loop, observer
+from tsd_twin.lab.output import Output
+from tsd_twin.lab.sensors import Frame
+from tsd_twin.lab.virtual_robot import VirtualRobot
+from tsd_twin.motion.heading import FixedHeading, HeadingLaw, TangentHeading
+from tsd_twin.motion.path import Path
+from tsd_twin.motion.route import Route
+from tsd_twin.motion.tracker import Tracker
+from tsd_twin.motion.trajectory import plan
+from tsd_twin.sim import SimRobot
+
+SHARE = 0.8
+"""Of the limits that the timing uses: the rest is for correction."""
+
+
+def run(args: argparse.Namespace, out: Output) -> list[str]:
+    """Time the path, follow it, and say how well."""
+    robot = robots.load(args.robot)
+    heading: HeadingLaw = TangentHeading() if args.heading == "tangent" else FixedHeading()
+    route = Route(_path(args), heading)
+    trajectory = plan(
+        route, robot.kinematics(), robot.limits, share=args.share, speed_mps=args.speed
+    )
+    virtual = VirtualRobot(robot, SimRobot(robot, seed=args.seed, noise=args.noise))
+    watching = observer(Loop(args.loop), virtual, args.seed)
+    record = follow(
+        virtual,
+        trajectory,
+        Tracker(trajectory),
+        watching,
+        lambda steps: out.progress(steps, "driving", len(steps)),
+    )
+    out.table("follow", record.columns())
+    _draw(args, record, watching.frames if watching else [], out)
+    return [
+        f"{trajectory.length_m:.3f} m in {trajectory.duration_s:.3f} s, loop: {args.loop}",
+        record.errors().sentence(),
+    ]
+
+
+def _path(args: argparse.Namespace) -> Path:
+    if args.points:
+        return shapes.through(args.points, args.cut, smooth=args.smooth)
+    return shapes.shape(args.path, args.cut)
+
+
+def _draw(args: argparse.Namespace, record: Record, frames: list[Frame], out: Output) -> None:
+    name = "given points" if args.points else args.path
+    figure: Any = look.figure(10.5, 5.2, f"Following: {name}, loop: {args.loop}")
+    grid = figure.add_gridspec(2, 2, width_ratios=[1.15, 1.0])
+    charts.draw_positions(figure.add_subplot(grid[:, 0]), record, frames, "position from above")
+    charts.draw_speeds(figure.add_subplot(grid[0, 1]), record, frames, "speed over the floor")
+    charts.draw_errors(figure.add_subplot(grid[1, 1]), record, "error in time")
+    out.picture("follow", figure)
+
+
+def add_run_flags(parser: argparse.ArgumentParser, loop: Loop) -> None:
+    """Add what all experiments with a simulated run have in common."""
+    parser.add_argument("--robot", default="tsd", metavar="NAME|FILE", help="default tsd")
+    parser.add_argument(
+        "--loop",
+        choices=[kind.value for kind in Loop],
+        default=loop.value,
+        help=f"what closes the loop of control, besides what is before it; default {loop.value}",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of all noise; default 0")
+    parser.add_argument(
+        "--noise", type=float, default=1.0, metavar="SCALE", help="times [noise]; default 1"
+    )
+
+
+def _flags(parser: argparse.ArgumentParser) -> None:
+    add_run_flags(parser, Loop.GYRO)
+    parser.add_argument(
+        "--path",
+        default="square",
+        choices=list(shapes.SHAPES),
+        help="one of these; default square",
+    )
+    parser.add_argument(
+        "--points", nargs="+", metavar="X,Y", help="a path of your own, metres; 0,0 1,0 1,0.5"
+    )
+    parser.add_argument("--smooth", action="store_true", help="a spline through the points")
+    parser.add_argument(
+        "--cut", type=float, default=0.0, metavar="M", help="round corners, from so far before"
+    )
+    parser.add_argument("--heading", choices=["fixed", "tangent"], default="fixed")
+    parser.add_argument("--speed", type=float, metavar="MPS", help="a lower limit of speed")
+    parser.add_argument(
+        "--share",
+        type=float,
+        default=SHARE,
+        help=f"of the limits that the timing uses; default {SHARE}",
+    )
+
+
+EXPERIMENT = Experiment(
+    name="follow",
+    purpose="A path, timed to the limits, on the simulated robot in virtual time.",
+    run=run,
+    examples=[
+        "tsd-lab follow --path eight --heading tangent --out lab",
+        "tsd-lab follow --path square --cut 0.2 --loop camera",
+        "tsd-lab follow --points 0,0 1,0 1,0.5 2,0.5 --smooth --loop open --noise 0",
+    ],
+    add_flags=_flags,
+)

@@ -1,0 +1,69 @@
+"""Where a robot believes to be: from its wheels, and from a gyro and a camera if it has them."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+import numpy as np
+
+from tsd_twin.estimation import PoseFilter, with_gyro
+from tsd_twin.estimation.odometry import CORRELATION_S
+from tsd_twin.lab.sensors import Camera, CameraNoise, Frame, Gyro, GyroNoise
+from tsd_twin.lab.virtual_robot import VirtualRobot
+from tsd_twin.lie import SE2
+
+
+class Observer:
+    """The pose filter over the odometry of a virtual robot, on its mark at the start."""
+
+    def __init__(
+        self, robot: VirtualRobot, gyro: Gyro | None = None, camera: Camera | None = None
+    ) -> None:
+        self._gyro, self._camera = gyro, camera
+        self._start_s = robot.now_s
+        self._filter = PoseFilter(robot.core.drive, SE2.identity())
+        self.frames: list[Frame] = []
+        """What the camera has seen; times since the start."""
+
+    def __call__(self, robot: VirtualRobot) -> SE2:
+        """Return the pose after the newest measurement."""
+        now_s = robot.now_s - self._start_s
+        odometry = robot.odometry()
+        twist, covariance = odometry.twist, odometry.twist_covariance
+        if self._gyro is not None:
+            noise = self._gyro.noise
+            rate = self._gyro.measure(float(robot.true_twist[2]))
+            sigma = float(np.hypot(noise.sigma_rad_per_s, noise.bias_rad_per_s))
+            twist, covariance = with_gyro(twist, covariance, np.array(rate), sigma)
+        self._filter.advance(now_s, twist, covariance * CORRELATION_S)
+        if self._camera is not None:
+            noise = self._camera.noise
+            spread = np.diag([noise.sigma_m, noise.sigma_m, noise.sigma_rad]) ** 2
+            for frame in self._camera.watch(now_s, robot.truth):
+                self.frames.append(frame)
+                self._filter.fuse_pose(SE2(frame.pose), spread, frame.taken_s)
+        return self._filter.pose
+
+
+class Loop(StrEnum):
+    """What closes the loop of control."""
+
+    OPEN = "open"
+    WHEELS = "wheels"
+    GYRO = "gyro"
+    CAMERA = "camera"
+
+
+def observer(loop: Loop, robot: VirtualRobot, seed: int) -> Observer | None:
+    """Return who watches a robot on its mark; nobody when the loop is open."""
+    random = np.random.default_rng(seed)
+    match loop:
+        case Loop.OPEN:
+            return None
+        case Loop.WHEELS:
+            return Observer(robot)
+        case Loop.GYRO:
+            return Observer(robot, Gyro(GyroNoise(), random))
+        case Loop.CAMERA:
+            gyro = Gyro(GyroNoise(), random)
+            return Observer(robot, gyro, Camera(CameraNoise(), random))

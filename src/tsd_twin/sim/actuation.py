@@ -1,0 +1,89 @@
+"""Servos, speed controllers and motors of a singularity drive: all that any plant is driven by."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tsd_twin.drives import JointKind, SingularityDrive
+from tsd_twin.lie import Array
+from tsd_twin.robots import SingularityRobot
+from tsd_twin.sim.esc import SpeedControllers
+from tsd_twin.sim.motor import Motors
+from tsd_twin.sim.servo import Servos
+
+
+class Actuation:
+    """Turns set-points into goals of servos and motors, and joints into measurements.
+
+    `noise` scales the standard deviations of the description: 0 is none, 1 is as described. Gimbal
+    angles are noisy each time they are measured; the speed of each wheel is off by a share that
+    stays the same for the run.
+    """
+
+    def __init__(
+        self,
+        robot: SingularityRobot,
+        batch: tuple[int, ...],
+        seed: int | None,
+        noise: float,
+        battery_v: float | None,
+    ) -> None:
+        self.drive: SingularityDrive = robot.kinematics()
+        kinds = [joint.kind for joint in self.drive.joints]
+        self.angles = np.flatnonzero([kind is JointKind.POSITION for kind in kinds])
+        """Indices of the gimbals in the joint vector."""
+        self.wheels = np.flatnonzero([kind is JointKind.VELOCITY for kind in kinds])
+        """Indices of the wheels in the joint vector."""
+        shape = (*batch, len(self.wheels))
+        self.battery_v = robot.battery.nominal_v if battery_v is None else battery_v
+        self.servos = Servos.of(robot, self.battery_v)
+        self.motors = Motors.of(robot)
+        self.controllers = SpeedControllers(
+            shape, float(self.motors.signals[0]), robot.motor.arming_hold_s
+        )
+        self._random = np.random.default_rng(seed)
+        self._angle_noise_rad = noise * float(np.radians(robot.noise.gimbal_angle_deg))
+        spin_errors = noise * robot.noise.spin_share * self._random.standard_normal(shape)
+        # The curves were measured at the nominal voltage; a speed controller passes on a share of
+        # what the battery has.
+        self._speed_share = self.battery_v / robot.battery.nominal_v * (1.0 + spin_errors)
+        self.goals: Array = np.zeros((*batch, len(self.angles)))
+        """(..., 2k): angles that the servos go for."""
+        self.speed_goals: Array = np.zeros(shape)
+        """(..., k): speeds that the motors settle at, rad/s."""
+
+    def command(self, setpoint: Array) -> None:
+        """Give all actuators new set-points, (..., n) in the order of `drive.joints`.
+
+        Wheels turn one way only; a speed of zero or less is zero throttle.
+
+        Raises:
+            ValueError: a number is not finite, or there is not one for each joint.
+        """
+        if not np.isfinite(setpoint).all():
+            raise ValueError(f"set-points must be finite, these are {setpoint}")
+        joints = len(self.angles) + len(self.wheels)
+        setpoint = np.broadcast_to(setpoint, (*self.goals.shape[:-1], joints))
+        self.goals[...] = self.servos.goal(setpoint[..., self.angles])
+        signal = self.controllers.command(self.motors.signal(setpoint[..., self.wheels]))
+        self.speed_goals[...] = self.motors.speed(signal) * self._speed_share
+
+    def measure(self, joints: Array) -> Array:
+        """Return the joint vector (..., n), its angles as the servos report them: in whole steps.
+
+        Wheel speeds are exact here; whether a robot measures them is for the caller to say.
+        """
+        measured = joints.copy()
+        angles = measured[..., self.angles]
+        if self._angle_noise_rad > 0.0:
+            angles += self._angle_noise_rad * self._random.standard_normal(angles.shape)
+        measured[..., self.angles] = self.servos.quantise(angles)
+        return measured
+
+    def facts(self) -> dict[str, object]:
+        """Return voltage, whether the speed controllers are armed, and what pulses they get."""
+        return {
+            "battery_v": self.battery_v,
+            "esc_armed": bool(self.controllers.armed.all()),
+            "pulse_us": self.motors.pulse_us(self.controllers.signal).tolist(),
+        }

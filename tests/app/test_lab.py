@@ -1,0 +1,51 @@
+"""`tsd-lab` as a user starts it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.app.conftest import Program
+from tests.lab.runs import is_picture
+from tsd_twin.lab import EXPERIMENTS
+
+pytestmark = pytest.mark.system
+
+Start = Callable[..., Program]
+
+
+def test_it_prints_figures_and_says_where_the_files_are(start: Start, tmp_path: Path) -> None:
+    folder = tmp_path / "new" / "lab"
+    lab = start("tsd_lab", "motors", "--out", str(folder))
+    assert lab.wait() == 0
+    assert lab.sentence == ""
+    assert any("77.65 / -563.3" in line for line in lab.output)
+    assert lab.output[-2:] == [f"wrote {folder / 'motors.csv'}", f"wrote {folder / 'motors.png'}"]
+    assert is_picture(folder / "motors.png")
+
+
+def test_help_lists_all_experiments_and_each_has_examples(start: Start) -> None:
+    lists = start("tsd_lab", "--help")
+    each = {e.name: start("tsd_lab", e.name, "--help") for e in EXPERIMENTS}
+    assert lists.wait() == 0
+    for name, shown in each.items():
+        assert any(line.strip().startswith(name) for line in lists.output)
+        assert shown.wait() == 0
+        assert any(line.startswith(f"  tsd-lab {name}") for line in shown.output)
+
+
+@pytest.mark.parametrize(
+    ("flags", "sentence"),
+    [
+        (["square", "--robot", "nope"], "tsd-lab: nope: no such robot"),
+        (["follow", "--points", "a", "b"], "tsd-lab: a point is two numbers"),
+        (["motors", "--out", "/proc/lab"], "tsd-lab: /proc/lab cannot be written to"),
+    ],
+)
+def test_a_mistake_is_one_sentence(start: Start, flags: list[str], sentence: str) -> None:
+    lab = start("tsd_lab", *flags)
+    assert lab.wait() != 0
+    assert lab.sentence.startswith(sentence)
+    assert "\n" not in lab.sentence

@@ -1,0 +1,58 @@
+"""A gimbal that jams while the robot drives: named in the status within 0.2 s."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.core.rig import ROBOT, Rig
+from tsd_twin.sim import SimRobot
+
+STATUS_S = 0.05
+"""A status goes out so often: it takes so much longer until it is seen."""
+
+
+@pytest.mark.parametrize("gimbal", [0, 1], ids=["alpha", "beta"])
+@pytest.mark.parametrize("module", [1, 2, 3])
+@pytest.mark.parametrize("before_mps", [-0.8, 0.0])
+def test_one_jammed_gimbal_is_named_within_a_fifth_of_a_second(
+    before_mps: float, module: int, gimbal: int
+) -> None:
+    """From when it would have to move: one that need not move shows nothing, and does no harm."""
+    azimuth = np.radians([90.0, 210.0, 330.0][module - 1]) - (np.pi / 2 if gimbal == 0 else 0.0)
+    way = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    before, after = before_mps * way, 0.8 * way
+    rig = Rig(SimRobot(ROBOT, seed=5, noise=1.0))
+    assert rig.simulated is not None
+    pilot = rig.get_ready()
+    rig.drive(pilot, before, 1.0)
+    at = 3 * module - 3 + gimbal
+    held = float(rig.simulated.truth(rig.now_s).joints[at])
+    read = rig.simulated.read
+
+    def jammed(now_s: float) -> Any:
+        joints = read(now_s)
+        joints[at] = held
+        return joints
+
+    rig.simulated.read = jammed  # type: ignore[method-assign]
+    rig.drive(pilot, after, 0.2 - STATUS_S)
+    conflict = rig.status().conflict
+    assert conflict.suspect == f"module{module}"
+    assert conflict.level > 1.0
+    assert set(conflict.explained) == {"module1", "module2", "module3"}
+
+
+def test_what_is_not_believed_makes_the_pose_less_certain() -> None:
+    spreads = []
+    for off in (0.0, 0.05):
+        rig = Rig(SimRobot(ROBOT))
+        pilot = rig.get_ready()
+        assert rig.simulated is not None
+        read = rig.simulated.read
+        rig.simulated.read = lambda now_s, read=read, off=off: read(now_s) + off * np.eye(9)[3]  # type: ignore[method-assign]
+        rig.drive(pilot, (0.5, 0.0, 0.0), 1.0)
+        spreads.append(np.sqrt(np.trace(rig.core.odometry(0).pose_covariance[:2, :2])))
+    assert spreads[1] > 5.0 * spreads[0]

@@ -1,0 +1,41 @@
+"""docs/lab.md shows what `tsd-lab` prints."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from tests.docs.pages import page, quoted, section, tables
+from tests.lab.runs import run
+from tsd_twin.lab import EXPERIMENTS
+from tsd_twin.lab.observer import Loop
+from tsd_twin.lab.sensors import CameraNoise, GyroNoise
+
+PAGE = page("lab.md")
+RUNS = re.findall(r"```sh\n(tsd-lab [^\n]*)\n```\n\n```text\n(.*?)\n```", PAGE, re.DOTALL)
+
+
+def test_every_experiment_is_in_the_table() -> None:
+    assert [quoted(row[0])[0] for row in tables(PAGE)[0]] == [
+        f"tsd-lab {e.name}" for e in EXPERIMENTS
+    ]
+
+
+@pytest.mark.parametrize(("command", "shown"), RUNS, ids=[command for command, _ in RUNS])
+def test_what_is_shown_is_what_is_printed(tmp_path: Path, command: str, shown: str) -> None:
+    _, name, *flags = shlex.split(command)
+    assert run(tmp_path, name, *flags) == shown.splitlines()
+
+
+def test_the_loops_and_their_noise_are_those_of_the_code() -> None:
+    rows = {
+        quoted(row[0])[0]: row[1] for row in tables(section(PAGE, "## The square of the thesis"))[0]
+    }
+    assert list(rows) == [loop.value for loop in Loop]
+    gyro, camera = GyroNoise(), CameraNoise()
+    assert f"{gyro.sigma_rad_per_s} rad/s, offset {gyro.bias_rad_per_s} rad/s" in rows["gyro"]
+    assert f"{camera.rate_hz:g} frames a second, {1000 * camera.late_s:g} ms late" in rows["camera"]
+    assert f"{1000 * camera.sigma_m:g} mm and {camera.sigma_rad} rad" in rows["camera"]

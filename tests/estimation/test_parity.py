@@ -1,0 +1,130 @@
+"""The chi-square test: no more false alarms than are allowed, and no fault missed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.stats import chi2, ncx2
+
+from tsd_twin import robots
+from tsd_twin.drives import SingularityDrive
+from tsd_twin.estimation.parity import ParityTest
+from tsd_twin.lie import Array
+
+DRIVE = robots.load("tsd").kinematics()
+RIM_MPS = 0.04 * 2500.0 * np.pi / 30.0
+WHEELS = np.array([False, False, True] * 3)
+
+
+def sigmas(tilt_deg: float) -> Array:
+    return np.where(WHEELS, 0.0, np.radians(tilt_deg))
+
+
+def residuals(joints: Array, sigma: Array, runs: int, seed: int, samples: int = 1) -> Array:
+    """Means of `samples` residuals; of angles so small, a mean has the noise of a mean."""
+    noise = np.random.default_rng(seed).standard_normal((runs, len(joints)))
+    return DRIVE.forward(joints + sigma / np.sqrt(samples) * noise).residual
+
+
+def directions(count: int) -> list[Array]:
+    angles = np.linspace(0.0, 2 * np.pi, count, endpoint=False)
+    return [np.array([np.cos(angle), np.sin(angle), 0.0]) for angle in angles]
+
+
+def test_the_threshold_is_that_of_three_degrees_of_freedom() -> None:
+    test = ParityTest.at(DRIVE, DRIVE.inverse(np.array([1.0, 0, 0])), sigmas(0.05))
+    assert test.dimensions == 3
+    assert test.threshold == pytest.approx(chi2.isf(1e-4, 3), rel=1e-9)
+    other = ParityTest.at(DRIVE, DRIVE.inverse(np.zeros(3)), sigmas(0.05), false_alarm=0.05)
+    assert other.threshold == pytest.approx(chi2.isf(0.05, 3), rel=1e-9)
+
+
+@pytest.mark.parametrize("tilt_deg", [0.05, 0.3])
+@pytest.mark.parametrize("twist", [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.5, -0.4, 1.5]])
+def test_sound_robots_raise_one_false_alarm_in_ten_thousand(
+    twist: list[float], tilt_deg: float
+) -> None:
+    joints, sigma = DRIVE.inverse(np.array(twist)), sigmas(tilt_deg) + 0.005 * WHEELS * 262.0
+    test = ParityTest.at(DRIVE, joints, sigma)
+    statistic = test.statistic(residuals(joints, sigma, 400_000, seed=1))
+    assert statistic.mean() == pytest.approx(3.0, rel=0.02)
+    # 40 are expected; a count of dice falls between these but once in a million times.
+    assert 14 <= (statistic > test.threshold).sum() <= 78
+
+
+@pytest.mark.parametrize(
+    ("tilt_deg", "slower", "samples"),
+    [
+        (0.05, 0.10, 1),
+        (0.05, 0.035, 10),
+        (0.05, 0.02, 25),
+        (0.3, 0.57, 1),
+        (0.3, 0.185, 10),
+        (0.3, 0.115, 25),
+    ],
+)
+def test_a_slow_wheel_is_found_in_95_of_100_cases_in_every_direction(
+    tilt_deg: float, slower: float, samples: int
+) -> None:
+    """One wheel is measured to turn slower than the others, at 1 m/s and 2,500 rpm."""
+    sigma = sigmas(tilt_deg)
+    for twist in directions(12):
+        for module in range(3):
+            joints = DRIVE.inverse(twist)
+            joints[3 * module + 2] *= 1.0 - slower
+            test = ParityTest.at(DRIVE, joints, sigma)
+            found = residuals(joints, sigma, 4000, seed=module, samples=samples)
+            evident = test.evident(found, samples)
+            assert evident.mean() >= 0.95
+            joint, _ = test.single_fault(found[evident])
+            assert (joint // 3 == module).mean() >= 0.97
+
+
+@pytest.mark.parametrize("samples", [1, 10, 25])
+def test_the_least_fault_that_is_found_is_that_of_the_chi_square_bound(samples: int) -> None:
+    """By hand: of a fault across its arm, a third of the square is left in the parity space."""
+    length = brentq(lambda x: ncx2.sf(chi2.isf(1e-4, 3), 3, x) - 0.95, 1.0, 200.0)
+    sigma = np.radians(0.05)
+    least = np.sqrt(3.0 * length / samples) * RIM_MPS * sigma
+    assert least == pytest.approx(0.0957 / np.sqrt(samples), rel=1e-3)
+    joints = DRIVE.inverse(np.array([1.0, 0.0, 0.0]))
+    test = ParityTest.at(DRIVE, joints, sigmas(0.05))
+    # The first module sits to the left, so that forward is across its arm. A tilt of the same size.
+    sound = residuals(joints, sigmas(0.05), 40_000, seed=2, samples=samples)
+    fault = np.zeros(6)
+    fault[0] = least
+    projected = fault - DRIVE.contact_from_twist.reshape(6, 3) @ DRIVE.twist_from_contacts @ fault
+    assert projected @ projected == pytest.approx(least**2 / 3.0)
+    assert test.evident(sound + projected, samples).mean() == pytest.approx(0.95, abs=0.006)
+
+
+def test_the_noise_of_wheels_counts_along_the_way_only() -> None:
+    joints = DRIVE.inverse(np.array([1.0, 0.0, 0.0]))
+    quiet = ParityTest.at(DRIVE, joints, sigmas(0.05))
+    noisy = ParityTest.at(DRIVE, joints, sigmas(0.05) + WHEELS * 0.05 * joints)
+    slow, tilted = joints.copy(), joints.copy()
+    slow[2] *= 0.8
+    tilted[0] += 0.05
+    for wrong, least in ((slow, 3.0), (tilted, 1.0)):
+        residual = DRIVE.forward(wrong).residual
+        assert quiet.statistic(residual) > least * noisy.statistic(residual)
+
+
+def test_two_modules_have_one_number_too_many_and_still_test_it() -> None:
+    drive = SingularityDrive(np.array([0.0, np.pi]), 0.15, 0.04, 262.0, 0.5, 6.6)
+    joints = drive.inverse(np.array([0.5, 0.2, 0.1]))
+    sigma = np.array([1e-3, 1e-3, 0.0] * 2)
+    test = ParityTest.at(drive, joints, sigma)
+    assert test.dimensions == 1
+    noise = np.random.default_rng(0).standard_normal((20_000, 6))
+    statistic = test.statistic(drive.forward(joints + sigma * noise).residual)
+    assert statistic.mean() == pytest.approx(1.0, rel=0.03)
+
+
+def test_without_any_noise_rounding_is_no_evidence() -> None:
+    joints = DRIVE.inverse(np.array([0.7, -0.3, 1.0]))
+    test = ParityTest.at(DRIVE, joints, np.zeros(9))
+    assert not test.evident(DRIVE.forward(joints).residual)
+    joints[4] += 1e-3
+    assert test.evident(DRIVE.forward(joints).residual)
