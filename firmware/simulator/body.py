@@ -29,7 +29,7 @@ class Body:
         self.simulation = SingularitySimulation(robot)
         self._neutral = np.array(neutral)
         self._sign = np.where(reverse, -1.0, 1.0)
-        self._step_rad = self.simulation.servos.step_rad
+        self._step_rad = self.simulation.actuation.servos.step_rad
         self._now_s = 0.0
         self._told: tuple[float, ...] = ()
 
@@ -59,7 +59,7 @@ class Body:
         if told != self._told:
             self._told = told
             self._command(goals, angles, pulses_us)
-        rates = self.simulation.servos.rate(angles, self._goals)
+        rates = self.simulation.actuation.servos.rate(angles, self._goals)
         steps = np.round(self._neutral + self._sign * angles / self._step_rad)
         for servo, position, rate in zip(servos, steps, self._sign * rates, strict=True):
             servo.position = int(position)
@@ -83,7 +83,7 @@ class Body:
             self.simulation.command(setpoint)
 
     def _speeds(self, pulses_us: Array) -> Array:
-        motors = self.simulation.motors
+        motors = self.simulation.actuation.motors
         low_us, high_us = motors.pulses_us
         first, last = motors.signals[0], motors.signals[-1]
         share = np.clip((pulses_us - low_us) / (high_us - low_us), 0.0, 1.0)

@@ -40,19 +40,19 @@ class ContactSimulation:
     ) -> None:
         if batch:
             raise ValueError(f"rigid bodies are simulated one robot at a time, not {batch}")
-        self._actuation = Actuation(robot, batch, seed, noise, battery_v)
-        self.drive = self._actuation.drive
+        self.actuation = Actuation(robot, batch, seed, noise, battery_v)
+        self.drive = self.actuation.drive
         self._patch = patch or ContactPatch()
-        servos = self._actuation.servos
-        share = self._actuation.battery_v / robot.battery.nominal_v
+        servos = self.actuation.servos
+        share = self.actuation.battery_v / robot.battery.nominal_v
         self._stall_nm = robot.servo.stall_torque_nm * share
         # Near the goal, full voltage times the gain times the error settles at the servo's speed.
         self._gain_per_rad = servos.approach_rate_per_s / servos.speed_limit_rad_per_s
         self._mujoco = engine()
         self._model: Any = contact_model(robot)
         self._data: Any = self._mujoco.MjData(self._model)
-        self._angles_q, self._angles_v = self._addresses(self._actuation.angles)
-        _, self._wheels_v = self._addresses(self._actuation.wheels)
+        self._angles_q, self._angles_v = self._addresses(self.actuation.angles)
+        _, self._wheels_v = self._addresses(self.actuation.wheels)
         names = [wheel_name(i) for i in range(robot.drive.modules)]
         self._bodies = np.array([self._model.body(name).id for name in names])
         self._wheel_of_geom = np.zeros(self._model.ngeom, dtype=int)
@@ -74,13 +74,13 @@ class ContactSimulation:
     def joints(self) -> Array:
         """(n,): true joint vector."""
         joints = np.empty(len(self.drive.joints))
-        joints[self._actuation.angles] = self._data.qpos[self._angles_q]
-        joints[self._actuation.wheels] = self._data.qvel[self._wheels_v]
+        joints[self.actuation.angles] = self._data.qpos[self._angles_q]
+        joints[self.actuation.wheels] = self._data.qvel[self._wheels_v]
         return joints
 
     def command(self, setpoint: Array) -> None:
         """Give all actuators new set-points, as `Actuation.command` takes them."""
-        self._actuation.command(setpoint)
+        self.actuation.command(setpoint)
 
     def advance(self, dt_s: float) -> None:
         """Let `dt_s` seconds pass, in steps of MuJoCo; what is less than one is left for later."""
@@ -94,7 +94,7 @@ class ContactSimulation:
 
     def measure(self) -> Array:
         """Return the joint vector (n,) as `Actuation.measure` has it."""
-        return self._actuation.measure(self.joints)
+        return self.actuation.measure(self.joints)
 
     def twist(self) -> Array:
         """Return the true twist (3,) in the body frame."""
@@ -103,11 +103,11 @@ class ContactSimulation:
 
     def facts(self) -> dict[str, object]:
         """Return what the actuators say, and what the floor is like."""
-        return self._actuation.facts() | {"plant": "mujoco", "friction": self._patch.friction}
+        return self.actuation.facts() | {"plant": "mujoco", "friction": self._patch.friction}
 
     def _addresses(self, joints: Indices) -> tuple[Indices, Indices]:
         """Return where MuJoCo keeps positions and velocities of some of the drive's joints."""
-        names = [self._actuation.drive.joints[int(i)].name for i in joints]
+        names = [self.actuation.drive.joints[int(i)].name for i in joints]
         found = [self._model.joint(name) for name in names]
         q, v = zip(*((int(one.qposadr[0]), int(one.dofadr[0])) for one in found), strict=True)
         return np.array(q), np.array(v)
@@ -119,7 +119,7 @@ class ContactSimulation:
         self._mujoco.mj_forward(self._model, self._data)
 
     def _step(self, dt_s: float) -> None:
-        actuation, data = self._actuation, self._data
+        actuation, data = self.actuation, self._data
         actuation.controllers.advance(dt_s)
         error = actuation.goals - data.qpos[self._angles_q]
         voltage = np.clip(self._gain_per_rad * error, -1.0, 1.0)

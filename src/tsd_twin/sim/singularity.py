@@ -32,8 +32,8 @@ class SingularitySimulation:
         battery_v: float | None = None,
         pose: SE2 | None = None,
     ) -> None:
-        self._actuation = Actuation(robot, batch, seed, noise, battery_v)
-        self.drive = self._actuation.drive
+        self.actuation = Actuation(robot, batch, seed, noise, battery_v)
+        self.drive = self.actuation.drive
         self._plant = KinematicPlant(self.drive)
         self.pose = SE2(np.zeros((*batch, 3)) + (0.0 if pose is None else pose.xy_heading))
         """True pose in the world."""
@@ -43,11 +43,11 @@ class SingularitySimulation:
 
     def command(self, setpoint: Array) -> None:
         """Give all actuators new set-points, as `Actuation.command` takes them."""
-        self._actuation.command(setpoint)
+        self.actuation.command(setpoint)
 
     def advance(self, dt_s: float) -> None:
         """Let `dt_s` seconds pass: in short steps while joints move, in one when all are still."""
-        self._actuation.controllers.advance(dt_s)
+        self.actuation.controllers.advance(dt_s)
         left_s = dt_s
         while left_s > 0.0:
             steps = np.ceil(left_s / _LONGEST_STEP_S)
@@ -57,11 +57,11 @@ class SingularitySimulation:
 
     def measure(self) -> Array:
         """Return the joint vector (..., n) as `Actuation.measure` has it."""
-        return self._actuation.measure(self.joints)
+        return self.actuation.measure(self.joints)
 
     def twist(self) -> Array:
         """Return the true twist (..., 3) in the body frame."""
-        actuation = self._actuation
+        actuation = self.actuation
         rates = np.zeros_like(self.joints)
         rates[..., actuation.angles] = actuation.servos.rate(
             self.joints[..., actuation.angles], actuation.goals
@@ -70,16 +70,16 @@ class SingularitySimulation:
 
     def facts(self) -> dict[str, object]:
         """Return what the actuators say."""
-        return self._actuation.facts()
+        return self.actuation.facts()
 
     def _settled(self) -> bool:
-        actuation = self._actuation
+        actuation = self.actuation
         angle_errors = np.abs(self.joints[..., actuation.angles] - actuation.goals)
         speed_errors = np.abs(self.joints[..., actuation.wheels] - actuation.speed_goals)
         return bool(angle_errors.max() < _SETTLED and speed_errors.max() < _SETTLED)
 
     def _step(self, dt_s: float) -> None:
-        actuation = self._actuation
+        actuation = self.actuation
         elapsed_s = dt_s * self._halves
         nodes = np.empty((3, *self.joints.shape))
         nodes[0] = self.joints
