@@ -14,7 +14,7 @@ demo: .venv/.run ## Drive the simulated robot in the browser
 	$(BIN)/tsd-demo $(ARGS)
 
 test: check browser avr ## Check, then run all tests
-	$(BIN)/pytest $(ARGS)
+	@scripts/run_tests $(ARGS)
 
 check: .venv/.dev ## Format, lint, types, layers
 	$(BIN)/ruff format --check --quiet .

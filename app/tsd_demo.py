@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import random
 import signal
 import socket
 import subprocess
@@ -24,6 +25,8 @@ from tsd_twin.linksim import LinkSpec
 
 BUS_PORT = 7447
 PAGE_PORT = 8080
+ANY_PORTS = range(20_000, 30_000)
+"""Below those that systems hand out: nobody is given one before our program has it."""
 SPACING_M = 1.0
 """Between robots that start side by side."""
 _PATIENCE_S = 30.0
@@ -213,7 +216,8 @@ def free_port(chosen: int | None, usual: int, kind: socket.SocketKind = socket.S
     Raises:
         TwinError: the chosen port is in use, or is none.
     """
-    for port in (usual, 0) if chosen is None else (chosen,):
+    anywhere = random.sample(ANY_PORTS, 32)
+    for port in anywhere if chosen == 0 else (chosen,) if chosen else (usual, *anywhere):
         with socket.socket(type=kind) as probe:
             if kind is socket.SOCK_STREAM:
                 # As servers do, so that a port that was in use a minute ago counts as free.
@@ -222,7 +226,7 @@ def free_port(chosen: int | None, usual: int, kind: socket.SocketKind = socket.S
                 probe.bind(("127.0.0.1", port))
             except (OSError, OverflowError):
                 continue
-            return probe.getsockname()[1]
+            return port
     raise TwinError(f"port {chosen} cannot be used: choose another, or 0 for any free one")
 
 

@@ -30,7 +30,7 @@ from tsd_twin.lie import Array
 from tsd_twin.messages.command import Sample
 from tsd_twin.messages.ros import decode_joints, decode_odometry, decode_twist
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.system, pytest.mark.timed, pytest.mark.timeout(300)]
 
 STOP_WITHIN_M = 0.35
 MOVING_MPS = 0.15
@@ -257,7 +257,9 @@ def test_a_preview_moves_gimbals_in_the_picture_and_nothing_else(demo: Demo) -> 
     page.mouse.down()
     page.mouse.move(x + 40, y, steps=4)
     page.mouse.up()
-    expect(page.get_by_text("the sliders pose the gimbals")).to_be_visible(timeout=PATIENCE_MS)
+    expect(page.get_by_text("the sliders move your picture only")).to_be_visible(
+        timeout=PATIENCE_MS
+    )
     assert scene.screenshot() != still
     assert watcher.commands == []
     assert watcher.tilt_rad == 0.0
