@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Locator, Page, expect
 
 FLAGS = (
     "--headless=new",
@@ -45,17 +45,31 @@ def press(page: Page, name: str) -> None:
     expect(button).to_be_visible(timeout=PATIENCE_MS)
     expect(button).not_to_have_attribute("aria-disabled", "true", timeout=PATIENCE_MS)
     # By the centre of its box: waiting for frames that are the same takes long without a GPU.
-    box = button.bounding_box()
-    assert box is not None
+    before, box = None, button.bounding_box()
+    while box is None or box != before:  # What is beside it may still move it, or hide it.
+        page.wait_for_timeout(100)
+        expect(button).to_be_visible(timeout=PATIENCE_MS)
+        before, box = box, button.bounding_box()
     page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+
+
+def press_until(page: Page, name: str, then: Locator) -> None:
+    """Press a button until something is to be seen: a click on a page that was busy may be lost."""
+    for _ in range(5):
+        press(page, name)
+        try:
+            expect(then).to_be_visible(timeout=PATIENCE_MS / 5)
+        except AssertionError:
+            continue
+        return
+    expect(then).to_be_visible(timeout=PATIENCE_MS)
 
 
 def take_control_and_arm(page: Page) -> None:
     """Do what a newcomer does first."""
     mode(page, "disarmed")
-    press(page, "Take control")
-    expect(page.get_by_role("button", name="Release control")).to_be_visible(timeout=PATIENCE_MS)
-    press(page, "Arm")
+    press_until(page, "Take control", page.get_by_role("button", name="Release control"))
+    press_until(page, "Arm", page.get_by_role("button", name="Disarm", exact=True))
     mode(page, "ready")
 
 

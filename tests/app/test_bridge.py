@@ -19,7 +19,7 @@ from tests.hardware.peer import Peer
 from tests.hardware.servo_chain import ServoChain
 from tsd_twin.topics import Service
 
-pytestmark = [pytest.mark.system, pytest.mark.timed]
+pytestmark = pytest.mark.system
 
 Start = Callable[..., Program]
 ANY_PORT = ("--listen", "tcp/127.0.0.1:0")

@@ -11,7 +11,7 @@ from playwright.sync_api import Page, expect, sync_playwright
 from tests.app.browser import FLAGS, PATIENCE_MS, QUICK, executable, mode, press
 from tests.app.conftest import Program
 
-pytestmark = [pytest.mark.system, pytest.mark.timed, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
 
 ACTIVE = "document.querySelector('#tsd-overlay').shadowRoot.activeElement?.textContent ?? ''"
 

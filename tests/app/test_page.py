@@ -30,7 +30,7 @@ from tsd_twin.lie import Array
 from tsd_twin.messages.command import Sample
 from tsd_twin.messages.ros import decode_joints, decode_odometry, decode_twist
 
-pytestmark = [pytest.mark.system, pytest.mark.timed, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
 
 STOP_WITHIN_M = 0.35
 MOVING_MPS = 0.15

@@ -113,7 +113,6 @@ def test_the_client_needs_zenoh_and_rosbags_only() -> None:
 
 
 @pytest.mark.system
-@pytest.mark.timed
 def test_the_client_drives_the_mock_half_a_metre(tmp_path: Path) -> None:
     (example,) = code(PAGE, "python")
     script = tmp_path / "drive.py"

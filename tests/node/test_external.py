@@ -34,7 +34,6 @@ def drive() -> dict[str, Any]:
 
 
 @pytest.mark.system
-@pytest.mark.timed
 @pytest.mark.parametrize("figure", ["straight", "strafe", "turn", "circle", "eight"])
 def test_the_estimate_follows_the_truth_within_a_hundredth_of_the_path(
     drive: dict[str, Any], figure: str
@@ -50,7 +49,6 @@ def test_the_estimate_follows_the_truth_within_a_hundredth_of_the_path(
 
 
 @pytest.mark.system
-@pytest.mark.timed
 @pytest.mark.parametrize(
     ("figure", "path_m", "end"),
     [
@@ -74,7 +72,6 @@ def test_the_figures_are_what_they_are_called(
 
 
 @pytest.mark.system
-@pytest.mark.timed
 def test_it_needed_nothing_of_ours_and_all_its_commands_counted(drive: dict[str, Any]) -> None:
     """But for those that a busy machine makes it send too late."""
     dropped = drive["end"]["dropped"]

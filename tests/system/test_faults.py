@@ -13,7 +13,7 @@ from tests.system.table import LIMIT_M, Table, stands_still
 from tsd_twin.linksim import LinkSpec
 from tsd_twin.sim.board import TIMEOUT_S
 
-pytestmark = [pytest.mark.system, pytest.mark.timed]
+pytestmark = pytest.mark.system
 
 WATCHED_S = 1.5
 """For how long nothing may move after the last thing that happened."""

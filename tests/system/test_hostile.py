@@ -28,7 +28,7 @@ from tsd_twin.errors import NoAnswerError
 from tsd_twin.messages.service import LeaseReply, decode_json
 from tsd_twin.topics import Service
 
-pytestmark = [pytest.mark.system, pytest.mark.timed]
+pytestmark = pytest.mark.system
 
 WARM_UP, FLOOD, REQUESTS = 20_000, 80_000, 5_000
 MESSAGES = 5_000

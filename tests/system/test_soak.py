@@ -37,7 +37,6 @@ def start() -> Generator[Start]:
 
 
 @pytest.mark.system
-@pytest.mark.timed
 def test_sixty_seconds_pass(start: Start) -> None:
     soak = start(60)
     output, errors = soak.communicate(timeout=PATIENCE_S)
@@ -47,7 +46,6 @@ def test_sixty_seconds_pass(start: Start) -> None:
 
 
 @pytest.mark.system
-@pytest.mark.timed
 @pytest.mark.parametrize("name", ["tsd-mock", "tsd-dashboard"])
 def test_it_fails_when_one_is_killed_and_ends_the_other(start: Start, name: str) -> None:
     soak = start(600)
