@@ -80,6 +80,15 @@ def test_what_is_kept_for_the_asker_is_free_again_when_not_taken(asked: Stage) -
     assert asked.ask("acquire", "alice").granted
 
 
+def test_who_has_left_when_control_is_granted_keeps_it_from_nobody(asked: Stage) -> None:
+    answer(asked, "grant")
+    assert not asked.ask("withdraw", "carol").done
+    assert asked.ask("withdraw", "bob").done
+    asked.wait(0.01, at_rest=True)
+    assert "bob" in texts(asked)[-1]
+    assert asked.ask("acquire", "carol").granted
+
+
 def test_control_that_is_kept_stays_and_the_asker_waits_before_asking_again(asked: Stage) -> None:
     assert answer(asked, "keep").done
     assert texts(asked)[-1] == "alice keeps control, for which bob has asked."

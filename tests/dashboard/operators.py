@@ -107,7 +107,8 @@ class Page:
     def make_ready(self) -> None:
         """Take control and arm, from whatever state the robot is in."""
         self.until(lambda: self.state)
-        assert self.take(take_over=True)["ok"]
+        # Control may be kept for one who has just left, for a moment.
+        self.until(lambda: self.take(take_over=True)["ok"])
         self.until(lambda: self.state["you"])
         if self.mode in ("stopped", "fault"):
             self.until(lambda: self.answer("reset", t="reset")["ok"])

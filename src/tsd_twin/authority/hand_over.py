@@ -57,11 +57,15 @@ class HandOver:
         return ""
 
     def withdraw(self, operator: str, now_s: float) -> str:
-        """Ask no longer; return why that cannot be."""
-        asked = self.asked(now_s)
-        if asked is None or asked.operator != operator:
+        """Ask no longer, or want no longer what was granted; return why that cannot be."""
+        asked, reserved = self.asked(now_s), self.reserved(now_s)
+        if asked is not None and asked.operator == operator:
+            self._asked = None
+        elif reserved is not None and reserved.operator == operator:
+            # The grant was under way when they left: nobody else shall wait for them.
+            self._reserved = None
+        else:
             return f"{operator} does not ask for control"
-        self._asked = None
         return ""
 
     def keep(self, asker: str | None, now_s: float) -> str:
