@@ -14,14 +14,16 @@ settings.load_profile("unhurried")
 
 
 TIMED = {"app", "bus", "dashboard", "hardware", "linksim", "node", "system"}
-"""Folders of tests in which threads, sockets or robots take real time."""
+"""Folders of tests in which threads, sockets or robots take real time; what is marked `computes`
+there is an exception."""
 
 
 @pytest.hookimpl(tryfirst=True)  # Before tests are chosen by their marks.
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Run what is quick before what starts processes: a mistake shows sooner."""
     for item in items:
-        if item.path.parent.name in TIMED or item.get_closest_marker("system"):
+        timed = item.path.parent.name in TIMED and not item.get_closest_marker("computes")
+        if timed or item.get_closest_marker("system"):
             item.add_marker("timed")
     items.sort(key=lambda item: item.get_closest_marker("system") is not None)
 

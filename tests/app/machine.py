@@ -129,6 +129,11 @@ class Machine:
     def hardware(self) -> dict[str, Any]:
         return dict(self.pilot.status.hardware)
 
+    @property
+    def answers(self) -> bool:
+        """Whether its board has been heard of just now."""
+        return self.hardware["connected"] and self.hardware["age_ms"] < 50.0
+
     def get_ready(self) -> None:
         """Take control, reset and arm as often as it takes: a busy machine is silent at times."""
         self._until(lambda: self.mode == "ready", (0.0, 0.0, 0.0))

@@ -71,6 +71,10 @@ class PretendBoard:
         self.late = 0
         """Answers that are kept back before any goes out."""
         self.asked = 0
+        self.stray = b""
+        """Bytes that come with every answer, and are none."""
+        self.spoils = 0
+        """Answers to come in which a bit is wrong."""
         self._decoder = Decoder(protocol2)
         self._kept: list[bytes] = []
         self.error = 0
@@ -84,6 +88,12 @@ class PretendBoard:
     def _late(self, packet: Packet) -> bytes:
         self.asked += 1
         self._kept.append(self._answer(packet))
+        if self.spoils and packet.code == Instruction.READ:
+            self.spoils -= 1
+            spoilt = bytearray(self._kept[-1])
+            spoilt[-5] ^= 4
+            self._kept[-1] = bytes(spoilt)
+        self._kept[-1] += self.stray
         if self.silent:
             self._kept.clear()
         out, self._kept = (

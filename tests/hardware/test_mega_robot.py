@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
@@ -15,6 +16,7 @@ from tests.hardware.peer import Peer, PretendBoard, plugged
 from tsd_twin import robots
 from tsd_twin.authority import Mandate
 from tsd_twin.hardware import Calibration, HardwareError, MegaRobot
+from tsd_twin.hardware.noise import LIMIT
 from tsd_twin.node import Guarded, RobotIO
 from tsd_twin.sim import Motors
 from tsd_twin.wire import protocol2
@@ -68,6 +70,10 @@ class Bench:
     @property
     def armed(self) -> bool:
         return self.robot.hardware().get("board") == "armed" and self.told.arm == 1
+
+    @property
+    def broken(self) -> int:
+        return self.robot.hardware()["link"]["broken"]
 
     def arm(self, setpoint: np.ndarray = REST) -> None:
         """Arm, from disarmed; again if this machine was too busy to write in time."""
@@ -274,6 +280,53 @@ def test_answers_that_come_one_question_late_are_not_taken_for_those_to_this_one
     it.board.late = 0
     it.until(lambda: not it.fault, "hears again", armed=True)
     assert it.robot.hardware()["link"]["missed"] > before["missed"]
+
+
+def test_a_broken_answer_now_and_then_is_missed_and_stops_nobody(
+    it: Bench, caplog: pytest.LogCaptureFixture
+) -> None:
+    it.arm()
+    for count in range(1, LIMIT):
+        it.board.spoils = 1
+        it.until(lambda c=count: it.broken >= c, "counted", armed=True)
+        it.until(lambda: it.robot.read(time.monotonic()) is not None, "measured", armed=True)
+    assert it.robot.hardware()["link"]["missed"] >= LIMIT - 1
+    assert "garbage" not in caplog.text
+
+
+@pytest.mark.parametrize("kind", ["stray", "spoilt", "misheard"])
+def test_garbage_is_a_fault_until_the_line_is_clean_and_nothing_arms_by_itself(
+    it: Bench, kind: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    it.arm(AHEAD)
+
+    def soil() -> None:
+        match kind:
+            case "stray":
+                it.board.stray = bytes(range(1, 200))
+            case "spoilt":
+                it.board.spoils = 1000
+            case _:
+                errors = it.board.telemetry.rx_errors + 1
+                it.board.telemetry = replace(it.board.telemetry, rx_errors=errors)
+
+    def told() -> bool:
+        soil()
+        return "garbage" in it.fault
+
+    it.until(told, "noticed", setpoint=AHEAD, armed=True)
+    assert re.fullmatch(r"garbage on the serial line: \d+ broken packets in 0\.\d\d s", it.fault)
+    it.until(lambda: soil() or it.told.arm == 0, "disarmed", armed=True)
+    it.board.stray, it.board.spoils = b"", 0
+    it.until(lambda: "over a clean line" in caplog.text, "clean", armed=True)
+    count = len(it.board.commands)
+    it.until(lambda: len(it.board.commands) > count + 20, "cycles", armed=True)
+    assert not any(command.arm for command in it.board.commands[count:])
+    assert "garbage" in it.fault, "latched until the robot was disarmed"
+    assert caplog.text.count("garbage") == 1, "one message says so"
+    it.disarm()
+    it.until(lambda: not it.fault, "well")
+    it.arm()
 
 
 def test_what_was_left_over_for_another_program_is_not_taken_for_an_answer(

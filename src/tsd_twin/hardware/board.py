@@ -51,7 +51,7 @@ class Board:
     ) -> None:
         """Speak for a board that drives the servos as well, or only the speed controllers."""
         self.baud = baud
-        self.health = LinkHealth()
+        self.health = LinkHealth("the serial line")
         self.order = Order(np.zeros(joints.count), Mandate(False, 0), 0.0)
         self.news: News | None = None
         self.gone = ""
@@ -86,21 +86,27 @@ class Board:
             HardwareError: the port is gone, or the board has restarted and is no longer ours.
         """
         began_s = time.monotonic()
+        before, broken = self.news, line.broken
         command = self._command(self.order, began_s)
         request = protocol2.write(BOARD_ID, Command.ADDRESS, command.pack()) + READ
         answers = line.ask(request, 2, ANSWER_S)
         now_s = time.monotonic()
-        telemetry = _telemetry(answers)
+        telemetry, spoilt = _telemetry(answers), line.broken > broken
         if telemetry is None or telemetry.beat != command.heartbeat:
             self.health.miss()
-            if answers:  # The answers to an older question: all later ones would be late as well.
+            self._note(spoilt, now_s)
+            # The answers to an older question: all later ones would be late as well.
+            if answers and not spoilt:
                 line.drain(SETTLE_S)
             return False
         self.health.note(now_s - began_s)
-        if self.news is not None and _restarted(self.news.telemetry, telemetry):
+        if before is not None and _restarted(before.telemetry, telemetry):
             _LOG.warning("the controller board has restarted")
             self._switch.lose("the controller board has restarted")
             self.connect(line)
+        elif before is not None:
+            spoilt = spoilt or _misheard(before.telemetry, telemetry)
+        self._note(spoilt, now_s)
         self._switch.note(telemetry)
         self.news = News(telemetry, now_s, self._switch.lost)
         return True
@@ -117,6 +123,11 @@ class Board:
             request = protocol2.write(BOARD_ID, Command.ADDRESS, REST.pack())
             if line.ask(request, 1, ANSWER_S):
                 return
+
+    def _note(self, spoilt: bool, now_s: float) -> None:
+        self.health.noise.note(spoilt, now_s)
+        if self.health.noise.fault:
+            self._switch.lose(self.health.noise.fault)
 
     def _command(self, order: Order, now_s: float) -> Command:
         if not order.in_force(now_s):
@@ -143,3 +154,8 @@ def _restarted(before: Telemetry, after: Telemetry) -> bool:
     """Return whether there was a reset in between; after 50 days the clock begins again."""
     back_ms = before.millis - after.millis
     return after.resets != before.resets or 0 < back_ms < 1 << 31
+
+
+def _misheard(before: Telemetry, after: Telemetry) -> bool:
+    """Return whether the board has heard something broken in between."""
+    return (before.crc_errors, before.rx_errors) != (after.crc_errors, after.rx_errors)

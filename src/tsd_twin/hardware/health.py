@@ -5,13 +5,17 @@ from __future__ import annotations
 import math
 from collections import deque
 
+from tsd_twin.hardware.noise import Noise
+
 _REMEMBERED = 500
 
 
 class LinkHealth:
-    """Round trips of the last cycles, and how many cycles had no answer."""
+    """Round trips of the last cycles, how many had no answer, and how clean the line is."""
 
-    def __init__(self) -> None:
+    def __init__(self, line: str) -> None:
+        """Take what people call the line."""
+        self.noise = Noise(line)
         self._trips_ms: deque[float] = deque(maxlen=_REMEMBERED)
         self.cycles = 0
         self.missed = 0
@@ -32,6 +36,7 @@ class LinkHealth:
         # Copied first: another thread may add to it.
         trips = sorted(self._trips_ms.copy())
         figures: dict[str, object] = {"cycles": self.cycles, "missed": self.missed}
+        figures["broken"] = self.noise.spoilt
         figures["reconnects"] = self.reconnects
         if trips:
             figures["round_trip_ms"] = round(trips[len(trips) // 2], 2)

@@ -8,6 +8,7 @@ import time
 from typing import Protocol
 
 from tsd_twin.hardware.errors import HardwareError
+from tsd_twin.hardware.health import LinkHealth
 from tsd_twin.hardware.line import Line
 from tsd_twin.hardware.port import lasting_name
 
@@ -18,6 +19,13 @@ _RETRY_S = 0.25
 _GIVE_UP_S = 2.0
 """A device that is silent for this long is opened anew."""
 _LEAVE_S = 2.0
+SILENT_S = 0.1
+"""News older than this is none."""
+
+
+def silence(name: str) -> str:
+    """Return the words for a device without news."""
+    return f"{name} has not answered for {SILENT_S * 1000:.0f} ms"
 
 
 class Device(Protocol):
@@ -25,6 +33,7 @@ class Device(Protocol):
 
     name: str
     baud: int
+    health: LinkHealth
 
     def connect(self, line: Line) -> None:
         """See whether it is ours, and set it up.
@@ -100,6 +109,7 @@ class Keeper:
 
     def _serve(self, line: Line) -> None:
         heard_s = time.monotonic()
+        told = ""
         while not self._stopping.is_set():
             self._wanted.wait(_IDLE_S)
             self._wanted.clear()
@@ -107,6 +117,17 @@ class Keeper:
                 heard_s = time.monotonic()
             elif time.monotonic() - heard_s > _GIVE_UP_S:
                 raise HardwareError(f"{self._device.name} has been silent for {_GIVE_UP_S:g} s")
+            told = self._tell(told, time.monotonic() - heard_s)
+
+    def _tell(self, told: str, silent_s: float) -> str:
+        """Warn when the line begins to be of no use, and when that ends; return what was told."""
+        noise = self._device.health.noise
+        trouble = noise.fault
+        if silent_s > SILENT_S:
+            trouble = noise.suspicion or silence(self._device.name)
+        if bool(trouble) != bool(told):
+            _LOG.warning("%s", trouble or f"{self._device.name} answers again, over a clean line")
+        return trouble
 
     def _connect(self) -> Line:
         line = Line(self._port, self._device.baud)

@@ -14,6 +14,8 @@ _READ_S = 0.002
 """How long one read waits: a fraction of a cycle, so that the time for an answer is kept."""
 _CHUNK = 4096
 _LONGEST_DRAIN = 5.0
+_LONGEST_REST = 256
+"""Of an answer that came too late, no more than so many bytes can stand before the next one."""
 
 
 class Line:
@@ -28,8 +30,8 @@ class Line:
         self.name = name
         self._port = open_port(name, baud, _READ_S)
         self._late = True  # What stands there already is for whom the port was open before.
-        self.sum_errors = 0
-        """Answers with a wrong sum."""
+        self.broken = 0
+        """Answers that were broken, and bytes between them that nobody should have sent."""
 
     def ask(
         self,
@@ -44,6 +46,7 @@ class Line:
             PortError: the port is gone.
         """
         decoder = Decoder(framing)
+        rest = _LONGEST_REST if self._late else 0
         try:
             if self._late:  # What comes now may be the answer to an older question.
                 self._port.reset_input_buffer()
@@ -51,7 +54,7 @@ class Line:
             found = self._receive(decoder, answers, patience_s)
         except GONE as error:
             raise PortError(f"{self.name} is gone") from error
-        self.sum_errors += decoder.sum_errors
+        self.broken += decoder.sum_errors + decoder.cut + (decoder.skipped > rest)
         self._late = len(found) < answers
         return found
 

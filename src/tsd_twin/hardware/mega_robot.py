@@ -10,15 +10,13 @@ from tsd_twin.hardware.arm_switch import REFUSALS, TRIPS
 from tsd_twin.hardware.board import BAUD, Board
 from tsd_twin.hardware.calibration import Calibration
 from tsd_twin.hardware.joints import Joints, ThrottleLaw
-from tsd_twin.hardware.keeper import Keeper
+from tsd_twin.hardware.keeper import SILENT_S, Keeper, silence
 from tsd_twin.hardware.order import Order
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityRobot
 from tsd_twin.wire.blocks import Telemetry
 from tsd_twin.wire.codes import SWITCH_US, BoardMode, RcChannel, Refusal
 
-SILENT_S = 0.1
-"""News older than this is none."""
 MODES: dict[int, str] = {
     BoardMode.DISARMED: "disarmed",
     BoardMode.ARMED: "armed",
@@ -82,8 +80,11 @@ class MegaRobot:
         news = self._board.news
         if news is None:
             return f"the controller board is not connected: {self._board.gone}"
+        noise = self._board.health.noise
+        if noise.fault:
+            return noise.fault
         if now_s - news.heard_s > SILENT_S:
-            return f"the controller board has not answered for {SILENT_S * 1000:.0f} ms"
+            return noise.suspicion or silence(self._board.name)
         return self._objection(news.telemetry, news.lost)
 
     def hardware(self) -> dict[str, Any]:

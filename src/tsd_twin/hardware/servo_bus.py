@@ -58,7 +58,7 @@ class ServoBus:
     baud = BAUD
 
     def __init__(self, joints: Joints, calibration: Calibration) -> None:
-        self.health = LinkHealth()
+        self.health = LinkHealth("the serial line of the servos")
         self.order = Order(np.zeros(joints.count), Mandate(False, 0), 0.0)
         self.news: ServoNews | None = None
         self.gone = ""
@@ -88,7 +88,7 @@ class ServoBus:
         Raises:
             HardwareError: the port is gone.
         """
-        began_s = time.monotonic()
+        began_s, broken = time.monotonic(), line.broken
         order = self.order
         request = b""
         if began_s - self._fed_s > _FEED_S:
@@ -98,11 +98,13 @@ class ServoBus:
         request += self._goals(order.setpoint if order.in_force(began_s) else self._rest)
         request += protocol2.sync_read(self._ids, mx64.PRESENT, mx64.PRESENT_SIZE)
         answers = line.ask(request, len(self._ids), _ANSWER_S)
-        self._take(answers, time.monotonic())
+        now_s = time.monotonic()
+        self._take(answers, now_s)
+        self.health.noise.note(line.broken > broken, now_s)
         if len(answers) < len(self._ids):
             self.health.miss()
         else:
-            self.health.note(time.monotonic() - began_s)
+            self.health.note(now_s - began_s)
         return bool(answers)
 
     def lose(self, reason: str) -> None:

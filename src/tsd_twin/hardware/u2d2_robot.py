@@ -9,8 +9,8 @@ from tsd_twin.authority import Mandate
 from tsd_twin.hardware.board import BAUD
 from tsd_twin.hardware.calibration import Calibration
 from tsd_twin.hardware.joints import Joints, ThrottleLaw
-from tsd_twin.hardware.keeper import Keeper
-from tsd_twin.hardware.mega_robot import SILENT_S, MegaRobot
+from tsd_twin.hardware.keeper import SILENT_S, Keeper
+from tsd_twin.hardware.mega_robot import MegaRobot
 from tsd_twin.hardware.order import Order
 from tsd_twin.hardware.servo_bus import ServoBus, ServoNews
 from tsd_twin.lie import Array
@@ -91,8 +91,11 @@ class U2D2Robot:
         news = self._bus.news
         if news is None:
             return f"the servos are not connected: {self._bus.gone}"
+        noise = self._bus.health.noise
+        if noise.fault:
+            return noise.fault
         if now_s - news.newest_s > SILENT_S:
-            return f"the servos have not answered for {SILENT_S * 1000:.0f} ms"
+            return noise.suspicion or f"the servos have not answered for {SILENT_S * 1000:.0f} ms"
         if dead := self._joints.servos & ~news.alive(now_s):
             return f"{self._joints.named(dead)}: no answer"
         if news.faults:
