@@ -1,0 +1,144 @@
+"""The whole way: a hand on the real page, through dashboard, bus, bridge, pty and firmware."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.sync_api import Page, expect, sync_playwright
+
+from tests.app.browser import FLAGS, PATIENCE_MS, centre, executable, mode, press
+from tests.app.conftest import PATIENCE_S, Program
+from tests.app.machine import Machine, wait_until
+from tsd_twin import robots
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
+
+UPRIGHT = [2048] * 6
+WAYS = {"w": (1.0, 0.0, 0.0), "s": (-1.0, 0.0, 0.0), "a": (0.0, 1.0, 0.0), "q": (0.0, 0.0, 1.0)}
+"""Keys, and which way they drive."""
+_STEPS = ("Take control", "Reset stop", "Arm")
+_GAP_STEPS = 20
+"""What a tilted gimbal differs from upright at least; less is a component that is zero."""
+
+
+@dataclass
+class Desk:
+    """A page before a machine."""
+
+    machine: Machine
+    page: Page
+
+    def holding(self, down: Callable[[], object], up: Callable[[], object], way: str) -> None:
+        """Hold a control until the gimbals tilt as the kinematics has it, then let go of it.
+
+        On a busy machine the page or the line is late at times, and then the robot stops, as it
+        must: let go, get ready and push again, as a person would.
+        """
+        end_s = time.monotonic() + PATIENCE_S
+        while time.monotonic() < end_s:
+            self.get_ready()
+            down()
+            try:
+                self.wait(lambda: self.tilts(way) or self.machine.mode == "fault", 5.0)
+            except AssertionError:
+                continue
+            finally:
+                up()
+            if self.machine.mode == "fault":
+                continue
+            wait_until(lambda: self.machine.box.show()["goals"] == UPRIGHT, "upright, let go of")
+            return
+        raise AssertionError(f"never {way}: {self.machine.reason} {self.machine.box.show()}")
+
+    @staticmethod
+    def wait(condition: Callable[[], object], seconds: float) -> None:
+        """Look until something is the case."""
+        end_s = time.monotonic() + seconds
+        while not condition():
+            assert time.monotonic() < end_s
+            time.sleep(0.02)
+
+    def tilts(self, way: str) -> bool:
+        """Return whether wheels spin, and gimbals are told to tilt the way a key drives."""
+        seen = self.machine.box.show()
+        drive = robots.load("tsd").kinematics()
+        wanted = drive.inverse(0.2 * np.array(WAYS[way]))[[0, 1, 3, 4, 6, 7]] * 4096 / (2 * np.pi)
+        told = np.array(seen["goals"]) - 2048
+        clear = np.abs(wanted) > _GAP_STEPS
+        return bool(
+            min(seen["pulses_us"]) > 1100.0
+            and (told[clear] * np.sign(wanted[clear]) > _GAP_STEPS).all()
+            and (np.abs(told[np.abs(wanted) < 1.0]) < _GAP_STEPS).all()
+        )
+
+    def get_ready(self) -> None:
+        """Press what leads to ready, whatever the last try has left."""
+        end_s = time.monotonic() + PATIENCE_S
+        while self.machine.mode != "ready":
+            assert time.monotonic() < end_s, (self.machine.mode, self.machine.reason)
+            for name in _STEPS:
+                button = self.page.get_by_role("button", name=name, exact=True)
+                if button.count() and button.first.get_attribute("aria-disabled") != "true":
+                    button.first.dispatch_event("click")
+            self.page.wait_for_timeout(200)
+
+
+@pytest.fixture
+def desk(start: Callable[..., Program], tmp_path: Path) -> Iterator[Desk]:
+    machine = Machine(start, tmp_path)
+    dashboard = start("tsd_dashboard", "--port", "0", "--connect", machine.endpoint)
+    url = re.findall(r"http://\S+", dashboard.ready())[0]
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=executable(), args=list(FLAGS))
+        page = browser.new_page(viewport={"width": 1280, "height": 720})
+        page.goto(f"{url}?fixedDpr=0.1")
+        expect(page.get_by_role("button", name="Skip")).to_be_visible(timeout=PATIENCE_MS)
+        press(page, "Skip")
+        yield Desk(machine, page)
+        browser.close()
+    machine.close()
+
+
+def test_a_hand_on_the_page_moves_pulses_and_gimbals_and_its_health_is_shown(desk: Desk) -> None:
+    page, machine = desk.page, desk.machine
+    assert machine.box.at_rest
+    desk.get_ready()
+    x, y, reach = centre(page, "region", "Drive stick")
+
+    def pull() -> None:
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x, y - reach)
+
+    desk.holding(pull, page.mouse.up, "w")
+    for name in WAYS:
+        desk.holding(lambda n=name: page.keyboard.down(n), lambda n=name: page.keyboard.up(n), name)
+    desk.get_ready()
+    assert min(machine.box.show()["pulses_us"]) > 1100.0, "let go of, its wheels spin on"
+    page.keyboard.press(" ")
+    wait_until(lambda: machine.box.at_rest, "STOP shuts off the wheels")
+    mode(page, "stopped")
+    page.get_by_role("tab", name="Health").click()
+    shows(page, "Hardware", {"board": "disarmed", "battery v": r"1\d\.\d\d", "last trip": ".+"})
+    link = {"round trip ms": r"\d+\.\d+", "missed": r"\d+", "broken": r"\d+", "reconnects": "0"}
+    shows(page, "Hardware: link", link)
+    shows(page, "Hardware: counters", {"crc errors": r"\d+", "rx errors": r"\d+"})
+    six = {"alive": r"yes(, yes){5}", "temperature c": r"\d\d(, \d\d){5}"}
+    shows(page, "Hardware: servos", six | {"voltage v": r"\d\d\.\d+(, \d\d\.\d+){5}"})
+
+
+def shows(page: Page, group: str, facts: dict[str, str]) -> None:
+    """See that a table of the Health tab has lines with figures like these."""
+    table = page.get_by_role("table", name=group, exact=True)
+    expect(table).to_be_visible(timeout=PATIENCE_MS)
+    for name, figure in facts.items():
+        line = table.get_by_role("row").filter(has=page.get_by_role("rowheader", name=name))
+        expect(line.get_by_role("cell").last).to_have_text(
+            re.compile(f"^{figure}$"), timeout=PATIENCE_MS
+        )
