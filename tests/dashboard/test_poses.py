@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from tsd_twin import robots
-from tsd_twin.dashboard.poses import Poses, Skeleton, joint_vector
+from tsd_twin.dashboard.poses import JointReader, Poses, Skeleton
 from tsd_twin.description import parts, tree, urdf
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.ros import JointState
@@ -145,10 +145,10 @@ def message(changed: Mapping[str, str], more: tuple[str, ...] = ()) -> JointStat
 @pytest.mark.parametrize("more", [(), ("gyro",)])
 def test_a_joint_vector_has_angles_of_gimbals_and_speeds_of_wheels(more: tuple[str, ...]) -> None:
     """Other sensors in the message do not matter."""
-    joints = joint_vector(TSD, message({}, more))
+    joints = JointReader(TSD).vector(message({}, more))
     assert joints is not None
     np.testing.assert_array_equal(joints, np.tile([0.1, 0.2, 260.0], K))
 
 
 def test_joints_of_another_robot_are_not_taken_for_ours() -> None:
-    assert joint_vector(TSD, message({"module1_alpha": "elbow"})) is None
+    assert JointReader(TSD).vector(message({"module1_alpha": "elbow"})) is None

@@ -10,7 +10,7 @@ import numpy as np
 from tsd_twin.dashboard.fleet_meshes import FleetMeshes
 from tsd_twin.dashboard.foresight import NOTHING, Foresight, Outlook
 from tsd_twin.dashboard.link import Sent, Snapshot
-from tsd_twin.dashboard.poses import joint_vector
+from tsd_twin.dashboard.poses import JointReader
 from tsd_twin.dashboard.rate import Rate
 from tsd_twin.dashboard.robot_marks import RobotMarks
 from tsd_twin.dashboard.trips import RoundTrips
@@ -83,6 +83,7 @@ class Body:
         # What stays where it is goes nowhere.
         self._foresight = Foresight(link.drive, link.robot) if link.drive.space is SE2 else None
         self._foresees = Rate(FORESEEN_HZ)
+        self._reader = JointReader(link.drive)
         self._wheels = np.array([joint.kind is JointKind.VELOCITY for joint in link.drive.joints])
         self._slower = SLOWER if meshes.shape.tilts else 1
 
@@ -101,7 +102,7 @@ class Body:
             else:
                 self.ball = SO3(new.odom.wxyz)
         if new.joints is not None and new.joints is not old.joints:
-            joints = joint_vector(self.link.drive, new.joints)
+            joints = self._reader.vector(new.joints)
             if joints is not None:
                 self._turn_wheels(joints, new.received_s)
         self.meshes.place(self.id, self.pose, self.ball, self.angles)
@@ -110,7 +111,7 @@ class Body:
             self.marks.foresee(self._outlook(self._foresight, new))
 
     def _outlook(self, foresight: Foresight, new: Snapshot) -> Outlook:
-        setpoint = joint_vector(self.link.drive, new.setpoint) if new.setpoint else None
+        setpoint = self._reader.vector(new.setpoint) if new.setpoint else None
         if setpoint is None:
             return NOTHING
         return foresight.look(new, setpoint, self.link.sent, self.link.trips)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 import viser
 
 from tsd_twin.dashboard.layers import robot_node
@@ -24,6 +25,7 @@ class FleetMeshes:
         self._scene = scene
         self._ids: list[str] = []
         self._handles: dict[Link, viser.BatchedGlbHandle] = {}
+        self._shown: dict[tuple[Link, str], bytes] = {}
         self._bases = np.zeros((0, 3))
         self._balls = np.zeros((0, 4))
         self._angles = np.zeros((0, len(shape.drive.joints)))
@@ -79,17 +81,27 @@ class FleetMeshes:
             wxyz = every[kind].wxyz.reshape(-1, 4).astype(np.float32)
             position = every[kind].position.reshape(-1, 3).astype(np.float32)
             if kind in self._handles:
-                self._handles[kind].batched_wxyzs = wxyz
-                self._handles[kind].batched_positions = position
+                # viser would find out as well, and take much longer over it.
+                if self._is_new(kind, "wxyz", wxyz):
+                    self._handles[kind].batched_wxyzs = wxyz
+                if self._is_new(kind, "position", position):
+                    self._handles[kind].batched_positions = position
             else:
                 self._handles[kind] = self._scene.add_batched_glb(
                     self.node(kind), data, wxyz, position, lod="off"
                 )
 
+    def _is_new(self, kind: Link, what: str, values: npt.NDArray[np.float32]) -> bool:
+        said = values.tobytes()
+        new = self._shown.get((kind, what)) != said
+        self._shown[kind, what] = said
+        return new
+
     def _clear(self) -> None:
         for handle in self._handles.values():
             handle.remove()
         self._handles.clear()
+        self._shown.clear()
 
     def scales_without(self, robot_id: str | None, kind: Link) -> Array:
         """Return scales (instances of `kind`,) that hide one robot, or none: 0 for it, else 1."""

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tsd_twin.dashboard.quaternions import pairs, product, turner
 from tsd_twin.description import Hinge, Limbs, Link, Tree
 from tsd_twin.description.tree import Sphere
 from tsd_twin.drives import Drive, JointKind
@@ -37,6 +38,7 @@ class Skeleton:
             for limbs in tree.limbs
             if limbs.hinge in _MOVES
         }
+        self._mounts = [_Mount(limbs, self._columns.get(limbs.kind)) for limbs in tree.limbs]
 
     def poses(self, base: SE2, ball: SO3, angles: Array) -> dict[Link, Poses]:
         """Return the poses of all links above the floor, by their kind.
@@ -45,16 +47,16 @@ class Skeleton:
         means nothing to a robot without one. `angles` (..., n) are those of the joints of the
         drive, in its order, radians: for a wheel the angle that it has turned by.
         """
-        heading, xy = base.xy_heading[..., 2:], base.xy_heading[..., None, :2]
-        seen = {"chassis": Poses(_turn(heading, _Z).wxyz, _raised(xy, self.tree.height_m))}
-        for limbs in self.tree.limbs:
-            above = seen[limbs.parent]
-            turn = SO3(above.wxyz) @ limbs.turn
-            if limbs.kind in self._columns:
-                turn = turn @ _turn(angles[..., self._columns[limbs.kind]], limbs.axes)
-            elif limbs.hinge is Hinge.BALL:
-                turn = turn @ SO3(ball.wxyz[..., None, :])
-            seen[limbs.kind] = Poses(turn.wxyz, _placed(limbs, above))
+        where = base.xy_heading[..., None, :]
+        wxyz, position = np.zeros((*where.shape[:-1], 4)), np.empty(where.shape)
+        half = 0.5 * where[..., 2]
+        wxyz[..., 0], wxyz[..., 3] = np.cos(half), np.sin(half)
+        position[..., :2], position[..., 2] = where[..., :2], self.tree.height_m
+        seen: dict[Link, Poses] = {"chassis": Poses(wxyz, position)}
+        for mount in self._mounts:
+            above = seen[mount.parent]
+            own = mount.turn(ball, angles)
+            seen[mount.kind] = Poses(product(above.wxyz, own), mount.place(above))
         return seen
 
     @property
@@ -100,31 +102,56 @@ class Skeleton:
         return angles
 
 
-def joint_vector(drive: Drive[Any], state: JointState) -> Array | None:
-    """Return the joint vector (n,) in a message, or None when it lacks one of our joints.
+class _Mount:
+    """How links of one kind hang on others; what stays as it is, is computed once."""
 
-    What the message leaves open, like speeds in set-points of angles, is zero.
-    """
-    place = {name: i for i, name in enumerate(state.names)}
-    if not all(joint.name in place for joint in drive.joints):
-        return None
-    rows = [place[joint.name] for joint in drive.joints]
-    is_angle = np.array([joint.kind is JointKind.POSITION for joint in drive.joints])
-    return np.nan_to_num(
-        np.where(is_angle, state.position_rad[rows], state.velocity_rad_per_s[rows])
-    )
+    def __init__(self, limbs: Limbs, columns: list[int] | None) -> None:
+        self.kind, self.parent = limbs.kind, limbs.parent
+        self._columns = columns
+        self._ball = limbs.hinge is Hinge.BALL
+        self._at_zero = limbs.turn.wxyz
+        axes = np.concatenate([np.zeros((limbs.count, 1)), limbs.axes], axis=-1)
+        self._at_half_turn = product(self._at_zero, axes)
+        self._offset = turner(limbs.at_m) if limbs.at_m.any() else None
+
+    def turn(self, ball: SO3, angles: Array) -> Array:
+        """Return how they are turned (..., k, 4) against what they hang on."""
+        if self._columns is not None:
+            half = 0.5 * angles[..., self._columns, None]
+            return np.cos(half) * self._at_zero + np.sin(half) * self._at_half_turn
+        return product(self._at_zero, ball.wxyz[..., None, :]) if self._ball else self._at_zero
+
+    def place(self, above: Poses) -> Array:
+        """Return where they are (..., k, 3)."""
+        if self._offset is None:
+            return above.position
+        turned = pairs(above.wxyz, above.wxyz)[..., None, :] @ self._offset
+        return above.position + turned[..., 0, :]
 
 
-def _placed(limbs: Limbs, above: Poses) -> Array:
-    """Return where links (..., k, 3) are that hang on others."""
-    if not limbs.at_m.any():
-        return above.position
-    return above.position + SO3(above.wxyz).rotate(limbs.at_m)
+class JointReader:
+    """Reads joint vectors of one robot, whose messages are all in one order as a rule."""
 
+    def __init__(self, drive: Drive[Any]) -> None:
+        joints = drive.joints
+        self._names = [joint.name for joint in joints]
+        self._is_angle = np.array([joint.kind is JointKind.POSITION for joint in joints])
+        self._order: tuple[str, ...] | None = None
+        self._rows: list[int] | None = None
 
-def _turn(angle_rad: Array, axis: Array) -> SO3:
-    return SO3.exp(angle_rad[..., None] * axis)
+    def vector(self, state: JointState) -> Array | None:
+        """Return the joint vector (n,) in a message, or None when it lacks one of our joints.
 
+        What the message leaves open, like speeds in set-points of angles, is zero.
+        """
+        if state.names != self._order:
+            self._order, self._rows = state.names, self._find(state.names)
+        if self._rows is None:
+            return None
+        angles, speeds = state.position_rad[self._rows], state.velocity_rad_per_s[self._rows]
+        vector = np.where(self._is_angle, angles, speeds)
+        return vector if np.isfinite(vector).all() else np.nan_to_num(vector)
 
-def _raised(xy: Array, z_m: float) -> Array:
-    return np.concatenate([xy, np.full((*xy.shape[:-1], 1), z_m)], axis=-1)
+    def _find(self, names: tuple[str, ...]) -> list[int] | None:
+        place = {name: i for i, name in enumerate(names)}
+        return [place[name] for name in self._names] if place.keys() >= {*self._names} else None

@@ -14,7 +14,7 @@ from tsd_twin.dashboard.ghosts import PoseGhost, PredictedGhost, SetpointGhost, 
 from tsd_twin.dashboard.layers import OTHERS, TRAILS, TRUTHS, Layer, mark_node, robot_node
 from tsd_twin.dashboard.link import Snapshot
 from tsd_twin.dashboard.pointing import OnClick, add_target
-from tsd_twin.dashboard.poses import joint_vector
+from tsd_twin.dashboard.poses import JointReader
 from tsd_twin.dashboard.shape import Shape
 from tsd_twin.dashboard.trail import Trail
 from tsd_twin.lie import Array
@@ -30,7 +30,7 @@ class RobotMarks:
     def __init__(
         self, scene: viser.SceneApi, robot_id: str, shape: Shape, on_click: OnClick
     ) -> None:
-        node, self._drive = robot_node(robot_id), shape.drive
+        node, self._reader = robot_node(robot_id), JointReader(shape.drive)
         self._base = scene.add_frame(node, show_axes=False)
         self.setpoint = (
             SetpointGhost(scene, mark_node(Layer.SETPOINT, robot_id), shape)
@@ -81,7 +81,7 @@ class RobotMarks:
         if new.joints is not old.joints:
             self.arrows.update(joints, new.received_s)
         if self.setpoint and new.setpoint is not None and new.setpoint is not old.setpoint:
-            setpoint = joint_vector(self._drive, new.setpoint)
+            setpoint = self._reader.vector(new.setpoint)
             if setpoint is not None:
                 self.setpoint.update(setpoint)
         for ghost, said, before in (

@@ -27,6 +27,7 @@ PLANAR = (0, 1, 5)
 """Where (vx, vy, omega) stand in a spatial twist (vx, vy, vz, wx, wy, wz)."""
 TURNING = (3, 4, 5)
 """Where (wx, wy, wz) of a sphere stand."""
+_PLANAR_BLOCK, _TURNING_BLOCK = np.ix_(PLANAR, PLANAR), np.ix_(TURNING, TURNING)
 
 _LARGEST = 4096  # Bytes; ours have fewer than 800. What is larger was not meant for us.
 
@@ -195,7 +196,7 @@ def decode_odometry(payload: bytes, *, turning: bool = False) -> Odometry:
     raw = _decode(payload, "nav_msgs/msg/Odometry")
     position, turn = raw.pose.pose.position, raw.pose.pose.orientation
     linear, angular = raw.twist.twist.linear, raw.twist.twist.angular
-    rows = np.ix_(TURNING, TURNING) if turning else np.ix_(PLANAR, PLANAR)
+    rows = _TURNING_BLOCK if turning else _PLANAR_BLOCK
     twist = [angular.x, angular.y, angular.z] if turning else [linear.x, linear.y, angular.z]
     return Odometry(
         xy_heading=np.array([position.x, position.y, 2.0 * math.atan2(turn.z, turn.w)]),

@@ -74,14 +74,17 @@ class Predictor(Generic[PoseT]):
         for step in range(round(LONGEST_S / step_s) + 1):
             after_s = step * step_s
             yield Moment(after_s, pose, moving)
+            heard = newest
             while waiting and waiting[0].after_s <= after_s + 1e-9:
                 newest = waiting.pop(0)
-            if newest is not None:
+            if newest is not None and (newest is not heard or newest.to_base is not None):
                 wanted = newest.request
                 if newest.to_base is not None:
                     wanted = newest.to_base(pose, wanted)
                 goal = self._limiter.cap(wanted, share)
-            twist = self._limiter.approach(twist, goal, step_s)
+            if twist is not goal:
+                near = self._limiter.approach(twist, goal, step_s)
+                twist = goal if np.array_equal(near, goal) else near
             moving = twist + self._left * (moving - twist)
             pose = self._drive.move(pose, moving, step_s)
 

@@ -139,9 +139,18 @@ function isGroup(value) {
   return typeof value === "object" && value !== null && !Array.isArray(value);
 }
 
-function written(value) {
-  if (Array.isArray(value)) return value.map(written).join(", ");
-  if (typeof value === "number") return fixed(value, Number.isInteger(value) ? 0 : 2);
+function written(value, digits = decimals(value)) {
+  if (Array.isArray(value)) {
+    const most = Math.max(0, ...value.map(decimals)); // As many for all of them.
+    return value.map((each) => written(each, most)).join(", ");
+  }
+  if (typeof value === "number") return fixed(value, digits);
   if (typeof value === "boolean") return value ? "yes" : "no";
   return value === null ? "–" : String(value);
+}
+
+// How many decimals a number needs, two at most.
+function decimals(value) {
+  if (typeof value !== "number") return 0;
+  return [0, 1].find((digits) => Math.abs(value - Number(value.toFixed(digits))) < 0.005) ?? 2;
 }
