@@ -17,7 +17,6 @@ from tests.app.conftest import Program
 from tests.app.machine import AHEAD, Machine, wait_for_mode, wait_until
 from tests.hardware.peer import Peer
 from tests.hardware.servo_chain import ServoChain
-from tsd_twin.topics import Service
 
 pytestmark = pytest.mark.system
 
@@ -74,24 +73,6 @@ def test_the_pose_on_the_bus_comes_from_servos_that_the_firmware_moves(machine: 
         assert abs(seen["pose"][0] - there_m - moved_m) < 0.1 * moved_m
 
     machine.undisturbed(drives_half_a_metre)
-
-
-def test_a_stick_on_a_page_moves_pulses_and_gimbals(machine: Machine, start: Start) -> None:
-    """Through a real dashboard; the page itself is driven in a browser by `test_page.py`."""
-    pilot = machine.pilot
-    pilot.ask(Service.LEASE, op="release", operator="alice", lease=pilot.lease)
-    dashboard = start("tsd_dashboard", "--port", "0", "--connect", machine.endpoint)
-    page = start("tests.system.pretend_page", re.findall(r"http://\S+", dashboard.ready())[0])
-    assert page.process.stdin is not None
-
-    def hand(does: str) -> None:
-        print(does, file=page.process.stdin, flush=True)
-
-    hand("insist 0.5")
-    wait_until(lambda: machine.box.drives, f"it drives: {page.output}")
-    hand("release")
-    wait_until(lambda: machine.box.show()["goals"] == [2048] * 6, "upright")
-    hand("close")
 
 
 def test_in_ready_it_stays_armed_without_any_command(machine: Machine) -> None:

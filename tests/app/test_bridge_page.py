@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page, expect, sync_playwright
 
-from tests.app.browser import FLAGS, PATIENCE_MS, centre, executable, mode, press
+from tests.app.browser import FLAGS, PATIENCE_MS, centre, click_through, executable, mode, press
 from tests.app.conftest import PATIENCE_S, Program
 from tests.app.machine import Machine, wait_until
 from tsd_twin import robots
@@ -82,11 +82,7 @@ class Desk:
         end_s = time.monotonic() + PATIENCE_S
         while self.machine.mode != "ready":
             assert time.monotonic() < end_s, (self.machine.mode, self.machine.reason)
-            for name in _STEPS:
-                button = self.page.get_by_role("button", name=name, exact=True)
-                if button.count() and button.first.get_attribute("aria-disabled") != "true":
-                    button.first.dispatch_event("click")
-            self.page.wait_for_timeout(200)
+            click_through(self.page, *_STEPS)
 
 
 @pytest.fixture

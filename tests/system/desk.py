@@ -13,7 +13,7 @@ from tests.system.faults import Observer, Run, Stage
 from tests.system.real_page import RealPage
 from tests.system.table import MOVED_M
 
-WATCHED_S = 1.0
+WATCHED_S = 0.6
 """For how long nothing may move after the last thing that happened."""
 _PRESSES = 6
 _PRESS_S = 5.0

@@ -15,7 +15,7 @@ from tsd_twin.sim.board import TIMEOUT_S
 
 pytestmark = pytest.mark.system
 
-WATCHED_S = 1.5
+WATCHED_S = 1.0
 """For how long nothing may move after the last thing that happened."""
 MAX_AGE_S = 1.0
 """Of a patient lease: the oldest that a command may be."""
