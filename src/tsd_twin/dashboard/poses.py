@@ -100,6 +100,18 @@ class Skeleton:
         return angles
 
 
+def as_commanded(drive: Drive[Any], setpoint: Array, joints: Array) -> Array:
+    """Return the joints (n,) that the commanded twist is in, from set-point and measured ones.
+
+    Gimbals are told what they need at the speed that their wheels have: while that changes, it is
+    not the one that the wheels are told. Wheels that are shut off give nothing.
+    """
+    is_angle = np.array([joint.kind is JointKind.POSITION for joint in drive.joints])
+    if not is_angle.any():
+        return setpoint
+    return np.where(is_angle | (setpoint == 0.0), setpoint, joints)
+
+
 def joint_vector(drive: Drive[Any], state: JointState) -> Array | None:
     """Return the joint vector (n,) in a message, or None when it lacks one of our joints.
 
