@@ -49,6 +49,7 @@ SILENT_S = 0.1
 LONGEST_STEP_S = 0.02
 """The most time that one step towards another speed makes use of."""
 _CLAMP_REPORT_S = 0.5
+_SUSPECT_REPORT_S = 1.0
 
 
 class RobotCore:
@@ -79,6 +80,8 @@ class RobotCore:
         self._now_s = -math.inf
         self._applied_share = 1.0
         self._clamp_reported_s = -math.inf
+        self._suspect: str | None = None
+        self._suspect_reported_s = -math.inf
         self._events: list[Event] = []
         self.twist = np.zeros(3)
         """(3,): the twist that is commanded to the joints, in the base frame."""
@@ -298,6 +301,8 @@ class RobotCore:
         """Return what `state/status` says."""
         authority, limits = self.authority, self.robot.limits
         lease = authority.lease_in_force(now_s)
+        conflict = self._estimator.conflict(wheels_spin=authority.wheels_spin)
+        self._report_suspect(conflict.suspect, now_s)
         share = lease.speed_cap_mps / limits.speed_mps if lease else 1.0
         age_s = now_s - authority.command_s
         return Status(
@@ -319,11 +324,19 @@ class RobotCore:
                 max_command_age_s=lease.max_age_s if lease else limits.max_command_age_s,
                 applied=round(self._applied_share, 3),
             ),
-            conflict=self._estimator.conflict(wheels_spin=authority.wheels_spin),
+            conflict=conflict,
             gear=self._gearbox.status(float(self.joints[self._wheels].mean())),
             loop=loop,
             hardware=hardware,
         )
+
+    def _report_suspect(self, suspect: str | None, now_s: float) -> None:
+        """Say whom the others contradict, each time that it is another, but not in a flood."""
+        if suspect in (None, self._suspect) or now_s - self._suspect_reported_s < _SUSPECT_REPORT_S:
+            return
+        self._suspect, self._suspect_reported_s = suspect, now_s
+        text = f"{suspect} contradicts the others."
+        self._events.append(Event("conflict", text, rule="conflict monitor", robot_s=now_s))
 
     def _lease_status(self, lease: Lease | None, now_s: float) -> LeaseStatus:
         asked = self.authority.hand_over.asked(now_s) if lease else None

@@ -71,6 +71,9 @@ export class Gear {
       this._keptMs = Infinity;
       this._draw(input);
     });
+    input.addEventListener("blur", () => {
+      if (this._keptMs === Infinity) this._keptMs = -Infinity; // What was begun there is no number.
+    });
     input.addEventListener("change", () => {
       this._draft = take();
       this._keptMs = performance.now() + KEPT_MS;
