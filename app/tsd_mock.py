@@ -12,7 +12,7 @@ from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2
 from tsd_twin.node import RobotIO
 from tsd_twin.robots import Robot
-from tsd_twin.sim import Board, SimRobot
+from tsd_twin.sim import Board, Jam, JammedRobot
 
 PARSER = program.parser(
     "tsd-mock",
@@ -22,6 +22,7 @@ PARSER = program.parser(
         "tsd-mock --robot my.toml --id left         a robot of your own, under another id",
         "tsd-mock --listen tcp/127.0.0.1:0          on a free port, which it prints",
         "tsd-mock --noise 1                         with the noise of the description",
+        "tsd-mock --jam module2_alpha@3             with a gimbal that sticks at 3 degrees",
         "tsd-mock --plant mujoco                    rigid bodies on a floor, not equations",
     ],
 )
@@ -30,7 +31,10 @@ PARSER = program.parser(
 def joints(robot: Robot, args: argparse.Namespace) -> RobotIO:
     """Return the simulated joints, behind a simulated board."""
     pose = pose_at(robot, args)
-    simulated = SimRobot(robot, seed=args.seed, noise=args.noise, pose=pose, plant=args.plant)
+    jams = [Jam.parse(text, robot) for text in args.jam]
+    simulated = JammedRobot(
+        robot, jams, seed=args.seed, noise=args.noise, pose=pose, plant=args.plant
+    )
     return Board(robot, simulated)
 
 
@@ -66,6 +70,13 @@ def main() -> None:
         "--at",
         metavar="X,Y,DEGREES",
         help="where it stands at the start, m and degrees; default 0,0,0",
+    )
+    PARSER.add_argument(
+        "--jam",
+        action="append",
+        default=[],
+        metavar="GIMBAL[@DEGREES]",
+        help="let a gimbal stick once it leans so far, 1 degree unless given; can be repeated",
     )
     program.add_plant_flag(PARSER)
     robot_program.serve(PARSER, joints, pose_at)

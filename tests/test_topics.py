@@ -31,6 +31,7 @@ def test_keys_are_those_that_other_programs_rely_on() -> None:
         "twin/r1/srv/disarm",
         "twin/r1/srv/reset",
         "twin/r1/srv/set_pose",
+        "twin/r1/srv/speed",
         "twin/r1/stop",
         "twin/r1/desc",
     }

@@ -65,6 +65,7 @@ class Service(StrEnum):
     DISARM = "srv/disarm"
     RESET = "srv/reset"
     SET_POSE = "srv/set_pose"
+    SPEED = "srv/speed"
     STOP = "stop"
     DESC = "desc"
 

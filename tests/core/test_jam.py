@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
 from tests.core.rig import ROBOT, Rig
-from tsd_twin.sim import SimRobot
+from tsd_twin.sim import Jam, JammedRobot, SimRobot
 
 STATUS_S = 0.05
 """A status goes out so often: it takes so much longer until it is seen."""
@@ -24,25 +22,19 @@ def test_one_jammed_gimbal_is_named_within_a_fifth_of_a_second(
     azimuth = np.radians([90.0, 210.0, 330.0][module - 1]) - (np.pi / 2 if gimbal == 0 else 0.0)
     way = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     before, after = before_mps * way, 0.8 * way
-    rig = Rig(SimRobot(ROBOT, seed=5, noise=1.0))
-    assert rig.simulated is not None
+    simulated = JammedRobot(ROBOT, seed=5, noise=1.0)
+    rig = Rig(simulated)
     pilot = rig.get_ready()
     rig.drive(pilot, before, 1.0)
-    at = 3 * module - 3 + gimbal
-    held = float(rig.simulated.truth(rig.now_s).joints[at])
-    read = rig.simulated.read
-
-    def jammed(now_s: float) -> Any:
-        joints = read(now_s)
-        joints[at] = held
-        return joints
-
-    rig.simulated.read = jammed  # type: ignore[method-assign]
+    assert rig.status().conflict.suspect is None
+    simulated.jam(Jam(f"module{module}_{('alpha', 'beta')[gimbal]}"))
     rig.drive(pilot, after, 0.2 - STATUS_S)
     conflict = rig.status().conflict
     assert conflict.suspect == f"module{module}"
     assert conflict.level > 1.0
     assert set(conflict.explained) == {"module1", "module2", "module3"}
+    (event,) = [event for event in rig.core.take_events() if event.kind == "conflict"]
+    assert event.text == f"module{module} contradicts the others."
 
 
 def test_what_is_not_believed_makes_the_pose_less_certain() -> None:

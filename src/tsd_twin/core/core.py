@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from tsd_twin.authority import Authority, Facts, Lease, Mode
+from tsd_twin.authority import ARMED, LATCHED, Authority, Facts, Lease, Mode
 from tsd_twin.core.estimator import Estimator
+from tsd_twin.core.gearbox import Gearbox
 from tsd_twin.core.spaces import SPACES
-from tsd_twin.drives import JointKind
+from tsd_twin.drives import Drive, JointKind
 from tsd_twin.errors import MessageError
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.command import Sample
@@ -28,6 +29,7 @@ from tsd_twin.messages.service import (
     Reply,
     SetOrientationRequest,
     SetPoseRequest,
+    SpeedRequest,
     StopRequest,
     decode_request,
 )
@@ -47,6 +49,7 @@ SILENT_S = 0.1
 LONGEST_STEP_S = 0.02
 """The most time that one step towards another speed makes use of."""
 _CLAMP_REPORT_S = 0.5
+_SUSPECT_REPORT_S = 1.0
 
 
 class RobotCore:
@@ -61,7 +64,7 @@ class RobotCore:
     ) -> None:
         """`pose`, of the drive's space, is where the robot is taken to be; the identity if not."""
         self.robot = robot
-        self.drive = robot.kinematics()
+        self._gearbox = Gearbox(robot)
         self.authority = Authority(robot, new_lease_id)
         self._estimator = Estimator(robot)
         if pose is not None:
@@ -77,11 +80,18 @@ class RobotCore:
         self._now_s = -math.inf
         self._applied_share = 1.0
         self._clamp_reported_s = -math.inf
+        self._suspect: str | None = None
+        self._suspect_reported_s = -math.inf
         self._events: list[Event] = []
         self.twist = np.zeros(3)
         """(3,): the twist that is commanded to the joints, in the base frame."""
         self.setpoint = self._estimator.joints.copy()
         """(n,): what the joints shall do."""
+
+    @property
+    def drive(self) -> Drive[Any]:
+        """The kinematics, with wheels that always spin in the gear of this moment."""
+        return self._gearbox.drive
 
     # The control loop.
 
@@ -102,6 +112,7 @@ class RobotCore:
         for sample in samples:
             self.authority.receive(sample, now_s)
         self.authority.step(self._facts(now_s, fault), now_s)
+        self._shift(now_s, max(dt_s, 0.0))
         self._command(now_s, max(dt_s, 0.0))
         return self.setpoint
 
@@ -112,8 +123,19 @@ class RobotCore:
             fault = f"the joints have not been measured for {SILENT_S * 1000:.0f} ms"
         if self.authority.mode is not Mode.ARMING:
             return Facts(neutral=False, at_speed=False, at_rest=at_rest, fault=fault)
-        neutral, at_speed = self._estimator.neutral_and_at_speed()
+        neutral, at_speed = self._estimator.neutral_and_at_speed(self._gearbox.inverse(np.zeros(3)))
         return Facts(neutral and not silent, at_speed, at_rest, fault)
+
+    def _shift(self, now_s: float, dt_s: float) -> None:
+        mode, lease = self.authority.mode, self.authority.lease_in_force(now_s)
+        if self._gearbox.advance(
+            min(dt_s, LONGEST_STEP_S),
+            lease.id if lease else None,
+            self._estimator.spin_after,
+            armed=mode in ARMED,
+            ramps=mode in ARMED and mode is not Mode.ARMING,
+        ):
+            self._limiter = TwistLimiter(self.drive, self.robot.limits)
 
     def _command(self, now_s: float, dt_s: float) -> None:
         authority = self.authority
@@ -134,7 +156,7 @@ class RobotCore:
             # Not at rest only when latched: the limiter starts from zero again, nothing jumps.
             self.twist = np.zeros(3)
             self._applied_share = 1.0
-        self.setpoint = self.drive.inverse(self.twist)
+        self.setpoint = self._gearbox.inverse(self.twist)
         if not authority.wheels_spin:
             self.setpoint[self._wheels] = 0.0
 
@@ -172,15 +194,18 @@ class RobotCore:
             match service:
                 case Service.LEASE:
                     return self.authority.lease(decode_request(payload, LeaseRequest), now_s)
-                case Service.ARM:
-                    return self.authority.arm(decode_request(payload, HolderRequest).lease, now_s)
-                case Service.DISARM:
-                    lease = decode_request(payload, HolderRequest).lease
-                    return self.authority.disarm(lease, now_s)
-                case Service.RESET:
-                    return self.authority.reset(decode_request(payload, HolderRequest).lease, now_s)
+                case Service.ARM | Service.DISARM | Service.RESET:
+                    authority = self.authority
+                    ask = {
+                        Service.ARM: authority.arm,
+                        Service.DISARM: authority.disarm,
+                        Service.RESET: authority.reset,
+                    }[service]
+                    return ask(decode_request(payload, HolderRequest).lease, now_s)
                 case Service.SET_POSE:
                     return self._set_pose(decode_request(payload, self._space.request()), now_s)
+                case Service.SPEED:
+                    return self._choose_speed(decode_request(payload, SpeedRequest), now_s)
                 case Service.STOP:
                     return self.stop(payload, now_s)
                 case Service.DESC:
@@ -209,6 +234,18 @@ class RobotCore:
             # A command in the world's axes would turn with the heading.
             return self._refused(Service.SET_POSE, "the pose can be set at rest only", now_s)
         self._estimator.set_pose(pose)
+        return Reply(True)
+
+    def _choose_speed(self, request: SpeedRequest, now_s: float) -> Reply:
+        authority, lease = self.authority, request.lease
+        if not authority.holds(lease, now_s):
+            refusal = "take control first"
+        elif authority.mode in LATCHED:
+            refusal = f"the robot is {authority.mode}: reset first"
+        else:
+            refusal = self._gearbox.choose(request.cruise_speed_rpm, bytes.fromhex(lease))
+        if refusal:
+            return authority.refuse("change the drive speed", refusal, now_s)
         return Reply(True)
 
     def _refused(self, service: Service, reason: str, now_s: float) -> Reply:
@@ -264,6 +301,8 @@ class RobotCore:
         """Return what `state/status` says."""
         authority, limits = self.authority, self.robot.limits
         lease = authority.lease_in_force(now_s)
+        conflict = self._estimator.conflict(wheels_spin=authority.wheels_spin)
+        self._report_suspect(conflict.suspect, now_s)
         share = lease.speed_cap_mps / limits.speed_mps if lease else 1.0
         age_s = now_s - authority.command_s
         return Status(
@@ -285,10 +324,19 @@ class RobotCore:
                 max_command_age_s=lease.max_age_s if lease else limits.max_command_age_s,
                 applied=round(self._applied_share, 3),
             ),
-            conflict=self._estimator.conflict(wheels_spin=authority.wheels_spin),
+            conflict=conflict,
+            gear=self._gearbox.status(float(self.joints[self._wheels].mean())),
             loop=loop,
             hardware=hardware,
         )
+
+    def _report_suspect(self, suspect: str | None, now_s: float) -> None:
+        """Say whom the others contradict, each time that it is another, but not in a flood."""
+        if suspect in (None, self._suspect) or now_s - self._suspect_reported_s < _SUSPECT_REPORT_S:
+            return
+        self._suspect, self._suspect_reported_s = suspect, now_s
+        text = f"{suspect} contradicts the others."
+        self._events.append(Event("conflict", text, rule="conflict monitor", robot_s=now_s))
 
     def _lease_status(self, lease: Lease | None, now_s: float) -> LeaseStatus:
         asked = self.authority.hand_over.asked(now_s) if lease else None

@@ -32,9 +32,6 @@ class Estimator:
         self._angles = np.flatnonzero(self.is_angle)
         self._wheels = np.flatnonzero(~self.is_angle)
         self._needed = np.flatnonzero(self.is_angle | robot.measures_spin)
-        self._at_rest = self.drive.inverse(np.zeros(3))
-        at_speed = np.maximum(AT_SPEED * np.abs(self._at_rest), AT_REST_RAD_PER_S)
-        self._tolerance = np.where(self.is_angle, NEUTRAL_RAD, at_speed)
         self._spin = SpinModel(robot.spin_up(), len(self._wheels))
         self._plain = ODOMETRY[self.drive.space](self.drive, robot.joint_errors())
         self._second, prefer_second = second_estimate(robot)
@@ -43,7 +40,7 @@ class Estimator:
         self._conflict = ConflictMonitor(self.drive, robot.joint_errors())
         self.measured_s = -math.inf
         """When the joints were measured last."""
-        self.joints = np.where(self.is_angle, self._at_rest, 0.0)
+        self.joints = np.where(self.is_angle, self.drive.inverse(np.zeros(3)), 0.0)
         """(n,): measured joints; speeds that are not measured come from the model of the motors."""
         self.rates = np.zeros(len(self.is_angle))
         """(n,): how fast the joints change, of wheels the acceleration."""
@@ -77,10 +74,22 @@ class Estimator:
             self._second.follow(joints, self.sensors, motion, dt_s)
         self._conflict.advance(motion.residual, dt_s)
 
-    def neutral_and_at_speed(self) -> tuple[bool, bool]:
-        """Return whether all gimbals are upright, and whether all wheels turn as they shall."""
-        near = np.abs(self.joints - self._at_rest) <= self._tolerance
+    def neutral_and_at_speed(self, at_rest: Array) -> tuple[bool, bool]:
+        """Return whether all gimbals are upright, and whether all wheels turn as they shall.
+
+        `at_rest` (n,) is what the joints do when the robot is ready and stands.
+        """
+        at_speed = np.maximum(AT_SPEED * np.abs(at_rest), AT_REST_RAD_PER_S)
+        tolerance = np.where(self.is_angle, NEUTRAL_RAD, at_speed)
+        near = np.abs(self.joints - at_rest) <= tolerance
         return bool(near[self._angles].all()), bool(near[self._wheels].all())
+
+    def spin_after(self, setpoint: Array, dt_s: float) -> float:
+        """Return how fast the motors are expected to turn after `dt_s` of a set-point (n,): mean.
+
+        By their model also where speeds are measured: a sensor that fails must tilt nothing.
+        """
+        return float(self._spin.after(setpoint[self._wheels], dt_s).mean())
 
     @property
     def pose(self) -> Any:

@@ -10,13 +10,13 @@ import numpy as np
 from tsd_twin.dashboard.fleet_meshes import FleetMeshes
 from tsd_twin.dashboard.foresight import NOTHING, Foresight, Outlook
 from tsd_twin.dashboard.link import Sent, Snapshot
-from tsd_twin.dashboard.poses import JointReader
+from tsd_twin.dashboard.poses import JointReader, as_commanded
 from tsd_twin.dashboard.rate import Rate
 from tsd_twin.dashboard.robot_marks import RobotMarks
 from tsd_twin.dashboard.trips import RoundTrips
 from tsd_twin.drives import Drive, JointKind
 from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.robots import Robot
+from tsd_twin.robots import RPM, Robot
 
 SLOWER = 50
 """Wheels that spin on gimbals are drawn turning this much slower than they do: 2,500 a minute as 50
@@ -92,6 +92,15 @@ class Body:
         """The link has heard something that is not drawn yet."""
         return self.link.snapshot is not self.shown
 
+    @property
+    def drive(self) -> Drive[Any]:
+        """The kinematics that the robot is driven by, in the gear that it says it has."""
+        gears, status = self.link.robot.gears, self.link.snapshot.status
+        if gears is None or status is None or status.gear is None:
+            return self.link.drive
+        spin = status.gear.wanted_rpm * RPM
+        return self.link.drive if gears.refusal(spin) else gears.drive.with_spin(spin)
+
     def update(self) -> None:
         """Take in the newest snapshot."""
         new, old = self.link.snapshot, self.shown
@@ -114,6 +123,7 @@ class Body:
         setpoint = self._reader.vector(new.setpoint) if new.setpoint else None
         if setpoint is None:
             return NOTHING
+        setpoint = as_commanded(self.link.drive, setpoint, self.joints)
         return foresight.look(new, setpoint, self.link.sent, self.link.trips)
 
     def _turn_wheels(self, joints: Array, now_s: float) -> None:

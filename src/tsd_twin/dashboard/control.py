@@ -13,7 +13,7 @@ from tsd_twin.dashboard.calls import Calls
 from tsd_twin.dashboard.link import Driver, RobotLink
 from tsd_twin.errors import BusError
 from tsd_twin.messages.ros import BASE
-from tsd_twin.messages.service import HolderRequest, LeaseRequest, Reply
+from tsd_twin.messages.service import HolderRequest, LeaseRequest, Reply, SpeedRequest
 from tsd_twin.messages.status import Status
 from tsd_twin.topics import Service
 
@@ -56,6 +56,11 @@ class Control:
     async def ask(self, service: Service) -> Reply:
         """Ask for what only the holder may."""
         return await self._calls.ask(self.link.ask, service, HolderRequest(self._driver.lease_hex))
+
+    async def choose_speed(self, cruise_speed_rpm: float) -> Reply:
+        """Ask for another speed of wheels that always spin."""
+        request = SpeedRequest(self._driver.lease_hex, cruise_speed_rpm)
+        return await self._calls.ask(self.link.ask, Service.SPEED, request)
 
     async def renew(self) -> None:
         """Keep the lease; whether that worked is seen in the status."""

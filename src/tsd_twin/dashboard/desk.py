@@ -145,6 +145,12 @@ class Desk:
             return Reply(False, "take control first")
         return await self.control.ask(service)
 
+    async def choose_speed(self, cruise_speed_rpm: float) -> Reply:
+        """Ask the robot to spin its wheels at another speed; its answer says what it can."""
+        if self.control is None:
+            return Reply(False, "take control first")
+        return await self.control.choose_speed(cruise_speed_rpm)
+
     # Control.
 
     async def give_up(self) -> None:

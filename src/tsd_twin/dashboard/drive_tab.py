@@ -130,7 +130,7 @@ class DriveTab:
         twist = self._twist(body)
         mode = Mode.DRIVE if self._mode.value == Mode.DRIVE else Mode.PREVIEW
         tries = mode is Mode.PREVIEW and bool(twist.any())
-        self._view.try_out(body.link.drive.inverse(twist) if tries else None)
+        self._view.try_out(body.drive.inverse(twist) if tries else None)
         first, second, third = (float(number) for number in twist)
         self._on_moved(first, second, third, mode, bool(self._latch.value))
 
@@ -138,4 +138,4 @@ class DriveTab:
         """Return what the sliders say (3,), within the limits; a client may send any number."""
         numbers = [float(slider.value) for slider in self._sliders]
         twist = np.array([number if math.isfinite(number) else 0.0 for number in numbers])
-        return TwistLimiter(body.link.drive, body.link.robot.limits).cap(twist)
+        return TwistLimiter(body.drive, body.link.robot.limits).cap(twist)

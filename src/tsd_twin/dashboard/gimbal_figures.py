@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
 from tsd_twin.dashboard.link import Snapshot
-from tsd_twin.dashboard.protocol import Module
+from tsd_twin.dashboard.protocol import Gears, Module
 from tsd_twin.lie import Array
 from tsd_twin.robots import RPM, SingularityRobot
 
 SPINNING = 0.01
 """A wheel that turns with less than this share of its cruising speed is shown as at rest."""
+_ROUNDING = 1e-6
 
 
 class GimbalFigures:
@@ -28,10 +30,18 @@ class GimbalFigures:
 
     def card(self) -> dict[str, Any]:
         """Return what belongs into a card."""
+        gears = self._robot.gears
         return {
             "panel": "gimbals",
             "max_tilt_deg": self._robot.drive.max_tilt_deg,
             "modules": self._drive.actuators,
+            "gears": Gears(
+                least_rpm=math.ceil(gears.least_rad_per_s / RPM - _ROUNDING),
+                most_rpm=math.floor(gears.most_rad_per_s / RPM + _ROUNDING),
+                usual_rpm=round(self._drive.spin_rad_per_s / RPM),
+                wheel_radius_m=self._drive.wheel_radius_m,
+                servo_step_deg=math.degrees(gears.servo_step_rad),
+            ),
         }
 
     def state(self, joints: Array, setpoint: Array, _snapshot: Snapshot) -> dict[str, Any]:

@@ -24,6 +24,8 @@ PREDICTED: Rgb = (235, 80, 160)
 """Where the robot will be."""
 ENVELOPE: Rgb = (232, 90, 60)
 """Where the robot can still get to."""
+SUSPECT: Rgb = (225, 40, 40)
+"""What contradicts all the rest."""
 STALE: Rgb = (128, 132, 138)
 """What is not known any more."""
 GRID_FINE: Rgb = (128, 134, 142)

@@ -26,8 +26,8 @@ JOINTS: dict[type[Robot] | None, str] = {
 class Panel:
     """Tabs Drive, Gimbals or what else the robot has, View, Plots and Health.
 
-    The second, Plots and Health are empty places, marked `data-tsd`: the page itself draws there,
-    from a socket of its own, so that nothing is sent twice.
+    The second, Plots, Health and the end of Drive are empty places, marked `data-tsd`: the page
+    itself draws there, from a socket of its own, so that nothing is sent twice.
     """
 
     def __init__(
@@ -50,6 +50,7 @@ class Panel:
         if not watches:
             with tabs.add_tab("Drive"):
                 self._drive = DriveTab(gui, self._view, on_moved, self._chosen)
+                gui.add_html('<div data-tsd="gear"></div>')
         self._joints = tabs.add_tab(JOINTS[None])
         with self._joints:
             gui.add_html('<div data-tsd="joints"></div>')

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -136,7 +137,7 @@ class JointReader:
         joints = drive.joints
         self._names = [joint.name for joint in joints]
         self._is_angle = np.array([joint.kind is JointKind.POSITION for joint in joints])
-        self._order: tuple[str, ...] | None = None
+        self._order: Sequence[str] | None = None
         self._rows: list[int] | None = None
 
     def vector(self, state: JointState) -> Array | None:
@@ -152,6 +153,18 @@ class JointReader:
         vector = np.where(self._is_angle, angles, speeds)
         return vector if np.isfinite(vector).all() else np.nan_to_num(vector)
 
-    def _find(self, names: tuple[str, ...]) -> list[int] | None:
+    def _find(self, names: Sequence[str]) -> list[int] | None:
         place = {name: i for i, name in enumerate(names)}
         return [place[name] for name in self._names] if place.keys() >= {*self._names} else None
+
+
+def as_commanded(drive: Drive[Any], setpoint: Array, joints: Array) -> Array:
+    """Return the joints (n,) that the commanded twist is in, from set-point and measured ones.
+
+    Gimbals are told what they need at the speed that their wheels have: while that changes, it is
+    not the one that the wheels are told. Wheels that are shut off give nothing.
+    """
+    is_angle = np.array([joint.kind is JointKind.POSITION for joint in drive.joints])
+    if not is_angle.any():
+        return setpoint
+    return np.where(is_angle | (setpoint == 0.0), setpoint, joints)

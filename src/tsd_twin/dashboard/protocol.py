@@ -75,6 +75,12 @@ class Reset(_Message, frozen=True, tag="reset"):
     """End a latched stop."""
 
 
+class ChooseSpeed(_Message, frozen=True, tag="speed"):
+    """Spin wheels that always spin at another speed."""
+
+    cruise_speed_rpm: float
+
+
 class Stop(_Message, frozen=True, tag="stop"):
     """Stop and latch."""
 
@@ -86,7 +92,17 @@ class Choose(_Message, frozen=True, tag="robot"):
 
 
 FromPage: TypeAlias = (
-    Drive | Release | PanelReleased | Beat | AskLease | Arm | Disarm | Reset | Stop | Choose
+    Drive
+    | Release
+    | PanelReleased
+    | Beat
+    | AskLease
+    | Arm
+    | Disarm
+    | Reset
+    | ChooseSpeed
+    | Stop
+    | Choose
 )
 _DECODER = msgspec.json.Decoder(FromPage)
 
@@ -140,6 +156,17 @@ class Number(msgspec.Struct, frozen=True):
     unit: str
 
 
+class Gears(msgspec.Struct, frozen=True):
+    """How fast wheels that always spin may do so, and what follows from it."""
+
+    least_rpm: int
+    most_rpm: int
+    usual_rpm: int
+    """That of the description."""
+    wheel_radius_m: float
+    servo_step_deg: float
+
+
 class Card(_Message, frozen=True, tag="robot"):
     """What does not change about a robot."""
 
@@ -158,6 +185,8 @@ class Card(_Message, frozen=True, tag="robot"):
     max_tilt_deg: float | None = None
     modules: Sequence[str] = ()
     """Names of the gimbals."""
+    gears: Gears | None = None
+    """Of robots on gimbals."""
     wheels: Sequence[str] = ()
     """Names of the wheels that roll."""
     max_rpm: float | None = None

@@ -16,6 +16,7 @@ from tsd_twin.dashboard.link import Snapshot
 from tsd_twin.dashboard.pointing import OnClick, add_target
 from tsd_twin.dashboard.poses import JointReader
 from tsd_twin.dashboard.shape import Shape
+from tsd_twin.dashboard.suspect import SuspectMark
 from tsd_twin.dashboard.trail import Trail
 from tsd_twin.lie import Array
 
@@ -47,6 +48,7 @@ class RobotMarks:
         if not shape.skeleton.has_ball:  # It stays where it is, whatever it does.
             _add_heading(scene, f"{node}/h", shape.reach_m)
         add_target(scene, f"{node}/x", shape, robot_id, on_click)
+        self._suspect = SuspectMark(scene, f"{node}/j", shape)
         self._cover = _add_cover(scene, f"{node}/c", shape)
         self.label = scene.add_label(
             mark_node(Layer.LABELS, robot_id),
@@ -84,6 +86,8 @@ class RobotMarks:
             setpoint = self._reader.vector(new.setpoint)
             if setpoint is not None:
                 self.setpoint.update(setpoint)
+        if new.status is not None and new.status is not old.status:
+            self._suspect.update(new.status)
         for ghost, said, before in (
             (self.truth, new.truth, old.truth),
             (self.other, new.other, old.other),

@@ -127,9 +127,17 @@ class Session:
                 self._post(protocol.Answer(to="lease", ok=False, reason=_WATCHES))
             case protocol.AskLease():
                 self._lease(message)
-            case protocol.Arm() | protocol.Disarm() | protocol.Reset():
-                service = _OF_THE_HOLDER[type(message)]
-                self._desk.ask(service.name.lower(), self._desk.serve(service))
+            case protocol.Arm() | protocol.Disarm() | protocol.Reset() | protocol.ChooseSpeed():
+                self._ask_as_holder(message)
+
+    def _ask_as_holder(
+        self, message: protocol.Arm | protocol.Disarm | protocol.Reset | protocol.ChooseSpeed
+    ) -> None:
+        if isinstance(message, protocol.ChooseSpeed):
+            self._desk.ask("speed", self._desk.choose_speed(message.cruise_speed_rpm))
+        else:
+            service = _OF_THE_HOLDER[type(message)]
+            self._desk.ask(service.name.lower(), self._desk.serve(service))
 
     def _drive(self, message: protocol.Drive) -> None:
         twist = (message.vx, message.vy, message.omega)

@@ -10,6 +10,7 @@ import numpy as np
 from tsd_twin.dashboard.components import components
 from tsd_twin.dashboard.gimbal_figures import GimbalFigures
 from tsd_twin.dashboard.link import RobotLink, Snapshot
+from tsd_twin.dashboard.poses import as_commanded
 from tsd_twin.dashboard.protocol import Card, Limits, Number, State, Triple
 from tsd_twin.dashboard.sphere_figures import SphereFigures
 from tsd_twin.dashboard.trips import RoundTrips
@@ -95,10 +96,17 @@ class RobotView:
             robot_jitter_ms=_ms(jitter_s),
             pose=self._place(odom),
             twist=_rounded(odom.twist) if odom else None,
-            commanded=None if setpoint is None else _rounded(self._drive.forward(setpoint).twist),
+            commanded=self._commanded(setpoint, joints),
             truth=self._place(truth),
             **figures,
         )
+
+    def _commanded(self, setpoint: Array | None, joints: Array | None) -> Triple | None:
+        if setpoint is None:
+            return None
+        if joints is not None:
+            setpoint = as_commanded(self._drive, setpoint, joints)
+        return _rounded(self._drive.forward(setpoint).twist)
 
     def _place(self, said: Odometry | None) -> Triple | None:
         """Return where a robot is that drives; a ball is turned, not anywhere."""

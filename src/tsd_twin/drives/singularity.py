@@ -7,7 +7,8 @@ command of one; the corrections are named where they are used and derived in `do
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from copy import copy
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -124,8 +125,16 @@ class SingularityDrive:
         )
 
     def with_spin(self, spin_rad_per_s: float) -> SingularityDrive:
-        """Return the same drive in another gear."""
-        return replace(self, spin_rad_per_s=spin_rad_per_s)
+        """Return the same drive in another gear; quick enough for every control period.
+
+        Only the axles depend on the spin, and they are as long as it is slow.
+        """
+        geared = copy(self)
+        axles = self._axles_by_part * (self.spin_rad_per_s / spin_rad_per_s)
+        axles.setflags(write=False)
+        object.__setattr__(geared, "spin_rad_per_s", spin_rad_per_s)
+        object.__setattr__(geared, "_axles_by_part", axles)
+        return geared
 
     def axles(self, twist: Array) -> Array:
         """Return the horizontal parts (..., k, 2) of the unit axles for `twist` (..., 3).

@@ -20,6 +20,11 @@ class SpinModel:
 
     def advance(self, setpoint_rad_per_s: Array, dt_s: float) -> Array:
         """Return the speeds (m,) after `dt_s` of a set-point (m,)."""
+        self.spin_rad_per_s = self.after(setpoint_rad_per_s, dt_s)
+        return self.spin_rad_per_s
+
+    def after(self, setpoint_rad_per_s: Array, dt_s: float) -> Array:
+        """Return what the speeds (m,) will be after `dt_s` of a set-point (m,)."""
         law, spin = self._spin_up, self.spin_rad_per_s
         goal = np.where(
             np.abs(setpoint_rad_per_s) < law.start_speed_rad_per_s, 0.0, setpoint_rad_per_s
@@ -29,5 +34,4 @@ class SpinModel:
             math.exp(-dt_s / law.up_s),
             math.exp(-dt_s / law.down_s),
         )
-        self.spin_rad_per_s = goal + (spin - goal) * decay
-        return self.spin_rad_per_s
+        return goal + (spin - goal) * decay

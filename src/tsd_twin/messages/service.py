@@ -65,6 +65,13 @@ class SetOrientationRequest(Request, frozen=True):
     """Quaternion of any length, as in `geometry_msgs/msg/Quaternion`."""
 
 
+class SpeedRequest(Request, frozen=True):
+    """`srv/speed`: how fast wheels that always spin shall turn."""
+
+    lease: LeaseId
+    cruise_speed_rpm: float
+
+
 class StopRequest(Request, frozen=True):
     """`stop`: anybody may; all fields can be left out."""
 

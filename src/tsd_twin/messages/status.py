@@ -75,6 +75,14 @@ class ConflictStatus(msgspec.Struct, frozen=True):
     """How much of `level` each module explains alone."""
 
 
+class GearStatus(msgspec.Struct, frozen=True):
+    """How fast wheels that always spin shall turn, and do."""
+
+    wanted_rpm: float
+    spin_rpm: float
+    """As measured, or by the model of the motors; the mean of all wheels."""
+
+
 class LoopStatus(msgspec.Struct, frozen=True):
     """How well the control loop keeps time."""
 
@@ -102,6 +110,8 @@ class Status(msgspec.Struct, frozen=True):
     command: CommandStatus = CommandStatus()
     limits: LimitStatus = LimitStatus()
     conflict: ConflictStatus = ConflictStatus()
+    gear: GearStatus | None = None
+    """Of robots whose wheels spin also when they stand."""
     loop: LoopStatus = LoopStatus()
     hardware: Mapping[str, Any] = {}
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from tsd_twin.lie import Array
-from tsd_twin.robots.robot import RPM, NotNegative, Positive, SpinUp, Table
+from tsd_twin.robots.robot import NotNegative, Positive, SpinUp, Table
+from tsd_twin.robots.units import RPM
 
 
 class GearedMotor(Table, frozen=True):

@@ -6,7 +6,6 @@ generated from it, never written down.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, TypeAlias
@@ -15,9 +14,7 @@ import msgspec
 from msgspec import Meta
 
 from tsd_twin.drives import Drive, Joint
-
-RPM = math.pi / 30.0
-"""One turn a minute in radians a second."""
+from tsd_twin.robots.gears import Gears
 
 Positive: TypeAlias = Annotated[float, Meta(gt=0.0)]
 NotNegative: TypeAlias = Annotated[float, Meta(ge=0.0)]
@@ -139,6 +136,11 @@ class Robot(Table, frozen=True, kw_only=True):
     def spin_up(self) -> SpinUp:
         """Return how wheels follow their set-points."""
         raise NotImplementedError
+
+    @property
+    def gears(self) -> Gears | None:
+        """The speeds that its wheels may spin at, where they always spin and one can be chosen."""
+        return None
 
     @property
     def lag_s(self) -> float:

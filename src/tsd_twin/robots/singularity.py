@@ -11,8 +11,8 @@ import numpy as np
 from msgspec import Meta
 
 from tsd_twin.drives import SingularityDrive
+from tsd_twin.robots.gears import Gears
 from tsd_twin.robots.robot import (
-    RPM,
     JointErrors,
     NotNegative,
     Positive,
@@ -21,6 +21,7 @@ from tsd_twin.robots.robot import (
     SpinUp,
     Table,
 )
+from tsd_twin.robots.units import RPM
 
 
 class SingularityGeometry(Table, frozen=True, tag="singularity", tag_field="kind"):
@@ -129,6 +130,16 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
         """Return how the drive motors spin up and run down."""
         m = self.motor
         return SpinUp(m.start_speed_rpm * RPM, m.time_constant_up_s, m.time_constant_down_s)
+
+    @property
+    def gears(self) -> Gears:
+        """The wheels may spin as fast as all motors can."""
+        return Gears(
+            drive=self.kinematics(),
+            least_rad_per_s=self.motor.start_speed_rpm * RPM,
+            most_rad_per_s=min(column[-1] for column in self.motor.speed_rpm) * RPM,
+            servo_step_rad=2.0 * math.pi / self.servo.steps_per_turn,
+        )
 
     @property
     def lag_s(self) -> float:

@@ -2,6 +2,7 @@
 
 from tsd_twin.sim.board import Board
 from tsd_twin.sim.esc import SpeedControllers
+from tsd_twin.sim.jam import Jam, JammedRobot
 from tsd_twin.sim.kinds import PLANTS, SIMULATIONS, simulate
 from tsd_twin.sim.motor import Motors
 from tsd_twin.sim.plant import KinematicPlant
@@ -14,6 +15,8 @@ __all__ = [
     "PLANTS",
     "SIMULATIONS",
     "Board",
+    "Jam",
+    "JammedRobot",
     "KinematicPlant",
     "Motors",
     "Servos",

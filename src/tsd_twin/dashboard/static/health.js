@@ -1,6 +1,6 @@
 // How well everything works, in figures, and what has happened.
 
-import { el, say } from "./dom.js";
+import { el, mark, say } from "./dom.js";
 import { fixed } from "./format.js";
 import { isSeen } from "./seen.js";
 
@@ -43,7 +43,19 @@ export class Health {
     const { status, age_ms: age, robot_ms: robot } = this._link.state;
     const { loop, command, lease, limits, conflict } = status;
     const dropped = Object.entries(command.dropped);
+    const suspect = conflict.suspect === null ? "nobody" : called(conflict.suspect);
     const sections = {
+      Conflict: {
+        suspect,
+        residual: `${fixed(1000 * conflict.residual_mps, 1)} mm/s`,
+        evidence: times(conflict.level),
+        ...Object.fromEntries(
+          Object.entries(conflict.explained).map(([name, level]) => [
+            `· ${called(name)} explains`,
+            times(level),
+          ]),
+        ),
+      },
       Loop: {
         rate: `${fixed(loop.hz, 1)} Hz`,
         "jitter p99": `${fixed(loop.jitter_p99_ms, 2)} ms`,
@@ -79,16 +91,6 @@ export class Health {
         "let through": `${fixed(100 * limits.applied, 0)} %`,
         "oldest command": `${fixed(1000 * limits.max_command_age_s, 0)} ms`,
       },
-      Conflict: {
-        residual: `${fixed(1000 * conflict.residual_mps, 1)} mm/s`,
-        evidence: `${fixed(100 * conflict.level, 0)} %`,
-        ...Object.fromEntries(
-          Object.entries(conflict.explained).map(([name, level]) => [
-            `· ${name}`,
-            `${fixed(100 * level, 0)} %${name === conflict.suspect ? ", suspect" : ""}`,
-          ]),
-        ),
-      },
       ...tables("Hardware", status.hardware),
     };
     const shape = JSON.stringify(
@@ -98,6 +100,11 @@ export class Health {
     for (const [title, rows] of Object.entries(sections)) {
       for (const [name, value] of Object.entries(rows))
         say(this._values.get(`${title} ${name}`), value);
+    }
+    for (const name of Object.keys(sections.Conflict)) {
+      const accused = name === "suspect" || name.startsWith(`· ${suspect} `);
+      const row = this._values.get(`Conflict ${name}`).parentElement;
+      mark(row, "data-suspect", accused && conflict.suspect !== null ? "" : null);
     }
   }
 
@@ -117,6 +124,17 @@ export class Health {
     });
     return el("table", {}, el("caption", {}, title), el("tbody", {}, ...lines));
   }
+}
+
+/** "module2" as a person says it. */
+function called(name) {
+  return name.replace(/^(.)(.*?)(\d+)$/, (_, first, rest, number) =>
+    `${first.toUpperCase()}${rest} ${number}`);
+}
+
+/** How much more than noise would ever be, in words that stay as wide as they are. */
+function times(level) {
+  return `${fixed(level, level < 10 ? 2 : 0)} of the limit`;
 }
 
 function line({ kind, text, robot_s: seconds }) {

@@ -5,6 +5,7 @@ import { Bar } from "./bar.js";
 import { BringUp } from "./bring_up.js";
 import { Card } from "./card.js";
 import { el, mark, say } from "./dom.js";
+import { Conflict } from "./conflict.js";
 import { Drive } from "./drive.js";
 import { Frame } from "./frame.js";
 import { Gamepad } from "./gamepad.js";
@@ -51,6 +52,7 @@ const bar = new Bar(link, tips, {
 });
 const level = new Level(link, drive, tips);
 const stale = new Stale(link);
+const conflict = new Conflict(link);
 const card = new Card(link, tips);
 const stick = new Stick(drive);
 const turn = new Turn(drive);
@@ -80,7 +82,11 @@ const inner = el(
   { class: "frame" },
   stale.veil,
   bar.element,
-  el("div", { class: "messages" }, stale.banner, preview, handOver.element, notices.element),
+  el(
+    "div",
+    { class: "messages" },
+    ...[stale.banner, conflict.element, preview, handOver.element, notices.element],
+  ),
   card.element,
   pose.element,
   dock,

@@ -2,6 +2,7 @@
 // connects again.
 
 import { el } from "./dom.js";
+import { Gear } from "./gear.js";
 import { Health } from "./health.js";
 import { Joints } from "./joints.js";
 import { nameControls } from "./names.js";
@@ -13,6 +14,7 @@ export function watchPanels(link) {
   const recorder = new Recorder(link);
   const makers = {
     joints: (place) => new Joints(link, place),
+    gear: (place) => new Gear(link, place),
     plots: (place) => new Plots(recorder, place),
     health: (place) => new Health(link, place),
   };
@@ -38,7 +40,12 @@ export function watchPanels(link) {
   fill();
 }
 
-const STYLES = { joints: ["gimbals", "wheels"], plots: ["plots"], health: ["health"] };
+const STYLES = {
+  joints: ["gimbals", "wheels"],
+  gear: ["gear"],
+  plots: ["plots"],
+  health: ["health"],
+};
 
 function shadow(place) {
   const root = place.shadowRoot ?? place.attachShadow({ mode: "open" });

@@ -65,6 +65,13 @@ export function notArm(link) {
   return mode === "disarmed" ? null : `The robot is ${mode} already.`;
 }
 
+export function notShift(link) {
+  const reason = notYours(link);
+  if (reason !== null) return reason;
+  const mode = link.state.status.mode;
+  return LATCHED.has(mode) ? capital(SAID[mode]) : null;
+}
+
 export function notDisarm(link) {
   return notYours(link);
 }

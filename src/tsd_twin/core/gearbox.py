@@ -1,0 +1,104 @@
+"""The speed of wheels that always spin, changed while the robot drives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from tsd_twin.drives import Drive, JointKind
+from tsd_twin.lie import Array
+from tsd_twin.messages.status import GearStatus
+from tsd_twin.robots import RPM, Robot
+
+_SAME = 1e-9
+"""Relative: spins closer than this are one."""
+
+
+class Gearbox:
+    """Ramps the spin to what is wanted, and has the inverse kinematics for what it is meanwhile.
+
+    The push of a wheel is r_w spin sin(tilt). Motors follow a set-point late, so the tilt is that
+    for the spin which their model has for when the gimbals get there, not for the one they are
+    told: then the push stays as it is while the spin changes. A robot without gears has a drive
+    that stays the same.
+
+    What was chosen holds until the wheels are shut off, or, while they stand, until its holder has
+    lost the lease; then it is the speed of the description again.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.drive: Drive[Any] = robot.kinematics()
+        """In the gear of this moment."""
+        self._gears, self._law = robot.gears, robot.spin_up()
+        self._lag_s = robot.lag_s
+        self._deceleration_mps2 = robot.limits.deceleration_mps2
+        self._wheels = [j.kind is JointKind.VELOCITY for j in self.drive.joints]
+        usual = self._gears.drive.spin_rad_per_s if self._gears else 0.0
+        self._usual = self._wanted = self._told = self._at = usual
+        self._chosen_by: bytes | None = None
+        self._was_armed = False
+
+    def choose(self, spin_rpm: float, lease: bytes) -> str:
+        """Take what the holder of a lease wants; return why not, as part of a sentence, or ""."""
+        if self._gears is None:
+            return "the wheels of this robot stand when it does, so they have no speed to choose"
+        if refusal := self._gears.refusal(spin_rpm * RPM):
+            return refusal
+        self._wanted, self._chosen_by = spin_rpm * RPM, lease
+        return ""
+
+    def advance(
+        self,
+        dt_s: float,
+        lease: bytes | None,
+        spin_after: Callable[[Array, float], float],
+        *,
+        armed: bool,
+        ramps: bool,
+    ) -> bool:
+        """Let `dt_s` pass; return whether the drive is another one now.
+
+        `lease` is in force, if any; `armed` is whether the wheels may spin, and `ramps` whether the
+        robot may drive, so that the speed must not leap. `spin_after(setpoint, dt_s)` tells how
+        fast they will spin.
+        """
+        if self._gears is None:
+            return False
+        if not armed and (self._was_armed or lease != self._chosen_by):
+            self._wanted, self._chosen_by = self._usual, None
+        self._was_armed = armed
+        if not ramps:
+            self._told = self._wanted
+            return self._shift(self._told)
+        law, error = self._law, self._wanted - self._told
+        rate = self._gears.rate_rad_per_s2(
+            self._told, law.up_s if error > 0.0 else law.down_s, self._deceleration_mps2
+        )
+        step = rate * dt_s
+        # Reached exactly: half a turn less than the slowest one would be none.
+        self._told = self._wanted if abs(error) <= step else self._told + np.copysign(step, error)
+        return self._shift(spin_after(self.inverse(np.zeros(3)), self._lag_s))
+
+    def inverse(self, twist: Array) -> Array:
+        """Return the joints (n,) that move the robot by `twist` (3,)."""
+        joints = self.drive.inverse(twist)
+        if self._gears is not None:
+            joints[self._wheels] = self._told
+        return joints
+
+    def status(self, spin_rad_per_s: float) -> GearStatus | None:
+        """Return what there is to see, of wheels that turn as fast as this."""
+        if self._gears is None:
+            return None
+        return GearStatus(round(self._wanted / RPM, 1), round(spin_rad_per_s / RPM, 1))
+
+    def _shift(self, spin: float) -> bool:
+        assert self._gears is not None  # noqa: S101  The callers have looked; for the type checker.
+        spin = min(max(spin, self._gears.least_rad_per_s), self._gears.most_rad_per_s)
+        if abs(spin - self._at) <= _SAME * spin:
+            return False
+        self._at = spin
+        self.drive = self._gears.drive.with_spin(spin)
+        return True

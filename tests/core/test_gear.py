@@ -1,0 +1,203 @@
+"""The speed of the wheels, changed while the robot drives: the motion stays what it was."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.core.rig import ROBOT, Pilot, Rig
+from tsd_twin import robots
+from tsd_twin.authority import Mode
+from tsd_twin.lie import Array
+from tsd_twin.sim import SimRobot
+from tsd_twin.topics import Service
+
+RPM = np.pi / 30.0
+LEAST, MOST, USUAL = 2000.0, 13409.0, 2500.0
+"""Where all motors of Table 1 of the thesis start, the slowest of its last row, and the file's."""
+STEP_MPS_AT_1_RPM = 0.04 * RPM * 2.0 * np.pi / 4096
+
+speeds = st.floats(LEAST, MOST) | st.sampled_from([LEAST, MOST, USUAL])
+
+
+def choose(rig: Rig, pilot: Pilot, rpm: float) -> None:
+    reply = rig.ask(Service.SPEED, lease=pilot.lease, cruise_speed_rpm=rpm)
+    assert reply.ok, reply.reason
+
+
+def truth(rig: Rig) -> Array:
+    assert rig.simulated is not None
+    return rig.simulated.truth(rig.now_s).twist
+
+
+def spins(rig: Rig) -> Array:
+    """True speeds of the wheels, rpm."""
+    assert rig.simulated is not None
+    return rig.simulated.truth(rig.now_s).joints[rig.wheels] / RPM
+
+
+@settings(deadline=None, max_examples=15)
+@given(
+    way=st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-2, 2)),
+    speed=st.floats(0.3, 1.0),
+    chosen=st.lists(speeds, min_size=1, max_size=3),
+    held_s=st.floats(0.05, 3.0),
+)
+def test_the_motion_stays_what_it_was_while_the_wheels_change_speed(
+    way: tuple[float, float, float], speed: float, chosen: list[float], held_s: float
+) -> None:
+    """Whatever is driven and chosen, also before the last change is over: 2 % and a step."""
+    wanted = np.array(way) + 1e-3
+    wanted *= speed / max(np.hypot(*wanted[:2]), abs(wanted[2]) / 3.0, 1e-9)
+    rig = Rig(SimRobot(ROBOT))
+    pilot = rig.get_ready()
+    rig.drive(pilot, wanted, 1.0)
+    asked = rig.core.twist.copy()
+    for rpm in chosen:
+        choose(rig, pilot, rpm)
+        for _ in range(round(held_s / 0.02)):
+            rig.drive(pilot, wanted, 0.02)
+            np.testing.assert_allclose(rig.core.twist, asked, rtol=1e-9)
+            # Each servo is off by up to half a step, and the pivots are 0.15 m from the middle.
+            step = STEP_MPS_AT_1_RPM * spins(rig).max()
+            off = truth(rig) - asked
+            assert np.hypot(*off[:2]) <= 0.02 * np.hypot(*asked[:2]) + step
+            assert abs(off[2]) <= 0.02 * abs(asked[2]) + step / 0.15
+
+
+@pytest.mark.parametrize("rpm", [LEAST, 4000.0, MOST])
+def test_the_wheels_come_to_the_speed_that_was_chosen_and_show_it(rpm: float) -> None:
+    rig = Rig(SimRobot(ROBOT))
+    pilot = rig.get_ready()
+    gear = rig.status().gear
+    assert gear is not None
+    assert (gear.wanted_rpm, gear.spin_rpm) == (USUAL, pytest.approx(USUAL, rel=0.03))
+    rig.drive(pilot, (0.8, 0.0, 0.0), 0.5)
+    choose(rig, pilot, rpm)
+    rig.drive(pilot, (0.8, 0.0, 0.0), 10.0)
+    np.testing.assert_allclose(spins(rig), rpm, rtol=0.01)
+    gear = rig.status().gear
+    assert gear is not None
+    assert (gear.wanted_rpm, gear.spin_rpm) == (rpm, pytest.approx(rpm, rel=0.01))
+    # By rolling: v = r_w spin sin(tilt).
+    joints = rig.setpoint.reshape(-1, 3)
+    leaning = np.arccos(np.cos(joints[:, 0]) * np.cos(joints[:, 1]))
+    np.testing.assert_allclose(leaning, np.arcsin(0.8 / (0.04 * rpm * RPM)), rtol=1e-3)
+
+
+def test_too_slow_for_the_command_it_is_scaled_as_a_whole_and_no_gimbal_goes_too_far() -> None:
+    """A robot that may drive at 6 m/s, and wheels that give it 4.2 at 30 degrees."""
+    text = robots.text("tsd").replace("speed_mps = 1.0", "speed_mps = 6.0")
+    robot = robots.parse(text, "fast")
+    rig = Rig(SimRobot(robot), robot=robot)
+    pilot = rig.get_ready()
+    choose(rig, pilot, 4000.0)
+    way = np.array([5.0, 2.0, 0.0])
+    rig.drive(pilot, way, 5.0)
+    np.testing.assert_allclose(rig.twist, way, rtol=1e-6)
+    choose(rig, pilot, LEAST)
+    for _ in range(250):
+        before = rig.twist
+        rig.drive(pilot, way, 0.02)
+        joints = rig.setpoint.reshape(-1, 3)
+        leaning = np.arccos(np.cos(joints[:, 0]) * np.cos(joints[:, 1]))
+        assert leaning.max() <= np.radians(30.0) + 1e-9
+        # The same direction, and no harder braking than the limits have.
+        assert abs(rig.twist[0] * way[1] - rig.twist[1] * way[0]) < 1e-6
+        assert np.hypot(*(rig.twist - before)[:2]) <= 6.0 * 0.02 * (1 + 1e-9)
+    top = 0.04 * LEAST * RPM * 0.5
+    assert np.hypot(*rig.twist[:2]) == pytest.approx(top, rel=1e-3)
+    assert rig.status().limits.applied == pytest.approx(top / np.hypot(*way[:2]), abs=2e-3)
+
+
+@pytest.mark.parametrize("rpm", ["1999.9", "13409.1", "0", "-2500", "1e999", "-1e999"])
+def test_what_the_motors_cannot_do_is_refused_with_what_they_can(rig: Rig, rpm: str) -> None:
+    pilot = rig.get_ready()
+    before = rig.setpoint.copy()
+    payload = f'{{"lease": "{pilot.lease}", "cruise_speed_rpm": {rpm}}}'.encode()
+    reply = rig.core.serve(Service.SPEED, payload, rig.now_s)
+    assert not reply.ok
+    if "e999" not in rpm:
+        assert reply.reason == "the wheels turn at 2,000 to 13,409 rpm"
+    rig.wait(0.5)
+    np.testing.assert_array_equal(rig.setpoint[rig.wheels], before[rig.wheels])
+
+
+@pytest.mark.parametrize("value", ["NaN", '"fast"', "null", "[3000]"])
+def test_what_is_no_number_is_refused(rig: Rig, value: str) -> None:
+    pilot = rig.acquire()
+    payload = f'{{"lease": "{pilot.lease}", "cruise_speed_rpm": {value}}}'.encode()
+    reply = rig.core.serve(Service.SPEED, payload, rig.now_s)
+    assert not reply.ok
+    assert "shape" in reply.reason
+
+
+def test_only_the_holder_chooses_and_a_late_request_of_another_lease_does_nothing(rig: Rig) -> None:
+    alice = rig.get_ready()
+    bob = rig.acquire("bob", take_over=True)
+    late = rig.ask(Service.SPEED, lease=alice.lease, cruise_speed_rpm=5000.0)
+    assert (late.ok, late.reason) == (False, "take control first")
+    choose(rig, bob, 3000.0)
+    choose(rig, bob, 3000.0)  # Twice is once.
+    rig.drive(bob, (0, 0, 0), 2.0)
+    np.testing.assert_allclose(rig.setpoint[rig.wheels], 3000.0 * RPM)
+
+
+def test_chosen_before_arming_it_is_what_the_wheels_spin_up_to() -> None:
+    rig = Rig(SimRobot(ROBOT))
+    pilot = rig.acquire()
+    choose(rig, pilot, 4000.0)
+    rig.wait(0.5)
+    assert not rig.setpoint[rig.wheels].any()
+    rig.ask(Service.ARM, lease=pilot.lease)
+    rig.drive(pilot, (0, 0, 0), 3.5)
+    assert rig.mode is Mode.READY
+    np.testing.assert_allclose(spins(rig), 4000.0, rtol=0.03)
+
+
+@pytest.mark.parametrize("end", [Service.DISARM, Service.STOP])
+def test_wheels_that_are_shut_off_stand_and_forget_what_was_chosen(rig: Rig, end: Service) -> None:
+    pilot = rig.get_ready()
+    choose(rig, pilot, 4000.0)
+    rig.drive(pilot, (0.5, 0.0, 0.0), 3.0)
+    rig.ask(end, lease=pilot.lease)
+    rig.drive(pilot, (0, 0, 0), 1.0)
+    assert not rig.setpoint[rig.wheels].any()
+    if end is Service.STOP:
+        refused = rig.ask(Service.SPEED, lease=pilot.lease, cruise_speed_rpm=4000.0)
+        assert (refused.ok, refused.reason) == (False, "the robot is stopped: reset first")
+        rig.ask(Service.RESET, lease=pilot.lease)
+    rig.ask(Service.ARM, lease=pilot.lease)
+    rig.drive(pilot, (0, 0, 0), 3.0)
+    assert rig.mode is Mode.READY
+    np.testing.assert_allclose(rig.setpoint[rig.wheels], USUAL * RPM)
+
+
+def test_a_new_holder_finds_spinning_wheels_as_they_are_and_standing_ones_as_described(
+    rig: Rig,
+) -> None:
+    alice = rig.acquire("alice")
+    choose(rig, alice, 5000.0)
+    bob = rig.acquire("bob", take_over=True)
+    rig.tick()
+    gear = rig.status().gear
+    assert gear is not None
+    assert gear.wanted_rpm == USUAL
+    choose(rig, bob, 3000.0)
+    rig.ask(Service.ARM, lease=bob.lease)
+    rig.drive(bob, (0, 0, 0), 4.0)
+    rig.acquire("alice", take_over=True)
+    rig.wait(1.0)
+    assert rig.mode is Mode.READY
+    np.testing.assert_allclose(rig.setpoint[rig.wheels], 3000.0 * RPM)
+
+
+def test_a_robot_whose_wheels_stand_when_it_does_has_no_speed_to_choose() -> None:
+    rig = Rig(robot=robots.load("omni4"))
+    pilot = rig.acquire()
+    reply = rig.ask(Service.SPEED, lease=pilot.lease, cruise_speed_rpm=3000.0)
+    assert not reply.ok
+    assert "no speed to choose" in reply.reason
+    assert rig.status().gear is None
