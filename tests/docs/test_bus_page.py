@@ -72,7 +72,12 @@ def test_every_service_is_shown_with_a_request_and_an_answer_that_can_be_read() 
     assert {quoted(row[0])[0] for row in rows} == {service.value for service in Service}
     shown = {key for row in rows for cell in row[1:] for c in quoted(cell) for key in json.loads(c)}
     shapes = (service.LeaseRequest, service.LeaseReply)
-    for kind in (*shapes, service.SetPoseRequest, service.SetOrientationRequest):
+    for kind in (
+        *shapes,
+        service.SetPoseRequest,
+        service.SetOrientationRequest,
+        service.SpeedRequest,
+    ):
         assert set(kind.__struct_fields__) <= shown
 
 
