@@ -31,6 +31,7 @@ PAGE = page("bus.md")
 REQUESTS: dict[str, type[service.Request]] = {
     "srv/lease": service.LeaseRequest,
     "srv/set_pose": service.SetPoseRequest,
+    "srv/speed": service.SpeedRequest,
     "stop": service.StopRequest,
     "desc": service.Request,
 }
