@@ -75,6 +75,7 @@ def test_a_robot_of_ones_own_runs_under_its_own_name(start: Start, tmp_path: Pat
         (["--listen", "tcp/0.0.0.0:7447"], ["TLS and access control", "--zenoh-config"]),
         (["--zenoh-config", "missing.json5"], ["missing.json5"]),
         ([*ANY_PORT, "--id", "Not An Id"], ["'Not An Id' cannot be an id"]),
+        ([*ANY_PORT, "--jam", "module9_alpha"], ["'module9_alpha' is no gimbal of tsd"]),
         (["--colour", "red"], ["unrecognized arguments: --colour red"]),
     ],
 )

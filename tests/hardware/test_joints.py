@@ -54,6 +54,22 @@ def test_throttles_follow_the_table_of_the_thesis() -> None:
     assert JOINTS.throttles(setpoint([0.0] * 6, 1e6)) == (4000, 4000, 4000)
 
 
+@given(rpm=st.floats(2000.0, 13409.0))
+def test_each_motor_gets_the_pulse_for_the_drive_speed_by_its_own_curve(rpm: float) -> None:
+    """Table 1, column by column, whatever speed is chosen; the pulse is a step of half a us."""
+    table = {
+        0: [0, 0, 2892, 4137, 5895, 7264, 8419, 10113, 11927, 13603],
+        1: [0, 0, 2938, 4762, 5768, 7019, 9016, 10205, 11898, 13445],
+        2: [0, 0, 2856, 4322, 6147, 7121, 8804, 10353, 11785, 13409],
+    }
+    pulses = JOINTS.throttles(setpoint([0.0] * 6, rpm))
+    for motor, pulse in enumerate(pulses):
+        signal = (pulse / 2.0 - 1000.0) * 180.0 / 1000.0
+        turns = np.interp(signal, np.arange(0, 181, 20), table[motor])
+        # The steepest of these curves rises by 147 rpm for a unit of the signal.
+        assert turns == pytest.approx(rpm, abs=0.5 * 0.09 * 147 + 0.1)
+
+
 @pytest.mark.parametrize("bad", [np.zeros(8), np.full(9, np.nan), np.full(9, np.inf)])
 def test_what_is_no_set_point_is_refused(bad: Array) -> None:
     with pytest.raises(ValueError, match="9 finite numbers"):
