@@ -59,7 +59,11 @@ def browser() -> Generator[Browser]:
 
 @pytest.fixture
 def context(browser: Browser) -> Generator[BrowserContext]:
-    made = browser.new_context(ignore_https_errors=True, viewport={"width": 960, "height": 600})
+    made = browser.new_context(
+        ignore_https_errors=True,
+        viewport={"width": 960, "height": 600},
+        device_scale_factor=0.5,  # Who is sent on after a login cannot ask for fewer pixels.
+    )
     made.set_default_timeout(PATIENCE_MS)
     yield made
     made.close()
@@ -127,25 +131,25 @@ def test_a_password_at_the_terminal_is_asked_for_twice_and_not_echoed(tmp_path: 
 # Refusals.
 
 
-@pytest.mark.parametrize(
-    ("flags", "sentence"),
-    [
-        (["--host", "0.0.0.0"], "--users FILE"),
-        (["--host", "0.0.0.0", "--users", "{users}"], "--tls-cert"),
-        (["--host", "0.0.0.0", "--users", "{users}", "--behind-proxy"], "passwords"),
-        (["--behind-proxy"], "--users FILE"),
-        (["--tls-cert", "{pem}"], "go together"),
-        (["--tls-cert", "{pem}", "--tls-key", "{other}"], "is not the key of"),
-        (["--tls-cert", "{pem}", "--tls-key", "nowhere.key"], "nowhere.key cannot be read"),
-        (["--tls-cert", "{users}", "--tls-key", "{other}"], "as a certificate"),
-        (["--users", "nowhere.toml"], "nowhere.toml cannot be read"),
-        (["--users", "{open}"], "chmod 600"),
-    ],
-)
-def test_what_would_be_open_or_cannot_work_is_one_sentence(
-    start: Start, folder: Path, tmp_path: Path, flags: list[str], sentence: str
-) -> None:
-    readable = tmp_path / "users.toml"
+REFUSED = [
+    (["--host", "0.0.0.0"], "--users FILE"),
+    (["--host", "0.0.0.0", "--users", "{users}"], "--tls-cert"),
+    (["--host", "0.0.0.0", "--users", "{users}", "--behind-proxy"], "passwords"),
+    (["--behind-proxy"], "--users FILE"),
+    (["--tls-cert", "{pem}"], "go together"),
+    (["--tls-cert", "{pem}", "--tls-key", "{other}"], "is not the key of"),
+    (["--tls-cert", "{pem}", "--tls-key", "nowhere.key"], "nowhere.key cannot be read"),
+    (["--tls-cert", "{users}", "--tls-key", "{other}"], "as a certificate"),
+    (["--users", "nowhere.toml"], "nowhere.toml cannot be read"),
+    (["--users", "{open}"], "chmod 600"),
+]
+"""Flags, and what is said to them."""
+
+
+@pytest.fixture(scope="module")
+def refused(folder: Path) -> Generator[list[Program]]:
+    """A program with each of the flags, all at once: most of the time is Python that begins."""
+    readable = folder / "readable.toml"
     readable.write_bytes((folder / "users.toml").read_bytes())
     readable.chmod(0o644)
     places = {
@@ -154,7 +158,20 @@ def test_what_would_be_open_or_cannot_work_is_one_sentence(
         "other": folder / "keys" / "ca.key",
         "open": readable,
     }
-    program = start("tsd_dashboard", "--port", "0", *(flag.format(**places) for flag in flags))
+    programs = [
+        Program(["tsd_dashboard", "--port", "0", *(flag.format(**places) for flag in flags)])
+        for flags, _ in REFUSED
+    ]
+    yield programs
+    for program in programs:
+        program.clean_up()
+
+
+@pytest.mark.parametrize("which", range(len(REFUSED)), ids=[words for _, words in REFUSED])
+def test_what_would_be_open_or_cannot_work_is_one_sentence(
+    refused: list[Program], which: int
+) -> None:
+    program, sentence = refused[which], REFUSED[which][1]
     assert program.wait() == 1
     assert sentence in program.sentence
     assert len(program.errors) == 1
@@ -234,7 +251,7 @@ def test_nginx_as_on_the_page_of_the_docs(
             executable_path=executable(),
             args=[*FLAGS, "--host-resolver-rules=MAP robots.example 127.0.0.1"],
         )
-        outside = by_name.new_context(ignore_https_errors=True)
+        outside = by_name.new_context(ignore_https_errors=True, device_scale_factor=0.5)
         outside.set_default_timeout(PATIENCE_MS)
         page = outside.new_page()
         page.goto(there)

@@ -34,6 +34,8 @@ from tsd_twin.messages.ros import decode_joints, decode_odometry, decode_twist
 pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
 
 STOP_WITHIN_M = 0.35
+STAYS_M = 0.01
+"""While wheels run down, the robot trembles."""
 MOVING_MPS = 0.15
 """A page without a GPU is a slow link, and on that less speed is granted than is asked for."""
 ANY_PORTS = ("--port", "0", "--bus-port", "0")
@@ -284,4 +286,4 @@ def test_a_preview_moves_gimbals_in_the_picture_and_nothing_else(demo: Demo) -> 
     assert len(watcher.commands) == commands
     assert watcher.tilt_rad == 0.0
     assert watcher.set_tilt_rad == 0.0
-    assert (watcher.truth == truth).all()
+    assert np.abs(watcher.truth - truth).max() < STAYS_M
