@@ -131,25 +131,25 @@ def test_a_password_at_the_terminal_is_asked_for_twice_and_not_echoed(tmp_path: 
 # Refusals.
 
 
-REFUSED = [
-    (["--host", "0.0.0.0"], "--users FILE"),
-    (["--host", "0.0.0.0", "--users", "{users}"], "--tls-cert"),
-    (["--host", "0.0.0.0", "--users", "{users}", "--behind-proxy"], "passwords"),
-    (["--behind-proxy"], "--users FILE"),
-    (["--tls-cert", "{pem}"], "go together"),
-    (["--tls-cert", "{pem}", "--tls-key", "{other}"], "is not the key of"),
-    (["--tls-cert", "{pem}", "--tls-key", "nowhere.key"], "nowhere.key cannot be read"),
-    (["--tls-cert", "{users}", "--tls-key", "{other}"], "as a certificate"),
-    (["--users", "nowhere.toml"], "nowhere.toml cannot be read"),
-    (["--users", "{open}"], "chmod 600"),
-]
-"""Flags, and what is said to them."""
-
-
-@pytest.fixture(scope="module")
-def refused(folder: Path) -> Generator[list[Program]]:
-    """A program with each of the flags, all at once: most of the time is Python that begins."""
-    readable = folder / "readable.toml"
+@pytest.mark.parametrize(
+    ("flags", "sentence"),
+    [
+        (["--host", "0.0.0.0"], "--users FILE"),
+        (["--host", "0.0.0.0", "--users", "{users}"], "--tls-cert"),
+        (["--host", "0.0.0.0", "--users", "{users}", "--behind-proxy"], "passwords"),
+        (["--behind-proxy"], "--users FILE"),
+        (["--tls-cert", "{pem}"], "go together"),
+        (["--tls-cert", "{pem}", "--tls-key", "{other}"], "is not the key of"),
+        (["--tls-cert", "{pem}", "--tls-key", "nowhere.key"], "nowhere.key cannot be read"),
+        (["--tls-cert", "{users}", "--tls-key", "{other}"], "as a certificate"),
+        (["--users", "nowhere.toml"], "nowhere.toml cannot be read"),
+        (["--users", "{open}"], "chmod 600"),
+    ],
+)
+def test_what_would_be_open_or_cannot_work_is_one_sentence(
+    start: Start, folder: Path, tmp_path: Path, flags: list[str], sentence: str
+) -> None:
+    readable = tmp_path / "users.toml"
     readable.write_bytes((folder / "users.toml").read_bytes())
     readable.chmod(0o644)
     places = {
@@ -158,20 +158,7 @@ def refused(folder: Path) -> Generator[list[Program]]:
         "other": folder / "keys" / "ca.key",
         "open": readable,
     }
-    programs = [
-        Program(["tsd_dashboard", "--port", "0", *(flag.format(**places) for flag in flags)])
-        for flags, _ in REFUSED
-    ]
-    yield programs
-    for program in programs:
-        program.clean_up()
-
-
-@pytest.mark.parametrize("which", range(len(REFUSED)), ids=[words for _, words in REFUSED])
-def test_what_would_be_open_or_cannot_work_is_one_sentence(
-    refused: list[Program], which: int
-) -> None:
-    program, sentence = refused[which], REFUSED[which][1]
+    program = start("tsd_dashboard", "--port", "0", *(flag.format(**places) for flag in flags))
     assert program.wait() == 1
     assert sentence in program.sentence
     assert len(program.errors) == 1

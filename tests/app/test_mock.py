@@ -7,7 +7,7 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -66,30 +66,22 @@ def test_a_robot_of_ones_own_runs_under_its_own_name(start: Start, tmp_path: Pat
         assert "0.2" in json.loads(description(bus, "mine"))["robot"]
 
 
-MISTAKES = [
-    (["--robot", "tds"], ["no such robot", "did you mean 'tsd'"]),
-    (["--robot", "missing/my.toml"], ["missing/my.toml", "cannot be read"]),
-    (["--listen", "nonsense"], ["'nonsense' is no endpoint", "tcp/127.0.0.1:7447"]),
-    (["--listen", "tcp/0.0.0.0:7447"], ["TLS and access control", "--zenoh-config"]),
-    (["--zenoh-config", "missing.json5"], ["missing.json5"]),
-    ([*ANY_PORT, "--id", "Not An Id"], ["'Not An Id' cannot be an id"]),
-    (["--colour", "red"], ["unrecognized arguments: --colour red"]),
-]
-"""Flags, and what is said to them."""
-
-
-@pytest.fixture(scope="module")
-def mistaken() -> Generator[list[Program]]:
-    """A program with each of the flags, all at once: most of the time is Python that begins."""
-    programs = [Program(["tsd_mock", *arguments]) for arguments, _ in MISTAKES]
-    yield programs
-    for program in programs:
-        program.clean_up()
-
-
-@pytest.mark.parametrize("which", range(len(MISTAKES)), ids=[words[0] for _, words in MISTAKES])
-def test_a_mistake_ends_in_one_clear_sentence(mistaken: list[Program], which: int) -> None:
-    mock, words = mistaken[which], MISTAKES[which][1]
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--robot", "tds"], ["no such robot", "did you mean 'tsd'"]),
+        (["--robot", "missing/my.toml"], ["missing/my.toml", "cannot be read"]),
+        (["--listen", "nonsense"], ["'nonsense' is no endpoint", "tcp/127.0.0.1:7447"]),
+        (["--listen", "tcp/0.0.0.0:7447"], ["TLS and access control", "--zenoh-config"]),
+        (["--zenoh-config", "missing.json5"], ["missing.json5"]),
+        ([*ANY_PORT, "--id", "Not An Id"], ["'Not An Id' cannot be an id"]),
+        (["--colour", "red"], ["unrecognized arguments: --colour red"]),
+    ],
+)
+def test_a_mistake_ends_in_one_clear_sentence(
+    start: Start, arguments: list[str], words: list[str]
+) -> None:
+    mock = start("tsd_mock", *arguments)
     assert mock.wait() != 0
     assert "Traceback" not in mock.sentence
     assert len([line for line in mock.errors if "usage:" not in line and line.strip()]) <= 4
