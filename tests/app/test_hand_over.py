@@ -31,8 +31,7 @@ def test_control_is_asked_for_and_handed_over_by_keyboard(start: Callable[..., P
     (url,) = re.findall(r"http://\S+", demo.ready())
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=executable(), args=list(FLAGS))
-        small = {"width": 960, "height": 600}
-        alice, bob = (browser.new_context(viewport=small).new_page() for _ in range(2))
+        alice, bob = (browser.new_context().new_page() for _ in range(2))
         for page in (alice, bob):
             page.goto(url + QUICK)
             mode(page, "disarmed")
