@@ -190,7 +190,7 @@ def test_the_page_loads_without_an_error(demo: Demo) -> None:
     for name in ("vx (m/s)", "vy (m/s)", "omega (rad/s)"):
         expect(demo.page.get_by_role("slider", name=name)).to_be_visible(timeout=PATIENCE_MS)
     for name in ("Mode", "Link", "Pose", "Speed"):
-        expect(demo.page.get_by_role("status", name=name)).to_be_visible()
+        expect(demo.page.get_by_role("status", name=name, exact=True)).to_be_visible()
     assert [message.text for message in demo.console if message.type == "error"] == []
     assert demo.failures == []
 

@@ -86,7 +86,7 @@ def test_every_robot_is_driven(browser: Browser, names: list[str]) -> None:
 def drive(page: Page, name: str) -> None:
     """Push the stick, and let it go."""
     take_control_and_arm(page)
-    speed = page.get_by_role("status", name="Speed")
+    speed = page.get_by_role("status", name="Speed", exact=True)
     x, y, half = centre(page, "region", "Drive stick")
     for _ in range(20):
         page.mouse.move(x, y)
