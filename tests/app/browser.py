@@ -20,7 +20,7 @@ FLAGS = (
     "--no-first-run",
 )
 PATIENCE_MS = 60_000
-QUICK = "?fixedDpr=0.4"
+QUICK = "?fixedDpr=0.2"
 """Fewer pixels: the processor of a test machine draws them all."""
 
 

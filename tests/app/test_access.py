@@ -59,7 +59,11 @@ def browser() -> Generator[Browser]:
 
 @pytest.fixture
 def context(browser: Browser) -> Generator[BrowserContext]:
-    made = browser.new_context(ignore_https_errors=True, viewport={"width": 960, "height": 600})
+    made = browser.new_context(
+        ignore_https_errors=True,
+        viewport={"width": 960, "height": 600},
+        device_scale_factor=0.5,  # Who is sent on after a login cannot ask for fewer pixels.
+    )
     made.set_default_timeout(PATIENCE_MS)
     yield made
     made.close()
@@ -234,7 +238,7 @@ def test_nginx_as_on_the_page_of_the_docs(
             executable_path=executable(),
             args=[*FLAGS, "--host-resolver-rules=MAP robots.example 127.0.0.1"],
         )
-        outside = by_name.new_context(ignore_https_errors=True)
+        outside = by_name.new_context(ignore_https_errors=True, device_scale_factor=0.5)
         outside.set_default_timeout(PATIENCE_MS)
         page = outside.new_page()
         page.goto(there)

@@ -34,6 +34,10 @@ from tsd_twin.messages.ros import decode_joints, decode_odometry, decode_twist
 pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
 
 STOP_WITHIN_M = 0.35
+UPRIGHT_RAD = 0.004
+"""Two steps of a servo."""
+STAYS_M = 0.01
+"""While wheels run down, the robot trembles."""
 MOVING_MPS = 0.15
 """A page without a GPU is a slow link, and on that less speed is granted than is asked for."""
 ANY_PORTS = ("--port", "0", "--bus-port", "0")
@@ -186,7 +190,7 @@ def test_the_page_loads_without_an_error(demo: Demo) -> None:
     for name in ("vx (m/s)", "vy (m/s)", "omega (rad/s)"):
         expect(demo.page.get_by_role("slider", name=name)).to_be_visible(timeout=PATIENCE_MS)
     for name in ("Mode", "Link", "Pose", "Speed"):
-        expect(demo.page.get_by_role("status", name=name)).to_be_visible()
+        expect(demo.page.get_by_role("status", name=name, exact=True)).to_be_visible()
     assert [message.text for message in demo.console if message.type == "error"] == []
     assert demo.failures == []
 
@@ -282,6 +286,6 @@ def test_a_preview_moves_gimbals_in_the_picture_and_nothing_else(demo: Demo) -> 
     )
     assert scene.screenshot() != still
     assert len(watcher.commands) == commands
-    assert watcher.tilt_rad == 0.0
-    assert watcher.set_tilt_rad == 0.0
-    assert (watcher.truth == truth).all()
+    assert watcher.tilt_rad < UPRIGHT_RAD
+    assert watcher.set_tilt_rad < UPRIGHT_RAD
+    assert np.abs(watcher.truth - truth).max() < STAYS_M

@@ -145,8 +145,8 @@ class JointReader:
 
         What the message leaves open, like speeds in set-points of angles, is zero.
         """
-        if state.names != self._order:
-            self._order, self._rows = state.names, self._find(state.names)
+        if (names := tuple(state.names)) != self._order:
+            self._order, self._rows = names, self._find(names)
         if self._rows is None:
             return None
         angles, speeds = state.position_rad[self._rows], state.velocity_rad_per_s[self._rows]
