@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import BSpline, splprep  # pyright: ignore
+from scipy import interpolate  # pyright: ignore
 
 from tsd_twin.errors import PathError
 from tsd_twin.lie import SE2, Array, wrap
@@ -71,8 +71,8 @@ class Errand:
         """Return what is left of it after `done_m` of a path that was made for it."""
         if len(self.points) == 1:
             return self
-        left_m = np.linspace(min(done_m, path.length_m), path.length_m, len(self.points) + 1)[1:]
-        return Errand(path.at(left_m).xy, self.heading_rad)
+        left_m: Array = np.linspace(min(done_m, path.length_m), path.length_m, len(self.points) + 1)
+        return Errand(path.at(left_m[1:]).xy, self.heading_rad)
 
 
 def _smooth(points: Array) -> Path:
@@ -80,7 +80,7 @@ def _smooth(points: Array) -> Path:
     steps = np.hypot(*np.diff(points, axis=0).T)
     along = np.concatenate([[0.0], np.cumsum(steps)])
     count = int(np.clip(np.ceil(along[-1] / _STEP_M), 8, _MOST_STEPS))
-    even = np.linspace(0.0, along[-1], count)
+    even: Array = np.linspace(0.0, float(along[-1]), count)
     drawn = np.stack([np.interp(even, along, points[:, axis]) for axis in (0, 1)], axis=-1)
     weights = np.ones(count)
     weights[[0, -1]] = 1e3  # The ends are meant.
@@ -94,7 +94,8 @@ def _smooth(points: Array) -> Path:
 
 
 def _fit(points: Array, weights: Array, at: Array, rms_m: float) -> Any:
-    # scipy has no types for it.
-    fit: Any = splprep(points.T, w=weights, u=at, s=len(at) * rms_m**2, k=5)
-    knots, coefficients, degree = fit[0]
-    return BSpline(knots, np.array(coefficients).T, degree)
+    # scipy has no types for it. With the full output it does not warn when it is only nearly there.
+    scipy: Any = interpolate
+    fit = scipy.splprep(points.T, w=weights, u=at, s=len(at) * rms_m**2, k=5, full_output=1)
+    knots, coefficients, degree = fit[0][0]
+    return scipy.BSpline(knots, np.array(coefficients).T, degree)
