@@ -1,0 +1,247 @@
+// Going to a place that is clicked on, or along a line that is drawn: what there is to see and to
+// press. The gateway plans and steers; this page says, while a finger or a key holds the button,
+// that it does. Let go, or hands on any other control, and the robot stops.
+
+import { el, icon, mark, say } from "./dom.js";
+import { FloorLayer } from "./floor.js";
+import { fixed } from "./format.js";
+import { HeldKeys } from "./held.js";
+import { notDrive, notYours } from "./permission.js";
+
+const NONE = { vx: 0, vy: 0, omega: 0 };
+const OVER = new Set(["arrived", "ended"]);
+const SAID = {
+  to: "Click on the floor, drag to say where to look",
+  draw: "Draw on the floor",
+};
+
+export class Going {
+  constructor(drive, link, tips) {
+    this._drive = drive;
+    this._link = link;
+    this._mode = null;
+    this._number = null; // Of the way that is held.
+    this._pointer = null;
+    this._keys = new HeldKeys();
+    this._level = drive.level;
+    this.floor = new FloorLayer((points) => this.plan({ points, kind: this._mode, on: "picture" }));
+    const choice = (mode, name) =>
+      el(
+        "button",
+        {
+          type: "button",
+          class: "button quiet",
+          "aria-pressed": "false",
+          onclick: () => this._choose(this._mode === mode ? null : mode),
+        },
+        name,
+      );
+    this._choices = { to: choice("to", "Go to"), draw: choice("draw", "Draw") };
+    this._words = el("span", { class: "words number", role: "status", "aria-label": "Path" });
+    this.button = el(
+      "button",
+      { type: "button", class: "button primary go", "aria-label": "Go along the path: hold" },
+      el("span", { class: "label" }, "Hold to go"),
+    );
+    this._close = el(
+      "button",
+      {
+        type: "button",
+        class: "button quiet close",
+        "aria-label": "Forget the path",
+        onclick: () => this.end(),
+      },
+      icon("close"),
+    );
+    this._row = el("div", { class: "row going" }, this._words, this.button, this._close);
+    this.element = el(
+      "div",
+      { class: "route surface", role: "group", "aria-label": "Path", hidden: true },
+      el("div", { class: "choices" }, this._choices.to, this._choices.draw),
+      this._row,
+    );
+    tips.attach(this._choices.to, () => "Drive to a place that you click on");
+    tips.attach(this._choices.draw, () => "Drive along a line that you draw");
+    tips.attach(this.button, () => this._notGo() ?? "Hold, or hold G. Let go and the robot stops.");
+    tips.attach(this._close, () => "Forget the path (Esc)");
+    this._listen();
+    drive.onChange(() => this._checkLevel());
+    link.on("state", () => this._check());
+    link.on("down", () => this._show());
+    link.on("robot", () => this._choose(null));
+  }
+
+  /** What is planned, as the gateway says. */
+  get route() {
+    return this._link.state?.route ?? null;
+  }
+
+  // A source of motion.
+
+  get held() {
+    return this._number !== null;
+  }
+
+  get command() {
+    return { t: "go", route: this._number };
+  }
+
+  /** What is asked for is known to the gateway only; hands on the stick end it. */
+  get twist() {
+    return NONE;
+  }
+
+  cancel() {
+    const pointer = this._pointer;
+    this._number = this._pointer = null;
+    this._keys.cancel();
+    if (pointer !== null && this.button.hasPointerCapture(pointer))
+      this.button.releasePointerCapture(pointer);
+    this._show();
+  }
+
+  // What is wished.
+
+  /** Ask for a way; return why that cannot be, or null. */
+  plan(wish) {
+    const reason = notYours(this._link);
+    if (reason !== null) this._drive.onMessage(reason);
+    else this._link.send({ t: "plan", ...wish, level: this._drive.level });
+    return reason;
+  }
+
+  /** Forget the way, and point at nothing any more. */
+  end() {
+    if (this.held) this._drive.letGo();
+    this._link.send({ t: "unplan" });
+    this._choose(null);
+  }
+
+  /** Take a key: G, or Enter on the button, holds it; Escape forgets the way. */
+  key(event) {
+    if (this.element.hidden) return false;
+    if (event.code === "Escape" && (this._mode !== null || this.route !== null)) {
+      if (event.type === "keydown") this.end();
+      return true;
+    }
+    const focused = this.button.getRootNode().activeElement === this.button;
+    if (event.code !== "KeyG" && !(event.code === "Enter" && focused)) return false;
+    if (this._keys.take(event)) this._pressed();
+    return true;
+  }
+
+  _choose(mode) {
+    this._mode = mode;
+    for (const [name, button] of Object.entries(this._choices))
+      mark(button, "aria-pressed", String(name === mode));
+    this.floor.open(mode);
+    this._show();
+  }
+
+  _listen() {
+    this.button.addEventListener("pointerdown", (event) => {
+      if (this._pointer !== null || event.button !== 0) return;
+      event.preventDefault();
+      this.button.focus({ preventScroll: true, focusVisible: false });
+      this.button.setPointerCapture(event.pointerId);
+      this._pointer = event.pointerId;
+      this._pressed();
+    });
+    for (const end of ["pointerup", "pointercancel", "lostpointercapture"])
+      this.button.addEventListener(end, (event) => {
+        if (event.pointerId !== this._pointer) return;
+        this._pointer = null;
+        this._pressed();
+      });
+    this.button.addEventListener("blur", () => {
+      if (!this._keys.size) return;
+      this._keys.cancel();
+      this._pressed();
+    });
+    this.button.addEventListener("contextmenu", (event) => event.preventDefault());
+    // A key comes up wherever the focus has gone meanwhile.
+    addEventListener("keyup", (event) => this._keys.take(event) && this._pressed(), {
+      capture: true,
+    });
+  }
+
+  /** A finger or a key has come or gone. */
+  _pressed() {
+    const down = this._pointer !== null || this._keys.size > 0;
+    if (!down) {
+      this._number = null;
+      this._drive.changed();
+    } else if (!this.held) {
+      const reason = this._notGo();
+      if (reason !== null) {
+        this.cancel();
+        this._drive.onMessage(reason);
+        return;
+      }
+      this._number = this.route.number;
+      this._drive.changed();
+    }
+    this._show();
+  }
+
+  _notGo() {
+    const reason = notDrive(this._link);
+    if (reason !== null) return reason;
+    if (this.held) return null;
+    if (this._drive.held || this._link.state.status.mode === "driving")
+      return "The robot still moves: let go of the other controls.";
+    return this.route?.phase === "planned" ? null : "There is no path: click on the floor first.";
+  }
+
+  _check() {
+    const route = this.route;
+    const over = route === null || route.number !== this._number || route.phase === "arrived";
+    if (this.held && over) {
+      this.cancel();
+      this._drive.changed();
+    }
+    if (this._mode !== null && route?.phase === "arrived" && this._seen !== route.number)
+      this._choose(null); // There: a click on the floor turns the camera again.
+    this._seen = route?.phase === "arrived" ? route.number : null;
+    this._show();
+  }
+
+  _checkLevel() {
+    if (this._level === this._drive.level) return;
+    this._level = this._drive.level;
+    if (this.route !== null) this._link.send({ t: "pace", level: this._level });
+  }
+
+  _show() {
+    const { robot, state } = this._link;
+    this.element.hidden = robot?.space !== "floor" || !state?.you;
+    if (this.element.hidden && this._mode !== null) this._choose(null);
+    const over = OVER.has(this.route?.phase);
+    const route = over && this._mode !== null ? null : this.route;
+    this._row.hidden = this._mode === null && route === null;
+    say(this._words, words(route) ?? SAID[this._mode] ?? "");
+    mark(this.button, "aria-disabled", this._notGo() === null ? null : "true");
+    mark(this.button, "data-held", this.held ? "" : null);
+    mark(this._row, "data-plain", route === null || over ? "" : null);
+    const done = route && route.length_m > 0 ? route.done_m / route.length_m : 0;
+    this._row.style.setProperty("--done", done.toFixed(3));
+    this.floor.rest(this.held);
+  }
+}
+
+/** Return what there is to say about a way, or null. */
+function words(route) {
+  switch (route?.phase) {
+    case "planning":
+      return "Planning…";
+    case "planned":
+      return `${fixed(route.length_m, 2)} m, ${fixed(route.time_s, 1)} s`;
+    case "going":
+      return `${fixed(route.done_m, 2)} of ${fixed(route.length_m, 2)} m`;
+    case "arrived":
+      return `Arrived, ${fixed(route.off_mm, 0)} mm off`;
+    case "ended":
+      return `Ended: ${route.reason}`;
+  }
+  return null;
+}
