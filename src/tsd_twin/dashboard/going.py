@@ -62,6 +62,11 @@ class Going:
             return Route(self._numbers, "planning", 0.0, 0.0)
         return self._ended
 
+    @property
+    def follows(self) -> bool:
+        """The button is held, and the robot follows the way."""
+        return self._follower is not None
+
     # What the page asks for.
 
     def wish(self, link: RobotLink, message: Plan) -> None:

@@ -120,7 +120,8 @@ class Hands:
             case protocol.Pace():
                 self.going.pace(message.level)
             case _:
-                self._let_go("the path is given up")
+                if self.going.follows:
+                    self._let_go("the path is given up")
                 self.going.drop()
 
     def _control_to_move(self, seen: int) -> Control | None:

@@ -2,7 +2,8 @@
 //   held      whether somebody holds it
 //   cancel()  go back to the centre; moves nothing until it is deliberately used again
 // and either `unit`, {x, y, turn} as shares of what the speed level allows, or `twist`, in m/s and
-// rad/s; one with a `command` says that instead of a twist, and hands on any other end it. As long as any is held, a command goes out every 20 ms; nothing is ever queued.
+// rad/s; what it has for a `command` is said instead of a twist. As long as any is held, a command
+// goes out every 20 ms; nothing is ever queued.
 
 import { notDrive, notStop } from "./permission.js";
 import { spaceOf } from "./space.js";

@@ -24,6 +24,7 @@ export class Going {
     this._pointer = null;
     this._keys = new HeldKeys();
     this._level = drive.level;
+    this._arrived = null; // The way on which it has.
     this.floor = new FloorLayer((points) => this.plan({ points, kind: this._mode, on: "picture" }));
     const choice = (mode, name) =>
       el(
@@ -200,9 +201,10 @@ export class Going {
       this.cancel();
       this._drive.changed();
     }
-    if (this._mode !== null && route?.phase === "arrived" && this._seen !== route.number)
-      this._choose(null); // There: a click on the floor turns the camera again.
-    this._seen = route?.phase === "arrived" ? route.number : null;
+    const arrived = route?.phase === "arrived" ? route.number : null;
+    const news = arrived !== this._arrived;
+    this._arrived = arrived;
+    if (news && arrived !== null) this._choose(null); // The camera may be turned again.
     this._show();
   }
 
@@ -220,6 +222,8 @@ export class Going {
     const route = over && this._mode !== null ? null : this.route;
     this._row.hidden = this._mode === null && route === null;
     say(this._words, words(route) ?? SAID[this._mode] ?? "");
+    // Twenty numbers a second are not to be read out.
+    mark(this._words, "aria-live", route?.phase === "going" ? "off" : "polite");
     mark(this.button, "aria-disabled", this._notGo() === null ? null : "true");
     mark(this.button, "data-held", this.held ? "" : null);
     mark(this._row, "data-plain", route === null || over ? "" : null);

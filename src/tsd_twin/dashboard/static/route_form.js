@@ -19,7 +19,12 @@ export class RouteForm {
     this._button = el("button", { class: "button" }, "Plan");
     this._form = el(
       "form",
-      { class: "route-form", "aria-label": "Go to", novalidate: true, onsubmit: (e) => this._plan(e) },
+      {
+        class: "route-form",
+        "aria-label": "Go to",
+        novalidate: true,
+        onsubmit: (event) => this._plan(event),
+      },
       el("strong", {}, "Go to"),
       el("div", { class: "fields" }, ...FIELDS.map((field) => this._field(...field))),
       this._button,
