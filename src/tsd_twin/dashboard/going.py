@@ -12,7 +12,7 @@ from tsd_twin.authority import Mode
 from tsd_twin.dashboard.calls import Calls
 from tsd_twin.dashboard.floor import Picture
 from tsd_twin.dashboard.link import RobotLink
-from tsd_twin.dashboard.planned import Planned, limits_in_force, timed
+from tsd_twin.dashboard.planned import Planned, errand_of, limits_in_force, timed
 from tsd_twin.dashboard.protocol import Answer, Plan, Route
 from tsd_twin.dashboard.route_line import POINTS
 from tsd_twin.errors import PathError
@@ -22,8 +22,6 @@ from tsd_twin.motion.errand import Errand
 from tsd_twin.motion.follower import Follower, Phase, Step
 from tsd_twin.robots.robot import Limits
 
-_LOOK_M = 0.05
-"""A hand that was dragged less has not said where to look."""
 _IN_MOTION = (Mode.DRIVING, Mode.STOPPING)
 
 
@@ -173,14 +171,7 @@ class Going:
         points = np.array(wish.points, dtype=float)
         if wish.on == "picture":
             points = await asyncio.wrap_future(self._picture.floor(self._page, points))
-        if not len(points):
-            raise PathError("that is not on the floor")
-        heading = wish.heading
-        if wish.kind == "to":
-            if len(points) > 1 and np.hypot(*(ahead := points[1] - points[0])) > _LOOK_M:
-                heading = float(np.arctan2(ahead[1], ahead[0]))
-            points = points[:1]
-        self._errand = Errand(points, heading)
+        self._errand = errand_of(wish, points)
         self._answer(Answer(to="plan", ok=True))
 
     async def _plan(self, link: RobotLink, errand: Errand, start: SE2, limits: Limits) -> None:

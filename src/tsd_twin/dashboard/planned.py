@@ -8,8 +8,10 @@ import msgspec
 import numpy as np
 
 from tsd_twin.dashboard.link import RobotLink
+from tsd_twin.dashboard.protocol import Plan
 from tsd_twin.drives import Drive
-from tsd_twin.lie import SE2, wrap
+from tsd_twin.errors import PathError
+from tsd_twin.lie import SE2, Array, wrap
 from tsd_twin.motion.errand import Errand
 from tsd_twin.motion.trajectory import Trajectory, plan
 from tsd_twin.robots.robot import Limits
@@ -19,6 +21,8 @@ _SHARE = 0.7
 """Of the limits of speed, and of the others, that the timing uses: the rest is for correction."""
 _CELLS = 250
 _SHORTEST_CELL_M = 0.01
+_LOOK_M = 0.05
+"""A hand that was dragged less has not said where to look."""
 _MOVED_M, _MOVED_RAD = 0.03, 0.05
 """A robot that is further from the start of its way has been moved since it was planned."""
 
@@ -37,6 +41,22 @@ class Planned:
         off = pose.xy_heading - self.start.xy_heading
         stands = bool(np.hypot(off[0], off[1]) < _MOVED_M) and abs(wrap(off[2])) < _MOVED_RAD
         return bool(stands) and limits == self.limits
+
+
+def errand_of(wish: Plan, points: Array) -> Errand:
+    """Return what is wished, with the places (n, 2) on the floor that were meant.
+
+    Raises:
+        PathError: there are none.
+    """
+    if not len(points):
+        raise PathError("that is not on the floor")
+    heading = wish.heading
+    if wish.kind == "to":
+        if len(points) > 1 and np.hypot(*(ahead := points[1] - points[0])) > _LOOK_M:
+            heading = float(np.arctan2(ahead[1], ahead[0]))
+        points = points[:1]
+    return Errand(points, heading)
 
 
 def limits_in_force(link: RobotLink, level: int) -> Limits:

@@ -4,25 +4,17 @@
 
 import { el, icon, mark, say } from "./dom.js";
 import { FloorLayer } from "./floor.js";
-import { fixed } from "./format.js";
-import { HeldKeys } from "./held.js";
+import { HeldButton } from "./held_button.js";
 import { notDrive, notYours } from "./permission.js";
+import { isOver, wordsOf } from "./route_words.js";
 
 const NONE = { vx: 0, vy: 0, omega: 0 };
-const OVER = new Set(["arrived", "ended"]);
-const SAID = {
-  to: "Click on the floor, drag to say where to look",
-  draw: "Draw on the floor",
-};
-
 export class Going {
   constructor(drive, link, tips) {
     this._drive = drive;
     this._link = link;
     this._mode = null;
     this._number = null; // Of the way that is held.
-    this._pointer = null;
-    this._keys = new HeldKeys();
     this._level = drive.level;
     this._arrived = null; // The way on which it has.
     this.floor = new FloorLayer((points) => this.plan({ points, kind: this._mode, on: "picture" }));
@@ -65,7 +57,7 @@ export class Going {
     tips.attach(this._choices.draw, () => "Drive along a line that you draw");
     tips.attach(this.button, () => this._notGo() ?? "Hold, or hold G. Let go and the robot stops.");
     tips.attach(this._close, () => "Forget the path (Esc)");
-    this._listen();
+    this._hold = new HeldButton(this.button, "KeyG", () => this._pressed());
     drive.onChange(() => this._checkLevel());
     link.on("state", () => this._check());
     link.on("down", () => this._show());
@@ -93,11 +85,8 @@ export class Going {
   }
 
   cancel() {
-    const pointer = this._pointer;
-    this._number = this._pointer = null;
-    this._keys.cancel();
-    if (pointer !== null && this.button.hasPointerCapture(pointer))
-      this.button.releasePointerCapture(pointer);
+    this._number = null;
+    this._hold.cancel();
     this._show();
   }
 
@@ -125,10 +114,7 @@ export class Going {
       if (event.type === "keydown") this.end();
       return true;
     }
-    const focused = this.button.getRootNode().activeElement === this.button;
-    if (event.code !== "KeyG" && !(event.code === "Enter" && focused)) return false;
-    if (this._keys.take(event)) this._pressed();
-    return true;
+    return this._hold.key(event);
   }
 
   _choose(mode) {
@@ -139,37 +125,9 @@ export class Going {
     this._show();
   }
 
-  _listen() {
-    this.button.addEventListener("pointerdown", (event) => {
-      if (this._pointer !== null || event.button !== 0) return;
-      event.preventDefault();
-      this.button.focus({ preventScroll: true, focusVisible: false });
-      this.button.setPointerCapture(event.pointerId);
-      this._pointer = event.pointerId;
-      this._pressed();
-    });
-    for (const end of ["pointerup", "pointercancel", "lostpointercapture"])
-      this.button.addEventListener(end, (event) => {
-        if (event.pointerId !== this._pointer) return;
-        this._pointer = null;
-        this._pressed();
-      });
-    this.button.addEventListener("blur", () => {
-      if (!this._keys.size) return;
-      this._keys.cancel();
-      this._pressed();
-    });
-    this.button.addEventListener("contextmenu", (event) => event.preventDefault());
-    // A key comes up wherever the focus has gone meanwhile.
-    addEventListener("keyup", (event) => this._keys.take(event) && this._pressed(), {
-      capture: true,
-    });
-  }
-
   /** A finger or a key has come or gone. */
   _pressed() {
-    const down = this._pointer !== null || this._keys.size > 0;
-    if (!down) {
+    if (!this._hold.down) {
       this._number = null;
       this._drive.changed();
     } else if (!this.held) {
@@ -218,10 +176,10 @@ export class Going {
     const { robot, state } = this._link;
     this.element.hidden = robot?.space !== "floor" || !state?.you;
     if (this.element.hidden && this._mode !== null) this._choose(null);
-    const over = OVER.has(this.route?.phase);
+    const over = isOver(this.route);
     const route = over && this._mode !== null ? null : this.route;
     this._row.hidden = this._mode === null && route === null;
-    say(this._words, words(route) ?? SAID[this._mode] ?? "");
+    say(this._words, wordsOf(route, this._mode));
     // Twenty numbers a second are not to be read out.
     mark(this._words, "aria-live", route?.phase === "going" ? "off" : "polite");
     mark(this.button, "aria-disabled", this._notGo() === null ? null : "true");
@@ -231,21 +189,4 @@ export class Going {
     this._row.style.setProperty("--done", done.toFixed(3));
     this.floor.rest(this.held);
   }
-}
-
-/** Return what there is to say about a way, or null. */
-function words(route) {
-  switch (route?.phase) {
-    case "planning":
-      return "Planning…";
-    case "planned":
-      return `${fixed(route.length_m, 2)} m, ${fixed(route.time_s, 1)} s`;
-    case "going":
-      return `${fixed(route.done_m, 2)} of ${fixed(route.length_m, 2)} m`;
-    case "arrived":
-      return `Arrived, ${fixed(route.off_mm, 0)} mm off`;
-    case "ended":
-      return `Ended: ${route.reason}`;
-  }
-  return null;
 }
