@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import math
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import replace
 from typing import Any, cast
 
@@ -29,6 +29,7 @@ from tsd_twin.messages.status import Status
 
 THERE_M = 0.05
 ROLLS_M = 0.2
+_PRESSES = 10
 
 
 @pytest.fixture(scope="module")
@@ -59,8 +60,30 @@ def let_go(page: Page) -> None:
     page.send(t="release")
 
 
-def midway(page: Page) -> None:
-    page.until(lambda: page.mode == "driving" and page.state["route"]["done_m"] > 0.1)
+def go(page: Page, until: Callable[[], bool]) -> dict[str, Any]:
+    """Hold the button until something is true, and return the way that was held last.
+
+    On a busy machine this page is late at times, and is let go of, as it must be: so it lets go as
+    well and presses again, as a person would.
+    """
+    for _ in range(_PRESSES):
+        route = page.until(lambda: planned(page))
+        before = len(page.all("released"))
+        assert route is not None
+        hold(page, route)
+        page.until(lambda b=before: until() or len(page.all("released")) > b)
+        if until():
+            return route
+        let_go(page)
+    raise AssertionError(f"never, at {page.state}")
+
+
+def midway(page: Page) -> Callable[[], bool]:
+    return lambda: page.mode == "driving" and page.state["route"]["done_m"] > 0.1
+
+
+def arrived(page: Page) -> Callable[[], bool]:
+    return lambda: page.state["route"]["phase"] == "arrived"
 
 
 def apart_m(page: Page, goal: tuple[float, float]) -> float:
@@ -78,15 +101,14 @@ def test_held_the_robot_arrives_stops_and_does_nothing_more(served: Site) -> Non
         route = plan(page, (0.4, -0.2), heading=0.4)
         assert route["length_m"] == pytest.approx(math.hypot(0.4, 0.2), abs=0.01)
         commands = Commands(served, page)
-        hold(page, route)
-        page.until(lambda: page.state["route"]["phase"] == "arrived")
+        go(page, arrived(page))
         page.until(lambda: page.mode == "ready")
         assert apart_m(page, goal) < THERE_M
         assert page.state["pose"][2] == pytest.approx(0.4, abs=0.1)
         assert page.state["route"]["off_mm"] < 1000.0 * THERE_M
         sent = commands.take()
         seen = {state["seen"] for state in page.all("state")}
-        assert {command.status_seq for command in sent} - seen <= {sent[-1].status_seq}
+        assert {command.status_seq for command in sent if command.twist.any()} <= seen
         assert zeros_at_the_end(sent) == 1
         settle(page)  # The button is still held.
         assert commands.take() == []
@@ -98,9 +120,8 @@ def test_a_line_that_is_drawn_is_driven_to_its_end(served: Site) -> None:
         page.make_ready()
         line = [(0.02 * i, 0.1 * math.sin(0.3 * i)) for i in range(1, 20)]
         goal = goal_of(page, line[-1])
-        route = plan(page, *line, kind="draw")
-        hold(page, route)
-        page.until(lambda: page.state["route"]["phase"] == "arrived")
+        plan(page, *line, kind="draw")
+        go(page, arrived(page))
         assert apart_m(page, goal) < THERE_M
         let_go(page)
 
@@ -109,10 +130,9 @@ def test_let_go_on_the_way_it_stands_and_goes_on_only_when_held_anew(served: Sit
     with served.page() as page:
         page.make_ready()
         goal = goal_of(page, (-0.9, 0.0))
-        route = plan(page, (-0.9, 0.0))
+        plan(page, (-0.9, 0.0))
         commands = Commands(served, page)
-        hold(page, route)
-        midway(page)
+        route = go(page, midway(page))
         at = page.state["pose"]
         let_go(page)
         page.until(lambda: page.mode == "ready")
@@ -126,8 +146,7 @@ def test_let_go_on_the_way_it_stands_and_goes_on_only_when_held_anew(served: Sit
         settle(page)
         assert not any(command.twist.any() for command in commands.take())
         let_go(page)
-        hold(page, left)
-        page.until(lambda: page.state["route"]["phase"] == "arrived")
+        go(page, arrived(page))
         assert apart_m(page, goal) < THERE_M
         let_go(page)
 
@@ -144,7 +163,7 @@ def stop(page: Page) -> None:
     page.send(t="stop")
 
 
-def another_robot(page: Page) -> None:
+def give_control_back(page: Page) -> None:
     page.send(t="lease", op="release")
 
 
@@ -152,16 +171,16 @@ def give_up(page: Page) -> None:
     page.send(t="unplan")
 
 
-@pytest.mark.parametrize("end", [lose_focus, fall_silent, stop, another_robot, give_up])
+@pytest.mark.parametrize("end", [lose_focus, fall_silent, stop, give_control_back, give_up])
 def test_whatever_ends_a_drive_ends_the_way(served: Site, end: Any) -> None:
     with served.page() as page:
         page.make_ready()
-        route = plan(page, (0.9, 0.0))
+        plan(page, (0.9, 0.0))
         commands = Commands(served, page)
-        hold(page, route)
-        midway(page)
+        go(page, midway(page))
+        before = len(page.all("released"))
         end(page)
-        page.until(lambda: page.last("released"))
+        page.until(lambda: len(page.all("released")) > before or page.mode != "driving")
         page.until(lambda: page.mode in ("ready", "stopped", "disarmed"))
         page.until(lambda: abs(page.state["twist"][0]) < 0.01)
         sent = commands.take()
@@ -175,8 +194,8 @@ def test_whatever_ends_a_drive_ends_the_way(served: Site, end: Any) -> None:
 def test_hands_on_the_stick_end_the_way_and_drive(served: Site) -> None:
     with served.page() as page:
         page.make_ready()
-        hold(page, plan(page, (0.9, 0.0)))
-        midway(page)
+        plan(page, (0.9, 0.0))
+        go(page, midway(page))
         page.drive(0.0, -0.2, 0.0)
         page.until(lambda: page.state["route"] is None)
         page.until(lambda: np.allclose(page.state["commanded"], [0.0, -0.2, 0.0], atol=0.02))

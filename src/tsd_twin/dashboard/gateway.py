@@ -23,6 +23,7 @@ from tsd_twin.dashboard.session import Session
 from tsd_twin.errors import TwinError
 from tsd_twin.messages.service import Event
 
+_BODY_BYTES = 2048
 _MESSAGE_BYTES = 16 * 2**10
 """The longest message of a page is a line that was drawn; all others have fewer than 200."""
 _HEARTBEAT_S = 5.0
@@ -87,7 +88,7 @@ class Gateway:
         """
         self._door.rules.check(host)
         self._loop = asyncio.get_running_loop()
-        app = web.Application(middlewares=[self._door.guard], client_max_size=_MESSAGE_BYTES)
+        app = web.Application(middlewares=[self._door.guard], client_max_size=_BODY_BYTES)
         app.on_response_prepare.append(_add_headers)
         app.router.add_get("/", self._index.serve)
         app.router.add_get("/healthz", self._serve_health)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Callable, Coroutine
 from typing import Any
 
@@ -21,6 +22,8 @@ from tsd_twin.motion import TwistLimiter
 from tsd_twin.motion.errand import Errand
 from tsd_twin.motion.follower import Follower, Phase, Step
 from tsd_twin.robots.robot import Limits
+
+_LOG = logging.getLogger(__name__)
 
 _IN_MOTION = (Mode.DRIVING, Mode.STOPPING)
 
@@ -71,7 +74,7 @@ class Going:
         """Plan a way for a robot that this page has control of; the newest wish counts."""
         self.drop()
         if link.drive.space is not SE2:
-            self._refuse("this robot goes nowhere")
+            self._give_up("this robot goes nowhere")
             return
         self._link, self._level = link, message.level
         self._begin(self._take(message))
@@ -160,8 +163,10 @@ class Going:
             try:
                 await work
             except PathError as error:
-                self._end(None)
-                self._refuse(str(error))
+                self._give_up(str(error))
+            except Exception:
+                _LOG.exception("a way was not planned")
+                self._give_up("it could not be planned")
             if self._task is asyncio.current_task():
                 self._task = None
 
@@ -200,5 +205,6 @@ class Going:
         self._link = self._errand = self._planned = self._follower = self._step = None
         self._ended = shown
 
-    def _refuse(self, reason: str) -> None:
+    def _give_up(self, reason: str) -> None:
+        self._end(None)
         self._answer(Answer(to="plan", ok=False, reason=reason))
