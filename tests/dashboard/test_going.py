@@ -25,7 +25,7 @@ from tsd_twin.dashboard.link import RobotLink
 from tsd_twin.dashboard.protocol import MOST_POINTS, Answer, Plan
 from tsd_twin.errors import PathError
 from tsd_twin.lie import SO3
-from tsd_twin.messages.status import Status
+from tsd_twin.messages.status import GearStatus, Status
 
 THERE_M = 0.05
 ROLLS_M = 0.2
@@ -276,8 +276,9 @@ class Desk:
         self.going = Going("page", Calls(), NoPicture(), self.answers.append)
         self.say(0.0, 100.0)
 
-    def say(self, x: float, odom_s: float, mode: str = "ready") -> None:
-        self.feed.say(pose=np.array([x, 0.0, 0.0]), status=Status(mode))
+    def say(self, x: float, odom_s: float, mode: str = "ready", rpm: float = 2500.0) -> None:
+        status = Status(mode, gear=GearStatus(rpm, rpm))
+        self.feed.say(pose=np.array([x, 0.0, 0.0]), status=status)
         self.feed.snapshot = replace(self.feed.snapshot, odom_s=odom_s)
 
     async def plan(self) -> int:
@@ -302,15 +303,20 @@ def test_a_pose_that_is_older_than_a_command_may_be_ends_it_also_while_other_new
 
 
 @pytest.mark.parametrize(
-    ("x", "mode", "word"), [(0.1, "ready", "anew"), (0.0, "driving", "not at rest")]
+    ("x", "mode", "rpm", "word"),
+    [
+        (0.1, "ready", 2500.0, "anew"),
+        (0.0, "ready", 1500.0, "anew"),
+        (0.0, "driving", 2500.0, "not at rest"),
+    ],
 )
-def test_it_begins_only_where_it_was_planned_to_and_from_rest(
-    x: float, mode: str, word: str
+def test_it_begins_only_where_it_was_planned_to_in_the_same_gear_and_from_rest(
+    x: float, mode: str, rpm: float, word: str
 ) -> None:
     async def run() -> None:
         desk = Desk()
         number = await desk.plan()
-        desk.say(x, 100.0, mode)
+        desk.say(x, 100.0, mode, rpm)
         with pytest.raises(PathError, match=word):
             desk.going.step(number, 0.25, 100.1)
 

@@ -13,15 +13,14 @@ from tsd_twin.authority import Mode
 from tsd_twin.dashboard.calls import Calls
 from tsd_twin.dashboard.floor import Picture
 from tsd_twin.dashboard.link import RobotLink
-from tsd_twin.dashboard.planned import Planned, errand_of, limits_in_force, timed
+from tsd_twin.dashboard.planned import Planned, Terms, errand_of, terms_in_force, timed
 from tsd_twin.dashboard.protocol import Answer, Plan, Route
 from tsd_twin.dashboard.route_line import POINTS
 from tsd_twin.errors import PathError
-from tsd_twin.lie import SE2
+from tsd_twin.lie import SE2, Array
 from tsd_twin.motion import TwistLimiter
 from tsd_twin.motion.errand import Errand
 from tsd_twin.motion.follower import Follower, Phase, Step
-from tsd_twin.robots.robot import Limits
 
 _LOG = logging.getLogger(__name__)
 
@@ -102,10 +101,10 @@ class Going:
         status, odom = link.snapshot.status, link.snapshot.odom
         if status is None or odom is None or status.mode in _IN_MOTION:
             return
-        limits = limits_in_force(link, self._level)
-        if planned is None or not planned.holds(SE2(odom.xy_heading), limits):
+        terms = terms_in_force(link, self._level)
+        if planned is None or not planned.holds(SE2(odom.xy_heading), terms):
             self._planned = None
-            self._begin(self._plan(link, self._errand, SE2(odom.xy_heading), limits))
+            self._begin(self._plan(link, self._errand, SE2(odom.xy_heading), terms))
 
     def pause(self) -> None:
         """Nobody holds the button any more: what is left of the way is planned anew."""
@@ -146,15 +145,19 @@ class Going:
         status = link.snapshot.status
         if status is None or status.mode != Mode.READY:
             raise PathError("the robot is not at rest")
-        if not planned.holds(pose, limits_in_force(link, self._level)):
+        if not planned.holds(pose, terms_in_force(link, self._level)):
             self._planned = None
             raise PathError("the robot or its limits are not what they were: it is planned anew")
         return Follower(
             planned.trajectory,
-            lambda twist: TwistLimiter(link.drive, limits_in_force(link, self._level)).cap(twist),
+            lambda twist: self._cap(link, twist),
             lag_s=link.robot.lag_s,
             delay_s=link.trips.typical_s() or 0.0,
         )
+
+    def _cap(self, link: RobotLink, twist: Array) -> Array:
+        terms = terms_in_force(link, self._level)
+        return TwistLimiter(terms.drive, terms.limits).cap(twist)
 
     # Planning.
 
@@ -179,10 +182,10 @@ class Going:
         self._errand = errand_of(wish, points)
         self._answer(Answer(to="plan", ok=True))
 
-    async def _plan(self, link: RobotLink, errand: Errand, start: SE2, limits: Limits) -> None:
-        trajectory = await self._calls.plan(timed, errand, start, link.drive, limits)
+    async def _plan(self, link: RobotLink, errand: Errand, start: SE2, terms: Terms) -> None:
+        trajectory = await self._calls.plan(timed, errand, start, terms)
         self._numbers += 1
-        self._planned = Planned(self._numbers, start, limits, trajectory)
+        self._planned = Planned(self._numbers, start, terms, trajectory)
         self._drawn = True
         at_m = np.linspace(0.0, trajectory.length_m, POINTS)
         self._picture.show_route(link.id, trajectory.route.at(at_m).pose)
