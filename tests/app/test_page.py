@@ -27,6 +27,7 @@ from tests.app.browser import (
 from tests.app.conftest import Program
 from tsd_twin import topics
 from tsd_twin.bus import Bus, Config, client_config
+from tsd_twin.dashboard.viser_server import CAMERA_M, FIELD_OF_VIEW_RAD, LOOK_AT_M
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.command import Sample
 from tsd_twin.messages.ros import decode_joints, decode_odometry, decode_twist
@@ -264,6 +265,79 @@ def test_stop_latches_and_only_reset_arm_and_a_new_command_move_again(demo: Demo
     watcher.holding(back, lambda: watcher.twist[0] < -MOVING_MPS, "driving again, backwards")
     back.up()
     watcher.until(lambda: watcher.at_rest, "standstill")
+
+
+def go(page: Page, press: Press) -> Press:
+    """Hold the button of a path, once there is one that can be driven."""
+
+    def down() -> None:
+        path = page.get_by_role("status", name="Path")
+        expect(path).to_contain_text(re.compile(r"\d m, "), timeout=PATIENCE_MS)
+        press.down()
+
+    return Press(down, press.up)
+
+
+def go_button(page: Page) -> Press:
+    def down() -> None:
+        x, y, _ = centre(page, "button", "Go along the path: hold")
+        page.mouse.move(x, y)
+        page.mouse.down()
+
+    return go(page, Press(down, page.mouse.up))
+
+
+def pixel_of(page: Page, place: tuple[float, float]) -> tuple[float, float]:
+    """Return where a place on the floor is seen, metres from the robot: a camera of a textbook."""
+    box = page.locator("#tsd-overlay").bounding_box()
+    assert box is not None
+    eye, up = np.array(CAMERA_M), np.array([0.0, 0.0, 1.0])
+    ahead = np.array(LOOK_AT_M) - eye
+    ahead /= np.linalg.norm(ahead)
+    right = np.cross(ahead, up)
+    right /= np.linalg.norm(right)
+    seen = np.array([*place, 0.0]) - eye
+    scale = box["height"] / (2.0 * math.tan(0.5 * FIELD_OF_VIEW_RAD) * (seen @ ahead))
+    x, y = scale * (seen @ right), scale * (seen @ np.cross(right, ahead))
+    return box["x"] + box["width"] / 2 + x, box["y"] + box["height"] / 2 - y
+
+
+def test_a_path_is_driven_while_it_is_held_and_let_go_the_robot_stands(demo: Demo) -> None:
+    """Planned in numbers and held by a key; then by a click on the floor, held with the mouse."""
+    page, watcher = demo.page, demo.watcher
+    start, before = watcher.truth.copy(), len(watcher.commands)
+    take_control_and_arm(page)
+    form = page.get_by_role("form", name="Go to")
+    form.get_by_label("x (m)").fill(f"{start[0] + 1.5:.3f}", timeout=PATIENCE_MS)
+    form.get_by_label("heading").fill("30")
+    form.get_by_label("heading").press("Enter")
+    page.get_by_role("region", name="Drive stick").focus()  # Letters are no keys in a field.
+    assert len(watcher.commands) == before, "planned is not driven"
+    held = go(page, key(page, "g"))
+    watcher.holding(held, lambda: watcher.truth[0] > start[0] + 0.05, "on its way")
+    at_release = watcher.truth.copy()
+    held.up()
+    watcher.until(lambda: watcher.at_rest, "standstill")
+    assert math.dist(at_release[:2], watcher.truth[:2]) <= STOP_WITHIN_M
+    assert not watcher.commands[-1].any(), "one zero, then silence"
+    expect(page.get_by_role("status", name="Path")).to_contain_text(
+        re.compile(r"\d m, "), timeout=PATIENCE_MS
+    )
+    assert watcher.at_rest
+    press(page, "Go to")
+    place = (0.4, -0.2)
+    goal = watcher.truth[:2] + place
+    page.mouse.click(*pixel_of(page, place))
+
+    def arrived() -> bool:
+        return math.dist(goal, watcher.truth[:2]) < 0.1 and watcher.at_rest
+
+    held = go_button(page)
+    watcher.holding(held, arrived, "there")
+    expect(page.get_by_role("status", name="Path")).to_contain_text("Arrived", timeout=PATIENCE_MS)
+    held.up()
+    assert arrived()
+    mode(page, "ready")
 
 
 def test_a_preview_moves_gimbals_in_the_picture_and_nothing_else(demo: Demo) -> None:

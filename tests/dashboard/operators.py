@@ -43,7 +43,7 @@ class Page:
     ) -> None:
         self.name = page
         self.operator = f"{user}-{page[:8]}"
-        self.holds: dict[str, float] | None = None
+        self.holds: dict[str, Any] | None = None
         self.beats = True
         self.focus = True
         self.messages: list[dict[str, Any]] = []
@@ -147,7 +147,7 @@ class Page:
             seen = states[-1]["seen"] if states and self._acknowledge else 0
             try:
                 if self.holds is not None:
-                    self.send(t="drive", seen=seen, **self.holds)
+                    self.send(**({"t": "drive", "seen": seen} | self.holds))
                 if self.beats and count % BEATS == 0:
                     self.send(t="beat", seen=seen, sent_ms=1.0, focus=self.focus)
             except ConnectionClosed:

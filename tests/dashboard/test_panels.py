@@ -123,7 +123,7 @@ def test_every_control_has_a_label_and_a_hint(viewer: Viewer) -> None:
 def test_the_page_finds_the_places_it_draws_in(viewer: Viewer) -> None:
     content = [c.props["content"] for c in viewer.controls.values() if c.kind == "GuiHtmlMessage"]
     assert content == [
-        f'<div data-tsd="{name}"></div>' for name in ("gear", "joints", "plots", "health")
+        f'<div data-tsd="{name}"></div>' for name in ("gear", "route", "joints", "plots", "health")
     ]
     (tabs,) = (c for c in viewer.controls.values() if c.kind == "GuiTabGroupMessage")
     assert list(tabs.props["_tab_labels"]) == ["Drive", "Gimbals", "View", "Plots", "Health"]

@@ -9,6 +9,7 @@ import numpy as np
 
 from tsd_twin.dashboard.fleet_meshes import FleetMeshes
 from tsd_twin.dashboard.foresight import NOTHING, Foresight, Outlook
+from tsd_twin.dashboard.geared import geared
 from tsd_twin.dashboard.link import Sent, Snapshot
 from tsd_twin.dashboard.poses import JointReader, as_commanded
 from tsd_twin.dashboard.rate import Rate
@@ -16,7 +17,7 @@ from tsd_twin.dashboard.robot_marks import RobotMarks
 from tsd_twin.dashboard.trips import RoundTrips
 from tsd_twin.drives import Drive, JointKind
 from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.robots import RPM, Robot
+from tsd_twin.robots import Robot
 
 SLOWER = 50
 """Wheels that spin on gimbals are drawn turning this much slower than they do: 2,500 a minute as 50
@@ -95,11 +96,7 @@ class Body:
     @property
     def drive(self) -> Drive[Any]:
         """The kinematics that the robot is driven by, in the gear that it says it has."""
-        gears, status = self.link.robot.gears, self.link.snapshot.status
-        if gears is None or status is None or status.gear is None:
-            return self.link.drive
-        spin = status.gear.wanted_rpm * RPM
-        return self.link.drive if gears.refusal(spin) else gears.drive.with_spin(spin)
+        return geared(self.link.robot, self.link.drive, self.link.snapshot)
 
     def update(self) -> None:
         """Take in the newest snapshot."""

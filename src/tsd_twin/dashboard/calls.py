@@ -19,11 +19,15 @@ _STOPPING = 32
 
 
 class Calls:
-    """Two pools of threads: a stop never waits behind a question to a robot that is gone."""
+    """Three pools of threads: a stop never waits behind a question to a robot that is gone.
+
+    One thread plans for all pages; what nobody waits for any more is not begun.
+    """
 
     def __init__(self) -> None:
         self._asking = ThreadPoolExecutor(_ASKING, "ask")
         self._stopping = ThreadPoolExecutor(_STOPPING, "stop")
+        self._planning = ThreadPoolExecutor(1, "plan")
         self._stops: dict[str, asyncio.Task[Reply]] = {}
         self._next_stops: dict[str, asyncio.Task[Reply]] = {}
 
@@ -31,12 +35,19 @@ class Calls:
         """Begin nothing any more; what is under way ends by itself."""
         self._asking.shutdown(wait=False, cancel_futures=True)
         self._stopping.shutdown(wait=False)
+        self._planning.shutdown(wait=False, cancel_futures=True)
 
     async def ask(
         self, call: Callable[_Args, _Answer], *args: _Args.args, **kwargs: _Args.kwargs
     ) -> _Answer:
         """Return what `call` returns."""
         return await _run(self._asking, call, *args, **kwargs)
+
+    async def plan(
+        self, call: Callable[_Args, _Answer], *args: _Args.args, **kwargs: _Args.kwargs
+    ) -> _Answer:
+        """Return what `call` returns, which takes a while without asking anybody."""
+        return await _run(self._planning, call, *args, **kwargs)
 
     async def stop(self, link: RobotLink, operator: str) -> Reply:
         """Stop a robot.

@@ -9,6 +9,7 @@ import viser
 
 from tsd_twin.dashboard import palette
 from tsd_twin.dashboard.body import Body
+from tsd_twin.dashboard.floor import Eye, on_floor
 from tsd_twin.dashboard.ghosts import add_cage
 from tsd_twin.dashboard.layers import ROOT, Layer, layer_nodes
 from tsd_twin.dashboard.pointing import point_on_ball
@@ -104,6 +105,12 @@ class ClientView:
         height_m = body.meshes.shape.skeleton.tree.height_m
         centre = np.array([x + body.pose[0], y + body.pose[1], height_m])
         return point_on_ball(origin, direction, centre, radius_m, body.ball)
+
+    def floor(self, shares: Array) -> Array:
+        """Return the places (m, 2) in `odom` that its picture shows, as `on_floor`."""
+        camera = self._client.camera
+        eye = Eye(camera.position, camera.wxyz, camera.fov, camera.aspect)
+        return on_floor(eye, shares) - np.array(self._world_xy)
 
     # What it shows.
 

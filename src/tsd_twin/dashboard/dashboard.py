@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 
 from tsd_twin.bus import Bus
 from tsd_twin.dashboard import viser_server
@@ -15,6 +15,7 @@ from tsd_twin.dashboard.gateway import Gateway
 from tsd_twin.dashboard.panels import Panels
 from tsd_twin.dashboard.scene import Scene
 from tsd_twin.dashboard.ticker import Ticker
+from tsd_twin.lie import Array
 from tsd_twin.messages.service import Event
 
 TITLE = "tsd-twin"
@@ -58,6 +59,7 @@ async def run(
             door=Door(rules),
             on_released=on_released,
             on_chosen=on_chosen,
+            picture=_Easel(chores, scene, lambda: panels),
         )
         panels = Panels(server, scene, gateway.panel, gateway.choose, gateway.point)
 
@@ -83,3 +85,18 @@ async def run(
     finally:
         chores.shutdown()
         server.stop()
+
+
+class _Easel:
+    """The scene and its panels, as pages draw on them: done in turn, off the event loop."""
+
+    def __init__(self, chores: Executor, scene: Scene, panels: Callable[[], Panels]) -> None:
+        self._chores, self._scene, self._panels = chores, scene, panels
+
+    def floor(self, page: str, shares: Array) -> Future[Array]:
+        """Return the places (m, 2) in `odom` that the picture of a page shows at `shares`."""
+        return self._chores.submit(lambda: self._panels().floor(page, shares))
+
+    def show_route(self, robot_id: str, poses: Array | None) -> None:
+        """Show everybody where a robot is planned to go; None: nowhere."""
+        self._chores.submit(self._scene.show_route, robot_id, poses)

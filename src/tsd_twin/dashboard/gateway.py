@@ -12,6 +12,7 @@ from aiohttp import WSMsgType, web
 
 from tsd_twin.dashboard.calls import Calls
 from tsd_twin.dashboard.door import Door, Rules, visitor_of
+from tsd_twin.dashboard.floor import NoPicture, Picture
 from tsd_twin.dashboard.guard import HEADERS
 from tsd_twin.dashboard.pages import STATIC, IndexPage
 from tsd_twin.dashboard.protocol import Panel, Point, encode
@@ -22,8 +23,9 @@ from tsd_twin.dashboard.session import Session
 from tsd_twin.errors import TwinError
 from tsd_twin.messages.service import Event
 
-_MESSAGE_BYTES = 2048
-"""The longest message of a page has fewer than 200."""
+_BODY_BYTES = 2048
+_MESSAGE_BYTES = 16 * 2**10
+"""The longest message of a page is a line that was drawn; all others have fewer than 200."""
 _HEARTBEAT_S = 5.0
 _GOODBYE_S = 0.5
 _PATIENCE_S = 3.0
@@ -48,12 +50,14 @@ class Gateway:
         door: Door | None = None,
         on_released: Callable[[str], None] = _nothing,
         on_chosen: Callable[[str, str], None] = _nothing,
+        picture: Picture | None = None,
     ) -> None:
         """Read viser's page.
 
         `door` decides who may come in; without one everybody may, from this machine. Called on the
         event loop: `on_released`, with the page, when the sliders of its panel shall spring back,
-        and `on_chosen`, with page and robot id, when its menu is used.
+        and `on_chosen`, with page and robot id, when its menu is used. `picture` is what pages
+        point at and draw on.
 
         Raises:
             TwinError: viser's page cannot be used.
@@ -65,6 +69,7 @@ class Gateway:
         self._calls = Calls()
         self._roster = Roster(fleet, self._calls)
         self._on_released, self._on_chosen = on_released, on_chosen
+        self._picture: Picture = NoPicture() if picture is None else picture
         self._sessions: dict[str, Session] = {}
         self._sockets: dict[str, web.WebSocketResponse] = {}
         self._rejected = 0
@@ -83,7 +88,7 @@ class Gateway:
         """
         self._door.rules.check(host)
         self._loop = asyncio.get_running_loop()
-        app = web.Application(middlewares=[self._door.guard], client_max_size=_MESSAGE_BYTES)
+        app = web.Application(middlewares=[self._door.guard], client_max_size=_BODY_BYTES)
         app.on_response_prepare.append(_add_headers)
         app.router.add_get("/", self._index.serve)
         app.router.add_get("/healthz", self._serve_health)
@@ -228,6 +233,7 @@ class Gateway:
             self._on_released,
             self._on_chosen,
             visitor=visitor,
+            picture=self._picture,
         )
         self._sessions[page], self._sockets[page] = session, socket
         delivering = asyncio.create_task(session.mail.deliver(socket))

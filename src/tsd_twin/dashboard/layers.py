@@ -16,6 +16,7 @@ class Layer(StrEnum):
     TRUTH = "true pose"
     OTHER = "other estimate"
     TRAIL = "trail"
+    ROUTE = "planned path"
     ARROWS = "thrust arrows"
     ELLIPSE = "covariance ellipse"
     PREDICTED = "predicted pose"
@@ -26,10 +27,13 @@ class Layer(StrEnum):
 TRUTHS, OTHERS, TRAILS, SCALE = f"{ROOT}/t", f"{ROOT}/o", f"{ROOT}/k", f"{ROOT}/l"
 """Nodes of all robots' true poses, of what else is estimated, of all trails, and of the metres on
 the floor."""
+ROUTES = f"{ROOT}/p"
+"""Node of all planned paths."""
 _SHARED = {
     Layer.TRUTH: TRUTHS,
     Layer.OTHER: OTHERS,
     Layer.TRAIL: TRAILS,
+    Layer.ROUTE: ROUTES,
     Layer.LABELS: SCALE,
 }
 _EACH = {

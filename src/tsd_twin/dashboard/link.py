@@ -51,6 +51,8 @@ class Snapshot:
     joints: JointState | None = None
     setpoint: JointState | None = None
     odom: Odometry | None = None
+    odom_s: float = -np.inf
+    """When that came in, on the clock given to `poll`."""
     other: Odometry | None = None
     """The estimate that `odom` is not, of robots that have two."""
     truth: Odometry | None = None
@@ -133,6 +135,8 @@ class RobotLink:
                     fresh[name] = decode(sample.payload)
                 except MessageError:
                     continue  # Somebody else writes on this key; the age of the state will tell.
+        if "odom" in fresh:
+            fresh["odom_s"] = now_s
         new_status = self._poll_status(fresh)
         if fresh:
             self.snapshot = replace(self.snapshot, **fresh, received_s=now_s)

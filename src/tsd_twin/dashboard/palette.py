@@ -20,6 +20,8 @@ THRUST: Rgb = (240, 150, 10)
 """What the wheels do over the ground."""
 PREVIEW: Rgb = (190, 70, 230)
 """What the robot would do."""
+ROUTE: Rgb = (150, 110, 255)
+"""Where it is planned to go."""
 PREDICTED: Rgb = (235, 80, 160)
 """Where the robot will be."""
 ENVELOPE: Rgb = (232, 90, 60)

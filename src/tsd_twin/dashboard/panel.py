@@ -51,6 +51,7 @@ class Panel:
             with tabs.add_tab("Drive"):
                 self._drive = DriveTab(gui, self._view, on_moved, self._chosen)
                 gui.add_html('<div data-tsd="gear"></div>')
+                gui.add_html('<div data-tsd="route"></div>')
         self._joints = tabs.add_tab(JOINTS[None])
         with self._joints:
             gui.add_html('<div data-tsd="joints"></div>')
@@ -71,6 +72,10 @@ class Panel:
     def point(self, origin: Array, direction: Array) -> tuple[float, float, float] | None:
         """Return the point of the robot's ball that a ray (3,), (3,) in the picture meets."""
         return self._view.point(origin, direction)
+
+    def floor(self, shares: Array) -> Array:
+        """Return the places (m, 2) in `odom` that the picture shows, as `on_floor`."""
+        return self._view.floor(shares)
 
     def moved(self) -> None:
         """Follow the robot that has moved."""

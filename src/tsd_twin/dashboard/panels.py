@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Literal, TypeAlias
 
+import numpy as np
 import viser
 
 from tsd_twin.dashboard.drive_tab import Mode
@@ -62,6 +63,13 @@ class Panels:
         """Turn the panel of a page to another robot."""
         for panel in self._of(page):
             panel.choose(robot_id)
+
+    def floor(self, page: str, shares: Array) -> Array:
+        """Return the places (m, 2) in `odom` that the picture of a page shows, as `on_floor`."""
+        with self._scene.lock:
+            for panel in self._of(page):
+                return panel.floor(shares)
+        return np.empty((0, 2))
 
     def moved(self) -> None:
         """Let each client follow its robot."""

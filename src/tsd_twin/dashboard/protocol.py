@@ -16,6 +16,12 @@ from tsd_twin.messages.status import Status
 Count: TypeAlias = Annotated[int, Meta(ge=0, le=2**53)]
 """A number that a browser can hold exactly."""
 Triple: TypeAlias = tuple[float, float, float]
+Coordinate: TypeAlias = Annotated[float, Meta(ge=-1e4, le=1e4)]
+"""A number of which nothing overflows: metres, radians, or shares of a picture."""
+Level: TypeAlias = Annotated[int, Meta(ge=1, le=100)]
+"""Percent of the limits in force."""
+MOST_POINTS = 256
+"""Of a line that is drawn."""
 
 
 class _Message(msgspec.Struct, frozen=True, tag_field="t", kw_only=True):
@@ -33,6 +39,39 @@ class Drive(_Message, frozen=True, tag="drive"):
     omega: float
     seen: Count
     frame: Literal["base_link", "odom"] = "base_link"
+
+
+class Plan(_Message, frozen=True, tag="plan"):
+    """Plan a way to a place on the floor, or along a line that was drawn on it."""
+
+    kind: Literal["to", "draw"]
+    points: Annotated[
+        list[tuple[Coordinate, Coordinate]], Meta(min_length=1, max_length=MOST_POINTS)
+    ]
+    """Of `to` the place, and then one that shall be looked at on arrival; of `draw` all."""
+    on: Literal["floor", "picture"]
+    """Metres in `odom`, or shares of the picture, right and down from its upper left corner."""
+    heading: Coordinate | None = None
+    """Where to look on arrival, radians in `odom`; null keeps the heading."""
+    level: Level = 100
+
+
+class Pace(_Message, frozen=True, tag="pace"):
+    """Go at this speed level from now on."""
+
+    level: Level
+
+
+class Unplan(_Message, frozen=True, tag="unplan"):
+    """Forget the way."""
+
+
+class Go(_Message, frozen=True, tag="go"):
+    """Move along the planned way, like `drive` for as long as it is said."""
+
+    route: Count
+    """Number of the way, which is another one after each planning."""
+    seen: Count
 
 
 class Release(_Message, frozen=True, tag="release"):
@@ -93,6 +132,10 @@ class Choose(_Message, frozen=True, tag="robot"):
 
 FromPage: TypeAlias = (
     Drive
+    | Plan
+    | Pace
+    | Unplan
+    | Go
     | Release
     | PanelReleased
     | Beat
@@ -244,6 +287,21 @@ class Apart(msgspec.Struct, frozen=True):
     degrees: float
 
 
+class Route(msgspec.Struct, frozen=True):
+    """The way that this page has planned, and how it goes."""
+
+    number: int
+    phase: Literal["planning", "planned", "going", "arrived", "ended"]
+    length_m: float
+    time_s: float
+    """What it takes at the level that it is planned for."""
+    done_m: float = 0.0
+    off_mm: float = 0.0
+    """Between the robot and where it should be."""
+    reason: str = ""
+    """Why it has ended."""
+
+
 class State(_Message, frozen=True, tag="state"):
     """How the robot is."""
 
@@ -265,6 +323,7 @@ class State(_Message, frozen=True, tag="state"):
     wheels: Sequence[Wheel] = ()
     ball: Ball | None = None
     apart: Apart | None = None
+    route: Route | None = None
 
 
 class Panel(_Message, frozen=True, tag="panel"):

@@ -11,10 +11,11 @@ from tsd_twin.dashboard.ellipse import CovarianceEllipse
 from tsd_twin.dashboard.envelope import StopEnvelope
 from tsd_twin.dashboard.foresight import Outlook
 from tsd_twin.dashboard.ghosts import PoseGhost, PredictedGhost, SetpointGhost, place
-from tsd_twin.dashboard.layers import OTHERS, TRAILS, TRUTHS, Layer, mark_node, robot_node
+from tsd_twin.dashboard.layers import OTHERS, ROUTES, TRAILS, TRUTHS, Layer, mark_node, robot_node
 from tsd_twin.dashboard.link import Snapshot
 from tsd_twin.dashboard.pointing import OnClick, add_target
 from tsd_twin.dashboard.poses import JointReader
+from tsd_twin.dashboard.route_line import RouteLine
 from tsd_twin.dashboard.shape import Shape
 from tsd_twin.dashboard.suspect import SuspectMark
 from tsd_twin.dashboard.trail import Trail
@@ -41,6 +42,7 @@ class RobotMarks:
         self.truth = PoseGhost(scene, f"{TRUTHS}/{robot_id}", shape, palette.TRUTH)
         self.other = PoseGhost(scene, f"{OTHERS}/{robot_id}", shape, palette.OTHER)
         self.trail = Trail(scene, f"{TRAILS}/{robot_id}")
+        self.route = RouteLine(scene, f"{ROUTES}/{robot_id}", shape.reach_m)
         self.arrows = ThrustArrows(scene, mark_node(Layer.ARROWS, robot_id), shape.skeleton)
         self.ellipse = CovarianceEllipse(scene, mark_node(Layer.ELLIPSE, robot_id))
         self.predicted = PredictedGhost(scene, mark_node(Layer.PREDICTED, robot_id), shape)
@@ -98,6 +100,7 @@ class RobotMarks:
     def remove(self) -> None:
         """Draw nothing of it any more."""
         self.trail.clear()
+        self.route.update(None)
         self.truth.remove()
         self.other.remove()
         self._base.remove()

@@ -13,7 +13,7 @@ import viser
 from tsd_twin.dashboard.body import Body, Source
 from tsd_twin.dashboard.fleet_meshes import FleetMeshes
 from tsd_twin.dashboard.ground import add_ground
-from tsd_twin.dashboard.layers import OTHERS, ROOT, SCALE, TRAILS, TRUTHS
+from tsd_twin.dashboard.layers import OTHERS, ROOT, ROUTES, SCALE, TRAILS, TRUTHS
 from tsd_twin.dashboard.pointing import OnClick
 from tsd_twin.dashboard.robot_marks import RobotMarks
 from tsd_twin.dashboard.shape import Shape
@@ -50,7 +50,7 @@ class Scene:
         self.on_click: OnClick | None = None
         """Called on viser's thread when the ball of a robot is clicked on."""
         add_ground(server.scene, ROOT, SCALE)
-        for node in (TRUTHS, OTHERS, TRAILS):
+        for node in (TRUTHS, OTHERS, TRAILS, ROUTES):
             server.scene.add_frame(node, show_axes=False)
 
     @property
@@ -113,6 +113,14 @@ class Scene:
         with self.lock:
             if robot_id in self._bodies:
                 self._bodies[robot_id].marks.set_stale(stale)
+
+    def show_route(self, robot_id: str, poses: Array | None) -> None:
+        """Show where a robot is planned to go, poses (n, 3) in `odom`; None is nowhere."""
+        with self.lock:
+            if robot_id in self._bodies:
+                with self.server.atomic():
+                    self._bodies[robot_id].marks.route.update(poses)
+                self.server.flush()
 
     def clear_trails(self) -> None:
         """Forget where the robots were."""

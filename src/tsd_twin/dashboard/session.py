@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import asyncio
-import math
-import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import msgspec
 
 from tsd_twin.access import Role
-from tsd_twin.authority import Mode
 from tsd_twin.dashboard import protocol
 from tsd_twin.dashboard.calls import Calls
 from tsd_twin.dashboard.desk import Desk
-from tsd_twin.dashboard.grip import SILENT_S, Grip, Hold
+from tsd_twin.dashboard.floor import Picture
+from tsd_twin.dashboard.going import Going
+from tsd_twin.dashboard.hands import DRIVABLE, Hands
 from tsd_twin.dashboard.mailbox import Mailbox
 from tsd_twin.dashboard.roster import Roster
 from tsd_twin.dashboard.visitor import Visitor
@@ -23,7 +22,6 @@ from tsd_twin.errors import MessageError
 from tsd_twin.messages.service import Event, Reply
 from tsd_twin.topics import Service
 
-_DRIVABLE = (Mode.READY, Mode.DRIVING)
 _OF_THE_HOLDER: Mapping[type[protocol.Arm | protocol.Disarm | protocol.Reset], Service] = {
     protocol.Arm: Service.ARM,
     protocol.Disarm: Service.DISARM,
@@ -46,6 +44,7 @@ class Session:
         on_chosen: Callable[[str, str], None],
         *,
         visitor: Visitor,
+        picture: Picture,
     ) -> None:
         """`visitor` is whose page this is; each of theirs has an operator id of its own."""
         self.page = page
@@ -60,10 +59,10 @@ class Session:
         self._roster = roster
         self._calls = calls
         self._on_released, self._on_chosen = on_released, on_chosen
-        self._grip = Grip()
         self._desk = Desk(self._operator, calls, self._post, self.let_go)
+        going = Going(page, calls, picture, self._post)
+        self._hands = Hands(self._desk, self.mail, going, self._post, self.let_go)
         self._stops: int | None = None
-        self._watchdog: asyncio.TimerHandle | None = None
         self._stopping: set[asyncio.Task[None]] = set()
 
     def fleet_changed(self) -> None:
@@ -88,9 +87,7 @@ class Session:
 
     async def close(self) -> None:
         """Put the robot at rest and give control back; the socket is closed or lost."""
-        if self._watchdog is not None:
-            self._watchdog.cancel()
-        self._release()
+        self._hands.close()
         await self._desk.close()
         self._on_released(self.page)
 
@@ -111,12 +108,17 @@ class Session:
 
     def _obey(self, message: protocol.FromPage) -> None:
         match message:
-            case protocol.Drive():
-                self._drive(message)
+            case (
+                protocol.Drive()
+                | protocol.Go()
+                | protocol.Release()
+                | protocol.Plan()
+                | protocol.Pace()
+                | protocol.Unplan()
+            ):
+                self._hands.obey(message)
             case protocol.Beat():
                 self._beat(message)
-            case protocol.Release():
-                self._release()
             case protocol.PanelReleased():
                 self._on_released(self.page)
             case protocol.Stop():
@@ -139,55 +141,9 @@ class Session:
             service = _OF_THE_HOLDER[type(message)]
             self._desk.ask(service.name.lower(), self._desk.serve(service))
 
-    def _drive(self, message: protocol.Drive) -> None:
-        twist = (message.vx, message.vy, message.omega)
-        if not all(math.isfinite(value) for value in twist):
-            raise MessageError("nonfinite", "a twist must be finite numbers")
-        self.mail.seen(message.seen)
-        control = self._desk.control
-        if control is None:
-            if self._grip.refuse():  # What is held while control changes hands must not set it off.
-                self._post(protocol.Released(reason="you do not have control"))
-            return
-        if not self._grip.drive(time.monotonic()):
-            return
-        if time.monotonic() - control.link.snapshot.received_s > control.max_age_s:
-            # The robot stops meanwhile, and may be ready again before the next word of it comes.
-            self.let_go(f"the robot has not been heard for {control.max_age_s:g} s")
-            return
-        status = control.link.snapshot.status
-        if status is None or status.mode not in _DRIVABLE:
-            # A control that is held while the robot comes to be ready must not set it off.
-            self.let_go(f"the robot is {status.mode if status else 'silent'}")
-            return
-        control.drive(twist, message.seen, message.frame)
-        if self._watchdog is None:
-            self._watch(SILENT_S)
-
-    def _watch(self, wait_s: float) -> None:
-        loop = asyncio.get_running_loop()
-        self._watchdog = loop.call_later(wait_s, self._check_silence)
-
-    def _check_silence(self) -> None:
-        self._watchdog = None
-        if self._grip.hold is not Hold.HELD:
-            return
-        silent_s = self._grip.silent_for_s(time.monotonic())
-        if silent_s >= SILENT_S:
-            self.let_go(f"no command from the page for {SILENT_S * 1000:.0f} ms")
-        else:
-            self._watch(SILENT_S - silent_s)
-
-    def _release(self) -> None:
-        if self._grip.release() and self._desk.control is not None:
-            self._desk.control.rest()
-
     def let_go(self, reason: str) -> None:
         """Put the robot at rest on behalf of the page, if it holds a control."""
-        if self._grip.let_go():
-            if self._desk.control is not None:
-                self._desk.control.rest()
-            self._post(protocol.Released(reason=reason))
+        if self._hands.let_go(reason):
             self._on_released(self.page)
 
     def _beat(self, message: protocol.Beat) -> None:
@@ -202,6 +158,7 @@ class Session:
             self._post(protocol.Answer(to="stop", ok=False, reason=_WATCHES))
             return
         self.let_go("software stop")
+        self._hands.going.drop()
         if len(self._stopping) < _STOPS_AT_ONCE:
             task = asyncio.create_task(self._stop_and_answer())
             self._stopping.add(task)
@@ -254,14 +211,18 @@ class Session:
             self._lost(f"{lease.holder} has taken over" if lease.holder else "it has run out")
             control = None
         self._desk.hear(lease)
-        if state.status.mode not in _DRIVABLE:
+        if state.status.mode not in DRIVABLE:
             self.let_go(f"the robot is {state.status.mode}")
         if self._stops not in (None, state.status.stops):
             # It may be ready again by now: a stop can be shorter than the time between two states.
             self.let_go("the robot has stopped by itself")
         self._stops = state.status.stops
+        if control is None:
+            self._hands.going.drop()
+        self._hands.going.tick()
         you = control is not None and lease.holder == self._operator
-        self.mail.state(state.seen, protocol.encode(msgspec.structs.replace(state, you=you)))
+        state = msgspec.structs.replace(state, you=you, route=self._hands.going.shown)
+        self.mail.state(state.seen, protocol.encode(state))
 
     def tell(self, event: Event, *, past: bool = False) -> None:
         """Send an event of the robot that is watched."""

@@ -2,7 +2,8 @@
 //   held      whether somebody holds it
 //   cancel()  go back to the centre; moves nothing until it is deliberately used again
 // and either `unit`, {x, y, turn} as shares of what the speed level allows, or `twist`, in m/s and
-// rad/s. As long as any is held, a command goes out every 20 ms; nothing is ever queued.
+// rad/s; what it has for a `command` is said instead of a twist. As long as any is held, a command
+// goes out every 20 ms; nothing is ever queued.
 
 import { notDrive, notStop } from "./permission.js";
 import { spaceOf } from "./space.js";
@@ -136,7 +137,12 @@ export class Drive {
   _send() {
     const reason = notDrive(this.link);
     if (reason !== null) this.letGo(`${reason} Push again to drive.`);
-    else this.link.send({ t: "drive", ...this.twist, seen: this.link.state.seen });
+    else this.link.send({ ...this._command, seen: this.link.state.seen });
+  }
+
+  get _command() {
+    const source = this._sources.find(({ held, command }) => held && command !== undefined);
+    return source?.command ?? { t: "drive", ...this.twist };
   }
 
   _checkState() {

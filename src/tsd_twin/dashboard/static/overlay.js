@@ -9,6 +9,7 @@ import { Conflict } from "./conflict.js";
 import { Drive } from "./drive.js";
 import { Frame } from "./frame.js";
 import { Gamepad } from "./gamepad.js";
+import { Going } from "./going.js";
 import { drawsInSoftware } from "./graphics.js";
 import { HandOver } from "./handover.js";
 import { Hints } from "./hints.js";
@@ -29,7 +30,7 @@ import { Turn } from "./turn.js";
 
 const NARROW_PX = 600; // As in small.css.
 const STYLES = [
-  ...["frame", "bar", "buttons", "notices", "handover", "card", "dock", "stop", "small"],
+  ...["frame", "bar", "buttons", "notices", "handover", "card", "dock", "stop", "route", "small"],
   "account", // Last: it takes away what others show.
 ];
 
@@ -59,6 +60,7 @@ const turn = new Turn(drive);
 const stopButton = new StopButton(link, tips, stop);
 const sliders = new Sliders(drive, link, (event) => frame.isPanel(event));
 const bringUp = new BringUp(drive, link, (event) => frame.isScene(event));
+const going = new Going(drive, link, tips);
 const preview = el(
   "div",
   { class: "preview", hidden: true },
@@ -81,6 +83,7 @@ const inner = el(
   "div",
   { class: "frame" },
   stale.veil,
+  going.floor.element,
   bar.element,
   el(
     "div",
@@ -141,7 +144,7 @@ stick.element
   );
 
 const keys = new Keys(drive, { focused: keyOfFocused, stop });
-for (const source of [stick, turn, keys, new Gamepad(drive, stop), sliders, bringUp])
+for (const source of [stick, turn, keys, new Gamepad(drive, stop), sliders, bringUp, going])
   drive.add(source);
 drive.onChange(draw);
 drive.onMessage = (text) => notices.say(text);
@@ -177,10 +180,11 @@ frame.phone.addEventListener("change", layOut);
 layOut();
 fold(false);
 turnAxes("base_link");
-watchPanels(link);
+watchPanels(link, going);
 link.open();
 
 function keyOfFocused(event) {
+  if (going.key(event)) return true;
   const focused = root.activeElement;
   if (focused === stick.pad) return stick.key(event);
   if (focused === turn.track) return turn.key(event);
@@ -242,6 +246,8 @@ function fold(folded) {
 
 function layOut() {
   (host.clientWidth <= NARROW_PX ? right : bar.level).prepend(level.element);
+  if (host.clientWidth <= NARROW_PX) dock.before(going.element);
+  else stopButton.element.prepend(going.element);
   mark(inner, "data-drawer", frame.phone.matches ? "" : null);
   reserve();
 }

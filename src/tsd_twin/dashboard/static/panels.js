@@ -8,11 +8,13 @@ import { Joints } from "./joints.js";
 import { nameControls } from "./names.js";
 import { Plots } from "./plots.js";
 import { Recorder } from "./recorder.js";
+import { RouteForm } from "./route_form.js";
 
 /** Fill all places that there are and that will come, and name what viser leaves without a name. */
-export function watchPanels(link) {
+export function watchPanels(link, going) {
   const recorder = new Recorder(link);
   const makers = {
+    route: (place) => new RouteForm(link, going, place),
     joints: (place) => new Joints(link, place),
     gear: (place) => new Gear(link, place),
     plots: (place) => new Plots(recorder, place),
@@ -41,6 +43,7 @@ export function watchPanels(link) {
 }
 
 const STYLES = {
+  route: ["route_form"],
   joints: ["gimbals", "wheels"],
   gear: ["gear"],
   plots: ["plots"],

@@ -27,7 +27,7 @@ function notAllowed(link) {
   return notConnected(link) ?? (watches(link) ? WATCHES : null);
 }
 
-function notYours(link) {
+export function notYours(link) {
   const reason = notAllowed(link);
   if (reason !== null) return reason;
   if (link.state.you) return null;

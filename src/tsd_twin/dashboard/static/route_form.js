@@ -1,0 +1,83 @@
+// Where to go in numbers: for who does not point at the floor.
+
+import { el, mark, say } from "./dom.js";
+import { fixed } from "./format.js";
+import { notYours } from "./permission.js";
+
+const FIELDS = [
+  ["x", "x (m)", "Forward of the origin"],
+  ["y", "y (m)", "Left of the origin"],
+  ["heading", "heading (°)", "Where to look on arrival; empty keeps it"],
+];
+
+export class RouteForm {
+  constructor(link, going, place) {
+    this._link = link;
+    this._going = going;
+    this._fields = {};
+    this._why = el("p", { class: "muted", role: "status", "aria-label": "Go to" });
+    this._button = el("button", { class: "button" }, "Plan");
+    this._form = el(
+      "form",
+      {
+        class: "route-form",
+        "aria-label": "Go to",
+        novalidate: true,
+        onsubmit: (event) => this._plan(event),
+      },
+      el("strong", {}, "Go to"),
+      el("div", { class: "fields" }, ...FIELDS.map((field) => this._field(...field))),
+      this._button,
+      this._why,
+    );
+    place.append(this._form);
+    this._open = true;
+    link.on("state", () => this._open && this._show());
+    link.on("robot", () => this._open && this._show());
+    this._show();
+  }
+
+  close() {
+    this._open = false;
+  }
+
+  _field(name, label, hint) {
+    const input = el("input", { type: "number", step: "any", inputmode: "decimal", title: hint });
+    this._fields[name] = input;
+    return el("label", {}, label, input);
+  }
+
+  _show() {
+    this._form.hidden = this._link.robot?.space !== "floor";
+    const reason = notYours(this._link);
+    mark(this._button, "aria-disabled", reason === null ? null : "true");
+    const pose = this._link.state?.pose;
+    for (const [i, name] of ["x", "y"].entries())
+      mark(this._fields[name], "placeholder", pose ? fixed(pose[i], 2) : "");
+    const route = this._going.route;
+    say(
+      this._why,
+      reason ??
+        (route?.phase === "planned"
+          ? `${fixed(route.length_m, 2)} m: hold G, or Hold to go.`
+          : "An empty place is where the robot is."),
+    );
+  }
+
+  _plan(event) {
+    event.preventDefault();
+    const pose = this._link.state?.pose;
+    if (!pose) return;
+    const number = (name, missing) => {
+      const { value } = this._fields[name];
+      return value === "" ? missing : Number(value);
+    };
+    const degrees = number("heading", null);
+    this._going.plan({
+      kind: "to",
+      on: "floor",
+      points: [[number("x", pose[0]), number("y", pose[1])]],
+      heading: degrees === null ? null : (degrees * Math.PI) / 180,
+    });
+  }
+}

@@ -1,0 +1,242 @@
+"""Errands: whatever is clicked on or drawn, the robot gets there, and only while it is told to."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from tsd_twin import robots
+from tsd_twin.errors import PathError
+from tsd_twin.lab.virtual_robot import PERIOD_S, VirtualRobot
+from tsd_twin.lie import SE2, Array, wrap
+from tsd_twin.motion import TwistLimiter
+from tsd_twin.motion.errand import LONGEST_M, Errand
+from tsd_twin.motion.follower import FAIR_M, FAIR_RAD, LOST_M, STUCK_S, Follower, Phase, Step
+from tsd_twin.motion.trajectory import plan
+from tsd_twin.robots import Robot
+from tsd_twin.sim import SimRobot
+
+PLANAR = ["tsd", "omni4", "kiwi", "mecanum"]
+HELD = 2
+"""Periods for which a command holds: the page says that it is held every 20 ms."""
+ASIDE_M = 0.08
+
+coordinates = st.floats(-2.0, 2.0)
+places = st.tuples(coordinates, coordinates)
+headings = st.none() | st.floats(-3.1, 3.1)
+
+
+@st.composite
+def drawings(draw: st.DrawFn) -> Array:
+    """A line as a hand draws it: it wanders, and shakes by some millimetres."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    direction = draw(st.floats(-3.0, 3.0)) + np.cumsum(rng.normal(0.0, 0.12, 60))
+    steps = draw(st.floats(0.01, 0.05)) * np.stack([np.cos(direction), np.sin(direction)], -1)
+    return np.cumsum(steps, axis=0) + rng.normal(0.0, 0.004, (60, 2))
+
+
+def follower_of(robot: Robot, errand: Errand, start: SE2, *, delay_s: float = 0.0) -> Follower:
+    limits = msgspec.structs.replace(robot.limits, speed_mps=0.8 * robot.limits.speed_mps)
+    drive = robot.kinematics()
+    trajectory = plan(errand.route(start), drive, limits, share=0.7, cell_m=0.02)
+    cap = TwistLimiter(drive, limits).cap
+    return Follower(trajectory, cap, lag_s=robot.lag_s, delay_s=delay_s)
+
+
+class Ride:
+    """A robot in virtual time, and somebody who holds the button, near by or far away."""
+
+    def __init__(self, name: str, delay_s: float = 0.0) -> None:
+        self.robot = robots.load(name)
+        self.virtual = VirtualRobot(self.robot, SimRobot(self.robot, seed=1))
+        late = round(0.5 * delay_s / PERIOD_S)
+        self._there = deque([np.zeros(3)] * late, late + 1)
+        self._back = deque([self.seen] * late, late + 1)
+        self._delay_s = delay_s
+        self.way: list[Array] = []
+
+    @property
+    def seen(self) -> SE2:
+        return SE2(self.virtual.odometry().xy_heading)
+
+    def follow(self, errand: Errand, *, periods: int = 10_000) -> tuple[Follower, Step]:
+        follower = follower_of(self.robot, errand, self.seen, delay_s=self._delay_s)
+        for i in range(periods):
+            self._back.append(self.seen)
+            if i % HELD == 0:
+                step = follower.advance(i * PERIOD_S, self._back[0])
+                if step.phase is not Phase.GOING:
+                    break
+            self.drive(step.twist)
+        return follower, step
+
+    def drive(self, twist: Array) -> None:
+        self._there.append(twist)
+        self.virtual.drive(self._there[0])
+        self.way.append(self.virtual.truth.xy_heading)
+
+    def rest(self) -> None:
+        for _ in range(100):
+            self.drive(np.zeros(3))
+
+
+@pytest.mark.parametrize("name", PLANAR)
+@settings(max_examples=3, deadline=None)
+@given(goal=places, heading=headings)
+def test_a_place_that_is_clicked_on_is_reached(
+    name: str, goal: tuple[float, float], heading: float | None
+) -> None:
+    assume(np.hypot(*goal) > 0.01)
+    ride = Ride(name)
+    _, step = ride.follow(Errand(np.array([goal]), heading))
+    assert step.phase is Phase.ARRIVED, step.reason
+    assert not step.twist.any()
+    ride.rest()
+    x, y, h = ride.seen.xy_heading
+    assert np.hypot(x - goal[0], y - goal[1]) < FAIR_M
+    assert abs(wrap(h - (heading or 0.0))) < FAIR_RAD
+    assert np.abs(ride.virtual.true_twist).max() < 0.01
+    # A straight way: as far beside it as the joints are coarse, and no further.
+    along = np.array(goal) / np.hypot(*goal)
+    way = np.array(ride.way)[:, :2]
+    assert np.abs(way[:, 1] * along[0] - way[:, 0] * along[1]).max() < ASIDE_M
+
+
+@settings(max_examples=5, deadline=None)
+@given(points=drawings())
+def test_a_line_that_is_drawn_is_followed_to_its_end(points: Array) -> None:
+    ride = Ride("tsd")
+    _, step = ride.follow(Errand(points))
+    assert step.phase is Phase.ARRIVED, step.reason
+    ride.rest()
+    way = np.array(ride.way)[:, :2]
+    assert np.hypot(*(ride.seen.xy_heading[:2] - points[-1])) < FAIR_M
+    nearest = [np.hypot(*(way - point).T).min() for point in points]
+    assert max(nearest) < ASIDE_M
+
+
+@pytest.mark.parametrize("delay_s", [0.1, 0.3])
+def test_late_poses_and_commands_neither_swing_nor_overshoot(delay_s: float) -> None:
+    """A loop with the gain for no delay swings at 0.3 s; the goal is ahead, so beyond is over."""
+    ride = Ride("tsd", delay_s)
+    _, step = ride.follow(Errand(np.array([[1.5, 0.0]])))
+    assert step.phase is Phase.ARRIVED, step.reason
+    ride.rest()
+    way = np.array(ride.way)
+    assert way[:, 0].max() < 1.5 + 0.05
+    assert np.abs(way[:, 1]).max() < 0.05
+
+
+def test_a_turn_in_place_turns_in_place() -> None:
+    ride = Ride("tsd")
+    _, step = ride.follow(Errand(np.zeros((1, 2)), 2.0))
+    assert step.phase is Phase.ARRIVED, step.reason
+    ride.rest()
+    assert ride.seen.xy_heading[2] == pytest.approx(2.0, abs=FAIR_RAD)
+    assert np.abs(np.array(ride.way)[:, :2]).max() < 0.03
+
+
+@settings(max_examples=5, deadline=None)
+@given(points=drawings(), periods=st.integers(20, 150))
+def test_what_is_left_of_an_errand_leads_on_to_its_end(points: Array, periods: int) -> None:
+    """Let go at any time; the robot rests, and the rest of the way begins where it is."""
+    errand = Errand(points)
+    ride = Ride("tsd")
+    follower, step = ride.follow(errand, periods=periods)
+    ride.rest()
+    if step.phase is Phase.ARRIVED:
+        return
+    whole_m = follower.trajectory.length_m
+    left = errand.rest(follower.trajectory.route.path, step.done_m)
+    # It does not begin anew, and what it rolled on while it braked is little.
+    assert left.route(ride.seen).length_m < whole_m - step.done_m + 0.2
+    _, step = ride.follow(left)
+    assert step.phase is Phase.ARRIVED, step.reason
+    assert np.hypot(*(ride.seen.xy_heading[:2] - points[-1])) < FAIR_M
+    way = np.array(ride.way)[:, :2]
+    nearest = [np.hypot(*(way - point).T).min() for point in points]
+    assert max(nearest) < ASIDE_M
+
+
+def test_a_robot_that_is_held_gets_no_more_than_a_pull_and_then_none() -> None:
+    """Its wheels go round on ice: the reference waits, and after a while nobody pulls."""
+    robot = robots.load("tsd")
+    follower = follower_of(robot, Errand(np.array([[5.0, 0.0]])), SE2.identity())
+    steps = [follower.advance(i * 0.02, SE2.identity()) for i in range(500)]
+    assert steps[-1].phase is Phase.LOST
+    assert not steps[-1].twist.any()
+    going = [step for step in steps if step.phase is Phase.GOING]
+    assert len(going) * 0.02 < 2.0 * STUCK_S
+    assert max(step.off_m for step in going) < LOST_M
+
+
+@pytest.mark.parametrize("moved", [(0.4, 0.0, 0.0), (0.0, -0.4, 0.0), (0.0, 0.0, 1.0)])
+def test_a_pose_that_jumps_ends_it(moved: tuple[float, float, float]) -> None:
+    follower = follower_of(robots.load("tsd"), Errand(np.array([[2.0, 0.0]])), SE2.identity())
+    assert follower.advance(0.0, SE2.identity()).phase is Phase.GOING
+    step = follower.advance(0.02, SE2(np.array(moved)))
+    assert step.phase is Phase.LOST
+    assert not step.twist.any()
+
+
+@pytest.mark.parametrize("broken", [np.nan, np.inf])
+def test_a_pose_that_is_no_number_ends_it(broken: float) -> None:
+    follower = follower_of(robots.load("tsd"), Errand(np.array([[2.0, 0.0]])), SE2.identity())
+    step = follower.advance(0.0, SE2(np.array([0.0, broken, 0.0])))
+    assert step.phase is Phase.LOST
+    assert not step.twist.any()
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    at_s=st.lists(st.floats(0.0, 1e6), min_size=2, max_size=20),
+    off=st.lists(st.floats(-0.2, 0.2), min_size=3, max_size=3),
+)
+def test_whenever_it_is_called_a_twist_is_finite_and_within_the_limits(
+    at_s: list[float], off: list[float]
+) -> None:
+    """Also with a clock that jumps, or goes back."""
+    robot = robots.load("tsd")
+    follower = follower_of(robot, Errand(np.array([[2.0, 1.0]]), 1.0), SE2.identity())
+    for now_s in at_s:
+        step = follower.advance(now_s, SE2(np.array(off)))
+        assert np.isfinite(step.twist).all()
+        assert np.hypot(*step.twist[:2]) <= 0.8 * robot.limits.speed_mps + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("errand", "word"),
+    [
+        (Errand(np.array([[0.001, 0.0]])), "already"),
+        (Errand(np.array([[0.001, 0.0]]), 0.001), "already"),
+        (Errand(np.array([[LONGEST_M + 1.0, 0.0]])), "at most"),
+        (Errand(np.array([[1.0, np.nan]])), "at most"),
+        (Errand(np.array([[1.0, 0.0], [1.0, 1e300]])), "at most"),
+    ],
+)
+def test_errands_that_lead_nowhere_are_refused(errand: Errand, word: str) -> None:
+    with pytest.raises(PathError, match=word):
+        errand.route(SE2.identity())
+
+
+@settings(max_examples=20, deadline=None)
+@given(points=drawings(), jump=places)
+def test_a_smooth_line_begins_where_the_robot_is_ends_where_it_was_drawn_and_stays_near(
+    points: Array, jump: tuple[float, float]
+) -> None:
+    start = SE2(np.array([*jump, 0.3]))
+    path = Errand(points).route(start).path
+    ends = path.at(np.array([0.0, path.length_m])).xy
+    np.testing.assert_allclose(ends, [jump, points[-1]], atol=1e-4)
+    drawn = np.concatenate([[jump], points])
+    along = np.linspace(0.0, 1.0, 50)[:, None, None]
+    legs = (drawn[:-1] + along * (drawn[1:] - drawn[:-1])).reshape(-1, 2)
+    smooth = path.at(np.linspace(0.0, path.length_m, 400)).xy
+    apart = np.sqrt(((smooth[:, None] - legs) ** 2).sum(-1))
+    assert apart.min(axis=1).max() < ASIDE_M
+    assert apart.min(axis=0).max() < ASIDE_M
