@@ -36,7 +36,7 @@ class SingularityGeometry(Table, frozen=True, tag="singularity", tag_field="kind
     max_tilt_deg: Annotated[float, Meta(gt=0.0, lt=80.0)]
     cruise_speed_rpm: Positive
     """Speed of the wheels when the robot is ready: the gear."""
-    spin_ratio: list[Positive] = msgspec.field(default_factory=list)
+    spin_ratio: list[Positive] = msgspec.field(default_factory=list[Positive])
     """Speed of each wheel over that; all 1 unless given."""
 
     @property
@@ -98,9 +98,9 @@ class Noise(Table, frozen=True):
 class Calibration(Table, frozen=True):
     """`[calibration]`: what `tsd-lab calibrate` and `tsd-lab zero` found out about one machine."""
 
-    tilt_offset_deg: list[tuple[float, float]] = msgspec.field(default_factory=list)
+    tilt_offset_deg: list[tuple[float, float]] = msgspec.field(default_factory=list[tuple[float, float]])
     """Of each module, alpha and beta: where a gimbal stands when its servo says zero."""
-    spin_scale: list[Positive] = msgspec.field(default_factory=list)
+    spin_scale: list[Positive] = msgspec.field(default_factory=list[Positive])
     """How fast each wheel turns over what `[motor]` lets expect."""
 
 
