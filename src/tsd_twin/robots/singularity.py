@@ -98,7 +98,9 @@ class Noise(Table, frozen=True):
 class Calibration(Table, frozen=True):
     """`[calibration]`: what `tsd-lab calibrate` and `tsd-lab zero` found out about one machine."""
 
-    tilt_offset_deg: list[tuple[float, float]] = msgspec.field(default_factory=list[tuple[float, float]])
+    tilt_offset_deg: list[tuple[float, float]] = msgspec.field(
+        default_factory=list[tuple[float, float]]
+    )
     """Of each module, alpha and beta: where a gimbal stands when its servo says zero."""
     spin_scale: list[Positive] = msgspec.field(default_factory=list[Positive])
     """How fast each wheel turns over what `[motor]` lets expect."""

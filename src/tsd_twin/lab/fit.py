@@ -1,0 +1,261 @@
+"""What is wrong with a machine, from drives that a camera saw: nonlinear least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from tsd_twin.drives import SingularityDrive
+from tsd_twin.errors import TwinError
+from tsd_twin.lab.recording import Recording
+from tsd_twin.lab.sensors import CameraNoise
+from tsd_twin.lab.whitening import Whitening
+from tsd_twin.lie import SE2, Array
+from tsd_twin.robots.robot import JointErrors
+
+PRIOR_OFFSET_RAD, PRIOR_SHARE = float(np.radians(1.0)), 0.05
+"""What is known before: keeps near zero what a data set does not tell."""
+_PART_S = 1.5
+_STEP = 1e-4
+"""Of a slope, in what is known before: a few tenths of a thousandth of a degree."""
+_ROBUST: Any = {"loss": "soft_l1", "f_scale": 5.0}
+_UNSEEN = 1.0
+"""Data that tell less of a direction than is known before do not tell it."""
+_MENTIONED = 0.25
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Corrections:
+    """By how much a machine differs from what it was taken for."""
+
+    offset_rad: Array
+    """(k, 2): alpha, beta."""
+    wheel_radius: float
+    """As a factor."""
+    pivot_radius: float
+    """As a factor."""
+    spin: Array
+    """(k,): as factors of the speeds that the wheels were told."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """What least squares found."""
+
+    found: Corrections
+    sigma: Corrections
+    """Standard deviations of these."""
+    common_spin_known: bool
+    """False: wheel radius times the common spin was found, and written as the wheel radius."""
+    unseen: list[str]
+    """Directions that these data do not tell, as combinations of unknowns."""
+    singular_values: Array
+    """Of what the data tell over what was known before, largest first."""
+    before: list[Array]
+    """Residuals (m, 3) of each run with nothing corrected, metres and radians."""
+    after: list[Array]
+    """The same with all corrected."""
+
+
+class _Problem:
+    """Unknowns as a vector: gimbals, wheel radius, pivot radius, differences of spin."""
+
+    def __init__(self, drive: SingularityDrive, recordings: Sequence[Recording]) -> None:
+        self.drive = drive
+        self.modules = k = drive.modules
+        self._drives: dict[float, SingularityDrive] = {}
+        self.measured = all(bool(np.isfinite(run.spin_rad_per_s).all()) for run in recordings)
+        # Only differences: all wheels faster is the same as larger wheels, to a camera.
+        differences = np.linalg.svd(np.ones((1, k)))[2][1:].T
+        self._spins = np.zeros((k, 0)) if self.measured else differences
+        self.prior = np.array(
+            [PRIOR_OFFSET_RAD] * (2 * k) + [PRIOR_SHARE] * (2 + self._spins.shape[1])
+        )
+        self.names = [f"module{i + 1}_{part}" for i in range(k) for part in ("alpha", "beta")]
+        self.names += ["wheel radius", "pivot radius"]
+        self.names += [f"spin difference {i + 1}" for i in range(self._spins.shape[1])]
+
+    def corrections(self, unknowns: Array) -> Corrections:
+        k = self.modules
+        spin = 1.0 + self._spins @ unknowns[2 * k + 2 :]
+        offset = unknowns[: 2 * k].reshape(k, 2)
+        return Corrections(offset, 1.0 + unknowns[2 * k], 1.0 + unknowns[2 * k + 1], spin)
+
+    def sigma(self, covariance: Array) -> Corrections:
+        k = self.modules
+        own = np.sqrt(np.diag(covariance))
+        spins = covariance[2 * k + 2 :, 2 * k + 2 :]
+        spread = np.sqrt(np.einsum("ij,jk,ik->i", self._spins, spins, self._spins))
+        return Corrections(
+            own[: 2 * k].reshape(k, 2), float(own[2 * k]), float(own[2 * k + 1]), spread
+        )
+
+    def residual(self, run: Recording, unknowns: Array, start: Array) -> Array:
+        """Return (m, 3): where the camera saw the robot less where it should have been."""
+        return run.seen - self.poses(run, unknowns, start)
+
+    def poses(self, run: Recording, unknowns: Array, start: Array) -> Array:
+        """Return (m, 3): where the robot should have been when the camera saw it."""
+        right = self.corrections(unknowns)
+        drive = self._with_pivots(right.pivot_radius)
+        speeds = run.spin_rad_per_s if self.measured else run.told_rad_per_s * right.spin
+        joints = np.empty((len(run.t_s), self.modules, 3))
+        joints[..., :2] = run.angles_rad.reshape(-1, self.modules, 2) + right.offset_rad
+        joints[..., 2] = speeds
+        flat = joints.reshape(len(joints), -1)
+        dt_s = np.diff(run.t_s)[:, None]
+        middle, rates = 0.5 * (flat[1:] + flat[:-1]), np.diff(flat, axis=0) / dt_s
+        twists = right.wheel_radius * drive.forward(middle, rates).twist
+        steps = SE2.exp(twists * dt_s).xy_heading
+        heading = np.concatenate([[0.0], np.cumsum(steps[:, 2])])
+        turned = SE2(np.column_stack([np.zeros((len(steps), 2)), heading[:-1]]))
+        xy = np.concatenate([np.zeros((1, 2)), np.cumsum(turned.rotate(steps[:, :2]), axis=0)])
+        poses = (SE2(start) @ SE2(np.column_stack([xy, heading]))).xy_heading
+        return np.column_stack([np.interp(run.seen_s, run.t_s, each) for each in poses.T])
+
+    def by_unknowns(self, run: Recording, unknowns: Array, start: Array) -> Array:
+        """Return (m, 3, u + 3): how residuals change with the unknowns, scaled, and the start."""
+        here = self.poses(run, unknowns, start)
+        changes = np.zeros((*here.shape, len(unknowns) + 3))
+        for i, step in enumerate(_STEP * self.prior):
+            there = self.poses(run, unknowns + step * (np.arange(len(unknowns)) == i), start)
+            changes[..., i] = (here - there) / _STEP
+        changes[:, 0, -3] = changes[:, 1, -2] = changes[:, 2, -1] = -1.0
+        changes[:, 0, -1], changes[:, 1, -1] = here[:, 1] - start[1], start[0] - here[:, 0]
+        return changes
+
+    def _with_pivots(self, factor: float) -> SingularityDrive:
+        """Return the drive with another pivot radius, and keep it: most guesses share it."""
+        if factor not in self._drives:
+            pivot_radius_m = self.drive.pivot_radius_m * factor
+            self._drives = {factor: replace(self.drive, pivot_radius_m=pivot_radius_m)}
+        return self._drives[factor]
+
+
+def fit(
+    drive: SingularityDrive,
+    recordings: Sequence[Recording],
+    noise: CameraNoise,
+    joints: JointErrors,
+) -> Fit:
+    """Return what explains best where the camera saw the robot, by the noise of it and of `joints`.
+
+    Starts of the runs are unknown as well. The first guess comes from short parts of them, each
+    begun where the camera saw it: a gimbal that is off by a degree turns a run many times over.
+
+    Raises:
+        TwinError: it does not come to an end.
+    """
+    problem = _Problem(drive, recordings)
+    weights = 1.0 / np.array([noise.sigma_m, noise.sigma_m, noise.sigma_rad])
+    whitenings = [Whitening(drive, run, noise, joints) for run in recordings]
+    count = len(problem.prior)
+    parts = [
+        part
+        for run in recordings
+        for first_s in np.arange(run.t_s[0], run.t_s[-1] - _PART_S, 2.0 * _PART_S)
+        if len((part := run.part(first_s, first_s + _PART_S)).seen_s) > 2
+    ]
+    at_frame = [part.part(part.seen_s[0], part.t_s[-1]) for part in parts]
+
+    def rough(scaled: Array) -> Array:
+        own = scaled * problem.prior
+        each = [(problem.residual(p, own, p.seen[0]) * weights).ravel() for p in at_frame]
+        return np.concatenate([*each, scaled])
+
+    def whole(scaled: Array) -> Array:
+        own, starts = scaled[:count] * problem.prior, scaled[count:].reshape(-1, 3) / weights
+        each = [
+            white(problem.residual(run, own, start).ravel())
+            for run, white, start in zip(recordings, whitenings, starts, strict=True)
+        ]
+        return np.concatenate([*each, scaled[:count]])
+
+    def slopes(scaled: Array) -> Array:
+        own, starts = scaled[:count] * problem.prior, scaled[count:].reshape(-1, 3) / weights
+        rows: list[Array] = []
+        for i, (run, white, start) in enumerate(zip(recordings, whitenings, starts, strict=True)):
+            changes = problem.by_unknowns(run, own, start)
+            changes[..., count:] /= weights
+            block = np.zeros((changes[..., 0].size, len(scaled)))
+            flat = white(changes.reshape(len(block), -1))
+            block[:, :count], block[:, count + 3 * i : count + 3 * i + 3] = (
+                flat[:, :count],
+                flat[:, count:],
+            )
+            rows.append(block)
+        return np.concatenate([*rows, np.eye(count, len(scaled))])
+
+    guess: Any = least_squares(rough, np.zeros(count), ftol=1e-3, **_ROBUST)
+    starts = np.array([run.seen[0] for run in recordings])
+    first = np.concatenate([guess.x, (starts * weights).ravel()])
+    best: Any = least_squares(whole, first, jac=slopes, x_scale="jac", ftol=1e-8)
+    if not best.success:
+        raise TwinError("the calibration does not converge: was the camera on the same clock?")
+    return _fit(problem, recordings, weights, best.x, best.jac, starts)
+
+
+def _fit(
+    problem: _Problem,
+    recordings: Sequence[Recording],
+    weights: Array,
+    scaled: Array,
+    jacobian: Array,
+    seen_starts: Array,
+) -> Fit:
+    count = len(problem.prior)
+    unknowns, starts = scaled[:count] * problem.prior, scaled[count:].reshape(-1, 3) / weights
+    covariance = np.linalg.inv(jacobian.T @ jacobian)[:count, :count]
+    covariance = covariance * np.outer(problem.prior, problem.prior)
+    data, free = jacobian[:-count, :count], jacobian[:-count, count:]
+    told = data - free @ np.linalg.lstsq(free, data, rcond=None)[0]
+    _, strengths, directions = np.linalg.svd(told, full_matrices=False)
+    unseen = [
+        _combination(direction, problem.names)
+        for strength, direction in zip(strengths, directions, strict=True)
+        if strength < _UNSEEN
+    ]
+    found, sigma = problem.corrections(unknowns), problem.sigma(covariance)
+    if problem.measured:
+        found, sigma = _with_measured_spin(found, sigma, recordings)
+    nothing = np.zeros(count)
+    return Fit(
+        found,
+        sigma,
+        problem.measured,
+        unseen,
+        strengths,
+        [problem.residual(r, nothing, s) for r, s in zip(recordings, seen_starts, strict=True)],
+        [problem.residual(r, unknowns, s) for r, s in zip(recordings, starts, strict=True)],
+    )
+
+
+def _with_measured_spin(
+    found: Corrections, sigma: Corrections, recordings: Sequence[Recording]
+) -> tuple[Corrections, Corrections]:
+    """Return both with the median of measured over told speeds: wheels spin up at first."""
+    shares = np.concatenate(
+        [
+            run.spin_rad_per_s[turns] / run.told_rad_per_s[turns]
+            for run in recordings
+            if (turns := (run.told_rad_per_s > 0.0).all(axis=1)).any()
+        ]
+    )
+    # The median of normal noise is less sure than its mean, by this factor.
+    spread = np.sqrt(0.5 * np.pi / len(shares)) * shares[len(shares) // 10 :].std(axis=0)
+    return replace(found, spin=np.median(shares, axis=0)), replace(sigma, spin=spread)
+
+
+def _combination(direction: Array, names: Sequence[str]) -> str:
+    """Return a direction in words, its largest parts only."""
+    sign = np.sign(direction[np.argmax(np.abs(direction))])
+    parts = [
+        f"{sign * part:+.1f} {name}"
+        for part, name in zip(direction, names, strict=True)
+        if abs(part) >= _MENTIONED
+    ]
+    return " ".join(parts)
