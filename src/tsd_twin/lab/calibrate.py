@@ -58,7 +58,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     _draw(recordings, found, rows, out)
     lines = [_source(args, recordings), *_lines(rows), *_remarks(found)]
     if args.write_to:
-        write_back(args.write_to, args.robot, changes(rows))
+        write_back(args.write_to, robots.text(args.robot), changes(rows))
         lines.append(f"written into {args.write_to}")
     return lines
 
@@ -166,8 +166,8 @@ def _remarks(found: Fit) -> list[str]:
 
 
 def _rms_m(residuals: list[Array]) -> float:
-    off = np.concatenate([each[:, :2] for each in residuals])
-    return float(np.sqrt(np.mean(np.square(off).sum(axis=1))))
+    squared = np.concatenate([np.square(each[:, :2]).sum(axis=1) for each in residuals])
+    return float(np.sqrt(squared.mean()))
 
 
 def _draw(recordings: list[Recording], found: Fit, rows: list[Row], out: Output) -> None:
@@ -177,10 +177,10 @@ def _draw(recordings: list[Recording], found: Fit, rows: list[Row], out: Output)
         (found.before, look.REFERENCE, "--", "before"),
         (found.after, look.TRUTH, "-", "after"),
     ):
-        for i, (each, off) in enumerate(zip(recordings, residuals, strict=True)):
+        for i, (each, residual) in enumerate(zip(recordings, residuals, strict=True)):
             left.semilogy(
                 each.seen_s - each.t_s[0],
-                1000 * np.hypot(off[:, 0], off[:, 1]),
+                1000 * np.hypot(residual[:, 0], residual[:, 1]),
                 style,
                 color=colour,
                 linewidth=0.9,

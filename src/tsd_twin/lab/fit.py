@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy import optimize
 
 from tsd_twin.drives import SingularityDrive
 from tsd_twin.errors import TwinError
@@ -19,6 +19,7 @@ from tsd_twin.robots.robot import JointErrors
 
 PRIOR_OFFSET_RAD, PRIOR_SHARE = float(np.radians(1.0)), 0.05
 """What is known before: keeps near zero what a data set does not tell."""
+_least_squares: Any = optimize.least_squares  # pyright: ignore  scipy has no types for it.
 _PART_S = 1.5
 _STEP = 1e-4
 """Of a slope, in what is known before: a few tenths of a thousandth of a degree."""
@@ -115,7 +116,10 @@ class _Problem:
         turned = SE2(np.column_stack([np.zeros((len(steps), 2)), heading[:-1]]))
         xy = np.concatenate([np.zeros((1, 2)), np.cumsum(turned.rotate(steps[:, :2]), axis=0)])
         poses = (SE2(start) @ SE2(np.column_stack([xy, heading]))).xy_heading
-        return np.column_stack([np.interp(run.seen_s, run.t_s, each) for each in poses.T])
+        there = np.empty((len(run.seen_s), 3))
+        for i in range(3):
+            there[:, i] = np.interp(run.seen_s, run.t_s, poses[:, i])
+        return there
 
     def by_unknowns(self, run: Recording, unknowns: Array, start: Array) -> Array:
         """Return (m, 3, u + 3): how residuals change with the unknowns, scaled, and the start."""
@@ -190,10 +194,10 @@ def fit(
             rows.append(block)
         return np.concatenate([*rows, np.eye(count, len(scaled))])
 
-    guess: Any = least_squares(rough, np.zeros(count), ftol=1e-3, **_ROBUST)
+    guess: Any = _least_squares(rough, np.zeros(count), ftol=1e-3, **_ROBUST)
     starts = np.array([run.seen[0] for run in recordings])
     first = np.concatenate([guess.x, (starts * weights).ravel()])
-    best: Any = least_squares(whole, first, jac=slopes, x_scale="jac", ftol=1e-8)
+    best: Any = _least_squares(whole, first, jac=slopes, x_scale="jac", ftol=1e-8)
     if not best.success:
         raise TwinError("the calibration does not converge: was the camera on the same clock?")
     return _fit(problem, recordings, weights, best.x, best.jac, starts)
@@ -209,7 +213,7 @@ def _fit(
 ) -> Fit:
     count = len(problem.prior)
     unknowns, starts = scaled[:count] * problem.prior, scaled[count:].reshape(-1, 3) / weights
-    covariance = np.linalg.inv(jacobian.T @ jacobian)[:count, :count]
+    covariance: Array = np.linalg.inv(jacobian.T @ jacobian)[:count, :count].astype(float)
     covariance = covariance * np.outer(problem.prior, problem.prior)
     data, free = jacobian[:-count, :count], jacobian[:-count, count:]
     told = data - free @ np.linalg.lstsq(free, data, rcond=None)[0]

@@ -18,7 +18,7 @@ Tables = Mapping[str, Mapping[str, Any]]
 
 
 def write_back(file: str, used: str, tables: Tables) -> None:
-    """Set keys in the description `file`, comments kept; a new one begins as a copy of `used`.
+    """Set keys in the description `file`, comments kept; a new one begins with the text `used`.
 
     The file is replaced as a whole or not at all.
 
@@ -29,7 +29,7 @@ def write_back(file: str, used: str, tables: Tables) -> None:
     path = Path(file)
     if path.suffix != ".toml":
         raise RobotFileError(file, "is no place for a description", "a name that ends in .toml")
-    text = edited(robots.text(file if path.exists() else used), file, tables)
+    text = edited(robots.text(file) if path.exists() else used, file, tables)
     beside = path.with_name(f".{path.name}.new")
     try:
         beside.write_text(text, encoding="utf-8")
