@@ -13,8 +13,8 @@ from tsd_twin.robots import RPM, SingularityRobot
 LIMIT_M, LIMIT_S, LIMIT_RPM = 0.0254, 30.0, 2500.0
 """Gimbals count as zeroed when the robot creeps less than an inch in 30 s (thesis)."""
 _CANDIDATES = 120_000
-_SPARE = 0.5
-"""Share of the limit that a change shall leave at most, if one can."""
+_SPARE = 0.8
+"""Share of the limit that a change may leave: the smaller it is, the more it lets wheels push."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +61,8 @@ def creep_of(t_s: Array, poses: Array, spin_rpm: float) -> Creep:
     after_s = t_s - t_s[0]
     seen = poses.copy()
     seen[:, 2] = np.unwrap(seen[:, 2])
-    turning, start = np.polyfit(after_s, seen[:, 2], 1)
+    line: Array = np.polyfit(after_s, seen[:, 2], 1)
+    turning, start = float(line[0]), float(line[1])
     # Where the noise of the first pose turns all others, the line through all headings does not.
     local = SE2(np.array([0.0, 0.0, -start])).rotate(seen[:, :2])
     rows = np.zeros((len(t_s), 2, 4))
@@ -99,7 +100,7 @@ def steps_that_end(robot: SingularityRobot, creep: Creep) -> tuple[Array, Creep]
     """Return by how many servo steps (2k,) zeros are off, and the creep with that put right.
 
     Three things are seen of six zeros and more, so many changes explain them. Of those, and of the
-    whole steps that servos go in, this is the smallest that leaves less than half of the limit;
+    whole steps that servos go in, this is the smallest that stays within the limit;
     where there is none, the one that leaves least.
     """
     matrix, step_rad = by_zeros(robot), 2.0 * np.pi / robot.servo.steps_per_turn

@@ -35,7 +35,7 @@ _SILENT_S = 1.5
 _RENEW_S = 0.5
 _ARMING_S = 60.0
 _MEETING_S = 5.0
-_TRIES = 5
+_TRIES = 3
 _ANSWER_S = 0.5
 
 
@@ -132,7 +132,10 @@ class Operator:
                 renew = LeaseRequest(op="renew", operator=self.name, lease=self._lease)
                 self._ask_lease(renew)
             try:
-                return decode_status(self._statuses.get(timeout=_SILENT_S).payload)
+                sample = self._statuses.get(timeout=_SILENT_S)
+                while not self._statuses.empty():  # Only this thread takes any.
+                    sample = self._statuses.get()
+                return decode_status(sample.payload)
             except MessageError:
                 continue  # Somebody else writes on this key.
             except queue.Empty:
@@ -148,9 +151,11 @@ class Operator:
         for sample in self._truth.take():
             try:
                 stamp_s = decode_stamp(sample.attachment)[1] * 1e-9
-                found.append((stamp_s, np.array(decode_odometry(sample.payload).xy_heading)))
+                pose = np.array(decode_odometry(sample.payload).xy_heading)
             except MessageError:
                 continue
+            if np.isfinite(pose).all():
+                found.append((stamp_s, pose))
         return found
 
     def stop(self, reason: str) -> None:
@@ -162,12 +167,17 @@ class Operator:
                 return
 
     def _disarm(self) -> None:
-        """Disarm; a refusal means that another has control, who is not to be stopped."""
+        """Disarm; if that is refused, another has control and is not to be stopped, or nobody."""
         request = HolderRequest(self._lease)
         for _ in range(_TRIES):
-            if self._ask(Service.DISARM, request) is not None:
+            reply = self._ask(Service.DISARM, request)
+            if reply is not None and (reply.ok or self._holder()):
                 return
-        self.stop("it did not answer when told to disarm")
+        self.stop("it could not be disarmed")
+
+    def _holder(self) -> str | None:
+        """Return who has control."""
+        return self._ask_lease(LeaseRequest(op="peek", operator=self.name)).holder
 
     def _ask(self, service: Service, request: msgspec.Struct) -> Reply | None:
         """Return the answer of a service, None when there is none."""

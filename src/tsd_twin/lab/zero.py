@@ -193,7 +193,7 @@ def _draw(t_s: Array, poses: Array, creep: Creep, out: Output) -> None:
     way_mm = 1000.0 * creep.way_m
     right.plot(ends, ends / LIMIT_S * way_mm, ":", color=look.ESTIMATE, label="way at this creep")
     right.axhline(1000.0 * LIMIT_M, color=look.REFERENCE, linestyle="--", linewidth=1.2)
-    look.dress(right, "time (s)", "(mm)", "against time")
+    look.dress(right, "time (s)", "distance (mm)", "against time")
     look.legend(right, loc="best")
     out.picture("zero", figure)
 
