@@ -16,9 +16,9 @@ from tests.running import QUICK, running
 from tsd_twin import robots
 from tsd_twin.errors import TwinError
 from tsd_twin.lab.creep import Creep, by_zeros, creep_by_hand, creep_of, steps_that_end
+from tsd_twin.lab.keyboard import asked
 from tsd_twin.lab.machine import Machine, corrected
 from tsd_twin.lab.operator import Operator
-from tsd_twin.lab.zero import asked
 from tsd_twin.lie import SE2
 from tsd_twin.messages.service import LeaseRequest
 from tsd_twin.robots import SingularityRobot

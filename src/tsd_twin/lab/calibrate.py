@@ -7,13 +7,11 @@ Feng 1996); what is found here are the causes, not two factors for them.
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from tsd_twin import robots
-from tsd_twin.lab import excitation, look, recording
+from tsd_twin.lab import calibration_picture, excitation, figures, recording
 from tsd_twin.lab.experiment import Experiment
 from tsd_twin.lab.fit import Fit, fit
 from tsd_twin.lab.machine import built
@@ -23,23 +21,6 @@ from tsd_twin.lab.sensors import CameraNoise
 from tsd_twin.lab.write_back import write_back
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityRobot, of_kind
-
-_DIGITS = {"deg": 4, "m": 6, "1": 5}
-"""Written for each unit."""
-_SHOWN = {"deg": ("deg", 1.0, 3), "m": ("mm", 1000.0, 2), "1": ("", 1.0, 5)}
-"""Unit, factor and digits that are printed."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Row:
-    """One figure of the machine: before, found, and true if that is known."""
-
-    name: str
-    unit: str
-    before: float
-    found: float
-    sigma: float
-    true: float | None
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
@@ -53,12 +34,12 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
         recordings = _simulated(robot, true, args, out)
         out.table("calibrate_log", recording.columns(recordings))
     found = fit(robot.kinematics(), recordings, CameraNoise(), robot.joint_errors())
-    rows = table(robot, found, true)
-    out.table("calibrate", _columns(rows))
-    _draw(recordings, found, rows, out)
-    lines = [_source(args, recordings), *_lines(rows), *_remarks(found)]
+    rows = figures.table(robot, found, true)
+    out.table("calibrate", figures.columns(rows))
+    out.picture("calibrate", calibration_picture.draw(recordings, found, rows))
+    lines = [_source(args, recordings), *figures.lines(rows), *_remarks(found)]
     if args.write_to:
-        write_back(args.write_to, robots.text(args.robot), changes(rows))
+        write_back(args.write_to, robots.text(args.robot), figures.changes(rows))
         lines.append(f"written into {args.write_to}")
     return lines
 
@@ -76,79 +57,11 @@ def _simulated(
     ]
 
 
-def table(robot: SingularityRobot, found: Fit, true: SingularityRobot | None) -> list[Row]:
-    """Return what the description says, what was found, and what is so, figure by figure."""
-    before, by, sigma = _figures(robot), found.found, found.sigma
-    after = before.copy()
-    angles = 2 * robot.drive.modules
-    after[:angles] += np.degrees(by.offset_rad).ravel()
-    after[angles:] *= [by.wheel_radius, by.pivot_radius, *by.spin]
-    spread = np.concatenate(
-        [
-            np.degrees(sigma.offset_rad).ravel(),
-            before[angles:] * [sigma.wheel_radius, sigma.pivot_radius, *sigma.spin],
-        ]
-    )
-    known = [None] * len(before) if true is None else _figures(true).tolist()
-    parts = ("alpha", "beta")
-    names = [f"module{i + 1}_{part}" for i in range(robot.drive.modules) for part in parts]
-    names += ["wheel_radius", "pivot_radius"]
-    names += [f"module{i + 1}_spin" for i in range(robot.drive.modules)]
-    units = ["deg"] * angles + ["m"] * 2 + ["1"] * robot.drive.modules
-    each = zip(names, units, before.tolist(), after.tolist(), spread.tolist(), known, strict=True)
-    return [Row(*values) for values in each]
-
-
-def _figures(robot: SingularityRobot) -> Array:
-    """Return the zeros (2k) in degrees, both radii, and the spins (k)."""
-    trim, drive = robot.trim(), robot.drive
-    offset = np.degrees(trim.offset).reshape(-1, 3)[:, :2]
-    radii = [drive.wheel_radius_m, drive.pivot_radius_m]
-    return np.concatenate([offset.ravel(), radii, trim.scale.reshape(-1, 3)[:, 2]])
-
-
-def changes(rows: list[Row]) -> dict[str, dict[str, Any]]:
-    """Return the keys of a description that say what was found."""
-    values = {row.name: round(row.found, _DIGITS[row.unit]) for row in rows}
-    by_unit = {unit: [values[row.name] for row in rows if row.unit == unit] for unit in _DIGITS}
-    angles = by_unit["deg"]
-    return {
-        "drive": {
-            "pivot_radius_m": values["pivot_radius"],
-            "wheel_radius_m": values["wheel_radius"],
-        },
-        "calibration": {
-            "tilt_offset_deg": [angles[i : i + 2] for i in range(0, len(angles), 2)],
-            "spin_scale": by_unit["1"],
-        },
-    }
-
-
-def _columns(rows: list[Row]) -> dict[str, list[Any]]:
-    names = ("name", "unit", "before", "found", "sigma", "true")
-    return {
-        name: ["" if (value := getattr(row, name)) is None else value for row in rows]
-        for name in names
-    }
-
-
 def _source(args: argparse.Namespace, recordings: list[Recording]) -> str:
     seconds = sum(run.t_s[-1] - run.t_s[0] for run in recordings)
     frames = sum(len(run.seen_s) for run in recordings)
     what = args.log or "simulated machine with errors of its own"
     return f"{what}: {len(recordings)} runs, {seconds:.0f} s, {frames} frames of the camera"
-
-
-def _lines(rows: list[Row]) -> list[str]:
-    known = rows[0].true is not None
-    heads = ("before", "found", "+-", *(("true",) if known else ()))
-    lines = [f"{'':19}" + "".join(f"{head:>9}" for head in heads)]
-    for row in rows:
-        unit, factor, digits = _SHOWN[row.unit]
-        values = (row.before, row.found, row.sigma, row.true)
-        numbers = "".join(f"{factor * v:9.{digits}f}" for v in values if v is not None)
-        lines.append(f"  {row.name:13} {unit:3}{numbers}")
-    return lines
 
 
 def _remarks(found: Fit) -> list[str]:
@@ -168,48 +81,6 @@ def _remarks(found: Fit) -> list[str]:
 def _rms_m(residuals: list[Array]) -> float:
     squared = np.concatenate([np.square(each[:, :2]).sum(axis=1) for each in residuals])
     return float(np.sqrt(squared.mean()))
-
-
-def _draw(recordings: list[Recording], found: Fit, rows: list[Row], out: Output) -> None:
-    figure: Any = look.figure(11.0, 4.6, "Calibration from driven squares")
-    left, middle, right = figure.subplots(1, 3, width_ratios=[1.2, 1.0, 1.0])
-    for residuals, colour, style, name in (
-        (found.before, look.REFERENCE, "--", "before"),
-        (found.after, look.TRUTH, "-", "after"),
-    ):
-        for i, (each, residual) in enumerate(zip(recordings, residuals, strict=True)):
-            left.semilogy(
-                each.seen_s - each.t_s[0],
-                1000 * np.hypot(residual[:, 0], residual[:, 1]),
-                style,
-                color=colour,
-                linewidth=0.9,
-                label=name if i == 0 else None,
-            )
-    look.dress(left, "time (s)", "camera to joints (mm)", "position, all runs")
-    look.legend(left)
-    _bars(middle, [row for row in rows if row.unit == "deg"], "error (deg)", 1.0)
-    _bars(right, [row for row in rows if row.unit != "deg"], "error (%)", 100.0)
-    out.picture("calibrate", figure)
-
-
-def _bars(axes: look.Axes, rows: list[Row], label: str, scale: float) -> None:
-    """Draw how far off figures are, or how much they changed where the truth is not known."""
-    at = np.arange(len(rows))[::-1]
-    sizes = np.array([abs(row.before) if row.unit == "m" else 1.0 for row in rows])
-    true = np.array([row.before if row.true is None else row.true for row in rows])
-    before = scale * (np.array([row.before for row in rows]) - true) / sizes
-    found = scale * (np.array([row.found for row in rows]) - true) / sizes
-    spread = scale * 2.0 * np.array([row.sigma for row in rows]) / sizes
-    known = rows[0].true is not None
-    axes.barh(at, before, 0.7, color="#d9dee5", label="before")
-    axes.errorbar(
-        found, at, xerr=spread, fmt="o", color=look.TRUTH, markersize=4, capsize=3, label="found"
-    )
-    axes.set_yticks(at, [row.name for row in rows])
-    title = "against the truth, 2 s.d." if known else "against the description, 2 s.d."
-    look.dress(axes, label, "", title)
-    look.legend(axes, loc="best")
 
 
 def _flags(parser: argparse.ArgumentParser) -> None:

@@ -61,8 +61,8 @@ def creep_of(t_s: Array, poses: Array, spin_rpm: float) -> Creep:
     after_s = t_s - t_s[0]
     seen = poses.copy()
     seen[:, 2] = np.unwrap(seen[:, 2])
-    line: Array = np.polyfit(after_s, seen[:, 2], 1)
-    turning, start = float(line[0]), float(line[1])
+    by_line = np.column_stack([after_s, np.ones_like(after_s)])
+    turning, start = np.linalg.lstsq(by_line, seen[:, 2], rcond=None)[0].tolist()
     # Where the noise of the first pose turns all others, the line through all headings does not.
     local = SE2(np.array([0.0, 0.0, -start])).rotate(seen[:, :2])
     rows = np.zeros((len(t_s), 2, 4))

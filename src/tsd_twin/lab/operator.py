@@ -13,12 +13,12 @@ import numpy as np
 
 from tsd_twin import robots, topics
 from tsd_twin.bus import Bus
-from tsd_twin.errors import BusError, MessageError, NoAnswerError, TwinError
+from tsd_twin.errors import BusError, MessageError, TwinError
+from tsd_twin.lab.meeting import description
 from tsd_twin.lie import Array
 from tsd_twin.messages.command import Sample
 from tsd_twin.messages.ros import decode_odometry
 from tsd_twin.messages.service import (
-    Description,
     HolderRequest,
     LeaseReply,
     LeaseRequest,
@@ -34,7 +34,6 @@ _SILENT_S = 1.5
 """A robot that says nothing for this long is not trusted to hear anything either."""
 _RENEW_S = 0.5
 _ARMING_S = 60.0
-_MEETING_S = 5.0
 _TRIES = 3
 _ANSWER_S = 0.5
 
@@ -54,7 +53,7 @@ class Operator:
         """
         self.id, self.name = robot_id, topics.checked(name)
         self._bus = bus
-        self.text = _description(bus, robot_id)
+        self.text = description(bus, robot_id)
         """The TOML of its description."""
         self.robot: Robot = robots.parse(self.text, f"description of {robot_id}")
         self._lease = ""
@@ -194,31 +193,3 @@ class Operator:
             return decode_json(answer, LeaseReply, "an answer")
         except (BusError, MessageError) as error:
             return LeaseReply(False, reason=str(error))
-
-
-def _description(bus: Bus, robot_id: str) -> str:
-    """Return the TOML of a robot; who has just joined the bus may not hear of it at once."""
-    end_s = time.monotonic() + _MEETING_S
-    while True:
-        try:
-            answer = bus.ask(Service.DESC.key(robot_id), b"")
-            return decode_json(answer, Description, "a description").robot
-        except NoAnswerError:
-            if time.monotonic() > end_s:
-                raise
-
-
-def only_robot(bus: Bus) -> str:
-    """Return the id of the robot on the bus.
-
-    Raises:
-        TwinError: there is none, or more than one.
-    """
-    found = sorted(topics.robot_of(key) for key in bus.living(topics.alive_key("*")))
-    if len(found) != 1:
-        raise TwinError(
-            f"choose one with --id: {', '.join(found)} are on the bus"
-            if found
-            else "no robot is on the bus: start tsd-bridge or tsd-mock, or say --connect"
-        )
-    return found[0]

@@ -12,6 +12,8 @@ from tsd_twin.robots.robot import JointErrors
 
 _KNOT_S = 0.2
 """The walk of the pose is taken to go in steps of this."""
+_MEANS = 120
+"""No more of a run: frames that follow one another say much the same, and time goes by its cube."""
 
 
 class Whitening:
@@ -25,14 +27,23 @@ class Whitening:
         self, drive: SingularityDrive, run: Recording, camera: CameraNoise, joints: JointErrors
     ) -> None:
         sigma = np.array([camera.sigma_m, camera.sigma_m, camera.sigma_rad])
-        frames = len(run.seen_s)
-        walk = self._walk(drive, run, joints.angle_rad)
-        covariance = walk @ walk.T + np.diag(np.tile(sigma**2, frames))
+        self._frames = len(run.seen_s)
+        self._each = -(-self._frames // _MEANS)
+        walk = self._means(self._walk(drive, run, joints.angle_rad))
+        own = np.tile(np.square(sigma) / self._each, len(walk) // 3)
+        covariance = walk @ walk.T + np.diag(own)
         self._unmix = np.linalg.inv(np.linalg.cholesky(covariance))
 
     def __call__(self, residual: Array) -> Array:
-        """Return residuals (3 m,), or columns (3 m, c) of them, that are independent."""
-        return self._unmix @ residual
+        """Return independent residuals from those of the frames (3 m,), or columns (3 m, c)."""
+        return self._unmix @ self._means(residual)
+
+    def _means(self, values: Array) -> Array:
+        """Return means (3 g, ...) over neighbouring frames; what is left over is left out."""
+        many = self._frames // self._each
+        used = values[: 3 * many * self._each]
+        by_frame = used.reshape(many, self._each, 3, *values.shape[1:])
+        return by_frame.mean(axis=1).reshape(3 * many, *values.shape[1:])
 
     def _walk(self, drive: SingularityDrive, run: Recording, angle_rad: float) -> Array:
         """Return (3 m, 3 g): what a step of unit variance at each of g knots does to the poses."""

@@ -8,13 +8,12 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
 from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, client_config, from_file
 from tsd_twin.errors import TwinError
-from tsd_twin.lab import look
+from tsd_twin.lab import creep_picture
 from tsd_twin.lab.creep import (
     LIMIT_M,
     LIMIT_S,
@@ -25,7 +24,9 @@ from tsd_twin.lab.creep import (
     steps_that_end,
 )
 from tsd_twin.lab.experiment import Experiment
-from tsd_twin.lab.operator import Operator, only_robot
+from tsd_twin.lab.keyboard import ask, asked, say
+from tsd_twin.lab.meeting import only_robot
+from tsd_twin.lab.operator import Operator
 from tsd_twin.lab.output import Output
 from tsd_twin.lab.write_back import write_back
 from tsd_twin.lie import SE2, Array
@@ -60,7 +61,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     poses = (SE2(poses[0]).inverse() @ SE2(poses)).xy_heading
     columns = dict(zip(("x_m", "y_m", "heading_rad"), poses.T, strict=True))
     out.table("zero", {"t_s": t_s - t_s[0]} | columns)
-    _draw(t_s - t_s[0], poses, creep, out)
+    out.picture("zero", creep_picture.draw(t_s - t_s[0], poses, creep))
     who = "seen by the simulator" if seen else "measured by hand"
     verdict = "PASS" if creep.passes else "FAIL"
     lines = [
@@ -110,43 +111,12 @@ def _brief(args: argparse.Namespace, robot: SingularityRobot, robot_id: str) -> 
     """Tell what will happen, and wait for a word."""
     if args.yes:
         return
-    _say(
+    say(
         f"{robot_id} will spin its wheels at {spin_rpm(robot):.0f} rpm and be told to stand, for "
         f"{args.seconds:g} s.\nGive it 1 m of free, level floor on all sides, mark where its "
         "centre is and where it looks,\nand have the hardware stop at hand. Ctrl-C here disarms it."
     )
-    _ask("Enter begins: ")
-
-
-def asked() -> tuple[Array, float]:
-    """Ask how far the robot went: (2,) metres, axes as it stood at first, and turned, radians."""
-    _say("How far has it gone, in the directions it had at the start?")
-    forward = _number("forward, mm (backward: minus): ")
-    left = _number("to its left, mm (right: minus): ")
-    turned = _number("turned to the left, degrees (right: minus; count whole turns): ")
-    return 0.001 * np.array([forward, left]), math.radians(turned)
-
-
-def _number(question: str) -> float:
-    while True:
-        try:
-            value = float(_ask(question))
-        except ValueError:
-            value = math.nan
-        if math.isfinite(value):
-            return value
-        _say("a number, please, such as -12.5")
-
-
-def _ask(question: str) -> str:
-    try:
-        return input(question)
-    except EOFError:
-        raise TwinError("nobody answers: the procedure needs somebody at the keyboard") from None
-
-
-def _say(text: str) -> None:
-    print(text)  # noqa: T201  It talks to who sits there.
+    ask("Enter begins: ")
 
 
 def _advice(
@@ -174,28 +144,6 @@ def _advice(
         write_back(args.write_to, text, {"calibration": {"tilt_offset_deg": pairs}})
         lines.append(f"written into {args.write_to}: start the robot with it, and zero again")
     return lines
-
-
-def _draw(t_s: Array, poses: Array, creep: Creep, out: Output) -> None:
-    figure: Any = look.figure(9.5, 4.4, "Creep of a robot that is told to stand")
-    left, right = figure.subplots(1, 2)
-    millimetres = 1000.0 * poses[:, :2]
-    turn = np.linspace(0.0, 2.0 * np.pi, 100)
-    circle = 1000.0 * LIMIT_M * np.stack([np.cos(turn), np.sin(turn)])
-    left.plot(*circle, "--", color=look.REFERENCE, linewidth=1.2, label="an inch")
-    left.plot(*millimetres.T, color=look.TRUTH, linewidth=1.8, label="centre of the robot")
-    left.plot(*millimetres[-1], "s", color=look.TRUTH, markersize=5)
-    left.set_aspect("equal", adjustable="datalim")
-    look.dress(left, "forward (mm)", "left (mm)", "from above")
-    look.legend(left, loc="best")
-    ends = np.array([0.0, LIMIT_S])
-    right.plot(t_s, np.hypot(*millimetres.T), color=look.TRUTH, linewidth=1.8, label="distance")
-    way_mm = 1000.0 * creep.way_m
-    right.plot(ends, ends / LIMIT_S * way_mm, ":", color=look.ESTIMATE, label="way at this creep")
-    right.axhline(1000.0 * LIMIT_M, color=look.REFERENCE, linestyle="--", linewidth=1.2)
-    look.dress(right, "time (s)", "distance (mm)", "against time")
-    look.legend(right, loc="best")
-    out.picture("zero", figure)
 
 
 def _bus(args: argparse.Namespace) -> Bus:
