@@ -160,10 +160,12 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
     @property
     def gears(self) -> Gears:
         """The wheels may spin as fast as all motors can."""
+        drive = self.kinematics()
+        fastest_rpm = np.array([column[-1] for column in self.motor.speed_rpm])
         return Gears(
-            drive=self.kinematics(),
-            least_rad_per_s=self.motor.start_speed_rpm * RPM,
-            most_rad_per_s=min(column[-1] for column in self.motor.speed_rpm) * RPM,
+            drive=drive,
+            least_rad_per_s=self.motor.start_speed_rpm / float(drive.spin_ratio.min()) * RPM,
+            most_rad_per_s=float((fastest_rpm / drive.spin_ratio).min()) * RPM,
             servo_step_rad=2.0 * math.pi / self.servo.steps_per_turn,
         )
 
