@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,6 +10,8 @@ import pytest
 
 from tests.app.conftest import Program
 from tests.lab.runs import is_picture
+from tests.node.pilot import Pilot
+from tests.running import running
 from tsd_twin.lab import EXPERIMENTS
 
 pytestmark = pytest.mark.system
@@ -36,11 +39,26 @@ def test_help_lists_all_experiments_and_each_has_examples(start: Start) -> None:
         assert any(line.startswith(f"  tsd-lab {name}") for line in shown.output)
 
 
+@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
+def test_zeroing_that_is_interrupted_leaves_the_robot_disarmed_and_free(
+    start: Start, tmp_path: Path, sign: signal.Signals
+) -> None:
+    with running() as node, Pilot(node) as alice:
+        lab = start("tsd_lab", "zero", "--connect", node.endpoint, "--yes", "--out", str(tmp_path))
+        alice.wait_for("ready")
+        assert lab.end(sign) != 0
+        assert "interrupted" in lab.sentence
+        alice.wait_for("disarmed")
+        alice.wait_until(lambda: alice.status.lease.holder is None)
+
+
 @pytest.mark.parametrize(
     ("flags", "sentence"),
     [
         (["square", "--robot", "nope"], "tsd-lab: nope: no such robot"),
         (["follow", "--points", "a", "b"], "tsd-lab: a point is two numbers"),
+        (["calibrate", "--log", "nope.csv"], "tsd-lab: nope.csv cannot be read as a log"),
+        (["zero", "--connect", "nonsense"], "tsd-lab: cannot open the bus at nonsense"),
         (["motors", "--out", "/proc/lab"], "tsd-lab: /proc/lab cannot be written to"),
     ],
 )

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from tests.core.rig import ROBOT, Pilot, Rig
 from tsd_twin import robots
 from tsd_twin.authority import Mode
+from tsd_twin.core.gearbox import Gearbox
 from tsd_twin.lie import Array
 from tsd_twin.sim import SimRobot
 from tsd_twin.topics import Service
@@ -17,6 +18,8 @@ from tsd_twin.topics import Service
 RPM = np.pi / 30.0
 LEAST, MOST, USUAL = 2000.0, 13409.0, 2500.0
 """Where all motors of Table 1 of the thesis start, the slowest of its last row, and the file's."""
+MOST_AT_RATIO = 13603.0 / 1.5
+"""Of a drive whose first wheel turns at 1.5."""
 STEP_MPS_AT_1_RPM = 0.04 * RPM * 2.0 * np.pi / 4096
 
 speeds = st.floats(LEAST, MOST) | st.sampled_from([LEAST, MOST, USUAL])
@@ -201,3 +204,25 @@ def test_a_robot_whose_wheels_stand_when_it_does_has_no_speed_to_choose() -> Non
     assert not reply.ok
     assert "no speed to choose" in reply.reason
     assert rig.status().gear is None
+
+
+@given(speeds)
+@settings(max_examples=10)
+def test_wheels_that_shall_not_turn_alike_keep_their_ratio_in_every_gear(rpm: float) -> None:
+    """What is chosen is the speed of a wheel at 1; the twist is what it was."""
+    ratio = np.array([1.5, 1.0, 1.2])
+    text = robots.text("tsd").replace("[limits]", f"spin_ratio = {ratio.tolist()}\n\n[limits]", 1)
+    gearbox = Gearbox(robots.parse(text, "mine"))
+    twist = np.array([0.3, -0.2, 0.5])
+    refusal = gearbox.choose(rpm, b"")
+    assert bool(refusal) == (rpm > MOST_AT_RATIO)
+    for _ in range(3):
+        gearbox.advance(0.01, b"", lambda setpoint, _: float(setpoint[2::3].mean()), armed=False,
+                        ramps=False)  # fmt: skip
+    joints = gearbox.inverse(twist)
+    wanted = USUAL if refusal else rpm
+    np.testing.assert_allclose(joints[2::3], wanted * RPM * ratio, rtol=1e-9)
+    np.testing.assert_allclose(gearbox.drive.forward(joints).twist, twist, atol=1e-9)
+    status = gearbox.status(float(joints[2::3].mean()))
+    assert status is not None
+    assert status.spin_rpm == pytest.approx(wanted, abs=0.1)

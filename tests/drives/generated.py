@@ -22,6 +22,10 @@ def drive_of(
     )
 
 
+ratios = st.one_of(st.just(1.0), st.floats(0.5, 2.0))
+"""Wheels all turn alike, more often than not."""
+
+
 @st.composite
 def drives(draw: st.DrawFn, fewest: int = 2) -> SingularityDrive:
     """Two to six modules anywhere around the robot, no two of them closer than 0.2 rad."""
@@ -35,6 +39,7 @@ def drives(draw: st.DrawFn, fewest: int = 2) -> SingularityDrive:
         spin_rad_per_s=draw(st.sampled_from([-1.0, 1.0])) * draw(st.floats(50.0, 1500.0)),
         max_tilt_rad=np.radians(draw(st.floats(5.0, 60.0))),
         max_tilt_rate_rad_per_s=draw(st.floats(0.5, 20.0)),
+        spin_ratio=np.array([draw(ratios) for _ in azimuths]),
     )
 
 

@@ -70,6 +70,26 @@ def test_each_motor_gets_the_pulse_for_the_drive_speed_by_its_own_curve(rpm: flo
         assert turns == pytest.approx(rpm, abs=0.5 * 0.09 * 147 + 0.1)
 
 
+def test_a_calibration_is_taken_off_goals_and_throttles_and_put_onto_what_is_measured() -> None:
+    """Module 1 stands 1 degree, 11.4 steps, out when told zero; wheel 2 turns 10 % too fast."""
+    text = robots.text("tsd") + (
+        "\n[calibration]\ntilt_offset_deg = [[1.0, -2.0], [0.0, 0.0], [0.0, 0.5]]\n"
+        "spin_scale = [1.0, 1.1, 1.0]\n"
+    )
+    robot = robots.of_kind(robots.parse(text, "mine"), robots.SingularityRobot)
+    joints = Joints(robot, Motors.of(robot))
+    assert joints.goals(setpoint([0.0] * 6)) == (-11, 23, 0, 0, 0, -6)
+    measured = joints.measured((-11, 23, 0, 0, 0, -6), 63)[[0, 1, 3, 4, 6, 7]]
+    np.testing.assert_allclose(measured, 0.0, atol=STEP_RAD / 2)
+    np.testing.assert_allclose(
+        np.degrees(joints.measured((0,) * 6, 63)[[0, 1, 3, 4, 6, 7]]), [1, -2, 0, 0, 0, 0.5]
+    )
+    told = setpoint([0.0] * 6)
+    told[[2, 5, 8]] = np.array([4137, 4762 * 1.1, 4322]) * np.pi / 30
+    assert joints.throttles(told) == (2667, 2667, 2667)
+    assert joints.throttles(setpoint([0.0] * 6)) == (2000, 2000, 2000)
+
+
 @pytest.mark.parametrize("bad", [np.zeros(8), np.full(9, np.nan), np.full(9, np.inf)])
 def test_what_is_no_set_point_is_refused(bad: Array) -> None:
     with pytest.raises(ValueError, match="9 finite numbers"):

@@ -147,6 +147,21 @@ def test_an_impossible_value_is_named_with_what_is_possible(
     ("old", "new", "says"),
     [
         ("90.0, 210.0, 330.0", "90.0, 210.0", "speed_rpm has 3 lists, the drive has 2 wheels"),
+        (
+            "[noise]",
+            "[calibration]\nspin_scale = [1, 1]\n[noise]",
+            "calibration.spin_scale has 2 entries for 3 modules",
+        ),
+        (
+            "[noise]",
+            "[calibration]\ntilt_offset_deg = [[0, 0], [0, -30], [0, 0]]\n[noise]",
+            "calibration.tilt_offset_deg[1] is [0.0, -30.0]",
+        ),
+        (
+            "cruise_speed_rpm = 2500.0",
+            "cruise_speed_rpm = 2500.0\nspin_ratio = [1, 0.5, 1]",
+            "2500 times drive.spin_ratio[1] = 0.5, motor 2 turns from 2000",
+        ),
         ("signal = [0, 20,", "signal = [0,", "speed_rpm[0] has 10 speeds for 9 signals"),
         ("[0, 0, 2938,", "[0, 2938,", "speed_rpm[1] has 9 speeds for 10 signals"),
         ("signal = [0, 20,", "signal = [20, 20,", "motor.signal must rise"),

@@ -184,6 +184,26 @@ def test_a_flat_battery_slows_motors_and_servos() -> None:
     np.testing.assert_allclose(flat.joints[0::3], 0.5 * fresh.joints[0::3], rtol=1e-12)
 
 
+def test_a_calibrated_robot_drives_as_one_that_needs_no_calibration() -> None:
+    """Where it ends differs by what steps make of other angles: at most one of either gimbal."""
+    odd = msgspec.structs.replace(
+        ROBOT,
+        calibration=type(ROBOT.calibration)(
+            tilt_offset_deg=[(1.3, -0.4), (0.2, 2.0), (-1.0, 0.7)], spin_scale=[1.05, 0.93, 1.0]
+        ),
+    )
+    plain, calibrated = spun_up(), spun_up(odd)
+    np.testing.assert_allclose(calibrated.joints, plain.joints, atol=STEP / 2 + 1e-6)
+    np.testing.assert_allclose(calibrated.measure(), calibrated.joints, atol=1e-9)
+    for simulation in (plain, calibrated):
+        simulation.pose = SE2(np.zeros(3))
+        simulation.command(command([0.5, -0.2, 0.4]))
+        simulation.advance(1.0)
+    apart = calibrated.pose.xy_heading - plain.pose.xy_heading
+    assert np.abs(apart[:2]).max() < np.sqrt(2.0) * 0.04 * CRUISE * STEP
+    assert not np.allclose(calibrated.joints, plain.joints, atol=1e-9)
+
+
 def test_a_robot_can_start_anywhere() -> None:
     start = SE2(np.array([1.0, -2.0, np.pi / 2]))
     simulation = spun_up(pose=start)

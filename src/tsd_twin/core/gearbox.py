@@ -35,6 +35,7 @@ class Gearbox:
         self._lag_s = robot.lag_s
         self._deceleration_mps2 = robot.limits.deceleration_mps2
         self._wheels = [j.kind is JointKind.VELOCITY for j in self.drive.joints]
+        self._mean_ratio = float(self._gears.drive.spin_ratio.mean()) if self._gears else 1.0
         usual = self._gears.drive.spin_rad_per_s if self._gears else 0.0
         self._usual = self._wanted = self._told = self._at = usual
         self._chosen_by: bytes | None = None
@@ -79,20 +80,22 @@ class Gearbox:
         step = rate * dt_s
         # Reached exactly: half a turn less than the slowest one would be none.
         self._told = self._wanted if abs(error) <= step else self._told + np.copysign(step, error)
-        return self._shift(spin_after(self.inverse(np.zeros(3)), self._lag_s))
+        mean = spin_after(self.inverse(np.zeros(3)), self._lag_s)
+        return self._shift(mean / self._mean_ratio)
 
     def inverse(self, twist: Array) -> Array:
         """Return the joints (n,) that move the robot by `twist` (3,)."""
         joints = self.drive.inverse(twist)
         if self._gears is not None:
-            joints[self._wheels] = self._told
+            joints[self._wheels] = self._told * self._gears.drive.spin_ratio
         return joints
 
     def status(self, spin_rad_per_s: float) -> GearStatus | None:
-        """Return what there is to see, of wheels that turn as fast as this."""
+        """Return what there is to see, of wheels that turn as fast as this in the mean."""
         if self._gears is None:
             return None
-        return GearStatus(round(self._wanted / RPM, 1), round(spin_rad_per_s / RPM, 1))
+        spin = spin_rad_per_s / self._mean_ratio
+        return GearStatus(round(self._wanted / RPM, 1), round(spin / RPM, 1))
 
     def _shift(self, spin: float) -> bool:
         assert self._gears is not None  # noqa: S101  The callers have looked; for the type checker.

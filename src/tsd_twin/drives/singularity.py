@@ -42,6 +42,8 @@ class SingularityDrive:
     """Mechanical limit of the tilt, in any direction."""
     max_tilt_rate_rad_per_s: float
     """Speed limit of a gimbal servo."""
+    spin_ratio: Array = field(default_factory=lambda: np.ones(1))
+    """(k,) or (1,): speed of each wheel over `spin_rad_per_s`."""
     contact_from_twist: Array = field(init=False)
     """(k, 2, 3): velocity of each pivot over the ground, in `W_i`, from the body twist: H."""
     twist_from_contacts: Array = field(init=False)
@@ -61,13 +63,16 @@ class SingularityDrive:
             [np.stack([c, s, s * x - c * y], -1), np.stack([-s, c, c * x + s * y], -1)], axis=1
         )
         # (l_x, l_y) = (-v_y, v_x) / (r_w spin): rolling, solved for the axle.
-        axles = np.concatenate([-h[:, 1], h[:, 0]]) / (self.wheel_radius_m * self.spin_rad_per_s)
+        ratio = np.broadcast_to(np.array(self.spin_ratio, dtype=float), len(h)).copy()
+        rims_mps = self.wheel_radius_m * self.spin_rad_per_s * np.tile(ratio, 2)
+        axles = np.concatenate([-h[:, 1], h[:, 0]]) / rims_mps[:, None]
         flat = h.reshape(-1, 3)
         projection = np.eye(len(flat)) - flat @ np.linalg.pinv(flat)
         blocks = projection.reshape(len(h), 2, len(h), 2)
         own_blocks = np.stack([blocks[i, :, i] for i in range(len(h))])
         for name, value in (
             ("azimuths_rad", azimuths),
+            ("spin_ratio", ratio),
             ("contact_from_twist", h),
             ("twist_from_contacts", np.linalg.pinv(flat)),
             ("_axles_by_part", axles),
@@ -180,7 +185,7 @@ class SingularityDrive:
         k, limit = self.modules, math.sin(self.max_tilt_rad)
         flat = twist.reshape(-1, 3)
         joints = np.empty((len(flat), k, 3))
-        joints[..., 2] = self.spin_rad_per_s
+        joints[..., 2] = self.spin_rad_per_s * self.spin_ratio
         for start in range(0, len(flat), _BLOCK):
             axles = self._axles_by_part @ flat[start : start + _BLOCK].T
             lx, ly = axles[:k], axles[k:]

@@ -47,6 +47,7 @@ class Joints:
                 f"the board has {SERVOS} servos and {ESCS} speed controllers"
             )
         self._throttle = throttle
+        self._trim = robot.trim()
         self._step_rad = 2.0 * math.pi / robot.servo.steps_per_turn
         self.count = len(drive.joints)
         self.names = [drive.joints[i].name for i in self._angles]
@@ -68,12 +69,13 @@ class Joints:
 
     def goals(self, setpoint: Array) -> tuple[int, ...]:
         """Return steps from neutral for each gimbal."""
-        steps = np.rint(setpoint[self._angles] / self._step_rad)
+        steps = np.rint(self._trim.told(setpoint)[self._angles] / self._step_rad)
         return _ints(np.clip(steps, -self.goal_limit, self.goal_limit))
 
     def throttles(self, setpoint: Array) -> tuple[int, ...]:
         """Return the pulse for each wheel, in half microseconds; a speed of 0 is zero throttle."""
-        pulses = self._throttle.pulse_us(self._throttle.signal(setpoint[self._wheels]))
+        told = self._trim.told(setpoint)[self._wheels]
+        pulses = self._throttle.pulse_us(self._throttle.signal(told))
         return _ints(np.clip(np.rint(_PULSES_PER_US * pulses), ZERO_THROTTLE, FULL_THROTTLE))
 
     def measured(self, steps: Sequence[int], alive: int) -> Array:
@@ -85,7 +87,7 @@ class Joints:
         for servo, joint in enumerate(self._angles):
             if alive >> servo & 1:
                 joints[joint] = steps[servo] * self._step_rad
-        return joints
+        return self._trim.measured(joints)
 
     def named(self, mask: int) -> str:
         """Return the servos in a mask by number and joint."""

@@ -1,6 +1,16 @@
 """Experiments and calibration, in virtual time or on a robot: each leaves a picture and a table."""
 
-from tsd_twin.lab import atlas, budget, follow, motors, omni_paths, omni_step, square
+from tsd_twin.lab import (
+    atlas,
+    budget,
+    calibrate,
+    follow,
+    motors,
+    omni_paths,
+    omni_step,
+    square,
+    zero,
+)
 from tsd_twin.lab.experiment import Experiment
 from tsd_twin.lab.output import Output
 
@@ -9,6 +19,8 @@ EXPERIMENTS: tuple[Experiment, ...] = (
     square.EXPERIMENT,
     follow.EXPERIMENT,
     budget.EXPERIMENT,
+    calibrate.EXPERIMENT,
+    zero.EXPERIMENT,
     omni_step.EXPERIMENT,
     omni_paths.EXPERIMENT,
     atlas.EXPERIMENT,

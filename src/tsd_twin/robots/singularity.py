@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator
 from typing import Annotated
 
+import msgspec
 import numpy as np
 from msgspec import Meta
 
@@ -21,6 +22,7 @@ from tsd_twin.robots.robot import (
     SpinUp,
     Table,
 )
+from tsd_twin.robots.trim import Trim
 from tsd_twin.robots.units import RPM
 
 
@@ -34,6 +36,8 @@ class SingularityGeometry(Table, frozen=True, tag="singularity", tag_field="kind
     max_tilt_deg: Annotated[float, Meta(gt=0.0, lt=80.0)]
     cruise_speed_rpm: Positive
     """Speed of the wheels when the robot is ready: the gear."""
+    spin_ratio: list[Positive] = msgspec.field(default_factory=list[Positive])
+    """Speed of each wheel over that; all 1 unless given."""
 
     @property
     def modules(self) -> int:
@@ -91,6 +95,17 @@ class Noise(Table, frozen=True):
     """Of a wheel's speed."""
 
 
+class Calibration(Table, frozen=True):
+    """`[calibration]`: what `tsd-lab calibrate` and `tsd-lab zero` found out about one machine."""
+
+    tilt_offset_deg: list[tuple[float, float]] = msgspec.field(
+        default_factory=list[tuple[float, float]]
+    )
+    """Of each module, alpha and beta: where a gimbal stands when its servo says zero."""
+    spin_scale: list[Positive] = msgspec.field(default_factory=list[Positive])
+    """How fast each wheel turns over what `[motor]` lets expect."""
+
+
 class SingularityRobot(Robot, frozen=True, kw_only=True):
     """A robot on a singularity drive."""
 
@@ -99,6 +114,7 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
     motor: Motor
     mass: Mass
     noise: Noise = Noise()
+    calibration: Calibration = Calibration()
 
     @property
     def arming_hold_s(self) -> float:
@@ -120,7 +136,17 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
             spin_rad_per_s=g.cruise_speed_rpm * RPM,
             max_tilt_rad=float(np.radians(g.max_tilt_deg)),
             max_tilt_rate_rad_per_s=self.servo.no_load_speed_rpm * RPM,
+            spin_ratio=np.array(g.spin_ratio or [1.0] * g.modules),
         )
+
+    def trim(self) -> Trim:
+        """Return how the joints differ from what their actuators are told and say."""
+        found, modules = self.calibration, self.drive.modules
+        offset = np.zeros((modules, 3))
+        offset[:, :2] = np.radians(found.tilt_offset_deg or np.zeros((modules, 2)))
+        scale = np.ones((modules, 3))
+        scale[:, 2] = found.spin_scale or 1.0
+        return Trim(offset.ravel(), scale.ravel())
 
     def joint_errors(self) -> JointErrors:
         """Return the noise of gimbal angles and wheel speeds."""
@@ -134,10 +160,12 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
     @property
     def gears(self) -> Gears:
         """The wheels may spin as fast as all motors can."""
+        drive = self.kinematics()
+        fastest_rpm = np.array([column[-1] for column in self.motor.speed_rpm])
         return Gears(
-            drive=self.kinematics(),
-            least_rad_per_s=self.motor.start_speed_rpm * RPM,
-            most_rad_per_s=min(column[-1] for column in self.motor.speed_rpm) * RPM,
+            drive=drive,
+            least_rad_per_s=self.motor.start_speed_rpm / float(drive.spin_ratio.min()) * RPM,
+            most_rad_per_s=float((fastest_rpm / drive.spin_ratio).min()) * RPM,
             servo_step_rad=2.0 * math.pi / self.servo.steps_per_turn,
         )
 
@@ -154,7 +182,27 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
                 "drive.azimuths_deg has the same direction twice",
                 "one direction for each pivot",
             )
+        for key, values in (
+            ("drive.spin_ratio", self.drive.spin_ratio),
+            ("calibration.tilt_offset_deg", self.calibration.tilt_offset_deg),
+            ("calibration.spin_scale", self.calibration.spin_scale),
+        ):
+            if len(values) not in (0, self.drive.modules):
+                yield (
+                    f"{key} has {len(values)} entries for {self.drive.modules} modules",
+                    "one for each of drive.azimuths_deg, or none",
+                )
+        yield from self._calibration_problems()
         yield from self._motor_problems()
+
+    def _calibration_problems(self) -> Iterator[Problem]:
+        limit = self.drive.max_tilt_deg
+        for i, pair in enumerate(self.calibration.tilt_offset_deg):
+            if max(abs(angle) for angle in pair) >= limit:
+                yield (
+                    f"calibration.tilt_offset_deg[{i}] is {list(pair)}",
+                    f"less than drive.max_tilt_deg, which is {limit:g}",
+                )
 
     def _motor_problems(self) -> Iterator[Problem]:
         motor, modules = self.motor, self.drive.modules
@@ -182,9 +230,12 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
                 f"motor.speed_rpm[{i}] starts at {column[0]:g}",
                 "0: the lowest signal is zero throttle",
             )
-        if column and not motor.start_speed_rpm <= self.drive.cruise_speed_rpm <= column[-1]:
+        ratio = [*self.drive.spin_ratio[i : i + 1], 1.0][0]
+        wanted_rpm = self.drive.cruise_speed_rpm * ratio
+        if column and not motor.start_speed_rpm <= wanted_rpm <= column[-1]:
+            times = f" times drive.spin_ratio[{i}] = {ratio:g}" if ratio != 1.0 else ""
             yield (
-                f"drive.cruise_speed_rpm is {self.drive.cruise_speed_rpm:g}, "
+                f"drive.cruise_speed_rpm is {self.drive.cruise_speed_rpm:g}{times}, "
                 f"motor {i + 1} turns from {motor.start_speed_rpm:g} to {column[-1]:g}",
                 "between motor.start_speed_rpm and the last speed of every motor",
             )

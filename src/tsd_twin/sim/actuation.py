@@ -17,7 +17,7 @@ class Actuation:
 
     `noise` scales the standard deviations of the description: 0 is none, 1 is as described. Gimbal
     angles are noisy each time they are measured; the speed of each wheel is off by a share that
-    stays the same for the run.
+    stays the same for the run. The machine is as its `[calibration]` says, which the robot knows.
     """
 
     def __init__(
@@ -36,6 +36,8 @@ class Actuation:
         """Indices of the wheels in the joint vector."""
         shape = (*batch, len(self.wheels))
         self.battery_v = robot.battery.nominal_v if battery_v is None else battery_v
+        self._trim = robot.trim()
+        self._offset = self._trim.offset[self.angles]
         self.servos = Servos.of(robot, self.battery_v)
         self.motors = Motors.of(robot)
         self.controllers = SpeedControllers(
@@ -46,7 +48,9 @@ class Actuation:
         spin_errors = noise * robot.noise.spin_share * self._random.standard_normal(shape)
         # The curves were measured at the nominal voltage; a speed controller passes on a share of
         # what the battery has.
-        self._speed_share = self.battery_v / robot.battery.nominal_v * (1.0 + spin_errors)
+        self._speed_share = (
+            self.battery_v / robot.battery.nominal_v * (1.0 + spin_errors)
+        ) * self._trim.scale[self.wheels]
         self.goals: Array = np.zeros((*batch, len(self.angles)))
         """(..., 2k): angles that the servos go for."""
         self.speed_goals: Array = np.zeros(shape)
@@ -64,8 +68,9 @@ class Actuation:
             raise ValueError(f"set-points must be finite, these are {setpoint}")
         joints = len(self.angles) + len(self.wheels)
         setpoint = np.broadcast_to(setpoint, (*self.goals.shape[:-1], joints))
-        self.goals[...] = self.servos.goal(setpoint[..., self.angles])
-        signal = self.controllers.command(self.motors.signal(setpoint[..., self.wheels]))
+        told = self._trim.told(setpoint)
+        self.goals[...] = self.servos.goal(told[..., self.angles]) + self._offset
+        signal = self.controllers.command(self.motors.signal(told[..., self.wheels]))
         self.speed_goals[...] = self.motors.speed(signal) * self._speed_share
 
     def measure(self, joints: Array) -> Array:
@@ -74,10 +79,10 @@ class Actuation:
         Wheel speeds are exact here; whether a robot measures them is for the caller to say.
         """
         measured = joints.copy()
-        angles = measured[..., self.angles]
+        angles = measured[..., self.angles] - self._offset
         if self._angle_noise_rad > 0.0:
             angles += self._angle_noise_rad * self._random.standard_normal(angles.shape)
-        measured[..., self.angles] = self.servos.quantise(angles)
+        measured[..., self.angles] = self.servos.quantise(angles) + self._offset
         return measured
 
     def facts(self) -> dict[str, object]:

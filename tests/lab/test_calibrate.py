@@ -1,0 +1,162 @@
+"""A machine whose errors are drawn at random drives; what it is found to have is what it has."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from tests.lab.runs import is_picture, run
+from tsd_twin import robots
+from tsd_twin.errors import TwinError
+from tsd_twin.lab.write_back import edited
+
+TEXT = robots.text("tsd")
+
+
+class Calibrated(NamedTuple):
+    folder: Path
+    lines: list[str]
+
+
+def figures(folder: Path) -> dict[str, dict[str, float]]:
+    """Return the rows of the table by name; an empty cell is NaN."""
+    with (folder / "calibrate.csv").open(newline="", encoding="utf-8") as file:
+        return {
+            row["name"]: {
+                key: float(row[key] or "nan") for key in ("before", "found", "sigma", "true")
+            }
+            for row in csv.DictReader(file)
+        }
+
+
+@pytest.fixture(scope="module")
+def machine(tmp_path_factory: pytest.TempPathFactory) -> Calibrated:
+    """One machine, calibrated, and its description written to `my.toml`."""
+    folder = tmp_path_factory.mktemp("machine")
+    written = str(folder / "my.toml")
+    return Calibrated(folder, run(folder, "calibrate", "--seed", "1", "--write-to", written))
+
+
+def assert_found(rows: dict[str, dict[str, float]]) -> None:
+    """To 0.05 deg and 0.5 %, and as surely as it says."""
+    for name, row in rows.items():
+        angle = name.endswith(("alpha", "beta"))
+        bound = 0.05 if angle else 0.005 * row["true"]
+        assert abs(row["found"] - row["true"]) < bound, name
+        assert abs(row["found"] - row["true"]) < 5.0 * row["sigma"], name
+    before = [abs(row["before"] - row["true"]) for name, row in rows.items() if "alpha" in name]
+    assert max(before) > 0.05  # There was something to find.
+
+
+def test_zeros_radii_and_spins_are_found(machine: Calibrated) -> None:
+    rows = figures(machine.folder)
+    assert len(rows) == 11
+    assert_found(rows)
+    assert is_picture(machine.folder / "calibrate.png")
+    assert any("mm RMS before" in line for line in machine.lines)
+
+
+@pytest.mark.parametrize("seed", ["7", "8"])
+def test_so_they_are_of_other_machines(tmp_path: Path, seed: str) -> None:
+    run(tmp_path, "calibrate", "--seed", seed)
+    assert_found(figures(tmp_path))
+
+
+def test_a_recorded_log_says_what_the_drive_itself_said(
+    machine: Calibrated, tmp_path: Path
+) -> None:
+    """Also when it is cut: measured speeds are there in one run of four, so they do not count."""
+    run(tmp_path / "whole", "calibrate", "--log", str(machine.folder / "calibrate_log.csv"))
+    again, first = figures(tmp_path / "whole"), figures(machine.folder)
+    for name, row in first.items():
+        assert again[name]["found"] == pytest.approx(row["found"], abs=0.2 * row["sigma"]), name
+        assert np.isnan(again[name]["true"])
+
+
+def test_what_is_written_is_what_was_found_and_comments_stay(machine: Calibrated) -> None:
+    text = (machine.folder / "my.toml").read_text("utf-8")
+    robot = robots.of_kind(robots.load(str(machine.folder / "my.toml")), robots.SingularityRobot)
+    rows = figures(machine.folder)
+    assert robot.drive.wheel_radius_m == pytest.approx(rows["wheel_radius"]["found"], rel=1e-4)
+    assert robot.calibration.tilt_offset_deg[1][0] == pytest.approx(
+        rows["module2_alpha"]["found"], abs=1e-3
+    )
+    assert robot.calibration.spin_scale[2] == pytest.approx(rows["module3_spin"]["found"], rel=1e-4)
+    changed = set(text.splitlines()) - set(TEXT.splitlines())
+    assert {line.split(" = ")[0] for line in changed} == {
+        "pivot_radius_m", "wheel_radius_m", "[calibration]", "tilt_offset_deg", "spin_scale",
+    }  # fmt: skip
+
+
+def test_at_one_speed_three_directions_of_six_zeros_are_not_told(tmp_path: Path) -> None:
+    lines = run(tmp_path, "calibrate", "--seed", "1", "--same-speed", "--no-tachometer")
+    told = lines.index("these data do not tell, so it was left as small as it can be:")
+    assert len(lines) - told - 1 == 3
+    assert any("wheel radius times the speed" in line for line in lines)
+    rows = figures(tmp_path)
+    # And it says so: no zero is surer than a good part of what was known before, one degree.
+    assert min(row["sigma"] for name, row in rows.items() if "beta" in name) > 0.3
+    # Wheel radius and common spin are found as a product.
+    product = [
+        rows["wheel_radius"][which] * np.mean([rows[f"module{i}_spin"][which] for i in (1, 2, 3)])
+        for which in ("found", "true")
+    ]
+    assert product[0] == pytest.approx(product[1], rel=0.005)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("t_s,x_m\n1,2\n", "no column module1_alpha_rad"),
+        ("t_s\nsoon\n", "cannot be read as a log"),
+        ("", "no column t_s"),
+    ],
+)
+def test_a_log_that_is_none_is_refused_in_a_sentence(tmp_path: Path, text: str, says: str) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text(text)
+    with pytest.raises(TwinError, match=says):
+        run(tmp_path, "calibrate", "--log", str(log))
+
+
+def test_a_log_without_poses_is_refused(machine: Calibrated, tmp_path: Path) -> None:
+    lines = (machine.folder / "calibrate_log.csv").read_text().splitlines()[:200]
+    log = tmp_path / "log.csv"
+    blind = [line.rpartition(",")[0] + "," for line in lines[1:]]
+    log.write_text("\n".join([lines[0], *blind]))
+    with pytest.raises(TwinError, match="two poses or more"):
+        run(tmp_path, "calibrate", "--log", str(log))
+
+
+def test_other_layouts_of_a_description_are_edited_as_well() -> None:
+    text = TEXT.replace("[battery]\nnominal_v = 12.0\n", "", 1)
+    text = "battery.nominal_v = 12.0 # Three cells.\n" + text
+    changed = edited(text, "my.toml", {"calibration": {"spin_scale": [1.0, 1.1, 1.0]}})
+    assert "battery.nominal_v = 12.0 # Three cells.\n" in changed
+    assert robots.parse(changed, "my.toml") != robots.parse(text, "my.toml")
+    again = edited(changed, "my.toml", {"calibration": {"spin_scale": [1.0, 1.0, 1.2]}})
+    assert again.count("[calibration]") == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (robots.text("kiwi"), "singularity is needed here"),
+        (TEXT.replace("[motor]", "[motr]"), "did you mean 'motor'"),
+        ("[[[", "not valid TOML"),
+    ],
+)
+def test_what_is_no_such_description_is_left_alone(tmp_path: Path, text: str, says: str) -> None:
+    file = tmp_path / "my.toml"
+    file.write_text(text)
+    with pytest.raises(TwinError, match=says):
+        edited(file.read_text(), str(file), {"calibration": {"spin_scale": [1.0, 1.0, 1.0]}})
+
+
+def test_impossible_figures_are_not_written() -> None:
+    with pytest.raises(TwinError, match=r"calibration.spin_scale has 2 entries"):
+        edited(TEXT, "my.toml", {"calibration": {"spin_scale": [1.0, 1.0]}})
