@@ -5,13 +5,15 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, Self
 
+import msgspec
 import numpy as np
 from msgspec import Meta
 
 from tsd_twin.drives import SingularityDrive
 from tsd_twin.robots.gears import Gears
+from tsd_twin.robots.imperfections import Imperfections
 from tsd_twin.robots.robot import (
     JointErrors,
     NotNegative,
@@ -99,6 +101,7 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
     motor: Motor
     mass: Mass
     noise: Noise = Noise()
+    errors: Imperfections = Imperfections()
 
     @property
     def arming_hold_s(self) -> float:
@@ -121,6 +124,10 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
             max_tilt_rad=float(np.radians(g.max_tilt_deg)),
             max_tilt_rate_rad_per_s=self.servo.no_load_speed_rpm * RPM,
         )
+
+    def with_errors(self, scale: float) -> Self:
+        """Return the robot with `scale` times the errors that a built one has."""
+        return msgspec.structs.replace(self, errors=self.errors.scaled(scale))
 
     def joint_errors(self) -> JointErrors:
         """Return the noise of gimbal angles and wheel speeds."""

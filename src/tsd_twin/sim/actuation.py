@@ -17,7 +17,7 @@ class Actuation:
 
     `noise` scales the standard deviations of the description: 0 is none, 1 is as described. Gimbal
     angles are noisy each time they are measured; the speed of each wheel is off by a share that
-    stays the same for the run.
+    stays the same for the run. `robot.errors` are those of a built machine, as they are described.
     """
 
     def __init__(
@@ -42,12 +42,18 @@ class Actuation:
             shape, float(self.motors.signals[0]), robot.motor.arming_hold_s
         )
         self._random = np.random.default_rng(seed)
+        # Dice of its own: how a machine was built has nothing to do with its noise.
+        built = np.random.default_rng(None if seed is None else [seed, 1])
         self._angle_noise_rad = noise * float(np.radians(robot.noise.gimbal_angle_deg))
         spin_errors = noise * robot.noise.spin_share * self._random.standard_normal(shape)
         # The curves were measured at the nominal voltage; a speed controller passes on a share of
         # what the battery has.
         self._speed_share = self.battery_v / robot.battery.nominal_v * (1.0 + spin_errors)
-        self.goals: Array = np.zeros((*batch, len(self.angles)))
+        self.zero_rad: Array = np.radians(robot.errors.zero_deg) * built.standard_normal(
+            (*batch, len(self.angles))
+        )
+        """(..., 2k): angle at which each gimbal stands when its servo reports 0."""
+        self.goals: Array = self.zero_rad.copy()
         """(..., 2k): angles that the servos go for."""
         self.speed_goals: Array = np.zeros(shape)
         """(..., k): speeds that the motors settle at, rad/s."""
@@ -64,7 +70,7 @@ class Actuation:
             raise ValueError(f"set-points must be finite, these are {setpoint}")
         joints = len(self.angles) + len(self.wheels)
         setpoint = np.broadcast_to(setpoint, (*self.goals.shape[:-1], joints))
-        self.goals[...] = self.servos.goal(setpoint[..., self.angles])
+        self.goals[...] = self.zero_rad + self.servos.goal(setpoint[..., self.angles])
         signal = self.controllers.command(self.motors.signal(setpoint[..., self.wheels]))
         self.speed_goals[...] = self.motors.speed(signal) * self._speed_share
 
@@ -74,7 +80,7 @@ class Actuation:
         Wheel speeds are exact here; whether a robot measures them is for the caller to say.
         """
         measured = joints.copy()
-        angles = measured[..., self.angles]
+        angles = measured[..., self.angles] - self.zero_rad
         if self._angle_noise_rad > 0.0:
             angles += self._angle_noise_rad * self._random.standard_normal(angles.shape)
         measured[..., self.angles] = self.servos.quantise(angles)

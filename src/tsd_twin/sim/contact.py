@@ -116,6 +116,7 @@ class ContactSimulation:
         x, y, heading = pose.xy_heading
         self._data.qpos[:2] = x, y
         self._data.qpos[3:7] = np.cos(heading / 2.0), 0.0, 0.0, np.sin(heading / 2.0)
+        self._data.qpos[self._angles_q] = self.actuation.zero_rad
         self._mujoco.mj_forward(self._model, self._data)
 
     def _step(self, dt_s: float) -> None:

@@ -39,6 +39,7 @@ class SingularitySimulation:
         """True pose in the world."""
         self.joints: Array = np.zeros((*batch, len(self.drive.joints)))
         """(..., n): true joint vector."""
+        self.joints[..., self.actuation.angles] = self.actuation.zero_rad
         self._halves = np.array([0.5, 1.0]).reshape(2, *(1,) * (len(batch) + 1))
 
     def command(self, setpoint: Array) -> None:
