@@ -7,7 +7,16 @@ import math
 import msgspec
 
 from tsd_twin.errors import TwinError
-from tsd_twin.robots.robot import NotNegative, Table
+from tsd_twin.robots.robot import NotNegative, Positive, Table
+
+
+class Floor(Table, frozen=True):
+    """`[floor]`: what a wheel that spins on the spot rubs on, for plants with friction."""
+
+    friction: NotNegative = 0.8
+    """Coefficient: rubber, or a printed wheel, on a dry hard floor."""
+    patch_radius_m: Positive = 0.0005
+    """Of the spot that touches. By Hertz: 10 N on a sphere of 40 mm of hard plastic (2 GPa)."""
 
 
 class Imperfections(Table, frozen=True):

@@ -129,6 +129,11 @@ class Robot(Table, frozen=True, kw_only=True):
         """Return the drive."""
         raise NotImplementedError
 
+    @property
+    def delay_s(self) -> float:
+        """Time by which a bus makes set-points and measurements late."""
+        return 0.0
+
     def with_errors(self, scale: float) -> Self:  # noqa: ARG002
         """Return the robot with `scale` times its `[errors]`, which not every kind has."""
         return self

@@ -13,7 +13,7 @@ from msgspec import Meta
 
 from tsd_twin.drives import SingularityDrive
 from tsd_twin.robots.gears import Gears
-from tsd_twin.robots.imperfections import Imperfections
+from tsd_twin.robots.imperfections import Floor, Imperfections
 from tsd_twin.robots.robot import (
     JointErrors,
     NotNegative,
@@ -101,6 +101,7 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
     motor: Motor
     mass: Mass
     noise: Noise = Noise()
+    floor: Floor = Floor()
     errors: Imperfections = Imperfections()
 
     @property
@@ -124,6 +125,11 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
             max_tilt_rad=float(np.radians(g.max_tilt_deg)),
             max_tilt_rate_rad_per_s=self.servo.no_load_speed_rpm * RPM,
         )
+
+    @property
+    def delay_s(self) -> float:
+        """That of the errors."""
+        return self.errors.delay_s
 
     def with_errors(self, scale: float) -> Self:
         """Return the robot with `scale` times the errors that a built one has."""
