@@ -82,11 +82,11 @@ class Servos:
         """Return what is left of `elapsed_s` once the motor has crossed its play, and the play.
 
         `play`, radians, is how far the motor is ahead of its gimbal, at most half the backlash on
-        either side. The gimbal stands meanwhile, so the motor turns evenly. A servo that stands
-        uses up its time.
+        either side. The gimbal stands meanwhile, so the motor turns evenly.
         """
-        speed = self.rate(angle, goal)
-        to_go = np.copysign(0.5 * self.backlash_rad, speed) - play
-        turning = np.maximum(np.abs(speed), 1e-300)
-        spent_s = np.minimum(elapsed_s, np.abs(to_go) / turning * (speed != 0.0))
-        return elapsed_s - spent_s, play + speed * spent_s
+        speed, edge_rad = self.rate(angle, goal), 0.5 * self.backlash_rad
+        # Rounding may leave the play beyond its edge by a little; that must not grow.
+        to_go = np.maximum(edge_rad - np.sign(speed) * play, 0.0)
+        crossing_s = to_go / np.maximum(np.abs(speed), 1e-300)
+        spent_s = np.where(speed == 0.0, elapsed_s, np.minimum(elapsed_s, crossing_s))
+        return elapsed_s - spent_s, np.clip(play + speed * spent_s, -edge_rad, edge_rad)

@@ -71,6 +71,8 @@ class SimRobot:
             "seed": seed,
         }
         self._now_s: float | None = None
+        self.delay_s = robot.with_errors(errors).delay_s
+        """Time by which the bus makes set-points and measurements late."""
 
     def read(self, now_s: float) -> Array:
         """Return what is measured, (n + s,): joints, then sensors; NaN is not measured."""
