@@ -56,7 +56,8 @@ class Slip:
             speed2 = np.square(slip).sum(axis=-1) + self._rim_mps**2
             pull = self._most_n / np.sqrt(speed2)
             drag = step_s * np.einsum("...k,kjl->...jl", pull, self._squares)
-            gained = np.linalg.solve(self._mass + drag, (drag @ (rolling - self.twist)[..., None]))
+            pulled = drag @ (rolling - self.twist)[..., None]
+            gained = np.asarray(np.linalg.solve(self._mass + drag, pulled), dtype=float)
             self.twist = self.twist + gained[..., 0]
             # The axes of the body turn away under its speed.
             turned = step_s * self.twist[..., 2:]

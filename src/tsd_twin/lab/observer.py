@@ -59,8 +59,11 @@ class Observer:
 
 def voltage_share(robot: VirtualRobot) -> float:
     """Return the speed of wheels over that at the nominal voltage, by what servos report of it."""
-    seen_v = VOLT_STEP * round(float(robot.simulated.hardware()["battery_v"]) / VOLT_STEP)
-    return seen_v / robot.core.robot.battery.nominal_v
+    nominal_v = robot.core.robot.battery.nominal_v
+    battery_v = robot.simulated.hardware().get("battery_v")
+    if not isinstance(battery_v, float):
+        return 1.0
+    return VOLT_STEP * round(battery_v / VOLT_STEP) / nominal_v
 
 
 class Loop(StrEnum):

@@ -50,7 +50,8 @@ class Errors:
 
     def part(self, rows: slice) -> Errors:
         """Return the errors of some of the robots."""
-        phase = self.phase_rad if isinstance(self.phase_rad, float) else self.phase_rad[rows]
+        phase = self.phase_rad
+        phase = phase[rows] if isinstance(phase, np.ndarray) else phase
         return replace(
             self,
             spin_share=self.spin_share[rows],

@@ -27,7 +27,7 @@ from tsd_twin.motion.route import Route
 from tsd_twin.motion.timing import SpeedProfile
 from tsd_twin.motion.tracker import Tracker, TrackerSettings
 from tsd_twin.motion.trajectory import Trajectory, plan
-from tsd_twin.robots import Robot, SingularityRobot
+from tsd_twin.robots import Robot, SingularityRobot, of_kind
 from tsd_twin.sim import PLANTS, SimRobot
 
 SPEED_MPS = 1.0
@@ -62,8 +62,8 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
         robot, seed=args.seed, noise=args.noise, plant=args.plant, errors=args.errors
     )
     virtual = VirtualRobot(robot, simulated)
-    slides = args.plant == "mujoco" and isinstance(robot, SingularityRobot)
-    watching = observer(loop, virtual, args.seed, Slip(robot) if slides else None)
+    slip = Slip(of_kind(robot, SingularityRobot)) if args.plant == "mujoco" else None
+    watching = observer(loop, virtual, args.seed, slip)
     record = follow(
         virtual,
         trajectory,

@@ -53,5 +53,5 @@ def simulate(
         kinds = ", ".join(sorted(kind.__name__ for kind in PLANTS[plant]))
         raise RobotFileError(robot.name, f"the plant `{plant}` cannot move it", f"only {kinds}")
     built = robot.with_errors(errors)
-    made = make(built, batch, seed=seed, noise=noise, battery_v=battery_v, pose=pose)
+    made: Any = make(built, batch, seed=seed, noise=noise, battery_v=battery_v, pose=pose)
     return LateSimulation(made, built.delay_s) if built.delay_s > 0.0 else made
