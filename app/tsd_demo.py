@@ -62,6 +62,8 @@ def demonstrate(args: argparse.Namespace) -> None:
     more = [
         "--noise",
         str(args.noise),
+        "--errors",
+        str(args.errors),
         "--plant",
         args.plant,
         *(["--verbose"] if args.verbose else []),
@@ -240,6 +242,7 @@ def main() -> None:
         "--bus-port", type=int, help=f"of the bus; default {BUS_PORT}, or any free one"
     )
     PARSER.add_argument("--noise", type=float, default=0.0, help="times [noise]; default 0")
+    program.add_errors_flag(PARSER)
     program.add_plant_flag(PARSER)
     PARSER.add_argument("--link", metavar="SPEC", help="put a bad link between them")
     PARSER.add_argument("--no-browser", action="store_true", help="do not open a browser")

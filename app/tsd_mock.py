@@ -23,6 +23,7 @@ PARSER = program.parser(
         "tsd-mock --listen tcp/127.0.0.1:0          on a free port, which it prints",
         "tsd-mock --noise 1                         with the noise of the description",
         "tsd-mock --jam module2_alpha@3             with a gimbal that sticks at 3 degrees",
+        "tsd-mock --noise 1 --errors 1              and all that is wrong with a built robot",
         "tsd-mock --plant mujoco                    rigid bodies on a floor, not equations",
     ],
 )
@@ -33,7 +34,13 @@ def joints(robot: Robot, args: argparse.Namespace) -> RobotIO:
     pose = pose_at(robot, args)
     jams = [Jam.parse(text, robot) for text in args.jam]
     simulated = JammedRobot(
-        robot, jams, seed=args.seed, noise=args.noise, pose=pose, plant=args.plant
+        robot,
+        jams,
+        seed=args.seed,
+        noise=args.noise,
+        pose=pose,
+        plant=args.plant,
+        errors=args.errors,
     )
     return Board(robot, simulated)
 
@@ -66,6 +73,7 @@ def main() -> None:
     PARSER.add_argument(
         "--noise", type=float, default=0.0, metavar="SCALE", help="times [noise]; default 0"
     )
+    program.add_errors_flag(PARSER)
     PARSER.add_argument(
         "--at",
         metavar="X,Y,DEGREES",

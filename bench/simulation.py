@@ -6,6 +6,8 @@ import gc
 import sys
 import time
 from collections.abc import Iterator
+from functools import reduce
+from operator import add
 
 import msgspec
 import numpy as np
@@ -13,10 +15,17 @@ import numpy as np
 from bench.table import Row
 from tsd_twin import robots
 from tsd_twin.core import RobotCore
+from tsd_twin.lab.budget import AT_ONCE
+from tsd_twin.lab.open_square import drive_open
+from tsd_twin.lab.shapes import shape
+from tsd_twin.lab.sources import SOURCES
+from tsd_twin.lab.square import sharp
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.command import Sample, encode_attachment
 from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
 from tsd_twin.motion import TwistLimiter
+from tsd_twin.motion.route import Route
+from tsd_twin.robots import SingularityRobot, of_kind
 from tsd_twin.sim import SimRobot, simulate
 from tsd_twin.topics import Service
 
@@ -64,7 +73,7 @@ class VirtualRobot:
 
 
 def rows() -> Iterator[Row]:
-    """Measure one robot, a batch, the core alone, and what it leaves behind."""
+    """Measure one robot, a batch, the core alone, squares, and what it leaves behind."""
     robot = VirtualRobot()
     twist = np.array([0.6, 0.1, 0.0, 0.0, 0.0, 0.8])
     rounds = [drive(robot, twist) for _ in range(_ROUNDS)]
@@ -75,6 +84,7 @@ def rows() -> Iterator[Row]:
     faster = PERIOD_S / all_s
     yield Row("core and plant, one robot", faster, 30, "x", "real time", at_least=True)
     yield Row("core and plant, batch of 2,000", batch(2000), 1000, "rob s/s", "", at_least=True)
+    yield Row("10,000 open-loop squares, every error", squares(10_000), 60, "s", "")
     left = growth(robot, twist)
     yield Row("objects left by an hour of driving", left, 500, "", "those after a minute")
 
@@ -109,6 +119,18 @@ def batch(robots_at_once: int) -> float:
         simulation.advance(PERIOD_S)
         pose = drive.move(pose, drive.forward(simulation.measure()).twist, PERIOD_S)
     return robots_at_once * periods * PERIOD_S / (time.perf_counter() - start)
+
+
+def squares(runs: int) -> float:
+    """Return the seconds that so many squares take, as `tsd-lab budget` drives them."""
+    robot = of_kind(robots.load("tsd"), SingularityRobot)
+    random = np.random.default_rng(0)
+    reference = sharp(Route(shape("square")))
+    errors = reduce(add, (source.draw(robot, random, runs) for source in SOURCES))
+    start = time.perf_counter()
+    for at in range(0, runs, AT_ONCE):
+        drive_open(robot, reference, errors.part(slice(at, at + AT_ONCE)))
+    return time.perf_counter() - start
 
 
 def growth(robot: VirtualRobot, twist: Array) -> int:

@@ -51,6 +51,17 @@ def add_robot_flags(made: argparse.ArgumentParser, *, several: bool = False) -> 
     made.add_argument("--id", help="id on the bus, 1 to 32 of a-z 0-9 _ -; default: its name")
 
 
+def add_errors_flag(made: argparse.ArgumentParser, default: float = 0.0) -> None:
+    """Add `--errors`."""
+    made.add_argument(
+        "--errors",
+        type=float,
+        default=default,
+        metavar="SCALE",
+        help=f"times [errors], what is wrong with a built robot; default {default:g}",
+    )
+
+
 def add_plant_flag(made: argparse.ArgumentParser) -> None:
     """Add `--plant`."""
     made.add_argument(

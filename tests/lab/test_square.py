@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.lab.runs import is_picture, run, table
+from tsd_twin.sim import PLANTS
 
 
 def figures(lines: list[str]) -> tuple[float, list[float], float]:
@@ -25,12 +26,11 @@ def figures(lines: list[str]) -> tuple[float, list[float], float]:
 
 
 def test_open_loop_is_off_by_what_the_thesis_saw(tmp_path: Path) -> None:
-    """At most 16 % there. Here by lag, servo steps and spins; slip and zeroing are not in yet."""
-    found = [figures(run(tmp_path, "square", "--seed", str(seed))) for seed in range(5)]
+    """At most 16 % there. Here by all errors of the description, which are on by default."""
+    found = [figures(run(tmp_path, "square", "--seed", str(seed))) for seed in range(3)]
+    found.append(figures(run(tmp_path, "square", "--plant", "mujoco")))
     assert all(seconds == 4.0 for seconds, _, _ in found)
-    largest = [error for _, _, error in found]
-    assert 5.0 <= np.median(largest) <= max(largest) <= 20.0
-    assert min(largest) > 4.0
+    assert all(5.0 <= largest <= 20.0 for _, _, largest in found)
     columns = table(tmp_path / "square.csv")
     # The reference is at full speed at once, and turns corners in an instant.
     speed = np.hypot(columns["reference_vx_mps"], columns["reference_vy_mps"])
@@ -40,15 +40,16 @@ def test_open_loop_is_off_by_what_the_thesis_saw(tmp_path: Path) -> None:
     assert 1.0 / np.diff(camera["t_s"]).mean() == pytest.approx(24.0, rel=0.02)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("plant", list(PLANTS))
 @pytest.mark.parametrize(
     ("loop", "bounds"), [("gyro", (2.0, 2.0, 1.5)), ("camera", (1.0, 1.0, 0.5))]
 )
 def test_closed_loop_is_within_two_and_with_the_camera_within_one_percent(
-    tmp_path: Path, loop: str, bounds: tuple[float, float, float], seed: int
+    tmp_path: Path, loop: str, bounds: tuple[float, float, float], plant: str, seed: int
 ) -> None:
-    """At 1 m/s and 4 m/s^2, with the errors of the description, gyro noise and a late camera."""
-    lines = run(tmp_path, "square", "--loop", loop, "--seed", str(seed))
+    """At 1 m/s and 4 m/s^2, all errors on, gyro noise, a late camera; friction 0.8 in MuJoCo."""
+    lines = run(tmp_path, "square", "--loop", loop, "--seed", str(seed), "--plant", plant)
     seconds, errors, _ = figures(lines)
     assert seconds <= 5.2
     assert all(error < bound for error, bound in zip(errors, bounds, strict=True))

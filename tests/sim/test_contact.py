@@ -16,7 +16,7 @@ from tsd_twin.sim.contact_patch import ContactPatch
 def tsd() -> SingularityRobot:
     robot = robots.load("tsd")
     assert isinstance(robot, SingularityRobot)
-    return robot
+    return robot.with_errors(0.0)
 
 
 ROBOT = tsd()

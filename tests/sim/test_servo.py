@@ -13,7 +13,7 @@ from tsd_twin.sim import Servos
 
 unhurried = settings(deadline=None)
 
-MX64 = Servos.of(load("tsd"), battery_v=12.0)
+MX64 = Servos.of(load("tsd").with_errors(0.0), battery_v=12.0)
 
 angles = st.builds(
     lambda angle, scale: angle * scale,
@@ -114,5 +114,5 @@ def test_a_goal_is_a_step_within_the_tilt_limit(setpoint: Array) -> None:
 
 
 def test_top_speed_follows_the_battery() -> None:
-    tired = Servos.of(load("tsd"), battery_v=9.0)
+    tired = Servos.of(load("tsd").with_errors(0.0), battery_v=9.0)
     assert tired.speed_limit_rad_per_s == pytest.approx(0.75 * MX64.speed_limit_rad_per_s)

@@ -9,6 +9,7 @@ from tsd_twin.estimation.odometry import (
 )
 from tsd_twin.estimation.pose_filter import PoseFilter, with_gyro
 from tsd_twin.estimation.second import SECOND, Estimate, SecondEstimate, second_estimate
+from tsd_twin.estimation.slip import Slip
 from tsd_twin.estimation.spin import SpinModel
 
 __all__ = [
@@ -21,6 +22,7 @@ __all__ = [
     "PlanarOdometry",
     "PoseFilter",
     "SecondEstimate",
+    "Slip",
     "SpinModel",
     "Verdict",
     "second_estimate",

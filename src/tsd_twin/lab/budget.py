@@ -22,7 +22,7 @@ from tsd_twin.motion.route import Route
 from tsd_twin.robots import SingularityRobot, of_kind
 
 _ALL = "all of these"
-_AT_ONCE = 1000
+AT_ONCE = 1000
 """Robots in lockstep: their arrays stay in the processor's cache."""
 
 
@@ -34,14 +34,14 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     cases = {source.name: [source] for source in SOURCES}
     cases |= {_ALL: list(SOURCES), LINE.name: [LINE], "all and the line": [*SOURCES, LINE]}
     jobs = [
-        (name, at) for name, used in cases.items() for at in range(0, _runs(args, used), _AT_ONCE)
+        (name, at) for name, used in cases.items() for at in range(0, _runs(args, used), AT_ONCE)
     ]
     random = np.random.default_rng(args.seed)
     errors = {name: _drawn(robot, random, used, _runs(args, used)) for name, used in cases.items()}
     trajectory = sharp(Route(shapes.shape("square")))
     found: dict[str, list[Outcome]] = {name: [] for name in cases}
     for name, at in out.progress(jobs, "driving squares", len(jobs)):
-        part = errors[name].part(slice(at, at + _AT_ONCE))
+        part = errors[name].part(slice(at, at + AT_ONCE))
         found[name].append(drive_open(robot, trajectory, part))
     worst = {
         name: 100.0 * np.concatenate([outcome.worst_m for outcome in outcomes])

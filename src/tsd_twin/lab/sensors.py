@@ -33,6 +33,10 @@ class Gyro:
         return turn_rate + self._bias + self.noise.sigma_rad_per_s * self._random.standard_normal()
 
 
+VOLT_STEP = 0.1
+"""In which an MX-64 reports the voltage of its supply (Robotis e-Manual, present voltage)."""
+
+
 @dataclass(frozen=True, slots=True)
 class CameraNoise:
     """Of the overhead camera of the thesis: 24 frames a second; the rest is assumed."""

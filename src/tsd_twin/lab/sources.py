@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 
@@ -12,12 +14,7 @@ from tsd_twin.lab.open_square import Errors
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityRobot
 
-CREEP_M, CREEP_S = 0.0254, 30.0
-"""Gimbals count as zeroed when the robot creeps less than an inch in 30 s (thesis)."""
-LAYER_M = 0.0001
-"""A layer of a printed wheel, of its radius (assumed)."""
-SAG_SHARE = 0.03
-"""Of the battery's voltage, at random, all wheels alike (assumed)."""
+Draw: TypeAlias = Callable[[SingularityRobot, np.random.Generator, int], Errors]
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,51 +23,44 @@ class Source:
 
     name: str
     size: str
-    draw: Callable[[SingularityRobot, np.random.Generator, int], Errors]
+    draw: Draw
 
 
 def _nothing(robot: SingularityRobot, runs: int) -> Errors:
     return Errors(np.zeros((runs, robot.drive.modules)), np.zeros((runs, 2 * robot.drive.modules)))
 
 
-def _lag(robot: SingularityRobot, _random: np.random.Generator, runs: int) -> Errors:
-    none = _nothing(robot, runs)
-    return Errors(none.spin_share, none.zero_rad, lag=1.0)
-
-
-def _steps(robot: SingularityRobot, _random: np.random.Generator, runs: int) -> Errors:
-    none = _nothing(robot, runs)
-    return Errors(none.spin_share, none.zero_rad, step_rad=2.0 * np.pi / robot.servo.steps_per_turn)
+def _alike(given: Callable[[SingularityRobot], dict[str, float]]) -> Draw:
+    """Return what is the same for all robots of one description."""
+    return lambda robot, _random, runs: replace(_nothing(robot, runs), **given(robot))
 
 
 def _zero(robot: SingularityRobot, random: np.random.Generator, runs: int) -> Errors:
-    none = _nothing(robot, runs)
-    rim_mps = robot.drive.wheel_radius_m * robot.kinematics().spin_rad_per_s
-    # The robot creeps with the mean of its modules, so each may be off by the root of their number.
-    sigma = CREEP_M / CREEP_S / rim_mps * np.sqrt(robot.drive.modules)
-    return Errors(none.spin_share, sigma * random.standard_normal(none.zero_rad.shape))
+    none, sigma = _nothing(robot, runs), np.radians(robot.errors.zero_deg)
+    return replace(none, zero_rad=sigma * random.standard_normal(none.zero_rad.shape))
 
 
 def _spin(robot: SingularityRobot, random: np.random.Generator, runs: int) -> Errors:
     none = _nothing(robot, runs)
     share = robot.noise.spin_share * random.standard_normal(none.spin_share.shape)
-    return Errors(share, none.zero_rad)
+    return replace(none, spin_share=share)
 
 
 def _line(robot: SingularityRobot, _random: np.random.Generator, runs: int) -> Errors:
     none = _nothing(robot, runs)
-    return Errors(none.spin_share + spin_by_line(robot), none.zero_rad)
+    return replace(none, spin_share=none.spin_share + spin_by_line(robot))
 
 
 def _sag(robot: SingularityRobot, random: np.random.Generator, runs: int) -> Errors:
     none = _nothing(robot, runs)
-    return Errors(none.spin_share + SAG_SHARE * random.standard_normal((runs, 1)), none.zero_rad)
+    share = robot.errors.battery_share * random.standard_normal((runs, 1))
+    return replace(none, spin_share=none.spin_share + share)
 
 
 def _layers(robot: SingularityRobot, random: np.random.Generator, runs: int) -> Errors:
     none = _nothing(robot, runs)
-    share = LAYER_M / robot.drive.wheel_radius_m * random.standard_normal(none.spin_share.shape)
-    return Errors(share, none.zero_rad)
+    phase = random.uniform(0.0, 2.0 * np.pi, none.spin_share.shape)
+    return replace(none, layer_m=robot.errors.layer_m, phase_rad=phase)
 
 
 def spin_by_line(robot: SingularityRobot) -> Array:
@@ -92,10 +82,32 @@ def spin_by_line(robot: SingularityRobot) -> Array:
 LINE = Source("line of Table 2", "spin of each motor by the line, not the table", _line)
 """An error of calibration that need not be: the simulator, and a robot that uses it, has none."""
 SOURCES = (
-    Source("lag of the servos", "MX-64 in the description: 32 per s, 63 rpm", _lag),
-    Source("spin of each wheel", "1 % in the description", _spin),
-    Source("battery sag", "3 %, all wheels alike (assumed)", _sag),
-    Source("steps of the servos", "4,096 a turn, MX-64", _steps),
-    Source("gimbal zero", "creeps an inch in 30 s (thesis)", _zero),
-    Source("printed layers", "0.1 mm of the wheel radius (assumed)", _layers),
+    Source(
+        "lag of the servos", "[servo]: 32 per s, 63 rpm (MX-64)", _alike(lambda _: {"lag": 1.0})
+    ),
+    Source(
+        "lag, and play",
+        "[errors]: 0.33 deg (Robotis e-Manual)",
+        _alike(lambda robot: {"lag": 1.0, "backlash_rad": math.radians(robot.errors.backlash_deg)}),
+    ),
+    Source(
+        "dead band",
+        "[errors]: 0.044 deg, half a step",
+        _alike(lambda robot: {"dead_band_rad": math.radians(robot.errors.dead_band_deg)}),
+    ),
+    Source(
+        "steps of the servos",
+        "[servo]: 4,096 a turn (MX-64)",
+        _alike(lambda robot: {"step_rad": 2.0 * np.pi / robot.servo.steps_per_turn}),
+    ),
+    Source(
+        "delay of the bus",
+        "[errors]: 5 ms (as modelled for the bridge)",
+        _alike(lambda robot: {"delay_s": robot.errors.delay_s}),
+    ),
+    Source("spin of each wheel", "[noise]: 1 %", _spin),
+    Source("battery", "[errors]: 3 %, all wheels alike (assumed)", _sag),
+    Source("gimbal zero", "[errors]: creeps an inch in 30 s (thesis)", _zero),
+    Source("printed layers", "[errors]: 0.2 mm", _layers),
+    Source("slip on the floor", "[floor]: friction 0.8 (assumed)", _alike(lambda _: {"slip": 1.0})),
 )

@@ -13,10 +13,11 @@ import msgspec
 import numpy as np
 
 from tsd_twin import robots
+from tsd_twin.estimation import Slip
 from tsd_twin.lab import charts, look, shapes
 from tsd_twin.lab.drive_path import Record, follow
 from tsd_twin.lab.experiment import Experiment
-from tsd_twin.lab.follow import SHARE, add_run_flags
+from tsd_twin.lab.follow import add_run_flags
 from tsd_twin.lab.observer import Loop, observer
 from tsd_twin.lab.output import Output
 from tsd_twin.lab.sensors import Camera, CameraNoise, Frame
@@ -26,12 +27,18 @@ from tsd_twin.motion.route import Route
 from tsd_twin.motion.timing import SpeedProfile
 from tsd_twin.motion.tracker import Tracker, TrackerSettings
 from tsd_twin.motion.trajectory import Trajectory, plan
-from tsd_twin.robots import Robot
-from tsd_twin.sim import SimRobot
+from tsd_twin.robots import Robot, SingularityRobot, of_kind
+from tsd_twin.sim import PLANTS, SimRobot
 
 SPEED_MPS = 1.0
-ACCELERATION_MPS2, DECELERATION_MPS2 = 4.0, 6.0
+ACCELERATION_MPS2, DECELERATION_MPS2 = 4.0, 4.0
 """Of the closed loop; the limits of the robot are raised to leave room above them."""
+ROOM = 0.5
+"""Share of these limits that the timing uses: servos that are late have to be told more."""
+LAG_S = {"kinematic": 0.04, "mujoco": 0.055}
+"""Time by which the robot follows late on each plant: servos, and wheels that slide to push."""
+PLAY_LAG_S = 0.025
+"""More of it with the errors of `tsd`: dead band and play of the gears."""
 ANY_MPS2 = 1000.0
 """The thesis had no limit of acceleration: a corner was passed as fast as servos turn."""
 THESIS_SHARE = 0.16
@@ -48,11 +55,15 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
         trajectory = sharp(route)
         tracker = Tracker(trajectory, TrackerSettings(lag_s=0.0))
     else:
-        robot = with_limits(robot, ACCELERATION_MPS2 / SHARE, DECELERATION_MPS2 / SHARE)
-        trajectory = plan(route, robot.kinematics(), robot.limits, share=SHARE, speed_mps=SPEED_MPS)
-        tracker = Tracker(trajectory)
-    virtual = VirtualRobot(robot, SimRobot(robot, seed=args.seed, noise=args.noise))
-    watching = observer(loop, virtual, args.seed)
+        robot = with_limits(robot, ACCELERATION_MPS2 / ROOM, DECELERATION_MPS2 / ROOM)
+        trajectory = plan(route, robot.kinematics(), robot.limits, share=ROOM, speed_mps=SPEED_MPS)
+        tracker = Tracker(trajectory, TrackerSettings(lag_s=lag_s(robot, args)))
+    simulated = SimRobot(
+        robot, seed=args.seed, noise=args.noise, plant=args.plant, errors=args.errors
+    )
+    virtual = VirtualRobot(robot, simulated)
+    slip = Slip(of_kind(robot, SingularityRobot)) if args.plant == "mujoco" else None
+    watching = observer(loop, virtual, args.seed, slip)
     record = follow(
         virtual,
         trajectory,
@@ -78,6 +89,12 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
         f"largest error of position {of_side:.1f} % of the side; "
         f"the thesis reports at most {100 * THESIS_SHARE:.0f} %, open loop",
     ]
+
+
+def lag_s(robot: Robot, args: argparse.Namespace) -> float:
+    """Return by how much the robot follows late; errors count up to their described size."""
+    both_ways_s = 2.0 * robot.with_errors(args.errors).delay_s
+    return LAG_S[args.plant] + both_ways_s + PLAY_LAG_S * min(args.errors, 1.0)
 
 
 def sharp(route: Route) -> Trajectory:
@@ -118,6 +135,19 @@ def _draw(loop: Loop, record: Record, frames: list[Frame], out: Output) -> None:
 
 def _flags(parser: argparse.ArgumentParser) -> None:
     add_run_flags(parser, Loop.OPEN)
+    parser.add_argument(
+        "--errors",
+        type=float,
+        default=1.0,
+        metavar="SCALE",
+        help="times [errors], what is wrong with a built robot; default 1",
+    )
+    parser.add_argument(
+        "--plant",
+        choices=list(PLANTS),
+        default="kinematic",
+        help="what moves it: rolling by the equations (default), or bodies that slide in MuJoCo",
+    )
 
 
 EXPERIMENT = Experiment(
@@ -128,6 +158,8 @@ EXPERIMENT = Experiment(
         "tsd-lab square --out lab                 open loop, as in the thesis",
         "tsd-lab square --loop gyro               closed by wheels and gyro",
         "tsd-lab square --loop camera --seed 7    and by the camera above",
+        "tsd-lab square --loop camera --plant mujoco      on a floor with friction",
+        "tsd-lab square --errors 0 --noise 0      a perfect robot",
     ],
     add_flags=_flags,
 )

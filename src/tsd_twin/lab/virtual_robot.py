@@ -41,6 +41,8 @@ class VirtualRobot:
         self.core = RobotCore(robot, lambda: next(ids).to_bytes(16, "big"))
         self.simulated = simulated
         self.now_s = 0.0
+        self.spin_share = 1.0
+        """Speed of the wheels over what the core takes it for; commands are corrected by it."""
         self._components = list(self.core.drive.components)
         self._periods = itertools.count()
         self._seq, self._status_seq = 0, 0
@@ -55,7 +57,7 @@ class VirtualRobot:
 
     def drive(self, twist: Array) -> None:
         """Let a period pass under the command `twist` (3,), in the body frame."""
-        self._tick(twist)
+        self._tick(twist / self.spin_share)
 
     @property
     def truth(self) -> SE2:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, Self, TypeAlias
 
 import msgspec
 from msgspec import Meta
@@ -128,6 +128,15 @@ class Robot(Table, frozen=True, kw_only=True):
     def kinematics(self) -> Drive[Any]:
         """Return the drive."""
         raise NotImplementedError
+
+    @property
+    def delay_s(self) -> float:
+        """Time by which a bus makes set-points and measurements late."""
+        return 0.0
+
+    def with_errors(self, scale: float) -> Self:  # noqa: ARG002
+        """Return the robot with `scale` times its `[errors]`, which not every kind has."""
+        return self
 
     def joint_errors(self) -> JointErrors:
         """Return how noisy the measured joints are."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, Self
 
 import msgspec
 import numpy as np
@@ -13,6 +13,7 @@ from msgspec import Meta
 
 from tsd_twin.drives import SingularityDrive
 from tsd_twin.robots.gears import Gears
+from tsd_twin.robots.imperfections import Floor, Imperfections
 from tsd_twin.robots.robot import (
     JointErrors,
     NotNegative,
@@ -115,6 +116,8 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
     mass: Mass
     noise: Noise = Noise()
     calibration: Calibration = Calibration()
+    floor: Floor = Floor()
+    errors: Imperfections = Imperfections()
 
     @property
     def arming_hold_s(self) -> float:
@@ -147,6 +150,15 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
         scale = np.ones((modules, 3))
         scale[:, 2] = found.spin_scale or 1.0
         return Trim(offset.ravel(), scale.ravel())
+
+    @property
+    def delay_s(self) -> float:
+        """That of the errors."""
+        return self.errors.delay_s
+
+    def with_errors(self, scale: float) -> Self:
+        """Return the robot with `scale` times the errors that a built one has."""
+        return msgspec.structs.replace(self, errors=self.errors.scaled(scale))
 
     def joint_errors(self) -> JointErrors:
         """Return the noise of gimbal angles and wheel speeds."""

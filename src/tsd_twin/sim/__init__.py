@@ -10,6 +10,7 @@ from tsd_twin.sim.servo import Servos
 from tsd_twin.sim.sim_robot import SimRobot, Truth
 from tsd_twin.sim.simulation import Simulation
 from tsd_twin.sim.singularity import SingularitySimulation
+from tsd_twin.sim.wheel_surface import WheelSurface
 
 __all__ = [
     "PLANTS",
@@ -25,5 +26,6 @@ __all__ = [
     "SingularitySimulation",
     "SpeedControllers",
     "Truth",
+    "WheelSurface",
     "simulate",
 ]

@@ -42,9 +42,10 @@ class ContactSimulation:
             raise ValueError(f"rigid bodies are simulated one robot at a time, not {batch}")
         self.actuation = Actuation(robot, batch, seed, noise, battery_v)
         self.drive = self.actuation.drive
-        self._patch = patch or ContactPatch()
+        floor = robot.floor
+        self._patch = patch or ContactPatch(floor.friction, floor.patch_radius_m)
         servos = self.actuation.servos
-        share = self.actuation.battery_v / robot.battery.nominal_v
+        share = float(self.actuation.battery_v.mean()) / robot.battery.nominal_v
         self._stall_nm = robot.servo.stall_torque_nm * share
         # Near the goal, full voltage times the gain times the error settles at the servo's speed.
         self._gain_per_rad = servos.approach_rate_per_s / servos.speed_limit_rad_per_s
@@ -54,6 +55,10 @@ class ContactSimulation:
         self._angles_q, self._angles_v = self._addresses(self.actuation.angles)
         _, self._wheels_v = self._addresses(self.actuation.wheels)
         names = [wheel_name(i) for i in range(robot.drive.modules)]
+        # What friction leaves of the voltage at the edge of the dead band: nothing.
+        self._model.dof_frictionloss[self._angles_v] = (
+            self._stall_nm * self._gain_per_rad * servos.dead_band_rad
+        )
         self._bodies = np.array([self._model.body(name).id for name in names])
         self._wheel_of_geom = np.zeros(self._model.ngeom, dtype=int)
         self._wheel_of_geom[[self._model.geom(name).id for name in names]] = range(len(names))
@@ -116,6 +121,7 @@ class ContactSimulation:
         x, y, heading = pose.xy_heading
         self._data.qpos[:2] = x, y
         self._data.qpos[3:7] = np.cos(heading / 2.0), 0.0, 0.0, np.sin(heading / 2.0)
+        self._data.qpos[self._angles_q] = self.actuation.zero_rad
         self._mujoco.mj_forward(self._model, self._data)
 
     def _step(self, dt_s: float) -> None:
@@ -123,18 +129,29 @@ class ContactSimulation:
         actuation.controllers.advance(dt_s)
         error = actuation.goals - data.qpos[self._angles_q]
         voltage = np.clip(self._gain_per_rad * error, -1.0, 1.0)
-        data.qfrc_applied[self._angles_v] = self._stall_nm * voltage
+        data.qfrc_applied[self._angles_v] = self._stall_nm * self._through_play(voltage, dt_s)
         speeds = data.qvel[self._wheels_v]
         wanted = actuation.motors.after(speeds, actuation.speed_goals, np.array(dt_s)) - speeds
         data.qfrc_applied[self._wheels_v] = self._spin_inertia * wanted / dt_s
         self._rub()
         self._mujoco.mj_step(self._model, data)
 
+    def _through_play(self, voltage: Array, dt_s: float) -> Array:
+        """Return what is left of the voltages of servos whose motors may be crossing their play.
+
+        A motor that touches nothing turns at the speed its voltage gives, at once.
+        """
+        actuation, edge_rad = self.actuation, 0.5 * self.actuation.servos.backlash_rad
+        ahead = actuation.servos.speed_limit_rad_per_s * voltage - self._data.qvel[self._angles_v]
+        actuation.play_rad = np.clip(actuation.play_rad + ahead * dt_s, -edge_rad, edge_rad)
+        return voltage * (np.copysign(edge_rad, voltage) == actuation.play_rad)
+
     def _rub(self) -> None:
         """Apply the friction of the floor to the wheels, under the load of the last step."""
         data, bodies = self._data, self._bodies
         velocity, turning = data.cvel[bodies, 3:], data.cvel[bodies, :3]
-        contact = data.xpos[bodies] - [0.0, 0.0, self._radius_m]
+        contact = data.xpos[bodies].copy()
+        contact[:, 2] -= self._radius_m + self.actuation.surface.outside_m(self.joints)
         lever = contact - data.subtree_com[self._model.body_rootid[bodies]]
         slip = (velocity + np.cross(turning, lever))[:, :2]
         force, torque = self._patch.force(self._loads(), slip, turning[:, 2])

@@ -8,6 +8,7 @@ from typing import Any
 from tsd_twin.errors import RobotFileError
 from tsd_twin.robots import OmniRobot, Robot, SingularityRobot, SphereRobot
 from tsd_twin.sim.contact import ContactSimulation
+from tsd_twin.sim.late import LateSimulation
 from tsd_twin.sim.omni import OmniSimulation
 from tsd_twin.sim.simulation import Simulation
 from tsd_twin.sim.singularity import SingularitySimulation
@@ -35,11 +36,13 @@ def simulate(
     battery_v: float | None = None,
     pose: Any = None,
     plant: str = "kinematic",
+    errors: float = 0.0,
 ) -> Simulation:
     """Return `batch` robots of one description, all at the same virtual time; `()` is a single one.
 
     `noise` scales the standard deviations of the description: 0 is none, 1 is as described. `pose`
-    is where they start, of the drive's space. `plant` is one of `PLANTS`.
+    is where they start, of the drive's space. `plant` is one of `PLANTS`. `errors` scales what is
+    wrong with a built machine by its description, where it says so: 0 is nothing.
 
     Raises:
         RobotFileError: there is no such plant for robots of this kind.
@@ -49,4 +52,6 @@ def simulate(
     if make is None:
         kinds = ", ".join(sorted(kind.__name__ for kind in PLANTS[plant]))
         raise RobotFileError(robot.name, f"the plant `{plant}` cannot move it", f"only {kinds}")
-    return make(robot, batch, seed=seed, noise=noise, battery_v=battery_v, pose=pose)
+    built = robot.with_errors(errors)
+    made: Any = make(built, batch, seed=seed, noise=noise, battery_v=battery_v, pose=pose)
+    return LateSimulation(made, built.delay_s) if built.delay_s > 0.0 else made

@@ -33,8 +33,8 @@ class SimRobot:
     It stands still until the first call says what time it is, and is moved on to the time of each
     call after that; a time that lies in the past moves nothing. Nothing here looks at a clock.
     `noise` scales the standard deviations of the description; 0 is none. How fast wheels turn is
-    measured if robots of this kind do, or as `measures_spin` says. `plant` is what moves it, see
-    `simulate`, which also names what is raised.
+    measured if robots of this kind do, or as `measures_spin` says. `plant` is what moves it, and
+    `errors` scales what is wrong with it: see `simulate`, which also names what is raised.
     """
 
     def __init__(
@@ -47,9 +47,16 @@ class SimRobot:
         battery_v: float | None = None,
         pose: SE2 | SO3 | None = None,
         plant: str = "kinematic",
+        errors: float = 0.0,
     ) -> None:
         self._simulation = simulate(
-            robot, seed=seed, noise=noise, battery_v=battery_v, pose=pose, plant=plant
+            robot,
+            seed=seed,
+            noise=noise,
+            battery_v=battery_v,
+            pose=pose,
+            plant=plant,
+            errors=errors,
         )
         joints = self._simulation.drive.joints
         measured = robot.measures_spin if measures_spin is None else measures_spin
@@ -57,8 +64,15 @@ class SimRobot:
         self._unmeasured = np.flatnonzero(
             [joint.kind is JointKind.VELOCITY and not measured for joint in joints]
         )
-        self._facts: dict[str, object] = {"kind": "sim", "noise": noise, "seed": seed}
+        self._facts: dict[str, object] = {
+            "kind": "sim",
+            "noise": noise,
+            "errors": errors,
+            "seed": seed,
+        }
         self._now_s: float | None = None
+        self.delay_s = robot.with_errors(errors).delay_s
+        """Time by which the bus makes set-points and measurements late."""
 
     def read(self, now_s: float) -> Array:
         """Return what is measured, (n + s,): joints, then sensors; NaN is not measured."""

@@ -11,8 +11,6 @@ from tsd_twin.sim.plant import KinematicPlant
 
 _LONGEST_STEP_S = 0.02
 """The approach of the servos, some 30 per second, is a smooth curve over this."""
-_SETTLED = 1e-9
-"""Radians and rad/s from the goal at which joints count as being there: some 10 nm/s."""
 
 
 class SingularitySimulation:
@@ -39,6 +37,7 @@ class SingularitySimulation:
         """True pose in the world."""
         self.joints: Array = np.zeros((*batch, len(self.drive.joints)))
         """(..., n): true joint vector."""
+        self.joints[..., self.actuation.angles] = self.actuation.zero_rad
         self._halves = np.array([0.5, 1.0]).reshape(2, *(1,) * (len(batch) + 1))
 
     def command(self, setpoint: Array) -> None:
@@ -51,7 +50,11 @@ class SingularitySimulation:
         left_s = dt_s
         while left_s > 0.0:
             steps = np.ceil(left_s / _LONGEST_STEP_S)
-            step_s = left_s if steps <= 1.0 or self._settled() else left_s / float(steps)
+            step_s = (
+                left_s
+                if steps <= 1.0 or self.actuation.settled(self.joints)
+                else left_s / float(steps)
+            )
             self._step(step_s)
             left_s -= step_s
 
@@ -61,33 +64,16 @@ class SingularitySimulation:
 
     def twist(self) -> Array:
         """Return the true twist (..., 3) in the body frame."""
-        actuation = self.actuation
-        rates = np.zeros_like(self.joints)
-        rates[..., actuation.angles] = actuation.servos.rate(
-            self.joints[..., actuation.angles], actuation.goals
-        )
-        return self.drive.forward(self.joints, rates).twist
+        rates = self.actuation.rates(self.joints)
+        return self.drive.forward(self.actuation.surface.roll(self.joints), rates).twist
 
     def facts(self) -> dict[str, object]:
         """Return what the actuators say."""
         return self.actuation.facts()
 
-    def _settled(self) -> bool:
-        actuation = self.actuation
-        angle_errors = np.abs(self.joints[..., actuation.angles] - actuation.goals)
-        speed_errors = np.abs(self.joints[..., actuation.wheels] - actuation.speed_goals)
-        return bool(angle_errors.max() < _SETTLED and speed_errors.max() < _SETTLED)
-
     def _step(self, dt_s: float) -> None:
-        actuation = self.actuation
-        elapsed_s = dt_s * self._halves
         nodes = np.empty((3, *self.joints.shape))
         nodes[0] = self.joints
-        nodes[1:, ..., actuation.angles] = actuation.servos.after(
-            self.joints[..., actuation.angles], actuation.goals, elapsed_s
-        )
-        nodes[1:, ..., actuation.wheels] = actuation.motors.after(
-            self.joints[..., actuation.wheels], actuation.speed_goals, elapsed_s
-        )
-        self.pose = self._plant.move(self.pose, nodes, dt_s)
+        nodes[1:] = self.actuation.after(self.joints, dt_s * self._halves)
+        self.pose = self._plant.move(self.pose, self.actuation.surface.roll(nodes), dt_s)
         self.joints = nodes[2]
