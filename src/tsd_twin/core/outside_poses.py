@@ -86,7 +86,7 @@ class OutsidePoses:
         """Return what became of them; None when nobody has ever sent one."""
         if not self._any:
             return None
-        while self._used_s and now_s - self._used_s[0] > 1.0:
+        while self._used_s and now_s - self._used_s[0] > 0.999:
             self._used_s.popleft()
         return OutsideStatus(
             hz=float(len(self._used_s)),
