@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 
 import msgspec
 import numpy as np
@@ -30,7 +31,9 @@ def wall_ns(now_s: float) -> int:
     return WALL_NS + round(now_s * 1e9)
 
 
-def sample(pose: Array, seen_s: float, frame: str = ODOM, length: float = 1.0) -> Sample:
+def sample(
+    pose: Array | Sequence[float], seen_s: float, frame: str = ODOM, length: float = 1.0
+) -> Sample:
     planar = PoseStamped.planar(SE2(np.asarray(pose, dtype=float)), wall_ns(seen_s))
     message = PoseStamped(frame, planar.position_m, length * planar.wxyz, planar.stamp_ns)
     return Sample(KEY, encode_pose(message), b"")
@@ -201,7 +204,7 @@ def test_what_wheels_get_wrong_a_camera_puts_right(name: str) -> None:
     rig.place(*rig.truth(), pilot=pilot)
     rig.tick()
     camera, waiting = Camera(CameraNoise(), np.random.default_rng(5)), deque[Sample]()
-    off = []
+    off: list[float] = []
     for _ in range(3000):
         rig.drive(pilot, (0.3, 0.1, 0.3), PERIOD_S)
         watch(rig, camera, waiting)

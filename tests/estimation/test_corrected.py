@@ -150,7 +150,7 @@ def test_when_the_poses_end_it_goes_on_from_where_they_left_it(seed: int) -> Non
         ride.step()
         ride.estimate.fuse(ride.seen(ride.past[-1]), ride.now_s, at_rest=False)
     poses = [ride.estimate.pose.xy_heading]
-    corrected = []
+    corrected: list[bool] = []
     for _ in range(300):
         ride.step()
         poses.append(ride.estimate.pose.xy_heading)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -51,7 +52,7 @@ def test_height_and_lean_are_left_out_and_the_heading_is_that_of_the_robots_fron
 def test_any_writer_of_ros_messages_is_understood() -> None:
     store = get_typestore(Stores.ROS2_HUMBLE)
     payload = encode_pose(PoseStamped.planar(SE2(np.array([1.0, -2.0, 0.5])), 3_000_000_007))
-    raw = store.deserialize_cdr(payload, "geometry_msgs/msg/PoseStamped")
+    raw: Any = store.deserialize_cdr(payload, "geometry_msgs/msg/PoseStamped")
     assert (raw.header.frame_id, raw.header.stamp.sec, raw.header.stamp.nanosec) == ("odom", 3, 7)
     again = bytes(store.serialize_cdr(raw, "geometry_msgs/msg/PoseStamped"))
     pose, _ = decode_outside_pose(Sample(KEY, again, b""))
