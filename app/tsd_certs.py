@@ -34,6 +34,7 @@ def make(args: argparse.Namespace) -> None:
     folder = KeyFolder(args.folder)
     people = [access.client(name, Role.OPERATOR) for name in args.operator]
     people += [access.client(name, Role.VIEWER) for name in args.viewer]
+    people += [access.client(name, Role.SENSOR) for name in args.sensor]
     order = Order(tuple(args.robot_host), tuple(people), args.days, args.listen)
     access.fulfil(
         order,
@@ -55,7 +56,8 @@ def report(folder: KeyFolder, now: datetime) -> list[str]:
     lines += copying(folder, ROBOT, "tsd-mock")
     for person in folder.people():
         lines += ["", f"{person.role} {person.name}{term(folder, person.name, now)}"]
-        lines += copying(folder, person.name, "tsd-dashboard")
+        program_there = "its program" if person.role is Role.SENSOR else "tsd-dashboard"
+        lines += copying(folder, person.name, program_there)
     lines += [
         "",
         "A robot obeys the rules it was started with: copy robot.json5 and start it again.",
@@ -110,6 +112,13 @@ def main() -> None:
         default=[],
         metavar="NAME",
         help="somebody who sees and stops; may be repeated",
+    )
+    PARSER.add_argument(
+        "--sensor",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="a camera or the like, which tells robots where they are; may be repeated",
     )
     PARSER.add_argument(
         "--days", type=int, default=365, help="how long new certificates are good; default 365"

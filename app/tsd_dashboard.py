@@ -8,7 +8,7 @@ import logging
 from pathlib import Path
 
 from tsd_twin import program
-from tsd_twin.access import Users
+from tsd_twin.access import Role, Users
 from tsd_twin.dashboard import dashboard, tls
 from tsd_twin.dashboard.door import Rules
 from tsd_twin.dashboard.heap import return_large_blocks
@@ -63,8 +63,11 @@ def rules_of(args: argparse.Namespace) -> Rules:
     if args.tls_cert is not None:
         context = tls.server_context(args.tls_cert, args.tls_key)
         names += tls.names_of(args.tls_cert)
+    owner = program.certificate(args) or ANYBODY
+    if owner.role is Role.SENSOR:
+        raise TwinError(f"'{owner.name}' is a sensor: a dashboard needs an operator, or a viewer")
     return Rules(
-        owner=program.certificate(args) or ANYBODY,
+        owner=owner,
         users=None if args.users is None else Users.load(args.users),
         tls=context,
         proxy=args.behind_proxy,

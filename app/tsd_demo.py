@@ -41,6 +41,7 @@ PARSER = program.parser(
         "tsd-demo --robot tsd --robot omni4 --robot atlas    several in one page",
         "tsd-demo --link delay=150ms     drive it over a bad link, see tsd-link --help",
         "tsd-demo --plant mujoco         move it as rigid bodies on a floor, not by equations",
+        "tsd-demo --noise 1 --camera     see a camera correct what wheels get wrong",
         "tsd-demo --no-browser           print the address and leave the browser alone",
     ],
 )
@@ -50,7 +51,7 @@ def demonstrate(args: argparse.Namespace) -> None:
     """Start all processes, and end all when one ends or a signal comes."""
     stop = program.stop_event(args)
     link = LinkSpec.parse(args.link) if args.link else None
-    chosen = cast_of(args.robot or ["tsd"], args.id)
+    chosen = cast_of(args.robot or ["tsd"], args.id, camera=args.camera)
     # Over TCP, whatever a bad link loses holds up all that comes after it.
     protocol, kind = ("udp", socket.SOCK_DGRAM) if link else ("tcp", socket.SOCK_STREAM)
     bus_ports = [
@@ -95,8 +96,10 @@ def demonstrate(args: argparse.Namespace) -> None:
         stop.wait()
 
 
-def cast_of(names: list[str], robot_id: str | None) -> list[list[str]]:
+def cast_of(names: list[str], robot_id: str | None, *, camera: bool = False) -> list[list[str]]:
     """Return the command of each robot: its id on the bus, and where it stands.
+
+    With `camera`, those that drive are seen by one from above.
 
     Raises:
         TwinError: a robot cannot be read, or one id is asked for several.
@@ -104,14 +107,19 @@ def cast_of(names: list[str], robot_id: str | None) -> list[list[str]]:
     if robot_id and len(names) > 1:
         raise TwinError("--id is for one robot; several are called by their names")
     described = [robots.load(name) for name in names]  # A bad file is told before anything starts.
-    places = free_places([robot.kinematics().space is SE2 for robot in described])
+    moving = [robot.kinematics().space is SE2 for robot in described]
+    places = free_places(moving)
     ids: list[str] = []
     for robot in described:
         number = sum(robot.name == other.name for other in described[: len(ids)]) + 1
         ids.append(robot_id or (robot.name if number == 1 else f"{robot.name[:29]}-{number}"))
     return [
-        ["tsd_mock", "--robot", name, "--id", id_, *(["--at", place] if place else [])]
-        for name, id_, place in zip(names, ids, places, strict=True)
+        [
+            *("tsd_mock", "--robot", name, "--id", id_),
+            *(["--at", place] if place else []),
+            *(["--camera"] if camera and drives else []),
+        ]
+        for name, id_, place, drives in zip(names, ids, places, moving, strict=True)
     ]
 
 
@@ -243,6 +251,11 @@ def main() -> None:
     )
     PARSER.add_argument("--noise", type=float, default=0.0, help="times [noise]; default 0")
     program.add_errors_flag(PARSER)
+    PARSER.add_argument(
+        "--camera",
+        action="store_true",
+        help="a camera above the floor tells robots where they are: 24 frames/s, 80 ms late",
+    )
     program.add_plant_flag(PARSER)
     PARSER.add_argument("--link", metavar="SPEC", help="put a bad link between them")
     PARSER.add_argument("--no-browser", action="store_true", help="do not open a browser")

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import math
 
 import numpy as np
 
 from tsd_twin import program, robot_program
+from tsd_twin.bus import Bus
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2
-from tsd_twin.node import RobotIO
+from tsd_twin.node import OverheadCamera, RobotIO
+from tsd_twin.robot_program import Company
 from tsd_twin.robots import Robot
 from tsd_twin.sim import Board, Jam, JammedRobot
 
@@ -24,6 +27,7 @@ PARSER = program.parser(
         "tsd-mock --noise 1                         with the noise of the description",
         "tsd-mock --jam module2_alpha@3             with a gimbal that sticks at 3 degrees",
         "tsd-mock --noise 1 --errors 1              and all that is wrong with a built robot",
+        "tsd-mock --noise 1 --camera                and a camera above the floor, which it fuses",
         "tsd-mock --plant mujoco                    rigid bodies on a floor, not equations",
     ],
 )
@@ -67,6 +71,19 @@ def start_pose(text: str, robot: Robot) -> SE2:
     return SE2(np.array([x, y, math.radians(heading_deg)]))
 
 
+def company(bus: Bus, robot_id: str, robot: Robot, args: argparse.Namespace) -> Company:
+    """Return the camera that `--camera` asks for.
+
+    Raises:
+        TwinError: there is nothing that it could see move.
+    """
+    if not args.camera:
+        return contextlib.nullcontext()
+    if robot.kinematics().space is not SE2:
+        raise TwinError(f"--camera: {robot.name} stays where it is, only its sphere turns")
+    return OverheadCamera(bus, robot_id, args.seed)
+
+
 def main() -> None:
     """Read the flags and run."""
     PARSER.add_argument("--seed", type=int, default=0, help="of the noise; default 0")
@@ -86,8 +103,13 @@ def main() -> None:
         metavar="GIMBAL[@DEGREES]",
         help="let a gimbal stick once it leans so far, 1 degree unless given; can be repeated",
     )
+    PARSER.add_argument(
+        "--camera",
+        action="store_true",
+        help="a camera above the floor tells the bus where it is: 24 frames/s, 80 ms late",
+    )
     program.add_plant_flag(PARSER)
-    robot_program.serve(PARSER, joints, pose_at)
+    robot_program.serve(PARSER, joints, pose_at, company)
 
 
 if __name__ == "__main__":

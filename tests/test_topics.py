@@ -16,6 +16,7 @@ ids = st.text("abcdefghijklmnopqrstuvwxyz0123456789_-", min_size=1, max_size=32)
 def test_keys_are_those_that_other_programs_rely_on() -> None:
     assert {topic.key("r1"): topic.type for topic in topics.TOPICS} == {
         "twin/r1/cmd/*/twist": "geometry_msgs/msg/TwistStamped",
+        "twin/r1/in/pose": "geometry_msgs/msg/PoseStamped",
         "twin/r1/stop": "json",
         "twin/r1/state/joints": "sensor_msgs/msg/JointState",
         "twin/r1/state/setpoint": "sensor_msgs/msg/JointState",

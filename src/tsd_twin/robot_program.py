@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import contextlib
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 
 from tsd_twin import description, program, robots
+from tsd_twin.bus import Bus
 from tsd_twin.lie import SE2, SO3
 from tsd_twin.messages.service import Description
 from tsd_twin.node import RobotIO, RobotNode
@@ -14,24 +16,31 @@ from tsd_twin.robots import Robot
 
 Flags = argparse.Namespace
 Pose = SE2 | SO3
+Company = AbstractContextManager[object]
 
 
 def _unknown(_robot: Robot, _args: Flags) -> Pose | None:
     return None
 
 
+def _alone(_bus: Bus, _robot_id: str, _robot: Robot, _args: Flags) -> Company:
+    return contextlib.nullcontext()
+
+
 def serve(
     made: argparse.ArgumentParser,
     joints: Callable[[Robot, Flags], RobotIO],
     pose: Callable[[Robot, Flags], Pose | None] = _unknown,
+    company: Callable[[Bus, str, Robot, Flags], Company] = _alone,
 ) -> None:
     """Read the flags of `made`, to which those of a node are added, and run until told to end.
 
-    `joints` connects to the joints, and `pose` says where the robot is taken to be.
+    `joints` connects to the joints, `pose` says where the robot is taken to be, and `company` is
+    what else runs on its bus meanwhile.
     """
     program.add_robot_flags(made)
     program.add_node_flags(made)
-    program.run(made, lambda args: _run(made.prog, args, joints, pose))
+    program.run(made, lambda args: _run(made.prog, args, joints, pose, company))
 
 
 def _run(
@@ -39,6 +48,7 @@ def _run(
     args: Flags,
     joints: Callable[[Robot, Flags], RobotIO],
     pose: Callable[[Robot, Flags], Pose | None],
+    company: Callable[[Bus, str, Robot, Flags], Company],
 ) -> None:
     stop = program.stop_event(args)
     text = robots.text(args.robot)
@@ -48,5 +58,6 @@ def _run(
     # Whatever goes wrong from here on, the joints are closed, and so left at rest.
     with program.node_bus(args) as bus, contextlib.closing(joints(robot, args)) as io:
         node = RobotNode(bus, robot_id, robot, io, shown, pose=pose(robot, args))
-        program.say_ready(f"{name} {robot_id} on {' '.join(bus.endpoints()) or args.connect}")
-        node.run(stop)
+        with company(bus, robot_id, robot, args):
+            program.say_ready(f"{name} {robot_id} on {' '.join(bus.endpoints()) or args.connect}")
+            node.run(stop)

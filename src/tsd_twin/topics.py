@@ -46,6 +46,7 @@ class Topic:
 
 TWIST = Topic("cmd/*/twist", "geometry_msgs/msg/TwistStamped", Urgency.REAL_TIME, 50.0)
 STOP = Topic("stop", "json", Urgency.REAL_TIME, 10.0)
+OUTSIDE_POSE = Topic("in/pose", "geometry_msgs/msg/PoseStamped", Urgency.DATA, 24.0)
 JOINTS = Topic("state/joints", "sensor_msgs/msg/JointState", Urgency.DATA, 50.0)
 SETPOINT = Topic("state/setpoint", "sensor_msgs/msg/JointState", Urgency.DATA, 50.0)
 ODOM = Topic("state/odom", "nav_msgs/msg/Odometry", Urgency.DATA, 50.0)
@@ -54,7 +55,7 @@ TRUTH = Topic("state/truth", "nav_msgs/msg/Odometry", Urgency.DATA, 50.0)
 STATUS = Topic("state/status", "json", Urgency.DATA, 20.0)
 EVENT = Topic("event/*", "json", Urgency.EVENT, 5.0)
 
-TOPICS = (TWIST, STOP, JOINTS, SETPOINT, ODOM, OTHER_ODOM, TRUTH, STATUS, EVENT)
+TOPICS = (TWIST, STOP, OUTSIDE_POSE, JOINTS, SETPOINT, ODOM, OTHER_ODOM, TRUTH, STATUS, EVENT)
 
 
 class Service(StrEnum):

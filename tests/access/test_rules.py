@@ -12,13 +12,14 @@ from tsd_twin import topics
 from tsd_twin.access import Role, access_control, client
 from tsd_twin.topics import Service
 
-ALICE, BOB, GUEST = (
+ALICE, BOB, GUEST, CAMERA = (
     client("alice", Role.OPERATOR),
     client("bob", Role.OPERATOR),
     client("guest", Role.VIEWER),
+    client("camera", Role.SENSOR),
 )
-RULES = access_control([ALICE, BOB, GUEST])
-NAMES = ("alice", "bob", "guest")
+RULES = access_control([ALICE, BOB, GUEST, CAMERA])
+NAMES = ("alice", "bob", "guest", "camera")
 MESSAGES = (
     "put",
     "delete",
@@ -38,7 +39,9 @@ HOLDERS = [service.key("tsd") for service in Service if service.startswith("srv/
 OPEN = [Service.DESC.key("tsd"), Service.STOP.key("tsd")]
 COMMANDS = [topics.twist_key("tsd", name) for name in (*NAMES, "alice-0123abcd", "nobody")]
 OTHERS = ["twin/tsd/other", "twin/tsd/cmd/alice", "other/tsd/state/odom", "@/1f2e/router", "**"]
-KEYS = [*STATES, *EVENTS, *HISTORY, *HOLDERS, *OPEN, *COMMANDS, *OTHERS, topics.alive_key("tsd")]
+INSIDE = topics.OUTSIDE_POSE.key("tsd")
+ALIVE = topics.alive_key("tsd")
+KEYS = [*STATES, *EVENTS, *HISTORY, *HOLDERS, *OPEN, *COMMANDS, *OTHERS, INSIDE, ALIVE]
 
 
 def may(name: str, flow: str, message: str, key: str, rules: dict[str, Any] = RULES) -> bool:
@@ -63,10 +66,10 @@ def passing(name: str, flow: str, message: str) -> set[str]:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_what_somebody_may_say_is_this_and_nothing_else(name: str) -> None:
-    operator = name != "guest"
-    own = {"alice": {COMMANDS[0], COMMANDS[3]}, "bob": {COMMANDS[1]}, "guest": set[str]()}
+    operator = name in ("alice", "bob")
+    own = {"alice": {COMMANDS[0], COMMANDS[4]}, "bob": {COMMANDS[1]}, "camera": {INSIDE}}
     allowed = {
-        "put": {Service.STOP.key("tsd"), *own[name]},
+        "put": {Service.STOP.key("tsd"), *own.get(name, ())},
         "query": {*OPEN, *HISTORY, *(HOLDERS if operator else ())},
         "declare_subscriber": {*STATES, *EVENTS},
         "liveliness_query": {topics.alive_key("tsd"), *HISTORY},
@@ -79,12 +82,17 @@ def test_what_somebody_may_say_is_this_and_nothing_else(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_what_somebody_is_told_is_this_and_nothing_else(name: str) -> None:
-    holders = HOLDERS if name != "guest" else []
+    holders = HOLDERS if name in ("alice", "bob") else []
+    inside = [INSIDE] if name == "camera" else []
     allowed = {
         "put": {*STATES, *EVENTS},
         "reply": {*OPEN, *EVENTS, *holders},
         "declare_queryable": {*OPEN, *HISTORY, *holders},
-        "declare_subscriber": {Service.STOP.key("tsd"), *(COMMANDS if holders else ())},
+        "declare_subscriber": {
+            Service.STOP.key("tsd"),
+            *(COMMANDS if holders else ()),
+            *inside,
+        },
         "liveliness_token": {topics.alive_key("tsd"), *HISTORY},
     }
     assert {message: passing(name, "egress", message) for message in MESSAGES} == {
@@ -120,7 +128,9 @@ def test_who_is_not_listed_may_nothing(name: str) -> None:
     )
 
 
-@pytest.mark.parametrize("people", [[], [GUEST], [ALICE], [ALICE, GUEST], [ALICE, BOB, GUEST]])
+@pytest.mark.parametrize(
+    "people", [[], [GUEST], [ALICE], [CAMERA], [ALICE, GUEST], [ALICE, BOB, GUEST, CAMERA]]
+)
 def test_zenoh_takes_the_rules_for_any_company(people: list[Any]) -> None:
     rules = access_control(people)
     settings = {

@@ -16,6 +16,8 @@ from tests.app.conftest import PATIENCE_S, Program
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.errors import NoAnswerError
+from tsd_twin.messages.command import Sample
+from tsd_twin.messages.status import decode_status
 from tsd_twin.topics import STATUS, Service, alive_key
 
 pytestmark = pytest.mark.system
@@ -76,6 +78,7 @@ def test_a_robot_of_ones_own_runs_under_its_own_name(start: Start, tmp_path: Pat
         (["--zenoh-config", "missing.json5"], ["missing.json5"]),
         ([*ANY_PORT, "--id", "Not An Id"], ["'Not An Id' cannot be an id"]),
         ([*ANY_PORT, "--jam", "module9_alpha"], ["'module9_alpha' is no gimbal of tsd"]),
+        ([*ANY_PORT, "--robot", "atlas", "--camera"], ["--camera", "only its sphere turns"]),
         (["--colour", "red"], ["unrecognized arguments: --colour red"]),
     ],
 )
@@ -140,6 +143,22 @@ def test_help_shows_examples(start: Start) -> None:
     assert mock.wait() == 0
     assert "examples:" in "\n".join(mock.output)
     assert "--robot" in "\n".join(mock.output)
+
+
+def test_its_camera_tells_the_robot_where_it_is(start: Start) -> None:
+    mock = start("tsd_mock", *ANY_PORT, "--camera")
+    endpoint = mock.ready().split()[-1]
+    seen = threading.Event()
+
+    def look(sample: Sample) -> None:
+        outside = decode_status(sample.payload).outside
+        if outside is not None and outside.used > 5 and outside.late_s is not None:
+            seen.set()
+
+    with Bus(client_config([endpoint])) as bus:
+        bus.watch(STATUS.key("tsd"), look)
+        assert seen.wait(PATIENCE_S)
+    assert mock.end(signal.SIGTERM) == 0
 
 
 def test_it_moves_as_rigid_bodies_when_asked(start: Start) -> None:

@@ -24,7 +24,7 @@ from tsd_twin.messages import command, service
 from tsd_twin.messages.command import Sample
 from tsd_twin.messages.ros import decode_odometry
 from tsd_twin.messages.service import decode_request
-from tsd_twin.messages.status import DropCounts, Status, encode_stamp
+from tsd_twin.messages.status import DropCounts, OutsideDrops, Status, encode_stamp
 from tsd_twin.topics import TOPICS, Service
 
 PAGE = page("bus.md")
@@ -91,7 +91,8 @@ def leaves(kind: type[msgspec.Struct], path: str = "") -> Iterator[str]:
     """Walk the fields of a status; counts by reason are one."""
     for name, hint in typing.get_type_hints(kind).items():
         (inner, *_) = [t for t in (typing.get_args(hint) or (hint,)) if t is not type(None)]
-        if isinstance(inner, type) and issubclass(inner, msgspec.Struct) and inner != DropCounts:
+        counts = inner in (DropCounts, OutsideDrops)
+        if isinstance(inner, type) and issubclass(inner, msgspec.Struct) and not counts:
             yield from leaves(inner, f"{path}{name}.")
         else:
             yield f"{path}{name}"

@@ -17,7 +17,9 @@ MESSAGES = {
     "asks": "query",
     "sends": "put",
 }
-RULES = access_control([client("alice", Role.OPERATOR), client("guest", Role.VIEWER)])
+RULES = access_control(
+    [client("alice", Role.OPERATOR), client("guest", Role.VIEWER), client("camera", Role.SENSOR)]
+)
 
 
 def allowed(name: str, message: str) -> set[str]:
@@ -31,7 +33,7 @@ def allowed(name: str, message: str) -> set[str]:
     }
 
 
-@pytest.mark.parametrize(("name", "column"), [("guest", 1), ("alice", 2)])
+@pytest.mark.parametrize(("name", "column"), [("guest", 1), ("alice", 2), ("camera", 3)])
 def test_the_table_is_what_is_allowed(name: str, column: int) -> None:
     (rows,) = tables(section(PAGE, "## Who may what"))
     shown: dict[str, set[zenoh.KeyExpr]] = {word: set() for word in MESSAGES}

@@ -31,7 +31,12 @@ def new_odometry(noise: JointErrors = EXACT) -> PlanarOdometry:
 
 
 def body_velocity(joints: Array, rates: Array) -> Array:
-    """The twist that spheres turned by gimbals give a plate on them: solid bodies, no formulas."""
+    """The twist that spheres turned by gimbals give a plate on them."""
+    return solved(joints, rates)[0]
+
+
+def solved(joints: Array, rates: Array) -> tuple[Array, float]:
+    """That twist, and the squares of what it leaves of the rolling: solid bodies, no formulas."""
     rows, ground = [], []
     for i, azimuth in enumerate(DRIVE.azimuths_rad):
         alpha, beta, spin = joints[3 * i : 3 * i + 3]
@@ -48,7 +53,8 @@ def body_velocity(joints: Array, rates: Array) -> Array:
         ground.append(-np.cross(omega, -DRIVE.wheel_radius_m * up)[:2])
         x, y = DRIVE.pivot_radius_m * outward[:2]
         rows.append([[1.0, 0.0, -y], [0.0, 1.0, x]])
-    return np.linalg.lstsq(np.concatenate(rows), np.concatenate(ground), rcond=None)[0]
+    twist, left, *_ = np.linalg.lstsq(np.concatenate(rows), np.concatenate(ground), rcond=None)
+    return twist, float(left[0])
 
 
 def integrated(joints_at: Callable[[float], Array], seconds: float, step_s: float) -> Array:
@@ -189,6 +195,31 @@ def test_how_much_is_known_does_not_depend_on_where_north_is(twist: Array, headi
     np.testing.assert_allclose(
         turned.pose_covariance, turn @ straight.pose_covariance @ turn.T, rtol=1e-9, atol=1e-15
     )
+
+
+@given(
+    twist=twists.map(lambda twist: 0.5 * twist),
+    joint=st.sampled_from([0, 1, 3, 4, 6, 7]),
+    off_rad=st.floats(0.01, 0.02),
+)
+def test_what_joints_contradict_one_another_by_is_doubted_as_much(
+    twist: Array, joint: int, off_rad: float
+) -> None:
+    """A gimbal that sticks: variances grow as the squares of what no motion explains."""
+    doubts, lefts = [], []
+    for size in (0.0, off_rad, 2.0 * off_rad):
+        joints = DRIVE.inverse(twist)
+        joints[joint] += size
+        odometry = new_odometry(ROBOT.joint_errors())
+        for _ in range(100):
+            odometry.advance(joints, DT_S)
+        doubts.append((np.trace(odometry.twist_covariance), odometry.pose_covariance[2, 2]))
+        lefts.append(solved(joints, np.zeros(9))[1])
+    grown, expected = np.array(doubts[2]) / doubts[1], lefts[2] / lefts[1]
+    # What noise makes of a residual depends a little on how far gimbals lean.
+    np.testing.assert_allclose(grown, expected, rtol=0.25)
+    assert doubts[1][0] > 4.0 * doubts[0][0]
+    assert doubts[1][1] > 4.0 * doubts[0][1]
 
 
 def test_without_noise_in_the_description_nothing_is_uncertain() -> None:

@@ -23,6 +23,8 @@ class Role(StrEnum):
     """Sees, drives, and stops."""
     VIEWER = "viewer"
     """Sees, and stops."""
+    SENSOR = "sensor"
+    """Tells robots where they are, as a camera does; sees, and stops."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +36,7 @@ class Identity:
 
 
 def client(name: str, role: Role) -> Identity:
-    """Return the identity of an operator or a viewer.
+    """Return the identity of an operator, a viewer or a sensor.
 
     Raises:
         TwinError: the name cannot be part of a key, leaves no room for pages, or is not for people.

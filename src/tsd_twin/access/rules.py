@@ -11,7 +11,7 @@ from tsd_twin.access.identity import Identity, Role
 from tsd_twin.topics import Service
 
 _ANY = "twin/*"
-_CLAIMS = (topics.TWIST, topics.STOP)
+_CLAIMS = (topics.TWIST, topics.OUTSIDE_POSE, topics.STOP)
 """What clients say to robots; all other topics are what robots say."""
 _BRANCHES = sorted({topic.path.split("/")[0] for topic in topics.TOPICS if topic not in _CLAIMS})
 
@@ -23,6 +23,7 @@ OPEN = tuple(f"{_ANY}/{service}" for service in Service if not service.startswit
 HOLDER = tuple(f"{_ANY}/{service}" for service in Service if service.startswith("srv/"))
 STOP = (topics.STOP.key("*"),)
 TWIST = (topics.TWIST.key("*"),)
+OUTSIDE_POSE = (topics.OUTSIDE_POSE.key("*"),)
 EVERYTHING = (f"{_ANY}/**", *HISTORY)
 
 
@@ -57,7 +58,7 @@ EVERYBODY = (
     Rule("stop-say", "ingress", ("put",), STOP),
     Rule("stop", "egress", ("declare_subscriber",), STOP),
 )
-"""Operators and viewers: see, and stop."""
+"""All: see, and stop."""
 
 OPERATORS = (
     Rule("holder-ask", "ingress", ("query",), HOLDER),
@@ -66,6 +67,12 @@ OPERATORS = (
     Rule("drive", "egress", ("declare_subscriber",), TWIST),
 )
 """Operators besides: ask for control, and hear that somebody listens to commands."""
+
+SENSORS = (
+    Rule("outside-say", "ingress", ("put",), OUTSIDE_POSE),
+    Rule("outside", "egress", ("declare_subscriber",), OUTSIDE_POSE),
+)
+"""Sensors besides: say where a robot is. Nobody else, since poses turn what `odom` means."""
 
 
 def drive_rule(name: str) -> Rule:
@@ -85,6 +92,7 @@ def access_control(people: Sequence[Identity]) -> dict[str, Any]:
     Subjects are the common names of client certificates; who is none of them may nothing.
     """
     operators = [person.name for person in people if person.role is Role.OPERATOR]
+    sensors = [person.name for person in people if person.role is Role.SENSOR]
     own = [drive_rule(name) for name in operators]
     everybody, driving = [r.id for r in EVERYBODY], [r.id for r in OPERATORS]
     policies = [{"subjects": [person.name for person in people], "rules": everybody}]
@@ -92,10 +100,11 @@ def access_control(people: Sequence[Identity]) -> dict[str, Any]:
         {"subjects": [name], "rules": [*driving, rule.id]}
         for name, rule in zip(operators, own, strict=True)
     ]
+    policies += [{"subjects": [name], "rules": [r.id for r in SENSORS]} for name in sensors]
     return {
         "enabled": True,
         "default_permission": "deny",
-        "rules": [_in_zenoh_terms(rule) for rule in (*EVERYBODY, *OPERATORS, *own)],
+        "rules": [_in_zenoh_terms(rule) for rule in (*EVERYBODY, *OPERATORS, *SENSORS, *own)],
         "subjects": [{"id": p.name, "cert_common_names": [p.name]} for p in people],
         # A policy for nobody is an error to Zenoh; no policies deny everything.
         "policies": policies if people else [],

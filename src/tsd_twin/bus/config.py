@@ -181,7 +181,7 @@ def _common(mode: str, connect: Sequence[str], listen: Sequence[str] = ()) -> di
             {
                 "flows": ["ingress"],
                 "messages": ["put", "query"],
-                "key_exprs": ["twin/*/cmd/**", "twin/*/srv/**", "twin/*/stop"],
+                "key_exprs": ["twin/*/cmd/**", "twin/*/in/**", "twin/*/srv/**", "twin/*/stop"],
                 "size_limit": 4096,
             }
         ],

@@ -12,9 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from tsd_twin.authority import ARMED, LATCHED, Authority, Facts, Lease, Mode
+from tsd_twin.authority import ARMED, LATCHED, Authority, Facts, Mode
 from tsd_twin.core.estimator import Estimator
 from tsd_twin.core.gearbox import Gearbox
+from tsd_twin.core.lease_status import lease_status
 from tsd_twin.core.spaces import SPACES
 from tsd_twin.drives import Drive, JointKind
 from tsd_twin.errors import MessageError
@@ -35,7 +36,6 @@ from tsd_twin.messages.service import (
 )
 from tsd_twin.messages.status import (
     CommandStatus,
-    LeaseStatus,
     LimitStatus,
     LoopStatus,
     Status,
@@ -109,12 +109,23 @@ class RobotCore:
         self._now_s = now_s
         if dt_s > 0.0:
             self._estimator.advance(now_s, measured, self.setpoint, dt_s)
+        self._take_poses(now_s)
         for sample in samples:
             self.authority.receive(sample, now_s)
         self.authority.step(self._facts(now_s, fault), now_s)
         self._shift(now_s, max(dt_s, 0.0))
         self._command(now_s, max(dt_s, 0.0))
         return self.setpoint
+
+    def see(self, poses: Sequence[Sample], now_s: float, wall_ns: int) -> None:
+        """Take what came in on `in/pose`; `wall_ns` is what the wall clock shows at `now_s`."""
+        self._estimator.outside.receive(poses, now_s, wall_ns)
+
+    def _take_poses(self, now_s: float) -> None:
+        at_rest = self.authority.mode not in (Mode.DRIVING, Mode.STOPPING)
+        event = self._estimator.outside.step(now_s, at_rest=at_rest)
+        if event is not None:
+            self._events.append(event)
 
     def _facts(self, now_s: float, fault: str) -> Facts:
         silent = now_s - self._estimator.measured_s > SILENT_S
@@ -310,7 +321,7 @@ class RobotCore:
             stop_reason=authority.reason,
             stops=authority.stops,
             arming=authority.arming(now_s),
-            lease=self._lease_status(lease, now_s),
+            lease=lease_status(authority, lease, now_s),
             command=CommandStatus(
                 seq=authority.command_seq,
                 age_s=round(age_s, 4) if math.isfinite(age_s) else None,
@@ -326,6 +337,7 @@ class RobotCore:
             ),
             conflict=conflict,
             gear=self._gearbox.status(float(self.joints[self._wheels].mean())),
+            outside=self._estimator.outside.status(now_s),
             loop=loop,
             hardware=hardware,
         )
@@ -337,18 +349,6 @@ class RobotCore:
         self._suspect, self._suspect_reported_s = suspect, now_s
         text = f"{suspect} contradicts the others."
         self._events.append(Event("conflict", text, rule="conflict monitor", robot_s=now_s))
-
-    def _lease_status(self, lease: Lease | None, now_s: float) -> LeaseStatus:
-        asked = self.authority.hand_over.asked(now_s) if lease else None
-        reserved = self.authority.hand_over.reserved(now_s)
-        return LeaseStatus(
-            holder=lease.holder if lease else None,
-            remaining_s=round(lease.expires_s - now_s, 3) if lease else 0.0,
-            asked_by=asked.operator if asked else None,
-            asks_for_s=round(asked.until_s - now_s, 3) if asked else 0.0,
-            reserved_for=reserved.operator if reserved else None,
-            reserved_s=round(reserved.until_s - now_s, 3) if reserved else 0.0,
-        )
 
 
 def _largest(twist: Array) -> float:

@@ -7,8 +7,16 @@ from typing import Any
 
 import numpy as np
 
+from tsd_twin.core.outside_poses import OutsidePoses
 from tsd_twin.drives import JointKind
-from tsd_twin.estimation import ODOMETRY, ConflictMonitor, Estimate, SpinModel, second_estimate
+from tsd_twin.estimation import (
+    ODOMETRY,
+    ConflictMonitor,
+    CorrectedEstimate,
+    Estimate,
+    SpinModel,
+    second_estimate,
+)
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.ros import Odometry
 from tsd_twin.messages.status import ConflictStatus
@@ -35,8 +43,13 @@ class Estimator:
         self._spin = SpinModel(robot.spin_up(), len(self._wheels))
         self._plain = ODOMETRY[self.drive.space](self.drive, robot.joint_errors())
         self._second, prefer_second = second_estimate(robot)
-        best = self._second if prefer_second else None
-        self._best: Estimate = self._plain if best is None else best
+        self._inner: Estimate = self._second if prefer_second and self._second else self._plain
+        self._corrected = None
+        if self.drive.space is SE2:
+            self._corrected = CorrectedEstimate(self.drive, self._inner, robot.outside_pose)
+        self._best: Estimate = self._corrected or self._inner
+        self.outside = OutsidePoses(self._corrected)
+        """What somebody else sees of the robot."""
         self._conflict = ConflictMonitor(self.drive, robot.joint_errors())
         self.measured_s = -math.inf
         """When the joints were measured last."""
@@ -72,6 +85,8 @@ class Estimator:
         motion = self._plain.advance(joints, dt_s)
         if self._second is not None:
             self._second.follow(joints, self.sensors, motion, dt_s)
+        if self._corrected is not None:
+            self._corrected.follow(now_s)
         self._conflict.advance(motion.residual, dt_s)
 
     def neutral_and_at_speed(self, at_rest: Array) -> tuple[bool, bool]:
@@ -101,16 +116,21 @@ class Estimator:
         self._plain.set_pose(pose)
         if self._second is not None:
             self._second.set_pose(pose)
+        self._best.set_pose(pose)
 
     def odometry(self, stamp_ns: int) -> Odometry:
         """Return pose in `odom` and twist in `base_link`, with covariances."""
         return _message(self._best, stamp_ns)
 
     def other_odometry(self, stamp_ns: int) -> Odometry | None:
-        """Return the estimate that `odometry` is not, where there are two."""
-        if self._second is None:
-            return None
-        return _message(self._plain if self._best is self._second else self._second, stamp_ns)
+        """Return the estimate that `odometry` is not, where there are two.
+
+        Of a robot that has one of its own, that is this one, while outside poses correct the other.
+        """
+        if self._second is not None:
+            return _message(self._plain if self._inner is self._second else self._second, stamp_ns)
+        corrected = self._corrected is not None and self._corrected.is_corrected
+        return _message(self._plain, stamp_ns) if corrected else None
 
     def conflict(self, *, wheels_spin: bool) -> ConflictStatus:
         """Return how well the joints agree; wheels that do not spin say nothing about gimbals."""

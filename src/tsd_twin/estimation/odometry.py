@@ -43,10 +43,10 @@ class JointOdometry(Generic[PoseT]):
         self.twist_covariance: Array = np.zeros((3, 3))
         """(3, 3): of the twist, in `base_link`; more when the joints contradict one another."""
 
-    def set_pose(self, pose: PoseT) -> None:
-        """Take the robot to be at `pose`, exactly."""
+    def set_pose(self, pose: PoseT, covariance: Array | None = None) -> None:
+        """Take the robot to be at `pose`, exactly, unless a `covariance` (3, 3) says how well."""
         self.pose = pose
-        self.pose_covariance = np.zeros((3, 3))
+        self.pose_covariance = np.zeros((3, 3)) if covariance is None else covariance
 
     def advance(self, joints: Array, dt_s: float) -> Motion:
         """Take in the joints (n,) measured `dt_s` after the last ones, and return the motion."""

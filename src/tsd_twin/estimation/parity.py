@@ -67,7 +67,7 @@ class ParityTest:
         lengths: Array = np.sqrt(np.square(lines).sum(axis=1, keepdims=True))
         # Of a wheel that pushes nothing, no speed shows: such a line would be rounding.
         lines = np.where(lengths > _RANK * lengths.max(), lines / np.maximum(lengths, 1e-300), 0.0)
-        return ParityTest(whiten, lines, _threshold(len(basis), false_alarm))
+        return ParityTest(whiten, lines, chi_square_bound(len(basis), false_alarm))
 
     @property
     def dimensions(self) -> int:
@@ -90,7 +90,7 @@ class ParityTest:
         white = residual @ self.whiten.T
         explained = np.square(white @ self.lines.T)
         left = np.square(white).sum(axis=-1) - explained.max(axis=-1)
-        enough = left <= _threshold(self.dimensions - 1, _LEFT_OVER)
+        enough = left <= chi_square_bound(self.dimensions - 1, _LEFT_OVER)
         return explained.argmax(axis=-1), enough
 
     def evident(self, residual: Array, samples: float = 1.0) -> Any:
@@ -98,7 +98,7 @@ class ParityTest:
         return self.statistic(residual, samples) > self.threshold
 
 
-def _threshold(dimensions: int, beyond: float) -> float:
+def chi_square_bound(dimensions: int, beyond: float) -> float:
     """Return what chi-square of so many dimensions exceeds with the probability `beyond`."""
     if dimensions <= 0:
         return 0.0

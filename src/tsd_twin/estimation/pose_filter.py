@@ -8,6 +8,7 @@ again over all that has come since.
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -35,10 +36,17 @@ class _Step:
 
     end_s: float
     twist: Array
+    moved: Array
+    """(..., 3): the way of the step, seen from its begin; it does not depend on the pose there."""
     growth_per_s: Array
     pose: Array
     covariance: Array
     measured: list[_Measurement] = field(default_factory=list[_Measurement])
+
+    def correct(self) -> None:
+        """Take in what is measured at the end."""
+        for measurement in self.measured:
+            self.pose, self.covariance = _corrected(self.pose, self.covariance, measurement)
 
 
 class PoseFilter:
@@ -62,12 +70,23 @@ class PoseFilter:
         start = np.array(pose.xy_heading, dtype=float)
         spread = np.zeros((*start.shape, 3)) if covariance is None else np.array(covariance)
         none = np.zeros_like(start)
-        self._steps = [_Step(now_s, none, np.zeros((*start.shape, 3)), start, spread)]
+        self._steps = [_Step(now_s, none, none, np.zeros((*start.shape, 3)), start, spread)]
+        self._still = SE2.identity(start.shape[:-1])
 
     @property
     def now_s(self) -> float:
         """Time of the newest twist."""
         return self._steps[-1].end_s
+
+    @property
+    def oldest_s(self) -> float:
+        """What was measured before this time comes too late."""
+        return self._steps[0].end_s
+
+    @property
+    def measurements(self) -> int:
+        """How many measurements the memory holds; the work of a late one grows with it."""
+        return sum(len(step.measured) for step in self._steps)
 
     @property
     def pose(self) -> SE2:
@@ -88,8 +107,8 @@ class PoseFilter:
         if not now_s > self.now_s:
             return
         last = self._steps[-1]
-        step = _Step(now_s, np.array(twist), np.array(growth_per_s), last.pose, last.covariance)
-        self._steps.append(step)
+        growth = np.zeros_like(last.covariance) + growth_per_s
+        self._steps.append(self._step(last, now_s, np.array(twist), growth))
         self._run(len(self._steps) - 1)
         # One step older than the memory stays: what happened since is what is between.
         oldest = now_s - self._memory_s
@@ -113,11 +132,33 @@ class PoseFilter:
         value = np.array(pose.xy_heading, dtype=float)
         return self._fuse(_Measurement(_POSE, value, np.array(covariance)), measured_s)
 
+    def surprise(self, pose: SE2, covariance: Array, measured_s: float) -> Array:
+        """Return how far (...) outside poses are from what was expected of them at that time.
+
+        The squared Mahalanobis distance: chi-square of three dimensions when all is as claimed.
+        The filter is left as it is. Times are those that can be fused.
+        """
+        index = self._index(min(measured_s, self.now_s))
+        step = self._steps[index]
+        if step.end_s < measured_s and index + 1 < len(self._steps):
+            later = self._steps[index + 1]
+            step = self._step(step, measured_s, later.twist, later.growth_per_s)
+            _carry(self._steps[index], [step])
+        off = pose.xy_heading - step.pose
+        off[..., 2] = wrap(off[..., 2])
+        expected = step.covariance + covariance
+        weighed = np.asarray(np.linalg.solve(expected, off[..., None]), dtype=float)
+        return (off * weighed[..., 0]).sum(axis=-1)
+
+    def _index(self, at_s: float) -> int:
+        """Return the last step that ends at `at_s` or before."""
+        return bisect_right(self._steps, at_s, key=lambda step: step.end_s) - 1
+
     def _fuse(self, measurement: _Measurement, measured_s: float | None) -> bool:
         at_s = self.now_s if measured_s is None else min(measured_s, self.now_s)
-        if not np.isfinite(measurement.value).all() or not at_s >= self._steps[0].end_s:
+        if not np.isfinite(measurement.value).all() or not at_s >= self.oldest_s:
             return False
-        index = bisect_right([step.end_s for step in self._steps], at_s) - 1
+        index = self._index(at_s)
         if self._steps[index].end_s < at_s:
             index += 1
             self._split(index, at_s)
@@ -126,34 +167,64 @@ class PoseFilter:
             step = self._steps[0]
             step.pose, step.covariance = _corrected(step.pose, step.covariance, measurement)
             index = 1
-        for i in range(index, len(self._steps)):
-            self._run(i)
+        self._run(index)
         return True
 
     def _split(self, index: int, at_s: float) -> None:
         """Cut the step at `index` in two: a first that ends at `at_s`, and the rest."""
-        step = self._steps[index]
-        first = _Step(at_s, step.twist, step.growth_per_s, step.pose, step.covariance)
-        self._steps.insert(index, first)
+        whole = self._steps[index]
+        twist, growth = whole.twist, whole.growth_per_s
+        first = self._step(self._steps[index - 1], at_s, twist, growth)
+        rest = self._step(first, whole.end_s, twist, growth)
+        rest.measured = whole.measured
+        self._steps[index : index + 1] = [first, rest]
+
+    def _step(self, before: _Step, end_s: float, twist: Array, growth_per_s: Array) -> _Step:
+        """Return a step from the end of another, which has still to be run."""
+        moved = self._drive.move(self._still, twist, end_s - before.end_s).xy_heading
+        return _Step(end_s, twist, moved, growth_per_s, before.pose, before.covariance)
 
     def _run(self, index: int) -> None:
-        before, step = self._steps[index - 1], self._steps[index]
-        dt_s = step.end_s - before.end_s
-        pose = self._drive.move(SE2(before.pose), step.twist, dt_s).xy_heading
-        off = pose - before.pose
-        carry = np.zeros((*off.shape, 3)) + np.eye(3)
-        carry[..., 0, 2], carry[..., 1, 2] = -off[..., 1], off[..., 0]
-        # The noise of the twist, seen from the middle of the way.
-        middle = before.pose[..., 2] + 0.5 * off[..., 2]
-        turn = np.zeros((*off.shape, 3)) + np.eye(3)
-        turn[..., 0, 0] = turn[..., 1, 1] = np.cos(middle)
-        turn[..., 1, 0] = np.sin(middle)
-        turn[..., 0, 1] = -turn[..., 1, 0]
-        covariance = carry @ before.covariance @ _transposed(carry)
-        covariance = covariance + dt_s * (turn @ step.growth_per_s @ _transposed(turn))
-        for measurement in step.measured:
-            pose, covariance = _corrected(pose, covariance, measurement)
-        step.pose, step.covariance = pose, covariance
+        """Run over all steps from `index` on: in one go up to the next that has a measurement."""
+        while index < len(self._steps):
+            end = index + 1
+            while end < len(self._steps) and not self._steps[end - 1].measured:
+                end += 1
+            _carry(self._steps[index - 1], self._steps[index:end])
+            self._steps[end - 1].correct()
+            index = end
+
+
+def _carry(before: _Step, steps: Sequence[_Step]) -> None:
+    """Carry pose and covariance from the end of a step over the ways of those that follow.
+
+    All at once: what is measured late is followed by up to a second of steps.
+    """
+    moved = np.stack([step.moved for step in steps])
+    growth = np.stack([step.growth_per_s for step in steps])
+    heading = before.pose[..., 2] + moved[..., 2].cumsum(axis=0)
+    begin = heading - moved[..., 2]
+    c, s = np.cos(begin), np.sin(begin)
+    pose = np.stack([moved[..., 0], moved[..., 1], heading], axis=-1)
+    pose[..., 0] = before.pose[..., 0] + (c * moved[..., 0] - s * moved[..., 1]).cumsum(axis=0)
+    pose[..., 1] = before.pose[..., 1] + (s * moved[..., 0] + c * moved[..., 1]).cumsum(axis=0)
+    # The noise of each twist, seen from the middle of its way, then from where all began.
+    middle = heading - 0.5 * moved[..., 2]
+    turn = np.zeros_like(growth) + _POSE
+    turn[..., 0, 0] = turn[..., 1, 1] = np.cos(middle)
+    turn[..., 1, 0] = np.sin(middle)
+    turn[..., 0, 1] = -turn[..., 1, 0]
+    off = pose - before.pose
+    back = np.zeros_like(growth) + _POSE
+    back[..., 0, 2], back[..., 1, 2] = off[..., 1], -off[..., 0]
+    shift = back @ turn
+    ends_s = np.array([before.end_s, *(step.end_s for step in steps)])
+    dt_s = np.diff(ends_s).reshape(-1, *(1,) * (growth.ndim - 1))
+    grown = before.covariance + (dt_s * (shift @ growth @ _transposed(shift))).cumsum(axis=0)
+    carry = 2.0 * _POSE - back
+    covariance = carry @ grown @ _transposed(carry)
+    for i, step in enumerate(steps):
+        step.pose, step.covariance = pose[i], covariance[i]
 
 
 def _corrected(pose: Array, covariance: Array, measurement: _Measurement) -> tuple[Array, Array]:
@@ -172,17 +243,3 @@ def _corrected(pose: Array, covariance: Array, measurement: _Measurement) -> tup
 
 def _transposed(matrices: Array) -> Array:
     return np.swapaxes(matrices, -1, -2)
-
-
-def with_gyro(
-    twist: Array, covariance: Array, turn_rate: Array, sigma_rad_per_s: float
-) -> tuple[Array, Array]:
-    """Return planar twists (..., 3) and covariances, corrected by a yaw gyro's `turn_rate` (...).
-
-    The gyro takes part by its share of certainty; what the wheels had wrong in the same way, as a
-    slow wheel that both turns and shifts the robot, is corrected with it.
-    """
-    column = covariance[..., :, 2]
-    gain = column / (column[..., 2:] + sigma_rad_per_s**2)
-    off = turn_rate - twist[..., 2]
-    return twist + gain * off[..., None], covariance - gain[..., :, None] * column[..., None, :]

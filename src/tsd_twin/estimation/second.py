@@ -35,8 +35,8 @@ class Estimate(Protocol):
         """(3, 3): of the twist, in `base_link`."""
         ...
 
-    def set_pose(self, pose: Any) -> None:
-        """Take the robot to be at `pose`, exactly."""
+    def set_pose(self, pose: Any, covariance: Array | None = None) -> None:
+        """Take the robot to be at `pose`, exactly, unless a `covariance` (3, 3) says how well."""
         ...
 
 

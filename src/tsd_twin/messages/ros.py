@@ -1,22 +1,23 @@
-"""CDR payloads of standard ROS 2 messages: the only door to rosbags.
+"""CDR payloads of standard ROS 2 messages.
 
 Recordings open in ROS 2 tools and Foxglove, and a ROS adapter is a mapping of keys.
 """
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_typestore
 
 from tsd_twin.errors import MessageError
 from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.messages.cdr import decode as _decode
+from tsd_twin.messages.cdr import encode as _encode
+from tsd_twin.messages.cdr import header as _header
+from tsd_twin.messages.cdr import make as _make
+from tsd_twin.messages.cdr import stamp_ns as _stamp_ns
 
 BASE = "base_link"
 """Frame of the robot: X forward, Y left, Z up, at the height of the wheel centres."""
@@ -28,8 +29,6 @@ PLANAR = (0, 1, 5)
 TURNING = (3, 4, 5)
 """Where (wx, wy, wz) of a sphere stand."""
 _PLANAR_BLOCK, _TURNING_BLOCK = np.ix_(PLANAR, PLANAR), np.ix_(TURNING, TURNING)
-
-_LARGEST = 4096  # Bytes; ours have fewer than 800. What is larger was not meant for us.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -213,36 +212,3 @@ def _spatial(covariance: Array, rows: tuple[int, int, int]) -> Array:
     spatial = np.zeros((6, 6))
     spatial[np.ix_(rows, rows)] = covariance
     return spatial.reshape(36)
-
-
-@functools.cache
-def _store() -> Any:
-    """Return the type store; made at first use, since it takes a tenth of a second."""
-    return get_typestore(Stores.ROS2_JAZZY)
-
-
-def _make(type_name: str, **fields: Any) -> Any:
-    return _store().types[type_name](**fields)
-
-
-def _header(stamp_ns: int, frame: str) -> Any:
-    sec, nanosec = divmod(stamp_ns, 1_000_000_000)
-    stamp = _make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
-    return _make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
-
-
-def _stamp_ns(raw: Any) -> int:
-    return raw.header.stamp.sec * 1_000_000_000 + raw.header.stamp.nanosec
-
-
-def _encode(message: Any) -> bytes:
-    return bytes(_store().serialize_cdr(message, message.__msgtype__))
-
-
-def _decode(payload: bytes, type_name: str) -> Any:
-    if len(payload) > _LARGEST:
-        raise MessageError("shape", f"{len(payload)} bytes are too many for a {type_name}")
-    try:
-        return _store().deserialize_cdr(payload, type_name)
-    except SerdeError as error:
-        raise MessageError("shape", f"not a {type_name}: {error}") from error

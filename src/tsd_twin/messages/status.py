@@ -83,6 +83,33 @@ class GearStatus(msgspec.Struct, frozen=True):
     """As measured, or by the model of the motors; the mean of all wheels."""
 
 
+class OutsideDrops(msgspec.Struct):
+    """Poses from outside that were not used, each under exactly one reason."""
+
+    key: int = 0
+    shape: int = 0
+    frame: int = 0
+    nonfinite: int = 0
+    quaternion: int = 0
+    future: int = 0
+    old: int = 0
+    flood: int = 0
+    far: int = 0
+
+
+class OutsideStatus(msgspec.Struct, frozen=True):
+    """What became of the poses that somebody else has seen."""
+
+    hz: float = 0.0
+    """Used in the last second."""
+    late_s: float | None = None
+    """How old the newest was that was used; null when there was none in the last second."""
+    used: int = 0
+    found: int = 0
+    """How often the robot was somewhere else altogether, and was found again."""
+    dropped: OutsideDrops = msgspec.field(default_factory=OutsideDrops)
+
+
 class LoopStatus(msgspec.Struct, frozen=True):
     """How well the control loop keeps time."""
 
@@ -112,6 +139,8 @@ class Status(msgspec.Struct, frozen=True):
     conflict: ConflictStatus = ConflictStatus()
     gear: GearStatus | None = None
     """Of robots whose wheels spin also when they stand."""
+    outside: OutsideStatus | None = None
+    """Null until somebody has sent a pose."""
     loop: LoopStatus = LoopStatus()
     hardware: Mapping[str, Any] = {}
 

@@ -32,6 +32,9 @@ _STATUS_EVERY = 5  # 20 Hz
 _COMMANDS_KEPT = 64
 """More than operators that may send within a period; a flood makes the oldest give way."""
 
+_POSES_KEPT = 32
+"""More than cameras send in a period, also after a link was held up."""
+
 
 class RobotNode:
     """Runs the core of one robot at 100 Hz; whatever ends it, the robot is left at rest.
@@ -66,6 +69,7 @@ class RobotNode:
         self._core = RobotCore(robot, lambda: secrets.token_bytes(16), pose=pose)
         self._description = msgspec.json.encode(description)
         self._commands = bus.reader(topics.TWIST.key(robot_id), _COMMANDS_KEPT)
+        self._poses = bus.reader(topics.OUTSIDE_POSE.key(robot_id), _POSES_KEPT)
         self._stops = bus.reader(topics.STOP.key(robot_id), 8)
         self._servers = {service: bus.server(service.key(robot_id)) for service in Service}
         states = tuple(topic for topic in topics.TOPICS if topic.path.startswith("state/"))
@@ -104,6 +108,8 @@ class RobotNode:
             self._core.stop(sample.payload, now_s)
         self._serve(now_s)
         commands = self._commands.take()
+        if poses := self._poses.take():
+            self._core.see(poses, now_s, time.time_ns())
         fault = self._guard.fault(now_s) if self._guard else ""
         self._write(self._core.step(now_s, measured, commands, fault), now_s)
         self._publish(now_s, tick, bool(commands), rate)

@@ -72,6 +72,18 @@ class Body(Table, frozen=True):
     """Folder with a `parts.json`, shown instead of the generated look."""
 
 
+class OutsidePose(Table, frozen=True):
+    """`[outside_pose]`: how exact poses are that somebody else sees, as a camera above the floor.
+
+    As given: of the camera that `tsd-lab` and `tsd-mock --camera` simulate.
+    """
+
+    sigma_m: Positive = 0.005
+    """Standard deviation of x, and of y."""
+    sigma_deg: Positive = 1.15
+    """Of the heading."""
+
+
 @dataclass(frozen=True, slots=True)
 class JointErrors:
     """Standard deviations of what is measured of the joints."""
@@ -109,6 +121,7 @@ class Robot(Table, frozen=True, kw_only=True):
     limits: Limits
     battery: Battery
     body: Body = Body()
+    outside_pose: OutsidePose = OutsidePose()
 
     @property
     def arming_hold_s(self) -> float:

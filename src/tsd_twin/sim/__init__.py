@@ -1,6 +1,7 @@
 """Simulated robots: what a real one would measure, and the truth apart from it."""
 
 from tsd_twin.sim.board import Board
+from tsd_twin.sim.camera import Camera, CameraNoise, Frame
 from tsd_twin.sim.esc import SpeedControllers
 from tsd_twin.sim.jam import Jam, JammedRobot
 from tsd_twin.sim.kinds import PLANTS, SIMULATIONS, simulate
@@ -16,6 +17,9 @@ __all__ = [
     "PLANTS",
     "SIMULATIONS",
     "Board",
+    "Camera",
+    "CameraNoise",
+    "Frame",
     "Jam",
     "JammedRobot",
     "KinematicPlant",

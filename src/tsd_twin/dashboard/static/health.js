@@ -11,6 +11,12 @@ const REASONS = {
   nonfinite: "not finite",
   key: "wrong key",
   shape: "unreadable",
+  frame: "other frame",
+  quaternion: "not upright",
+  future: "from the future",
+  old: "too old",
+  flood: "too many",
+  far: "far from the estimate",
 };
 const LINES = 40;
 
@@ -41,8 +47,7 @@ export class Health {
 
   _show() {
     const { status, age_ms: age, robot_ms: robot } = this._link.state;
-    const { loop, command, lease, limits, conflict } = status;
-    const dropped = Object.entries(command.dropped);
+    const { loop, command, lease, limits, conflict, outside } = status;
     const suspect = conflict.suspect === null ? "nobody" : called(conflict.suspect);
     const sections = {
       Conflict: {
@@ -77,12 +82,7 @@ export class Health {
             : command.age_s < 10
               ? `${fixed(1000 * command.age_s, 0)} ms`
               : "over 10 s",
-        dropped: String(dropped.reduce((sum, [, count]) => sum + count, 0)),
-        ...Object.fromEntries(
-          dropped
-            .filter(([, count]) => count > 0)
-            .map(([why, count]) => [`· ${REASONS[why] ?? why}`, String(count)]),
-        ),
+        ...lost(command.dropped),
       },
       Control: {
         holder: lease.holder ?? "nobody",
@@ -91,6 +91,7 @@ export class Health {
         "let through": `${fixed(100 * limits.applied, 0)} %`,
         "oldest command": `${fixed(1000 * limits.max_command_age_s, 0)} ms`,
       },
+      ...(outside ? { "Outside poses": seen(outside) } : {}),
       ...tables("Hardware", status.hardware),
     };
     const shape = JSON.stringify(
@@ -135,6 +136,28 @@ function called(name) {
 /** How much more than noise would ever be, in words that stay as wide as they are. */
 function times(level) {
   return `${fixed(level, level < 10 ? 2 : 0)} of the limit`;
+}
+
+/** What somebody else sees of the robot, such as a camera. */
+function seen({ hz, late_s: late, used, found, dropped }) {
+  return {
+    "in use": hz > 0 ? `${fixed(hz, 0)} Hz, ${fixed(1000 * late, 0)} ms late` : "none now",
+    used: String(used),
+    "found elsewhere": String(found),
+    ...lost(dropped),
+  };
+}
+
+function lost(dropped) {
+  const counts = Object.entries(dropped);
+  return {
+    dropped: String(counts.reduce((sum, [, count]) => sum + count, 0)),
+    ...Object.fromEntries(
+      counts
+        .filter(([, count]) => count > 0)
+        .map(([why, count]) => [`· ${REASONS[why] ?? why}`, String(count)]),
+    ),
+  };
 }
 
 function line({ kind, text, robot_s: seconds }) {
