@@ -18,7 +18,6 @@ from tests.app.browser import (
     PATIENCE_MS,
     QUICK,
     centre,
-    click_through,
     executable,
     mode,
     press,
@@ -148,11 +147,10 @@ class Demo:
     failures: list[str]
 
 
-@pytest.fixture(scope="module")
-def shared(browser: Browser) -> Iterator[Demo]:
-    """One demo and one page for all tests: to start and to load takes longer than most of them."""
-    program = Program(["tsd_demo", "--no-browser", "--until-eof", *ANY_PORTS])
-    url, endpoint = re.findall(r"http://\S+|tcp/[\d.:]+", program.ready())
+@pytest.fixture
+def demo(start: Callable[..., Program], browser: Browser) -> Iterator[Demo]:
+    line = start("tsd_demo", "--no-browser", "--until-eof", *ANY_PORTS).ready()
+    url, endpoint = re.findall(r"http://\S+|tcp/[\d.:]+", line)
     context = browser.new_context(viewport={"width": 960, "height": 600})
     page = context.new_page()
     console: list[ConsoleMessage] = []
@@ -168,21 +166,6 @@ def shared(browser: Browser) -> Iterator[Demo]:
         press(page, "Skip")
         yield Demo(page, watcher, console, failures)
     context.close()
-    program.clean_up()
-
-
-@pytest.fixture
-def demo(shared: Demo) -> Iterator[Demo]:
-    """The same, and afterwards the robot is disarmed, and nobody has control."""
-    yield shared
-    page = shared.page
-    end_s = time.monotonic() + _PATIENCE_S
-    while not page.get_by_role("button", name="Take control", exact=True).is_visible():
-        assert time.monotonic() < end_s, "control is not let go of"
-        shown = page.get_by_role("status", name="Mode").inner_text().lower()
-        done = "disarmed" in shown
-        click_through(page, *(["Release control"] if done else ["Reset stop", "Disarm"]))
-    mode(page, "disarmed")
 
 
 def test_the_page_loads_without_an_error(demo: Demo) -> None:

@@ -16,7 +16,6 @@ from tests.app.browser import (
     centre,
     executable,
     mode,
-    press,
     take_control_and_arm,
 )
 from tests.app.conftest import Program
@@ -25,8 +24,6 @@ from tsd_twin import robots
 pytestmark = pytest.mark.system
 
 ROBOTS = robots.names()
-GROUPS = [ROBOTS[0::2], ROBOTS[1::2]]
-"""All of them: a demo and a page for some at once, since to start those takes longest."""
 MOVING = re.compile(r"0\.[1-9]|[1-9]\.\d")
 
 
@@ -72,15 +69,11 @@ def choose(page: Page, name: str) -> None:
     expect(page).to_have_title(re.compile(re.escape(robots.load(name).title)), timeout=PATIENCE_MS)
 
 
-@pytest.mark.parametrize("names", GROUPS)
-def test_every_robot_is_driven(browser: Browser, names: list[str]) -> None:
+@pytest.mark.parametrize("name", ROBOTS)
+def test_every_robot_is_driven(browser: Browser, name: str) -> None:
     """Armed and pushed with the stick, it moves, and rests when the stick is let go."""
-    with demo(*names) as address, opened(browser, address, drawn=False) as page:
-        for name in names:
-            choose(page, name)
-            drive(page, name)
-            press(page, "Disarm")
-            press(page, "Release control")
+    with demo(name) as address, opened(browser, address, drawn=False) as page:
+        drive(page, name)
 
 
 def drive(page: Page, name: str) -> None:

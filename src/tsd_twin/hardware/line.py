@@ -54,7 +54,8 @@ class Line:
             found = self._receive(decoder, answers, patience_s)
         except GONE as error:
             raise PortError(f"{self.name} is gone") from error
-        self.broken += decoder.sum_errors + decoder.cut + (decoder.skipped > rest)
+        # What comes in two pieces is late, not broken: this program, or the other, was held up.
+        self.broken += decoder.sum_errors + (decoder.skipped > rest and not decoder.cut)
         self._late = len(found) < answers
         return found
 
