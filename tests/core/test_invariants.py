@@ -99,9 +99,13 @@ class Driving(Play, RuleBasedStateMachine):
     def asks_no_longer(self, name: str) -> None:
         now_s, before = self.rig.now_s, self.everything()
         asks = self.referee.asker(now_s) == name
-        assert self.rig.ask(Service.LEASE, op="withdraw", operator=name).done == asks
+        awaited = now_s < self.referee.reserved[1] and self.referee.reserved[0] == name
+        done = self.rig.ask(Service.LEASE, op="withdraw", operator=name).done
+        assert done == (asks or awaited)
         if asks:
             self.referee.asked = ("", now_s)
+        elif awaited:
+            self.referee.reserved = ("", now_s)
         assert self.everything() == before
 
     @precondition(lambda self: self.pilots)
