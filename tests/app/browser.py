@@ -68,9 +68,11 @@ def press_until(page: Page, name: str, then: Locator) -> None:
 def click_through(page: Page, *names: str) -> None:
     """Click on each of these buttons that can be used now, as assistive technology does."""
     for name in names:
-        button = page.get_by_role("button", name=name, exact=True)
-        if button.count() and button.first.get_attribute("aria-disabled") != "true":
-            button.first.dispatch_event("click")
+        # In one go, which waits for nothing: what was there a moment ago may be gone.
+        page.get_by_role("button", name=name, exact=True).evaluate_all(
+            "(found) => found.filter((each) => each.getAttribute('aria-disabled') !== 'true')"
+            ".slice(0, 1).forEach((each) => each.click())"
+        )
     page.wait_for_timeout(100)
 
 
