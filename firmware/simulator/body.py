@@ -26,7 +26,8 @@ class Body:
     def __init__(
         self, robot: SingularityRobot, neutral: Sequence[int], reverse: Sequence[bool]
     ) -> None:
-        self.simulation = SingularitySimulation(robot)
+        # The wiring is looked at here, to the step: nothing else may be wrong.
+        self.simulation = SingularitySimulation(robot.with_errors(0.0))
         self._neutral = np.array(neutral)
         self._sign = np.where(reverse, -1.0, 1.0)
         self._step_rad = self.simulation.actuation.servos.step_rad
