@@ -17,7 +17,6 @@ from tests.app.browser import (
     PATIENCE_MS,
     QUICK,
     executable,
-    press_until,
     take_control_and_arm,
 )
 from tests.app.conftest import PATIENCE_S, Program
@@ -159,8 +158,10 @@ def test_an_operator_chooses_the_drive_speed_and_is_told_which_module_sticks(
         expect(page.get_by_text("module2 contradicts the others.")).to_be_visible()
         press_tab(page, "Gimbals")
         expect(page.get_by_role("region", name="Module 2")).to_contain_text("suspect")
-        # STOP is what the notice says: the wheels are shut off, and so is the push.
-        press_until(page, "STOP", page.get_by_role("button", name="Reset stop"))
+        # It pushes as long as its wheel spins, so the robot shuts the wheels off by itself.
+        fault = watcher.until(lambda status: status.mode == "fault")
+        assert f"{STUCK} does not follow" in fault.stop_reason
+        expect(page.get_by_text("The wheels are shut off.")).to_be_visible(timeout=PATIENCE_MS)
         watcher.until(lambda status: status.gear is not None and status.gear.spin_rpm < 100)
     assert errors == []
 

@@ -44,6 +44,7 @@ def test_the_times_are_those_of_the_code_and_the_shipped_robot() -> None:
         "hand_over": hand_over,
         "authority": authority,
         "core": core.core,
+        "following": core.following,
     }
     for _, value, where in rows:
         place, name = quoted(where)[0].split(".")

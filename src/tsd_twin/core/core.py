@@ -14,6 +14,7 @@ import numpy as np
 
 from tsd_twin.authority import ARMED, LATCHED, Authority, Facts, Mode
 from tsd_twin.core.estimator import Estimator
+from tsd_twin.core.following import Following
 from tsd_twin.core.gearbox import Gearbox
 from tsd_twin.core.lease_status import lease_status
 from tsd_twin.core.spaces import SPACES
@@ -36,6 +37,7 @@ from tsd_twin.messages.service import (
 )
 from tsd_twin.messages.status import (
     CommandStatus,
+    ConflictStatus,
     LimitStatus,
     LoopStatus,
     Status,
@@ -80,6 +82,10 @@ class RobotCore:
         self._now_s = -math.inf
         self._applied_share = 1.0
         self._clamp_reported_s = -math.inf
+        angles = np.flatnonzero(self._is_angle)
+        self._angles = angles
+        self._following = Following([self._names[i] for i in angles])
+        self._evidence: ConflictStatus | None = None
         self._suspect: str | None = None
         self._suspect_reported_s = -math.inf
         self._events: list[Event] = []
@@ -132,10 +138,22 @@ class RobotCore:
         at_rest = not self.twist.any()
         if silent and not fault:
             fault = f"the joints have not been measured for {SILENT_S * 1000:.0f} ms"
+        fault = fault or self._stuck(now_s)
         if self.authority.mode is not Mode.ARMING:
             return Facts(neutral=False, at_speed=False, at_rest=at_rest, fault=fault)
         neutral, at_speed = self._estimator.neutral_and_at_speed(self._gearbox.inverse(np.zeros(3)))
         return Facts(neutral and not silent, at_speed, at_rest, fault)
+
+    def _stuck(self, now_s: float) -> str:
+        if self.authority.mode not in ARMED or not len(self._angles):
+            self._following.forget()
+            if self.authority.mode is not Mode.FAULT:
+                self._evidence = None
+            return ""
+        stuck = self._following.step(now_s, self.setpoint[self._angles], self.joints[self._angles])
+        if stuck:  # What it was told by stays to be seen until the reset.
+            self._evidence = self._estimator.conflict(wheels_spin=self.authority.wheels_spin)
+        return stuck
 
     def _shift(self, now_s: float, dt_s: float) -> None:
         mode, lease = self.authority.mode, self.authority.lease_in_force(now_s)
@@ -312,7 +330,7 @@ class RobotCore:
         """Return what `state/status` says."""
         authority, limits = self.authority, self.robot.limits
         lease = authority.lease_in_force(now_s)
-        conflict = self._estimator.conflict(wheels_spin=authority.wheels_spin)
+        conflict = self._evidence or self._estimator.conflict(wheels_spin=authority.wheels_spin)
         self._report_suspect(conflict.suspect, now_s)
         share = lease.speed_cap_mps / limits.speed_mps if lease else 1.0
         age_s = now_s - authority.command_s

@@ -15,7 +15,7 @@ from tsd_twin.lie import Array
 from tsd_twin.robots import Robot
 from tsd_twin.sim.sim_robot import SimRobot
 
-USUAL_LEAN_DEG = 1.0
+USUAL_LEAN_DEG = 2.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@ import { el, icon, mark, say } from "./dom.js";
 import { fixed } from "./format.js";
 
 const READ_MS = 4000;
+const SHUT_OFF = new Set(["disarmed", "stopped", "fault"]);
 const OFF_DEG = 0.5; // A gimbal that is this far from where it should be does not follow.
 
 export class Conflict {
@@ -48,10 +49,10 @@ export function accuse({ robot, state }, suspect) {
   const number = robot.modules.indexOf(suspect) + 1;
   if (number === 0)
     return { word: "Wheel", number: robot.wheels.indexOf(suspect) + 1, why: null };
-  return { word: "Module", number, why: stuck(state.modules[number - 1]) };
+  return { word: "Module", number, why: stuck(state.modules[number - 1], state.status.mode) };
 }
 
-function stuck(module) {
+function stuck(module, mode) {
   if (module === undefined) return null;
   const [name, off] = [
     ["α", module.alpha - module.set_alpha],
@@ -59,7 +60,9 @@ function stuck(module) {
   ].reduce((worst, other) => (Math.abs(other[1]) > Math.abs(worst[1]) ? other : worst));
   if (Math.abs(off) < OFF_DEG) return null;
   return (
-    `Its gimbal ${name} is ${fixed(Math.abs(off), 1)}° from where it should be, and its wheel ` +
-    "pushes as long as it spins. STOP shuts the wheels off."
+    `Its gimbal ${name} is ${fixed(Math.abs(off), 1)}° from where it should be` +
+    (SHUT_OFF.has(mode)
+      ? ". The wheels are shut off."
+      : ", and its wheel pushes as long as it spins. STOP shuts the wheels off.")
   );
 }
