@@ -15,6 +15,7 @@ from tsd_twin.lab.observer import Loop
 from tsd_twin.lab.sensors import CameraNoise, GyroNoise
 
 PAGE = page("lab.md")
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
 RUNS = re.findall(r"```sh\n(tsd-lab [^\n]*)\n```\n\n```text\n(.*?)\n```", PAGE, re.DOTALL)
 
 
@@ -27,7 +28,11 @@ def test_every_experiment_is_in_the_table() -> None:
 @pytest.mark.parametrize(("command", "shown"), RUNS, ids=[command for command, _ in RUNS])
 def test_what_is_shown_is_what_is_printed(tmp_path: Path, command: str, shown: str) -> None:
     _, name, *flags = shlex.split(command)
-    assert run(tmp_path, name, *flags) == shown.splitlines()
+    printed = "\n".join(run(tmp_path, name, *flags))
+    assert NUMBER.sub("#", printed) == NUMBER.sub("#", shown)
+    # Sums come out a little different on another processor, and physics makes more of that.
+    numbers = [[float(n) for n in NUMBER.findall(text)] for text in (printed, shown)]
+    assert numbers[0] == pytest.approx(numbers[1], rel=0.03, abs=0.02), printed
 
 
 def test_the_loops_and_their_noise_are_those_of_the_code() -> None:
