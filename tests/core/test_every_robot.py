@@ -178,6 +178,22 @@ def test_omni4_shows_its_dead_wheels_and_gyro_with_the_joints() -> None:
     assert np.isnan(angles["gyro"])
 
 
+@pytest.mark.parametrize("connected", [True, False])
+def test_a_singularity_robot_shows_its_gyro_with_the_joints(*, connected: bool) -> None:
+    """Hardware may leave out what it does not measure: that is NaN."""
+    robot = robots.parse(robots.text("tsd") + "\n[gyro]\n", "my.toml")
+    rig = Rig(SimRobot(robot) if connected else None, robot=robot)
+    pilot = rig.get_ready()
+    rig.drive(pilot, (0.5, 0.0, 0.3), 1.0)
+    state = rig.core.joint_state(0)
+    assert state.names[-1] == "gyro"
+    assert len(state.names) == len(state.position_rad) == len(state.velocity_rad_per_s) == 10
+    assert np.isnan(state.position_rad[-1])
+    expected = pytest.approx(0.3, abs=0.01) if connected else pytest.approx(np.nan, nan_ok=True)
+    assert state.velocity_rad_per_s[-1] == expected
+    np.testing.assert_allclose(rig.core.odometry(0).twist, [0.5, 0.0, 0.3], atol=0.03)
+
+
 # The sphere.
 
 

@@ -20,6 +20,7 @@ from tsd_twin.messages.command import Sample
 from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.messages.ros import BASE, ODOM
 from tsd_twin.messages.status import OutsideDrops
+from tsd_twin.robots import Robot
 from tsd_twin.sim import Camera, CameraNoise, SimRobot
 
 KEY = "twin/tsd/in/pose"
@@ -195,10 +196,16 @@ def test_a_sphere_is_nowhere_and_says_so() -> None:
     assert dropped(rig) == {"frame": 1}
 
 
-@pytest.mark.parametrize("name", ["tsd", "omni4", "mecanum"])
-def test_what_wheels_get_wrong_a_camera_puts_right(name: str) -> None:
+WITH_GYRO = robots.parse(robots.text("tsd") + "\n[gyro]\n", "my.toml")
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [*map(robots.load, ("tsd", "omni4", "mecanum")), WITH_GYRO],
+    ids=["tsd", "omni4", "mecanum", "gyro"],
+)
+def test_what_wheels_get_wrong_a_camera_puts_right(robot: Robot) -> None:
     """Wheels with ten times the errors of the description, half a minute of circles."""
-    robot = robots.load(name)
     rig = Rig(SimRobot(robot, seed=3, noise=10.0), robot=robot)
     pilot = rig.get_ready()
     rig.place(*rig.truth(), pilot=pilot)

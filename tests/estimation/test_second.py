@@ -25,8 +25,11 @@ def slippery(robot: OmniRobot, slip: float) -> OmniRobot:
 class Ride:
     """A simulated robot that is driven, and its estimator."""
 
-    def __init__(self, robot: Robot, seed: int = 0, noise: float = 0.0) -> None:
-        self.simulation: Simulation = simulate(robot, seed=seed, noise=noise)
+    def __init__(
+        self, robot: Robot, seed: int = 0, noise: float = 0.0, plant: str = "kinematic"
+    ) -> None:
+        self.robot = robot
+        self.simulation: Simulation = simulate(robot, seed=seed, noise=noise, plant=plant)
         self.estimator = Estimator(robot)
         self.now_s = 0.0
         self.path_m = 0.0
@@ -39,6 +42,8 @@ class Ride:
         self.simulation.advance(DT_S)
         self.now_s += DT_S
         measured = self.simulation.measure()
+        if not self.robot.measures_spin:
+            measured[: len(setpoint)][~self.estimator.is_angle] = np.nan
         if self.deaf:
             measured[len(setpoint) :] = np.nan
         self.estimator.advance(self.now_s, measured, setpoint, DT_S)

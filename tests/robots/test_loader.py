@@ -215,3 +215,25 @@ def test_a_description_cannot_be_changed() -> None:
     robot = load("tsd")
     with pytest.raises(AttributeError, match="immutable"):
         robot.drive.wheel_radius_m = 1.0
+
+
+def test_a_gyro_is_there_when_its_table_is() -> None:
+    assert load("tsd").sensors == ()
+    plain = parse(TSD + "\n[gyro]\n", "my.toml")
+    assert [sensor.name for sensor in plain.sensors] == ["gyro"]
+    exact = parse(TSD + "\n[gyro]\nnoise_rad_per_s = 0.001\nbias_rad_per_s = 0.0\n", "my.toml")
+    assert msgspec.to_builtins(exact)["gyro"] == {"noise_rad_per_s": 0.001, "bias_rad_per_s": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("noise_rad_per_s = -0.001", "gyro.noise_rad_per_s: expected float > 0.0"),
+        ("noise_rad_per_s = 0.0", "gyro.noise_rad_per_s: expected float > 0.0"),
+        ("noise_rad_per_s = nan", "gyro.noise_rad_per_s: "),
+        ("bias_rad_per_s = -1.0", "gyro.bias_rad_per_s: expected float >= 0.0"),
+        ("bias_rad_s = 1.0", "unknown key 'bias_rad_s' in [gyro], did you mean 'bias_rad_per_s'?"),
+    ],
+)
+def test_what_no_gyro_can_be_is_refused(line: str, said: str) -> None:
+    assert said in refusal(f"{TSD}\n[gyro]\n{line}\n")

@@ -70,7 +70,9 @@ class Estimator:
         if measured is not None and np.isfinite(measured[self._needed]).all():
             self.measured_s = now_s
             joints = measured[: len(self.joints)].copy()
-            self.sensors = measured[len(joints) :]
+            self.sensors = np.full(len(self.sensors), np.nan)
+            others = measured[len(joints) :]
+            self.sensors[: len(others)] = others
             speeds = joints[self._wheels]
             joints[self._wheels] = np.where(np.isfinite(speeds), speeds, spin)
         elif math.isfinite(self.measured_s):

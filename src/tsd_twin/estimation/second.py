@@ -7,9 +7,10 @@ from typing import Any, Protocol
 
 from tsd_twin.drives import Motion
 from tsd_twin.estimation.dead_wheels import DeadWheelOdometry
+from tsd_twin.estimation.gyro_odometry import GyroOdometry
 from tsd_twin.estimation.rows import RowOdometry
 from tsd_twin.lie import Array
-from tsd_twin.robots import OmniRobot, Robot, SphereRobot
+from tsd_twin.robots import OmniRobot, Robot, SingularityRobot, SphereRobot
 
 
 class Estimate(Protocol):
@@ -56,12 +57,17 @@ def _by_dead_wheels(robot: OmniRobot) -> tuple[SecondEstimate, bool] | None:
     return None if robot.dead_wheels is None else (DeadWheelOdometry(robot), True)
 
 
+def _by_gyro(robot: SingularityRobot) -> tuple[SecondEstimate, bool] | None:
+    return None if robot.gyro is None else (GyroOdometry(robot), True)
+
+
 def _by_rows(robot: SphereRobot) -> tuple[SecondEstimate, bool]:
     return RowOdometry(robot), robot.estimate.model == "dual"
 
 
 SECOND: dict[type[Robot], Callable[[Any], tuple[SecondEstimate, bool] | None]] = {
     OmniRobot: _by_dead_wheels,
+    SingularityRobot: _by_gyro,
     SphereRobot: _by_rows,
 }
 """From the kind of a robot to its second estimate, and whether that is the better one; kinds that

@@ -1,6 +1,7 @@
 """Descriptions of robots, and the robots that come with the program."""
 
 from tsd_twin.robots.gears import Gears
+from tsd_twin.robots.gyro import Gyro
 from tsd_twin.robots.kinds import KINDS
 from tsd_twin.robots.loader import load, names, of_kind, parse, text
 from tsd_twin.robots.omni import OmniRobot
@@ -13,6 +14,7 @@ __all__ = [
     "KINDS",
     "RPM",
     "Gears",
+    "Gyro",
     "JointErrors",
     "OmniRobot",
     "OutsidePose",

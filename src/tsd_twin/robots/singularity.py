@@ -11,8 +11,9 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from tsd_twin.drives import SingularityDrive
+from tsd_twin.drives import Joint, JointKind, SingularityDrive
 from tsd_twin.robots.gears import Gears
+from tsd_twin.robots.gyro import Gyro
 from tsd_twin.robots.imperfections import Floor, Imperfections
 from tsd_twin.robots.robot import (
     JointErrors,
@@ -115,6 +116,7 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
     motor: Motor
     mass: Mass
     noise: Noise = Noise()
+    gyro: Gyro | None = None
     calibration: Calibration = Calibration()
     floor: Floor = Floor()
     errors: Imperfections = Imperfections()
@@ -128,6 +130,11 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
     def measures_spin(self) -> bool:
         """The robot of the thesis does not."""
         return False
+
+    @property
+    def sensors(self) -> tuple[Joint, ...]:
+        """The turn rate of the gyro, where there is one."""
+        return () if self.gyro is None else (Joint("gyro", JointKind.VELOCITY),)
 
     def kinematics(self) -> SingularityDrive:
         """Return the drive in its cruising gear."""

@@ -8,6 +8,7 @@ from typing import Any
 from tsd_twin.errors import RobotFileError
 from tsd_twin.robots import OmniRobot, Robot, SingularityRobot, SphereRobot
 from tsd_twin.sim.contact import ContactSimulation
+from tsd_twin.sim.gyro import GyroSimulation
 from tsd_twin.sim.late import LateSimulation
 from tsd_twin.sim.omni import OmniSimulation
 from tsd_twin.sim.simulation import Simulation
@@ -54,4 +55,7 @@ def simulate(
         raise RobotFileError(robot.name, f"the plant `{plant}` cannot move it", f"only {kinds}")
     built = robot.with_errors(errors)
     made: Any = make(built, batch, seed=seed, noise=noise, battery_v=battery_v, pose=pose)
-    return LateSimulation(made, built.delay_s) if built.delay_s > 0.0 else made
+    late: Simulation = LateSimulation(made, built.delay_s) if built.delay_s > 0.0 else made
+    if isinstance(built, SingularityRobot) and built.gyro is not None:
+        return GyroSimulation(late, built.gyro, batch, seed=seed, noise=noise)
+    return late
