@@ -74,7 +74,9 @@ def test_of_wheels_that_are_wrong_the_heading_is_off_by_the_bias_of_the_gyro_and
         assert abs(off - bias * took_s) < random + 0.005 * abs(wheels)
         assert abs(off) < abs(wheels)
         offs.append((off, wheels, *ride.off_m()))
-        shares.append(off / math.sqrt(ride.estimator.odometry(0).pose_covariance[2, 2]))
+        claimed = math.sqrt(ride.estimator.odometry(0).pose_covariance[2, 2])
+        assert 1.0 < claimed / (GYRO.bias_rad_per_s * took_s) < 1.5
+        shares.append(off / claimed)
     gyro, wheels, gyro_m, wheels_m = np.sqrt(np.square(offs).mean(axis=0))
     assert gyro < 0.1 * wheels
     assert gyro_m < 0.1 * wheels_m
