@@ -173,7 +173,7 @@ def bombard_teleop(url: str, count: int) -> int:
                 socket.send(f'{{"t": "beat", "seen": 0, "sent_ms": {beat}}}')
                 answers += until_echo(socket, beat)
             sent += ROUND
-            socket.send("x" * 2049)  # More than any message of a page.
+            socket.send("x" * (1 << 14) + "x")  # More than any message of a page.
             until_closed(socket)
     return answers
 
