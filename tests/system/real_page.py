@@ -64,8 +64,7 @@ class RealPage:
 
     def press(self, name: str) -> None:
         """Click on a button, once it can be used."""
-        self.tab.until(f"Boolean({self.button(name)})")
-        self.tab.value(f"{self.button(name)}.click()")
+        self.tab.until(f"((found) => found ? (found.click(), true) : false)({self.button(name)})")
 
     def drives(self) -> bool:
         """Return whether this page has control."""
@@ -81,10 +80,11 @@ class RealPage:
         said = f"{self.element('[role=status][aria-label=Mode]')}.textContent.toLowerCase()"
         while True:
             self.take_control()
-            observer.until(lambda: observer.status.lease.holder is not None, "control")
-            if observer.status.limits.speed_mps != SPEED_MPS:
+            status = observer.status
+            held = status.lease.holder is not None
+            if held and status.limits.speed_mps != SPEED_MPS:
                 self.click("Release control")
-            elif self.tab.value(f"{said}.includes('ready')"):
+            elif held and self.tab.value(f"{said}.includes('ready')"):
                 break
             self.click("Reset stop")  # As assistive technology does.
             self.click("Arm")
