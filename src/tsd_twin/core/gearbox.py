@@ -34,7 +34,8 @@ class Gearbox:
         self._gears, self._law = robot.gears, robot.spin_up()
         self._lag_s = robot.lag_s
         self._deceleration_mps2 = robot.limits.deceleration_mps2
-        self._wheels = [j.kind is JointKind.VELOCITY for j in self.drive.joints]
+        self._wheels = np.flatnonzero([j.kind is JointKind.VELOCITY for j in self.drive.joints])
+        self._standing = np.zeros(len(self.drive.joints))
         self._mean_ratio = float(self._gears.drive.spin_ratio.mean()) if self._gears else 1.0
         usual = self._gears.drive.spin_rad_per_s if self._gears else 0.0
         self._usual = self._wanted = self._told = self._at = usual
@@ -80,7 +81,9 @@ class Gearbox:
         step = rate * dt_s
         # Reached exactly: half a turn less than the slowest one would be none.
         self._told = self._wanted if abs(error) <= step else self._told + np.copysign(step, error)
-        mean = spin_after(self.inverse(np.zeros(3)), self._lag_s)
+        # Of a set-point only wheels matter here: no need for the inverse in every step.
+        self._standing[self._wheels] = self._told * self._gears.drive.spin_ratio
+        mean = spin_after(self._standing, self._lag_s)
         return self._shift(mean / self._mean_ratio)
 
     def inverse(self, twist: Array) -> Array:
