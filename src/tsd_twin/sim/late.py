@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
-from tsd_twin.drives import Drive
 from tsd_twin.lie import Array
 from tsd_twin.sim.actuation import Actuation
+from tsd_twin.sim.around import Around
 from tsd_twin.sim.simulation import Simulation
 
 
@@ -20,34 +19,18 @@ class Actuated(Simulation, Protocol):
     actuation: Actuation
 
 
-class LateSimulation:
+class LateSimulation(Around[Actuated]):
     """Another simulation, which hears of set-points and tells of its joints `delay_s` later.
 
     What is true is not late. Between the times it was let pass, joints are taken to move evenly.
     """
 
     def __init__(self, simulation: Actuated, delay_s: float) -> None:
-        self.simulation = simulation
-        """The one at the far end."""
+        super().__init__(simulation)
         self._delay_s = delay_s
         self._now_s = 0.0
         self._coming: deque[tuple[float, Array]] = deque()
         self._been: deque[tuple[float, Array]] = deque([(0.0, simulation.joints.copy())])
-
-    @property
-    def drive(self) -> Drive[Any]:
-        """The kinematics that the robot is driven by."""
-        return self.simulation.drive
-
-    @property
-    def pose(self) -> Any:
-        """True pose in the world."""
-        return self.simulation.pose
-
-    @property
-    def joints(self) -> Array:
-        """(..., n): true joint vector."""
-        return self.simulation.joints
 
     def command(self, setpoint: Array) -> None:
         """Send new set-points off, as `Actuation.command` takes them."""
@@ -72,14 +55,6 @@ class LateSimulation:
         after_s, after = rest[0]
         share = (asked_s - before_s) / (after_s - before_s)
         return self.simulation.actuation.measure(before + share * (after - before))
-
-    def twist(self) -> Array:
-        """Return the true twist (..., 3) in the base frame."""
-        return self.simulation.twist()
-
-    def facts(self) -> Mapping[str, object]:
-        """Return what the simulation at the far end says."""
-        return self.simulation.facts()
 
     def _pass(self, now_s: float) -> None:
         if now_s > self._now_s:
