@@ -63,7 +63,7 @@ class Ball:
         wxyz /= largest  # First, so that no square overflows or vanishes.
         return SO3(wxyz / np.linalg.norm(wxyz))
 
-    def into_base(self, pose: SO3, twist: Array) -> Array:  # noqa: ARG002
+    def into_base(self, pose: SO3, twist: Array) -> Array:  # noqa: ARG002  The shape.
         """Return the twist as it is: the base stands in the world."""
         return twist
 

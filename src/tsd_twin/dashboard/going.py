@@ -167,7 +167,7 @@ class Going:
                 await work
             except PathError as error:
                 self._give_up(str(error))
-            except Exception:
+            except Exception:  # Whatever it was, the page has to hear of it.
                 _LOG.exception("a way was not planned")
                 self._give_up("it could not be planned")
             if self._task is asyncio.current_task():

@@ -119,7 +119,7 @@ class OmniDrive:
         worst = np.maximum.reduce(np.abs(speeds), axis=-1, keepdims=True)
         return speeds * (self.max_speed_rad_per_s / np.maximum(worst, self.max_speed_rad_per_s))
 
-    def forward(self, joints: Array, rates: Array | None = None) -> Motion:  # noqa: ARG002
+    def forward(self, joints: Array, rates: Array | None = None) -> Motion:  # noqa: ARG002  The shape.
         """Return the least-squares twist, and the residual (..., k) in m/s that no twist explains.
 
         It is zero when the wheels agree; three wheels always do. It cannot see all wheels slide

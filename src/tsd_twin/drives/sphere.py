@@ -123,7 +123,7 @@ class SphereDrive:
         worst = np.maximum.reduce(np.abs(speeds), axis=-1, keepdims=True)
         return speeds * (self.max_speed_rad_per_s / np.maximum(worst, self.max_speed_rad_per_s))
 
-    def forward(self, joints: Array, rates: Array | None = None) -> Motion:  # noqa: ARG002
+    def forward(self, joints: Array, rates: Array | None = None) -> Motion:  # noqa: ARG002  The shape.
         """Return the ideal twist, and the residual (..., k) in m/s; three wheels leave none."""
         twist = joints @ self.twist_from_speeds.T
         left = joints - twist @ self.speeds_from_twist.T

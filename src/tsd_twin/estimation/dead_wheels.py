@@ -56,5 +56,5 @@ class DeadWheelOdometry(PlanarOdometry):
         self._spread(moved, joints, dt_s)
         self.pose = moved
 
-    def _twist_covariance(self, joints: Array) -> Array:  # noqa: ARG002
+    def _twist_covariance(self, joints: Array) -> Array:  # noqa: ARG002  The shape.
         return self._covariance

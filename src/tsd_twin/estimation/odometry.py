@@ -60,7 +60,7 @@ class JointOdometry(Generic[PoseT]):
         self.pose = moved
         return motion
 
-    def _forward(self, joints: Array, rates: Array, dt_s: float) -> Motion:  # noqa: ARG002
+    def _forward(self, joints: Array, rates: Array, dt_s: float) -> Motion:  # noqa: ARG002  The shape.
         """Return the motion over a step of `dt_s`, from the joints (n,) half-way through it."""
         return self._drive.forward(joints, rates)
 
@@ -110,7 +110,7 @@ class PlanarOdometry(JointOdometry[SE2]):
         c, s = math.cos(heading), math.sin(heading)
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
-    def _carry(self, moved: SE2, dt_s: float) -> Array:  # noqa: ARG002
+    def _carry(self, moved: SE2, dt_s: float) -> Array:  # noqa: ARG002  The shape.
         dx, dy, _ = (moved.xy_heading - self.pose.xy_heading).tolist()
         return np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
 
@@ -121,10 +121,10 @@ class OrientationOdometry(JointOdometry[SO3]):
     Twist and error are both in the axes of the base; an error turns along with the sphere.
     """
 
-    def _axes(self, pose: SO3) -> Array:  # noqa: ARG002
+    def _axes(self, pose: SO3) -> Array:  # noqa: ARG002  The shape.
         return np.eye(3)
 
-    def _carry(self, moved: SO3, dt_s: float) -> Array:  # noqa: ARG002
+    def _carry(self, moved: SO3, dt_s: float) -> Array:  # noqa: ARG002  The shape.
         return SO3.exp(dt_s * self.motion.twist).as_matrix()
 
 

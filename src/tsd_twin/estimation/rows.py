@@ -23,11 +23,11 @@ class RowOdometry(OrientationOdometry):
         self.angles_rad: Array = np.zeros(self._sphere.wheels)
         """(k,): how far each wheel has turned."""
 
-    def follow(self, joints: Array, sensors: Array, motion: Motion, dt_s: float) -> None:  # noqa: ARG002
+    def follow(self, joints: Array, sensors: Array, motion: Motion, dt_s: float) -> None:  # noqa: ARG002  The shape.
         """Take in the wheel speeds (k,) measured `dt_s` after the last ones."""
         self.advance(joints, dt_s)
 
-    def _forward(self, joints: Array, rates: Array, dt_s: float) -> Motion:  # noqa: ARG002
+    def _forward(self, joints: Array, rates: Array, dt_s: float) -> Motion:  # noqa: ARG002  The shape.
         turned = self.angles_rad + dt_s * joints
         side = self._sphere.mean_side(self.angles_rad, turned)
         self.angles_rad = turned

@@ -147,7 +147,7 @@ class Robot(Table, frozen=True, kw_only=True):
         """Time by which a bus makes set-points and measurements late."""
         return 0.0
 
-    def with_errors(self, scale: float) -> Self:  # noqa: ARG002
+    def with_errors(self, scale: float) -> Self:  # noqa: ARG002  The shape.
         """Return the robot with `scale` times its `[errors]`, which not every kind has."""
         return self
 
