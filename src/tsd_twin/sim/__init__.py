@@ -4,7 +4,7 @@ from tsd_twin.sim.board import Board
 from tsd_twin.sim.camera import Camera, CameraNoise, Frame
 from tsd_twin.sim.esc import SpeedControllers
 from tsd_twin.sim.jam import Jam, JammedRobot
-from tsd_twin.sim.kinds import PLANTS, SIMULATIONS, simulate
+from tsd_twin.sim.kinds import PLANTS, simulate
 from tsd_twin.sim.motor import Motors
 from tsd_twin.sim.plant import KinematicPlant
 from tsd_twin.sim.servo import Servos
@@ -15,7 +15,6 @@ from tsd_twin.sim.wheel_surface import WheelSurface
 
 __all__ = [
     "PLANTS",
-    "SIMULATIONS",
     "Board",
     "Camera",
     "CameraNoise",

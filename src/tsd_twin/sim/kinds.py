@@ -9,21 +9,42 @@ from tsd_twin.errors import RobotFileError
 from tsd_twin.robots import OmniRobot, Robot, SingularityRobot, SphereRobot
 from tsd_twin.sim.contact import ContactSimulation
 from tsd_twin.sim.gyro import GyroSimulation
-from tsd_twin.sim.late import LateSimulation
+from tsd_twin.sim.late import Actuated, LateSimulation
 from tsd_twin.sim.omni import OmniSimulation
 from tsd_twin.sim.simulation import Simulation
 from tsd_twin.sim.singularity import SingularitySimulation
 from tsd_twin.sim.sphere import SphereSimulation
 
+
+def _singularity(plant: Callable[..., Actuated]) -> Callable[..., Simulation]:
+    """Return the simulation of a robot that `plant` moves: behind its bus, and with its gyro."""
+
+    def make(
+        robot: SingularityRobot,
+        batch: tuple[int, ...],
+        *,
+        seed: int | None,
+        noise: float,
+        **start: Any,
+    ) -> Simulation:
+        moved = plant(robot, batch, seed=seed, noise=noise, **start)
+        heard = LateSimulation(moved, robot.delay_s) if robot.delay_s > 0.0 else moved
+        if robot.gyro is None:
+            return heard
+        return GyroSimulation(heard, robot.gyro, batch, seed=seed, noise=noise)
+
+    return make
+
+
 SIMULATIONS: dict[type[Robot], Callable[..., Simulation]] = {
-    SingularityRobot: SingularitySimulation,
+    SingularityRobot: _singularity(SingularitySimulation),
     OmniRobot: OmniSimulation,
     SphereRobot: SphereSimulation,
 }
 """One for each kind of robot in `KINDS`; all take the same arguments, as `simulate` has them."""
 PLANTS: dict[str, dict[type[Robot], Callable[..., Simulation]]] = {
     "kinematic": SIMULATIONS,
-    "mujoco": {SingularityRobot: ContactSimulation},
+    "mujoco": {SingularityRobot: _singularity(ContactSimulation)},
 }
 """What can move a robot: equations of rolling, for all; solid bodies on a floor, for some."""
 
@@ -54,8 +75,4 @@ def simulate(
         kinds = ", ".join(sorted(kind.__name__ for kind in PLANTS[plant]))
         raise RobotFileError(robot.name, f"the plant `{plant}` cannot move it", f"only {kinds}")
     built = robot.with_errors(errors)
-    made: Any = make(built, batch, seed=seed, noise=noise, battery_v=battery_v, pose=pose)
-    late: Simulation = LateSimulation(made, built.delay_s) if built.delay_s > 0.0 else made
-    if isinstance(built, SingularityRobot) and built.gyro is not None:
-        return GyroSimulation(late, built.gyro, batch, seed=seed, noise=noise)
-    return late
+    return make(built, batch, seed=seed, noise=noise, battery_v=battery_v, pose=pose)
