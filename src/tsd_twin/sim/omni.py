@@ -7,10 +7,8 @@ import numpy as np
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import OmniRobot
 from tsd_twin.sim.dead_wheels import DeadWheelSensors
-from tsd_twin.sim.geared_motor import GearedMotors
+from tsd_twin.sim.geared import GearedSimulation
 
-_LONGEST_STEP_S = 0.0025
-"""Wheels that lose their grip speed up within some milliseconds."""
 _CREEP_MPS = 0.01
 """A roller pulls with its full friction when its rim is some times faster than the floor."""
 _GRAVITY_MPS2 = 9.81
@@ -21,14 +19,16 @@ _SETTLED = 1e-9
 """Metres, or radians, a second below which nothing moves."""
 
 
-class OmniSimulation:
+class OmniSimulation(GearedSimulation):
     """`batch` robots of one description, all at the same virtual time; `()` is a single one.
 
     A rigid body on wheels that carry equal shares of its weight. A roller holds the floor along its
     axle, by friction that grows with the creep and ends at its limit; there the wheel slips, and
-    its encoder does not know. `noise` scales the standard deviations of the description: each wheel
-    measures its speed wrong by a share that stays the same for the run.
+    its encoder does not know.
     """
+
+    longest_step_s = 0.0025
+    """Wheels that lose their grip speed up within some milliseconds."""
 
     def __init__(
         self,
@@ -41,13 +41,11 @@ class OmniSimulation:
         pose: SE2 | None = None,
     ) -> None:
         self.drive = drive = robot.kinematics()
-        self.battery_v = robot.battery.nominal_v if battery_v is None else battery_v
+        shape, inertia = (*batch, drive.wheels), robot.driven_inertia_kg_m2(drive)
+        super().__init__(robot, shape, inertia, seed=seed, noise=noise, battery_v=battery_v)
         self.pose = SE2(np.zeros((*batch, 3)) + (0.0 if pose is None else pose.xy_heading))
         """True pose in the world."""
-        self.joints: Array = np.zeros((*batch, drive.wheels))
-        """(..., k): true wheel speeds."""
         self._twist = np.zeros((*batch, 3))
-        self._goals = np.zeros_like(self.joints)
         self._grip = drive.grip_from_twist
         # Of a wheel's speed, the part along the roller's axle.
         self._arm_m = drive.wheel_radius_m * np.cos(drive.rollers_rad)
@@ -55,37 +53,14 @@ class OmniSimulation:
         mass = robot.mass
         self._body = np.array([mass.total_kg, mass.total_kg, mass.yaw_inertia_kg_m2])
         self._wheel = robot.wheel_inertia_kg_m2
-        share = self.battery_v / robot.battery.nominal_v
-        self._motors = GearedMotors.of(robot.motor, robot.driven_inertia_kg_m2(drive), share)
         self._friction_n = robot.drive.friction * mass.total_kg * _GRAVITY_MPS2 / drive.wheels
-        random = np.random.default_rng(seed)
-        shape = self.joints.shape
-        self._scale = 1.0 + noise * robot.noise.spin_share * random.standard_normal(shape)
         self._sensors = None
         if robot.dead_wheels is not None:
-            self._sensors = DeadWheelSensors(robot.dead_wheels, batch, random, noise)
-
-    def command(self, setpoint: Array) -> None:
-        """Give all motors new speeds, (..., k), rad/s.
-
-        Raises:
-            ValueError: a number is not finite, or there is not one for each wheel.
-        """
-        if not np.isfinite(setpoint).all():
-            raise ValueError(f"set-points must be finite, these are {setpoint}")
-        self._goals[...] = np.broadcast_to(setpoint, self.joints.shape)
-
-    def advance(self, dt_s: float) -> None:
-        """Let `dt_s` seconds pass."""
-        if not (self.joints.any() or self._goals.any() or self._twist.any()):
-            return
-        steps = int(np.ceil(dt_s / _LONGEST_STEP_S - 1e-9))
-        for _ in range(steps):
-            self._step(dt_s / steps)
+            self._sensors = DeadWheelSensors(robot.dead_wheels, batch, self._random, noise)
 
     def measure(self) -> Array:
         """Return the wheel speeds, and what dead wheels and gyro say, (..., k + s)."""
-        speeds = self.joints * self._scale
+        speeds = super().measure()
         if self._sensors is None:
             return speeds
         return np.concatenate([speeds, self._sensors.measure(self._twist)], axis=-1)
@@ -104,6 +79,9 @@ class OmniSimulation:
             "battery_v": self.battery_v,
             "slip_mps": np.round(self.slipping(), 4).tolist(),
         }
+
+    def _rests(self) -> bool:
+        return super()._rests() and not self._twist.any()
 
     def _step(self, dt_s: float) -> None:
         joints, twist = self._after(dt_s)

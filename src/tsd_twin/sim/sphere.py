@@ -6,20 +6,18 @@ import numpy as np
 
 from tsd_twin.lie import SO3, Array
 from tsd_twin.robots import SphereRobot
-from tsd_twin.sim.geared_motor import GearedMotors
-
-_LONGEST_STEP_S = 0.005
-"""Wheels come to speed within some tens of milliseconds."""
+from tsd_twin.sim.geared import GearedSimulation
 
 
-class SphereSimulation:
+class SphereSimulation(GearedSimulation):
     """`batch` platforms of one description, all at the same virtual time; `()` is a single one.
 
     Nothing slips. The sphere always turns as the rows that carry make it, whatever model an
-    estimate uses; at the start each wheel stands at the beginning of its first row. `noise` scales
-    the standard deviations of the description: each wheel measures its speed wrong by a share that
-    stays the same for the run.
+    estimate uses; at the start each wheel stands at the beginning of its first row.
     """
+
+    longest_step_s = 0.005
+    """Wheels come to speed within some tens of milliseconds."""
 
     def __init__(
         self,
@@ -32,44 +30,14 @@ class SphereSimulation:
         pose: SO3 | None = None,
     ) -> None:
         self.drive = drive = robot.kinematics()
-        self.battery_v = robot.battery.nominal_v if battery_v is None else battery_v
+        self._inertia = robot.driven_inertia_kg_m2(drive)
+        shape = (*batch, drive.wheels)
+        super().__init__(robot, shape, self._inertia, seed=seed, noise=noise, battery_v=battery_v)
         self.pose = SO3.identity(batch) if pose is None else SO3.identity(batch) @ pose
         """True orientation of the sphere in the world."""
-        self.joints: Array = np.zeros((*batch, drive.wheels))
-        """(..., k): true wheel speeds."""
         self.angles_rad: Array = np.zeros_like(self.joints)
         """(..., k): how far each wheel has turned."""
-        self._goals = np.zeros_like(self.joints)
-        motor = robot.motor
-        self._inertia = robot.driven_inertia_kg_m2(drive)
-        share = self.battery_v / robot.battery.nominal_v
-        self._motors = GearedMotors.of(motor, self._inertia, share)
-        self._time_constant_s = motor.time_constant_s
-        random = np.random.default_rng(seed)
-        shape = self.joints.shape
-        self._scale = 1.0 + noise * robot.noise.spin_share * random.standard_normal(shape)
-
-    def command(self, setpoint: Array) -> None:
-        """Give all motors new speeds, (..., k), rad/s.
-
-        Raises:
-            ValueError: a number is not finite, or there is not one for each wheel.
-        """
-        if not np.isfinite(setpoint).all():
-            raise ValueError(f"set-points must be finite, these are {setpoint}")
-        self._goals[...] = np.broadcast_to(setpoint, self.joints.shape)
-
-    def advance(self, dt_s: float) -> None:
-        """Let `dt_s` seconds pass."""
-        if not (self.joints.any() or self._goals.any()):
-            return
-        steps = int(np.ceil(dt_s / _LONGEST_STEP_S - 1e-9))
-        for _ in range(steps):
-            self._step(dt_s / steps)
-
-    def measure(self) -> Array:
-        """Return the wheel speeds (..., k)."""
-        return self.joints * self._scale
+        self._time_constant_s = robot.motor.time_constant_s
 
     def twist(self) -> Array:
         """Return the true angular velocity (..., 3) in the base frame, on the rows of now."""
