@@ -12,7 +12,8 @@ from tests.docs.pages import page, quoted, section, tables
 from tests.lab.runs import run
 from tsd_twin.lab import EXPERIMENTS
 from tsd_twin.lab.observer import Loop
-from tsd_twin.lab.sensors import CameraNoise, GyroNoise
+from tsd_twin.robots import Gyro
+from tsd_twin.sim import CameraNoise
 
 PAGE = page("lab.md")
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
@@ -40,7 +41,7 @@ def test_the_loops_and_their_noise_are_those_of_the_code() -> None:
         quoted(row[0])[0]: row[1] for row in tables(section(PAGE, "## The square of the thesis"))[0]
     }
     assert list(rows) == [loop.value for loop in Loop]
-    gyro, camera = GyroNoise(), CameraNoise()
-    assert f"{gyro.sigma_rad_per_s} rad/s, offset {gyro.bias_rad_per_s} rad/s" in rows["gyro"]
+    gyro, camera = Gyro(), CameraNoise()
+    assert f"{gyro.noise_rad_per_s} rad/s, offset {gyro.bias_rad_per_s} rad/s" in rows["gyro"]
     assert f"{camera.rate_hz:g} frames a second, {1000 * camera.late_s:g} ms late" in rows["camera"]
     assert f"{1000 * camera.sigma_m:g} mm and {camera.sigma_rad} rad" in rows["camera"]

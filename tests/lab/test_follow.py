@@ -10,9 +10,9 @@ import pytest
 from tests.lab.runs import is_picture, run, table
 from tsd_twin.errors import PathError, TwinError
 from tsd_twin.lab import Output
-from tsd_twin.lab.sensors import Camera, CameraNoise
 from tsd_twin.lab.shapes import shape
 from tsd_twin.lie import SE2, Array
+from tsd_twin.sim import Camera, CameraNoise
 
 
 def off(columns: dict[str, Array], of: str = "truth") -> Array:

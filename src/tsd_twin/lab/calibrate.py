@@ -17,10 +17,10 @@ from tsd_twin.lab.fit import Fit, fit
 from tsd_twin.lab.machine import built
 from tsd_twin.lab.output import Output
 from tsd_twin.lab.recording import Recording
-from tsd_twin.lab.sensors import CameraNoise
 from tsd_twin.lab.write_back import write_back
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityRobot, of_kind
+from tsd_twin.sim import CameraNoise
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:

@@ -7,8 +7,8 @@ import numpy as np
 from tsd_twin.lab import look
 from tsd_twin.lab.drive_path import Record
 from tsd_twin.lab.look import Axes
-from tsd_twin.lab.sensors import Frame
 from tsd_twin.lie import SE2, Array
+from tsd_twin.sim import Frame
 
 
 def draw_positions(axes: Axes, record: Record, frames: list[Frame], title: str) -> None:

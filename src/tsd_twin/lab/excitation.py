@@ -10,10 +10,10 @@ import numpy as np
 
 from tsd_twin.lab.machine import Machine
 from tsd_twin.lab.recording import Recording
-from tsd_twin.lab.sensors import Camera, CameraNoise, Frame
 from tsd_twin.lab.virtual_robot import PERIOD_S, VirtualRobot
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityRobot
+from tsd_twin.sim import Camera, CameraNoise, Frame
 
 FASTER = 1.6
 """Of one wheel in each run but the first, over the others."""

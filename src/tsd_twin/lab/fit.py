@@ -13,10 +13,10 @@ from tsd_twin.drives import SingularityDrive
 from tsd_twin.errors import TwinError
 from tsd_twin.lab.problem import Corrections, Problem
 from tsd_twin.lab.recording import Recording
-from tsd_twin.lab.sensors import CameraNoise
 from tsd_twin.lab.whitening import Whitening
 from tsd_twin.lie import Array
 from tsd_twin.robots.robot import JointErrors
+from tsd_twin.sim import CameraNoise
 
 _least_squares: Any = optimize.least_squares  # pyright: ignore  scipy has no types for it.
 _PART_S = 1.5

@@ -11,14 +11,13 @@ from tsd_twin.lab.drive_path import Record, follow
 from tsd_twin.lab.experiment import Experiment
 from tsd_twin.lab.observer import Loop, observer
 from tsd_twin.lab.output import Output
-from tsd_twin.lab.sensors import Frame
 from tsd_twin.lab.virtual_robot import VirtualRobot
 from tsd_twin.motion.heading import FixedHeading, HeadingLaw, TangentHeading
 from tsd_twin.motion.path import Path
 from tsd_twin.motion.route import Route
 from tsd_twin.motion.tracker import Tracker
 from tsd_twin.motion.trajectory import plan
-from tsd_twin.sim import SimRobot
+from tsd_twin.sim import Frame, SimRobot
 
 SHARE = 0.8
 """Of the limits that the timing uses: the rest is for correction."""

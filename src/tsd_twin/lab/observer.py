@@ -8,9 +8,13 @@ import numpy as np
 
 from tsd_twin.estimation import PoseFilter, Slip, with_gyro
 from tsd_twin.estimation.odometry import CORRELATION_S
-from tsd_twin.lab.sensors import VOLT_STEP, Camera, CameraNoise, Frame, Gyro, GyroNoise
 from tsd_twin.lab.virtual_robot import PERIOD_S, VirtualRobot
 from tsd_twin.lie import SE2
+from tsd_twin.robots import Gyro
+from tsd_twin.sim import Camera, CameraNoise, Frame, YawGyro
+
+VOLT_STEP = 0.1
+"""In which an MX-64 reports the voltage of its supply (Robotis e-Manual, present voltage)."""
 
 
 class Observer:
@@ -22,7 +26,7 @@ class Observer:
     def __init__(
         self,
         robot: VirtualRobot,
-        gyro: Gyro | None = None,
+        gyro: YawGyro | None = None,
         camera: Camera | None = None,
         slip: Slip | None = None,
     ) -> None:
@@ -44,9 +48,9 @@ class Observer:
             twist = self._slip.advance(twist, PERIOD_S)
         if self._gyro is not None:
             noise = self._gyro.noise
-            rate = self._gyro.measure(float(robot.true_twist[2]))
-            sigma = float(np.hypot(noise.sigma_rad_per_s, noise.bias_rad_per_s))
-            twist, covariance = with_gyro(twist, covariance, np.array(rate), sigma)
+            rate = self._gyro.measure(robot.true_twist[2])
+            sigma = float(np.hypot(noise.noise_rad_per_s, noise.bias_rad_per_s))
+            twist, covariance = with_gyro(twist, covariance, rate, sigma)
         self._filter.advance(joints_s, twist, covariance * CORRELATION_S)
         if self._camera is not None:
             noise = self._camera.noise
@@ -91,7 +95,7 @@ def observer(
         case Loop.WHEELS:
             return Observer(robot, slip=slip)
         case Loop.GYRO:
-            return Observer(robot, Gyro(GyroNoise(), random), slip=slip)
+            return Observer(robot, YawGyro(Gyro(), random), slip=slip)
         case Loop.CAMERA:
-            gyro = Gyro(GyroNoise(), random)
+            gyro = YawGyro(Gyro(), random)
             return Observer(robot, gyro, Camera(CameraNoise(), random), slip)

@@ -20,7 +20,6 @@ from tsd_twin.lab.experiment import Experiment
 from tsd_twin.lab.follow import add_run_flags
 from tsd_twin.lab.observer import Loop, observer
 from tsd_twin.lab.output import Output
-from tsd_twin.lab.sensors import Camera, CameraNoise, Frame
 from tsd_twin.lab.virtual_robot import PERIOD_S, VirtualRobot
 from tsd_twin.lie import SE2
 from tsd_twin.motion.route import Route
@@ -28,7 +27,7 @@ from tsd_twin.motion.timing import SpeedProfile
 from tsd_twin.motion.tracker import Tracker, TrackerSettings
 from tsd_twin.motion.trajectory import Trajectory, plan
 from tsd_twin.robots import Robot, SingularityRobot, of_kind
-from tsd_twin.sim import PLANTS, SimRobot
+from tsd_twin.sim import PLANTS, Camera, CameraNoise, Frame, SimRobot
 
 SPEED_MPS = 1.0
 ACCELERATION_MPS2, DECELERATION_MPS2 = 4.0, 4.0

@@ -6,9 +6,9 @@ import numpy as np
 
 from tsd_twin.drives import SingularityDrive
 from tsd_twin.lab.recording import Recording
-from tsd_twin.lab.sensors import CameraNoise
 from tsd_twin.lie import Array
 from tsd_twin.robots.robot import JointErrors
+from tsd_twin.sim import CameraNoise
 
 _KNOT_S = 0.2
 """The walk of the pose is taken to go in steps of this."""

@@ -3,6 +3,7 @@
 from tsd_twin.sim.board import Board
 from tsd_twin.sim.camera import Camera, CameraNoise, Frame
 from tsd_twin.sim.esc import SpeedControllers
+from tsd_twin.sim.gyro import YawGyro
 from tsd_twin.sim.jam import Jam, JammedRobot
 from tsd_twin.sim.kinds import PLANTS, simulate
 from tsd_twin.sim.motor import Motors
@@ -30,5 +31,6 @@ __all__ = [
     "SpeedControllers",
     "Truth",
     "WheelSurface",
+    "YawGyro",
     "simulate",
 ]

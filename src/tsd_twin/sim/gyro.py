@@ -10,11 +10,36 @@ from tsd_twin.sim.around import Around
 from tsd_twin.sim.simulation import Simulation
 
 
+class YawGyro:
+    """Turn rates with white noise, and an offset that stays for the run.
+
+    `scale` times as wrong as its description, and one for each robot of a batch.
+    """
+
+    def __init__(
+        self,
+        noise: Gyro,
+        random: np.random.Generator,
+        batch: tuple[int, ...] = (),
+        *,
+        scale: float = 1.0,
+    ) -> None:
+        self.noise = noise
+        self._random = random
+        self._batch = batch
+        self._bias = scale * noise.bias_rad_per_s * random.standard_normal(batch)
+        self._sigma = scale * noise.noise_rad_per_s
+
+    def measure(self, rate: Array) -> Array:
+        """Return the readings, rad/s, (...), at true turn rates `rate` (...)."""
+        return rate + self._bias + self._sigma * self._random.standard_normal(self._batch)
+
+
 class GyroSimulation(Around[Simulation]):
     """Another simulation, and after what that measures the turn rate that a gyro does.
 
-    `noise` scales the standard deviations of the description. Each reading is noisy; the bias is
-    drawn from the seed, once for a run. The gyro is not on the bus of the actuators, so not late.
+    `noise` scales the standard deviations of the description. The gyro is not on the bus of the
+    actuators, so not late.
     """
 
     def __init__(
@@ -28,13 +53,10 @@ class GyroSimulation(Around[Simulation]):
     ) -> None:
         super().__init__(simulation)
         # Dice of its own: a robot has the same errors with a gyro as without.
-        self._random = np.random.default_rng(None if seed is None else [seed, 2])
-        self._bias = noise * gyro.bias_rad_per_s * self._random.standard_normal(batch)
-        self._sigma = noise * gyro.noise_rad_per_s
-        self._batch = batch
+        random = np.random.default_rng(None if seed is None else [seed, 2])
+        self._gyro = YawGyro(gyro, random, batch, scale=noise)
 
     def measure(self) -> Array:
         """Return what the other simulation measures, and the turn rate, rad/s, (..., n + 1)."""
-        rate = self.twist()[..., 2] + self._bias
-        rate = rate + self._sigma * self._random.standard_normal(self._batch)
+        rate = self._gyro.measure(self.twist()[..., 2])
         return np.concatenate([self.simulation.measure(), rate[..., None]], axis=-1)
