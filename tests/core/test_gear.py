@@ -115,6 +115,34 @@ def test_too_slow_for_the_command_it_is_scaled_as_a_whole_and_no_gimbal_goes_too
     assert rig.status().limits.applied == pytest.approx(top / np.hypot(*way[:2]), abs=2e-3)
 
 
+@pytest.mark.parametrize("way", [(0.0, 0.0, 60.0), (3.0, 1.0, 50.0), (-2.0, 4.0, -30.0)])
+def test_wheels_that_slow_down_faster_than_it_may_do_not_bend_its_way(
+    way: tuple[float, float, float],
+) -> None:
+    """A robot that turns fast and may change that slowly only: what is told is what is done."""
+    text = robots.text("tsd")
+    for key, was, now in (
+        ("speed_mps", "1.0", "15.0"),
+        ("turn_rate_rad_per_s", "3.0", "100.0"),
+        ("angular_acceleration_rad_per_s2", "20.0", "5.0"),
+    ):
+        assert f"\n{key} = {was}" in text
+        text = text.replace(f"\n{key} = {was}", f"\n{key} = {now}", 1)
+    robot = robots.parse(text, "fast")
+    rig = Rig(robot=robot)
+    pilot = rig.get_ready()
+    choose(rig, pilot, 13000.0)
+    rig.drive(pilot, way, 14.0)
+    choose(rig, pilot, LEAST)
+    for _ in range(300):
+        rig.drive(pilot, way, 0.02)
+        gear = rig.core.drive
+        assert float(gear.demand(rig.twist)) <= 1.0 + 1e-9
+        done = gear.forward(np.where(rig.wheels, gear.inverse(rig.twist), rig.setpoint)).twist
+        np.testing.assert_allclose(done, rig.twist, rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(np.cross(rig.twist, way), 0.0, atol=1e-6)
+
+
 @pytest.mark.parametrize("rpm", ["1999.9", "13409.1", "0", "-2500", "1e999", "-1e999"])
 def test_what_the_motors_cannot_do_is_refused_with_what_they_can(rig: Rig, rpm: str) -> None:
     pilot = rig.get_ready()

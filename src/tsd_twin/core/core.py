@@ -165,6 +165,8 @@ class RobotCore:
             ramps=mode in ARMED and mode is not Mode.ARMING,
         ):
             self._limiter = TwistLimiter(self.drive, self.robot.limits)
+            # What slower wheels cannot do is given up by the whole twist, not gimbal by gimbal.
+            self.twist = self.twist / max(1.0, float(self.drive.demand(self.twist)))
 
     def _command(self, now_s: float, dt_s: float) -> None:
         authority = self.authority
