@@ -131,6 +131,27 @@ def test_of_a_flood_each_is_used_or_counted_and_the_rest_of_the_second_is_served
     assert outside.used >= min(sent, 16)
 
 
+@given(twice=st.lists(st.booleans(), min_size=20, max_size=60))
+@settings(max_examples=10, deadline=None)
+def test_what_is_said_twice_is_believed_once(twice: list[bool]) -> None:
+    """A camera whose messages are doubled on the way is no better one."""
+    once, doubled = Rig(), Rig()
+    for rig in (once, doubled):
+        rig.wait(1.0)
+        for again in twice:
+            rig.wait(0.02)
+            seen = sample([0.001, 0.0, 0.0], rig.now_s - 0.05)
+            send(rig, seen)
+            if again and rig is doubled:
+                rig.tick(0.0)
+                send(rig, seen)
+        rig.tick()
+    covariance = once.core.odometry(0).pose_covariance
+    np.testing.assert_allclose(doubled.core.odometry(0).pose_covariance, covariance, rtol=1e-9)
+    np.testing.assert_allclose(doubled.pose, once.pose, atol=1e-12)
+    assert dropped(doubled) == ({"old": sum(twice)} if any(twice) else {})
+
+
 # What must never happen.
 
 

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from tsd_twin import robots
 from tsd_twin.estimation import CorrectedEstimate, Fate, PlanarOdometry
+from tsd_twin.estimation.corrected import MOST_NEWER
 from tsd_twin.lie import SE2, Array, wrap
 
 ROBOT = robots.load("tsd")
@@ -133,11 +134,30 @@ def test_no_more_are_kept_than_a_second_has_room_for() -> None:
     ride = Ride(0, still=True)
     ride.steps(110)
     fates = [
-        ride.estimate.fuse(ride.truth, ride.now_s - 0.005 * (i % 190), at_rest=True)
-        for i in range(200)
+        ride.estimate.fuse(ride.truth, ride.now_s - 0.005 * i, at_rest=True)
+        for i in range(189, -1, -1)
     ]
-    assert fates == [Fate.USED] * 128 + [Fate.FLOOD] * 72
+    assert fates == [Fate.USED] * 128 + [Fate.FLOOD] * 62
     ride.steps(110)
+    assert ride.estimate.fuse(ride.truth, ride.now_s, at_rest=True) is Fate.USED
+
+
+@given(seed=seeds, size=st.floats(0.0, 1e8))
+@settings(max_examples=10)
+def test_what_comes_after_many_that_are_newer_is_not_run_over_all_of_them(
+    seed: int, size: float
+) -> None:
+    """Seen in the order of a film that runs backwards, the work for each would grow and grow."""
+    ride = Ride(seed, still=True)
+    ride.steps(110)
+    backwards = [
+        ride.estimate.fuse(ride.truth, ride.now_s - 0.01 * i, at_rest=True) for i in range(90)
+    ]
+    assert backwards == [Fate.USED] * (MOST_NEWER + 1) + [Fate.OLD] * (89 - MOST_NEWER)
+    before = ride.estimate.pose.xy_heading.copy()
+    late = SE2(ride.truth.xy_heading + np.array([size, 0.0, 0.0]))
+    assert ride.estimate.fuse(late, ride.now_s - 0.9, at_rest=True) is Fate.OLD
+    np.testing.assert_array_equal(ride.estimate.pose.xy_heading, before)
     assert ride.estimate.fuse(ride.truth, ride.now_s, at_rest=True) is Fate.USED
 
 

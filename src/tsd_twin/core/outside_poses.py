@@ -21,6 +21,8 @@ AHEAD_S = 0.01
 """A stamp this much later than now is the clocks, and taken for now."""
 WAITING = 16
 """Poses that wait for their period; when more come, the oldest give way."""
+_REMEMBERED = 64
+"""Messages that are known again when they come twice."""
 _A_PERIOD = 2
 """Enough for 120 frames a second, and no more work than a period has time for."""
 
@@ -32,6 +34,7 @@ class OutsidePoses:
         """`estimate` is what they correct; None: the robot is not on a floor."""
         self._estimate = estimate
         self._waiting: deque[tuple[SE2, float]] = deque()
+        self._heard: deque[bytes] = deque(maxlen=_REMEMBERED)
         self._used_s: deque[float] = deque(maxlen=256)
         self._late_s = 0.0
         self._used = 0
@@ -56,7 +59,10 @@ class OutsidePoses:
                 self._drop("frame")
             elif age_s < -AHEAD_S:
                 self._drop("future")
+            elif sample.payload in self._heard:
+                self._drop(Fate.OLD)  # Said twice it is no truer.
             else:
+                self._heard.append(sample.payload)
                 self._waiting.append((pose, now_s - max(age_s, 0.0)))
                 if len(self._waiting) > WAITING:
                     self._waiting.popleft()

@@ -21,7 +21,10 @@ from tsd_twin.robots import OutsidePose
 MEMORY_S = 1.0
 """Poses that come later than this are of no use."""
 MOST = 128
-"""Outside poses within the memory: the work for one that comes late is bounded."""
+"""Outside poses within the memory."""
+MOST_NEWER = 16
+"""A pose that comes after so many that were seen later tells nothing that they do not, and the work
+for it, which is to run over them again, is bounded."""
 _PATIENCE_S = 2.0
 """When none has come for so long, the estimate goes on without."""
 _FARTHEST_M = 1e6
@@ -124,6 +127,8 @@ class CorrectedEstimate:
         now_s = self._heard_s = running.now_s
         at_s = min(measured_s, now_s)
         if not at_s >= max(running.oldest_s, now_s - MEMORY_S):
+            return Fate.OLD
+        if running.newer(at_s) > MOST_NEWER:
             return Fate.OLD
         if running.measurements >= MOST:
             return Fate.FLOOD

@@ -88,6 +88,10 @@ class PoseFilter:
         """How many measurements the memory holds; the work of a late one grows with it."""
         return sum(len(step.measured) for step in self._steps)
 
+    def newer(self, measured_s: float) -> int:
+        """Return at how many later times something was measured: each is run over again."""
+        return sum(bool(step.measured) for step in self._steps[self._index(measured_s) + 1 :])
+
     @property
     def pose(self) -> SE2:
         """The estimate."""
