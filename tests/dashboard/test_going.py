@@ -26,6 +26,7 @@ from tsd_twin.dashboard.protocol import MOST_POINTS, Answer, Plan
 from tsd_twin.errors import PathError
 from tsd_twin.lie import SO3
 from tsd_twin.messages.status import GearStatus, Status
+from tsd_twin.motion.follower import Phase, Step
 
 THERE_M = 0.05
 ROLLS_M = 0.2
@@ -213,6 +214,23 @@ def test_without_control_nothing_is_planned_and_with_it_lost_it_is_forgotten(ser
         page.until(lambda: page.state["route"] is None)
 
 
+def test_a_stop_on_another_page_ends_the_way(served: Site) -> None:
+    with served.page() as page, served.page("fedcba9876543210") as other:
+        page.make_ready()
+        plan(page, (0.9, 0.0))
+        route = go(page, midway(page))
+        assert other.answer("stop", t="stop")["ok"]
+        page.until(lambda: page.mode == "stopped" and page.state["route"] is None)
+        let_go(page)
+        page.make_ready()
+        commands = Commands(served, page)
+        hold(page, route)
+        page.until(lambda: "no longer" in page.last("released")["reason"])
+        settle(page)
+        assert not any(command.twist.any() for command in commands.take())
+        let_go(page)
+
+
 def test_a_level_that_is_changed_times_the_way_anew(served: Site) -> None:
     with served.page() as page:
         page.make_ready()
@@ -276,14 +294,21 @@ class Desk:
         self.going = Going("page", Calls(), NoPicture(), self.answers.append)
         self.say(0.0, 100.0)
 
+    def step(self, number: int, now_s: float, feed: Feed | None = None) -> Step:
+        """Hold the button, for the robot that control is had of."""
+        return self.going.step(cast(RobotLink, feed or self.feed), number, 0.25, now_s)
+
     def say(self, x: float, odom_s: float, mode: str = "ready", rpm: float = 2500.0) -> None:
         status = Status(mode, gear=GearStatus(rpm, rpm))
         self.feed.say(pose=np.array([x, 0.0, 0.0]), status=status)
         self.feed.snapshot = replace(self.feed.snapshot, odom_s=odom_s)
 
-    async def plan(self) -> int:
-        wish = Plan(kind="to", points=[(2.0, 0.0)], on="floor")
+    def wish(self, heading: float | None = None) -> None:
+        wish = Plan(kind="to", points=[(2.0, 0.0)], on="floor", heading=heading)
         self.going.wish(cast(RobotLink, self.feed), wish)
+
+    async def plan(self) -> int:
+        self.wish()
         while (shown := self.going.shown) is None or shown.phase != "planned":
             self.going.tick()
             await asyncio.sleep(0.01)
@@ -294,10 +319,10 @@ def test_a_pose_that_is_older_than_a_command_may_be_ends_it_also_while_other_new
     async def run() -> None:
         desk = Desk()
         number = await desk.plan()
-        assert desk.going.step(number, 0.25, 100.1).twist is not None
+        assert desk.step(number, 100.1).twist is not None
         desk.say(0.0, 100.0, "driving")
         with pytest.raises(PathError, match="not been heard"):
-            desk.going.step(number, 0.25, 100.26)
+            desk.step(number, 100.26)
 
     asyncio.run(run())
 
@@ -318,7 +343,64 @@ def test_it_begins_only_where_it_was_planned_to_in_the_same_gear_and_from_rest(
         number = await desk.plan()
         desk.say(x, 100.0, mode, rpm)
         with pytest.raises(PathError, match=word):
-            desk.going.step(number, 0.25, 100.1)
+            desk.step(number, 100.1)
+
+    asyncio.run(run())
+
+
+def test_a_way_that_was_planned_for_one_robot_moves_no_other() -> None:
+    """Also none that has its name: a robot that was away for a moment has a link of its own."""
+
+    async def run() -> None:
+        desk, other = Desk(), Desk()
+        number = await desk.plan()
+        with pytest.raises(PathError, match="no longer"):
+            desk.step(number, 100.1, other.feed)
+        assert not desk.going.follows
+        assert desk.step(number, 100.1).phase is Phase.GOING
+        with pytest.raises(PathError, match="no longer"):
+            desk.step(number, 100.12, other.feed)
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize("mode", ["stopped", "fault"])
+@pytest.mark.parametrize("holds", [False, True])
+def test_a_stop_by_anybody_ends_the_way_and_until_the_reset_there_is_no_other(
+    mode: str, holds: bool
+) -> None:
+    async def run() -> None:
+        desk = Desk()
+        number = await desk.plan()
+        if holds:
+            desk.step(number, 100.1)
+        desk.say(0.0, 100.2, mode)
+        desk.going.pause()
+        desk.going.tick()
+        assert desk.going.shown is None
+        desk.say(0.0, 100.3, "ready")
+        desk.going.tick()
+        with pytest.raises(PathError, match="no longer"):
+            desk.step(number, 100.4)
+        desk.say(0.0, 100.5, mode)
+        desk.wish()
+        assert desk.answers[-1] == Answer(
+            to="plan", ok=False, reason=f"the robot is {mode}: reset first"
+        )
+        assert desk.going.shown is None
+
+    asyncio.run(run())
+
+
+def test_a_heading_that_is_no_number_is_refused_in_words() -> None:
+    async def run() -> None:
+        desk = Desk()
+        desk.feed.say(pose=np.array([0.0, 0.0, math.nan]))
+        desk.wish(heading=1.0)
+        while not desk.answers or desk.answers[-1].ok:
+            desk.going.tick()
+            await asyncio.sleep(0.01)
+        assert "is no number" in desk.answers[-1].reason
 
     asyncio.run(run())
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, rule, run_state_machine_as_test
 
 from tsd_twin import robots
 from tsd_twin.errors import PathError
@@ -182,6 +183,86 @@ def test_a_pose_that_jumps_ends_it(moved: tuple[float, float, float]) -> None:
     step = follower.advance(0.02, SE2(np.array(moved)))
     assert step.phase is Phase.LOST
     assert not step.twist.any()
+
+
+class Storm(RuleBasedStateMachine):
+    """A ride with everything that may come between: whatever it is, the robot does not leap."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.ride = Ride("tsd")
+        self.share = 1.0
+        self.lie = np.zeros(3)
+        self.now_s = 0.0
+        robot = self.ride.robot
+        self.limits = robot.limits
+        self.limiter = TwistLimiter(robot.kinematics(), self.limits)
+        errand = Errand(np.array([[0.5, 0.1], [0.8, 0.6], [1.5, 0.3]]), 1.0)
+        way = plan(errand.route(self.ride.seen), robot.kinematics(), self.limits, cell_m=0.02)
+        self.follower = Follower(way, self.cap, lag_s=robot.lag_s)
+        self.phase = Phase.GOING
+
+    def cap(self, twist: Array) -> Array:
+        return self.limiter.cap(twist, self.share)
+
+    def say(self) -> Array:
+        """The page says that it is held; what comes of it is checked and returned."""
+        step = self.follower.advance(self.now_s, SE2(self.ride.seen.xy_heading + self.lie))
+        if self.phase is not Phase.GOING:  # The way is over; who asks on is answered all the same.
+            assert np.isfinite(step.twist).all()
+            return np.zeros(3)
+        self.phase = step.phase
+        assert step.phase is Phase.GOING or not step.twist.any()
+        assert np.isfinite(step.twist).all()
+        assert np.hypot(*step.twist[:2]) <= self.share * self.limits.speed_mps + 1e-9
+        assert abs(step.twist[2]) <= self.share * self.limits.turn_rate_rad_per_s + 1e-9
+        return step.twist
+
+    def drive(self, twist: Array, periods: int) -> None:
+        for _ in range(periods):
+            before = self.ride.virtual.core.twist.copy()
+            self.ride.drive(twist)
+            self.now_s += PERIOD_S
+            change = self.ride.virtual.core.twist - before
+            most = max(self.limits.acceleration_mps2, self.limits.deceleration_mps2)
+            assert np.hypot(*change[:2]) <= most * PERIOD_S * (1 + 1e-9)
+
+    @rule(times=st.integers(1, 30), late=st.sampled_from([1, 2, 2, 2, 5, 15]))
+    def hold(self, times: int, late: int) -> None:
+        for _ in range(times):
+            self.drive(self.say(), late)
+
+    @rule(times=st.integers(2, 10))
+    def say_it_again_at_once(self, times: int) -> None:
+        for _ in range(times):
+            self.drive(self.say(), 0)
+
+    @rule(periods=st.integers(1, 40))
+    def let_go(self, periods: int) -> None:
+        """And hold again, as a page never does without another way: even then it only goes on."""
+        self.drive(np.zeros(3), periods)
+
+    @rule(level=st.sampled_from([0.01, 0.2, 0.5, 1.0]))
+    def choose_a_level(self, level: float) -> None:
+        self.share = level
+
+    @rule(x=st.floats(-0.5, 0.5), y=st.floats(-0.5, 0.5), turn=st.floats(-1.0, 1.0))
+    def be_seen_elsewhere(self, x: float, y: float, turn: float) -> None:
+        self.lie = np.array([x, y, turn])
+
+    @rule(jump_s=st.floats(-1e6, 1e6))
+    def set_the_clock(self, jump_s: float) -> None:
+        self.now_s += jump_s
+
+    def teardown(self) -> None:
+        self.ride.rest()
+        assert np.abs(self.ride.virtual.true_twist).max() < 0.01
+
+
+def test_whatever_comes_between_the_robot_neither_leaps_nor_gets_faster_than_was_chosen() -> None:
+    run_state_machine_as_test(
+        Storm, settings=settings(max_examples=8, stateful_step_count=20, deadline=None)
+    )
 
 
 @pytest.mark.parametrize("broken", [np.nan, np.inf])

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tsd_twin.authority import Mode
+from tsd_twin.authority import LATCHED, Mode
 from tsd_twin.dashboard.calls import Calls
 from tsd_twin.dashboard.floor import Picture
 from tsd_twin.dashboard.link import RobotLink
@@ -75,6 +75,10 @@ class Going:
         if link.drive.space is not SE2:
             self._give_up("this robot goes nowhere")
             return
+        status = link.snapshot.status
+        if status is not None and status.mode in LATCHED:
+            self._give_up(f"the robot is {status.mode}: reset first")
+            return
         self._link, self._level = link, message.level
         self._begin(self._take(message))
 
@@ -96,9 +100,14 @@ class Going:
     def tick(self) -> None:
         """Plan, when there is something to plan and the robot stands."""
         link, planned = self._link, self._planned
-        if link is None or self._errand is None or self._task is not None or self._follower:
+        if link is None:
             return
         status, odom = link.snapshot.status, link.snapshot.odom
+        if status is not None and status.mode in LATCHED:
+            self.drop()  # Whoever stopped it, and whatever broke: there is no way on from that.
+            return
+        if self._errand is None or self._task is not None or self._follower:
+            return
         if status is None or odom is None or status.mode in _IN_MOTION:
             return
         terms = terms_in_force(link, self._level)
@@ -115,14 +124,16 @@ class Going:
         self._errand = self._errand.rest(planned.trajectory.route.path, done_m)
         self._planned = self._follower = self._step = None
 
-    def step(self, number: int, max_age_s: float, now_s: float) -> Step:
+    def step(self, link: RobotLink, number: int, max_age_s: float, now_s: float) -> Step:
         """Return what to command while the button is held: the way `number` is going, or arrived.
+
+        `link` is the robot that the command is for; a way of another is none of its.
 
         Raises:
             PathError: it cannot be begun, or has come to its end, and why.
         """
-        planned, link = self._planned, self._link
-        if planned is None or link is None or planned.number != number:
+        planned = self._planned
+        if planned is None or link is not self._link or planned.number != number:
             raise PathError("this way is planned no longer")
         snapshot = link.snapshot
         if snapshot.odom is None or now_s - snapshot.odom_s > max_age_s:

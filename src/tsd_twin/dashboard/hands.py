@@ -99,7 +99,8 @@ class Hands:
         if control is None:
             return
         try:
-            step = self.going.step(message.route, control.max_age_s, time.monotonic())
+            link, now_s = control.link, time.monotonic()
+            step = self.going.step(link, message.route, control.max_age_s, now_s)
         except PathError as error:
             self._let_go(str(error))
             return

@@ -69,6 +69,8 @@ class Session:
         """Say who the page is and which robots there are; show it one."""
         control = self._desk.control
         if control is not None and (view := self._roster.view(control.link.id)) is not None:
+            if view.link is not control.link:
+                self._hands.going.drop()
             control.link = view.link  # It was away for a moment; the link of before hears nothing.
         names = self._roster.names()
         if self.robot_id is None and names:
@@ -196,6 +198,7 @@ class Session:
         if self._roster.view(robot_id) is None:
             return Reply(False, f"there is no robot {robot_id}")
         self.let_go("another robot is shown")
+        self._hands.going.drop()
         await self._desk.give_up()
         self.robot_id, self._stops = robot_id, None
         self._show_robot()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -46,9 +47,12 @@ class Errand:
         """Return the way from where the robot stands.
 
         Raises:
-            PathError: it is there already, it is too far, or the line has no smooth way along it.
+            PathError: it is there already, it is too far, the line has no smooth way along it, or
+                something is no number.
         """
         here, goal = start.xy_heading, np.asarray(self.points[-1], dtype=float)
+        if not (np.isfinite(here).all() and math.isfinite(self.heading_rad or 0.0)):
+            raise PathError("where the robot is, or shall look, is no number")
         turn = 0.0 if self.heading_rad is None else float(wrap(self.heading_rad - here[2]))
         way = np.concatenate([here[None, :2], self.points])
         length_m = float(np.hypot(*np.diff(way, axis=0).T).sum())
