@@ -234,6 +234,27 @@ def test_a_robot_whose_wheels_stand_when_it_does_has_no_speed_to_choose() -> Non
     assert rig.status().gear is None
 
 
+@pytest.mark.parametrize("end", ["least", "most"])
+def test_a_machine_whose_wheels_turn_otherwise_than_described_has_no_speed_they_do_not_reach(
+    end: str,
+) -> None:
+    """At both ends of what can be chosen all of its wheels turn, as fast as the robot believes."""
+    found = "\n[calibration]\nspin_scale = [1.1, 0.9, 1.0]\n"
+    robot = robots.parse(robots.text("tsd") + found, "mine")
+    assert robot.gears is not None
+    rpm = {"least": robot.gears.least_rad_per_s, "most": robot.gears.most_rad_per_s}[end] / RPM
+    assert rpm == pytest.approx({"least": 2000.0 * 1.1, "most": 13445.0 * 0.9}[end])
+    rig = Rig(SimRobot(robot), robot=robot)
+    pilot = rig.acquire()
+    choose(rig, pilot, rpm)
+    rig.ask(Service.ARM, lease=pilot.lease)
+    rig.drive(pilot, (0, 0, 0), 6.0)
+    np.testing.assert_allclose(spins(rig), rpm, rtol=0.01)
+    before = rig.ask(Service.SPEED, lease=pilot.lease, cruise_speed_rpm=0.999 * rpm)
+    beyond = rig.ask(Service.SPEED, lease=pilot.lease, cruise_speed_rpm=1.001 * rpm)
+    assert (before.ok, beyond.ok) == (end == "most", end == "least")
+
+
 @given(speeds)
 @settings(max_examples=10)
 def test_wheels_that_shall_not_turn_alike_keep_their_ratio_in_every_gear(rpm: float) -> None:

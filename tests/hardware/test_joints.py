@@ -90,6 +90,23 @@ def test_a_calibration_is_taken_off_goals_and_throttles_and_put_onto_what_is_mea
     assert joints.throttles(setpoint([0.0] * 6)) == (2000, 2000, 2000)
 
 
+def test_a_gimbal_whose_servo_stands_beside_it_tilts_as_far_as_any_and_no_further() -> None:
+    """Cut off at 30 degrees of the servo it would stay 3 away, which is a fault."""
+    found = "\n[calibration]\ntilt_offset_deg = [[3.0, 0.0], [-3.0, 0.0], [0.0, 0.0]]\n"
+    robot = robots.of_kind(
+        robots.parse(robots.text("tsd") + found, "mine"), robots.SingularityRobot
+    )
+    joints = Joints(robot, Motors.of(robot))
+    assert joints.goal_limit == 375  # 33 degrees
+    for way in (-1.0, 1.0):
+        for wanted_deg in (29.9, 40.0):
+            goals = joints.goals(setpoint([np.radians(way * wanted_deg)] * 6))
+            assert max(map(abs, goals)) <= joints.goal_limit
+            tilts = np.degrees(joints.measured(goals, 63)[[0, 1, 3, 4, 6, 7]])
+            np.testing.assert_allclose(tilts, way * min(wanted_deg, 30.0), atol=0.1)
+            assert np.abs(tilts).max() <= 30.0 + 1e-9
+
+
 @pytest.mark.parametrize("bad", [np.zeros(8), np.full(9, np.nan), np.full(9, np.inf)])
 def test_what_is_no_set_point_is_refused(bad: Array) -> None:
     with pytest.raises(ValueError, match="9 finite numbers"):

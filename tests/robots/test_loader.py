@@ -158,6 +158,26 @@ def test_an_impossible_value_is_named_with_what_is_possible(
             "calibration.tilt_offset_deg[1] is [0.0, -30.0]",
         ),
         (
+            "[noise]",
+            "[calibration]\ntilt_offset_deg = [[0, 0], [0, 0], [11, 0]]\n[noise]",
+            "calibration.tilt_offset_deg[2] is [11.0, 0.0] (less than 10 either way: put the servo",
+        ),
+        (
+            "[noise]",
+            "[calibration]\nspin_scale = [1, 1, 5]\n[noise]",
+            "calibration.spin_scale[2]: expected float <= 2.0",
+        ),
+        (
+            "[noise]",
+            "[calibration]\nspin_scale = [1, 0.2, 1]\n[noise]",
+            "calibration.spin_scale[1]: expected float >= 0.5",
+        ),
+        (
+            "[noise]",
+            "[calibration]\nspin_scale = [1, 1.5, 1]\n[noise]",
+            "2500 over calibration.spin_scale[1] = 1.5, motor 2 turns from 2000",
+        ),
+        (
             "cruise_speed_rpm = 2500.0",
             "cruise_speed_rpm = 2500.0\nspin_ratio = [1, 0.5, 1]",
             "2500 times drive.spin_ratio[1] = 0.5, motor 2 turns from 2000",

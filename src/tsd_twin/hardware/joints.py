@@ -54,7 +54,11 @@ class Joints:
         """Of the gimbals, in the order of the servos."""
         self.servos = (1 << len(self.names)) - 1
         """Mask of the servos there are."""
-        self.goal_limit = math.floor(math.radians(robot.drive.max_tilt_deg) / self._step_rad)
+        most_rad, zero_rad = math.radians(robot.drive.max_tilt_deg), self._trim.offset[self._angles]
+        # It is the gimbal that must not tilt further; its servo may stand beside it.
+        self._least = np.ceil((-most_rad - zero_rad) / self._step_rad)
+        self._most = np.floor((most_rad - zero_rad) / self._step_rad)
+        self.goal_limit = int(max(-self._least.min(), self._most.max()))
         """Steps from neutral that no goal exceeds."""
 
     def checked(self, setpoint: Array) -> Array:
@@ -70,7 +74,7 @@ class Joints:
     def goals(self, setpoint: Array) -> tuple[int, ...]:
         """Return steps from neutral for each gimbal."""
         steps = np.rint(self._trim.told(setpoint)[self._angles] / self._step_rad)
-        return _ints(np.clip(steps, -self.goal_limit, self.goal_limit))
+        return _ints(np.clip(steps, self._least, self._most))
 
     def throttles(self, setpoint: Array) -> tuple[int, ...]:
         """Return the pulse for each wheel, in half microseconds; a speed of 0 is zero throttle."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from typing import Annotated, Self
+from typing import Annotated, Self, TypeAlias
 
 import msgspec
 import numpy as np
@@ -97,6 +97,12 @@ class Noise(Table, frozen=True):
     """Of a wheel's speed."""
 
 
+SpinScale: TypeAlias = Annotated[float, Meta(ge=0.5, le=2.0)]
+"""A wheel that is further off than this has another motor, or another battery."""
+_MOST_OFFSET_DEG = 10.0
+"""A gimbal that is further off has its servo put in wrong: a stop or a cable may be in its way."""
+
+
 class Calibration(Table, frozen=True):
     """`[calibration]`: what `tsd-lab calibrate` and `tsd-lab zero` found out about one machine."""
 
@@ -104,7 +110,7 @@ class Calibration(Table, frozen=True):
         default_factory=list[tuple[float, float]]
     )
     """Of each module, alpha and beta: where a gimbal stands when its servo says zero."""
-    spin_scale: list[Positive] = msgspec.field(default_factory=list[Positive])
+    spin_scale: list[SpinScale] = msgspec.field(default_factory=list[SpinScale])
     """How fast each wheel turns over what `[motor]` lets expect."""
 
 
@@ -180,11 +186,13 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
     def gears(self) -> Gears:
         """The wheels may spin as fast as all motors can."""
         drive = self.kinematics()
+        # What a motor is told is what its wheel shall do over its scale.
+        per_told = self.trim().scale[2::3] / drive.spin_ratio
         fastest_rpm = np.array([column[-1] for column in self.motor.speed_rpm])
         return Gears(
             drive=drive,
-            least_rad_per_s=self.motor.start_speed_rpm / float(drive.spin_ratio.min()) * RPM,
-            most_rad_per_s=float((fastest_rpm / drive.spin_ratio).min()) * RPM,
+            least_rad_per_s=self.motor.start_speed_rpm * float(per_told.max()) * RPM,
+            most_rad_per_s=float((fastest_rpm * per_told).min()) * RPM,
             servo_step_rad=2.0 * math.pi / self.servo.steps_per_turn,
         )
 
@@ -215,12 +223,12 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
         yield from self._motor_problems()
 
     def _calibration_problems(self) -> Iterator[Problem]:
-        limit = self.drive.max_tilt_deg
+        limit = min(self.drive.max_tilt_deg, _MOST_OFFSET_DEG)
         for i, pair in enumerate(self.calibration.tilt_offset_deg):
             if max(abs(angle) for angle in pair) >= limit:
                 yield (
                     f"calibration.tilt_offset_deg[{i}] is {list(pair)}",
-                    f"less than drive.max_tilt_deg, which is {limit:g}",
+                    f"less than {limit:g} either way: put the servo in anew, then zero it",
                 )
 
     def _motor_problems(self) -> Iterator[Problem]:
@@ -250,9 +258,11 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
                 "0: the lowest signal is zero throttle",
             )
         ratio = [*self.drive.spin_ratio[i : i + 1], 1.0][0]
-        wanted_rpm = self.drive.cruise_speed_rpm * ratio
+        scale = [*self.calibration.spin_scale[i : i + 1], 1.0][0]
+        wanted_rpm = self.drive.cruise_speed_rpm * ratio / scale
         if column and not motor.start_speed_rpm <= wanted_rpm <= column[-1]:
             times = f" times drive.spin_ratio[{i}] = {ratio:g}" if ratio != 1.0 else ""
+            times += f" over calibration.spin_scale[{i}] = {scale:g}" if scale != 1.0 else ""
             yield (
                 f"drive.cruise_speed_rpm is {self.drive.cruise_speed_rpm:g}{times}, "
                 f"motor {i + 1} turns from {motor.start_speed_rpm:g} to {column[-1]:g}",
