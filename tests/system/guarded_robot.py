@@ -34,6 +34,7 @@ PEOPLE = (
     access.client("alice", Role.OPERATOR),
     access.client("bob", Role.OPERATOR),
     access.client("guest", Role.VIEWER),
+    access.client("camera", Role.SENSOR),
 )
 TELL = {
     "id": "tell",

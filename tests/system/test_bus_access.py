@@ -36,6 +36,7 @@ pytestmark = pytest.mark.system
 COMMANDS = topics.TWIST.key(ID)
 STATUS = topics.STATUS.key(ID)
 STOP = topics.STOP.key(ID)
+POSES = topics.OUTSIDE_POSE.key(ID)
 ALICES, PAGES, BOBS, GUESTS = (
     topics.twist_key(ID, name) for name in ("alice", "alice-0123abcd", "bob", "guest")
 )
@@ -78,6 +79,13 @@ def guest(robot: Guarded) -> Generator[Bus]:
         yield bus
 
 
+@pytest.fixture
+def camera(robot: Guarded) -> Generator[Bus]:
+    """A sensor."""
+    with robot.join("camera") as bus:
+        yield bus
+
+
 def misshapen(sample: Sample) -> int:
     """Return how many commands of a wrong shape the robot has counted; -1: this is no status."""
     if sample.key != STATUS or sample.payload == FORGED:
@@ -112,6 +120,40 @@ def test_a_viewer_gets_no_control(alice: Bus, guest: Bus) -> None:
     renew = LeaseRequest(op="renew", operator="alice", lease=driver.lease_hex)
     assert link.ask_lease(renew).granted
     link.close()
+
+
+@pytest.mark.usefixtures("alice")
+def test_only_a_sensor_says_where_the_robot_is(
+    robot: Guarded, bob: Bus, guest: Bus, camera: Bus
+) -> None:
+    with listening(robot.bus, POSES, BOBS, STOP) as ear:
+        robot.force(bob, POSES, FORGED)
+        put(bob, BOBS, RUBBISH)
+        robot.force(guest, POSES, FORGED)
+        put(guest, STOP, RUBBISH)
+        put(camera, POSES, RUBBISH)
+        for key in (BOBS, STOP, POSES):
+            if key not in {sample.key for sample in ear.heard}:
+                ear.until(lambda sample, key=key: sample.key == key)
+    assert FORGED not in {sample.payload for sample in ear.heard}
+    heard = robot.status(lambda status: status.outside is not None).outside
+    assert heard is not None
+    assert heard.dropped.shape > 0
+
+
+@pytest.mark.parametrize("key", [ALICES, COMMANDS, f"twin/{ID}/cmd/camera/twist", STATUS])
+def test_a_sensor_says_nothing_else_and_gets_no_control(
+    robot: Guarded, alice: Bus, camera: Bus, key: str
+) -> None:
+    with listening(robot.bus, COMMANDS, POSES) as ear, listening(alice, STATUS) as seen:
+        robot.force(camera, key, FORGED)
+        put(camera, POSES, RUBBISH)
+        ear.until(lambda sample: sample.key == POSES)
+        seen.until(lambda sample: sample.key == STATUS)
+    assert FORGED not in {sample.payload for sample in ear.heard + seen.heard}
+    request = LeaseRequest(op="acquire", operator="camera", take_over=True)
+    with pytest.raises(NoAnswerError):
+        camera.ask(Service.LEASE.key(ID), msgspec.json.encode(request))
 
 
 @pytest.mark.parametrize("key", [ALICES, PAGES, COMMANDS])
