@@ -128,7 +128,8 @@ def test_rounded_corners_are_smooth_and_as_close_as_is_said(points: Array, cut: 
     there = rounded.at(s)
     step = s[1]
     bends = np.abs(there.curvature).max()
-    assert np.abs(np.diff(there.direction)).max() <= bends * step * 1.01 + 1e-9
+    # Legs that turn by less than a millionth are one line.
+    assert np.abs(np.diff(there.direction)).max() <= bends * step * 1.01 + 1e-6
     np.testing.assert_allclose(there.xy[[0, -1]], points[[0, -1]], atol=1e-9)
     legs = np.diff(points, axis=0)
     lengths = np.hypot(*legs.T)
