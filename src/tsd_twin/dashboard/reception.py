@@ -16,6 +16,7 @@ from aiohttp import web
 from tsd_twin.access import User
 from tsd_twin.dashboard.door import Door, approach_of, visitor_of
 from tsd_twin.dashboard.guard import HEADERS
+from tsd_twin.dashboard.pages import STATIC
 
 _FOLDER = Path(__file__).parent
 _AT_ONCE = 8
@@ -30,7 +31,8 @@ class Reception:
     def __init__(self, door: Door) -> None:
         self._door = door
         self._template = (_FOLDER / "login.html").read_text(encoding="utf-8")
-        self._style = (_FOLDER / "login.css").read_text(encoding="utf-8")
+        styles = STATIC / "colours.css", _FOLDER / "login.css"
+        self._style = "\n".join(style.read_text(encoding="utf-8") for style in styles)
         digest = b64encode(sha256(self._style.encode()).digest()).decode()
         self._headers = HEADERS | {
             "Content-Security-Policy": (

@@ -10,7 +10,7 @@ const FULL_BYTES = 4096; // What waits in the browser is too old already to be s
 const TRIPS = 50; // Five seconds.
 const STATES = 100;
 
-export const STALE_MS = 300;
+const STALE_MS = 300;
 
 export class Link {
   constructor(page) {

@@ -30,7 +30,8 @@ import { Turn } from "./turn.js";
 
 const NARROW_PX = 600; // As in small.css.
 const STYLES = [
-  ...["frame", "bar", "buttons", "notices", "handover", "card", "dock", "stop", "route", "small"],
+  ...["base", "frame", "bar", "buttons", "notices", "handover", "card", "dock", "stop", "route"],
+  "small",
   "account", // Last: it takes away what others show.
 ];
 
@@ -170,7 +171,11 @@ root.append(
   inner,
 );
 inner.style.visibility = "hidden"; // Until it has its styles.
-document.head.append(el("link", { rel: "stylesheet", href: "static/page.css" }));
+document.head.append(
+  ...["colours", "page"].map((name) =>
+    el("link", { rel: "stylesheet", href: `static/${name}.css` }),
+  ),
+);
 document.body.append(host);
 mark(inner, "data-plain", drawsInSoftware() ? "" : null);
 new ResizeObserver(reserve).observe(bar.element);

@@ -52,7 +52,7 @@ const STYLES = {
 
 function shadow(place) {
   const root = place.shadowRoot ?? place.attachShadow({ mode: "open" });
-  const styles = ["panel", ...STYLES[place.dataset.tsd]];
+  const styles = ["base", "panel", ...STYLES[place.dataset.tsd]];
   root.replaceChildren(
     ...styles.map((name) => el("link", { rel: "stylesheet", href: `static/${name}.css` })),
   );
