@@ -1,29 +1,17 @@
 // A dial for each gimbal, seen from above, forward up: where the axle should lean and where it does.
 
+import { ConflictMeter } from "./conflict_meter.js";
 import { el, mark, say, svg } from "./dom.js";
 import { fixed } from "./format.js";
 import { isSeen } from "./seen.js";
 
 const REACH = 40; // Radius of the tilt limit in the drawing.
-const CONFLICT_MPS = 0.1; // End of the conflict bar.
 
 export class Gimbals {
   constructor(link, place) {
     this._link = link;
     this._list = el("div", { class: "gimbals" });
-    this._conflict = el(
-      "div",
-      {
-        class: "meter",
-        role: "meter",
-        "aria-label": "Conflict",
-        "aria-valuemin": "0",
-        "aria-valuemax": CONFLICT_MPS,
-      },
-      el("div"),
-    );
-    this._residual = el("span", { class: "value" });
-    this._verdict = el("p", { class: "verdict" });
+    this._conflict = new ConflictMeter("Module");
     this._waiting = el("p", { class: "muted" }, "Waiting for the robot.");
     this._all = el(
       "div",
@@ -38,20 +26,11 @@ export class Gimbals {
         el("span", { class: "muted" }, "from above, forward up"),
       ),
       this._list,
-      el(
-        "div",
-        { class: "head" },
-        el("strong", {}, "Conflict"),
-        this._residual,
-        el("span", { class: "unit" }, "m/s"),
-      ),
-      this._conflict,
-      this._verdict,
+      ...this._conflict.elements,
     );
     place.append(this._waiting, this._all);
-    this._draw = () => isSeen(place) && this._show();
     this._open = true;
-    link.on("state", () => this._open && this._draw());
+    link.on("state", () => this._open && isSeen(place) && this._show());
     link.on("robot", () => this._open && this._build());
     this._build();
   }
@@ -71,20 +50,11 @@ export class Gimbals {
 
   _show() {
     const { modules, status } = this._link.state;
-    const suspect = status.conflict.suspect;
+    const names = this._link.robot.modules;
     modules.forEach((module, i) =>
-      this._dials?.[i]?.show(module, this._link.robot.modules[i] === suspect),
+      this._dials?.[i]?.show(module, names[i] === status.conflict.suspect),
     );
-    const residual = status.conflict.residual_mps;
-    say(this._residual, fixed(residual, 3));
-    this._conflict.firstChild.style.transform = `scaleX(${Math.min(1, residual / CONFLICT_MPS)})`;
-    mark(this._conflict, "aria-valuenow", residual);
-    mark(this._conflict, "data-suspect", suspect === null ? null : "");
-    const number = this._link.robot.modules.indexOf(suspect) + 1;
-    say(
-      this._verdict,
-      suspect === null ? "The modules agree." : `Module ${number} contradicts the others.`,
-    );
+    this._conflict.show(status.conflict, names, "The modules agree.");
   }
 }
 

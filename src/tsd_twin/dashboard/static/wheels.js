@@ -1,42 +1,17 @@
 // A bar for each wheel that rolls: how fast it turns, how fast it should, and what no motion explains.
 
+import { ConflictMeter } from "./conflict_meter.js";
 import { el, mark, say } from "./dom.js";
 import { fixed } from "./format.js";
 import { isSeen } from "./seen.js";
-
-const CONFLICT_MPS = 0.1; // End of the conflict bar.
 
 export class Wheels {
   constructor(link, place) {
     this._link = link;
     this._list = new WheelList(link);
-    this._residual = el("span", { class: "value" });
-    this._conflict = el(
-      "div",
-      {
-        class: "meter",
-        role: "meter",
-        "aria-label": "Conflict",
-        "aria-valuemin": "0",
-        "aria-valuemax": CONFLICT_MPS,
-      },
-      el("div"),
-    );
-    this._verdict = el("p", { class: "verdict" });
+    this._conflict = new ConflictMeter("Wheel");
     this._apart = new Apart(link);
-    place.append(
-      this._list.element,
-      el(
-        "div",
-        { class: "head" },
-        el("strong", {}, "Conflict"),
-        this._residual,
-        el("span", { class: "unit" }, "m/s"),
-      ),
-      this._conflict,
-      this._verdict,
-      this._apart.element,
-    );
+    place.append(this._list.element, ...this._conflict.elements, this._apart.element);
     this._open = true;
     link.on("state", () => this._open && isSeen(place) && this._show());
   }
@@ -46,24 +21,13 @@ export class Wheels {
   }
 
   _show() {
-    const { status } = this._link.state;
-    const { residual_mps: residual, suspect } = status.conflict;
-    this._list.show(suspect);
+    const { conflict } = this._link.state.status;
+    const { wheels } = this._link.robot;
+    this._list.show(conflict.suspect);
     this._apart.show();
-    say(this._residual, fixed(residual, 3));
-    this._conflict.firstChild.style.transform = `scaleX(${Math.min(1, residual / CONFLICT_MPS)})`;
-    mark(this._conflict, "aria-valuenow", residual);
-    mark(this._conflict, "data-suspect", suspect === null ? null : "");
-    const number = this._link.robot.wheels.indexOf(suspect) + 1;
-    const alone = this._link.robot.wheels.length < 4;
-    say(
-      this._verdict,
-      suspect !== null
-        ? `Wheel ${number} contradicts the others.`
-        : alone
-          ? "Three wheels cannot contradict one another."
-          : "The wheels agree.",
-    );
+    const alone = wheels.length < 4;
+    const peace = alone ? "Three wheels cannot contradict one another." : "The wheels agree.";
+    this._conflict.show(conflict, wheels, peace);
   }
 }
 
