@@ -42,12 +42,16 @@ def machine(tmp_path_factory: pytest.TempPathFactory) -> Calibrated:
 
 
 def assert_found(rows: dict[str, dict[str, float]]) -> None:
-    """To 0.05 deg and 0.5 %, and as surely as it says."""
+    """To 0.05 deg and 0.5 %, and as surely as it says, but for the layers of printed wheels.
+
+    These are up to 0.25 % of a radius, and which wheel is larger for it is not noise.
+    """
     for name, row in rows.items():
         angle = name.endswith(("alpha", "beta"))
         bound = 0.05 if angle else 0.005 * row["true"]
         assert abs(row["found"] - row["true"]) < bound, name
-        assert abs(row["found"] - row["true"]) < 5.0 * row["sigma"], name
+        layers = 0.01 if angle else 0.0025 * row["true"]
+        assert abs(row["found"] - row["true"]) < 5.0 * row["sigma"] + layers, name
     before = [abs(row["before"] - row["true"]) for name, row in rows.items() if "alpha" in name]
     assert max(before) > 0.05  # There was something to find.
 
@@ -60,20 +64,35 @@ def test_zeros_radii_and_spins_are_found(machine: Calibrated) -> None:
     assert any("mm RMS before" in line for line in machine.lines)
 
 
-@pytest.mark.parametrize("seed", ["7", "8"])
-def test_so_they_are_of_other_machines(tmp_path: Path, seed: str) -> None:
-    run(tmp_path, "calibrate", "--seed", seed)
+@pytest.mark.parametrize(("seed", "errors"), [("7", "0"), ("8", "2")])
+def test_so_they_are_of_other_machines_better_or_worse_built(
+    tmp_path: Path, seed: str, errors: str
+) -> None:
+    run(tmp_path, "calibrate", "--seed", seed, "--errors", errors)
     assert_found(figures(tmp_path))
 
 
-def test_a_recorded_log_says_what_the_drive_itself_said(
+def test_a_recorded_log_says_what_the_drive_itself_said_also_when_clocks_disagree(
     machine: Calibrated, tmp_path: Path
 ) -> None:
-    """Also when it is cut: measured speeds are there in one run of four, so they do not count."""
-    run(tmp_path / "whole", "calibrate", "--log", str(machine.folder / "calibrate_log.csv"))
-    again, first = figures(tmp_path / "whole"), figures(machine.folder)
+    """As of a camera whose computer is 30 ms behind; its poses are in rows of their own."""
+    with (machine.folder / "calibrate_log.csv").open(newline="", encoding="utf-8") as file:
+        names, *rows = csv.reader(file)
+    poses = [names.index(name) for name in ("x_m", "y_m", "heading_rad")]
+    seen = [[*row[:1], str(float(row[1]) - 0.03), *row[2:]] for row in rows]
+    for row in seen:
+        row[2 : poses[0]] = [""] * (poses[0] - 2)
+    for row in rows:
+        row[poses[0] :] = ["nan"] * 3
+    with (tmp_path / "log.csv").open("w", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerows([names, *rows, *seen])
+    lines = run(tmp_path, "calibrate", "--log", str(tmp_path / "log.csv"))
+    (told,) = [line.split() for line in lines if line.startswith("joints tell")]
+    # The delay of the description's errors is 5 ms.
+    assert float(told[2]) == pytest.approx(35.0, abs=5.0 * float(told[4]))
+    again, first = figures(tmp_path), figures(machine.folder)
     for name, row in first.items():
-        assert again[name]["found"] == pytest.approx(row["found"], abs=0.2 * row["sigma"]), name
+        assert again[name]["found"] == pytest.approx(row["found"], abs=row["sigma"]), name
         assert np.isnan(again[name]["true"])
 
 

@@ -7,6 +7,7 @@ Feng 1996); what is found here are the causes, not two factors for them.
 from __future__ import annotations
 
 import argparse
+import math
 
 import numpy as np
 
@@ -14,13 +15,17 @@ from tsd_twin import robots
 from tsd_twin.lab import calibration_picture, excitation, figures, recording
 from tsd_twin.lab.experiment import Experiment
 from tsd_twin.lab.fit import Fit, fit
-from tsd_twin.lab.machine import built
+from tsd_twin.lab.machine import Machine, built
+from tsd_twin.lab.observer import VOLT_STEP
 from tsd_twin.lab.output import Output
 from tsd_twin.lab.recording import Recording
 from tsd_twin.lab.write_back import write_back
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityRobot, of_kind
 from tsd_twin.sim import CameraNoise
+
+_RUN_S = 60.0
+"""From the start of one run to that of the next: each is shorter."""
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
@@ -33,7 +38,8 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
         true = built(robot, np.random.default_rng(args.seed))
         recordings = _simulated(robot, true, args, out)
         out.table("calibrate_log", recording.columns(recordings))
-    found = fit(robot.kinematics(), recordings, CameraNoise(), robot.joint_errors())
+    volt_share = VOLT_STEP / math.sqrt(12.0) / robot.battery.nominal_v
+    found = fit(robot.kinematics(), recordings, CameraNoise(), robot.joint_errors(), volt_share)
     rows = figures.table(robot, found, true)
     out.table("calibrate", figures.columns(rows))
     out.picture("calibrate", calibration_picture.draw(recordings, found, rows))
@@ -49,9 +55,15 @@ def _simulated(
 ) -> list[Recording]:
     ratios = excitation.patterns(robot.drive.modules)
     ratios = ratios[:1] if args.same_speed else ratios
+    machine = Machine(robot, true, args.seed, noise=1.0, errors=args.errors)
     return [
         excitation.drive(
-            robot, true, ratio, args.seed * len(ratios) + i, tachometer=args.tachometer
+            robot,
+            machine,
+            ratio,
+            args.seed * len(ratios) + i,
+            i * _RUN_S,
+            tachometer=args.tachometer,
         )
         for i, ratio in enumerate(out.progress(ratios, "driving squares", len(ratios)))
     ]
@@ -67,6 +79,8 @@ def _source(args: argparse.Namespace, recordings: list[Recording]) -> str:
 def _remarks(found: Fit) -> list[str]:
     before, after = (1000 * _rms_m(each) for each in (found.before, found.after))
     lines = [f"camera and joints disagree by {before:.0f} mm RMS before, {after:.1f} mm after"]
+    late_ms, about_ms = 1000 * found.found.late_s, 1000 * found.sigma.late_s
+    lines.append(f"joints tell {late_ms:.1f} +- {about_ms:.1f} ms later what the camera sees")
     if not found.common_spin_known:
         lines.append(
             "no speed of a wheel was measured: wheel radius times the speed that all wheels have "
@@ -92,6 +106,13 @@ def _flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--seed", type=int, default=0, help="of the machine and its noise; default 0"
+    )
+    parser.add_argument(
+        "--errors",
+        type=float,
+        default=1.0,
+        metavar="SCALE",
+        help="times [errors], what else is wrong with the simulated machine; default 1",
     )
     parser.add_argument(
         "--tachometer",

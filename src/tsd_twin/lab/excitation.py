@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from tsd_twin.lab.machine import Machine
+from tsd_twin.lab.observer import voltage_share
 from tsd_twin.lab.recording import Recording
 from tsd_twin.lab.virtual_robot import PERIOD_S, VirtualRobot
 from tsd_twin.lie import Array
@@ -48,17 +49,21 @@ def script() -> Array:
 
 def drive(
     believed: SingularityRobot,
-    true: SingularityRobot,
+    machine: Machine,
     ratio: list[float],
     seed: int,
+    start_s: float = 0.0,
     *,
     tachometer: bool,
     periods: Callable[[Array], Iterable[Array]] = iter,
 ) -> Recording:
-    """Drive one run open loop, wheels at `ratio` (k,) of the gear, and return what was measured."""
+    """Drive one run open loop, wheels at `ratio` (k,) of the gear, and return what was measured.
+
+    The machine has been at rest since `start_s`.
+    """
     random = np.random.default_rng(seed)
-    machine = Machine(_at(believed, ratio), _at(true, ratio), seed, noise=1.0)
-    robot = VirtualRobot(_at(believed, ratio), machine)
+    robot = VirtualRobot(_at(believed, ratio), machine, start_s)
+    at_voltage = voltage_share(robot)
     camera = Camera(CameraNoise(), random)
     measured: list[Array] = []
     told: list[Array] = []
@@ -69,7 +74,7 @@ def drive(
         now_s = robot.now_s - start_s
         t_s = np.append(t_s, now_s)
         measured.append(robot.core.joints.reshape(-1, 3)[:, :2].ravel())
-        told.append(robot.core.setpoint[2::3].copy())
+        told.append(at_voltage * robot.core.setpoint[2::3])
         speeds.append(machine.truth(robot.now_s).joints[2::3])
         frames += camera.watch(now_s, robot.truth)
         robot.drive(twist)

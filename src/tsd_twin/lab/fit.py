@@ -50,9 +50,12 @@ def fit(
     recordings: Sequence[Recording],
     noise: CameraNoise,
     joints: JointErrors,
+    speed_share: float = 0.0,
 ) -> Fit:
     """Return what explains best where the camera saw the robot, by the noise of it and of `joints`.
 
+    `speed_share` is how far off all speeds that the wheels were told may be in common: what is
+    known of the battery says so much less.
     Starts of the runs are unknown as well. The first guess comes from short parts of them, each
     begun where the camera saw it: a gimbal that is off by a degree turns a run many times over.
 
@@ -105,7 +108,8 @@ def fit(
     best: Any = _least_squares(whole, first, jac=slopes, x_scale="jac", ftol=1e-8)
     if not best.success:
         raise TwinError("the calibration does not converge: was the camera on the same clock?")
-    return _fit(problem, recordings, weights, best.x, best.jac, starts)
+    found = _fit(problem, recordings, weights, best.x, best.jac, starts)
+    return replace(found, sigma=_with_speed_share(found, speed_share))
 
 
 def _fit(
@@ -141,6 +145,13 @@ def _fit(
         [problem.residual(r, nothing, s) for r, s in zip(recordings, seen_starts, strict=True)],
         [problem.residual(r, unknowns, s) for r, s in zip(recordings, starts, strict=True)],
     )
+
+
+def _with_speed_share(fit: Fit, share: float) -> Corrections:
+    """Return how sure figures are when all speeds that were told are off by a share in common."""
+    if fit.common_spin_known:
+        return replace(fit.sigma, spin=np.hypot(fit.sigma.spin, share))
+    return replace(fit.sigma, wheel_radius=float(np.hypot(fit.sigma.wheel_radius, share)))
 
 
 def _with_measured_spin(

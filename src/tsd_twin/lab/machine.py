@@ -23,9 +23,14 @@ class Machine(SimRobot):
     """
 
     def __init__(
-        self, believed: SingularityRobot, true: SingularityRobot, seed: int, noise: float
+        self,
+        believed: SingularityRobot,
+        true: SingularityRobot,
+        seed: int,
+        noise: float,
+        errors: float = 0.0,
     ) -> None:
-        super().__init__(true, seed=seed, noise=noise)
+        super().__init__(true, seed=seed, noise=noise, errors=errors)
         self._believed, self._true = believed.trim(), true.trim()
 
     def read(self, now_s: float) -> Array:
@@ -38,7 +43,11 @@ class Machine(SimRobot):
 
 
 def built(believed: SingularityRobot, random: np.random.Generator) -> SingularityRobot:
-    """Return a machine as it may have been built from a description, with errors of its own."""
+    """Return a machine as it may have been built from a description, with errors of its own.
+
+    Zeros and spins that a description has among its errors or its noise are left out: what is off
+    about these is in `[calibration]`, where it can be compared with what is found.
+    """
     modules = believed.drive.modules
     trim = believed.trim()
     offset = np.degrees(trim.offset).reshape(modules, 3)[:, :2]
@@ -48,9 +57,10 @@ def built(believed: SingularityRobot, random: np.random.Generator) -> Singularit
     )
     radii = 1.0 + RADIUS_SHARE * random.standard_normal(2)
     return corrected(
-        # All that is off about its wheels is in their scale.
         msgspec.structs.replace(
-            believed, noise=msgspec.structs.replace(believed.noise, spin_share=0.0)
+            believed,
+            noise=msgspec.structs.replace(believed.noise, spin_share=0.0),
+            errors=msgspec.structs.replace(believed.errors, zero_deg=0.0),
         ),
         offset,
         scale,

@@ -11,7 +11,7 @@ from tsd_twin.drives import SingularityDrive
 from tsd_twin.lab.recording import Recording
 from tsd_twin.lie import SE2, Array
 
-PRIOR_OFFSET_RAD, PRIOR_SHARE = float(np.radians(1.0)), 0.05
+PRIOR_OFFSET_RAD, PRIOR_SHARE, PRIOR_LATE_S = float(np.radians(1.0)), 0.05, 0.05
 """What is known before: keeps near zero what a data set does not tell."""
 _STEP = 1e-4
 """Of a slope, in what is known before: a few tenths of a thousandth of a degree."""
@@ -29,10 +29,12 @@ class Corrections:
     """As a factor."""
     spin: Array
     """(k,): as factors of the speeds that the wheels were told."""
+    late_s: float
+    """By how much the joints tell later what the camera sees: both clocks and the bus to them."""
 
 
 class Problem:
-    """Unknowns as a vector: gimbals, wheel radius, pivot radius, differences of spin."""
+    """Unknowns as a vector: gimbals, wheel radius, pivot radius, differences of spin, lateness."""
 
     def __init__(self, drive: SingularityDrive, recordings: Sequence[Recording]) -> None:
         self.drive = drive
@@ -43,27 +45,32 @@ class Problem:
         differences = np.linalg.svd(np.ones((1, k)))[2][1:].T
         self._spins = np.zeros((k, 0)) if self.measured else differences
         self.prior = np.array(
-            [PRIOR_OFFSET_RAD] * (2 * k) + [PRIOR_SHARE] * (2 + self._spins.shape[1])
+            [PRIOR_OFFSET_RAD] * (2 * k)
+            + [PRIOR_SHARE] * (2 + self._spins.shape[1])
+            + [PRIOR_LATE_S]
         )
         self.names = [f"module{i + 1}_{part}" for i in range(k) for part in ("alpha", "beta")]
         self.names += ["wheel radius", "pivot radius"]
         self.names += [f"spin difference {i + 1}" for i in range(self._spins.shape[1])]
+        self.names += ["lateness of the joints"]
 
     def corrections(self, unknowns: Array) -> Corrections:
         """Return what a vector (u,) of unknowns stands for."""
         k = self.modules
-        spin = 1.0 + self._spins @ unknowns[2 * k + 2 :]
+        spin = 1.0 + self._spins @ unknowns[2 * k + 2 : -1]
         offset = unknowns[: 2 * k].reshape(k, 2)
-        return Corrections(offset, 1.0 + unknowns[2 * k], 1.0 + unknowns[2 * k + 1], spin)
+        radii = 1.0 + unknowns[2 * k : 2 * k + 2]
+        return Corrections(offset, float(radii[0]), float(radii[1]), spin, float(unknowns[-1]))
 
     def sigma(self, covariance: Array) -> Corrections:
         """Return the standard deviation of each figure, from the covariance (u, u) of unknowns."""
         k = self.modules
         own = np.sqrt(np.diag(covariance))
-        spins = covariance[2 * k + 2 :, 2 * k + 2 :]
+        spins = covariance[2 * k + 2 : -1, 2 * k + 2 : -1]
         spread = np.sqrt(np.einsum("ij,jk,ik->i", self._spins, spins, self._spins))
+        radii, late_s = own[2 * k : 2 * k + 2], float(own[-1])
         return Corrections(
-            own[: 2 * k].reshape(k, 2), float(own[2 * k]), float(own[2 * k + 1]), spread
+            own[: 2 * k].reshape(k, 2), float(radii[0]), float(radii[1]), spread, late_s
         )
 
     def residual(self, run: Recording, unknowns: Array, start: Array) -> Array:
@@ -89,7 +96,7 @@ class Problem:
         poses = (SE2(start) @ SE2(np.column_stack([xy, heading]))).xy_heading
         there = np.empty((len(run.seen_s), 3))
         for i in range(3):
-            there[:, i] = np.interp(run.seen_s, run.t_s, poses[:, i])
+            there[:, i] = np.interp(run.seen_s + right.late_s, run.t_s, poses[:, i])
         return there
 
     def by_unknowns(self, run: Recording, unknowns: Array, start: Array) -> Array:

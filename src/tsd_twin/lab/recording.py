@@ -26,7 +26,8 @@ class Recording:
     angles_rad: Array
     """(n, 2k): alpha and beta of each module, measured, as in `state/joints`."""
     told_rad_per_s: Array
-    """(n, k): speeds that the wheels were told, as in `state/setpoint`."""
+    """(n, k): speeds that the wheels were told, as in `state/setpoint`, times the voltage of the
+    battery over the nominal one where that is known: by so much motors are slower."""
     spin_rad_per_s: Array
     """(n, k): measured speeds, NaN where nothing measures them."""
     seen_s: Array

@@ -30,17 +30,18 @@ class VirtualRobot:
     """Core and simulator, driven by twists as an operator would, without a bus or a clock.
 
     What holds on the machine holds here: arming, limits, command gate. Poses are those since
-    `ready`: the robot is put on its mark then, and told so.
+    `ready`: the robot is put on its mark then, and told so. A simulation that has been used before
+    goes on from `start_s`.
 
     Raises:
         TwinError: the robot does not move over a floor, or does not get ready.
     """
 
-    def __init__(self, robot: Robot, simulated: SimRobot) -> None:
+    def __init__(self, robot: Robot, simulated: SimRobot, start_s: float = 0.0) -> None:
         ids = itertools.count(1)
         self.core = RobotCore(robot, lambda: next(ids).to_bytes(16, "big"))
         self.simulated = simulated
-        self.now_s = 0.0
+        self.now_s = start_s
         self.spin_share = 1.0
         """Speed of the wheels over what the core takes it for; commands are corrected by it."""
         self._components = list(self.core.drive.components)
