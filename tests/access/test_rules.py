@@ -71,7 +71,7 @@ def test_what_somebody_may_say_is_this_and_nothing_else(name: str) -> None:
     allowed = {
         "put": {Service.STOP.key("tsd"), *own.get(name, ())},
         "query": {*OPEN, *HISTORY, *(HOLDERS if operator else ())},
-        "declare_subscriber": {*STATES, *EVENTS},
+        "declare_subscriber": {*STATES, *EVENTS, *([INSIDE] if operator else ())},
         "liveliness_query": {topics.alive_key("tsd"), *HISTORY},
         "declare_liveliness_subscriber": {topics.alive_key("tsd"), *HISTORY},
     }
@@ -85,7 +85,7 @@ def test_what_somebody_is_told_is_this_and_nothing_else(name: str) -> None:
     holders = HOLDERS if name in ("alice", "bob") else []
     inside = [INSIDE] if name == "camera" else []
     allowed = {
-        "put": {*STATES, *EVENTS},
+        "put": {*STATES, *EVENTS, *([INSIDE] if holders else ())},
         "reply": {*OPEN, *EVENTS, *holders},
         "declare_queryable": {*OPEN, *HISTORY, *holders},
         "declare_subscriber": {

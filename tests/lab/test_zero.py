@@ -21,6 +21,7 @@ from tsd_twin.lab.machine import Machine, corrected
 from tsd_twin.lab.operator import Operator
 from tsd_twin.lie import SE2
 from tsd_twin.messages.service import LeaseRequest
+from tsd_twin.node import OverheadCamera
 from tsd_twin.robots import SingularityRobot
 from tsd_twin.sim import simulate
 
@@ -115,6 +116,33 @@ def test_a_robot_on_the_bus_creeps_is_put_right_and_stands(tmp_path: Path) -> No
     again = zero(mine.read_text("utf-8"))
     assert "PASS" in again[1]
     assert len(again) == 2
+
+
+@pytest.mark.timed
+def test_a_camera_on_the_bus_is_asked_before_the_ruler_and_the_simulator(tmp_path: Path) -> None:
+    zeros_deg = np.array([0.5, -0.3, 0.2, 0.6, -0.4, 0.1])
+    io = Machine(ROBOT, off_by(zeros_deg), 0, 0.0)
+    with running(io=io) as node, node.client() as bus, OverheadCamera(bus, node.id):
+        lines = run(tmp_path, "zero", "--connect", node.endpoint, "--seconds", "2", "--yes")
+    assert "seen by a camera" in lines[0]
+    t_s, poses = _seen(tmp_path)
+    assert 30 < len(t_s) < 60  # At 24 frames a second.
+    found = creep_of(t_s, poses, 2500.0)
+    assert 0.0 < found.sigma_mps < 0.01
+    off = found.twist - by_zeros(ROBOT) @ np.radians(zeros_deg)
+    assert np.hypot(*off[:2]) < 6.0 * found.sigma_mps
+
+
+def test_noise_of_a_camera_shows_in_how_well_creep_is_known() -> None:
+    random, t_s = np.random.default_rng(0), np.arange(0.0, 3.0, 1.0 / 24.0)
+    twist = np.array([0.01, -0.005, 0.02])
+    exact = SE2.exp(twist * t_s[:, None]).xy_heading
+    found = []
+    for _ in range(200):
+        noise = np.array([0.005, 0.005, 0.0]) * random.standard_normal(exact.shape)
+        found.append(creep_of(t_s, exact + noise, 2500.0))
+    spread = np.std([creep.twist[0] for creep in found])
+    assert np.mean([creep.sigma_mps for creep in found]) == pytest.approx(spread, rel=0.25)
 
 
 def _seen(folder: Path) -> tuple[np.ndarray, np.ndarray]:

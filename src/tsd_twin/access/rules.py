@@ -65,8 +65,11 @@ OPERATORS = (
     Rule("holder", "egress", ("declare_queryable", "reply"), HOLDER),
     # Without this the session of an operator never hears of a reader, and sends nothing.
     Rule("drive", "egress", ("declare_subscriber",), TWIST),
+    Rule("outside-ask", "ingress", ("declare_subscriber",), OUTSIDE_POSE),
+    Rule("outside-see", "egress", ("put",), OUTSIDE_POSE),
 )
-"""Operators besides: ask for control, and hear that somebody listens to commands."""
+"""Operators besides: ask for control, hear that somebody listens to commands, and where a robot is
+seen, to calibrate it by."""
 
 SENSORS = (
     Rule("outside-say", "ingress", ("put",), OUTSIDE_POSE),

@@ -4,6 +4,7 @@ from tsd_twin.bus.bus import Bus
 from tsd_twin.bus.config import (
     DEFAULT_ENDPOINT,
     Config,
+    as_client,
     client_config,
     from_file,
     node_config,
@@ -20,6 +21,7 @@ __all__ = [
     "Request",
     "Server",
     "Token",
+    "as_client",
     "client_config",
     "from_file",
     "node_config",

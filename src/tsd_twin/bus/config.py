@@ -8,7 +8,7 @@ from __future__ import annotations
 import ipaddress
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -44,6 +44,8 @@ class Config:
     """What an error calls it: the endpoints, or the file."""
     files: Mapping[str, Path] = field(default_factory=dict[str, Path])
     """Settings that name a file, with where it is; they come before what `json5` says."""
+    others: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Other settings that come before it, with their JSON."""
 
     @property
     def certificate(self) -> Path | None:
@@ -59,6 +61,8 @@ class Config:
         settings = zenoh.Config.from_json5(self.json5)
         for key, file in self.files.items():
             settings.insert_json5(key, json.dumps(str(file)))
+        for key, value in self.others.items():
+            settings.insert_json5(key, value)
         return settings
 
 
@@ -85,6 +89,21 @@ def client_config(connect: Sequence[str]) -> Config:
     settings = _common("peer", connect)
     settings["listen"] = {"endpoints": []}
     return Config(json.dumps(settings), ", ".join(connect))
+
+
+def as_client(config: Config, patience_s: float) -> Config:
+    """Return what connects once, within a time, and hears of everybody who is at the same robot.
+
+    Peers that are joined by a robot hear of the robot, and of clients, but not of one another.
+    """
+    return replace(
+        config,
+        others={
+            "mode": '"client"',
+            "connect/timeout_ms": str(round(1000.0 * patience_s)),
+            "connect/exit_on_failure": "true",
+        },
+    )
 
 
 def from_file(path: str) -> Config:
@@ -144,6 +163,8 @@ def is_loopback(endpoint: str) -> bool:
 def reason(error: Exception) -> str:
     """Return what Zenoh says went wrong, without the places in its source code."""
     text = str(error).split(" at /")[0].strip()
+    if "Unable to connect to any" in text:
+        return "nobody answers there"
     for known in ("Address already in use", "Cannot assign requested address"):
         if known in text:
             return known.lower()

@@ -8,72 +8,60 @@ from __future__ import annotations
 
 import argparse
 import math
+from typing import Any
 
 import numpy as np
 
-from tsd_twin import robots
-from tsd_twin.lab import calibration_picture, excitation, figures, recording
+from tsd_twin.lab import calibration_picture, figures
+from tsd_twin.lab.evidence import LOG, Evidence, evidence
 from tsd_twin.lab.experiment import Experiment
 from tsd_twin.lab.fit import Fit, fit
-from tsd_twin.lab.machine import Machine, built
+from tsd_twin.lab.joining import add_bus_flags
+from tsd_twin.lab.keyboard import agreed, say
 from tsd_twin.lab.observer import VOLT_STEP
 from tsd_twin.lab.output import Output
-from tsd_twin.lab.recording import Recording
+from tsd_twin.lab.ratios import advice, ratio_of
 from tsd_twin.lab.write_back import write_back
 from tsd_twin.lie import Array
-from tsd_twin.robots import SingularityRobot, of_kind
+from tsd_twin.robots import SingularityRobot
 from tsd_twin.sim import CameraNoise
-
-_RUN_S = 60.0
-"""From the start of one run to that of the next: each is shorter."""
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
     """Drive or read squares, say what is wrong with the machine, and write it down."""
-    robot = of_kind(robots.load(args.robot), SingularityRobot)
-    true = None
-    if args.log:
-        recordings = recording.read(args.log, robot.drive.modules)
-    else:
-        true = built(robot, np.random.default_rng(args.seed))
-        recordings = _simulated(robot, true, args, out)
-        out.table("calibrate_log", recording.columns(recordings))
+    drives = evidence(args, out)
+    robot, recordings = drives.robot, drives.recordings
     volt_share = VOLT_STEP / math.sqrt(12.0) / robot.battery.nominal_v
-    found = fit(robot.kinematics(), recordings, CameraNoise(), robot.joint_errors(), volt_share)
-    rows = figures.table(robot, found, true)
+    found = fit(robot.kinematics(), recordings, _camera(robot), robot.joint_errors(), volt_share)
+    rows = figures.table(robot, found, drives.true)
     out.table("calibrate", figures.columns(rows))
     out.picture("calibrate", calibration_picture.draw(recordings, found, rows))
-    lines = [_source(args, recordings), *figures.lines(rows), *_remarks(found)]
+    lines = [_summary(drives), *figures.lines(rows), *_remarks(found)]
+    if args.drive:
+        lines += advice(out, f"{LOG}.csv", drives.text, recordings)
+    if args.write_to and args.drive and not args.yes:
+        for line in lines:
+            say(line)
+        if not agreed(f"Write this into {args.write_to}? y or n: "):
+            return [f"{args.write_to} was left as it is"]
+        lines = []
     if args.write_to:
-        write_back(args.write_to, robots.text(args.robot), figures.changes(rows))
-        lines.append(f"written into {args.write_to}")
+        lines.append(_written(args, drives, figures.changes(rows)))
     return lines
 
 
-def _simulated(
-    robot: SingularityRobot, true: SingularityRobot, args: argparse.Namespace, out: Output
-) -> list[Recording]:
-    ratios = excitation.patterns(robot.drive.modules)
-    ratios = ratios[:1] if args.same_speed else ratios
-    machine = Machine(robot, true, args.seed, noise=1.0, errors=args.errors)
-    return [
-        excitation.drive(
-            robot,
-            machine,
-            ratio,
-            args.seed * len(ratios) + i,
-            i * _RUN_S,
-            tachometer=args.tachometer,
-        )
-        for i, ratio in enumerate(out.progress(ratios, "driving squares", len(ratios)))
-    ]
+def _camera(robot: SingularityRobot) -> CameraNoise:
+    """Return what the description says of those who see the robot."""
+    seen = robot.outside_pose
+    return CameraNoise(sigma_m=seen.sigma_m, sigma_rad=math.radians(seen.sigma_deg))
 
 
-def _source(args: argparse.Namespace, recordings: list[Recording]) -> str:
+def _summary(drives: Evidence) -> str:
+    recordings = drives.recordings
     seconds = sum(run.t_s[-1] - run.t_s[0] for run in recordings)
     frames = sum(len(run.seen_s) for run in recordings)
-    what = args.log or "simulated machine with errors of its own"
-    return f"{what}: {len(recordings)} runs, {seconds:.0f} s, {frames} frames of the camera"
+    runs = f"{len(recordings)} run{'s' if len(recordings) > 1 else ''}"
+    return f"{drives.what}: {runs}, {seconds:.0f} s, {frames} frames of the camera"
 
 
 def _remarks(found: Fit) -> list[str]:
@@ -97,15 +85,46 @@ def _rms_m(residuals: list[Array]) -> float:
     return float(np.sqrt(squared.mean()))
 
 
+def _written(args: argparse.Namespace, drives: Evidence, changes: dict[str, dict[str, Any]]) -> str:
+    """Write what was found; return where."""
+    usual, last = (ratio_of(drives.recordings[i]) for i in (0, -1))
+    if args.drive and (usual != last).any():
+        # The robot has been started with other speeds for the last run only.
+        changes["drive"]["spin_ratio"] = usual.tolist()
+    write_back(args.write_to, drives.text, changes)
+    return f"written into {args.write_to}"
+
+
 def _flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--robot", default="tsd", metavar="NAME|FILE", help="default tsd")
+    parser.add_argument(
+        "--drive",
+        action="store_true",
+        help="drive a robot on the bus, guided; else a simulated one, or --log",
+    )
+    parser.add_argument(
+        "--room",
+        type=float,
+        default=1.0,
+        metavar="METRES",
+        help="free floor on all sides of its centre, beyond its own size; default 1",
+    )
+    parser.add_argument(
+        "--speed", type=float, default=0.5, metavar="MPS", help="at most, m/s; default 0.5"
+    )
+    add_bus_flags(parser)
     parser.add_argument(
         "--log",
         metavar="FILE.csv",
-        help="drives that were recorded, not simulated; columns as in calibrate_log.csv",
+        help="drives that were recorded, not simulated; with --drive, one more is added to them",
     )
     parser.add_argument(
-        "--seed", type=int, default=0, help="of the machine and its noise; default 0"
+        "--robot",
+        default="tsd",
+        metavar="NAME|FILE",
+        help="default tsd; one on the bus tells itself what it is",
+    )
+    parser.add_argument(
+        "--seed", type=int, default=0, help="of the simulated machine and its noise; default 0"
     )
     parser.add_argument(
         "--errors",
@@ -123,12 +142,12 @@ def _flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--same-speed",
         action="store_true",
-        help="all wheels at one speed: to see what such drives cannot tell",
+        help="simulated wheels all at one speed: to see what such drives cannot tell",
     )
     parser.add_argument(
         "--write-to",
         metavar="FILE.toml",
-        help="description to put it into, its comments kept; a new one is a copy of --robot",
+        help="description to put it into, its comments kept; a new one is a copy of the robot's",
     )
 
 
@@ -140,7 +159,9 @@ EXPERIMENT = Experiment(
         "tsd-lab calibrate --seed 1                      a simulated machine, the truth beside it",
         "tsd-lab calibrate --no-tachometer               what is left when no speed is measured",
         "tsd-lab calibrate --same-speed                  what drives at one speed cannot tell",
-        "tsd-lab calibrate --log run.csv --robot my.toml --write-to my.toml    a machine of yours",
+        "tsd-lab calibrate --drive --room 1.5            drive the robot of this machine, guided",
+        "tsd-lab calibrate --drive --log lab/calibrate_log.csv    and add to what was recorded",
+        "tsd-lab calibrate --log run.csv --robot my.toml --write-to my.toml     write it down",
     ],
     add_flags=_flags,
 )

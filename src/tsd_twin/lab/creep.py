@@ -23,11 +23,18 @@ class Creep:
 
     twist: Array
     spin_rpm: float
+    sigma_mps: float = 0.0
+    """Standard deviation of the velocity, in the direction in which it is known worst."""
 
     @property
     def way_m(self) -> float:
         """How far the centre goes in 30 s at 2,500 rpm: creep grows with that speed."""
         return float(np.hypot(*self.twist[:2])) * LIMIT_S * self._to_limit
+
+    @property
+    def way_sigma_m(self) -> float:
+        """How well that is known: one standard deviation."""
+        return self.sigma_mps * LIMIT_S * self._to_limit
 
     @property
     def turn_rad(self) -> float:
@@ -71,8 +78,12 @@ def creep_of(t_s: Array, poses: Array, spin_rpm: float) -> Creep:
         twists[:, i], twists[:, 2] = 1.0, turning
         rows[:, :, i] = SE2.exp(twists * after_s[:, None]).xy_heading[:, :2]
         rows[:, i, 2 + i] = 1.0
-    found = np.linalg.lstsq(rows.reshape(-1, 4), local.ravel(), rcond=None)[0]
-    return Creep(np.array([found[0], found[1], turning]), spin_rpm)
+    flat = rows.reshape(-1, 4)
+    found = np.linalg.lstsq(flat, local.ravel(), rcond=None)[0]
+    squares = np.square(local.ravel() - flat @ found).sum() / max(1, len(flat) - 4)
+    spread = squares * np.linalg.pinv(flat.T @ flat)[:2, :2]
+    sigma_mps = float(np.sqrt(max(0.0, np.linalg.eigvalsh(spread)[-1])))
+    return Creep(np.array([found[0], found[1], turning]), spin_rpm, sigma_mps)
 
 
 def creep_by_hand(moved_m: Array, turned_rad: float, seconds: float, spin_rpm: float) -> Creep:

@@ -1,8 +1,15 @@
-"""Questions to who sits at the keyboard."""
+"""Questions to who sits at the keyboard, and keys that are pressed there."""
 
 from __future__ import annotations
 
 import math
+import os
+import select
+import sys
+import termios
+import time
+import tty
+from typing import Any, Self
 
 import numpy as np
 
@@ -40,6 +47,47 @@ def ask(question: str) -> str:
         return input(question)
     except EOFError:
         raise TwinError("nobody answers: the procedure needs somebody at the keyboard") from None
+
+
+def agreed(question: str) -> bool:
+    """Ask, and return whether the answer is yes."""
+    return ask(question).strip().lower() in {"y", "yes"}
+
+
+class Keys:
+    """Notices keys without Enter, where a terminal is the input; elsewhere there are none.
+
+    Ctrl-C stays what it is. The terminal is as it was afterwards.
+    """
+
+    def __init__(self) -> None:
+        self._terminal = sys.stdin.fileno() if sys.stdin and sys.stdin.isatty() else None
+        self._before: list[Any] = []
+
+    def __enter__(self) -> Self:
+        if self._terminal is not None:
+            self._before = termios.tcgetattr(self._terminal)
+            tty.setcbreak(self._terminal)
+            # What was typed ahead was not meant for now.
+            termios.tcflush(self._terminal, termios.TCIFLUSH)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._terminal is not None:
+            termios.tcsetattr(self._terminal, termios.TCSAFLUSH, self._before)
+
+    def pressed(self, patience_s: float) -> bool:
+        """Wait for a key, no longer than this, and return whether one was pressed.
+
+        A terminal that has gone counts as one: nobody is there any more.
+        """
+        if self._terminal is None:
+            time.sleep(patience_s)
+            return False
+        ready, _, _ = select.select([self._terminal], [], [], patience_s)
+        if ready:
+            os.read(self._terminal, 64)
+        return bool(ready)
 
 
 def say(text: str) -> None:

@@ -9,15 +9,12 @@ from collections.abc import Iterator
 from typing import Any, Self
 
 import msgspec
-import numpy as np
 
 from tsd_twin import robots, topics
 from tsd_twin.bus import Bus
 from tsd_twin.errors import BusError, MessageError, TwinError
 from tsd_twin.lab.meeting import description
-from tsd_twin.lie import Array
 from tsd_twin.messages.command import Sample
-from tsd_twin.messages.ros import decode_odometry
 from tsd_twin.messages.service import (
     HolderRequest,
     LeaseReply,
@@ -52,7 +49,7 @@ class Operator:
             RobotFileError: its description cannot be used.
         """
         self.id, self.name = robot_id, topics.checked(name)
-        self._bus = bus
+        self.bus = bus
         self.text = description(bus, robot_id)
         """The TOML of its description."""
         self.robot: Robot = robots.parse(self.text, f"description of {robot_id}")
@@ -60,7 +57,8 @@ class Operator:
         self._renewed_s = 0.0
         self._statuses: queue.SimpleQueue[Sample] = queue.SimpleQueue()
         bus.watch(topics.STATUS.key(robot_id), self._statuses.put)
-        self._truth = bus.reader(topics.TRUTH.key(robot_id), 64)
+        self.status_seq = 0
+        """Number of the newest status that was taken: what commands echo."""
         self._before: Any = None
 
     def __enter__(self) -> Self:
@@ -112,12 +110,19 @@ class Operator:
         """
         began_s = time.monotonic()
         while (held_s := time.monotonic() - began_s) < seconds:
-            status = self.status()
-            if status.mode != "ready":
-                raise TwinError(f"{self.id} is {status.mode}: {status.stop_reason}")
-            if status.lease.holder != self.name:
-                raise TwinError(f"{status.lease.holder or 'nobody'} has control of {self.id} now")
+            self.check(self.status(), "ready")
             yield held_s
+
+    def check(self, status: Status, *modes: str) -> None:
+        """Raise what is wrong, unless the robot is in one of these modes and still ours.
+
+        Raises:
+            TwinError: it is not ready any more, or another has control.
+        """
+        if status.mode not in modes:
+            raise TwinError(f"{self.id} is {status.mode}: {status.stop_reason}")
+        if status.lease.holder != self.name:
+            raise TwinError(f"{status.lease.holder or 'nobody'} has control of {self.id} now")
 
     def status(self) -> Status:
         """Return the next status, and keep control meanwhile.
@@ -131,31 +136,31 @@ class Operator:
                 renew = LeaseRequest(op="renew", operator=self.name, lease=self._lease)
                 self._ask_lease(renew)
             try:
-                sample = self._statuses.get(timeout=_SILENT_S)
-                while not self._statuses.empty():  # Only this thread takes any.
-                    sample = self._statuses.get()
-                return decode_status(sample.payload)
+                return self._read(self._statuses.get(timeout=_SILENT_S))
             except MessageError:
                 continue  # Somebody else writes on this key.
             except queue.Empty:
                 self.stop("it fell silent")
                 raise TwinError(f"{self.id} has said nothing for {_SILENT_S:g} s") from None
 
-    def seen(self) -> list[tuple[float, Array]]:
-        """Return robot time and pose (3,) of what has been seen from outside since the last call.
+    def news(self) -> Status | None:
+        """Return the newest status since the last one, None when there is none; do not wait."""
+        try:
+            return self._read(self._statuses.get_nowait())
+        except (MessageError, queue.Empty):
+            return None
 
-        That is what a simulator knows; a machine has nobody who sees it here.
-        """
-        found: list[tuple[float, Array]] = []
-        for sample in self._truth.take():
-            try:
-                stamp_s = decode_stamp(sample.attachment)[1] * 1e-9
-                pose = np.array(decode_odometry(sample.payload).xy_heading)
-            except MessageError:
-                continue
-            if np.isfinite(pose).all():
-                found.append((stamp_s, pose))
-        return found
+    @property
+    def lease(self) -> bytes:
+        """By which commands count."""
+        return bytes.fromhex(self._lease)
+
+    def _read(self, sample: Sample) -> Status:
+        while not self._statuses.empty():  # Only this thread takes any.
+            sample = self._statuses.get()
+        status = decode_status(sample.payload)
+        self.status_seq, _ = decode_stamp(sample.attachment)
+        return status
 
     def stop(self, reason: str) -> None:
         """Stop the robot and latch it, again until that is acknowledged or it is of no use."""
@@ -182,14 +187,14 @@ class Operator:
         """Return the answer of a service, None when there is none."""
         payload = msgspec.json.encode(request)
         try:
-            answer = self._bus.ask(service.key(self.id), payload, _ANSWER_S)
+            answer = self.bus.ask(service.key(self.id), payload, _ANSWER_S)
             return decode_json(answer, Reply, "an answer")
         except (BusError, MessageError):
             return None
 
     def _ask_lease(self, request: LeaseRequest) -> LeaseReply:
         try:
-            answer = self._bus.ask(Service.LEASE.key(self.id), msgspec.json.encode(request))
+            answer = self.bus.ask(Service.LEASE.key(self.id), msgspec.json.encode(request))
             return decode_json(answer, LeaseReply, "an answer")
         except (BusError, MessageError) as error:
             return LeaseReply(False, reason=str(error))

@@ -53,6 +53,24 @@ class Output:
         except OSError as error:
             raise _refused(self.folder, error) from error
 
+    def text(self, name: str, text: str) -> None:
+        """Write a file as it stands."""
+        try:
+            self._file(name).write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise _refused(self.folder, error) from error
+
+    def spare(self, name: str, unless: str | None) -> None:
+        """Refuse to write over a file that is there already, `unless` it is this one.
+
+        Raises:
+            TwinError: it would be lost.
+        """
+        path = self.folder / name
+        same = unless is not None and path.absolute() == Path(unless).absolute()
+        if path.exists() and not same:
+            raise TwinError(f"{path} would be written over: add to it with --log, or choose --out")
+
     def progress(self, items: Iterable[T], what: str, total: int) -> Iterator[T]:
         """Go through `items` with a bar on the error stream, which goes away at the end."""
         console = Console(file=sys.stderr, quiet=self._quiet)

@@ -56,19 +56,22 @@ class Recording:
 
 
 def columns(recordings: Sequence[Recording]) -> dict[str, Array]:
-    """Return a table of all: joints in each row, and a pose where there was a frame."""
+    """Return a table of all: joints and poses, in one row where they are of one time."""
     table: dict[str, list[Array]] = {}
     for number, run in enumerate(recordings):
-        poses = np.full((len(run.t_s), 3), np.nan)
-        poses[np.searchsorted(run.t_s, run.seen_s - 1e-6)] = run.seen
+        t_s = np.union1d(run.t_s, run.seen_s)
         wheels = [f"module{i + 1}_wheel" for i in range(run.modules)]
-        named = {"run": np.full(len(run.t_s), float(number)), "t_s": run.t_s}
-        named |= dict(zip(angle_names(run.modules), run.angles_rad.T, strict=True))
-        told = [f"{wheel}_told_rad_per_s" for wheel in wheels]
-        named |= dict(zip(told, run.told_rad_per_s.T, strict=True))
-        speeds = [f"{wheel}_rad_per_s" for wheel in wheels]
-        named |= dict(zip(speeds, run.spin_rad_per_s.T, strict=True))
-        named |= dict(zip(POSE, poses.T, strict=True))
+        groups = [
+            (angle_names(run.modules), run.t_s, run.angles_rad),
+            ([f"{wheel}_told_rad_per_s" for wheel in wheels], run.t_s, run.told_rad_per_s),
+            ([f"{wheel}_rad_per_s" for wheel in wheels], run.t_s, run.spin_rad_per_s),
+            (POSE, run.seen_s, run.seen),
+        ]
+        named = {"run": np.full(len(t_s), float(number)), "t_s": t_s}
+        for names, times, values in groups:
+            rows = np.full((len(t_s), len(names)), np.nan)
+            rows[np.searchsorted(t_s, times)] = values
+            named |= dict(zip(names, rows.T, strict=True))
         for name, column in named.items():
             table.setdefault(name, []).append(column)
     return {name: np.concatenate(parts) for name, parts in table.items()}

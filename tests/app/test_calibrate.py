@@ -1,0 +1,129 @@
+"""`tsd-lab calibrate --drive` on a robot that runs as a process of its own, under a camera."""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.app.conftest import Program
+from tests.lab.runs import is_picture
+from tests.node.pilot import Pilot
+from tests.running import PATIENCE_S, QUICK, running
+from tsd_twin import robots
+from tsd_twin.lab.creep import by_zeros
+from tsd_twin.lab.keyboard import Keys
+from tsd_twin.lab.recording import read
+from tsd_twin.node import OverheadCamera
+from tsd_twin.robots import SingularityRobot
+from tsd_twin.sim import simulate
+
+pytestmark = pytest.mark.system
+
+Start = Callable[..., Program]
+PATIENT = QUICK.replace("[limits]", "[limits]\ncommand_timeout_s = 1.5\nmax_command_age_s = 1.0", 1)
+"""On a busy machine commands are late; here that shall stop nothing."""
+BUILT = re.sub(r"zero_deg = \S+", "zero_deg = 0.3", PATIENT)
+"""And one whose gimbals are off by more than thumbs would leave."""
+
+
+def drive(start: Start, endpoint: str, folder: Path, *flags: str) -> Program:
+    """Calibrate the robot there; nobody is asked."""
+    return start(
+        "tsd_lab", "calibrate", "--drive", "--yes", "--connect", endpoint, "--out", str(folder),
+        *flags,
+    )  # fmt: skip
+
+
+def test_a_mock_under_a_camera_is_driven_and_what_is_wrong_with_it_found(
+    start: Start, tmp_path: Path
+) -> None:
+    toml, folder = tmp_path / "built.toml", tmp_path / "lab"
+    toml.write_text(BUILT)
+    mock = start(
+        "tsd_mock", "--robot", str(toml), "--noise", "1", "--errors", "1", "--seed", "4",
+        "--camera", "--listen", "tcp/127.0.0.1:0",
+    )  # fmt: skip
+    endpoint = mock.ready().rpartition(" ")[2]
+    lab = drive(start, endpoint, folder, "--room", "2.95", "--speed", "1", "--write-to", str(toml))
+    assert lab.wait() == 0, lab.errors
+    assert is_picture(folder / "calibrate.png")
+    log = folder / "calibrate_log.csv"
+    assert len(read(str(log), 3)) == 1
+    # Where the simulated gimbals stand when their servos say zero, by the seed.
+    robot = robots.of_kind(robots.parse(BUILT, "built"), SingularityRobot)
+    machine = simulate(robot, seed=4, noise=1.0, errors=1.0)
+    true = np.array(machine.joints).reshape(-1, 3)[:, :2]
+    assert np.abs(np.degrees(true)).max() > 0.2
+    with (folder / "calibrate.csv").open(newline="", encoding="utf-8") as file:
+        found = {row["name"]: float(row["found"]) for row in csv.DictReader(file)}
+    zeros = np.radians(
+        [found[f"module{i}_{part}"] for i in (1, 2, 3) for part in ("alpha", "beta")]
+    )
+    # Three things are told of six zeros in one run: as well as zeros that are off by 0.03 degrees.
+    creep = by_zeros(robot)
+    off = np.abs(creep @ (zeros - true.ravel()))
+    assert (off < np.radians(0.03) * np.linalg.norm(creep, axis=1)).all()
+    assert found["pivot_radius"] == pytest.approx(robot.drive.pivot_radius_m, rel=0.01)
+    written = robots.of_kind(robots.load(str(toml)), SingularityRobot)
+    assert written.calibration.tilt_offset_deg[0][0] == pytest.approx(
+        np.degrees(zeros[0]), abs=1e-3
+    )
+    # And on with the next run, which adds to this one.
+    assert any(f"--log {log}" in line for line in lab.output)
+    again = drive(start, endpoint, folder)
+    assert again.wait() != 0
+    assert "would be written over" in again.sentence
+
+
+def test_a_lab_that_is_killed_on_the_way_leaves_the_robot_at_rest(
+    start: Start, tmp_path: Path
+) -> None:
+    with (
+        running() as node,
+        Pilot(node) as alice,
+        node.client() as bus,
+        OverheadCamera(bus, node.id),
+    ):
+        lab = drive(start, node.endpoint, tmp_path, "--room", "1.2", "--speed", "1")
+        alice.wait_until(lambda: np.hypot(*alice.truth.twist[:2]) > 0.3)
+        lab.end(signal.SIGKILL)
+        killed_at = alice.truth.xy_heading[:2]
+        alice.wait_for("ready")  # By itself; and nobody drives it any more.
+        alice.wait_until(lambda: np.abs(alice.truth.twist).max() < 0.05)
+        # 0.31 m from the last command that counted at 1 m/s, docs/safety.md; it went slower.
+        assert np.hypot(*(alice.truth.xy_heading[:2] - killed_at)) < 0.35
+        alice.wait_until(lambda: alice.status.lease.holder is None)
+
+
+def test_without_a_camera_nothing_moves(start: Start, tmp_path: Path) -> None:
+    with running() as node, Pilot(node) as alice:
+        lab = drive(start, node.endpoint, tmp_path)
+        assert lab.wait() != 0
+        assert f"nobody tells on twin/{node.id}/in/pose" in lab.sentence
+        assert "\n" not in lab.sentence
+        assert {event["kind"] for event in alice.events} <= {"pose"}
+        assert alice.status.mode == "disarmed"
+
+
+def test_a_key_is_noticed_without_enter_and_the_terminal_left_as_it_was(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    outside, inside = os.openpty()
+    with os.fdopen(inside, "r") as terminal:
+        monkeypatch.setattr("sys.stdin", terminal)
+        os.write(outside, b"typed ahead")
+        with Keys() as keys:
+            assert not keys.pressed(0.0)
+            os.write(outside, b"x")
+            assert keys.pressed(PATIENCE_S)
+            assert not keys.pressed(0.0)
+        os.write(outside, b"a line\n")
+        assert terminal.readline() == "a line\n"
+    os.close(outside)
