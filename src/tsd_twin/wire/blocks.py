@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from struct import Struct
-from typing import ClassVar, Self
+from typing import ClassVar
+
+from tsd_twin.wire.packed import Packed
 
 
 @dataclass(frozen=True, slots=True)
-class Identity:
+class Identity(Packed):
     """Who this is, and what is fixed in it."""
 
     ADDRESS: ClassVar[int] = 0
@@ -35,41 +37,9 @@ class Identity:
     neutral_band: int = 34
     """Neutral is within this [step]."""
 
-    def pack(self) -> bytes:
-        """Return the bytes of the block."""
-        return self.LAYOUT.pack(
-            self.model,
-            self.fw,
-            self.table_version,
-            self.id,
-            self.host_baud,
-            self.servo_baud,
-            self.heartbeat_timeout_ms,
-            self.watchdog_ms,
-            self.esc_hold_ms,
-            self.neutral_band,
-        )
-
-    @classmethod
-    def unpack(cls, data: bytes) -> Self:
-        """Return the block in these bytes."""
-        v = cls.LAYOUT.unpack(data)
-        return cls(
-            model=v[0],
-            fw=v[1],
-            table_version=v[2],
-            id=v[3],
-            host_baud=v[4],
-            servo_baud=v[5],
-            heartbeat_timeout_ms=v[6],
-            watchdog_ms=v[7],
-            esc_hold_ms=v[8],
-            neutral_band=v[9],
-        )
-
 
 @dataclass(frozen=True, slots=True)
-class Setup:
+class Setup(Packed):
     """How the robot is built; the bridge writes it when it connects. Kept without power."""
 
     ADDRESS: ClassVar[int] = 21
@@ -84,29 +54,9 @@ class Setup:
     servos_expected: int = 63
     """Bit i: servo i must answer to arm and to stay armed; 0 when others drive the servos."""
 
-    def pack(self) -> bytes:
-        """Return the bytes of the block."""
-        return self.LAYOUT.pack(
-            *self.neutral,
-            self.reverse,
-            self.goal_limit,
-            self.servos_expected,
-        )
-
-    @classmethod
-    def unpack(cls, data: bytes) -> Self:
-        """Return the block in these bytes."""
-        v = cls.LAYOUT.unpack(data)
-        return cls(
-            neutral=v[0:6],
-            reverse=v[6],
-            goal_limit=v[7],
-            servos_expected=v[8],
-        )
-
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class Command(Packed):
     """What the joints shall do: one WRITE of all of it in each cycle; of a part is error 5."""
 
     ADDRESS: ClassVar[int] = 37
@@ -127,31 +77,9 @@ class Command:
     [step].
     """
 
-    def pack(self) -> bytes:
-        """Return the bytes of the block."""
-        return self.LAYOUT.pack(
-            self.heartbeat,
-            self.arm,
-            self.torque,
-            *self.throttle,
-            *self.goal,
-        )
-
-    @classmethod
-    def unpack(cls, data: bytes) -> Self:
-        """Return the block in these bytes."""
-        v = cls.LAYOUT.unpack(data)
-        return cls(
-            heartbeat=v[0],
-            arm=v[1],
-            torque=v[2],
-            throttle=v[3:6],
-            goal=v[6:12],
-        )
-
 
 @dataclass(frozen=True, slots=True)
-class Telemetry:
+class Telemetry(Packed):
     """What is the case: one READ in each cycle."""
 
     ADDRESS: ClassVar[int] = 59
@@ -207,65 +135,3 @@ class Telemetry:
     """Times that the board disarmed itself since power came."""
     resets: int = 0
     """Resets since power came."""
-
-    def pack(self) -> bytes:
-        """Return the bytes of the block."""
-        return self.LAYOUT.pack(
-            self.millis,
-            self.mode,
-            self.trip,
-            self.refusal,
-            self.reset_cause,
-            self.beat,
-            self.esc_ready,
-            self.servo_found,
-            self.servo_alive,
-            self.servo_protocol,
-            self.servo_fault,
-            *self.throttle_out,
-            *self.position,
-            *self.velocity,
-            *self.current,
-            *self.voltage,
-            *self.temperature,
-            *self.rc,
-            self.battery_mv,
-            self.crc_errors,
-            self.rx_errors,
-            self.servo_errors,
-            self.overruns,
-            self.trips,
-            self.resets,
-        )
-
-    @classmethod
-    def unpack(cls, data: bytes) -> Self:
-        """Return the block in these bytes."""
-        v = cls.LAYOUT.unpack(data)
-        return cls(
-            millis=v[0],
-            mode=v[1],
-            trip=v[2],
-            refusal=v[3],
-            reset_cause=v[4],
-            beat=v[5],
-            esc_ready=v[6],
-            servo_found=v[7],
-            servo_alive=v[8],
-            servo_protocol=v[9],
-            servo_fault=v[10],
-            throttle_out=v[11:14],
-            position=v[14:20],
-            velocity=v[20:26],
-            current=v[26:32],
-            voltage=v[32:38],
-            temperature=v[38:44],
-            rc=v[44:50],
-            battery_mv=v[50],
-            crc_errors=v[51],
-            rx_errors=v[52],
-            servo_errors=v[53],
-            overruns=v[54],
-            trips=v[55],
-            resets=v[56],
-        )

@@ -82,7 +82,9 @@ def structs() -> str:
         "",
         "from dataclasses import dataclass",
         "from struct import Struct",
-        "from typing import ClassVar, Self",
+        "from typing import ClassVar",
+        "",
+        "from tsd_twin.wire.packed import Packed",
     ]
     for block in BLOCKS:
         lines += ["", "", *_dataclass(block)]
@@ -139,7 +141,7 @@ def _dataclass(block: Block) -> list[str]:
     layout = "<" + "".join(
         (str(item.count) if item.count > 1 else "") + _LETTERS[item.type] for item in block.items
     )
-    lines = ["@dataclass(frozen=True, slots=True)", f"class {block.name.capitalize()}:"]
+    lines = ["@dataclass(frozen=True, slots=True)", f"class {block.name.capitalize()}(Packed):"]
     lines += [f'    """{block.doc}"""', ""]
     lines += [f"    ADDRESS: ClassVar[int] = {ADDRESS[block.name]}"]
     lines += [f'    LAYOUT: ClassVar[Struct] = Struct("{layout}")', ""]
@@ -150,20 +152,7 @@ def _dataclass(block: Block) -> list[str]:
         unit = f" [{item.unit}]" if item.unit else ""
         lines += [f"    {item.name}: {kind} = {default}"]
         lines += _docstring(item.doc.removesuffix(".") + unit + ".")
-    lines += ["", "    def pack(self) -> bytes:", '        """Return the bytes of the block."""']
-    lines += ["        return self.LAYOUT.pack("]
-    lines += [
-        f"            {'*' if item.count > 1 else ''}self.{item.name}," for item in block.items
-    ]
-    lines += ["        )", "", "    @classmethod", "    def unpack(cls, data: bytes) -> Self:"]
-    lines += ['        """Return the block in these bytes."""']
-    lines += ["        v = cls.LAYOUT.unpack(data)", "        return cls("]
-    at = 0
-    for item in block.items:
-        many = item.count > 1
-        lines += [f"            {item.name}=v[{at}{f':{at + item.count}' if many else ''}],"]
-        at += item.count
-    return [*lines, "        )"]
+    return lines
 
 
 def _docstring(text: str) -> list[str]:
