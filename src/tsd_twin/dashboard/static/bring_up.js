@@ -1,5 +1,6 @@
-// A point of the sphere that was clicked on is brought up: a source of motion like the stick, which
-// goes on by itself until it is there. Hands on any control, or anything that lets go, ends it.
+// A point of the sphere that was clicked on, or chosen in its tab, is brought up: a source of motion
+// like the stick, which goes on by itself until it is there. Hands on any control, or anything that
+// lets go, ends it.
 
 import { rotated } from "./space.js";
 
@@ -38,6 +39,12 @@ export class BringUp {
     return { vx: rate * way.axis[0], vy: rate * way.axis[1], omega: 0 };
   }
 
+  /** Bring a point up: a unit vector along the axes that are painted on the sphere. */
+  bring(at) {
+    this._goal = { at, untilMs: performance.now() + GIVE_UP_MS };
+    this._drive.changed();
+  }
+
   cancel() {
     this._goal = null;
   }
@@ -46,9 +53,7 @@ export class BringUp {
     const now = performance.now();
     const asked = now - this._clickedMs < CLICK_MS;
     this._clickedMs = -Infinity; // One click, one motion.
-    if (!asked || robot !== this._link.robot?.id) return;
-    this._goal = { at, untilMs: now + GIVE_UP_MS };
-    this._drive.changed();
+    if (asked && robot === this._link.robot?.id) this.bring(at);
   }
 
   _check() {

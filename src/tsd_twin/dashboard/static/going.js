@@ -5,7 +5,7 @@
 import { el, icon, mark, say } from "./dom.js";
 import { FloorLayer } from "./floor.js";
 import { HeldButton } from "./held_button.js";
-import { notDrive, notYours } from "./permission.js";
+import { notDrive, notPlan } from "./permission.js";
 import { isOver, wordsOf } from "./route_words.js";
 
 const NONE = { vx: 0, vy: 0, omega: 0 };
@@ -16,7 +16,7 @@ export class Going {
     this._mode = null;
     this._number = null; // Of the way that is held.
     this._level = drive.level;
-    this._arrived = null; // The way on which it has.
+    this._over = null; // The way that has come to its end.
     this.floor = new FloorLayer((points) => this.plan({ points, kind: this._mode, on: "picture" }));
     const choice = (mode, name) =>
       el(
@@ -94,7 +94,7 @@ export class Going {
 
   /** Ask for a way; return why that cannot be, or null. */
   plan(wish) {
-    const reason = notYours(this._link);
+    const reason = notPlan(this._link);
     if (reason !== null) this._drive.onMessage(reason);
     else this._link.send({ t: "plan", ...wish, level: this._drive.level });
     return reason;
@@ -154,15 +154,15 @@ export class Going {
 
   _check() {
     const route = this.route;
-    const over = route === null || route.number !== this._number || route.phase === "arrived";
-    if (this.held && over) {
+    const lost = route === null || route.number !== this._number || route.phase === "arrived";
+    if (this.held && lost) {
       this.cancel();
       this._drive.changed();
     }
-    const arrived = route?.phase === "arrived" ? route.number : null;
-    const news = arrived !== this._arrived;
-    this._arrived = arrived;
-    if (news && arrived !== null) this._choose(null); // The camera may be turned again.
+    const over = isOver(route) ? route.number : null;
+    const news = over !== this._over;
+    this._over = over;
+    if (news && over !== null) this._choose(null); // What came of it is said; the camera turns again.
     this._show();
   }
 

@@ -8,8 +8,9 @@ import { Wheels } from "./wheels.js";
 const PANELS = { gimbals: Gimbals, wheels: Wheels, sphere: Sphere };
 
 export class Joints {
-  constructor(link, place) {
+  constructor(link, place, bringUp) {
     this._link = link;
+    this._bringUp = bringUp;
     this._place = el("div");
     place.append(this._place);
     this._open = true;
@@ -28,6 +29,6 @@ export class Joints {
     this._kind = kind;
     this._content?.close();
     this._place.replaceChildren();
-    this._content = new PANELS[kind](this._link, this._place);
+    this._content = new PANELS[kind](this._link, this._place, this._bringUp);
   }
 }

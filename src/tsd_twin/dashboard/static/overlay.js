@@ -180,12 +180,13 @@ document.body.append(host);
 mark(inner, "data-plain", drawsInSoftware() ? "" : null);
 new ResizeObserver(reserve).observe(bar.element);
 new ResizeObserver(reserve).observe(dock);
+new ResizeObserver(reserve).observe(going.element);
 new ResizeObserver(layOut).observe(host);
 frame.phone.addEventListener("change", layOut);
 layOut();
 fold(false);
 turnAxes("base_link");
-watchPanels(link, going);
+watchPanels(link, going, bringUp);
 link.open();
 
 function keyOfFocused(event) {
@@ -261,6 +262,7 @@ function reserve() {
   const box = host.getBoundingClientRect();
   const lowest = host.clientWidth <= NARROW_PX ? pose.element : bar.element;
   const top = lowest.getBoundingClientRect().bottom - box.top;
-  const bottom = box.bottom - dock.getBoundingClientRect().top;
+  const beside = dock.previousElementSibling === going.element && !going.element.hidden;
+  const bottom = box.bottom - (beside ? going.element : dock).getBoundingClientRect().top;
   frame.reserve(top, bottom + 8);
 }

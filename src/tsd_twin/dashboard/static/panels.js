@@ -11,11 +11,11 @@ import { Recorder } from "./recorder.js";
 import { RouteForm } from "./route_form.js";
 
 /** Fill all places that there are and that will come, and name what viser leaves without a name. */
-export function watchPanels(link, going) {
+export function watchPanels(link, going, bringUp) {
   const recorder = new Recorder(link);
   const makers = {
     route: (place) => new RouteForm(link, going, place),
-    joints: (place) => new Joints(link, place),
+    joints: (place) => new Joints(link, place, bringUp),
     gear: (place) => new Gear(link, place),
     plots: (place) => new Plots(recorder, place),
     health: (place) => new Health(link, place),

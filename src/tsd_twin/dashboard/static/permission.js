@@ -72,6 +72,10 @@ export function notShift(link) {
   return LATCHED.has(mode) ? capital(SAID[mode]) : null;
 }
 
+export function notPlan(link) {
+  return notShift(link);
+}
+
 export function notDisarm(link) {
   return notYours(link);
 }

@@ -2,7 +2,7 @@
 
 import { el, mark, say } from "./dom.js";
 import { fixed } from "./format.js";
-import { notYours } from "./permission.js";
+import { notPlan } from "./permission.js";
 
 const FIELDS = [
   ["x", "x (m)", "Forward of the origin"],
@@ -49,7 +49,7 @@ export class RouteForm {
 
   _show() {
     this._form.hidden = this._link.robot?.space !== "floor";
-    const reason = notYours(this._link);
+    const reason = notPlan(this._link);
     mark(this._button, "aria-disabled", reason === null ? null : "true");
     const pose = this._link.state?.pose;
     for (const [i, name] of ["x", "y"].entries())

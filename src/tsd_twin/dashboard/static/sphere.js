@@ -2,23 +2,24 @@
 
 import { el, mark, say, svg } from "./dom.js";
 import { fixed } from "./format.js";
+import { notDrive } from "./permission.js";
 import { isSeen } from "./seen.js";
 import { rotated } from "./space.js";
 import { Apart, WheelList } from "./wheels.js";
 
 const RADIUS = 40; // Of the drawing.
 const ENDS = [
-  ["front", [1, 0, 0]],
-  ["plain", [-1, 0, 0]],
-  ["plain", [0, 1, 0]],
-  ["plain", [0, -1, 0]],
-  ["up", [0, 0, 1]],
-  ["plain", [0, 0, -1]],
+  ["front", [1, 0, 0], "front"],
+  ["plain", [-1, 0, 0], "back"],
+  ["plain", [0, 1, 0], "left"],
+  ["plain", [0, -1, 0], "right"],
+  ["up", [0, 0, 1], "top"],
+  ["plain", [0, 0, -1], "bottom"],
 ];
 const ROWS = ["–", "first", "second"];
 
 export class Sphere {
-  constructor(link, place) {
+  constructor(link, place, bringUp) {
     this._link = link;
     this._marks = ENDS.map(([name]) => svg("circle", { class: name, r: 5 }));
     const globe = svg(
@@ -44,6 +45,9 @@ export class Sphere {
       ),
       el("tbody", {}, ...["ωx", "ωy", "ωz"].map((name) => this._line(name))),
     );
+    this._bring = ENDS.map(([, at, name]) =>
+      el("button", { type: "button", onclick: () => bringUp.bring(at) }, name),
+    );
     this._between = el("p", { class: "verdict" });
     this._rows = el("p", { class: "verdict" });
     this._list = new WheelList(link);
@@ -54,7 +58,8 @@ export class Sphere {
       this._rows,
       this._apart.element,
       this._list.element,
-      el("p", { class: "verdict" }, "Click on the sphere to bring that point up."),
+      el("p", { class: "verdict" }, "Click on the sphere to bring that point up, or choose a mark:"),
+      el("div", { class: "bring", role: "group", "aria-label": "Bring up" }, ...this._bring),
     );
     this._open = true;
     link.on("state", () => this._open && isSeen(place) && this._show());
@@ -73,6 +78,8 @@ export class Sphere {
   _show() {
     this._list.show(null);
     this._apart.show();
+    const refused = notDrive(this._link) === null ? null : "true";
+    for (const button of this._bring) mark(button, "aria-disabled", refused);
     const { ball } = this._link.state;
     if (ball === null) return;
     this._marks.forEach((node, i) => put(node, rotated(ball.wxyz, ENDS[i][1])));
