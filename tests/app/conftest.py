@@ -11,6 +11,9 @@ from pathlib import Path
 from typing import IO
 
 import pytest
+from playwright.sync_api import Browser, sync_playwright
+
+from tests.app.browser import FLAGS, executable
 
 PATIENCE_S = 60.0
 
@@ -113,3 +116,11 @@ def stat_of(pid: int) -> list[str] | None:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:
         return None
+
+
+@pytest.fixture(scope="module")
+def browser() -> Generator[Browser]:
+    with sync_playwright() as playwright:
+        running = playwright.chromium.launch(executable_path=executable(), args=list(FLAGS))
+        yield running
+        running.close()

@@ -6,19 +6,17 @@ import math
 import re
 import threading
 import time
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, ConsoleMessage, Page, expect, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Page, expect
 
 from tests.app.browser import (
-    FLAGS,
     PATIENCE_MS,
     QUICK,
     centre,
-    executable,
     mode,
     press,
     take_control_and_arm,
@@ -43,14 +41,6 @@ MOVING_MPS = 0.15
 ANY_PORTS = ("--port", "0", "--bus-port", "0")
 _PATIENCE_S = 60.0
 _PRESSES, _PRESS_S = 10, 5.0
-
-
-@pytest.fixture(scope="module")
-def browser() -> Generator[Browser]:
-    with sync_playwright() as playwright:
-        running = playwright.chromium.launch(executable_path=executable(), args=list(FLAGS))
-        yield running
-        running.close()
 
 
 @dataclass

@@ -7,14 +7,12 @@ import re
 from collections.abc import Generator
 
 import pytest
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect
 
 from tests.app.browser import (
-    FLAGS,
     PATIENCE_MS,
     QUICK,
     centre,
-    executable,
     mode,
     take_control_and_arm,
 )
@@ -38,14 +36,6 @@ def demo(*names: str) -> Generator[str]:
         yield re.findall(r"http://\S+", program.ready())[0]
     finally:
         program.clean_up()
-
-
-@pytest.fixture(scope="module")
-def browser() -> Generator[Browser]:
-    with sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=executable(), args=list(FLAGS))
-        yield started
-        started.close()
 
 
 @contextlib.contextmanager

@@ -98,3 +98,16 @@ class Stage:
             self.wait(PERIOD_S, fault="it broke")
             self.wait(PERIOD_S, fault="")
         assert self.mode is mode
+
+
+def stop(stage: Stage) -> None:
+    stage.authority.stop(StopRequest("bob"), stage.now_s)
+
+
+def disarm(stage: Stage) -> None:
+    assert stage.authority.disarm(stage.lease, stage.now_s).ok
+
+
+def reset(stage: Stage) -> None:
+    stage.wait(0.6)
+    assert stage.authority.reset(stage.lease, stage.now_s).ok

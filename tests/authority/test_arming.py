@@ -4,22 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.authority.stage import Stage
+from tests.authority.stage import Stage, disarm
 from tsd_twin.authority import Mode
-from tsd_twin.messages.service import StopRequest
-
-
-def stop(stage: Stage) -> None:
-    stage.authority.stop(StopRequest("bob"), stage.now_s)
-
-
-def disarm(stage: Stage) -> None:
-    assert stage.authority.disarm(stage.lease, stage.now_s).ok
-
-
-def reset(stage: Stage) -> None:
-    stage.wait(0.6)
-    assert stage.authority.reset(stage.lease, stage.now_s).ok
 
 
 def test_arming_holds_zero_throttle_for_two_seconds_before_the_wheels_turn(stage: Stage) -> None:

@@ -4,22 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from tests.authority.stage import Stage
+from tests.authority.stage import Stage, disarm, stop
 from tsd_twin.authority import LATCHED, Mode
 from tsd_twin.messages.service import StopRequest
-
-
-def stop(stage: Stage) -> None:
-    stage.authority.stop(StopRequest("bob"), stage.now_s)
-
-
-def disarm(stage: Stage) -> None:
-    assert stage.authority.disarm(stage.lease, stage.now_s).ok
-
-
-def reset(stage: Stage) -> None:
-    stage.wait(0.6)
-    assert stage.authority.reset(stage.lease, stage.now_s).ok
 
 
 def test_a_take_over_stops_the_robot_until_the_new_holder_drives(stage: Stage) -> None:

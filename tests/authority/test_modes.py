@@ -6,22 +6,8 @@ from collections.abc import Callable
 
 import pytest
 
-from tests.authority.stage import Stage
+from tests.authority.stage import Stage, disarm, reset, stop
 from tsd_twin.authority import ARMED, LATCHED, TRANSITIONS, Mode
-from tsd_twin.messages.service import StopRequest
-
-
-def stop(stage: Stage) -> None:
-    stage.authority.stop(StopRequest("bob"), stage.now_s)
-
-
-def disarm(stage: Stage) -> None:
-    assert stage.authority.disarm(stage.lease, stage.now_s).ok
-
-
-def reset(stage: Stage) -> None:
-    stage.wait(0.6)
-    assert stage.authority.reset(stage.lease, stage.now_s).ok
 
 
 def disarm_and_come_to_rest(stage: Stage) -> None:

@@ -17,7 +17,6 @@ from tests.dashboard.viewers import CAMERA, Viewer
 from tsd_twin.access import Identity, Role
 from tsd_twin.access.logins import ABSOLUTE_S
 from tsd_twin.access.throttle import Throttle
-from tsd_twin.dashboard import viser_server
 from tsd_twin.dashboard.door import LOGGED_OUT, Door, Rules
 from tsd_twin.errors import TwinError
 
@@ -26,13 +25,6 @@ OTHER = "fedcba9876543210"
 EVERYTHING = ["/healthz", "/static/overlay.js", "/static/page.css", f"/teleop?page={PAGE}"]
 EVERYTHING += [f"/viser/{PAGE}", "/nothing", "/static/"]
 VISER = Subprotocol(f"viser-v{viser.__version__}")
-
-
-@pytest.fixture(scope="module")
-def server() -> Generator[viser.ViserServer]:
-    started = viser_server.start("test")
-    yield started
-    started.stop()
 
 
 @pytest.fixture(scope="module")

@@ -14,18 +14,10 @@ from websockets.typing import Subprotocol
 
 from tests.dashboard.operators import PATIENCE_S, Site, site
 from tests.dashboard.viewers import CAMERA, Viewer
-from tsd_twin.dashboard import viser_server
 from tsd_twin.dashboard.viser_private import page_of
 
 PAGE = "0123456789abcdef"
 VISER = f"viser-v{viser.__version__}"
-
-
-@pytest.fixture(scope="module")
-def server() -> Generator[viser.ViserServer]:
-    started = viser_server.start("test")
-    yield started
-    started.stop()
 
 
 @pytest.fixture(scope="module")

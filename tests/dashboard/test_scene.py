@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from tests.dashboard.feeds import PERIOD_S, Feed, posed
 from tests.dashboard.viewers import Node, Viewer, viewing
-from tsd_twin.dashboard import trail, viser_server
+from tsd_twin.dashboard import trail
 from tsd_twin.dashboard.arrows import HEAD_M, LENGTH_PER_SPEED_S
 from tsd_twin.dashboard.body import SLOWER
 from tsd_twin.dashboard.ellipse import SIGMAS, CovarianceEllipse
@@ -26,13 +26,6 @@ from tsd_twin.robots import RPM, Robot
 
 _NUMBERS = itertools.count()
 POSE = np.array([3.0, -2.0, 0.7])
-
-
-@pytest.fixture(scope="module")
-def server() -> Generator[viser.ViserServer]:
-    made = viser_server.start("test")
-    yield made
-    made.stop()
 
 
 @pytest.fixture(scope="module")

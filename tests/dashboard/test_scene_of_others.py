@@ -11,18 +11,10 @@ import viser
 from tests.dashboard.feeds import Feed, posed
 from tests.dashboard.viewers import Viewer, viewing
 from tsd_twin import robots
-from tsd_twin.dashboard import viser_server
 from tsd_twin.dashboard.scene import Scene
 from tsd_twin.lie import SE2, SO3
 
 TURN = SO3.exp(np.array([0.4, -0.3, 0.8]))
-
-
-@pytest.fixture(scope="module")
-def server() -> Generator[viser.ViserServer]:
-    started = viser_server.start("test")
-    yield started
-    started.stop()
 
 
 @pytest.fixture

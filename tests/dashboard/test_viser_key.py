@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import http.client
-from collections.abc import Generator
 from contextlib import closing
 from pathlib import Path
 
@@ -21,13 +20,6 @@ from tsd_twin.dashboard import viser_server
 from tsd_twin.dashboard.viser_key import KEY_HEADER, key
 
 VISER = Subprotocol(f"viser-v{viser.__version__}")
-
-
-@pytest.fixture(scope="module")
-def server() -> Generator[viser.ViserServer]:
-    started = viser_server.start("test")
-    yield started
-    started.stop()
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,17 @@
+"""What many tests of the dashboard need running."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+
+import pytest
+import viser
+
+from tsd_twin.dashboard import viser_server
+
+
+@pytest.fixture(scope="module")
+def server() -> Generator[viser.ViserServer]:
+    started = viser_server.start("test")
+    yield started
+    started.stop()
