@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterable
 from typing import Any
 
 from rosbags.serde import SerdeError
@@ -23,6 +24,28 @@ def header(stamp_ns: int, frame: str) -> Any:
     sec, nanosec = divmod(stamp_ns, 1_000_000_000)
     stamp = make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
     return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+
+
+def pose(position_m: Iterable[float], wxyz: Iterable[float]) -> Any:
+    """Return a `geometry_msgs/msg/Pose`."""
+    x, y, z = (float(v) for v in position_m)
+    qw, qx, qy, qz = (float(v) for v in wxyz)
+    return make(
+        "geometry_msgs/msg/Pose",
+        position=make("geometry_msgs/msg/Point", x=x, y=y, z=z),
+        orientation=make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
+    )
+
+
+def twist(numbers: Iterable[float]) -> Any:
+    """Return a `geometry_msgs/msg/Twist`; `numbers` are (vx, vy, vz, wx, wy, wz)."""
+    lx, ly, lz, ax, ay, az = (float(v) for v in numbers)
+    vector = "geometry_msgs/msg/Vector3"
+    return make(
+        "geometry_msgs/msg/Twist",
+        linear=make(vector, x=lx, y=ly, z=lz),
+        angular=make(vector, x=ax, y=ay, z=az),
+    )
 
 
 def stamp_ns(raw: Any) -> int:

@@ -41,15 +41,9 @@ class PoseStamped:
 
 def encode_pose(message: PoseStamped) -> bytes:
     """Return the CDR of a pose."""
-    x, y, z = (float(v) for v in message.position_m)
-    qw, qx, qy, qz = (float(v) for v in message.wxyz)
-    make = cdr.make
-    pose = make(
-        "geometry_msgs/msg/Pose",
-        position=make("geometry_msgs/msg/Point", x=x, y=y, z=z),
-        orientation=make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
-    )
-    return cdr.encode(make(_TYPE, header=cdr.header(message.stamp_ns, message.frame), pose=pose))
+    pose = cdr.pose(message.position_m, message.wxyz)
+    header = cdr.header(message.stamp_ns, message.frame)
+    return cdr.encode(cdr.make(_TYPE, header=header, pose=pose))
 
 
 def decode_pose(payload: bytes) -> PoseStamped:

@@ -13,11 +13,7 @@ import numpy as np
 
 from tsd_twin.errors import MessageError
 from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.messages.cdr import decode as _decode
-from tsd_twin.messages.cdr import encode as _encode
-from tsd_twin.messages.cdr import header as _header
-from tsd_twin.messages.cdr import make as _make
-from tsd_twin.messages.cdr import stamp_ns as _stamp_ns
+from tsd_twin.messages import cdr
 
 BASE = "base_link"
 """Frame of the robot: X forward, Y left, Z up, at the height of the wheel centres."""
@@ -87,19 +83,9 @@ class Odometry:
 
 def encode_twist(message: TwistStamped) -> bytes:
     """Return the CDR of a `geometry_msgs/msg/TwistStamped`."""
-    make, (lx, ly, lz, ax, ay, az) = _make, (float(v) for v in message.twist)
-    vector = "geometry_msgs/msg/Vector3"
-    return _encode(
-        make(
-            "geometry_msgs/msg/TwistStamped",
-            header=_header(message.stamp_ns, message.frame),
-            twist=make(
-                "geometry_msgs/msg/Twist",
-                linear=make(vector, x=lx, y=ly, z=lz),
-                angular=make(vector, x=ax, y=ay, z=az),
-            ),
-        )
-    )
+    header = cdr.header(message.stamp_ns, message.frame)
+    twist = cdr.twist(message.twist)
+    return cdr.encode(cdr.make("geometry_msgs/msg/TwistStamped", header=header, twist=twist))
 
 
 def decode_twist(payload: bytes) -> TwistStamped:
@@ -108,21 +94,21 @@ def decode_twist(payload: bytes) -> TwistStamped:
     Raises:
         MessageError: `shape`, when this is no `geometry_msgs/msg/TwistStamped`.
     """
-    raw = _decode(payload, "geometry_msgs/msg/TwistStamped")
+    raw = cdr.decode(payload, "geometry_msgs/msg/TwistStamped")
     linear, angular = raw.twist.linear, raw.twist.angular
     return TwistStamped(
         frame=raw.header.frame_id,
         twist=np.array([linear.x, linear.y, linear.z, angular.x, angular.y, angular.z]),
-        stamp_ns=_stamp_ns(raw),
+        stamp_ns=cdr.stamp_ns(raw),
     )
 
 
 def encode_joints(message: JointState) -> bytes:
     """Return the CDR of a `sensor_msgs/msg/JointState`."""
-    return _encode(
-        _make(
+    return cdr.encode(
+        cdr.make(
             "sensor_msgs/msg/JointState",
-            header=_header(message.stamp_ns, BASE),
+            header=cdr.header(message.stamp_ns, BASE),
             name=list(message.names),
             position=np.asarray(message.position_rad, dtype=np.float64),
             velocity=np.asarray(message.velocity_rad_per_s, dtype=np.float64),
@@ -137,10 +123,10 @@ def decode_joints(payload: bytes) -> JointState:
     Raises:
         MessageError: `shape`, when this is no `sensor_msgs/msg/JointState`.
     """
-    raw = _decode(payload, "sensor_msgs/msg/JointState")
+    raw = cdr.decode(payload, "sensor_msgs/msg/JointState")
     if not len(raw.name) == len(raw.position) == len(raw.velocity):
         raise MessageError("shape", "names, positions and velocities differ in number")
-    return JointState(tuple(raw.name), raw.position.copy(), raw.velocity.copy(), _stamp_ns(raw))
+    return JointState(tuple(raw.name), raw.position.copy(), raw.velocity.copy(), cdr.stamp_ns(raw))
 
 
 def encode_odometry(message: Odometry) -> bytes:
@@ -150,34 +136,23 @@ def encode_odometry(message: Odometry) -> bytes:
         rows = PLANAR
         quaternion = (math.cos(heading / 2.0), 0.0, 0.0, math.sin(heading / 2.0))
     else:
-        rows, quaternion = TURNING, tuple(float(v) for v in message.wxyz)
+        rows, quaternion = TURNING, message.wxyz
     spatial = [0.0] * 6
     for row, value in zip(rows, message.twist, strict=True):
         spatial[row] = float(value)
-    lx, ly, lz, ax, ay, az = spatial
-    qw, qx, qy, qz = quaternion
-    vector = "geometry_msgs/msg/Vector3"
-    return _encode(
-        _make(
+    return cdr.encode(
+        cdr.make(
             "nav_msgs/msg/Odometry",
-            header=_header(message.stamp_ns, ODOM),
+            header=cdr.header(message.stamp_ns, ODOM),
             child_frame_id=BASE,
-            pose=_make(
+            pose=cdr.make(
                 "geometry_msgs/msg/PoseWithCovariance",
-                pose=_make(
-                    "geometry_msgs/msg/Pose",
-                    position=_make("geometry_msgs/msg/Point", x=x, y=y, z=0.0),
-                    orientation=_make("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
-                ),
+                pose=cdr.pose((x, y, 0.0), quaternion),
                 covariance=_spatial(message.pose_covariance, rows),
             ),
-            twist=_make(
+            twist=cdr.make(
                 "geometry_msgs/msg/TwistWithCovariance",
-                twist=_make(
-                    "geometry_msgs/msg/Twist",
-                    linear=_make(vector, x=lx, y=ly, z=lz),
-                    angular=_make(vector, x=ax, y=ay, z=az),
-                ),
+                twist=cdr.twist(spatial),
                 covariance=_spatial(message.twist_covariance, rows),
             ),
         )
@@ -192,7 +167,7 @@ def decode_odometry(payload: bytes, *, turning: bool = False) -> Odometry:
     Raises:
         MessageError: `shape`, when this is no `nav_msgs/msg/Odometry`.
     """
-    raw = _decode(payload, "nav_msgs/msg/Odometry")
+    raw = cdr.decode(payload, "nav_msgs/msg/Odometry")
     position, turn = raw.pose.pose.position, raw.pose.pose.orientation
     linear, angular = raw.twist.twist.linear, raw.twist.twist.angular
     rows = _TURNING_BLOCK if turning else _PLANAR_BLOCK
@@ -202,7 +177,7 @@ def decode_odometry(payload: bytes, *, turning: bool = False) -> Odometry:
         twist=np.array(twist),
         pose_covariance=raw.pose.covariance.reshape(6, 6)[rows],
         twist_covariance=raw.twist.covariance.reshape(6, 6)[rows],
-        stamp_ns=_stamp_ns(raw),
+        stamp_ns=cdr.stamp_ns(raw),
         wxyz=np.array([turn.w, turn.x, turn.y, turn.z]) if turning else None,
     )
 
