@@ -42,11 +42,6 @@ def test_keys_are_those_that_other_programs_rely_on() -> None:
     assert topics.alive_key("*") == "twin/*/alive"
 
 
-def test_a_stream_counts_as_silent_after_ten_periods() -> None:
-    assert topics.STATUS.fresh_s == pytest.approx(0.5)
-    assert topics.ODOM.fresh_s == pytest.approx(0.2)
-
-
 @given(robot=ids, operator=ids)
 def test_the_robot_is_found_in_any_key(robot: str, operator: str) -> None:
     keys = [topic.key(robot) for topic in topics.TOPICS]

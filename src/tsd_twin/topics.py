@@ -1,4 +1,4 @@
-"""What crosses the bus: one table that gives keys, rates, quality of service and freshness."""
+"""What crosses the bus: one table that gives keys, rates and quality of service."""
 
 from __future__ import annotations
 
@@ -37,11 +37,6 @@ class Topic:
     def key(self, robot: str) -> str:
         """Return the key of this topic for a robot id; `*` stands for all robots."""
         return f"twin/{robot if robot == '*' else checked(robot)}/{self.path}"
-
-    @property
-    def fresh_s(self) -> float:
-        """Age beyond which the stream counts as silent: ten periods."""
-        return 10.0 / self.rate_hz
 
 
 TWIST = Topic("cmd/*/twist", "geometry_msgs/msg/TwistStamped", Urgency.REAL_TIME, 50.0)

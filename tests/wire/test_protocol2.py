@@ -82,9 +82,6 @@ def test_what_we_ask_is_what_the_sdk_asks() -> None:
     port = BytesPort()
     SDK.syncWriteTxOnly(port, 116, 2, [1, 10, 11, 2, 20, 21], 6)
     assert port.written == protocol2.sync_write(116, {1: b"\x0a\x0b", 2: b"\x14\x15"})
-    port = BytesPort()
-    SDK.reboot(port, 3)
-    assert port.written == protocol2.reboot(3)
 
 
 def test_devices_of_one_sync_write_get_as_many_bytes_each() -> None:

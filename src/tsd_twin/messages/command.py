@@ -12,7 +12,6 @@ from tsd_twin.lie import Array
 from tsd_twin.messages.ros import BASE, ODOM, decode_twist
 
 _ATTACHMENT = struct.Struct("<Q16sQ")
-LEASE_BYTES = 16
 
 
 @dataclass(frozen=True, slots=True)

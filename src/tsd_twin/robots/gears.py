@@ -18,7 +18,7 @@ class Gears:
     """A gear without steps: any spin between two, chosen by the speed range that is wanted.
 
     All follows from rolling, v = r_w spin sin(tilt): a faster wheel drives faster at the same tilt,
-    and by as much more with each step of a servo.
+    and by as much more with each step of a servo. The page shows both (`static/gear.js`).
     """
 
     drive: SingularityDrive
@@ -31,25 +31,8 @@ class Gears:
 
     def top_speed_mps(self, spin_rad_per_s: float) -> float:
         """Return the speed of a wheel over the ground at the tilt limit."""
-        return self._rim_mps(spin_rad_per_s) * math.sin(self.drive.max_tilt_rad)
-
-    def step_mps(self, spin_rad_per_s: float) -> float:
-        """Return by how much one step of a servo changes the speed of an upright wheel."""
-        return self._rim_mps(spin_rad_per_s) * self.servo_step_rad
-
-    def tilt_rad(self, spin_rad_per_s: float, speed_mps: float) -> float:
-        """Return the tilt that a speed over the ground takes; NaN when no tilt gives it."""
-        sine = speed_mps / self._rim_mps(spin_rad_per_s)
-        return math.asin(sine) if abs(sine) <= 1.0 else math.nan
-
-    def spin_for(self, top_speed_mps: float) -> float:
-        """Return the slowest spin, rad/s, that reaches a speed within the tilt limit.
-
-        The slowest, since it has the finest steps; or the end of the range that is nearest to it.
-        """
-        rim_mps = top_speed_mps / math.sin(self.drive.max_tilt_rad)
-        spin = rim_mps / self.drive.wheel_radius_m
-        return min(max(spin, self.least_rad_per_s), self.most_rad_per_s)
+        rim_mps = self.drive.wheel_radius_m * spin_rad_per_s
+        return rim_mps * math.sin(self.drive.max_tilt_rad)
 
     def refusal(self, spin_rad_per_s: float) -> str:
         """Return why a spin cannot be chosen, as part of a sentence; "" when it can."""
@@ -69,6 +52,3 @@ class Gears:
         """
         fall = deceleration_mps2 / self.top_speed_mps(1.0)
         return min(_LAG_SHARE * spin_rad_per_s / time_constant_s, fall)
-
-    def _rim_mps(self, spin_rad_per_s: float) -> float:
-        return self.drive.wheel_radius_m * spin_rad_per_s

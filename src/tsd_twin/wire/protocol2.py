@@ -73,11 +73,6 @@ def write(device: int, address: int, data: bytes) -> bytes:
     return encode(Packet(device, Instruction.WRITE, pack("<H", address) + data))
 
 
-def reboot(device: int) -> bytes:
-    """Restart a device, which ends a latched hardware error."""
-    return encode(Packet(device, Instruction.REBOOT))
-
-
 def sync_read(devices: Sequence[int], address: int, length: int) -> bytes:
     """Ask several devices for the same part of their tables; they answer in this order."""
     params = pack("<HH", address, length) + bytes(devices)
