@@ -1,5 +1,6 @@
 // A button that counts while a finger or a key is on it.
 
+import { Finger } from "./finger.js";
 import { HeldKeys } from "./held.js";
 
 export class HeldButton {
@@ -8,28 +9,21 @@ export class HeldButton {
     this._node = node;
     this._code = code;
     this._changed = changed;
-    this._pointer = null;
+    this._finger = new Finger(node, { came: changed, gone: changed });
     this._keys = new HeldKeys();
-    node.addEventListener("pointerdown", (event) => this._grab(event));
-    for (const end of ["pointerup", "pointercancel", "lostpointercapture"])
-      node.addEventListener(end, (event) => this._drop(event));
     node.addEventListener("blur", () => this._dropKeys());
-    node.addEventListener("contextmenu", (event) => event.preventDefault());
     // A key comes up wherever the focus has gone meanwhile.
     addEventListener("keyup", (event) => this._keys.take(event) && changed(), { capture: true });
   }
 
   get down() {
-    return this._pointer !== null || this._keys.size > 0;
+    return this._finger.down || this._keys.size > 0;
   }
 
   /** What the finger or the key still does is ignored until it comes down again. */
   cancel() {
-    const pointer = this._pointer;
-    this._pointer = null;
+    this._finger.cancel();
     this._keys.cancel();
-    if (pointer !== null && this._node.hasPointerCapture(pointer))
-      this._node.releasePointerCapture(pointer);
   }
 
   /** Take a key event; return whether it was for this button. */
@@ -38,21 +32,6 @@ export class HeldButton {
     if (event.code !== this._code && !(event.code === "Enter" && focused)) return false;
     if (this._keys.take(event)) this._changed();
     return true;
-  }
-
-  _grab(event) {
-    if (this._pointer !== null || event.button !== 0) return;
-    event.preventDefault();
-    this._node.focus({ preventScroll: true, focusVisible: false });
-    this._node.setPointerCapture(event.pointerId);
-    this._pointer = event.pointerId;
-    this._changed();
-  }
-
-  _drop(event) {
-    if (event.pointerId !== this._pointer) return;
-    this._pointer = null;
-    this._changed();
   }
 
   _dropKeys() {

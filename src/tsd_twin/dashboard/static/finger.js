@@ -1,0 +1,47 @@
+// One finger, or the mouse, on a control: from when it comes down until it goes, whatever takes it.
+
+export class Finger {
+  /** `came(event)` and `moved(event)` follow it; `gone()` comes when it has left by itself. */
+  constructor(node, { came, moved = () => {}, gone }) {
+    this._node = node;
+    this._came = came;
+    this._gone = gone;
+    this._pointer = null;
+    node.addEventListener("pointerdown", (event) => this._grab(event));
+    node.addEventListener("pointermove", (event) => this._is(event) && moved(event));
+    for (const end of ["pointerup", "pointercancel", "lostpointercapture"])
+      node.addEventListener(end, (event) => this._drop(event));
+    node.addEventListener("contextmenu", (event) => event.preventDefault());
+  }
+
+  get down() {
+    return this._pointer !== null;
+  }
+
+  /** What it still does is ignored until it comes down again. */
+  cancel() {
+    const pointer = this._pointer;
+    this._pointer = null;
+    if (pointer !== null && this._node.hasPointerCapture(pointer))
+      this._node.releasePointerCapture(pointer);
+  }
+
+  _is(event) {
+    return event.pointerId === this._pointer;
+  }
+
+  _grab(event) {
+    if (this.down || event.button !== 0) return;
+    event.preventDefault();
+    this._node.focus({ preventScroll: true, focusVisible: false });
+    this._node.setPointerCapture(event.pointerId);
+    this._pointer = event.pointerId;
+    this._came(event);
+  }
+
+  _drop(event) {
+    if (!this._is(event)) return;
+    this._pointer = null;
+    this._gone();
+  }
+}
