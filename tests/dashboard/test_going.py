@@ -392,6 +392,29 @@ def test_a_stop_by_anybody_ends_the_way_and_until_the_reset_there_is_no_other(
     asyncio.run(run())
 
 
+def test_let_go_of_a_moment_before_the_end_the_robot_has_arrived() -> None:
+    """There is no way left to plan, and nothing to refuse."""
+
+    async def run() -> None:
+        desk = Desk()
+        number = await desk.plan()
+        desk.step(number, 100.1)
+        desk.say(1.998, 100.2, "driving")
+        desk.going.pause()
+        desk.going.tick()
+        shown = desk.going.shown
+        assert shown is not None
+        assert shown.phase == "planning"
+        desk.say(1.998, 100.3)
+        desk.going.tick()
+        shown = desk.going.shown
+        assert shown is not None
+        assert (shown.number, shown.phase, shown.off_mm) == (number, "arrived", 2.0)
+        assert all(answer.ok for answer in desk.answers)
+
+    asyncio.run(run())
+
+
 def test_a_heading_that_is_no_number_is_refused_in_words() -> None:
     async def run() -> None:
         desk = Desk()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 from collections.abc import Callable, Coroutine
 from typing import Any
 
@@ -46,7 +47,7 @@ class Going:
         self._planned: Planned | None = None
         self._follower: Follower | None = None
         self._step: Step | None = None
-        self._drawn = False
+        self._drawn = self._begun = False
         self._ended: Route | None = None
         self._task: asyncio.Task[None] | None = None
         self._numbers = 0
@@ -110,6 +111,10 @@ class Going:
             return
         if status is None or odom is None or status.mode in _IN_MOTION:
             return
+        if self._begun and self._errand.is_done(SE2(odom.xy_heading)):  # Let go of at the very end.
+            off_mm = 1000.0 * math.dist(self._errand.points[-1], odom.xy_heading[:2])
+            self._end(Route(self._numbers, "arrived", 0.0, 0.0, off_mm=round(off_mm, 1)))
+            return
         terms = terms_in_force(link, self._level)
         if planned is None or not planned.holds(SE2(odom.xy_heading), terms):
             self._planned = None
@@ -123,6 +128,7 @@ class Going:
         done_m = 0.0 if step is None else step.done_m
         self._errand = self._errand.rest(planned.trajectory.route.path, done_m)
         self._planned = self._follower = self._step = None
+        self._begun = True
 
     def step(self, link: RobotLink, number: int, max_age_s: float, now_s: float) -> Step:
         """Return what to command while the button is held: the way `number` is going, or arrived.
@@ -215,7 +221,7 @@ class Going:
     def _end(self, shown: Route | None) -> None:
         if self._link is not None and self._drawn:
             self._picture.show_route(self._link.id, None)
-        self._drawn = False
+        self._drawn = self._begun = False
         self._link = self._errand = self._planned = self._follower = self._step = None
         self._ended = shown
 

@@ -58,11 +58,11 @@ class Errand:
         length_m = float(np.hypot(*np.diff(way, axis=0).T).sum())
         if not np.isfinite(length_m) or length_m > LONGEST_M:
             raise PathError(f"a way may have {LONGEST_M:g} m at most")
+        if self.is_done(start):
+            raise PathError("the robot is there already")
         path: Path
         if length_m >= THERE_M:
             path = line(here[:2].tolist(), goal.tolist()) if len(way) == 2 else _smooth(way)
-        elif abs(turn) < _THERE_RAD:
-            raise PathError("the robot is there already")
         else:
             ahead = here[:2] + _TURN_M * np.array([np.cos(here[2]), np.sin(here[2])])
             path = line(here[:2].tolist(), ahead.tolist())
@@ -70,6 +70,13 @@ class Errand:
         if turn:
             heading = HeadingProfile([0.0, path.length_m], [float(here[2]), float(here[2]) + turn])
         return Route(path, heading)
+
+    def is_done(self, here: SE2) -> bool:
+        """Return whether a robot that stands there has nothing left to do."""
+        x, y, heading = here.xy_heading
+        turn = 0.0 if self.heading_rad is None else float(wrap(self.heading_rad - heading))
+        way = np.concatenate([[[x, y]], self.points])
+        return bool(np.hypot(*np.diff(way, axis=0).T).sum() < THERE_M and abs(turn) < _THERE_RAD)
 
     def rest(self, path: Path, done_m: float) -> Errand:
         """Return what is left of it after `done_m` of a path that was made for it."""

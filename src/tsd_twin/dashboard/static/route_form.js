@@ -10,6 +10,8 @@ const FIELDS = [
   ["heading", "heading (°)", "Where to look on arrival; empty keeps it"],
 ];
 
+const MOST = 10000; // What a message may have.
+
 export class RouteForm {
   constructor(link, going, place) {
     this._link = link;
@@ -42,7 +44,14 @@ export class RouteForm {
   }
 
   _field(name, label, hint) {
-    const input = el("input", { type: "number", step: "any", inputmode: "decimal", title: hint });
+    const input = el("input", {
+      type: "number",
+      step: "any",
+      min: -MOST,
+      max: MOST,
+      inputmode: "decimal",
+      title: hint,
+    });
     this._fields[name] = input;
     return el("label", {}, label, input);
   }
@@ -67,7 +76,7 @@ export class RouteForm {
   _plan(event) {
     event.preventDefault();
     const pose = this._link.state?.pose;
-    if (!pose) return;
+    if (!pose || !this._form.reportValidity()) return; // The browser says what is no such number.
     const number = (name, missing) => {
       const { value } = this._fields[name];
       return value === "" ? missing : Number(value);
