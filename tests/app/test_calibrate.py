@@ -51,8 +51,15 @@ def test_a_mock_under_a_camera_is_driven_and_what_is_wrong_with_it_found(
         "--camera", "--listen", "tcp/127.0.0.1:0",
     )  # fmt: skip
     endpoint = mock.ready().rpartition(" ")[2]
-    lab = drive(start, endpoint, folder, "--room", "2.95", "--speed", "1", "--write-to", str(toml))
-    assert lab.wait() == 0, lab.errors
+    for _ in range(5):
+        lab = drive(
+            start, endpoint, folder, "--room", "2.95", "--speed", "1", "--write-to", str(toml)
+        )
+        if lab.wait() == 0:
+            break
+        # A machine that is too busy to drive by is told, and somebody would drive again.
+        assert re.search("held up for|off its path|has not been heard|no command", lab.sentence)
+    assert lab.process.returncode == 0
     assert is_picture(folder / "calibrate.png")
     log = folder / "calibrate_log.csv"
     assert len(read(str(log), 3)) == 1

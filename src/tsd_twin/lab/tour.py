@@ -72,9 +72,11 @@ def tour(robot: SingularityRobot, room_m: float, speed_mps: float) -> Tour:
         )
     turn_rate = limits.turn_rate_rad_per_s * speed_mps / limits.speed_mps
     slower = replace(limits, speed_mps=speed_mps, turn_rate_rad_per_s=turn_rate)
+    # Timing uses all of a limit of speed that it is given; a share is for acceleration.
+    timed = replace(slower, speed_mps=_SHARE * speed_mps, turn_rate_rad_per_s=_SHARE * turn_rate)
     drive = robot.kinematics()
     legs = [
-        plan(route, drive, slower, share=_SHARE, speed_mps=_SHARE * speed_mps)
+        plan(route, drive, timed, share=_SHARE)
         for way in (1.0, -1.0)
         for route in (_square(half_m, way), _turn(way))
     ]
