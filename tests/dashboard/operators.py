@@ -15,6 +15,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config, node_config
+from tsd_twin.dashboard.audience import Audience
 from tsd_twin.dashboard.door import Door, Rules
 from tsd_twin.dashboard.fleet import Fleet
 from tsd_twin.dashboard.gateway import Gateway
@@ -160,17 +161,13 @@ class Site:
 
     def __init__(self, bus: Bus, viser_port: int, door: Door | None) -> None:
         self.released: list[str] = []
-        self.chosen: list[tuple[str, str]] = []
         self.bus = bus
         self.fleet = Fleet(bus)
         self._loop = asyncio.new_event_loop()
         self._ended = threading.Event()
-        self.gateway = Gateway(
-            self.fleet,
-            viser_port,
-            door=door or Door(Rules(allowed_hosts=["robot.example"])),
-            on_released=self.released.append,
-        )
+        self.audience = Audience(self.fleet, self.released.append)
+        door = door or Door(Rules(allowed_hosts=["robot.example"]))
+        self.gateway = Gateway(self.audience, viser_port, door=door)
         self._threads = [
             threading.Thread(target=self._loop.run_forever),
             threading.Thread(target=self._poll),
@@ -192,7 +189,7 @@ class Site:
         return asyncio.run_coroutine_threadsafe(work, self._loop).result(PATIENCE_S)
 
     def tell(self, robot_id: str, event: Event) -> None:
-        self._loop.call_soon_threadsafe(self.gateway.on_event, robot_id, event)
+        self._loop.call_soon_threadsafe(self.audience.on_event, robot_id, event)
 
     @contextmanager
     def page(self, page: str = "0123456789abcdef", **options: Any) -> Generator[Page]:
@@ -217,7 +214,7 @@ class Site:
                 self.tell(robot_id, event)
             for robot_id, link in self.fleet.links.items():
                 if link.poll(time.monotonic()):
-                    self._loop.call_soon_threadsafe(self.gateway.on_status, robot_id)
+                    self._loop.call_soon_threadsafe(self.audience.on_status, robot_id)
 
 
 @contextmanager

@@ -16,6 +16,7 @@ import pytest
 import viser
 
 from tests.dashboard.operators import PATIENCE_S, Site, site
+from tsd_twin.dashboard.audience import Audience
 from tsd_twin.dashboard.gateway import Gateway
 from tsd_twin.dashboard.pages import with_scripts
 from tsd_twin.errors import TwinError
@@ -176,7 +177,7 @@ def test_a_socket_needs_a_page_id(served: Site, page: str) -> None:
 
 def test_it_does_not_listen_where_others_could_reach_it(served: Site) -> None:
     async def start() -> None:
-        await Gateway(served.fleet, 1).start("0.0.0.0", 0)
+        await Gateway(Audience(served.fleet), 1).start("0.0.0.0", 0)
 
     with pytest.raises(TwinError, match="has no login"):
         asyncio.run(start())
@@ -184,7 +185,7 @@ def test_it_does_not_listen_where_others_could_reach_it(served: Site) -> None:
 
 def test_a_port_in_use_is_one_clear_sentence(served: Site) -> None:
     async def start(port: int) -> None:
-        await Gateway(served.fleet, 1).start(port=port)
+        await Gateway(Audience(served.fleet), 1).start(port=port)
 
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]

@@ -276,10 +276,10 @@ def test_wishes_that_are_none_are_counted(served: Site, garbage: dict[str, Any])
     raw = [json.dumps(wish), json.dumps(wish).replace("1e5", "NaN"), '{"t": "go", "route": 1}']
     with served.page() as page:
         page.until(lambda: page.state)
-        before = served.gateway.rejected
+        before = served.audience.rejected
         for text in raw:
             page.send_raw(text)
-        page.until(lambda: served.gateway.rejected == before + len(raw))
+        page.until(lambda: served.audience.rejected == before + len(raw))
 
 
 # Without a bus: what the robot says is what a test says, and when.

@@ -106,10 +106,10 @@ def test_what_is_no_message_is_counted_and_answered_once(
     with served.page() as page:
         page.make_ready()
         commands = Commands(served, page)
-        before = served.gateway.rejected
+        before = served.audience.rejected
         for _ in range(50):
             page.send_raw(garbage)
-        page.until(lambda: served.gateway.rejected == before + 50)
+        page.until(lambda: served.audience.rejected == before + 50)
         settle(page)
         assert [reply["to"] for reply in page.all("reply")].count("message") == 1
         assert commands.take() == []
@@ -155,7 +155,7 @@ def test_sliders_reach_their_own_page_only_and_from_any_thread(served: Site) -> 
         page.until(lambda: page.state)
         other.until(lambda: other.state)
         arguments = (page.name, 0.1, 0.2, 0.3, "drive", True)
-        thread = threading.Thread(target=served.gateway.panel, args=arguments)
+        thread = threading.Thread(target=served.audience.panel, args=arguments)
         thread.start()
         thread.join()
         panel = page.until(lambda: page.last("panel"))

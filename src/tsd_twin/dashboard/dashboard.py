@@ -9,6 +9,7 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 
 from tsd_twin.bus import Bus
 from tsd_twin.dashboard import viser_server
+from tsd_twin.dashboard.audience import Audience
 from tsd_twin.dashboard.door import Door, Rules
 from tsd_twin.dashboard.fleet import Fleet
 from tsd_twin.dashboard.gateway import Gateway
@@ -53,21 +54,16 @@ async def run(
     try:
         scene = Scene(server)
         # The two know each other by callbacks only: neither waits for the other's thread.
-        gateway = Gateway(
-            fleet,
-            server.get_port(),
-            door=Door(rules),
-            on_released=on_released,
-            on_chosen=on_chosen,
-            picture=_Easel(chores, scene, lambda: panels),
-        )
-        panels = Panels(server, scene, gateway.panel, gateway.choose, gateway.point)
+        easel = _Easel(chores, scene, lambda: panels)
+        audience = Audience(fleet, on_released, on_chosen, easel)
+        gateway = Gateway(audience, server.get_port(), door=Door(rules))
+        panels = Panels(server, scene, audience.panel, audience.choose, audience.point)
 
         def on_status(robot_id: str) -> None:
-            loop.call_soon_threadsafe(gateway.on_status, robot_id)
+            loop.call_soon_threadsafe(audience.on_status, robot_id)
 
         def on_event(robot_id: str, event: Event) -> None:
-            loop.call_soon_threadsafe(gateway.on_event, robot_id, event)
+            loop.call_soon_threadsafe(audience.on_event, robot_id, event)
 
         await gateway.start(host, port)
         ended = threading.Event()
