@@ -21,17 +21,17 @@ def test_a_stop_between_two_states_that_both_say_driving_lets_go() -> None:
     """The robot counts its stops: it may have stopped and begun again since the last word of it."""
     with site() as served, served.page() as page:
         page.make_ready()
-        gateway, reasons = served.gateway, list[str]()
+        audience, reasons = served.audience, list[str]()
         while BY_ITSELF not in reasons:  # On a busy machine it may be let go for silence before.
             assert len(reasons) < 20, reasons
             before = len(page.all("released"))
             page.send(t="release")
             page.drive()
-            state = gateway._roster.state("tsd")
+            state = audience.roster.state("tsd")
             assert state is not None
             assert state.status.mode in ("driving", "stopping", "ready")
             driving = replace(state, status=replace(state.status, mode="driving"))
-            served.run(say_once_more(gateway._sessions[page.name], driving))
+            served.run(say_once_more(audience._sessions[page.name], driving))
             page.until(lambda count=before: len(page.all("released")) > count)
             reasons.append(page.last("released")["reason"])
             page.until(lambda: page.mode == "ready")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from itertools import islice
 from struct import Struct
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, cast
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,9 @@ class Packed:
         numbers = iter(cls.LAYOUT.unpack(data))
         values: dict[str, Any] = {}
         for field in fields(cls):
-            many = isinstance(field.default, tuple)
-            taken = islice(numbers, len(field.default)) if many else numbers
-            values[field.name] = tuple(taken) if many else next(taken)
+            default = cast("int | tuple[int, ...]", field.default)
+            if isinstance(default, tuple):
+                values[field.name] = tuple(islice(numbers, len(default)))
+            else:
+                values[field.name] = next(numbers)
         return cls(**values)
