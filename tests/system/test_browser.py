@@ -222,6 +222,25 @@ def test_a_browser_that_is_stopped_and_goes_on(desk: Desk, table: Table) -> None
     desk.drives_anew(KEY)
 
 
+def test_a_tab_that_is_frozen_and_thawed(desk: Desk, table: Table) -> None:
+    """As browsers do to tabs behind others: its script runs no more, and its socket stays open."""
+    page = desk.drive(KEY)
+    other = desk.browser.open("about:blank")
+    fault_s = time.monotonic()
+    page.tab.call("Page.setWebLifecycleState", state="frozen")
+    run = desk.watch(fault_s)
+    desk.observer.until(lambda: desk.observer.status.lease.holder is None, "control given back")
+    page.tab.call("Page.setWebLifecycleState", state="active")
+    other.close()
+    page.tab.to_front()
+    page.tab.until("document.visibilityState === 'visible' && document.hasFocus()")
+    page.tab.key("w", down=True, again=True)
+    desk.stays_still()
+    assert not page.drives()
+    stands_still(table.add("browser: tab frozen, thawed", run))
+    desk.drives_anew(KEY)
+
+
 def test_a_page_that_is_closed(desk: Desk, table: Table) -> None:
     page = desk.drive(KEY)
     desk.browser.open("about:blank", window=True)  # Or the browser would end with its last page.
