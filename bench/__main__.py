@@ -6,7 +6,7 @@ import argparse
 import importlib
 import sys
 
-PARTS = ("kinematics", "simulation", "firmware", "bus", "bridge", "dashboard", "start")
+PARTS = ("kinematics", "simulation", "firmware", "bus", "bridge", "dashboard", "page", "start")
 
 
 def main() -> None:

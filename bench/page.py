@@ -1,0 +1,93 @@
+"""How late a real browser shows what the robot says, with the scene and without it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+
+from playwright.sync_api import Page, sync_playwright
+
+from bench.bus import program
+from bench.table import Row, percentile
+from tests.app.browser import FLAGS, PATIENCE_MS, executable
+from tsd_twin import topics
+from tsd_twin.bus import Bus, client_config
+from tsd_twin.messages.command import Sample
+from tsd_twin.messages.status import decode_stamp
+
+_SECONDS = 8.0
+_SETTLED_MS = 3000.0
+_SIZE = {"width": 1280, "height": 720}
+_LONGEST_S = "600"
+_TO_REACH_MS = 200.0
+_NOTES = """
+window.shownMs = {};
+const nextFrame = requestAnimationFrame.bind(window);
+const Plain = WebSocket;
+window.WebSocket = class extends Plain {
+  constructor(...words) {
+    super(...words);
+    if (!String(words[0]).includes("teleop")) return;
+    this.addEventListener("message", ({ data }) => {
+      const { t, seen } = JSON.parse(data);
+      const note = () => (shownMs[seen] = performance.timeOrigin + performance.now());
+      if (t === "state") nextFrame(() => nextFrame(note));
+    });
+  }
+};
+"""
+"""Notes when the frame after the one with each state begins: the browser has taken that to show."""
+_HIDE = "document.querySelector('canvas[data-engine]').style.display = 'none'"
+
+
+def rows() -> Iterator[Row]:
+    """Measure the page as it is, then without what viser draws: what is left is ours."""
+    mock = [sys.executable, "-m", "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"]
+    page = [sys.executable, "-m", "tsd_dashboard", "--port", "0", "--until-eof"]
+    with program(mock) as endpoint, program([*page, "--connect", endpoint]) as url:
+        driver = [sys.executable, "-m", "bench.viewers", url, "1", _LONGEST_S, "drive"]
+        driving = subprocess.Popen(driver, stdout=subprocess.PIPE, text=True)
+        assert driving.stdout is not None
+        driving.stdout.readline()
+        try:
+            with_scene_ms, alone_ms = delays_ms(endpoint, url)
+        finally:
+            driving.kill()
+            driving.wait()
+            driving.stdout.close()
+    for share in (0.5, 0.95):
+        beside = f"without the scene {percentile(alone_ms, share):.0f} ms"
+        what = f"status to the screen of a browser, p{100 * share:.0f}"
+        yield Row(what, percentile(with_scene_ms, share), _TO_REACH_MS, "ms", beside)
+
+
+def delays_ms(endpoint: str, url: str) -> tuple[list[float], list[float]]:
+    """Return how long each state took from the bus to the screen, with the scene and without."""
+    said_ms: dict[int, float] = {}
+
+    def hear(sample: Sample) -> None:
+        said_ms[decode_stamp(sample.attachment)[0]] = 1e3 * time.time()
+
+    with Bus(client_config([endpoint])) as bus, sync_playwright() as playwright:
+        bus.watch(topics.STATUS.key("tsd"), hear)
+        browser = playwright.chromium.launch(executable_path=executable(), args=list(FLAGS))
+        page = browser.new_page(viewport=_SIZE)
+        page.add_init_script(_NOTES)
+        page.goto(url)
+        page.wait_for_selector("canvas[data-engine]", timeout=PATIENCE_MS)
+        with_scene_ms = watch(page, said_ms)
+        page.evaluate(_HIDE)
+        alone_ms = watch(page, said_ms)
+        browser.close()
+    return with_scene_ms, alone_ms
+
+
+def watch(page: Page, said_ms: dict[int, float]) -> list[float]:
+    """Return the delays of all states that were said within some seconds and shown at all."""
+    page.wait_for_timeout(_SETTLED_MS)
+    page.evaluate("window.shownMs = {}")
+    page.wait_for_timeout(1000.0 * _SECONDS)
+    shown_ms: dict[str, float] = page.evaluate("window.shownMs")
+    return [at - said_ms[int(seen)] for seen, at in shown_ms.items() if int(seen) in said_ms]
