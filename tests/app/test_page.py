@@ -160,6 +160,35 @@ def demo(start: Callable[..., Program], browser: Browser) -> Iterator[Demo]:
     context.close()
 
 
+_ORDER = """() => new Promise((done) => {
+  const ran = [];
+  requestAnimationFrame(() => (ran.push("first"), cancelAnimationFrame(second)));
+  const second = requestAnimationFrame(() => ran.push("second"));
+  requestAnimationFrame(() => (ran.push("third"), requestAnimationFrame(() => done(ran))));
+})"""
+_HELD = """() => new Promise((done) => {
+  const proto = WebGL2RenderingContext.prototype;
+  const isDrawn = proto.getSyncParameter;
+  let looks = 0;
+  proto.getSyncParameter = function () {
+    // From the second look on the frame that is being drawn is a slow one, whatever it is.
+    const end = performance.now() + 60;
+    while (performance.now() < end);
+    if (++looks === 2) requestAnimationFrame(() => done(looks > 2));
+    if (looks === 3) proto.getSyncParameter = isDrawn;
+    return this.UNSIGNALED;
+  };
+})"""
+"""Whether what wants to draw waits while the last frame is said not to be drawn yet."""
+
+
+def test_the_scene_is_drawn_no_faster_than_it_can_be(demo: Demo) -> None:
+    mode(demo.page, "disarmed")
+    assert demo.page.evaluate(_ORDER) == ["first", "third"]
+    assert demo.page.evaluate(_HELD)
+    assert "websocket" not in demo.page.url
+
+
 def test_the_page_loads_without_an_error(demo: Demo) -> None:
     mode(demo.page, "disarmed")
     expect(demo.page.get_by_role("slider", name="Turn")).to_be_visible()

@@ -92,9 +92,9 @@ def onlooker(desk: Desk, viewer: Viewer) -> Generator[Viewer]:
 
 
 @contextmanager
-def opened(desk: Desk, page: str | None) -> Generator[Viewer]:
+def opened(desk: Desk, page: str | None, *, plain: bool = False) -> Generator[Viewer]:
     """A client with a panel, that the server has forgotten when this ends."""
-    with viewing(desk.server.get_port(), page) as viewer:
+    with viewing(desk.server.get_port(), page, plain=plain) as viewer:
         viewer.until(lambda: viewer.control("dark"))
         yield viewer
     desk.gone.get(timeout=PATIENCE_S)
@@ -109,6 +109,27 @@ def hidden(viewer: Viewer, kind: str) -> list[bool]:
 
 def tried(viewer: Viewer, kind: str) -> Node:
     return viewer.own[f"/w/r/tsd/p{kind}"]
+
+
+def lit(viewer: Viewer) -> set[str]:
+    """What of its light a client has been told."""
+    return {m["type"] for m in viewer.messages} & {"EnableLightsMessage", "EnvironmentMapMessage"}
+
+
+def test_who_draws_without_a_graphics_card_gets_light_that_costs_little(
+    desk: Desk, viewer: Viewer
+) -> None:
+    with opened(desk, OTHER_PAGE, plain=True) as plain:
+        told = {message["type"]: message for message in plain.messages}
+        assert not told["EnableLightsMessage"]["cast_shadow"]
+        assert told["EnvironmentMapMessage"]["hdri_data"] is None
+        lights = [name for name, node in plain.own.items() if node.kind == "AmbientLightMessage"]
+        assert len(lights) == 1
+        sent = len(plain.messages)
+        desk.scene.add(Feed("other"))  # The nodes of each client are made anew.
+        plain.until(lambda: any(m.get("name") == lights[0] for m in plain.messages[sent:]))
+        plain.until(lambda: plain.own[lights[0]].props["intensity"] > 0.0)
+    assert lit(viewer) == set()
 
 
 def test_every_control_has_a_label_and_a_hint(viewer: Viewer) -> None:
@@ -279,7 +300,7 @@ def test_robots_can_be_chosen_when_there_are_several(desk: Desk, viewer: Viewer)
     bob = Feed("bob")
     desk.scene.add(bob)
     viewer.until(lambda: viewer.control("robot").props["visible"])
-    assert list(viewer.control("robot").props["options"]) == ["tsd", "bob"]
+    viewer.until(lambda: list(viewer.control("robot").props["options"]) == ["tsd", "bob"])
     viewer.set("robot", "bob")
     assert desk.choices.get(timeout=PATIENCE_S) == (PAGE, "bob")
     # The world of this client now keeps bob in its place.

@@ -26,9 +26,9 @@ def served(server: viser.ViserServer) -> Generator[Site]:
         yield made
 
 
-def open_socket(port: int, protocol: str = VISER) -> ClientConnection:
+def open_socket(port: int, protocol: str = VISER, look: str = "dark-rich") -> ClientConnection:
     return connect(
-        f"ws://127.0.0.1:{port}/viser/{PAGE}?dark=1",
+        f"ws://127.0.0.1:{port}/viser/{PAGE}?look={look}",
         subprotocols=[Subprotocol("other"), Subprotocol(protocol)],
         max_size=None,
         open_timeout=PATIENCE_S,
@@ -59,13 +59,18 @@ def test_a_client_of_viser_works_through_the_gateway_both_ways(
         viewer.join()
 
 
-def test_viser_learns_which_colours_the_operator_likes(
-    server: viser.ViserServer, served: Site
+@pytest.mark.parametrize(
+    ("look", "dark", "plain"),
+    [("dark-rich", "1", "0"), ("light-plain", "0", "1"), ("dark-plain", "1", "1"), ("", "0", "0")],
+)
+def test_viser_learns_which_look_the_browser_wants(
+    server: viser.ViserServer, served: Site, look: str, dark: str, plain: str
 ) -> None:
-    with open_socket(served.port) as socket:
+    with open_socket(served.port, look=look) as socket:
         socket.recv(timeout=PATIENCE_S)
         connections = server._websock_server._live_connections.values()
-        assert [c.request.headers["X-Tsd-Dark"] for c in connections if c.request] == ["1"]
+        told = [c.request.headers for c in connections if c.request]
+        assert (dark, plain) in [(each["X-Tsd-Dark"], each["X-Tsd-Plain"]) for each in told]
 
 
 def test_a_client_of_another_version_is_told_so(served: Site) -> None:

@@ -183,9 +183,10 @@ def decoded(frame: bytes) -> list[dict[str, Any]]:
 
 
 @contextmanager
-def viewing(port: int, page: str | None = None) -> Generator[Viewer]:
+def viewing(port: int, page: str | None = None, *, plain: bool = False) -> Generator[Viewer]:
     """A client that has said hello and has been sent all that there was."""
-    headers = {KEY_HEADER: key()} | ({} if page is None else {"X-Tsd-Page": page})
+    headers = {KEY_HEADER: key(), "X-Tsd-Plain": "1" if plain else "0"}
+    headers |= {} if page is None else {"X-Tsd-Page": page}
     socket = connect(
         f"ws://127.0.0.1:{port}",
         subprotocols=["viser-v1.1.1"],

@@ -12,6 +12,7 @@ from tsd_twin.dashboard.body import Body
 from tsd_twin.dashboard.floor import Eye, on_floor
 from tsd_twin.dashboard.ghosts import add_cage
 from tsd_twin.dashboard.layers import ROOT, Layer, layer_nodes
+from tsd_twin.dashboard.lights import make_plain
 from tsd_twin.dashboard.pointing import point_on_ball
 from tsd_twin.dashboard.scene import Scene
 from tsd_twin.dashboard.tried import Tried
@@ -38,7 +39,11 @@ class Camera(StrEnum):
 class ClientView:
     """Nodes that belong to one client alone; where it has one, it stands for the shared one."""
 
-    def __init__(self, scene: Scene, client: viser.ClientHandle) -> None:
+    def __init__(self, scene: Scene, client: viser.ClientHandle, *, plain: bool = False) -> None:
+        """`plain` is for a browser without a graphics card."""
+        self._plain = plain
+        if plain:
+            make_plain(client.scene)
         self._scene = scene
         self._client = client
         self._robot_id = scene.leader
@@ -163,6 +168,8 @@ class ClientView:
                 self._robot_id, self._tried = self._scene.leader, None
             if self._stopped_xy is not None or self._robot_id != self._scene.leader:
                 self._world = own.add_frame(ROOT, show_axes=False, position=(*self._world_xy, 0.0))
+            if self._plain:
+                make_plain(own)
             self._hide_layers(own)
             if self._tried is not None:
                 self._draw_tried()

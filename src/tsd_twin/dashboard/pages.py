@@ -16,7 +16,7 @@ STATIC = Path(__file__).parent / "static"
 STRIPPED = frozenset({"websocket", "playbackPath"})
 """Query parameters by which a link could make viser's client obey a foreign server."""
 
-_FIRST = '<script src="static/boot.js"></script>'
+_FIRST = '<script src="static/boot.js"></script><script src="static/pace.js"></script>'
 _LAST = '<script type="module" src="static/overlay.js"></script>'
 
 
@@ -59,7 +59,7 @@ class IndexPage:
 
 
 def with_scripts(html: str) -> str:
-    """Return the page with our scripts: one before all others, one at the end of the head.
+    """Return the page with our scripts: two before all others, one at the end of the head.
 
     Raises:
         ValueError: it has no head.

@@ -39,10 +39,14 @@ class Panel:
         *,
         dark: bool,
         watches: bool = False,
+        plain: bool = False,
     ) -> None:
-        """A client that only watches has no control whose movement would be heard."""
+        """A client that only watches has no control whose movement would be heard.
+
+        One that draws without a graphics card has a `plain` scene.
+        """
         self.client = client
-        self._view = ClientView(scene, client)
+        self._view = ClientView(scene, client, plain=plain)
         self._on_robot = on_robot
         gui = client.gui
         tabs = gui.add_tab_group()

@@ -11,7 +11,13 @@ import viser
 from tsd_twin.dashboard.drive_tab import Mode
 from tsd_twin.dashboard.panel import Panel
 from tsd_twin.dashboard.scene import Scene
-from tsd_twin.dashboard.viser_private import is_gone, only_watches, page_of, prefers_dark
+from tsd_twin.dashboard.viser_private import (
+    draws_plainly,
+    is_gone,
+    only_watches,
+    page_of,
+    prefers_dark,
+)
 from tsd_twin.dashboard.viser_server import set_theme
 from tsd_twin.lie import Array
 
@@ -119,9 +125,10 @@ class Panels:
             if dark is None:
                 dark = prefers_dark(self._server, client.client_id) is not False
                 set_theme(client.gui, dark=dark)
+            plain = draws_plainly(self._server, client.client_id)
             watches = only_watches(self._server, client.client_id)
             self._panels[client.client_id] = Panel(
-                self._scene, client, moved, robot, dark=dark, watches=watches
+                self._scene, client, moved, robot, dark=dark, watches=watches, plain=plain
             )
 
     async def _disconnect(self, client: viser.ClientHandle) -> None:

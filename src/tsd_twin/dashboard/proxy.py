@@ -20,7 +20,12 @@ from aiohttp import (
 from tsd_twin.access import Role
 from tsd_twin.dashboard.viser_filter import LARGEST_BYTES, passed
 from tsd_twin.dashboard.viser_key import KEY_HEADER, key
-from tsd_twin.dashboard.viser_private import DARK_HEADER, PAGE_HEADER, ROLE_HEADER
+from tsd_twin.dashboard.viser_private import (
+    DARK_HEADER,
+    PAGE_HEADER,
+    PLAIN_HEADER,
+    ROLE_HEADER,
+)
 from tsd_twin.dashboard.visitor import Visitor
 from tsd_twin.errors import MessageError
 
@@ -70,7 +75,8 @@ class ViserProxy:
                     KEY_HEADER: key(),
                     PAGE_HEADER: page_id,
                     ROLE_HEADER: visitor.identity.role,
-                    DARK_HEADER: "1" if request.query.get("dark") == "1" else "0",
+                    DARK_HEADER: _looks(request, "dark"),
+                    PLAIN_HEADER: _looks(request, "plain"),
                 },
                 compress=0,
                 max_msg_size=_FROM_VISER,
@@ -96,6 +102,10 @@ class ViserProxy:
             finally:
                 self._open.discard(page)
         return page
+
+
+def _looks(request: web.Request, word: str) -> str:
+    return "1" if word in request.query.get("look", "").split("-") else "0"
 
 
 async def _connect(page: web.WebSocketResponse, viser: ClientWebSocketResponse, role: Role) -> None:

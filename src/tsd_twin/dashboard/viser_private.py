@@ -15,6 +15,8 @@ PAGE_HEADER = "X-Tsd-Page"
 """The gateway adds it to the request of a viser socket: the page that the socket belongs to."""
 DARK_HEADER = "X-Tsd-Dark"
 """Likewise: 1 or 0 as the browser prefers dark or light colours."""
+PLAIN_HEADER = "X-Tsd-Plain"
+"""Likewise: 1 or 0, whether the browser draws without a graphics card."""
 ROLE_HEADER = "X-Tsd-Role"
 """Likewise: whether somebody is a viewer."""
 
@@ -35,6 +37,11 @@ def prefers_dark(server: viser.ViserServer, client_id: int) -> bool | None:
     """Return whether the browser of a client prefers dark colours; None when nobody says."""
     word = _header_of(server, client_id, DARK_HEADER)
     return None if word is None else word == "1"
+
+
+def draws_plainly(server: viser.ViserServer, client_id: int) -> bool:
+    """Return whether the browser of a client draws without a graphics card."""
+    return _header_of(server, client_id, PLAIN_HEADER) == "1"
 
 
 def only_watches(server: viser.ViserServer, client_id: int) -> bool:

@@ -1,24 +1,30 @@
 // Runs before viser's client: gives this page its id and leads viser's socket through the gateway.
 (() => {
   "use strict";
+  const PIXELS = 230_000; // Of the scene, where no graphics card draws them.
+
   const bytes = crypto.getRandomValues(new Uint8Array(8));
   const id = Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
   const socket = new URL(`viser/${id}`, location.href);
   socket.protocol = location.protocol === "https:" ? "wss:" : "ws:";
 
-  // Which colours the operator likes; viser's side learns it with the socket.
+  // Which colours the operator likes, and whether a processor has to draw it all: then the scene
+  // gets no shadows, and fewer pixels. viser's side learns it with the socket; in one word, since its
+  // client writes the address on without escaping it.
   const dark = matchMedia("(prefers-color-scheme: dark)").matches;
-  socket.searchParams.set("dark", dark ? "1" : "0");
+  const plain = drawsInSoftware();
+  socket.searchParams.set("look", `${dark ? "dark" : "light"}-${plain ? "plain" : "rich"}`);
 
-  // viser's client reads this from the address, once, when it starts; nobody else needs it.
-  const KEY = "websocket";
-  const replaceState = history.replaceState.bind(history);
+  // viser's client reads these from the address, once, when it starts; nobody else needs them.
   const start = new URL(location.href);
-  start.searchParams.set(KEY, socket.href);
+  const given = { websocket: socket.href };
+  if (plain && !start.searchParams.has("fixedDpr")) given.fixedDpr = sharpness().toFixed(2);
+  const replaceState = history.replaceState.bind(history);
+  for (const [key, value] of Object.entries(given)) start.searchParams.set(key, value);
   replaceState(history.state, "", start);
   history.replaceState = (state, title, address) => {
     const clean = new URL(address ?? location.href, location.href);
-    clean.searchParams.delete(KEY);
+    for (const key of Object.keys(given)) clean.searchParams.delete(key);
     replaceState(state, title, clean);
   };
 
@@ -27,5 +33,21 @@
   const hasFocus = document.hasFocus.bind(document);
   document.hasFocus = () => true;
 
-  window.tsd = Object.freeze({ page: id, hasFocus });
+  window.tsd = Object.freeze({ page: id, hasFocus, plain });
+
+  function drawsInSoftware() {
+    const context = document.createElement("canvas").getContext("webgl2");
+    if (context === null) return true;
+    const info = context.getExtension("WEBGL_debug_renderer_info");
+    const name = context.getParameter(
+      info === null ? context.RENDERER : info.UNMASKED_RENDERER_WEBGL,
+    );
+    context.getExtension("WEBGL_lose_context")?.loseContext();
+    return /swiftshader|llvmpipe|softpipe|software/i.test(name);
+  }
+
+  /** Pixels of the scene for one of the page, across: so many that a processor draws them in time. */
+  function sharpness() {
+    return Math.max(0.3, Math.min(1, Math.sqrt(PIXELS / (innerWidth * innerHeight))));
+  }
 })();

@@ -10,7 +10,6 @@ import { Drive } from "./drive.js";
 import { Frame } from "./frame.js";
 import { Gamepad } from "./gamepad.js";
 import { Going } from "./going.js";
-import { drawsInSoftware } from "./graphics.js";
 import { HandOver } from "./handover.js";
 import { Hints } from "./hints.js";
 import { Keys } from "./keys.js";
@@ -177,7 +176,7 @@ document.head.append(
   ),
 );
 document.body.append(host);
-mark(inner, "data-plain", drawsInSoftware() ? "" : null);
+mark(inner, "data-plain", window.tsd.plain ? "" : null); // Blurs take half of the frames.
 new ResizeObserver(reserve).observe(bar.element);
 new ResizeObserver(reserve).observe(dock);
 new ResizeObserver(reserve).observe(going.element);
