@@ -80,6 +80,18 @@ def test_composition_is_the_product_of_matrices(group: Group, a: Array, b: Array
     )
 
 
+@unhurried
+@given(a=tangents(), b=tangents())
+def test_a_pose_plus_a_tangent_is_the_product_with_its_exponential(a: Array, b: Array) -> None:
+    start, moved = SE2(a), SE2(a).plus(b)
+    product = se2_matrix(start) @ (np.eye(3) + expm1(se2_hat(b)))
+    np.testing.assert_allclose(se2_matrix(moved), product, rtol=0, atol=1e-13)
+    # Full turns are counted, and a batch is its members.
+    assert moved.xy_heading[2] == a[2] + b[2]
+    batch = start.plus(np.stack([b, -b])).xy_heading
+    np.testing.assert_array_equal(batch, [moved.xy_heading, start.plus(-b).xy_heading])
+
+
 @every_group
 @unhurried
 @given(a=tangents(), b=tangents(), c=tangents())

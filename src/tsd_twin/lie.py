@@ -87,6 +87,22 @@ class SE2:
         out[..., 2] = heading
         return SE2(out)
 
+    def plus(self, tangent: Array) -> SE2:
+        """Return the pose that constant twist `tangent` (..., 3) leads to from here; Eq. 25.
+
+        The same as `self @ SE2.exp(tangent)`, in one turn by the sum of the two angles.
+        """
+        half = 0.5 * tangent[..., 2]
+        chord, middle = sinc(half), self.xy_heading[..., 2] + half
+        c, s = chord * np.cos(middle), chord * np.sin(middle)
+        vx, vy = tangent[..., 0], tangent[..., 1]
+        out = np.empty((*np.shape(middle), 3))
+        out[..., 0] = c * vx - s * vy
+        out[..., 1] = s * vx + c * vy
+        out[..., 2] = tangent[..., 2]
+        out += self.xy_heading
+        return SE2(out)
+
     def transform(self, points: Array) -> Array:
         """Map local `points` (..., 2), metres, into the parent frame."""
         return self.rotate(points) + self.xy_heading[..., :2]

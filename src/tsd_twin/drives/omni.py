@@ -138,7 +138,7 @@ class OmniDrive:
 
     def move(self, pose: SE2, twist: Array, dt_s: float) -> SE2:
         """Return `pose` after `dt_s` seconds of constant body `twist` (..., 3)."""
-        return pose @ SE2.exp(twist * dt_s)
+        return pose.plus(twist * dt_s)
 
 
 def impossible(positions_m: Array, directions_rad: Array, rollers_rad: Array) -> str:

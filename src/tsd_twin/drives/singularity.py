@@ -202,16 +202,16 @@ class SingularityDrive:
         v = r_w Omega x z with Omega = spin l + gimbal rate and
         l = (cos a sin b, sin a, cos a cos b). The thesis lacks the terms in the gimbal rates.
         """
-        modules = joints.reshape(*joints.shape[:-1], self.modules, 3)
-        alpha, beta, spin = modules[..., 0], modules[..., 1], modules[..., 2]
-        v = np.empty((*alpha.shape, 2))
-        v[..., 0] = spin * np.sin(alpha)
-        v[..., 1] = -spin * np.cos(alpha) * np.sin(beta)
+        alpha, beta, spin = joints[..., 0::3], joints[..., 1::3], joints[..., 2::3]
+        v_x = spin * np.sin(alpha)
+        v_y = -spin * np.cos(alpha) * np.sin(beta)
         if rates is not None:
-            gimbals = rates.reshape(*rates.shape[:-1], self.modules, 3)
-            v[..., 0] += gimbals[..., 1]
-            v[..., 1] += gimbals[..., 0] * np.cos(beta)
-        return self.wheel_radius_m * v
+            v_x += rates[..., 1::3]
+            v_y += rates[..., 0::3] * np.cos(beta)
+        v = np.empty((*alpha.shape, 2))
+        v[..., 0], v[..., 1] = v_x, v_y
+        v *= self.wheel_radius_m
+        return v
 
     def forward(self, joints: Array, rates: Array | None = None) -> Motion:
         """Return the least-squares twist, and the residual (..., 2k) in m/s that no twist explains.
@@ -245,4 +245,4 @@ class SingularityDrive:
 
     def move(self, pose: SE2, twist: Array, dt_s: float) -> SE2:
         """Return `pose` after `dt_s` seconds of constant body `twist` (..., 3)."""
-        return pose @ SE2.exp(twist * dt_s)
+        return pose.plus(twist * dt_s)
