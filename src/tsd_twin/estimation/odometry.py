@@ -85,10 +85,11 @@ class JointOdometry(Generic[PoseT]):
 
     def _twist_covariance(self, joints: Array) -> Array:
         # The Jacobian of the forward kinematics by differences, all joints in one batch.
-        nudged = joints + np.diag(np.maximum(self._noise.sigma(joints), 1e-9))
-        off, here = self._drive.forward(nudged), self._drive.forward(joints)
-        shift = off.twist - here.twist
-        return self._disbelief(off.residual - here.residual) * (shift.T @ shift)
+        nudged = np.tile(joints, (len(joints) + 1, 1))
+        nudged[1:] += np.diag(np.maximum(self._noise.sigma(joints), 1e-9))
+        motion = self._drive.forward(nudged)
+        shift = motion.twist[1:] - motion.twist[0]
+        return self._disbelief(motion.residual[1:] - motion.residual[0]) * (shift.T @ shift)
 
     def _disbelief(self, shift: Array) -> float:
         """Return how many times the squared residual is what the noise makes of it; at least 1.
