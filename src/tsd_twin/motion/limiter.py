@@ -33,10 +33,11 @@ class TwistLimiter:
         """
         limits = self._limits
         twist = within_reason(twist)
-        over = np.sqrt(self._speed_squared(twist)) / (limits.speed_mps * share)
-        over = np.maximum(over, np.abs(twist[..., 2]) / (limits.turn_rate_rad_per_s * share))
-        over = np.maximum(over, self._drive.demand(twist))
-        return twist / np.maximum(1.0, over)[..., None]
+        return twist / _most(
+            np.sqrt(self._speed_squared(twist)) / (limits.speed_mps * share),
+            np.abs(twist[..., 2]) / (limits.turn_rate_rad_per_s * share),
+            self._drive.demand(twist),
+        )
 
     def advance(
         self, current: Array, request: Array, dt_s: float, share: Array | float = 1.0
@@ -54,16 +55,23 @@ class TwistLimiter:
         step = goal - current
         slower = self._speed_squared(goal) < self._speed_squared(current)
         acceleration = np.where(slower, limits.deceleration_mps2, limits.acceleration_mps2)
-        over = np.sqrt(self._speed_squared(step)) / (acceleration * dt_s)
-        over = np.maximum(
-            over, np.abs(step[..., 2]) / (limits.angular_acceleration_rad_per_s2 * dt_s)
+        over = _most(
+            np.sqrt(self._speed_squared(step)) / (acceleration * dt_s),
+            np.abs(step[..., 2]) / (limits.angular_acceleration_rad_per_s2 * dt_s),
+            self._drive.rate_demand(step, dt_s),
         )
-        over = np.maximum(over, self._drive.rate_demand(step, dt_s))[..., None]
-        return np.where(over <= 1.0, goal, current + step / np.maximum(1.0, over))
+        return np.where(over <= 1.0, goal, current + step / over)
 
     def _speed_squared(self, twist: Array) -> Array:
         squared = twist[..., 0] * twist[..., 0] + twist[..., 1] * twist[..., 1]
         return self._squared_lever * squared
+
+
+def _most(speed: Array, turn: Array, drive: Array) -> Array:
+    """Return the largest of what is asked of three limits, as shares (...), or 1: (..., 1)."""
+    shares = np.ones((*np.shape(speed), 4))
+    shares[..., 0], shares[..., 1], shares[..., 2] = speed, turn, drive
+    return np.maximum.reduce(shares, axis=-1, keepdims=True)
 
 
 def within_reason(twist: Array) -> Array:
