@@ -78,7 +78,7 @@ class RobotCore:
         self._sensor_is_angle = [s.kind is JointKind.POSITION for s in self._sensors]
         self._wheels = np.flatnonzero(~self._is_angle)
         self._limiter = TwistLimiter(self.drive, robot.limits)
-        self._components = list(self.drive.components)
+        self._components = np.array(self.drive.components)
         self._now_s = -math.inf
         self._applied_share = 1.0
         self._clamp_reported_s = -math.inf
@@ -135,7 +135,7 @@ class RobotCore:
 
     def _facts(self, now_s: float, fault: str) -> Facts:
         silent = now_s - self._estimator.measured_s > SILENT_S
-        at_rest = not self.twist.any()
+        at_rest = not any(self.twist)
         if silent and not fault:
             fault = f"the joints have not been measured for {SILENT_S * 1000:.0f} ms"
         fault = fault or self._stuck(now_s)
@@ -157,12 +157,13 @@ class RobotCore:
 
     def _shift(self, now_s: float, dt_s: float) -> None:
         mode, lease = self.authority.mode, self.authority.lease_in_force(now_s)
+        armed = mode in ARMED
         if self._gearbox.advance(
             min(dt_s, LONGEST_STEP_S),
             lease.id if lease else None,
             self._estimator.spin_after,
-            armed=mode in ARMED,
-            ramps=mode in ARMED and mode is not Mode.ARMING,
+            armed=armed,
+            ramps=armed and mode is not Mode.ARMING,
         ):
             self._limiter = TwistLimiter(self.drive, self.robot.limits)
             # What slower wheels cannot do is given up by the whole twist, not gimbal by gimbal.
@@ -180,7 +181,7 @@ class RobotCore:
             if dt_s > 0.0:
                 # After a loop that was held up, speed is not gained in one leap; it may be lost so,
                 # since the robot has been driving on all the while.
-                step_s = min(dt_s, LONGEST_STEP_S) if goal.any() else dt_s
+                step_s = min(dt_s, LONGEST_STEP_S) if any(goal) else dt_s
                 self.twist = self._limiter.approach(self.twist, goal, step_s)
             self._report_clamp(request, goal, now_s)
         else:
@@ -195,9 +196,9 @@ class RobotCore:
         """Return the commanded twist (3,) in the base frame."""
         command = self.authority.command
         assert command is not None  # noqa: S101  The caller has looked; this tells the type checker.
-        twist = within_reason(command.twist[self._components])
+        twist = command.twist[self._components]
         if command.frame == ODOM:
-            twist = self._space.into_base(self._estimator.pose, twist)
+            twist = self._space.into_base(self._estimator.pose, within_reason(twist))
         return twist
 
     def _report_clamp(self, request: Array, capped: Array, now_s: float) -> None:
@@ -372,4 +373,4 @@ class RobotCore:
 
 
 def _largest(twist: Array) -> float:
-    return float(np.maximum.reduce(np.abs(twist)))
+    return max(map(abs, twist.tolist()))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from statistics import fmean
 from typing import Any
 
 import numpy as np
@@ -55,9 +56,10 @@ class Estimator:
         """When the joints were measured last."""
         self.joints = np.where(self.is_angle, self.drive.inverse(np.zeros(3)), 0.0)
         """(n,): measured joints; speeds that are not measured come from the model of the motors."""
-        self.rates = np.zeros(len(self.is_angle))
-        """(n,): how fast the joints change, of wheels the acceleration."""
-        self.sensors = np.full(len(robot.sensors), np.nan)
+        self._before, self._step_s = self.joints, 1.0
+        self._unmeasured = np.full(len(robot.sensors), np.nan)
+        self._unmeasured.setflags(write=False)
+        self.sensors = self._unmeasured
         """(s,): what the other sensors measured last, NaN where they do not."""
 
     def advance(self, now_s: float, measured: Array | None, setpoint: Array, dt_s: float) -> None:
@@ -70,26 +72,30 @@ class Estimator:
         if measured is not None and np.isfinite(measured[self._needed]).all():
             self.measured_s = now_s
             joints = measured[: len(self.joints)].copy()
-            self.sensors = np.full(len(self.sensors), np.nan)
             others = measured[len(joints) :]
-            self.sensors[: len(others)] = others
+            self.sensors = others.copy() if len(others) else self._unmeasured
             speeds = joints[self._wheels]
-            joints[self._wheels] = np.where(np.isfinite(speeds), speeds, spin)
+            np.copyto(speeds, spin, where=~np.isfinite(speeds))
+            joints[self._wheels] = speeds
         elif math.isfinite(self.measured_s):
             # Without news the gimbals are taken to stay, but wheels that are shut off run down.
             joints = self.joints.copy()
             joints[self._wheels] = spin
-            self.sensors = np.full(len(self.sensors), np.nan)
+            self.sensors = self._unmeasured
         else:
             return
-        self.rates = (joints - self.joints) / dt_s
-        self.joints = joints
+        self._before, self._step_s, self.joints = self.joints, dt_s, joints
         motion = self._plain.advance(joints, dt_s)
         if self._second is not None:
             self._second.follow(joints, self.sensors, motion, dt_s)
         if self._corrected is not None:
             self._corrected.follow(now_s)
         self._conflict.advance(motion.residual, dt_s)
+
+    @property
+    def rates(self) -> Array:
+        """(n,): how fast the joints change, of wheels the acceleration."""
+        return (self.joints - self._before) / self._step_s
 
     def neutral_and_at_speed(self, at_rest: Array) -> tuple[bool, bool]:
         """Return whether all gimbals are upright, and whether all wheels turn as they shall.
@@ -101,12 +107,12 @@ class Estimator:
         near = np.abs(self.joints - at_rest) <= tolerance
         return bool(near[self._angles].all()), bool(near[self._wheels].all())
 
-    def spin_after(self, setpoint: Array, dt_s: float) -> float:
-        """Return how fast the motors are expected to turn after `dt_s` of a set-point (n,): mean.
+    def spin_after(self, speeds: Array, dt_s: float) -> float:
+        """Return how fast motors told `speeds` (m,) are expected to turn after `dt_s`: their mean.
 
         By their model also where speeds are measured: a sensor that fails must tilt nothing.
         """
-        return float(self._spin.after(setpoint[self._wheels], dt_s).mean())
+        return fmean(self._spin.after(speeds, dt_s).tolist())
 
     @property
     def pose(self) -> Any:

@@ -40,7 +40,7 @@ class Following:
         while self._told and now_s - self._told[0][0] > REMEMBERED_S:
             self._told.popleft()
         self._told.append((now_s, told))
-        if not (np.abs(measured - told) > ASIDE_RAD).any():
+        if not any(np.abs(measured - told) > ASIDE_RAD):
             self._since_s = None
             return ""
         lately = np.array([angles for _, angles in self._told])

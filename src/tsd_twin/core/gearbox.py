@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -11,6 +12,7 @@ from tsd_twin.drives import Drive, JointKind
 from tsd_twin.lie import Array
 from tsd_twin.messages.status import GearStatus
 from tsd_twin.robots import RPM, Robot
+from tsd_twin.robots.gears import Gears
 
 _SAME = 1e-9
 """Relative: spins closer than this are one."""
@@ -35,7 +37,6 @@ class Gearbox:
         self._lag_s = robot.lag_s
         self._deceleration_mps2 = robot.limits.deceleration_mps2
         self._wheels = np.flatnonzero([j.kind is JointKind.VELOCITY for j in self.drive.joints])
-        self._standing = np.zeros(len(self.drive.joints))
         self._mean_ratio = float(self._gears.drive.spin_ratio.mean()) if self._gears else 1.0
         usual = self._gears.drive.spin_rad_per_s if self._gears else 0.0
         self._usual = self._wanted = self._told = self._at = usual
@@ -63,8 +64,8 @@ class Gearbox:
         """Let `dt_s` pass; return whether the drive is another one now.
 
         `lease` is in force, if any; `armed` is whether the wheels may spin, and `ramps` whether the
-        robot may drive, so that the speed must not leap. `spin_after(setpoint, dt_s)` tells how
-        fast they will spin.
+        robot may drive, so that the speed must not leap. `spin_after(speeds, dt_s)` tells how fast
+        they will spin of set-points (m,).
         """
         if self._gears is None:
             return False
@@ -74,16 +75,9 @@ class Gearbox:
         if not ramps:
             self._told = self._wanted
             return self._shift(self._told)
-        law, error = self._law, self._wanted - self._told
-        rate = self._gears.rate_rad_per_s2(
-            self._told, law.up_s if error > 0.0 else law.down_s, self._deceleration_mps2
-        )
-        step = rate * dt_s
-        # Reached exactly: half a turn less than the slowest one would be none.
-        self._told = self._wanted if abs(error) <= step else self._told + np.copysign(step, error)
-        # Of a set-point only wheels matter here: no need for the inverse in every step.
-        self._standing[self._wheels] = self._told * self._gears.drive.spin_ratio
-        mean = spin_after(self._standing, self._lag_s)
+        if self._told != self._wanted:
+            self._ramp(self._gears, dt_s)
+        mean = spin_after(self._told * self._gears.drive.spin_ratio, self._lag_s)
         return self._shift(mean / self._mean_ratio)
 
     def inverse(self, twist: Array) -> Array:
@@ -99,6 +93,15 @@ class Gearbox:
             return None
         spin = spin_rad_per_s / self._mean_ratio
         return GearStatus(round(self._wanted / RPM, 1), round(spin / RPM, 1))
+
+    def _ramp(self, gears: Gears, dt_s: float) -> None:
+        law, error = self._law, self._wanted - self._told
+        rate = gears.rate_rad_per_s2(
+            self._told, law.up_s if error > 0.0 else law.down_s, self._deceleration_mps2
+        )
+        step = rate * dt_s
+        # Reached exactly: half a turn less than the slowest one would be none.
+        self._told = self._wanted if abs(error) <= step else self._told + math.copysign(step, error)
 
     def _shift(self, spin: float) -> bool:
         assert self._gears is not None  # noqa: S101  The callers have looked; for the type checker.
