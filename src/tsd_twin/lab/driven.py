@@ -20,7 +20,7 @@ from tsd_twin.lab.output import Output
 from tsd_twin.lab.percents import PARTS, percents
 from tsd_twin.lab.recorder import Recorder
 from tsd_twin.lab.recording import Recording, read
-from tsd_twin.lab.tour import Tour, tour, unheard_s
+from tsd_twin.lab.tour import Tour, patient_age_s, tour, unheard_s
 from tsd_twin.lie import Array
 from tsd_twin.messages.ros import decode_odometry
 from tsd_twin.messages.status import Status, decode_stamp
@@ -56,6 +56,7 @@ def driven(args: argparse.Namespace, out: Output) -> Driven:
         senses = _Senses(operator, robot, Guide(robot, ways))
         _wait_for_camera(senses, operator.id)
         _brief(args, operator.id, ways)
+        operator.max_age_s = patient_age_s(robot.limits, args.speed)
         with Keys() as keys, operator:
             spin_up = _unless_pressed(operator.get_ready(), keys)
             for _ in out.progress(percents(spin_up, 1.0), "spinning up, any key stops", PARTS):

@@ -32,7 +32,8 @@ class Driver:
     def __init__(self, operator: Operator, keys: Keys) -> None:
         self._operator, self._keys = operator, keys
         # After a longer pause the robot has begun to stop, and is not set off again.
-        self._pause_s = operator.robot.limits.command_timeout_s
+        limits, age_s = operator.robot.limits, operator.max_age_s or 0.0
+        self._pause_s = limits.command_timeout_s + max(0.0, age_s - limits.max_command_age_s)
         self._components = list(operator.robot.kinematics().components)
         key = topics.twist_key(operator.id, operator.name)
         self._commands = operator.bus.publisher(key, Urgency.REAL_TIME, topics.TWIST.type)

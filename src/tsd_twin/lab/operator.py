@@ -59,12 +59,15 @@ class Operator:
         bus.watch(topics.STATUS.key(robot_id), self._statuses.put)
         self.status_seq = 0
         """Number of the newest status that was taken: what commands echo."""
+        self.max_age_s: float | None = None
+        """How old commands may be, to be asked for with control; None: as usual."""
         self._before: Any = None
 
     def __enter__(self) -> Self:
         # Told to end, it ends as by Ctrl-C: through `__exit__`.
         self._before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-        reply = self._ask_lease(LeaseRequest(op="acquire", operator=self.name))
+        wish = LeaseRequest(op="acquire", operator=self.name, max_age_s=self.max_age_s)
+        reply = self._ask_lease(wish)
         if not reply.granted or reply.lease is None:
             signal.signal(signal.SIGTERM, self._before)
             raise TwinError(f"{self.id} gives no control: {reply.reason}")
@@ -173,15 +176,12 @@ class Operator:
     def _disarm(self) -> None:
         """Disarm; if that is refused, another has control and is not to be stopped, or nobody."""
         request = HolderRequest(self._lease)
+        peek = LeaseRequest(op="peek", operator=self.name)
         for _ in range(_TRIES):
             reply = self._ask(Service.DISARM, request)
-            if reply is not None and (reply.ok or self._holder()):
+            if reply is not None and (reply.ok or self._ask_lease(peek).holder):
                 return
         self.stop("it could not be disarmed")
-
-    def _holder(self) -> str | None:
-        """Return who has control."""
-        return self._ask_lease(LeaseRequest(op="peek", operator=self.name)).holder
 
     def _ask(self, service: Service, request: msgspec.Struct) -> Reply | None:
         """Return the answer of a service, None when there is none."""

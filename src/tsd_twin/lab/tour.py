@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from msgspec.structs import replace
 
+from tsd_twin.authority.lease import speed_cap_mps
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import Array
 from tsd_twin.motion.arc import line
@@ -89,8 +90,22 @@ def stopping_m(limits: Limits, speed_mps: float) -> float:
 
 
 def unheard_s(limits: Limits) -> float:
-    """Return for how long a robot that hears nothing drives on, at most."""
+    """Return for how long a robot that hears nothing drives on, at most.
+
+    Under a lease of `patient_age_s` it is no longer: there both together count from one status.
+    """
     return limits.command_timeout_s + limits.max_command_age_s
+
+
+def patient_age_s(limits: Limits, speed_mps: float) -> float | None:
+    """Return with which age of commands to ask for control, so that no short pause ends a drive.
+
+    Twice the usual; None, the usual, when that speed would not be allowed then.
+    """
+    cap_mps = speed_cap_mps(limits.deceleration_mps2, unheard_s(limits), limits.stop_allowance_m)
+    age_s = 2.0 * limits.max_command_age_s
+    allowed = cap_mps >= speed_mps and age_s <= limits.max_command_age_ceiling_s
+    return age_s if allowed else None
 
 
 def _square(half_m: float, way: float) -> Route:
