@@ -33,12 +33,12 @@ def draw(recordings: Sequence[Recording], found: Fit, rows: Sequence[Row]) -> Fi
             )
     look.dress(left, "time (s)", "camera to joints (mm)", "position, all runs")
     look.legend(left)
-    _bars(middle, [row for row in rows if row.unit == "deg"], "error (deg)", 1.0)
-    _bars(right, [row for row in rows if row.unit != "deg"], "error (%)", 100.0)
+    _bars(middle, [row for row in rows if row.unit == "deg"], "deg", 1.0)
+    _bars(right, [row for row in rows if row.unit != "deg"], "%", 100.0)
     return figure
 
 
-def _bars(axes: look.Axes, rows: list[Row], label: str, scale: float) -> None:
+def _bars(axes: look.Axes, rows: list[Row], unit: str, scale: float) -> None:
     """Draw how far off figures are, or how much they changed where the truth is not known."""
     at = np.arange(len(rows))[::-1]
     sizes = np.array([abs(row.before) if row.unit == "m" else 1.0 for row in rows])
@@ -53,5 +53,5 @@ def _bars(axes: look.Axes, rows: list[Row], label: str, scale: float) -> None:
     )
     axes.set_yticks(at, [row.name for row in rows])
     title = "against the truth, 2 s.d." if known else "against the description, 2 s.d."
-    look.dress(axes, label, "", title)
+    look.dress(axes, f"{'error' if known else 'change'} ({unit})", "", title)
     look.legend(axes, loc="best")
