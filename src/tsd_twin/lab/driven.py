@@ -26,7 +26,7 @@ from tsd_twin.messages.ros import decode_odometry
 from tsd_twin.messages.status import Status, decode_stamp
 from tsd_twin.robots import SingularityRobot, of_kind
 
-_CAMERA_S = 5.0
+_CAMERA_S = 3.0
 """So long somebody who sees the robot is waited for."""
 _LAST_FRAME_S = 1.1
 """After the end, for what was seen of it: poses may be late by a second."""
