@@ -58,7 +58,7 @@ class Going:
         planned, step = self._planned, self._step
         if planned is not None:
             going = self._follower is not None and step is not None
-            return self._route(planned, "going" if going else "planned", step if going else None)
+            return planned.shown("going" if going else "planned", step if going else None)
         if self._errand is not None or self._task is not None:
             return Route(self._numbers, "planning", 0.0, 0.0)
         return self._ended
@@ -152,9 +152,9 @@ class Going:
             case Phase.GOING:
                 pass
             case Phase.ARRIVED:
-                self._end(self._route(planned, "arrived", step))
+                self._end(planned.shown("arrived", step))
             case Phase.LOST:
-                self._end(self._route(planned, "ended", step))
+                self._end(planned.shown("ended", step))
                 raise PathError(step.reason)
         return step
 
@@ -206,17 +206,6 @@ class Going:
         self._drawn = True
         at_m = np.linspace(0.0, trajectory.length_m, POINTS)
         self._picture.show_route(link.id, trajectory.route.at(at_m).pose)
-
-    def _route(self, planned: Planned, phase: Any, step: Step | None) -> Route:
-        return Route(
-            number=planned.number,
-            phase=phase,
-            length_m=round(planned.trajectory.length_m, 3),
-            time_s=round(planned.trajectory.duration_s, 2),
-            done_m=0.0 if step is None else round(step.done_m, 3),
-            off_mm=0.0 if step is None else round(1000.0 * min(step.off_m, 1e3), 1),
-            reason="" if step is None else step.reason,
-        )
 
     def _end(self, shown: Route | None) -> None:
         if self._link is not None and self._drawn:

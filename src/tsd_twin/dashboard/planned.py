@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import msgspec
 import numpy as np
 
 from tsd_twin.dashboard.geared import geared
 from tsd_twin.dashboard.link import RobotLink
-from tsd_twin.dashboard.protocol import Plan
+from tsd_twin.dashboard.protocol import Plan, Route
 from tsd_twin.drives import Drive
 from tsd_twin.errors import PathError
 from tsd_twin.lie import SE2, Array, wrap
 from tsd_twin.motion.errand import Errand
+from tsd_twin.motion.follower import Step
 from tsd_twin.motion.trajectory import Trajectory, plan
 from tsd_twin.robots.robot import Limits
 
@@ -53,6 +55,20 @@ class Planned:
         off = pose.xy_heading - self.start.xy_heading
         stands = bool(np.hypot(off[0], off[1]) < _MOVED_M) and abs(wrap(off[2])) < _MOVED_RAD
         return bool(stands) and terms == self.terms
+
+    def shown(
+        self, phase: Literal["planned", "going", "arrived", "ended"], step: Step | None = None
+    ) -> Route:
+        """Return what a page is told of it, after a step if there was one."""
+        return Route(
+            number=self.number,
+            phase=phase,
+            length_m=round(self.trajectory.length_m, 3),
+            time_s=round(self.trajectory.duration_s, 2),
+            done_m=0.0 if step is None else round(step.done_m, 3),
+            off_mm=0.0 if step is None else round(1000.0 * min(step.off_m, 1e3), 1),
+            reason="" if step is None else step.reason,
+        )
 
 
 def errand_of(wish: Plan, points: Array) -> Errand:
