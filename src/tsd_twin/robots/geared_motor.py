@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tsd_twin.lie import Array
-from tsd_twin.robots.robot import NotNegative, Positive, SpinUp, Table
+from tsd_twin.robots.robot import JointErrors, NotNegative, Positive, Robot, SpinUp, Table
 from tsd_twin.robots.units import RPM
 
 
@@ -63,3 +63,18 @@ class WheelNoise(Table, frozen=True):
 
     spin_share: NotNegative = 0.0
     """Of a measured wheel speed."""
+
+
+class GearedRobot(Robot, frozen=True, kw_only=True):
+    """A robot whose wheels, all alike, turn by geared motors."""
+
+    motor: GearedMotor
+    noise: WheelNoise = WheelNoise()
+
+    def joint_errors(self) -> JointErrors:
+        """Return the noise of the wheel speeds."""
+        return JointErrors(spin_share=self.noise.spin_share)
+
+    def spin_up(self) -> SpinUp:
+        """Return how wheels follow their set-points."""
+        return self.motor.spin_up()

@@ -13,8 +13,8 @@ from msgspec import Meta
 from tsd_twin.drives import Joint, JointKind, OmniDrive
 from tsd_twin.drives.omni import impossible
 from tsd_twin.lie import Array
-from tsd_twin.robots.geared_motor import GearedMotor, WheelNoise, carried_kg_m2
-from tsd_twin.robots.robot import JointErrors, NotNegative, Positive, Problem, Robot, SpinUp, Table
+from tsd_twin.robots.geared_motor import GearedRobot, carried_kg_m2
+from tsd_twin.robots.robot import NotNegative, Positive, Problem, Table
 
 
 class OmniWheel(Table, frozen=True):
@@ -75,13 +75,11 @@ class DeadWheels(Table, frozen=True):
         )
 
 
-class OmniRobot(Robot, frozen=True, kw_only=True):
+class OmniRobot(GearedRobot, frozen=True, kw_only=True):
     """A platform on wheels with rollers."""
 
     drive: OmniGeometry
-    motor: GearedMotor
     mass: OmniMass
-    noise: WheelNoise = WheelNoise()
     dead_wheels: DeadWheels | None = None
 
     @property
@@ -122,14 +120,6 @@ class OmniRobot(Robot, frozen=True, kw_only=True):
         mass = self.mass
         body = np.array([mass.total_kg, mass.total_kg, mass.yaw_inertia_kg_m2])
         return self.wheel_inertia_kg_m2 + carried_kg_m2(drive.twist_from_speeds, body)
-
-    def joint_errors(self) -> JointErrors:
-        """Return the noise of the wheel speeds."""
-        return JointErrors(spin_share=self.noise.spin_share)
-
-    def spin_up(self) -> SpinUp:
-        """Return how wheels follow their set-points."""
-        return self.motor.spin_up()
 
     def problems(self) -> Iterator[Problem]:
         """Yield what the wheels, driven or dead, cannot do."""

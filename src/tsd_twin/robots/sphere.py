@@ -13,8 +13,8 @@ from msgspec import Meta
 from tsd_twin.drives import SphereDrive
 from tsd_twin.drives.sphere import impossible, mounting
 from tsd_twin.lie import Array
-from tsd_twin.robots.geared_motor import GearedMotor, WheelNoise, carried_kg_m2
-from tsd_twin.robots.robot import JointErrors, NotNegative, Positive, Problem, Robot, SpinUp, Table
+from tsd_twin.robots.geared_motor import GearedRobot, carried_kg_m2
+from tsd_twin.robots.robot import NotNegative, Positive, Problem, Table
 
 
 class SphereWheel(Table, frozen=True):
@@ -57,13 +57,11 @@ class Estimate(Table, frozen=True):
     """What the estimate is made with: contacts half-way between the rows, or hopping as they do."""
 
 
-class SphereRobot(Robot, frozen=True, kw_only=True):
+class SphereRobot(GearedRobot, frozen=True, kw_only=True):
     """A sphere on omni wheels."""
 
     drive: SphereGeometry
-    motor: GearedMotor
     mass: SphereMass
-    noise: WheelNoise = WheelNoise()
     estimate: Estimate = Estimate()
 
     def kinematics(self) -> SphereDrive:
@@ -92,14 +90,6 @@ class SphereRobot(Robot, frozen=True, kw_only=True):
         rim = 0.5 * mass.wheel_kg * g.wheel_radius_m**2
         carried = carried_kg_m2(drive.twist_from_speeds, sphere)
         return self.motor.rotor_at_wheel_kg_m2 + rim + carried
-
-    def joint_errors(self) -> JointErrors:
-        """Return the noise of the wheel speeds."""
-        return JointErrors(spin_share=self.noise.spin_share)
-
-    def spin_up(self) -> SpinUp:
-        """Return how wheels follow their set-points."""
-        return self.motor.spin_up()
 
     def problems(self) -> Iterator[Problem]:
         """Yield rows and rollers that cannot be, and what the mounting cannot do."""

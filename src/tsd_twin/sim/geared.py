@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 
 from tsd_twin.lie import Array
-from tsd_twin.robots import OmniRobot, SphereRobot
+from tsd_twin.robots.geared_motor import GearedRobot
 from tsd_twin.sim.geared_motor import GearedMotors
 
 
@@ -22,7 +22,7 @@ class GearedSimulation(ABC):
 
     def __init__(
         self,
-        robot: OmniRobot | SphereRobot,
+        robot: GearedRobot,
         shape: tuple[int, ...],
         inertia_kg_m2: float,
         *,
