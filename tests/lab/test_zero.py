@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import time
 from pathlib import Path
 
 import numpy as np
@@ -12,18 +13,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.lab.runs import is_picture, run, table
-from tests.running import QUICK, running
-from tsd_twin import robots
+from tests.running import PATIENCE_S, QUICK, matched, running
+from tsd_twin import robots, topics
 from tsd_twin.errors import TwinError
 from tsd_twin.lab.creep import Creep, by_zeros, creep_by_hand, creep_of, steps_that_end
 from tsd_twin.lab.keyboard import asked
 from tsd_twin.lab.machine import Machine, corrected
 from tsd_twin.lab.operator import Operator
+from tsd_twin.lab.sight import Sight
 from tsd_twin.lie import SE2
+from tsd_twin.messages.pose import PoseStamped, encode_pose
 from tsd_twin.messages.service import LeaseRequest
 from tsd_twin.node import OverheadCamera
 from tsd_twin.robots import SingularityRobot
 from tsd_twin.sim import simulate
+from tsd_twin.topics import Urgency
 
 ROBOT = robots.of_kind(robots.parse(QUICK, "quick"), SingularityRobot)
 STEP_RAD = 2 * np.pi / 4096
@@ -131,6 +135,22 @@ def test_a_camera_on_the_bus_is_asked_before_the_ruler_and_the_simulator(tmp_pat
     assert 0.0 < found.sigma_mps < 0.01
     off = found.twist - by_zeros(ROBOT) @ np.radians(zeros_deg)
     assert np.hypot(*off[:2]) < 6.0 * found.sigma_mps
+
+
+@pytest.mark.timed
+def test_a_camera_that_says_no_numbers_is_not_believed_and_the_reason_kept() -> None:
+    with running() as node, node.client() as bus:
+        sight = Sight(node.bus, node.id)
+        poses = matched(bus.publisher(topics.OUTSIDE_POSE.key(node.id), Urgency.DATA))
+        bad = encode_pose(PoseStamped.planar(SE2(np.array([np.nan, 0.0, 0.0])), 0))
+        end_s = time.monotonic() + PATIENCE_S
+        while not (sight.refused and len(sight.seen) > 1):
+            assert time.monotonic() < end_s
+            poses.put(bad)
+            time.sleep(0.02)
+            sight.look()
+    assert "nonfinite" in sight.refused
+    assert sight.who == "the simulator"
 
 
 def test_noise_of_a_camera_shows_in_how_well_creep_is_known() -> None:

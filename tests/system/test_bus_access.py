@@ -14,6 +14,7 @@ import pytest
 from tests.system.guarded_robot import (
     DESCRIPTION,
     ID,
+    PATIENCE_S,
     Guarded,
     hold,
     listening,
@@ -23,7 +24,7 @@ from tests.system.guarded_robot import (
 )
 from tsd_twin import topics
 from tsd_twin.access import KeyFolder
-from tsd_twin.bus import Bus
+from tsd_twin.bus import Bus, as_client
 from tsd_twin.dashboard.link import RobotLink
 from tsd_twin.errors import NoAnswerError
 from tsd_twin.messages.command import Sample
@@ -139,6 +140,22 @@ def test_only_a_sensor_says_where_the_robot_is(
     heard = robot.status(lambda status: status.outside is not None).outside
     assert heard is not None
     assert heard.dropped.shape > 0
+
+
+def test_an_operator_who_calibrates_hears_where_a_sensor_sees_the_robot(
+    robot: Guarded, camera: Bus, guest: Bus
+) -> None:
+    """However the sensor has joined; a viewer does not hear it."""
+    with (
+        Bus(as_client(robot.config("alice"), PATIENCE_S)) as lab,
+        listening(lab, POSES) as ear,
+        listening(guest, POSES, STATUS) as other,
+    ):
+        while not ear.heard:  # Whoever has just begun to listen may miss some.
+            put(camera, POSES, RUBBISH)
+            other.until(lambda sample: sample.key == STATUS)
+    assert {sample.payload for sample in ear.heard} == {RUBBISH}
+    assert {sample.key for sample in other.heard} == {STATUS}
 
 
 @pytest.mark.parametrize("key", [ALICES, COMMANDS, f"twin/{ID}/cmd/camera/twist", STATUS])
