@@ -43,7 +43,7 @@ def test_the_times_are_those_of_the_code_and_the_shipped_robot() -> None:
         "lease": lease,
         "hand_over": hand_over,
         "authority": authority,
-        "core": core.core,
+        "joint_faults": core.joint_faults,
         "following": core.following,
     }
     for _, value, where in rows:
