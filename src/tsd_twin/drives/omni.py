@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tsd_twin.drives.drive import Joint, JointKind, Motion
+from tsd_twin.drives.wheels import Wheels, leave_out
 from tsd_twin.lie import SE2, Array
 
 _SINGULAR = 1e-3
@@ -19,7 +19,7 @@ _SINGULAR = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OmniDrive:
+class OmniDrive(Wheels):
     """Any number of driven wheels with rollers, at least three.
 
     A wheel turns forward towards its `direction`. The axle of the roller on the floor lies in that
@@ -60,32 +60,15 @@ class OmniDrive:
             raise ValueError(problem)
         grip = _grip(self.positions_m, self.directions_rad, self.rollers_rad)
         rows = grip / (self.wheel_radius_m * np.cos(self.rollers_rad))[:, None]
-        back = np.linalg.pinv(rows)
-        own = 1.0 - np.einsum("ij,ji->i", rows, back)
+        back: Array = np.asarray(np.linalg.pinv(rows), dtype=float)
         for name, value in (
             ("grip_from_twist", grip),
             ("speeds_from_twist", rows),
             ("twist_from_speeds", back),
-            # A wheel that nothing else can stand in for leaves no residual.
-            ("_leave_out", np.where(own > 1e-9, 1.0 / np.maximum(own, 1e-9), 0.0)),
+            ("_leave_out", leave_out(rows, back)),
         ):
             value.setflags(write=False)
             object.__setattr__(self, name, value)
-
-    @property
-    def wheels(self) -> int:
-        """Number of wheels."""
-        return len(self.directions_rad)
-
-    @property
-    def joints(self) -> tuple[Joint, ...]:
-        """`wheel1`, `wheel2`, ..."""
-        return tuple(Joint(name, JointKind.VELOCITY) for name in self.actuators)
-
-    @property
-    def actuators(self) -> tuple[str, ...]:
-        """`wheel1`, `wheel2`, ..."""
-        return tuple(f"wheel{i + 1}" for i in range(self.wheels))
 
     @property
     def components(self) -> tuple[int, int, int]:
@@ -101,40 +84,6 @@ class OmniDrive:
     def lever_m(self) -> float:
         """Twists are in metres a second."""
         return 1.0
-
-    def demand(self, twist: Array) -> Array:
-        """Return the speed of the fastest wheel over its limit, (...); 1 is at the limit."""
-        return self._fastest(twist) / self.max_speed_rad_per_s
-
-    def rate_demand(self, step: Array, dt_s: float) -> Array:
-        """Return the acceleration of the worst wheel over its limit, (...), for a twist `step`."""
-        return self._fastest(step) / (self.max_acceleration_rad_per_s2 * dt_s)
-
-    def _fastest(self, twist: Array) -> Array:
-        return np.maximum.reduce(np.abs(twist @ self.speeds_from_twist.T), axis=-1)
-
-    def inverse(self, twist: Array) -> Array:
-        """Return the wheel speeds (..., k) for body `twist` (..., 3), scaled to the speed limit."""
-        speeds = twist @ self.speeds_from_twist.T
-        worst = np.maximum.reduce(np.abs(speeds), axis=-1, keepdims=True)
-        return speeds * (self.max_speed_rad_per_s / np.maximum(worst, self.max_speed_rad_per_s))
-
-    def forward(self, joints: Array, rates: Array | None = None) -> Motion:  # noqa: ARG002  The shape.
-        """Return the least-squares twist, and the residual (..., k) in m/s that no twist explains.
-
-        It is zero when the wheels agree; three wheels always do. It cannot see all wheels slide
-        alike. Rates of wheel speeds say nothing about the twist.
-        """
-        twist = joints @ self.twist_from_speeds.T
-        left = joints - twist @ self.speeds_from_twist.T
-        return Motion(twist, self.wheel_radius_m * left)
-
-    def blame(self, residual: Array) -> Array:
-        """Return how much of the squared `residual` (..., k) each wheel explains alone, (..., k).
-
-        The drop of the squared residual when the equation of a wheel is left out.
-        """
-        return residual * residual * self._leave_out
 
     def move(self, pose: SE2, twist: Array, dt_s: float) -> SE2:
         """Return `pose` after `dt_s` seconds of constant body `twist` (..., 3)."""

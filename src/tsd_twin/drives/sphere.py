@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tsd_twin.drives.drive import Joint, JointKind, Motion
+from tsd_twin.drives.wheels import Wheels, leave_out
 from tsd_twin.lie import SO3, Array
 
 _SINGULAR = 1e-3
@@ -21,7 +21,7 @@ _SINGULAR = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SphereDrive:
+class SphereDrive(Wheels):
     """A sphere on any number of omni wheels in any mounting, at least three (Eq. 31).
 
     The base stands still; X forward, Y left, Z up, from the centre of the sphere. A twist is the
@@ -64,32 +64,15 @@ class SphereDrive:
             raise ValueError(problem)
         axes = np.cross(self.contacts, self.actuations)
         rows = self.sphere_radius_m / self.wheel_radius_m * axes
-        back = np.linalg.pinv(rows)
-        own = 1.0 - np.einsum("ij,ji->i", rows, back)
+        back: Array = np.asarray(np.linalg.pinv(rows), dtype=float)
         for name, value in (
             ("axes", axes),
             ("speeds_from_twist", rows),
             ("twist_from_speeds", back),
-            # A wheel that nothing else can stand in for leaves no residual.
-            ("_leave_out", np.where(own > 1e-9, 1.0 / np.maximum(own, 1e-9), 0.0)),
+            ("_leave_out", leave_out(rows, back)),
         ):
             value.setflags(write=False)
             object.__setattr__(self, name, value)
-
-    @property
-    def wheels(self) -> int:
-        """Number of wheels."""
-        return len(self.contacts)
-
-    @property
-    def joints(self) -> tuple[Joint, ...]:
-        """`wheel1`, `wheel2`, ..."""
-        return tuple(Joint(name, JointKind.VELOCITY) for name in self.actuators)
-
-    @property
-    def actuators(self) -> tuple[str, ...]:
-        """`wheel1`, `wheel2`, ..."""
-        return tuple(f"wheel{i + 1}" for i in range(self.wheels))
 
     @property
     def components(self) -> tuple[int, int, int]:
@@ -105,33 +88,6 @@ class SphereDrive:
     def lever_m(self) -> float:
         """A turn about X or Y moves the top of the sphere by its radius."""
         return self.sphere_radius_m
-
-    def demand(self, twist: Array) -> Array:
-        """Return the speed of the fastest wheel over its limit, (...); 1 is at the limit."""
-        return self._fastest(twist) / self.max_speed_rad_per_s
-
-    def rate_demand(self, step: Array, dt_s: float) -> Array:
-        """Return the acceleration of the worst wheel over its limit, (...), for a twist `step`."""
-        return self._fastest(step) / (self.max_acceleration_rad_per_s2 * dt_s)
-
-    def _fastest(self, twist: Array) -> Array:
-        return np.maximum.reduce(np.abs(twist @ self.speeds_from_twist.T), axis=-1)
-
-    def inverse(self, twist: Array) -> Array:
-        """Return the ideal wheel speeds (..., k) for `twist` (..., 3), scaled to their limit."""
-        speeds = twist @ self.speeds_from_twist.T
-        worst = np.maximum.reduce(np.abs(speeds), axis=-1, keepdims=True)
-        return speeds * (self.max_speed_rad_per_s / np.maximum(worst, self.max_speed_rad_per_s))
-
-    def forward(self, joints: Array, rates: Array | None = None) -> Motion:  # noqa: ARG002  The shape.
-        """Return the ideal twist, and the residual (..., k) in m/s; three wheels leave none."""
-        twist = joints @ self.twist_from_speeds.T
-        left = joints - twist @ self.speeds_from_twist.T
-        return Motion(twist, self.wheel_radius_m * left)
-
-    def blame(self, residual: Array) -> Array:
-        """Return how much of the squared `residual` (..., k) each wheel alone explains."""
-        return residual * residual * self._leave_out
 
     def move(self, pose: SO3, twist: Array, dt_s: float) -> SO3:
         """Return `pose` after `dt_s` seconds of constant `twist` (..., 3), in the base's axes."""
