@@ -6,19 +6,25 @@ import shutil
 
 from playwright.sync_api import Locator, Page, expect
 
-FLAGS = (
+_EITHER = (
     "--headless=new",
     "--no-sandbox",  # Tests run as root, where Chromium has no sandbox.
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--ignore-gpu-blocklist",
     "--disable-dev-shm-usage",
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
     "--no-first-run",
 )
+FLAGS = (
+    *_EITHER,
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+)
+"""Draws the scene, on the processor."""
+FLAGS_WITHOUT_SCENE = (*_EITHER, "--disable-gpu", "--disable-software-rasterizer")
+"""A browser that has no WebGL: all controls and no scene, which costs a test machine most."""
 PATIENCE_MS = 60_000
 QUICK = "?fixedDpr=0.2"
 """Fewer pixels: the processor of a test machine draws them all."""

@@ -119,8 +119,10 @@ def stat_of(pid: int) -> list[str] | None:
 
 
 @pytest.fixture(scope="module")
-def browser() -> Generator[Browser]:
+def browser(request: pytest.FixtureRequest) -> Generator[Browser]:
+    """A browser that draws the scene; a test may ask for other flags."""
+    flags = list(getattr(request, "param", FLAGS))
     with sync_playwright() as playwright:
-        running = playwright.chromium.launch(executable_path=executable(), args=list(FLAGS))
+        running = playwright.chromium.launch(executable_path=executable(), args=flags)
         yield running
         running.close()

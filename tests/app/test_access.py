@@ -17,12 +17,20 @@ from playwright.sync_api import Browser, BrowserContext, Page, expect
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from tests.app.browser import FLAGS, PATIENCE_MS, QUICK, executable, mode, press
+from tests.app.browser import (
+    FLAGS,
+    FLAGS_WITHOUT_SCENE,
+    PATIENCE_MS,
+    QUICK,
+    executable,
+    mode,
+    press,
+)
 from tests.app.conftest import PATIENCE_S, Program
 from tests.app.proxy import nginx
 from tsd_twin.access import Role, Users
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.system, pytest.mark.browser, pytest.mark.timeout(300)]
 
 Start = Callable[..., Program]
 PHRASE = "correct horse battery"
@@ -165,6 +173,7 @@ def log_in(page: Page, name: str, phrase: str = PHRASE) -> None:
     page.get_by_role("button", name="Log in").click()
 
 
+@pytest.mark.parametrize("browser", [FLAGS_WITHOUT_SCENE], indirect=True, ids=["no scene"])
 def test_alice_logs_in_drives_under_her_name_and_logs_out(
     start: Start, folder: Path, context: BrowserContext
 ) -> None:

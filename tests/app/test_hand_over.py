@@ -8,10 +8,10 @@ from collections.abc import Callable
 import pytest
 from playwright.sync_api import Page, expect, sync_playwright
 
-from tests.app.browser import FLAGS, PATIENCE_MS, QUICK, executable, mode, press
+from tests.app.browser import FLAGS_WITHOUT_SCENE, PATIENCE_MS, executable, mode, press
 from tests.app.conftest import Program
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.system, pytest.mark.browser, pytest.mark.timeout(300)]
 
 ACTIVE = "document.querySelector('#tsd-overlay').shadowRoot.activeElement?.textContent ?? ''"
 
@@ -30,10 +30,12 @@ def test_control_is_asked_for_and_handed_over_by_keyboard(start: Callable[..., P
     demo = start("tsd_demo", "--no-browser", "--until-eof", "--port", "0", "--bus-port", "0")
     (url,) = re.findall(r"http://\S+", demo.ready())
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=executable(), args=list(FLAGS))
+        browser = playwright.chromium.launch(
+            executable_path=executable(), args=list(FLAGS_WITHOUT_SCENE)
+        )
         alice, bob = (browser.new_context().new_page() for _ in range(2))
         for page in (alice, bob):
-            page.goto(url + QUICK)
+            page.goto(url)
             mode(page, "disarmed")
             press(page, "Skip")
         press(alice, "Take control")

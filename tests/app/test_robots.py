@@ -10,16 +10,18 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from tests.app.browser import (
+    FLAGS_WITHOUT_SCENE,
     PATIENCE_MS,
     QUICK,
     centre,
+    click_through,
     mode,
     take_control_and_arm,
 )
 from tests.app.conftest import Program
 from tsd_twin import robots
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.browser]
 
 ROBOTS = robots.names()
 MOVING = re.compile(r"0\.[1-9]|[1-9]\.\d")
@@ -40,17 +42,15 @@ def demo(*names: str) -> Generator[str]:
 
 @contextlib.contextmanager
 def opened(browser: Browser, address: str, *, drawn: bool) -> Generator[Page]:
-    """Open the page; not `drawn` is without the scene, which costs a test machine most."""
+    """Open the page, in a browser that draws the scene, or in one that cannot."""
     errors: list[str] = []
     page = browser.new_page(viewport={"width": 900, "height": 500})
     page.add_init_script("localStorage.setItem('tsd.hints', 'seen')")
     page.on("pageerror", lambda error: errors.append(str(error)))
-    if not drawn:
-        page.route_web_socket(re.compile("/viser/"), lambda socket: socket.close())
     page.goto(address + QUICK)
     yield page
     page.close()
-    assert errors == []
+    assert [error for error in errors if drawn or "WebGL" not in error] == []
 
 
 def choose(page: Page, name: str) -> None:
@@ -59,6 +59,7 @@ def choose(page: Page, name: str) -> None:
     expect(page).to_have_title(re.compile(re.escape(robots.load(name).title)), timeout=PATIENCE_MS)
 
 
+@pytest.mark.parametrize("browser", [FLAGS_WITHOUT_SCENE], indirect=True, ids=["no scene"])
 @pytest.mark.parametrize("name", ROBOTS)
 def test_every_robot_is_driven(browser: Browser, name: str) -> None:
     """Armed and pushed with the stick, it moves, and rests when the stick is let go."""
@@ -72,6 +73,8 @@ def drive(page: Page, name: str) -> None:
     speed = page.get_by_role("status", name="Speed", exact=True)
     x, y, half = centre(page, "region", "Drive stick")
     for _ in range(20):
+        # A robot that has got no time is in a fault, as it must be.
+        click_through(page, "Take control", "Reset stop", "Arm")
         page.mouse.move(x, y)
         page.mouse.down()
         page.mouse.move(x, y - 0.8 * half)

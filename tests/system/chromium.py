@@ -21,7 +21,7 @@ import psutil
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from tests.app.browser import FLAGS, executable
+from tests.app.browser import FLAGS_WITHOUT_SCENE, executable
 
 PATIENCE_S = 60.0
 _LOOK_EVERY_S = 0.03
@@ -38,7 +38,7 @@ class Chromium:
         self._process = subprocess.Popen(
             [
                 executable(),
-                *FLAGS,
+                *FLAGS_WITHOUT_SCENE,
                 "--remote-debugging-port=0",
                 "--touch-events=enabled",
                 f"--user-data-dir={profile}",

@@ -8,8 +8,6 @@ import time
 from tests.system.chromium import PATIENCE_S, Chromium, Tab
 from tests.system.faults import SPEED_MPS, Observer
 
-SMALL = "?fixedDpr=0.1"
-"""Next to no pixels: the scene is not what is looked at here, and a processor draws them all."""
 NEAR_MS = 100
 """A page that is still busy with loading would be taken for a far one, and driven slower."""
 _OVERLAY = "document.getElementById('tsd-overlay').shadowRoot"
@@ -23,7 +21,7 @@ class RealPage:
     """One tab with the dashboard in it."""
 
     def __init__(self, browser: Chromium, url: str, *, window: bool = False) -> None:
-        self.tab: Tab = browser.open(url + SMALL, window=window)
+        self.tab: Tab = browser.open(url, window=window)
         self.until_loaded()
 
     def until_loaded(self) -> None:
@@ -65,6 +63,13 @@ class RealPage:
     def press(self, name: str) -> None:
         """Click on a button, once it can be used."""
         self.tab.until(f"((found) => found ? (found.click(), true) : false)({self.button(name)})")
+
+    def can_take_over(self) -> bool:
+        """Ask for control, anew if this page stalls, until it can be taken; false if it is free."""
+        clicks = ", ".join(f"{self.button(s)}?.click()" for s in ("Ask for control", "Take over…"))
+        free = f"Boolean({self.button('Take control')})"
+        self.tab.until(f"Boolean({self.button('Take over')}) || {free} || ({clicks}, false)")
+        return not self.tab.value(free)
 
     def drives(self) -> bool:
         """Return whether this page has control."""

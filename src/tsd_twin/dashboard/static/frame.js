@@ -1,4 +1,5 @@
-// Where the overlay is: exactly over viser's 3D canvas, which shrinks when the panel is docked.
+// Where the overlay is: exactly over the room of viser's 3D canvas, which shrinks when the panel is
+// docked. Not over the canvas itself: in a browser without WebGL that stays a small box in a corner.
 
 const CHECK_MS = 250;
 const PHONE = "(max-width: 36em)"; // From here on viser turns its panel into a drawer.
@@ -39,7 +40,7 @@ export class Frame {
   fit() {
     if (!this._canvas?.isConnected) this._adopt(document.querySelector("canvas[data-engine]"));
     if (this.phone.matches && !this._drawer?.isConnected) this._adoptDrawer();
-    const box = this._canvas?.getBoundingClientRect();
+    const box = this._canvas?.parentElement?.getBoundingClientRect();
     const [left, top, width, height] =
       box && box.width > 0
         ? [box.left, box.top, box.width, box.height]
@@ -49,9 +50,9 @@ export class Frame {
   }
 
   _adopt(canvas) {
-    if (this._canvas !== null) this._watcher.unobserve(this._canvas);
+    this._watcher.disconnect();
     this._canvas = canvas;
-    if (canvas !== null) this._watcher.observe(canvas);
+    if (canvas?.parentElement) this._watcher.observe(canvas.parentElement);
   }
 
   /** viser's drawer has no name: it is what is fixed at the bottom beside the canvas. */
