@@ -29,7 +29,7 @@ FLAGS = [
 SIZE = (360, 300)
 PATIENCE_S = 30.0
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.browser]
 
 
 @pytest.fixture(scope="module")
