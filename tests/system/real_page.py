@@ -60,9 +60,13 @@ class RealPage:
             f"each.{_SHOWN} && !each.hasAttribute('aria-disabled'))"
         )
 
-    def press(self, name: str) -> None:
-        """Click on a button, once it can be used."""
-        self.tab.until(f"((found) => found ? (found.click(), true) : false)({self.button(name)})")
+    def press(self, name: str) -> float:
+        """Click on a button, once it can be used, and return when the page was clicked on."""
+        now_ms = "performance.timeOrigin + performance.now()"
+        epoch_ms = self.tab.until(
+            f"((found, at) => found && (found.click(), at))({self.button(name)}, {now_ms})"
+        )
+        return float(epoch_ms) / 1000.0 - (time.time() - time.monotonic())
 
     def can_take_over(self) -> bool:
         """Ask for control, anew if this page stalls, until it can be taken; false if it is free."""
