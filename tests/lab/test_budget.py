@@ -12,10 +12,10 @@ import pytest
 from tests.lab.runs import is_picture, run
 from tsd_twin import robots
 from tsd_twin.errors import TwinError
+from tsd_twin.lab.one_square import sharp
 from tsd_twin.lab.open_square import PERIOD_S, Errors, drive_open
 from tsd_twin.lab.shapes import shape
 from tsd_twin.lab.sources import LINE, SOURCES, spin_by_line
-from tsd_twin.lab.square import sharp
 from tsd_twin.motion.route import Route
 from tsd_twin.robots import SingularityRobot
 from tsd_twin.sim import simulate

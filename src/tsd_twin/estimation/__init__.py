@@ -2,6 +2,7 @@
 
 from tsd_twin.estimation.conflict import ConflictMonitor, Verdict
 from tsd_twin.estimation.corrected import CorrectedEstimate, Fate
+from tsd_twin.estimation.drift import DriftFilter
 from tsd_twin.estimation.gyro import with_gyro
 from tsd_twin.estimation.odometry import (
     ODOMETRY,
@@ -19,6 +20,7 @@ __all__ = [
     "SECOND",
     "ConflictMonitor",
     "CorrectedEstimate",
+    "DriftFilter",
     "Estimate",
     "Fate",
     "JointOdometry",

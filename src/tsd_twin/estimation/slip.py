@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import msgspec
 import numpy as np
 
 from tsd_twin.drives import SingularityDrive
@@ -14,8 +15,12 @@ _GRAVITY_MPS2 = 9.81
 _SPIN_IN_SLIP = 8.0 / (3.0 * math.pi)
 """How much the speed of the rim of a contact patch counts beside the slip (Zhuravlev 1998)."""
 
+_SLIP_IN_SPIN = 15.0 * math.pi / 16.0
+"""How much the slip counts beside the speed of the rim, for the torque of the patch."""
 _MEAN_LEVER = 3.0 * math.pi / 16.0
 """Lever of the friction of a patch that only spins, in radii, under the pressure of Hertz."""
+_ROUNDS = 20
+"""Of a fixed point that halves its error each time, while friction gives 0.7 of its most."""
 
 
 class Slip:
@@ -23,43 +28,114 @@ class Slip:
 
     A wheel that spins on the spot rubs like oil: it has to slide to push, by some centimetres a
     second, and no gimbal shows it. So the body follows its wheels late, and hardly at all when they
-    ask for more than friction gives. All wheels carry the same load; the chassis is a disc of the
-    size of the pivot circle.
+    ask for more than friction gives. What speeds the body up comes out of the spin of the wheels,
+    and what brakes it goes into it, faster than motors make good. All wheels carry the same load;
+    the chassis is a disc of the size of the pivot circle, with the modules on its rim, and a wheel
+    is half a hollow sphere.
     """
 
     def __init__(self, robot: SingularityRobot, batch: tuple[int, ...] = ()) -> None:
         drive: SingularityDrive = robot.kinematics()
         mass, radius_m = robot.mass.total_kg, drive.pivot_radius_m
-        self._mass = np.diag([mass, mass, 0.5 * mass * radius_m**2])
+        module_kg = robot.mass.wheel_kg + 2.0 * robot.mass.gimbal_kg
+        about_kg_m2 = 0.5 * (mass + drive.modules * module_kg) * radius_m**2
+        self._robot, self._batch = robot, batch
+        self._mass = np.diag([mass, mass, about_kg_m2])
         self._rows = drive.contact_from_twist
         self._squares = np.einsum("kij,kil->kjl", self._rows, self._rows)
         self._most_n = robot.floor.friction * mass * _GRAVITY_MPS2 / drive.modules
-        self._rim_mps = _SPIN_IN_SLIP * robot.floor.patch_radius_m * drive.spin_rad_per_s
-        # A motor gives what its time constant takes, see `ContactSimulation`; the wheel is half a
-        # hollow sphere.
+        patch_m, self._spin_rad_per_s = robot.floor.patch_radius_m, drive.spin_rad_per_s
+        self._rim_mps = patch_m * self._spin_rad_per_s
+        self._lever_m = _MEAN_LEVER * patch_m
+        # A motor gives what its time constant takes, see `ContactSimulation`.
         inertia = robot.mass.wheel_kg * drive.wheel_radius_m**2 * 2.0 / 3.0
-        drag_nm = self._most_n * _MEAN_LEVER * robot.floor.patch_radius_m
-        slower = drag_nm * robot.motor.time_constant_up_s / inertia
-        self.spin_share: float = 1.0 - slower / drive.spin_rad_per_s
-        """Speed of wheels that drill on the floor, as a share of that without load."""
+        self._share_per_nms = 1.0 / (inertia * self._spin_rad_per_s)
+        self._up_s = robot.motor.time_constant_up_s
+        self._down_s = robot.motor.time_constant_down_s
+        slower = self._most_n * self._lever_m * self._up_s * self._share_per_nms
+        self.rest_share: float = 1.0 - slower
+        """Speed of wheels that drill on the floor at rest, as a share of what they are told."""
+        self.spin_share: Array = np.full((*batch, drive.modules), self.rest_share)
+        """(..., k): speed of each wheel, as a share of what it is told."""
         self.twist: Array = np.zeros((*batch, 3))
         """(..., 3): of the body, in its frame."""
 
-    def advance(self, rolling: Array, dt_s: float, pieces: int = 4) -> Array:
-        """Return the twist (..., 3) after `dt_s` seconds in which the wheels roll `rolling`.
+    @property
+    def lag_s(self) -> float:
+        """Time by which the body follows its wheels late, when they push a little."""
+        wheels = len(self._rows)
+        return float(self._mass[0, 0]) * _SPIN_IN_SLIP * self._rim_mps / (wheels * self._most_n)
 
-        Implicit Euler with the friction of the slip there was: stable over any step.
+    @property
+    def turning_lag_s(self) -> float:
+        """The same of a body that turns."""
+        across = float(np.trace(self._squares.sum(axis=0)[2:, 2:]))
+        return float(self._mass[2, 2]) * _SPIN_IN_SLIP * self._rim_mps / (across * self._most_n)
+
+    def later(self, turning_s: float) -> Slip:
+        """Return the same robot at rest on a floor where turns lag by `turning_s` more than here.
+
+        Friction is taken to be no less than half of what it is here, and no more than twice that.
+        """
+        share = np.clip(1.0 + turning_s / self.turning_lag_s, 0.5, 2.0)
+        floor = self._robot.floor
+        floor = msgspec.structs.replace(floor, friction=floor.friction / float(share))
+        return Slip(msgspec.structs.replace(self._robot, floor=floor), self._batch)
+
+    def advance(self, rolling: Array, dt_s: float, pieces: int = 4) -> Array:
+        """Return the twist (..., 3) after `dt_s` seconds.
+
+        `rolling` (..., 3) is how the body would move if wheels turned as told, and did not slide.
+        By the trapezoidal rule, with the friction of the slip there was: stable over any step.
         """
         step_s = dt_s / pieces
+        told = np.einsum("kij,...j->...ki", self._rows, rolling)
         for _ in range(pieces):
-            slip = np.einsum("kij,...j->...ki", self._rows, rolling - self.twist)
-            speed2 = np.square(slip).sum(axis=-1) + self._rim_mps**2
-            pull = self._most_n / np.sqrt(speed2)
+            share = self.spin_share
+            over = np.einsum("kij,...j->...ki", self._rows, self.twist)
+            slip = share[..., None] * told - over
+            slip2 = np.square(slip).sum(axis=-1)
+            rim2 = np.square(share * self._rim_mps)
+            pull = self._most_n / np.sqrt(slip2 + _SPIN_IN_SLIP**2 * rim2)
+            force = pull[..., None] * slip
             drag = step_s * np.einsum("...k,kjl->...jl", pull, self._squares)
-            pulled = drag @ (rolling - self.twist)[..., None]
-            gained = np.asarray(np.linalg.solve(self._mass + drag, pulled), dtype=float)
+            pulled = step_s * np.einsum("...ki,kij->...j", force, self._rows)
+            gained = np.asarray(
+                np.linalg.solve(self._mass + 0.5 * drag, pulled[..., None]), dtype=float
+            )
+            self.spin_share = share + step_s * self._spin_up(share, told, force, slip2, rim2)
             self.twist = self.twist + gained[..., 0]
             # The axes of the body turn away under its speed.
             turned = step_s * self.twist[..., 2:]
             self.twist[..., :2] += turned * self.twist[..., 1::-1] * [1.0, -1.0]
         return self.twist
+
+    def push(self, twist: Array, acceleration: Array, dt_s: float) -> tuple[Array, Array]:
+        """Return what moves the body by `twist` (3,) while that changes, and let `dt_s` pass.
+
+        The inverse of `advance`: how wheels have to roll (k, 2) if they turned as told, and the
+        forces (k, 2) that they push with. `acceleration` (3,) is over the ground, in the frame of
+        the body. What is more than friction gives stays finite, and is not reached.
+        """
+        forces = self._mass @ acceleration
+        rim2 = np.square(self.spin_share * self._rim_mps)
+        slip = np.zeros((len(self._rows), 2))
+        pull = np.zeros(len(self._rows))
+        for _ in range(_ROUNDS):
+            slip2 = np.square(slip).sum(axis=-1)
+            pull = self._most_n / np.sqrt(slip2 + _SPIN_IN_SLIP**2 * rim2)
+            grip = np.einsum("k,kjl->jl", pull, self._squares)
+            slip = self._rows @ np.asarray(np.linalg.solve(grip, forces), dtype=float)
+        force = pull[:, None] * slip
+        rolled = (self._rows @ twist + slip) / self.spin_share[:, None]
+        slip2 = np.square(slip).sum(axis=-1)
+        rise_per_s = self._spin_up(self.spin_share, rolled, force, slip2, rim2)
+        self.spin_share = self.spin_share + dt_s * rise_per_s
+        return rolled, force
+
+    def _spin_up(self, share: Array, told: Array, force: Array, slip2: Array, rim2: Array) -> Array:
+        """Return how fast the spins rise: what motors give, less what pushing and drilling take."""
+        time_constant_s = np.where(share < 1.0, self._up_s, self._down_s)
+        pushing = (force * told).sum(axis=-1) / self._spin_rad_per_s
+        drilling = self._most_n * self._lever_m * np.sqrt(rim2 / (rim2 + _SLIP_IN_SPIN**2 * slip2))
+        return (1.0 - share) / time_constant_s - self._share_per_nms * (pushing + drilling)

@@ -13,10 +13,10 @@ from tsd_twin import robots
 from tsd_twin.errors import TwinError
 from tsd_twin.lab import look, shapes
 from tsd_twin.lab.experiment import Experiment
+from tsd_twin.lab.one_square import THESIS_SHARE, sharp
 from tsd_twin.lab.open_square import Errors, Outcome, drive_open
 from tsd_twin.lab.output import Output
 from tsd_twin.lab.sources import LINE, SOURCES, Source
-from tsd_twin.lab.square import THESIS_SHARE, sharp
 from tsd_twin.lie import Array
 from tsd_twin.motion.route import Route
 from tsd_twin.robots import SingularityRobot, of_kind

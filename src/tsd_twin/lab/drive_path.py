@@ -15,8 +15,8 @@ from tsd_twin.motion.trajectory import Trajectory
 
 SETTLE_S = 0.5
 """Time after the end of the trajectory in which the robot comes to rest."""
-_AHEAD_S = 0.5 * PERIOD_S
-"""A command holds for a period: it is meant for the middle of it."""
+_AHEAD_S = 1.5 * PERIOD_S
+"""A command is taken up a period later, and holds for one: it is meant for the middle of that."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +90,7 @@ def follow(
         if estimate is None:
             robot.drive(tracker.feed_forward(t_s + _AHEAD_S))
         else:
-            robot.drive(tracker.advance(t_s + _AHEAD_S, pose, PERIOD_S))
+            robot.drive(tracker.advance(t_s, pose, PERIOD_S, _AHEAD_S))
     s_m = np.linspace(0.0, trajectory.length_m, 2001)
     joints = np.array([*trajectory.route.breaks_m])
     return Record(

@@ -15,7 +15,7 @@ from tsd_twin.lab.virtual_robot import VirtualRobot
 from tsd_twin.motion.heading import FixedHeading, HeadingLaw, TangentHeading
 from tsd_twin.motion.path import Path
 from tsd_twin.motion.route import Route
-from tsd_twin.motion.tracker import Tracker
+from tsd_twin.motion.tracker import Tracker, TrackerSettings
 from tsd_twin.motion.trajectory import plan
 from tsd_twin.sim import Frame, SimRobot
 
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     record = follow(
         virtual,
         trajectory,
-        Tracker(trajectory),
+        Tracker(trajectory, TrackerSettings(lag_s=robot.lag_s)),
         watching,
         lambda steps: out.progress(steps, "driving", len(steps)),
     )

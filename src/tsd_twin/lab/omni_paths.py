@@ -15,7 +15,7 @@ from tsd_twin.lab.virtual_robot import VirtualRobot
 from tsd_twin.lie import SE2
 from tsd_twin.motion.heading import FixedHeading, HeadingLaw, TangentHeading
 from tsd_twin.motion.route import Route
-from tsd_twin.motion.tracker import Tracker
+from tsd_twin.motion.tracker import Tracker, TrackerSettings
 from tsd_twin.motion.trajectory import plan
 from tsd_twin.robots import OmniRobot, of_kind
 from tsd_twin.sim import SimRobot
@@ -47,7 +47,8 @@ def ride(robot: OmniRobot, name: str, heading: HeadingLaw, noise: float, seed: i
     virtual = VirtualRobot(robot, SimRobot(robot, seed=seed, noise=noise))
     drive = robot.kinematics()
     trajectory = plan(Route(shape(name), heading), drive, robot.limits, share=_SHARE)
-    return follow(virtual, trajectory, Tracker(trajectory), _believed)
+    tracker = Tracker(trajectory, TrackerSettings(lag_s=robot.lag_s))
+    return follow(virtual, trajectory, tracker, _believed)
 
 
 def _believed(virtual: VirtualRobot) -> SE2:

@@ -96,7 +96,6 @@ def drive_open(robot: SingularityRobot, trajectory: Trajectory, errors: Errors) 
     shall = trajectory.at(t_s + PERIOD_S + errors.delay_s).pose[:, :2]
     nodes = np.empty((3, runs, len(is_angle)))
     nodes[..., ~is_angle] = told[0, ~is_angle] * (1.0 + errors.spin_share)
-    nodes[..., ~is_angle] *= 1.0 if slip is None else slip.spin_share
     play = np.zeros_like(errors.zero_rad)
     angles, pose = errors.zero_rad.copy(), SE2(np.tile(trajectory.at(0.0).pose, (runs, 1)))
     squared, worst, off = np.zeros(runs), np.zeros(runs), np.zeros(runs)

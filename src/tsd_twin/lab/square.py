@@ -9,66 +9,33 @@ from __future__ import annotations
 import argparse
 import itertools
 
-import msgspec
 import numpy as np
 
-from tsd_twin import robots
-from tsd_twin.estimation import Slip
-from tsd_twin.lab import charts, look, shapes
-from tsd_twin.lab.drive_path import Record, follow
+from tsd_twin.errors import TwinError
+from tsd_twin.lab import charts, look
+from tsd_twin.lab.drive_path import Record
 from tsd_twin.lab.experiment import Experiment
 from tsd_twin.lab.follow import add_run_flags
-from tsd_twin.lab.observer import Loop, observer
+from tsd_twin.lab.many_squares import run_many
+from tsd_twin.lab.observer import Loop
+from tsd_twin.lab.one_square import THESIS_SHARE, Square
 from tsd_twin.lab.output import Output
-from tsd_twin.lab.virtual_robot import PERIOD_S, VirtualRobot
+from tsd_twin.lab.virtual_robot import PERIOD_S
 from tsd_twin.lie import SE2
-from tsd_twin.motion.route import Route
-from tsd_twin.motion.timing import SpeedProfile
-from tsd_twin.motion.tracker import Tracker, TrackerSettings
-from tsd_twin.motion.trajectory import Trajectory, plan
-from tsd_twin.robots import Robot, SingularityRobot, of_kind
-from tsd_twin.sim import PLANTS, Camera, CameraNoise, Frame, SimRobot
-
-SPEED_MPS = 1.0
-ACCELERATION_MPS2, DECELERATION_MPS2 = 4.0, 4.0
-"""Of the closed loop; the limits of the robot are raised to leave room above them."""
-ROOM = 0.5
-"""Share of these limits that the timing uses: servos that are late have to be told more."""
-LAG_S = {"kinematic": 0.04, "mujoco": 0.055}
-"""Time by which the robot follows late on each plant: servos, and wheels that slide to push."""
-PLAY_LAG_S = 0.025
-"""More of it with the errors of `tsd`: dead band and play of the gears."""
-ANY_MPS2 = 1000.0
-"""The thesis had no limit of acceleration: a corner was passed as fast as servos turn."""
-THESIS_SHARE = 0.16
-"""The largest error of position that the thesis reports, of the side."""
+from tsd_twin.sim import PLANTS, Camera, CameraNoise, Frame
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Drive the square, and say the three errors."""
+    """Drive the square, and say the three errors, or how they spread over many seeds."""
+    if args.seeds < 1:
+        raise TwinError(f"--seeds must be 1 or more, not {args.seeds}")
+    if not args.believed_friction > 0.0:
+        raise TwinError(f"--believed-friction must be above 0, not {args.believed_friction:g}")
+    if args.seeds > 1:
+        return run_many([Square.of(args, args.seed + i) for i in range(args.seeds)], out)
     loop = Loop(args.loop)
-    robot = robots.load(args.robot)
-    route = Route(shapes.shape("square"))
-    if loop is Loop.OPEN:
-        robot = with_limits(robot, ANY_MPS2, ANY_MPS2)
-        trajectory = sharp(route)
-        tracker = Tracker(trajectory, TrackerSettings(lag_s=0.0))
-    else:
-        robot = with_limits(robot, ACCELERATION_MPS2 / ROOM, DECELERATION_MPS2 / ROOM)
-        trajectory = plan(route, robot.kinematics(), robot.limits, share=ROOM, speed_mps=SPEED_MPS)
-        tracker = Tracker(trajectory, TrackerSettings(lag_s=lag_s(robot, args)))
-    simulated = SimRobot(
-        robot, seed=args.seed, noise=args.noise, plant=args.plant, errors=args.errors
-    )
-    virtual = VirtualRobot(robot, simulated)
-    slip = Slip(of_kind(robot, SingularityRobot)) if args.plant == "mujoco" else None
-    watching = observer(loop, virtual, args.seed, slip)
-    record = follow(
-        virtual,
-        trajectory,
-        tracker,
-        watching,
-        lambda steps: out.progress(steps, "driving", len(steps)),
+    trajectory, record = Square.of(args, args.seed).drive(
+        lambda steps: out.progress(steps, "driving", len(steps))
     )
     frames = filmed(record, args.seed)
     out.table("square", record.columns())
@@ -88,31 +55,6 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
         f"largest error of position {of_side:.1f} % of the side; "
         f"the thesis reports at most {100 * THESIS_SHARE:.0f} %, open loop",
     ]
-
-
-def lag_s(robot: Robot, args: argparse.Namespace) -> float:
-    """Return by how much the robot follows late; errors count up to their described size."""
-    both_ways_s = 2.0 * robot.with_errors(args.errors).delay_s
-    return LAG_S[args.plant] + both_ways_s + PLAY_LAG_S * min(args.errors, 1.0)
-
-
-def sharp(route: Route) -> Trajectory:
-    """Return the reference of the thesis: full speed at once, and around corners in an instant."""
-    s_m = np.array([0.0, *route.breaks_m, route.length_m])
-    speed = np.full(len(s_m), SPEED_MPS)
-    profile = SpeedProfile(s_m, speed, np.zeros(len(s_m) - 1), s_m / SPEED_MPS)
-    return Trajectory(route, profile)
-
-
-def with_limits(robot: Robot, acceleration_mps2: float, deceleration_mps2: float) -> Robot:
-    """Return the robot with other limits of acceleration, and room above the speed."""
-    limits = msgspec.structs.replace(
-        robot.limits,
-        speed_mps=max(robot.limits.speed_mps, 1.1 * SPEED_MPS),
-        acceleration_mps2=acceleration_mps2,
-        deceleration_mps2=deceleration_mps2,
-    )
-    return msgspec.structs.replace(robot, limits=limits)
 
 
 def filmed(record: Record, seed: int) -> list[Frame]:
@@ -135,6 +77,13 @@ def _draw(loop: Loop, record: Record, frames: list[Frame], out: Output) -> None:
 def _flags(parser: argparse.ArgumentParser) -> None:
     add_run_flags(parser, Loop.OPEN)
     parser.add_argument(
+        "--seeds",
+        type=int,
+        default=1,
+        metavar="N",
+        help="drive so many squares, from --seed on, and say how their errors spread; default 1",
+    )
+    parser.add_argument(
         "--errors",
         type=float,
         default=1.0,
@@ -147,6 +96,19 @@ def _flags(parser: argparse.ArgumentParser) -> None:
         default="kinematic",
         help="what moves it: rolling by the equations (default), or bodies that slide in MuJoCo",
     )
+    parser.add_argument(
+        "--believed-friction",
+        type=float,
+        default=1.0,
+        metavar="SHARE",
+        help="what the robot takes the friction of the floor for, over what it is; default 1",
+    )
+    parser.add_argument(
+        "--turn",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="with a gyro: turn on the spot first, to learn how fast wheels spin; default: do",
+    )
 
 
 EXPERIMENT = Experiment(
@@ -158,6 +120,7 @@ EXPERIMENT = Experiment(
         "tsd-lab square --loop gyro               closed by wheels and gyro",
         "tsd-lab square --loop camera --seed 7    and by the camera above",
         "tsd-lab square --loop camera --plant mujoco      on a floor with friction",
+        "tsd-lab square --loop gyro --plant mujoco --seeds 20     by 20 robots",
         "tsd-lab square --errors 0 --noise 0      a perfect robot",
     ],
     add_flags=_flags,

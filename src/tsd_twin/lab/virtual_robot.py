@@ -53,6 +53,10 @@ class VirtualRobot:
         lease = self._ask(Service.LEASE, {"op": "acquire", "operator": _OPERATOR})
         self._lease = str(lease["lease"])
         self._get_ready()
+        self.mark()
+
+    def mark(self) -> None:
+        """Take it that the robot is on its mark now, and tell it so."""
         self._mark = self._on_the_floor()
         self._ask(Service.SET_POSE, {"lease": self._lease} | _xyh(0.0, 0.0, 0.0))
 

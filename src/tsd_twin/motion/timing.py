@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+import numpy.typing as npt
 
 from tsd_twin.drives import Drive
 from tsd_twin.errors import PathError
@@ -42,6 +43,20 @@ class SpeedProfile:
     """(n,): within each cell."""
     at_s: Array
     """(n + 1,): when each end is reached, seconds."""
+
+    def place_m(self, t_s: Array) -> Array:
+        """Return how far along (...) it is at times `t_s` (...) from start to end."""
+        cell, since = self.since(t_s)
+        s = self.s_m[cell] + since * (
+            self.speed_mps[cell] + 0.5 * since * self.acceleration_mps2[cell]
+        )
+        return np.minimum(s, self.s_m[cell + 1])
+
+    def since(self, t_s: Array) -> tuple[npt.NDArray[np.intp], Array]:
+        """Return the cell at each of `t_s` (...), and the time since it was entered."""
+        last = len(self.acceleration_mps2) - 1
+        cell = np.clip(np.searchsorted(self.at_s, t_s, side="right") - 1, 0, last)
+        return cell, t_s - self.at_s[cell]
 
 
 def fastest(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -34,25 +35,35 @@ class Tracker:
     is, and the core limits what correction adds.
     """
 
-    def __init__(self, trajectory: Trajectory, settings: TrackerSettings | None = None) -> None:
+    def __init__(
+        self,
+        trajectory: Trajectory,
+        settings: TrackerSettings | None = None,
+        told: Callable[[float], Array] | None = None,
+    ) -> None:
+        """`told` is the twist (3,) to tell a robot which, but for its lag, shall move as at a time.
+
+        That of the trajectory, unless it is given.
+        """
         settings = settings or TrackerSettings()
         self.trajectory = trajectory
         self._lag_s = settings.lag_s
+        self._told = told or self._shall
         self._pid = Pid(settings.along, settings.across, settings.heading)
 
     def feed_forward(self, t_s: float) -> Array:
         """Return the body twist (3,) to command at `t_s` when nothing is measured: open loop."""
-        return self.trajectory.at(t_s + self._lag_s).twist
+        return self._told(t_s + self._lag_s)
 
-    def advance(self, t_s: float, pose: SE2, dt_s: float) -> Array:
-        """Return the body twist (..., 3) to command at `t_s`, when the robot is at `pose` (...).
+    def advance(self, t_s: float, pose: SE2, dt_s: float, ahead_s: float = 0.0) -> Array:
+        """Return the body twist (..., 3) to command when the robot is at `pose` (...) at `t_s`.
 
-        `dt_s` is the time since the last call.
+        `dt_s` is the time since the last call; the command is meant for `ahead_s` later.
         """
         reference = self.trajectory.at(t_s)
         error = errors(reference, pose)
         correction = self._pid.advance(error, dt_s)
-        ahead = self.feed_forward(t_s)
+        ahead = self.feed_forward(t_s + ahead_s)
         wanted = SE2(reference.pose).rotate(ahead[:2])
         along = SE2(np.array([0.0, 0.0, float(reference.direction)]))
         world = wanted + along.rotate(correction[..., :2])
@@ -60,6 +71,9 @@ class Tracker:
         out[..., :2] = pose.inverse().rotate(world)
         out[..., 2] = ahead[2] + correction[..., 2]
         return out
+
+    def _shall(self, t_s: float) -> Array:
+        return self.trajectory.at(t_s).twist
 
 
 def errors(reference: Reference, pose: SE2) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from tsd_twin.drives import Drive
 from tsd_twin.lie import SE2, Array
 from tsd_twin.motion.route import Route
+from tsd_twin.motion.smoothing import smoothed
 from tsd_twin.motion.timing import SpeedProfile, fastest
 from tsd_twin.robots.robot import Limits
 
@@ -52,12 +53,9 @@ class Trajectory:
         t = np.asarray(t_s, dtype=float)
         moving = (t > 0.0) & (t < self.duration_s)
         t = np.clip(t, 0.0, self.duration_s)
-        last = len(profile.acceleration_mps2) - 1
-        cell = np.clip(np.searchsorted(profile.at_s, t, side="right") - 1, 0, last)
-        since = t - profile.at_s[cell]
+        cell, since = profile.since(t)
         acceleration = profile.acceleration_mps2[cell]
-        s = profile.s_m[cell] + since * (profile.speed_mps[cell] + 0.5 * since * acceleration)
-        s = np.minimum(s, profile.s_m[cell + 1])
+        s = profile.place_m(t)
         speed = np.maximum(profile.speed_mps[cell] + since * acceleration, 0.0) * moving
         points = self.route.at(s)
         return Reference(
@@ -77,12 +75,14 @@ def plan(
     share: float = 1.0,
     speed_mps: float | None = None,
     cell_m: float = 0.005,
+    smooth_s: float = 0.0,
 ) -> Trajectory:
     """Return `route` timed to the limits, as in `fastest`.
+
+    Acceleration takes `smooth_s` to change where it would jump; see `smoothed`.
 
     Raises:
         PathError: as in `fastest`.
     """
-    return Trajectory(
-        route, fastest(route, drive, limits, share=share, speed_mps=speed_mps, cell_m=cell_m)
-    )
+    profile = fastest(route, drive, limits, share=share, speed_mps=speed_mps, cell_m=cell_m)
+    return Trajectory(route, smoothed(profile, smooth_s))
