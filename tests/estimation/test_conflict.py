@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from tsd_twin import robots
@@ -48,7 +48,10 @@ def test_a_jammed_module_is_blamed(
     joints = DRIVE.inverse(twist)
     joints[3 * module : 3 * module + 2] += np.multiply(off_rad, signs)
     # Two modules see one component of the third only, along the line between the pivots.
-    assert DRIVE.blame(DRIVE.forward(joints).residual).argmax() == module
+    explained = DRIVE.blame(DRIVE.forward(joints).residual)
+    assert explained.argmax() == module
+    # One joint of another module may explain as much as both of this: then nobody can tell.
+    assume(np.delete(explained, module).max() < 0.98 * explained[module])
     verdict = watched(joints)
     assert verdict.suspect == module
     # What it alone explains is all there is to explain.
