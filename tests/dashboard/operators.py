@@ -161,11 +161,14 @@ class Site:
 
     def __init__(self, bus: Bus, viser_port: int, door: Door | None) -> None:
         self.released: list[str] = []
+        self.chosen: list[tuple[str, str]] = []
         self.bus = bus
         self.fleet = Fleet(bus)
         self._loop = asyncio.new_event_loop()
         self._ended = threading.Event()
-        self.audience = Audience(self.fleet, self.released.append)
+        self.audience = Audience(
+            self.fleet, self.released.append, lambda page, robot: self.chosen.append((page, robot))
+        )
         door = door or Door(Rules(allowed_hosts=["robot.example"]))
         self.gateway = Gateway(self.audience, viser_port, door=door)
         self._threads = [
@@ -187,6 +190,15 @@ class Site:
     def run(self, work: Coroutine[Any, Any, T]) -> T:
         """Return what a coroutine of the gateway's loop returns."""
         return asyncio.run_coroutine_threadsafe(work, self._loop).result(PATIENCE_S)
+
+    def choose(self, page: str, *robot_ids: str) -> None:
+        """Choose robots in the panel of a page, one right after the other."""
+
+        def choose() -> None:
+            for robot_id in robot_ids:
+                self.audience.choose(page, robot_id)
+
+        self._loop.call_soon_threadsafe(choose)
 
     def tell(self, robot_id: str, event: Event) -> None:
         self._loop.call_soon_threadsafe(self.audience.on_event, robot_id, event)

@@ -130,6 +130,18 @@ def test_an_unknown_robot_is_refused(served: Site) -> None:
         assert page.answer("robot", t="robot", id="nobody")["reason"] == "there is no robot nobody"
 
 
+def test_a_panel_whose_choice_is_refused_turns_back_to_the_robot_that_it_drives(
+    served: Site,
+) -> None:
+    """Else its sliders would have the limits of one robot and move another."""
+    with served.page() as page:
+        page.until(lambda: page.last("robot"))
+        served.chosen.clear()
+        served.choose(page.name, "bob", "carol")  # The second while the first is under way.
+        page.until(lambda: len([m for m in page.all("reply") if m["to"] == "robot"]) == 2)
+        assert served.chosen == [(page.name, "tsd")] * 2
+
+
 def test_a_page_that_comes_back_takes_the_place_of_its_lost_socket(served: Site) -> None:
     with served.page() as lost:
         lost.make_ready()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from enum import StrEnum
 
 import numpy as np
@@ -55,6 +56,11 @@ class ClientView:
         self._preview = Tried(client)
 
     # What it looks at.
+
+    @property
+    def lock(self) -> threading.RLock:
+        """For who changes several things that have to go together."""
+        return self._scene.lock
 
     @property
     def robot_id(self) -> str | None:

@@ -47,13 +47,14 @@ class Desk:
         """Note that the page lives."""
         self._beat_s = time.monotonic()
 
-    def ask(self, what: str, work: Coroutine[Any, Any, Reply]) -> None:
-        """Begin `work` and answer with what it returns, unless a request is under way."""
+    def ask(self, what: str, work: Coroutine[Any, Any, Reply]) -> bool:
+        """Begin `work` and answer with what it returns; False if a request is under way."""
         if self._asking is not None and not self._asking.done():
             work.close()
             self._answer(Answer(to=what, ok=False, reason="the last request is still under way"))
-        else:
-            self._asking = asyncio.create_task(self._ask(what, work))
+            return False
+        self._asking = asyncio.create_task(self._ask(what, work))
+        return True
 
     async def _ask(self, what: str, work: Coroutine[Any, Any, Reply]) -> None:
         reply = await work

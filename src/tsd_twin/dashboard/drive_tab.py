@@ -117,11 +117,13 @@ class DriveTab:
             self._tell()
 
     async def _chosen(self, event: viser.GuiEvent[Any]) -> None:
-        if event.client is not None and self._robot.value in self._view.robot_ids:
-            self.reset()
-            self._view.choose(self._robot.value)
-            self.refresh()
-            self._on_robot(self._robot.value)
+        robot_id = self._robot.value
+        if event.client is not None and robot_id in self._view.robot_ids:
+            with self._view.lock:  # Another thread may bring the choice of the rest of the page.
+                self.reset()
+                self._view.choose(robot_id)
+                self.refresh()
+            self._on_robot(robot_id)
 
     def _tell(self) -> None:
         body = self._view.body

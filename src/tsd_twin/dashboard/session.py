@@ -191,11 +191,17 @@ class Session:
 
     def choose(self, robot_id: str) -> None:
         """Turn to another robot: control of the one before is given up."""
-        if robot_id != self.robot_id:
-            self._desk.ask("robot", self._choose(robot_id))
+        if robot_id != self.robot_id and not self._desk.ask("robot", self._choose(robot_id)):
+            self._turn_back()
+
+    def _turn_back(self) -> None:
+        """Let the panel show the robot again that its sliders drive."""
+        if self.robot_id is not None:
+            self._on_chosen(self.page, self.robot_id)
 
     async def _choose(self, robot_id: str) -> Reply:
         if self._roster.view(robot_id) is None:
+            self._turn_back()
             return Reply(False, f"there is no robot {robot_id}")
         self.let_go("another robot is shown")
         self._hands.going.drop()
