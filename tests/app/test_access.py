@@ -30,7 +30,7 @@ from tests.app.conftest import PATIENCE_S, Program
 from tests.app.proxy import nginx
 from tsd_twin.access import Role, Users
 
-pytestmark = [pytest.mark.system, pytest.mark.browser, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
 Start = Callable[..., Program]
 PHRASE = "correct horse battery"

@@ -18,7 +18,7 @@ from tests.app.machine import AHEAD, Machine, wait_for_mode, wait_until
 from tests.hardware.peer import Peer
 from tests.hardware.servo_chain import ServoChain
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.busy]
 
 Start = Callable[..., Program]
 ANY_PORT = ("--listen", "tcp/127.0.0.1:0")

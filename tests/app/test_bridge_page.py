@@ -17,7 +17,7 @@ from tests.app.conftest import PATIENCE_S, Program
 from tests.app.machine import Machine, wait_until
 from tsd_twin import robots
 
-pytestmark = [pytest.mark.system, pytest.mark.browser, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
 UPRIGHT = [2048] * 6
 WAYS = {"w": (1.0, 0.0, 0.0), "s": (-1.0, 0.0, 0.0), "a": (0.0, 1.0, 0.0), "q": (0.0, 0.0, 1.0)}

@@ -11,7 +11,7 @@ from playwright.sync_api import Page, expect, sync_playwright
 from tests.app.browser import FLAGS_WITHOUT_SCENE, PATIENCE_MS, executable, mode, press
 from tests.app.conftest import Program
 
-pytestmark = [pytest.mark.system, pytest.mark.browser, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
 ACTIVE = "document.querySelector('#tsd-overlay').shadowRoot.activeElement?.textContent ?? ''"
 

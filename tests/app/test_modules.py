@@ -26,7 +26,7 @@ from tsd_twin.messages.command import Sample
 from tsd_twin.messages.ros import decode_joints
 from tsd_twin.messages.status import Status, decode_stamp, decode_status
 
-pytestmark = [pytest.mark.system, pytest.mark.browser, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
 STUCK = "module2_alpha"
 _PRESSES = 20

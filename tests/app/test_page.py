@@ -29,7 +29,7 @@ from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.command import Sample
 from tsd_twin.messages.ros import decode_joints, decode_odometry, decode_twist
 
-pytestmark = [pytest.mark.system, pytest.mark.browser, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
 STOP_WITHIN_M = 0.35
 UPRIGHT_RAD = 0.004

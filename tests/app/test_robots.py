@@ -21,7 +21,7 @@ from tests.app.browser import (
 from tests.app.conftest import Program
 from tsd_twin import robots
 
-pytestmark = [pytest.mark.system, pytest.mark.browser]
+pytestmark = [pytest.mark.system, pytest.mark.busy]
 
 ROBOTS = robots.names()
 MOVING = re.compile(r"0\.[1-9]|[1-9]\.\d")

@@ -29,7 +29,7 @@ FLAGS = [
 SIZE = (360, 300)
 PATIENCE_S = 30.0
 
-pytestmark = [pytest.mark.system, pytest.mark.browser]
+pytestmark = [pytest.mark.system, pytest.mark.busy]
 
 
 @pytest.fixture(scope="module")

@@ -73,7 +73,7 @@ def test_other_servers_of_this_process_stay_open_to_all() -> None:
 
 
 @pytest.mark.system
-@pytest.mark.browser
+@pytest.mark.busy
 def test_a_foreign_page_in_the_operators_browser_does_not_reach_it(
     server: viser.ViserServer, tmp_path: Path
 ) -> None:

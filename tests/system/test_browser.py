@@ -13,7 +13,7 @@ from tests.system.faults import stage
 from tests.system.real_page import RealPage
 from tests.system.table import Table, stands_still
 
-pytestmark = [pytest.mark.system, pytest.mark.browser, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
 ASLEEP_S = 5.0
 """As a laptop: its socket is open and silent, and speaks again."""
