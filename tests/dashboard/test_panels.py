@@ -38,6 +38,8 @@ class Desk:
     choices: SimpleQueue[tuple[str, str]] = field(default_factory=SimpleQueue)
     points: SimpleQueue[tuple[Any, ...]] = field(default_factory=SimpleQueue)
     gone: SimpleQueue[int] = field(default_factory=SimpleQueue)
+    shown: dict[str, str] = field(default_factory=dict[str, str])
+    """What pages show, by their id."""
 
     def __post_init__(self) -> None:
         self.panels = Panels(
@@ -46,6 +48,7 @@ class Desk:
             lambda *move: self.moves.put(move),
             lambda page, robot: self.choices.put((page, robot)),
             lambda *point: self.points.put(point),
+            robot_of=self.shown.get,
         )
         self.server.on_client_disconnect(self._note)
 
@@ -320,6 +323,20 @@ def test_a_robot_chosen_elsewhere_in_the_page_is_chosen_here(desk: Desk, viewer:
     assert desk.choices.empty()
     desk.panels.choose(PAGE, "nobody")
     assert viewer.control("robot").value == "bob"
+
+
+def test_a_panel_has_the_robot_of_its_page_as_soon_as_it_is_there(desk: Desk, feed: Feed) -> None:
+    """Else its sliders would be those of another robot than the one that they drive."""
+    del feed
+    desk.shown[PAGE] = "bob"
+    with opened(desk, PAGE) as viewer:
+        for _ in range(2):
+            desk.scene.add(Feed("bob"))
+            viewer.until(lambda: viewer.control("robot").value == "bob")
+            desk.scene.remove("bob")
+            viewer.until(lambda: viewer.control("robot").value == "tsd")
+    desk.shown.clear()
+    assert desk.choices.empty()
 
 
 def test_each_client_hides_what_it_likes(desk: Desk, viewer: Viewer, onlooker: Viewer) -> None:

@@ -139,6 +139,11 @@ class Audience:
 
     # Who comes and goes.
 
+    def robot_of(self, page: str) -> str | None:
+        """Return the id of the robot that a page shows; from any thread."""
+        session = self._sessions.get(page)
+        return None if session is None else session.robot_id
+
     def owner(self, page: str) -> Visitor | None:
         """Return whose page that is; None: nobody has it open."""
         session = self._sessions.get(page)

@@ -48,6 +48,7 @@ class ClientView:
         self._scene = scene
         self._client = client
         self._robot_id = scene.leader
+        self._wish: str | None = None
         self._hidden: set[Layer] = set()
         self._truth = Truth.DIFFERS
         self._stopped_xy: tuple[float, float] | None = None
@@ -78,9 +79,9 @@ class ClientView:
         return self._scene.bodies.get(self._robot_id or "")
 
     def choose(self, robot_id: str) -> None:
-        """Follow and try out this robot."""
+        """Follow and try out this robot, or as soon as it comes."""
         with self._scene.lock:
-            self._robot_id, self._tried = robot_id, None
+            self._wish = robot_id
             self.rebuild()
 
     def follow(self, on: bool) -> None:
@@ -170,8 +171,7 @@ class ClientView:
             own.reset()
             self._preview.clear()
             self._world = None
-            if self._robot_id not in self._scene.bodies:
-                self._robot_id, self._tried = self._scene.leader, None
+            self._turn()
             if self._stopped_xy is not None or self._robot_id != self._scene.leader:
                 self._world = own.add_frame(ROOT, show_axes=False, position=(*self._world_xy, 0.0))
             if self._plain:
@@ -180,6 +180,14 @@ class ClientView:
             if self._tried is not None:
                 self._draw_tried()
         self._client.flush()
+
+    def _turn(self) -> None:
+        """Turn to the robot that was chosen; while it is not there, to one that is."""
+        bodies = self._scene.bodies
+        shown = next((each for each in (self._wish, self._robot_id) if each in bodies), None)
+        shown = shown or self._scene.leader
+        if shown != self._robot_id:
+            self._robot_id, self._tried = shown, None
 
     def _hide_layers(self, own: viser.SceneApi) -> None:
         hidden = set(self._hidden)

@@ -57,7 +57,14 @@ async def run(
         easel = _Easel(chores, scene, lambda: panels)
         audience = Audience(fleet, on_released, on_chosen, easel)
         gateway = Gateway(audience, server.get_port(), door=Door(rules))
-        panels = Panels(server, scene, audience.panel, audience.choose, audience.point)
+        panels = Panels(
+            server,
+            scene,
+            audience.panel,
+            audience.choose,
+            audience.point,
+            robot_of=audience.robot_of,
+        )
 
         def on_status(robot_id: str) -> None:
             loop.call_soon_threadsafe(audience.on_status, robot_id)

@@ -108,9 +108,10 @@ class Panel:
     def choose(self, robot_id: str) -> None:
         """Turn to another robot, chosen elsewhere in the page."""
         with self._view.lock:  # Another thread may bring the choice in the panel itself.
-            if robot_id != self._view.robot_id and robot_id in self._view.robot_ids:
+            before = self._view.robot_id
+            self._view.choose(robot_id)
+            if self._view.robot_id != before:
                 self.reset()
-                self._view.choose(robot_id)
                 self._name_joints()
                 if self._drive is not None:
                     self._drive.refresh()

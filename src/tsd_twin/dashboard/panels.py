@@ -44,14 +44,19 @@ class Panels:
         on_robot: OnRobot,
         on_point: OnPoint,
         *,
+        robot_of: Callable[[str], str | None] = lambda _page: None,
         dark: bool | None = None,
     ) -> None:
-        """`dark` is the same for everybody; None is as each browser prefers."""
+        """`dark` is the same for everybody; None is as each browser prefers.
+
+        `robot_of` is asked on viser's thread which robot the rest of a page shows.
+        """
         self._server = server
         self._scene = scene
         self._on_panel = on_panel
         self._on_robot = on_robot
         self._on_point = on_point
+        self._robot_of = robot_of
         self._dark = dark
         self._panels: dict[int, Panel] = {}
         self._pages: dict[int, str | None] = {}
@@ -127,9 +132,12 @@ class Panels:
                 set_theme(client.gui, dark=dark)
             plain = draws_plainly(self._server, client.client_id)
             watches = only_watches(self._server, client.client_id)
-            self._panels[client.client_id] = Panel(
+            panel = Panel(
                 self._scene, client, moved, robot, dark=dark, watches=watches, plain=plain
             )
+            if page is not None and (chosen := self._robot_of(page)) is not None:
+                panel.choose(chosen)
+            self._panels[client.client_id] = panel
 
     async def _disconnect(self, client: viser.ClientHandle) -> None:
         with self._scene.lock:

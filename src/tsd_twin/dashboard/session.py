@@ -75,6 +75,7 @@ class Session:
         names = self._roster.names()
         if self.robot_id is None and names:
             self.robot_id = names[0].id
+            self._on_chosen(self.page, self.robot_id)
         self._post(
             protocol.Welcome(
                 operator=self._operator,

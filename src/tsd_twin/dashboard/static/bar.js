@@ -95,7 +95,7 @@ export class Bar {
   }
 
   _choose() {
-    this._link.send({ t: "robot", id: this._robots.value });
+    this._link.choose(this._robots.value);
   }
 
   _draw() {

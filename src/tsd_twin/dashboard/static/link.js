@@ -18,6 +18,7 @@ export class Link {
     this.connected = false;
     this.welcome = null;
     this.robot = null; // What does not change about the robot that is watched.
+    this._wish = null; // The robot that was chosen, until it is shown.
     this.state = null;
     this.stateMs = -Infinity; // When it came, on the clock of `performance.now`.
     this.pageMs = null; // Round trip to the gateway, median of the last few.
@@ -47,6 +48,12 @@ export class Link {
     if (socket?.readyState !== WebSocket.OPEN || socket.bufferedAmount > FULL_BYTES) return false;
     socket.send(JSON.stringify(message));
     return true;
+  }
+
+  /** Turn to another robot, once there is a connection. */
+  choose(id) {
+    this._wish = id;
+    this.send({ t: "robot", id });
   }
 
   /** Milliseconds since the newest state came, or since the robot said what is in it. */
@@ -129,12 +136,16 @@ export class Link {
       case "robot":
         if (message.id !== this.robot?.id) this.stateMs = -Infinity;
         this._seen = [];
+        this._wish = null;
         this.robot = message;
         this.history = []; // The gateway tells it again.
         break;
       case "welcome":
         this.welcome = message;
         this._stay(message);
+        break;
+      case "reply":
+        if (message.to === "robot") this._wish = null;
         break;
       case "event":
         this.history = [...this.history.slice(-99), { ...message, atMs: Date.now() }];
@@ -145,7 +156,7 @@ export class Link {
 
   /** After a new connection, go on with the robot that was watched before. */
   _stay({ robot, robots }) {
-    const before = this.robot?.id ?? robot;
+    const before = this._wish ?? this.robot?.id ?? robot;
     if (before !== robot && robots.some(({ id }) => id === before))
       this.send({ t: "robot", id: before });
   }
