@@ -29,6 +29,7 @@ from tsd_twin.messages.status import Status, decode_stamp, decode_status
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
 STUCK = "module2_alpha"
+STUCK_DEG = 1.0
 _PRESSES = 20
 _SHOWN = """() => {
 window.shownMs = new Promise((resolve) => {
@@ -70,7 +71,10 @@ class Watcher:
         self._set_deg = self._angle_deg(sample)
 
     def _on_joints(self, sample: Sample) -> None:
-        if not self.visible_ns and abs(self._angle_deg(sample) - self._set_deg) > 0.5:
+        angle_deg = self._angle_deg(sample)
+        # A sound servo is late by half a degree as well, but does not stand there.
+        stands = abs(abs(angle_deg) - STUCK_DEG) < 0.1
+        if not self.visible_ns and stands and abs(angle_deg - self._set_deg) > 0.5:
             self.visible_ns = decode_stamp(sample.attachment)[1]
 
     def _on_status(self, sample: Sample) -> None:
@@ -118,7 +122,7 @@ def choose_speed(page: Page, watcher: Watcher) -> None:
 def test_an_operator_chooses_the_drive_speed_and_is_told_which_module_sticks(
     start: Callable[..., Program], browser: Browser
 ) -> None:
-    mock = start("tsd_mock", "--listen", "tcp/127.0.0.1:0", "--jam", STUCK)
+    mock = start("tsd_mock", "--listen", "tcp/127.0.0.1:0", "--jam", f"{STUCK}@{STUCK_DEG}")
     endpoint = mock.ready().split()[-1]
     dashboard = start("tsd_dashboard", "--port", "0", "--connect", endpoint)
     address = re.findall(r"http://\S+", dashboard.ready())[0]
@@ -153,7 +157,7 @@ def test_an_operator_chooses_the_drive_speed_and_is_told_which_module_sticks(
         late_ms = page.evaluate("window.shownMs") - watcher.named_ms
         robot_ms = (watcher.named_ns - watcher.visible_ns) / 1e6
         sys.stdout.write(
-            f"\nnamed {robot_ms:.0f} ms after it was measured, shown {late_ms:.0f} ms later\n"
+            f"\nnamed {robot_ms:.0f} ms after it had to move on, shown {late_ms:.0f} ms later\n"
         )
         row = page.get_by_role("row").filter(has_text="suspect")
         press_tab(page, "Health")
