@@ -344,15 +344,19 @@ def test_a_path_is_driven_while_it_is_held_and_let_go_the_robot_stands(demo: Dem
     watcher.until(lambda: watcher.at_rest, "standstill")
     assert math.dist(at_release[:2], watcher.truth[:2]) <= STOP_WITHIN_M
     assert not watcher.commands[-1].any(), "one zero, then silence"
-    expect(page.get_by_role("status", name="Path")).to_contain_text(
-        re.compile(r"\d m, "), timeout=PATIENCE_MS
-    )
+    path = page.get_by_role("status", name="Path")
+    expect(path).to_contain_text(re.compile(r"\d m, "), timeout=PATIENCE_MS)
     assert watcher.at_rest
     press(page, "Go to")
     place = (0.4, -0.2)
     goal = watcher.truth[:2] + place
-    page.mouse.click(*pixel_of(page, place))
-
+    for _ in range(_PRESSES):
+        page.mouse.click(*pixel_of(page, goal - watcher.truth[:2]))
+        try:
+            expect(path).not_to_contain_text("Click on the floor", timeout=1000 * _PRESS_S)
+            break
+        except AssertionError:
+            continue  # A click on a page that was busy may be lost.
     go_to_the_end(demo)
     assert math.dist(goal, watcher.truth[:2]) < 0.1
     drive_what_is_drawn(demo)
