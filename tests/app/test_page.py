@@ -396,16 +396,21 @@ def test_a_preview_moves_gimbals_in_the_picture_and_nothing_else(demo: Demo) -> 
     still = scene.screenshot()
     slider = page.get_by_role("slider", name="vx (m/s)")
     expect(slider).to_be_visible(timeout=PATIENCE_MS)
-    box = slider.bounding_box()
-    assert box is not None
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    page.mouse.move(x, y)
-    page.mouse.down()
-    page.mouse.move(x + 40, y, steps=4)
-    page.mouse.up()
-    expect(page.get_by_text("the sliders move your picture only")).to_be_visible(
-        timeout=PATIENCE_MS
-    )
+    tried = page.get_by_text("the sliders move your picture only")
+    for _ in range(_PRESSES):
+        box = slider.bounding_box()
+        assert box is not None
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x + 40, y, steps=4)
+        page.mouse.up()
+        try:
+            expect(tried).to_be_visible(timeout=1000 * _PRESS_S)
+            break
+        except AssertionError:
+            continue  # The panel's own socket was away for a moment.
+    expect(tried).to_be_visible()
     assert scene.screenshot() != still
     assert len(watcher.commands) == commands
     assert watcher.tilt_rad < UPRIGHT_RAD

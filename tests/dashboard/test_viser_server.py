@@ -10,6 +10,7 @@ import msgspec
 import pytest
 import viser
 
+from tests.dashboard.operators import PATIENCE_S
 from tests.dashboard.viewers import viewing
 from tsd_twin.dashboard import viser_server
 
@@ -74,5 +75,7 @@ def test_stopping_ends_it_while_clients_look_on() -> None:
         viewer.until(lambda: viewer.closed)
         with socket.socket() as probe, pytest.raises(ConnectionRefusedError):
             probe.connect(("127.0.0.1", port))
-    left = {thread for thread in threading.enumerate() if thread.is_alive()} - before
-    assert not left
+    left = set(threading.enumerate()) - before
+    for thread in left:
+        thread.join(PATIENCE_S)
+    assert not {thread for thread in left if thread.is_alive()}
