@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench soak format lock meshes clean firmware robot-in-a-box avr
+.PHONY: help demo test check bench attack soak format lock meshes clean firmware robot-in-a-box avr
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 22
@@ -24,6 +24,9 @@ check: .venv/.dev ## Format, lint, types, layers
 
 bench: .venv/.dev ## Measure speed and memory against peers in the same run
 	$(BIN)/python -m bench $(ARGS)
+
+attack: .venv/.dev ## Attack live processes and compare with what is promised; ARGS=commands is one part
+	$(BIN)/python -m attack $(ARGS)
 
 soak: .venv/.dev ## Drive for half an hour, or SECONDS=60, while viewers come and go; nothing may grow
 	$(BIN)/python -m bench.soak --seconds $(SECONDS)

@@ -1,0 +1,1 @@
+"""Attacks on live processes, each with the promise that it tries to break."""
