@@ -22,6 +22,12 @@ ANY_PORT = "tcp/127.0.0.1:0"
 URDF = '<robot name="tsd"/>'
 QUICK = robots.text("tsd").replace("[motor]", "[motor]\narming_hold_s = 0.1", 1)
 """The shipped robot with speed controllers that arm at once."""
+PATIENT = (
+    QUICK.replace("[limits]", "[limits]\ncommand_timeout_s = 1.0", 1)
+    .replace("max_command_age_s = 0.21", "max_command_age_s = 1.0")
+    .replace("stop_allowance_m = 0.35", "stop_allowance_m = 2.0")
+)
+"""One that takes commands 1 s old at full speed: a busy machine that is late does not stop it."""
 
 
 @dataclass(slots=True)

@@ -15,7 +15,7 @@ import pytest
 from tests.app.conftest import Program
 from tests.lab.runs import is_picture
 from tests.node.pilot import Pilot
-from tests.running import PATIENCE_S, QUICK, running
+from tests.running import PATIENCE_S, PATIENT, running
 from tsd_twin import robots
 from tsd_twin.lab.creep import by_zeros
 from tsd_twin.lab.keyboard import Keys
@@ -27,8 +27,6 @@ from tsd_twin.sim import simulate
 pytestmark = pytest.mark.system
 
 Start = Callable[..., Program]
-PATIENT = QUICK.replace("[limits]", "[limits]\ncommand_timeout_s = 1.5\nmax_command_age_s = 1.0", 1)
-"""On a busy machine commands are late; here that shall stop nothing."""
 BUILT = re.sub(r"zero_deg = \S+", "zero_deg = 0.3", PATIENT)
 """And one whose gimbals are off by more than thumbs would leave."""
 

@@ -158,17 +158,29 @@ def test_a_burst_of_stale_commands_has_no_effect() -> None:
     assert counts(gate) == {"stale": 353}
 
 
-def test_what_was_sent_before_a_stop_was_seen_does_not_count_after_it() -> None:
-    """Young enough it may be: whoever sent it may have let go since."""
+def test_a_command_sent_before_a_stop_was_seen_does_not_count_after_it() -> None:
+    """It is young enough, but its sender may have released the stick since, under any lease."""
     gate, patient = new_gate(), lease(max_age_s=1.0)
     assert isinstance(gate.check(sample(0), patient, NOW_S), Command)
-    gate.note_stopping(NOW_S + 0.2)
+    gate.reject_sent_before(NOW_S + 0.2)
     gate.note_status(FRESH + 1, NOW_S + 0.2)
     assert drop(gate, sample(1), patient, NOW_S + 0.3) == "stale"
     assert isinstance(gate.check(sample(2, status_seq=FRESH + 1), patient, NOW_S + 0.3), Command)
     other = lease("bob", b"N" * 16, max_age_s=1.0)
-    theirs = sample(1, b"N" * 16, operator="bob")
-    assert isinstance(gate.check(theirs, other, NOW_S + 0.3), Command)  # Granted after the stop.
+    assert drop(gate, sample(1, b"N" * 16, operator="bob"), other, NOW_S + 0.3) == "stale"
+
+
+@pytest.mark.parametrize("status_seq", [OLD, FRESH + 1, 0])
+def test_a_zero_in_order_counts_however_old_it_is(status_seq: int) -> None:
+    gate = new_gate()
+    assert isinstance(gate.check(sample(5), lease(), NOW_S), Command)
+    gate.reject_sent_before(NOW_S + 0.1)
+    zero = sample(6, status_seq=status_seq, vx=0.0)
+    assert isinstance(gate.check(zero, lease(), NOW_S + 0.5), Command)
+    assert gate.is_late
+    assert drop(gate, sample(6), lease()) == "order", "what was sent before the zero is over"
+    assert drop(gate, sample(7, vx=0.0), None) == "lease"
+    assert drop(gate, sample(7, vx=0.0, operator="bob"), lease()) == "lease"
 
 
 def test_only_a_bounded_number_of_status_is_remembered() -> None:

@@ -6,12 +6,13 @@ import itertools
 import math
 from typing import Any
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tsd_twin import robots
-from tsd_twin.authority.lease import TTL_S, LeaseDesk, speed_cap_mps
+from tsd_twin.authority.lease import TTL_S, LeaseDesk, speed_within
 from tsd_twin.messages.service import LeaseReply, LeaseRequest
 
 ROBOT = robots.load("tsd")
@@ -159,7 +160,7 @@ def test_never_more_than_one_lease_is_in_force(
 
 @pytest.mark.parametrize(
     ("asked_s", "granted_s"),
-    [(None, 0.25), (0.001, 0.25), (0.25, 0.25), (0.6, 0.6), (1.0, 1.0), (60.0, 1.0), (1e300, 1.0)],
+    [(None, 0.21), (0.001, 0.21), (0.25, 0.25), (0.6, 0.6), (1.0, 1.0), (60.0, 1.0), (1e300, 1.0)],
 )
 def test_the_age_has_a_floor_and_a_ceiling(asked_s: float | None, granted_s: float) -> None:
     reply = acquire(new_desk(), "alice", 5.0, max_age_s=asked_s)
@@ -181,7 +182,7 @@ def test_an_age_that_is_no_number_is_refused(age_s: float) -> None:
 )
 def test_the_cap_inverts_published_stopping_distances(timeout_s: float, distance_m: float) -> None:
     """From 1 m/s at 2 m/s^2: WPILib, Husarion, ROS controllers and Viam with their timeouts."""
-    assert speed_cap_mps(2.0, timeout_s, distance_m) == pytest.approx(1.0)
+    assert speed_within(2.0, timeout_s, distance_m) == pytest.approx(1.0)
 
 
 @given(
@@ -190,7 +191,7 @@ def test_the_cap_inverts_published_stopping_distances(timeout_s: float, distance
 def test_at_the_cap_lateness_and_braking_use_up_the_allowance(
     deceleration: float, late_s: float, allowed_m: float
 ) -> None:
-    speed = speed_cap_mps(deceleration, late_s, allowed_m)
+    speed = speed_within(deceleration, late_s, allowed_m)
     steps, braking_s = 20_000, speed / deceleration
     # Drive on for the time of lateness, then brake: summed up, not solved.
     braking = sum(speed * (1 - (i + 0.5) / steps) for i in range(steps)) * braking_s / steps
@@ -212,12 +213,33 @@ def test_the_older_commands_may_be_the_slower_the_robot(ages: list[float]) -> No
     assert min(caps) > 0.0
 
 
+@pytest.mark.parametrize("name", robots.names())
+def test_every_shipped_robot_has_its_full_speed_under_the_usual_lease(name: str) -> None:
+    robot = robots.load(name)
+    desk = LeaseDesk(robot, lambda: bytes(16))
+    acquire(desk, "alice", 5.0)
+    lease = desk.current(5.0)
+    assert lease is not None
+    assert lease.speed_cap_mps == robot.limits.speed_mps
+
+
+def test_a_robot_with_a_short_allowance_is_slower_under_every_lease() -> None:
+    limits = msgspec.structs.replace(ROBOT.limits, stop_allowance_m=0.1)
+    robot = msgspec.structs.replace(ROBOT, limits=limits)
+    desk = LeaseDesk(robot, lambda: bytes(16))
+    acquire(desk, "alice", 5.0)
+    lease = desk.current(5.0)
+    assert lease is not None
+    assert 0.0 < lease.speed_cap_mps < 0.4
+
+
 def test_the_cap_of_the_oldest_age_keeps_to_the_allowance() -> None:
-    """A command 1 s old, the timeout, and braking, less the age that punctual ones may have."""
+    """A command 1 s old, two control periods, servo lag and bus delay, and braking."""
     desk = new_desk()
     acquire(desk, "alice", 5.0, max_age_s=1.0)
     lease = desk.current(5.0)
     assert lease is not None
     v, a = lease.speed_cap_mps, ROBOT.limits.deceleration_mps2
-    assert v * (0.2 + 1.0 - 0.25) + v * v / (2 * a) == pytest.approx(0.3)
+    late_s = 1.0 + 0.02 + 1 / 32 + 0.005
+    assert v * late_s + v * v / (2 * a) == pytest.approx(0.35)
     assert v < 0.35

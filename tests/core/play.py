@@ -82,8 +82,9 @@ class Play(Laws):
         self.hold(before, dt_s)
 
     def note_mode(self) -> None:
-        """Tell the referee when the robot begins to stop by itself: that is for all to see."""
-        mode = self.rig.mode
-        if mode is Mode.STOPPING and self.seen is not mode:
-            self.referee.note_stopping(self.rig.now_s)
+        """Tell the referee when the robot is armed, gets ready, stops or is shut off."""
+        mode, before = self.rig.mode, self.seen
+        goes_on = mode is Mode.DRIVING or (mode is Mode.READY and before is not Mode.ARMING)
+        if mode is not before and not goes_on:
+            self.referee.note_interruption(self.rig.now_s)
         self.seen = mode

@@ -9,11 +9,13 @@ from typing import Any
 class Referee:
     """Judges every command by the rules as they are written down; no code is shared."""
 
-    def __init__(self) -> None:
+    def __init__(self, default_age_s: float) -> None:
+        self.default_age_s = default_age_s
+        """Age that commands may have under a lease that asked for no other."""
         self.holder: str | None = None
         self.lease = ""
         self.ends_s = -math.inf
-        self.max_age_s = 0.25
+        self.max_age_s = default_age_s
         self.newest = 0
         self.counted = 0
         self.sent = 0
@@ -21,9 +23,10 @@ class Referee:
         self.echoed_s = -math.inf
         """When the status was sent that the newest counted command had seen."""
         self.pushed_s = -math.inf
-        self.counted_lease = ""
-        self.stopping = ("", -math.inf)
-        """Under which lease, and when, the robot last began to stop by itself."""
+        self.stands_until_s = -math.inf
+        """When the newest command that counted stops moving the robot."""
+        self.interrupted_s = -math.inf
+        """When the robot was last armed, became ready, began to stop, or was shut off."""
         self.asked = ("", -math.inf)
         """Who asks the holder for control, and until when."""
         self.reserved = ("", -math.inf)
@@ -31,8 +34,8 @@ class Referee:
         self.kept = ("", -math.inf)
         """Who was told no, and until when that stands."""
 
-    def note_stopping(self, now_s: float) -> None:
-        self.stopping = (self.counted_lease, now_s)
+    def note_interruption(self, now_s: float) -> None:
+        self.interrupted_s = now_s
 
     def is_free(self, now_s: float) -> bool:
         """Whether nobody has control; what was asked of the last holder ends with that."""
@@ -48,10 +51,11 @@ class Referee:
         return self.asked[0] if not self.is_free(now_s) and now_s < self.asked[1] else ""
 
     def stands(self, now_s: float) -> bool:
-        """Whether the newest command that counted may still move the robot: it is no older than the
-        timeout, or what it had seen no older than the timeout and what the lease adds to the age.
+        """Whether the newest command that counted may still move the robot: it came no longer ago
+        than the timeout and what the lease adds to the age, and what it had seen was sent no longer
+        ago than the age that the lease allows.
         """
-        return now_s - self.counted_s <= 0.2 or now_s - self.echoed_s <= 0.2 + self.max_age_s - 0.25
+        return now_s <= self.stands_until_s
 
     def may_acquire(self, name: str, take_over: bool, now_s: float) -> bool:
         if now_s < self.reserved[1] and self.reserved[0] != name:
@@ -85,12 +89,14 @@ class Referee:
         self.sent += 1
         if not letter["sound"] or not self.holds(letter["name"], letter["lease"], now_s):
             return
-        if letter["seq"] <= self.newest or now_s - sent_s > self.max_age_s:
+        late = now_s - sent_s > self.max_age_s or sent_s < self.interrupted_s
+        if letter["seq"] <= self.newest or (late and any(letter["twist"])):
             return
-        if letter["lease"] == self.stopping[0] and sent_s < self.stopping[1]:
-            return
-        self.counted_lease = letter["lease"]
-        self.newest, self.ends_s = letter["seq"], now_s + 2.0
+        self.newest = letter["seq"]
         self.counted, self.counted_s, self.echoed_s = self.counted + 1, now_s, sent_s
+        if not late:
+            self.ends_s = now_s + 2.0
+            added_s = self.max_age_s - self.default_age_s
+            self.stands_until_s = min(now_s + 0.2 + added_s, sent_s + self.max_age_s)
         if any(letter["twist"]):
             self.pushed_s = now_s

@@ -74,14 +74,14 @@ def test_over_a_far_and_lossy_link_somebody_drives_ten_seconds_without_a_break(s
 
 
 def test_a_gap_as_long_as_the_lease_allows_is_bridged_and_no_longer(rig: Rig) -> None:
-    """Punctual commands under a lease of 1 s: they stand for the timeout and 0.75 s more."""
+    """Commands under a lease of 1 s stand until 1 s after the status that they echo was sent."""
     pilot = rig.get_ready(max_age_s=1.0)
     rig.drive(pilot, (1.0, 0.0, 0.0), 1.0)
     sent_s = rig.status_sent_s[rig.status_seq]
     rig.send(pilot, (1.0, 0.0, 0.0))
     while rig.mode is Mode.DRIVING:
         rig.tick()
-    assert rig.now_s - sent_s == pytest.approx(0.95, abs=0.02)
+    assert rig.now_s - sent_s == pytest.approx(0.99, abs=0.025)
 
 
 @pytest.mark.parametrize(

@@ -93,6 +93,7 @@ def test_the_wheels_come_to_the_speed_that_was_chosen_and_show_it(rpm: float) ->
 def test_too_slow_for_the_command_it_is_scaled_as_a_whole_and_no_gimbal_goes_too_far() -> None:
     """A robot that may drive at 6 m/s, and wheels that give it 4.2 at 30 degrees."""
     text = robots.text("tsd").replace("speed_mps = 1.0", "speed_mps = 6.0")
+    text = text.replace("stop_allowance_m = 0.35", "stop_allowance_m = 5.0")
     robot = robots.parse(text, "fast")
     rig = Rig(SimRobot(robot), robot=robot)
     pilot = rig.get_ready()

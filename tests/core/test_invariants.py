@@ -44,7 +44,7 @@ class Driving(Play, RuleBasedStateMachine):
         robot = robots.load(name)
         simulated = None if noise is None else SimRobot(robot, seed=1, noise=noise)
         self.rig = Rig(simulated, robot=robot)
-        self.referee = Referee()
+        self.referee = Referee(robot.limits.max_command_age_s)
         self.pilots: dict[str, Pilot] = {}
         self.leases = ["ab" * 16]
         self.letters: list[dict[str, Any]] = []
@@ -69,6 +69,7 @@ class Driving(Play, RuleBasedStateMachine):
             self.pilots[name] = self.rig.pilot(name, reply.lease)
             self.leases.append(reply.lease)
             self.referee.grant(name, reply, now_s)
+            self.note_mode()
 
     @precondition(lambda self: self.pilots)
     @rule(data=st.data(), op=st.sampled_from(["renew", "release"]))
@@ -83,6 +84,7 @@ class Driving(Play, RuleBasedStateMachine):
             self.referee.ends_s = now_s + 2.0
         elif held:
             self.referee.hand_over(now_s)
+            self.note_mode()
 
     @rule(name=operators)
     def asks_for_control(self, name: str) -> None:
@@ -133,6 +135,7 @@ class Driving(Play, RuleBasedStateMachine):
             self.referee.asked, self.referee.kept = ("", now_s), (asker, now_s + 5.0)
         elif may:
             self.referee.hand_over(now_s)
+            self.note_mode()
             self.tick()
             if driving:
                 assert self.rig.mode in (Mode.STOPPING, Mode.FAULT), "a grant stops the robot"
@@ -150,6 +153,7 @@ class Driving(Play, RuleBasedStateMachine):
         assert not reply.ok or self.holds(name)
         if reply.ok:
             self.since_stop.append("arm")
+        self.note_mode()
 
     @rule(name=operators)
     def disarms(self, name: str) -> None:
@@ -168,6 +172,7 @@ class Driving(Play, RuleBasedStateMachine):
             assert not twist.any()
             assert self.rig.now_s - self.referee.pushed_s >= 0.5
             self.since_stop = ["reset"]
+            self.note_mode()
             self.tick()
             assert not self.rig.setpoint.any(), "a reset moves nothing"
 
@@ -176,6 +181,7 @@ class Driving(Play, RuleBasedStateMachine):
         assert self.rig.core.serve(Service.STOP, payload, self.rig.now_s).ok
         assert self.rig.mode in (Mode.STOPPED, Mode.FAULT)
         self.since_stop = []
+        self.note_mode()
         self.tick()
         assert not self.rig.setpoint.any(), "a stop acts at once"
 

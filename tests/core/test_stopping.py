@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.core.rig import Pilot, Rig
+from tsd_twin import robots
 from tsd_twin.authority import Mode
 from tsd_twin.core import RobotCore
 from tsd_twin.topics import Service
@@ -93,6 +94,69 @@ def test_after_a_stop_nothing_moves_until_reset_and_arm_and_a_new_command(sim_ri
     rig.drive(pilot, (1.0, 0.0, 0.0), 0.02)
     # The limiter starts from rest: no jump to the speed it had when it was stopped.
     assert 0.0 < rig.twist[0] <= 2 * 0.04 + 1e-9
+
+
+@pytest.mark.parametrize("name", robots.names())
+@pytest.mark.parametrize("end", ["stop", "disarm", "fault"])
+def test_a_command_held_back_over_a_stop_and_the_next_arming_moves_nothing(
+    name: str, end: str
+) -> None:
+    """The lease allows an age of 1 s, and a robot without gimbals is armed again within that."""
+    rig = Rig(robot=robots.load(name))
+    pilot = rig.get_ready(max_age_s=1.0)
+    rig.drive(pilot, (0.2, 0.0, 0.0), 0.5)
+    late = rig.sample(pilot, (0.2, 0.0, 0.0), seq=10_000)
+    if end == "stop":
+        rig.ask(Service.STOP, operator="bob")
+    elif end == "disarm":
+        rig.drive(pilot, (0.0, 0.0, 0.0), 0.3)
+        assert rig.ask(Service.DISARM, lease=pilot.lease).ok
+    else:
+        rig.measures = False
+        rig.wait(0.15)
+        rig.measures = True
+    rig.wait(0.52)
+    if end != "disarm":
+        assert rig.ask(Service.RESET, lease=pilot.lease).ok
+    assert rig.ask(Service.ARM, lease=pilot.lease).ok
+    while rig.mode is Mode.ARMING:
+        rig.ask(Service.LEASE, op="renew", operator=pilot.name, lease=pilot.lease)
+        rig.tick()
+    assert rig.mode is Mode.READY
+    rig.inbox = [late]
+    for _ in range(50):
+        rig.tick()
+        assert not rig.twist.any()
+    assert rig.mode is Mode.READY
+    rig.drive(pilot, (0.2, 0.0, 0.0), 0.1)
+    assert rig.mode is Mode.DRIVING
+
+
+def test_a_command_sent_while_arming_and_held_back_moves_nothing() -> None:
+    rig = Rig(robot=robots.load("kiwi"))
+    pilot = rig.acquire(max_age_s=1.0)
+    assert rig.ask(Service.ARM, lease=pilot.lease).ok
+    late = rig.sample(pilot, (0.2, 0.0, 0.0))
+    rig.wait(0.2)
+    assert rig.mode is Mode.READY
+    rig.inbox = [late]
+    rig.wait(0.1)
+    assert not rig.twist.any()
+
+
+def test_a_zero_that_is_too_old_still_stops_the_robot_but_does_not_keep_the_lease(rig: Rig) -> None:
+    pilot = at_one_metre_a_second(rig)
+    old = rig.status_seq
+    for _ in range(10):
+        rig.drive(pilot, (1.0, 0.0, 0.0), 0.1)
+    words, left_s = rig.core.authority.mandate.words, rig.status().lease.remaining_s
+    rig.inbox = [rig.sample(pilot, (0.0, 0.0, 0.0), status_seq=old)]
+    rig.tick()
+    assert rig.twist[0] < 1.0
+    assert rig.core.authority.mandate.words == words
+    assert rig.status().lease.remaining_s < left_s
+    rig.wait(0.25)
+    assert not rig.twist.any()
 
 
 def test_replayed_commands_of_a_whole_drive_move_nothing(rig: Rig) -> None:

@@ -21,6 +21,7 @@ from tsd_twin.topics import Service, twist_key
 PAGE = page("safety.md")
 ROBOT = load("tsd")
 PERIOD_S = 0.01
+SHIPPED = ["tsd", "omni4", "kiwi", "mecanum", "atlas"]
 
 
 def test_every_mode_is_explained() -> None:
@@ -51,16 +52,19 @@ def test_the_times_are_those_of_the_code_and_the_shipped_robot() -> None:
         assert value == f"{getattr(places[place], name):g} s", where
 
 
-@pytest.mark.parametrize("max_age_s", [0.25, 0.5, 1.0])
-def test_the_speed_limits_of_patient_leases(max_age_s: float) -> None:
+@pytest.mark.parametrize(("column", "name"), list(enumerate(SHIPPED, start=1)))
+@pytest.mark.parametrize(("row", "max_age_s"), list(enumerate([None, 0.25, 0.5, 1.0])))
+def test_the_speed_limits_of_leases(
+    row: int, max_age_s: float | None, column: int, name: str
+) -> None:
     (rows,) = tables(section(PAGE, "## The lease"))
-    (limit,) = [row[1] for row in rows if row[0].startswith(f"{max_age_s:g}")]
-    robot = RobotCore(ROBOT, lambda: bytes(16))
+    robot = RobotCore(load(name), lambda: bytes(16))
     request = {"op": "acquire", "operator": "alice", "max_age_s": max_age_s}
     robot.serve(Service.LEASE, json.dumps(request).encode(), 0.0)
     granted = robot.authority.lease_in_force(0.0)
     assert granted is not None
-    assert limit == f"{granted.speed_cap_mps:.2f} m/s"
+    assert rows[row][column] == f"{granted.speed_cap_mps:.2f} m/s"
+    assert rows[-1][column] == f"{load(name).limits.stop_allowance_m:.2f} m"
 
 
 class Drive:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tests.running import PATIENCE_S, QUICK, running
+from tests.running import PATIENCE_S, PATIENT, running
 from tsd_twin import topics
 from tsd_twin.errors import TwinError
 from tsd_twin.lab.driver import Driver
@@ -22,8 +22,6 @@ from tsd_twin.messages.service import LeaseRequest
 pytestmark = pytest.mark.timed
 
 SLOW = np.array([0.2, 0.0, 0.0])
-PATIENT = QUICK.replace("[limits]", "[limits]\ncommand_timeout_s = 1.0", 1)
-"""On a busy machine commands are late; here that shall stop nothing."""
 
 
 def test_it_lets_go_of_the_robot_whatever_goes_wrong(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -180,15 +180,15 @@ def test_nothing_is_commanded_before_the_robot_was_seen() -> None:
 @settings(max_examples=8)
 @given(st.floats(0.0, 3.0), st.floats(0.0, 1.5))
 def test_the_tour_fits_into_its_room_or_is_refused(room_m: float, speed_mps: float) -> None:
-    needed_m = 0.15 + 0.1 + 0.45 * speed_mps + speed_mps**2 / 12.0
+    needed_m = 0.15 + 0.1 + 0.42 * speed_mps + speed_mps**2 / 12.0
     if room_m < needed_m or not 0.1 <= speed_mps <= 1.0:
         with pytest.raises(TwinError, match=r"--room must be|--speed must be"):
             tour(ROBOT, room_m, speed_mps)
         return
     ways = tour(ROBOT, room_m, speed_mps)
     limits = ROBOT.limits
-    # 0.2 s of silence, 0.25 s of commands that still count, and braking: docs/safety.md.
-    braking_m = 0.45 * speed_mps + speed_mps**2 / (2 * limits.deceleration_mps2)
+    # Under a lease of twice the usual age a command stands for 0.42 s; then braking: docs/safety.md.
+    braking_m = 0.42 * speed_mps + speed_mps**2 / (2 * limits.deceleration_mps2)
     assert ways.fence_m + braking_m <= room_m + 1e-9
     for leg in ways.legs:
         at_s = np.linspace(0.0, leg.duration_s, 50)

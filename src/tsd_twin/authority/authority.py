@@ -64,7 +64,8 @@ class Authority:
         self._desk = LeaseDesk(robot, new_lease_id)
         self._words = LeaseWords(self._desk)
         self._drove: bytes = b""
-        self._timeout_s = robot.limits.command_timeout_s
+        self._stands_until_s = -np.inf
+        """When the newest command stops moving the robot, unless another counts before."""
         self._hold_s = robot.arming_hold_s
         self._since_s = 0.0
         self._attended_s = -np.inf
@@ -155,14 +156,19 @@ class Authority:
 
     def receive(self, sample: Sample, now_s: float) -> None:
         """Take one sample from the bus; whether it counts is decided and counted here."""
-        outcome = self.gate.check(sample, self._desk.current(now_s), now_s)
+        lease = self._desk.current(now_s)
+        outcome = self.gate.check(sample, lease, now_s)
         if isinstance(outcome, MessageError):
             self._report_now_and_then(
                 "drop", f"A command was dropped: {outcome}.", outcome.reason, now_s
             )
             return
-        self._desk.renew(now_s)
-        self._vouched += 1
+        if lease is not None and not self.gate.is_late:
+            # A zero that is too old stops the robot, but does not show that its sender is there.
+            self._desk.renew(now_s)
+            self._vouched += 1
+            oldest_s = self.gate.echoed_s + lease.max_age_s
+            self._stands_until_s = min(now_s + lease.timeout_s, oldest_s)
         self.command_s, self.command_seq = now_s, outcome.seq
         pushes = bool(outcome.twist.any())
         if pushes:
@@ -262,10 +268,8 @@ class Authority:
         if lease is None or self.command is None or lease.id != self.command.lease:
             self._go(Mode.STOPPING, _LOST, now_s)
             return
-        echo_s = self.command_s - self.gate.echoed_s
-        allowed_s = max(self._timeout_s, lease.stands_s - echo_s)
-        if now_s - self.command_s > allowed_s:
-            self._go(Mode.STOPPING, f"no command for {allowed_s * 1000:.0f} ms", now_s)
+        if now_s > self._stands_until_s:
+            self._go(Mode.STOPPING, self._why_no_command_stands(lease, now_s), now_s)
         elif facts.at_rest and not self.command.twist.any():
             self._go(Mode.READY, "", now_s)
 
@@ -277,14 +281,22 @@ class Authority:
         if mode is Mode.STOPPING:
             self.stops += 1
             self._drove = self.command.lease if self.command is not None else b""
-            self.gate.note_stopping(now_s)
             self._vouched += 1
         else:
             self._disarm_at_rest = False
         if mode is not Mode.DRIVING:
             self.command = None
+        goes_on = mode is Mode.DRIVING or (mode is Mode.READY and before is not Mode.ARMING)
+        if not goes_on:
+            self.gate.reject_sent_before(now_s)
         text = f"From {before} to {mode}" + (f": {reason}." if reason else ".")
         self._report("mode", text, TRANSITIONS[before, mode], now_s)
+
+    def _why_no_command_stands(self, lease: Lease, now_s: float) -> str:
+        if now_s - self.command_s > lease.timeout_s:
+            return f"no command for {lease.timeout_s * 1000:.0f} ms"
+        age_s = lease.max_age_s
+        return f"commands answer no status of the last {age_s * 1000:.0f} ms"
 
     def _refusal(self, lease_hex: str, now_s: float) -> str:
         if self.holds(lease_hex, now_s):

@@ -19,9 +19,11 @@ class CommandGate:
 
     A command counts only if its key names one operator, who holds the lease; the lease id is the
     current one; its number rises; the newest status it has seen was sent less than the allowed age
-    ago, and not before the robot last began to stop by itself; and its numbers are finite. The
-    echo of the status bounds the age of a command without any agreement between clocks, and kills
-    the bursts of old commands that a stalled link replays.
+    ago, and not before the robot was last armed, became ready, stopped or was disarmed; and its
+    numbers are finite. The echo of the status bounds the age of a command without any agreement
+    between clocks, and kills the bursts of old commands that a stalled link replays.
+
+    A command of zero counts however old it is, since it can only stop the robot.
     """
 
     def __init__(self) -> None:
@@ -31,17 +33,19 @@ class CommandGate:
         """Age, on arrival, of the status that the newest counted command echoes."""
         self.echoed_s = -math.inf
         """When the status was sent that the newest counted command echoes."""
+        self.is_late = False
+        """Whether the newest counted command is a zero that is too old for any other command."""
         self._sent_s: OrderedDict[int, float] = OrderedDict()
         self._seen: tuple[bytes, int] = (b"", -1)
-        self._stopping: tuple[bytes, float] = (b"", -math.inf)
+        self._oldest_echo_s = -math.inf
 
-    def note_stopping(self, now_s: float) -> None:
-        """Remember when the robot began to stop by itself, and under which lease it had driven.
+    def reject_sent_before(self, now_s: float) -> None:
+        """Drop all commands, under any lease, that echo a status sent before `now_s`.
 
-        What was under way then may still be young enough to count, but whoever sent it did not know
-        of the stop, and may have let go since: it must not move the robot again.
+        A command under way may be young enough to count, but its operator did not know of the stop
+        or of the arming that happens now, and may have released the stick since.
         """
-        self._stopping = (self._seen[0], now_s)
+        self._oldest_echo_s = now_s
 
     def note_status(self, seq: int, now_s: float) -> None:
         """Remember when status `seq` was sent."""
@@ -69,13 +73,18 @@ class CommandGate:
         if lease_id == command.lease and command.seq <= newest:
             raise MessageError("order", f"command {command.seq} came after {newest}")
         sent_s = self._sent_s.get(command.status_seq)
+        problem = self._age_problem(command.status_seq, sent_s, lease, now_s)
+        if problem and command.twist.any():
+            raise MessageError("stale", problem)
+        self.is_late = bool(problem)
+        if sent_s is not None:
+            self.echo_s, self.echoed_s = now_s - sent_s, sent_s
+
+    def _age_problem(self, number: int, sent_s: float | None, lease: Lease, now_s: float) -> str:
         if sent_s is None:
-            raise MessageError("stale", f"status {command.status_seq} was not sent lately")
-        stopped_lease, stopping_s = self._stopping
-        if stopped_lease == command.lease and sent_s < stopping_s:
-            raise MessageError("stale", "command was sent before the stop was seen")
+            return f"status {number} was not sent lately"
+        if sent_s < self._oldest_echo_s:
+            return "command was sent before the robot last stopped or was armed"
         if now_s - sent_s > lease.max_age_s:
-            raise MessageError(
-                "stale", f"command is {now_s - sent_s:.2f} s old, {lease.max_age_s:g} s are allowed"
-            )
-        self.echo_s, self.echoed_s = now_s - sent_s, sent_s
+            return f"command is {now_s - sent_s:.2f} s old, {lease.max_age_s:g} s are allowed"
+        return ""

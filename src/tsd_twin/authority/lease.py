@@ -12,6 +12,8 @@ from tsd_twin.robots import Robot
 
 TTL_S = 2.0
 """A lease ends this long after the last counted command or renewal."""
+REACTION_S = 0.02
+"""Two control periods: one until the age of a command is noticed, one until the joints get zero."""
 
 
 @dataclass(slots=True)
@@ -24,9 +26,10 @@ class Lease:
     max_age_s: float
     speed_cap_mps: float
     """The later a command may be, the slower the robot may be."""
-    stands_s: float
-    """A command stands until this long after the status went out that it echoes, if that is later
-    than the timeout: the gaps of a far link are as long as it is late, and the cap reckons with it.
+    timeout_s: float
+    """A command stands this long after its arrival, and never longer than `max_age_s` after the
+    status was sent that it echoes. A lease for late commands has a longer one: on a slow link gaps
+    can be as long as the delay.
     """
 
 
@@ -34,7 +37,7 @@ class LeaseDesk:
     """Grants, renews and ends leases; time and new ids are given, nothing is looked up."""
 
     def __init__(self, robot: Robot, new_id: Callable[[], bytes]) -> None:
-        self._limits = robot.limits
+        self._robot = robot
         self._new_id = new_id
         self._lease: Lease | None = None
         self.hand_over = HandOver()
@@ -109,24 +112,19 @@ class LeaseDesk:
             return self._refuse(lease, f"control is kept for {reserved.operator}, for a moment")
         if lease is not None and not request.take_over:
             return self._refuse(lease, f"{lease.holder} drives; ask for control or take over")
-        limits = self._limits
+        limits = self._robot.limits
         wanted = limits.max_command_age_s if request.max_age_s is None else request.max_age_s
         if not math.isfinite(wanted):
             return self._refuse(lease, "max_age_s must be a finite number")
         max_age_s = min(max(wanted, limits.max_command_age_s), limits.max_command_age_ceiling_s)
-        # What the timeout adds to a punctual command is in the usual limit already.
-        late_s = limits.command_timeout_s + max_age_s - limits.max_command_age_s
-        cap = speed_cap_mps(limits.deceleration_mps2, late_s, limits.stop_allowance_m)
-        if max_age_s <= limits.max_command_age_s:
-            cap = limits.speed_mps
         self._end()
         self._lease = Lease(
             holder=request.operator,
             id=self._new_id(),
             expires_s=now_s + TTL_S,
             max_age_s=max_age_s,
-            speed_cap_mps=min(cap, limits.speed_mps),
-            stands_s=late_s,
+            speed_cap_mps=speed_cap_mps(self._robot, max_age_s),
+            timeout_s=limits.command_timeout_s + max_age_s - limits.max_command_age_s,
         )
         return self._granted(self._lease)
 
@@ -153,8 +151,20 @@ def held_by(lease: Lease | None, operator: str | None, lease_hex: str | None) ->
     )
 
 
-def speed_cap_mps(deceleration_mps2: float, late_s: float, allowed_m: float) -> float:
-    """Return the speed from which `late_s` of travel and braking fit into `allowed_m`.
+def speed_cap_mps(robot: Robot, max_age_s: float) -> float:
+    """Top speed from which a robot keeps to `limits.stop_allowance_m`, whatever way its link fails.
+
+    Commands may move it until `max_age_s` after the last status that got through. Then it brakes,
+    later by the reaction of the control loop and by the lag of its joints.
+    """
+    limits = robot.limits
+    late_s = max_age_s + REACTION_S + robot.lag_s + robot.delay_s
+    cap_mps = speed_within(limits.deceleration_mps2, late_s, limits.stop_allowance_m)
+    return min(cap_mps, limits.speed_mps)
+
+
+def speed_within(deceleration_mps2: float, late_s: float, allowed_m: float) -> float:
+    """Speed in m/s from which `late_s` of travel and then braking take `allowed_m`.
 
     The positive root of v late + v^2 / (2 a) = d.
     """

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 from tsd_twin.authority import Authority, Lease
+from tsd_twin.authority.lease import speed_cap_mps
 from tsd_twin.messages.status import CommandStatus, LeaseStatus, LimitStatus
-from tsd_twin.robots.robot import Limits
+from tsd_twin.robots import Robot
 
 
 def lease_status(authority: Authority, lease: Lease | None, now_s: float) -> LeaseStatus:
@@ -35,12 +36,15 @@ def command_status(authority: Authority, now_s: float) -> CommandStatus:
     )
 
 
-def limit_status(limits: Limits, lease: Lease | None, applied: float) -> LimitStatus:
-    """Return what the status says of the limits under a `lease`; `applied` is a share."""
-    share = lease.speed_cap_mps / limits.speed_mps if lease else 1.0
+def limit_status(robot: Robot, lease: Lease | None, applied: float) -> LimitStatus:
+    """Limits under a `lease`, or under that of a default request; `applied` is a share."""
+    limits = robot.limits
+    max_age_s = lease.max_age_s if lease else limits.max_command_age_s
+    cap_mps = lease.speed_cap_mps if lease else speed_cap_mps(robot, max_age_s)
     return LimitStatus(
-        speed_mps=limits.speed_mps * share,
-        turn_rate_rad_per_s=limits.turn_rate_rad_per_s * share,
-        max_command_age_s=lease.max_age_s if lease else limits.max_command_age_s,
+        speed_mps=cap_mps,
+        turn_rate_rad_per_s=limits.turn_rate_rad_per_s * cap_mps / limits.speed_mps,
+        max_command_age_s=max_age_s,
+        stop_allowance_m=limits.stop_allowance_m,
         applied=round(applied, 3),
     )

@@ -216,7 +216,7 @@ class RobotCore:
             wheels_spin=authority.wheels_spin
         )
         self._tell(self._suspicion.step(conflict.suspect, now_s))
-        lease, limits = authority.lease_in_force(now_s), self.robot.limits
+        lease = authority.lease_in_force(now_s)
         return Status(
             mode=authority.mode,
             stop_reason=authority.reason,
@@ -224,7 +224,7 @@ class RobotCore:
             arming=authority.arming(now_s),
             lease=lease_status(authority, lease, now_s),
             command=command_status(authority, now_s),
-            limits=limit_status(limits, lease, self._clamp.share),
+            limits=limit_status(self.robot, lease, self._clamp.share),
             conflict=conflict,
             gear=self._gearbox.status(float(self.joints[self._wheels].mean())),
             outside=self._estimator.outside.status(now_s),

@@ -77,16 +77,16 @@ class Foresight:
         late_s: float | None,
         heading: float,
     ) -> Array:
-        # Whatever is measured, no command counts that is older than this; and how far away another
-        # dashboard is that drives, is not known here.
-        last_s = status.limits.max_command_age_s
+        # A command moves the robot until this long after the status was sent that it echoes. From
+        # here that is a status received by now; another dashboard may get one this much later.
+        max_age_s = status.limits.max_command_age_s
+        silence_s = 2.0 * max_age_s
         commands: list[Due] = []
         if late_s is not None and (own := _under_way(sent, now_s, late_s, heading)):
-            last_s = min(last_s, late_s)
-            commands = [due for due in own if due.after_s <= last_s]
-        # Under a lease for late commands, the newest stands for as long as it may be late.
-        stands_s = status.limits.max_command_age_s - self._limits.max_command_age_s
-        silence_s = max(last_s, stands_s) + self._limits.command_timeout_s + MARGIN_S
+            commands = [due for due in own if due.after_s <= min(late_s, max_age_s)]
+            timeout_s = self._limits.command_timeout_s + max_age_s - self._limits.max_command_age_s
+            silence_s = min(late_s + timeout_s, max_age_s)
+        silence_s += MARGIN_S
         if status.mode == Mode.STOPPING:
             commands, silence_s = [], 0.0
         share = status.limits.speed_mps / self._limits.speed_mps

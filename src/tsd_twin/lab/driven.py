@@ -56,7 +56,7 @@ def driven(args: argparse.Namespace, out: Output) -> Driven:
         senses = _Senses(operator, robot, Guide(robot, ways))
         _wait_for_camera(senses, operator.id)
         _brief(args, operator.id, ways)
-        operator.max_age_s = patient_age_s(robot.limits, args.speed)
+        operator.max_age_s = patient_age_s(robot, args.speed)
         with Keys() as keys, operator:
             spin_up = _unless_pressed(operator.get_ready(), keys)
             for _ in out.progress(percents(spin_up, 1.0), "spinning up, any key stops", PARTS):

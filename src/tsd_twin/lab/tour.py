@@ -16,7 +16,7 @@ from tsd_twin.motion.chain import polyline
 from tsd_twin.motion.heading import FixedHeading, HeadingProfile
 from tsd_twin.motion.route import Route
 from tsd_twin.motion.trajectory import Trajectory, plan
-from tsd_twin.robots import SingularityRobot
+from tsd_twin.robots import Robot, SingularityRobot
 from tsd_twin.robots.robot import Limits
 
 LEEWAY_M = 0.15
@@ -85,26 +85,23 @@ def tour(robot: SingularityRobot, room_m: float, speed_mps: float) -> Tour:
 
 
 def stopping_m(limits: Limits, speed_mps: float) -> float:
-    """Return how far a robot gets from when somebody would stop it, by silence or by a word."""
+    """Travel in metres from the loss of the link, or from a command to stop, until rest."""
     return speed_mps * unheard_s(limits) + speed_mps**2 / (2.0 * limits.deceleration_mps2)
 
 
 def unheard_s(limits: Limits) -> float:
-    """Return for how long a robot that hears nothing drives on, at most.
+    """Longest time for which a robot without a link drives on, under a lease of `patient_age_s`."""
+    return 2.0 * limits.max_command_age_s
 
-    Under a lease of `patient_age_s` it is no longer: there both together count from one status.
+
+def patient_age_s(robot: Robot, speed_mps: float) -> float | None:
+    """Command age to ask for with the lease, so that no short pause ends a drive.
+
+    Twice the usual; None, the usual, when the lease would not allow that speed then.
     """
-    return limits.command_timeout_s + limits.max_command_age_s
-
-
-def patient_age_s(limits: Limits, speed_mps: float) -> float | None:
-    """Return with which age of commands to ask for control, so that no short pause ends a drive.
-
-    Twice the usual; None, the usual, when that speed would not be allowed then.
-    """
-    cap_mps = speed_cap_mps(limits.deceleration_mps2, unheard_s(limits), limits.stop_allowance_m)
-    age_s = 2.0 * limits.max_command_age_s
-    allowed = cap_mps >= speed_mps and age_s <= limits.max_command_age_ceiling_s
+    age_s = 2.0 * robot.limits.max_command_age_s
+    cap_mps = speed_cap_mps(robot, age_s)
+    allowed = cap_mps >= speed_mps and age_s <= robot.limits.max_command_age_ceiling_s
     return age_s if allowed else None
 
 

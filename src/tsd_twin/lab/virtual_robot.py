@@ -6,6 +6,7 @@ import itertools
 import json
 from collections.abc import Mapping
 
+import msgspec
 import numpy as np
 
 from tsd_twin.authority import Mode
@@ -22,6 +23,7 @@ from tsd_twin.topics import Service
 PERIOD_S = 0.01
 _OPERATOR = "lab"
 _ARMING_S = 60.0
+_ANY_M = 1000.0
 _NEXT_STATUS = 5
 """Periods from one status to the next."""
 
@@ -39,6 +41,9 @@ class VirtualRobot:
 
     def __init__(self, robot: Robot, simulated: SimRobot, start_s: float = 0.0) -> None:
         ids = itertools.count(1)
+        # No link can fail in virtual time: the lease need not cap the speed for that.
+        limits = msgspec.structs.replace(robot.limits, stop_allowance_m=_ANY_M)
+        robot = msgspec.structs.replace(robot, limits=limits)
         self.core = RobotCore(robot, lambda: next(ids).to_bytes(16, "big"))
         self.simulated = simulated
         self.now_s = start_s
@@ -98,12 +103,14 @@ class VirtualRobot:
 
     def _tick(self, twist: Array | None) -> None:
         self.now_s += PERIOD_S
-        if next(self._periods) % _NEXT_STATUS == 0:
-            self._status_seq += 1
-            self.core.note_status_sent(self._status_seq, self.now_s)
         samples = [] if twist is None else [self._sample(twist)]
+        mode = self.core.authority.mode
         setpoint = self.core.step(self.now_s, self.simulated.read(self.now_s), samples)
         self.simulated.write(setpoint, self.now_s)
+        # As the node does: on a change of mode at once, since no older status may be echoed then.
+        if next(self._periods) % _NEXT_STATUS == 0 or self.core.authority.mode is not mode:
+            self._status_seq += 1
+            self.core.note_status_sent(self._status_seq, self.now_s)
 
     def _sample(self, twist: Array) -> Sample:
         self._seq += 1

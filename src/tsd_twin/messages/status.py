@@ -59,6 +59,8 @@ class LimitStatus(msgspec.Struct, frozen=True):
     speed_mps: float = 0.0
     turn_rate_rad_per_s: float = 0.0
     max_command_age_s: float = 0.0
+    stop_allowance_m: float = 0.0
+    """Travel within which the robot stops at this speed when its link fails, in any way."""
     applied: float = 1.0
     """Share of the requested twist that the limits let through."""
 

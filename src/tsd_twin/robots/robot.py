@@ -47,7 +47,8 @@ class Limits(Table, frozen=True):
     max_command_age_ceiling_s: Positive = 1.0
     """The most that a lease can be granted with."""
     stop_allowance_m: Positive = 0.3
-    """Travel allowed after a late command; the speed cap of a lease with a larger age follows."""
+    """Travel within which the robot stops when its link fails in any way; the speed is capped so
+    that this holds, under every lease."""
 
 
 class Battery(Table, frozen=True):

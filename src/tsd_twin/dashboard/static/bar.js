@@ -8,7 +8,7 @@ import { quality } from "./quality.js";
 
 const AT_REST = new Set(["disarmed", "stopped", "fault"]);
 const WORDS = { good: "good", fair: "fair", poor: "poor", none: "" };
-const FAR_MS = 150; // From here on commands would be late too often for the usual age limit.
+const FAR_MS = 120; // From here on commands would be late too often for the usual age limit.
 
 export class Bar {
   constructor(link, tips, { handOver, fold }) {

@@ -90,6 +90,7 @@ export class Health {
         "speed limit": `${fixed(limits.speed_mps, 2)} m/s`,
         "let through": `${fixed(100 * limits.applied, 0)} %`,
         "oldest command": `${fixed(1000 * limits.max_command_age_s, 0)} ms`,
+        "stops without link in": `${fixed(limits.stop_allowance_m, 2)} m`,
       },
       ...(outside ? { "Outside poses": seen(outside) } : {}),
       ...tables("Hardware", status.hardware),

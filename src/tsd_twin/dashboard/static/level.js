@@ -1,6 +1,7 @@
 // The speed level: what a full stick means, in percent of the robot's limits.
 
 import { el, mark } from "./dom.js";
+import { fixed } from "./format.js";
 
 const FALLBACK = [20, 50, 80, 100];
 
@@ -20,9 +21,18 @@ export class Level {
       el("span", { class: "caption", "aria-hidden": "true" }, "Level"),
       this._group,
     );
-    tips.attach(this._group, () => "How fast a full stick drives, in percent of the limits");
+    tips.attach(this._group, () => this._explain(link.state?.status.limits));
     link.on("robot", (robot) => this._offer(robot.levels));
     this._offer(FALLBACK);
+  }
+
+  _explain(limits) {
+    const what = "How fast a full stick drives, in percent of the limits.";
+    if (limits === undefined) return what;
+    return (
+      `${what} The speed limit is ${fixed(limits.speed_mps, 2)} m/s. ` +
+      `From there the robot stops within ${fixed(limits.stop_allowance_m, 2)} m if the link fails.`
+    );
   }
 
   _offer(levels) {
