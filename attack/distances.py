@@ -43,6 +43,9 @@ Fault = Callable[[Scene], tuple[float, float]]
 """Breaks something, and returns when that began and when it is over, on the monotonic clock."""
 
 
+ATTEMPTS = 3
+
+
 @dataclass(frozen=True)
 class Cause:
     """One kind of fault."""
@@ -77,7 +80,7 @@ def killed(pid: Callable[[Scene], int]) -> Fault:
     def fault(scene: Scene) -> tuple[float, float]:
         at_s = time.monotonic()
         os.kill(pid(scene), signal.SIGKILL)
-        # Somebody else must be able to stop it in time: as long as a lost command could count.
+        # Until then a command that was sent before could still count.
         return at_s, at_s + scene.max_age_s + BEYOND_S
 
     return fault
@@ -183,17 +186,33 @@ def measure(task: Task) -> list[Result]:
 def _run(scene: Scene, cause: Cause, robot: Robot, result: Result, phase_s: float) -> None:
     if scene.start_node is not None:
         scene.start_node()
-    operator, track, lever_m = scene.operator, scene.track, robot.kinematics().lever_m
-    operator.get_ready(scene.max_age_s)
-    time.sleep(0.1)  # A status of before the lease knows nothing of its cap.
-    result.speed_mps = scene.limits().speed_mps
-    operator.push(HASTE * result.speed_mps / lever_m)
-    track.until_fast(result.speed_mps)
+    lever_m = robot.kinematics().lever_m
+    for attempt in range(ATTEMPTS):
+        try:
+            result.speed_mps = _get_fast(scene, lever_m)
+            break
+        except TimeoutError:
+            # It is the stop that is measured: control that was lost meanwhile is taken again.
+            scene.operator.let_go()
+            if attempt == ATTEMPTS - 1:
+                raise
     time.sleep(phase_s)
     fault_s, over_s = cause.fault(scene)
-    track.until_rest_after(over_s + WATCHED_S)
-    result.ways_m.append(track.way_since(fault_s))
-    operator.let_go()
+    scene.track.until_rest_after(over_s + WATCHED_S)
+    result.ways_m.append(scene.track.way_since(fault_s))
+    scene.operator.let_go()
+
+
+def _get_fast(scene: Scene, lever_m: float) -> float:
+    """Drive until the robot is as fast as the lease allows, and return that, m/s."""
+    scene.operator.get_ready(scene.max_age_s)
+    time.sleep(0.15)  # A status of before the lease knows nothing of its cap.
+    status = scene.status()
+    if status.mode != "ready" or status.lease.holder is None:
+        raise TimeoutError(f"the robot is {status.mode}, and has given control away")
+    scene.operator.push(HASTE * status.limits.speed_mps / lever_m)
+    scene.track.until_fast(status.limits.speed_mps)
+    return status.limits.speed_mps
 
 
 def _description(name: str) -> tuple[Robot, str]:
@@ -209,7 +228,7 @@ def rows(
     causes: Sequence[str] = (),
     leases: Sequence[float] = MAX_AGES_S,
     runs: int = 2,
-    together: int = 5,
+    together: int = 4,
 ) -> Iterator[Row]:
     """Yield a row for each robot, lease and cause."""
     chosen = [CAUSES[name] for name in causes or CAUSES]
@@ -229,10 +248,11 @@ def rows(
     with ProcessPoolExecutor(together, mp_context=context) as pool:
         for task, results in zip(tasks, pool.map(measure, tasks), strict=True):
             for result in results:
-                yield _row(task, result)
+                yield row(task, result)
 
 
-def _row(task: Task, result: Result) -> Row:
+def row(task: Task, result: Result) -> Row:
+    """Return the worst of all runs beside the promise in the description of the robot."""
     allowed_m = robots.load(task.robot).limits.stop_allowance_m
     cause = CAUSES[result.cause].text
     text = f"{task.robot} at {result.speed_mps:.2f} m/s, lease {task.max_age_s:g} s: {cause}"
@@ -251,15 +271,16 @@ def main() -> None:
     parser.add_argument("--robots", default=",".join(robots.names()), help="default: all")
     parser.add_argument("--causes", default=",".join(CAUSES), help="default: all")
     parser.add_argument("--leases", default=",".join(map(str, MAX_AGES_S)), help="max_age_s")
-    parser.add_argument("--together", type=int, default=5, help="robots at a time; default 5")
+    parser.add_argument("--together", type=int, default=4, help="robots at a time; default 4")
     args = parser.parse_args()
     leases = [float(text) for text in args.leases.split(",")]
-    broken = 0
+    broken, start_s = 0, time.monotonic()
     table = rows(args.robots.split(","), args.causes.split(","), leases, args.runs, args.together)
-    for row in table:
-        print(row, flush=True)
-        broken += not row.held
-    print(f"{broken} broken" if broken else "all held")
+    for line in table:
+        print(line, flush=True)
+        broken += not line.held
+    verdict = f"{broken} broken" if broken else "all held"
+    print(f"{verdict}, {time.monotonic() - start_s:.0f} s")
     sys.exit(1 if broken else 0)
 
 

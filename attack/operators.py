@@ -17,6 +17,7 @@ from tests.app.conftest import Program
 from tests.system.faults import PretendPage
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.dashboard.link import Driver, RobotLink
+from tsd_twin.errors import BusError
 from tsd_twin.messages.service import HolderRequest, LeaseRequest
 from tsd_twin.messages.status import Status
 from tsd_twin.topics import Service
@@ -25,7 +26,7 @@ PERIOD_S = 0.02
 
 
 class Operator(Protocol):
-    """Takes control, drives, lets go, and can be asked to do so again."""
+    """A driver that takes control, pushes and lets go, as often as it is told to."""
 
     def get_ready(self, max_age_s: float) -> None:
         """Take control under a lease, and arm."""
@@ -45,7 +46,7 @@ class Operator(Protocol):
 
 
 class Raw:
-    """A program that sends its twist with the newest status it has seen, however old that is.
+    """A program on the bus that echoes the newest status it has seen, however old that is.
 
     It looks at nothing else: not at the mode, not at silence, and it sends no zero at the end.
     """
@@ -53,8 +54,8 @@ class Raw:
     def __init__(self, endpoint: str, robot_id: str) -> None:
         self._bus = Bus(client_config([endpoint]))
         if not self._bus.wait_for_peer(PATIENCE_S):
-            raise TimeoutError(f"nobody answers at {endpoint}")
-        self._link = RobotLink(self._bus, robot_id)
+            raise TimeoutError(f"no robot answers at {endpoint}")
+        self._link = _linked(self._bus, robot_id)
         self._component = self._link.drive.components[0]
         self._driver: Driver | None = None
         self._x: float | None = None
@@ -180,6 +181,16 @@ class PageBehindGateway:
         """Process of the page."""
         assert self._page is not None
         return self._page.process.pid
+
+
+def _linked(bus: Bus, robot_id: str) -> RobotLink:
+    """Return a link to a robot, as soon as it is known to be there."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            return RobotLink(bus, robot_id)
+        except BusError as error:
+            _check(deadline_s, str(error))
 
 
 def _check(deadline_s: float, why: str) -> None:

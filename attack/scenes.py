@@ -13,7 +13,7 @@ from attack.track import Track, Witness
 from tests.app.conftest import Program
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.linksim import LinkSimulator, LinkSpec
-from tsd_twin.messages.status import LimitStatus
+from tsd_twin.messages.status import Status
 from tsd_twin.robots import Robot
 
 ANY_PORT = "tcp/127.0.0.1:0"
@@ -25,7 +25,7 @@ class Scene:
 
     track: Track
     operator: Operator
-    limits: Callable[[], LimitStatus]
+    status: Callable[[], Status]
     max_age_s: float
     link: LinkSimulator | None = None
     node: Callable[[], Program] | None = None
@@ -49,7 +49,7 @@ def on_a_link(robot: Robot, path: Path, max_age_s: float, kind: str) -> Generato
         else:
             operator = PageBehindGateway(link.endpoint)
         stack.callback(operator.close)
-        yield Scene(witness.track, operator, lambda: witness.status.limits, max_age_s, link)
+        yield Scene(witness.track, operator, lambda: witness.status, max_age_s, link)
 
 
 @contextlib.contextmanager
@@ -61,7 +61,7 @@ def with_board(robot: Robot, path: Path, max_age_s: float, _kind: str) -> Genera
         board = BoardProgram(["attack.machine", "board", *arguments], track)
         stack.callback(board.clean_up)
         board.ready()
-        scene = Scene(track, Nobody(), LimitStatus, max_age_s)
+        scene = Scene(track, NoOperator(), _silence, max_age_s)
         nodes: list[Program] = []
 
         def start_node() -> None:
@@ -72,15 +72,19 @@ def with_board(robot: Robot, path: Path, max_age_s: float, _kind: str) -> Genera
             stack.callback(nodes[-1].clean_up)
             raw = Raw(nodes[-1].ready().removeprefix("ready: "), robot.name)
             scene.operator = raw
-            scene.limits = lambda: raw.status.limits if raw.status else LimitStatus()
+            scene.status = lambda: raw.status or _silence()
 
         scene.node, scene.start_node = lambda: nodes[-1], start_node
         stack.callback(lambda: scene.operator.close())
         yield scene
 
 
-class Nobody:
-    """Who drives before the first node runs."""
+def _silence() -> Status:
+    return Status("silent")
+
+
+class NoOperator:
+    """The operator before the first node runs; there is none."""
 
     def get_ready(self, max_age_s: float) -> None:
         """Refuse."""

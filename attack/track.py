@@ -41,10 +41,10 @@ class Odometer:
 
 
 def _between(before: SE2 | SO3, after: SE2 | SO3) -> Array:
-    """Return (2,): metres along the floor, or radians about X and Y of a sphere."""
+    """Return (2,): metres along the floor, or radians about X and Y of the base of a sphere."""
     if isinstance(before, SE2):
         return (after.xy_heading - before.xy_heading)[:2]
-    return (before.inverse() @ after).log()[:2]  # pyright: ignore[reportOperatorIssue]
+    return (after @ before.inverse()).log()[:2]  # pyright: ignore[reportOperatorIssue]
 
 
 class Track:
@@ -64,14 +64,16 @@ class Track:
             self._speeds_mps.append(speed_mps)
             self._news.notify_all()
 
-    def until(self, condition: Callable[[], bool], what: str) -> None:
+    def until(
+        self, condition: Callable[[], bool], what: str, patience_s: float = PATIENCE_S
+    ) -> None:
         """Wait until what is heard makes a condition true.
 
         Raises:
             TimeoutError: it never does.
         """
         with self._news:
-            if not self._news.wait_for(condition, PATIENCE_S):
+            if not self._news.wait_for(condition, patience_s):
                 raise TimeoutError(f"never {what}, {self._speeds_mps[-1:]} m/s")
 
     def until_fast(self, speed_mps: float) -> None:
@@ -79,6 +81,7 @@ class Track:
         self.until(
             lambda: min(self._speeds_mps[-6:], default=0.0) >= 0.97 * speed_mps - 0.01,
             f"{speed_mps:.2f} m/s",
+            0.5 * PATIENCE_S,
         )
 
     def until_rest_after(self, time_s: float) -> None:
@@ -92,7 +95,7 @@ class Track:
         """Return how far the robot has gone since a time, m; between two samples in proportion."""
         with self._news:
             times_s, ways_m = self._times_s, self._ways_m
-            i = bisect_left(times_s, time_s)
+            i = max(1, bisect_left(times_s, time_s))
             return ways_m[-1] - float(
                 np.interp(time_s, times_s[i - 1 : i + 1], ways_m[i - 1 : i + 1])
             )
