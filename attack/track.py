@@ -47,6 +47,11 @@ def _between(before: SE2 | SO3, after: SE2 | SO3) -> Array:
     return (after @ before.inverse()).log()[:2]  # pyright: ignore[reportOperatorIssue]
 
 
+def _is_about(speed_mps: float, wanted_mps: float) -> bool:
+    """Return whether a speed is as wanted, but for what is lost in a step of a servo."""
+    return speed_mps >= 0.97 * wanted_mps - 0.01
+
+
 class Track:
     """What has been heard of the way, on the robot's clock, which is the one of this machine."""
 
@@ -77,9 +82,9 @@ class Track:
                 raise TimeoutError(f"never {what}, {self._speeds_mps[-1:]} m/s")
 
     def until_fast(self, speed_mps: float) -> None:
-        """Wait until the robot has had a speed for some samples, but for a step of its servos."""
+        """Wait until the robot has had a speed for some samples."""
         self.until(
-            lambda: min(self._speeds_mps[-6:], default=0.0) >= 0.97 * speed_mps - 0.01,
+            lambda: _is_about(min(self._speeds_mps[-6:], default=0.0), speed_mps),
             f"{speed_mps:.2f} m/s",
             0.5 * PATIENCE_S,
         )
@@ -90,6 +95,12 @@ class Track:
             lambda: self._times_s[-1] >= time_s and max(self._speeds_mps[-3:]) < AT_REST_MPS,
             "at rest",
         )
+
+    def was_fast_at(self, time_s: float, speed_mps: float) -> bool:
+        """Return whether the robot had a speed just before a time."""
+        with self._news:
+            i = max(1, bisect_left(self._times_s, time_s))
+            return _is_about(self._speeds_mps[i - 1], speed_mps)
 
     def way_since(self, time_s: float) -> float:
         """Return how far the robot has gone since a time, m; between two samples in proportion."""

@@ -19,6 +19,15 @@ def test_a_way_is_counted_from_the_moment_of_the_fault_between_two_samples() -> 
     assert track.way_since(1.0) == pytest.approx(0.08)
 
 
+def test_a_robot_that_stopped_before_a_fault_was_not_fast_at_it() -> None:
+    track = Track()
+    for i, speed_mps in enumerate([1.0, 1.0, 0.9, 0.0]):
+        track.note(0.02 * i, 0.02 * i, speed_mps)
+    assert track.was_fast_at(0.03, 1.0)
+    assert not track.was_fast_at(0.05, 1.0)
+    assert not track.was_fast_at(9.0, 1.0)
+
+
 def test_a_way_on_the_floor_is_as_long_as_it_is_whatever_the_heading() -> None:
     odometer = Odometer(robots.load("kiwi").kinematics())
     for angle in np.linspace(0.0, np.pi, 500):

@@ -130,9 +130,7 @@ class LinkSimulator:
         """Be another link from now on; its seed counts at the start only."""
         self._do(lambda lane: lane.change(spec))
 
-    def _do(
-        self, action: Callable[[Lane[Any]], None], ways: Collection[Way] = tuple(Way)
-    ) -> None:
+    def _do(self, action: Callable[[Lane[Any]], None], ways: Collection[Way] = tuple(Way)) -> None:
         if self._thread is None:
             raise LinkError("the link is not running")
 
