@@ -46,8 +46,9 @@ class Line:
         return _numbers(blocks[-1]) if blocks else None
 
     def write(self, setpoint: Array, _now_s: float) -> None:
-        """Send a set-point (n,)."""
-        self._socket.sendto(_block(setpoint), self._board)
+        """Send a set-point (n,); a board that is too slow loses it, and the next one follows."""
+        with contextlib.suppress(BlockingIOError):
+            self._socket.sendto(_block(setpoint), self._board)
 
     def hardware(self) -> Mapping[str, Any]:
         """Return what the status says about it."""
