@@ -6,9 +6,8 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable
 from pathlib import Path
-from typing import IO
 
 import pytest
 from playwright.sync_api import Browser, sync_playwright
@@ -39,7 +38,7 @@ class Program:
         for thread in self._threads:
             thread.start()
 
-    def _read(self, stream: IO[str], into: list[str]) -> None:
+    def _read(self, stream: Iterable[str], into: list[str]) -> None:
         for line in stream:
             into.append(line.rstrip("\n"))
             if line.startswith("ready:"):

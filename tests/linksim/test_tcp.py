@@ -20,6 +20,7 @@ from tests.linksim.sockets import (
     read_all,
     simulated,
 )
+from tsd_twin.linksim import Way
 
 RESET = struct.pack("ii", 1, 0)
 """A linger time of none: closing sends a reset."""
@@ -68,6 +69,22 @@ def test_what_is_sent_takes_the_delay_and_a_handshake_takes_a_round_trip() -> No
                 target.sendall(b"pong")
                 assert read_all(client, 4) == b"pong"
                 assert delay_s <= time.monotonic() - start_s < delay_s + 0.5
+
+
+@pytest.mark.parametrize("way", list(Way))
+def test_one_way_stalls_while_the_other_delivers(way: Way) -> None:
+    """What is answered to the open way comes at once; what the stalled one took comes after it."""
+    stall_s = 0.4
+    with connected("") as (simulator, client, target):
+        start_s = time.monotonic()
+        simulator.stall(stall_s, [way])
+        stalled, free = (client, target) if way is Way.UP else (target, client)
+        stalled.sendall(b"late")
+        free.sendall(b"now")
+        assert read_all(stalled, 3) == b"now"
+        assert time.monotonic() - start_s < stall_s
+        assert read_all(free, 4) == b"late"
+        assert time.monotonic() - start_s >= stall_s
 
 
 def test_the_end_of_one_direction_passes_and_the_other_goes_on() -> None:

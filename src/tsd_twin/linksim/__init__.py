@@ -2,7 +2,7 @@
 
 from tsd_twin.linksim.counters import Counters
 from tsd_twin.linksim.errors import LinkError
-from tsd_twin.linksim.simulator import LinkSimulator
+from tsd_twin.linksim.simulator import LinkSimulator, Way
 from tsd_twin.linksim.spec import LinkSpec, Stall
 
-__all__ = ["Counters", "LinkError", "LinkSimulator", "LinkSpec", "Stall"]
+__all__ = ["Counters", "LinkError", "LinkSimulator", "LinkSpec", "Stall", "Way"]

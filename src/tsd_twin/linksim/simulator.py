@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 import concurrent.futures
 import dataclasses
+import enum
 import logging
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import Any, Self
 
 import numpy as np
@@ -25,6 +26,15 @@ from tsd_twin.linksim.udp import CAPACITY_BYTES, Datagram, UdpRelay, forward
 
 _LOG = logging.getLogger(__name__)
 _WAYS = (0, 1)  # Up and down; each has its own chance.
+
+
+class Way(enum.Enum):
+    """One direction of a link, as the one who connects to it sees it."""
+
+    UP = enum.auto()
+    """Towards the target."""
+    DOWN = enum.auto()
+    """From the target."""
 
 
 class LinkSimulator:
@@ -104,9 +114,9 @@ class LinkSimulator:
         """What became of the packets from the target."""
         return self._down.link.counters
 
-    def stall(self, length_s: float) -> None:
-        """Deliver nothing for `length_s` from now on, and lose nothing."""
-        self._do(lambda lane: lane.stall(length_s))
+    def stall(self, length_s: float, ways: Collection[Way] = tuple(Way)) -> None:
+        """Deliver nothing for `length_s` from now on, in some ways, and lose nothing."""
+        self._do(lambda lane: lane.stall(length_s), ways)
 
     def cut(self) -> None:
         """Lose everything from now on, also what is on its way."""
@@ -120,13 +130,14 @@ class LinkSimulator:
         """Be another link from now on; its seed counts at the start only."""
         self._do(lambda lane: lane.change(spec))
 
-    def _do(self, action: Callable[[Lane[Any]], None]) -> None:
+    def _do(self, action: Callable[[Lane[Any]], None], ways: Collection[Way] = tuple(Way)) -> None:
         if self._thread is None:
             raise LinkError("the link is not running")
 
         async def act() -> None:
-            for lane in (self._up, self._down):
-                action(lane)
+            for way, lane in ((Way.UP, self._up), (Way.DOWN, self._down)):
+                if way in ways:
+                    action(lane)
 
         asyncio.run_coroutine_threadsafe(act(), self._loop).result()
 

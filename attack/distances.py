@@ -1,0 +1,293 @@
+"""How far each shipped robot goes from full speed after a fault, beside what is promised.
+
+`python -m attack.distances --runs 10 --robots tsd,kiwi --causes downlink --leases 0.25`
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import multiprocessing
+import os
+import random
+import signal
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from attack.operators import PageBehindGateway, Raw
+from attack.scenes import Scene, on_a_link, with_board
+from attack.table import Row
+from tsd_twin import robots
+from tsd_twin.errors import TwinError
+from tsd_twin.linksim import Way
+from tsd_twin.robots import Robot
+
+MAX_AGES_S = (0.25, 0.5, 1.0)
+HASTE = 2.0
+"""How much more speed is asked for than the robot is allowed: its cap decides."""
+BEYOND_S = 0.6
+"""Faults last for the age that a command may have, and this: by then the robot has to stand."""
+WATCHED_S = 0.4
+"""For how long it is watched after the fault is over."""
+PHASE_S = 0.1
+"""Faults come at any moment between two messages."""
+
+
+Fault = Callable[[Scene], tuple[float, float]]
+"""Breaks something, and returns when that began and when it is over, on the monotonic clock."""
+
+
+ATTEMPTS = 3
+"""To have a robot at full speed when the fault comes, also on a busy machine."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One kind of fault."""
+
+    name: str
+    text: str
+    operator: str
+    """Who drives: `page`, `raw`, or `node`: raw as well, with hardware that outlives the node."""
+    fault: Fault = field(repr=False)
+
+
+def stalled(*ways: Way) -> Fault:
+    """Return the fault of a link that delivers nothing, and later all."""
+
+    def fault(scene: Scene) -> tuple[float, float]:
+        assert scene.link is not None
+        length_s = scene.max_age_s + BEYOND_S
+        at_s = time.monotonic()
+        scene.link.stall(length_s, ways)
+        if isinstance(scene.operator, Raw):
+            # It knows no better than to push on; that ends before it could hear the robot again.
+            time.sleep(length_s - 0.1)
+            scene.operator.let_go()
+        return at_s, at_s + length_s
+
+    return fault
+
+
+def killed(pid: Callable[[Scene], int]) -> Fault:
+    """Return the fault of a process that dies."""
+
+    def fault(scene: Scene) -> tuple[float, float]:
+        at_s = time.monotonic()
+        os.kill(pid(scene), signal.SIGKILL)
+        # Until then a command that was sent before could still count.
+        return at_s, at_s + scene.max_age_s + BEYOND_S
+
+    return fault
+
+
+def hung(pid: Callable[[Scene], int], length_s: float | None = None) -> Fault:
+    """Return the fault of a process that hangs and goes on."""
+
+    def fault(scene: Scene) -> tuple[float, float]:
+        one = pid(scene)
+        at_s = time.monotonic()
+        os.kill(one, signal.SIGSTOP)
+        try:
+            time.sleep(length_s or scene.max_age_s + BEYOND_S)
+        finally:
+            if isinstance(scene.operator, Raw):
+                scene.operator.let_go()
+            os.kill(one, signal.SIGCONT)
+        return at_s, time.monotonic()
+
+    return fault
+
+
+def _gateway(scene: Scene) -> int:
+    assert isinstance(scene.operator, PageBehindGateway)
+    return scene.operator.gateway_pid
+
+
+def _page(scene: Scene) -> int:
+    assert isinstance(scene.operator, PageBehindGateway)
+    return scene.operator.page_pid
+
+
+def _node(scene: Scene) -> int:
+    assert scene.node is not None
+    return scene.node().process.pid
+
+
+CAUSES: Mapping[str, Cause] = {
+    cause.name: cause
+    for cause in (
+        Cause("both", "link lost both ways", "page", stalled(Way.UP, Way.DOWN)),
+        Cause("downlink", "downlink lost", "page", stalled(Way.DOWN)),
+        Cause("uplink", "uplink lost", "page", stalled(Way.UP)),
+        Cause("frozen", "downlink lost, raw commands", "raw", stalled(Way.DOWN)),
+        Cause("raw-both", "link lost, raw commands", "raw", stalled(Way.UP, Way.DOWN)),
+        Cause("page-stop", "page SIGSTOP", "page", hung(_page)),
+        Cause("gateway-stop", "gateway SIGSTOP", "page", hung(_gateway)),
+        Cause("page-kill", "page SIGKILL", "page", killed(_page)),
+        Cause("gateway-kill", "gateway SIGKILL", "page", killed(_gateway)),
+        Cause("node-stop", "node SIGSTOP 0.5 s", "node", hung(_node, 0.5)),
+        Cause("node-long-stop", "node SIGSTOP 1.5 s", "node", hung(_node, 1.5)),
+        Cause("node-kill", "node SIGKILL", "node", killed(_node)),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Task:
+    """What one process measures: one robot under one lease, with one kind of operator."""
+
+    robot: str
+    max_age_s: float
+    causes: tuple[str, ...]
+    runs: int
+
+
+@dataclass
+class Result:
+    """Distances after one cause."""
+
+    cause: str
+    speed_mps: float = 0.0
+    ways_m: list[float] = field(default_factory=list[float])
+    failure: str = ""
+
+
+def measure(task: Task) -> list[Result]:
+    """Do all runs of a task; after a failure what is left is not measured, and says so."""
+    robot, text = _description(task.robot)
+    kind = CAUSES[task.causes[0]].operator
+    opened = with_board if kind == "node" else on_a_link
+    results = {name: Result(name) for name in task.causes}
+    failure = ""
+    with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
+        path = Path(folder) / f"{task.robot}.toml"
+        path.write_text(text, encoding="utf-8")
+        try:
+            scene = stack.enter_context(opened(robot, path, task.max_age_s, kind))
+            for name, result in results.items():
+                for run in range(task.runs):
+                    seed = f"{task.robot} {task.max_age_s} {name} {run}"
+                    phase_s = random.Random(seed).uniform(0.0, PHASE_S)  # noqa: S311
+                    _run(scene, CAUSES[name], robot, result, phase_s)
+        except (TimeoutError, AssertionError, OSError, TwinError) as error:
+            failure = f"{type(error).__name__}: {error}".splitlines()[0]
+    for result in results.values():
+        if len(result.ways_m) < task.runs:
+            result.failure = failure
+    return list(results.values())
+
+
+def _run(scene: Scene, cause: Cause, robot: Robot, result: Result, phase_s: float) -> None:
+    """Add one distance; what stopped the robot before the fault is no measurement of it."""
+    lever_m, why = robot.kinematics().lever_m, ""
+    for _ in range(ATTEMPTS):
+        if scene.start_node is not None:
+            scene.start_node()
+        try:
+            speed_mps = _get_fast(scene, lever_m)
+        except TimeoutError as error:
+            why = str(error)
+            scene.operator.let_go()
+            continue
+        time.sleep(phase_s)
+        fault_s, over_s = cause.fault(scene)
+        scene.track.until_rest_after(over_s + WATCHED_S)
+        scene.operator.let_go()
+        if scene.track.was_fast_at(fault_s, speed_mps):
+            result.speed_mps = speed_mps
+            result.ways_m.append(scene.track.way_since(fault_s))
+            return
+        why = "the robot stopped before the fault"
+    raise TimeoutError(f"{why}, {ATTEMPTS} times in a row")
+
+
+def _get_fast(scene: Scene, lever_m: float) -> float:
+    """Drive until the robot is as fast as the lease allows, and return that, m/s."""
+    scene.operator.get_ready(scene.max_age_s)
+    time.sleep(0.15)  # A status of before the lease knows nothing of its cap.
+    status = scene.status()
+    if status.mode != "ready" or status.lease.holder is None:
+        raise TimeoutError(f"the robot is {status.mode}, and has given control away")
+    scene.operator.push(HASTE * status.limits.speed_mps / lever_m)
+    scene.track.until_fast(status.limits.speed_mps)
+    return status.limits.speed_mps
+
+
+def _description(name: str) -> tuple[Robot, str]:
+    """Return a shipped robot whose speed controllers arm at once, and its text."""
+    text = robots.text(name)
+    if robots.parse(text, name).arming_hold_s > 0.1:
+        text = text.replace("[motor]", "[motor]\narming_hold_s = 0.1", 1)
+    return robots.parse(text, name), text
+
+
+def rows(
+    names: Sequence[str] = (),
+    causes: Sequence[str] = (),
+    leases: Sequence[float] = MAX_AGES_S,
+    runs: int = 1,
+    together: int = 4,
+) -> Iterator[Row]:
+    """Yield a row for each robot, lease and cause; one run of each takes some 200 s."""
+    chosen = [CAUSES[name] for name in causes or CAUSES]
+    kinds = {
+        kind: tuple(c.name for c in chosen if c.operator == kind)
+        for kind in ("page", "raw", "node")
+    }
+    tasks = [
+        Task(name, max_age_s, of_kind, runs)
+        for max_age_s in leases
+        for of_kind in kinds.values()
+        if of_kind
+        for name in names or robots.names()
+    ]
+    # Not forked: a process that has opened a bus has threads.
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(together, mp_context=context) as pool:
+        for task, results in zip(tasks, pool.map(measure, tasks), strict=True):
+            for result in results:
+                yield row(task, result)
+
+
+def row(task: Task, result: Result) -> Row:
+    """Return the worst of all runs beside the promise in the description of the robot."""
+    allowed_m = robots.load(task.robot).limits.stop_allowance_m
+    cause = CAUSES[result.cause].text
+    text = f"{task.robot} at {result.speed_mps:.2f} m/s, lease {task.max_age_s:g} s: {cause}"
+    promise = f"stands within {allowed_m:.2f} m"
+    if result.failure or not result.ways_m:
+        return Row(text, promise, result.failure or "not measured", False)
+    worst_m, median_m = max(result.ways_m), statistics.median(result.ways_m)
+    measured = f"{worst_m:.3f} m, median {median_m:.3f} of {len(result.ways_m)}"
+    return Row(text, promise, measured, worst_m <= allowed_m)
+
+
+def main() -> None:
+    """Print the table as it comes; exit with 1 when a promise was broken."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=10, help="of each; default 10")
+    parser.add_argument("--robots", default=",".join(robots.names()), help="default: all")
+    parser.add_argument("--causes", default=",".join(CAUSES), help="default: all")
+    parser.add_argument("--leases", default=",".join(map(str, MAX_AGES_S)), help="max_age_s")
+    parser.add_argument("--together", type=int, default=4, help="robots at a time; default 4")
+    args = parser.parse_args()
+    leases = [float(text) for text in args.leases.split(",")]
+    broken, start_s = 0, time.monotonic()
+    table = rows(args.robots.split(","), args.causes.split(","), leases, args.runs, args.together)
+    for line in table:
+        print(line, flush=True)
+        broken += not line.held
+    verdict = f"{broken} broken" if broken else "all held"
+    print(f"{verdict}, {time.monotonic() - start_s:.0f} s")
+    sys.exit(1 if broken else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,138 @@
+"""A robot whose hardware outlives its node: two processes, as a computer and a controller board.
+
+`python -m attack.machine board ROBOT FOLDER` simulates the robot behind its board in real time, and
+prints how far it has gone. `python -m attack.machine node ROBOT FOLDER` runs a robot node that
+reaches it through a socket in FOLDER. Both end with their standard input.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+import struct
+import sys
+import threading
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from attack.track import Odometer
+from tsd_twin import robots
+from tsd_twin.bus import Bus, node_config
+from tsd_twin.lie import Array
+from tsd_twin.messages.service import Description
+from tsd_twin.node import RobotNode
+from tsd_twin.robots import Robot
+from tsd_twin.sim import Board, SimRobot
+
+PERIOD_S = 0.01
+_BOARD, _NODE = "board.sock", "node.sock"
+
+
+class Line:
+    """The joints of a robot at the other end of a socket, as a node sees them."""
+
+    def __init__(self, folder: Path) -> None:
+        self._socket = _bound(folder / _NODE)
+        self._board = str(folder / _BOARD)
+
+    def read(self, _now_s: float) -> Array | None:
+        """Return the newest measurement (n,) that has come since the last call; None: no news."""
+        blocks = _waiting(self._socket)
+        return _numbers(blocks[-1]) if blocks else None
+
+    def write(self, setpoint: Array, _now_s: float) -> None:
+        """Send a set-point (n,); a board that is too slow loses it, and the next one follows."""
+        with contextlib.suppress(BlockingIOError):
+            self._socket.sendto(_block(setpoint), self._board)
+
+    def hardware(self) -> Mapping[str, Any]:
+        """Return what the status says about it."""
+        return {"kind": "board in a process of its own"}
+
+    def close(self) -> None:
+        """Close the socket; the board stops by itself."""
+        self._socket.close()
+
+
+def run_board(robot: Robot, folder: Path) -> None:
+    """Simulate the robot and its board at 100 Hz until standard input ends."""
+    board, line = Board(robot, SimRobot(robot)), _bound(folder / _BOARD)
+    odometer = Odometer(robot.kinematics())
+    print("ready: the board", flush=True)
+    next_s = time.monotonic()
+    while True:
+        left_s = max(0.0, next_s - time.monotonic())
+        readable = select.select([line, sys.stdin], [], [], left_s)[0]
+        if sys.stdin in readable:
+            return
+        now_s = time.monotonic()
+        for block in _waiting(line):
+            board.write(_numbers(block), now_s)
+        if now_s >= next_s:
+            next_s = max(next_s + PERIOD_S, now_s)
+            measured, truth = board.read(now_s), board.truth(now_s)
+            if measured is not None:
+                # There may be no node, or a new one that has not opened its end yet.
+                with contextlib.suppress(OSError):
+                    line.sendto(_block(measured), str(folder / _NODE))
+            way_m, speed_mps = odometer.take(truth.pose, truth.twist)
+            print(f"at {now_s:.6f} {way_m:.6f} {speed_mps:.6f}", flush=True)
+
+
+def run_node(robot: Robot, text: str, folder: Path) -> None:
+    """Run a node on a free port until standard input ends."""
+    stop = threading.Event()
+    with Bus(node_config(["tcp/127.0.0.1:0"])) as bus:
+        shown = Description(text, f'<robot name="{robot.name}"/>')
+        node = RobotNode(bus, robot.name, robot, Line(folder), shown)
+        threading.Thread(target=_stop_at_the_end, args=(stop,), daemon=True).start()
+        print(f"ready: {bus.endpoints()[0]}", flush=True)
+        node.run(stop)
+
+
+def _stop_at_the_end(stop: threading.Event) -> None:
+    sys.stdin.read()
+    stop.set()
+
+
+def _bound(path: Path) -> socket.socket:
+    path.unlink(missing_ok=True)  # That of a node that was killed.
+    bound = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    bound.bind(str(path))
+    bound.setblocking(False)
+    return bound
+
+
+def _waiting(line: socket.socket) -> list[bytes]:
+    blocks: list[bytes] = []
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            blocks.append(line.recv(4096))
+    return blocks
+
+
+def _block(numbers: Array) -> bytes:
+    return struct.pack(f"<{len(numbers)}d", *numbers)
+
+
+def _numbers(block: bytes) -> Array:
+    return np.frombuffer(block, dtype="<f8").copy()
+
+
+def main(what: str, path: str, folder: str) -> None:
+    """Run one of the two."""
+    text = Path(path).read_text(encoding="utf-8")
+    robot = robots.parse(text, path)
+    if what == "board":
+        run_board(robot, Path(folder))
+    else:
+        run_node(robot, text, Path(folder))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

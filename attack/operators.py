@@ -1,0 +1,198 @@
+"""Operators of robots under attack: a program on the bus, and a page behind a gateway."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import signal
+import threading
+import time
+from typing import Protocol
+
+import numpy as np
+
+from attack.track import PATIENCE_S
+from tests.app.conftest import Program
+from tests.system.faults import PretendPage
+from tsd_twin.bus import Bus, client_config
+from tsd_twin.dashboard.link import Driver, RobotLink
+from tsd_twin.errors import BusError
+from tsd_twin.messages.service import HolderRequest, LeaseRequest
+from tsd_twin.messages.status import Status
+from tsd_twin.topics import Service
+
+PERIOD_S = 0.02
+
+
+class Operator(Protocol):
+    """A driver that takes control, pushes and lets go, as often as it is told to."""
+
+    def get_ready(self, max_age_s: float) -> None:
+        """Take control under a lease, and arm."""
+        ...
+
+    def push(self, x: float) -> None:
+        """Hold the stick: the first number of the twist, the others zero."""
+        ...
+
+    def let_go(self) -> None:
+        """Let go of it."""
+        ...
+
+    def close(self) -> None:
+        """Leave nothing behind."""
+        ...
+
+
+class Raw:
+    """A program on the bus that echoes the newest status it has seen, however old that is.
+
+    It looks at nothing else: not at the mode, not at silence, and it sends no zero at the end.
+    """
+
+    def __init__(self, endpoint: str, robot_id: str) -> None:
+        self._bus = Bus(client_config([endpoint]))
+        if not self._bus.wait_for_peer(PATIENCE_S):
+            raise TimeoutError(f"no robot answers at {endpoint}")
+        self._link = _linked(self._bus, robot_id)
+        self._component = self._link.drive.components[0]
+        self._driver: Driver | None = None
+        self._x: float | None = None
+        self._ends = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    @property
+    def status(self) -> Status | None:
+        """The newest that has come over its link."""
+        return self._link.snapshot.status
+
+    def get_ready(self, max_age_s: float) -> None:
+        """Take control under a lease, and arm; ask again as long as the robot is not ready.
+
+        Raises:
+            TimeoutError: it does not become ready.
+        """
+        deadline_s = time.monotonic() + PATIENCE_S
+        lease = LeaseRequest(op="acquire", operator="raw", take_over=True, max_age_s=max_age_s)
+        reply = self._link.ask_lease(lease)
+        while not reply.granted or reply.lease is None:
+            _check(deadline_s, reply.reason)
+            time.sleep(0.1)
+            reply = self._link.ask_lease(lease)
+        self._driver = Driver("raw", reply.lease, reply.max_age_s)
+        granted_s = time.monotonic()
+        renewal = LeaseRequest(op="renew", operator="raw", lease=reply.lease)
+        steps = {"stopped": Service.RESET, "fault": Service.RESET, "disarmed": Service.ARM}
+        while True:
+            # A status that was under way when the lease was granted does not know of it.
+            status = self.status if time.monotonic() - granted_s > 0.15 else None
+            if status is not None and status.mode == "ready" and status.lease.holder == "raw":
+                return
+            if status is not None and status.mode in steps:
+                self._link.ask(steps[status.mode], HolderRequest(reply.lease))
+            self._link.ask_lease(renewal)
+            _check(deadline_s, f"the robot is {status.mode if status else 'silent'}")
+            time.sleep(0.05)
+
+    def push(self, x: float) -> None:
+        """Hold the stick."""
+        self._x = x
+
+    def let_go(self) -> None:
+        """Fall silent."""
+        self._x = None
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._ends.set()
+        self._thread.join()
+        self._link.close()
+        self._bus.close()
+
+    def _run(self) -> None:
+        next_s = time.monotonic()
+        while not self._ends.wait(max(0.0, next_s - time.monotonic())):
+            next_s = max(next_s + PERIOD_S, time.monotonic())
+            self._link.poll(time.monotonic())
+            if self._driver is not None and (x := self._x) is not None:
+                twist = np.zeros(6)
+                twist[self._component] = x
+                self._link.command(self._driver, twist, self._link.snapshot.status_seq)
+
+
+class PageBehindGateway:
+    """A dashboard and a page of it, each a process of its own; both are replaced when they died."""
+
+    def __init__(self, endpoint: str) -> None:
+        self._endpoint = endpoint
+        self._dashboard: Program | None = None
+        self._page: PretendPage | None = None
+
+    def get_ready(self, max_age_s: float) -> None:
+        """Take control under a lease, and arm, with new processes where the last have died."""
+        if self._dashboard is None or self._dashboard.process.poll() is not None:
+            self.close()
+            flags = ("--port", "0", "--connect", self._endpoint)
+            self._dashboard = Program(["tsd_dashboard", *flags])
+        if self._page is None or self._page.process.poll() is not None:
+            self._close_page()
+            (url,) = re.findall(r"http://\S+", self._dashboard.ready())
+            self._page = PretendPage(url)
+        else:
+            self._page.do("release")
+        self._page.get_ready(max_age_s)
+
+    def push(self, x: float) -> None:
+        """Hold the stick."""
+        assert self._page is not None
+        self._page.do("push", x)
+
+    def let_go(self) -> None:
+        """Let go of the stick, if there is still a hand."""
+        if self._page is not None and self._page.process.poll() is None:
+            # A page whose gateway has died ends by itself.
+            with contextlib.suppress(BrokenPipeError, AssertionError):
+                self._page.do("release")
+
+    def close(self) -> None:
+        """End both."""
+        self._close_page()
+        if self._dashboard is not None:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self._dashboard.process.pid, signal.SIGCONT)
+            self._dashboard.clean_up()
+            self._dashboard = None
+
+    def _close_page(self) -> None:
+        if self._page is not None:
+            self._page.clean_up()
+            self._page = None
+
+    @property
+    def gateway_pid(self) -> int:
+        """Process of the dashboard."""
+        assert self._dashboard is not None
+        return self._dashboard.process.pid
+
+    @property
+    def page_pid(self) -> int:
+        """Process of the page."""
+        assert self._page is not None
+        return self._page.process.pid
+
+
+def _linked(bus: Bus, robot_id: str) -> RobotLink:
+    """Return a link to a robot, as soon as it is known to be there."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while True:
+        try:
+            return RobotLink(bus, robot_id)
+        except BusError as error:
+            _check(deadline_s, str(error))
+
+
+def _check(deadline_s: float, why: str) -> None:
+    if time.monotonic() > deadline_s:
+        raise TimeoutError(f"not ready to drive: {why}")

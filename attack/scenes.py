@@ -1,0 +1,118 @@
+"""Robots with all that can break around them: a link, a gateway, a page, a node and its board."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from collections.abc import Callable, Generator, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from attack.operators import Operator, PageBehindGateway, Raw
+from attack.track import Track, Witness
+from tests.app.conftest import Program
+from tsd_twin.bus import Bus, client_config
+from tsd_twin.linksim import LinkSimulator, LinkSpec
+from tsd_twin.messages.status import Status
+from tsd_twin.robots import Robot
+
+ANY_PORT = "tcp/127.0.0.1:0"
+
+
+@dataclass
+class Scene:
+    """A robot at full speed, who drives it, and what can break."""
+
+    track: Track
+    operator: Operator
+    status: Callable[[], Status]
+    max_age_s: float
+    link: LinkSimulator | None = None
+    node: Callable[[], Program] | None = None
+    start_node: Callable[[], None] | None = None
+
+
+@contextlib.contextmanager
+def on_a_link(robot: Robot, path: Path, max_age_s: float, kind: str) -> Generator[Scene]:
+    """Run `tsd-mock`, and who drives it over a simulated link."""
+    flags = ["--listen", ANY_PORT, "--robot", str(path), "--id", robot.name]
+    with contextlib.ExitStack() as stack:
+        mock = Program(["tsd_mock", *flags])
+        stack.callback(mock.clean_up)
+        (endpoint,) = re.findall(r"tcp/[\d.:]+", mock.ready())
+        link = stack.enter_context(LinkSimulator(LinkSpec(), ANY_PORT, endpoint))
+        bus = stack.enter_context(Bus(client_config([endpoint])))
+        witness = Witness(bus, robot.name, robot.kinematics())
+        operator: Operator
+        if kind == "raw":
+            operator = Raw(link.endpoint, robot.name)
+        else:
+            operator = PageBehindGateway(link.endpoint)
+        stack.callback(operator.close)
+        yield Scene(witness.track, operator, lambda: witness.status, max_age_s, link)
+
+
+@contextlib.contextmanager
+def with_board(robot: Robot, path: Path, max_age_s: float, _kind: str) -> Generator[Scene]:
+    """Run a board and a node, and a program that drives it; the board outlives the node."""
+    track = Track()
+    with contextlib.ExitStack() as stack:
+        arguments = [str(path), str(path.parent)]
+        board = BoardProgram(["attack.machine", "board", *arguments], track)
+        stack.callback(board.clean_up)
+        board.ready()
+        scene = Scene(track, NoOperator(), _silence, max_age_s)
+        nodes: list[Program] = []
+
+        def start_node() -> None:
+            if nodes and nodes[-1].process.poll() is None:
+                return
+            scene.operator.close()
+            nodes.append(Program(["attack.machine", "node", *arguments]))
+            stack.callback(nodes[-1].clean_up)
+            raw = Raw(nodes[-1].ready().removeprefix("ready: "), robot.name)
+            scene.operator = raw
+            scene.status = lambda: raw.status or _silence()
+
+        scene.node, scene.start_node = lambda: nodes[-1], start_node
+        stack.callback(lambda: scene.operator.close())
+        yield scene
+
+
+def _silence() -> Status:
+    return Status("silent")
+
+
+class NoOperator:
+    """The operator before the first node runs; there is none."""
+
+    def get_ready(self, max_age_s: float) -> None:
+        """Refuse."""
+        raise AssertionError(f"no node, no lease of {max_age_s:g} s")
+
+    def push(self, x: float) -> None:
+        """Do nothing."""
+
+    def let_go(self) -> None:
+        """Do nothing."""
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+class BoardProgram(Program):
+    """The board, which says where the robot is."""
+
+    def __init__(self, arguments: list[str], track: Track) -> None:
+        self._track = track
+        super().__init__(arguments)
+
+    def _read(self, stream: Iterable[str], into: list[str]) -> None:
+        super()._read(self._others(stream), into)
+
+    def _others(self, stream: Iterable[str]) -> Iterator[str]:
+        for line in stream:
+            if line.startswith("at "):
+                self._track.note(*map(float, line.split()[1:]))
+            else:
+                yield line

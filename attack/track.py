@@ -1,0 +1,133 @@
+"""How far a robot has gone, heard from the simulation itself and over no simulated link."""
+
+from __future__ import annotations
+
+import threading
+from bisect import bisect_left
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from tsd_twin import topics
+from tsd_twin.bus import Bus
+from tsd_twin.drives import Drive
+from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.messages.command import Sample
+from tsd_twin.messages.ros import decode_odometry
+from tsd_twin.messages.status import Status, decode_stamp, decode_status
+
+AT_REST_MPS = 1e-3
+PATIENCE_S = 20.0
+
+
+class Odometer:
+    """Adds up the way of a robot on the floor, or of the top of a sphere."""
+
+    def __init__(self, drive: Drive[Any]) -> None:
+        self.lever_m = drive.lever_m
+        self._pose: SE2 | SO3 | None = None
+        self._way_m = 0.0
+
+    def take(self, pose: SE2 | SO3, twist: Array) -> tuple[float, float]:
+        """Take the next true pose and twist (3,), and return the way, m, and the speed, m/s.
+
+        The speed is that of whatever moves: a robot that only turns is not at rest.
+        """
+        if self._pose is not None:
+            self._way_m += self.lever_m * float(np.hypot(*_between(self._pose, pose)))
+        self._pose = pose
+        return self._way_m, self.lever_m * float(np.abs(twist).max())
+
+
+def _between(before: SE2 | SO3, after: SE2 | SO3) -> Array:
+    """Return (2,): metres along the floor, or radians about X and Y of the base of a sphere."""
+    if isinstance(before, SE2):
+        return (after.xy_heading - before.xy_heading)[:2]
+    return (after @ before.inverse()).log()[:2]  # pyright: ignore[reportOperatorIssue]
+
+
+def _is_about(speed_mps: float, wanted_mps: float) -> bool:
+    """Return whether a speed is as wanted, but for what is lost in a step of a servo."""
+    return speed_mps >= 0.97 * wanted_mps - 0.01
+
+
+class Track:
+    """What has been heard of the way, on the robot's clock, which is the one of this machine."""
+
+    def __init__(self) -> None:
+        self._news = threading.Condition()
+        self._times_s: list[float] = []
+        self._ways_m: list[float] = []
+        self._speeds_mps: list[float] = []
+
+    def note(self, at_s: float, way_m: float, speed_mps: float) -> None:
+        """Add where the robot was."""
+        with self._news:
+            self._times_s.append(at_s)
+            self._ways_m.append(way_m)
+            self._speeds_mps.append(speed_mps)
+            self._news.notify_all()
+
+    def until(
+        self, condition: Callable[[], bool], what: str, patience_s: float = PATIENCE_S
+    ) -> None:
+        """Wait until what is heard makes a condition true.
+
+        Raises:
+            TimeoutError: it never does.
+        """
+        with self._news:
+            if not self._news.wait_for(condition, patience_s):
+                raise TimeoutError(f"never {what}, {self._speeds_mps[-1:]} m/s")
+
+    def until_fast(self, speed_mps: float) -> None:
+        """Wait until the robot has had a speed for some samples."""
+        self.until(
+            lambda: _is_about(min(self._speeds_mps[-6:], default=0.0), speed_mps),
+            f"{speed_mps:.2f} m/s",
+            0.5 * PATIENCE_S,
+        )
+
+    def until_rest_after(self, time_s: float) -> None:
+        """Wait until the robot has said where it was at a time, and rests."""
+        self.until(
+            lambda: self._times_s[-1] >= time_s and max(self._speeds_mps[-3:]) < AT_REST_MPS,
+            "at rest",
+        )
+
+    def was_fast_at(self, time_s: float, speed_mps: float) -> bool:
+        """Return whether the robot had a speed just before a time."""
+        with self._news:
+            i = max(1, bisect_left(self._times_s, time_s))
+            return _is_about(self._speeds_mps[i - 1], speed_mps)
+
+    def way_since(self, time_s: float) -> float:
+        """Return how far the robot has gone since a time, m; between two samples in proportion."""
+        with self._news:
+            times_s, ways_m = self._times_s, self._ways_m
+            i = max(1, bisect_left(times_s, time_s))
+            return ways_m[-1] - float(
+                np.interp(time_s, times_s[i - 1 : i + 1], ways_m[i - 1 : i + 1])
+            )
+
+
+class Witness:
+    """Listens to the truth and the status of a simulated robot on its own bus."""
+
+    def __init__(self, bus: Bus, robot_id: str, drive: Drive[Any]) -> None:
+        self.track = Track()
+        self.status = Status("disarmed")
+        self._odometer = Odometer(drive)
+        self._turning = drive.space is SO3
+        bus.watch(topics.TRUTH.key(robot_id), self._on_truth)
+        bus.watch(topics.STATUS.key(robot_id), self._on_status)
+
+    def _on_truth(self, sample: Sample) -> None:
+        odometry = decode_odometry(sample.payload, turning=self._turning)
+        pose = SE2(odometry.xy_heading) if odometry.wxyz is None else SO3(odometry.wxyz)
+        way_m, speed_mps = self._odometer.take(pose, odometry.twist)
+        self.track.note(decode_stamp(sample.attachment)[1] * 1e-9, way_m, speed_mps)
+
+    def _on_status(self, sample: Sample) -> None:
+        self.status = decode_status(sample.payload)

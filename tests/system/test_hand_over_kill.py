@@ -1,0 +1,203 @@
+"""A dashboard is killed at each step of a hand-over: the robot stands, and control is soon free."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import signal
+import time
+from collections.abc import Generator
+from typing import Any
+
+import pytest
+
+from tests.app.conftest import Program
+from tests.dashboard.operators import Page
+from tests.system.faults import Stage, send_signal, stage
+from tests.system.table import stands_still
+from tsd_twin.authority.hand_over import RESERVE_S
+from tsd_twin.authority.lease import TTL_S
+
+pytestmark = pytest.mark.system
+
+SPEED_MPS = 0.5
+SLACK_S = 1.0
+"""On top of what is documented: programs on a busy machine, and 20 states a second."""
+ALICE, BOB = "a" * 16, "b" * 16
+
+
+class Desk:
+    """A dashboard in a process of its own, with one page."""
+
+    def __init__(self, endpoint: str, name: str) -> None:
+        self.program = Program(["tsd_dashboard", "--port", "0", "--connect", endpoint])
+        try:
+            (port,) = re.findall(r"http://127\.0\.0\.1:(\d+)", self.program.ready())
+            self.page = Page(int(port), name)
+        except BaseException:
+            self.program.clean_up()
+            raise
+
+    def signal(self, number: int) -> float:
+        """Send a signal to the dashboard, and return the time just before."""
+        return send_signal(self.program.process.pid, number)
+
+    def close(self) -> None:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(self.program.process.pid, signal.SIGCONT)
+        self.page.close()
+        self.program.clean_up()
+
+
+class Two:
+    """Alice, who drives, and Bob, who has asked her for control; and the robot."""
+
+    def __init__(self, robot: Stage, here: Desk, there: Desk) -> None:
+        self.robot, self.here, self.there = robot, here, there
+        self.alice, self.bob = here.page, there.page
+        self.alice.make_ready()
+        self.alice.drive(SPEED_MPS)
+        robot.observer.until_speed(SPEED_MPS)
+        self.bob.until(lambda: lease_in(self.bob)["holder"] == self.alice.operator)
+        assert press(self.bob, "request")["ok"]
+        self.alice.until(lambda: lease_in(self.alice)["asked_by"] == self.bob.operator)
+
+    def kept_for_bob(self) -> None:
+        """Wait until the robot itself says so."""
+        observer = self.robot.observer
+        observer.until(
+            lambda: observer.status.lease.reserved_for == self.bob.operator, "kept for bob"
+        )
+
+    def grant(self) -> float:
+        """Let Alice grant control to Bob, and return when."""
+        granted_s = time.monotonic()
+        assert press(self.alice, "grant", asker=self.bob.operator)["ok"]
+        self.alice.holds = None
+        return granted_s
+
+    def stood_still_since(self, fault_s: float) -> None:
+        """Fail unless the robot has come to rest in time, and has not moved after that."""
+        observer = self.robot.observer
+        observer.until_rest()
+        observer.until_time(time.monotonic())
+        stands_still(observer.run_since(fault_s))
+
+    def drives_on(self, fault_s: float) -> None:
+        """Fail when the robot has begun to stop since."""
+        stops = self.robot.observer.status.stops
+        self.robot.observer.until_time(fault_s + 0.6)  # Longer than a command stands.
+        assert self.robot.observer.gets_fast(0.5, SPEED_MPS)
+        assert self.robot.observer.status.stops == stops
+
+
+def lease_in(page: Page) -> dict[str, Any]:
+    return page.state["status"]["lease"]
+
+
+def press(page: Page, op: str, **fields: Any) -> dict[str, Any]:
+    return page.answer("lease", t="lease", op=op, **fields)
+
+
+def takes_control_within(page: Page, since_s: float, limit_s: float) -> None:
+    """Fail unless a page gets control that is free, without a take-over, within the time."""
+    page.until(lambda: page.take()["ok"])
+    assert time.monotonic() - since_s <= limit_s + SLACK_S
+
+
+def drives(two: Two, page: Page) -> None:
+    """Fail unless the robot obeys a page."""
+    page.send(t="release")
+    page.make_ready()
+    page.drive(SPEED_MPS)
+    two.robot.observer.until_speed(SPEED_MPS)
+    page.holds = None
+    page.send(t="release")
+    two.robot.observer.until_rest()
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Generator[Stage]:
+    with stage(tmp_path_factory.mktemp("hand-over")) as it:
+        yield it
+
+
+@pytest.fixture
+def two(robot: Stage) -> Generator[Two]:
+    with contextlib.ExitStack() as stack:
+        desks = [Desk(robot.endpoint, name) for name in (ALICE, BOB)]
+        for desk in desks:
+            stack.callback(desk.close)
+        yield Two(robot, *desks)
+    robot.observer.until_rest()
+
+
+def test_the_holder_s_dies_once_asked_and_the_asker_gets_control_when_the_lease_ends(
+    two: Two,
+) -> None:
+    killed_s = two.here.signal(signal.SIGKILL)
+    two.stood_still_since(killed_s)
+    two.bob.until(lambda: two.bob.state["you"])
+    assert time.monotonic() - killed_s <= TTL_S + SLACK_S
+    two.stood_still_since(killed_s)
+    drives(two, two.bob)
+
+
+def test_the_asker_s_dies_and_the_holder_drives_on_and_what_was_granted_to_it_is_free_again(
+    two: Two,
+) -> None:
+    killed_s = two.there.signal(signal.SIGKILL)
+    two.drives_on(killed_s)
+    granted_s = two.grant()
+    two.kept_for_bob()
+    two.stood_still_since(granted_s)
+    assert "kept for" in two.alice.take()["reason"]
+    takes_control_within(two.alice, granted_s, RESERVE_S)
+    two.stood_still_since(granted_s)
+    drives(two, two.alice)
+
+
+def test_the_former_holder_s_dies_while_control_is_kept_and_the_asker_takes_it(two: Two) -> None:
+    """The asker's hangs meanwhile, so that the robot keeps control for it."""
+    two.there.signal(signal.SIGSTOP)
+    granted_s = two.grant()
+    two.kept_for_bob()
+    two.here.signal(signal.SIGKILL)
+    two.there.signal(signal.SIGCONT)
+    two.bob.until(lambda: two.bob.state["you"])
+    assert time.monotonic() - granted_s <= RESERVE_S
+    two.stood_still_since(granted_s)
+    drives(two, two.bob)
+
+
+def test_the_asker_s_dies_while_control_is_kept_for_it_and_others_get_it_soon(two: Two) -> None:
+    two.there.signal(signal.SIGSTOP)
+    granted_s = two.grant()
+    two.kept_for_bob()
+    two.there.signal(signal.SIGKILL)
+    takes_control_within(two.alice, granted_s, RESERVE_S)
+    two.stood_still_since(granted_s)
+    drives(two, two.alice)
+
+
+def test_the_former_holder_s_dies_once_the_other_drives_and_changes_nothing(two: Two) -> None:
+    two.grant()
+    two.bob.until(lambda: two.bob.state["you"] and two.bob.mode == "ready")
+    two.bob.drive(SPEED_MPS)
+    two.robot.observer.until_speed(SPEED_MPS)
+    two.drives_on(two.here.signal(signal.SIGKILL))
+    two.bob.holds = None
+    two.bob.send(t="release")
+
+
+def test_the_new_holder_s_dies_and_the_former_gets_control_when_the_lease_ends(two: Two) -> None:
+    two.grant()
+    two.bob.until(lambda: two.bob.state["you"] and two.bob.mode == "ready")
+    two.bob.drive(SPEED_MPS)
+    two.robot.observer.until_speed(SPEED_MPS)
+    killed_s = two.there.signal(signal.SIGKILL)
+    two.stood_still_since(killed_s)
+    takes_control_within(two.alice, killed_s, TTL_S)
+    two.stood_still_since(killed_s)
+    drives(two, two.alice)
