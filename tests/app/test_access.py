@@ -171,12 +171,12 @@ def test_users_beside_an_open_bus_are_warned_of_before_it_is_ready(
     flags = ("--port", "0", "--connect", endpoint)
     guarded = start("tsd_dashboard", *flags, "--users", str(folder / "users.toml"))
     guarded.ready()
-    (warning,) = [line for line in guarded.errors if "WARNING" in line]
-    assert f"The bus at {endpoint} has no certificates" in warning
-    assert "without a password" in warning
     plain = start("tsd_dashboard", *flags)
     plain.ready()
     assert guarded.end() == plain.end() == 0
+    (warning,) = [line for line in guarded.errors if "WARNING" in line]
+    assert f"The bus at {endpoint} has no certificates" in warning
+    assert "without a password" in warning
     assert plain.errors == []
 
 

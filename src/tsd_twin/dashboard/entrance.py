@@ -26,7 +26,7 @@ from tsd_twin.dashboard.door import visitor_or_none
 _SWEEP_S = 0.5
 _BACKLOG = 1024
 _NO_FILES_S = 0.1
-_PACE_S = 0.002
+_PACE_S = 0.001
 _GOODBYE_S = 1.0
 _FILES = 8192
 _FULL = "Too many connections: close some pages, or try again in a moment."
