@@ -7,6 +7,7 @@ and the one that has waited longest gives way, so that no number of them keeps o
 from __future__ import annotations
 
 import asyncio
+import errno
 import logging
 import resource
 import socket
@@ -26,6 +27,7 @@ from tsd_twin.dashboard.door import visitor_or_none
 _SWEEP_S = 0.5
 _BACKLOG = 1024
 _NO_FILES_S = 0.1
+_NOT_HERE = frozenset({errno.EAFNOSUPPORT, errno.EADDRNOTAVAIL})
 _PACE_S = 0.001
 _GOODBYE_S = 1.0
 _FILES = 8192
@@ -169,16 +171,22 @@ class Entrance:
         """
         loop = asyncio.get_running_loop()
         found = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
-        try:
-            for family, address in dict.fromkeys((each[0], each[4]) for each in found):
+        failure: OSError | None = None
+        for family, address in dict.fromkeys((each[0], each[4]) for each in found):
+            try:
                 listener = socket.create_server(
                     cast("Any", address), family=family, backlog=_BACKLOG
                 )
-                listener.setblocking(False)
-                self._listeners.append(listener)
-        except OSError:
+            except OSError as error:
+                failure = error
+                if error.errno in _NOT_HERE:
+                    continue  # Such as IPv6 of `localhost` where there is none.
+                break
+            listener.setblocking(False)
+            self._listeners.append(listener)
+        if failure is not None and (failure.errno not in _NOT_HERE or not self._listeners):
             self._close_listeners()
-            raise
+            raise failure
         for listener in self._listeners:
             self._start(self._accept(listener, server, tls))
         self._start(self._sweep())
