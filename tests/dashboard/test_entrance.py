@@ -5,15 +5,20 @@ from __future__ import annotations
 import dataclasses
 import select
 import socket
+import ssl
 import struct
 import time
 from collections.abc import Generator
+from contextlib import closing
+from http.client import HTTPSConnection
+from pathlib import Path
 
 import pytest
 import viser
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+from tests.access.orders import fulfil
 from tests.dashboard.logins import ask, cookie_of, log_in, users
 from tests.dashboard.operators import PATIENCE_S, Site, site
 from tests.dashboard.raw import (
@@ -25,8 +30,10 @@ from tests.dashboard.raw import (
     request,
     status_of,
 )
+from tsd_twin.access import Order
 from tsd_twin.dashboard.door import Door, Rules
 from tsd_twin.dashboard.entrance import Limits
+from tsd_twin.dashboard.tls import server_context
 
 PAGE = "0123456789abcdef"
 FULL = 503
@@ -114,6 +121,20 @@ def test_an_idle_connection_of_a_user_gives_way_to_another_of_hers(fresh: Site) 
     assert not any(is_closed(each) for each in kept[1:])
     for each in kept:
         each.close()
+
+
+def test_who_begins_no_tls_gives_way_and_is_cut_off(tmp_path: Path) -> None:
+    fulfil(tmp_path, Order(("localhost",)))
+    tls = server_context(tmp_path / "robot.pem", tmp_path / "robot.key")
+    with site(door=Door(Rules(users=users(), tls=tls))) as served:
+        limit(served, handshake_s=1.0)
+        with dialled(served.port, 100) as opened:
+            trusting = ssl.create_default_context(cafile=tmp_path / "ca.pem")
+            connection = HTTPSConnection("localhost", served.port, context=trusting)
+            with closing(connection):
+                connection.request("GET", "/login")
+                assert connection.getresponse().status == 200
+            assert closed_after_s(opened) < 5.0
 
 
 @pytest.mark.parametrize(
