@@ -195,7 +195,8 @@ def test_a_browser_that_never_reads_is_cut_off(server: viser.ViserServer) -> Non
         cookie = cookie_of(served.port, "guest")
         with dial(served.port) as connection:
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-            connection.sendall(request(served.port, "GET", "/", f"Cookie: {cookie}"))
+            # More than the system itself keeps for a connection.
+            connection.sendall(20 * request(served.port, "GET", "/", f"Cookie: {cookie}"))
             lost = select.poll()
             lost.register(connection, select.POLLHUP)  # Looks without reading.
             assert not lost.poll(400)

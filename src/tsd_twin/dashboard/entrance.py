@@ -12,6 +12,7 @@ import logging
 import resource
 import socket
 import ssl
+import struct
 import time
 from collections.abc import Callable, Coroutine, Iterable
 from dataclasses import dataclass
@@ -27,6 +28,8 @@ from tsd_twin.dashboard.door import visitor_or_none
 _SWEEP_S = 0.5
 _BACKLOG = 1024
 _NO_FILES_S = 0.1
+_RESET = struct.pack("ii", 1, 0)
+"""`SO_LINGER` for zero seconds: closing discards what has not been sent."""
 _NOT_HERE = frozenset({errno.EAFNOSUPPORT, errno.EADDRNOTAVAIL})
 _PACE_S = 0.001
 _GOODBYE_S = 1.0
@@ -123,6 +126,9 @@ class _Connection(asyncio.Protocol):
     def drop(self) -> None:
         """Close it, at once and whatever is left to be sent."""
         if self._transport is not None:
+            # Else the system would keep for minutes what such a browser does not read.
+            connection = self._transport.get_extra_info("socket")
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET)
             self._transport.abort()
 
     def refuse(self) -> None:
