@@ -9,8 +9,10 @@ from pathlib import Path
 
 from tsd_twin import program
 from tsd_twin.access import Role, Users
+from tsd_twin.bus import DEFAULT_ENDPOINT
 from tsd_twin.dashboard import dashboard, tls
 from tsd_twin.dashboard.door import Rules
+from tsd_twin.dashboard.entrance import allow_many_files
 from tsd_twin.dashboard.heap import return_large_blocks
 from tsd_twin.dashboard.visitor import ANYBODY
 from tsd_twin.errors import TwinError
@@ -37,9 +39,12 @@ PARSER = program.parser(
 def serve(args: argparse.Namespace) -> None:
     """Run until SIGINT or SIGTERM."""
     return_large_blocks()
+    allow_many_files()
     stop = program.stop_event(args)
     rules = rules_of(args)
     rules.check(args.host)
+    if rules.users is not None and rules.owner is ANYBODY:
+        _LOG.warning("%s", open_bus(args))
 
     def ready(port: int) -> None:
         program.say_ready(f"{url(args, rules, port)}")
@@ -72,6 +77,16 @@ def rules_of(args: argparse.Namespace) -> Rules:
         tls=context,
         proxy=args.behind_proxy,
         allowed_hosts=names,
+    )
+
+
+def open_bus(args: argparse.Namespace) -> str:
+    """Return the warning that the bus asks for no password, whatever the page asks for."""
+    where = args.zenoh_config or ", ".join(args.connect or [DEFAULT_ENDPOINT])
+    return (
+        f"WARNING: --users guards this page only. The bus at {where} has no certificates: any "
+        "program that reaches it, of any user of its machine, can drive the robot without a "
+        "password. To close it, use tsd-certs and --zenoh-config (docs/network.md)."
     )
 
 

@@ -73,3 +73,29 @@ def test_names_and_addresses_wait_each_for_themselves() -> None:
     assert tries < 10, "many addresses do not get more tries at one name"
     logins.right("10.0.0.2", "alice")
     assert logins.wait_s("10.0.0.3", "alice", 0.0) == 0.0
+
+
+@given(st.integers(1, 4), st.integers(60, 1800))
+def test_made_up_addresses_do_not_make_guessing_quicker(names: int, seconds: int) -> None:
+    logins, tries = Logins(), 0
+    for second in range(seconds):
+        for _ in range(4):
+            address, name = f"198.51.100.{tries}", f"user-{tries % names}"
+            tries += logins.wait_s(address, name, float(second)) == 0.0
+    assert tries <= 60 + seconds / 5 + 1
+    assert tries <= names * (10 + 6 + seconds / 300)
+
+
+def test_forms_without_a_name_count_by_address() -> None:
+    logins = Logins()
+    assert [logins.wait_nameless_s("192.0.2.1", 0.0) for _ in range(6)] == [0.0] * 5 + [5.0]
+    assert logins.wait_s("192.0.2.1", "alice", 0.0) == 5.0
+    assert logins.wait_s("192.0.2.2", "alice", 0.0) == 0.0
+
+
+def test_after_the_wrong_tries_of_all_together_everybody_waits_a_moment() -> None:
+    logins = Logins()
+    for number in range(60):
+        assert logins.wait_s(f"192.0.2.{number}", f"x{number}", 0.0) == 0.0
+    assert logins.wait_s("198.51.100.1", "alice", 0.0) == 5.0
+    assert logins.wait_s("198.51.100.1", "alice", 5.1) == 0.0

@@ -164,6 +164,22 @@ def test_what_would_be_open_or_cannot_work_is_one_sentence(
     assert len(program.errors) == 1
 
 
+def test_users_beside_an_open_bus_are_warned_of_before_it_is_ready(
+    start: Start, folder: Path
+) -> None:
+    endpoint = start("tsd_mock", "--listen", "tcp/127.0.0.1:0").ready().split()[-1]
+    flags = ("--port", "0", "--connect", endpoint)
+    guarded = start("tsd_dashboard", *flags, "--users", str(folder / "users.toml"))
+    guarded.ready()
+    plain = start("tsd_dashboard", *flags)
+    plain.ready()
+    assert guarded.end() == plain.end() == 0
+    (warning,) = [line for line in guarded.errors if "WARNING" in line]
+    assert f"The bus at {endpoint} has no certificates" in warning
+    assert "without a password" in warning
+    assert plain.errors == []
+
+
 # In a browser.
 
 

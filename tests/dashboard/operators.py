@@ -41,7 +41,9 @@ class Page:
         acknowledge: bool = True,
         user: str = "web",
         cookie: str | None = None,
+        socket: ClientConnection | None = None,
     ) -> None:
+        """`socket` is one that is open already, through a proxy."""
         self.name = page
         self.operator = f"{user}-{page[:8]}"
         self.holds: dict[str, Any] | None = None
@@ -52,7 +54,7 @@ class Page:
         self._acknowledge = acknowledge
         self._changed = threading.Condition()
         self._ended = threading.Event()
-        self._socket: ClientConnection = connect(
+        self._socket: ClientConnection = socket or connect(
             f"ws://127.0.0.1:{port}/teleop?page={page}",
             additional_headers=None if cookie is None else {"Cookie": cookie},
         )

@@ -66,3 +66,18 @@ def test_the_addresses_of_one_subscriber_are_one() -> None:
         for peer in ("2001:db8::1", "2001:db8::ffff:1", "2001:db8:0:1::1")
     )
     assert first == second != other
+
+
+@given(st.text(max_size=40))
+def test_whatever_comes_before_the_last_address_changes_nothing(made_up: str) -> None:
+    said = SAID | {"X-Forwarded-For": f"{made_up}, 198.51.100.7"}
+    came = approach("127.0.0.1", said, tls=False, proxy="127.0.0.1")
+    assert isinstance(came, Approach)
+    assert came.address == "198.51.100.7"
+
+
+@given(st.text(max_size=60))
+def test_what_is_no_address_is_one_stranger(said: str) -> None:
+    came = approach("127.0.0.1", SAID | {"X-Forwarded-For": said}, tls=False, proxy="127.0.0.1")
+    assert isinstance(came, Approach)
+    assert came.address == "unknown" or set(came.address) <= set("0123456789abcdef.:/")

@@ -9,6 +9,8 @@ import pytest
 
 from tests.docs.pages import ROOT, code, page, quoted, section, tables
 from tsd_twin.access.logins import ABSOLUTE_S, IDLE_S, Logins
+from tsd_twin.dashboard.entrance import Limits
+from tsd_twin.dashboard.form import READ_S
 
 PAGE = page("access.md")
 SOURCES = [*(ROOT / "src/tsd_twin").rglob("*.py"), *(ROOT / "app").glob("*.py")]
@@ -48,3 +50,19 @@ def test_the_figures_are_those_in_force() -> None:
     assert "{:g} minutes for an address and {:g} for a name".format(*(s / 60 for s in longest)) in (
         " ".join(PAGE.split())
     )
+    assert f"after {logins._all._at_once}, one in {logins._all._every_s:g} s" in PAGE
+
+
+def test_the_limits_are_those_in_force() -> None:
+    rows = tables(section(PAGE, "## How many, and how slow"))[0]
+    limits = Limits()
+    assert limits.request_s == READ_S
+    assert [row[1] for row in rows] == [
+        f"{limits.strangers}",
+        f"{limits.per_address}",
+        f"{limits.per_user}",
+        *(
+            f"{time_s:g} s"
+            for time_s in (limits.handshake_s, limits.request_s, limits.idle_s, limits.stall_s)
+        ),
+    ]

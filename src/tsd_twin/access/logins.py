@@ -6,7 +6,7 @@ import hashlib
 import secrets
 from dataclasses import dataclass
 
-from tsd_twin.access.throttle import Throttle
+from tsd_twin.access.throttle import Allowance, Throttle
 from tsd_twin.access.users import User
 
 IDLE_S = 30 * 60.0
@@ -37,21 +37,39 @@ class Logins:
         # Somebody behind the same address, or who knows a name, shall not lock others out for long.
         self._addresses = Throttle(free=5, first_s=5.0, longest_s=900.0)
         self._names = Throttle(free=10, first_s=10.0, longest_s=300.0)
+        # Addresses behind a proxy are what the proxy says, and any process of its machine can pose
+        # as one: this bound holds whatever is said.
+        self._all = Allowance(at_once=60, every_s=5.0)
 
     # Trying.
 
     def wait_s(self, address: str, name: str, now_s: float) -> float:
         """Return how long to wait before the next try; 0 counts the try, until it is `right`."""
-        waits_s = (self._addresses.wait_s(address, now_s), self._names.wait_s(name, now_s))
-        if max(waits_s) <= 0.0:
-            self._addresses.note(address, now_s)
+        wait_s = max(self._wait_of_all_s(address, now_s), self._names.wait_s(name, now_s))
+        if wait_s <= 0.0:
+            self._note(address, now_s)
             self._names.note(name, now_s)
-        return max(waits_s)
+        return wait_s
+
+    def wait_nameless_s(self, address: str, now_s: float) -> float:
+        """Return how long to wait before the next try; 0 counts one that has no name."""
+        wait_s = self._wait_of_all_s(address, now_s)
+        if wait_s <= 0.0:
+            self._note(address, now_s)
+        return wait_s
 
     def right(self, address: str, name: str) -> None:
         """Note that a try was right. Other tries from the address stay counted."""
+        self._all.forgive()
         self._addresses.forgive(address)
         self._names.forget(name)
+
+    def _wait_of_all_s(self, address: str, now_s: float) -> float:
+        return max(self._addresses.wait_s(address, now_s), self._all.wait_s(now_s))
+
+    def _note(self, address: str, now_s: float) -> None:
+        self._all.note(now_s)
+        self._addresses.note(address, now_s)
 
     # Being logged in.
 

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 from tsd_twin.dashboard.guard import is_loopback
 
+FORWARDED = ("X-Forwarded-For", "X-Forwarded-Proto", "X-Forwarded-Prefix")
+"""Headers by which a proxy says how a browser came to it."""
 _PREFIX = re.compile(r"(/[A-Za-z0-9._~-]+)*")
 
 
@@ -31,19 +33,25 @@ def approach(
 
     `peer` is the address at the other end, `proxy` that of the proxy through which all requests
     have to come, if there is one. What a request says about where it came from counts only then:
-    anybody can write it.
+    anybody can write it. A header that came several times is given once, joined by commas.
     """
     if proxy is None:
-        return Approach(_network(peer), tls, "/")
-    if not (is_loopback(peer) or _same(peer, proxy)):
+        return Approach(network(peer), tls, "/")
+    if not is_proxy(peer, proxy):
         return "Requests come through the proxy in front of this gateway."
     if headers.get("X-Forwarded-Proto") != "https":
         return "The proxy has to speak TLS to browsers and to say so: X-Forwarded-Proto: https."
-    # Each proxy adds what it saw at the end; before that may stand whatever a browser made up.
+    # Each proxy adds what it saw at the end, some of them as one more header; before that may stand
+    # whatever a browser made up.
     seen = headers.get("X-Forwarded-For", peer).rpartition(",")[2].strip()
     prefix = headers.get("X-Forwarded-Prefix", "").rstrip("/")
     path = prefix if prefix and _PREFIX.fullmatch(prefix) else "/"
-    return Approach(_network(seen), secure=True, path=path)
+    return Approach(network(seen), secure=True, path=path)
+
+
+def is_proxy(peer: str, proxy: str | None) -> bool:
+    """Return whether a peer is the proxy, or on the machine of the gateway and may be it."""
+    return proxy is not None and (is_loopback(peer) or _same(peer, proxy))
 
 
 def _same(peer: str, proxy: str) -> bool:
@@ -53,7 +61,7 @@ def _same(peer: str, proxy: str) -> bool:
         return False
 
 
-def _network(address: str) -> str:
+def network(address: str) -> str:
     """Return an address; of IPv6, the network that one subscriber has all addresses of."""
     try:
         parsed = _plain(address)

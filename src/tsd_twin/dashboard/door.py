@@ -14,7 +14,7 @@ from aiohttp import web
 from aiohttp.typedefs import Handler
 
 from tsd_twin.access import Identity, Logins, Users
-from tsd_twin.dashboard.approach import Approach, approach
+from tsd_twin.dashboard.approach import FORWARDED, Approach, approach
 from tsd_twin.dashboard.guard import is_loopback, refusal
 from tsd_twin.dashboard.visitor import ANYBODY, Visitor, identity_of
 from tsd_twin.errors import TwinError
@@ -91,17 +91,22 @@ class Door:
     @web.middleware
     async def guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Let a request pass, or refuse it; a socket before it is one."""
+        headers = {
+            name: ", ".join(request.headers.getall(name))  # What comes twice is no host, no origin.
+            for name in (*FORWARDED, "Host", "Origin")
+            if name in request.headers
+        }
         came = approach(
             request.remote or "",
-            request.headers,
+            headers,
             tls=self.rules.tls is not None,
             proxy=self.rules.proxy,
         )
         if isinstance(came, str):
             raise web.HTTPForbidden(text=came)
         reason = refusal(
-            request.headers.get("Host"),
-            request.headers.get("Origin"),
+            headers.get("Host"),
+            headers.get("Origin"),
             self._port,
             self._allowed,
             addresses=self._addresses,
@@ -162,6 +167,11 @@ class Door:
 def visitor_of(request: web.Request) -> Visitor:
     """Return who a request comes from that the door has let pass."""
     return request[_VISITOR]
+
+
+def visitor_or_none(request: web.Request) -> Visitor | None:
+    """Return who a request comes from; None when they have to log in."""
+    return request.get(_VISITOR)
 
 
 def approach_of(request: web.Request) -> Approach:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
+from typing import cast
 
 import msgspec
 from aiohttp import web
 
+from tsd_twin.dashboard.approach import is_proxy
 from tsd_twin.dashboard.audience import Audience
 from tsd_twin.dashboard.door import Door, Rules, visitor_of
+from tsd_twin.dashboard.entrance import Entrance, quiet_log
 from tsd_twin.dashboard.guard import HEADERS
 from tsd_twin.dashboard.pages import STATIC, IndexPage
 from tsd_twin.dashboard.proxy import PAGE, ViserProxy
@@ -21,6 +25,8 @@ _MESSAGE_BYTES = 16 * 2**10
 _HEARTBEAT_S = 5.0
 _GOODBYE_S = 0.5
 _PATIENCE_S = 3.0
+_LINGER_S = 2.0
+"""How long the rest of a body is read that comes after the answer to it."""
 
 
 class Gateway:
@@ -41,6 +47,7 @@ class Gateway:
         self._door = Door(Rules()) if door is None else door
         self._reception = Reception(self._door)
         self._proxy = ViserProxy(viser_port)
+        self._entrance = Entrance(lambda peer: is_proxy(peer, self._door.rules.proxy))
         self._runner: web.AppRunner | None = None
         self._watching: list[asyncio.Task[None]] = []
         self.port = 0
@@ -54,7 +61,9 @@ class Gateway:
         """
         self._door.rules.check(host)
         self.audience.open()
-        app = web.Application(middlewares=[self._door.guard], client_max_size=_BODY_BYTES)
+        app = web.Application(
+            middlewares=[self._door.guard, self._entrance.admit], client_max_size=_BODY_BYTES
+        )
         app.on_response_prepare.append(_add_headers)
         app.router.add_get("/", self._index.serve)
         app.router.add_get("/healthz", self._serve_health)
@@ -62,15 +71,21 @@ class Gateway:
         app.router.add_get("/viser/{page}", self._serve_viser)
         self._reception.add_to(app.router)
         app.router.add_static("/static", STATIC)
-        runner = web.AppRunner(app, access_log=None, shutdown_timeout=_PATIENCE_S)
+        runner = web.AppRunner(
+            app,
+            access_log=None,
+            logger=quiet_log(),
+            lingering_time=_LINGER_S,
+            shutdown_timeout=_PATIENCE_S,
+        )
         await runner.setup()
-        site = web.TCPSite(runner, host, port, ssl_context=self._door.rules.tls)
+        server = cast("Callable[[], asyncio.Protocol]", runner.server)
         try:
-            await site.start()
+            await self._entrance.open(server, host, port, self._door.rules.tls)
         except OSError as error:
             await runner.cleanup()
             raise TwinError(f"port {port} of {host} cannot be used: choose another") from error
-        self.port = runner.addresses[0][1]
+        self.port = self._entrance.port
         self._door.open(host, self.port)
         self._runner = runner
         watching = (self.audience.roster.measure(), self._door.watch())
@@ -84,6 +99,7 @@ class Gateway:
             task.cancel()
         await self.audience.dismiss()
         await self._proxy.close()
+        await self._entrance.close()
         await self._runner.cleanup()
         self._runner = None
         self.audience.close()

@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 import ipaddress
+import re
 from collections.abc import Collection
-from urllib.parse import urlsplit
+
+_HOST = re.compile(
+    r"(?P<name>[a-z0-9](?:[a-z0-9._-]{0,251}[a-z0-9])?|\[(?P<ipv6>[0-9a-f:.]{2,45})\])"
+    r"(?::(?P<port>[1-9][0-9]{0,4}))?"
+)
+"""`name`, `address` or `[IPv6 address]`, each alone or with a port."""
+_ORIGIN = re.compile(rf"(?P<scheme>https?)://(?P<host>{_HOST.pattern})")
 
 _SOURCES = {
     "default-src": "'self'",
@@ -49,7 +56,7 @@ def refusal(
     also answers to any address with its port: nobody can point one of those elsewhere. When the
     browser's side is `secure`, a page that came without TLS is another site.
     """
-    if host is None or not _is_ours(host, port, allowed_hosts, addresses=addresses):
+    if host is None or not _is_ours(host, port, allowed_hosts, addresses=addresses, secure=secure):
         return (
             f"This gateway does not answer to the name '{host or ''}': "
             f"open http://127.0.0.1:{port}/ or start it with --allow-host and that name."
@@ -78,18 +85,28 @@ def is_address(name: str) -> bool:
     return True
 
 
-def _is_ours(host: str, port: int, allowed_hosts: Collection[str], *, addresses: bool) -> bool:
-    if host.lower() in {name.lower() for name in allowed_hosts}:
-        return True
-    try:
-        parts = urlsplit(f"//{host}")
-        name = parts.hostname or ""
-        known = is_loopback(name) or (addresses and is_address(name))
-        return known and (parts.port or 80) == port
-    except ValueError:  # No port number, or brackets that do not match.
+def _is_ours(
+    host: str, port: int, allowed_hosts: Collection[str], *, addresses: bool, secure: bool
+) -> bool:
+    parts = _HOST.fullmatch(_lower(host))
+    if parts is None:
         return False
+    if parts[0] in {name.lower() for name in allowed_hosts}:
+        return True
+    name = parts["ipv6"] or parts["name"]
+    known = is_loopback(name) or (addresses and is_address(name))
+    if parts["ipv6"] is not None and ":" not in name:  # In brackets stands IPv6 alone.
+        return False
+    return known and int(parts["port"] or (443 if secure else 80)) == port
 
 
 def _is_page_of(origin: str, host: str, *, secure: bool) -> bool:
-    parts = urlsplit(origin)
-    return parts.netloc.lower() == host.lower() and not (secure and parts.scheme != "https")
+    parts = _ORIGIN.fullmatch(_lower(origin))
+    if parts is None or (secure and parts["scheme"] != "https"):
+        return False
+    return parts["host"] == _lower(host)
+
+
+def _lower(text: str) -> str:
+    """Return ASCII letters as small ones; other characters stay, also those whose small one is."""
+    return text.lower() if text.isascii() else text

@@ -15,12 +15,14 @@ from aiohttp import web
 
 from tsd_twin.access import User
 from tsd_twin.dashboard.door import Door, approach_of, visitor_of
+from tsd_twin.dashboard.form import FormError, name_and_password
 from tsd_twin.dashboard.guard import HEADERS
 from tsd_twin.dashboard.pages import STATIC
 
 _FOLDER = Path(__file__).parent
 _AT_ONCE = 8
 """Passwords that wait to be checked, one at a time: each takes 64 MiB and a processor's time."""
+_TOO_MANY = "Too many wrong passwords"
 _HOME = "./"
 """Relative to `login` and `logout`: whoever is in front may have a prefix."""
 
@@ -67,16 +69,25 @@ class Reception:
         users = self._door.rules.users
         if users is None:
             raise web.HTTPSeeOther(_HOME)
-        form = await request.post()
-        # A phone may write names with a capital and a space after them.
-        name, password = (str(form.get(key, "")) for key in ("name", "password"))
-        name = name.strip().lower()[:64]
         address = approach_of(request).address
+        try:
+            name, password = await name_and_password(request)
+        except FormError as error:
+            wait_s = self._door.logins.wait_nameless_s(address, time.monotonic())
+            return self._last(
+                self._page(_TOO_MANY, wait_s=wait_s)
+                if wait_s
+                else self._page(str(error), status=400)
+            )
+        except TimeoutError:
+            return self._last(self._page("The form took too long to come.", status=408))
+        # A phone may write names with a capital and a space after them.
+        name = name.strip().lower()[:64]
         if self._checking >= _AT_ONCE:
             return self._page("Too many people try to log in at once", name, wait_s=1.0)
         wait_s = self._door.logins.wait_s(address, name, time.monotonic())
         if wait_s > 0.0:
-            return self._page("Too many wrong passwords", name, wait_s=wait_s)
+            return self._page(_TOO_MANY, name, wait_s=wait_s)
         user = await self._check(name, password)
         if user is None:
             return self._page("Name or password is wrong.", name, status=401)
@@ -117,6 +128,11 @@ class Reception:
             await self._door.end(key)
         response = web.Response(status=303, headers={"Location": "login"})
         response.del_cookie(self._door.cookie, path=approach_of(request).path)
+        return response
+
+    def _last(self, response: web.Response) -> web.Response:
+        """Return an answer after which the connection ends: the rest of the body is not read."""
+        response.force_close()
         return response
 
     def _page(
