@@ -151,6 +151,34 @@ class Bus:
             raise BusError(reason(error)) from error
         raise NoAnswerError(key, timeout_s)
 
+    def request(
+        self, key: str, payload: bytes, take: Callable[[bytes | None], None], timeout_s: float = 1.0
+    ) -> None:
+        """Ask without waiting: `take` gets the first answer, or None when there was none in time.
+
+        It is called once, on a thread of the bus.
+
+        Raises:
+            BusError: the session is closed.
+        """
+        answers: list[bytes] = []
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            if reply.ok is not None and not answers:
+                answers.append(reply.ok.payload.to_bytes())
+                take(answers[0])
+
+        def on_end() -> None:
+            if not answers:
+                take(None)
+
+        # Direct: otherwise each question that is open would have a thread of its own.
+        handler = zenoh.handlers.Callback(on_reply, on_end, indirect=False)
+        try:
+            self._session.get(key, handler, payload=payload, timeout=timeout_s)
+        except zenoh.ZError as error:
+            raise BusError(reason(error)) from error
+
     def announce(self, key: str) -> Token:
         """Announce that whoever owns `key` lives, until the token or the session is closed."""
         token = self._session.liveliness().declare_token(key)

@@ -6,7 +6,7 @@ import secrets
 
 from tsd_twin import topics
 from tsd_twin.bus import Bus
-from tsd_twin.messages.service import Event
+from tsd_twin.messages.service import Event, namesake_words
 
 
 class Namesakes:
@@ -57,8 +57,3 @@ class Namesakes:
             self._others.add(key)
         else:
             self._others.discard(key)
-
-
-def namesake_words(robot_id: str) -> str:
-    """Return what is wrong with a bus that has several robots of one id."""
-    return f"another robot with the id '{robot_id}' is on the bus: end one, or choose another id"
