@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 
 from tests.running import ANY_PORT, PATIENCE_S, Mailbox, matched
@@ -66,7 +67,10 @@ def test_many_that_live_on_one_router_are_all_found_by_it_and_by_others(
     client = connect()
     client.watch_alive("twin/*/alive", box)
     assert {box.next() for _ in keys} == {(key, True) for key in keys}
-    assert set(client.living("twin/*/alive", PATIENCE_S)) == keys
+    # A session that has just joined may hear of the first ones only, as it did before.
+    end_s = time.monotonic() + PATIENCE_S
+    while set(client.living("twin/*/alive")) != keys:
+        assert time.monotonic() < end_s
 
 
 def test_nobody_lives_where_nobody_is(robot: Bus) -> None:

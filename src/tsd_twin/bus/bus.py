@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from collections.abc import Callable
 from typing import Any, Self
 
@@ -21,6 +22,8 @@ from tsd_twin.topics import Urgency
 
 EVENTS_KEPT = 100
 """Events of each kind that a late joiner still gets."""
+_SETTLE_S = 0.05
+"""Those who live are heard of one by one, right after the first."""
 _SLACK_S = 0.2
 """Zenoh ends a query that has timed out by itself; this is for when it does not."""
 
@@ -199,9 +202,9 @@ class Bus:
                 keys.append(str(reply.ok.key_expr))
 
         # With the default queue of 256 a session that owns more tokens waits for itself for ever.
-        self._session.liveliness().get(
-            key, zenoh.handlers.Callback(take, complete.set), timeout=timeout_s
-        )
+        # Direct: otherwise the end may be told before the last replies are.
+        handler = zenoh.handlers.Callback(take, complete.set, indirect=False)
+        self._session.liveliness().get(key, handler, timeout=timeout_s)
         complete.wait(timeout_s + _SLACK_S)
         if self._joins and not keys:
             somebody = threading.Event()
@@ -211,7 +214,8 @@ class Bus:
                 somebody.set()
 
             with self._session.liveliness().declare_subscriber(key, note, history=True):
-                somebody.wait(timeout_s)
+                if somebody.wait(timeout_s):
+                    time.sleep(_SETTLE_S)
         return list(keys)
 
     def watch_alive(self, key: str, take: Callable[[str, bool], None]) -> None:
