@@ -22,7 +22,7 @@ from tsd_twin.topics import Service
 _LOG = logging.getLogger(__name__)
 
 MOST_ROBOTS = 64
-"""Robots that are shown; anybody may make up robots on a bus without access rules."""
+"""Robots that are shown; a bus without access rules lets made-up robots in."""
 _NAMED = 256
 """Robots of which it is logged once why they cannot be shown."""
 _LOGGED = 300

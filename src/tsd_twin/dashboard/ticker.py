@@ -67,7 +67,7 @@ class Ticker:
     def _add(self, link: RobotLink) -> None:
         try:
             self._canvas.add(link)
-        except Exception:  # Anybody may describe anything; the others are drawn all the same.
+        except Exception:  # Descriptions come from the bus; the others are drawn all the same.
             _LOG.exception("robot %s cannot be drawn", link.id)
         self._stale.pop(link.id, None)  # What is new on the canvas looks live.
 
