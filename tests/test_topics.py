@@ -40,6 +40,8 @@ def test_keys_are_those_that_other_programs_rely_on() -> None:
     assert topics.event_key("r1", "mode") == "twin/r1/event/mode"
     assert topics.alive_key("r1") == "twin/r1/alive"
     assert topics.alive_key("*") == "twin/*/alive"
+    assert topics.instance_key("r1", "0af") == "twin/r1/instance/0af"
+    assert topics.instance_key("*", "*") == "twin/*/instance/*"
 
 
 @given(robot=ids, operator=ids)

@@ -96,6 +96,12 @@ def alive_key(robot: str) -> str:
     return f"twin/{robot if robot == '*' else checked(robot)}/alive"
 
 
+def instance_key(robot: str, instance: str) -> str:
+    """Return the key of the liveliness token of one running node; `*` stands for all."""
+    name = robot if robot == "*" else checked(robot)
+    return f"twin/{name}/instance/{instance if instance == '*' else checked(instance)}"
+
+
 def robot_of(key: str) -> str:
     """Return the robot id in a key of this table.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+import time
 from collections.abc import Callable
 
 from tests.running import ANY_PORT, PATIENCE_S, Mailbox, matched
@@ -40,6 +42,35 @@ def test_a_router_that_joins_another_hears_of_those_who_live_there(robot: Bus) -
     robot.announce("twin/r1/alive")
     with Bus(node_config([ANY_PORT], robot.endpoints())) as other:
         assert other.living("twin/r1/alive", PATIENCE_S) == ["twin/r1/alive"]
+
+
+MANY = 400
+"""More than the 256 that the default queue of a query of Zenoh holds."""
+
+
+def test_many_that_live_on_one_router_are_all_found_by_it_and_by_others(
+    robot: Bus, connect: Callable[[], Bus]
+) -> None:
+    keys = {f"twin/t{i}/alive" for i in range(MANY)}
+    for key in keys:
+        robot.announce(key)
+    found: list[str] = []
+    # A daemon: the defect was that this never returns.
+    asking = threading.Thread(
+        target=lambda: found.extend(robot.living("twin/*/alive")), daemon=True
+    )
+    asking.start()
+    asking.join(PATIENCE_S)
+    assert not asking.is_alive()
+    assert set(found) == keys
+    box = Mailbox()
+    client = connect()
+    client.watch_alive("twin/*/alive", box)
+    assert {box.next() for _ in keys} == {(key, True) for key in keys}
+    # A session that has just joined may hear of the first ones only, as it did before.
+    end_s = time.monotonic() + PATIENCE_S
+    while set(client.living("twin/*/alive")) != keys:
+        assert time.monotonic() < end_s
 
 
 def test_nobody_lives_where_nobody_is(robot: Bus) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import pytest
+import zenoh
 
 from tests.running import PATIENCE_S
 from tsd_twin.bus import Bus
@@ -17,9 +18,9 @@ KEY = "twin/r1/state/odom"
 T = TypeVar("T")
 
 
-def answering(bus: Bus, key: str, payload: bytes) -> Callable[[], None]:
+def answering(bus: Bus, key: str, payload: bytes, *, patterns: bool = False) -> Callable[[], None]:
     """Serve a key in a thread; the function that is returned ends it."""
-    server, stop = bus.server(key), threading.Event()
+    server, stop = bus.server(key, patterns=patterns), threading.Event()
 
     def serve() -> None:
         while not stop.wait(0.005):
@@ -63,7 +64,9 @@ def test_a_question_is_answered(robot: Bus, connect: Callable[[], Bus]) -> None:
 def test_an_answer_to_a_pattern_names_the_one_who_answers(
     robot: Bus, connect: Callable[[], Bus]
 ) -> None:
-    ends = [answering(robot, f"twin/{name}/desc", name.encode()) for name in ("r1", "r2")]
+    ends = [
+        answering(robot, f"twin/{name}/desc", name.encode(), patterns=True) for name in ("r1", "r2")
+    ]
     client = connect()
 
     def both() -> dict[str, bytes] | None:
@@ -77,6 +80,40 @@ def test_an_answer_to_a_pattern_names_the_one_who_answers(
         for end in ends:
             end()
     assert answers == {"twin/r1/desc": b"r1", "twin/r2/desc": b"r2"}
+
+
+PATTERNS = ("**", "twin/**", "twin/r1/*", "twin/*/stop", "twin/r$*/stop")
+
+
+def test_a_query_to_a_pattern_is_no_request(robot: Bus, connect: Callable[[], Bus]) -> None:
+    """Exploring the bus means asking patterns; only the exact key asks for an effect."""
+    server, client = robot.server("twin/r1/stop"), connect()
+    for pattern in PATTERNS:
+        client._session.get(pattern, zenoh.handlers.RingChannel(1), timeout=PATIENCE_S)
+    answers = client._session.get("twin/r1/stop?why=me", payload=b"last", timeout=PATIENCE_S)
+    taken: list[bytes] = []
+    end_s = time.monotonic() + PATIENCE_S
+    while not taken and time.monotonic() < end_s:
+        for request in server.take():
+            taken.append(request.payload)
+            request.reply(b"yes")
+        time.sleep(0.005)
+    assert taken == [b"last"]
+    assert [answer.ok.payload.to_bytes() for answer in answers if answer.ok] == [b"yes"]
+
+
+def test_who_asks_a_pattern_does_not_wait_for_an_answer_that_never_comes(
+    robot: Bus, connect: Callable[[], Bus]
+) -> None:
+    end = answering(robot, "twin/r1/stop", b"")
+    client = connect()
+    try:
+        assert when_known(lambda: client.ask("twin/r1/stop", b"yes", PATIENCE_S)) == b"yes"
+        start_s = time.monotonic()
+        assert list(client._session.get("twin/**", timeout=PATIENCE_S)) == []
+        assert time.monotonic() - start_s < PATIENCE_S / 2
+    finally:
+        end()
 
 
 def test_silence_is_an_error_that_names_the_key(robot: Bus, connect: Callable[[], Bus]) -> None:

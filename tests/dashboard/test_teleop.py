@@ -98,6 +98,8 @@ def test_stops_that_come_in_a_flood_are_all_heard_and_answered(served: Site) -> 
         '{"t": "robot", "id": 5}',
         "\x00\ud7ff",
         b"\x00\xff",
+        "[" * 8000,
+        '{"t": "drive", "a": ' + '{"a": ' * 2000,
     ],
 )
 def test_what_is_no_message_is_counted_and_answered_once(

@@ -43,10 +43,11 @@ ANSWERS: dict[str, type[msgspec.Struct]] = {
 
 def test_every_topic_is_in_the_table_with_type_rate_and_urgency() -> None:
     streams, qualities, _ = tables(section(PAGE, "## Streams"))
-    *rows, alive = streams
+    *rows, alive, instance = streams
     shown = [(quoted(key)[0], quoted(kind)[0], float(hz), qos) for key, kind, hz, qos, _ in rows]
     assert shown == [(t.path, t.type, t.rate_hz, t.urgency.value) for t in TOPICS]
     assert topics.alive_key("*") == f"twin/*/{quoted(alive[0])[0]}"
+    assert topics.instance_key("*", "*") == f"twin/*/{quoted(instance[0])[0]}"
     assert [row[0] for row in qualities] == [urgency.value for urgency in topics.Urgency]
 
 

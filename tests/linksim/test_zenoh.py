@@ -187,3 +187,14 @@ def test_losses_over_tcp_lose_no_command() -> None:
         drive.simulator.set(LinkSpec())
         numbers = [number for number, _ in drive.arrive()]
     assert numbers[:count] == list(range(first, first + count))
+
+
+def test_a_session_opens_over_the_slowest_link_that_a_lease_allows() -> None:
+    """1.0 s is the most that commands may be old; the handshake is three round trips."""
+    link = LinkSpec.parse("delay=450ms")
+    with (
+        Bus(node_config(["tcp/127.0.0.1:0"])) as robot,
+        LinkSimulator(link, "tcp/127.0.0.1:0", robot.endpoints()[0]) as simulator,
+        Bus(client_config([simulator.endpoint])) as client,
+    ):
+        assert client.wait_for_peer(PATIENCE_S)

@@ -114,3 +114,18 @@ def test_a_stamp_of_another_size_is_a_shape_error(stamp: bytes) -> None:
     with pytest.raises(MessageError, match="stamp") as caught:
         decode_stamp(stamp)
     assert caught.value.reason == "shape"
+
+
+@pytest.mark.parametrize("opening", [b"[", b'{"a":'])
+@pytest.mark.parametrize("levels", [9, 500, 50_000])
+def test_a_status_that_is_nested_too_deeply_is_none(opening: bytes, levels: int) -> None:
+    """What could be read, but not be written again, would close the socket of every page."""
+    closing = b"]" if opening == b"[" else b"}"
+    inner = opening * levels + b"0" + closing * levels
+    with pytest.raises(MessageError, match="shape"):
+        decode_status(b'{"mode": "ready", "hardware": {"a": ' + inner + b"}}")
+
+
+def test_a_status_may_have_lists_of_tables_below_hardware() -> None:
+    hardware = {"a": [{"b": {"c": [1.0, [2.0, {"d": None}]]}}]}
+    assert decode_status(encode_status(Status("ready", hardware=hardware))).hardware == hardware

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import tomllib
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from tsd_twin.drives import Drive
 from tsd_twin.errors import RobotFileError
 from tsd_twin.robots import load, names, parse, text
+from tsd_twin.robots.loader import LONGEST
 
 TSD = text("tsd")
 
@@ -257,3 +259,21 @@ def test_a_gyro_is_there_when_its_table_is() -> None:
 )
 def test_what_no_gyro_can_be_is_refused(line: str, said: str) -> None:
     assert said in refusal(f"{TSD}\n[gyro]\n{line}\n")
+
+
+@pytest.mark.parametrize(
+    ("toml", "says"),
+    [
+        ("a=" + "[" * 10_000, "nested too deeply"),
+        ("a=" + "{a=" * 5000, "nested too deeply"),
+        ("a=" + "9" * 5000, "not valid TOML"),
+        (TSD + "#" * LONGEST, "characters are too many"),
+        ("a." * 20_000 + "a=1", "characters are too many"),
+    ],
+)
+def test_what_would_take_a_reader_for_ever_is_refused_in_one_sentence(toml: str, says: str) -> None:
+    start_s = time.monotonic()
+    message = refusal(toml)
+    assert says in message
+    assert len(message) < 200
+    assert time.monotonic() - start_s < 3.0

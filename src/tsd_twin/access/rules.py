@@ -16,7 +16,7 @@ _CLAIMS = (topics.TWIST, topics.OUTSIDE_POSE, topics.STOP)
 _BRANCHES = sorted({topic.path.split("/")[0] for topic in topics.TOPICS if topic not in _CLAIMS})
 
 SHOWN = tuple(f"{_ANY}/{branch}/**" for branch in _BRANCHES)
-ALIVE = (topics.alive_key("*"),)
+ALIVE = (topics.alive_key("*"), topics.instance_key("*", "*"))
 HISTORY = (f"{topics.EVENT.key('*')}/@adv/**",)
 """Where late joiners of events ask for what was; chunks with @ match no wildcard but themselves."""
 OPEN = tuple(f"{_ANY}/{service}" for service in Service if not service.startswith("srv/"))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from collections.abc import Callable
 from typing import Any, Self
 
@@ -21,6 +22,10 @@ from tsd_twin.topics import Urgency
 
 EVENTS_KEPT = 100
 """Events of each kind that a late joiner still gets."""
+_SETTLE_S = 0.05
+"""Those who live are heard of one by one, right after the first."""
+_SLACK_S = 0.2
+"""Zenoh ends a query that has timed out by itself; this is for when it does not."""
 
 # What is said again at once is not repeated by a link that has the choice, see `over_datagrams`.
 _QOS: dict[Urgency, dict[str, Any]] = {
@@ -108,10 +113,15 @@ class Bus:
         ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(depth)
         return Reader(self._session.declare_subscriber(key, ring), depth)
 
-    def server(self, key: str, depth: int = 64) -> Server:
-        """Return a server of requests to `key`; when they pour in, the oldest give way."""
+    def server(self, key: str, depth: int = 64, *, patterns: bool = False) -> Server:
+        """Return a server of requests to `key`; when they pour in, the oldest give way.
+
+        With `patterns`, also queries to patterns that match the key are served. That is for
+        services without an effect only.
+        """
         ring: zenoh.handlers.RingChannel[zenoh.Query] = zenoh.handlers.RingChannel(depth)
-        return Server(key, self._session.declare_queryable(key, ring), depth)
+        queryable = self._session.declare_queryable(key, ring)
+        return Server(key, queryable, depth, patterns=patterns)
 
     def watch(self, key: str, take: Callable[[Sample], None]) -> None:
         """Call `take` with every sample of a key expression."""
@@ -144,6 +154,34 @@ class Bus:
             raise BusError(reason(error)) from error
         raise NoAnswerError(key, timeout_s)
 
+    def request(
+        self, key: str, payload: bytes, take: Callable[[bytes | None], None], timeout_s: float = 1.0
+    ) -> None:
+        """Ask without waiting: `take` gets the first answer, or None when there was none in time.
+
+        It is called once, on a thread of the bus.
+
+        Raises:
+            BusError: the session is closed.
+        """
+        answers: list[bytes] = []
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            if reply.ok is not None and not answers:
+                answers.append(reply.ok.payload.to_bytes())
+                take(answers[0])
+
+        def on_end() -> None:
+            if not answers:
+                take(None)
+
+        # Direct: otherwise each question that is open would have a thread of its own.
+        handler = zenoh.handlers.Callback(on_reply, on_end, indirect=False)
+        try:
+            self._session.get(key, handler, payload=payload, timeout=timeout_s)
+        except zenoh.ZError as error:
+            raise BusError(reason(error)) from error
+
     def announce(self, key: str) -> Token:
         """Announce that whoever owns `key` lives, until the token or the session is closed."""
         token = self._session.liveliness().declare_token(key)
@@ -156,8 +194,18 @@ class Bus:
         A session joins others in the background and hears of them a moment later, some 0.1 s
         between routers: one that joins waits for the first of them, or until the time is over.
         """
-        replies = self._session.liveliness().get(key, timeout=timeout_s)
-        keys = [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+        keys: list[str] = []
+        complete = threading.Event()
+
+        def take(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                keys.append(str(reply.ok.key_expr))
+
+        # With the default queue of 256 a session that owns more tokens waits for itself for ever.
+        # Direct: otherwise the end may be told before the last replies are.
+        handler = zenoh.handlers.Callback(take, complete.set, indirect=False)
+        self._session.liveliness().get(key, handler, timeout=timeout_s)
+        complete.wait(timeout_s + _SLACK_S)
         if self._joins and not keys:
             somebody = threading.Event()
 
@@ -166,8 +214,9 @@ class Bus:
                 somebody.set()
 
             with self._session.liveliness().declare_subscriber(key, note, history=True):
-                somebody.wait(timeout_s)
-        return keys
+                if somebody.wait(timeout_s):
+                    time.sleep(_SETTLE_S)
+        return list(keys)
 
     def watch_alive(self, key: str, take: Callable[[str, bool], None]) -> None:
         """Call `take` with the key and True or False, when somebody comes or goes, or is there."""

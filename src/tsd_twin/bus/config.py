@@ -21,6 +21,8 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 _LEASE_MS = 1000
 _FAR_LEASE_MS = 3000
 """A stream over a far link may repeat a sign of life twice before it comes through."""
+_HANDSHAKE_MS = 4000
+"""Opening takes three round trips: 2.7 s over the slowest link that a lease allows commands on."""
 _MIXED = "?rel=1;mixed_rel=1"
 _TLS = "transport/link/tls"
 _FILES = (
@@ -194,7 +196,11 @@ def _common(mode: str, connect: Sequence[str], listen: Sequence[str] = ()) -> di
         "timestamping": {"enabled": True},  # Late joiners of events are served by time.
         "queries_default_timeout": 1000,
         "transport": {
-            "unicast": {"open_timeout": 2000, "accept_timeout": 2000, "max_sessions": 64},
+            "unicast": {
+                "open_timeout": _HANDSHAKE_MS,
+                "accept_timeout": _HANDSHAKE_MS,
+                "max_sessions": 64,
+            },
             "link": {"tx": {"lease": _FAR_LEASE_MS if far else _LEASE_MS, "keep_alive": 4}},
             "shared_memory": {"enabled": False},
         },

@@ -78,16 +78,29 @@ class Request:
 
 
 class Server:
-    """Keeps requests to one key until they are taken."""
+    """Keeps requests to one key until they are taken.
 
-    def __init__(self, key: str, queryable: zenoh.Queryable[Any], depth: int) -> None:
+    A query to a pattern, such as `twin/**`, is how the bus is explored. Unless `patterns` are
+    served too, it is no request: it gets no answer, and has no effect.
+    """
+
+    def __init__(
+        self, key: str, queryable: zenoh.Queryable[Any], depth: int, *, patterns: bool
+    ) -> None:
         self._key = key
         self._queryable = queryable
         self._depth = depth
+        self._patterns = patterns
 
     def take(self) -> list[Request]:
         """Return the requests that came in since the last call, without waiting."""
-        return [Request(self._key, query) for query in _drain(self._queryable, self._depth)]
+        taken: list[Request] = []
+        for query in _drain(self._queryable, self._depth):
+            if self._patterns or str(query.key_expr) == self._key:
+                taken.append(Request(self._key, query))
+            else:
+                query.drop()  # The asker learns at once that nothing comes.
+        return taken
 
 
 class Token:

@@ -35,11 +35,18 @@ from tsd_twin.messages.service import (
     Reply,
     StopRequest,
     decode_json,
+    namesake_words,
 )
 from tsd_twin.messages.status import Status, decode_stamp, decode_status
 from tsd_twin.topics import Service, Urgency
 
 _SENT_KEPT = 100
+_DESCRIPTION_BYTES = 2**20
+"""A description is its TOML and its URDF, some 30 kB."""
+_NO_MESHES = (
+    "The description names a folder of meshes. A dashboard reads no files that a robot names: "
+    "the generated look is shown."
+)
 STOP_REPEATS = 20
 """A stop is sent this often at 10 Hz, unless it is acknowledged before."""
 
@@ -79,20 +86,36 @@ class RobotLink:
     `poll` belongs to one thread; all else may be called from any.
     """
 
-    def __init__(self, bus: Bus, robot_id: str) -> None:
-        """Fetch the description of a living robot.
+    def __init__(self, bus: Bus, robot_id: str, answer: bytes | None = None) -> None:
+        """Read the description of a living robot; without its `answer`, ask for it and wait.
 
         Raises:
-            BusError: it does not answer, or its description cannot be used.
+            BusError: it does not answer.
+            MessageError: its answer is no description.
+            RobotFileError: its description cannot be used.
         """
         self.id = robot_id
         self._bus = bus
-        answer = bus.ask(Service.DESC.key(robot_id), b"")
+        if answer is None:
+            answer = bus.ask(Service.DESC.key(robot_id), b"")
+        if len(answer) > _DESCRIPTION_BYTES:
+            raise MessageError("shape", f"a description of {len(answer)} bytes is too long")
         description = decode_json(answer, Description, "a description")
-        self.robot = robots.parse(description.robot, f"description of {robot_id}")
+        robot = robots.parse(description.robot, f"description of {robot_id}")
+        self.ignored = ""
+        """What of the description is not obeyed, as a sentence; "" if all of it is."""
+        if robot.body.meshes is not None:
+            # A folder of the robot's machine; here it would name files that are not the robot's.
+            self.ignored = _NO_MESHES
+            body = msgspec.structs.replace(robot.body, meshes=None)
+            robot = msgspec.structs.replace(robot, body=body)
+        self.robot = robot
         self.urdf = description.urdf
         self.drive = self.robot.kinematics()
         self.snapshot = Snapshot()
+        self.has_namesake = False
+        """Whether another robot on the bus has the same id, so that all streams are of two."""
+        self._frozen: Status | None = None
         decode_pose = partial(decode_odometry, turning=self.drive.space is SO3)
         self.trips = RoundTrips()
         """How long the robot takes to answer, as far as it has been measured."""
@@ -127,8 +150,32 @@ class RobotLink:
             self._twists.clear()
 
     def poll(self, now_s: float) -> bool:
-        """Take in what has arrived, and return whether there is a new status."""
+        """Take in what has arrived, and return whether there is a new status.
+
+        While another robot has the same id, the picture stands still and the status says why:
+        what arrives would show two robots in turn.
+        """
         fresh: dict[str, Any] = {}
+        new_status = self._poll_streams(fresh, now_s)
+        if self.has_namesake:
+            fresh = self._of_two(fresh) if new_status else {}
+        else:
+            self._frozen = None
+        if fresh:
+            self.snapshot = replace(self.snapshot, **fresh, received_s=now_s)
+        return new_status
+
+    def _of_two(self, fresh: dict[str, Any]) -> dict[str, Any]:
+        if self._frozen is None:
+            self._frozen = msgspec.structs.replace(
+                self.snapshot.status or fresh["status"],
+                mode="fault",
+                stop_reason=namesake_words(self.id),
+                arming=None,
+            )
+        return {"status": self._frozen, "status_seq": self.snapshot.status_seq + 1}
+
+    def _poll_streams(self, fresh: dict[str, Any], now_s: float) -> bool:
         for name, (reader, decode) in self._readers.items():
             if (sample := reader.newest()) is not None:
                 try:
@@ -137,10 +184,7 @@ class RobotLink:
                     continue  # Somebody else writes on this key; the age of the state will tell.
         if "odom" in fresh:
             fresh["odom_s"] = now_s
-        new_status = self._poll_status(fresh)
-        if fresh:
-            self.snapshot = replace(self.snapshot, **fresh, received_s=now_s)
-        return new_status
+        return self._poll_status(fresh)
 
     def _poll_status(self, fresh: dict[str, Any]) -> bool:
         sample = self._status.newest()

@@ -6,6 +6,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import Protocol
 
 from tsd_twin.dashboard.fleet import Fleet
@@ -54,15 +55,25 @@ class Ticker:
 
     def run(self, stop: threading.Event) -> None:
         """Run until `stop` is set."""
-        while not stop.wait(1.0 / RATE_HZ):
-            try:
-                self._tick(time.monotonic())
-            except Exception:  # A frame that fails must not end the picture for everybody.
-                _LOG.exception("a frame was lost")
+        # A new look takes a second to draw: the robots that are there already are polled meanwhile.
+        with ThreadPoolExecutor(1, "canvas") as drawing:
+            while not stop.wait(1.0 / RATE_HZ):
+                try:
+                    self._tick(time.monotonic(), drawing)
+                except Exception:  # A frame that fails must not end the picture for everybody.
+                    _LOG.exception("a frame was lost")
+            drawing.shutdown(wait=False, cancel_futures=True)
 
-    def _tick(self, now_s: float) -> None:
+    def _add(self, link: RobotLink) -> None:
+        try:
+            self._canvas.add(link)
+        except Exception:  # Descriptions come from the bus; the others are drawn all the same.
+            _LOG.exception("robot %s cannot be drawn", link.id)
+        self._stale.pop(link.id, None)  # What is new on the canvas looks live.
+
+    def _tick(self, now_s: float, drawing: Executor) -> None:
         for robot_id in self._fleet.refresh():
-            self._canvas.add(self._fleet.links[robot_id])
+            drawing.submit(self._add, self._fleet.links[robot_id])
         for robot_id, event in self._fleet.take_events():
             self._on_event(robot_id, event)
         for robot_id, link in self._fleet.links.items():

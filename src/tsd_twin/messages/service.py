@@ -146,6 +146,11 @@ def decode_json(payload: bytes, kind: type[StructT], what: str) -> StructT:
         raise MessageError("shape", f"not {what}: {error}") from error
 
 
+def namesake_words(robot_id: str) -> str:
+    """Return what is wrong with a bus that has several robots of one id."""
+    return f"another robot with the id '{robot_id}' is on the bus: end one, or choose another id"
+
+
 def to_builtins(message: msgspec.Struct) -> Mapping[str, Any]:
     """Return a message as plain dicts and lists."""
     return msgspec.to_builtins(message)

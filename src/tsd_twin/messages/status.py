@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 import msgspec
 
@@ -12,6 +12,8 @@ from tsd_twin.errors import MessageError
 from tsd_twin.messages.service import decode_json
 
 _STAMP = struct.Struct("<Qq")
+_LEVELS = 8
+"""How deep `hardware` may be nested; that of the robots here has three levels."""
 
 
 class LeaseStatus(msgspec.Struct, frozen=True):
@@ -158,7 +160,10 @@ def decode_status(payload: bytes) -> Status:
     Raises:
         MessageError: `shape`, when this is no status.
     """
-    return decode_json(payload, Status, "a status")
+    status = decode_json(payload, Status, "a status")
+    if _is_deeper(status.hardware, _LEVELS):  # What can be read cannot always be written again.
+        raise MessageError("shape", f"hardware is nested in more than {_LEVELS} levels")
+    return status
 
 
 def encode_stamp(seq: int, robot_ns: int) -> bytes:
@@ -176,3 +181,12 @@ def decode_stamp(attachment: bytes) -> tuple[int, int]:
         return _STAMP.unpack(attachment)
     except struct.error as error:
         raise MessageError("shape", f"stamp: {error}") from error
+
+
+def _is_deeper(value: Any, levels: int) -> bool:
+    """Return whether a value of JSON is nested in more than so many levels."""
+    if not isinstance(value, dict | list):
+        return False
+    inside = cast("Any", value)
+    parts = inside.values() if isinstance(value, dict) else inside
+    return levels <= 0 or any(_is_deeper(part, levels - 1) for part in parts)

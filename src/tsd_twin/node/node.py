@@ -18,6 +18,7 @@ from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.ros import Odometry, encode_joints, encode_odometry
 from tsd_twin.messages.service import Description, Event
 from tsd_twin.messages.status import encode_stamp, encode_status
+from tsd_twin.node.namesakes import Namesakes
 from tsd_twin.node.rate import RateKeeper
 from tsd_twin.node.robot_io import Guarded, RobotIO, Simulated
 from tsd_twin.robots import Robot
@@ -71,7 +72,11 @@ class RobotNode:
         self._commands = bus.reader(topics.TWIST.key(robot_id), _COMMANDS_KEPT)
         self._poses = bus.reader(topics.OUTSIDE_POSE.key(robot_id), _POSES_KEPT)
         self._stops = bus.reader(topics.STOP.key(robot_id), 8)
-        self._servers = {service: bus.server(service.key(robot_id)) for service in Service}
+        # To describe itself has no effect; a stop by who explores the bus would have one.
+        self._servers = {
+            service: bus.server(service.key(robot_id), patterns=service is Service.DESC)
+            for service in Service
+        }
         states = tuple(topic for topic in topics.TOPICS if topic.path.startswith("state/"))
         self._publishers = {
             topic: bus.publisher(topic.key(robot_id), topic.urgency, topic.type) for topic in states
@@ -79,6 +84,7 @@ class RobotNode:
         self._event_publishers: dict[str, Publisher] = {}
         self._numbers = dict.fromkeys(states, 0)
         self._mode = self._core.authority.mode
+        self._namesakes = Namesakes(bus, robot_id)
         # Last: who hears of the robot may ask it at once.
         self._token = bus.announce(alive)
 
@@ -101,6 +107,7 @@ class RobotNode:
         finally:
             self._io.close()
             self._token.close()
+            self._namesakes.close()
 
     def _tick(self, now_s: float, tick: int, rate: RateKeeper) -> None:
         measured = self._io.read(now_s)
@@ -110,9 +117,12 @@ class RobotNode:
         commands = self._commands.take()
         if poses := self._poses.take():
             self._core.see(poses, now_s, time.time_ns())
-        fault = self._guard.fault(now_s) if self._guard else ""
-        self._write(self._core.step(now_s, measured, commands, fault), now_s)
+        self._write(self._core.step(now_s, measured, commands, self._fault(now_s)), now_s)
         self._publish(now_s, tick, bool(commands), rate)
+
+    def _fault(self, now_s: float) -> str:
+        # Two robots that obey the same commands are worse than what a board objects to.
+        return self._namesakes.step(now_s) or (self._guard.fault(now_s) if self._guard else "")
 
     def _write(self, setpoint: Array, now_s: float) -> None:
         if self._guard:
@@ -139,6 +149,8 @@ class RobotNode:
             self._publish_poses(now_s, stamp_ns)
         for event in core.take_events():
             self._put_event(event)
+        if (met := self._namesakes.take_event()) is not None:
+            self._put_event(met)
         if tick % _STATUS_EVERY == 0 or core.authority.mode is not self._mode:
             self._mode = core.authority.mode
             status = core.status(now_s, rate.status(), self._io.hardware())

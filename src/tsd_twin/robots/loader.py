@@ -19,6 +19,11 @@ from tsd_twin.robots.robot import Problem, Robot, Table
 from tsd_twin.robots.singularity import SingularityRobot
 
 _PACKAGE = "tsd_twin.robots"
+LONGEST = 16_384
+"""Characters of a description; those that come with the program have fewer than 3,000.
+
+Descriptions come over the bus too, and some that are longer take a TOML reader a minute.
+"""
 
 RobotT = TypeVar("RobotT", bound=Robot)
 
@@ -82,6 +87,8 @@ def parse(toml: str, file: str) -> Robot:
     Raises:
         RobotFileError: as in `load`.
     """
+    if len(toml) > LONGEST:
+        raise RobotFileError(file, f"{len(toml)} characters are too many", f"at most {LONGEST}")
     kind: type[Robot] = Robot
     try:
         tables: Any = msgspec.toml.decode(toml)
@@ -89,7 +96,10 @@ def parse(toml: str, file: str) -> Robot:
         robot = msgspec.convert(tables, kind)
     except msgspec.ValidationError as error:
         raise RobotFileError(file, *_explain(str(error), kind)) from error
-    except msgspec.DecodeError as error:
+    except RecursionError as error:
+        raise RobotFileError(file, "tables or lists are nested too deeply") from error
+    # Python itself refuses whole numbers of thousands of digits, as a plain ValueError.
+    except (msgspec.DecodeError, ValueError) as error:
         raise RobotFileError(file, f"not valid TOML: {error}") from error
     _check(robot, file)
     return robot

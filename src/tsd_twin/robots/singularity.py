@@ -31,7 +31,7 @@ from tsd_twin.robots.units import RPM
 class SingularityGeometry(Table, frozen=True, tag="singularity", tag_field="kind"):
     """`[drive]` of a singularity drive."""
 
-    azimuths_deg: Annotated[list[float], Meta(min_length=2)]
+    azimuths_deg: Annotated[list[float], Meta(min_length=2, max_length=12)]
     """Direction of each pivot, from X forward towards Y left."""
     pivot_radius_m: Positive
     wheel_radius_m: Positive

@@ -146,5 +146,6 @@ def decode(text: str | bytes) -> FromPage:
     """
     try:
         return _DECODER.decode(text)
-    except (msgspec.DecodeError, UnicodeError) as error:
+    # Text that is not UTF-8 and thousands of brackets are not among the errors of msgspec.
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
         raise MessageError("shape", str(error)) from error

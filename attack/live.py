@@ -1,0 +1,131 @@
+"""Live processes to attack: robots, dashboards, and a session that makes robots up."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import threading
+import time
+import urllib.request
+from collections.abc import Callable, Generator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, cast
+
+from tests.app.conftest import Program
+from tests.node.pilot import Pilot
+from tests.running import QUICK, RunningNode
+from tsd_twin import robots, topics
+from tsd_twin.bus import Bus
+from tsd_twin.topics import Service
+
+PATIENCE_S = 20.0
+
+
+def seconds_until(condition: Callable[[], Any], patience_s: float = PATIENCE_S) -> float:
+    """Return how long something took to become true; infinity when it did not in time."""
+    start_s = time.monotonic()
+    while time.monotonic() - start_s < patience_s:
+        if condition():
+            return time.monotonic() - start_s
+        time.sleep(0.01)
+    return float("inf")
+
+
+@contextmanager
+def program(*arguments: str, preload: str = "") -> Generator[Program]:
+    """Run one of the programs; `preload` is a library that takes the place of parts of libc."""
+    if preload:
+        os.environ["LD_PRELOAD"] = preload
+    try:
+        started = Program(list(arguments))
+    finally:
+        os.environ.pop("LD_PRELOAD", None)
+    try:
+        yield started
+    finally:
+        started.clean_up()
+
+
+@contextmanager
+def mock(*flags: str, preload: str = "") -> Generator[RunningNode]:
+    """Run a simulated robot as a user would; bus and joints are those of its process."""
+    with program("tsd_mock", "--listen", "tcp/127.0.0.1:0", *flags, preload=preload) as started:
+        endpoint = started.ready().split()[-1]
+        robot_id = flags[flags.index("--id") + 1] if "--id" in flags else "tsd"
+        yield behind(endpoint, robot_id)
+
+
+def behind(endpoint: str, robot_id: str = "tsd") -> RunningNode:
+    """Return what an operator has to know of a robot that is reached at an endpoint."""
+    nothing = cast("Any", None)
+    return RunningNode(robot_id, robots.text("tsd"), robots.load("tsd"), nothing, endpoint, nothing)
+
+
+@contextmanager
+def dashboard(endpoint: str, preload: str = "") -> Generator[tuple[Program, int]]:
+    """Run a dashboard; yields its process and its port."""
+    flags = ("--port", "0", "--connect", endpoint)
+    with program("tsd_dashboard", *flags, preload=preload) as started:
+        (url,) = re.findall(r"http://\S+", started.ready())
+        yield started, int(re.findall(r":(\d+)", url)[0])
+
+
+def shown(port: int) -> set[str]:
+    """Return the robots that a dashboard knows."""
+    with urllib.request.urlopen(f"http://127.0.0.1:{port}/healthz", timeout=5.0) as answer:
+        return set(json.load(answer)["robots"])
+
+
+def threads_of(started: Program) -> int:
+    """Return how many threads a process has."""
+    status = Path(f"/proc/{started.process.pid}/status").read_text("ascii")
+    (line,) = (line for line in status.splitlines() if line.startswith("Threads:"))
+    return int(line.split()[1])
+
+
+@contextmanager
+def operator(node: RunningNode, name: str = "alice") -> Generator[Pilot]:
+    """Return an operator whose robot is armed and ready."""
+    with Pilot(node, name) as pilot:
+        pilot.get_ready()
+        yield pilot
+
+
+class MadeUp:
+    """Robots that a session makes up: tokens, and descriptions of any kind."""
+
+    def __init__(self, bus: Bus) -> None:
+        self._bus = bus
+        self._ends = threading.Event()
+        self._stack = ExitStack()
+        self._silent: list[object] = []
+
+    def __enter__(self) -> MadeUp:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ends.set()
+        self._stack.close()
+
+    def announce(self, robot_id: str, *, silent: bool = False) -> None:
+        """Announce a robot that is not there; `silent`: it is asked, and never answers."""
+        if silent:
+            self._silent.append(self._bus.server(Service.DESC.key(robot_id)))
+        self._bus.announce(topics.alive_key(robot_id))
+
+    def describe(self, robot_id: str, toml: str = QUICK) -> None:
+        """Announce a robot that describes itself so."""
+        server = self._bus.server(Service.DESC.key(robot_id))
+        answer = json.dumps({"robot": toml, "urdf": ""}).encode()
+
+        def serve() -> None:
+            while not self._ends.wait(0.005):
+                for request in server.take():
+                    request.reply(answer)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        self._stack.callback(thread.join)
+        self._bus.announce(topics.alive_key(robot_id))
