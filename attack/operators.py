@@ -68,6 +68,27 @@ class Raw:
         """The newest that has come over its link."""
         return self._link.snapshot.status
 
+    @property
+    def link(self) -> RobotLink:
+        """Its link to the robot."""
+        return self._link
+
+    @property
+    def driver(self) -> Driver:
+        """The lease that it holds.
+
+        Raises:
+            TimeoutError: it has never become ready.
+        """
+        if self._driver is None:
+            raise TimeoutError("it has no lease")
+        return self._driver
+
+    def renew(self) -> None:
+        """Renew the lease without a command."""
+        lease = self.driver.lease_hex
+        self._link.ask_lease(LeaseRequest(op="renew", operator="raw", lease=lease))
+
     def get_ready(self, max_age_s: float) -> None:
         """Take control under a lease, and arm; ask again as long as the robot is not ready.
 

@@ -1,0 +1,89 @@
+"""Commands that are held back over a stop and the next arming, at every shipped robot."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+from attack.operators import Raw
+from attack.table import Row
+from tests.app.conftest import Program
+from tsd_twin import robots, topics
+from tsd_twin.bus import Bus, client_config
+from tsd_twin.messages.command import encode_attachment
+from tsd_twin.messages.ros import BASE, TwistStamped, decode_odometry, encode_twist
+from tsd_twin.messages.service import HolderRequest, StopRequest
+from tsd_twin.topics import Service, Urgency
+
+MAX_AGE_S = 1.0
+PUSHED_S = 0.5
+WATCHED_S = 1.0
+STILL_M = 0.001
+
+
+def rows() -> Iterator[Row]:
+    """Hold one command back over STOP, reset and arm, and send it to the armed robot."""
+    for name in robots.names():
+        flags = ("--robot", name, "--listen", "tcp/127.0.0.1:0", "--until-eof")
+        program = Program(["tsd_mock", *flags])
+        try:
+            endpoint = program.ready().split()[-1]
+            moved_m, ready_s = _late_command(endpoint, name)
+        finally:
+            program.process.kill()
+        yield Row(
+            f"{name}: a command held back over STOP, reset and arm ({ready_s:.1f} s)",
+            f"moves it by no more than {1000 * STILL_M:g} mm",
+            f"{1000 * moved_m:.1f} mm",
+            moved_m <= STILL_M,
+        )
+
+
+def _late_command(endpoint: str, name: str) -> tuple[float, float]:
+    """Return the travel after the late command, and the time from STOP until it was sent."""
+    drive = robots.load(name).kinematics()
+    raw = Raw(endpoint, name)
+    bus = Bus(client_config([endpoint]))
+    try:
+        bus.wait_for_peer(5.0)
+        truths = bus.reader(topics.TRUTH.key(name), 64)
+        commands = bus.publisher(topics.twist_key(name, "raw"), Urgency.REAL_TIME)
+        raw.get_ready(MAX_AGE_S)
+        raw.push(0.2)
+        time.sleep(PUSHED_S)
+        twist = np.zeros(6)
+        twist[drive.components[0]] = 0.2
+        link, driver = raw.link, raw.driver
+        lease = bytes.fromhex(driver.lease_hex)
+        late = encode_attachment(10**9, lease, link.snapshot.status_seq)
+        raw.let_go()
+        stopped_s = time.monotonic()
+        link.ask(Service.STOP, StopRequest("bob"))
+        time.sleep(0.52)
+        link.ask(Service.RESET, HolderRequest(driver.lease_hex))
+        link.ask(Service.ARM, HolderRequest(driver.lease_hex))
+        while (status := raw.status) is None or status.mode != "ready":
+            if time.monotonic() - stopped_s > 10.0:
+                raise TimeoutError(f"{name} does not become ready")
+            time.sleep(0.005)
+            raw.renew()
+        before = _top(truths.take()[-1].payload, name)
+        late_s = time.monotonic() - stopped_s
+        commands.put(encode_twist(TwistStamped(BASE, twist)), late)
+        time.sleep(WATCHED_S)
+        after = _top(truths.take()[-1].payload, name)
+        return math.dist(before, after), late_s
+    finally:
+        raw.close()
+        bus.close()
+
+
+def _top(payload: bytes, name: str) -> tuple[float, ...]:
+    """Return x and y of a robot; of a sphere its quaternion."""
+    truth = decode_odometry(payload, turning=name == "atlas")
+    if truth.wxyz is not None:
+        return tuple(truth.wxyz.tolist())
+    return tuple(truth.xy_heading[:2].tolist())
