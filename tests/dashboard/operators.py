@@ -166,6 +166,7 @@ class Site:
         self.fleet = Fleet(bus)
         self._loop = asyncio.new_event_loop()
         self._ended = threading.Event()
+        self._deaf = threading.Event()
         self.audience = Audience(
             self.fleet, self.released.append, lambda page, robot: self.chosen.append((page, robot))
         )
@@ -211,6 +212,10 @@ class Site:
         finally:
             opened.close()
 
+    def deafen(self) -> None:
+        """Hear nothing more from any robot."""
+        self._deaf.set()
+
     def close(self) -> None:
         self.run(self.gateway.stop())
         self._ended.set()
@@ -221,6 +226,8 @@ class Site:
 
     def _poll(self) -> None:
         while not self._ended.wait(1.0 / 60.0):
+            if self._deaf.is_set():
+                continue
             self.fleet.refresh()
             for robot_id, event in self.fleet.take_events():
                 self.tell(robot_id, event)
