@@ -177,3 +177,16 @@ def test_the_end_of_the_gateway_lets_go_of_the_robot_and_of_control() -> None:
             lease = ending.link.snapshot.status.lease
             if lease.holder is None and ending.link.snapshot.status.mode == "ready":
                 done.set()
+
+
+def test_control_that_is_asked_for_anew_is_let_go_of_first(served: Site) -> None:
+    with served.page() as page:
+        page.make_ready()
+        before = len(page.all("released"))
+        page.drive()
+        assert page.take()["ok"]
+        page.until(lambda: page.all("released")[before:])
+        page.until(lambda: page.mode == "ready")
+        commands = Commands(served, page)
+        settle(page)  # The stick is still held.
+        assert not any(command.twist.any() for command in commands.take())
