@@ -183,10 +183,10 @@ def test_control_that_is_asked_for_anew_is_let_go_of_first(served: Site) -> None
     with served.page() as page:
         page.make_ready()
         before = len(page.all("released"))
+        commands = Commands(served, page)
         page.drive()
         assert page.take()["ok"]
         page.until(lambda: page.all("released")[before:])
         page.until(lambda: page.mode == "ready")
-        commands = Commands(served, page)
         settle(page)  # The stick is still held.
-        assert not any(command.twist.any() for command in commands.take())
+        assert is_put_to_rest(commands.take())
