@@ -7,6 +7,7 @@ again whenever it is cut off. Prints how often that was, and how many frames wen
 from __future__ import annotations
 
 import json
+import logging
 import os
 import secrets
 import sys
@@ -64,6 +65,7 @@ def flood(port: int, cookie: str, number: int, end_s: float, counts: Counter[str
 
 def main(port: int, seconds: float, cookies: list[str]) -> None:
     """Flood with all of them at once."""
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)  # Being cut off is no news.
     os.nice(19)  # They stand for other machines, which take no processor time of this one.
     counts: Counter[str] = Counter()
     end_s = time.monotonic() + seconds
