@@ -30,12 +30,11 @@ from tests.dashboard.operators import Page
 from tests.dashboard.viewers import CAMERA
 from tests.running import ANY_PORT, QUICK
 from tsd_twin.access import Role, Users
-from tsd_twin.dashboard.allowance import CutOff
 
 VIEWERS = 10
-STOPS = 60
-"""Enough for a 99th percentile that is the second worst."""
-FLOOD_S = 16.0
+STOPS = 200
+"""Enough for a 99th percentile that is the third worst."""
+FLOOD_S = 18.0
 DRIVE_S = 4.0
 CAMERAS, BURST = 20_000, 250
 """Malformed camera messages, and how many of them on one socket: below what cuts it off."""
@@ -102,7 +101,7 @@ def rows() -> Generator[Row]:
         finally:
             driver.close()
             stopper.close()
-        time.sleep(CutOff.STAYS_OUT_S + 1.0)
+        guests = [it.cookie(f"guest{number}") for number in range(VIEWERS)]  # Those stay out.
         yield from unreadable(it, guests)
 
 
@@ -128,10 +127,11 @@ def flooded(scene: Scene, driver: Page, stopper: Page, guests: list[str]) -> Gen
     )
     took_ms = [1000.0 * stop_s(stopper) for _ in until(end_s, STOPS)]
     p50, p99 = statistics.median(took_ms), sorted(took_ms)[-1 - len(took_ms) // 100]
+    most = max(took_ms)
     yield Row(
         f"ten viewers flood, {len(took_ms)} times STOP by another operator",
         "p99 <= 100 ms",
-        f"p50 {p50:.0f} ms, p99 {p99:.0f} ms",
+        f"p50 {p50:.0f}, p99 {p99:.0f}, most {most:.0f} ms",
         p99 <= 100.0 and len(took_ms) >= STOPS // 2,
     )
     saw = json.loads(flooder.stdout.read())
@@ -199,7 +199,7 @@ def stop_s(page: Page) -> float:
     page.send(t="stop")
     page.until(lambda: page.all("reply")[before:])
     took_s = time.monotonic() - begin_s
-    time.sleep(0.05)
+    time.sleep(0.02)
     return took_s
 
 

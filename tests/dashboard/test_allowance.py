@@ -125,5 +125,18 @@ def test_who_was_cut_off_waits_and_is_forgotten_then() -> None:
     assert cut_off.waits_s("4999", 10.0) == CutOff.STAYS_OUT_S
     assert cut_off.waits_s("4999", 10.0 + CutOff.STAYS_OUT_S) == 0.0
     assert cut_off.waits_s("somebody else", 10.0) == 0.0
-    assert len(cut_off._until_s) <= 1000
+    assert len(cut_off._out) <= 1000
     assert cut_off.count == 5000
+
+
+def test_who_floods_again_and_again_stays_out_longer_and_longer_up_to_a_minute() -> None:
+    cut_off, now_s, waits_s = CutOff(), 100.0, list[float]()
+    for _ in range(6):
+        cut_off.note("guest", now_s)
+        cut_off.note("guest", now_s)  # A second socket of the same login counts once.
+        waits_s.append(cut_off.waits_s("guest", now_s))
+        now_s += waits_s[-1] + 1.0
+    assert waits_s == pytest.approx([5.0, 10.0, 20.0, 40.0, 60.0, 60.0])
+    now_s += CutOff.LONGEST_S
+    cut_off.note("guest", now_s)
+    assert cut_off.waits_s("guest", now_s) == pytest.approx(5.0)

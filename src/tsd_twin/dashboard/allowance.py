@@ -142,24 +142,35 @@ def _kind_of(text: str) -> str:
 
 
 class CutOff:
-    """Logins and pages whose socket was closed for flooding, and until when they stay out."""
+    """Logins and pages whose socket was closed for flooding, and until when they stay out.
+
+    Who floods again soon after stays out twice as long as the time before.
+    """
 
     STAYS_OUT_S = 5.0
+    LONGEST_S = 60.0
     _MOST = 1000
 
     def __init__(self) -> None:
-        self._until_s: dict[str, float] = {}
+        self._out: dict[str, tuple[float, float]] = {}
+        """For how long, and until when."""
         self.count = 0
         """Sockets that were closed so far."""
 
     def note(self, key: str, now_s: float) -> None:
         """Note that a socket of this login, or this page, flooded."""
         self.count += 1
-        self._until_s = {who: until for who, until in self._until_s.items() if until > now_s}
-        while len(self._until_s) >= self._MOST:
-            del self._until_s[next(iter(self._until_s))]
-        self._until_s[key] = now_s + self.STAYS_OUT_S
+        recent = now_s - self.LONGEST_S
+        self._out = {who: out for who, out in self._out.items() if out[1] > recent}
+        before_s, until_s = self._out.pop(key, (0.0, 0.0))
+        while len(self._out) >= self._MOST:
+            del self._out[next(iter(self._out))]
+        if until_s > now_s:  # Another socket of the same, which was open already.
+            self._out[key] = (before_s, until_s)
+            return
+        stays_s = min(max(self.STAYS_OUT_S, 2.0 * before_s), self.LONGEST_S)
+        self._out[key] = (stays_s, now_s + stays_s)
 
     def waits_s(self, key: str, now_s: float) -> float:
         """Return for how much longer no new socket is opened; 0 when one is."""
-        return max(0.0, self._until_s.get(key, 0.0) - now_s)
+        return max(0.0, self._out.get(key, (0.0, 0.0))[1] - now_s)

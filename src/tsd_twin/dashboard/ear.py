@@ -47,8 +47,8 @@ class Ear:
         self._says = Rate(0.1)
         self._refusing = 0
 
-    async def refuse(self, key: str) -> None:
-        """Refuse a new socket to a login or a page that has just flooded.
+    async def admit(self, request: web.Request, key: str) -> None:
+        """Refuse a new socket to a login or a page that has just flooded; prepare it otherwise.
 
         Raises:
             web.HTTPTooManyRequests: it has to wait.
@@ -65,6 +65,7 @@ class Ear:
                 text=f"Too many messages came from here: wait {wait_s:.0f} s.",
                 headers={"Retry-After": str(int(wait_s) + 1)},
             )
+        hold_little(request)
 
     async def messages(
         self, request: web.Request, socket: web.WebSocketResponse, limits: Limits, key: str
@@ -73,7 +74,6 @@ class Ear:
 
         `socket` must not answer pings by itself: a flood of them would never come here.
         """
-        hold_little(request)
         allowance = Allowance(limits)
         in_a_row, before_s = 0, 0.0
         while True:

@@ -110,7 +110,7 @@ class Gateway:
 
     async def _serve_viser(self, request: web.Request) -> web.StreamResponse:
         page, visitor = self._page_of(request, request.match_info["page"]), visitor_of(request)
-        await self._ear.refuse(visitor.key or page)
+        await self._ear.admit(request, visitor.key or page)
         return await self._proxy.serve(
             request, page, visitor, lambda socket: self._door.holding(visitor, socket)
         )
@@ -118,7 +118,7 @@ class Gateway:
     async def _serve_teleop(self, request: web.Request) -> web.StreamResponse:
         page, visitor = self._page_of(request, request.query.get("page", "")), visitor_of(request)
         key = visitor.key or page
-        await self._ear.refuse(key)
+        await self._ear.admit(request, key)
         socket = web.WebSocketResponse(
             timeout=_GOODBYE_S,
             compress=False,
