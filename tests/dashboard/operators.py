@@ -66,6 +66,14 @@ class Page:
     def send_raw(self, frame: str | bytes) -> None:
         self._socket.send(frame)
 
+    def send_together(self, data: bytes) -> None:
+        """Send frames as they stand in `data`, so that they arrive together."""
+        self._socket.socket.sendall(data)
+
+    @property
+    def close_reason(self) -> str | None:
+        return self._socket.close_reason
+
     @property
     def state(self) -> dict[str, Any]:
         return self.last("state")

@@ -42,7 +42,7 @@ def at_once(page: Page, *texts: str | bytes) -> None:
     opcodes = [Opcode.TEXT if isinstance(text, str) else Opcode.PING for text in texts]
     data = [text.encode() if isinstance(text, str) else text for text in texts]
     frames = [Frame(*each).serialize(mask=True) for each in zip(opcodes, data, strict=True)]
-    page._socket.socket.sendall(b"".join(frames))
+    page.send_together(b"".join(frames))
 
 
 @pytest.mark.parametrize("text", [FLOOD, "[" * 30, '{"t":"beat","seen":0,"sent_ms":1}', b"ping"])
@@ -54,7 +54,7 @@ def test_a_page_that_floods_is_cut_off_and_stays_out_for_a_while(
         page.until(lambda: page.state)
         at_once(page, *[text] * TOO_MANY)
         assert page.until(lambda: page.closed) == POLICY_VIOLATION
-        assert page._socket.close_reason == TOO_MUCH
+        assert page.close_reason == TOO_MUCH
         with pytest.raises(InvalidStatus) as refused:
             Page(guarded.port, "00000000000000ab", cookie=guest)
         assert refused.value.response.status_code == 429
@@ -215,7 +215,7 @@ def test_of_the_same_work_no_more_than_one_waits() -> None:
     for number in range(1000):
         chores.soon("same", lambda number=number: done.append(number))
         chores.soon(number % 3, lambda: None)
-    assert chores._pool._work_queue.qsize() == 4
+    assert chores.waiting == 4
     go.set()
     chores.close()
     assert done == [999]

@@ -157,6 +157,10 @@ class CutOff:
         self.count = 0
         """Sockets that were closed so far."""
 
+    def __len__(self) -> int:
+        """Return how many are remembered."""
+        return len(self._out)
+
     def note(self, key: str, now_s: float) -> None:
         """Note that a socket of this login, or this page, flooded."""
         self.count += 1

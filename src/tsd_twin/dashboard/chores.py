@@ -20,6 +20,12 @@ class Chores:
         self._lock = threading.Lock()
         self._waiting: dict[Hashable, Callable[[], None]] = {}
 
+    @property
+    def waiting(self) -> int:
+        """Number of pieces of work that wait under a key."""
+        with self._lock:
+            return len(self._waiting)
+
     def soon(self, key: Hashable, work: Callable[[], None]) -> None:
         """Do `work` soon; it replaces what still waits under the same key."""
         with self._lock:

@@ -107,7 +107,8 @@ class Ear:
 
     async def say_goodbye(self, request: web.Request, socket: web.WebSocketResponse) -> None:
         """Close a socket that was cut off, with code and reason, without reading on."""
-        if not is_hung_up(request) or request.transport is None:
+        transport = request.transport
+        if not is_hung_up(request) or transport is None:
             return
         payload = POLICY_VIOLATION.to_bytes(2, "big") + TOO_MUCH.encode()
         try:
@@ -117,8 +118,7 @@ class Ear:
         except (ConnectionError, TimeoutError):
             pass
         finally:
-            if request.transport is not None:
-                request.transport.abort()
+            transport.abort()
 
 
 _HUNG_UP = web.RequestKey("_HUNG_UP", bool)
