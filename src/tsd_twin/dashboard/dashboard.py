@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -22,6 +23,8 @@ from tsd_twin.messages.service import Event
 
 TITLE = "tsd-twin"
 _LOOK_FOR_STOP_S = 0.2
+_SWITCH_S = 0.001
+"""A busy thread keeps the others waiting for so long; a stop passes through four of them."""
 
 
 async def run(
@@ -40,6 +43,7 @@ async def run(
         TwinError: the address cannot be used, or not with these rules.
     """
     rules.check(host)
+    sys.setswitchinterval(_SWITCH_S)
     loop = asyncio.get_running_loop()
     fleet = Fleet(bus)
     # Panels wait for a frame to be drawn; the loop between fingers and robots must not.
