@@ -68,6 +68,14 @@ class Page:
     def send_raw(self, frame: str | bytes) -> None:
         self._socket.send(frame)
 
+    def send_together(self, data: bytes) -> None:
+        """Send frames as they stand in `data`, so that they arrive together."""
+        self._socket.socket.sendall(data)
+
+    @property
+    def close_reason(self) -> str | None:
+        return self._socket.close_reason
+
     @property
     def state(self) -> dict[str, Any]:
         return self.last("state")
@@ -168,6 +176,7 @@ class Site:
         self.fleet = Fleet(bus)
         self._loop = asyncio.new_event_loop()
         self._ended = threading.Event()
+        self._deaf = threading.Event()
         self.audience = Audience(
             self.fleet, self.released.append, lambda page, robot: self.chosen.append((page, robot))
         )
@@ -213,6 +222,10 @@ class Site:
         finally:
             opened.close()
 
+    def deafen(self) -> None:
+        """Hear nothing more from any robot."""
+        self._deaf.set()
+
     def close(self) -> None:
         self.run(self.gateway.stop())
         self._ended.set()
@@ -223,6 +236,8 @@ class Site:
 
     def _poll(self) -> None:
         while not self._ended.wait(1.0 / 60.0):
+            if self._deaf.is_set():
+                continue
             self.fleet.refresh()
             for robot_id, event in self.fleet.take_events():
                 self.tell(robot_id, event)

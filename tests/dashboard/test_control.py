@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.dashboard.operators import Site, site
-from tests.dashboard.witnesses import Commands, settle, zeros_at_the_end
+from tests.dashboard.witnesses import Commands, is_put_to_rest, settle
 
 OTHER = "fedcba9876543210"
 
@@ -48,7 +48,7 @@ def test_with_control_and_armed_the_robot_goes_where_the_stick_says(served: Site
         page.holds = None
         page.send(t="release")
         page.until(lambda: page.mode == "ready")
-        assert zeros_at_the_end(commands.take()) == 1
+        assert is_put_to_rest(commands.take())
 
 
 def test_a_second_release_says_nothing_new(served: Site) -> None:
@@ -60,7 +60,7 @@ def test_a_second_release_says_nothing_new(served: Site) -> None:
         page.send(t="release")
         page.send(t="release")
         settle(page)
-        assert zeros_at_the_end(commands.take()) == 1
+        assert is_put_to_rest(commands.take())
 
 
 def test_a_page_that_falls_silent_while_it_drives_is_taken_to_have_let_go(served: Site) -> None:
@@ -72,7 +72,7 @@ def test_a_page_that_falls_silent_while_it_drives_is_taken_to_have_let_go(served
         page.holds = None
         assert page.until(lambda: page.last("released"))["reason"].startswith("no command")
         page.until(lambda: page.mode == "ready")
-        assert zeros_at_the_end(commands.take()) == 1
+        assert is_put_to_rest(commands.take())
         assert served.released == [page.name]
 
 
@@ -111,7 +111,7 @@ def test_a_socket_that_is_closed_puts_the_robot_at_rest_and_gives_control_back(
             commands = Commands(served, page)
         witness.until(lambda: witness.state["status"]["lease"]["holder"] is None)
         witness.until(lambda: witness.mode == "ready")
-        assert zeros_at_the_end(commands.take()) == 1
+        assert is_put_to_rest(commands.take())
 
 
 def test_a_page_without_a_beat_loses_control(served: Site) -> None:
@@ -144,7 +144,7 @@ def test_another_gets_control_by_taking_over_only_and_the_holder_is_told(served:
         assert page.operator in refusal["reason"]
         assert other.take(take_over=True)["ok"]
         page.until(lambda: not page.state["you"])
-        page.until(lambda: "lost control" in page.last("event")["text"])
+        page.until(lambda: "You have lost control" in page.last("event")["text"])
         other.until(lambda: other.state["you"])
         commands = Commands(served, page)
         settle(page)
@@ -171,9 +171,22 @@ def test_the_end_of_the_gateway_lets_go_of_the_robot_and_of_control() -> None:
         commands = Commands(ending, page)
         ending.run(ending.gateway.stop())
         assert page.until(lambda: page.closed) == 1001
-        assert zeros_at_the_end(commands.take()) == 1
+        assert is_put_to_rest(commands.take())
         done = threading.Event()
         while ending.link.snapshot.status is not None and not done.wait(0.01):
             lease = ending.link.snapshot.status.lease
             if lease.holder is None and ending.link.snapshot.status.mode == "ready":
                 done.set()
+
+
+def test_control_that_is_asked_for_anew_is_let_go_of_first(served: Site) -> None:
+    with served.page() as page:
+        page.make_ready()
+        before = len(page.all("released"))
+        commands = Commands(served, page)
+        page.drive()
+        assert page.take()["ok"]
+        page.until(lambda: page.all("released")[before:])
+        page.until(lambda: page.mode == "ready")
+        settle(page)  # The stick is still held.
+        assert is_put_to_rest(commands.take())

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from tests.dashboard.feeds import Feed
 from tests.dashboard.operators import Page, Site, site
-from tests.dashboard.witnesses import Commands, settle, zeros_at_the_end
+from tests.dashboard.witnesses import Commands, is_put_to_rest, settle
 from tsd_twin import robots
 from tsd_twin.dashboard.calls import Calls
 from tsd_twin.dashboard.floor import FARTHEST_M, Eye, NoPicture, on_floor
@@ -110,7 +110,7 @@ def test_held_the_robot_arrives_stops_and_does_nothing_more(served: Site) -> Non
         sent = commands.take()
         seen = {state["seen"] for state in page.all("state")}
         assert {command.status_seq for command in sent if command.twist.any()} <= seen
-        assert zeros_at_the_end(sent) == 1
+        assert is_put_to_rest(sent)
         settle(page)  # The button is still held.
         assert commands.take() == []
         let_go(page)
@@ -137,7 +137,7 @@ def test_let_go_on_the_way_it_stands_and_goes_on_only_when_held_anew(served: Sit
         at = page.state["pose"]
         let_go(page)
         page.until(lambda: page.mode == "ready")
-        assert zeros_at_the_end(commands.take()) == 1
+        assert is_put_to_rest(commands.take())
         assert math.dist(at[:2], page.state["pose"][:2]) < ROLLS_M
         left = page.until(lambda: planned(page))
         assert left["number"] > route["number"]
@@ -185,7 +185,7 @@ def test_whatever_ends_a_drive_ends_the_way(served: Site, end: Any) -> None:
         page.until(lambda: page.mode in ("ready", "stopped", "disarmed"))
         page.until(lambda: abs(page.state["twist"][0]) < 0.01)
         sent = commands.take()
-        assert zeros_at_the_end(sent) == 1
+        assert is_put_to_rest(sent)
         settle(page)  # Where the page still says that it holds, it does nothing.
         assert commands.take() == []
         page.focus = True

@@ -226,8 +226,10 @@ def test_no_client_can_ask_for_more_than_the_limits(made: Desk, numbers: list[fl
 
 
 def test_a_mode_that_there_is_not_is_no_driving(desk: Desk, viewer: Viewer) -> None:
-    viewer.set("mode", "ludicrous")
-    assert desk.move()[-2] == "preview"
+    for mode in ("ludicrous", "drive"):
+        viewer.set("mode", mode)
+        viewer.set("vx (m/s)", 0.25)
+        assert desk.move()[-2] == ("drive" if mode == "drive" else "preview")
 
 
 def test_preview_shows_its_own_gimbals_to_its_own_client(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from typing import Any
+import math
+from typing import Any, cast
 
 import msgspec
 import pytest
@@ -53,7 +54,111 @@ def test_of_all_that_viser_knows_nothing_else_passes(kind: str, role: Role) -> N
 @given(st.dictionaries(st.text(max_size=8) | st.just("value"), values, max_size=3))
 def test_of_a_control_only_the_value_can_be_set(updates: dict[str, Any]) -> None:
     result = through({**SLIDER, "updates": updates}, Role.OPERATOR)
-    assert (result is not None) == (list(updates) == ["value"])
+    assert (result is not None) == (list(updates) == ["value"] and is_plain(updates["value"]))
+    if result is not None:
+        assert result == {**SLIDER, "updates": updates}
+
+
+def is_plain(value: Any) -> bool:
+    """Tell whether it is what a slider, a box or a menu of ours can have."""
+    if isinstance(value, str):
+        return len(value) <= 200
+    return isinstance(value, bool | int) or (isinstance(value, float) and abs(value) <= 1e9)
+
+
+@pytest.mark.parametrize("role", ROLES)
+@given(st.sampled_from(sorted(CAMERA)), values)
+def test_a_camera_passes_as_browsers_send_it_or_not_at_all(
+    role: Role, field: str, value: Any
+) -> None:
+    if field == "type":
+        return
+    result = through({**CAMERA, field: value}, role)
+    if result is None:
+        return
+    assert set(result) == set(CAMERA)
+    shapes = [[type(n) for n in flat(each)] for each in (result, CAMERA)]
+    assert shapes[0] == shapes[1]
+    assert all(math.isfinite(number) for number in flat(result))
+
+
+def flat(camera: dict[str, Any]) -> list[float]:
+    """Return all numbers of a camera, in the order of its fields."""
+    values: list[Any] = [camera[field] for field in sorted(camera) if field != "type"]
+    return [
+        number
+        for value in values
+        for number in (cast("list[float]", value) if isinstance(value, list) else [value])
+    ]
+
+
+@pytest.mark.parametrize("role", ROLES)
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"look_at": "x" * 4000},
+        {"look_at": [0.0, 0.0]},
+        {"look_at": [0.0] * 4},
+        {"position": [math.nan, 0.0, 0.0]},
+        {"position": [0.0, 0.0, math.inf]},
+        {"position": [0.0, 0.0, 1e300]},
+        {"position": [0.0, 0.0, "1"]},
+        {"position": [0.0, 0.0, True]},
+        {"up_direction": {"x": 0.0}},
+        {"wxyz": [0.0, 0.0, 0.0, 0.0]},
+        {"wxyz": [1e200, 0.0, 0.0, 0.0]},
+        {"fov": 0.0},
+        {"fov": math.nan},
+        {"near": None},
+        {"image_height": -1},
+        {"image_width": 2**63},
+        {"image_width": "1280"},
+        {"more": 0},
+    ],
+)
+def test_a_camera_with_one_wrong_field_is_dropped(wrong: dict[str, Any], role: Role) -> None:
+    assert through({**CAMERA, **wrong}, role) is None
+
+
+@pytest.mark.parametrize("missing", [field for field in CAMERA if field != "type"])
+def test_a_camera_without_a_field_is_dropped(missing: str) -> None:
+    assert through({k: v for k, v in CAMERA.items() if k != missing}, Role.VIEWER) is None
+
+
+CLICK = {
+    "type": "SceneNodeClickMessage",
+    "name": "/w/r/ball-1/x",
+    "ray_origin": [0.0, 0.0, 1.0],
+    "ray_direction": [0.0, 0.0, -1.0],
+    "instance_index": None,
+    "screen_pos": [0.5, 0.5],
+    "modifier": None,
+    "owner": "",
+}
+
+
+def test_a_click_on_a_sphere_passes_for_an_operator() -> None:
+    assert through(CLICK, Role.OPERATOR) == CLICK
+    assert through(CLICK, Role.VIEWER) is None
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"name": "/w/r/ball-1"},
+        {"name": "/w/r/ball-1/x\n"},
+        {"name": "x/w/r/ball-1/x"},
+        {"ray_origin": [math.nan, 0.0, 0.0]},
+        {"ray_direction": [0.0]},
+        {"screen_pos": ["x", "y"]},
+        {"instance_index": 0.5},
+        {"modifier": "hyper"},
+        {"owner": "x" * 100},
+        {"more": 1},
+    ],
+)
+def test_a_click_with_one_wrong_field_is_dropped(wrong: dict[str, Any]) -> None:
+    assert through({**CLICK, **wrong}, Role.OPERATOR) is None
 
 
 @given(st.sampled_from(["ViewerCameraMessage", "GuiUpdateMessage"]), values)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from tests.dashboard.operators import Page, Site
 from tsd_twin import topics
+from tsd_twin.dashboard.control import REST_REPEATS
 from tsd_twin.messages.command import Command, decode_command
 
 KEPT = 4096
@@ -25,6 +26,11 @@ class Commands:
 def zeros_at_the_end(commands: list[Command]) -> int:
     moving = [bool(command.twist.any()) for command in commands]
     return moving[::-1].index(True) if any(moving) else len(moving)
+
+
+def is_put_to_rest(commands: list[Command]) -> bool:
+    """Tell whether they end with a zero, said again no more often than until it is acknowledged."""
+    return 1 <= zeros_at_the_end(commands) <= REST_REPEATS // 2
 
 
 def settle(page: Page) -> None:

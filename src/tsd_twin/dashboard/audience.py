@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from typing import Literal
 
-from aiohttp import WSMsgType, web
+from aiohttp import WSMessage, WSMsgType, web
 
 from tsd_twin.dashboard.calls import Calls
 from tsd_twin.dashboard.floor import NoPicture, Picture
@@ -154,9 +154,13 @@ class Audience:
         page: str,
         visitor: Visitor,
         socket: web.WebSocketResponse,
+        messages: AsyncIterator[WSMessage],
         holding: contextlib.AbstractContextManager[None],
     ) -> None:
-        """Have a page for as long as its socket is open; `holding` is what its visitor keeps."""
+        """Have a page for as long as its socket is open; `holding` is what its visitor keeps.
+
+        `messages` are what the socket says.
+        """
         if (before := self._sockets.get(page)) is not None:  # Its connection was lost unnoticed.
             await before.close(code=1001, message=b"the page has come back")
         session = Session(
@@ -173,7 +177,7 @@ class Audience:
         try:
             with holding:
                 session.fleet_changed()
-                async for message in socket:
+                async for message in messages:
                     if message.type is WSMsgType.TEXT:
                         session.receive(message.data)
                     else:

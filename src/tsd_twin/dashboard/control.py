@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import time
 from collections.abc import Sequence
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -19,6 +21,9 @@ from tsd_twin.topics import Service
 
 _LOG = logging.getLogger(__name__)
 
+REST_PERIOD_S = 0.02
+REST_REPEATS = 25
+"""A zero is sent again so often, unless a status shows before that it counted."""
 _GRACE_S = 0.3
 """A status that was under way when the lease was granted does not know of it."""
 
@@ -34,19 +39,50 @@ class Control:
         self._components = list(link.drive.components)
         self.max_age_s = driver.max_age_s
         """Commands that answer an older word of the robot do not count."""
+        self._resting: asyncio.TimerHandle | None = None
 
     def drive(self, twist: Sequence[float], seen: int, frame: str = BASE) -> None:
         """Send a twist (3,) at once, with the number of the state that its sender has seen."""
+        self._rests_no_more()
+        self._send(twist, seen, frame)
+
+    def rest(self) -> None:
+        """Send a zero, and again every 20 ms until a status of the robot shows that it counted.
+
+        It is said now, so it counts, whatever the page has seen. The bus may lose any command, and
+        the one before the zero would stand until it runs out. The next `drive` ends it, as does the
+        end of the lease, or half a second.
+        """
+        self._rests_no_more()
+        self._rest(REST_REPEATS, None)
+
+    def _rest(self, left: int, first: int | None) -> None:
+        self._resting = None
+        status = self.link.snapshot.status
+        if first is not None and status is not None:
+            if status.command.seq >= first and status.lease.holder == self._driver.operator:
+                return
+            if self.is_lost(status):
+                return
+        number = self._send((0.0, 0.0, 0.0), self.link.snapshot.status_seq, BASE)
+        if left > 0:
+            again = partial(self._rest, left - 1, number if first is None else first)
+            self._resting = asyncio.get_running_loop().call_later(REST_PERIOD_S, again)
+
+    def _rests_no_more(self) -> None:
+        if self._resting is not None:
+            self._resting.cancel()
+            self._resting = None
+
+    def _send(self, twist: Sequence[float], seen: int, frame: str) -> int:
+        """Send a twist, and return its number; 0 when that was not possible."""
         spatial = np.zeros(6)
         spatial[self._components] = twist
         try:
-            self.link.command(self._driver, spatial, seen, frame)
+            return self.link.command(self._driver, spatial, seen, frame)
         except BusError as error:
             _LOG.warning("%s: %s", self.link.id, error)  # The robot stops by itself.
-
-    def rest(self) -> None:
-        """Send one zero; it is said now, so it counts, whatever the page has seen."""
-        self.drive((0.0, 0.0, 0.0), self.link.snapshot.status_seq)
+            return 0
 
     def is_lost(self, status: Status) -> bool:
         """Return whether the robot says that another has control, or nobody."""
@@ -77,6 +113,7 @@ class Control:
                 op="release", operator=self._driver.operator, lease=self._driver.lease_hex
             ),
         )
+        self._rests_no_more()
 
     async def answer(self, op: Literal["grant", "keep"], asker: str | None) -> Reply:
         """Grant control to who asks for it, or keep it."""

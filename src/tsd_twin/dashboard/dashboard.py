@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 import threading
 from collections.abc import Callable
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from concurrent.futures import Future
 
 from tsd_twin.bus import Bus
 from tsd_twin.dashboard import viser_server
 from tsd_twin.dashboard.audience import Audience
+from tsd_twin.dashboard.chores import Chores
 from tsd_twin.dashboard.door import Door, Rules
 from tsd_twin.dashboard.fleet import Fleet
 from tsd_twin.dashboard.gateway import Gateway
@@ -21,6 +23,8 @@ from tsd_twin.messages.service import Event
 
 TITLE = "tsd-twin"
 _LOOK_FOR_STOP_S = 0.2
+_SWITCH_S = 0.001
+"""A busy thread keeps the others waiting for so long; a stop passes through four of them."""
 
 
 async def run(
@@ -39,16 +43,17 @@ async def run(
         TwinError: the address cannot be used, or not with these rules.
     """
     rules.check(host)
+    sys.setswitchinterval(_SWITCH_S)
     loop = asyncio.get_running_loop()
     fleet = Fleet(bus)
     # Panels wait for a frame to be drawn; the loop between fingers and robots must not.
-    chores = ThreadPoolExecutor(1, "panels")
+    chores = Chores("panels")
 
     def on_released(page: str) -> None:
-        chores.submit(panels.reset, page)
+        chores.soon(("reset", page), lambda: panels.reset(page))
 
     def on_chosen(page: str, robot_id: str) -> None:
-        chores.submit(panels.choose, page, robot_id)
+        chores.soon(("choose", page), lambda: panels.choose(page, robot_id))
 
     server = viser_server.start(TITLE)
     try:
@@ -86,14 +91,14 @@ async def run(
             ended.set()
             await asyncio.to_thread(thread.join)
     finally:
-        chores.shutdown()
+        chores.close()
         server.stop()
 
 
 class _Easel:
     """The scene and its panels, as pages draw on them: done in turn, off the event loop."""
 
-    def __init__(self, chores: Executor, scene: Scene, panels: Callable[[], Panels]) -> None:
+    def __init__(self, chores: Chores, scene: Scene, panels: Callable[[], Panels]) -> None:
         self._chores, self._scene, self._panels = chores, scene, panels
 
     def floor(self, page: str, shares: Array) -> Future[Array]:
@@ -102,4 +107,4 @@ class _Easel:
 
     def show_route(self, robot_id: str, poses: Array | None) -> None:
         """Show everybody where a robot is planned to go; None: nowhere."""
-        self._chores.submit(self._scene.show_route, robot_id, poses)
+        self._chores.soon(("route", robot_id), lambda: self._scene.show_route(robot_id, poses))

@@ -89,6 +89,7 @@ class Desk:
         """Take control."""
         if link is None:
             return Reply(False, "no robot is shown")
+        self._let_go("control is asked for")
         await self.give_up()
         control = await acquire(
             link,
@@ -108,6 +109,7 @@ class Desk:
         """Ask the holder for control; `hear` takes it when it is granted."""
         if link is None:
             return Reply(False, "no robot is shown")
+        self._let_go("control is asked for")
         await self.give_up()
         asking = Asking(link, self._operator, wish, self._calls)
         reply = await asking.ask()

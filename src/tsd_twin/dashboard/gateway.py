@@ -9,9 +9,11 @@ from typing import cast
 import msgspec
 from aiohttp import web
 
+from tsd_twin.dashboard.allowance import TELEOP
 from tsd_twin.dashboard.approach import is_proxy
 from tsd_twin.dashboard.audience import Audience
 from tsd_twin.dashboard.door import Door, Rules, visitor_of
+from tsd_twin.dashboard.ear import Ear
 from tsd_twin.dashboard.entrance import Entrance, quiet_log
 from tsd_twin.dashboard.guard import HEADERS
 from tsd_twin.dashboard.pages import STATIC, IndexPage
@@ -46,7 +48,8 @@ class Gateway:
         self._index = IndexPage()
         self._door = Door(Rules()) if door is None else door
         self._reception = Reception(self._door)
-        self._proxy = ViserProxy(viser_port)
+        self._ear = Ear()
+        self._proxy = ViserProxy(viser_port, self._ear)
         self._entrance = Entrance(lambda peer: is_proxy(peer, self._door.rules.proxy))
         self._runner: web.AppRunner | None = None
         self._watching: list[asyncio.Task[None]] = []
@@ -108,24 +111,42 @@ class Gateway:
     async def _serve_health(self, request: web.Request) -> web.StreamResponse:
         del request
         roster = self.audience.roster
-        body = msgspec.json.encode({"ready": roster.sees_a_robot(), "robots": roster.health()})
+        refused = {
+            "messages": self.audience.rejected,
+            "viser": self._proxy.dropped,
+            "beyond_limits": self._ear.dropped,
+            "cut_off": self._ear.cut_off.count,
+        }
+        body = msgspec.json.encode(
+            {"ready": roster.sees_a_robot(), "robots": roster.health(), "refused": refused}
+        )
         return web.Response(
             body=body, content_type="application/json", headers={"Cache-Control": "no-store"}
         )
 
     async def _serve_viser(self, request: web.Request) -> web.StreamResponse:
         page, visitor = self._page_of(request, request.match_info["page"]), visitor_of(request)
+        await self._ear.admit(request, visitor.key or page)
         return await self._proxy.serve(
             request, page, visitor, lambda socket: self._door.holding(visitor, socket)
         )
 
     async def _serve_teleop(self, request: web.Request) -> web.StreamResponse:
         page, visitor = self._page_of(request, request.query.get("page", "")), visitor_of(request)
+        key = visitor.key or page
+        await self._ear.admit(request, key)
         socket = web.WebSocketResponse(
-            timeout=_GOODBYE_S, compress=False, max_msg_size=_MESSAGE_BYTES, heartbeat=_HEARTBEAT_S
+            timeout=_GOODBYE_S,
+            compress=False,
+            max_msg_size=_MESSAGE_BYTES,
+            heartbeat=_HEARTBEAT_S,
+            autoping=False,
         )
         await socket.prepare(request)
-        await self.audience.attend(page, visitor, socket, self._door.holding(visitor, socket))
+        messages = self._ear.messages(request, socket, TELEOP, key)
+        holding = self._door.holding(visitor, socket)
+        await self.audience.attend(page, visitor, socket, messages, holding)
+        await self._ear.say_goodbye(request, socket)
         return socket
 
     def _page_of(self, request: web.Request, page: str) -> str:

@@ -231,8 +231,15 @@ class RobotLink:
 
     def command(
         self, driver: Driver, spatial_twist: Array, status_seq: int, frame: str = BASE
-    ) -> None:
-        """Send a twist (6,), m/s and rad/s in `frame`, on behalf of the holder of a lease."""
+    ) -> int:
+        """Send a twist (6,), m/s and rad/s in `frame`, on behalf of the holder of a lease.
+
+        Returns its number. Numbers rise in the order in which commands are sent, from any thread.
+
+        Raises:
+            BusError: the session is closed.
+        """
+        payload = encode_twist(TwistStamped(frame, spatial_twist))
         with self._lock:
             if driver.operator not in self._twists:
                 self._twists[driver.operator] = self._bus.publisher(
@@ -240,12 +247,12 @@ class RobotLink:
                     Urgency.REAL_TIME,
                     topics.TWIST.type,
                 )
-            publisher = self._twists[driver.operator]
-        self._sent.append(Sent(time.monotonic(), spatial_twist[self._components], frame))
-        publisher.put(
-            encode_twist(TwistStamped(frame, spatial_twist)),
-            encode_attachment(next(driver.numbers), driver.lease, status_seq),
-        )
+            number = next(driver.numbers)
+            self._sent.append(Sent(time.monotonic(), spatial_twist[self._components], frame))
+            self._twists[driver.operator].put(
+                payload, encode_attachment(number, driver.lease, status_seq)
+            )
+        return number
 
 
 class Driver:

@@ -6,18 +6,21 @@ import asyncio
 import contextlib
 import re
 import socket
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractContextManager
 
 from aiohttp import (
     ClientError,
     ClientSession,
     ClientWebSocketResponse,
+    WSMessage,
     WSMsgType,
     web,
 )
 
 from tsd_twin.access import Role
+from tsd_twin.dashboard.allowance import VISER
+from tsd_twin.dashboard.ear import Ear
 from tsd_twin.dashboard.viser_filter import LARGEST_BYTES, passed
 from tsd_twin.dashboard.viser_key import KEY_HEADER, key
 from tsd_twin.dashboard.viser_private import (
@@ -42,7 +45,10 @@ _GOODBYE_S = 0.5
 class ViserProxy:
     """Connects each page's `viser/<page>` to the viser server."""
 
-    def __init__(self, viser_port: int) -> None:
+    def __init__(self, viser_port: int, ear: Ear) -> None:
+        self.dropped = 0
+        """Messages of pages that were not passed on."""
+        self._ear = ear
         self._url = f"ws://127.0.0.1:{viser_port}/"
         self._client: ClientSession | None = None
         self._open: set[web.WebSocketResponse] = set()
@@ -91,6 +97,7 @@ class ViserProxy:
                 compress=False,
                 max_msg_size=LARGEST_BYTES,
                 heartbeat=_HEARTBEAT_S,
+                autoping=False,
             )
             await page.prepare(request)
             _bound(request.get_extra_info("socket"), socket.SO_SNDBUF)
@@ -98,33 +105,54 @@ class ViserProxy:
             self._open.add(page)
             try:
                 with holding(page):
-                    await _connect(page, viser, visitor.identity.role)
+                    messages = self._ear.messages(request, page, VISER, visitor.key or page_id)
+                    await self._connect(request, page, viser, messages, visitor.identity.role)
             finally:
                 self._open.discard(page)
         return page
 
+    async def _connect(
+        self,
+        request: web.Request,
+        page: web.WebSocketResponse,
+        viser: ClientWebSocketResponse,
+        messages: AsyncIterator[WSMessage],
+        role: Role,
+    ) -> None:
+        """Pass messages both ways until either side ends, then end the other."""
+        ways = [
+            asyncio.create_task(self._pass_checked(messages, viser, role)),
+            asyncio.create_task(_pass(viser, page)),
+        ]
+        try:
+            await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for way in ways:
+                way.cancel()
+            await asyncio.gather(*ways, return_exceptions=True)
+            await self._ear.say_goodbye(request, page)
+            # viser tells a client of another version why it is refused.
+            await page.close(code=viser.close_code or 1001)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(_GOODBYE_S):
+                    await viser.close()
+
+    async def _pass_checked(
+        self, messages: AsyncIterator[WSMessage], sink: ClientWebSocketResponse, role: Role
+    ) -> None:
+        """Pass on what a page may say, until it says something that no page says."""
+        with contextlib.suppress(ConnectionError, MessageError):
+            async for message in messages:
+                if message.type is not WSMsgType.BINARY:
+                    return
+                if (frame := passed(message.data, role)) is not None:
+                    await sink.send_bytes(frame)
+                else:
+                    self.dropped += 1
+
 
 def _looks(request: web.Request, word: str) -> str:
     return "1" if word in request.query.get("look", "").split("-") else "0"
-
-
-async def _connect(page: web.WebSocketResponse, viser: ClientWebSocketResponse, role: Role) -> None:
-    """Pass messages both ways until either side ends, then end the other."""
-    ways = [
-        asyncio.create_task(_pass_checked(page, viser, role)),
-        asyncio.create_task(_pass(viser, page)),
-    ]
-    try:
-        await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
-    finally:
-        for way in ways:
-            way.cancel()
-        await asyncio.gather(*ways, return_exceptions=True)
-        # viser tells a client of another version why it is refused.
-        await page.close(code=viser.close_code or 1001)
-        with contextlib.suppress(TimeoutError):
-            async with asyncio.timeout(_GOODBYE_S):
-                await viser.close()
 
 
 async def _pass(source: ClientWebSocketResponse, sink: web.WebSocketResponse) -> None:
@@ -133,18 +161,6 @@ async def _pass(source: ClientWebSocketResponse, sink: web.WebSocketResponse) ->
         async for message in source:
             if message.type is WSMsgType.BINARY:
                 await sink.send_bytes(message.data)
-
-
-async def _pass_checked(
-    source: web.WebSocketResponse, sink: ClientWebSocketResponse, role: Role
-) -> None:
-    """Pass on what a page may say, until it says something that no page says."""
-    with contextlib.suppress(ConnectionError, MessageError):
-        async for message in source:
-            if message.type is not WSMsgType.BINARY:
-                return
-            if (frame := passed(message.data, role)) is not None:
-                await sink.send_bytes(frame)
 
 
 def _bound(connection: socket.socket | None, option: int) -> None:

@@ -64,6 +64,7 @@ class Session:
         self._hands = Hands(self._desk, self.mail, going, self._post, self.let_go)
         self._stops: int | None = None
         self._stopping: set[asyncio.Task[None]] = set()
+        self._motion: protocol.Drive | protocol.Go | None = None
 
     def fleet_changed(self) -> None:
         """Say who the page is and which robots there are; show it one."""
@@ -90,6 +91,7 @@ class Session:
 
     async def close(self) -> None:
         """Put the robot at rest and give control back; the socket is closed or lost."""
+        self._motion = None
         self._hands.close()
         await self._desk.close()
         self._on_released(self.page)
@@ -97,9 +99,36 @@ class Session:
     # From the page.
 
     def receive(self, text: str | bytes) -> None:
-        """Act on one message; whatever it is, nothing is raised and nothing grows."""
+        """Act on one message; whatever it is, nothing is raised and nothing grows.
+
+        A motion waits until all that has arrived with it is read: the newest replaces those before,
+        and a release or a stop takes them back.
+        """
         try:
-            self._obey(protocol.decode(text))
+            message = protocol.decode(text)
+        except MessageError as error:
+            self.reject(str(error))
+            return
+        match message:
+            case protocol.Drive() | protocol.Go():
+                if self._motion is None:
+                    asyncio.get_running_loop().call_soon(self._move)
+                self._motion = message
+                return
+            case protocol.Release() | protocol.Stop():
+                self._motion = None
+            case _:
+                self._move()
+        self._try(message)
+
+    def _move(self) -> None:
+        message, self._motion = self._motion, None
+        if message is not None:
+            self._try(message)
+
+    def _try(self, message: protocol.FromPage) -> None:
+        try:
+            self._obey(message)
         except MessageError as error:
             self.reject(str(error))
 
@@ -123,7 +152,8 @@ class Session:
             case protocol.Beat():
                 self._beat(message)
             case protocol.PanelReleased():
-                self._on_released(self.page)
+                if self._role is not Role.VIEWER:  # Who only watches has no sliders.
+                    self._on_released(self.page)
             case protocol.Stop():
                 self._stop()
             case protocol.Choose():

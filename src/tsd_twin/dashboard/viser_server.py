@@ -5,7 +5,14 @@ from __future__ import annotations
 import rich
 import viser
 
-from tsd_twin.dashboard import palette, viser_key, viser_pose, viser_queue, viser_replay
+from tsd_twin.dashboard import (
+    palette,
+    viser_key,
+    viser_pose,
+    viser_queue,
+    viser_replay,
+    viser_values,
+)
 from tsd_twin.dashboard.viser_private import refuse_sharing
 
 LOOPBACK = "127.0.0.1"
@@ -29,6 +36,7 @@ def start(title: str, *, dark: bool = True) -> viser.ViserServer:
     viser_replay.refuse_other_versions()
     viser_queue.fill_from_any_thread()
     viser_pose.set_quickly()
+    viser_values.take_strictly()
     # viser announces itself on standard output, where our programs print one line only.
     rich.get_console().quiet = True
     with viser_key.locked():

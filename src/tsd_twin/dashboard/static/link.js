@@ -5,7 +5,8 @@ import { spread } from "./quality.js";
 const BEAT_MS = 100;
 const SILENT_MS = 2000; // No echo for this long: the connection is lost, whatever the browser says.
 const RETRY_MS = 500;
-const FULL_BYTES = 4096; // What waits in the browser is too old already to be sent.
+const FULL_BYTES = 1024; // What waits in the browser is too old already to be sent.
+const URGENT = new Set(["release", "stop"]); // Sent in any case: all that they do is stop the robot.
 
 const TRIPS = 50; // Five seconds.
 const STATES = 100;
@@ -45,7 +46,8 @@ export class Link {
   /** Send a message now or never; return whether it went out. */
   send(message) {
     const socket = this._socket;
-    if (socket?.readyState !== WebSocket.OPEN || socket.bufferedAmount > FULL_BYTES) return false;
+    if (socket?.readyState !== WebSocket.OPEN) return false;
+    if (socket.bufferedAmount > FULL_BYTES && !URGENT.has(message.t)) return false;
     socket.send(JSON.stringify(message));
     return true;
   }

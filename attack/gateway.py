@@ -1,0 +1,254 @@
+"""Attacks on the two sockets of a page: floods, and what viser cannot read."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import random
+import re
+import secrets
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Generator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import psutil
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+from websockets.typing import Subprotocol
+
+from attack.table import Row
+from tests.app.conftest import Program
+from tests.dashboard.logins import PHRASE, cookie_of
+from tests.dashboard.operators import Page
+from tests.dashboard.viewers import CAMERA
+from tests.running import ANY_PORT, QUICK
+from tsd_twin.access import Role, Users
+
+VIEWERS = 10
+STOPS = 200
+"""Enough for a 99th percentile that is the third worst."""
+FLOOD_S = 18.0
+DRIVE_S = 4.0
+CAMERAS, BURST = 20_000, 250
+"""Malformed camera messages, and how many of them on one socket: below what cuts it off."""
+GROWTH_MB = 24.0
+"""Buffers of the allocator settle within this."""
+
+
+@dataclass
+class Scene:
+    """A robot and a dashboard with users, each a process, and who has logged in."""
+
+    dashboard: Program
+    port: int
+
+    def cookie(self, name: str) -> str:
+        """Log in."""
+        return cookie_of(self.port, name)
+
+    @property
+    def rss_mb(self) -> float:
+        """Memory of the dashboard."""
+        return psutil.Process(self.dashboard.process.pid).memory_info().rss / 1e6
+
+    @property
+    def stderr_bytes(self) -> int:
+        """What the dashboard has said on standard error."""
+        return sum(len(line) + 1 for line in self.dashboard.errors)
+
+
+@contextlib.contextmanager
+def scene() -> Generator[Scene]:
+    """Start both; end them afterwards."""
+    with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
+        description, file = Path(folder, "quick.toml"), Path(folder, "users.toml")
+        description.write_text(QUICK, encoding="utf-8")
+        users = Users({})
+        for name in ("alice", "bob"):
+            users.put(name, Role.OPERATOR, PHRASE, may_stop=False)
+        for number in range(VIEWERS):
+            users.put(f"guest{number}", Role.VIEWER, PHRASE, may_stop=False)
+        users.save(file)
+        mock = Program(["tsd_mock", "--listen", ANY_PORT, "--robot", str(description)])
+        stack.callback(mock.clean_up)
+        (endpoint,) = re.findall(r"tcp/[\d.:]+", mock.ready())
+        flags = ("--port", "0", "--connect", endpoint, "--users", str(file))
+        dashboard = Program(["tsd_dashboard", *flags])
+        stack.callback(dashboard.clean_up)
+        (port,) = re.findall(r"http://\S+?:(\d+)", dashboard.ready())
+        yield Scene(dashboard, int(port))
+
+
+def page_of(scene: Scene, name: str) -> Page:
+    """Open a page without a browser."""
+    return Page(scene.port, secrets.token_hex(8), user=name, cookie=scene.cookie(name))
+
+
+def rows() -> Generator[Row]:
+    """Attack, and yield what came of it."""
+    with scene() as it:
+        guests = [it.cookie(f"guest{number}") for number in range(VIEWERS)]
+        driver, stopper = page_of(it, "alice"), page_of(it, "bob")
+        try:
+            yield from flooded(it, driver, stopper, guests)
+        finally:
+            driver.close()
+            stopper.close()
+        guests = [it.cookie(f"guest{number}") for number in range(VIEWERS)]  # Those stay out.
+        yield from unreadable(it, guests)
+
+
+def flooded(scene: Scene, driver: Page, stopper: Page, guests: list[str]) -> Generator[Row]:
+    """Drive and stop while ten viewers flood."""
+    driver.make_ready()
+    stopper.until(lambda: stopper.state)
+    calm = drive(driver)
+    yield Row("nothing: an operator drives", ">= 95 % count", share(*calm), is_enough(*calm))
+    stderr = scene.stderr_bytes
+    rss_mb = scene.rss_mb
+    flooder = subprocess.Popen(
+        [sys.executable, "-m", "attack.flooder", str(scene.port), str(FLOOD_S), *guests],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert flooder.stdout is not None
+    flooder.stdout.readline()
+    end_s = time.monotonic() + FLOOD_S
+    under = drive(driver)
+    yield Row(
+        "ten viewers flood, an operator drives", ">= 95 % count", share(*under), is_enough(*under)
+    )
+    took_ms = [1000.0 * stop_s(stopper) for _ in until(end_s, STOPS)]
+    p50, p99 = statistics.median(took_ms), sorted(took_ms)[-1 - len(took_ms) // 100]
+    most = max(took_ms)
+    yield Row(
+        f"ten viewers flood, {len(took_ms)} times STOP by another operator",
+        "p99 <= 100 ms",
+        f"p50 {p50:.0f}, p99 {p99:.0f}, most {most:.0f} ms",
+        p99 <= 100.0 and len(took_ms) >= STOPS // 2,
+    )
+    saw = json.loads(flooder.stdout.read())
+    flooder.wait()
+    yield Row(
+        f"ten viewers flood, {saw['frames']} frames sent: times cut off, refused",
+        "each is cut off",
+        f"{saw.get('cut off', 0)}, {saw.get('status 429', 0)}",
+        saw.get("cut off", 0) >= VIEWERS,
+    )
+    grown, bytes_said = scene.rss_mb - rss_mb, scene.stderr_bytes - stderr
+    yield Row(
+        "ten viewers flood: memory and log of the dashboard",
+        f"<= {GROWTH_MB:g} MB, 10 kB",
+        f"{grown:.1f} MB, {bytes_said} bytes",
+        grown <= GROWTH_MB and bytes_said <= 10_000,
+    )
+
+
+def until(end_s: float, count: int) -> Generator[int]:
+    """Count, for as long as there is time."""
+    for number in range(count):
+        if time.monotonic() > end_s:
+            return
+        yield number
+
+
+def drive(page: Page) -> tuple[int, int]:
+    """Hold the stick for a while; return how many commands counted, of how many that were due."""
+    count = len(page.all("state"))
+    page.until(lambda: len(page.all("state")) > count)
+    before = page.state["status"]["command"]["accepted"]
+    begin_s = time.monotonic()
+    page.holds = {"vx": 0.1, "vy": 0.0, "omega": 0.5}
+    while (held_s := time.monotonic() - begin_s) < DRIVE_S:
+        time.sleep(0.05)
+        if page.all("released"):  # As a person does: centre it and push again.
+            page.messages[:] = [m for m in page.messages if m["t"] != "released"]
+            page.send(t="release")
+    page.holds = None
+    page.send(t="release")
+    time.sleep(0.5)
+    return page.state["status"]["command"]["accepted"] - before, sent(held_s)
+
+
+def sent(held_s: float) -> int:
+    """Return how many commands a page sends in this time, which oversleeps a little each time."""
+    return int(held_s / 0.021)
+
+
+def share(counted: int, due: int) -> str:
+    """Say how many counted."""
+    return f"{counted} of {due}"
+
+
+def is_enough(counted: int, due: int) -> bool:
+    """Tell whether nineteen of twenty counted."""
+    return counted >= 0.95 * due
+
+
+def stop_s(page: Page) -> float:
+    """Press STOP, and return how long its acknowledgement took."""
+    before = len(page.all("reply"))
+    begin_s = time.monotonic()
+    page.send(t="stop")
+    page.until(lambda: page.all("reply")[before:])
+    took_s = time.monotonic() - begin_s
+    time.sleep(0.02)
+    return took_s
+
+
+def malformed(dice: random.Random) -> bytes:
+    """Return a camera that no browser would send, each time another one."""
+    wild: list[Any] = [
+        "x" * dice.randrange(4000),
+        [dice.random()] * dice.randrange(4, 400),
+        {str(dice.random()): dice.random()},
+        [float("nan")] * 3,
+        [float("inf"), 0.0, 0.0],
+        [str(dice.random())] * 3,
+        None,
+    ]
+    field = dice.choice(["look_at", "position", "up_direction", "wxyz", "fov", "near"])
+    if dice.random() < 0.2:
+        return msgspec.msgpack.encode(CAMERA | {f"more{dice.random()}": dice.random()})
+    return msgspec.msgpack.encode(CAMERA | {field: dice.choice(wild)})
+
+
+def unreadable(scene: Scene, guests: list[str]) -> Generator[Row]:
+    """Send cameras that viser cannot read."""
+    dice = random.Random(10)  # noqa: S311  What was sent can be sent again.
+    cameras(scene, guests, dice, CAMERAS // 20)
+    rss_mb, stderr = scene.rss_mb, scene.stderr_bytes
+    cameras(scene, guests, dice, CAMERAS)
+    time.sleep(1.0)
+    grown, said = scene.rss_mb - rss_mb, scene.stderr_bytes - stderr
+    yield Row(
+        f"{CAMERAS} malformed camera messages by viewers",
+        f"<= {GROWTH_MB:g} MB, 10 kB",
+        f"{grown:.1f} MB, {said} bytes",
+        grown <= GROWTH_MB and said <= 10_000,
+    )
+
+
+def cameras(scene: Scene, guests: list[str], dice: random.Random, count: int) -> None:
+    """Send so many, on one socket after the other."""
+    for number in range(count // BURST):
+        with (
+            connect(
+                f"ws://127.0.0.1:{scene.port}/viser/{secrets.token_hex(8)}",
+                additional_headers={"Cookie": guests[number % len(guests)]},
+                subprotocols=[Subprotocol("viser-v1.1.1")],
+                compression=None,
+                max_size=None,
+                close_timeout=0.2,
+            ) as socket,
+            contextlib.suppress(ConnectionClosed),
+        ):
+            for _ in range(BURST):
+                socket.send(malformed(dice))
