@@ -187,7 +187,7 @@ def test_the_tour_fits_into_its_room_or_is_refused(room_m: float, speed_mps: flo
         return
     ways = tour(ROBOT, room_m, speed_mps)
     limits = ROBOT.limits
-    # Under a lease of twice the usual age a command stands for 0.42 s; then braking: docs/safety.md.
+    # Under a lease of twice the usual age: 0.42 s, and braking; docs/safety.md.
     braking_m = 0.42 * speed_mps + speed_mps**2 / (2 * limits.deceleration_mps2)
     assert ways.fence_m + braking_m <= room_m + 1e-9
     for leg in ways.legs:
