@@ -27,6 +27,8 @@ WITHIN_M = 0.01
 speeds = st.floats(-0.7, 0.7)
 twists = st.tuples(speeds, speeds, st.floats(-3.0, 3.0))
 
+AGE_S = ROBOT.limits.max_command_age_s
+
 
 def trips_of(trip_s: float | None) -> RoundTrips:
     trips = RoundTrips()
@@ -63,13 +65,17 @@ def test_a_robot_whose_link_dies_comes_to_rest_within_what_was_drawn(
     pose, setpoint = rig.pose, rig.setpoint
     feed = Feed()
     sent = commands(feed, twist)
-    status = Status("driving", limits=LimitStatus(1.0, 3.0, 0.25))
+    status = Status("driving", limits=LimitStatus(1.0, 3.0, AGE_S))
     feed.say(pose=pose, setpoint=setpoint, status=status)
     trips = trips_of(delay_periods * 0.01)
     path = Foresight(DRIVE, ROBOT).look(feed.snapshot, setpoint, sent, trips).path
     assert path is not None
     # What was under way still arrives; then nothing does.
-    rig.drive(pilot, twist.tolist(), delay_periods * 0.01)
+    seen = rig.status_seq
+    for period in range(delay_periods):
+        if period % 2 == 0:
+            rig.inbox.append(rig.sample(pilot, twist.tolist(), status_seq=seen))
+        rig.tick()
     start, corners = SE2(pose), outline(path, REACH_M)
     farthest = 0.0
     for _ in range(100):
@@ -104,7 +110,7 @@ def test_the_outline_holds_a_disc_about_every_point_of_the_path(
 
 @pytest.mark.parametrize("mode", ["disarmed", "ready", "stopped", "fault"])
 def test_at_rest_there_is_nothing_to_show(mode: str) -> None:
-    outlook = look(Feed(), np.zeros(3), mode, 0.2, [], 0.25)
+    outlook = look(Feed(), np.zeros(3), mode, 0.2, [], AGE_S)
     assert outlook.ghost is None
     assert outlook.path is None
 
@@ -116,27 +122,29 @@ def test_a_ghost_is_shown_to_who_drives_over_a_delay_only(
     asked = np.array(twist)
     feed = Feed()
     sent = commands(feed, asked)
-    ghost = look(feed, asked, "driving", 0.15, sent, 0.25).ghost
+    ghost = look(feed, asked, "driving", 0.15, sent, AGE_S).ghost
     assert ghost is not None
     if math.hypot(*twist[:2]) > 0.05:
         assert np.hypot(*ghost[:2]) > 0.0
-    assert look(feed, asked, "driving", 0.02, sent, 0.25).ghost is None
-    assert look(feed, asked, "driving", None, sent, 0.25).ghost is None
-    assert look(feed, asked, "driving", 0.15, [], 0.25).ghost is None, "another dashboard drives"
+    assert look(feed, asked, "driving", 0.02, sent, AGE_S).ghost is None
+    assert look(feed, asked, "driving", None, sent, AGE_S).ghost is None
+    assert look(feed, asked, "driving", 0.15, [], AGE_S).ghost is None, "another dashboard drives"
 
 
 def test_who_knows_no_delay_draws_the_most_that_the_rules_allow() -> None:
     forward = np.array([1.0, 0.0, 0.0])
     feed = Feed()
     sent = commands(feed, forward)
-    near = look(feed, forward, "driving", 0.01, sent, 0.25).path
-    unknown = look(feed, forward, "driving", None, sent, 0.25).path
-    watching = look(feed, forward, "driving", 0.01, [], 0.25).path
-    slow = look(feed, forward, "driving", 9.0, sent, 0.25).path
+    near = look(feed, forward, "driving", 0.01, sent, AGE_S).path
+    unknown = look(feed, forward, "driving", None, sent, AGE_S).path
+    watching = look(feed, forward, "driving", 0.01, [], AGE_S).path
+    slow = look(feed, forward, "driving", 9.0, sent, AGE_S).path
     reach = [path[-1, 0] for path in (near, unknown, watching, slow) if path is not None]
-    # 0.2 s of silence and braking from 1 m/s at 6 m/s^2; at most 0.25 s more.
-    assert reach[0] == pytest.approx(0.01 + 0.2 + 1.0 / 12.0, abs=0.06)
-    assert reach[1:] == pytest.approx([0.25 + 0.2 + 1.0 / 12.0] * 3, abs=0.06)
+    # 0.2 s of silence, never longer than a command may be old, and braking from 1 m/s at 6 m/s^2.
+    assert reach[0] == pytest.approx(AGE_S + 1.0 / 12.0, abs=0.06)
+    assert reach[3] == pytest.approx(AGE_S + 1.0 / 12.0, abs=0.06)
+    # Another dashboard may have seen a status that was sent later by as much.
+    assert reach[1:3] == pytest.approx([2 * AGE_S + 1.0 / 12.0] * 2, abs=0.06)
 
 
 def test_a_command_in_the_axes_of_the_world_does_not_turn_with_the_robot() -> None:

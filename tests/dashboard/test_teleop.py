@@ -109,9 +109,10 @@ def test_what_is_no_message_is_counted_and_answered_once(
         page.make_ready()
         commands = Commands(served, page)
         before = served.audience.rejected
-        for _ in range(50):
+        times = 50 if len(garbage) < 1000 else 10  # More bytes than that are a flood.
+        for _ in range(times):
             page.send_raw(garbage)
-        page.until(lambda: served.audience.rejected == before + 50)
+        page.until(lambda: served.audience.rejected == before + times)
         settle(page)
         assert [reply["to"] for reply in page.all("reply")].count("message") == 1
         assert commands.take() == []

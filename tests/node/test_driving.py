@@ -56,7 +56,7 @@ def test_an_operator_who_is_gone_is_a_robot_that_stands_within_35_cm(
         watcher.wait_until(lambda: watcher.status.mode == "ready")
         travelled_m, held_up_s = travel_after_the_last_command(watcher)
         assert 0.2 < travelled_m <= 0.35 + held_up_s
-        assert watcher.status.stop_reason == "no command for 200 ms"
+        assert watcher.status.stop_reason.startswith("no command for ")
 
 
 def test_letting_go_is_no_failure_of_the_link(driving: Pilot) -> None:
@@ -168,7 +168,7 @@ def test_the_echoed_status_must_be_a_recent_one(pilot: Pilot) -> None:
     old = pilot.seen
     pilot.wait_until(lambda: pilot.seen > old + 10)
     pilot.send((1.0, 0.0, 0.0), seen=old)
-    pilot.wait_until(lambda: any("0.25 s are allowed" in text for text in pilot.texts))
+    pilot.wait_until(lambda: any("0.21 s are allowed" in text for text in pilot.texts))
     pilot.send((1.0, 0.0, 0.0), seen=pilot.seen + 1000)
     pilot.wait_until(lambda: pilot.status.command.dropped.stale == 2)
     assert pilot.status.mode == "ready"

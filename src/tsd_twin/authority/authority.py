@@ -66,6 +66,8 @@ class Authority:
         self._drove: bytes = b""
         self._stands_until_s = -np.inf
         """When the newest command stops moving the robot, unless another counts before."""
+        self._stale_s = -np.inf
+        """When the newest command was dropped for its age."""
         self._hold_s = robot.arming_hold_s
         self._since_s = 0.0
         self._attended_s = -np.inf
@@ -159,6 +161,8 @@ class Authority:
         lease = self._desk.current(now_s)
         outcome = self.gate.check(sample, lease, now_s)
         if isinstance(outcome, MessageError):
+            if outcome.reason == "stale":
+                self._stale_s = now_s
             self._report_now_and_then(
                 "drop", f"A command was dropped: {outcome}.", outcome.reason, now_s
             )
@@ -293,10 +297,9 @@ class Authority:
         self._report("mode", text, TRANSITIONS[before, mode], now_s)
 
     def _why_no_command_stands(self, lease: Lease, now_s: float) -> str:
-        if now_s - self.command_s > lease.timeout_s:
-            return f"no command for {lease.timeout_s * 1000:.0f} ms"
-        age_s = lease.max_age_s
-        return f"commands answer no status of the last {age_s * 1000:.0f} ms"
+        if self._stale_s > self.command_s:
+            return f"commands echo no status of the last {lease.max_age_s * 1000:.0f} ms"
+        return f"no command for {(now_s - self.command_s) * 1000:.0f} ms"
 
     def _refusal(self, lease_hex: str, now_s: float) -> str:
         if self.holds(lease_hex, now_s):
