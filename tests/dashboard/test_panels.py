@@ -226,10 +226,11 @@ def test_no_client_can_ask_for_more_than_the_limits(made: Desk, numbers: list[fl
 
 
 def test_a_mode_that_there_is_not_is_no_driving(desk: Desk, viewer: Viewer) -> None:
-    for mode in ("ludicrous", "drive"):
-        viewer.set("mode", mode)
-        viewer.set("vx (m/s)", 0.25)
-        assert desk.move()[-2] == ("drive" if mode == "drive" else "preview")
+    viewer.set("mode", "ludicrous")
+    viewer.set("vx (m/s)", 0.25)
+    assert desk.move()[-2] == "preview"
+    viewer.set("mode", "drive")
+    assert desk.move()[-2] == "drive"
 
 
 def test_preview_shows_its_own_gimbals_to_its_own_client(
