@@ -172,8 +172,9 @@ def test_control_that_is_kept_is_denied_at_once(node: RunningNode) -> None:
         wait_for(lambda: base.asked_by is None)
 
 
-def test_a_robot_that_falls_silent_ends_a_drive() -> None:
-    with running() as node, tsd_twin.connect(node.endpoint) as robot:
+def test_a_robot_that_falls_silent_ends_a_drive_and_is_named_when_left() -> None:
+    with running() as node:
+        robot = tsd_twin.connect(node.endpoint)
         base = robot.control("script")
         base.acquire()
         ending = threading.Timer(0.3, node.stopping.set)
@@ -182,6 +183,9 @@ def test_a_robot_that_falls_silent_ends_a_drive() -> None:
         with pytest.raises((RobotStopped, RobotSilent)):
             base.drive(vx_mps=0.2, duration_s=20.0)
         ending.join()
+        with pytest.raises(RobotSilent, match="could not be disarmed, nor stopped"):
+            robot.close()
+        assert repr(robot) == "<RobotClient tsd: closed>"
 
 
 def test_states_events_and_callbacks(robot: tsd_twin.RobotClient) -> None:

@@ -329,6 +329,9 @@ def give_back(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
     """Command zero, disarm and release; without the lease, do nothing.
 
     A robot that cannot be disarmed is stopped, unless another operator has control of it.
+
+    Raises:
+        RobotSilent: it does not answer, so it stops by itself, or has stopped.
     """
     if not protocol.has_lease:
         return
@@ -345,12 +348,21 @@ def give_back(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
             if seen is not None and seen.holder is not None:
                 return
         else:
-            yield from stop(protocol.robot_id, protocol.operator, "it could not be disarmed")
+            yield from _stop_instead(protocol)
             return
         release = LeaseRequest(op="release", operator=protocol.operator, lease=lease)
         yield from _ask(Service.LEASE, release, LeaseReply, _ANSWER_S)
     finally:
         protocol.release()
+
+
+def _stop_instead(protocol: ControlProtocol) -> Procedure[None]:
+    try:
+        yield from stop(protocol.robot_id, protocol.operator, "it could not be disarmed")
+    except RobotSilent:
+        raise RobotSilent(
+            f"{protocol.robot_id} could not be disarmed, nor stopped: it does not answer"
+        ) from None
 
 
 # Arming.
