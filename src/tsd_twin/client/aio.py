@@ -284,7 +284,7 @@ class AsyncRobotControl:
         self.robot.add_control(self, active=True)
         try:
             if self._ask_s is None:
-                acquiring = procedures.acquire(self._protocol, self._now_s, **self._wish)
+                acquiring = procedures.acquire(self._protocol, **self._wish)
             else:
                 acquiring = procedures.ask_for_control(
                     self._protocol, self._now_s, self._ask_s, **self._wish

@@ -24,7 +24,7 @@ from tsd_twin.client.errors import (
     RobotStopped,
 )
 from tsd_twin.client.navigation import NavigationGoal, PlanLimits, plan
-from tsd_twin.client.protocol import COMMAND_PERIOD_S, ControlProtocol, TwistCommand
+from tsd_twin.client.protocol import COMMAND_PERIOD_S, SILENCE_S, ControlProtocol, TwistCommand
 from tsd_twin.errors import MessageError
 from tsd_twin.lie import Array
 from tsd_twin.messages.ros import BASE
@@ -121,18 +121,20 @@ Procedure: TypeAlias = Generator[Step, Outcome, T]
 
 def request(
     protocol: ControlProtocol, service: Service, message: msgspec.Struct, what: str
-) -> Procedure[None]:
-    """Ask for something that the robot may refuse; `what` names it in the error.
+) -> Procedure[float]:
+    """Ask for something that the robot may refuse; `what` names it in the error. Return the time.
 
     Raises:
         RequestRefused: with the robot's own sentence.
         RobotSilent: there is no answer.
     """
-    reply = yield from _ask(service, message, Reply)
+    outcome = yield Call(service, msgspec.json.encode(message))
+    reply = _decoded(outcome.answer, Reply)
     if reply is None:
         raise RobotSilent(f"{protocol.robot_id} does not answer")
     if not reply.ok:
         raise RequestRefused(protocol.robot_id, what, reply.reason)
+    return outcome.now_s
 
 
 def disarm(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
@@ -197,6 +199,10 @@ def _ask(
     service: Service, message: msgspec.Struct, kind: type[ReplyT], timeout_s: float = 1.0
 ) -> Procedure[ReplyT | None]:
     answer = (yield Call(service, msgspec.json.encode(message), timeout_s)).answer
+    return _decoded(answer, kind)
+
+
+def _decoded(answer: bytes | None, kind: type[ReplyT]) -> ReplyT | None:
     if answer is None:
         return None
     try:
@@ -210,7 +216,6 @@ def _ask(
 
 def acquire(
     protocol: ControlProtocol,
-    now_s: float,
     *,
     take_over: bool = False,
     max_age_s: float | None = None,
@@ -229,7 +234,8 @@ def acquire(
         max_age_s=max_age_s,
         reason=reason,
     )
-    reply = yield from _ask(Service.LEASE, wish, LeaseReply)
+    outcome = yield Call(Service.LEASE, msgspec.json.encode(wish))
+    reply, now_s = _decoded(outcome.answer, LeaseReply), outcome.now_s
     if reply is None:
         raise RobotSilent(f"{protocol.robot_id} does not answer")
     if not reply.granted:
@@ -260,13 +266,13 @@ def ask_for_control(
     if not reply.done and reply.holder is not None:
         raise ControlDenied(protocol.robot_id, reply.reason, reply.holder)
     if reply.holder is not None:
-        now_s = yield from _until_granted(protocol, now_s, timeout_s, reply.holder)
-    yield from acquire(protocol, now_s, **wish)
+        yield from _until_granted(protocol, now_s, timeout_s, reply.holder)
+    yield from acquire(protocol, **wish)
 
 
 def _until_granted(
     protocol: ControlProtocol, now_s: float, timeout_s: float, holder: str
-) -> Procedure[float]:
+) -> Procedure[None]:
     """Wait until the lease is granted or free; an error withdraws the request."""
     settled_s, end_s = now_s + _SETTLE_S, now_s + timeout_s
     try:
@@ -283,7 +289,6 @@ def _until_granted(
             withdraw = LeaseRequest(op="withdraw", operator=protocol.operator)
             yield from _ask(Service.LEASE, withdraw, LeaseReply, _ANSWER_S)
         raise
-    return now_s
 
 
 def _is_asked(protocol: ControlProtocol) -> bool:
@@ -384,19 +389,24 @@ def arm(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
             raise RobotStopped(f"{latched}; reset it first")
         if mode is Mode.DISARMED and not asked:
             lease = HolderRequest(protocol.lease_hex)
-            yield from request(protocol, Service.ARM, lease, "arm")
+            now_s = yield from request(protocol, Service.ARM, lease, "arm")
             # A status from before the answer still shows a disarmed robot.
-            asked, asked_seq = True, protocol.status_seq
-            while protocol.status_seq <= asked_seq + 1 and now_s < end_s:
-                now_s = (yield NextStatus(now_s + 1.0)).now_s
+            asked = True
+            now_s = yield from _next_status(protocol, now_s)
+            now_s = yield from _next_status(protocol, now_s)
             continue
         if mode is Mode.DISARMED or now_s >= end_s:
             reason = protocol.status.stop_reason if protocol.status is not None else ""
             raise RequestRefused(protocol.robot_id, "arm", reason or "it does not get ready")
-        before = protocol.status_seq
-        now_s = (yield NextStatus(now_s + 1.0)).now_s
-        if protocol.status_seq == before:
-            raise RobotSilent(f"{protocol.robot_id} has sent no status for 1 s")
+        now_s = yield from _next_status(protocol, now_s)
+
+
+def _next_status(protocol: ControlProtocol, now_s: float) -> Procedure[float]:
+    before = protocol.status_seq
+    now_s = (yield NextStatus(now_s + SILENCE_S)).now_s
+    if protocol.status_seq == before:
+        raise RobotSilent(f"{protocol.robot_id} has sent no status for {SILENCE_S:g} s")
+    return now_s
 
 
 # Motions.

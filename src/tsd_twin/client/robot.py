@@ -307,7 +307,7 @@ class RobotControl:
         self.robot.add_control(self, active=True)
         try:
             if self._ask_s is None:
-                self._run(procedures.acquire(self._protocol, self._now_s, **self._wish))
+                self._run(procedures.acquire(self._protocol, **self._wish))
             else:
                 self._run(
                     procedures.ask_for_control(
