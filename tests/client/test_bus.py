@@ -307,6 +307,24 @@ def test_an_event_loop_that_is_blocked_moves_nothing(node: RunningNode) -> None:
     asyncio.run(asyncio.wait_for(script(), PATIENCE_S))
 
 
+def test_the_synchronous_face_works_in_a_notebook(node: RunningNode) -> None:
+    """A cell runs in a thread that has a running event loop of its own, and no `with`."""
+
+    async def cells() -> None:
+        robot = tsd_twin.connect(node.endpoint)
+        base = robot.control("notebook")
+        base.acquire()
+        base.drive(vx_mps=0.2, duration_s=0.3)
+        assert repr(base) == "<RobotControl: notebook has control of tsd>"
+        base.release()
+        assert not base.is_held
+        base.acquire()
+        robot.close()
+        assert not base.is_held
+
+    asyncio.run(cells())
+
+
 SCRIPT = """
 import sys, tsd_twin
 robot = tsd_twin.connect(sys.argv[1])
