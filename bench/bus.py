@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+import tsd_twin
 from bench.table import Row, percentile
 from tsd_twin import topics
 from tsd_twin.bus import Bus, client_config
@@ -43,6 +44,8 @@ def rows() -> Iterator[Row]:
     mock = [sys.executable, "-m", "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"]
     with program(mock) as endpoint, Bus(client_config([endpoint])) as bus:
         command_ms = commands(bus)
+    with program(mock) as endpoint, Bus(client_config([endpoint])) as bus:
+        client_ms = client_commands(bus, endpoint)
     for name, share, sampling_ms in (
         ("p50", 0.5, _HALF_CONTROL_PERIOD_MS),
         ("p99", 0.99, 2 * _HALF_CONTROL_PERIOD_MS),
@@ -54,6 +57,14 @@ def rows() -> Iterator[Row]:
             floor + sampling_ms + 1.0,
             "ms",
             f"ping {floor:.2f} ms + {sampling_ms:g} ms of sampling + 1 ms",
+        )
+        bare = percentile(command_ms, share)
+        yield Row(
+            f"client set_velocity to set-point published, {name}",
+            percentile(client_ms, share),
+            bare + 1.0,
+            "ms",
+            f"bare put {bare:.2f} ms + 1 ms",
         )
 
 
@@ -76,22 +87,13 @@ def commands(bus: Bus) -> list[float]:
     """Return times from the put of a command to the set-point that shows it, at 50 Hz."""
     robot = "tsd"
     seen = {"status": 0, "mode": ""}
-    came = threading.Event()
-    sent: list[float] = [0.0]
+    came = watch_setpoint(bus)
 
     def on_status(sample: Sample) -> None:
         seen["status"] = decode_stamp(sample.attachment)[0]
         seen["mode"] = json.loads(sample.payload)["mode"]
 
-    def on_setpoint(sample: Sample) -> None:
-        # Each command asks for another speed, so a set-point that moved shows the newest.
-        beta = decode_joints(sample.payload).position_rad[4]
-        if abs(beta - sent[0]) > 1e-9:
-            sent[0] = beta
-            came.set()
-
     bus.watch(topics.STATUS.key(robot), on_status)
-    bus.watch(topics.SETPOINT.key(robot), on_setpoint)
     until(lambda: seen["status"] > 0)
     ask = json.dumps({"op": "acquire", "operator": "bench"}).encode()
     lease = json.loads(bus.ask(Service.LEASE.key(robot), ask))["lease"]
@@ -115,6 +117,37 @@ def commands(bus: Bus) -> list[float]:
         send()
         time.sleep(_PERIOD_S)
     return paced(send, came)
+
+
+def client_commands(bus: Bus, endpoint: str) -> list[float]:
+    """Return times from `set_velocity` of the client to the set-point that shows it, at 50 Hz."""
+    came = watch_setpoint(bus)
+    speeds = itertools.cycle([0.40, 0.42])
+    with tsd_twin.connect(endpoint) as robot, robot.control("bench") as base:
+
+        def send() -> None:
+            came.clear()
+            base.set_velocity(vx_mps=next(speeds))
+
+        for _ in range(25):  # Up to speed first.
+            send()
+            time.sleep(_PERIOD_S)
+        return paced(send, came)
+
+
+def watch_setpoint(bus: Bus) -> threading.Event:
+    """Return an event that is set when the set-point moves: each command asks for another speed."""
+    came = threading.Event()
+    last = [0.0]
+
+    def on_setpoint(sample: Sample) -> None:
+        beta = decode_joints(sample.payload).position_rad[4]
+        if abs(beta - last[0]) > 1e-9:
+            last[0] = beta
+            came.set()
+
+    bus.watch(topics.SETPOINT.key("tsd"), on_setpoint)
+    return came
 
 
 def paced(send: Callable[[], None], came: threading.Event) -> list[float]:

@@ -12,7 +12,6 @@ from typing import Annotated, Any, TypeAlias
 import msgspec
 import trimesh
 
-import tsd_twin
 from tsd_twin.description.look import draw, tree
 from tsd_twin.description.part import Link, Material, Part, Parts
 from tsd_twin.description.urdf import urdf
@@ -112,7 +111,7 @@ def shipped(name: str) -> Path:
     Raises:
         MeshError: there is no such folder.
     """
-    package = Path(tsd_twin.__file__).parent
+    package = Path(__file__).parents[1]
     for meshes in (package / "meshes", package.parents[1] / "meshes"):
         if (meshes / name / _LIST).is_file():
             return meshes / name

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
 import time
 from collections.abc import Callable, Iterator
-
-import numpy as np
 
 from tsd_twin import topics
 from tsd_twin.errors import TwinError
 from tsd_twin.lab.keyboard import Keys
 from tsd_twin.lab.operator import Operator
 from tsd_twin.lie import Array
-from tsd_twin.messages.command import encode_attachment
-from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
 from tsd_twin.topics import Urgency
 
 PERIOD_S = 0.02
@@ -34,10 +29,8 @@ class Driver:
         # After a longer pause the robot has begun to stop, and is not set off again.
         limits, age_s = operator.robot.limits, operator.max_age_s or 0.0
         self._pause_s = limits.command_timeout_s + max(0.0, age_s - limits.max_command_age_s)
-        self._components = list(operator.robot.kinematics().components)
         key = topics.twist_key(operator.id, operator.name)
         self._commands = operator.bus.publisher(key, Urgency.REAL_TIME, topics.TWIST.type)
-        self._numbers = itertools.count(1)
         self._stops: int | None = None
 
     def drive(self, step: Callable[[float], Array | None]) -> Iterator[None]:
@@ -78,8 +71,5 @@ class Driver:
         return True
 
     def _send(self, twist: Array) -> None:
-        spatial = np.zeros(6)
-        spatial[self._components] = twist
-        operator = self._operator
-        attachment = encode_attachment(next(self._numbers), operator.lease, operator.status_seq)
-        self._commands.put(encode_twist(TwistStamped(BASE, spatial)), attachment)
+        command = self._operator.command(twist)
+        self._commands.put(command.payload, command.attachment)

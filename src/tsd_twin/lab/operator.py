@@ -12,9 +12,12 @@ import msgspec
 
 from tsd_twin import robots, topics
 from tsd_twin.bus import Bus
+from tsd_twin.client.protocol import ControlProtocol, TwistCommand
 from tsd_twin.errors import BusError, MessageError, TwinError
 from tsd_twin.lab.meeting import description
+from tsd_twin.lie import Array
 from tsd_twin.messages.command import Sample
+from tsd_twin.messages.ros import BASE
 from tsd_twin.messages.service import (
     HolderRequest,
     LeaseReply,
@@ -57,8 +60,7 @@ class Operator:
         self._renewed_s = 0.0
         self._statuses: queue.SimpleQueue[Sample] = queue.SimpleQueue()
         bus.watch(topics.STATUS.key(robot_id), self._statuses.put)
-        self.status_seq = 0
-        """Number of the newest status that was taken: what commands echo."""
+        self._protocol = ControlProtocol(robot_id, self.robot, name)
         self.max_age_s: float | None = None
         """How old commands may be, to be asked for with control; None: as usual."""
         self._before: Any = None
@@ -72,6 +74,7 @@ class Operator:
             signal.signal(signal.SIGTERM, self._before)
             raise TwinError(f"{self.id} gives no control: {reply.reason}")
         self._lease, self._renewed_s = reply.lease, time.monotonic()
+        self._protocol.grant(reply, self._renewed_s)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -153,16 +156,20 @@ class Operator:
         except (MessageError, queue.Empty):
             return None
 
-    @property
-    def lease(self) -> bytes:
-        """By which commands count."""
-        return bytes.fromhex(self._lease)
+    def command(self, twist: Array) -> TwistCommand:
+        """Return the next command, with a twist (3,) in the body frame.
+
+        Raises:
+            ControlLost: another has control.
+        """
+        return self._protocol.command(twist, BASE, time.monotonic())
 
     def _read(self, sample: Sample) -> Status:
         while not self._statuses.empty():  # Only this thread takes any.
             sample = self._statuses.get()
         status = decode_status(sample.payload)
-        self.status_seq, _ = decode_stamp(sample.attachment)
+        seq, _ = decode_stamp(sample.attachment)
+        self._protocol.receive_status(status, seq, time.monotonic())
         return status
 
     def stop(self, reason: str) -> None:

@@ -10,15 +10,17 @@ import msgspec
 import numpy as np
 
 from tsd_twin.authority import Mode
+from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.core import RobotCore
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages.command import Sample, encode_attachment
-from tsd_twin.messages.ros import BASE, Odometry, TwistStamped, encode_twist
+from tsd_twin.messages.command import Sample
+from tsd_twin.messages.ros import BASE, Odometry
+from tsd_twin.messages.service import LeaseReply
 from tsd_twin.messages.status import LoopStatus, Status
 from tsd_twin.robots import Robot
 from tsd_twin.sim import SimRobot
-from tsd_twin.topics import Service
+from tsd_twin.topics import Service, twist_key
 
 PERIOD_S = 0.01
 _OPERATOR = "lab"
@@ -49,14 +51,13 @@ class VirtualRobot:
         self.now_s = start_s
         self.spin_share = 1.0
         """Speed of the wheels over what the core takes it for; commands are corrected by it."""
-        self._components = list(self.core.drive.components)
         self._periods = itertools.count()
-        self._seq, self._status_seq = 0, 0
+        self._status_seq = 0
         self._mark = SE2.identity()
         self._tick(None)
         self._on_the_floor()
-        lease = self._ask(Service.LEASE, {"op": "acquire", "operator": _OPERATOR})
-        self._lease = str(lease["lease"])
+        self._protocol = ControlProtocol(robot.name, robot, _OPERATOR)
+        self._lease = self._acquire()
         self._get_ready()
         self.mark()
 
@@ -113,18 +114,24 @@ class VirtualRobot:
             self.core.note_status_sent(self._status_seq, self.now_s)
 
     def _sample(self, twist: Array) -> Sample:
-        self._seq += 1
-        spatial = np.zeros(6)
-        spatial[self._components] = twist
-        attachment = encode_attachment(self._seq, bytes.fromhex(self._lease), self._status_seq)
-        key = f"twin/{self.core.robot.name}/cmd/{_OPERATOR}/twist"
-        return Sample(key, encode_twist(TwistStamped(BASE, spatial)), attachment)
+        self._protocol.status_seq = self._status_seq
+        command = self._protocol.command(twist, BASE, self.now_s)
+        key = twist_key(self.core.robot.name, _OPERATOR)
+        return Sample(key, command.payload, command.attachment)
 
-    def _ask(self, service: Service, request: Mapping[str, object]) -> dict[str, object]:
+    def _acquire(self) -> str:
+        reply = self.core.serve(
+            Service.LEASE, json.dumps({"op": "acquire", "operator": _OPERATOR}).encode(), self.now_s
+        )
+        if not isinstance(reply, LeaseReply):
+            raise TwinError(f"{Service.LEASE}: {reply.reason}")
+        self._protocol.grant(reply, self.now_s)
+        return self._protocol.lease_hex
+
+    def _ask(self, service: Service, request: Mapping[str, object]) -> None:
         reply = self.core.serve(service, json.dumps(request).encode(), self.now_s)
         if not (getattr(reply, "ok", True) and getattr(reply, "granted", True)):
             raise TwinError(f"{service.value}: {reply.reason}")
-        return {"lease": getattr(reply, "lease", "")}
 
 
 def _xyh(x_m: float, y_m: float, heading_rad: float) -> dict[str, object]:

@@ -1,0 +1,42 @@
+"""The client library: connect to a robot, read its state, take control, drive."""
+
+from tsd_twin.client.aio import AsyncRobotClient, AsyncRobotControl, connect_async
+from tsd_twin.client.discovery import connect
+from tsd_twin.client.errors import (
+    ClientError,
+    ControlDenied,
+    ControlLost,
+    MotionFailed,
+    NoRobotFound,
+    RequestRefused,
+    RobotSilent,
+    RobotStopped,
+    SeveralRobotsFound,
+)
+from tsd_twin.client.robot import RobotClient, RobotControl
+from tsd_twin.client.simulated import SimulatedRobot
+from tsd_twin.client.state import OdometryState, PlanarPose, PlanarTwist, RobotState, Subscription
+
+__all__ = [
+    "AsyncRobotClient",
+    "AsyncRobotControl",
+    "ClientError",
+    "ControlDenied",
+    "ControlLost",
+    "MotionFailed",
+    "NoRobotFound",
+    "OdometryState",
+    "PlanarPose",
+    "PlanarTwist",
+    "RequestRefused",
+    "RobotClient",
+    "RobotControl",
+    "RobotSilent",
+    "RobotState",
+    "RobotStopped",
+    "SeveralRobotsFound",
+    "SimulatedRobot",
+    "Subscription",
+    "connect",
+    "connect_async",
+]

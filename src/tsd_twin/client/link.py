@@ -1,0 +1,351 @@
+"""The connection of a client to one robot: the interface, and the one over the bus."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable
+from functools import cache, partial
+from typing import Any, Protocol
+
+from tsd_twin import robots, topics
+from tsd_twin.bus import Bus, Publisher
+from tsd_twin.client.errors import RobotSilent
+from tsd_twin.client.protocol import ControlProtocol, TwistCommand
+from tsd_twin.client.state import RobotState, Subscription
+from tsd_twin.errors import BusError, MessageError, NoAnswerError
+from tsd_twin.lie import SO3
+from tsd_twin.messages.command import Sample
+from tsd_twin.messages.ros import JointState, Odometry, decode_joints, decode_odometry
+from tsd_twin.messages.service import Description, Event, decode_json
+from tsd_twin.messages.status import Status, decode_stamp, decode_status
+from tsd_twin.robots import Robot
+from tsd_twin.topics import Service, Topic, Urgency
+
+_DESCRIPTION_S = 5.0
+"""A session that has just joined does not hear of every robot at once."""
+_FIRST_STATE_S = 3.0
+
+
+class Link(Protocol):
+    """A connection to one robot; all of it may be called from any thread, unless it says so."""
+
+    id: str
+    """Of the robot on the bus."""
+    robot: Robot
+    """Its description."""
+    virtual: bool
+    """Whether time is virtual, and passes only in `sleep_until` and `wait_for_status`."""
+    lock: threading.RLock
+    """Guards the protocols that are attached."""
+
+    def now_s(self) -> float:
+        """Return the time: of the monotonic clock, or virtual."""
+        ...
+
+    def wall_ns(self) -> int:
+        """Return the wall clock that pose measurements are stamped with."""
+        ...
+
+    def call(self, service: Service, payload: bytes, timeout_s: float) -> bytes | None:
+        """Return the answer of a service, None when there is none in time."""
+        ...
+
+    def send(self, command: TwistCommand) -> None:
+        """Publish a command."""
+        ...
+
+    def send_stop(self, payload: bytes) -> None:
+        """Publish a stop, without an acknowledgement."""
+        ...
+
+    def send_pose(self, payload: bytes) -> None:
+        """Publish a pose measurement."""
+        ...
+
+    def sleep_until(self, until_s: float) -> None:
+        """Wait until a time."""
+        ...
+
+    def wait_for_status(self, until_s: float) -> None:
+        """Wait for the next status, or until a time."""
+        ...
+
+    def state(self) -> RobotState:
+        """Return the newest state."""
+        ...
+
+    def attach(self, protocol: ControlProtocol) -> None:
+        """Begin to hand states to a protocol, and to send its due set-points and renewals."""
+        ...
+
+    def detach(self, protocol: ControlProtocol) -> None:
+        """End what `attach` began."""
+        ...
+
+    def subscribe_states(self, subscription: Subscription[RobotState]) -> Subscription[RobotState]:
+        """Fill a subscription with every new state, until it is closed."""
+        ...
+
+    def subscribe_events(self, subscription: Subscription[Event]) -> Subscription[Event]:
+        """Fill a subscription with every new event, until it is closed."""
+        ...
+
+    def close(self) -> None:
+        """Leave the robot; subscriptions end."""
+        ...
+
+    @property
+    def closed(self) -> bool:
+        """Whether it was closed."""
+        ...
+
+
+class BusLink:
+    """A connection over the bus: subscriptions, services, publishers of one robot.
+
+    Zenoh calls back on its own threads: they store, wake and return.
+    """
+
+    def __init__(self, bus: Bus, robot_id: str) -> None:
+        """Fetch the description of a robot and wait for its first state; closes `bus` at the end.
+
+        Raises:
+            BusError: the robot does not answer.
+            RobotFileError: its description cannot be used.
+            RobotSilent: it sends no state.
+        """
+        self.id = topics.checked(robot_id)
+        self.virtual = False
+        self.lock = threading.RLock()
+        self._bus = bus
+        self.description = self._describe()
+        """TOML and URDF."""
+        self.robot = robots.parse(self.description.robot, f"description of {robot_id}")
+        turning = self.robot.kinematics().space is SO3
+        self._decode_pose = partial(decode_odometry, turning=turning)
+        self._changed = threading.Condition(self.lock)
+        self._samples: dict[Topic, Sample] = {}
+        self._status: Status | None = None
+        self._odometry: Odometry | None = None
+        self._status_seq = 0
+        self._received_s = 0.0
+        self._protocols: list[ControlProtocol] = []
+        self._states: list[Subscription[RobotState]] = []
+        self._events: list[Subscription[Event]] = []
+        self._events_watched = False
+        self._wakeups: list[Callable[[], None]] = []
+        self._publishers: dict[str, Publisher] = {}
+        self._closed = False
+        for topic in (topics.JOINTS, topics.SETPOINT, topics.TRUTH, topics.OTHER_ODOM):
+            bus.watch(topic.key(robot_id), partial(self._samples.__setitem__, topic))
+        bus.watch(topics.STATUS.key(robot_id), self._receive_status)
+        bus.watch(topics.ODOM.key(robot_id), self._receive_odometry)
+        self._wait_for_first_state()
+
+    def _describe(self) -> Description:
+        end_s = time.monotonic() + _DESCRIPTION_S
+        while True:
+            try:
+                answer = self._bus.ask(Service.DESC.key(self.id), b"")
+                return decode_json(answer, Description, "a description")
+            except NoAnswerError:
+                if time.monotonic() > end_s:
+                    raise
+
+    def _wait_for_first_state(self) -> None:
+        needed = (topics.JOINTS, topics.SETPOINT)
+
+        def complete() -> bool:
+            known = self._status is not None and self._odometry is not None
+            return known and all(topic in self._samples for topic in needed)
+
+        end_s = time.monotonic() + _FIRST_STATE_S
+        with self._changed:
+            while not complete():
+                if time.monotonic() > end_s:
+                    raise RobotSilent(f"{self.id} answers, but sends no state")
+                self._changed.wait(0.1)
+
+    # Received messages, on threads of Zenoh.
+
+    def _receive_status(self, sample: Sample) -> None:
+        try:
+            status, (seq, _) = decode_status(sample.payload), decode_stamp(sample.attachment)
+        except MessageError:
+            return  # Another program writes on this key; the age of the state shows it.
+        with self._changed:
+            now_s = self._received_s = time.monotonic()
+            self._status, self._status_seq = status, seq
+            for protocol in self._protocols:
+                protocol.receive_status(status, seq, now_s)
+            self._changed.notify_all()
+            self._wake()
+
+    def _receive_odometry(self, sample: Sample) -> None:
+        try:
+            odometry = self._decode_pose(sample.payload)
+        except MessageError:
+            return
+        with self._changed:
+            now_s = self._received_s = time.monotonic()
+            self._odometry = odometry
+            for protocol in self._protocols:
+                protocol.receive_odometry(odometry, now_s)
+            if self._states and self._status is not None and topics.JOINTS in self._samples:
+                state = self._snapshot(self._status, odometry)
+                self._states = [each for each in self._states if not each.closed]
+                for subscription in self._states:
+                    subscription.put(state)
+            self._wake()
+
+    def _receive_event(self, sample: Sample) -> None:
+        try:
+            event = decode_json(sample.payload, Event, "an event")
+        except MessageError:
+            return
+        with self.lock:
+            self._events = [each for each in self._events if not each.closed]
+            for subscription in self._events:
+                subscription.put(event)
+            self._wake()
+
+    def _wake(self) -> None:
+        for wakeup in self._wakeups:
+            wakeup()
+
+    def on_change(self, wakeup: Callable[[], None]) -> None:
+        """Call `wakeup` on a thread of Zenoh whenever something new has come in."""
+        with self.lock:
+            self._wakeups.append(wakeup)
+
+    # What faces use.
+
+    def now_s(self) -> float:
+        """Return the time of the monotonic clock."""
+        return time.monotonic()
+
+    def wall_ns(self) -> int:
+        """Return the wall clock of this machine."""
+        return time.time_ns()
+
+    def call(self, service: Service, payload: bytes, timeout_s: float) -> bytes | None:
+        """Return the answer of a service, None when there is none in time."""
+        try:
+            return self._bus.ask(service.key(self.id), payload, timeout_s)
+        except BusError:
+            return None
+
+    def send(self, command: TwistCommand) -> None:
+        """Publish a command; when the bus is closed, the robot stops by itself."""
+        key = topics.twist_key(self.id, command.operator)
+        self._put(key, topics.TWIST.type, command.payload, command.attachment)
+
+    def send_stop(self, payload: bytes) -> None:
+        """Publish a stop."""
+        self._put(Service.STOP.key(self.id), "json", payload)
+
+    def send_pose(self, payload: bytes) -> None:
+        """Publish a pose measurement."""
+        topic = topics.OUTSIDE_POSE
+        self._put(topic.key(self.id), topic.type, payload, urgency=topic.urgency)
+
+    def _put(
+        self,
+        key: str,
+        kind: str,
+        payload: bytes,
+        attachment: bytes = b"",
+        urgency: Urgency = Urgency.REAL_TIME,
+    ) -> None:
+        with self.lock:
+            if key not in self._publishers:
+                self._publishers[key] = self._bus.publisher(key, urgency, kind)
+            publisher = self._publishers[key]
+        with contextlib.suppress(BusError):
+            publisher.put(payload, attachment)
+
+    def sleep_until(self, until_s: float) -> None:
+        """Wait until a time."""
+        time.sleep(max(0.0, until_s - time.monotonic()))
+
+    def wait_for_status(self, until_s: float) -> None:
+        """Wait for the next status, or until a time."""
+        with self._changed:
+            seen = self._status
+            self._changed.wait_for(
+                lambda: self._status is not seen, max(0.0, until_s - time.monotonic())
+            )
+
+    def state(self) -> RobotState:
+        """Return the newest state."""
+        with self.lock:
+            assert self._status is not None  # noqa: S101  The constructor has waited for both.
+            assert self._odometry is not None  # noqa: S101
+            return self._snapshot(self._status, self._odometry)
+
+    def _snapshot(self, status: Status, odometry: Odometry) -> RobotState:
+        get = self._samples.get
+        joints, setpoint = self._samples[topics.JOINTS], self._samples[topics.SETPOINT]
+        return RobotState(
+            status,
+            self._received_s,
+            lambda: odometry,
+            partial(self._optional_pose, get(topics.TRUTH)),
+            partial(self._optional_pose, get(topics.OTHER_ODOM)),
+            cache(partial(_joints, joints)),
+            cache(partial(_joints, setpoint)),
+        )
+
+    def _optional_pose(self, sample: Sample | None) -> Odometry | None:
+        return None if sample is None else self._decode_pose(sample.payload)
+
+    def attach(self, protocol: ControlProtocol) -> None:
+        """Hand states to a protocol from now on; the face sends what is due."""
+        with self.lock:
+            if self._status is not None:
+                protocol.receive_status(self._status, self._status_seq, self._received_s)
+            if self._odometry is not None:
+                protocol.receive_odometry(self._odometry, self._received_s)
+            self._protocols.append(protocol)
+
+    def detach(self, protocol: ControlProtocol) -> None:
+        """Hand it no more states."""
+        with self.lock:
+            self._protocols = [each for each in self._protocols if each is not protocol]
+
+    def subscribe_states(self, subscription: Subscription[RobotState]) -> Subscription[RobotState]:
+        """Fill a subscription with a state for each `state/odom`, until it is closed."""
+        with self.lock:
+            self._states = [*self._states, subscription]
+        return subscription
+
+    def subscribe_events(self, subscription: Subscription[Event]) -> Subscription[Event]:
+        """Fill a subscription with the newest events of the past, and every new one."""
+        with self.lock:
+            self._events = [*self._events, subscription]
+            first, self._events_watched = not self._events_watched, True
+        if first:
+            self._bus.watch_events(topics.EVENT.key(self.id), self._receive_event)
+        return subscription
+
+    def close(self) -> None:
+        """Leave the bus; subscriptions end."""
+        with self.lock:
+            if self._closed:
+                return
+            self._closed = True
+            ending: list[Subscription[Any]] = [*self._states, *self._events]
+        for subscription in ending:
+            subscription.close()
+        self._bus.close()
+
+    @property
+    def closed(self) -> bool:
+        """Whether it was closed."""
+        return self._closed
+
+
+def _joints(sample: Sample) -> JointState:
+    return decode_joints(sample.payload)

@@ -1,0 +1,423 @@
+"""The protocol of an operator, without I/O: lease, commands, set-point time-out.
+
+Time is an argument, in seconds of any monotonic clock. Received messages go in, commands and
+requests come out; the faces (`robot`, `aio`) and the simulated robot move them.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from tsd_twin import topics
+from tsd_twin.authority import LATCHED, Mode
+from tsd_twin.client.errors import ClientError, ControlLost, RobotSilent, RobotStopped
+from tsd_twin.drives import Drive
+from tsd_twin.errors import MessageError
+from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.messages.command import encode_attachment
+from tsd_twin.messages.ros import BASE, ODOM, Odometry, TwistStamped, encode_twist
+from tsd_twin.messages.service import LeaseReply, LeaseRequest, decode_json
+from tsd_twin.messages.status import Status
+from tsd_twin.robots import RPM, Robot
+
+COMMAND_PERIOD_S = 0.02
+"""Commands are sent at 50 Hz while a motion is in force."""
+SETPOINT_TIMEOUT_S = 0.2
+"""A velocity set-point that is not refreshed for this long is replaced by zero."""
+RENEW_PERIOD_S = 0.5
+"""The lease is renewed this often, of the 2 s after which it expires."""
+SILENCE_S = 1.0
+"""Twenty statuses; commands stop counting long before that."""
+_GRACE_S = 0.3
+"""A status that was under way when the lease was granted does not show it."""
+_SHORTEST_PERIOD_S = 0.01
+"""A set-point that is refreshed faster is sent with the next due command."""
+_REORDERED = 20
+"""A status number that is lower by up to this is an old message; by more, the robot restarted."""
+_NUMBERS_APART = 1000
+"""Between the numbers of two leases: more than a previous holder can have under way."""
+_ROUND_TRIPS = 8
+_STILL_MPS, _STILL_RAD_PER_S = 0.02, 0.05
+_REST = (0.0, 0.0, 0.0)
+_MODES = frozenset(Mode)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TwistCommand:
+    """One command, ready to be published on `cmd/<operator>/twist`."""
+
+    operator: str
+    seq: int
+    payload: bytes
+    """CDR of a `geometry_msgs/msg/TwistStamped`."""
+    attachment: bytes
+    """Its number, the lease id and the number of the newest status received."""
+
+
+class ControlProtocol:
+    """What one operator may send to one robot at each time, and what a message means.
+
+    Not thread-safe: the faces call it under one lock.
+    """
+
+    def __init__(self, robot_id: str, robot: Robot, operator: str) -> None:
+        """Prepare for one robot.
+
+        Raises:
+            BusError: the name of the operator cannot be part of a bus key.
+        """
+        self.robot_id = robot_id
+        self.robot = robot
+        self.operator = topics.checked(operator)
+        self.kinematics: Drive[Any] = robot.kinematics()
+        self.status: Status | None = None
+        self.status_seq = 0
+        """Number of the newest status, which each command echoes."""
+        self.odometry: Odometry | None = None
+        self.max_age_s = robot.limits.max_command_age_s
+        """Age up to which commands count under this lease."""
+        self._status_s = self._odometry_s = -math.inf
+        self._lease = b""
+        self._granted_s = -math.inf
+        self._lost = ""
+        self._seq = 0
+        self._stops: int | None = None
+        self._setpoint: tuple[Sequence[float], str] | None = None
+        self._expires_s = self._sent_s = self._refreshed_s = -math.inf
+        self._rest_seq: int | None = None
+        self._failure: ClientError | None = None
+        self._renewed_s = -math.inf
+        self._round_trips_s: deque[float] = deque(maxlen=_ROUND_TRIPS)
+
+    # Received messages.
+
+    def receive_status(self, status: Status, seq: int, now_s: float) -> None:
+        """Take in a `state/status` with its number; one that was overtaken is ignored."""
+        if self.status_seq - _REORDERED <= seq < self.status_seq or status.mode not in _MODES:
+            return
+        self.status, self.status_seq, self._status_s = status, seq, now_s
+        settled = now_s - self._granted_s > max(_GRACE_S, self.max_age_s)
+        if self._lease and settled and status.lease.holder != self.operator:
+            holder = status.lease.holder
+            self._lose(f"{holder} has control now" if holder else "the lease has ended")
+
+    def receive_odometry(self, odometry: Odometry, now_s: float) -> None:
+        """Take in a `state/odom`."""
+        self.odometry, self._odometry_s = odometry, now_s
+
+    def add_round_trip(self, seconds: float) -> None:
+        """Take in how long a service took to answer."""
+        self._round_trips_s.append(seconds)
+
+    @property
+    def round_trip_s(self) -> float:
+        """Median time from a request to its answer; 0 while none is known."""
+        return statistics.median(self._round_trips_s) if self._round_trips_s else 0.0
+
+    # The lease.
+
+    @property
+    def has_lease(self) -> bool:
+        """Whether the lease is held, as far as is known."""
+        return bool(self._lease)
+
+    @property
+    def lease_hex(self) -> str:
+        """The lease id, as requests have it.
+
+        Raises:
+            ControlLost: the lease is not held.
+        """
+        self.check_lease()
+        return self._lease.hex()
+
+    def grant(self, reply: LeaseReply, now_s: float) -> None:
+        """Take in the reply that grants the lease."""
+        if reply.lease is None:
+            raise MessageError("shape", "a granted lease has an id")
+        self._lease = bytes.fromhex(reply.lease)
+        self._granted_s = self._renewed_s = now_s
+        self._lost, self._failure, self._stops = "", None, None
+        self._setpoint = self._rest_seq = None
+        self.max_age_s = reply.max_age_s
+        # Numbers go on rising from those that the robot has shown, so that a status which shows
+        # one of them was sent after the robot had counted it.
+        counted = 0 if self.status is None else self.status.command.seq
+        self._seq = max(self._seq, counted) + _NUMBERS_APART
+
+    def release(self) -> None:
+        """Take it that the lease was given back or handed over."""
+        self._lose("control was released")
+
+    def check_lease(self) -> None:
+        """Check that the lease is held.
+
+        Raises:
+            ControlLost: it is not.
+        """
+        if not self._lease:
+            raise ControlLost(f"no control of {self.robot_id}: {self._lost or 'take it first'}")
+
+    def renewal(self, now_s: float) -> bytes | None:
+        """Return the request that renews the lease, when one is due."""
+        if not self._lease or now_s - self._renewed_s < RENEW_PERIOD_S:
+            return None
+        self._renewed_s = now_s
+        lease = self._lease.hex()
+        return msgspec.json.encode(LeaseRequest(op="renew", operator=self.operator, lease=lease))
+
+    def receive_renewal(self, request: bytes, answer: bytes | None, trip_s: float) -> None:
+        """Take in the answer to a renewal; silence is judged by the age of the status."""
+        if answer is None or not self._lease:
+            return
+        asked = decode_json(request, LeaseRequest, "a renewal")
+        try:
+            reply = decode_json(answer, LeaseReply, "an answer")
+        except MessageError:
+            return
+        if asked.lease != self._lease.hex():
+            return  # The answer is about an earlier lease.
+        self.add_round_trip(trip_s)
+        if not reply.granted:
+            holder = reply.holder if reply.holder != self.operator else "another client"
+            self._lose(f"{holder} has control now" if holder else reply.reason)
+
+    def _lose(self, reason: str) -> None:
+        self._lease, self._lost = b"", reason
+        self._setpoint = self._stops = None
+
+    # Motions.
+
+    @property
+    def mode(self) -> Mode:
+        """The mode in the newest status.
+
+        Raises:
+            RobotSilent: there is none.
+        """
+        if self.status is None:
+            raise RobotSilent(f"{self.robot_id} has sent no status")
+        return Mode(self.status.mode)
+
+    @property
+    def in_motion(self) -> bool:
+        """Whether a motion has begun and not ended."""
+        return self._stops is not None
+
+    def begin_motion(self, now_s: float) -> None:
+        """Begin a motion: from here on, any stop of the robot by itself ends it.
+
+        Raises:
+            ClientError: the lease is not held, the robot is silent or not ready, or another motion
+                is in force.
+        """
+        self.check_lease()
+        mode = self.mode
+        if self._stops is not None:
+            raise ClientError(f"{self.robot_id} is in another motion of this script")
+        self._check_silence(now_s)
+        if mode is not Mode.READY:
+            raise RobotStopped(self._sentence("is not ready"))
+        assert self.status is not None  # noqa: S101  `mode` has looked.
+        self._stops = self.status.stops
+        self._setpoint = self._rest_seq = self._failure = None
+
+    def end_motion(self) -> None:
+        """End the motion; nothing is sent for it any more."""
+        self._stops = self._setpoint = self._rest_seq = None
+
+    def check_motion(self, now_s: float) -> None:
+        """Check that the motion may go on.
+
+        Raises:
+            ControlLost: the lease ended.
+            RobotSilent: no status for a second.
+            RobotStopped: the robot is latched or not armed, or began to stop by itself.
+        """
+        self.check_lease()
+        self._check_silence(now_s)
+        status = self.status
+        if status is None or self._stops is None:
+            raise ClientError(f"{self.robot_id} is in no motion")
+        if self.mode not in (Mode.READY, Mode.DRIVING) or status.stops > self._stops:
+            raise RobotStopped(self._sentence("stopped by itself"))
+
+    def command(self, twist: Sequence[float] | Array, frame: str, now_s: float) -> TwistCommand:
+        """Return the next command: three numbers of the twist, in `base_link` or `odom`.
+
+        Raises:
+            ControlLost: the lease is not held.
+            ClientError: a number is not finite.
+        """
+        self.check_lease()
+        numbers = _checked(twist, frame)
+        spatial = np.zeros(6)
+        spatial[list(self.kinematics.components)] = numbers
+        self._seq += 1
+        self._sent_s = now_s
+        attachment = encode_attachment(self._seq, self._lease, self.status_seq)
+        payload = encode_twist(TwistStamped(frame, spatial))
+        return TwistCommand(self.operator, self._seq, payload, attachment)
+
+    def at_rest_since(self, seq: int) -> bool:
+        """Return whether the robot has counted command `seq` or a later one, and is at rest."""
+        status = self.status
+        counted = status is not None and seq <= status.command.seq <= self._seq
+        return counted and self.mode is Mode.READY
+
+    def is_still(self) -> bool:
+        """Return whether the odometry shows next to no speed, once the joints have followed."""
+        if self.odometry is None:
+            return False
+        twist, lever_m = np.abs(self.odometry.twist), self.kinematics.lever_m
+        slow = lever_m * float(np.hypot(twist[0], twist[1])) < _STILL_MPS
+        return slow and float(twist[2]) < _STILL_RAD_PER_S
+
+    # Velocity set-points.
+
+    def set_velocity(self, twist: Sequence[float], frame: str, now_s: float) -> TwistCommand | None:
+        """Put a set-point in force for `SETPOINT_TIMEOUT_S`; return a command to send at once.
+
+        None: the last one that was sent at once is less than 10 ms old, `due` returns the next.
+
+        Raises:
+            ClientError: as `begin_motion` and `check_motion`; a failure since the last set-point.
+        """
+        self.raise_failure()
+        if self._setpoint is None:
+            self.begin_motion(now_s)
+        self.check_motion(now_s)
+        _checked(twist, frame)
+        self._setpoint, self._expires_s = (tuple(twist), frame), now_s + SETPOINT_TIMEOUT_S
+        self._rest_seq = None
+        # Not counted from the last repetition by `due`, behind which a refresh would have to wait.
+        if now_s - self._refreshed_s < _SHORTEST_PERIOD_S:
+            return None
+        self._refreshed_s = now_s
+        return self.command(twist, frame, now_s)
+
+    def due(self, now_s: float) -> TwistCommand | None:
+        """Return the command that is due for the set-point in force, zero once it has expired.
+
+        A failure ends the motion without another command, so that the robot stops by itself; the
+        next `set_velocity` raises it.
+        """
+        if self._setpoint is None:
+            return None
+        try:
+            self.check_motion(now_s)
+        except ClientError as error:
+            self._failure = error
+            self.end_motion()
+            return None
+        if self._rest_seq is not None and self.at_rest_since(self._rest_seq):
+            self.end_motion()
+            return None
+        if now_s - self._sent_s < COMMAND_PERIOD_S - 1e-6:
+            return None
+        twist, frame = self._setpoint
+        if now_s < self._expires_s:
+            return self.command(twist, frame, now_s)
+        command = self.command(_REST, BASE, now_s)
+        self._rest_seq = command.seq if self._rest_seq is None else self._rest_seq
+        return command
+
+    def raise_failure(self) -> None:
+        """Raise what has ended the last set-point, once.
+
+        Raises:
+            ClientError: the failure.
+        """
+        if self._failure is not None:
+            failure, self._failure = self._failure, None
+            raise failure
+
+    @property
+    def next_due_s(self) -> float:
+        """When `due` has to be called next, while there is a set-point."""
+        return self._sent_s + COMMAND_PERIOD_S
+
+    @property
+    def has_setpoint(self) -> bool:
+        """Whether a set-point, or the zero after it, is being sent."""
+        return self._setpoint is not None
+
+    def end_setpoint(self) -> None:
+        """Let the set-point in force expire now."""
+        self._expires_s = -math.inf
+
+    # The newest state.
+
+    def pose(self, now_s: float) -> SE2:
+        """Return the estimated pose on the floor.
+
+        Raises:
+            RobotSilent: it is older than commands may be.
+            ClientError: the robot turns a sphere in place.
+        """
+        if self.kinematics.space is SO3:
+            raise ClientError(f"{self.robot_id} turns a sphere in place: it goes nowhere")
+        if self.odometry is None or now_s - self._odometry_s > self.max_age_s:
+            raise RobotSilent(f"{self.robot_id} has sent no odometry for {self.max_age_s:g} s")
+        return SE2(self.odometry.xy_heading)
+
+    def planar(self, vx_mps: float, vy_mps: float, omega_rad_per_s: float) -> Sequence[float]:
+        """Return the twist of a robot on a floor.
+
+        Raises:
+            ClientError: the robot turns a sphere in place.
+        """
+        if self.kinematics.space is SO3:
+            raise ClientError(f"{self.robot_id} turns a sphere in place: use turn, set_turn_rate")
+        return (vx_mps, vy_mps, omega_rad_per_s)
+
+    def spherical(self, *angular_velocity_rad_per_s: float) -> Sequence[float]:
+        """Return the twist of a sphere that is turned in place.
+
+        Raises:
+            ClientError: the robot drives on a floor.
+        """
+        if self.kinematics.space is not SO3:
+            raise ClientError(f"{self.robot_id} turns no sphere: use drive, set_velocity")
+        return angular_velocity_rad_per_s
+
+    def kinematics_in_force(self) -> Drive[Any]:
+        """Return the kinematics at the wheel speed that the status shows."""
+        speeds, status = self.robot.gears, self.status
+        if speeds is None or status is None or status.gear is None:
+            return self.kinematics
+        spin = status.gear.wanted_rpm * RPM
+        return self.kinematics if speeds.refusal(spin) else speeds.drive.with_spin(spin)
+
+    def latch_reason(self) -> str:
+        """Return why the robot is latched, as a sentence; "" when it is not."""
+        return self._sentence("") if self.mode in LATCHED else ""
+
+    def _check_silence(self, now_s: float) -> None:
+        if now_s - self._status_s > SILENCE_S:
+            raise RobotSilent(f"{self.robot_id} has sent no status for {SILENCE_S:g} s")
+
+    def _sentence(self, what: str) -> str:
+        assert self.status is not None  # noqa: S101  Callers have looked.
+        if self.status.mode in (Mode.READY, Mode.DRIVING, Mode.STOPPING):
+            text = f"{self.robot_id} {what}"
+        else:
+            text = f"{self.robot_id} is {self.status.mode}"
+        return f"{text}: {self.status.stop_reason}" if self.status.stop_reason else text
+
+
+def _checked(twist: Sequence[float] | Array, frame: str) -> Array:
+    numbers = np.asarray(twist, dtype=float)
+    if numbers.shape != (3,) or not np.isfinite(numbers).all():
+        raise ClientError(f"a twist is three finite numbers, not {twist}")
+    if frame not in (BASE, ODOM):
+        raise ClientError(f"a frame is {BASE} or {ODOM}, not {frame}")
+    return numbers

@@ -1,0 +1,223 @@
+"""A simulated robot with the interface of a client, in virtual time: no bus, no clock, no threads.
+
+Time passes only inside calls that wait: `drive`, `go_to`, `sleep`, arming, the iterators. The
+controller is the one that runs on the machine, with the same lease, gate and limits.
+"""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Sequence
+
+import msgspec
+import numpy as np
+
+from tsd_twin import robots, topics
+from tsd_twin.client.errors import ClientError
+from tsd_twin.client.protocol import ControlProtocol, TwistCommand
+from tsd_twin.client.robot import RobotClient
+from tsd_twin.client.state import RobotState, Subscription
+from tsd_twin.core import RobotCore
+from tsd_twin.lie import SE2
+from tsd_twin.messages.command import Sample
+from tsd_twin.messages.ros import Odometry
+from tsd_twin.messages.service import Event
+from tsd_twin.messages.status import LoopStatus
+from tsd_twin.robots import Robot
+from tsd_twin.sim import SimRobot
+from tsd_twin.topics import Service
+
+PERIOD_S = 0.01
+_STATE_EVERY = 2
+_STATUS_EVERY = 5
+_EXACT = np.zeros((3, 3))
+
+
+class SimulationLink:
+    """A robot in virtual time as a link: controller and simulated joints, stepped at 100 Hz."""
+
+    def __init__(self, robot: Robot, simulated: SimRobot, pose: SE2 | None) -> None:
+        self.id = robot.name
+        self.virtual = True
+        self.robot = robot
+        self.simulated = simulated
+        self.lock = threading.RLock()
+        numbers = itertools.count(1)  # Lease ids are the same in each run.
+        self._core = RobotCore(robot, lambda: next(numbers).to_bytes(16, "big"), pose=pose)
+        self._tick = 0
+        self._inbox: list[Sample] = []
+        self._poses: list[Sample] = []
+        self._mode = self._core.authority.mode
+        self._status = self._core.status(0.0, LoopStatus(), simulated.hardware())
+        self._status_seq = 0
+        self._protocols: list[ControlProtocol] = []
+        self._states: list[Subscription[RobotState]] = []
+        self._events: list[Subscription[Event]] = []
+        self._closed = False
+        self._step()
+
+    def now_s(self) -> float:
+        """Return the virtual time."""
+        return self._tick * PERIOD_S
+
+    def wall_ns(self) -> int:
+        """Return the virtual time in nanoseconds: it is the robot's wall clock too."""
+        return self._tick * round(PERIOD_S * 1e9)
+
+    def call(self, service: Service, payload: bytes, timeout_s: float) -> bytes | None:  # noqa: ARG002  The shape.
+        """Return the answer of the controller."""
+        if service is Service.STOP:
+            return msgspec.json.encode(self._core.stop(payload, self.now_s()))
+        return msgspec.json.encode(self._core.serve(service, payload, self.now_s()))
+
+    def send(self, command: TwistCommand) -> None:
+        """Hand a command to the next step."""
+        key = topics.twist_key(self.id, command.operator)
+        self._inbox.append(Sample(key, command.payload, command.attachment))
+
+    def send_stop(self, payload: bytes) -> None:
+        """Stop."""
+        self._core.stop(payload, self.now_s())
+
+    def send_pose(self, payload: bytes) -> None:
+        """Hand a pose measurement to the next step."""
+        self._poses.append(Sample(topics.OUTSIDE_POSE.key(self.id), payload, b""))
+
+    def sleep_until(self, until_s: float) -> None:
+        """Let virtual time pass."""
+        while self.now_s() < until_s - 1e-9:
+            self._step()
+
+    def wait_for_status(self, until_s: float) -> None:
+        """Let virtual time pass until the next status."""
+        seen = self._status_seq
+        while self._status_seq == seen and self.now_s() < until_s - 1e-9:
+            self._step()
+
+    def state(self) -> RobotState:
+        """Return the state of this moment."""
+        core, stamp_ns = self._core, self.wall_ns()
+        odometry, alternative = core.odometry(stamp_ns), core.other_odometry(stamp_ns)
+        joints, setpoint = core.joint_state(stamp_ns), core.setpoint_state(stamp_ns)
+        truth = self.simulated.truth(self.now_s())
+        exact = Odometry.of(truth.pose, truth.twist, _EXACT, _EXACT, stamp_ns)
+        return RobotState(
+            self._status,
+            self.now_s(),
+            lambda: odometry,
+            lambda: exact,
+            lambda: alternative,
+            lambda: joints,
+            lambda: setpoint,
+        )
+
+    def attach(self, protocol: ControlProtocol) -> None:
+        """Hand states to a protocol, and send its due set-points and renewals, from now on."""
+        protocol.receive_status(self._status, self._status_seq, self.now_s())
+        self._protocols.append(protocol)
+        self._hand_odometry()
+
+    def detach(self, protocol: ControlProtocol) -> None:
+        """End what `attach` began."""
+        self._protocols = [each for each in self._protocols if each is not protocol]
+
+    def subscribe_states(self, subscription: Subscription[RobotState]) -> Subscription[RobotState]:
+        """Fill a subscription with a state 50 times a virtual second, until it is closed."""
+        self._states.append(subscription)
+        return subscription
+
+    def subscribe_events(self, subscription: Subscription[Event]) -> Subscription[Event]:
+        """Fill a subscription with every new event, until it is closed."""
+        self._events.append(subscription)
+        return subscription
+
+    def close(self) -> None:
+        """End the subscriptions."""
+        self._closed = True
+        for each in self._states:
+            each.close()
+        for each in self._events:
+            each.close()
+
+    @property
+    def closed(self) -> bool:
+        """Whether it was closed."""
+        return self._closed
+
+    def _step(self) -> None:
+        """Run one period of the control loop, as the node does."""
+        self._send_due()
+        self._tick += 1
+        now_s = self.now_s()
+        measured = self.simulated.read(now_s)
+        if self._poses:
+            self._core.see(self._poses, now_s, self.wall_ns())
+            self._poses = []
+        inbox, self._inbox = self._inbox, []
+        self.simulated.write(self._core.step(now_s, measured, inbox), now_s)
+        for event in self._core.take_events():
+            for subscription in self._events:
+                subscription.put(event)
+        if self._tick % _STATUS_EVERY == 0 or self._core.authority.mode is not self._mode:
+            self._send_status(now_s)
+        if self._tick % _STATE_EVERY == 0:
+            self._hand_odometry()
+            self._states = [each for each in self._states if not each.closed]
+            for subscription in self._states:
+                subscription.put(self.state())
+
+    def _send_status(self, now_s: float) -> None:
+        self._mode = self._core.authority.mode
+        self._status = self._core.status(now_s, LoopStatus(), self.simulated.hardware())
+        self._status_seq += 1
+        self._core.note_status_sent(self._status_seq, now_s)
+        for protocol in self._protocols:
+            protocol.receive_status(self._status, self._status_seq, now_s)
+
+    def _hand_odometry(self) -> None:
+        if self._protocols:
+            odometry = self._core.odometry(self.wall_ns())
+            for protocol in self._protocols:
+                protocol.receive_odometry(odometry, self.now_s())
+
+    def _send_due(self) -> None:
+        now_s = self.now_s()
+        for protocol in self._protocols:
+            if (command := protocol.due(now_s)) is not None:
+                self.send(command)
+            if (renewal := protocol.renewal(now_s)) is not None:
+                protocol.receive_renewal(renewal, self.call(Service.LEASE, renewal, 1.0), 0.0)
+
+
+class SimulatedRobot(RobotClient):
+    """A robot in virtual time, with everything a `RobotClient` has; repeatable by its seed.
+
+    It belongs to one thread. `on_state` and `on_event` call back on that thread, while time passes.
+    """
+
+    def __init__(
+        self,
+        robot: str = "tsd",
+        *,
+        seed: int | None = 0,
+        noise: float = 0.0,
+        errors: float = 0.0,
+        plant: str = "kinematic",
+        pose: Sequence[float] | None = None,
+    ) -> None:
+        """Simulate a shipped robot, by name, or the robot of a TOML file, by path.
+
+        `noise` and `errors` scale those of the description, `plant` is `kinematic` or `mujoco`,
+        `pose` is (x, y, heading) at the start, in metres and radians.
+
+        Raises:
+            RobotFileError: the description cannot be used, or not with this plant.
+            ClientError: a robot that turns a sphere has no such pose.
+        """
+        description = robots.load(robot)
+        start = None if pose is None else SE2(np.array(pose, dtype=float))
+        if start is not None and description.kinematics().space is not SE2:
+            raise ClientError(f"{description.name} turns a sphere in place: it has no such pose")
+        simulated = SimRobot(description, seed, noise, pose=start, plant=plant, errors=errors)
+        super().__init__(SimulationLink(description, simulated, start), "script")

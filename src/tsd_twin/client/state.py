@@ -1,0 +1,229 @@
+"""The newest state of a robot as values, and bounded queues of states and events."""
+
+from __future__ import annotations
+
+import collections
+import math
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Generic, NamedTuple, Self, TypeVar
+
+import numpy as np
+
+from tsd_twin.authority import Mode
+from tsd_twin.errors import TwinError
+from tsd_twin.lie import SE2, Array
+from tsd_twin.messages.ros import JointState, Odometry
+from tsd_twin.messages.status import LeaseStatus, Status
+
+T = TypeVar("T")
+
+
+class PlanarPose(NamedTuple):
+    """A pose on the floor, in `odom`."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+
+
+class PlanarTwist(NamedTuple):
+    """A velocity on the floor, in `base_link`: X forward, Y left, counter-clockwise positive."""
+
+    vx_mps: float
+    vy_mps: float
+    omega_rad_per_s: float
+
+
+class Quaternion(NamedTuple):
+    """An orientation in `odom`, of unit length."""
+
+    w: float
+    x: float
+    y: float
+    z: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OdometryState:
+    """A pose in `odom` and a velocity in `base_link`."""
+
+    message: Odometry
+    """As received, with covariances."""
+
+    @property
+    def pose(self) -> PlanarPose:
+        """The pose on the floor.
+
+        Raises:
+            TwinError: the robot turns a sphere in place; see `orientation`.
+        """
+        if self.message.wxyz is not None:
+            raise TwinError("this robot turns a sphere in place: read its orientation")
+        return PlanarPose(*(float(number) for number in self.message.xy_heading))
+
+    @property
+    def se2(self) -> SE2:
+        """The pose on the floor, as an element of SE(2) to compute with."""
+        return SE2(np.array(self.pose))
+
+    @property
+    def orientation(self) -> Quaternion:
+        """The orientation in space; of a robot on a floor, a turn about Z."""
+        if self.message.wxyz is not None:
+            return Quaternion(*(float(number) for number in self.message.wxyz))
+        half = 0.5 * float(self.message.xy_heading[2])
+        return Quaternion(math.cos(half), 0.0, 0.0, math.sin(half))
+
+    @property
+    def twist(self) -> PlanarTwist:
+        """The velocity on the floor.
+
+        Raises:
+            TwinError: the robot turns a sphere in place; see `angular_velocity_rad_per_s`.
+        """
+        if self.message.wxyz is not None:
+            raise TwinError("this robot turns a sphere in place: read its angular velocity")
+        return PlanarTwist(*(float(number) for number in self.message.twist))
+
+    @property
+    def angular_velocity_rad_per_s(self) -> tuple[float, float, float]:
+        """The angular velocity about X, Y and Z."""
+        x, y, z = (float(number) for number in self.message.twist)
+        return (x, y, z) if self.message.wxyz is not None else (0.0, 0.0, z)
+
+    @property
+    def covariance(self) -> Array:
+        """(3, 3): of x, y, heading; of a sphere of small turns about the axes of `odom`."""
+        return self.message.pose_covariance
+
+    @property
+    def stamp_s(self) -> float:
+        """When the robot measured it, by the robot's wall clock."""
+        return self.message.stamp_ns * 1e-9
+
+    def __repr__(self) -> str:
+        if self.message.wxyz is None:
+            return f"OdometryState({self.pose}, {self.twist})"
+        return f"OdometryState({self.orientation}, {self.angular_velocity_rad_per_s} rad/s)"
+
+
+@dataclass(frozen=True, eq=False)
+class RobotState:
+    """One snapshot of a robot; messages are decoded when they are first read."""
+
+    status: Status
+    """All of `state/status`: docs/bus.md explains each field."""
+    received_s: float
+    """When the newest message of it came in, on the monotonic clock of this process."""
+    _odom: Callable[[], Odometry]
+    _truth: Callable[[], Odometry | None]
+    _alternative: Callable[[], Odometry | None]
+    _joints: Callable[[], JointState]
+    _setpoint: Callable[[], JointState]
+
+    @property
+    def mode(self) -> Mode:
+        """What the robot is doing."""
+        return Mode(self.status.mode)
+
+    @property
+    def stop_reason(self) -> str:
+        """Why it stopped, is stopping, or is not armed any more."""
+        return self.status.stop_reason
+
+    @property
+    def lease(self) -> LeaseStatus:
+        """Which operator has control, and who asks for it."""
+        return self.status.lease
+
+    @cached_property
+    def odom(self) -> OdometryState:
+        """The estimated pose and velocity."""
+        return OdometryState(self._odom())
+
+    @cached_property
+    def truth(self) -> OdometryState | None:
+        """The true pose and velocity, of a simulated robot."""
+        message = self._truth()
+        return None if message is None else OdometryState(message)
+
+    @cached_property
+    def odom_alternative(self) -> OdometryState | None:
+        """The second estimate, of robots that have one."""
+        message = self._alternative()
+        return None if message is None else OdometryState(message)
+
+    @cached_property
+    def joints(self) -> JointState:
+        """The measured joints; NaN where one is not measured."""
+        return self._joints()
+
+    @cached_property
+    def setpoint(self) -> JointState:
+        """The commanded joints."""
+        return self._setpoint()
+
+    def __repr__(self) -> str:
+        reason = f", {self.stop_reason!r}" if self.stop_reason else ""
+        return f"RobotState({self.mode.value}{reason}, {self.odom})"
+
+
+class Subscription(Generic[T]):
+    """A bounded queue of states or events: iterate over it, and close it.
+
+    When the reader is slow, the oldest items are dropped and counted. Any thread may read.
+    """
+
+    def __init__(self, maxlen: int, timeout_s: float | None = None) -> None:
+        """`timeout_s` ends an iteration when no item comes for so long; None waits for ever."""
+        self._items: collections.deque[T] = collections.deque(maxlen=maxlen)
+        self._ready = threading.Condition()
+        self._closed = False
+        self._timeout_s = timeout_s
+        self.dropped = 0
+        """How many items were dropped."""
+
+    def put(self, item: T) -> None:
+        """Add an item; the library calls this."""
+        with self._ready:
+            if not self._closed:
+                self.dropped += len(self._items) == self._items.maxlen
+                self._items.append(item)
+                self._ready.notify()
+
+    def get(self, timeout_s: float | None = None) -> T | None:
+        """Return the oldest item; None when none comes in time, or the subscription is closed."""
+        with self._ready:
+            self._ready.wait_for(lambda: self._items or self._closed, timeout_s)
+            return self._items.popleft() if self._items else None
+
+    def take(self) -> list[T]:
+        """Return all items that wait, oldest first, without waiting."""
+        with self._ready:
+            items = list(self._items)
+            self._items.clear()
+            return items
+
+    def close(self) -> None:
+        """End the subscription; its iterators end."""
+        with self._ready:
+            self._closed = True
+            self._ready.notify_all()
+
+    @property
+    def closed(self) -> bool:
+        """Whether it was closed."""
+        return self._closed
+
+    def __iter__(self) -> Iterator[T]:
+        while (item := self.get(self._timeout_s)) is not None:
+            yield item
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

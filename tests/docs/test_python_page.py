@@ -1,0 +1,72 @@
+"""docs/python.md: its scripts run, its errors and methods are those of the library."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Generator
+from pathlib import Path
+
+import pytest
+
+import tsd_twin
+from tests.app.conftest import Program
+from tests.docs.pages import code, page, quoted, section, tables
+from tsd_twin.bus import DEFAULT_ENDPOINT
+from tsd_twin.client.protocol import SETPOINT_TIMEOUT_S, SILENCE_S
+
+PAGE = page("python.md")
+SCRIPTS = code(PAGE, "python")
+
+
+@pytest.fixture(scope="module")
+def endpoint() -> Generator[str]:
+    mock = Program(["tsd_mock", "--listen", "tcp/127.0.0.1:0"])
+    try:
+        yield mock.ready().split()[-1]
+    finally:
+        mock.end()
+        mock.clean_up()
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("number", range(len(SCRIPTS)))
+def test_every_script_runs(number: int, endpoint: str, tmp_path: Path) -> None:
+    """With the mock at a free port in place of the one that is found by default."""
+    text = re.sub(r"(connect(_async)?)\(\)", rf'\1("{endpoint}")', SCRIPTS[number])
+    script = tmp_path / "script.py"
+    script.write_text(text, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, timeout=90.0
+    )
+    assert (done.returncode, done.stderr) == (0, ""), done.stdout
+
+
+def test_every_error_of_the_library_is_in_the_table() -> None:
+    (rows,) = tables(section(PAGE, "## Errors"))
+    named = {name for row in rows for name in quoted(row[0])}
+    errors = {
+        name
+        for name in tsd_twin.__all__
+        if isinstance(value := getattr(tsd_twin, name), type) and issubclass(value, Exception)
+    }
+    assert named == errors - {"TwinError", "ClientError"}
+
+
+def test_every_method_of_the_table_is_one_and_every_motion_is_there() -> None:
+    (rows,) = tables(section(PAGE, "## Drive"))
+    named = {call.split("(")[0] for row in rows for call in quoted(row[0])}
+    assert all(hasattr(tsd_twin.RobotControl, name) for name in named)
+    assert named == {
+        *("drive", "go_to", "follow_path", "set_velocity", "turn", "set_turn_rate", "rest")
+    }
+
+
+def test_the_figures_are_those_in_force() -> None:
+    limits = tsd_twin.load_robot("tsd").limits
+    assert f"expires after {SETPOINT_TIMEOUT_S:g} s" in PAGE
+    assert f"`limits.command_timeout_s` ({limits.command_timeout_s:g} s)" in PAGE
+    assert f"`{DEFAULT_ENDPOINT}`" in PAGE
+    assert SILENCE_S == 1.0
+    assert "no status for a second" in PAGE

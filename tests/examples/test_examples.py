@@ -1,0 +1,184 @@
+"""Every script in `examples/` runs, shows what its first line says, and is short."""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Generator
+from pathlib import Path
+
+import pytest
+
+import tsd_twin
+from tests.app.conftest import Program
+from tests.docs.pages import ROOT
+
+FOLDER = ROOT / "examples"
+SCRIPTS = sorted(path.stem for path in FOLDER.glob("*.py"))
+PATIENCE_S = 90.0
+
+
+@pytest.fixture(scope="module")
+def endpoint() -> Generator[str]:
+    """A mock that all scripts drive, one after the other."""
+    mock = Program(["tsd_mock", "--listen", "tcp/127.0.0.1:0"])
+    try:
+        yield mock.ready().split()[-1]
+    finally:
+        mock.end()
+        mock.clean_up()
+
+
+def run(name: str, folder: Path, *arguments: str) -> str:
+    """Run a script with `folder` as its working directory, and return what it prints."""
+    done = subprocess.run(
+        [sys.executable, str(FOLDER / f"{name}.py"), *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stderr == ""
+    return done.stdout
+
+
+def numbers(text: str) -> list[float]:
+    return [float(number) for number in re.findall(r"-?\d+\.?\d*", text.replace(",", ""))]
+
+
+def test_there_are_ten_and_each_is_tested_here() -> None:
+    assert [int(name[:2]) for name in SCRIPTS] == list(range(1, 11))
+    tested = Path(__file__).read_text(encoding="utf-8")
+    assert [name for name in SCRIPTS if f'"{name}"' not in tested] == []
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_a_script_is_short_and_says_first_what_one_sees(name: str) -> None:
+    lines = (FOLDER / f"{name}.py").read_text(encoding="utf-8").splitlines()
+    assert 8 <= len(lines) <= 40
+    assert re.fullmatch(r'"""[A-Z].*\."""', lines[0])
+
+
+def test_the_first_has_twelve_lines_at_most() -> None:
+    assert len((FOLDER / "01_drive.py").read_text(encoding="utf-8").splitlines()) <= 12
+
+
+@pytest.mark.system
+def test_drive(endpoint: str, tmp_path: Path) -> None:
+    with tsd_twin.connect(endpoint) as robot:
+        before = robot.state.odom.pose
+        run("01_drive", tmp_path, endpoint)
+        after = robot.state.odom.pose
+    assert math.dist(before[:2], after[:2]) == pytest.approx(0.5, abs=0.15)
+    assert after.heading_rad - before.heading_rad == pytest.approx(1.0, abs=0.3)
+
+
+@pytest.mark.system
+def test_go_to(endpoint: str, tmp_path: Path) -> None:
+    lines = run("02_go_to", tmp_path, endpoint).splitlines()
+    corners = [(0.5, 0.0, 135.0), (0.5, 0.5, -135.0), (0.0, 0.5, -45.0), (0.0, 0.0, 45.0)]
+    for line, (x_m, y_m, heading_deg) in zip(lines, corners, strict=True):
+        x, y, heading = numbers(line)
+        assert math.dist((x, y), (x_m, y_m)) < 0.05
+        assert math.remainder(heading - heading_deg, 360.0) == pytest.approx(0.0, abs=5.0)
+
+
+@pytest.mark.system
+def test_follow_a_path(endpoint: str, tmp_path: Path) -> None:
+    off_mm, points = numbers(run("03_follow_a_path", tmp_path, endpoint))
+    assert points == 59
+    assert off_mm < 100.0
+
+
+@pytest.mark.system
+def test_read_and_plot(endpoint: str, tmp_path: Path) -> None:
+    (states,) = numbers(run("04_read_and_plot_state", tmp_path, endpoint).split(" in ")[0])
+    assert states > 60
+    assert (tmp_path / "state.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_simulate_fast(tmp_path: Path) -> None:
+    x_m, x_mm, y_mm, count, times = numbers(run("05_simulate_fast", tmp_path))
+    assert x_m == pytest.approx(2.0, abs=0.1)
+    assert 10.0 < x_mm < 200.0
+    assert 10.0 < y_mm < 200.0
+    assert count == 1000
+    assert times > 100.0
+
+
+def test_own_robot(tmp_path: Path) -> None:
+    said = run("06_own_robot", tmp_path)
+    assert "wheel1, wheel2, wheel3, wheel4" in said
+    *_, x_m, y_m, heading_rad = numbers(said)
+    assert (x_m, y_m, heading_rad) == pytest.approx((1.5, 0.3, 1.57), abs=0.03)
+
+
+def test_pose_sensor(tmp_path: Path) -> None:
+    without_mm, with_mm = numbers(run("07_pose_sensor", tmp_path))
+    assert with_mm < 0.2 * without_mm
+
+
+@pytest.mark.system
+def test_ask_for_control(endpoint: str, tmp_path: Path) -> None:
+    said = run("08_ask_for_control", tmp_path, endpoint).splitlines()
+    assert said == ["alice has control", "bob asks for control", "bob has control"]
+
+
+def test_gimbal_angles(tmp_path: Path) -> None:
+    (angle_deg,) = numbers(run("09_gimbal_angles", tmp_path))
+    assert 2.0 < angle_deg < 4.0
+    assert (tmp_path / "gimbals.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.system
+def test_log_to_csv(endpoint: str, tmp_path: Path) -> None:
+    run("10_log_to_csv", tmp_path, endpoint)
+    with (tmp_path / "log.csv").open(newline="") as file:
+        head, *rows = csv.reader(file)
+    assert head[:5] == ["stamp_s", "mode", "x_m", "y_m", "heading_rad"]
+    assert "module1_alpha" in head
+    assert len(rows) > 60
+    assert {len(row) for row in rows} == {len(head)}
+
+
+@pytest.mark.system
+def test_a_script_that_is_killed_leaves_the_robot_at_rest_within_its_allowance(
+    endpoint: str, tmp_path: Path
+) -> None:
+    """`01_drive.py` dies of SIGKILL at speed: nothing is said, nothing is given back."""
+    command = [sys.executable, str(FOLDER / "01_drive.py"), endpoint]
+    with tsd_twin.connect(endpoint) as robot:
+        script = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL)
+        try:
+            for state in robot.states(PATIENCE_S):
+                assert state.truth is not None
+                if state.mode == "driving" and state.truth.twist.vx_mps > 0.4:
+                    break
+        finally:
+            os.kill(script.pid, signal.SIGKILL)
+            killed = robot.state
+            script.wait()
+        assert killed.truth is not None
+        assert killed.truth.twist.vx_mps > 0.2, "it was killed too late to show anything"
+        end_s = time.monotonic() + PATIENCE_S
+        while robot.state.mode != "ready":
+            assert time.monotonic() < end_s
+            robot.sleep(0.02)
+        robot.sleep(0.5)  # The joints follow late.
+        rested = robot.state
+        assert rested.truth is not None
+        way_m = math.dist(killed.truth.pose[:2], rested.truth.pose[:2])
+        assert way_m <= robot.description.limits.stop_allowance_m
+        seen = [state.truth.pose[:2] for state in robot.states(2.0) if state.truth is not None]
+        assert len(seen) > 50
+        assert max(math.dist(pose, rested.truth.pose[:2]) for pose in seen) < 0.002
+        # The lease has run out: another program may drive.
+        with robot.control("next", take_over=False) as base:
+            base.drive(vx_mps=-0.2, duration_s=0.3)
