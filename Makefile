@@ -44,7 +44,7 @@ robot-in-a-box: .venv/.run avr ## Run the firmware in real time behind a port, f
 
 meshes: .venv/.dev ## Generate meshes and URDF from the descriptions
 	for robot in src/tsd_twin/robots/*.toml; do \
-	  $(BIN)/python -m tsd_twin.description "$$(basename "$$robot" .toml)"; \
+	  $(BIN)/python -m tsd_twin.models "$$(basename "$$robot" .toml)"; \
 	done
 
 lock: .venv/.dev ## Resolve the versions that set-up installs

@@ -6,11 +6,17 @@ import argparse
 import sys
 
 from tsd_twin import program, robot_program
-from tsd_twin.hardware import Calibration, HardwareError, MegaRobot, U2D2Robot, ports
-from tsd_twin.hardware.board import BAUD
+from tsd_twin.hardware import (
+    HardwareError,
+    MegaHardware,
+    ServoCalibration,
+    U2D2Hardware,
+    serial_ports,
+)
+from tsd_twin.hardware.mega import BAUD
 from tsd_twin.node import RobotIO
-from tsd_twin.robots import Robot, SingularityRobot, of_kind
-from tsd_twin.sim import Motors
+from tsd_twin.robots import RobotDescription, SingularityDescription, description_of_kind
+from tsd_twin.simulation import Motors
 
 PARSER = program.parser(
     "tsd-bridge",
@@ -25,23 +31,25 @@ PARSER = program.parser(
 )
 
 
-def joints(robot: Robot, args: argparse.Namespace) -> RobotIO:
+def joints(robot: RobotDescription, args: argparse.Namespace) -> RobotIO:
     """Return the joints of the machine, connected."""
     if not args.port:
         raise HardwareError("--port is missing: 'tsd-bridge --list' shows what ports there are")
-    calibration = Calibration.read(args.calibration) if args.calibration else Calibration()
-    machine = of_kind(robot, SingularityRobot)
+    calibration = (
+        ServoCalibration.read(args.calibration) if args.calibration else ServoCalibration()
+    )
+    machine = description_of_kind(robot, SingularityDescription)
     motors = Motors.of(machine)
     if args.servos:
-        return U2D2Robot(machine, args.port, args.servos, motors, calibration, baud=args.baud)
-    return MegaRobot(machine, args.port, motors, calibration, baud=args.baud)
+        return U2D2Hardware(machine, args.port, args.servos, motors, calibration, baud=args.baud)
+    return MegaHardware(machine, args.port, motors, calibration, baud=args.baud)
 
 
 class _List(argparse.Action):
     """Prints the ports and ends, as `--version` does."""
 
     def __call__(self, *_: object) -> None:
-        print("\n".join(ports()) or "no serial ports: is the board plugged in?")
+        print("\n".join(serial_ports()) or "no serial ports: is the board plugged in?")
         sys.exit(0)
 
 

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from tsd_twin import access, program
-from tsd_twin.access import AUTHORITY, ROBOT, KeyFolder, Order, Role
+from tsd_twin import program, security
 from tsd_twin.bus import client_config, from_file, node_config
+from tsd_twin.security import AUTHORITY, ROBOT, CertificateRequest, KeyFolder, Role
 
 SOON = timedelta(days=30)
 
@@ -32,18 +32,18 @@ def make(args: argparse.Namespace) -> None:
     """Make what is missing, and say what goes where."""
     now = datetime.now(UTC)
     folder = KeyFolder(args.folder)
-    people = [access.client(name, Role.OPERATOR) for name in args.operator]
-    people += [access.client(name, Role.VIEWER) for name in args.viewer]
-    people += [access.client(name, Role.SENSOR) for name in args.sensor]
-    order = Order(tuple(args.robot_host), tuple(people), args.days, args.listen)
-    access.fulfil(
+    identities = [security.client(name, Role.OPERATOR) for name in args.operator]
+    identities += [security.client(name, Role.VIEWER) for name in args.viewer]
+    identities += [security.client(name, Role.SENSOR) for name in args.sensor]
+    order = CertificateRequest(tuple(args.robot_host), tuple(identities), args.days, args.listen)
+    security.provision(
         order,
         folder,
         now,
         json.loads(node_config([]).json5),
         lambda endpoint: json.loads(client_config([endpoint]).json5),
     )
-    for identity in folder.people():
+    for identity in folder.identities():
         from_file(str(folder.settings_file(identity.name)))
     from_file(str(folder.settings_file(ROBOT)))
     print("\n".join(report(folder, now)))
@@ -54,7 +54,7 @@ def report(folder: KeyFolder, now: datetime) -> list[str]:
     lines = [f"made {shown(folder.made)}" if folder.made else "everything is there already"]
     lines += ["", f"robot {', '.join(folder.hosts())}{term(folder, ROBOT, now)}"]
     lines += copying(folder, ROBOT, "tsd-mock")
-    for person in folder.people():
+    for person in folder.identities():
         lines += ["", f"{person.role} {person.name}{term(folder, person.name, now)}"]
         program_there = "its program" if person.role is Role.SENSOR else "tsd-dashboard"
         lines += copying(folder, person.name, program_there)
@@ -126,7 +126,7 @@ def main() -> None:
     PARSER.add_argument(
         "--listen",
         metavar="ENDPOINT",
-        help=f"where the robot listens; default {access.LISTEN}",
+        help=f"where the robot listens; default {security.LISTEN}",
     )
     program.run(PARSER, make)
 

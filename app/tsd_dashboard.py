@@ -8,14 +8,14 @@ import logging
 from pathlib import Path
 
 from tsd_twin import program
-from tsd_twin.access import Role, Users
 from tsd_twin.bus import DEFAULT_ENDPOINT
-from tsd_twin.dashboard import dashboard, tls
-from tsd_twin.dashboard.door import Rules
-from tsd_twin.dashboard.entrance import allow_many_files
-from tsd_twin.dashboard.heap import return_large_blocks
-from tsd_twin.dashboard.visitor import ANYBODY
+from tsd_twin.dashboard import dashboard
+from tsd_twin.dashboard.dashboard import tune_malloc
+from tsd_twin.dashboard.server import http_server
+from tsd_twin.dashboard.server.auth import DEFAULT_IDENTITY, AccessSettings
+from tsd_twin.dashboard.server.connection_limits import allow_many_files
 from tsd_twin.errors import TwinError
+from tsd_twin.security import Role, Users
 
 _LOG = logging.getLogger(__name__)
 _PATIENCE_S = 3.0
@@ -38,12 +38,12 @@ PARSER = program.parser(
 
 def serve(args: argparse.Namespace) -> None:
     """Run until SIGINT or SIGTERM."""
-    return_large_blocks()
+    tune_malloc()
     allow_many_files()
     stop = program.stop_event(args)
     rules = rules_of(args)
     rules.check(args.host)
-    if rules.users is not None and rules.owner is ANYBODY:
+    if rules.users is not None and rules.owner is DEFAULT_IDENTITY:
         _LOG.warning("%s", open_bus(args))
 
     def ready(port: int) -> None:
@@ -55,7 +55,7 @@ def serve(args: argparse.Namespace) -> None:
         asyncio.run(dashboard.run(bus, args.host, args.port, stop, ready, rules))
 
 
-def rules_of(args: argparse.Namespace) -> Rules:
+def rules_of(args: argparse.Namespace) -> AccessSettings:
     """Return who may come in, as the flags have it.
 
     Raises:
@@ -66,12 +66,12 @@ def rules_of(args: argparse.Namespace) -> Rules:
     if (args.tls_cert is None) != (args.tls_key is None):
         raise TwinError("--tls-cert and --tls-key go together: name both, or neither")
     if args.tls_cert is not None:
-        context = tls.server_context(args.tls_cert, args.tls_key)
-        names += tls.names_of(args.tls_cert)
-    owner = program.certificate(args) or ANYBODY
+        context = http_server.server_tls_context(args.tls_cert, args.tls_key)
+        names += http_server.certificate_host_names(args.tls_cert)
+    owner = program.certificate(args) or DEFAULT_IDENTITY
     if owner.role is Role.SENSOR:
         raise TwinError(f"'{owner.name}' is a sensor: a dashboard needs an operator, or a viewer")
-    return Rules(
+    return AccessSettings(
         owner=owner,
         users=None if args.users is None else Users.load(args.users),
         tls=context,
@@ -90,7 +90,7 @@ def open_bus(args: argparse.Namespace) -> str:
     )
 
 
-def url(args: argparse.Namespace, rules: Rules, port: int) -> str:
+def url(args: argparse.Namespace, rules: AccessSettings, port: int) -> str:
     """Return where the page is, seen from this machine."""
     scheme = "http" if rules.tls is None else "https"
     host = f"[{args.host}]" if ":" in args.host else args.host

@@ -14,10 +14,10 @@ from collections.abc import Generator
 
 from tsd_twin import program, robots
 from tsd_twin.bus import over_datagrams
-from tsd_twin.children import PATIENCE_S, child, free_port
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2
-from tsd_twin.linksim import LinkSpec
+from tsd_twin.link_emulation import LinkSpec
+from tsd_twin.subprocesses import PATIENCE_S, free_port, start_program
 
 BUS_PORT = 7447
 PAGE_PORT = 8080
@@ -71,13 +71,13 @@ def demonstrate(args: argparse.Namespace) -> None:
     ]
     with contextlib.ExitStack() as running:
         robots_ready = [
-            running.enter_context(child([*role, "--listen", heard_at, *more], stop))
+            running.enter_context(start_program([*role, "--listen", heard_at, *more], stop))
             for role, heard_at in zip(chosen, listening, strict=True)
         ]
         seen_at = [running.enter_context(linked(link, each, stop)) for each in endpoints]
         for each in seen_at:
             dashboard += ["--connect", each]
-        page_ready = running.enter_context(child(dashboard, stop))
+        page_ready = running.enter_context(start_program(dashboard, stop))
         for ready in robots_ready:
             ready.wait_for()
         url = page_ready.wait_for().split()[1]
@@ -99,8 +99,10 @@ def cast_of(names: list[str], robot_id: str | None, *, camera: bool = False) -> 
     """
     if robot_id and len(names) > 1:
         raise TwinError("--id is for one robot; several are called by their names")
-    described = [robots.load(name) for name in names]  # A bad file is told before anything starts.
-    moving = [robot.kinematics().space is SE2 for robot in described]
+    described = [
+        robots.load_robot(name) for name in names
+    ]  # A bad file is told before anything starts.
+    moving = [robot.kinematics().pose_type is SE2 for robot in described]
     places = free_places(moving)
     ids: list[str] = []
     for robot in described:
@@ -135,7 +137,7 @@ def linked(link: LinkSpec | None, endpoint: str, stop: threading.Event) -> Gener
     if link is None:
         yield endpoint
         return
-    with child(["tsd_link", "--target", endpoint, "--link", str(link)], stop) as ready:
+    with start_program(["tsd_link", "--target", endpoint, "--link", str(link)], stop) as ready:
         yield over_datagrams(ready.wait_for().split()[-1])
 
 

@@ -1,4 +1,4 @@
-"""`tsd-lab`: experiments, each with a picture and a table."""
+"""`tsd-lab`: experiments and calibration, each with a figure and a table."""
 
 from __future__ import annotations
 
@@ -6,8 +6,26 @@ import argparse
 from pathlib import Path
 
 from tsd_twin import program
+from tsd_twin.calibration import calibrate, zeroing
 from tsd_twin.errors import TwinError
-from tsd_twin.lab import EXPERIMENTS, Output
+from tsd_twin.experiment import Experiment, Output
+from tsd_twin.lab import atlas, budget, follow, motors, omni_paths, omni_step, square
+
+EXPERIMENTS: tuple[Experiment, ...] = (
+    motors.EXPERIMENT,
+    square.EXPERIMENT,
+    follow.EXPERIMENT,
+    budget.EXPERIMENT,
+    calibrate.EXPERIMENT,
+    zeroing.EXPERIMENT,
+    omni_step.EXPERIMENT,
+    omni_paths.EXPERIMENT,
+    atlas.EXPERIMENT,
+)
+"""What `tsd-lab` can do; one more is one more file and one more row."""
+
+__all__ = ["EXPERIMENTS", "Experiment", "Output"]
+
 
 PARSER = program.parser(
     "tsd-lab",

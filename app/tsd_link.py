@@ -6,7 +6,7 @@ import argparse
 
 from tsd_twin import program
 from tsd_twin.bus import DEFAULT_ENDPOINT
-from tsd_twin.linksim import LinkSimulator, LinkSpec
+from tsd_twin.link_emulation import LinkEmulator, LinkSpec
 
 PARSER = program.parser(
     "tsd-link",
@@ -25,7 +25,7 @@ def simulate(args: argparse.Namespace) -> None:
     stop = program.stop_event(args)
     spec = LinkSpec.parse(args.link)
     listen = args.listen or f"{args.target.partition('/')[0]}/127.0.0.1:0"
-    with LinkSimulator(spec, listen, args.target) as link:
+    with LinkEmulator(spec, listen, args.target) as link:
         program.say_ready(f"tsd-link {spec} to {args.target} on {link.endpoint}")
         stop.wait()
 

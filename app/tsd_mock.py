@@ -13,9 +13,9 @@ from tsd_twin.bus import Bus
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2
 from tsd_twin.node import OverheadCamera, RobotIO
-from tsd_twin.robot_program import Company
-from tsd_twin.robots import Robot
-from tsd_twin.sim import Board, Jam, JammedRobot
+from tsd_twin.robot_program import Companion
+from tsd_twin.robots import RobotDescription
+from tsd_twin.simulation import BoardModel, RobotWithStuckJoint, StuckJoint
 
 PARSER = program.parser(
     "tsd-mock",
@@ -33,11 +33,11 @@ PARSER = program.parser(
 )
 
 
-def joints(robot: Robot, args: argparse.Namespace) -> RobotIO:
+def joints(robot: RobotDescription, args: argparse.Namespace) -> RobotIO:
     """Return the simulated joints, behind a simulated board."""
     pose = pose_at(robot, args)
-    jams = [Jam.parse(text, robot) for text in args.jam]
-    simulated = JammedRobot(
+    jams = [StuckJoint.parse(text, robot) for text in args.jam]
+    simulated = RobotWithStuckJoint(
         robot,
         jams,
         seed=args.seed,
@@ -46,21 +46,21 @@ def joints(robot: Robot, args: argparse.Namespace) -> RobotIO:
         plant=args.plant,
         errors=args.errors,
     )
-    return Board(robot, simulated)
+    return BoardModel(robot, simulated)
 
 
-def pose_at(robot: Robot, args: argparse.Namespace) -> SE2 | None:
+def pose_at(robot: RobotDescription, args: argparse.Namespace) -> SE2 | None:
     """Return where it stands at the start, if `--at` says so."""
     return start_pose(args.at, robot) if args.at else None
 
 
-def start_pose(text: str, robot: Robot) -> SE2:
+def start_pose(text: str, robot: RobotDescription) -> SE2:
     """Return the pose that `--at` asks for.
 
     Raises:
         TwinError: it is no x, y and heading, or the robot has no such pose.
     """
-    if robot.kinematics().space is not SE2:
+    if robot.kinematics().pose_type is not SE2:
         raise TwinError(f"--at: {robot.name} stays where it is, only its sphere turns")
     try:
         x, y, heading_deg = (float(number) for number in text.split(","))
@@ -71,7 +71,9 @@ def start_pose(text: str, robot: Robot) -> SE2:
     return SE2(np.array([x, y, math.radians(heading_deg)]))
 
 
-def company(bus: Bus, robot_id: str, robot: Robot, args: argparse.Namespace) -> Company:
+def companion(
+    bus: Bus, robot_id: str, robot: RobotDescription, args: argparse.Namespace
+) -> Companion:
     """Return the camera that `--camera` asks for.
 
     Raises:
@@ -79,7 +81,7 @@ def company(bus: Bus, robot_id: str, robot: Robot, args: argparse.Namespace) -> 
     """
     if not args.camera:
         return contextlib.nullcontext()
-    if robot.kinematics().space is not SE2:
+    if robot.kinematics().pose_type is not SE2:
         raise TwinError(f"--camera: {robot.name} stays where it is, only its sphere turns")
     return OverheadCamera(bus, robot_id, args.seed)
 
@@ -109,7 +111,7 @@ def main() -> None:
         help="a camera above the floor tells the bus where it is: 24 frames/s, 80 ms late",
     )
     program.add_plant_flag(PARSER)
-    robot_program.serve(PARSER, joints, pose_at, company)
+    robot_program.serve(PARSER, joints, pose_at, companion)
 
 
 if __name__ == "__main__":

@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 
 from tsd_twin import program
-from tsd_twin.access import Role, Users
 from tsd_twin.errors import TwinError
+from tsd_twin.security import Role, Users
 
 PARSER = program.parser(
     "tsd-users",

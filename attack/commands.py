@@ -11,12 +11,13 @@ import numpy as np
 from attack.operators import Raw
 from attack.table import Row
 from tests.app.conftest import Program
-from tsd_twin import robots, topics
+from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config
-from tsd_twin.messages.command import encode_attachment
+from tsd_twin.messages import topics
+from tsd_twin.messages.commands import encode_attachment
 from tsd_twin.messages.ros import BASE, TwistStamped, decode_odometry, encode_twist
-from tsd_twin.messages.service import HolderRequest, StopRequest
-from tsd_twin.topics import Service, Urgency
+from tsd_twin.messages.services import HolderRequest, StopRequest
+from tsd_twin.messages.topics import QoS, Service
 
 MAX_AGE_S = 1.0
 PUSHED_S = 0.5
@@ -26,7 +27,7 @@ STILL_M = 0.001
 
 def rows() -> Iterator[Row]:
     """Hold one command back over STOP, reset and arm, and send it to the armed robot."""
-    for name in robots.names():
+    for name in robots.robot_names():
         flags = ("--robot", name, "--listen", "tcp/127.0.0.1:0", "--until-eof")
         program = Program(["tsd_mock", *flags])
         try:
@@ -44,18 +45,18 @@ def rows() -> Iterator[Row]:
 
 def _late_command(endpoint: str, name: str) -> tuple[float, float]:
     """Return the travel after the late command, and the time from STOP until it was sent."""
-    drive = robots.load(name).kinematics()
+    drive = robots.load_robot(name).kinematics()
     raw = Raw(endpoint, name)
     bus = Bus(client_config([endpoint]))
     try:
         bus.wait_for_peer(5.0)
-        truths = bus.reader(topics.TRUTH.key(name), 64)
-        commands = bus.publisher(topics.twist_key(name, "raw"), Urgency.REAL_TIME)
+        truths = bus.subscriber(topics.TRUTH.key(name), 64)
+        commands = bus.publisher(topics.twist_key(name, "raw"), QoS.REAL_TIME)
         raw.get_ready(MAX_AGE_S)
         raw.push(0.2)
         time.sleep(PUSHED_S)
         twist = np.zeros(6)
-        twist[drive.components[0]] = 0.2
+        twist[drive.twist_axes[0]] = 0.2
         link, driver = raw.link, raw.driver
         lease = bytes.fromhex(driver.lease_hex)
         late = encode_attachment(10**9, lease, link.snapshot.status_seq)

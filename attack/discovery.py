@@ -29,13 +29,13 @@ from attack.live import (
 )
 from attack.table import Row
 from tests.app.conftest import Program
-from tests.dashboard.operators import Page
-from tests.node.pilot import Pilot
-from tests.running import ANY_PORT, QUICK
+from tests.support.bus_operator import BusOperator
+from tests.support.page_client import Page
+from tests.support.robot_node import ANY_PORT, QUICK
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.errors import NoAnswerError
-from tsd_twin.messages.service import namesake_words
-from tsd_twin.topics import Service
+from tsd_twin.messages.services import duplicate_id_text
+from tsd_twin.messages.topics import Service
 
 MANY = 1000
 PATTERNS = ("**", "twin/**", "twin/tsd/*", "twin/*/stop", "twin/tsd/srv/*", "twin/t$*/stop")
@@ -71,7 +71,7 @@ def rows() -> Iterator[Row]:
             yield from _patterns(robot.endpoint)
             yield from _sessions(robot.endpoint)
         yield far.result()
-    yield from _namesakes()
+    yield from _duplicate_ids()
     yield from _clocks()
 
 
@@ -171,10 +171,10 @@ def _nested_json(port: int) -> Row:
 def _living() -> Row:
     with Bus(node_config([ANY_PORT])) as bus:
         for i in range(400):
-            bus.announce(f"twin/t{i}/alive")
+            bus.declare_token(f"twin/t{i}/alive")
         found: list[str] = []
         asking = threading.Thread(
-            target=lambda: found.extend(bus.living("twin/*/alive")), daemon=True
+            target=lambda: found.extend(bus.living_tokens("twin/*/alive")), daemon=True
         )
         start_s = time.monotonic()
         asking.start()
@@ -214,7 +214,7 @@ def _patterns(endpoint: str) -> Iterator[Row]:
         _reset(alice)
 
 
-def _reset(pilot: Pilot) -> None:
+def _reset(pilot: BusOperator) -> None:
     """Come from a stop to ready again, and give control back."""
     pilot.drive((0.0, 0.0, 0.0), 0.6)
     pilot.ask(Service.RESET, lease=pilot.lease)
@@ -274,7 +274,7 @@ def _sessions(endpoint: str) -> Iterator[Row]:
         _reset(alice)
 
 
-def _keep_driving(pilot: Pilot, x: float = 0.2) -> tuple[threading.Thread, threading.Event]:
+def _keep_driving(pilot: BusOperator, x: float = 0.2) -> tuple[threading.Thread, threading.Event]:
     """Drive in a circle until told to end."""
     stop = threading.Event()
 
@@ -293,7 +293,7 @@ def _far() -> Row:
     flags = ("--listen", "tcp/127.0.0.1:0", "--link", "delay=450ms", "--target")
     with mock() as robot, program("tsd_link", *flags, robot.endpoint) as link:
         far = behind(link.ready().split()[-1])
-        with Pilot(far, "far") as pilot, Pilot(robot, "near") as near:
+        with BusOperator(far, "far") as pilot, BusOperator(robot, "near") as near:
             granted = pilot.acquire(max_age_s=1.0)
             pilot.ask(Service.ARM, lease=pilot.lease)
             pilot.drive((0.0, 0.0, 0.0), until=lambda: pilot.status.mode == "ready")
@@ -316,8 +316,8 @@ def _far() -> Row:
     )
 
 
-def _namesakes() -> Iterator[Row]:
-    words = namesake_words("tsd")
+def _duplicate_ids() -> Iterator[Row]:
+    words = duplicate_id_text("tsd")
     with mock() as one, mock() as two, operator(two, "bob") as bob, operator(one) as alice:
         driving, stop = _keep_driving(alice)
         start_s = time.monotonic()
@@ -359,7 +359,7 @@ def _clocks() -> Iterator[Row]:
         with (
             mock(preload=str(library)) as robot,
             dashboard(robot.endpoint, str(library)) as (_, port),
-            Pilot(robot, "watcher") as watcher,
+            BusOperator(robot, "watcher") as watcher,
         ):
             page = Page(port, PAGE)
             try:

@@ -25,8 +25,8 @@ from attack.scenes import Scene, on_a_link, with_board
 from attack.table import Row
 from tsd_twin import robots
 from tsd_twin.errors import TwinError
-from tsd_twin.linksim import Way
-from tsd_twin.robots import Robot
+from tsd_twin.link_emulation.emulator import Way
+from tsd_twin.robots import RobotDescription
 
 MAX_AGES_S = (0.25, 0.5, 1.0)
 HASTE = 2.0
@@ -184,14 +184,16 @@ def measure(task: Task) -> list[Result]:
     return list(results.values())
 
 
-def _run(scene: Scene, cause: Cause, robot: Robot, result: Result, phase_s: float) -> None:
+def _run(
+    scene: Scene, cause: Cause, robot: RobotDescription, result: Result, phase_s: float
+) -> None:
     """Add one distance; what stopped the robot before the fault is no measurement of it."""
-    lever_m, why = robot.kinematics().lever_m, ""
+    twist_scale_m, why = robot.kinematics().twist_scale_m, ""
     for _ in range(ATTEMPTS):
         if scene.start_node is not None:
             scene.start_node()
         try:
-            speed_mps = _get_fast(scene, lever_m)
+            speed_mps = _get_fast(scene, twist_scale_m)
         except TimeoutError as error:
             why = str(error)
             scene.operator.let_go()
@@ -208,24 +210,24 @@ def _run(scene: Scene, cause: Cause, robot: Robot, result: Result, phase_s: floa
     raise TimeoutError(f"{why}, {ATTEMPTS} times in a row")
 
 
-def _get_fast(scene: Scene, lever_m: float) -> float:
+def _get_fast(scene: Scene, twist_scale_m: float) -> float:
     """Drive until the robot is as fast as the lease allows, and return that, m/s."""
     scene.operator.get_ready(scene.max_age_s)
     time.sleep(0.15)  # A status of before the lease knows nothing of its cap.
     status = scene.status()
     if status.mode != "ready" or status.lease.holder is None:
         raise TimeoutError(f"the robot is {status.mode}, and has given control away")
-    scene.operator.push(HASTE * status.limits.speed_mps / lever_m)
+    scene.operator.push(HASTE * status.limits.speed_mps / twist_scale_m)
     scene.track.until_fast(status.limits.speed_mps)
     return status.limits.speed_mps
 
 
-def _description(name: str) -> tuple[Robot, str]:
+def _description(name: str) -> tuple[RobotDescription, str]:
     """Return a shipped robot whose speed controllers arm at once, and its text."""
-    text = robots.text(name)
-    if robots.parse(text, name).arming_hold_s > 0.1:
+    text = robots.read_description(name)
+    if robots.parse_description(text, name).arming_hold_s > 0.1:
         text = text.replace("[motor]", "[motor]\narming_hold_s = 0.1", 1)
-    return robots.parse(text, name), text
+    return robots.parse_description(text, name), text
 
 
 def rows(
@@ -246,7 +248,7 @@ def rows(
         for max_age_s in leases
         for of_kind in kinds.values()
         if of_kind
-        for name in names or robots.names()
+        for name in names or robots.robot_names()
     ]
     # Not forked: a process that has opened a bus has threads.
     context = multiprocessing.get_context("spawn")
@@ -258,7 +260,7 @@ def rows(
 
 def row(task: Task, result: Result) -> Row:
     """Return the worst of all runs beside the promise in the description of the robot."""
-    allowed_m = robots.load(task.robot).limits.stop_allowance_m
+    allowed_m = robots.load_robot(task.robot).limits.stop_allowance_m
     cause = CAUSES[result.cause].text
     text = f"{task.robot} at {result.speed_mps:.2f} m/s, lease {task.max_age_s:g} s: {cause}"
     promise = f"stands within {allowed_m:.2f} m"
@@ -273,7 +275,7 @@ def main() -> None:
     """Print the table as it comes; exit with 1 when a promise was broken."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=10, help="of each; default 10")
-    parser.add_argument("--robots", default=",".join(robots.names()), help="default: all")
+    parser.add_argument("--robots", default=",".join(robots.robot_names()), help="default: all")
     parser.add_argument("--causes", default=",".join(CAUSES), help="default: all")
     parser.add_argument("--leases", default=",".join(map(str, MAX_AGES_S)), help="max_age_s")
     parser.add_argument("--together", type=int, default=4, help="robots at a time; default 4")

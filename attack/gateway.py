@@ -25,11 +25,11 @@ from websockets.typing import Subprotocol
 
 from attack.table import Row
 from tests.app.conftest import Program
-from tests.dashboard.logins import PHRASE, cookie_of
-from tests.dashboard.operators import Page
-from tests.dashboard.viewers import CAMERA
-from tests.running import ANY_PORT, QUICK
-from tsd_twin.access import Role, Users
+from tests.support.logins import PHRASE, cookie_of
+from tests.support.page_client import Page
+from tests.support.robot_node import ANY_PORT, QUICK
+from tests.support.viser_client import CAMERA
+from tsd_twin.security import Role, Users
 
 VIEWERS = 10
 STOPS = 200

@@ -14,11 +14,12 @@ from pathlib import Path
 from typing import Any, cast
 
 from tests.app.conftest import Program
-from tests.node.pilot import Pilot
-from tests.running import QUICK, RunningNode
-from tsd_twin import robots, topics
+from tests.support.bus_operator import BusOperator
+from tests.support.robot_node import QUICK, RunningNode
+from tsd_twin import robots
 from tsd_twin.bus import Bus
-from tsd_twin.topics import Service
+from tsd_twin.messages import topics
+from tsd_twin.messages.topics import Service
 
 PATIENCE_S = 20.0
 
@@ -60,7 +61,14 @@ def mock(*flags: str, preload: str = "") -> Generator[RunningNode]:
 def behind(endpoint: str, robot_id: str = "tsd") -> RunningNode:
     """Return what an operator has to know of a robot that is reached at an endpoint."""
     nothing = cast("Any", None)
-    return RunningNode(robot_id, robots.text("tsd"), robots.load("tsd"), nothing, endpoint, nothing)
+    return RunningNode(
+        robot_id,
+        robots.read_description("tsd"),
+        robots.load_robot("tsd"),
+        nothing,
+        endpoint,
+        nothing,
+    )
 
 
 @contextmanager
@@ -86,9 +94,9 @@ def threads_of(started: Program) -> int:
 
 
 @contextmanager
-def operator(node: RunningNode, name: str = "alice") -> Generator[Pilot]:
+def operator(node: RunningNode, name: str = "alice") -> Generator[BusOperator]:
     """Return an operator whose robot is armed and ready."""
-    with Pilot(node, name) as pilot:
+    with BusOperator(node, name) as pilot:
         pilot.get_ready()
         yield pilot
 
@@ -112,12 +120,12 @@ class MadeUp:
     def announce(self, robot_id: str, *, silent: bool = False) -> None:
         """Announce a robot that is not there; `silent`: it is asked, and never answers."""
         if silent:
-            self._silent.append(self._bus.server(Service.DESC.key(robot_id)))
-        self._bus.announce(topics.alive_key(robot_id))
+            self._silent.append(self._bus.queryable(Service.DESC.key(robot_id)))
+        self._bus.declare_token(topics.alive_key(robot_id))
 
     def describe(self, robot_id: str, toml: str = QUICK) -> None:
         """Announce a robot that describes itself so."""
-        server = self._bus.server(Service.DESC.key(robot_id))
+        server = self._bus.queryable(Service.DESC.key(robot_id))
         answer = json.dumps({"robot": toml, "urdf": ""}).encode()
 
         def serve() -> None:
@@ -128,4 +136,4 @@ class MadeUp:
         thread = threading.Thread(target=serve)
         thread.start()
         self._stack.callback(thread.join)
-        self._bus.announce(topics.alive_key(robot_id))
+        self._bus.declare_token(topics.alive_key(robot_id))

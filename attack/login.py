@@ -23,12 +23,12 @@ from websockets.sync.client import connect
 
 from attack.table import Row
 from tests.app.conftest import Program
-from tests.app.proxy import nginx
-from tests.dashboard.logins import PHRASE, cookie_of
-from tests.dashboard.operators import Page
-from tests.dashboard.raw import FORM, MALFORMED, answer, dial, is_closed, malformed, request
-from tsd_twin.access import Role, Users
-from tsd_twin.dashboard.entrance import Limits
+from tests.support.logins import PHRASE, cookie_of
+from tests.support.nginx import nginx
+from tests.support.page_client import Page
+from tests.support.raw_http import FORM, MALFORMED, answer, dial, is_closed, malformed, request
+from tsd_twin.dashboard.server.connection_limits import ConnectionLimits
+from tsd_twin.security import Role, Users
 
 _PAGE = "0123456789abcdef"
 _MEASURE_S = 3.0
@@ -191,10 +191,14 @@ def _crowd(site: _Site) -> Iterator[Row]:
             for each in opened:
                 each.close()
     share = busy / calm
-    promise = f"{Limits().per_address} stay open, commands 90 %, login 3 s, STOP 0.5 s"
+    promise = f"{ConnectionLimits().per_address} stay open, commands 90 %, login 3 s, STOP 0.5 s"
     measured = f"{left} open, {share:.0%}, {login_s:.2f} s, {stop_s:.2f} s"
     held = (
-        left <= Limits().per_address and share > 0.9 and login_s < 3.0 and stop_s < 0.5 and stopped
+        left <= ConnectionLimits().per_address
+        and share > 0.9
+        and login_s < 3.0
+        and stop_s < 0.5
+        and stopped
     )
     yield Row(
         "1,000 connections while an operator drives and another logs in", promise, measured, held
@@ -207,7 +211,7 @@ def _slow(site: _Site) -> Iterator[Row]:
         *("Connection: Upgrade", "Upgrade: websocket", "Sec-WebSocket-Version: 13"),
         *("Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==", f"Cookie: {cookie}"),
     )
-    limits = Limits()
+    limits = ConnectionLimits()
     kinds: list[tuple[str, bytes, bool, float]] = [
         ("10 connections that say nothing", b"", False, limits.request_s + 2.0),
         (
@@ -298,8 +302,10 @@ def _handshakes(site: _Site) -> Row:
         asked.request("GET", "/login")
         status = asked.getresponse().status
     took_s = time.monotonic() - start_s
-    over_s = took_s + _until_closed(opened, trickles=False, patience_s=Limits().handshake_s + 5.0)
-    limit_s = Limits().handshake_s + 5.0
+    over_s = took_s + _until_closed(
+        opened, trickles=False, patience_s=ConnectionLimits().handshake_s + 5.0
+    )
+    limit_s = ConnectionLimits().handshake_s + 5.0
     return Row(
         "1,000 connections that begin no TLS, and a browser that does",
         f"it is answered in 5 s, the others closed in {limit_s:g} s",

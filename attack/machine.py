@@ -24,10 +24,10 @@ from attack.track import Odometer
 from tsd_twin import robots
 from tsd_twin.bus import Bus, node_config
 from tsd_twin.lie import Array
-from tsd_twin.messages.service import Description
+from tsd_twin.messages.services import Description
 from tsd_twin.node import RobotNode
-from tsd_twin.robots import Robot
-from tsd_twin.sim import Board, SimRobot
+from tsd_twin.robots import RobotDescription
+from tsd_twin.simulation import BoardModel, SimRobot
 
 PERIOD_S = 0.01
 _BOARD, _NODE = "board.sock", "node.sock"
@@ -59,9 +59,9 @@ class Line:
         self._socket.close()
 
 
-def run_board(robot: Robot, folder: Path) -> None:
+def run_board(robot: RobotDescription, folder: Path) -> None:
     """Simulate the robot and its board at 100 Hz until standard input ends."""
-    board, line = Board(robot, SimRobot(robot)), _bound(folder / _BOARD)
+    board, line = BoardModel(robot, SimRobot(robot)), _bound(folder / _BOARD)
     odometer = Odometer(robot.kinematics())
     print("ready: the board", flush=True)
     next_s = time.monotonic()
@@ -84,7 +84,7 @@ def run_board(robot: Robot, folder: Path) -> None:
             print(f"at {now_s:.6f} {way_m:.6f} {speed_mps:.6f}", flush=True)
 
 
-def run_node(robot: Robot, text: str, folder: Path) -> None:
+def run_node(robot: RobotDescription, text: str, folder: Path) -> None:
     """Run a node on a free port until standard input ends."""
     stop = threading.Event()
     with Bus(node_config(["tcp/127.0.0.1:0"])) as bus:
@@ -127,7 +127,7 @@ def _numbers(block: bytes) -> Array:
 def main(what: str, path: str, folder: str) -> None:
     """Run one of the two."""
     text = Path(path).read_text(encoding="utf-8")
-    robot = robots.parse(text, path)
+    robot = robots.parse_description(text, path)
     if what == "board":
         run_board(robot, Path(folder))
     else:

@@ -14,13 +14,13 @@ import numpy as np
 
 from attack.track import PATIENCE_S
 from tests.app.conftest import Program
-from tests.system.faults import PretendPage
+from tests.support.fault_stage import PretendPage
 from tsd_twin.bus import Bus, client_config
-from tsd_twin.dashboard.link import Driver, RobotLink
+from tsd_twin.dashboard.robot_client import LeaseHolder, RobotClient
 from tsd_twin.errors import BusError
-from tsd_twin.messages.service import HolderRequest, LeaseRequest
+from tsd_twin.messages.services import HolderRequest, LeaseRequest
 from tsd_twin.messages.status import Status
-from tsd_twin.topics import Service
+from tsd_twin.messages.topics import Service
 
 PERIOD_S = 0.02
 
@@ -56,8 +56,8 @@ class Raw:
         if not self._bus.wait_for_peer(PATIENCE_S):
             raise TimeoutError(f"no robot answers at {endpoint}")
         self._link = _linked(self._bus, robot_id)
-        self._component = self._link.drive.components[0]
-        self._driver: Driver | None = None
+        self._component = self._link.kinematics.twist_axes[0]
+        self._driver: LeaseHolder | None = None
         self._x: float | None = None
         self._ends = threading.Event()
         self._thread = threading.Thread(target=self._run)
@@ -69,12 +69,12 @@ class Raw:
         return self._link.snapshot.status
 
     @property
-    def link(self) -> RobotLink:
+    def link(self) -> RobotClient:
         """Its link to the robot."""
         return self._link
 
     @property
-    def driver(self) -> Driver:
+    def driver(self) -> LeaseHolder:
         """The lease that it holds.
 
         Raises:
@@ -102,7 +102,7 @@ class Raw:
             _check(deadline_s, reply.reason)
             time.sleep(0.1)
             reply = self._link.ask_lease(lease)
-        self._driver = Driver("raw", reply.lease, reply.max_age_s)
+        self._driver = LeaseHolder("raw", reply.lease, reply.max_age_s)
         granted_s = time.monotonic()
         renewal = LeaseRequest(op="renew", operator="raw", lease=reply.lease)
         steps = {"stopped": Service.RESET, "fault": Service.RESET, "disarmed": Service.ARM}
@@ -204,12 +204,12 @@ class PageBehindGateway:
         return self._page.process.pid
 
 
-def _linked(bus: Bus, robot_id: str) -> RobotLink:
+def _linked(bus: Bus, robot_id: str) -> RobotClient:
     """Return a link to a robot, as soon as it is known to be there."""
     deadline_s = time.monotonic() + PATIENCE_S
     while True:
         try:
-            return RobotLink(bus, robot_id)
+            return RobotClient(bus, robot_id)
         except BusError as error:
             _check(deadline_s, str(error))
 

@@ -12,9 +12,9 @@ from attack.operators import Operator, PageBehindGateway, Raw
 from attack.track import Track, Witness
 from tests.app.conftest import Program
 from tsd_twin.bus import Bus, client_config
-from tsd_twin.linksim import LinkSimulator, LinkSpec
+from tsd_twin.link_emulation import LinkEmulator, LinkSpec
 from tsd_twin.messages.status import Status
-from tsd_twin.robots import Robot
+from tsd_twin.robots import RobotDescription
 
 ANY_PORT = "tcp/127.0.0.1:0"
 
@@ -27,20 +27,20 @@ class Scene:
     operator: Operator
     status: Callable[[], Status]
     max_age_s: float
-    link: LinkSimulator | None = None
+    link: LinkEmulator | None = None
     node: Callable[[], Program] | None = None
     start_node: Callable[[], None] | None = None
 
 
 @contextlib.contextmanager
-def on_a_link(robot: Robot, path: Path, max_age_s: float, kind: str) -> Generator[Scene]:
+def on_a_link(robot: RobotDescription, path: Path, max_age_s: float, kind: str) -> Generator[Scene]:
     """Run `tsd-mock`, and who drives it over a simulated link."""
     flags = ["--listen", ANY_PORT, "--robot", str(path), "--id", robot.name]
     with contextlib.ExitStack() as stack:
         mock = Program(["tsd_mock", *flags])
         stack.callback(mock.clean_up)
         (endpoint,) = re.findall(r"tcp/[\d.:]+", mock.ready())
-        link = stack.enter_context(LinkSimulator(LinkSpec(), ANY_PORT, endpoint))
+        link = stack.enter_context(LinkEmulator(LinkSpec(), ANY_PORT, endpoint))
         bus = stack.enter_context(Bus(client_config([endpoint])))
         witness = Witness(bus, robot.name, robot.kinematics())
         operator: Operator
@@ -53,7 +53,9 @@ def on_a_link(robot: Robot, path: Path, max_age_s: float, kind: str) -> Generato
 
 
 @contextlib.contextmanager
-def with_board(robot: Robot, path: Path, max_age_s: float, _kind: str) -> Generator[Scene]:
+def with_board(
+    robot: RobotDescription, path: Path, max_age_s: float, _kind: str
+) -> Generator[Scene]:
     """Run a board and a node, and a program that drives it; the board outlives the node."""
     track = Track()
     with contextlib.ExitStack() as stack:

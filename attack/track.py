@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from tsd_twin import topics
 from tsd_twin.bus import Bus
-from tsd_twin.drives import Drive
+from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.messages.command import Sample
+from tsd_twin.messages import topics
+from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.ros import decode_odometry
 from tsd_twin.messages.status import Status, decode_stamp, decode_status
 
@@ -24,8 +24,8 @@ PATIENCE_S = 20.0
 class Odometer:
     """Adds up the way of a robot on the floor, or of the top of a sphere."""
 
-    def __init__(self, drive: Drive[Any]) -> None:
-        self.lever_m = drive.lever_m
+    def __init__(self, drive: Kinematics[Any]) -> None:
+        self.twist_scale_m = drive.twist_scale_m
         self._pose: SE2 | SO3 | None = None
         self._way_m = 0.0
 
@@ -35,9 +35,9 @@ class Odometer:
         The speed is that of whatever moves: a robot that only turns is not at rest.
         """
         if self._pose is not None:
-            self._way_m += self.lever_m * float(np.hypot(*_between(self._pose, pose)))
+            self._way_m += self.twist_scale_m * float(np.hypot(*_between(self._pose, pose)))
         self._pose = pose
-        return self._way_m, self.lever_m * float(np.abs(twist).max())
+        return self._way_m, self.twist_scale_m * float(np.abs(twist).max())
 
 
 def _between(before: SE2 | SO3, after: SE2 | SO3) -> Array:
@@ -115,13 +115,13 @@ class Track:
 class Witness:
     """Listens to the truth and the status of a simulated robot on its own bus."""
 
-    def __init__(self, bus: Bus, robot_id: str, drive: Drive[Any]) -> None:
+    def __init__(self, bus: Bus, robot_id: str, drive: Kinematics[Any]) -> None:
         self.track = Track()
         self.status = Status("disarmed")
         self._odometer = Odometer(drive)
         self._turning = drive.space is SO3
-        bus.watch(topics.TRUTH.key(robot_id), self._on_truth)
-        bus.watch(topics.STATUS.key(robot_id), self._on_status)
+        bus.subscribe(topics.TRUTH.key(robot_id), self._on_truth)
+        bus.subscribe(topics.STATUS.key(robot_id), self._on_status)
 
     def _on_truth(self, sample: Sample) -> None:
         odometry = decode_odometry(sample.payload, turning=self._turning)

@@ -13,8 +13,8 @@ from pathlib import Path
 import psutil
 
 from bench.table import Row
-from tsd_twin import topics
 from tsd_twin.bus import Bus, client_config
+from tsd_twin.messages import topics
 from tsd_twin.messages.status import Status, decode_status
 
 _SETTLE_S = 2.0
@@ -42,7 +42,7 @@ def _watch(pid: int, endpoint: str) -> tuple[float, Status]:
     """Return the share of a core that a bridge takes, and its newest status."""
     latest: list[bytes] = []
     with Bus(client_config([endpoint])) as bus:
-        bus.watch(topics.STATUS.key("tsd"), lambda sample: latest.append(sample.payload))
+        bus.subscribe(topics.STATUS.key("tsd"), lambda sample: latest.append(sample.payload))
         time.sleep(_SETTLE_S)
         process = psutil.Process(pid)
         process.cpu_percent()

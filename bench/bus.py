@@ -14,12 +14,12 @@ import numpy as np
 
 import tsd_twin
 from bench.table import Row, percentile
-from tsd_twin import topics
 from tsd_twin.bus import Bus, client_config
-from tsd_twin.messages.command import Sample, encode_attachment
+from tsd_twin.messages import topics
+from tsd_twin.messages.commands import Sample, encode_attachment
 from tsd_twin.messages.ros import BASE, TwistStamped, decode_joints, encode_twist
 from tsd_twin.messages.status import decode_stamp
-from tsd_twin.topics import Service, Urgency
+from tsd_twin.messages.topics import QoS, Service
 
 _COMMANDS = 500
 _PERIOD_S = 0.02
@@ -28,10 +28,10 @@ _HALF_CONTROL_PERIOD_MS = 5.0
 _ECHO = """
 import sys, threading
 from tsd_twin.bus import Bus, node_config
-from tsd_twin.topics import Urgency
+from tsd_twin.messages.topics import Urgency
 with Bus(node_config(["tcp/127.0.0.1:0"])) as bus:
     back = bus.publisher("bench/pong", Urgency.REAL_TIME)
-    bus.watch("bench/ping", lambda sample: back.put(sample.payload))
+    bus.subscribe("bench/ping", lambda sample: back.put(sample.payload))
     print("ready:", bus.endpoints()[0], flush=True)
     sys.stdin.read()
 """
@@ -71,8 +71,8 @@ def rows() -> Iterator[Row]:
 def pings(bus: Bus) -> list[float]:
     """Return round trips of a bare ping, at 50 Hz."""
     came = threading.Event()
-    bus.watch("bench/pong", lambda _sample: came.set())
-    out = bus.publisher("bench/ping", Urgency.REAL_TIME)
+    bus.subscribe("bench/pong", lambda _sample: came.set())
+    out = bus.publisher("bench/ping", QoS.REAL_TIME)
 
     def send() -> None:
         came.clear()
@@ -93,14 +93,14 @@ def commands(bus: Bus) -> list[float]:
         seen["status"] = decode_stamp(sample.attachment)[0]
         seen["mode"] = json.loads(sample.payload)["mode"]
 
-    bus.watch(topics.STATUS.key(robot), on_status)
+    bus.subscribe(topics.STATUS.key(robot), on_status)
     until(lambda: seen["status"] > 0)
     ask = json.dumps({"op": "acquire", "operator": "bench"}).encode()
-    lease = json.loads(bus.ask(Service.LEASE.key(robot), ask))["lease"]
-    bus.ask(Service.ARM.key(robot), json.dumps({"lease": lease}).encode())
+    lease = json.loads(bus.query(Service.LEASE.key(robot), ask))["lease"]
+    bus.query(Service.ARM.key(robot), json.dumps({"lease": lease}).encode())
     renew = json.dumps({"op": "renew", "operator": "bench", "lease": lease}).encode()
-    until(lambda: bool(bus.ask(Service.LEASE.key(robot), renew)) and seen["mode"] == "ready")
-    out = bus.publisher(topics.twist_key(robot, "bench"), Urgency.REAL_TIME, topics.TWIST.type)
+    until(lambda: bool(bus.query(Service.LEASE.key(robot), renew)) and seen["mode"] == "ready")
+    out = bus.publisher(topics.twist_key(robot, "bench"), QoS.REAL_TIME, topics.TWIST.type)
     numbers = itertools.count(1)
     # Small steps of speed, which the limiter passes on whole, so that one set-point shows each.
     speeds = itertools.cycle([0.40, 0.42])
@@ -146,7 +146,7 @@ def watch_setpoint(bus: Bus) -> threading.Event:
             last[0] = beta
             came.set()
 
-    bus.watch(topics.SETPOINT.key("tsd"), on_setpoint)
+    bus.subscribe(topics.SETPOINT.key("tsd"), on_setpoint)
     return came
 
 

@@ -18,10 +18,10 @@ from websockets.typing import Subprotocol
 
 from bench.bus import program
 from bench.table import Row, percentile
-from tests.dashboard.feeds import Feed
-from tests.dashboard.viewers import CAMERA, decoded
-from tsd_twin.dashboard import viser_key, viser_server
-from tsd_twin.dashboard.scene import Scene
+from tests.support.robot_feed import RobotFeed
+from tests.support.viser_client import CAMERA, decoded
+from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.viser_compat import viser_server
 
 _SECONDS = 8.0
 _FRAMES = 600
@@ -64,7 +64,7 @@ def load(pid: int, url: str, viewers: int) -> tuple[float, dict[str, float]]:
 
 def latencies() -> tuple[float, list[float]]:
     """Return p99 of a bare viser node and all times of our scene, in ms, at 60 Hz."""
-    server = viser_server.start("bench")
+    server = viser_server.start_server("bench")
     try:
         bare = server.scene.add_frame("/bare", show_axes=False)
 
@@ -73,12 +73,12 @@ def latencies() -> tuple[float, list[float]]:
             server.flush()
 
         floor = timed(server.get_port(), "/bare", move_bare)
-        feed, scene = Feed(), Scene(server)
-        feed.say(pose=np.zeros(3), joints=feed.drive.inverse(np.zeros(3)))
+        feed, scene = RobotFeed(), Scene(server)
+        feed.say(pose=np.zeros(3), joints=feed.kinematics.inverse(np.zeros(3)))
         scene.add(feed)
 
         def move_robot(x: float) -> None:
-            joints = feed.drive.inverse(np.array([0.5, 0.2 * np.sin(x), 0.4]))
+            joints = feed.kinematics.inverse(np.array([0.5, 0.2 * np.sin(x), 0.4]))
             pose = np.array([-x, 0.0, 0.5 * x])
             feed.say(pose=pose, joints=joints, setpoint=joints, truth=pose + 0.01)
             scene.draw()
@@ -92,7 +92,7 @@ def timed(port: int, node: str, move: Callable[[float], None]) -> list[float]:
     """Return how long each new position takes from here to a socket in another process, in ms."""
     spawn = mp.get_context("spawn")
     ours, theirs = spawn.Pipe()
-    reader = spawn.Process(target=receive, args=(port, viser_key.key(), node, theirs))
+    reader = spawn.Process(target=receive, args=(port, viser_server.access_key(), node, theirs))
     reader.start()
     ours.recv()
     set_s: dict[int, float] = {}
@@ -110,7 +110,7 @@ def receive(port: int, key: str, node: str, pipe: Connection) -> None:
     """Note when each position arrives; positions are numbered by where they are."""
     got_s: dict[int, float] = {}
     url = f"ws://127.0.0.1:{port}"
-    headers = {viser_key.KEY_HEADER: key}
+    headers = {viser_server.KEY_HEADER: key}
     with connect(
         url,
         subprotocols=[PROTOCOL],

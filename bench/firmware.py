@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 from bench.table import Row
 from firmware.simulator.board import build
-from tests.firmware.pilot import CRUISE, CYCLE_S, Bench
-from tsd_twin.wire.codes import BoardMode
+from tests.support.firmware_host import CRUISE, CYCLE_S, Bench
+from tsd_twin.dynamixel.control_table import BoardMode
 
 _DRIVEN_S = 60.0
 _LONGEST_S = 15.0

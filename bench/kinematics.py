@@ -19,7 +19,7 @@ _CALLS = 20_000
 
 def rows() -> Iterator[Row]:
     """Measure a million twists at once, and one at a time."""
-    drive = robots.load("tsd").kinematics()
+    drive = robots.load_robot("tsd").kinematics()
     peer = SwerveDrive3Kinematics(*[Translation2d(x, y) for x, y in drive.pivots_m])
     twists = np.random.default_rng(0).normal(size=(_TWISTS, 3))
     one = twists[0]

@@ -11,10 +11,10 @@ from playwright.sync_api import Page, sync_playwright
 
 from bench.bus import program
 from bench.table import Row, percentile
-from tests.app.browser import FLAGS, PATIENCE_MS, executable
-from tsd_twin import topics
+from tests.support.browser import FLAGS, PATIENCE_MS, executable
 from tsd_twin.bus import Bus, client_config
-from tsd_twin.messages.command import Sample
+from tsd_twin.messages import topics
+from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.status import decode_stamp
 
 _SECONDS = 8.0
@@ -71,7 +71,7 @@ def delays_ms(endpoint: str, url: str) -> tuple[list[float], list[float]]:
         said_ms[decode_stamp(sample.attachment)[0]] = 1e3 * time.time()
 
     with Bus(client_config([endpoint])) as bus, sync_playwright() as playwright:
-        bus.watch(topics.STATUS.key("tsd"), hear)
+        bus.subscribe(topics.STATUS.key("tsd"), hear)
         browser = playwright.chromium.launch(executable_path=executable(), args=list(FLAGS))
         page = browser.new_page(viewport=_SIZE)
         page.add_init_script(_NOTES)

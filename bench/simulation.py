@@ -14,20 +14,18 @@ import numpy as np
 
 from bench.table import Row
 from tsd_twin import robots
-from tsd_twin.core import RobotCore
-from tsd_twin.lab.budget import AT_ONCE
-from tsd_twin.lab.open_square import drive_open
-from tsd_twin.lab.shapes import shape
-from tsd_twin.lab.sources import SOURCES
-from tsd_twin.lab.square import sharp
+from tsd_twin.control import RobotController
+from tsd_twin.lab.budget import BATCH, ERROR_SOURCES, drive_open_loop
+from tsd_twin.lab.square import unlimited_trajectory
+from tsd_twin.lab.tracking import named_path
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages.command import Sample, encode_attachment
+from tsd_twin.messages.commands import Sample, encode_attachment
 from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
+from tsd_twin.messages.topics import Service
 from tsd_twin.motion import TwistLimiter
-from tsd_twin.motion.route import Route
-from tsd_twin.robots import SingularityRobot, of_kind
-from tsd_twin.sim import SimRobot, simulate
-from tsd_twin.topics import Service
+from tsd_twin.motion.routes import Route
+from tsd_twin.robots import SingularityDescription, description_of_kind
+from tsd_twin.simulation import SimRobot, simulate
 
 PERIOD_S = 0.01
 _LEASE = bytes(16)
@@ -39,32 +37,32 @@ class VirtualRobot:
     """One robot that is driven in virtual time, as the node drives it, without a bus."""
 
     def __init__(self) -> None:
-        robot = robots.load("tsd")
-        self.core = RobotCore(robot, lambda: _LEASE)
+        robot = robots.load_robot("tsd")
+        self.controller = RobotController(robot, lambda: _LEASE)
         self.io = SimRobot(robot)
         self.now_s = 0.0
         self.seq = 0
         self._serve(Service.LEASE, {"op": "acquire", "operator": "bench"})
         self._serve(Service.ARM, {"lease": _LEASE.hex()})
-        while self.core.authority.mode != "ready":
+        while self.controller.authority.mode != "ready":
             renewal = {"op": "renew", "operator": "bench", "lease": _LEASE.hex()}
             self._serve(Service.LEASE, renewal)
             self.tick([])
-        self.core.take_events()
+        self.controller.take_events()
 
     def _serve(self, service: Service, request: dict[str, object]) -> None:
-        self.core.serve(service, msgspec.json.encode(request), self.now_s)
+        self.controller.serve(service, msgspec.json.encode(request), self.now_s)
 
     def tick(self, samples: list[Sample]) -> None:
         """Let one control period pass."""
         self.now_s += PERIOD_S
-        setpoint = self.core.step(self.now_s, self.io.read(self.now_s), samples)
+        setpoint = self.controller.step(self.now_s, self.io.read(self.now_s), samples)
         self.io.write(setpoint, self.now_s)
 
     def command(self, twist: Array) -> Sample:
         """Return a command that counts now."""
         self.seq += 1
-        self.core.note_status_sent(self.seq, self.now_s)
+        self.controller.record_status_sent(self.seq, self.now_s)
         return Sample(
             "twin/tsd/cmd/bench/twist",
             encode_twist(TwistStamped(BASE, twist)),
@@ -98,7 +96,7 @@ def drive(robot: VirtualRobot, twist: Array) -> tuple[float, float]:
         robot.now_s += PERIOD_S
         measured = robot.io.read(robot.now_s)
         before = time.perf_counter()
-        setpoint = robot.core.step(robot.now_s, measured, samples)
+        setpoint = robot.controller.step(robot.now_s, measured, samples)
         in_core_s += time.perf_counter() - before
         robot.io.write(setpoint, robot.now_s)
     return in_core_s / _STEPS, (time.perf_counter() - start) / _STEPS
@@ -106,7 +104,7 @@ def drive(robot: VirtualRobot, twist: Array) -> tuple[float, float]:
 
 def batch(robots_at_once: int) -> float:
     """Return robot-seconds a second: limits, inverse, plant, forward and pose for all of them."""
-    robot = robots.load("tsd")
+    robot = robots.load_robot("tsd")
     drive, limiter = robot.kinematics(), TwistLimiter(robot.kinematics(), robot.limits)
     simulation = simulate(robot, (robots_at_once,))
     request = np.random.default_rng(0).normal(size=(robots_at_once, 3))
@@ -117,19 +115,19 @@ def batch(robots_at_once: int) -> float:
         twist = limiter.advance(twist, request, PERIOD_S)
         simulation.command(drive.inverse(twist))
         simulation.advance(PERIOD_S)
-        pose = drive.move(pose, drive.forward(simulation.measure()).twist, PERIOD_S)
+        pose = drive.integrate(pose, drive.forward(simulation.measure()).twist, PERIOD_S)
     return robots_at_once * periods * PERIOD_S / (time.perf_counter() - start)
 
 
 def squares(runs: int) -> float:
     """Return the seconds that so many squares take, as `tsd-lab budget` drives them."""
-    robot = of_kind(robots.load("tsd"), SingularityRobot)
+    robot = description_of_kind(robots.load_robot("tsd"), SingularityDescription)
     random = np.random.default_rng(0)
-    reference = sharp(Route(shape("square")))
-    errors = reduce(add, (source.draw(robot, random, runs) for source in SOURCES))
+    reference = unlimited_trajectory(Route(named_path("square")))
+    errors = reduce(add, (source.draw(robot, random, runs) for source in ERROR_SOURCES))
     start = time.perf_counter()
-    for at in range(0, runs, AT_ONCE):
-        drive_open(robot, reference, errors.part(slice(at, at + AT_ONCE)))
+    for at in range(0, runs, BATCH):
+        drive_open_loop(robot, reference, errors.part(slice(at, at + BATCH)))
     return time.perf_counter() - start
 
 
@@ -138,7 +136,7 @@ def growth(robot: VirtualRobot, twist: Array) -> int:
     early = 0
     for step in range(_HOUR):
         robot.tick([robot.command(twist)] if step % 2 == 0 else [])
-        robot.core.take_events()
+        robot.controller.take_events()
         if step == _MINUTE:
             gc.collect()
             early = sys.getallocatedblocks()

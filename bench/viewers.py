@@ -18,7 +18,7 @@ import msgspec
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
-from tests.dashboard.viewers import CAMERA
+from tests.support.viser_client import CAMERA
 
 _WARM_UP_S = 2.0
 

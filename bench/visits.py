@@ -17,7 +17,7 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
 from bench.viewers import Tally, operate, watch
-from tests.dashboard.viewers import CAMERA, decoded
+from tests.support.viser_client import CAMERA, decoded
 
 _PROTOCOL = Subprotocol(f"viser-v{version('viser')}")
 _LONGEST_VISIT_S = 5.0

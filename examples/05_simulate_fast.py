@@ -10,7 +10,7 @@ PERIOD_S, COUNT = 0.01, 1000
 
 description = tsd_twin.load_robot("tsd")
 robots = tsd_twin.simulate(description, (COUNT,), seed=0, noise=1.0, errors=1.0)
-kinematics = robots.drive
+kinematics = robots.kinematics
 twist = np.zeros((COUNT, 3))
 
 began_s = time.perf_counter()

@@ -1,4 +1,4 @@
-// Made by `python -m tsd_twin.wire` from src/tsd_twin/wire/table.py; do not edit.
+// Made by `python -m tsd_twin.dynamixel` from src/tsd_twin/dynamixel/control_table.py; do not edit.
 // The control table: little endian, packed. Error 4: a value beyond its limits; error 7:
 // not writable, or not now.
 #ifndef CONTROL_TABLE_H

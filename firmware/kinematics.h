@@ -1,4 +1,4 @@
-// From a twist to gimbal angles: the same equations as drives/singularity.py, for the radio
+// From a twist to gimbal angles: the same equations as kinematics/singularity.py, for the radio
 // control. The PC does its own.
 #ifndef KINEMATICS_H
 #define KINEMATICS_H

@@ -10,13 +10,13 @@ import sys
 
 import numpy as np
 
-from tsd_twin.robots import RPM, SingularityRobot, load, of_kind
-from tsd_twin.sim import Motors
+from tsd_twin.robots import RPM, SingularityDescription, description_of_kind, load_robot
+from tsd_twin.simulation import Motors
 
 
 def header() -> str:
     """Return the text of `robot.h`, made from the description `tsd`."""
-    robot = of_kind(load("tsd"), SingularityRobot)
+    robot = description_of_kind(load_robot("tsd"), SingularityDescription)
     drive = robot.kinematics()
     motors = Motors.of(robot)
     cruise = np.full(drive.modules, robot.drive.cruise_speed_rpm * RPM)

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Generator
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
-from tests.running import RunningNode, running
+from tests.support.robot_node import RunningNode, running
 
 settings.register_profile("unhurried", deadline=None)  # A busy machine is no failure.
 settings.load_profile("unhurried")
 
 
-TIMED = {"app", "bus", "dashboard", "hardware", "linksim", "node", "system"}
+TESTS = Path(__file__).parent
+TIMED = {"app", "bus", "dashboard", "hardware", "link_emulation", "node", "system"}
 """Folders of tests in which threads, sockets or robots take real time; what is marked `computes`
 there is an exception."""
 
@@ -22,7 +24,8 @@ there is an exception."""
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Run what is quick before what starts processes: a mistake shows sooner."""
     for item in items:
-        timed = item.path.parent.name in TIMED and not item.get_closest_marker("computes")
+        folders = item.path.relative_to(TESTS).parts[:-1]
+        timed = not TIMED.isdisjoint(folders) and not item.get_closest_marker("computes")
         if timed or item.get_closest_marker("system"):
             item.add_marker("timed")
     items.sort(key=lambda item: item.get_closest_marker("system") is not None)

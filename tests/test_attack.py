@@ -29,7 +29,7 @@ def test_a_robot_that_stopped_before_a_fault_was_not_fast_at_it() -> None:
 
 
 def test_a_way_on_the_floor_is_as_long_as_it_is_whatever_the_heading() -> None:
-    odometer = Odometer(robots.load("kiwi").kinematics())
+    odometer = Odometer(robots.load_robot("kiwi").kinematics())
     for angle in np.linspace(0.0, np.pi, 500):
         pose = SE2(np.array([np.cos(angle), np.sin(angle), 7.0 * angle]))
         way_m, _ = odometer.take(pose, np.zeros(3))
@@ -38,13 +38,13 @@ def test_a_way_on_the_floor_is_as_long_as_it_is_whatever_the_heading() -> None:
 
 def test_the_way_of_a_sphere_is_that_of_its_top() -> None:
     """A turn about Z moves the top nowhere, and is no rest either."""
-    drive = robots.load("atlas").kinematics()
+    drive = robots.load_robot("atlas").kinematics()
     odometer, pose = Odometer(drive), SO3.identity()
     for tangent in [(0.1, 0.0, 0.0)] * 3 + [(0.0, 0.0, 0.1)] * 3:
         pose = SO3.exp(np.array(tangent)) @ pose
         way_m, speed_mps = odometer.take(pose, np.array([0.0, 0.0, 1.0]))
     # The first pose is where it begins.
-    assert way_m == pytest.approx(2 * 0.1 * drive.lever_m, rel=1e-6)
+    assert way_m == pytest.approx(2 * 0.1 * drive.twist_scale_m, rel=1e-6)
     assert speed_mps > 0.0
 
 
@@ -55,6 +55,6 @@ def test_the_way_of_a_sphere_is_that_of_its_top() -> None:
 def test_a_row_holds_when_every_run_was_measured_and_the_worst_is_within_the_promise(
     ways: list[float], failure: str, held: bool
 ) -> None:
-    allowed_m = robots.load("tsd").limits.stop_allowance_m
+    allowed_m = robots.load_robot("tsd").limits.stop_allowance_m
     result = Result("both", 1.0, [share * allowed_m for share in ways], failure)
     assert row(Task("tsd", 0.25, tuple(CAUSES), len(ways)), result).held is held

@@ -11,7 +11,7 @@ import viser.transforms as vtf
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from tests.matrices import expm1, se2_hat, se2_matrix, so3_hat, so3_matrix
+from tests.support.matrices import expm1, se2_hat, se2_matrix, so3_hat, so3_matrix
 from tsd_twin.lie import SE2, SO3, Array, sinc, wrap
 
 unhurried = settings(deadline=None)

@@ -58,9 +58,9 @@ def test_what_the_wheel_holds_finds_its_own_files(
     """Unpacked far from the checkout, and first on the path, it needs nothing of the checkout."""
     shutil.unpack_archive(wheel_through_sdist, tmp_path, "zip")
     code = (
-        "from tsd_twin import description, robots; import tsd_twin;"
-        "folder = description.shipped('tsd'); assert (folder / 'tsd.urdf').is_file();"
-        "print(tsd_twin.__file__, folder, robots.load('tsd').name)"
+        "from tsd_twin import models, robots; import tsd_twin;"
+        "folder = models.shipped_model('tsd'); assert (folder / 'tsd.urdf').is_file();"
+        "print(tsd_twin.__file__, folder, robots.load_robot('tsd').name)"
     )
     answer = subprocess.run(
         [sys.executable, "-c", code],

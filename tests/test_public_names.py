@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 import tsd_twin
-from tsd_twin import client
+from tsd_twin import __all__, client
 
 
-@pytest.mark.parametrize("name", tsd_twin.__all__)
+@pytest.mark.parametrize("name", __all__)
 def test_every_name_can_be_had_and_is_documented(name: str) -> None:
     value = getattr(tsd_twin, name)
     assert name in dir(tsd_twin)
@@ -27,7 +27,7 @@ def test_a_type_checker_sees_the_names_that_there_are() -> None:
         if isinstance(node, ast.ImportFrom)
         for alias in node.names
     }
-    assert seen | {"__version__"} == set(tsd_twin.__all__)
+    assert seen | {"__version__"} == set(__all__)
 
 
 def test_the_client_offers_what_it_names() -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What hangs on the board: the simulated motors, gimbals and wheels of `tsd_twin.sim`."""
+"""What hangs on the board: the simulated motors, gimbals and wheels of `tsd_twin.simulation`."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 from firmware.simulator.mx64 import Mx64
 from tsd_twin.lie import SE2, Array
-from tsd_twin.robots import SingularityRobot
-from tsd_twin.sim import SingularitySimulation
+from tsd_twin.robots import SingularityDescription
+from tsd_twin.simulation import SingularitySimulation
 
 _ANGLES = np.array([0, 1, 3, 4, 6, 7])
 _WHEELS = np.array([2, 5, 8])
@@ -24,7 +24,7 @@ class Body:
     """
 
     def __init__(
-        self, robot: SingularityRobot, neutral: Sequence[int], reverse: Sequence[bool]
+        self, robot: SingularityDescription, neutral: Sequence[int], reverse: Sequence[bool]
     ) -> None:
         # The wiring is looked at here, to the step: nothing else may be wrong.
         self.simulation = SingularitySimulation(robot.with_errors(0.0))

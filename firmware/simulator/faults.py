@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable
 
 from firmware.simulator.box import Box
-from tsd_twin.wire.table import ADDRESS
+from tsd_twin.dynamixel.control_table import ADDRESS
 
 
 def _switch(word: str) -> bool:

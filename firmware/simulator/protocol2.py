@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dynamixel Protocol 2.0 as a servo hears and speaks it; written apart from `tsd_twin.wire`."""
+"""Dynamixel Protocol 2.0 as a servo hears and speaks it; written apart from
+`tsd_twin.dynamixel`.
+"""
 
 from __future__ import annotations
 

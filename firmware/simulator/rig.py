@@ -10,8 +10,8 @@ from firmware.simulator import board as boards
 from firmware.simulator.body import Body
 from firmware.simulator.chain import Chain
 from firmware.simulator.mx64 import Mx64
-from tsd_twin.robots import SingularityRobot, load, of_kind
-from tsd_twin.wire.table import ADDRESS
+from tsd_twin.dynamixel.control_table import ADDRESS
+from tsd_twin.robots import SingularityDescription, description_of_kind, load_robot
 
 NEUTRAL = (2048,) * 6
 STRAIGHT = (False,) * 6
@@ -42,7 +42,9 @@ class Rig:
         versions = [version] * 6 if isinstance(version, int) else version
         self.servos = [Mx64(i + 1, versions[i]) for i in range(6)]
         self.chain = Chain(self.servos)
-        self.body = Body(of_kind(load("tsd"), SingularityRobot), neutral, reverse)
+        self.body = Body(
+            description_of_kind(load_robot("tsd"), SingularityDescription), neutral, reverse
+        )
         self._moved_s = 0.0
         self._receiver = [1500, 1500, 1500, 1100, 1900, 1100]
         self.board.on_request(self._on_request)

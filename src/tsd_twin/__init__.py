@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     )
     from tsd_twin.errors import TwinError
     from tsd_twin.lie import SE2, SO3
-    from tsd_twin.robots import load as load_robot
-    from tsd_twin.sim import simulate
+    from tsd_twin.robots import load_robot
+    from tsd_twin.simulation import simulate
 
 __version__ = "0.1.0"
 
@@ -48,8 +48,8 @@ _HOMES = {
     "SE2": ("tsd_twin.lie", "SE2"),
     "SO3": ("tsd_twin.lie", "SO3"),
     "TwinError": ("tsd_twin.errors", "TwinError"),
-    "load_robot": ("tsd_twin.robots", "load"),
-    "simulate": ("tsd_twin.sim", "simulate"),
+    "load_robot": ("tsd_twin.robots", "load_robot"),
+    "simulate": ("tsd_twin.simulation", "simulate"),
 }
 """Where names come from that are not of the client."""
 

@@ -6,7 +6,7 @@ TwinError               anything below; its text is one sentence for the person 
 ├── MessageError        a peer sent something that cannot be read (theirs, not ours)
 ├── BusError            the bus cannot be opened, or is used in a way that is not allowed
 │   └── NoAnswerError   a service did not answer in time
-├── LinkError           a description of a simulated link cannot be read (in linksim)
+├── LinkError           a description of a simulated link cannot be read (in link_emulation)
 ├── PathError           a path that nobody can follow
 ├── MeshError           a generated part is missing or is not a closed solid
 └── MissingExtraError   an optional package that was asked for is not installed

@@ -1,4 +1,4 @@
-"""What all programs do alike: flags, signals, and one clear sentence when something is wrong."""
+"""Common parts of all programs: flags, signals, one-sentence errors."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from collections.abc import Callable, Sequence
 from types import FrameType
 
 from tsd_twin import __version__, robots
-from tsd_twin.access import Identity, certificate_identity
 from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, client_config, from_file, node_config
 from tsd_twin.errors import TwinError
-from tsd_twin.sim import PLANTS
+from tsd_twin.security import Identity, certificate_identity
+from tsd_twin.simulation import PLANTS
 
 _LOG = logging.getLogger(__name__)
 _PATIENCE_S = 2.0
@@ -39,7 +39,7 @@ def parser(prog: str, purpose: str, examples: Sequence[str]) -> argparse.Argumen
 
 def add_robot_flags(made: argparse.ArgumentParser, *, several: bool = False) -> None:
     """Add `--robot`, a list when there may be `several`, and `--id`."""
-    shipped = ", ".join(robots.names())
+    shipped = ", ".join(robots.robot_names())
     made.add_argument(
         "--robot",
         action="append" if several else "store",

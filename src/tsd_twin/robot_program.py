@@ -1,4 +1,4 @@
-"""What programs that run a robot node do alike: they differ in the joints."""
+"""Common parts of the programs that run a robot node; they differ in the hardware interface."""
 
 from __future__ import annotations
 
@@ -7,31 +7,31 @@ import contextlib
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 
-from tsd_twin import description, program, robots
+from tsd_twin import models, program, robots
 from tsd_twin.bus import Bus
 from tsd_twin.lie import SE2, SO3
-from tsd_twin.messages.service import Description
+from tsd_twin.messages.services import Description
 from tsd_twin.node import RobotIO, RobotNode
-from tsd_twin.robots import Robot
+from tsd_twin.robots import RobotDescription
 
 Flags = argparse.Namespace
 Pose = SE2 | SO3
-Company = AbstractContextManager[object]
+Companion = AbstractContextManager[object]
 
 
-def _unknown(_robot: Robot, _args: Flags) -> Pose | None:
+def _unknown(_robot: RobotDescription, _args: Flags) -> Pose | None:
     return None
 
 
-def _alone(_bus: Bus, _robot_id: str, _robot: Robot, _args: Flags) -> Company:
+def _alone(_bus: Bus, _robot_id: str, _robot: RobotDescription, _args: Flags) -> Companion:
     return contextlib.nullcontext()
 
 
 def serve(
     made: argparse.ArgumentParser,
-    joints: Callable[[Robot, Flags], RobotIO],
-    pose: Callable[[Robot, Flags], Pose | None] = _unknown,
-    company: Callable[[Bus, str, Robot, Flags], Company] = _alone,
+    joints: Callable[[RobotDescription, Flags], RobotIO],
+    pose: Callable[[RobotDescription, Flags], Pose | None] = _unknown,
+    companion: Callable[[Bus, str, RobotDescription, Flags], Companion] = _alone,
 ) -> None:
     """Read the flags of `made`, to which those of a node are added, and run until told to end.
 
@@ -40,24 +40,24 @@ def serve(
     """
     program.add_robot_flags(made)
     program.add_node_flags(made)
-    program.run(made, lambda args: _run(made.prog, args, joints, pose, company))
+    program.run(made, lambda args: _run(made.prog, args, joints, pose, companion))
 
 
 def _run(
     name: str,
     args: Flags,
-    joints: Callable[[Robot, Flags], RobotIO],
-    pose: Callable[[Robot, Flags], Pose | None],
-    company: Callable[[Bus, str, Robot, Flags], Company],
+    joints: Callable[[RobotDescription, Flags], RobotIO],
+    pose: Callable[[RobotDescription, Flags], Pose | None],
+    companion: Callable[[Bus, str, RobotDescription, Flags], Companion],
 ) -> None:
     stop = program.stop_event(args)
-    text = robots.text(args.robot)
-    robot = robots.parse(text, args.robot)
+    text = robots.read_description(args.robot)
+    robot = robots.parse_description(text, args.robot)
     robot_id = args.id or robot.name
-    shown = Description(text, description.urdf(robot, description.parts(robot)))
+    shown = Description(text, models.urdf(robot, models.load_parts(robot)))
     # Whatever goes wrong from here on, the joints are closed, and so left at rest.
     with program.node_bus(args) as bus, contextlib.closing(joints(robot, args)) as io:
         node = RobotNode(bus, robot_id, robot, io, shown, pose=pose(robot, args))
-        with company(bus, robot_id, robot, args):
+        with companion(bus, robot_id, robot, args):
             program.say_ready(f"{name} {robot_id} on {' '.join(bus.endpoints()) or args.connect}")
             node.run(stop)

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, sync_playwright
 
-from tests.app.browser import FLAGS, executable
+from tests.support.browser import FLAGS, executable
 
 PATIENCE_S = 60.0
 

@@ -17,7 +17,8 @@ from playwright.sync_api import Browser, BrowserContext, Page, expect
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from tests.app.browser import (
+from tests.app.conftest import PATIENCE_S, Program
+from tests.support.browser import (
     FLAGS,
     FLAGS_WITHOUT_SCENE,
     PATIENCE_MS,
@@ -26,9 +27,8 @@ from tests.app.browser import (
     mode,
     press,
 )
-from tests.app.conftest import PATIENCE_S, Program
-from tests.app.proxy import nginx
-from tsd_twin.access import Role, Users
+from tests.support.nginx import nginx
+from tsd_twin.security import Role, Users
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 

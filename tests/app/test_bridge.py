@@ -14,9 +14,9 @@ import pytest
 import serial
 
 from tests.app.conftest import Program
-from tests.app.machine import AHEAD, Machine, wait_for_mode, wait_until
-from tests.hardware.peer import Peer
-from tests.hardware.servo_chain import ServoChain
+from tests.support.bridge_machine import AHEAD, Machine, wait_for_mode, wait_until
+from tests.support.faulty_devices import Peer
+from tests.support.servo_chain import ServoChain
 
 pytestmark = [pytest.mark.system, pytest.mark.busy]
 

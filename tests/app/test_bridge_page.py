@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page, expect, sync_playwright
 
-from tests.app.browser import FLAGS, PATIENCE_MS, centre, click_through, executable, mode, press
 from tests.app.conftest import PATIENCE_S, Program
-from tests.app.machine import Machine, wait_until
+from tests.support.bridge_machine import Machine, wait_until
+from tests.support.browser import FLAGS, PATIENCE_MS, centre, click_through, executable, mode, press
 from tsd_twin import robots
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
@@ -68,7 +68,7 @@ class Desk:
     def tilts(self, way: str) -> bool:
         """Return whether wheels spin, and gimbals are told to tilt the way a key drives."""
         seen = self.machine.box.show()
-        drive = robots.load("tsd").kinematics()
+        drive = robots.load_robot("tsd").kinematics()
         wanted = drive.inverse(0.2 * np.array(WAYS[way]))[[0, 1, 3, 4, 6, 7]] * 4096 / (2 * np.pi)
         told = np.array(seen["goals"]) - 2048
         clear = np.abs(wanted) > _GAP_STEPS

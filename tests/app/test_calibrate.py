@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 
 from tests.app.conftest import Program
-from tests.lab.runs import is_picture
-from tests.node.pilot import Pilot
-from tests.running import PATIENCE_S, PATIENT, running
+from tests.support.bus_operator import BusOperator
+from tests.support.experiment_runs import is_picture
+from tests.support.robot_node import PATIENCE_S, PATIENT, running
 from tsd_twin import robots
-from tsd_twin.lab.creep import by_zeros
-from tsd_twin.lab.keyboard import Keys
-from tsd_twin.lab.recording import read
+from tsd_twin.calibration.recording import read_recordings
+from tsd_twin.calibration.terminal import KeyWatcher
+from tsd_twin.calibration.zeroing import twist_by_zero_offsets
 from tsd_twin.node import OverheadCamera
-from tsd_twin.robots import SingularityRobot
-from tsd_twin.sim import simulate
+from tsd_twin.robots import SingularityDescription
+from tsd_twin.simulation import simulate
 
 pytestmark = pytest.mark.system
 
@@ -65,9 +65,11 @@ def test_a_mock_under_a_camera_is_driven_and_what_is_wrong_with_it_found(
     assert lab.process.returncode == 0
     assert is_picture(folder / "calibrate.png")
     log = folder / "calibrate_log.csv"
-    assert len(read(str(log), 3)) == 1
+    assert len(read_recordings(str(log), 3)) == 1
     # Where the simulated gimbals stand when their servos say zero, by the seed.
-    robot = robots.of_kind(robots.parse(BUILT, "built"), SingularityRobot)
+    robot = robots.description_of_kind(
+        robots.parse_description(BUILT, "built"), SingularityDescription
+    )
     machine = simulate(robot, seed=4, noise=1.0, errors=1.0)
     true = np.array(machine.joints).reshape(-1, 3)[:, :2]
     assert np.abs(np.degrees(true)).max() > 0.2
@@ -77,11 +79,11 @@ def test_a_mock_under_a_camera_is_driven_and_what_is_wrong_with_it_found(
         [found[f"module{i}_{part}"] for i in (1, 2, 3) for part in ("alpha", "beta")]
     )
     # Three things are told of six zeros in one run: as well as zeros that are off by 0.03 degrees.
-    creep = by_zeros(robot)
+    creep = twist_by_zero_offsets(robot)
     off = np.abs(creep @ (zeros - true.ravel()))
     assert (off < np.radians(0.03) * np.linalg.norm(creep, axis=1)).all()
     assert found["pivot_radius"] == pytest.approx(robot.drive.pivot_radius_m, rel=0.01)
-    written = robots.of_kind(robots.load(str(toml)), SingularityRobot)
+    written = robots.description_of_kind(robots.load_robot(str(toml)), SingularityDescription)
     assert written.calibration.tilt_offset_deg[0][0] == pytest.approx(
         np.degrees(zeros[0]), abs=1e-3
     )
@@ -97,7 +99,7 @@ def test_a_lab_that_is_killed_on_the_way_leaves_the_robot_at_rest(
 ) -> None:
     with (
         running() as node,
-        Pilot(node) as alice,
+        BusOperator(node) as alice,
         node.client() as bus,
         OverheadCamera(bus, node.id),
     ):
@@ -113,10 +115,10 @@ def test_a_lab_that_is_killed_on_the_way_leaves_the_robot_at_rest(
 
 
 def test_without_a_camera_nothing_moves(start: Start, tmp_path: Path) -> None:
-    with running() as node, Pilot(node) as alice:
+    with running() as node, BusOperator(node) as alice:
         lab = drive(start, node.endpoint, tmp_path)
         assert lab.wait() != 0
-        assert f"nobody tells on twin/{node.id}/in/pose" in lab.sentence
+        assert f"no pose measurements on twin/{node.id}/sensor/pose" in lab.sentence
         assert "\n" not in lab.sentence
         assert {event["kind"] for event in alice.events} <= {"pose"}
         assert alice.status.mode == "disarmed"
@@ -129,7 +131,7 @@ def test_a_key_is_noticed_without_enter_and_the_terminal_left_as_it_was(
     with os.fdopen(inside, "r") as terminal:
         monkeypatch.setattr("sys.stdin", terminal)
         os.write(outside, b"typed ahead")
-        with Keys() as keys:
+        with KeyWatcher() as keys:
             assert not keys.pressed(0.0)
             os.write(outside, b"x")
             assert keys.pressed(PATIENCE_S)

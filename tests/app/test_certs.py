@@ -11,7 +11,7 @@ import pytest
 
 from tests.app.conftest import PATIENCE_S, Program
 from tsd_twin.bus import Bus, from_file
-from tsd_twin.topics import Service, alive_key
+from tsd_twin.messages.topics import Service, alive_key
 
 pytestmark = pytest.mark.system
 
@@ -50,8 +50,8 @@ def test_what_it_prints_makes_a_robot_that_is_reached_with_tls(
     assert start("tsd_certs", str(keys), "--listen", endpoint).wait() == 0
     with Bus(from_file(str(keys / "guest.json5"))) as guest:
         assert guest.wait_for_peer(PATIENCE_S)
-        assert set(guest.living(alive_key("*"), PATIENCE_S)) == {alive_key("tsd")}
-        assert guest.ask(Service.DESC.key("tsd"), b"", PATIENCE_S)
+        assert set(guest.living_tokens(alive_key("*"), PATIENCE_S)) == {alive_key("tsd")}
+        assert guest.query(Service.DESC.key("tsd"), b"", PATIENCE_S)
     assert mock.end() == 0
     assert mock.sentence == ""
 

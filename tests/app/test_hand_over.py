@@ -8,8 +8,8 @@ from collections.abc import Callable
 import pytest
 from playwright.sync_api import Page, expect, sync_playwright
 
-from tests.app.browser import FLAGS_WITHOUT_SCENE, PATIENCE_MS, executable, mode, press
 from tests.app.conftest import Program
+from tests.support.browser import FLAGS_WITHOUT_SCENE, PATIENCE_MS, executable, mode, press
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 

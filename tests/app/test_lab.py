@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from tests.app.conftest import Program
-from tests.lab.runs import is_picture
-from tests.node.pilot import Pilot
-from tests.running import running
-from tsd_twin.lab import EXPERIMENTS
+from tests.support.bus_operator import BusOperator
+from tests.support.experiment_runs import is_picture
+from tests.support.robot_node import running
+from tsd_lab import EXPERIMENTS
 
 pytestmark = pytest.mark.system
 
@@ -43,7 +43,7 @@ def test_help_lists_all_experiments_and_each_has_examples(start: Start) -> None:
 def test_zeroing_that_is_interrupted_leaves_the_robot_disarmed_and_free(
     start: Start, tmp_path: Path, sign: signal.Signals
 ) -> None:
-    with running() as node, Pilot(node) as alice:
+    with running() as node, BusOperator(node) as alice:
         lab = start("tsd_lab", "zero", "--connect", node.endpoint, "--yes", "--out", str(tmp_path))
         alice.wait_for("ready")
         assert lab.end(sign) != 0

@@ -13,7 +13,7 @@ import pytest
 
 from tests.app.conftest import Program, children_of
 from tsd_twin.bus import Bus, client_config
-from tsd_twin.topics import Service
+from tsd_twin.messages.topics import Service
 
 pytestmark = pytest.mark.system
 
@@ -31,9 +31,9 @@ def test_a_robot_is_found_behind_it_and_is_as_far_as_it_says(
     assert f"delay=60ms,jitter=1ms to {robot_at} on tcp/127.0.0.1:" in ready
     with Bus(client_config([ready.split()[-1]])) as bus:
         assert bus.wait_for_peer(10.0)
-        assert bus.living("twin/*/alive", timeout_s=5.0)
+        assert bus.living_tokens("twin/*/alive", timeout_s=5.0)
         start_s = time.monotonic()
-        assert bus.ask(Service.DESC.key("tsd"), b"", timeout_s=5.0)
+        assert bus.query(Service.DESC.key("tsd"), b"", timeout_s=5.0)
         assert time.monotonic() - start_s >= 2 * 0.06
     assert link.end(signal_number) == 0
     assert link.sentence == ""

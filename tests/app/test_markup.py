@@ -10,13 +10,14 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, expect
 
-from tests.app.browser import FLAGS_WITHOUT_SCENE, PATIENCE_MS, mode
 from tests.app.conftest import Program
-from tests.running import matched
-from tsd_twin import robots, topics
+from tests.support.browser import FLAGS_WITHOUT_SCENE, PATIENCE_MS, mode
+from tests.support.robot_node import matched
+from tsd_twin import robots
 from tsd_twin.bus import Bus, as_client, client_config
-from tsd_twin.messages.service import Event
-from tsd_twin.topics import Urgency
+from tsd_twin.messages import topics
+from tsd_twin.messages.services import Event
+from tsd_twin.messages.topics import QoS
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
@@ -33,7 +34,7 @@ def test_markup_in_titles_reasons_and_events_is_text(
     text = re.sub(
         r"(?m)^title = .*$",
         lambda _: f"title = '''{markup('title')}'''",
-        robots.text("tsd"),
+        robots.read_description("tsd"),
         count=1,
     )
     toml = tmp_path / "mine.toml"
@@ -48,12 +49,12 @@ def test_markup_in_titles_reasons_and_events_is_text(
     page.goto(url)
     mode(page, "disarmed")
     with Bus(as_client(client_config([robot_at]), 10.0)) as bus:
-        events = bus.publisher(topics.event_key("tsd", "id"), Urgency.EVENT)
+        events = bus.publisher(topics.event_key("tsd", "id"), QoS.EVENT)
         for kind in ("id", "lease", markup("kind")):
             said = Event(kind, markup("event"))
             events.put(json.dumps({"kind": said.kind, "text": said.text}).encode())
         stop = {"operator": markup("operator"), "reason": markup("reason")}
-        putting = matched(bus.publisher(topics.STOP.key("tsd"), Urgency.REAL_TIME))
+        putting = matched(bus.publisher(topics.STOP.key("tsd"), QoS.REAL_TIME))
         putting.put(json.dumps(stop).encode())
         mode(page, "stopped")
         expect(page.get_by_text(markup("reason")).first).to_be_visible(timeout=PATIENCE_MS)

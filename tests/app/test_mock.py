@@ -16,9 +16,9 @@ from tests.app.conftest import PATIENCE_S, Program
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.errors import NoAnswerError
-from tsd_twin.messages.command import Sample
+from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.status import decode_status
-from tsd_twin.topics import STATUS, Service, alive_key
+from tsd_twin.messages.topics import STATUS, Service, alive_key
 
 pytestmark = pytest.mark.system
 
@@ -31,7 +31,7 @@ def description(bus: Bus, robot: str) -> bytes:
     end_s = time.monotonic() + PATIENCE_S
     while True:
         try:
-            return bus.ask(Service.DESC.key(robot), b"")
+            return bus.query(Service.DESC.key(robot), b"")
         except NoAnswerError:
             assert time.monotonic() < end_s, "no answer"
 
@@ -44,7 +44,7 @@ def test_it_says_where_it_listens_and_ends_with_zero_when_told(
     endpoint = mock.ready().split()[-1]
     with Bus(client_config([endpoint])) as bus:
         reply = json.loads(description(bus, "tsd"))
-    assert robots.parse(reply["robot"], "desc").name == "tsd"
+    assert robots.parse_description(reply["robot"], "desc").name == "tsd"
     assert reply["urdf"].startswith("<")
     assert mock.end(signal_number) == 0
     assert mock.sentence == ""
@@ -60,7 +60,7 @@ def test_it_ends_with_its_standard_input(start: Start) -> None:
 
 def test_a_robot_of_ones_own_runs_under_its_own_name(start: Start, tmp_path: Path) -> None:
     mine = tmp_path / "mine.toml"
-    text = robots.text("tsd").replace('name = "tsd"', 'name = "mine"')
+    text = robots.read_description("tsd").replace('name = "tsd"', 'name = "mine"')
     mine.write_text(text.replace("pivot_radius_m = 0.15", "pivot_radius_m = 0.2"))
     mock = start("tsd_mock", "--robot", str(mine), *ANY_PORT)
     endpoint = mock.ready().split()[-1]
@@ -96,7 +96,7 @@ def test_a_mistake_ends_in_one_clear_sentence(
 
 def test_a_misspelt_key_is_named_with_the_file(start: Start, tmp_path: Path) -> None:
     mine = tmp_path / "mine.toml"
-    mine.write_text(robots.text("tsd").replace("max_tilt_deg", "max_tlit_deg"))
+    mine.write_text(robots.read_description("tsd").replace("max_tilt_deg", "max_tlit_deg"))
     mock = start("tsd_mock", "--robot", str(mine), *ANY_PORT)
     assert mock.wait() == 1
     assert "mine.toml" in mock.sentence
@@ -134,7 +134,7 @@ def test_a_second_robot_with_the_same_id_refuses_and_the_first_runs_on(start: St
             here.set()
 
     with Bus(client_config([endpoint])) as bus:
-        bus.watch_alive(alive_key("*"), note)
+        bus.subscribe_liveliness(alive_key("*"), note)
         assert here.wait(PATIENCE_S), f"only {living}"
     assert first.process.poll() is None
 
@@ -152,12 +152,12 @@ def test_its_camera_tells_the_robot_where_it_is(start: Start) -> None:
     seen = threading.Event()
 
     def look(sample: Sample) -> None:
-        outside = decode_status(sample.payload).outside
-        if outside is not None and outside.used > 5 and outside.late_s is not None:
+        pose_sensor = decode_status(sample.payload).pose_sensor
+        if pose_sensor is not None and pose_sensor.used > 5 and pose_sensor.late_s is not None:
             seen.set()
 
     with Bus(client_config([endpoint])) as bus:
-        bus.watch(STATUS.key("tsd"), look)
+        bus.subscribe(STATUS.key("tsd"), look)
         assert seen.wait(PATIENCE_S)
     assert mock.end(signal.SIGTERM) == 0
 
@@ -167,7 +167,7 @@ def test_it_moves_as_rigid_bodies_when_asked(start: Start) -> None:
     endpoint = mock.ready().split()[-1]
     heard = threading.Event()
     with Bus(client_config([endpoint])) as bus:
-        bus.watch(
+        bus.subscribe(
             STATUS.key("tsd"), lambda sample: heard.set() if b'"mujoco"' in sample.payload else None
         )
         assert heard.wait(PATIENCE_S)

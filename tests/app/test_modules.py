@@ -12,17 +12,11 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
-from tests.app.browser import (
-    FLAGS,
-    PATIENCE_MS,
-    QUICK,
-    executable,
-    take_control_and_arm,
-)
 from tests.app.conftest import PATIENCE_S, Program
-from tsd_twin import topics
+from tests.support.browser import FLAGS, PATIENCE_MS, QUICK, executable, take_control_and_arm
 from tsd_twin.bus import Bus, client_config
-from tsd_twin.messages.command import Sample
+from tsd_twin.messages import topics
+from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.ros import decode_joints
 from tsd_twin.messages.status import Status, decode_stamp, decode_status
 
@@ -63,9 +57,9 @@ class Watcher:
         self.status: Status | None = None
         self.visible_ns = self.named_ns = 0
         self.named_ms = 0.0
-        bus.watch(topics.SETPOINT.key("tsd"), self._on_setpoint)
-        bus.watch(topics.JOINTS.key("tsd"), self._on_joints)
-        bus.watch(topics.STATUS.key("tsd"), self._on_status)
+        bus.subscribe(topics.SETPOINT.key("tsd"), self._on_setpoint)
+        bus.subscribe(topics.JOINTS.key("tsd"), self._on_joints)
+        bus.subscribe(topics.STATUS.key("tsd"), self._on_status)
 
     def _on_setpoint(self, sample: Sample) -> None:
         self._set_deg = self._angle_deg(sample)
@@ -80,7 +74,7 @@ class Watcher:
     def _on_status(self, sample: Sample) -> None:
         with self._news:
             self.status = decode_status(sample.payload)
-            if self.status.conflict.suspect is not None and not self.named_ns:
+            if self.status.consistency.suspect is not None and not self.named_ns:
                 self.named_ns, self.named_ms = decode_stamp(sample.attachment)[1], 1e3 * time.time()
             self._news.notify_all()
 
@@ -105,18 +99,28 @@ def choose_speed(page: Page, watcher: Watcher) -> None:
     expect(spins).to_be_enabled(timeout=PATIENCE_MS)
     spins.fill("3000")
     spins.press("Enter")
-    watcher.until(lambda status: status.gear is not None and status.gear.wanted_rpm == 3000.0)
+    watcher.until(
+        lambda status: status.wheel_speed is not None and status.wheel_speed.wanted_rpm == 3000.0
+    )
     expect(figures).to_contain_text(
         "3,000 rpm: up to 6.3 m/s by tilt 30°, one servo step = 19 mm/s, 1 m/s needs 4.6° tilt",
         timeout=PATIENCE_MS,
     )
-    watcher.until(lambda status: status.gear is not None and abs(status.gear.spin_rpm - 3000) < 30)
+    watcher.until(
+        lambda status: (
+            status.wheel_speed is not None and abs(status.wheel_speed.spin_rpm - 3000) < 30
+        )
+    )
     page.get_by_role("slider", name="Drive speed").press("ArrowLeft")
-    watcher.until(lambda status: status.gear is not None and status.gear.wanted_rpm == 2950.0)
+    watcher.until(
+        lambda status: status.wheel_speed is not None and status.wheel_speed.wanted_rpm == 2950.0
+    )
     top = page.get_by_role("spinbutton", name="Top speed of the wheels, m/s")
     top.fill("4.5")
     top.press("Tab")  # 4.5 m/s at 30 degrees is a rim of 9 m/s, with 40 mm 2,148.6 rpm.
-    watcher.until(lambda status: status.gear is not None and status.gear.wanted_rpm == 2149.0)
+    watcher.until(
+        lambda status: status.wheel_speed is not None and status.wheel_speed.wanted_rpm == 2149.0
+    )
 
 
 def test_an_operator_chooses_the_drive_speed_and_is_told_which_module_sticks(
@@ -137,7 +141,7 @@ def test_an_operator_chooses_the_drive_speed_and_is_told_which_module_sticks(
         slider = page.get_by_role("slider", name="Drive speed")
         expect(slider).to_be_visible(timeout=PATIENCE_MS)
         expect(slider).to_be_disabled()
-        expect(page.get_by_text("Nobody has control: take it first.").last).to_be_visible()
+        expect(page.get_by_text("The lease is free: take control first.").last).to_be_visible()
         take_control_and_arm(page)
         choose_speed(page, watcher)
         notice = page.get_by_role("alert").filter(has_text="Module 2 does not follow")
@@ -153,7 +157,10 @@ def test_an_operator_chooses_the_drive_speed_and_is_told_which_module_sticks(
                 page.keyboard.up("d")  # A page that was too slow is let go: push again, as it says.
         page.keyboard.up("d")
         expect(notice).to_be_visible(timeout=PATIENCE_MS)
-        assert watcher.until(lambda s: s.conflict.suspect is not None).conflict.suspect == "module2"
+        assert (
+            watcher.until(lambda s: s.consistency.suspect is not None).consistency.suspect
+            == "module2"
+        )
         late_ms = page.evaluate("window.shownMs") - watcher.named_ms
         robot_ms = (watcher.named_ns - watcher.visible_ns) / 1e6
         sys.stdout.write(
@@ -169,7 +176,9 @@ def test_an_operator_chooses_the_drive_speed_and_is_told_which_module_sticks(
         fault = watcher.until(lambda status: status.mode == "fault")
         assert f"{STUCK} does not follow" in fault.stop_reason
         expect(page.get_by_text("The wheels are shut off.")).to_be_visible(timeout=PATIENCE_MS)
-        watcher.until(lambda status: status.gear is not None and status.gear.spin_rpm < 100)
+        watcher.until(
+            lambda status: status.wheel_speed is not None and status.wheel_speed.spin_rpm < 100
+        )
     assert errors == []
 
 

@@ -13,20 +13,17 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect
 
-from tests.app.browser import (
-    PATIENCE_MS,
-    QUICK,
-    centre,
-    mode,
-    press,
-    take_control_and_arm,
-)
 from tests.app.conftest import Program
-from tsd_twin import topics
+from tests.support.browser import PATIENCE_MS, QUICK, centre, mode, press, take_control_and_arm
 from tsd_twin.bus import Bus, Config, client_config
-from tsd_twin.dashboard.viser_server import CAMERA_M, FIELD_OF_VIEW_RAD, LOOK_AT_M
+from tsd_twin.dashboard.viser_compat.viser_server import (
+    CAMERA_OFFSET_M,
+    FIELD_OF_VIEW_RAD,
+    LOOK_AT_M,
+)
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages.command import Sample
+from tsd_twin.messages import topics
+from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.ros import decode_joints, decode_odometry, decode_twist
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
@@ -77,10 +74,10 @@ class Watcher:
         self.set_tilt_rad = 0.0
         self.way: list[Array] = []
         self.commands: list[Array] = []
-        bus.watch(topics.TRUTH.key("tsd"), self._on_truth)
-        bus.watch(topics.JOINTS.key("tsd"), self._on_joints)
-        bus.watch(topics.SETPOINT.key("tsd"), self._on_setpoint)
-        bus.watch(topics.TWIST.key("tsd"), self._on_command)
+        bus.subscribe(topics.TRUTH.key("tsd"), self._on_truth)
+        bus.subscribe(topics.JOINTS.key("tsd"), self._on_joints)
+        bus.subscribe(topics.SETPOINT.key("tsd"), self._on_setpoint)
+        bus.subscribe(topics.TWIST.key("tsd"), self._on_command)
 
     def _on_truth(self, sample: Sample) -> None:
         odometry = decode_odometry(sample.payload)
@@ -315,7 +312,7 @@ def pixel_of(page: Page, place: tuple[float, float]) -> tuple[float, float]:
     """Return where a place on the floor is seen, metres from the robot: a camera of a textbook."""
     box = page.locator("#tsd-overlay").bounding_box()
     assert box is not None
-    eye, up = np.array(CAMERA_M), np.array([0.0, 0.0, 1.0])
+    eye, up = np.array(CAMERA_OFFSET_M), np.array([0.0, 0.0, 1.0])
     ahead = np.array(LOOK_AT_M) - eye
     ahead /= np.linalg.norm(ahead)
     right = np.cross(ahead, up)

@@ -9,7 +9,8 @@ from collections.abc import Generator
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from tests.app.browser import (
+from tests.app.conftest import Program
+from tests.support.browser import (
     FLAGS_WITHOUT_SCENE,
     PATIENCE_MS,
     QUICK,
@@ -18,12 +19,11 @@ from tests.app.browser import (
     mode,
     take_control_and_arm,
 )
-from tests.app.conftest import Program
 from tsd_twin import robots
 
 pytestmark = [pytest.mark.system, pytest.mark.busy]
 
-ROBOTS = robots.names()
+ROBOTS = robots.robot_names()
 MOVING = re.compile(r"0\.[1-9]|[1-9]\.\d")
 
 
@@ -56,7 +56,9 @@ def opened(browser: Browser, address: str, *, drawn: bool) -> Generator[Page]:
 def choose(page: Page, name: str) -> None:
     """Turn the page to a robot by the menu in the bar."""
     page.locator("#tsd-overlay select").select_option(name, timeout=PATIENCE_MS)
-    expect(page).to_have_title(re.compile(re.escape(robots.load(name).title)), timeout=PATIENCE_MS)
+    expect(page).to_have_title(
+        re.compile(re.escape(robots.load_robot(name).title)), timeout=PATIENCE_MS
+    )
 
 
 @pytest.mark.parametrize("browser", [FLAGS_WITHOUT_SCENE], indirect=True, ids=["no scene"])

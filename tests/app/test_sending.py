@@ -7,9 +7,9 @@ from collections.abc import Generator
 import pytest
 from playwright.sync_api import Browser, Page
 
-from tests.app.browser import FLAGS_WITHOUT_SCENE
-from tests.dashboard.operators import site
-from tsd_twin.dashboard.allowance import TELEOP
+from tests.support.browser import FLAGS_WITHOUT_SCENE
+from tests.support.page_client import site
+from tsd_twin.dashboard.server.socket_limits import TELEOP
 
 pytestmark = [
     pytest.mark.system,
@@ -28,7 +28,7 @@ MADE = """async () => {
   };
   link.connected = true;
   link.welcome = { role: "operator", may_stop: true };
-  link.robot = { space: "floor", lever_m: 1 };
+  link.robot = { space: "floor", twist_scale_m: 1 };
   const status = { mode: "ready", limits: { speed_mps: 1, turn_rate_rad_per_s: 1 } };
   link.state = { you: true, seen: 1, age_ms: 0, status };
   setInterval(() => (link.stateMs = performance.now()), 5);

@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator
 
 import pytest
 
-from tests.running import ANY_PORT, PATIENCE_S
+from tests.support.robot_node import ANY_PORT, PATIENCE_S
 from tsd_twin.bus import Bus, client_config, node_config
 
 

@@ -9,11 +9,11 @@ from collections.abc import Callable
 import pytest
 import zenoh
 
-from tests.running import Mailbox, matched
+from tests.support.robot_node import Mailbox, matched
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.errors import BusError
-from tsd_twin.messages.command import Sample
-from tsd_twin.topics import Urgency
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.topics import QoS
 
 KEY = "twin/r1/state/odom"
 
@@ -30,29 +30,29 @@ def test_a_sample_arrives_with_key_payload_and_attachment(
 ) -> None:
     sender, receiver = (connect(), robot) if direction == "to the robot" else (robot, connect())
     box = Mailbox()
-    receiver.watch("twin/*/state/*", box)
-    matched(sender.publisher(KEY, Urgency.DATA)).put(b"payload", b"attachment")
+    receiver.subscribe("twin/*/state/*", box)
+    matched(sender.publisher(KEY, QoS.DATA)).put(b"payload", b"attachment")
     assert box.next() == Sample(KEY, b"payload", b"attachment", is_put=True)
 
 
 @pytest.mark.parametrize(
-    ("urgency", "priority", "express"),
+    ("qos", "priority", "express"),
     [
-        (Urgency.REAL_TIME, zenoh.Priority.REAL_TIME, True),
-        (Urgency.DATA, zenoh.Priority.DATA, False),
+        (QoS.REAL_TIME, zenoh.Priority.REAL_TIME, True),
+        (QoS.DATA, zenoh.Priority.DATA, False),
     ],
 )
 def test_urgency_and_type_are_seen_by_who_receives(
     robot: Bus,
     connect: Callable[[], Bus],
-    urgency: Urgency,
+    qos: QoS,
     priority: zenoh.Priority,
     express: bool,
 ) -> None:
     box = Mailbox()
     subscriber = robot._session.declare_subscriber(KEY, box)
     type_name = "nav_msgs/msg/Odometry"
-    matched(connect().publisher(KEY, urgency, type_name)).put(b"x")
+    matched(connect().publisher(KEY, qos, type_name)).put(b"x")
     sample = box.next()
     assert (sample.priority, sample.express) == (priority, express)
     assert sample.congestion_control == zenoh.CongestionControl.DROP
@@ -63,24 +63,24 @@ def test_urgency_and_type_are_seen_by_who_receives(
 def test_plain_streams_are_json(robot: Bus, connect: Callable[[], Bus]) -> None:
     box = Mailbox()
     subscriber = robot._session.declare_subscriber(KEY, box)
-    matched(connect().publisher(KEY, Urgency.DATA)).put(b"{}")
+    matched(connect().publisher(KEY, QoS.DATA)).put(b"{}")
     assert box.next().encoding == zenoh.Encoding.APPLICATION_JSON
     subscriber.undeclare()
 
 
 def test_a_deletion_is_no_put(robot: Bus, connect: Callable[[], Bus]) -> None:
     box = Mailbox()
-    robot.watch(KEY, box)
-    publisher = matched(connect().publisher(KEY, Urgency.DATA))
+    robot.subscribe(KEY, box)
+    publisher = matched(connect().publisher(KEY, QoS.DATA))
     publisher._publisher.delete()
     assert box.next().is_put is False
 
 
 def test_a_reader_keeps_the_newest(robot: Bus, connect: Callable[[], Bus]) -> None:
     client, box = connect(), Mailbox()
-    robot.watch(KEY, box)
-    reader = robot.reader(KEY, 3)
-    publisher = matched(client.publisher(KEY, Urgency.DATA))
+    robot.subscribe(KEY, box)
+    reader = robot.subscriber(KEY, 3)
+    publisher = matched(client.publisher(KEY, QoS.DATA))
     for i in range(10):
         publisher.put(str(i).encode())
     while box.next().payload != b"9":
@@ -103,7 +103,7 @@ with zenoh.open(config) as session:
 @pytest.mark.system
 def test_a_flood_never_holds_up_who_reads(robot: Bus) -> None:
     """Whoever sends faster than it is read would keep an unbounded reader reading for ever."""
-    reader, full = robot.reader(KEY, 16), []
+    reader, full = robot.subscriber(KEY, 16), []
     with subprocess.Popen([sys.executable, "-c", FLOOD, *robot.endpoints(), KEY]) as flood:
         while len(full) < 100:
             if (size := len(reader.take())) >= 16:
@@ -116,8 +116,8 @@ def test_what_is_far_too_long_for_a_command_does_not_arrive(
     robot: Bus, connect: Callable[[], Bus]
 ) -> None:
     key, box = "twin/r1/cmd/alice/twist", Mailbox()
-    robot.watch(key, box)
-    publisher = matched(connect().publisher(key, Urgency.REAL_TIME))
+    robot.subscribe(key, box)
+    publisher = matched(connect().publisher(key, QoS.REAL_TIME))
     publisher.put(b"x" * 5000)
     publisher.put(b"x" * 4000)
     assert len(box.next().payload) == 4000
@@ -125,8 +125,8 @@ def test_what_is_far_too_long_for_a_command_does_not_arrive(
 
 def test_a_closed_session_is_used_in_vain_and_says_so(robot: Bus) -> None:
     bus = Bus(client_config(robot.endpoints()))
-    publisher, reader, server = bus.publisher(KEY, Urgency.DATA), bus.reader(KEY, 1), None
-    server = bus.server("twin/r1/srv/arm")
+    publisher, reader, server = bus.publisher(KEY, QoS.DATA), bus.subscriber(KEY, 1), None
+    server = bus.queryable("twin/r1/srv/arm")
     bus.close()
     bus.close()
     for use in (lambda: publisher.put(b"x"), reader.take, server.take):
@@ -135,11 +135,11 @@ def test_a_closed_session_is_used_in_vain_and_says_so(robot: Bus) -> None:
 
 
 def test_events_reach_those_who_come_later(robot: Bus, connect: Callable[[], Bus]) -> None:
-    publisher = robot.publisher("twin/r1/event/mode", Urgency.EVENT)
+    publisher = robot.publisher("twin/r1/event/mode", QoS.EVENT)
     for i in range(5):
         publisher.put(str(i).encode())
     box = Mailbox()
-    connect().watch_events("twin/r1/event/*", box)
+    connect().subscribe_events("twin/r1/event/*", box)
     assert [box.next().payload for _ in range(5)] == [b"0", b"1", b"2", b"3", b"4"]
     publisher.put(b"5")
     assert box.next().payload == b"5"
@@ -150,8 +150,8 @@ def test_events_of_a_kind_that_is_new_reach_those_who_wait(
 ) -> None:
     """The first event of a kind is sent as soon as its publisher exists; it must not be lost."""
     box, kept = Mailbox(), []
-    connect().watch_events("twin/r1/event/*", box)
+    connect().subscribe_events("twin/r1/event/*", box)
     for kind in ("mode", "drop", "clamp"):
-        kept.append(robot.publisher(f"twin/r1/event/{kind}", Urgency.EVENT))
+        kept.append(robot.publisher(f"twin/r1/event/{kind}", QoS.EVENT))
         kept[-1].put(kind.encode())
         assert box.next().payload == kind.encode()

@@ -6,9 +6,9 @@ import threading
 import time
 from collections.abc import Callable
 
-from tests.running import ANY_PORT, PATIENCE_S, Mailbox, matched
+from tests.support.robot_node import ANY_PORT, PATIENCE_S, Mailbox, matched
 from tsd_twin.bus import Bus, client_config, node_config
-from tsd_twin.topics import Urgency
+from tsd_twin.messages.topics import QoS
 
 KEY = "twin/r1/state/odom"
 
@@ -16,22 +16,22 @@ KEY = "twin/r1/state/odom"
 def test_who_lives_is_known_until_the_session_ends(robot: Bus, connect: Callable[[], Bus]) -> None:
     """A client of one robot sees the other robot, whose node has joined the node of the first."""
     box, late = Mailbox(), Mailbox()
-    connect().watch_alive("twin/*/alive", box)
+    connect().subscribe_liveliness("twin/*/alive", box)
     other = Bus(node_config([ANY_PORT], robot.endpoints()))
-    other.announce("twin/r2/alive")  # Nobody keeps the token: it lives on.
+    other.declare_token("twin/r2/alive")  # Nobody keeps the token: it lives on.
     assert box.next() == ("twin/r2/alive", True)
-    assert robot.living("twin/*/alive") == ["twin/r2/alive"]
-    connect().watch_alive("twin/*/alive", late)
+    assert robot.living_tokens("twin/*/alive") == ["twin/r2/alive"]
+    connect().subscribe_liveliness("twin/*/alive", late)
     assert late.next() == ("twin/r2/alive", True)
     other.close()
     assert box.next() == ("twin/r2/alive", False)
-    assert robot.living("twin/*/alive") == []
+    assert robot.living_tokens("twin/*/alive") == []
 
 
 def test_a_token_can_be_taken_back(robot: Bus, connect: Callable[[], Bus]) -> None:
     box = Mailbox()
-    connect().watch_alive("twin/*/alive", box)
-    token = robot.announce("twin/r1/alive")
+    connect().subscribe_liveliness("twin/*/alive", box)
+    token = robot.declare_token("twin/r1/alive")
     assert box.next() == ("twin/r1/alive", True)
     token.close()
     assert box.next() == ("twin/r1/alive", False)
@@ -39,9 +39,9 @@ def test_a_token_can_be_taken_back(robot: Bus, connect: Callable[[], Bus]) -> No
 
 def test_a_router_that_joins_another_hears_of_those_who_live_there(robot: Bus) -> None:
     """Two robots on two machines: the second must see the first before it takes the same id."""
-    robot.announce("twin/r1/alive")
+    robot.declare_token("twin/r1/alive")
     with Bus(node_config([ANY_PORT], robot.endpoints())) as other:
-        assert other.living("twin/r1/alive", PATIENCE_S) == ["twin/r1/alive"]
+        assert other.living_tokens("twin/r1/alive", PATIENCE_S) == ["twin/r1/alive"]
 
 
 MANY = 400
@@ -53,11 +53,11 @@ def test_many_that_live_on_one_router_are_all_found_by_it_and_by_others(
 ) -> None:
     keys = {f"twin/t{i}/alive" for i in range(MANY)}
     for key in keys:
-        robot.announce(key)
+        robot.declare_token(key)
     found: list[str] = []
     # A daemon: the defect was that this never returns.
     asking = threading.Thread(
-        target=lambda: found.extend(robot.living("twin/*/alive")), daemon=True
+        target=lambda: found.extend(robot.living_tokens("twin/*/alive")), daemon=True
     )
     asking.start()
     asking.join(PATIENCE_S)
@@ -65,16 +65,16 @@ def test_many_that_live_on_one_router_are_all_found_by_it_and_by_others(
     assert set(found) == keys
     box = Mailbox()
     client = connect()
-    client.watch_alive("twin/*/alive", box)
+    client.subscribe_liveliness("twin/*/alive", box)
     assert {box.next() for _ in keys} == {(key, True) for key in keys}
     # A session that has just joined may hear of the first ones only, as it did before.
     end_s = time.monotonic() + PATIENCE_S
-    while set(client.living("twin/*/alive")) != keys:
+    while set(client.living_tokens("twin/*/alive")) != keys:
         assert time.monotonic() < end_s
 
 
 def test_nobody_lives_where_nobody_is(robot: Bus) -> None:
-    assert robot.living("twin/*/alive") == []
+    assert robot.living_tokens("twin/*/alive") == []
 
 
 def test_a_client_finds_a_robot_that_comes_later() -> None:
@@ -83,10 +83,10 @@ def test_a_client_finds_a_robot_that_comes_later() -> None:
     with Bus(client_config([endpoint])) as client:
         assert not client.wait_for_peer(0.3)  # It has tried, and was refused.
         box = Mailbox()
-        client.watch(KEY, box)
+        client.subscribe(KEY, box)
         with Bus(node_config([endpoint])) as robot:
             assert client.wait_for_peer(PATIENCE_S)
-            matched(robot.publisher(KEY, Urgency.DATA)).put(b"here")
+            matched(robot.publisher(KEY, QoS.DATA)).put(b"here")
             assert box.next().payload == b"here"
 
 
@@ -95,9 +95,9 @@ def test_a_client_finds_a_robot_that_comes_back() -> None:
     with Bus(node_config([ANY_PORT])) as first:
         (endpoint,) = first.endpoints()
         client = Bus(client_config([endpoint]))
-        client.watch(KEY, box)
-        matched(first.publisher(KEY, Urgency.DATA)).put(b"before")
+        client.subscribe(KEY, box)
+        matched(first.publisher(KEY, QoS.DATA)).put(b"before")
         assert box.next().payload == b"before"
     with client, Bus(node_config([endpoint])) as again:
-        matched(again.publisher(KEY, Urgency.DATA)).put(b"after")
+        matched(again.publisher(KEY, QoS.DATA)).put(b"after")
         assert box.next().payload == b"after"

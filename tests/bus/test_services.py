@@ -10,7 +10,7 @@ from typing import TypeVar
 import pytest
 import zenoh
 
-from tests.running import PATIENCE_S
+from tests.support.robot_node import PATIENCE_S
 from tsd_twin.bus import Bus
 from tsd_twin.errors import NoAnswerError
 
@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 def answering(bus: Bus, key: str, payload: bytes, *, patterns: bool = False) -> Callable[[], None]:
     """Serve a key in a thread; the function that is returned ends it."""
-    server, stop = bus.server(key, patterns=patterns), threading.Event()
+    server, stop = bus.queryable(key, patterns=patterns), threading.Event()
 
     def serve() -> None:
         while not stop.wait(0.005):
@@ -54,9 +54,9 @@ def test_a_question_is_answered(robot: Bus, connect: Callable[[], Bus]) -> None:
     end = answering(robot, "twin/r1/desc", b"you said ")
     client = connect()
     try:
-        answer = when_known(lambda: client.ask("twin/r1/desc", b"hello", PATIENCE_S))
+        answer = when_known(lambda: client.query("twin/r1/desc", b"hello", PATIENCE_S))
         assert answer == b"you said hello"
-        assert client.ask("twin/r1/desc", b"", PATIENCE_S) == b"you said "
+        assert client.query("twin/r1/desc", b"", PATIENCE_S) == b"you said "
     finally:
         end()
 
@@ -87,7 +87,7 @@ PATTERNS = ("**", "twin/**", "twin/r1/*", "twin/*/stop", "twin/r$*/stop")
 
 def test_a_query_to_a_pattern_is_no_request(robot: Bus, connect: Callable[[], Bus]) -> None:
     """Exploring the bus means asking patterns; only the exact key asks for an effect."""
-    server, client = robot.server("twin/r1/stop"), connect()
+    server, client = robot.queryable("twin/r1/stop"), connect()
     for pattern in PATTERNS:
         client._session.get(pattern, zenoh.handlers.RingChannel(1), timeout=PATIENCE_S)
     answers = client._session.get("twin/r1/stop?why=me", payload=b"last", timeout=PATIENCE_S)
@@ -108,7 +108,7 @@ def test_who_asks_a_pattern_does_not_wait_for_an_answer_that_never_comes(
     end = answering(robot, "twin/r1/stop", b"")
     client = connect()
     try:
-        assert when_known(lambda: client.ask("twin/r1/stop", b"yes", PATIENCE_S)) == b"yes"
+        assert when_known(lambda: client.query("twin/r1/stop", b"yes", PATIENCE_S)) == b"yes"
         start_s = time.monotonic()
         assert list(client._session.get("twin/**", timeout=PATIENCE_S)) == []
         assert time.monotonic() - start_s < PATIENCE_S / 2
@@ -119,7 +119,7 @@ def test_who_asks_a_pattern_does_not_wait_for_an_answer_that_never_comes(
 def test_silence_is_an_error_that_names_the_key(robot: Bus, connect: Callable[[], Bus]) -> None:
     client = connect()
     with pytest.raises(NoAnswerError, match="twin/nobody/desc: no answer within"):
-        client.ask("twin/nobody/desc", b"", 0.2)
-    robot.server("twin/r1/desc")  # Which nobody takes requests from.
+        client.query("twin/nobody/desc", b"", 0.2)
+    robot.queryable("twin/r1/desc")  # Which nobody takes requests from.
     with pytest.raises(NoAnswerError, match=r"twin/r1/desc: no answer within 0\.2 s"):
-        client.ask("twin/r1/desc", b"", 0.2)
+        client.query("twin/r1/desc", b"", 0.2)

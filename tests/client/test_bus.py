@@ -15,7 +15,7 @@ from collections.abc import Callable, Generator
 import pytest
 
 import tsd_twin
-from tests.running import ANY_PORT, PATIENCE_S, QUICK, RunningNode, running
+from tests.support.robot_node import ANY_PORT, PATIENCE_S, QUICK, RunningNode, running
 from tsd_twin import (
     ControlDenied,
     ControlLost,
@@ -25,9 +25,9 @@ from tsd_twin import (
     SeveralRobotsFound,
 )
 from tsd_twin.bus import Bus, node_config
-from tsd_twin.messages.service import Description, Event
+from tsd_twin.messages.services import Description, Event
 from tsd_twin.node import RobotNode
-from tsd_twin.sim import SimRobot
+from tsd_twin.simulation import SimRobot
 
 pytestmark = pytest.mark.timed
 

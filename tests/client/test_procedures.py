@@ -10,8 +10,8 @@ from tsd_twin.client import ControlDenied, ControlLost, RequestRefused, RobotSil
 from tsd_twin.client import procedures as steps
 from tsd_twin.client.procedures import Call, NextStatus, Outcome, Procedure, Send, SendStop, Sleep
 from tsd_twin.client.protocol import ControlProtocol
-from tsd_twin.messages.service import HolderRequest, LeaseReply, LeaseRequest, Reply
-from tsd_twin.topics import Service
+from tsd_twin.messages.services import HolderRequest, LeaseReply, LeaseRequest, Reply
+from tsd_twin.messages.topics import Service
 
 OK = msgspec.json.encode(Reply(True))
 REFUSED = msgspec.json.encode(Reply(False, "a gimbal is not at neutral"))

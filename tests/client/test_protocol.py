@@ -13,7 +13,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tsd_twin import robots
-from tsd_twin.authority import Mode
 from tsd_twin.client import ClientError, ControlLost, RobotSilent, RobotStopped
 from tsd_twin.client.protocol import (
     COMMAND_PERIOD_S,
@@ -24,10 +23,11 @@ from tsd_twin.client.protocol import (
     TwistCommand,
 )
 from tsd_twin.messages.ros import decode_twist
-from tsd_twin.messages.service import LeaseReply, LeaseRequest
+from tsd_twin.messages.services import LeaseReply, LeaseRequest
 from tsd_twin.messages.status import CommandStatus, LeaseStatus, Status
+from tsd_twin.safety import Mode
 
-ROBOT = robots.load("tsd")
+ROBOT = robots.load_robot("tsd")
 LEASE = "0f" * 16
 TWIST = (0.3, 0.0, 0.0)
 

@@ -17,7 +17,7 @@ from tsd_twin import (
     SimulatedRobot,
 )
 from tsd_twin.errors import PathError
-from tsd_twin.messages.service import Event
+from tsd_twin.messages.services import Event
 
 
 def test_a_drive_goes_as_far_as_it_says_and_ends_at_rest() -> None:
@@ -198,7 +198,7 @@ def test_pose_and_wheel_speed_can_be_set() -> None:
         assert robot.state.odom.pose == pytest.approx((2.0, -1.0, 0.5))
         base.set_wheel_speed(3000.0)
         robot.sleep(5.0)
-        wheels = robot.state.status.gear
+        wheels = robot.state.status.wheel_speed
         assert wheels is not None
         assert wheels.wanted_rpm == pytest.approx(3000.0)
         base.go_to(x_m=2.3, y_m=-1.0)

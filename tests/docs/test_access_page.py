@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.docs.pages import ROOT, code, page, quoted, section, tables
-from tsd_twin.access.logins import ABSOLUTE_S, IDLE_S, Logins
-from tsd_twin.dashboard.entrance import Limits
-from tsd_twin.dashboard.form import READ_S
+from tests.support.markdown_pages import ROOT, code, page, quoted, section, tables
+from tsd_twin.dashboard.server.connection_limits import ConnectionLimits
+from tsd_twin.dashboard.server.pages import READ_S
+from tsd_twin.security import Logins
+from tsd_twin.security.users import ABSOLUTE_S, IDLE_S
 
 PAGE = page("access.md")
 SOURCES = [*(ROOT / "src/tsd_twin").rglob("*.py"), *(ROOT / "app").glob("*.py")]
@@ -55,7 +56,7 @@ def test_the_figures_are_those_in_force() -> None:
 
 def test_the_limits_are_those_in_force() -> None:
     rows = tables(section(PAGE, "## How many, and how slow"))[0]
-    limits = Limits()
+    limits = ConnectionLimits()
     assert limits.request_s == READ_S
     assert [row[1] for row in rows] == [
         f"{limits.strangers}",

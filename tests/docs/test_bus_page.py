@@ -17,27 +17,26 @@ import msgspec
 import pytest
 
 from tests.app.conftest import Program
-from tests.docs.pages import code, page, quoted, section, tables
-from tsd_twin import topics
+from tests.support.markdown_pages import code, page, quoted, section, tables
 from tsd_twin.bus import Bus, client_config
-from tsd_twin.messages import command, service
-from tsd_twin.messages.command import Sample
+from tsd_twin.messages import commands, services, topics
+from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.ros import decode_odometry
-from tsd_twin.messages.service import decode_request
-from tsd_twin.messages.status import DropCounts, OutsideDrops, Status, encode_stamp
-from tsd_twin.topics import TOPICS, Service
+from tsd_twin.messages.services import decode_request
+from tsd_twin.messages.status import DropCounts, PoseSensorDrops, Status, encode_stamp
+from tsd_twin.messages.topics import TOPICS, Service
 
 PAGE = page("bus.md")
-REQUESTS: dict[str, type[service.Request]] = {
-    "srv/lease": service.LeaseRequest,
-    "srv/set_pose": service.SetPoseRequest,
-    "srv/speed": service.SpeedRequest,
-    "stop": service.StopRequest,
-    "desc": service.Request,
+REQUESTS: dict[str, type[services.Request]] = {
+    "srv/lease": services.LeaseRequest,
+    "srv/set_pose": services.SetPoseRequest,
+    "srv/speed": services.SpeedRequest,
+    "stop": services.StopRequest,
+    "desc": services.Request,
 }
 ANSWERS: dict[str, type[msgspec.Struct]] = {
-    "srv/lease": service.LeaseReply,
-    "desc": service.Description,
+    "srv/lease": services.LeaseReply,
+    "desc": services.Description,
 }
 
 
@@ -45,40 +44,40 @@ def test_every_topic_is_in_the_table_with_type_rate_and_urgency() -> None:
     streams, qualities, _ = tables(section(PAGE, "## Streams"))
     *rows, alive, instance = streams
     shown = [(quoted(key)[0], quoted(kind)[0], float(hz), qos) for key, kind, hz, qos, _ in rows]
-    assert shown == [(t.path, t.type, t.rate_hz, t.urgency.value) for t in TOPICS]
+    assert shown == [(t.path, t.type, t.rate_hz, t.qos.value) for t in TOPICS]
     assert topics.alive_key("*") == f"twin/*/{quoted(alive[0])[0]}"
     assert topics.instance_key("*", "*") == f"twin/*/{quoted(instance[0])[0]}"
-    assert [row[0] for row in qualities] == [urgency.value for urgency in topics.Urgency]
+    assert [row[0] for row in qualities] == [qos.value for qos in topics.QoS]
 
 
 def test_the_attachments_are_packed_as_shown() -> None:
     _, _, attachments = tables(section(PAGE, "## Streams"))
     formats = {name: quoted(packed)[0] for name, packed, _ in attachments}
     lease = bytes(range(16))
-    assert command.encode_attachment(7, lease, 9) == struct.pack(formats["command"], 7, lease, 9)
+    assert commands.encode_attachment(7, lease, 9) == struct.pack(formats["command"], 7, lease, 9)
     assert encode_stamp(7, -9) == struct.pack(formats["stamp"], 7, -9)
 
 
 def test_every_service_is_shown_with_a_request_and_an_answer_that_can_be_read() -> None:
     (rows,) = tables(section(PAGE, "## Services"))
     for name, request, answer in rows:
-        kind = REQUESTS.get(quoted(name)[0], service.HolderRequest)
+        kind = REQUESTS.get(quoted(name)[0], services.HolderRequest)
         if "of a sphere" in name:
-            kind = service.SetOrientationRequest
+            kind = services.SetOrientationRequest
         decode_request(quoted(request)[0].encode(), kind)
         assert set(json.loads(quoted(request)[0])) <= set(kind.__struct_fields__)
         if quoted(answer):
-            reply = ANSWERS.get(quoted(name)[0], service.Reply)
+            reply = ANSWERS.get(quoted(name)[0], services.Reply)
             assert set(json.loads(quoted(answer)[0])) <= set(reply.__struct_fields__)
             msgspec.json.decode(quoted(answer)[0], type=reply)
     assert {quoted(row[0])[0] for row in rows} == {service.value for service in Service}
     shown = {key for row in rows for cell in row[1:] for c in quoted(cell) for key in json.loads(c)}
-    shapes = (service.LeaseRequest, service.LeaseReply)
+    shapes = (services.LeaseRequest, services.LeaseReply)
     for kind in (
         *shapes,
-        service.SetPoseRequest,
-        service.SetOrientationRequest,
-        service.SpeedRequest,
+        services.SetPoseRequest,
+        services.SetOrientationRequest,
+        services.SpeedRequest,
     ):
         assert set(kind.__struct_fields__) <= shown
 
@@ -92,7 +91,7 @@ def leaves(kind: type[msgspec.Struct], path: str = "") -> Iterator[str]:
     """Walk the fields of a status; counts by reason are one."""
     for name, hint in typing.get_type_hints(kind).items():
         (inner, *_) = [t for t in (typing.get_args(hint) or (hint,)) if t is not type(None)]
-        counts = inner in (DropCounts, OutsideDrops)
+        counts = inner in (DropCounts, PoseSensorDrops)
         if isinstance(inner, type) and issubclass(inner, msgspec.Struct) and not counts:
             yield from leaves(inner, f"{path}{name}.")
         else:
@@ -106,7 +105,7 @@ def test_every_field_of_the_status_is_explained() -> None:
 
 def test_the_event_that_is_shown_is_one() -> None:
     shown = json.loads(quoted(section(PAGE, "## Events").splitlines()[-1])[0])
-    assert set(shown) == set(service.Event.__struct_fields__)
+    assert set(shown) == set(services.Event.__struct_fields__)
 
 
 def test_the_client_needs_zenoh_and_rosbags_only() -> None:
@@ -136,7 +135,7 @@ def test_the_client_drives_the_mock_half_a_metre(tmp_path: Path) -> None:
         assert said, done.stdout
         with Bus(client_config([endpoint])) as bus:
             truth: queue.Queue[Sample] = queue.Queue()
-            bus.watch(topics.TRUTH.key("tsd"), truth.put)
+            bus.subscribe(topics.TRUTH.key("tsd"), truth.put)
             x, y, heading = decode_odometry(truth.get(timeout=10.0).payload).xy_heading
         # The way depends a little on how late the script wakes up.
         assert x == pytest.approx(0.5, abs=0.15)

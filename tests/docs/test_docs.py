@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.docs.pages import ROOT, anchors, code, links, page, without_code
+from tests.support.markdown_pages import ROOT, anchors, code, links, page, without_code
 
 FOLDERS = ("", "docs/", "meshes/", "firmware/", "firmware/simulator/")
 PAGES = [path for folder in FOLDERS for path in ROOT.glob(f"{folder}*.md")]

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from tsd_twin.drives import Motion
+from tsd_twin.kinematics import TwistSolution
 from tsd_twin.lie import Array
-from tsd_twin.robots import RPM, load
+from tsd_twin.robots import RPM, load_robot
 
 PAGE = Path("docs/kinematics.md")
 TEXT = (Path(__file__).parents[2] / PAGE).read_text(encoding="utf-8")
-ROBOT = load("tsd")
+ROBOT = load_robot("tsd")
 DRIVE = ROBOT.kinematics()
 R, RW, SPIN = DRIVE.pivot_radius_m, DRIVE.wheel_radius_m, DRIVE.spin_rad_per_s
 FORWARD, LEFT, TURN = np.eye(3)
@@ -85,7 +85,7 @@ def test_the_figures_of_the_drive() -> None:
     assert "3.8 mm between rest and 1 m/s" in TEXT
     assert f"{RW * SPIN:.2f} m/s" in row("| wheels at 2,500 rpm")
     assert f"{tilt:.1f}° of tilt, effective radius {radius:.1f} mm" in row("| 1 m/s |")
-    assert f"| {1 / DRIVE.demand(FORWARD):.1f} m/s |" in row("| 30° of tilt")
+    assert f"| {1 / DRIVE.joint_utilization(FORWARD):.1f} m/s |" in row("| 30° of tilt")
     step = 2 * np.pi / servo.steps_per_turn
     assert f"{np.degrees(step):.3f}° | {1000 * step * RW * SPIN:.0f} mm/s" in row(
         "| one servo step"
@@ -95,8 +95,8 @@ def test_the_figures_of_the_drive() -> None:
     lowest, highest = motor.start_speed_rpm, min(curve[-1] for curve in motor.speed_rpm)
     ends = f"about {lowest:,.0f} and {round(highest, -2):,.0f} rpm"
     assert ends in row("| drive motors")
-    assert f"{1 / DRIVE.rate_demand(FORWARD, 1.0):.0f} m/s²" in TEXT
-    growth = DRIVE.rate_demand(FORWARD, 1.0) * speed * RPM / np.hypot(*DRIVE.axles(FORWARD)[0])
+    assert f"{1 / DRIVE.rate_utilization(FORWARD, 1.0):.0f} m/s²" in TEXT
+    growth = DRIVE.rate_utilization(FORWARD, 1.0) * speed * RPM / np.hypot(*DRIVE.axles(FORWARD)[0])
     assert growth == pytest.approx(7 / 6)
     assert "(7/6 for 30°)" in TEXT
 
@@ -113,7 +113,7 @@ def test_the_lines_through_the_motor_table(first: int, begin: str) -> None:
 def test_the_residuals_of_one_module_that_is_off() -> None:
     joints = DRIVE.inverse(FORWARD).reshape(3, 3)
 
-    def rms_mm(motion: Motion) -> float:
+    def rms_mm(motion: TwistSolution) -> float:
         return 1000.0 * float(np.sqrt(np.mean(motion.residual**2)))
 
     def off(module: int, part: int, by: Callable[[float], float]) -> float:

@@ -6,7 +6,7 @@ import ast
 
 import pytest
 
-from tests.docs.pages import ROOT, page, quoted, tables
+from tests.support.markdown_pages import ROOT, page, quoted, tables
 
 (ROWS,) = tables(page("hazards.md"))
 

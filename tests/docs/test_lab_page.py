@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.docs.pages import page, quoted, section, tables
-from tests.lab.runs import run
-from tsd_twin.lab import EXPERIMENTS
+from tests.support.experiment_runs import run
+from tests.support.markdown_pages import page, quoted, section, tables
+from tsd_lab import EXPERIMENTS
 from tsd_twin.lab.observer import Loop
 from tsd_twin.robots import Gyro
-from tsd_twin.sim import CameraNoise
+from tsd_twin.simulation import CameraNoise
 
 PAGE = page("lab.md")
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?")

@@ -6,17 +6,17 @@ import mujoco
 import numpy as np
 import pytest
 
-from tsd_twin.drives import SingularityDrive
+from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import Array
-from tsd_twin.robots import load
+from tsd_twin.robots import load_robot
 
-DRIVE = load("tsd").kinematics()
+DRIVE = load_robot("tsd").kinematics()
 RAMP_S, LONG_ENOUGH_S = 0.5, 2.0
 CONTACT_S = 0.005
 """Time in which MuJoCo's friction gives way; in a curve it makes the motion lag by as much."""
 
 
-def world(drive: SingularityDrive) -> str:
+def world(drive: SingularityKinematics) -> str:
     """A plate on gimbals and frictional spheres; gimbals held by stiff servos, wheels by motors."""
     modules, actuators = "", ""
     for i, (pivot, azimuth) in enumerate(zip(drive.pivots_m, drive.azimuths_rad, strict=True)):

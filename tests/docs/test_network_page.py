@@ -7,8 +7,8 @@ import re
 import pytest
 import zenoh
 
-from tests.docs.pages import code, page, quoted, section, tables
-from tsd_twin.access import LISTEN, Role, access_control, client
+from tests.support.markdown_pages import code, page, quoted, section, tables
+from tsd_twin.security import LISTEN, Role, access_control, client
 
 PAGE = page("network.md")
 MESSAGES = {

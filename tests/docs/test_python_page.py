@@ -12,7 +12,8 @@ import pytest
 
 import tsd_twin
 from tests.app.conftest import Program
-from tests.docs.pages import code, page, quoted, section, tables
+from tests.support.markdown_pages import code, page, quoted, section, tables
+from tsd_twin import __all__
 from tsd_twin.bus import DEFAULT_ENDPOINT
 from tsd_twin.client.protocol import SETPOINT_TIMEOUT_S, SILENCE_S
 
@@ -48,7 +49,7 @@ def test_every_error_of_the_library_is_in_the_table() -> None:
     named = {name for row in rows for name in quoted(row[0])}
     errors = {
         name
-        for name in tsd_twin.__all__
+        for name in __all__
         if isinstance(value := getattr(tsd_twin, name), type) and issubclass(value, Exception)
     }
     assert named == errors - {"TwinError", "ClientError"}

@@ -10,22 +10,23 @@ from typing import Any
 import msgspec
 import pytest
 
-from tests.docs.pages import page, quoted, section, tables
+from tests.support.markdown_pages import page, quoted, section, tables
 from tsd_twin import robots
 from tsd_twin.errors import RobotFileError
-from tsd_twin.robots.robot import Robot, Table
+from tsd_twin.robots import RobotDescription
+from tsd_twin.robots.description import Table
 
 PAGE = page("robots.md")
-TSD = robots.text("tsd")
+TSD = robots.read_description("tsd")
 
 
 def tables_of_a_description() -> Iterator[tuple[str, type[Table], set[str]]]:
     """Walk all tables, with where they stand and what of them stands elsewhere."""
-    yield "## The robot", Robot, set()
-    common = set(Robot.__struct_fields__)
-    for name, table in inner(Robot):
+    yield "## The robot", RobotDescription, set()
+    common = set(RobotDescription.__struct_fields__)
+    for name, table in inner(RobotDescription):
         yield f"## `[{name}]`", table, set()
-    for kind, robot in robots.KINDS.items():
+    for kind, robot in robots.DESCRIPTIONS.items():
         yield f"## Kind `{kind}`", robot, common
         for name, table in inner(robot):
             if name not in common:
@@ -77,5 +78,5 @@ def test_the_errors_are_those_that_are_raised(row: list[str]) -> None:
     old, new = quoted(row[0])
     assert TSD.count(old) == 1
     with pytest.raises(RobotFileError) as caught:
-        robots.parse(TSD.replace(old, new), "my.toml")
+        robots.parse_description(TSD.replace(old, new), "my.toml")
     assert str(caught.value) == quoted(row[1])[0]

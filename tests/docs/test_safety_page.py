@@ -8,18 +8,18 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tests.docs.pages import page, quoted, section, tables
-from tsd_twin import core
-from tsd_twin.authority import LATCHED, TRANSITIONS, Mode, authority, hand_over, lease
-from tsd_twin.core import RobotCore
-from tsd_twin.messages.command import Sample, encode_attachment
+from tests.support.markdown_pages import page, quoted, section, tables
+from tsd_twin import control
+from tsd_twin.control import RobotController
+from tsd_twin.messages.commands import Sample, encode_attachment
 from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
-from tsd_twin.robots import load
-from tsd_twin.sim import SimRobot
-from tsd_twin.topics import Service, twist_key
+from tsd_twin.messages.topics import Service, twist_key
+from tsd_twin.robots import load_robot
+from tsd_twin.safety import LATCHED, TRANSITIONS, Mode, lease, supervisor
+from tsd_twin.simulation import SimRobot
 
 PAGE = page("safety.md")
-ROBOT = load("tsd")
+ROBOT = load_robot("tsd")
 PERIOD_S = 0.01
 SHIPPED = ["tsd", "omni4", "kiwi", "mecanum", "atlas"]
 
@@ -42,10 +42,10 @@ def test_the_times_are_those_of_the_code_and_the_shipped_robot() -> None:
         "limits": ROBOT.limits,
         "motor": ROBOT.motor,
         "lease": lease,
-        "hand_over": hand_over,
-        "authority": authority,
-        "joint_faults": core.joint_faults,
-        "following": core.following,
+        "hand_over": lease,
+        "authority": supervisor,
+        "joint_faults": control.faults,
+        "following": control.faults,
     }
     for _, value, where in rows:
         place, name = quoted(where)[0].split(".")
@@ -58,46 +58,46 @@ def test_the_speed_limits_of_leases(
     row: int, max_age_s: float | None, column: int, name: str
 ) -> None:
     (rows,) = tables(section(PAGE, "## The lease"))
-    robot = RobotCore(load(name), lambda: bytes(16))
+    robot = RobotController(load_robot(name), lambda: bytes(16))
     request = {"op": "acquire", "operator": "alice", "max_age_s": max_age_s}
     robot.serve(Service.LEASE, json.dumps(request).encode(), 0.0)
-    granted = robot.authority.lease_in_force(0.0)
+    granted = robot.supervisor.lease_in_force(0.0)
     assert granted is not None
     assert rows[row][column] == f"{granted.speed_cap_mps:.2f} m/s"
-    assert rows[-1][column] == f"{load(name).limits.stop_allowance_m:.2f} m"
+    assert rows[-1][column] == f"{load_robot(name).limits.stop_allowance_m:.2f} m"
 
 
 class Drive:
     """The shipped robot, driven forward at 1 m/s in virtual time by an operator who is told how."""
 
     def __init__(self) -> None:
-        self.core = RobotCore(ROBOT, lambda: bytes(16))
+        self.controller = RobotController(ROBOT, lambda: bytes(16))
         self.robot = SimRobot(ROBOT)
         self.now_s, self.tick = 100.0, 0
         self.lease = bytes(16).hex()
         self.ask(Service.LEASE, op="acquire", operator="alice")
         self.ask(Service.ARM, lease=self.lease)
-        while self.core.authority.mode is not Mode.READY:
+        while self.controller.supervisor.mode is not Mode.READY:
             self.ask(Service.LEASE, op="renew", operator="alice", lease=self.lease)
             self.step()
         for _ in range(200):
             self.step(1.0)
 
     def ask(self, service: Service, **request: str) -> None:
-        self.core.serve(service, json.dumps(request).encode(), self.now_s)
+        self.controller.serve(service, json.dumps(request).encode(), self.now_s)
 
     def step(self, vx: float | None = None) -> None:
         """Let one period pass, with a command or without."""
         self.tick += 1
         self.now_s += PERIOD_S
-        self.core.note_status_sent(self.tick, self.now_s)
+        self.controller.record_status_sent(self.tick, self.now_s)
         samples: list[Sample] = []
         if vx is not None:
             twist = TwistStamped(BASE, np.array([vx, 0.0, 0.0, 0.0, 0.0, 0.0]))
             attachment = encode_attachment(self.tick, bytes(16), self.tick)
             samples = [Sample(twist_key("tsd", "alice"), encode_twist(twist), attachment)]
         measured = self.robot.read(self.now_s)
-        self.robot.write(self.core.step(self.now_s, measured, samples), self.now_s)
+        self.robot.write(self.controller.step(self.now_s, measured, samples), self.now_s)
 
     def until_rest(self, vx: float | None) -> tuple[float, float]:
         """Return how far the robot goes from now on, in metres, and for how long, in seconds."""
@@ -121,7 +121,7 @@ def zero(drive: Drive) -> tuple[float, float]:
 
 
 def stop(drive: Drive) -> tuple[float, float]:
-    drive.core.stop(b"", drive.now_s)
+    drive.controller.stop(b"", drive.now_s)
     drive.step()
     return drive.until_rest(None)
 

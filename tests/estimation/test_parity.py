@@ -8,11 +8,11 @@ from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 
 from tsd_twin import robots
-from tsd_twin.drives import SingularityDrive
-from tsd_twin.estimation.parity import ParityTest
+from tsd_twin.estimation.consistency import ParityTest
+from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import Array
 
-DRIVE = robots.load("tsd").kinematics()
+DRIVE = robots.load_robot("tsd").kinematics()
 RIM_MPS = 0.04 * 2500.0 * np.pi / 30.0
 WHEELS = np.array([False, False, True] * 3)
 
@@ -75,9 +75,9 @@ def test_a_slow_wheel_is_found_in_95_of_100_cases_in_every_direction(
             joints[3 * module + 2] *= 1.0 - slower
             test = ParityTest.at(DRIVE, joints, sigma)
             found = residuals(joints, sigma, 4000, seed=module, samples=samples)
-            evident = test.evident(found, samples)
-            assert evident.mean() >= 0.95
-            joint, _ = test.single_fault(found[evident])
+            exceeds_threshold = test.exceeds_threshold(found, samples)
+            assert exceeds_threshold.mean() >= 0.95
+            joint, _ = test.single_fault(found[exceeds_threshold])
             assert (joint // 3 == module).mean() >= 0.97
 
 
@@ -96,7 +96,9 @@ def test_the_least_fault_that_is_found_is_that_of_the_chi_square_bound(samples: 
     fault[0] = least
     projected = fault - DRIVE.contact_from_twist.reshape(6, 3) @ DRIVE.twist_from_contacts @ fault
     assert projected @ projected == pytest.approx(least**2 / 3.0)
-    assert test.evident(sound + projected, samples).mean() == pytest.approx(0.95, abs=0.006)
+    assert test.exceeds_threshold(sound + projected, samples).mean() == pytest.approx(
+        0.95, abs=0.006
+    )
 
 
 def test_the_noise_of_wheels_counts_along_the_way_only() -> None:
@@ -112,7 +114,7 @@ def test_the_noise_of_wheels_counts_along_the_way_only() -> None:
 
 
 def test_two_modules_have_one_number_too_many_and_still_test_it() -> None:
-    drive = SingularityDrive(np.array([0.0, np.pi]), 0.15, 0.04, 262.0, 0.5, 6.6)
+    drive = SingularityKinematics(np.array([0.0, np.pi]), 0.15, 0.04, 262.0, 0.5, 6.6)
     joints = drive.inverse(np.array([0.5, 0.2, 0.1]))
     sigma = np.array([1e-3, 1e-3, 0.0] * 2)
     test = ParityTest.at(drive, joints, sigma)
@@ -125,6 +127,6 @@ def test_two_modules_have_one_number_too_many_and_still_test_it() -> None:
 def test_without_any_noise_rounding_is_no_evidence() -> None:
     joints = DRIVE.inverse(np.array([0.7, -0.3, 1.0]))
     test = ParityTest.at(DRIVE, joints, np.zeros(9))
-    assert not test.evident(DRIVE.forward(joints).residual)
+    assert not test.exceeds_threshold(DRIVE.forward(joints).residual)
     joints[4] += 1e-3
-    assert test.evident(DRIVE.forward(joints).residual)
+    assert test.exceeds_threshold(DRIVE.forward(joints).residual)

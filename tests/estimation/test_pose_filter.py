@@ -10,12 +10,11 @@ from hypothesis import strategies as st
 from tsd_twin import robots
 from tsd_twin.estimation import PoseFilter, with_gyro
 from tsd_twin.lie import SE2, Array
-from tsd_twin.motion.curve import spline
-from tsd_twin.motion.heading import TangentHeading
-from tsd_twin.motion.route import Route
+from tsd_twin.motion.paths import spline
+from tsd_twin.motion.routes import Route, TangentHeading
 from tsd_twin.motion.trajectory import plan
 
-ROBOT = robots.load("tsd")
+ROBOT = robots.load_robot("tsd")
 DRIVE = ROBOT.kinematics()
 DT_S = 0.01
 GROWTH = np.diag([1e-4, 2e-4, 3e-4])

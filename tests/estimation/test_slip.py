@@ -9,13 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tsd_twin import robots
-from tsd_twin.drives import JointKind
 from tsd_twin.estimation import Slip
+from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import Array
-from tsd_twin.robots import SingularityRobot
-from tsd_twin.sim.contact import ContactSimulation
+from tsd_twin.robots import SingularityDescription
+from tsd_twin.simulation.mujoco_plant import MujocoSimulation
 
-ROBOT = robots.of_kind(robots.load("tsd"), SingularityRobot).with_errors(0.0)
+ROBOT = robots.description_of_kind(robots.load_robot("tsd"), SingularityDescription).with_errors(
+    0.0
+)
 DRIVE = ROBOT.kinematics()
 WHEELS = np.array([joint.kind is JointKind.VELOCITY for joint in DRIVE.joints])
 DT_S = 0.01
@@ -30,7 +32,7 @@ def shuttle() -> list[Array]:
 
 def test_bodies_on_a_floor_move_so_and_their_wheels_slow_down_so() -> None:
     """MuJoCo knows of masses, loads and torques; here only joints are looked at."""
-    simulation, slip = ContactSimulation(ROBOT), Slip(ROBOT)
+    simulation, slip = MujocoSimulation(ROBOT), Slip(ROBOT)
     still = DRIVE.inverse(np.zeros(3))
     simulation.command(np.where(WHEELS, 0.0, still))
     simulation.advance(2.5)

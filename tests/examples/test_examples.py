@@ -17,7 +17,7 @@ import pytest
 
 import tsd_twin
 from tests.app.conftest import Program
-from tests.docs.pages import ROOT
+from tests.support.markdown_pages import ROOT
 
 FOLDER = ROOT / "examples"
 SCRIPTS = sorted(path.stem for path in FOLDER.glob("*.py"))

@@ -11,7 +11,7 @@ from firmware.simulator.board import build
 
 pytest.register_assert_rewrite("tests.firmware.laws", "tests.firmware.pilot")
 
-from tests.firmware.pilot import Bench  # noqa: E402
+from tests.support.firmware_host import Bench  # noqa: E402
 
 
 @pytest.fixture(scope="session")

@@ -7,12 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from tests.firmware.pilot import CRUISE, CYCLE_S, Bench, read
-from tsd_twin.robots import RPM, SingularityRobot, load, of_kind
-from tsd_twin.sim import Servos, SingularitySimulation
-from tsd_twin.wire.blocks import Command, Identity, Setup, Telemetry
-from tsd_twin.wire.codes import BoardMode, ResetCause, Trip
-from tsd_twin.wire.table import FW_VERSION
+from tests.support.firmware_host import CRUISE, CYCLE_S, Bench, read
+from tsd_twin.dynamixel.blocks import Command, Identity, Setup, Telemetry
+from tsd_twin.dynamixel.control_table import FW_VERSION, BoardMode, ResetCause, Trip
+from tsd_twin.robots import RPM, SingularityDescription, description_of_kind, load_robot
+from tsd_twin.simulation import Servos, SingularitySimulation
 
 STEP_RAD = 2.0 * math.pi / 4096
 
@@ -64,7 +63,12 @@ def test_servos_of_either_protocol_are_found_told_and_read(
     assert seen.servo_errors == 0
     moving = [pilot.cycle(1, CRUISE, (-120, 90, -60, -30, 200, -7)) for _ in range(4)][-1]
     assert moving is not None
-    top = Servos.of(of_kind(load("tsd"), SingularityRobot), 12.0).speed_limit_rad_per_s / STEP_RAD
+    top = (
+        Servos.of(
+            description_of_kind(load_robot("tsd"), SingularityDescription), 12.0
+        ).speed_limit_rad_per_s
+        / STEP_RAD
+    )
     assert moving.velocity[0] == pytest.approx(-top, rel=0.02)
     assert moving.velocity[4] == pytest.approx(top, rel=0.02)
 
@@ -72,7 +76,7 @@ def test_servos_of_either_protocol_are_found_told_and_read(
 def test_the_pose_is_that_of_the_mock_with_the_same_commands(bench: Bench) -> None:
     """From pulse to spin and from goal to gimbal nothing is lost: both roll the same way."""
     pilot = bench.pilot().get_ready()
-    robot = of_kind(load("tsd"), SingularityRobot)
+    robot = description_of_kind(load_robot("tsd"), SingularityDescription)
     drive = robot.kinematics()
     joints = drive.inverse(np.array([0.3, -0.2, 0.5]))
     gimbals = joints.reshape(3, 3)[:, :2].ravel()
@@ -136,7 +140,7 @@ def test_the_radio_control_drives_by_the_kinematics_of_the_drive(bench: Bench) -
     pilot.rig.set_switches(manual=True)
     pilot.rig.run(0.1)
     assert pilot.mode() == BoardMode.RC
-    robot = of_kind(load("tsd"), SingularityRobot)
+    robot = description_of_kind(load_robot("tsd"), SingularityDescription)
     drive = robot.kinematics()
     for forward, left, turn in (
         (1.0, 0.0, 0.0),
@@ -173,7 +177,7 @@ def test_sticks_that_jump_are_approached_within_the_acceleration(bench: Bench) -
     pilot.rig.set_switches(manual=True)
     pilot.rig.run(0.1)
     pilot.rig.set_sticks(1.0, 0.0, 0.0, 1.0)
-    robot = of_kind(load("tsd"), SingularityRobot)
+    robot = description_of_kind(load_robot("tsd"), SingularityDescription)
     most = robot.kinematics().inverse(np.array([1.0, 0.0, 0.0]))
     full = [round(angle / STEP_RAD) for angle in most.reshape(3, 3)[:, :2].ravel()]
     started_s = pilot.rig.board.now_s

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from firmware.simulator import protocol2
-from tests.firmware.pilot import PING, Bench, write
-from tsd_twin.wire.blocks import Command, Telemetry
-from tsd_twin.wire.codes import BoardMode
-from tsd_twin.wire.table import BOARD_ID, FW_VERSION, MODEL
+from tests.support.firmware_host import PING, Bench, write
+from tsd_twin.dynamixel.blocks import Command, Telemetry
+from tsd_twin.dynamixel.control_table import BOARD_ID, FW_VERSION, MODEL, BoardMode
 
 CASES = 100_000
 HEADER = b"\xff\xff\xfd\x00"

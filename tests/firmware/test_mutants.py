@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from firmware.simulator.board import FIRMWARE
-from tests.docs.pages import section, tables
-from tests.firmware.laws import LAWS
-from tests.firmware.mutants import MUTANTS, Mutant
-from tests.firmware.pilot import Bench
+from tests.support.firmware_host import Bench
+from tests.support.firmware_mutants import MUTANTS, Mutant
+from tests.support.firmware_rules import LAWS
+from tests.support.markdown_pages import section, tables
 
 README = (FIRMWARE / "README.md").read_text(encoding="utf-8")
 

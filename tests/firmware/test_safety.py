@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.firmware.laws import LAWS
-from tests.firmware.pilot import Bench
+from tests.support.firmware_host import Bench
+from tests.support.firmware_rules import LAWS
 
 
 @pytest.mark.parametrize("name", LAWS)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import dynamixel_sdk as sdk
 
 from firmware.simulator.rig import Rig
-from tests.firmware.pilot import Bench
-from tsd_twin.wire.blocks import Setup
-from tsd_twin.wire.table import ADDRESS, BOARD_ID, FW_VERSION, MODEL
+from tests.support.firmware_host import Bench
+from tsd_twin.dynamixel.blocks import Setup
+from tsd_twin.dynamixel.control_table import ADDRESS, BOARD_ID, FW_VERSION, MODEL
 
 
 class RigPort:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tests.firmware.pilot import CRUISE, CYCLE_S, ZERO, Bench, Pilot
+from tests.support.firmware_host import CRUISE, CYCLE_S, ZERO, Bench, FirmwareHost
 
 STEPS = 80
 TIMEOUT_S = 0.5 + 0.04
@@ -69,7 +69,7 @@ class Oracle:
 class Walk:
     """One robot to which anything happens."""
 
-    def __init__(self, pilot: Pilot, seed: int) -> None:
+    def __init__(self, pilot: FirmwareHost, seed: int) -> None:
         self.pilot = pilot
         self.rig = pilot.rig
         self.oracle = Oracle()

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 import serial
 
-from tsd_twin.hardware.errors import PortError
-from tsd_twin.hardware.port import _sentence, lasting_name, open_port
+from tsd_twin.hardware import PortError
+from tsd_twin.hardware.serial_transport import _sentence, open_port, persistent_name
 
 
 @pytest.fixture
@@ -91,12 +91,12 @@ def test_a_device_is_known_by_its_link(tmp_path: Path) -> None:
     links = tmp_path / "by-id"
     device = tmp_path / "ttyACM0"
     device.write_text("")
-    assert lasting_name(str(device), links) == str(device)
+    assert persistent_name(str(device), links) == str(device)
     links.mkdir()
-    assert lasting_name(str(device), links) == str(device)
+    assert persistent_name(str(device), links) == str(device)
     (links / "usb-Arduino_Mega_1234-if00").symlink_to("../ttyACM0")
     (links / "usb-Other").symlink_to("../ttyACM1")
     link = str(links / "usb-Arduino_Mega_1234-if00")
-    assert lasting_name(str(device), links) == link
-    assert lasting_name(link, links) == link
-    assert lasting_name("socket://host:1", links) == "socket://host:1"
+    assert persistent_name(str(device), links) == link
+    assert persistent_name(link, links) == link
+    assert persistent_name("socket://host:1", links) == "socket://host:1"

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.lab.runs import is_picture, run, table
+from tests.support.experiment_runs import is_picture, run, table
 from tsd_twin import robots
 from tsd_twin.errors import RobotFileError
-from tsd_twin.lab.row_effect import row_effect
+from tsd_twin.lab.atlas import row_effect
 
 
 def test_it_prints_the_peaks_of_the_paper_and_leaves_both_curves(tmp_path: Path) -> None:
@@ -55,7 +55,7 @@ def test_at_any_time_it_is_what_the_equations_give(t_s: float) -> None:
         ideal.append(6.0 * row)
         hop = sign * share * np.array([*(c * to), -s])
         true.append(6.0 * (math.sqrt(1.0 - share**2) * row + hop))
-    effect = row_effect(robots.load("atlas").kinematics())
+    effect = row_effect(robots.load_robot("atlas").kinematics())
     at = round(1000 * t_s)
     np.testing.assert_allclose(
         effect.ideal[at], np.linalg.solve(np.array(ideal), speeds), atol=1e-9

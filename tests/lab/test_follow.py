@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.lab.runs import is_picture, run, table
+from tests.support.experiment_runs import is_picture, run, table
 from tsd_twin.errors import PathError, TwinError
-from tsd_twin.lab import Output
-from tsd_twin.lab.shapes import shape
+from tsd_twin.experiment import Output
+from tsd_twin.lab.tracking import named_path
 from tsd_twin.lie import SE2, Array
-from tsd_twin.sim import Camera, CameraNoise
+from tsd_twin.simulation import Camera, CameraNoise
 
 
 def off(columns: dict[str, Array], of: str = "truth") -> Array:
@@ -76,7 +76,7 @@ def test_what_cannot_be_done_is_said_in_a_sentence(
 
 def test_a_path_that_is_not_there_is_named_with_those_that_are() -> None:
     with pytest.raises(PathError, match="square, line, circle"):
-        shape("nope")
+        named_path("nope")
 
 
 def test_a_folder_that_cannot_be_made_is_said_in_a_sentence(tmp_path: Path) -> None:

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.lab.runs import is_picture, run, table
+from tests.support.experiment_runs import is_picture, run, table
 from tsd_twin import robots
-from tsd_twin.lab.motors import fit, rounded
+from tsd_twin.lab.motors import fit_lines, round_half_up
 
-MOTOR = robots.load("tsd").motor
+MOTOR = robots.load_robot("tsd").motor
 
 
 def test_it_prints_table_2_of_the_thesis_and_the_better_fit(tmp_path: Path) -> None:
@@ -44,11 +44,11 @@ def test_it_prints_table_2_of_the_thesis_and_the_better_fit(tmp_path: Path) -> N
 )
 def test_a_fit_is_that_of_least_squares(points: list[tuple[int, float]]) -> None:
     signal, rpm = np.array(sorted(points)).T
-    lines = fit(signal, rpm[None], np.full(len(signal), True))
+    lines = fit_lines(signal, rpm[None], np.full(len(signal), True))
     slope, offset = np.polyfit(signal, rpm, 1)
     assert lines.slope[0] == pytest.approx(slope, abs=1e-6)
     assert lines.offset[0] == pytest.approx(offset, abs=1e-4)
 
 
 def test_halves_are_rounded_away_from_zero_as_in_print() -> None:
-    assert [rounded(x, 1) for x in (-563.25, 563.25, -0.04)] == ["-563.3", "563.3", "-0.0"]
+    assert [round_half_up(x, 1) for x in (-563.25, 563.25, -0.04)] == ["-563.3", "563.3", "-0.0"]

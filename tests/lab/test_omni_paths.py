@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.lab.runs import is_picture, run, table
+from tests.support.experiment_runs import is_picture, run, table
 from tsd_twin import robots
 from tsd_twin.errors import RobotFileError, TwinError
-from tsd_twin.lab.virtual_robot import VirtualRobot
-from tsd_twin.sim import SimRobot
+from tsd_twin.simulation import SimRobot
+from tsd_twin.virtual_robot import VirtualRobot
 
 PATHS = ["line", "parabola", "sine", "circle"]
 
@@ -38,6 +38,6 @@ def test_all_four_are_followed_within_centimetres(tmp_path: Path) -> None:
 def test_other_kinds_are_refused_with_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(RobotFileError, match="omni is needed here"):
         run(tmp_path, "omni-paths", "--robot", "tsd")
-    atlas = robots.load("atlas")
+    atlas = robots.load_robot("atlas")
     with pytest.raises(TwinError, match="turns a sphere in place"):
         VirtualRobot(atlas, SimRobot(atlas))

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.lab.runs import is_picture, run, table
+from tests.support.experiment_runs import is_picture, run, table
 from tsd_twin.errors import TwinError
-from tsd_twin.lab.half_way import Dash
+from tsd_twin.lab.omni_step import PointToPointProfile
 from tsd_twin.lie import Array
 
 limits = st.floats(0.2, 10.0)
@@ -26,7 +26,7 @@ def area(y: Array, x: Array) -> float:
 def test_a_dash_covers_its_distance_and_keeps_its_limits(
     distance: float, top: float, up: float, down: float
 ) -> None:
-    dash = Dash(distance, top, up, down)
+    dash = PointToPointProfile(distance, top, up, down)
     t = np.linspace(0.0, dash.duration_s, 20_001)
     speed = dash.speed(t)
     assert speed.max() <= min(top, dash.peak_mps) * (1.0 + 1e-12)
@@ -44,7 +44,7 @@ def test_a_dash_covers_its_distance_and_keeps_its_limits(
 def test_with_one_limit_both_ways_a_triangle_brakes_half_way(
     distance: float, top: float, same: float
 ) -> None:
-    dash = Dash(distance, top, same, same)
+    dash = PointToPointProfile(distance, top, same, same)
     if dash.is_triangle:
         assert dash.brake_at_m == pytest.approx(0.5 * distance)
         assert dash.duration_s == pytest.approx(2.0 * np.sqrt(distance / same))

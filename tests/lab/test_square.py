@@ -12,18 +12,18 @@ import msgspec
 import numpy as np
 import pytest
 
-from tests.lab.runs import is_picture, run, table
+from tests.support.experiment_runs import is_picture, run, table
 from tsd_twin import robots
 from tsd_twin.errors import TwinError
 from tsd_twin.estimation import Slip
-from tsd_twin.lab.drive_path import Record
-from tsd_twin.lab.observer import Loop, observer
-from tsd_twin.lab.one_square import Square
-from tsd_twin.lab.virtual_robot import VirtualRobot
-from tsd_twin.robots import SingularityRobot, of_kind
-from tsd_twin.sim import SimRobot
+from tsd_twin.lab.observer import Loop, make_observer
+from tsd_twin.lab.square import Square
+from tsd_twin.lab.tracking import TrackingRecord
+from tsd_twin.robots import SingularityDescription, description_of_kind
+from tsd_twin.simulation import SimRobot
+from tsd_twin.virtual_robot import VirtualRobot
 
-TSD = of_kind(robots.load("tsd"), SingularityRobot)
+TSD = description_of_kind(robots.load_robot("tsd"), SingularityDescription)
 
 
 def figures(lines: list[str]) -> tuple[float, list[float], float]:
@@ -64,7 +64,7 @@ def square(loop: Loop, seed: int, **others: Any) -> Square:
     return replace(asked, **others)
 
 
-def percent(record: Record) -> list[float]:
+def percent(record: TrackingRecord) -> list[float]:
     errors = record.errors()
     return [100.0 * off for off in (errors.rms_m, errors.cross_track_m, errors.closure_m)]
 
@@ -114,7 +114,7 @@ def test_a_turn_on_the_spot_tells_the_friction_of_the_floor(believed: float) -> 
     floor = msgspec.structs.replace(TSD.floor, friction=believed)
     slip = Slip(msgspec.structs.replace(TSD, floor=floor))
     robot = VirtualRobot(TSD, SimRobot(TSD, seed=25, noise=1.0, plant="mujoco", errors=1.0))
-    watching = observer(Loop.GYRO, robot, 25, slip, turns=True)
+    watching = make_observer(Loop.GYRO, robot, 25, slip, turns=True)
     assert watching is not None
     assert watching.slip is not None
     # The lag of the body is what the friction is known by, and used for.

@@ -13,7 +13,7 @@ from tsd_twin.errors import MessageError
 from tsd_twin.messages.status import (
     ArmingStatus,
     CommandStatus,
-    ConflictStatus,
+    ConsistencyStatus,
     DropCounts,
     LeaseStatus,
     LimitStatus,
@@ -42,8 +42,8 @@ statuses = st.builds(
         dropped=st.builds(DropCounts, *[counts] * 6),
     ),
     limits=st.builds(LimitStatus, *[finite] * 4),
-    conflict=st.builds(
-        ConflictStatus,
+    consistency=st.builds(
+        ConsistencyStatus,
         finite,
         st.none() | texts,
         finite,
@@ -80,7 +80,7 @@ def test_a_status_has_the_fields_that_others_rely_on() -> None:
         "accepted": 0,
         "dropped": dict.fromkeys(reasons, 0),
     }
-    assert plain["conflict"] == {
+    assert plain["consistency"] == {
         "residual_mps": 0.0,
         "suspect": None,
         "level": 0.0,

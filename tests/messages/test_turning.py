@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from tests.matrices import so3_matrix
+from tests.support.matrices import so3_matrix
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.ros import Odometry, decode_odometry, encode_odometry
 

@@ -10,12 +10,12 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from tsd_twin import robots
-from tsd_twin.drives import SingularityDrive
+from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import Array
 from tsd_twin.motion import TwistLimiter
-from tsd_twin.robots.robot import Limits
+from tsd_twin.robots.description import Limits
 
-ROBOT = robots.load("tsd")
+ROBOT = robots.load_robot("tsd")
 DT_S = 0.01
 ROUNDING = 1.0 + 1e-9
 
@@ -33,7 +33,7 @@ def twists(draw: st.DrawFn, largest: float = np.inf) -> Array:
 class Case:
     """A limiter, with its limits stated without it."""
 
-    def __init__(self, drive: SingularityDrive, limits: Limits) -> None:
+    def __init__(self, drive: SingularityKinematics, limits: Limits) -> None:
         self.drive, self.limits = drive, limits
         self.limiter = TwistLimiter(drive, limits)
 
@@ -58,7 +58,7 @@ def cases(draw: st.DrawFn) -> Case:
     """The shipped robot, or any other."""
     if draw(st.booleans()):
         return Case(ROBOT.kinematics(), ROBOT.limits)
-    drive = SingularityDrive(
+    drive = SingularityKinematics(
         azimuths_rad=np.cumsum(draw(st.lists(st.floats(0.3, 1.5), min_size=2, max_size=4))),
         pivot_radius_m=draw(st.floats(0.05, 1.0)),
         wheel_radius_m=draw(st.floats(0.01, 0.2)),

@@ -8,13 +8,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import ellipe
 
-from tests.motion.shapes import SQUARE, by_hand, waypoints
+from tests.support.random_paths import SQUARE, by_hand, waypoints
 from tsd_twin.errors import PathError
 from tsd_twin.lie import Array, wrap
-from tsd_twin.motion.arc import arc, line
-from tsd_twin.motion.chain import Chain, polyline
-from tsd_twin.motion.curve import Curve, deviation_m, function, parabola, spline
-from tsd_twin.motion.path import Path
+from tsd_twin.motion.paths import (
+    CompositePath,
+    Curve,
+    Path,
+    arc,
+    deviation_m,
+    function,
+    line,
+    parabola,
+    polyline,
+    spline,
+)
 
 PATHS = by_hand()
 each = pytest.mark.parametrize("path", PATHS.values(), ids=PATHS.keys())
@@ -168,8 +176,8 @@ def test_the_sharp_square_has_its_three_corners() -> None:
         (lambda: spline([[0, 0], [1, 0], [1, 0]]), "another place"),
         (lambda: function(np.sqrt, -1.0, 1.0), "finite"),
         (lambda: parabola(1, 0, 0, 1.0, 1.0), "two different ends"),
-        (lambda: Chain([]), "a path or more"),
-        (lambda: Chain([line([0, 0], [1, 0]), line([2, 0], [3, 0])]), "part 2 starts at"),
+        (lambda: CompositePath([]), "a path or more"),
+        (lambda: CompositePath([line([0, 0], [1, 0]), line([2, 0], [3, 0])]), "part 2 starts at"),
     ],
 )
 @pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.core.rig import PERIOD_S, ROBOT, Pilot, Rig
+from tests.support.controller_harness import PERIOD_S, ROBOT, ControllerHarness, HarnessOperator
 from tsd_twin.lie import SE2, Array
-from tsd_twin.motion.prediction import Due, Predictor
-from tsd_twin.sim import SimRobot
+from tsd_twin.motion.prediction import PendingCommand, Predictor
+from tsd_twin.simulation import SimRobot
 
 LAG_S = 1.0 / ROBOT.servo.approach_rate_per_s
 DRIVE = ROBOT.kinematics()
@@ -23,8 +23,8 @@ class FarPilot:
     """A robot whose states come late and whose commands arrive late, in virtual time."""
 
     def __init__(self, delay_s: float, **lease: float) -> None:
-        self.rig = Rig(SimRobot(ROBOT))
-        self.pilot: Pilot = self.rig.get_ready(**lease)
+        self.rig = ControllerHarness(SimRobot(ROBOT))
+        self.pilot: HarnessOperator = self.rig.get_ready(**lease)
         self._late = round(delay_s / PERIOD_S)
         """Periods of each way."""
         self._up: deque[Array | None] = deque([None] * self._late)
@@ -44,11 +44,13 @@ class FarPilot:
         self.states.append((self.rig.now_s, self.rig.pose, self.rig.twist))
         self.truths.append(self.rig.truth())
 
-    def seen(self) -> tuple[SE2, Array, list[Due]]:
+    def seen(self) -> tuple[SE2, Array, list[PendingCommand]]:
         """What the pilot knows now: an old state, and what she has sent."""
         state_s, pose, twist = self.states[0]
         late_s = self._late * PERIOD_S
-        commands = [Due(sent_s + late_s - state_s, told) for sent_s, told in self.sent[-60:]]
+        commands = [
+            PendingCommand(sent_s + late_s - state_s, told) for sent_s, told in self.sent[-60:]
+        ]
         return SE2(pose), twist, commands
 
 
@@ -99,7 +101,7 @@ def test_without_news_the_robot_goes_on_along_its_twist(
 
 def test_a_command_counts_from_when_it_arrives_and_within_the_limits() -> None:
     start, still = SE2.identity(), np.zeros(3)
-    forward = Due(0.1, np.array([1e9, 0.0, 0.0]))
+    forward = PendingCommand(0.1, np.array([1e9, 0.0, 0.0]))
     predictor = Predictor(DRIVE, ROBOT.limits)
     assert not predictor.after(0.1, start, still, [forward]).xy_heading.any()
     # 0.25 s to 1 m/s at 4 m/s^2, then on at that speed.
@@ -111,7 +113,7 @@ def test_a_command_counts_from_when_it_arrives_and_within_the_limits() -> None:
 
 
 def test_the_way_to_rest_is_that_of_braking() -> None:
-    stop = Due(0.2, np.zeros(3))
+    stop = PendingCommand(0.2, np.zeros(3))
     path = Predictor(DRIVE, ROBOT.limits).until_rest(
         SE2.identity(), np.array([1.0, 0.0, 0.0]), [stop]
     )

@@ -7,16 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.motion.shapes import SQUARE
+from tests.support.random_paths import SQUARE
 from tsd_twin import robots
 from tsd_twin.lie import Array
-from tsd_twin.motion.arc import line
-from tsd_twin.motion.chain import polyline
-from tsd_twin.motion.route import Route
-from tsd_twin.motion.smoothing import smoothed
-from tsd_twin.motion.trajectory import Trajectory, plan
+from tsd_twin.motion.paths import line, polyline
+from tsd_twin.motion.routes import Route
+from tsd_twin.motion.trajectory import Trajectory, plan, smoothed
 
-ROBOT = robots.load("tsd")
+ROBOT = robots.load_robot("tsd")
 DRIVE, LIMITS = ROBOT.kinematics(), ROBOT.limits
 H_S = 1e-4
 

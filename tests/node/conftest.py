@@ -6,12 +6,12 @@ from collections.abc import Generator
 
 import pytest
 
-from tests.node.pilot import Pilot
-from tests.running import RunningNode
+from tests.support.bus_operator import BusOperator
+from tests.support.robot_node import RunningNode
 
 
 @pytest.fixture
-def pilot(node: RunningNode) -> Generator[Pilot]:
+def pilot(node: RunningNode) -> Generator[BusOperator]:
     """Somebody who has just opened a dashboard."""
-    with Pilot(node) as alice:
+    with BusOperator(node) as alice:
         yield alice

@@ -7,17 +7,17 @@ from collections.abc import Generator
 import numpy as np
 import pytest
 
-from tests.node.pilot import Pilot
-from tests.running import RunningNode
-from tsd_twin import topics
+from tests.support.bus_operator import BusOperator
+from tests.support.robot_node import RunningNode
+from tsd_twin.messages import topics
 from tsd_twin.messages.status import decode_stamp, decode_status
-from tsd_twin.topics import Service, Urgency
+from tsd_twin.messages.topics import QoS, Service
 
 SMOKE = b'{"operator": "eve", "reason": "smoke"}'
 
 
 @pytest.fixture
-def driving(pilot: Pilot) -> Generator[Pilot]:
+def driving(pilot: BusOperator) -> Generator[BusOperator]:
     """Somebody who drives at one metre a second."""
     pilot.get_ready()
     pilot.drive((1.0, 0.0, 0.0), until=lambda: pilot.truth.twist[0] > 0.98)
@@ -25,11 +25,11 @@ def driving(pilot: Pilot) -> Generator[Pilot]:
     assert np.isfinite(pilot.truth.xy_heading).all()
 
 
-def is_still(pilot: Pilot) -> bool:
+def is_still(pilot: BusOperator) -> bool:
     return bool(np.abs(pilot.truth.twist).max() < 1e-3)
 
 
-def travel_after_the_last_command(watcher: Pilot) -> tuple[float, float]:
+def travel_after_the_last_command(watcher: BusOperator) -> tuple[float, float]:
     """Metres from the last command that counted to standstill, and for how long it was held up.
 
     On the robot's own clock: what the bus takes is not in it, what the loop takes is.
@@ -47,9 +47,9 @@ def travel_after_the_last_command(watcher: Pilot) -> tuple[float, float]:
 
 @pytest.mark.parametrize("how", ["silence", "a closed session"])
 def test_an_operator_who_is_gone_is_a_robot_that_stands_within_35_cm(
-    node: RunningNode, driving: Pilot, how: str
+    node: RunningNode, driving: BusOperator, how: str
 ) -> None:
-    with Pilot(node, "watcher") as watcher:
+    with BusOperator(node, "watcher") as watcher:
         driving.drive((1.0, 0.0, 0.0), 0.2)
         if how == "a closed session":
             driving.bus.close()
@@ -59,7 +59,7 @@ def test_an_operator_who_is_gone_is_a_robot_that_stands_within_35_cm(
         assert watcher.status.stop_reason.startswith("no command for ")
 
 
-def test_letting_go_is_no_failure_of_the_link(driving: Pilot) -> None:
+def test_letting_go_is_no_failure_of_the_link(driving: BusOperator) -> None:
     driving.drive((0.0, 0.0, 0.0), until=lambda: driving.status.mode == "ready")
     driving.wait_until(lambda: "From driving to ready." in driving.texts)
     driving.wait_until(lambda: is_still(driving))
@@ -71,14 +71,14 @@ def test_letting_go_is_no_failure_of_the_link(driving: Pilot) -> None:
     [("put", b""), ("put", SMOKE), ("query", b"\xff"), ("query", SMOKE)],
 )
 def test_anybody_stops_it_without_a_lease(
-    node: RunningNode, driving: Pilot, way: str, payload: bytes
+    node: RunningNode, driving: BusOperator, way: str, payload: bytes
 ) -> None:
-    with Pilot(node, "eve") as eve:
+    with BusOperator(node, "eve") as eve:
         if way == "query":
             assert eve.ask(Service.STOP, payload)["ok"] is True
         else:
             # Repeated as a dashboard does: the first may come before the robot's end is known.
-            stop = eve.bus.publisher(topics.STOP.key("tsd"), Urgency.REAL_TIME)
+            stop = eve.bus.publisher(topics.STOP.key("tsd"), QoS.REAL_TIME)
             while eve.status.mode != "stopped":
                 stop.put(payload)
                 eve.wait_for_news()
@@ -91,7 +91,7 @@ def test_anybody_stops_it_without_a_lease(
 
 
 def test_after_a_stop_it_drives_again_only_by_reset_and_arm_and_a_command(
-    driving: Pilot,
+    driving: BusOperator,
 ) -> None:
     driving.ask(Service.STOP, operator="alice")
     driving.wait_for("stopped")
@@ -109,7 +109,7 @@ def test_after_a_stop_it_drives_again_only_by_reset_and_arm_and_a_command(
 
 
 def test_numbers_that_are_none_are_dropped_and_too_large_ones_are_clamped(
-    driving: Pilot,
+    driving: BusOperator,
 ) -> None:
     for bad in (np.nan, np.inf, -np.inf):
         driving.send((bad, 0.0, 0.0))
@@ -125,8 +125,10 @@ def test_numbers_that_are_none_are_dropped_and_too_large_ones_are_clamped(
     driving.wait_until(lambda: "nonfinite" in {event["rule"] for event in driving.events})
 
 
-def test_a_second_operator_drives_only_after_taking_over(node: RunningNode, driving: Pilot) -> None:
-    with Pilot(node, "bob") as bob:
+def test_a_second_operator_drives_only_after_taking_over(
+    node: RunningNode, driving: BusOperator
+) -> None:
+    with BusOperator(node, "bob") as bob:
         assert bob.acquire()["granted"] is False
         bob.lease = driving.lease  # Even if he knew it.
         bob.send((-1.0, 0.0, 0.0))
@@ -142,7 +144,7 @@ def test_a_second_operator_drives_only_after_taking_over(node: RunningNode, driv
         assert driving.status.lease.holder == "bob"
 
 
-def test_a_command_in_the_worlds_axes_is_turned_by_the_heading(pilot: Pilot) -> None:
+def test_a_command_in_the_worlds_axes_is_turned_by_the_heading(pilot: BusOperator) -> None:
     pilot.get_ready()
     turned = {"x_m": 0.0, "y_m": 0.0, "heading_rad": np.pi / 2}
     assert pilot.ask(Service.SET_POSE, lease=pilot.lease, **turned)["ok"]
@@ -151,7 +153,7 @@ def test_a_command_in_the_worlds_axes_is_turned_by_the_heading(pilot: Pilot) -> 
     assert pilot.truth.twist[1] < -0.4
 
 
-def test_mode_changes_are_told_at_once(pilot: Pilot) -> None:
+def test_mode_changes_are_told_at_once(pilot: BusOperator) -> None:
     """Not only with the next of the 20 status a second."""
     pilot.acquire()
     pilot.ask(Service.ARM, lease=pilot.lease)
@@ -163,7 +165,7 @@ def test_mode_changes_are_told_at_once(pilot: Pilot) -> None:
     assert numbers[at][1] * 1e-9 == pytest.approx(event["robot_s"], abs=1e-6)
 
 
-def test_the_echoed_status_must_be_a_recent_one(pilot: Pilot) -> None:
+def test_the_echoed_status_must_be_a_recent_one(pilot: BusOperator) -> None:
     pilot.get_ready()
     old = pilot.seen
     pilot.wait_until(lambda: pilot.seen > old + 10)

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.node.pilot import Pilot
-from tests.running import ANY_PORT, PATIENCE_S, QUICK, URDF, RunningNode, running
+from tests.support.bus_operator import BusOperator
+from tests.support.robot_node import ANY_PORT, PATIENCE_S, QUICK, URDF, RunningNode, running
 from tsd_twin import robots
 from tsd_twin.bus import Bus, node_config
 from tsd_twin.errors import BusError
 from tsd_twin.lie import Array
-from tsd_twin.messages.service import Description
+from tsd_twin.messages.services import Description
 from tsd_twin.node import RobotNode
-from tsd_twin.sim import SimRobot
+from tsd_twin.simulation import SimRobot
 
-ROBOT = robots.parse(QUICK, "tsd")
+ROBOT = robots.parse_description(QUICK, "tsd")
 WHEELS = np.arange(9) % 3 == 2
 
 
@@ -51,7 +51,7 @@ class Recorder:
 @pytest.mark.parametrize("ends", ["told", "broken"])
 def test_however_it_ends_the_joints_are_left_at_rest(ends: str) -> None:
     io = Recorder()
-    with running(io=io) as node, Pilot.blind(node) as pilot:
+    with running(io=io) as node, BusOperator.blind(node) as pilot:
         pilot.get_ready()
         pilot.drive((1.0, 0.0, 0.0), until=lambda: pilot.odom.twist[0] > 0.9)
         assert io.written[-1].any()
@@ -66,7 +66,7 @@ def test_however_it_ends_the_joints_are_left_at_rest(ends: str) -> None:
 
 
 def test_a_robot_that_nobody_simulates_has_no_truth() -> None:
-    with running(io=Recorder()) as node, Pilot.blind(node) as pilot:
+    with running(io=Recorder()) as node, BusOperator.blind(node) as pilot:
         pilot.wait_for_news()
         assert "truth" not in pilot.newest
         assert pilot.status.hardware == {"kind": "recorder"}
@@ -91,7 +91,7 @@ def test_a_second_robot_with_the_same_id_refuses_to_start(node: RunningNode) -> 
 def test_another_id_is_welcome_on_the_same_bus(node: RunningNode) -> None:
     with Bus(node_config([ANY_PORT], [node.endpoint])) as other:
         new_node(other, "tsd-2")
-        assert sorted(other.living("twin/*/alive", PATIENCE_S)) == [
+        assert sorted(other.living_tokens("twin/*/alive", PATIENCE_S)) == [
             "twin/tsd-2/alive",
             "twin/tsd/alive",
         ]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.running import running
+from tests.support.robot_node import running
 from tsd_twin import robots
 
 DRIVER = Path(__file__).with_name("external_driver.py")
@@ -20,7 +20,7 @@ DRIVER = Path(__file__).with_name("external_driver.py")
 @pytest.fixture(scope="module")
 def drive() -> dict[str, Any]:
     """Run the program against the robot as it is shipped, and return what it printed."""
-    with running(toml=robots.text("tsd")) as node:
+    with running(toml=robots.read_description("tsd")) as node:
         process = subprocess.run(
             [sys.executable, "-I", str(DRIVER), node.endpoint, node.id],
             capture_output=True,

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.node.pilot import Pilot
-from tests.running import running
+from tests.support.bus_operator import BusOperator
+from tests.support.robot_node import running
 from tsd_twin import robots
 from tsd_twin.lie import SO3
 from tsd_twin.messages.ros import decode_odometry
@@ -51,7 +51,7 @@ wheel_kg = 0.2
 yaw_inertia_kg_m2 = 0.12
 """
 FOUR_MODULES = (
-    robots.text("tsd")
+    robots.read_description("tsd")
     .replace('name = "tsd"', 'name = "quad"')
     .replace("[90.0, 210.0, 330.0]", "[45.0, 135.0, 225.0, 315.0]")
     .replace("speed_rpm = [\n", f"speed_rpm = [\n  {[0, 0, *range(3000, 14000, 1400)]},\n")
@@ -63,8 +63,11 @@ FOUR_MODULES = (
 def test_a_robot_that_is_one_file_drives(text: str, tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(text, encoding="utf-8")
-    robot = robots.load(str(path))
-    with running(robot.name, robots.text(str(path))) as node, Pilot(node) as pilot:
+    robot = robots.load_robot(str(path))
+    with (
+        running(robot.name, robots.read_description(str(path))) as node,
+        BusOperator(node) as pilot,
+    ):
         pilot.get_ready()
         pilot.drive((0.3, 0.2, 0.0), until=lambda: pilot.truth.xy_heading[0] > 0.3)
         x, y, _ = pilot.truth.xy_heading
@@ -73,18 +76,21 @@ def test_a_robot_that_is_one_file_drives(text: str, tmp_path: Path) -> None:
 
 
 def test_a_robot_with_two_estimates_sends_both() -> None:
-    text = robots.text("omni4").replace("friction = 0.7", "friction = 0.7\nslip = 0.2")
-    with running("omni4", text) as node, Pilot(node, streams=6) as pilot:
+    text = robots.read_description("omni4").replace("friction = 0.7", "friction = 0.7\nslip = 0.2")
+    with running("omni4", text) as node, BusOperator(node, streams=6) as pilot:
         pilot.get_ready()
         pilot.drive((0.5, 0.0, 0.0), until=lambda: pilot.truth.xy_heading[0] > 0.5)
         best, true = pilot.odom.xy_heading[0], pilot.truth.xy_heading[0]
-        other = decode_odometry(pilot.newest["odom_other"].payload).xy_heading[0]
+        other = decode_odometry(pilot.newest["odom_alternative"].payload).xy_heading[0]
         assert best == pytest.approx(true, abs=0.05)
         assert other > 1.1 * true
 
 
 def test_a_sphere_turns_about_the_axis_that_it_is_told() -> None:
-    with running("atlas", robots.text("atlas")) as node, Pilot(node, streams=6) as pilot:
+    with (
+        running("atlas", robots.read_description("atlas")) as node,
+        BusOperator(node, streams=6) as pilot,
+    ):
 
         def read(what: str) -> SO3:
             wxyz = decode_odometry(pilot.newest[what].payload, turning=True).wxyz

@@ -13,11 +13,11 @@ import pytest
 import zenoh
 from rosbags.typesys import Stores, get_typestore
 
-from tests.node.pilot import Pilot
-from tests.running import PATIENCE_S, URDF, Mailbox, RunningNode, matched, running
-from tsd_twin import topics
-from tsd_twin.messages.service import Event
-from tsd_twin.topics import Service, Urgency
+from tests.support.bus_operator import BusOperator
+from tests.support.robot_node import PATIENCE_S, URDF, Mailbox, RunningNode, matched, running
+from tsd_twin.messages import topics
+from tsd_twin.messages.services import Event
+from tsd_twin.messages.topics import QoS, Service
 
 CDR = "application/cdr;{}"
 STREAMS = {
@@ -39,8 +39,8 @@ def robot() -> Generator[RunningNode]:
 
 
 @pytest.fixture(scope="module")
-def alice(robot: RunningNode) -> Generator[Pilot]:
-    with Pilot(robot) as pilot:
+def alice(robot: RunningNode) -> Generator[BusOperator]:
+    with BusOperator(robot) as pilot:
         yield pilot
 
 
@@ -64,7 +64,7 @@ def test_every_stream_has_its_encoding_its_rate_and_a_rising_stamp(robot: Runnin
     assert set(heard) - set(STREAMS) <= {"event/drop"}
 
 
-def test_any_reader_of_ros_messages_reads_them(alice: Pilot) -> None:
+def test_any_reader_of_ros_messages_reads_them(alice: BusOperator) -> None:
     store = get_typestore(Stores.ROS2_HUMBLE)
     for what, frame in (("joints", "base_link"), ("setpoint", "base_link")):
         message = store.deserialize_cdr(alice.newest[what].payload, "sensor_msgs/msg/JointState")
@@ -81,7 +81,7 @@ def test_any_reader_of_ros_messages_reads_them(alice: Pilot) -> None:
         assert np.shape(message.pose.covariance) == (36,)
 
 
-def test_the_status_is_json_with_facts_about_loop_and_hardware(alice: Pilot) -> None:
+def test_the_status_is_json_with_facts_about_loop_and_hardware(alice: BusOperator) -> None:
     status = json.loads(alice.newest["status"].payload)
     assert status["mode"] == "disarmed"
     assert status["hardware"]["kind"] == "sim"
@@ -91,31 +91,33 @@ def test_the_status_is_json_with_facts_about_loop_and_hardware(alice: Pilot) -> 
     }  # fmt: skip
 
 
-def test_the_description_is_what_the_robot_runs_on(robot: RunningNode, alice: Pilot) -> None:
+def test_the_description_is_what_the_robot_runs_on(robot: RunningNode, alice: BusOperator) -> None:
     for raw in (b"", b"{}", b"anything"):
         assert alice.ask(Service.DESC, raw) == {"robot": robot.toml, "urdf": URDF}
 
 
 def test_its_life_is_announced(robot: RunningNode) -> None:
     with robot.client() as client:
-        assert client.living("twin/*/alive", PATIENCE_S) == ["twin/tsd/alive"]
+        assert client.living_tokens("twin/*/alive", PATIENCE_S) == ["twin/tsd/alive"]
 
 
 @pytest.mark.parametrize("payload", GARBAGE)
 @pytest.mark.parametrize("service", [*HOLDERS, Service.LEASE])
-def test_garbage_is_answered_with_a_reason(alice: Pilot, service: Service, payload: bytes) -> None:
+def test_garbage_is_answered_with_a_reason(
+    alice: BusOperator, service: Service, payload: bytes
+) -> None:
     reply = alice.ask(service, payload)
     assert reply["ok"] is False
     assert "shape" in reply["reason"]
 
 
 @pytest.mark.parametrize("service", HOLDERS)
-def test_what_needs_the_lease_is_refused_without(alice: Pilot, service: Service) -> None:
+def test_what_needs_the_lease_is_refused_without(alice: BusOperator, service: Service) -> None:
     reply = alice.ask(service, lease="00" * 16, x_m=0, y_m=0, heading_rad=0)
     assert reply == {"ok": False, "reason": "take control first"}
 
 
-def test_the_answer_to_a_lease_has_the_fields_that_others_rely_on(alice: Pilot) -> None:
+def test_the_answer_to_a_lease_has_the_fields_that_others_rely_on(alice: BusOperator) -> None:
     granted = alice.acquire()
     assert granted["granted"] is True
     assert (granted["holder"], granted["ttl_s"], granted["reason"]) == ("alice", 2.0, "")
@@ -131,12 +133,12 @@ def test_the_answer_to_a_lease_has_the_fields_that_others_rely_on(alice: Pilot) 
     alice.wait_until(lambda: alice.status.lease.holder is None)
 
 
-def drops(pilot: Pilot) -> dict[str, int]:
+def drops(pilot: BusOperator) -> dict[str, int]:
     return json.loads(pilot.newest["status"].payload)["command"]["dropped"]
 
 
 def test_garbage_on_every_key_is_counted_or_ignored_and_ends_nothing(
-    robot: RunningNode, alice: Pilot
+    robot: RunningNode, alice: BusOperator
 ) -> None:
     keys = [topics.twist_key("tsd", "alice"), "twin/tsd/cmd/*/twist", "twin/tsd/cmd/a$*/twist"]
     keys += [key for topic in topics.TOPICS[2:] if "*" not in (key := topic.key("tsd"))]
@@ -144,7 +146,7 @@ def test_garbage_on_every_key_is_counted_or_ignored_and_ends_nothing(
     keys += ["twin/tsd/event/mode", "twin/tsd/alive", "twin/tsd/cmd/alice/twist/more", "twin/tsd"]
     before = drops(alice)
     with robot.client() as client:
-        matched(client.publisher(topics.twist_key("tsd", "alice"), Urgency.REAL_TIME))
+        matched(client.publisher(topics.twist_key("tsd", "alice"), QoS.REAL_TIME))
         for key in keys:
             for payload in GARBAGE:
                 client._session.put(key, payload, attachment=payload[:32])
@@ -162,12 +164,12 @@ def test_garbage_on_every_key_is_counted_or_ignored_and_ends_nothing(
 
 
 def test_what_happened_before_is_told_to_those_who_come_later(robot: RunningNode) -> None:
-    with Pilot(robot, "bob") as bob:
+    with BusOperator(robot, "bob") as bob:
         assert bob.acquire()["granted"]
         bob.ask(Service.RESET, lease=bob.lease)
         bob.wait_until(lambda: any("not stopped" in text for text in bob.texts))
         bob.ask(Service.LEASE, op="release", operator="bob", lease=bob.lease)
-    with Pilot(robot, "carol") as carol:
+    with BusOperator(robot, "carol") as carol:
         carol.wait_until(lambda: "bob released control." in carol.texts)
         carol.wait_until(lambda: any("not stopped" in text for text in carol.texts))
         fields: Any = Event.__struct_fields__

@@ -9,12 +9,12 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from tsd_twin.drives import Drive
 from tsd_twin.errors import RobotFileError
-from tsd_twin.robots import load, names, parse, text
+from tsd_twin.kinematics import Kinematics
+from tsd_twin.robots import load_robot, parse_description, read_description, robot_names
 from tsd_twin.robots.loader import LONGEST
 
-TSD = text("tsd")
+TSD = read_description("tsd")
 
 
 def edited(old: str, new: str) -> str:
@@ -25,34 +25,38 @@ def edited(old: str, new: str) -> str:
 
 def refusal(toml: str) -> str:
     with pytest.raises(RobotFileError) as caught:
-        parse(toml, "my.toml")
+        parse_description(toml, "my.toml")
     message = str(caught.value)
     assert message.startswith("my.toml: ")
     return message
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", robot_names())
 def test_every_shipped_robot_loads(name: str) -> None:
-    robot = load(name)
+    robot = load_robot(name)
     assert robot.name == name
-    drive: Drive = robot.kinematics()
+    drive: Kinematics = robot.kinematics()
     assert len(drive.joints) > 0
 
 
 def test_the_robot_of_the_thesis_is_shipped() -> None:
-    assert "tsd" in names()
+    assert "tsd" in robot_names()
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", robot_names())
 def test_the_text_of_a_robot_is_all_there_is_to_it(name: str, tmp_path: Path) -> None:
     """What goes over the bus as text is the same robot at the other end, and from a file."""
     path = tmp_path / "copy.toml"
-    path.write_text(text(name), encoding="utf-8")
-    assert load(str(path)) == parse(text(name), "peer") == load(name)
-    assert text(str(path)) == text(name)
+    path.write_text(read_description(name), encoding="utf-8")
+    assert (
+        load_robot(str(path))
+        == parse_description(read_description(name), "peer")
+        == load_robot(name)
+    )
+    assert read_description(str(path)) == read_description(name)
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", robot_names())
 def test_every_key_of_a_shipped_file_is_read_as_it_stands(name: str) -> None:
     """Against the standard library's reader; defaults may only add to it."""
 
@@ -68,12 +72,15 @@ def test_every_key_of_a_shipped_file_is_read_as_it_stands(name: str) -> None:
         else:
             assert file == robot
 
-    assert_within(tomllib.loads(text(name)), msgspec.json.decode(msgspec.json.encode(load(name))))
+    assert_within(
+        tomllib.loads(read_description(name)),
+        msgspec.json.decode(msgspec.json.encode(load_robot(name))),
+    )
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", robot_names())
 def test_values_survive_being_taken_apart_and_put_together(name: str) -> None:
-    robot = load(name)
+    robot = load_robot(name)
     assert msgspec.convert(msgspec.to_builtins(robot), type(robot)) == robot
 
 
@@ -208,42 +215,44 @@ def test_what_is_not_toml_is_said_to_be_so_with_the_line() -> None:
 
 def test_an_unknown_name_lists_the_shipped_robots_and_suggests_one() -> None:
     with pytest.raises(RobotFileError) as caught:
-        load("tds")
+        load_robot("tds")
     message = str(caught.value)
     assert message.startswith("tds: no such robot, did you mean 'tsd'?")
-    assert ", ".join(names()) in message
+    assert ", ".join(robot_names()) in message
     assert "my_robot.toml" in message
 
 
 @pytest.mark.parametrize("name", ["no_such.toml", "./no_such", "no_such/robot.toml"])
 def test_a_missing_file_is_named_with_what_is_shipped(name: str) -> None:
     with pytest.raises(RobotFileError) as caught:
-        load(name)
+        load_robot(name)
     message = str(caught.value)
     assert message.startswith(f"{name}: cannot be read: No such file")
-    assert ", ".join(names()) in message
+    assert ", ".join(robot_names()) in message
 
 
 def test_a_folder_and_a_binary_file_are_no_robots(tmp_path: Path) -> None:
     with pytest.raises(RobotFileError, match="cannot be read: Is a directory"):
-        load(str(tmp_path))
+        load_robot(str(tmp_path))
     binary = tmp_path / "robot.toml"
     binary.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(RobotFileError, match="not UTF-8 text"):
-        load(str(binary))
+        load_robot(str(binary))
 
 
 def test_a_description_cannot_be_changed() -> None:
-    robot = load("tsd")
+    robot = load_robot("tsd")
     with pytest.raises(AttributeError, match="immutable"):
         robot.drive.wheel_radius_m = 1.0
 
 
 def test_a_gyro_is_there_when_its_table_is() -> None:
-    assert load("tsd").sensors == ()
-    plain = parse(TSD + "\n[gyro]\n", "my.toml")
+    assert load_robot("tsd").sensors == ()
+    plain = parse_description(TSD + "\n[gyro]\n", "my.toml")
     assert [sensor.name for sensor in plain.sensors] == ["gyro"]
-    exact = parse(TSD + "\n[gyro]\nnoise_rad_per_s = 0.001\nbias_rad_per_s = 0.0\n", "my.toml")
+    exact = parse_description(
+        TSD + "\n[gyro]\nnoise_rad_per_s = 0.001\nbias_rad_per_s = 0.0\n", "my.toml"
+    )
     assert msgspec.to_builtins(exact)["gyro"] == {"noise_rad_per_s": 0.001, "bias_rad_per_s": 0.0}
 
 

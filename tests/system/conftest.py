@@ -6,7 +6,7 @@ from collections.abc import Generator
 
 import pytest
 
-from tests.system.table import Table
+from tests.support.result_table import Table
 
 
 @pytest.fixture(scope="session")

@@ -16,11 +16,11 @@ from collections.abc import Callable
 import numpy as np
 import zenoh
 
-from tsd_twin import topics
 from tsd_twin.bus import client_config
-from tsd_twin.messages.command import encode_attachment
+from tsd_twin.messages import topics
+from tsd_twin.messages.commands import encode_attachment
 from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
-from tsd_twin.topics import Service
+from tsd_twin.messages.topics import Service
 
 _ASKS, _DELETES = 0.1, 0.1
 """Shares of requests and deletions; all else is put."""

@@ -8,10 +8,10 @@ from collections.abc import Generator
 
 import pytest
 
-from tests.system.desk import FINGER, KEY, Desk, Hand
-from tests.system.faults import stage
-from tests.system.real_page import RealPage
-from tests.system.table import Table, stands_still
+from tests.support.fault_stage import fault_stage
+from tests.support.page_operator import FINGER, KEY, PageOperator, Pointer
+from tests.support.real_page import RealPage
+from tests.support.result_table import Table, stands_still
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
@@ -20,20 +20,20 @@ ASLEEP_S = 5.0
 
 
 @pytest.fixture(scope="module")
-def lasting(tmp_path_factory: pytest.TempPathFactory) -> Generator[Desk]:
-    with stage(tmp_path_factory.mktemp("robot")) as scene:
-        it = Desk(scene, lambda: tmp_path_factory.mktemp("profile"))
+def lasting(tmp_path_factory: pytest.TempPathFactory) -> Generator[PageOperator]:
+    with fault_stage(tmp_path_factory.mktemp("robot")) as scene:
+        it = PageOperator(scene, lambda: tmp_path_factory.mktemp("profile"))
         yield it
         it.close()
 
 
 @pytest.fixture
-def desk(lasting: Desk) -> Generator[Desk]:
+def desk(lasting: PageOperator) -> Generator[PageOperator]:
     yield lasting
     lasting.tidy_up()
 
 
-def test_the_focus_goes_elsewhere_and_the_key_up_with_it(desk: Desk, table: Table) -> None:
+def test_the_focus_goes_elsewhere_and_the_key_up_with_it(desk: PageOperator, table: Table) -> None:
     page = desk.drive(KEY)
     page.tab.value(
         "document.body.append(Object.assign(document.createElement('iframe'), {id: 'elsewhere'})),"
@@ -51,7 +51,7 @@ def test_the_focus_goes_elsewhere_and_the_key_up_with_it(desk: Desk, table: Tabl
 
 
 @pytest.mark.parametrize("where", ["Control is held", "a text field has the focus"])
-def test_a_key_that_comes_up_counts(desk: Desk, table: Table, where: str) -> None:
+def test_a_key_that_comes_up_counts(desk: PageOperator, table: Table, where: str) -> None:
     page = desk.drive(KEY)
     page.tab.value(
         "document.body.append(Object.assign(document.createElement('textarea'), {id: 'field'}))"
@@ -65,7 +65,7 @@ def test_a_key_that_comes_up_counts(desk: Desk, table: Table, where: str) -> Non
     desk.drives_anew(KEY)
 
 
-def test_a_hidden_tab(desk: Desk, table: Table) -> None:
+def test_a_hidden_tab(desk: PageOperator, table: Table) -> None:
     page = desk.drive(KEY)
     other = desk.browser.open("about:blank")
     fault_s = page.tab.when("visibilitychange")
@@ -78,7 +78,7 @@ def test_a_hidden_tab(desk: Desk, table: Table) -> None:
     desk.drives_anew(KEY)
 
 
-def test_a_finger_that_the_system_takes_away(desk: Desk, table: Table) -> None:
+def test_a_finger_that_the_system_takes_away(desk: PageOperator, table: Table) -> None:
     page = desk.drive(FINGER)
     page.tab.touch("touchCancel")
     fault_s = page.tab.when("pointercancel")
@@ -86,7 +86,7 @@ def test_a_finger_that_the_system_takes_away(desk: Desk, table: Table) -> None:
     desk.drives_anew(FINGER)
 
 
-def test_a_pointer_whose_capture_is_lost(desk: Desk, table: Table) -> None:
+def test_a_pointer_whose_capture_is_lost(desk: PageOperator, table: Table) -> None:
     pad = desk.page.element(".pad")
     desk.page.tab.value(
         f"{pad}.addEventListener('gotpointercapture', (e) => (window.finger = e.pointerId)), 1"
@@ -103,7 +103,9 @@ def test_a_pointer_whose_capture_is_lost(desk: Desk, table: Table) -> None:
     desk.drives_anew(FINGER)
 
 
-def test_a_second_finger_on_stop_while_the_first_holds_the_stick(desk: Desk, table: Table) -> None:
+def test_a_second_finger_on_stop_while_the_first_holds_the_stick(
+    desk: PageOperator, table: Table
+) -> None:
     page = desk.drive(FINGER)
     held = (*page.place(".pad", 1.0), 1)
     stop = (*page.place(".stop"), 2)
@@ -128,14 +130,14 @@ def gamepad(page: RealPage, **what: object) -> None:
     )
 
 
-PAD = Hand(
+PAD = Pointer(
     lambda page: gamepad(page, axes=[0, -1, 0, 0], connected=True),
     lambda page: gamepad(page, axes=[0, 0, 0, 0], connected=True),
 )
 
 
 def test_a_gamepad_that_is_unplugged_and_plugged_in_with_its_stick_held(
-    desk: Desk, table: Table
+    desk: PageOperator, table: Table
 ) -> None:
     push, centre = [0, -1, 0, 0], [0, 0, 0, 0]
     gamepad(desk.page, axes=centre, connected=True, event="gamepadconnected")
@@ -157,7 +159,7 @@ def test_a_gamepad_that_is_unplugged_and_plugged_in_with_its_stick_held(
     gamepad(page, axes=centre, connected=False, event="gamepaddisconnected")
 
 
-def test_a_page_that_does_nothing_for_a_while(desk: Desk, table: Table) -> None:
+def test_a_page_that_does_nothing_for_a_while(desk: PageOperator, table: Table) -> None:
     page = desk.drive(KEY)
     fault_s = time.monotonic()
     page.tab.value("{ const end = performance.now() + 700; while (performance.now() < end); }")
@@ -168,7 +170,7 @@ def test_a_page_that_does_nothing_for_a_while(desk: Desk, table: Table) -> None:
     desk.drives_anew(KEY)
 
 
-def test_two_pages_of_one_operator(desk: Desk, table: Table) -> None:
+def test_two_pages_of_one_operator(desk: PageOperator, table: Table) -> None:
     """The second only looks on until it takes over; then the first only looks on."""
     second = RealPage(desk.browser, desk.scene.url, window=True)
     first = desk.drive(KEY)
@@ -196,7 +198,7 @@ def test_two_pages_of_one_operator(desk: Desk, table: Table) -> None:
     desk.drives_anew(KEY, first)
 
 
-def test_a_page_that_is_loaded_again(desk: Desk, table: Table) -> None:
+def test_a_page_that_is_loaded_again(desk: PageOperator, table: Table) -> None:
     page = desk.drive(KEY)
     fault_s = time.monotonic()
     page.tab.call("Page.reload")
@@ -209,7 +211,7 @@ def test_a_page_that_is_loaded_again(desk: Desk, table: Table) -> None:
     desk.drives_anew(KEY)
 
 
-def test_a_browser_that_is_stopped_and_goes_on(desk: Desk, table: Table) -> None:
+def test_a_browser_that_is_stopped_and_goes_on(desk: PageOperator, table: Table) -> None:
     page = desk.drive(KEY)
     fault_s = desk.browser.send_signal(signal.SIGSTOP)
     desk.observer.until_time(fault_s + ASLEEP_S)
@@ -221,7 +223,7 @@ def test_a_browser_that_is_stopped_and_goes_on(desk: Desk, table: Table) -> None
     desk.drives_anew(KEY)
 
 
-def test_a_tab_that_is_frozen_and_thawed(desk: Desk, table: Table) -> None:
+def test_a_tab_that_is_frozen_and_thawed(desk: PageOperator, table: Table) -> None:
     """As browsers do to tabs behind others: its script runs no more, and its socket stays open."""
     page = desk.drive(KEY)
     other = desk.browser.open("about:blank")
@@ -240,7 +242,7 @@ def test_a_tab_that_is_frozen_and_thawed(desk: Desk, table: Table) -> None:
     desk.drives_anew(KEY)
 
 
-def test_a_page_that_is_closed(desk: Desk, table: Table) -> None:
+def test_a_page_that_is_closed(desk: PageOperator, table: Table) -> None:
     page = desk.drive(KEY)
     desk.browser.open("about:blank", window=True)  # Or the browser would end with its last page.
     fault_s = time.monotonic()
@@ -249,7 +251,7 @@ def test_a_page_that_is_closed(desk: Desk, table: Table) -> None:
     stands_still(table.add("browser: page closed", desk.watch(fault_s)))
 
 
-def test_a_browser_that_is_killed(desk: Desk, table: Table) -> None:
+def test_a_browser_that_is_killed(desk: PageOperator, table: Table) -> None:
     desk.drive(KEY)
     fault_s = desk.browser.send_signal(signal.SIGKILL)
     stands_still(table.add("browser SIGKILL", desk.watch(fault_s)))

@@ -11,33 +11,33 @@ from collections.abc import Generator
 import msgspec
 import pytest
 
-from tests.system.guarded_robot import (
+from tests.support.secured_robot import (
     DESCRIPTION,
     ID,
     PATIENCE_S,
-    Guarded,
+    SecuredRobot,
     hold,
     listening,
     make_keys,
     put,
     set_free,
 )
-from tsd_twin import topics
-from tsd_twin.access import KeyFolder
 from tsd_twin.bus import Bus, as_client
-from tsd_twin.dashboard.link import RobotLink
+from tsd_twin.dashboard.robot_client import RobotClient
 from tsd_twin.errors import NoAnswerError
-from tsd_twin.messages.command import Sample
-from tsd_twin.messages.service import LeaseRequest
+from tsd_twin.messages import topics
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.services import LeaseRequest
 from tsd_twin.messages.status import decode_status
-from tsd_twin.topics import Service, Topic
+from tsd_twin.messages.topics import Service, Topic
+from tsd_twin.security import KeyFolder
 
 pytestmark = pytest.mark.system
 
 COMMANDS = topics.TWIST.key(ID)
 STATUS = topics.STATUS.key(ID)
 STOP = topics.STOP.key(ID)
-POSES = topics.OUTSIDE_POSE.key(ID)
+POSES = topics.SENSOR_POSE.key(ID)
 ALICES, PAGES, BOBS, GUESTS = (
     topics.twist_key(ID, name) for name in ("alice", "alice-0123abcd", "bob", "guest")
 )
@@ -50,8 +50,8 @@ def keys(tmp_path_factory: pytest.TempPathFactory) -> KeyFolder:
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["as made", "told who listens"])
-def robot(request: pytest.FixtureRequest, keys: KeyFolder) -> Generator[Guarded]:
-    guarded = Guarded(keys, told=request.param)
+def robot(request: pytest.FixtureRequest, keys: KeyFolder) -> Generator[SecuredRobot]:
+    guarded = SecuredRobot(keys, told=request.param)
     yield guarded
     survived = guarded.is_running
     guarded.close()
@@ -59,7 +59,7 @@ def robot(request: pytest.FixtureRequest, keys: KeyFolder) -> Generator[Guarded]
 
 
 @pytest.fixture
-def alice(robot: Guarded) -> Generator[Bus]:
+def alice(robot: SecuredRobot) -> Generator[Bus]:
     """An operator, who sets the robot free when the test ends."""
     with robot.join("alice") as bus:
         yield bus
@@ -67,21 +67,21 @@ def alice(robot: Guarded) -> Generator[Bus]:
 
 
 @pytest.fixture
-def bob(robot: Guarded) -> Generator[Bus]:
+def bob(robot: SecuredRobot) -> Generator[Bus]:
     """Another operator."""
     with robot.join("bob") as bus:
         yield bus
 
 
 @pytest.fixture
-def guest(robot: Guarded) -> Generator[Bus]:
+def guest(robot: SecuredRobot) -> Generator[Bus]:
     """A viewer."""
     with robot.join("guest") as bus:
         yield bus
 
 
 @pytest.fixture
-def camera(robot: Guarded) -> Generator[Bus]:
+def camera(robot: SecuredRobot) -> Generator[Bus]:
     """A sensor."""
     with robot.join("camera") as bus:
         yield bus
@@ -96,9 +96,9 @@ def misshapen(sample: Sample) -> int:
 
 @pytest.mark.parametrize("key", [GUESTS, ALICES, COMMANDS, "twin/*/cmd/**"])
 def test_a_command_of_a_viewer_does_not_reach_the_robot(
-    robot: Guarded, alice: Bus, guest: Bus, key: str
+    robot: SecuredRobot, alice: Bus, guest: Bus, key: str
 ) -> None:
-    hold(link := RobotLink(alice, ID), "alice")
+    hold(link := RobotClient(alice, ID), "alice")
     before = robot.status().command
     with listening(robot.bus, COMMANDS, STOP) as ear:
         robot.force(guest, key, FORGED)
@@ -111,13 +111,13 @@ def test_a_command_of_a_viewer_does_not_reach_the_robot(
 
 
 def test_a_viewer_gets_no_control(alice: Bus, guest: Bus) -> None:
-    link = RobotLink(alice, ID)
+    link = RobotClient(alice, ID)
     driver = hold(link, "alice")
     request = LeaseRequest(op="acquire", operator="guest", take_over=True)
     for service in Service:
         if service.startswith("srv/"):
             with pytest.raises(NoAnswerError):
-                guest.ask(service.key(ID), msgspec.json.encode(request))
+                guest.query(service.key(ID), msgspec.json.encode(request))
     renew = LeaseRequest(op="renew", operator="alice", lease=driver.lease_hex)
     assert link.ask_lease(renew).granted
     link.close()
@@ -125,7 +125,7 @@ def test_a_viewer_gets_no_control(alice: Bus, guest: Bus) -> None:
 
 @pytest.mark.usefixtures("alice")
 def test_only_a_sensor_says_where_the_robot_is(
-    robot: Guarded, bob: Bus, guest: Bus, camera: Bus
+    robot: SecuredRobot, bob: Bus, guest: Bus, camera: Bus
 ) -> None:
     with listening(robot.bus, POSES, BOBS, STOP) as ear:
         robot.force(bob, POSES, FORGED)
@@ -137,13 +137,13 @@ def test_only_a_sensor_says_where_the_robot_is(
             if key not in {sample.key for sample in ear.heard}:
                 ear.until(lambda sample, key=key: sample.key == key)
     assert FORGED not in {sample.payload for sample in ear.heard}
-    heard = robot.status(lambda status: status.outside is not None).outside
+    heard = robot.status(lambda status: status.pose_sensor is not None).pose_sensor
     assert heard is not None
     assert heard.dropped.shape > 0
 
 
 def test_an_operator_who_calibrates_hears_where_a_sensor_sees_the_robot(
-    robot: Guarded, camera: Bus, guest: Bus
+    robot: SecuredRobot, camera: Bus, guest: Bus
 ) -> None:
     """However the sensor has joined; a viewer does not hear it."""
     with (
@@ -160,7 +160,7 @@ def test_an_operator_who_calibrates_hears_where_a_sensor_sees_the_robot(
 
 @pytest.mark.parametrize("key", [ALICES, COMMANDS, f"twin/{ID}/cmd/camera/twist", STATUS])
 def test_a_sensor_says_nothing_else_and_gets_no_control(
-    robot: Guarded, alice: Bus, camera: Bus, key: str
+    robot: SecuredRobot, alice: Bus, camera: Bus, key: str
 ) -> None:
     with listening(robot.bus, COMMANDS, POSES) as ear, listening(alice, STATUS) as seen:
         robot.force(camera, key, FORGED)
@@ -175,7 +175,7 @@ def test_a_sensor_says_nothing_else_and_gets_no_control(
 
 @pytest.mark.parametrize("key", [ALICES, PAGES, COMMANDS])
 def test_an_operator_cannot_send_on_the_key_of_another_nor_on_those_of_all(
-    robot: Guarded, bob: Bus, key: str
+    robot: SecuredRobot, bob: Bus, key: str
 ) -> None:
     with listening(robot.bus, COMMANDS) as ear:
         put(bob, key, FORGED)
@@ -186,7 +186,7 @@ def test_an_operator_cannot_send_on_the_key_of_another_nor_on_those_of_all(
 
 @pytest.mark.parametrize("key", ["twin/*/cmd/bob/twist", f"twin/{ID}/cmd/bob-$*/twist"])
 def test_what_an_operator_sends_on_a_pattern_of_the_own_keys_is_dropped_and_counted(
-    robot: Guarded, bob: Bus, key: str
+    robot: SecuredRobot, bob: Bus, key: str
 ) -> None:
     before = robot.status().command
     put(bob, key, FORGED)
@@ -196,7 +196,7 @@ def test_what_an_operator_sends_on_a_pattern_of_the_own_keys_is_dropped_and_coun
     assert after.accepted == before.accepted
 
 
-def test_a_deletion_does_not_reach_the_robot(robot: Guarded, bob: Bus) -> None:
+def test_a_deletion_does_not_reach_the_robot(robot: SecuredRobot, bob: Bus) -> None:
     with listening(robot.bus, COMMANDS) as ear:
         put(bob, BOBS, RUBBISH)
         bob._session.delete(BOBS)
@@ -205,7 +205,7 @@ def test_a_deletion_does_not_reach_the_robot(robot: Guarded, bob: Bus) -> None:
     assert all(sample.is_put for sample in ear.heard)
 
 
-def test_a_command_that_is_too_long_does_not_reach_the_robot(robot: Guarded, bob: Bus) -> None:
+def test_a_command_that_is_too_long_does_not_reach_the_robot(robot: SecuredRobot, bob: Bus) -> None:
     with listening(robot.bus, COMMANDS) as ear:
         for length in (4097, 1_000_000, 4096):
             put(bob, BOBS, bytes(length))
@@ -215,7 +215,7 @@ def test_a_command_that_is_too_long_does_not_reach_the_robot(robot: Guarded, bob
 
 @pytest.mark.parametrize("topic", [topics.ODOM, topics.STATUS, topics.EVENT])
 def test_nobody_hears_a_state_that_an_operator_forges(
-    robot: Guarded, bob: Bus, guest: Bus, topic: Topic
+    robot: SecuredRobot, bob: Bus, guest: Bus, topic: Topic
 ) -> None:
     key = topic.key(ID).replace("*", "mode")
     before = robot.status().command.dropped.shape
@@ -230,7 +230,7 @@ def test_nobody_hears_a_state_that_an_operator_forges(
 
 @pytest.mark.parametrize("topic", [topics.ODOM, topics.STATUS, topics.EVENT])
 def test_nobody_hears_a_state_that_a_viewer_forges(
-    robot: Guarded, alice: Bus, guest: Bus, topic: Topic
+    robot: SecuredRobot, alice: Bus, guest: Bus, topic: Topic
 ) -> None:
     key = topic.key(ID).replace("*", "mode")
     with listening(alice, key, STATUS) as seen:
@@ -241,7 +241,7 @@ def test_nobody_hears_a_state_that_a_viewer_forges(
     assert FORGED not in {sample.payload for sample in seen.heard}
 
 
-def test_nobody_can_pose_as_a_robot(robot: Guarded, bob: Bus, guest: Bus) -> None:
+def test_nobody_can_pose_as_a_robot(robot: SecuredRobot, bob: Bus, guest: Bus) -> None:
     asked: list[object] = []
     before = robot.status().command.dropped.shape
     with (
@@ -251,16 +251,16 @@ def test_nobody_can_pose_as_a_robot(robot: Guarded, bob: Bus, guest: Bus) -> Non
     ):
         put(bob, BOBS, RUBBISH)
         robot.status(lambda status: status.command.dropped.shape > before)
-        assert set(guest.living(topics.alive_key("*"))) == {topics.alive_key(ID)}
-        assert DESCRIPTION.urdf.encode() in guest.ask(Service.DESC.key(ID), b"")
+        assert set(guest.living_tokens(topics.alive_key("*"))) == {topics.alive_key(ID)}
+        assert DESCRIPTION.urdf.encode() in guest.query(Service.DESC.key(ID), b"")
         with pytest.raises(NoAnswerError):
-            guest.ask(Service.DESC.key("false"), b"")
+            guest.query(Service.DESC.key("false"), b"")
     assert asked == []
 
 
 @pytest.mark.parametrize("key", [COMMANDS, f"twin/{ID}/**", "**"])
 def test_nobody_overhears_the_commands_of_another(
-    robot: Guarded, bob: Bus, guest: Bus, key: str
+    robot: SecuredRobot, bob: Bus, guest: Bus, key: str
 ) -> None:
     with listening(guest, key) as ear, listening(guest, STATUS) as seen:
         seen.until(lambda _: True)
@@ -270,7 +270,7 @@ def test_nobody_overhears_the_commands_of_another(
         assert RUBBISH not in {sample.payload for sample in ear.heard}
 
 
-def test_nobody_reads_the_books_of_the_robots_own_session(robot: Guarded, alice: Bus) -> None:
+def test_nobody_reads_the_books_of_the_robots_own_session(robot: SecuredRobot, alice: Bus) -> None:
     books = f"@/{robot.bus._session.zid()}/router"
     assert list(robot.bus._session.get(books, timeout=2.0)) != []
     assert list(alice._session.get(books, timeout=2.0)) == []

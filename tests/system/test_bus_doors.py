@@ -12,22 +12,23 @@ from pathlib import Path
 
 import pytest
 
-from tests.system.guarded_robot import (
+from tests.support.secured_robot import (
     DESCRIPTION,
     ID,
     PATIENCE_S,
     PEOPLE,
-    Guarded,
+    SecuredRobot,
     make_keys,
     section,
     with_sections,
 )
-from tests.system.relay import Relay
-from tsd_twin import access, topics
-from tsd_twin.access import KeyFolder, Role, pem
+from tests.support.tcp_relay import Relay
+from tsd_twin import security
 from tsd_twin.bus import Bus, Config, client_config, node_config
 from tsd_twin.errors import NoAnswerError
-from tsd_twin.topics import Service
+from tsd_twin.messages import topics
+from tsd_twin.messages.topics import Service
+from tsd_twin.security import KeyFolder, Role, certificates
 
 pytestmark = pytest.mark.system
 
@@ -35,8 +36,8 @@ TLS = "transport/link/tls"
 
 
 @pytest.fixture(scope="module")
-def robot(tmp_path_factory: pytest.TempPathFactory) -> Generator[Guarded]:
-    guarded = Guarded(make_keys(tmp_path_factory.mktemp("doors") / "keys"))
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Generator[SecuredRobot]:
+    guarded = SecuredRobot(make_keys(tmp_path_factory.mktemp("doors") / "keys"))
     yield guarded
     guarded.close()
 
@@ -48,7 +49,7 @@ def foreign(tmp_path_factory: pytest.TempPathFactory) -> KeyFolder:
 
 
 @pytest.fixture(autouse=True)
-def survives(robot: Guarded) -> Generator[None]:
+def survives(robot: SecuredRobot) -> Generator[None]:
     """After each attempt an operator is let in and answered."""
     yield
     with robot.join("alice") as alice:
@@ -80,7 +81,7 @@ def is_let_in(endpoint: str, config: Config) -> bool:
         return any(news.get(timeout=PATIENCE_S) == "linked" for _ in range(2))
 
 
-def is_refused(robot: Guarded, client: Config, careless: Config) -> bool:
+def is_refused(robot: SecuredRobot, client: Config, careless: Config) -> bool:
     """Return whether the robot refuses a session that a less careful one lets in."""
     with Bus(careless) as other:
         assert is_let_in(other.endpoints()[0], client)
@@ -89,7 +90,7 @@ def is_refused(robot: Guarded, client: Config, careless: Config) -> bool:
 
 
 def test_somebody_with_a_certificate_of_another_authority_is_refused(
-    robot: Guarded, foreign: KeyFolder
+    robot: SecuredRobot, foreign: KeyFolder
 ) -> None:
     own = {"connect_private_key": "alice.key", "connect_certificate": "alice.pem"}
     client = with_files(robot.config("alice"), foreign.path, **own)
@@ -97,7 +98,7 @@ def test_somebody_with_a_certificate_of_another_authority_is_refused(
     assert is_refused(robot, client, trusting)
 
 
-def test_somebody_without_a_certificate_is_refused(robot: Guarded) -> None:
+def test_somebody_without_a_certificate_is_refused(robot: SecuredRobot) -> None:
     config, home = robot.config("alice"), robot.own_config()
     own = dict.fromkeys(("connect_private_key", "connect_certificate")) | {"enable_mtls": False}
     nobody = with_sections(config, **{TLS: section(config, TLS) | own})
@@ -106,36 +107,38 @@ def test_somebody_without_a_certificate_is_refused(robot: Guarded) -> None:
     assert is_refused(robot, dataclasses.replace(nobody, files=files), unasking)
 
 
-def test_somebody_who_does_not_speak_tls_is_refused(robot: Guarded) -> None:
+def test_somebody_who_does_not_speak_tls_is_refused(robot: SecuredRobot) -> None:
     plain = client_config(["tcp/127.0.0.1:1"])
     assert is_refused(robot, plain, node_config(["tcp/127.0.0.1:0"]))
 
 
-def test_somebody_whose_certificate_has_run_out_is_refused(robot: Guarded, tmp_path: Path) -> None:
+def test_somebody_whose_certificate_has_run_out_is_refused(
+    robot: SecuredRobot, tmp_path: Path
+) -> None:
     assert is_let_in(robot.endpoint, robot.config("bob"))
     ended = certificate_until(robot, tmp_path, datetime.now(UTC) - timedelta(hours=1))
     assert not is_let_in(robot.endpoint, ended)
 
 
-def test_a_certificate_that_runs_out_ends_the_session(robot: Guarded, tmp_path: Path) -> None:
+def test_a_certificate_that_runs_out_ends_the_session(robot: SecuredRobot, tmp_path: Path) -> None:
     lives = queue.SimpleQueue[bool]()
     soon = datetime.now(UTC) + timedelta(seconds=3)
     with Bus(certificate_until(robot, tmp_path, soon)) as bus:
-        bus.watch_alive(topics.alive_key("*"), lambda _key, alive: lives.put(alive))
+        bus.subscribe_liveliness(topics.alive_key("*"), lambda _key, alive: lives.put(alive))
         assert lives.get(timeout=PATIENCE_S)
         assert not lives.get(timeout=PATIENCE_S)
 
 
-def certificate_until(robot: Guarded, folder: Path, end: datetime) -> Config:
+def certificate_until(robot: SecuredRobot, folder: Path, end: datetime) -> Config:
     """Return the configuration of bob with a certificate that ends at some time."""
     start, key = end - timedelta(days=1), robot.folder.key("bob")
-    bob = access.client("bob", Role.OPERATOR)
+    bob = security.client("bob", Role.OPERATOR)
     certificate = robot.folder.authority(start).issue_client(key, bob, start, days=1)
-    pem.write_certificate(folder / "bob.pem", certificate)
+    certificates.write_certificate(folder / "bob.pem", certificate)
     return with_files(robot.config("bob"), folder, connect_certificate="bob.pem")
 
 
-def test_an_operator_cannot_pose_as_the_robot(robot: Guarded, foreign: KeyFolder) -> None:
+def test_an_operator_cannot_pose_as_the_robot(robot: SecuredRobot, foreign: KeyFolder) -> None:
     """Neither with the own certificate nor with one of a foreign authority."""
     for folder, name in ((robot.folder, "alice"), (foreign, "robot")):
         own = {"listen_private_key": f"{name}.key", "listen_certificate": f"{name}.pem"}
@@ -143,7 +146,7 @@ def test_an_operator_cannot_pose_as_the_robot(robot: Guarded, foreign: KeyFolder
             assert not is_let_in(false_robot.endpoints()[0], robot.config("bob"))
 
 
-def test_nobody_takes_over_the_session_of_another(robot: Guarded) -> None:
+def test_nobody_takes_over_the_session_of_another(robot: SecuredRobot) -> None:
     """The id of a session proves nothing: a second one with the same is refused."""
     with robot.join("alice") as alice:
         stolen = str(alice._session.zid())
@@ -154,12 +157,12 @@ def test_nobody_takes_over_the_session_of_another(robot: Guarded) -> None:
 
 
 def test_who_got_a_certificate_after_the_robot_was_started_is_let_in_and_may_nothing(
-    robot: Guarded, tmp_path: Path
+    robot: SecuredRobot, tmp_path: Path
 ) -> None:
     """Nor may who is taken out of the rules: the rules list who may."""
     later = tmp_path / "later"
     shutil.copytree(robot.folder.path, later)
-    make_keys(later, people=(*PEOPLE, access.client("carol", Role.OPERATOR)))
+    make_keys(later, identities=(*PEOPLE, security.client("carol", Role.OPERATOR)))
     own = {"connect_private_key": "carol.key", "connect_certificate": "carol.pem"}
     with Bus(with_files(robot.config("alice"), later, **own)) as carol:
         assert carol.wait_for_peer(PATIENCE_S)
@@ -174,7 +177,7 @@ def test_who_got_a_certificate_after_the_robot_was_started_is_let_in_and_may_not
     "rubbish", [b"GET / HTTP/1.1\r\n\r\n", bytes(4096), b"\x16\x03\x01\xff\xff"]
 )
 def test_who_talks_rubbish_is_hung_up_on_and_who_is_silent_holds_up_nobody(
-    robot: Guarded, rubbish: bytes
+    robot: SecuredRobot, rubbish: bytes
 ) -> None:
     address = ("127.0.0.1", int(robot.endpoint.rpartition(":")[2]))
     with (

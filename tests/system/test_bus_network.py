@@ -10,25 +10,25 @@ import msgspec
 import numpy as np
 import pytest
 
-from tests.system.guarded_robot import (
+from tests.support.secured_robot import (
     DESCRIPTION,
     ID,
     PATIENCE_S,
-    Ear,
-    Guarded,
+    Listener,
+    SecuredRobot,
     hold,
     listening,
     make_keys,
     put,
     set_free,
 )
-from tsd_twin import topics
 from tsd_twin.bus import Bus
-from tsd_twin.dashboard.link import RobotLink
-from tsd_twin.messages.command import Sample
+from tsd_twin.dashboard.robot_client import RobotClient
+from tsd_twin.messages import topics
+from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.ros import decode_odometry
-from tsd_twin.messages.service import HolderRequest, StopRequest
-from tsd_twin.topics import Service
+from tsd_twin.messages.services import HolderRequest, StopRequest
+from tsd_twin.messages.topics import Service
 
 pytestmark = pytest.mark.system
 
@@ -37,14 +37,14 @@ STOP = topics.STOP.key(ID)
 
 
 @pytest.fixture(scope="module")
-def robot(tmp_path_factory: pytest.TempPathFactory) -> Generator[Guarded]:
-    guarded = Guarded(make_keys(tmp_path_factory.mktemp("network") / "keys"))
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Generator[SecuredRobot]:
+    guarded = SecuredRobot(make_keys(tmp_path_factory.mktemp("network") / "keys"))
     yield guarded
     guarded.close()
 
 
 @pytest.fixture
-def alice(robot: Guarded) -> Generator[Bus]:
+def alice(robot: SecuredRobot) -> Generator[Bus]:
     """An operator, who sets the robot free when the test ends."""
     with robot.join("alice") as bus:
         yield bus
@@ -52,14 +52,14 @@ def alice(robot: Guarded) -> Generator[Bus]:
 
 
 @pytest.fixture
-def guest(robot: Guarded) -> Generator[Bus]:
+def guest(robot: SecuredRobot) -> Generator[Bus]:
     """A viewer."""
     with robot.join("guest") as bus:
         yield bus
 
 
-def test_a_page_of_an_operator_drives(robot: Guarded, alice: Bus) -> None:
-    link = RobotLink(alice, ID)
+def test_a_page_of_an_operator_drives(robot: SecuredRobot, alice: Bus) -> None:
+    link = RobotClient(alice, ID)
     driver = hold(link, "alice-0123abcd")
     assert link.ask(Service.ARM, HolderRequest(driver.lease_hex), PATIENCE_S).ok
     robot.status(lambda status: status.mode == "ready")
@@ -80,8 +80,8 @@ def test_a_page_of_an_operator_drives(robot: Guarded, alice: Bus) -> None:
 
 
 def test_a_viewer_sees_the_robot_with_its_description_and_its_state(guest: Bus) -> None:
-    assert set(guest.living(topics.alive_key("*"))) == {topics.alive_key(ID)}
-    link = RobotLink(guest, ID)
+    assert set(guest.living_tokens(topics.alive_key("*"))) == {topics.alive_key(ID)}
+    link = RobotClient(guest, ID)
     assert link.urdf == DESCRIPTION.urdf
     link.close()
     for topic in (topics.JOINTS, topics.SETPOINT, topics.ODOM, topics.TRUTH, topics.STATUS):
@@ -90,16 +90,16 @@ def test_a_viewer_sees_the_robot_with_its_description_and_its_state(guest: Bus) 
                 ear.until(lambda sample, topic=topic: sample.key == topic.key(ID))
 
 
-def test_a_tool_that_asks_who_lives_once_is_told(robot: Guarded) -> None:
+def test_a_tool_that_asks_who_lives_once_is_told(robot: SecuredRobot) -> None:
     with Bus(robot.config("guest", mode="client")) as tool:
         answers = list(tool._session.liveliness().get(topics.alive_key("*")))
     assert {str(answer.ok.key_expr) for answer in answers} == {topics.alive_key(ID)}
 
 
 def test_a_viewer_who_comes_late_gets_the_events_that_were_before(
-    robot: Guarded, alice: Bus
+    robot: SecuredRobot, alice: Bus
 ) -> None:
-    link = RobotLink(alice, ID)
+    link = RobotClient(alice, ID)
     with listening(robot.bus, topics.EVENT.key(ID)) as said:
         hold(link, "alice")
         assert not link.ask(Service.RESET, HolderRequest("0" * 32), PATIENCE_S).ok
@@ -107,7 +107,7 @@ def test_a_viewer_who_comes_late_gets_the_events_that_were_before(
     wanted = {sample.payload for sample in said.heard}
     assert len(wanted) == 2
     with robot.join("guest") as late:
-        ear = Ear()
+        ear = Listener()
         late.watch_events(topics.EVENT.key("*"), ear)
         ear.until(lambda _: wanted <= {sample.payload for sample in ear.heard})
         hold(link, "alice-again")
@@ -119,36 +119,36 @@ def test_a_viewer_who_comes_late_gets_the_events_that_were_before(
 
 @pytest.mark.parametrize("name", ["alice", "guest"])
 def test_anybody_may_stop_by_putting_and_by_asking(
-    robot: Guarded, alice: Bus, guest: Bus, name: str
+    robot: SecuredRobot, alice: Bus, guest: Bus, name: str
 ) -> None:
     bus = {"alice": alice, "guest": guest}[name]
     put(bus, STOP, msgspec.json.encode(StopRequest(name, "put")))
     assert robot.status(lambda status: status.mode == "stopped").stop_reason == "put"
-    link = RobotLink(alice, ID)
+    link = RobotClient(alice, ID)
     assert link.ask(Service.RESET, HolderRequest(hold(link, "alice").lease_hex), PATIENCE_S).ok
     link.close()
     reply = msgspec.json.decode(
-        bus.ask(STOP, msgspec.json.encode(StopRequest(name, "asked")), PATIENCE_S)
+        bus.query(STOP, msgspec.json.encode(StopRequest(name, "asked")), PATIENCE_S)
     )
     assert reply["ok"]
     assert robot.status(lambda status: status.mode == "stopped").stop_reason == "asked"
 
 
 def test_after_a_restart_viewers_see_the_robot_again_and_what_it_said_meanwhile(
-    robot: Guarded,
+    robot: SecuredRobot,
 ) -> None:
-    ear, lives = Ear(), queue.SimpleQueue[bool]()
+    ear, lives = Listener(), queue.SimpleQueue[bool]()
     with contextlib.ExitStack() as stack:
-        first = stack.enter_context(contextlib.closing(Guarded(robot.folder)))
+        first = stack.enter_context(contextlib.closing(SecuredRobot(robot.folder)))
         guest = stack.enter_context(Bus(first.config("guest")))
-        guest.watch_events(topics.EVENT.key("*"), ear)
-        guest.watch_alive(topics.alive_key("*"), lambda _key, alive: lives.put(alive))
+        guest.subscribe_events(topics.EVENT.key("*"), ear)
+        guest.subscribe_liveliness(topics.alive_key("*"), lambda _key, alive: lives.put(alive))
         assert lives.get(timeout=PATIENCE_S)
         first.close()
         assert not lives.get(timeout=PATIENCE_S)
-        again = Guarded(robot.folder, listen=first.endpoint)
+        again = SecuredRobot(robot.folder, listen=first.endpoint)
         stack.enter_context(contextlib.closing(again))
         # The refusal becomes an event before the viewer has found back.
-        again.bus.ask(Service.RESET.key(ID), b"{}")
+        again.bus.query(Service.RESET.key(ID), b"{}")
         assert lives.get(timeout=PATIENCE_S)
         ear.until(lambda sample: sample.key == topics.event_key(ID, "refusal"))

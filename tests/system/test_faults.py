@@ -8,10 +8,17 @@ from collections.abc import Generator
 
 import pytest
 
-from tests.system.faults import SPEED_MPS, PretendPage, Run, Stage, send_signal, stage
-from tests.system.table import LIMIT_M, Table, stands_still
-from tsd_twin.linksim import LinkSpec
-from tsd_twin.sim.board import TIMEOUT_S
+from tests.support.fault_stage import (
+    SPEED_MPS,
+    FaultStage,
+    PretendPage,
+    Run,
+    fault_stage,
+    send_signal,
+)
+from tests.support.result_table import LIMIT_M, Table, stands_still
+from tsd_twin.link_emulation import LinkSpec
+from tsd_twin.simulation.robot import TIMEOUT_S
 
 pytestmark = pytest.mark.system
 
@@ -25,13 +32,13 @@ SLOW_MPS = 0.3
 
 
 @pytest.fixture(scope="module")
-def lasting(tmp_path_factory: pytest.TempPathFactory) -> Generator[Stage]:
-    with stage(tmp_path_factory.mktemp("robot")) as it:
+def lasting(tmp_path_factory: pytest.TempPathFactory) -> Generator[FaultStage]:
+    with fault_stage(tmp_path_factory.mktemp("robot")) as it:
         yield it
 
 
 @pytest.fixture
-def scene(lasting: Stage) -> Generator[Stage]:
+def scene(lasting: FaultStage) -> Generator[FaultStage]:
     """The robot and its link; the pages of a test end with it."""
     yield lasting
     lasting.close_pages()
@@ -39,14 +46,14 @@ def scene(lasting: Stage) -> Generator[Stage]:
     lasting.observer.until_rest()
 
 
-def watch(scene: Stage, fault_s: float, over_s: float, under_way_s: float = 0.0) -> Run:
+def watch(scene: FaultStage, fault_s: float, over_s: float, under_way_s: float = 0.0) -> Run:
     """Look on until some time after all is over, and return what the robot did since the fault."""
     scene.observer.until_rest()
     scene.observer.until_time(over_s + WATCHED_S)
     return scene.observer.run_since(fault_s, under_way_s)
 
 
-def drives_again_once_let_go(scene: Stage, page: PretendPage) -> None:
+def drives_again_once_let_go(scene: FaultStage, page: PretendPage) -> None:
     """A hand that lets go and pushes again moves the robot, so it was not deaf before."""
     page.do("release")
     page.get_ready()
@@ -56,14 +63,14 @@ def drives_again_once_let_go(scene: Stage, page: PretendPage) -> None:
     scene.observer.until_rest()
 
 
-def test_a_dashboard_that_is_killed(scene: Stage, table: Table) -> None:
+def test_a_dashboard_that_is_killed(scene: FaultStage, table: Table) -> None:
     page = scene.driving_page()
     fault_s = send_signal(scene.dashboard.process.pid, signal.SIGKILL)
     page.until("lost")
     stands_still(table.add("dashboard SIGKILL", watch(scene, fault_s, time.monotonic())))
 
 
-def test_a_dashboard_that_hangs_and_goes_on(scene: Stage, table: Table) -> None:
+def test_a_dashboard_that_hangs_and_goes_on(scene: FaultStage, table: Table) -> None:
     """The page never stops pushing: 5 s of its commands wait in the socket of the dashboard."""
     page = scene.driving_page()
     before = scene.observer.dropped
@@ -75,13 +82,13 @@ def test_a_dashboard_that_hangs_and_goes_on(scene: Stage, table: Table) -> None:
     drives_again_once_let_go(scene, page)
 
 
-def test_a_page_that_is_killed(scene: Stage, table: Table) -> None:
+def test_a_page_that_is_killed(scene: FaultStage, table: Table) -> None:
     fault_s = scene.driving_page().send_signal(signal.SIGKILL)
     stands_still(table.add("page SIGKILL", watch(scene, fault_s, fault_s)))
 
 
 @pytest.mark.parametrize("length_s", [0.5, 3.0])
-def test_a_page_that_hangs_and_goes_on(scene: Stage, table: Table, length_s: float) -> None:
+def test_a_page_that_hangs_and_goes_on(scene: FaultStage, table: Table, length_s: float) -> None:
     page = scene.driving_page()
     fault_s = page.send_signal(signal.SIGSTOP)
     scene.observer.until_time(fault_s + length_s)
@@ -91,12 +98,12 @@ def test_a_page_that_hangs_and_goes_on(scene: Stage, table: Table, length_s: flo
     drives_again_once_let_go(scene, page)
 
 
-def test_a_page_that_closes_its_socket(scene: Stage, table: Table) -> None:
+def test_a_page_that_closes_its_socket(scene: FaultStage, table: Table) -> None:
     fault_s = scene.driving_page().do("close")
     stands_still(table.add("page closes its socket", watch(scene, fault_s, fault_s)))
 
 
-def test_a_page_that_falls_silent_without_letting_go(scene: Stage, table: Table) -> None:
+def test_a_page_that_falls_silent_without_letting_go(scene: FaultStage, table: Table) -> None:
     page = scene.driving_page()
     fault_s = page.do("freeze")
     stands_still(table.add("page sends no more, no release", watch(scene, fault_s, fault_s)))
@@ -104,7 +111,7 @@ def test_a_page_that_falls_silent_without_letting_go(scene: Stage, table: Table)
 
 
 @pytest.mark.parametrize("length_s", [0.5, 2.0, 5.0])
-def test_a_link_that_stalls_and_recovers(scene: Stage, table: Table, length_s: float) -> None:
+def test_a_link_that_stalls_and_recovers(scene: FaultStage, table: Table, length_s: float) -> None:
     """The page never stops pushing, and the link hands over late what it held back."""
     page = scene.driving_page()
     before = scene.observer.dropped
@@ -117,7 +124,7 @@ def test_a_link_that_stalls_and_recovers(scene: Stage, table: Table, length_s: f
 
 
 @pytest.mark.parametrize("insists_s", [0.1, 5.0])
-def test_a_link_that_loses_and_delays(scene: Stage, table: Table, insists_s: float) -> None:
+def test_a_link_that_loses_and_delays(scene: FaultStage, table: Table, insists_s: float) -> None:
     """A person who accepts to be slower drives on as far as the link lets her, then lets go."""
     page, observer = scene.page(), scene.observer
     page.get_ready(MAX_AGE_S)
@@ -139,7 +146,7 @@ def test_a_robot_node_that_hangs_or_is_killed(
     tmp_path_factory: pytest.TempPathFactory, table: Table
 ) -> None:
     """What follows SIGCONT is what the board below the node has done meanwhile, in virtual time."""
-    with stage(tmp_path_factory.mktemp("node")) as scene:
+    with fault_stage(tmp_path_factory.mktemp("node")) as scene:
         page = scene.driving_page()
         observer, pid = scene.observer, scene.mock.process.pid
         fault_s = send_signal(pid, signal.SIGSTOP)
@@ -166,7 +173,7 @@ def test_a_robot_node_that_hangs_or_is_killed(
         table.add("robot node SIGKILL", Run(way_m, 0.0, 0.0), note)
 
 
-def drops(scene: Stage, before: dict[str, int]) -> str:
+def drops(scene: FaultStage, before: dict[str, int]) -> str:
     """Return which commands have not counted since."""
     now = scene.observer.dropped
     new = {name: now[name] - before[name] for name in now if now[name] > before[name]}

@@ -13,11 +13,10 @@ from typing import Any
 import pytest
 
 from tests.app.conftest import Program
-from tests.dashboard.operators import Page
-from tests.system.faults import Stage, send_signal, stage
-from tests.system.table import stands_still
-from tsd_twin.authority.hand_over import RESERVE_S
-from tsd_twin.authority.lease import TTL_S
+from tests.support.fault_stage import FaultStage, fault_stage, send_signal
+from tests.support.page_client import Page
+from tests.support.result_table import stands_still
+from tsd_twin.safety.lease import RESERVE_S, TTL_S
 
 pytestmark = pytest.mark.system
 
@@ -53,7 +52,7 @@ class Desk:
 class Two:
     """Alice, who drives, and Bob, who has asked her for control; and the robot."""
 
-    def __init__(self, robot: Stage, here: Desk, there: Desk) -> None:
+    def __init__(self, robot: FaultStage, here: Desk, there: Desk) -> None:
         self.robot, self.here, self.there = robot, here, there
         self.alice, self.bob = here.page, there.page
         self.alice.make_ready()
@@ -118,13 +117,13 @@ def drives(two: Two, page: Page) -> None:
 
 
 @pytest.fixture(scope="module")
-def robot(tmp_path_factory: pytest.TempPathFactory) -> Generator[Stage]:
-    with stage(tmp_path_factory.mktemp("hand-over")) as it:
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Generator[FaultStage]:
+    with fault_stage(tmp_path_factory.mktemp("hand-over")) as it:
         yield it
 
 
 @pytest.fixture
-def two(robot: Stage) -> Generator[Two]:
+def two(robot: FaultStage) -> Generator[Two]:
     with contextlib.ExitStack() as stack:
         desks = [Desk(robot.endpoint, name) for name in (ALICE, BOB)]
         for desk in desks:

@@ -20,13 +20,13 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
-from tests.dashboard.viewers import CAMERA
-from tests.running import PATIENCE_S
-from tests.system.faults import ID, Stage, stage
+from tests.support.fault_stage import ID, FaultStage, fault_stage
+from tests.support.robot_node import PATIENCE_S
+from tests.support.viser_client import CAMERA
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.errors import NoAnswerError
-from tsd_twin.messages.service import LeaseReply, decode_json
-from tsd_twin.topics import Service
+from tsd_twin.messages.services import LeaseReply, decode_json
+from tsd_twin.messages.topics import Service
 
 pytestmark = pytest.mark.system
 
@@ -42,15 +42,15 @@ ANSWER_S = 2.0
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> Generator[Stage]:
-    with stage(tmp_path_factory.mktemp("robot")) as it:
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Generator[FaultStage]:
+    with fault_stage(tmp_path_factory.mktemp("robot")) as it:
         yield it
 
 
 class Ledger:
     """Memory of robot node and dashboard, and that they live."""
 
-    def __init__(self, scene: Stage) -> None:
+    def __init__(self, scene: FaultStage) -> None:
         programs = {"robot": scene.mock, "dashboard": scene.dashboard}
         self._processes = {name: psutil.Process(p.process.pid) for name, p in programs.items()}
         self.start_mb = self.rss_mb()
@@ -66,7 +66,7 @@ class Ledger:
         return growth
 
 
-def flood(scene: Stage, seed: int, count: int, *what: str) -> list[float]:
+def flood(scene: FaultStage, seed: int, count: int, *what: str) -> list[float]:
     """Send malformed samples, and return how long the node took to answer meanwhile."""
     arguments = [scene.endpoint, ID, str(seed), str(count), *what]
     hostile = subprocess.Popen([sys.executable, "-m", "tests.system.hostile", *arguments])
@@ -89,7 +89,7 @@ def ask_again_and_again(bus: Bus) -> bytes:
     end_s = time.monotonic() + PATIENCE_S
     while True:
         try:
-            return bus.ask(Service.LEASE.key(ID), b'{"op": "peek", "operator": "bob"}', 0.5)
+            return bus.query(Service.LEASE.key(ID), b'{"op": "peek", "operator": "bob"}', 0.5)
         except NoAnswerError:
             assert time.monotonic() < end_s, "the node answers nobody any more"
 
@@ -105,7 +105,7 @@ def is_well(url: str) -> bool:
 
 
 def test_a_hundred_thousand_malformed_samples(
-    scene: Stage, capsys: pytest.CaptureFixture[str]
+    scene: FaultStage, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The wheels spin, so one command that counts by mistake would move the robot."""
     page, observer = scene.page(), scene.observer
@@ -231,7 +231,7 @@ def dial(url: str, where: str) -> ClientConnection:
 
 
 def test_ten_thousand_messages_that_are_none(
-    scene: Stage, capsys: pytest.CaptureFixture[str]
+    scene: FaultStage, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """On both sockets of a page, while somebody else has control of a robot that is ready."""
     page, observer = scene.page(), scene.observer

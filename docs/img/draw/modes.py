@@ -6,7 +6,7 @@ import itertools
 
 from svg import AMBER, BLUE, GREEN, GREY, INK, RED, Point, Sheet
 
-from tsd_twin.authority import ARMED, LATCHED, TRANSITIONS, Mode
+from tsd_twin.safety import ARMED, LATCHED, TRANSITIONS, Mode
 
 SIZE = (104.0, 44.0)
 CENTRES: dict[Mode, Point] = {

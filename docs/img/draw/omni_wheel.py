@@ -7,8 +7,8 @@ import math
 import numpy as np
 from svg import BLUE, GREEN, GREY, INK, ORANGE, PALE, RED, Point, Sheet, polar
 
-from tsd_twin.drives import OmniDrive
-from tsd_twin.robots import load
+from tsd_twin.kinematics import OmniKinematics
+from tsd_twin.robots import load_robot
 
 SCALE = 620.0  # Pixels a metre.
 ROBOTS = (
@@ -26,7 +26,7 @@ def draw() -> str:
     sheet.text((820, 34), "driven wheels and the rollers on the floor", size=13, colour=ORANGE)
     for row, (name, words) in enumerate(ROBOTS):
         centre = (820.0, 118.0 + 158.0 * row)
-        _robot(sheet, load(name).kinematics(), centre, words.replace("psi", "ψ"))
+        _robot(sheet, load_robot(name).kinematics(), centre, words.replace("psi", "ψ"))
     return sheet.svg()
 
 
@@ -70,7 +70,7 @@ def _one(sheet: Sheet, origin: Point, wheel: Point) -> None:
     sheet.text((psi[0] + 2, psi[1] + 5), "ψ", size=18, style="i")
 
 
-def _robot(sheet: Sheet, drive: OmniDrive, centre: Point, words: str) -> None:
+def _robot(sheet: Sheet, drive: OmniKinematics, centre: Point, words: str) -> None:
     reach = float(np.hypot(*drive.positions_m.T).max())
     scale = 46.0 / reach
     sheet.circle(centre, 46.0, colour=PALE, width=2)

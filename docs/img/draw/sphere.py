@@ -7,15 +7,15 @@ import math
 import numpy as np
 from svg import BLUE, GREEN, GREY, INK, ORANGE, PALE, RED, Point, Sheet, polar
 
-from tsd_twin.drives import SphereDrive
-from tsd_twin.robots import load
+from tsd_twin.kinematics import SphereKinematics
+from tsd_twin.robots import load_robot
 
 RADIUS = 150.0
 
 
 def draw() -> str:
     """Return the drawing of the shipped platform; its rows are drawn four times as far apart."""
-    robot = load("atlas")
+    robot = load_robot("atlas")
     drive = robot.kinematics()
     sheet = Sheet(980, 480, "The spherical platform")
     theta = robot.drive.wheels[0].below_equator_deg
@@ -24,7 +24,7 @@ def draw() -> str:
     return sheet.svg()
 
 
-def _side(sheet: Sheet, drive: SphereDrive, theta: float, centre: Point) -> None:
+def _side(sheet: Sheet, drive: SphereKinematics, theta: float, centre: Point) -> None:
     sheet.text((24, 34), "From the side, with wheel 1", size=17, anchor="start", style="b")
     sheet.circle(centre, RADIUS, colour=INK, fill="#f7fafc", width=2)
     sheet.line(
@@ -64,7 +64,7 @@ def _side(sheet: Sheet, drive: SphereDrive, theta: float, centre: Point) -> None
     sheet.text((24, 440), words, size=13, anchor="start")
 
 
-def _above(sheet: Sheet, drive: SphereDrive, centre: Point) -> None:
+def _above(sheet: Sheet, drive: SphereKinematics, centre: Point) -> None:
     sheet.text((640, 34), "From above", size=17, anchor="start", style="b")
     sheet.circle(centre, 0.8 * RADIUS, colour=INK, fill="#f7fafc", width=2)
     for name, angle, colour in (("X", 90.0, RED), ("Y", 180.0, GREEN)):

@@ -7,9 +7,9 @@ import math
 import numpy as np
 from svg import BLUE, GREEN, GREY, INK, ORANGE, PALE, RED, Point, Sheet, polar
 
-from tsd_twin.drives import SingularityDrive
+from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import Array
-from tsd_twin.robots import load
+from tsd_twin.robots import load_robot
 
 SCALE = 1250.0  # Pixels a metre.
 CASES = (
@@ -21,7 +21,7 @@ CASES = (
 
 def draw() -> str:
     """Return the drawing, of the shipped robot as it is described."""
-    drive = load("tsd").kinematics()
+    drive = load_robot("tsd").kinematics()
     sheet = Sheet(980, 640, "Top view of the triple singularity drive")
     _frames(sheet, drive, (330.0, 350.0))
     sheet.text((820, 34), "horizontal part of the axle, for", size=13, colour=ORANGE)
@@ -35,7 +35,7 @@ def _page(centre: Point, metres: Array, scale: float = SCALE) -> Point:
     return centre[0] - scale * float(metres[1]), centre[1] - scale * float(metres[0])
 
 
-def _frames(sheet: Sheet, drive: SingularityDrive, centre: Point) -> None:
+def _frames(sheet: Sheet, drive: SingularityKinematics, centre: Point) -> None:
     sheet.text((24, 34), "Seen from above", size=17, anchor="start", style="b")
     note = "Z towards the reader, wheels spin counter-clockwise"
     sheet.text((24, 56), note, size=12, colour=GREY, anchor="start")
@@ -59,7 +59,9 @@ def _frames(sheet: Sheet, drive: SingularityDrive, centre: Point) -> None:
     sheet.text(middle, "R", size=18, style="i")
 
 
-def _module(sheet: Sheet, drive: SingularityDrive, at: Point, azimuth: float, index: int) -> None:
+def _module(
+    sheet: Sheet, drive: SingularityKinematics, at: Point, azimuth: float, index: int
+) -> None:
     radius = SCALE * drive.wheel_radius_m
     out = 90.0 + math.degrees(azimuth)
     sheet.circle(at, radius, colour=ORANGE, fill="#fff4ec", width=2)
@@ -75,7 +77,9 @@ def _module(sheet: Sheet, drive: SingularityDrive, at: Point, azimuth: float, in
     sheet.text((number[0], number[1] + 6), str(index + 1), size=17, style="b", halo=False)
 
 
-def _lean(sheet: Sheet, drive: SingularityDrive, centre: Point, words: str, twist: Array) -> None:
+def _lean(
+    sheet: Sheet, drive: SingularityKinematics, centre: Point, words: str, twist: Array
+) -> None:
     """Draw, for one twist, the horizontal part of each axle in the robot frame."""
     scale = 0.3 * SCALE
     sheet.circle(centre, scale * drive.pivot_radius_m, colour=PALE, width=2)

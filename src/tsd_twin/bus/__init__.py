@@ -1,6 +1,7 @@
-"""The bus: the only door to zenoh."""
+"""The bus (Zenoh): sessions, configuration and handles; the only package that imports zenoh."""
 
-from tsd_twin.bus.bus import Bus
+from __future__ import annotations
+
 from tsd_twin.bus.config import (
     DEFAULT_ENDPOINT,
     Config,
@@ -10,16 +11,17 @@ from tsd_twin.bus.config import (
     node_config,
     over_datagrams,
 )
-from tsd_twin.bus.ends import Publisher, Reader, Request, Server, Token
+from tsd_twin.bus.endpoints import Publisher, Queryable, Request, Subscriber, Token
+from tsd_twin.bus.session import Bus
 
 __all__ = [
     "DEFAULT_ENDPOINT",
     "Bus",
     "Config",
     "Publisher",
-    "Reader",
+    "Queryable",
     "Request",
-    "Server",
+    "Subscriber",
     "Token",
     "as_client",
     "client_config",

@@ -1,4 +1,4 @@
-"""How sessions are configured: closed by default, quick to notice a dead peer."""
+"""Zenoh configuration: closed to other machines by default, short leases to notice a dead peer."""
 
 # pyright: reportUnknownMemberType=false
 # The stubs of zenoh leave out what methods without a result return.

@@ -6,13 +6,13 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from tsd_twin import topics
-from tsd_twin.access import certificate_identity, client_settings
 from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, Config, as_client, client_config, from_file
 from tsd_twin.client.errors import NoRobotFound, SeveralRobotsFound
 from tsd_twin.client.link import BusLink
 from tsd_twin.client.robot import RobotClient
 from tsd_twin.errors import BusError, NoAnswerError
+from tsd_twin.messages import topics
+from tsd_twin.security import certificate_identity, client_settings
 
 _PATIENCE_S = 3.0
 _OPERATOR = "script"
@@ -78,7 +78,7 @@ def _only_robot(bus: Bus, where: str) -> str:
 
 
 def _robots(bus: Bus) -> list[str]:
-    return sorted(topics.robot_of(key) for key in bus.living(topics.alive_key("*")))
+    return sorted(topics.robot_of(key) for key in bus.living_tokens(topics.alive_key("*")))
 
 
 def _config(

@@ -9,19 +9,20 @@ from collections.abc import Callable
 from functools import cache, partial
 from typing import Any, Protocol
 
-from tsd_twin import robots, topics
+from tsd_twin import robots
 from tsd_twin.bus import Bus, Publisher
 from tsd_twin.client.errors import RobotSilent
 from tsd_twin.client.protocol import ControlProtocol, TwistCommand
 from tsd_twin.client.state import RobotState, Subscription
 from tsd_twin.errors import BusError, MessageError, NoAnswerError
 from tsd_twin.lie import SO3
-from tsd_twin.messages.command import Sample
+from tsd_twin.messages import topics
+from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.ros import JointState, Odometry, decode_joints, decode_odometry
-from tsd_twin.messages.service import Description, Event, decode_json
+from tsd_twin.messages.services import Description, Event, decode_json
 from tsd_twin.messages.status import Status, decode_stamp, decode_status
-from tsd_twin.robots import Robot
-from tsd_twin.topics import Service, Topic, Urgency
+from tsd_twin.messages.topics import QoS, Service, Topic
+from tsd_twin.robots import RobotDescription
 
 _DESCRIPTION_S = 5.0
 """A session that has just joined does not hear of every robot at once."""
@@ -33,7 +34,7 @@ class Link(Protocol):
 
     id: str
     """Of the robot on the bus."""
-    robot: Robot
+    robot: RobotDescription
     """Its description."""
     virtual: bool
     """Whether time is virtual, and passes only in `sleep_until` and `wait_for_status`."""
@@ -122,8 +123,8 @@ class BusLink:
         self._bus = bus
         self.description = self._describe()
         """TOML and URDF."""
-        self.robot = robots.parse(self.description.robot, f"description of {robot_id}")
-        turning = self.robot.kinematics().space is SO3
+        self.robot = robots.parse_description(self.description.robot, f"description of {robot_id}")
+        turning = self.robot.kinematics().pose_type is SO3
         self._decode_pose = partial(decode_odometry, turning=turning)
         self._changed = threading.Condition(self.lock)
         self._samples: dict[Topic, Sample] = {}
@@ -138,17 +139,17 @@ class BusLink:
         self._wakeups: list[Callable[[], None]] = []
         self._publishers: dict[str, Publisher] = {}
         self._closed = False
-        for topic in (topics.JOINTS, topics.SETPOINT, topics.TRUTH, topics.OTHER_ODOM):
-            bus.watch(topic.key(robot_id), partial(self._samples.__setitem__, topic))
-        bus.watch(topics.STATUS.key(robot_id), self._receive_status)
-        bus.watch(topics.ODOM.key(robot_id), self._receive_odometry)
+        for topic in (topics.JOINTS, topics.SETPOINT, topics.TRUTH, topics.ODOM_ALTERNATIVE):
+            bus.subscribe(topic.key(robot_id), partial(self._samples.__setitem__, topic))
+        bus.subscribe(topics.STATUS.key(robot_id), self._receive_status)
+        bus.subscribe(topics.ODOM.key(robot_id), self._receive_odometry)
         self._wait_for_first_state()
 
     def _describe(self) -> Description:
         end_s = time.monotonic() + _DESCRIPTION_S
         while True:
             try:
-                answer = self._bus.ask(Service.DESC.key(self.id), b"")
+                answer = self._bus.query(Service.DESC.key(self.id), b"")
                 return decode_json(answer, Description, "a description")
             except NoAnswerError:
                 if time.monotonic() > end_s:
@@ -233,7 +234,7 @@ class BusLink:
     def call(self, service: Service, payload: bytes, timeout_s: float) -> bytes | None:
         """Return the answer of a service, None when there is none in time."""
         try:
-            return self._bus.ask(service.key(self.id), payload, timeout_s)
+            return self._bus.query(service.key(self.id), payload, timeout_s)
         except BusError:
             return None
 
@@ -248,8 +249,8 @@ class BusLink:
 
     def send_pose(self, payload: bytes) -> None:
         """Publish a pose measurement."""
-        topic = topics.OUTSIDE_POSE
-        self._put(topic.key(self.id), topic.type, payload, urgency=topic.urgency)
+        topic = topics.SENSOR_POSE
+        self._put(topic.key(self.id), topic.type, payload, qos=topic.qos)
 
     def _put(
         self,
@@ -257,11 +258,11 @@ class BusLink:
         kind: str,
         payload: bytes,
         attachment: bytes = b"",
-        urgency: Urgency = Urgency.REAL_TIME,
+        qos: QoS = QoS.REAL_TIME,
     ) -> None:
         with self.lock:
             if key not in self._publishers:
-                self._publishers[key] = self._bus.publisher(key, urgency, kind)
+                self._publishers[key] = self._bus.publisher(key, qos, kind)
             publisher = self._publishers[key]
         with contextlib.suppress(BusError):
             publisher.put(payload, attachment)
@@ -293,7 +294,7 @@ class BusLink:
             self._received_s,
             lambda: odometry,
             partial(self._optional_pose, get(topics.TRUTH)),
-            partial(self._optional_pose, get(topics.OTHER_ODOM)),
+            partial(self._optional_pose, get(topics.ODOM_ALTERNATIVE)),
             cache(partial(_joints, joints)),
             cache(partial(_joints, setpoint)),
         )
@@ -327,7 +328,7 @@ class BusLink:
             self._events = [*self._events, subscription]
             first, self._events_watched = not self._events_watched, True
         if first:
-            self._bus.watch_events(topics.EVENT.key(self.id), self._receive_event)
+            self._bus.subscribe_events(topics.EVENT.key(self.id), self._receive_event)
         return subscription
 
     def close(self) -> None:

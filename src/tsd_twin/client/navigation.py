@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
-from tsd_twin.drives import Drive
 from tsd_twin.errors import PathError
+from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2
-from tsd_twin.motion.errand import Errand as NavigationGoal
+from tsd_twin.motion.routes import NavigationGoal
 from tsd_twin.motion.trajectory import Trajectory
 from tsd_twin.motion.trajectory import plan as time_parameterize
-from tsd_twin.robots.robot import Limits
+from tsd_twin.robots.description import Limits
 
 if TYPE_CHECKING:
     from tsd_twin.client.protocol import ControlProtocol
@@ -34,7 +34,7 @@ class PlanLimits:
     """What a trajectory is timed to."""
 
     limits: Limits
-    kinematics: Drive[Any]
+    kinematics: Kinematics[Any]
 
     @staticmethod
     def in_force(protocol: ControlProtocol, speed_mps: float | None) -> PlanLimits:

@@ -14,7 +14,6 @@ from typing import Any, TypeAlias, TypeVar
 
 import msgspec
 
-from tsd_twin.authority import LATCHED, Mode
 from tsd_twin.client.errors import (
     ClientError,
     ControlDenied,
@@ -23,12 +22,12 @@ from tsd_twin.client.errors import (
     RobotSilent,
     RobotStopped,
 )
-from tsd_twin.client.navigation import NavigationGoal, PlanLimits, plan
+from tsd_twin.client.navigation import PlanLimits, plan
 from tsd_twin.client.protocol import COMMAND_PERIOD_S, SILENCE_S, ControlProtocol, TwistCommand
 from tsd_twin.errors import MessageError
 from tsd_twin.lie import Array
 from tsd_twin.messages.ros import BASE
-from tsd_twin.messages.service import (
+from tsd_twin.messages.services import (
     HolderRequest,
     LeaseReply,
     LeaseRequest,
@@ -39,9 +38,11 @@ from tsd_twin.messages.service import (
     StopRequest,
     decode_json,
 )
+from tsd_twin.messages.topics import Service
 from tsd_twin.motion import TwistLimiter
-from tsd_twin.motion.follower import Follower, Phase
-from tsd_twin.topics import Service
+from tsd_twin.motion.routes import NavigationGoal
+from tsd_twin.motion.tracking import ExecutionPhase, TrajectoryExecutor
+from tsd_twin.safety import LATCHED, Mode
 
 T = TypeVar("T")
 ReplyT = TypeVar("ReplyT", Reply, LeaseReply)
@@ -315,7 +316,7 @@ def answer_request(protocol: ControlProtocol, *, grant: bool, asker: str | None)
     status = protocol.status
     asker = asker or (status.lease.asked_by if status is not None else None)
     message = LeaseRequest(
-        op="grant" if grant else "keep",
+        op="grant" if grant else "deny",
         operator=protocol.operator,
         lease=protocol.lease_hex,
         asker=asker,
@@ -464,7 +465,7 @@ def follow(
         limits = PlanLimits.in_force(protocol, speed_mps)
         outcome = yield Compute(lambda: plan(goal, start, limits))
         now_s = outcome.now_s
-        follower = Follower(
+        follower = TrajectoryExecutor(
             outcome.value,
             lambda twist: _cap(protocol, twist, speed_mps),
             lag_s=protocol.robot.lag_s,
@@ -473,12 +474,12 @@ def follow(
         while True:
             protocol.check_motion(now_s)
             step = follower.advance(now_s, protocol.pose(now_s))
-            if step.phase is not Phase.GOING:
+            if step.phase is not ExecutionPhase.GOING:
                 break
             yield Send(protocol.command(step.twist, BASE, now_s))
             now_s = (yield Sleep(now_s + COMMAND_PERIOD_S)).now_s
         yield from _come_to_rest(protocol, now_s)
-        if step.phase is Phase.LOST:
+        if step.phase is ExecutionPhase.LOST:
             raise MotionFailed(f"{protocol.robot_id} stopped on its way: {step.reason}")
     except BaseException as error:
         yield from _zero(protocol, now_s, error)

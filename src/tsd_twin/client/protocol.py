@@ -16,17 +16,17 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from tsd_twin import topics
-from tsd_twin.authority import LATCHED, Mode
 from tsd_twin.client.errors import ClientError, ControlLost, RobotSilent, RobotStopped
-from tsd_twin.drives import Drive
 from tsd_twin.errors import MessageError
+from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.messages.command import encode_attachment
+from tsd_twin.messages import topics
+from tsd_twin.messages.commands import encode_attachment
 from tsd_twin.messages.ros import BASE, ODOM, Odometry, TwistStamped, encode_twist
-from tsd_twin.messages.service import LeaseReply, LeaseRequest, decode_json
+from tsd_twin.messages.services import LeaseReply, LeaseRequest, decode_json
 from tsd_twin.messages.status import Status
-from tsd_twin.robots import RPM, Robot
+from tsd_twin.robots import RPM, RobotDescription
+from tsd_twin.safety import LATCHED, Mode
 
 COMMAND_PERIOD_S = 0.02
 """Commands are sent at 50 Hz while a motion is in force."""
@@ -68,7 +68,7 @@ class ControlProtocol:
     Not thread-safe: the faces call it under one lock.
     """
 
-    def __init__(self, robot_id: str, robot: Robot, operator: str) -> None:
+    def __init__(self, robot_id: str, robot: RobotDescription, operator: str) -> None:
         """Prepare for one robot.
 
         Raises:
@@ -77,7 +77,7 @@ class ControlProtocol:
         self.robot_id = robot_id
         self.robot = robot
         self.operator = topics.checked(operator)
-        self.kinematics: Drive[Any] = robot.kinematics()
+        self.kinematics: Kinematics[Any] = robot.kinematics()
         self.status: Status | None = None
         self.status_seq = 0
         """Number of the newest status, which each command echoes."""
@@ -260,7 +260,7 @@ class ControlProtocol:
         self.check_lease()
         numbers = _checked(twist, frame)
         spatial = np.zeros(6)
-        spatial[list(self.kinematics.components)] = numbers
+        spatial[list(self.kinematics.twist_axes)] = numbers
         self._seq += 1
         self._sent_s = now_s
         attachment = encode_attachment(self._seq, self._lease, self.status_seq)
@@ -277,8 +277,8 @@ class ControlProtocol:
         """Return whether the odometry shows next to no speed, once the joints have followed."""
         if self.odometry is None:
             return False
-        twist, lever_m = np.abs(self.odometry.twist), self.kinematics.lever_m
-        slow = lever_m * float(np.hypot(twist[0], twist[1])) < _STILL_MPS
+        twist, twist_scale_m = np.abs(self.odometry.twist), self.kinematics.twist_scale_m
+        slow = twist_scale_m * float(np.hypot(twist[0], twist[1])) < _STILL_MPS
         return slow and float(twist[2]) < _STILL_RAD_PER_S
 
     # Velocity set-points.
@@ -363,7 +363,7 @@ class ControlProtocol:
             RobotSilent: it is older than commands may be.
             ClientError: the robot turns a sphere in place.
         """
-        if self.kinematics.space is SO3:
+        if self.kinematics.pose_type is SO3:
             raise ClientError(f"{self.robot_id} turns a sphere in place: it goes nowhere")
         if self.odometry is None or now_s - self._odometry_s > self.max_age_s:
             raise RobotSilent(f"{self.robot_id} has sent no odometry for {self.max_age_s:g} s")
@@ -375,7 +375,7 @@ class ControlProtocol:
         Raises:
             ClientError: the robot turns a sphere in place.
         """
-        if self.kinematics.space is SO3:
+        if self.kinematics.pose_type is SO3:
             raise ClientError(f"{self.robot_id} turns a sphere in place: use turn, set_turn_rate")
         return (vx_mps, vy_mps, omega_rad_per_s)
 
@@ -385,17 +385,17 @@ class ControlProtocol:
         Raises:
             ClientError: the robot drives on a floor.
         """
-        if self.kinematics.space is not SO3:
+        if self.kinematics.pose_type is not SO3:
             raise ClientError(f"{self.robot_id} turns no sphere: use drive, set_velocity")
         return angular_velocity_rad_per_s
 
-    def kinematics_in_force(self) -> Drive[Any]:
+    def kinematics_in_force(self) -> Kinematics[Any]:
         """Return the kinematics at the wheel speed that the status shows."""
-        speeds, status = self.robot.gears, self.status
-        if speeds is None or status is None or status.gear is None:
+        speeds, status = self.robot.wheel_speed_range, self.status
+        if speeds is None or status is None or status.wheel_speed is None:
             return self.kinematics
-        spin = status.gear.wanted_rpm * RPM
-        return self.kinematics if speeds.refusal(spin) else speeds.drive.with_spin(spin)
+        spin = status.wheel_speed.wanted_rpm * RPM
+        return self.kinematics if speeds.refusal(spin) else speeds.kinematics.with_spin(spin)
 
     def latch_reason(self) -> str:
         """Return why the robot is latched, as a sentence; "" when it is not."""

@@ -15,7 +15,7 @@ from typing import Any, Self, TypeVar
 
 from tsd_twin.client import procedures
 from tsd_twin.client.link import Link
-from tsd_twin.client.navigation import NavigationGoal, goal_along, goal_at
+from tsd_twin.client.navigation import goal_along, goal_at
 from tsd_twin.client.procedures import (
     Call,
     Compute,
@@ -30,11 +30,12 @@ from tsd_twin.client.procedures import (
 from tsd_twin.client.protocol import RENEW_PERIOD_S, ControlProtocol
 from tsd_twin.client.state import RobotState, Subscription
 from tsd_twin.lie import SE2
-from tsd_twin.messages.pose import PoseStamped, encode_pose
+from tsd_twin.messages.commands import PoseStamped, encode_pose
 from tsd_twin.messages.ros import BASE
-from tsd_twin.messages.service import Event
-from tsd_twin.robots import Robot
-from tsd_twin.topics import Service
+from tsd_twin.messages.services import Event
+from tsd_twin.messages.topics import Service
+from tsd_twin.motion.routes import NavigationGoal
+from tsd_twin.robots import RobotDescription
 
 _LOG = logging.getLogger(__name__)
 _QUEUE = 64
@@ -100,7 +101,7 @@ class RobotClient:
         return self._link.id
 
     @property
-    def description(self) -> Robot:
+    def description(self) -> RobotDescription:
         """The description of the robot, with its limits and its kinematics."""
         return self._link.robot
 

@@ -13,20 +13,21 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
-from tsd_twin import robots, topics
+from tsd_twin import robots
 from tsd_twin.client.errors import ClientError
 from tsd_twin.client.protocol import ControlProtocol, TwistCommand
 from tsd_twin.client.robot import RobotClient
 from tsd_twin.client.state import RobotState, Subscription
-from tsd_twin.core import RobotCore
+from tsd_twin.control import RobotController
 from tsd_twin.lie import SE2
-from tsd_twin.messages.command import Sample
+from tsd_twin.messages import topics
+from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.ros import Odometry
-from tsd_twin.messages.service import Event
+from tsd_twin.messages.services import Event
 from tsd_twin.messages.status import LoopStatus
-from tsd_twin.robots import Robot
-from tsd_twin.sim import SimRobot
-from tsd_twin.topics import Service
+from tsd_twin.messages.topics import Service
+from tsd_twin.robots import RobotDescription
+from tsd_twin.simulation import SimRobot
 
 PERIOD_S = 0.01
 _STATE_EVERY = 2
@@ -37,19 +38,21 @@ _EXACT = np.zeros((3, 3))
 class SimulationLink:
     """A robot in virtual time as a link: controller and simulated joints, stepped at 100 Hz."""
 
-    def __init__(self, robot: Robot, simulated: SimRobot, pose: SE2 | None) -> None:
+    def __init__(self, robot: RobotDescription, simulated: SimRobot, pose: SE2 | None) -> None:
         self.id = robot.name
         self.virtual = True
         self.robot = robot
         self.simulated = simulated
         self.lock = threading.RLock()
         numbers = itertools.count(1)  # Lease ids are the same in each run.
-        self._core = RobotCore(robot, lambda: next(numbers).to_bytes(16, "big"), pose=pose)
+        self._controller = RobotController(
+            robot, lambda: next(numbers).to_bytes(16, "big"), pose=pose
+        )
         self._tick = 0
         self._inbox: list[Sample] = []
         self._poses: list[Sample] = []
-        self._mode = self._core.authority.mode
-        self._status = self._core.status(0.0, LoopStatus(), simulated.hardware())
+        self._mode = self._controller.supervisor.mode
+        self._status = self._controller.status(0.0, LoopStatus(), simulated.hardware())
         self._status_seq = 0
         self._protocols: list[ControlProtocol] = []
         self._states: list[Subscription[RobotState]] = []
@@ -68,8 +71,8 @@ class SimulationLink:
     def call(self, service: Service, payload: bytes, timeout_s: float) -> bytes | None:  # noqa: ARG002  The shape.
         """Return the answer of the controller."""
         if service is Service.STOP:
-            return msgspec.json.encode(self._core.stop(payload, self.now_s()))
-        return msgspec.json.encode(self._core.serve(service, payload, self.now_s()))
+            return msgspec.json.encode(self._controller.stop(payload, self.now_s()))
+        return msgspec.json.encode(self._controller.serve(service, payload, self.now_s()))
 
     def send(self, command: TwistCommand) -> None:
         """Hand a command to the next step."""
@@ -78,11 +81,11 @@ class SimulationLink:
 
     def send_stop(self, payload: bytes) -> None:
         """Stop."""
-        self._core.stop(payload, self.now_s())
+        self._controller.stop(payload, self.now_s())
 
     def send_pose(self, payload: bytes) -> None:
         """Hand a pose measurement to the next step."""
-        self._poses.append(Sample(topics.OUTSIDE_POSE.key(self.id), payload, b""))
+        self._poses.append(Sample(topics.SENSOR_POSE.key(self.id), payload, b""))
 
     def sleep_until(self, until_s: float) -> None:
         """Let virtual time pass."""
@@ -97,9 +100,12 @@ class SimulationLink:
 
     def state(self) -> RobotState:
         """Return the state of this moment."""
-        core, stamp_ns = self._core, self.wall_ns()
-        odometry, alternative = core.odometry(stamp_ns), core.other_odometry(stamp_ns)
-        joints, setpoint = core.joint_state(stamp_ns), core.setpoint_state(stamp_ns)
+        controller, stamp_ns = self._controller, self.wall_ns()
+        odometry, alternative = (
+            controller.odometry(stamp_ns),
+            controller.alternative_odometry(stamp_ns),
+        )
+        joints, setpoint = controller.joint_state(stamp_ns), controller.setpoint_state(stamp_ns)
         truth = self.simulated.truth(self.now_s())
         exact = Odometry.of(truth.pose, truth.twist, _EXACT, _EXACT, stamp_ns)
         return RobotState(
@@ -152,14 +158,14 @@ class SimulationLink:
         now_s = self.now_s()
         measured = self.simulated.read(now_s)
         if self._poses:
-            self._core.see(self._poses, now_s, self.wall_ns())
+            self._controller.add_pose_measurements(self._poses, now_s, self.wall_ns())
             self._poses = []
         inbox, self._inbox = self._inbox, []
-        self.simulated.write(self._core.step(now_s, measured, inbox), now_s)
-        for event in self._core.take_events():
+        self.simulated.write(self._controller.step(now_s, measured, inbox), now_s)
+        for event in self._controller.take_events():
             for subscription in self._events:
                 subscription.put(event)
-        if self._tick % _STATUS_EVERY == 0 or self._core.authority.mode is not self._mode:
+        if self._tick % _STATUS_EVERY == 0 or self._controller.supervisor.mode is not self._mode:
             self._send_status(now_s)
         if self._tick % _STATE_EVERY == 0:
             self._hand_odometry()
@@ -168,16 +174,16 @@ class SimulationLink:
                 subscription.put(self.state())
 
     def _send_status(self, now_s: float) -> None:
-        self._mode = self._core.authority.mode
-        self._status = self._core.status(now_s, LoopStatus(), self.simulated.hardware())
+        self._mode = self._controller.supervisor.mode
+        self._status = self._controller.status(now_s, LoopStatus(), self.simulated.hardware())
         self._status_seq += 1
-        self._core.note_status_sent(self._status_seq, now_s)
+        self._controller.record_status_sent(self._status_seq, now_s)
         for protocol in self._protocols:
             protocol.receive_status(self._status, self._status_seq, now_s)
 
     def _hand_odometry(self) -> None:
         if self._protocols:
-            odometry = self._core.odometry(self.wall_ns())
+            odometry = self._controller.odometry(self.wall_ns())
             for protocol in self._protocols:
                 protocol.receive_odometry(odometry, self.now_s())
 
@@ -215,9 +221,9 @@ class SimulatedRobot(RobotClient):
             RobotFileError: the description cannot be used, or not with this plant.
             ClientError: a robot that turns a sphere has no such pose.
         """
-        description = robots.load(robot)
+        description = robots.load_robot(robot)
         start = None if pose is None else SE2(np.array(pose, dtype=float))
-        if start is not None and description.kinematics().space is not SE2:
+        if start is not None and description.kinematics().pose_type is not SE2:
             raise ClientError(f"{description.name} turns a sphere in place: it has no such pose")
         simulated = SimRobot(description, seed, noise, pose=start, plant=plant, errors=errors)
         super().__init__(SimulationLink(description, simulated, start), "script")

@@ -12,11 +12,11 @@ from typing import Generic, NamedTuple, Self, TypeVar
 
 import numpy as np
 
-from tsd_twin.authority import Mode
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.ros import JointState, Odometry
 from tsd_twin.messages.status import LeaseStatus, Status
+from tsd_twin.safety import Mode
 
 T = TypeVar("T")
 

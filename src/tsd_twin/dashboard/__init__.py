@@ -1,1 +1,1 @@
-"""What operators see: gateway, overlay, scene, panels; the only door to viser and aiohttp."""
+"""Dashboard: web server, three-dimensional scene and page for remote driving."""

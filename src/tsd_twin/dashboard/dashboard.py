@@ -1,28 +1,168 @@
-"""The dashboard: bus, scene, panels and gateway, put together."""
+"""Dashboard process: robot discovery, scene, panels and HTTP server, and the 60 Hz update loop."""
 
 from __future__ import annotations
 
 import asyncio
+import ctypes
+import logging
 import sys
 import threading
-from collections.abc import Callable
-from concurrent.futures import Future
+import time
+from collections.abc import Callable, Hashable
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from typing import Protocol, TypeVar
 
 from tsd_twin.bus import Bus
-from tsd_twin.dashboard import viser_server
-from tsd_twin.dashboard.audience import Audience
-from tsd_twin.dashboard.chores import Chores
-from tsd_twin.dashboard.door import Door, Rules
-from tsd_twin.dashboard.fleet import Fleet
-from tsd_twin.dashboard.gateway import Gateway
-from tsd_twin.dashboard.panels import Panels
-from tsd_twin.dashboard.scene import Scene
-from tsd_twin.dashboard.ticker import Ticker
+from tsd_twin.dashboard.robot_client import RobotClient
+from tsd_twin.dashboard.robot_discovery import RobotDiscovery
+from tsd_twin.dashboard.scene.panel_manager import PanelManager
+from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.server.auth import AccessSettings, AuthMiddleware
+from tsd_twin.dashboard.server.http_server import HttpServer
+from tsd_twin.dashboard.server.session_manager import SessionManager
+from tsd_twin.dashboard.viser_compat import viser_server
 from tsd_twin.lie import Array
-from tsd_twin.messages.service import Event
+from tsd_twin.messages.services import Event
+
+_M_MMAP_THRESHOLD = -3
+"""From glibc's `malloc.h`."""
+_MMAP_THRESHOLD_BYTES = 65536
+
+
+def tune_malloc() -> bool:
+    """Let glibc give blocks of 64 KiB and more back to the system as soon as they are freed.
+
+    Each page that opens makes the dashboard take and free many of them. glibc raises its own bound
+    between heap and maps, up to 32 MiB, to the size of whatever is freed; blocks below it then come
+    from heaps of many threads, in the holes between what stays, and a day of visits leaves a
+    fragmented heap that is never returned. A bound that is set is not raised.
+
+    Returns:
+        Whether the C library took it; one that is not glibc needs none of this.
+    """
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    return mallopt is not None and mallopt(_M_MMAP_THRESHOLD, _MMAP_THRESHOLD_BYTES) == 1
+
+
+_WORKER_LOG = logging.getLogger(__name__)
+_Answer = TypeVar("_Answer")
+
+
+class BackgroundWorker:
+    """Done one after the other; from any thread."""
+
+    def __init__(self, name: str) -> None:
+        self._pool = ThreadPoolExecutor(1, name)
+        self._lock = threading.Lock()
+        self._waiting: dict[Hashable, Callable[[], None]] = {}
+
+    @property
+    def waiting(self) -> int:
+        """Number of pieces of work that wait under a key."""
+        with self._lock:
+            return len(self._waiting)
+
+    def submit_latest(self, key: Hashable, work: Callable[[], None]) -> None:
+        """Do `work` soon; it replaces what still waits under the same key."""
+        with self._lock:
+            waits = key in self._waiting
+            self._waiting[key] = work
+            if not waits:
+                self._pool.submit(self._do, key)
+
+    def submit(self, work: Callable[[], _Answer]) -> Future[_Answer]:
+        """Do `work` for a caller who wants its answer."""
+        return self._pool.submit(work)
+
+    def close(self) -> None:
+        """Finish what waits, and take nothing more."""
+        self._pool.shutdown()
+
+    def _do(self, key: Hashable) -> None:
+        with self._lock:
+            work = self._waiting.pop(key)
+        try:
+            work()
+        except Exception:  # The next piece of work is another page's.
+            _WORKER_LOG.exception("%s was not done", key)
+
+
+_LOG = logging.getLogger(__name__)
+
+RATE_HZ = 60.0
+STALE_S = 0.3
+"""An older state must not look live."""
+
+
+class RobotDisplay(Protocol):
+    """What draws robots."""
+
+    def add(self, link: RobotClient) -> None:
+        """Begin to draw a robot."""
+        ...
+
+    def draw(self) -> None:
+        """Draw what is new."""
+        ...
+
+    def set_stale(self, robot_id: str, stale: bool) -> None:
+        """Make a robot look stale, or live."""
+        ...
+
+
+class UpdateLoop:
+    """Polls all robots at 60 Hz on a thread of its own."""
+
+    def __init__(
+        self,
+        discovery: RobotDiscovery,
+        display: RobotDisplay,
+        on_status: Callable[[str], None],
+        on_event: Callable[[str, Event], None],
+    ) -> None:
+        """`on_status` and `on_event` are called on the ticker's thread and only hand over."""
+        self._discovery = discovery
+        self._display = display
+        self._on_status = on_status
+        self._on_event = on_event
+        self._stale: dict[str, bool] = {}
+
+    def run(self, stop: threading.Event) -> None:
+        """Run until `stop` is set."""
+        # A new look takes a second to draw: the robots that are there already are polled meanwhile.
+        with ThreadPoolExecutor(1, "canvas") as drawing:
+            while not stop.wait(1.0 / RATE_HZ):
+                try:
+                    self._tick(time.monotonic(), drawing)
+                except Exception:  # A frame that fails must not end the picture for everybody.
+                    _LOG.exception("a frame was lost")
+            drawing.shutdown(wait=False, cancel_futures=True)
+
+    def _add(self, link: RobotClient) -> None:
+        try:
+            self._display.add(link)
+        except Exception:  # Descriptions come from the bus; the others are drawn all the same.
+            _LOG.exception("robot %s cannot be drawn", link.id)
+        self._stale.pop(link.id, None)  # What is new on the canvas looks live.
+
+    def _tick(self, now_s: float, drawing: Executor) -> None:
+        for robot_id in self._discovery.refresh():
+            drawing.submit(self._add, self._discovery.links[robot_id])
+        for robot_id, event in self._discovery.take_events():
+            self._on_event(robot_id, event)
+        for robot_id, link in self._discovery.links.items():
+            # The page hears of a status first: its number is on the clock already.
+            if link.poll(now_s):
+                self._on_status(robot_id)
+            stale = now_s - link.snapshot.received_s > STALE_S
+            if stale is not self._stale.get(robot_id):
+                self._stale[robot_id] = stale
+                self._display.set_stale(robot_id, stale)
+        self._display.draw()
+
 
 TITLE = "tsd-twin"
-_LOOK_FOR_STOP_S = 0.2
+_STOP_POLL_S = 0.2
 _SWITCH_S = 0.001
 """A busy thread keeps the others waiting for so long; a stop passes through four of them."""
 
@@ -33,7 +173,7 @@ async def run(
     port: int,
     stop: threading.Event,
     on_ready: Callable[[int], None],
-    rules: Rules,
+    rules: AccessSettings,
 ) -> None:
     """Serve the page until `stop` is set; `on_ready` is called with the port.
 
@@ -45,66 +185,70 @@ async def run(
     rules.check(host)
     sys.setswitchinterval(_SWITCH_S)
     loop = asyncio.get_running_loop()
-    fleet = Fleet(bus)
+    discovery = RobotDiscovery(bus)
     # Panels wait for a frame to be drawn; the loop between fingers and robots must not.
-    chores = Chores("panels")
+    worker = BackgroundWorker("panels")
 
     def on_released(page: str) -> None:
-        chores.soon(("reset", page), lambda: panels.reset(page))
+        worker.submit_latest(("reset", page), lambda: panels.reset_sliders(page))
 
     def on_chosen(page: str, robot_id: str) -> None:
-        chores.soon(("choose", page), lambda: panels.choose(page, robot_id))
+        worker.submit_latest(("choose", page), lambda: panels.select_robot(page, robot_id))
 
-    server = viser_server.start(TITLE)
+    server = viser_server.start_server(TITLE)
     try:
         scene = Scene(server)
         # The two know each other by callbacks only: neither waits for the other's thread.
-        easel = _Easel(chores, scene, lambda: panels)
-        audience = Audience(fleet, on_released, on_chosen, easel)
-        gateway = Gateway(audience, server.get_port(), door=Door(rules))
-        panels = Panels(
+        scene_executor = _SceneExecutor(worker, scene, lambda: panels)
+        sessions = SessionManager(discovery, on_released, on_chosen, scene_executor)
+        gateway = HttpServer(sessions, server.get_port(), auth=AuthMiddleware(rules))
+        panels = PanelManager(
             server,
             scene,
-            audience.panel,
-            audience.choose,
-            audience.point,
-            robot_of=audience.robot_of,
+            sessions.on_panel,
+            sessions.select_robot,
+            sessions.on_sphere_click,
+            robot_of=sessions.robot_of,
         )
 
         def on_status(robot_id: str) -> None:
-            loop.call_soon_threadsafe(audience.on_status, robot_id)
+            loop.call_soon_threadsafe(sessions.on_status, robot_id)
 
         def on_event(robot_id: str, event: Event) -> None:
-            loop.call_soon_threadsafe(audience.on_event, robot_id, event)
+            loop.call_soon_threadsafe(sessions.on_event, robot_id, event)
 
         await gateway.start(host, port)
         ended = threading.Event()
-        ticker = Ticker(fleet, scene, on_status, on_event)
+        ticker = UpdateLoop(discovery, scene, on_status, on_event)
         thread = threading.Thread(target=ticker.run, args=(ended,), name="ticker")
         thread.start()
         try:
             on_ready(gateway.port)
             while not stop.is_set():  # Set by a signal handler, which cannot wake a loop safely.
-                await asyncio.sleep(_LOOK_FOR_STOP_S)
+                await asyncio.sleep(_STOP_POLL_S)
         finally:
             await gateway.stop()
             ended.set()
             await asyncio.to_thread(thread.join)
     finally:
-        chores.close()
+        worker.close()
         server.stop()
 
 
-class _Easel:
+class _SceneExecutor:
     """The scene and its panels, as pages draw on them: done in turn, off the event loop."""
 
-    def __init__(self, chores: Chores, scene: Scene, panels: Callable[[], Panels]) -> None:
-        self._chores, self._scene, self._panels = chores, scene, panels
+    def __init__(
+        self, worker: BackgroundWorker, scene: Scene, panels: Callable[[], PanelManager]
+    ) -> None:
+        self._worker, self._scene, self._panels = worker, scene, panels
 
-    def floor(self, page: str, shares: Array) -> Future[Array]:
+    def pick_floor(self, page: str, shares: Array) -> Future[Array]:
         """Return the places (m, 2) in `odom` that the picture of a page shows at `shares`."""
-        return self._chores.submit(lambda: self._panels().floor(page, shares))
+        return self._worker.submit(lambda: self._panels().pick_floor(page, shares))
 
     def show_route(self, robot_id: str, poses: Array | None) -> None:
         """Show everybody where a robot is planned to go; None: nowhere."""
-        self._chores.soon(("route", robot_id), lambda: self._scene.show_route(robot_id, poses))
+        self._worker.submit_latest(
+            ("route", robot_id), lambda: self._scene.show_route(robot_id, poses)
+        )

@@ -1,36 +1,40 @@
-"""What the robot does, from what it measures."""
+"""State estimation: wheel odometry, odometry from other sensors, pose filter, consistency test."""
 
-from tsd_twin.estimation.conflict import ConflictMonitor, Verdict
-from tsd_twin.estimation.corrected import CorrectedEstimate, Fate
-from tsd_twin.estimation.drift import DriftFilter
-from tsd_twin.estimation.gyro import with_gyro
-from tsd_twin.estimation.odometry import (
+from __future__ import annotations
+
+from tsd_twin.estimation.consistency import ConsistencyMonitor, ConsistencyResult
+from tsd_twin.estimation.pose_filter import DriftFilter, PoseFilter
+from tsd_twin.estimation.pose_fusion import FusedEstimate, FusionResult
+from tsd_twin.estimation.sensor_odometry import (
+    Estimate,
+    SensorOdometry,
+    sensor_odometry_of,
+    with_gyro,
+)
+from tsd_twin.estimation.slip import Slip
+from tsd_twin.estimation.wheel_odometry import (
     ODOMETRY,
     JointOdometry,
     OrientationOdometry,
     PlanarOdometry,
+    SpinModel,
 )
-from tsd_twin.estimation.pose_filter import PoseFilter
-from tsd_twin.estimation.second import SECOND, Estimate, SecondEstimate, second_estimate
-from tsd_twin.estimation.slip import Slip
-from tsd_twin.estimation.spin import SpinModel
 
 __all__ = [
     "ODOMETRY",
-    "SECOND",
-    "ConflictMonitor",
-    "CorrectedEstimate",
+    "ConsistencyMonitor",
+    "ConsistencyResult",
     "DriftFilter",
     "Estimate",
-    "Fate",
+    "FusedEstimate",
+    "FusionResult",
     "JointOdometry",
     "OrientationOdometry",
     "PlanarOdometry",
     "PoseFilter",
-    "SecondEstimate",
+    "SensorOdometry",
     "Slip",
     "SpinModel",
-    "Verdict",
-    "second_estimate",
+    "sensor_odometry_of",
     "with_gyro",
 ]

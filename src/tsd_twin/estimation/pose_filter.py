@@ -1,19 +1,20 @@
-"""A pose from twists, and from what else is measured, each at the time it was measured.
+"""Kalman filters of the pose: twists integrated, late measurements applied at the time they were
+taken.
 
-An extended Kalman filter on x, y and heading (Thrun, Burgard, Fox, "Probabilistic Robotics", 2005,
-section 3.3). What comes late is fused where it belongs: the filter goes back to that time, and runs
-again over all that has come since.
+One filter takes poses and headings, the other also estimates constant errors of the twist.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
-from tsd_twin.drives import Drive
+from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array, wrap
 
 _POSITION = np.eye(3)[:2]
@@ -58,14 +59,14 @@ class PoseFilter:
 
     def __init__(
         self,
-        drive: Drive[SE2],
+        kinematics: Kinematics[SE2],
         pose: SE2,
         covariance: Array | None = None,
         *,
         now_s: float = 0.0,
         memory_s: float = 1.0,
     ) -> None:
-        self._drive = drive
+        self._kinematics = kinematics
         self._memory_s = memory_s
         start = np.array(pose.xy_heading, dtype=float)
         spread = np.zeros((*start.shape, 3)) if covariance is None else np.array(covariance)
@@ -136,7 +137,7 @@ class PoseFilter:
         value = np.array(pose.xy_heading, dtype=float)
         return self._fuse(_Measurement(_POSE, value, np.array(covariance)), measured_s)
 
-    def surprise(self, pose: SE2, covariance: Array, measured_s: float) -> Array:
+    def mahalanobis_sq(self, pose: SE2, covariance: Array, measured_s: float) -> Array:
         """Return how far (...) outside poses are from what was expected of them at that time.
 
         The squared Mahalanobis distance: chi-square of three dimensions when all is as claimed.
@@ -185,7 +186,7 @@ class PoseFilter:
 
     def _step(self, before: _Step, end_s: float, twist: Array, growth_per_s: Array) -> _Step:
         """Return a step from the end of another, which has still to be run."""
-        moved = self._drive.move(self._still, twist, end_s - before.end_s).xy_heading
+        moved = self._kinematics.integrate(self._still, twist, end_s - before.end_s).xy_heading
         return _Step(end_s, twist, moved, growth_per_s, before.pose, before.covariance)
 
     def _run(self, index: int) -> None:
@@ -247,3 +248,122 @@ def _corrected(pose: Array, covariance: Array, measurement: _Measurement) -> tup
 
 def _transposed(matrices: Array) -> Array:
     return np.swapaxes(matrices, -1, -2)
+
+
+class _TwistRecord(NamedTuple):
+    """The end of a step."""
+
+    end_s: float
+    reckoned: Array
+    """(3,): the pose by the twists alone; headings count on."""
+    shift: Array
+    """(3, m): how the pose there depends on the errors."""
+    walk: Array
+    """(3, 3): covariance of the random walk up to there."""
+
+    def towards(self, later: _TwistRecord, share: float) -> _TwistRecord:
+        """Return what is in between, `share` of the way to a later end."""
+        return _TwistRecord(
+            self.end_s + share * (later.end_s - self.end_s),
+            self.reckoned + share * (later.reckoned - self.reckoned),
+            self.shift + share * (later.shift - self.shift),
+            self.walk + share * (later.walk - self.walk),
+        )
+
+
+class DriftFilter:
+    """Pose in the world at the time of the newest twist, and the constant errors of all twists.
+
+    The pose that twists add up to is off by a random walk, and by what their errors add up to,
+    which is linear in them. Neither is expected to change, so the Kalman filter stands at the time
+    of the newest pose from outside, however late that comes: nothing has to be run again.
+    """
+
+    def __init__(
+        self, pose: SE2, sigma: Array, *, now_s: float = 0.0, memory_s: float = 1.0
+    ) -> None:
+        """`sigma` (m,) are standard deviations of the errors; the start is exact."""
+        errors = len(sigma)
+        self._state: Array = np.zeros(3 + errors)
+        self._covariance: Array = np.diag(np.square(np.concatenate([np.zeros(3), sigma])))
+        self._memory_s = memory_s
+        start = np.array(pose.xy_heading, dtype=float)
+        self._seen = _TwistRecord(now_s, start, np.zeros((3, errors)), np.zeros((3, 3)))
+        self._past = deque([self._seen])
+
+    @property
+    def pose(self) -> SE2:
+        """The estimate."""
+        newest = self._past[-1]
+        return SE2(newest.reckoned + self._off(newest.shift))
+
+    @property
+    def errors(self) -> Array:
+        """(m,): as they are known by now."""
+        return self._state[3:]
+
+    @property
+    def error_covariance(self) -> Array:
+        """(m, m): of `errors`."""
+        return self._covariance[3:, 3:]
+
+    def advance(self, now_s: float, twist: Array, by_errors: Array, growth_per_s: Array) -> None:
+        """Move on to `now_s` with the mean `twist` (3,) since the last time.
+
+        It is truly `twist + by_errors @ errors`, with `by_errors` (3, m), and noise of which a
+        second adds `growth_per_s` (3, 3) to the covariance of a pose; all in the body frame.
+        """
+        last = self._past[-1]
+        dt_s = now_s - last.end_s
+        if not dt_s > 0.0:
+            return
+        moved = (SE2(last.reckoned) @ SE2.exp(dt_s * twist)).xy_heading
+        reckoned = np.array([moved[0], moved[1], last.reckoned[2] + dt_s * twist[2]])
+        way = reckoned - last.reckoned
+        turn = np.eye(3)
+        turn[:2, :2] = _turn(last.reckoned[2] + 0.5 * way[2])
+        step = dt_s * turn @ by_errors
+        # A heading that is off turns all of the way.
+        step[:2] += np.outer([-way[1], way[0]], last.shift[2] + 0.5 * step[2])
+        walk = last.walk + dt_s * turn @ growth_per_s @ turn.T
+        self._past.append(_TwistRecord(now_s, reckoned, last.shift + step, walk))
+        while len(self._past) > 2 and self._past[1].end_s <= now_s - self._memory_s:
+            self._past.popleft()
+
+    def fuse_pose(self, pose: SE2, covariance: Array, measured_s: float) -> bool:
+        """Take in an outside pose with a covariance (3, 3); poses come in the order of their times.
+
+        Return False if it is older than the memory or than the last one, or not finite.
+        """
+        at_s = min(measured_s, self._past[-1].end_s)
+        oldest_s = max(self._seen.end_s, self._past[0].end_s)
+        if not (np.isfinite(pose.xy_heading).all() and at_s >= oldest_s):
+            return False
+        then = self._at(at_s)
+        self._covariance[:3, :3] += then.walk - self._seen.walk
+        self._seen, shift = then, then.shift
+        rows = np.hstack([np.eye(3), shift])
+        off = pose.xy_heading - then.reckoned - self._off(shift)
+        off[2] = wrap(off[2])
+        innovation = rows @ self._covariance @ rows.T + covariance
+        gain = np.linalg.solve(innovation, rows @ self._covariance).T
+        keep = np.eye(len(self._state)) - gain @ rows
+        self._state = self._state + gain @ off
+        self._covariance = keep @ self._covariance @ keep.T + gain @ covariance @ gain.T
+        return True
+
+    def _off(self, shift: Array) -> Array:
+        return self._state[:3] + shift @ self._state[3:]
+
+    def _at(self, at_s: float) -> _TwistRecord:
+        after = bisect_left(self._past, at_s, key=lambda past: past.end_s)
+        later = self._past[after]
+        if after == 0:
+            return later
+        earlier = self._past[after - 1]
+        return earlier.towards(later, (at_s - earlier.end_s) / (later.end_s - earlier.end_s))
+
+
+def _turn(angle_rad: float) -> Array:
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[c, -s], [s, c]])

@@ -1,4 +1,4 @@
-"""What a floor makes of rolling: a body that wheels push along slides a little against them."""
+"""Slip of wheels that roll with side force and spin: the twist that remains of a commanded one."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ import math
 import msgspec
 import numpy as np
 
-from tsd_twin.drives import SingularityDrive
+from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import Array
-from tsd_twin.robots import SingularityRobot
+from tsd_twin.robots import SingularityDescription
 
 _GRAVITY_MPS2 = 9.81
 _SPIN_IN_SLIP = 8.0 / (3.0 * math.pi)
@@ -34,28 +34,28 @@ class Slip:
     is half a hollow sphere.
     """
 
-    def __init__(self, robot: SingularityRobot, batch: tuple[int, ...] = ()) -> None:
-        drive: SingularityDrive = robot.kinematics()
-        mass, radius_m = robot.mass.total_kg, drive.pivot_radius_m
+    def __init__(self, robot: SingularityDescription, batch: tuple[int, ...] = ()) -> None:
+        kinematics: SingularityKinematics = robot.kinematics()
+        mass, radius_m = robot.mass.total_kg, kinematics.pivot_radius_m
         module_kg = robot.mass.wheel_kg + 2.0 * robot.mass.gimbal_kg
-        about_kg_m2 = 0.5 * (mass + drive.modules * module_kg) * radius_m**2
+        about_kg_m2 = 0.5 * (mass + kinematics.modules * module_kg) * radius_m**2
         self._robot, self._batch = robot, batch
         self._mass = np.diag([mass, mass, about_kg_m2])
-        self._rows = drive.contact_from_twist
+        self._rows = kinematics.contact_from_twist
         self._squares = np.einsum("kij,kil->kjl", self._rows, self._rows)
-        self._most_n = robot.floor.friction * mass * _GRAVITY_MPS2 / drive.modules
-        patch_m, self._spin_rad_per_s = robot.floor.patch_radius_m, drive.spin_rad_per_s
+        self._most_n = robot.floor.friction * mass * _GRAVITY_MPS2 / kinematics.modules
+        patch_m, self._spin_rad_per_s = robot.floor.patch_radius_m, kinematics.spin_rad_per_s
         self._rim_mps = patch_m * self._spin_rad_per_s
         self._lever_m = _MEAN_LEVER * patch_m
-        # A motor gives what its time constant takes, see `ContactSimulation`.
-        inertia = robot.mass.wheel_kg * drive.wheel_radius_m**2 * 2.0 / 3.0
+        # A motor gives what its time constant takes, see `MujocoSimulation`.
+        inertia = robot.mass.wheel_kg * kinematics.wheel_radius_m**2 * 2.0 / 3.0
         self._share_per_nms = 1.0 / (inertia * self._spin_rad_per_s)
         self._up_s = robot.motor.time_constant_up_s
         self._down_s = robot.motor.time_constant_down_s
         slower = self._most_n * self._lever_m * self._up_s * self._share_per_nms
         self.rest_share: float = 1.0 - slower
         """Speed of wheels that drill on the floor at rest, as a share of what they are told."""
-        self.spin_share: Array = np.full((*batch, drive.modules), self.rest_share)
+        self.spin_share: Array = np.full((*batch, kinematics.modules), self.rest_share)
         """(..., k): speed of each wheel, as a share of what it is told."""
         self.twist: Array = np.zeros((*batch, 3))
         """(..., 3): of the body, in its frame."""

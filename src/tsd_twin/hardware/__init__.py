@@ -1,9 +1,17 @@
-"""Machines on serial lines: the only door to pyserial."""
+"""Drivers of real robots on serial ports; the only package that imports pyserial."""
 
-from tsd_twin.hardware.calibration import Calibration
-from tsd_twin.hardware.errors import HardwareError, PortError
-from tsd_twin.hardware.mega_robot import MegaRobot
-from tsd_twin.hardware.port import ports
-from tsd_twin.hardware.u2d2_robot import U2D2Robot
+from __future__ import annotations
 
-__all__ = ["Calibration", "HardwareError", "MegaRobot", "PortError", "U2D2Robot", "ports"]
+from tsd_twin.hardware.joints import ServoCalibration
+from tsd_twin.hardware.mega import MegaHardware
+from tsd_twin.hardware.serial_transport import HardwareError, PortError, serial_ports
+from tsd_twin.hardware.u2d2 import U2D2Hardware
+
+__all__ = [
+    "HardwareError",
+    "MegaHardware",
+    "PortError",
+    "ServoCalibration",
+    "U2D2Hardware",
+    "serial_ports",
+]

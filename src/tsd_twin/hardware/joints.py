@@ -1,18 +1,88 @@
-"""Between joints of a robot and steps and pulses of its board."""
+"""Conversion between joints and actuator units (steps, pulses), the servo calibration file, and
+joint commands.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Protocol
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Protocol
 
+import msgspec
 import numpy as np
+from msgspec import Meta
 
-from tsd_twin.drives import JointKind
-from tsd_twin.hardware.errors import HardwareError
+from tsd_twin.dynamixel.control_table import ESCS, FULL_THROTTLE, SERVOS, ZERO_THROTTLE
+from tsd_twin.hardware.serial_transport import HardwareError
+from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import Array
-from tsd_twin.robots import SingularityRobot
-from tsd_twin.wire.table import ESCS, FULL_THROTTLE, SERVOS, ZERO_THROTTLE
+from tsd_twin.robots import SingularityDescription
+from tsd_twin.safety import Heartbeat
+
+COMMAND_TIMEOUT_S = 0.25
+"""A node that has given no order for this long hangs: its last one is not obeyed any more."""
+
+
+@dataclass(frozen=True, slots=True)
+class JointCommand:
+    """One set-point, and on whose word it is given."""
+
+    setpoint: Array
+    """(n,)."""
+    heartbeat: Heartbeat
+    given_s: float
+    """On the monotonic clock."""
+
+    def in_force(self, now_s: float) -> bool:
+        """Return whether it may still be obeyed."""
+        return now_s - self.given_s <= COMMAND_TIMEOUT_S
+
+
+CENTRE = 2048
+
+
+class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A TOML file; joints that it does not name are mounted as drawn."""
+
+    neutral_step: dict[str, Annotated[int, Meta(ge=0, le=4095)]] = {}
+    """Position that a servo reports with its gimbal upright; 2048 unless given."""
+    reversed: Sequence[str] = ()
+    """Joints whose servo turns the other way."""
+
+    @staticmethod
+    def read(file: str) -> ServoCalibration:
+        """Return the calibration in a file.
+
+        Raises:
+            HardwareError: it cannot be read, or is none.
+        """
+        try:
+            return msgspec.toml.decode(Path(file).read_bytes(), type=ServoCalibration)
+        except (OSError, msgspec.MsgspecError) as error:
+            raise HardwareError(f"{file} cannot be used as a calibration: {error}") from error
+
+    def check(self, names: Sequence[str]) -> None:
+        """See that it speaks of joints that there are.
+
+        Raises:
+            HardwareError: it names another.
+        """
+        for name in (*self.neutral_step, *self.reversed):
+            if name not in names:
+                raise HardwareError(
+                    f"the calibration names a gimbal '{name}': there are {', '.join(names)}"
+                )
+
+    def neutral(self, names: Sequence[str]) -> list[int]:
+        """Return the neutral step of each joint."""
+        return [self.neutral_step.get(name, CENTRE) for name in names]
+
+    def signs(self, names: Sequence[str]) -> list[int]:
+        """Return +1 for each joint whose servo turns as drawn, -1 for each other."""
+        return [-1 if name in self.reversed else 1 for name in names]
+
 
 _PULSES_PER_US = 2.0
 
@@ -29,10 +99,10 @@ class ThrottleLaw(Protocol):
         ...
 
 
-class Joints:
+class JointConverter:
     """Which joint is which servo or speed controller, and in what units."""
 
-    def __init__(self, robot: SingularityRobot, throttle: ThrottleLaw) -> None:
+    def __init__(self, robot: SingularityDescription, throttle: ThrottleLaw) -> None:
         """Take the joints of a robot.
 
         Raises:
@@ -47,14 +117,17 @@ class Joints:
                 f"the board has {SERVOS} servos and {ESCS} speed controllers"
             )
         self._throttle = throttle
-        self._trim = robot.trim()
+        self._offsets = robot.actuator_offsets()
         self._step_rad = 2.0 * math.pi / robot.servo.steps_per_turn
         self.count = len(drive.joints)
         self.names = [drive.joints[i].name for i in self._angles]
         """Of the gimbals, in the order of the servos."""
         self.servos = (1 << len(self.names)) - 1
         """Mask of the servos there are."""
-        most_rad, zero_rad = math.radians(robot.drive.max_tilt_deg), self._trim.offset[self._angles]
+        most_rad, zero_rad = (
+            math.radians(robot.drive.max_tilt_deg),
+            self._offsets.offset[self._angles],
+        )
         # It is the gimbal that must not tilt further; its servo may stand beside it.
         self._least = np.ceil((-most_rad - zero_rad) / self._step_rad)
         self._most = np.floor((most_rad - zero_rad) / self._step_rad)
@@ -73,12 +146,12 @@ class Joints:
 
     def goals(self, setpoint: Array) -> tuple[int, ...]:
         """Return steps from neutral for each gimbal."""
-        steps = np.rint(self._trim.told(setpoint)[self._angles] / self._step_rad)
+        steps = np.rint(self._offsets.to_actuators(setpoint)[self._angles] / self._step_rad)
         return _ints(np.clip(steps, self._least, self._most))
 
     def throttles(self, setpoint: Array) -> tuple[int, ...]:
         """Return the pulse for each wheel, in half microseconds; a speed of 0 is zero throttle."""
-        told = self._trim.told(setpoint)[self._wheels]
+        told = self._offsets.to_actuators(setpoint)[self._wheels]
         pulses = self._throttle.pulse_us(self._throttle.signal(told))
         return _ints(np.clip(np.rint(_PULSES_PER_US * pulses), ZERO_THROTTLE, FULL_THROTTLE))
 
@@ -91,7 +164,7 @@ class Joints:
         for servo, joint in enumerate(self._angles):
             if alive >> servo & 1:
                 joints[joint] = steps[servo] * self._step_rad
-        return self._trim.measured(joints)
+        return self._offsets.from_servos(joints)
 
     def named(self, mask: int) -> str:
         """Return the servos in a mask by number and joint."""

@@ -1,19 +1,93 @@
-"""Fig. 7 of Weiss et al. 2008: how far ideal kinematics of the sphere are from the true ones."""
+"""Experiment `atlas`: error of the ideal kinematics of a sphere on wheels with two rows of rollers,
+Fig. 7 of Weiss et al. 2008.
+"""
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
 
 import msgspec
 import numpy as np
 
-from tsd_twin import robots
-from tsd_twin.lab import look
-from tsd_twin.lab.experiment import Experiment
-from tsd_twin.lab.output import Output
-from tsd_twin.lab.row_effect import RowEffect, row_effect
+from tsd_twin import experiment, robots
+from tsd_twin.experiment import Experiment, Output
+from tsd_twin.kinematics import SphereKinematics
 from tsd_twin.lie import Array
-from tsd_twin.robots import SphereRobot, of_kind
+from tsd_twin.robots import SphereDescription, description_of_kind
+
+TABLE_1 = np.array(
+    [
+        [0.0, 1.0, 0.0, 0.0],
+        [0.1, 1.0, 1.0, 1.0],
+        [1.0, 1.0, 2.0, 2.0],
+        [2.0, 2.0, 1.0, 1.0],
+        [3.0, 2.0, 1.0, 2.0],
+        [4.0, 0.0, 0.0, 1.0],
+        [5.0, 1.0, 0.0, 0.0],
+        [6.0, 0.0, 1.0, 0.0],
+        [7.0, 1.0, 2.0, 3.0],
+        [8.0, 2.0, 1.0, 3.0],
+        [9.0, 1.0, 3.0, 2.0],
+        [10.0, 2.0, 3.0, 1.0],
+        [11.0, 3.0, 1.0, 2.0],
+        [12.0, 3.0, 2.0, 1.0],
+        [13.0, 0.0, 0.0, 0.0],
+    ]
+)
+"""Time, s, and speeds of the three wheels, rad/s; straight lines between the rows."""
+STEP_S = 0.001
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RowEffect:
+    """Ideal and true motion of a sphere at the same wheel speeds, a row for each time."""
+
+    t_s: Array
+    speeds: Array
+    """(n, 3): of the wheels, rad/s."""
+    ideal: Array
+    """(n, 3): angular velocity with contacts half-way between the rows, rad/s."""
+    true: Array
+    """(n, 3): with the row that carries."""
+
+    @property
+    def angle_rad(self) -> Array:
+        """(n,): between the two angular velocities; 0 where the sphere stands."""
+        across = np.linalg.norm(np.cross(self.ideal, self.true), axis=-1)
+        return np.arctan2(across, np.sum(self.ideal * self.true, axis=-1))
+
+    @property
+    def share(self) -> Array:
+        """(n,): by how much the ideal one is too slow: 1 - |ideal| / |true|; 0 where it stands."""
+        ideal, true = (np.linalg.norm(each, axis=-1) for each in (self.ideal, self.true))
+        return np.where(true > 0.0, 1.0 - ideal / np.where(true > 0.0, true, 1.0), 0.0)
+
+    def columns(self) -> dict[str, Array]:
+        """Return the columns of a table."""
+        table = {"t_s": self.t_s}
+        for i in range(self.speeds.shape[1]):
+            table[f"wheel{i + 1}_rad_per_s"] = self.speeds[:, i]
+        for name, twist in (("ideal", self.ideal), ("true", self.true)):
+            for i, axis in enumerate("xyz"):
+                table[f"{name}_w{axis}_rad_per_s"] = twist[:, i]
+        return table | {"angle_deg": np.degrees(self.angle_rad), "share_percent": 100 * self.share}
+
+
+def row_effect(
+    drive: SphereKinematics, table: Array = TABLE_1, step_s: float = STEP_S
+) -> RowEffect:
+    """Return what the rows make of wheel speeds (r, 1 + k) that are linear between times."""
+    start, end = float(table[0, 0]), float(table[-1, 0])
+    t: Array = np.linspace(start, end, round((end - start) / step_s) + 1)
+    columns = [np.interp(t, table[:, 0], table[:, i]) for i in range(1, table.shape[1])]
+    speeds = np.stack(columns, axis=-1)
+    # Trapezia add up to the exact angle of a speed that is linear in time.
+    steps: Array = 0.5 * (speeds[1:] + speeds[:-1]) * np.diff(t)[:, None]
+    angles: Array = np.concatenate([np.zeros((1, speeds.shape[1])), np.cumsum(steps, axis=0)])
+    ideal = drive.forward(speeds).twist
+    return RowEffect(t, speeds, ideal, drive.true_twist(speeds, drive.side(angles)))
+
 
 PAPER_MM = 12.5
 _ROUNDING = 1e-6
@@ -21,44 +95,48 @@ _ROUNDING = 1e-6
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
     """Compute both error curves, draw them and say their peaks."""
-    robot = of_kind(robots.load(args.robot), SphereRobot)
+    robot = description_of_kind(robots.load_robot(args.robot), SphereDescription)
     if args.row_distance_mm is not None:
         distance_m = max(0.0, args.row_distance_mm / 1000.0)
         geometry = msgspec.structs.replace(robot.drive, row_distance_m=distance_m)
         robot = msgspec.structs.replace(robot, drive=geometry)
     effect = row_effect(robot.kinematics())
     out.table("atlas", effect.columns())
-    _draw(robot, effect, out)
+    _draw_effect(robot, effect, out)
     angle, share = np.degrees(effect.angle_rad), 100.0 * np.abs(effect.share)
     return [
         f"{robot.title}, rows {1000 * robot.drive.row_distance_m:g} mm apart, inputs of Table 1",
         f"  (the paper has 3.2 deg and 3.8 % for rows {PAPER_MM:g} mm apart):",
-        f"  peak angle     {_peak(angle, effect.t_s, 'deg')}",
-        f"  peak magnitude {_peak(share, effect.t_s, '%')}",
+        f"  peak angle     {_peak_text(angle, effect.t_s, 'deg')}",
+        f"  peak magnitude {_peak_text(share, effect.t_s, '%')}",
     ]
 
 
-def _peak(values: Array, t_s: Array, unit: str) -> str:
+def _peak_text(values: Array, t_s: Array, unit: str) -> str:
     """Return the largest of `values` in words, and when it was, unless they are all rounding."""
     peak = float(values.max())
     when = f" at {t_s[values.argmax()]:.2f} s" if peak > _ROUNDING else ""
     return f"{peak:.2f} {unit}{when}"
 
 
-def _draw(robot: SphereRobot, effect: RowEffect, out: Output) -> None:
+def _draw_effect(robot: SphereDescription, effect: RowEffect, out: Output) -> None:
     title = f"{robot.title}: what is left out when a wheel has two rows of rollers"
-    figure = look.figure(10.0, 6.4, title)
+    figure = experiment.new_figure(10.0, 6.4, title)
     inputs, angle, share = figure.subplots(3, 1, sharex=True, height_ratios=[2, 3, 3])
     for i in range(effect.speeds.shape[1]):
-        colour, label = look.SERIES[i], f"wheel {i + 1}"
+        colour, label = experiment.SERIES_COLOURS[i], f"wheel {i + 1}"
         inputs.plot(effect.t_s, effect.speeds[:, i], color=colour, linewidth=1.2, label=label)
-    look.dress(inputs, "", "speed (rad/s)", "inputs: Table 1, linear in time")
-    look.legend(inputs, ncols=3)
-    angle.plot(effect.t_s, np.degrees(effect.angle_rad), color=look.ESTIMATE, linewidth=1.0)
-    look.dress(angle, "", "angle (deg)", "between ideal and true angular velocity")
-    share.plot(effect.t_s, 100.0 * effect.share, color=look.TRUTH, linewidth=1.0)
-    look.dress(share, "time (s)", "magnitude (%)", "by how much the ideal one is too slow")
-    out.picture("atlas", figure)
+    experiment.label_axes(inputs, "", "speed (rad/s)", "inputs: Table 1, linear in time")
+    experiment.add_legend(inputs, ncols=3)
+    angle.plot(
+        effect.t_s, np.degrees(effect.angle_rad), color=experiment.ESTIMATE_COLOUR, linewidth=1.0
+    )
+    experiment.label_axes(angle, "", "angle (deg)", "between ideal and true angular velocity")
+    share.plot(effect.t_s, 100.0 * effect.share, color=experiment.TRUTH_COLOUR, linewidth=1.0)
+    experiment.label_axes(
+        share, "time (s)", "magnitude (%)", "by how much the ideal one is too slow"
+    )
+    out.figure("atlas", figure)
 
 
 def _flags(parser: argparse.ArgumentParser) -> None:

@@ -1,28 +1,269 @@
-"""Which error costs how much on the open-loop square of the thesis: one at a time, and together."""
+"""Experiment `budget`: error budget of the open-loop square, each error source alone and all
+together.
+"""
 
 from __future__ import annotations
 
 import argparse
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
 from functools import reduce
 from operator import add
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from tsd_twin import robots
+from tsd_twin import experiment, robots
 from tsd_twin.errors import TwinError
-from tsd_twin.lab import look, shapes
-from tsd_twin.lab.experiment import Experiment
-from tsd_twin.lab.one_square import THESIS_SHARE, sharp
-from tsd_twin.lab.open_square import Errors, Outcome, drive_open
-from tsd_twin.lab.output import Output
-from tsd_twin.lab.sources import LINE, SOURCES, Source
-from tsd_twin.lie import Array
-from tsd_twin.motion.route import Route
-from tsd_twin.robots import SingularityRobot, of_kind
+from tsd_twin.estimation import Slip
+from tsd_twin.experiment import Experiment, Output
+from tsd_twin.kinematics import JointKind, Kinematics
+from tsd_twin.lab import motors, tracking
+from tsd_twin.lab.square import THESIS_SHARE, unlimited_trajectory
+from tsd_twin.lie import SE2, Array
+from tsd_twin.motion.routes import Route
+from tsd_twin.motion.trajectory import Trajectory
+from tsd_twin.robots import SingularityDescription, description_of_kind
+from tsd_twin.simulation import KinematicPlant, Servos, WheelSurface
 
-_ALL = "all of these"
-AT_ONCE = 1000
+STEP_S = 0.01
+_SETTLE_S = 0.5
+_NO_LAG = 1e6
+"""Radians a second, and 1/s: of servos that do not lag."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ErrorSet:
+    """What is wrong with n robots; nothing, unless given."""
+
+    spin_share: Array
+    """(n, k): of the speed of each wheel."""
+    zero_rad: Array
+    """(n, g): by how much each gimbal stands beside where it is told."""
+    step_rad: float = 0.0
+    """Gimbals go to whole numbers of this; 0: anywhere."""
+    lag: float = 0.0
+    """1: gimbals follow as servos do; 0: at once."""
+    dead_band_rad: float = 0.0
+    """Gimbals stop so close to where they are told."""
+    backlash_rad: float = 0.0
+    """Motors cross this alone after a reversal; it costs nothing when they do not lag."""
+    delay_s: float = 0.0
+    """What the robot is told comes so much later."""
+    layer_m: float = 0.0
+    """Of the surface of the wheels."""
+    phase_rad: float | Array = 0.0
+    """(n, k): where the first layer of each wheel begins."""
+    slip: float = 0.0
+    """1: the floor has the friction of the description; 0: wheels only roll."""
+
+    def __add__(self, other: ErrorSet) -> ErrorSet:
+        """Return both at once."""
+        return ErrorSet(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(ErrorSet)))
+
+    def part(self, rows: slice) -> ErrorSet:
+        """Return the errors of some of the robots."""
+        phase = self.phase_rad
+        phase = phase[rows] if isinstance(phase, np.ndarray) else phase
+        return replace(
+            self,
+            spin_share=self.spin_share[rows],
+            zero_rad=self.zero_rad[rows],
+            phase_rad=phase,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenLoopErrors:
+    """How n runs ended, metres."""
+
+    rms_m: Array
+    """(n,): root mean square distance to the reference in time."""
+    worst_m: Array
+    """(n,): greatest."""
+    closure_m: Array
+    """(n,): at the end."""
+
+
+def drive_open_loop(
+    robot: SingularityDescription, trajectory: Trajectory, errors: ErrorSet
+) -> OpenLoopErrors:
+    """Drive the trajectory without correction, all robots in lockstep.
+
+    Wheels are at speed when it starts. The command of each period is what its middle asks for.
+    """
+    drive: Kinematics[SE2] = robot.kinematics()
+    is_angle = np.array([joint.kind is JointKind.POSITION for joint in drive.joints])
+    servos = _servos_with(robot, errors)
+    plant = KinematicPlant(drive)
+    runs = len(errors.spin_share)
+    surface = WheelSurface(
+        robot.kinematics(), errors.layer_m, np.zeros((runs, 1)) + errors.phase_rad
+    )
+    slip = Slip(robot, (runs,)) if errors.slip > 0.0 else None
+    steps = round((trajectory.duration_s + _SETTLE_S) / STEP_S)
+    t_s: Array = STEP_S * np.arange(steps, dtype=np.float64)
+    told = drive.inverse(trajectory.at(t_s + 0.5 * STEP_S).twist)
+    goals = told[:, is_angle]
+    if errors.step_rad > 0.0:
+        goals = np.round(goals / errors.step_rad) * errors.step_rad
+    # Nothing here depends on the time itself: a robot that is told late is where it was then.
+    shall = trajectory.at(t_s + STEP_S + errors.delay_s).pose[:, :2]
+    nodes = np.empty((3, runs, len(is_angle)))
+    nodes[..., ~is_angle] = told[0, ~is_angle] * (1.0 + errors.spin_share)
+    play = np.zeros_like(errors.zero_rad)
+    angles, pose = errors.zero_rad.copy(), SE2(np.tile(trajectory.at(0.0).pose, (runs, 1)))
+    squared, worst, off = np.zeros(runs), np.zeros(runs), np.zeros(runs)
+    halves = np.array([0.5, 1.0])[:, None, None] * STEP_S
+    for goal, here in zip(goals, shall, strict=True):
+        aim = goal + errors.zero_rad
+        if servos is None:
+            nodes[:, :, is_angle] = aim
+        else:
+            nodes[0][:, is_angle] = angles
+            turning_s, plays = servos.cross(angles, aim, play, halves)
+            nodes[1:, :, is_angle] = servos.after(angles, aim, turning_s)
+            play = plays[1]
+        angles = nodes[2][:, is_angle]
+        tangent = plant.tangent(surface.roll(nodes), STEP_S)
+        if slip is not None:
+            before = slip.twist
+            tangent = 0.5 * STEP_S * (before + slip.advance(tangent / STEP_S, STEP_S, 2))
+        pose = pose @ SE2.exp(tangent)
+        apart = pose.xy_heading[:, :2] - here
+        off = np.hypot(apart[:, 0], apart[:, 1])
+        squared += off * off
+        worst = np.maximum(worst, off)
+    return OpenLoopErrors(np.sqrt(squared / steps), worst, off)
+
+
+def _servos_with(robot: SingularityDescription, errors: ErrorSet) -> Servos | None:
+    """Return the servos of such robots; None when gimbals are at once where they are told."""
+    play = {"dead_band_rad": errors.dead_band_rad, "backlash_rad": errors.backlash_rad}
+    servos = replace(Servos.of(robot, robot.battery.nominal_v), **play)
+    if errors.lag > 0.0:
+        return servos
+    if errors.dead_band_rad == 0.0:
+        return None
+    return replace(servos, speed_limit_rad_per_s=_NO_LAG, approach_rate_per_s=_NO_LAG)
+
+
+DrawErrors: TypeAlias = Callable[[SingularityDescription, np.random.Generator, int], ErrorSet]
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorSource:
+    """A cause of error: its name, its size with where that is from, and dice for it."""
+
+    name: str
+    size: str
+    draw: DrawErrors
+
+
+def _no_errors(robot: SingularityDescription, runs: int) -> ErrorSet:
+    return ErrorSet(
+        np.zeros((runs, robot.drive.modules)), np.zeros((runs, 2 * robot.drive.modules))
+    )
+
+
+def _same_for_all(given: Callable[[SingularityDescription], dict[str, float]]) -> DrawErrors:
+    """Return what is the same for all robots of one description."""
+    return lambda robot, _random, runs: replace(_no_errors(robot, runs), **given(robot))
+
+
+def _draw_zero(robot: SingularityDescription, random: np.random.Generator, runs: int) -> ErrorSet:
+    none, sigma = _no_errors(robot, runs), np.radians(robot.errors.zero_deg)
+    return replace(none, zero_rad=sigma * random.standard_normal(none.zero_rad.shape))
+
+
+def _draw_spin(robot: SingularityDescription, random: np.random.Generator, runs: int) -> ErrorSet:
+    none = _no_errors(robot, runs)
+    share = robot.noise.spin_share * random.standard_normal(none.spin_share.shape)
+    return replace(none, spin_share=share)
+
+
+def _draw_line(robot: SingularityDescription, _random: np.random.Generator, runs: int) -> ErrorSet:
+    none = _no_errors(robot, runs)
+    return replace(none, spin_share=none.spin_share + spin_error_of_line(robot))
+
+
+def _draw_battery(
+    robot: SingularityDescription, random: np.random.Generator, runs: int
+) -> ErrorSet:
+    none = _no_errors(robot, runs)
+    share = robot.errors.battery_share * random.standard_normal((runs, 1))
+    return replace(none, spin_share=none.spin_share + share)
+
+
+def _draw_layers(robot: SingularityDescription, random: np.random.Generator, runs: int) -> ErrorSet:
+    none = _no_errors(robot, runs)
+    phase = random.uniform(0.0, 2.0 * np.pi, none.spin_share.shape)
+    return replace(none, layer_m=robot.errors.layer_m, phase_rad=phase)
+
+
+def spin_error_of_line(robot: SingularityDescription) -> Array:
+    """Return how much faster (k,), as a share, motors turn than the line of Table 2 lets expect.
+
+    The signal comes from the line through all rows, as in the thesis, the speed from the table.
+    """
+    signal: Array = np.array(robot.motor.signal)
+    rpm: Array = np.array(robot.motor.speed_rpm)
+    line = motors.fit_lines(signal, rpm, np.ones(len(signal), dtype=bool))
+    wanted = robot.drive.cruise_speed_rpm
+    given: Array = (wanted - line.offset) / line.slope
+    turns = np.empty(len(rpm))
+    for i, row in enumerate(rpm):
+        turns[i] = np.interp(given[i], signal, row)
+    return turns / wanted - 1.0
+
+
+MOTOR_LINE = ErrorSource(
+    "line of Table 2", "spin of each motor by the line, not the table", _draw_line
+)
+"""An error of calibration that need not be: the simulator, and a robot that uses it, has none."""
+ERROR_SOURCES = (
+    ErrorSource(
+        "lag of the servos",
+        "[servo]: 32 per s, 63 rpm (MX-64)",
+        _same_for_all(lambda _: {"lag": 1.0}),
+    ),
+    ErrorSource(
+        "lag, and play",
+        "[errors]: 0.33 deg (Robotis e-Manual)",
+        _same_for_all(
+            lambda robot: {"lag": 1.0, "backlash_rad": math.radians(robot.errors.backlash_deg)}
+        ),
+    ),
+    ErrorSource(
+        "dead band",
+        "[errors]: 0.044 deg, half a step",
+        _same_for_all(lambda robot: {"dead_band_rad": math.radians(robot.errors.dead_band_deg)}),
+    ),
+    ErrorSource(
+        "steps of the servos",
+        "[servo]: 4,096 a turn (MX-64)",
+        _same_for_all(lambda robot: {"step_rad": 2.0 * np.pi / robot.servo.steps_per_turn}),
+    ),
+    ErrorSource(
+        "delay of the bus",
+        "[errors]: 5 ms (as modelled for the bridge)",
+        _same_for_all(lambda robot: {"delay_s": robot.errors.delay_s}),
+    ),
+    ErrorSource("spin of each wheel", "[noise]: 1 %", _draw_spin),
+    ErrorSource("battery", "[errors]: 3 %, all wheels alike (assumed)", _draw_battery),
+    ErrorSource("gimbal zero", "[errors]: creeps an inch in 30 s (thesis)", _draw_zero),
+    ErrorSource("printed layers", "[errors]: 0.2 mm", _draw_layers),
+    ErrorSource(
+        "slip on the floor",
+        "[floor]: friction 0.8 (assumed)",
+        _same_for_all(lambda _: {"slip": 1.0}),
+    ),
+)
+
+
+_ALL_SOURCES = "all of these"
+BATCH = 1000
 """Robots in lockstep: their arrays stay in the processor's cache."""
 
 
@@ -30,19 +271,23 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     """Drive the square with each error alone and with all together; draw what each costs."""
     if args.runs < 1:
         raise TwinError(f"--runs must be 1 or more, not {args.runs}")
-    robot = of_kind(robots.load(args.robot), SingularityRobot)
-    cases = {source.name: [source] for source in SOURCES}
-    cases |= {_ALL: list(SOURCES), LINE.name: [LINE], "all and the line": [*SOURCES, LINE]}
-    jobs = [
-        (name, at) for name, used in cases.items() for at in range(0, _runs(args, used), AT_ONCE)
-    ]
+    robot = description_of_kind(robots.load_robot(args.robot), SingularityDescription)
+    cases = {source.name: [source] for source in ERROR_SOURCES}
+    cases |= {
+        _ALL_SOURCES: list(ERROR_SOURCES),
+        MOTOR_LINE.name: [MOTOR_LINE],
+        "all and the line": [*ERROR_SOURCES, MOTOR_LINE],
+    }
+    jobs = [(name, at) for name, used in cases.items() for at in range(0, _runs(args, used), BATCH)]
     random = np.random.default_rng(args.seed)
-    errors = {name: _drawn(robot, random, used, _runs(args, used)) for name, used in cases.items()}
-    trajectory = sharp(Route(shapes.shape("square")))
-    found: dict[str, list[Outcome]] = {name: [] for name in cases}
+    errors = {
+        name: _draw_errors(robot, random, used, _runs(args, used)) for name, used in cases.items()
+    }
+    trajectory = unlimited_trajectory(Route(tracking.named_path("square")))
+    found: dict[str, list[OpenLoopErrors]] = {name: [] for name in cases}
     for name, at in out.progress(jobs, "driving squares", len(jobs)):
-        part = errors[name].part(slice(at, at + AT_ONCE))
-        found[name].append(drive_open(robot, trajectory, part))
+        part = errors[name].part(slice(at, at + BATCH))
+        found[name].append(drive_open_loop(robot, trajectory, part))
     worst = {
         name: 100.0 * np.concatenate([outcome.worst_m for outcome in outcomes])
         for name, outcomes in found.items()
@@ -61,7 +306,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
             "p95_percent": list(high.values()),
         },
     )
-    _draw(worst, middle, high, out)
+    _draw_budget(worst, middle, high, out)
     lines = [
         "largest error of position on the open-loop square, % of the side (median, 95 of 100):"
     ]
@@ -69,39 +314,53 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     return [*lines, f"  the thesis reports at most {100 * THESIS_SHARE:.0f}"]
 
 
-def _runs(args: argparse.Namespace, used: list[Source]) -> int:
+def _runs(args: argparse.Namespace, used: list[ErrorSource]) -> int:
     """Return the number of runs: with one error alone, a tenth is enough."""
     return int(args.runs) if len(used) > 1 else max(1, int(args.runs) // 10)
 
 
-def _drawn(
-    robot: SingularityRobot, random: np.random.Generator, used: list[Source], runs: int
-) -> Errors:
+def _draw_errors(
+    robot: SingularityDescription, random: np.random.Generator, used: list[ErrorSource], runs: int
+) -> ErrorSet:
     return reduce(add, (source.draw(robot, random, runs) for source in used))
 
 
-def _draw(
+def _draw_budget(
     worst: dict[str, Array], middle: dict[str, float], high: dict[str, float], out: Output
 ) -> None:
-    figure: Any = look.figure(10.0, 4.4, "What each error costs on the open-loop square")
+    figure: Any = experiment.new_figure(10.0, 4.4, "What each error costs on the open-loop square")
     left, right = figure.subplots(1, 2, width_ratios=[1.3, 1.0])
     names = list(worst)[::-1]
     rows = np.arange(len(names))
     left.barh(rows, [high[n] for n in names], 0.7, color="#f0c8b4", label="95 of 100 runs")
-    left.barh(rows, [middle[n] for n in names], 0.7, color=look.TRUTH, label="half of all runs")
-    left.set_yticks(rows, names)
-    left.axvline(100 * THESIS_SHARE, color=look.REFERENCE, linestyle="--", linewidth=1.0)
-    look.dress(left, "largest error of position (% of the side)", "", "one at a time, and together")
-    look.legend(left, loc="upper right")
-    right.hist(worst[_ALL], 60, color=look.TRUTH)
-    right.axvline(
-        100 * THESIS_SHARE, color=look.REFERENCE, linestyle="--", linewidth=1.0, label="thesis"
+    left.barh(
+        rows,
+        [middle[n] for n in names],
+        0.7,
+        color=experiment.TRUTH_COLOUR,
+        label="half of all runs",
     )
-    look.dress(
+    left.set_yticks(rows, names)
+    left.axvline(
+        100 * THESIS_SHARE, color=experiment.REFERENCE_COLOUR, linestyle="--", linewidth=1.0
+    )
+    experiment.label_axes(
+        left, "largest error of position (% of the side)", "", "one at a time, and together"
+    )
+    experiment.add_legend(left, loc="upper right")
+    right.hist(worst[_ALL_SOURCES], 60, color=experiment.TRUTH_COLOUR)
+    right.axvline(
+        100 * THESIS_SHARE,
+        color=experiment.REFERENCE_COLOUR,
+        linestyle="--",
+        linewidth=1.0,
+        label="thesis",
+    )
+    experiment.label_axes(
         right, "largest error of position (% of the side)", "runs", "all of them, run by run"
     )
-    look.legend(right)
-    out.picture("budget", figure)
+    experiment.add_legend(right)
+    out.figure("budget", figure)
 
 
 def _flags(parser: argparse.ArgumentParser) -> None:

@@ -1,23 +1,21 @@
-"""A path, timed to the limits, on the simulated robot: open or closed loop."""
+"""Experiment `follow`: a path, timed to the limits, on the simulated robot, open or closed loop."""
 
 from __future__ import annotations
 
 import argparse
 from typing import Any
 
-from tsd_twin import robots
-from tsd_twin.lab import charts, look, shapes
-from tsd_twin.lab.drive_path import Record, follow
-from tsd_twin.lab.experiment import Experiment
-from tsd_twin.lab.observer import Loop, observer
-from tsd_twin.lab.output import Output
-from tsd_twin.lab.virtual_robot import VirtualRobot
-from tsd_twin.motion.heading import FixedHeading, HeadingLaw, TangentHeading
-from tsd_twin.motion.path import Path
-from tsd_twin.motion.route import Route
-from tsd_twin.motion.tracker import Tracker, TrackerSettings
+from tsd_twin import experiment, robots
+from tsd_twin.experiment import Experiment, Output
+from tsd_twin.lab import tracking
+from tsd_twin.lab.observer import Loop, make_observer
+from tsd_twin.lab.tracking import TrackingRecord, follow_trajectory
+from tsd_twin.motion.paths import Path
+from tsd_twin.motion.routes import FixedHeading, HeadingProfile, Route, TangentHeading
+from tsd_twin.motion.tracking import TrackingController, TrackingSettings
 from tsd_twin.motion.trajectory import plan
-from tsd_twin.sim import Frame, SimRobot
+from tsd_twin.simulation import Frame, SimRobot
+from tsd_twin.virtual_robot import VirtualRobot
 
 SHARE = 0.8
 """Of the limits that the timing uses: the rest is for correction."""
@@ -25,18 +23,18 @@ SHARE = 0.8
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
     """Time the path, follow it, and say how well."""
-    robot = robots.load(args.robot)
-    heading: HeadingLaw = TangentHeading() if args.heading == "tangent" else FixedHeading()
+    robot = robots.load_robot(args.robot)
+    heading: HeadingProfile = TangentHeading() if args.heading == "tangent" else FixedHeading()
     route = Route(_path(args), heading)
     trajectory = plan(
         route, robot.kinematics(), robot.limits, share=args.share, speed_mps=args.speed
     )
     virtual = VirtualRobot(robot, SimRobot(robot, seed=args.seed, noise=args.noise))
-    watching = observer(Loop(args.loop), virtual, args.seed)
-    record = follow(
+    watching = make_observer(Loop(args.loop), virtual, args.seed)
+    record = follow_trajectory(
         virtual,
         trajectory,
-        Tracker(trajectory, TrackerSettings(lag_s=robot.lag_s)),
+        TrackingController(trajectory, TrackingSettings(lag_s=robot.lag_s)),
         watching,
         lambda steps: out.progress(steps, "driving", len(steps)),
     )
@@ -50,18 +48,20 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 
 def _path(args: argparse.Namespace) -> Path:
     if args.points:
-        return shapes.through(args.points, args.cut, smooth=args.smooth)
-    return shapes.shape(args.path, args.cut)
+        return tracking.path_through(args.points, args.cut, smooth=args.smooth)
+    return tracking.named_path(args.path, args.cut)
 
 
-def _draw(args: argparse.Namespace, record: Record, frames: list[Frame], out: Output) -> None:
+def _draw(
+    args: argparse.Namespace, record: TrackingRecord, frames: list[Frame], out: Output
+) -> None:
     name = "given points" if args.points else args.path
-    figure: Any = look.figure(10.5, 5.2, f"Following: {name}, loop: {args.loop}")
+    figure: Any = experiment.new_figure(10.5, 5.2, f"Following: {name}, loop: {args.loop}")
     grid = figure.add_gridspec(2, 2, width_ratios=[1.15, 1.0])
-    charts.draw_positions(figure.add_subplot(grid[:, 0]), record, frames, "position from above")
-    charts.draw_speeds(figure.add_subplot(grid[0, 1]), record, frames, "speed over the floor")
-    charts.draw_errors(figure.add_subplot(grid[1, 1]), record, "error in time")
-    out.picture("follow", figure)
+    tracking.draw_positions(figure.add_subplot(grid[:, 0]), record, frames, "position from above")
+    tracking.draw_speeds(figure.add_subplot(grid[0, 1]), record, frames, "speed over the floor")
+    tracking.draw_errors(figure.add_subplot(grid[1, 1]), record, "error in time")
+    out.figure("follow", figure)
 
 
 def add_run_flags(parser: argparse.ArgumentParser, loop: Loop) -> None:
@@ -84,7 +84,7 @@ def _flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--path",
         default="square",
-        choices=list(shapes.SHAPES),
+        choices=list(tracking.NAMED_PATHS),
         help="one of these; default square",
     )
     parser.add_argument(

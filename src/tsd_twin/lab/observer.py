@@ -1,26 +1,70 @@
-"""Where a robot believes to be: from its wheels, and from a gyro and a camera if it has them."""
+"""Pose observer of a virtual robot: wheels, and a gyro and a camera if it has them."""
 
 from __future__ import annotations
 
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 
 from tsd_twin.estimation import DriftFilter, Slip, with_gyro
-from tsd_twin.lab.rolling import rolled
-from tsd_twin.lab.turning import SPIN_LEFT, turn
-from tsd_twin.lab.virtual_robot import PERIOD_S, VirtualRobot
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import Gyro
-from tsd_twin.sim import Camera, CameraNoise, Frame, YawGyro
+from tsd_twin.simulation import Camera, CameraNoise, Frame, YawGyro
+from tsd_twin.virtual_robot import PERIOD_S, VirtualRobot, voltage_share
 
-VOLT_STEP = 0.1
-"""In which an MX-64 reports the voltage of its supply (Robotis e-Manual, present voltage)."""
+
+def twist_from_wheels(robot: VirtualRobot, slip: Slip | None) -> Array:
+    """Return the twist (3,) by the wheels, over the floor that `slip` knows, one period on."""
+    twist = robot.spin_share * robot.odometry().twist
+    return twist if slip is None else slip.advance(twist / slip.rest_share, PERIOD_S)
+
+
+REMAINING_SPIN_SIGMA = 0.002
+"""Standard deviation of the share that is left unknown, by layers of the wheels most of all."""
+_RATE_RAD_PER_S = 2.5
+_SWING_S = 2.5
+_REST_S = 0.5
+
+
+class SpinMeasurement(NamedTuple):
+    """What a turn tells."""
+
+    spin_share: float
+    """Speed of the wheels over what it was taken for."""
+    later_s: float
+    """How much later than reckoned the body follows its wheels."""
+
+
+def measure_spin(robot: VirtualRobot, gyro: YawGyro, slip: Slip | None) -> SpinMeasurement:
+    """Turn a robot there and back, and compare what its gyro says with what its wheels say.
+
+    The rate swings as a sine: gimbals pass all tilts on the way, so that steps of their servos and
+    layers of the wheels even out, and what is off by a constant does so between there and back.
+    """
+    by_wheels: list[float] = []
+    by_gyro: list[float] = []
+    for i in range(round((_SWING_S + _REST_S) / PERIOD_S)):
+        t_s = i * PERIOD_S
+        wave = float(np.sin(2.0 * np.pi * t_s / _SWING_S))
+        rate = _RATE_RAD_PER_S * wave if t_s < _SWING_S else 0.0
+        robot.drive(np.array([0.0, 0.0, rate]))
+        by_wheels.append(float(twist_from_wheels(robot, slip)[2]))
+        by_gyro.append(float(gyro.measure(robot.true_twist[2])))
+    # Wheels are heard of late, the gyro at once.
+    at_s: Array = PERIOD_S * np.arange(len(by_gyro), dtype=np.float64)
+    seen = np.interp(at_s - robot.simulated.delay_s, at_s, by_gyro)
+    expected = np.array(by_wheels)
+    columns = np.column_stack([expected, -np.gradient(expected, PERIOD_S)])
+    share, late = np.linalg.lstsq(columns, seen)[0].tolist()
+    return SpinMeasurement(share, late / share)
+
+
 _FRICTION_SHARE = 0.25
 """Standard deviation of the friction of a floor that was not measured."""
 
 
-class Observer:
+class PoseObserver:
     """The pose of a virtual robot, on its mark at the start.
 
     It knows how late the bus is, and if it is given a floor, how wheels slide on it when they push.
@@ -46,8 +90,8 @@ class Observer:
         self._delay_s = robot.simulated.delay_s
         self._start_s = robot.now_s
         if spin_sigma is None:
-            wheels = len(robot.core.drive.actuators)
-            spin_sigma = robot.core.robot.joint_errors().spin_share / float(np.sqrt(wheels))
+            wheels = len(robot.controller.kinematics.actuators)
+            spin_sigma = robot.controller.robot.joint_errors().spin_share / float(np.sqrt(wheels))
         creep = np.sqrt(np.diag(robot.odometry().twist_covariance))
         if gyro is not None:
             creep[2] = gyro.noise.bias_rad_per_s
@@ -61,7 +105,7 @@ class Observer:
     def __call__(self, robot: VirtualRobot) -> SE2:
         """Return the pose after the newest measurement."""
         now_s = robot.now_s - self._start_s
-        before, self._twist = self._twist, rolled(robot, self.slip)
+        before, self._twist = self._twist, twist_from_wheels(robot, self.slip)
         # What only rolls has moved by the mean of its step; what slides is known at its end.
         mean = self._twist if self.slip is None else 0.5 * (before + self._twist)
         covariance = robot.odometry().twist_covariance
@@ -77,10 +121,10 @@ class Observer:
             by_errors[2, [0, -1]] = 0.0
         # What does not stay is new in each sample.
         self._filter.advance(now_s - self._delay_s, mean, by_errors, covariance * PERIOD_S)
-        self._look(robot, now_s)
+        self._fuse_camera(robot, now_s)
         return self._filter.pose @ SE2.exp(mean * self._delay_s)
 
-    def _look(self, robot: VirtualRobot, now_s: float) -> None:
+    def _fuse_camera(self, robot: VirtualRobot, now_s: float) -> None:
         if self._camera is None:
             return
         noise = self._camera.noise
@@ -88,15 +132,6 @@ class Observer:
         for frame in self._camera.watch(now_s, robot.truth):
             self.frames.append(frame)
             self._filter.fuse_pose(SE2(frame.pose), spread, frame.taken_s)
-
-
-def voltage_share(robot: VirtualRobot) -> float:
-    """Return the speed of wheels over that at the nominal voltage, by what servos report of it."""
-    nominal_v = robot.core.robot.battery.nominal_v
-    battery_v = robot.simulated.hardware().get("battery_v")
-    if not isinstance(battery_v, float):
-        return 1.0
-    return VOLT_STEP * round(battery_v / VOLT_STEP) / nominal_v
 
 
 class Loop(StrEnum):
@@ -108,10 +143,10 @@ class Loop(StrEnum):
     CAMERA = "camera"
 
 
-def observer(
+def make_observer(
     loop: Loop, robot: VirtualRobot, seed: int, slip: Slip | None = None, *, turns: bool = False
-) -> Observer | None:
-    """Return who watches a robot on its mark; nobody when the loop is open.
+) -> PoseObserver | None:
+    """Return the observer of a robot at its start pose; None when the loop is open.
 
     `slip` is for a plant whose wheels slide. A robot with a gyro that `turns` does so on the spot
     beforehand, to learn how fast its wheels spin and slide, and is put on its mark then.
@@ -121,13 +156,13 @@ def observer(
     random = np.random.default_rng(seed)
     robot.spin_share = voltage_share(robot) * (1.0 if slip is None else slip.rest_share)
     if loop is Loop.WHEELS:
-        return Observer(robot, slip=slip)
+        return PoseObserver(robot, slip=slip)
     gyro, spin_sigma = YawGyro(Gyro(), random), None
     if turns:
-        turned = turn(robot, gyro, slip)
+        turned = measure_spin(robot, gyro, slip)
         robot.spin_share *= turned.spin_share
         slip = None if slip is None else slip.later(turned.later_s)
         robot.mark()
-        spin_sigma = SPIN_LEFT
+        spin_sigma = REMAINING_SPIN_SIGMA
     camera = Camera(CameraNoise(), random) if loop is Loop.CAMERA else None
-    return Observer(robot, gyro, camera, slip, spin_sigma=spin_sigma)
+    return PoseObserver(robot, gyro, camera, slip, spin_sigma=spin_sigma)

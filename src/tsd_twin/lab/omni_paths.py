@@ -1,26 +1,25 @@
-"""Line, parabola, sine and circle under PID, with noise: what each is off by."""
+"""Experiment `omni-paths`: line, parabola, sine and circle under PID with noise, and their tracking
+errors.
+"""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
 
-from tsd_twin import robots
-from tsd_twin.lab import charts, look
-from tsd_twin.lab.drive_path import Record, follow
-from tsd_twin.lab.experiment import Experiment
-from tsd_twin.lab.output import Output
-from tsd_twin.lab.shapes import shape
-from tsd_twin.lab.virtual_robot import VirtualRobot
+from tsd_twin import experiment, robots
+from tsd_twin.experiment import Experiment, Output
+from tsd_twin.lab import tracking
+from tsd_twin.lab.tracking import TrackingRecord, follow_trajectory, named_path
 from tsd_twin.lie import SE2
-from tsd_twin.motion.heading import FixedHeading, HeadingLaw, TangentHeading
-from tsd_twin.motion.route import Route
-from tsd_twin.motion.tracker import Tracker, TrackerSettings
+from tsd_twin.motion.routes import FixedHeading, HeadingProfile, Route, TangentHeading
+from tsd_twin.motion.tracking import TrackingController, TrackingSettings
 from tsd_twin.motion.trajectory import plan
-from tsd_twin.robots import OmniRobot, of_kind
-from tsd_twin.sim import SimRobot
+from tsd_twin.robots import OmniDescription, description_of_kind
+from tsd_twin.simulation import SimRobot
+from tsd_twin.virtual_robot import VirtualRobot
 
-PATHS: Mapping[str, HeadingLaw] = {
+HEADING_PROFILES: Mapping[str, HeadingProfile] = {
     "line": FixedHeading(),
     "parabola": FixedHeading(),
     "sine": FixedHeading(),
@@ -33,35 +32,37 @@ _SHARE = 0.8
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
     """Follow each path by the robot's own estimate, draw what it did and say what it is off by."""
-    robot = of_kind(robots.load(args.robot), OmniRobot)
-    records: dict[str, Record] = {}
-    for name, heading in out.progress(PATHS.items(), "driving", len(PATHS)):
-        records[name] = ride(robot, name, heading, args.noise, args.seed)
+    robot = description_of_kind(robots.load_robot(args.robot), OmniDescription)
+    records: dict[str, TrackingRecord] = {}
+    for name, heading in out.progress(HEADING_PROFILES.items(), "driving", len(HEADING_PROFILES)):
+        records[name] = run_path(robot, name, heading, args.noise, args.seed)
         out.table(f"omni-paths_{name}", records[name].columns())
     _draw(robot, records, out)
     return [f"{name}: {record.errors().sentence()}" for name, record in records.items()]
 
 
-def ride(robot: OmniRobot, name: str, heading: HeadingLaw, noise: float, seed: int) -> Record:
+def run_path(
+    robot: OmniDescription, name: str, heading: HeadingProfile, noise: float, seed: int
+) -> TrackingRecord:
     """Return what a robot made of one path under feed-forward and PID."""
     virtual = VirtualRobot(robot, SimRobot(robot, seed=seed, noise=noise))
     drive = robot.kinematics()
-    trajectory = plan(Route(shape(name), heading), drive, robot.limits, share=_SHARE)
-    tracker = Tracker(trajectory, TrackerSettings(lag_s=robot.lag_s))
-    return follow(virtual, trajectory, tracker, _believed)
+    trajectory = plan(Route(named_path(name), heading), drive, robot.limits, share=_SHARE)
+    tracker = TrackingController(trajectory, TrackingSettings(lag_s=robot.lag_s))
+    return follow_trajectory(virtual, trajectory, tracker, _estimated_pose)
 
 
-def _believed(virtual: VirtualRobot) -> SE2:
+def _estimated_pose(virtual: VirtualRobot) -> SE2:
     return SE2(virtual.odometry().xy_heading)
 
 
-def _draw(robot: OmniRobot, records: Mapping[str, Record], out: Output) -> None:
-    figure = look.figure(14.0, 6.6, f"{robot.title}: paths under PID with noise")
+def _draw(robot: OmniDescription, records: Mapping[str, TrackingRecord], out: Output) -> None:
+    figure = experiment.new_figure(14.0, 6.6, f"{robot.title}: paths under PID with noise")
     above, below = figure.subplots(2, len(records), height_ratios=[3, 2])
     for from_above, error, (name, record) in zip(above, below, records.items(), strict=True):
-        charts.draw_positions(from_above, record, [], name)
-        charts.draw_errors(error, record, "error in time")
-    out.picture("omni-paths", figure)
+        tracking.draw_positions(from_above, record, [], name)
+        tracking.draw_errors(error, record, "error in time")
+    out.figure("omni-paths", figure)
 
 
 def _flags(parser: argparse.ArgumentParser) -> None:

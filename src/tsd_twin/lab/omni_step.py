@@ -1,29 +1,136 @@
-"""The reference run of Savnani et al. 2019: 5 m/s at once, and 0 from half-way on."""
+"""Experiment `omni-step`: 5 m/s and stop at half-way, against the time-optimal profile (Savnani et
+al. 2019).
+"""
 
 from __future__ import annotations
 
 import argparse
 import math
+from dataclasses import dataclass
 
 import msgspec
 import numpy as np
 
-from tsd_twin import robots
+from tsd_twin import experiment, robots
 from tsd_twin.errors import TwinError
-from tsd_twin.lab import look
-from tsd_twin.lab.experiment import Experiment
-from tsd_twin.lab.half_way import Dash, Run, dash
-from tsd_twin.lab.look import Axes
-from tsd_twin.lab.output import Output
-from tsd_twin.lab.virtual_robot import VirtualRobot
+from tsd_twin.experiment import Axes, Experiment, Output
 from tsd_twin.lie import Array
-from tsd_twin.robots import OmniRobot, of_kind
-from tsd_twin.sim import SimRobot, simulate
+from tsd_twin.robots import OmniDescription, description_of_kind
+from tsd_twin.robots.description import Limits
+from tsd_twin.simulation import SimRobot, simulate
+from tsd_twin.virtual_robot import PERIOD_S, VirtualRobot
+
+_SETTLE_S = 1.0
+_LONGEST_S = 120.0
+
+
+@dataclass(frozen=True, slots=True)
+class PointToPointProfile:
+    """The fastest way over a distance from rest to rest: a triangle, or a trapezoid.
+
+    Half-way at the limit of acceleration and half braking (Savnani et al. 2019), with the top speed
+    held in between when it is reached.
+    """
+
+    distance_m: float
+    speed_mps: float
+    acceleration_mps2: float
+    deceleration_mps2: float
+
+    @staticmethod
+    def of(distance_m: float, limits: Limits) -> PointToPointProfile:
+        """Return the dash of a robot with these limits."""
+        a, d = limits.acceleration_mps2, limits.deceleration_mps2
+        return PointToPointProfile(distance_m, limits.speed_mps, a, d)
+
+    @property
+    def peak_mps(self) -> float:
+        """Highest speed: the top speed, or less when there is no time for it."""
+        a, d = self.acceleration_mps2, self.deceleration_mps2
+        return min(self.speed_mps, math.sqrt(2.0 * self.distance_m * a * d / (a + d)))
+
+    @property
+    def is_triangle(self) -> bool:
+        """Whether the top speed is not reached."""
+        return self.peak_mps < self.speed_mps
+
+    @property
+    def brake_at_m(self) -> float:
+        """Where braking begins; half-way, when it brakes as hard as it accelerates."""
+        return self.distance_m - self.peak_mps**2 / (2.0 * self.deceleration_mps2)
+
+    @property
+    def duration_s(self) -> float:
+        """From rest to rest."""
+        up, down = self.peak_mps / self.acceleration_mps2, self.peak_mps / self.deceleration_mps2
+        held_m = self.distance_m - 0.5 * self.peak_mps * (up + down)
+        return up + down + held_m / self.peak_mps
+
+    def speed(self, t_s: Array) -> Array:
+        """Return the speed at times `t_s` (...), m/s."""
+        rising = self.acceleration_mps2 * t_s
+        falling = self.deceleration_mps2 * (self.duration_s - t_s)
+        return np.clip(np.minimum(rising, falling), 0.0, self.peak_mps)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProfileRun:
+    """What a robot made of a dash, a row for each period."""
+
+    profile: PointToPointProfile
+    t_s: Array
+    distance_m: Array
+    speed_mps: Array
+    commanded_mps: Array
+
+    @property
+    def overshoot_m(self) -> float:
+        """How far beyond the end it stopped; negative is short of it."""
+        return float(self.distance_m[-1]) - self.profile.distance_m
+
+    def columns(self) -> dict[str, Array]:
+        """Return the columns of a table."""
+        return {
+            "t_s": self.t_s,
+            "commanded_mps": self.commanded_mps,
+            "true_mps": self.speed_mps,
+            "ideal_mps": self.profile.speed(self.t_s),
+            "distance_m": self.distance_m,
+        }
+
+
+def run_profile(robot: VirtualRobot, profile: PointToPointProfile) -> ProfileRun:
+    """Give full speed, and none from where braking has to begin, by the robot's own odometry.
+
+    A command takes effect in the period after, so it is given as many ahead.
+    """
+    full, none = np.array([profile.speed_mps, 0.0, 0.0]), np.zeros(3)
+    rows: list[tuple[float, float, float, float]] = []
+    braking, left_s = False, _SETTLE_S
+    start_s = robot.now_s
+    while left_s > 0.0 and robot.now_s - start_s < _LONGEST_S:
+        speed = float(robot.true_twist[0])
+        rows.append(
+            (
+                robot.now_s - start_s,
+                float(robot.truth.xy_heading[0]),
+                speed,
+                robot.controller.twist[0],
+            )
+        )
+        odometry = robot.odometry()
+        ahead_m = float(odometry.xy_heading[0] + odometry.twist[0] * PERIOD_S)
+        braking = braking or ahead_m >= profile.brake_at_m
+        robot.drive(none if braking else full)
+        if braking and not robot.controller.twist.any():
+            left_s -= PERIOD_S
+    t_s, distance_m, speed_mps, commanded_mps = np.array(rows).T
+    return ProfileRun(profile, t_s, distance_m, speed_mps, commanded_mps)
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
     """Drive a triangle, a trapezoid, and a step that friction cannot give; draw all three."""
-    robot = of_kind(robots.load(args.robot), OmniRobot)
+    robot = description_of_kind(robots.load_robot(args.robot), OmniDescription)
     if not (0.0 < args.speed < math.inf and 0.0 < args.acceleration < math.inf):
         raise TwinError("--speed and --acceleration must be above zero, and finite")
     limits = msgspec.structs.replace(
@@ -35,17 +142,17 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     robot = msgspec.structs.replace(robot, limits=limits)
     # The shortest way on which the top speed is reached lies between the two.
     reach_m = args.speed**2 / args.acceleration
-    runs: dict[str, Run] = {}
+    runs: dict[str, ProfileRun] = {}
     goals = {"triangle": 0.6 * reach_m, "trapezoid": 1.6 * reach_m}
     for name, distance_m in out.progress(goals.items(), "driving", len(goals)):
         virtual = VirtualRobot(robot, SimRobot(robot, noise=args.noise))
-        runs[name] = dash(virtual, Dash.of(distance_m, limits))
+        runs[name] = run_profile(virtual, PointToPointProfile.of(distance_m, limits))
         out.table(f"omni-step_{name}", runs[name].columns())
-    spin = wheel_spin(robot, args.speed)
+    spin = unlimited_step(robot, args.speed)
     out.table("omni-step_unlimited", spin)
     _draw(robot, runs, spin, out)
     late_s = robot.motor.time_constant_s
-    lines = [_said(name, each, late_s) for name, each in runs.items()]
+    lines = [_run_summary(name, each, late_s) for name, each in runs.items()]
     lost = np.max(spin["rim_mps"] - spin["true_mps"])
     return [
         *lines,
@@ -54,10 +161,12 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     ]
 
 
-def wheel_spin(robot: OmniRobot, speed_mps: float, seconds: float = 1.5) -> dict[str, Array]:
+def unlimited_step(
+    robot: OmniDescription, speed_mps: float, seconds: float = 1.5
+) -> dict[str, Array]:
     """Return what a robot does whose wheels are told a speed at once, without any limit."""
     simulation = simulate(robot)
-    drive = simulation.drive
+    drive = simulation.kinematics
     full = np.array([speed_mps, 0.0, 0.0])
     simulation.command(drive.inverse(full))
     rows: list[tuple[float, float, float]] = []
@@ -69,9 +178,9 @@ def wheel_spin(robot: OmniRobot, speed_mps: float, seconds: float = 1.5) -> dict
     return {"t_s": t_s, "true_mps": true, "rim_mps": rim}
 
 
-def _said(name: str, each: Run, late_s: float) -> str:
+def _run_summary(name: str, each: ProfileRun, late_s: float) -> str:
     """Say how a run went; wheels that follow late are late twice, at the start and in braking."""
-    goal = each.dash
+    goal = each.profile
     late_m = 2.0 * late_s * goal.peak_mps if goal.is_triangle else late_s * goal.peak_mps
     return (
         f"{name}: {goal.distance_m:.2f} m in {goal.duration_s:.2f} s at best, peak"
@@ -81,23 +190,33 @@ def _said(name: str, each: Run, late_s: float) -> str:
     )
 
 
-def _draw(robot: OmniRobot, runs: dict[str, Run], spin: dict[str, Array], out: Output) -> None:
-    figure = look.figure(12.0, 4.2, f"{robot.title}: full speed, and stop")
+def _draw(
+    robot: OmniDescription, runs: dict[str, ProfileRun], spin: dict[str, Array], out: Output
+) -> None:
+    figure = experiment.new_figure(12.0, 4.2, f"{robot.title}: full speed, and stop")
     *axes, last = figure.subplots(1, 3)
     for on, (name, each) in zip(axes, runs.items(), strict=True):
-        _curve(on, each.t_s, each.dash.speed(each.t_s), look.REFERENCE, "ideal", "--")
-        _curve(on, each.t_s, each.commanded_mps, look.ESTIMATE, "commanded", ":")
-        _curve(on, each.t_s, each.speed_mps, look.TRUTH, "robot")
-        look.dress(on, "time (s)", "speed (m/s)", f"{name}, {each.dash.distance_m:.1f} m")
-        look.legend(on)
-    _curve(last, spin["t_s"], spin["rim_mps"], look.ESTIMATE, "what its wheels say", ":")
-    _curve(last, spin["t_s"], spin["true_mps"], look.TRUTH, "robot")
-    look.dress(last, "time (s)", "speed (m/s)", "told at once: wheels spin")
-    look.legend(last)
-    out.picture("omni-step", figure)
+        _plot_speed(
+            on, each.t_s, each.profile.speed(each.t_s), experiment.REFERENCE_COLOUR, "ideal", "--"
+        )
+        _plot_speed(on, each.t_s, each.commanded_mps, experiment.ESTIMATE_COLOUR, "commanded", ":")
+        _plot_speed(on, each.t_s, each.speed_mps, experiment.TRUTH_COLOUR, "robot")
+        experiment.label_axes(
+            on, "time (s)", "speed (m/s)", f"{name}, {each.profile.distance_m:.1f} m"
+        )
+        experiment.add_legend(on)
+    _plot_speed(
+        last, spin["t_s"], spin["rim_mps"], experiment.ESTIMATE_COLOUR, "what its wheels say", ":"
+    )
+    _plot_speed(last, spin["t_s"], spin["true_mps"], experiment.TRUTH_COLOUR, "robot")
+    experiment.label_axes(last, "time (s)", "speed (m/s)", "told at once: wheels spin")
+    experiment.add_legend(last)
+    out.figure("omni-step", figure)
 
 
-def _curve(axes: Axes, t: Array, speed: Array, colour: str, label: str, style: str = "-") -> None:
+def _plot_speed(
+    axes: Axes, t: Array, speed: Array, colour: str, label: str, style: str = "-"
+) -> None:
     axes.plot(t, speed, style, color=colour, linewidth=1.5, label=label)
 
 

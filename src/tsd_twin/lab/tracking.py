@@ -1,12 +1,62 @@
-"""The three errors of a path test: in time, beside the path, and at the end."""
+"""Path tracking in virtual time: named paths, runs, tracking errors and their charts."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from tsd_twin.lie import Array
+from tsd_twin import experiment
+from tsd_twin.errors import PathError
+from tsd_twin.experiment import Axes
+from tsd_twin.lie import SE2, Array
+from tsd_twin.motion.paths import Path, arc, function, line, parabola, polyline, spline
+from tsd_twin.motion.tracking import TrackingController
+from tsd_twin.motion.trajectory import Trajectory
+from tsd_twin.simulation import Frame
+from tsd_twin.virtual_robot import PERIOD_S, VirtualRobot
+
+_RIGHT = np.array([[0.0, 0.0], [0.7, 0.5], [1.4, 0.0], [0.7, -0.5], [0.0, 0.0]])
+_EIGHT = np.concatenate([_RIGHT, _RIGHT[1:] * [-1.0, 1.0]])
+NAMED_PATHS: dict[str, Callable[[float], Path]] = {
+    "square": lambda cut_m: polyline([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]], cut_m),
+    "line": lambda _: line([0.0, 0.0], [2.0, 0.0]),
+    "circle": lambda _: arc([0.0, 0.0], 0.0, 0.5, 2.0 * math.pi),
+    "parabola": lambda _: parabola(1.0, 0.0, 0.0, -1.0, 1.0),
+    "sine": lambda _: function(lambda x: 0.3 * np.sin(2.0 * math.pi * x / 1.5), 0.0, 3.0),
+    "eight": lambda _: spline(_EIGHT),
+}
+"""Each takes how far before its corners it leaves the legs, if it has corners."""
+
+
+def named_path(name: str, cut_m: float = 0.0) -> Path:
+    """Return a path by its name.
+
+    Raises:
+        PathError: there is none of that name.
+    """
+    if name not in NAMED_PATHS:
+        raise PathError(f"there is no path '{name}': {', '.join(NAMED_PATHS)}")
+    return NAMED_PATHS[name](cut_m)
+
+
+def path_through(points: Sequence[str], cut_m: float = 0.0, *, smooth: bool = False) -> Path:
+    """Return the way through points written as `x,y`, metres: straight legs, or a spline.
+
+    Raises:
+        PathError: a point cannot be read, or there are too few.
+    """
+    numbers: list[list[float]] = []
+    for point in points:
+        try:
+            x, y = (float(part) for part in point.split(","))
+        except ValueError:
+            raise PathError(f"a point is two numbers, x,y in metres, not '{point}'") from None
+        numbers.append([x, y])
+    return spline(numbers) if smooth else polyline(numbers, cut_m)
+
 
 _BLOCK = 512
 
@@ -66,3 +116,153 @@ def _distances(xy: Array, path_xy: Array) -> Array:
         away = off - share[..., None] * legs
         nearest.append(np.sqrt(np.square(away).sum(axis=2).min(axis=1)))
     return np.concatenate(nearest)
+
+
+SETTLE_S = 0.5
+"""Time after the end of the trajectory in which the robot comes to rest."""
+_COMMAND_LEAD_S = 1.5 * PERIOD_S
+"""A command is taken up a period later, and holds for one: it is meant for the middle of that."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackingRecord:
+    """What happened, a row for each period; poses are x, y, heading since the mark."""
+
+    t_s: Array
+    reference: Array
+    """(n, 3)."""
+    truth: Array
+    """(n, 3)."""
+    estimate: Array
+    """(n, 3)."""
+    reference_twist: Array
+    """(n, 3): in the body frame of the reference."""
+    true_twist: Array
+    """(n, 3): in the body frame."""
+    path_xy: Array
+    """(m, 2): points close together along the path."""
+
+    def errors(self) -> TrackingErrors:
+        """Return the three errors of the true positions."""
+        return tracking_errors(self.truth[:, :2], self.reference[:, :2], self.path_xy)
+
+    def columns(self) -> dict[str, Array]:
+        """Return the columns of a table."""
+        table = {"t_s": self.t_s}
+        for name, poses in (
+            ("reference", self.reference),
+            ("truth", self.truth),
+            ("estimate", self.estimate),
+        ):
+            table |= {
+                f"{name}_{axis}": poses[:, i]
+                for i, axis in enumerate(("x_m", "y_m", "heading_rad"))
+            }
+        for name, twists in (("reference", self.reference_twist), ("true", self.true_twist)):
+            axes = ("vx_mps", "vy_mps", "omega_rad_per_s")
+            table |= {f"{name}_{axis}": twists[:, i] for i, axis in enumerate(axes)}
+        return table
+
+
+def follow_trajectory(
+    robot: VirtualRobot,
+    trajectory: Trajectory,
+    tracker: TrackingController,
+    estimate: Callable[[VirtualRobot], SE2] | None,
+    periods: Callable[[range], Iterable[int]] = iter,
+) -> TrackingRecord:
+    """Drive the trajectory and return what happened; `estimate` is None for open loop.
+
+    The mark of the robot is the start of the path: trajectories may start anywhere.
+    """
+    start = SE2(trajectory.at(0.0).pose)
+    steps = range(round((trajectory.duration_s + SETTLE_S) / PERIOD_S))
+    rows: dict[str, list[Array]] = {name: [] for name in ("reference", "truth", "estimate")}
+    rows |= {"reference_twist": [], "true_twist": []}
+    for i in periods(steps):
+        t_s = i * PERIOD_S
+        seen = SE2(robot.odometry().xy_heading) if estimate is None else estimate(robot)
+        pose = start @ seen
+        reference = trajectory.at(t_s)
+        for name, row in (
+            ("reference", reference.pose),
+            ("truth", (start @ robot.truth).xy_heading),
+            ("estimate", pose.xy_heading),
+            ("reference_twist", reference.twist),
+            ("true_twist", robot.true_twist),
+        ):
+            rows[name].append(row)
+        if estimate is None:
+            robot.drive(tracker.feed_forward(t_s + _COMMAND_LEAD_S))
+        else:
+            robot.drive(tracker.advance(t_s, pose, PERIOD_S, _COMMAND_LEAD_S))
+    s_m = np.linspace(0.0, trajectory.length_m, 2001)
+    joints = np.array([*trajectory.route.breaks_m])
+    return TrackingRecord(
+        t_s=PERIOD_S * np.arange(len(steps), dtype=np.float64),
+        path_xy=trajectory.route.path.at(np.sort(np.concatenate([s_m, joints]))).xy,
+        **{name: np.array(row) for name, row in rows.items()},
+    )
+
+
+def draw_positions(axes: Axes, record: TrackingRecord, frames: list[Frame], title: str) -> None:
+    """Draw the path and where the robot went, from above; what the camera saw as dots."""
+    axes.plot(
+        *record.path_xy.T,
+        color=experiment.REFERENCE_COLOUR,
+        linewidth=1.2,
+        linestyle="--",
+        label="path",
+    )
+    axes.plot(*record.truth[:, :2].T, color=experiment.TRUTH_COLOUR, linewidth=1.8, label="robot")
+    if frames:
+        seen = camera_xy(record, frames)
+        axes.plot(*seen.T, ".", color=experiment.CAMERA_COLOUR, markersize=4, label="camera")
+    axes.plot(*record.truth[0, :2], "o", color=experiment.TRUTH_COLOUR, markersize=6)
+    axes.plot(*record.truth[-1, :2], "s", color=experiment.TRUTH_COLOUR, markersize=6)
+    axes.set_aspect("equal", adjustable="datalim")
+    experiment.label_axes(axes, "x (m)", "y (m)", title)
+    experiment.add_legend(axes, loc="best")
+
+
+def draw_speeds(axes: Axes, record: TrackingRecord, frames: list[Frame], title: str) -> None:
+    """Draw the speed over the floor against time; of the camera from frame to frame."""
+    for twists, colour, style, name in (
+        (record.reference_twist, experiment.REFERENCE_COLOUR, "--", "reference"),
+        (record.true_twist, experiment.TRUTH_COLOUR, "-", "robot"),
+    ):
+        speed = np.hypot(twists[:, 0], twists[:, 1])
+        axes.plot(record.t_s, speed, style, color=colour, linewidth=1.3, label=name)
+    if len(frames) > 1:
+        taken = np.array([frame.taken_s for frame in frames])
+        steps = np.hypot(*np.diff(camera_xy(record, frames), axis=0).T)
+        middle = 0.5 * (taken[1:] + taken[:-1])
+        axes.plot(
+            middle,
+            steps / np.diff(taken),
+            ".",
+            color=experiment.CAMERA_COLOUR,
+            markersize=4,
+            label="camera",
+        )
+    experiment.label_axes(axes, "time (s)", "speed (m/s)", title)
+    experiment.add_legend(axes, loc="best")
+
+
+def draw_errors(axes: Axes, record: TrackingRecord, title: str) -> None:
+    """Draw the distance to where the robot should be, and what it knows of it itself."""
+    for poses, colour, style, name in (
+        (record.truth, experiment.TRUTH_COLOUR, "-", "robot"),
+        (record.estimate, experiment.ESTIMATE_COLOUR, "--", "as it estimates"),
+    ):
+        off = np.hypot(*(poses - record.reference)[:, :2].T)
+        axes.plot(record.t_s, 1000 * off, style, color=colour, linewidth=1.3, label=name)
+    experiment.label_axes(axes, "time (s)", "error (mm)", title)
+    axes.set_ylim(bottom=0.0)
+    experiment.add_legend(axes, loc="best")
+
+
+def camera_xy(record: TrackingRecord, frames: list[Frame]) -> Array:
+    """Return where the camera saw the robot (n, 2), in the axes of the path."""
+    start = SE2(record.reference[0])
+    return start.transform(np.array([frame.pose[:2] for frame in frames]))

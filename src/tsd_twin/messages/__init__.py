@@ -1,1 +1,1 @@
-"""What crosses the bus, as values; encoding and decoding, no I/O."""
+"""Messages and topics of the bus: values, encoding and decoding, no I/O."""

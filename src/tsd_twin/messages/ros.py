@@ -1,19 +1,89 @@
-"""CDR payloads of standard ROS 2 messages.
+"""CDR encoding of the ROS 2 messages on the bus: TwistStamped, JointState, Odometry.
 
-Recordings open in ROS 2 tools and Foxglove, and a ROS adapter is a mapping of keys.
+The only module that imports rosbags.
 """
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_typestore
 
 from tsd_twin.errors import MessageError
 from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.messages import cdr
+
+_LARGEST = 4096  # Bytes; ours have fewer than 800. What is larger was not meant for us.
+
+
+def make_message(type_name: str, **fields: Any) -> Any:
+    """Return a ROS 2 message."""
+    return _store().types[type_name](**fields)
+
+
+def make_header(stamp_ns: int, frame: str) -> Any:
+    """Return a `std_msgs/msg/Header`."""
+    sec, nanosec = divmod(stamp_ns, 1_000_000_000)
+    stamp = make_message("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+    return make_message("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+
+
+def make_pose(position_m: Iterable[float], wxyz: Iterable[float]) -> Any:
+    """Return a `geometry_msgs/msg/Pose`."""
+    x, y, z = (float(v) for v in position_m)
+    qw, qx, qy, qz = (float(v) for v in wxyz)
+    return make_message(
+        "geometry_msgs/msg/Pose",
+        position=make_message("geometry_msgs/msg/Point", x=x, y=y, z=z),
+        orientation=make_message("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=qw),
+    )
+
+
+def make_twist(numbers: Iterable[float]) -> Any:
+    """Return a `geometry_msgs/msg/Twist`; `numbers` are (vx, vy, vz, wx, wy, wz)."""
+    lx, ly, lz, ax, ay, az = (float(v) for v in numbers)
+    vector = "geometry_msgs/msg/Vector3"
+    return make_message(
+        "geometry_msgs/msg/Twist",
+        linear=make_message(vector, x=lx, y=ly, z=lz),
+        angular=make_message(vector, x=ax, y=ay, z=az),
+    )
+
+
+def stamp_ns(raw: Any) -> int:
+    """Return the time in the header of a message."""
+    return raw.header.stamp.sec * 1_000_000_000 + raw.header.stamp.nanosec
+
+
+def encode_cdr(message: Any) -> bytes:
+    """Return the CDR of a message."""
+    return bytes(_store().serialize_cdr(message, message.__msgtype__))
+
+
+def decode_cdr(payload: bytes, type_name: str) -> Any:
+    """Return the message in a CDR payload.
+
+    Raises:
+        MessageError: `shape`, when there is none of this type in it.
+    """
+    if len(payload) > _LARGEST:
+        raise MessageError("shape", f"{len(payload)} bytes are too many for a {type_name}")
+    try:
+        return _store().deserialize_cdr(payload, type_name)
+    except SerdeError as error:
+        raise MessageError("shape", f"not a {type_name}: {error}") from error
+
+
+@functools.cache
+def _store() -> Any:
+    """Return the type store; made at first use, since it takes a tenth of a second."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
 
 BASE = "base_link"
 """Frame of the robot: X forward, Y left, Z up, at the height of the wheel centres."""
@@ -83,9 +153,9 @@ class Odometry:
 
 def encode_twist(message: TwistStamped) -> bytes:
     """Return the CDR of a `geometry_msgs/msg/TwistStamped`."""
-    header = cdr.header(message.stamp_ns, message.frame)
-    twist = cdr.twist(message.twist)
-    return cdr.encode(cdr.make("geometry_msgs/msg/TwistStamped", header=header, twist=twist))
+    header = make_header(message.stamp_ns, message.frame)
+    twist = make_twist(message.twist)
+    return encode_cdr(make_message("geometry_msgs/msg/TwistStamped", header=header, twist=twist))
 
 
 def decode_twist(payload: bytes) -> TwistStamped:
@@ -94,21 +164,21 @@ def decode_twist(payload: bytes) -> TwistStamped:
     Raises:
         MessageError: `shape`, when this is no `geometry_msgs/msg/TwistStamped`.
     """
-    raw = cdr.decode(payload, "geometry_msgs/msg/TwistStamped")
+    raw = decode_cdr(payload, "geometry_msgs/msg/TwistStamped")
     linear, angular = raw.twist.linear, raw.twist.angular
     return TwistStamped(
         frame=raw.header.frame_id,
         twist=np.array([linear.x, linear.y, linear.z, angular.x, angular.y, angular.z]),
-        stamp_ns=cdr.stamp_ns(raw),
+        stamp_ns=stamp_ns(raw),
     )
 
 
 def encode_joints(message: JointState) -> bytes:
     """Return the CDR of a `sensor_msgs/msg/JointState`."""
-    return cdr.encode(
-        cdr.make(
+    return encode_cdr(
+        make_message(
             "sensor_msgs/msg/JointState",
-            header=cdr.header(message.stamp_ns, BASE),
+            header=make_header(message.stamp_ns, BASE),
             name=list(message.names),
             position=np.asarray(message.position_rad, dtype=np.float64),
             velocity=np.asarray(message.velocity_rad_per_s, dtype=np.float64),
@@ -123,10 +193,10 @@ def decode_joints(payload: bytes) -> JointState:
     Raises:
         MessageError: `shape`, when this is no `sensor_msgs/msg/JointState`.
     """
-    raw = cdr.decode(payload, "sensor_msgs/msg/JointState")
+    raw = decode_cdr(payload, "sensor_msgs/msg/JointState")
     if not len(raw.name) == len(raw.position) == len(raw.velocity):
         raise MessageError("shape", "names, positions and velocities differ in number")
-    return JointState(tuple(raw.name), raw.position.copy(), raw.velocity.copy(), cdr.stamp_ns(raw))
+    return JointState(tuple(raw.name), raw.position.copy(), raw.velocity.copy(), stamp_ns(raw))
 
 
 def encode_odometry(message: Odometry) -> bytes:
@@ -140,19 +210,19 @@ def encode_odometry(message: Odometry) -> bytes:
     spatial = [0.0] * 6
     for row, value in zip(rows, message.twist, strict=True):
         spatial[row] = float(value)
-    return cdr.encode(
-        cdr.make(
+    return encode_cdr(
+        make_message(
             "nav_msgs/msg/Odometry",
-            header=cdr.header(message.stamp_ns, ODOM),
+            header=make_header(message.stamp_ns, ODOM),
             child_frame_id=BASE,
-            pose=cdr.make(
+            pose=make_message(
                 "geometry_msgs/msg/PoseWithCovariance",
-                pose=cdr.pose((x, y, 0.0), quaternion),
+                pose=make_pose((x, y, 0.0), quaternion),
                 covariance=_spatial(message.pose_covariance, rows),
             ),
-            twist=cdr.make(
+            twist=make_message(
                 "geometry_msgs/msg/TwistWithCovariance",
-                twist=cdr.twist(spatial),
+                twist=make_twist(spatial),
                 covariance=_spatial(message.twist_covariance, rows),
             ),
         )
@@ -167,7 +237,7 @@ def decode_odometry(payload: bytes, *, turning: bool = False) -> Odometry:
     Raises:
         MessageError: `shape`, when this is no `nav_msgs/msg/Odometry`.
     """
-    raw = cdr.decode(payload, "nav_msgs/msg/Odometry")
+    raw = decode_cdr(payload, "nav_msgs/msg/Odometry")
     position, turn = raw.pose.pose.position, raw.pose.pose.orientation
     linear, angular = raw.twist.twist.linear, raw.twist.twist.angular
     rows = _TURNING_BLOCK if turning else _PLANAR_BLOCK
@@ -177,7 +247,7 @@ def decode_odometry(payload: bytes, *, turning: bool = False) -> Odometry:
         twist=np.array(twist),
         pose_covariance=raw.pose.covariance.reshape(6, 6)[rows],
         twist_covariance=raw.twist.covariance.reshape(6, 6)[rows],
-        stamp_ns=cdr.stamp_ns(raw),
+        stamp_ns=stamp_ns(raw),
         wxyz=np.array([turn.w, turn.x, turn.y, turn.z]) if turning else None,
     )
 

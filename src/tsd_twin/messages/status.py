@@ -1,4 +1,6 @@
-"""What a robot says about itself, twenty times a second, as JSON; and the stamp on all it sends."""
+"""Status of a robot as JSON, published 20 times a second, and the stamp on every published
+message.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,7 @@ from typing import Any, cast
 import msgspec
 
 from tsd_twin.errors import MessageError
-from tsd_twin.messages.service import decode_json
+from tsd_twin.messages.services import decode_json
 
 _STAMP = struct.Struct("<Qq")
 _LEVELS = 8
@@ -67,7 +69,7 @@ class LimitStatus(msgspec.Struct, frozen=True):
     """Share of the requested twist that the limits let through."""
 
 
-class ConflictStatus(msgspec.Struct, frozen=True):
+class ConsistencyStatus(msgspec.Struct, frozen=True):
     """How well the measured joints agree with one another."""
 
     residual_mps: float = 0.0
@@ -79,7 +81,7 @@ class ConflictStatus(msgspec.Struct, frozen=True):
     """How much of `level` each module explains alone."""
 
 
-class GearStatus(msgspec.Struct, frozen=True):
+class WheelSpeedStatus(msgspec.Struct, frozen=True):
     """How fast wheels that always spin shall turn, and do."""
 
     wanted_rpm: float
@@ -87,7 +89,7 @@ class GearStatus(msgspec.Struct, frozen=True):
     """As measured, or by the model of the motors; the mean of all wheels."""
 
 
-class OutsideDrops(msgspec.Struct):
+class PoseSensorDrops(msgspec.Struct):
     """Poses from outside that were not used, each under exactly one reason."""
 
     key: int = 0
@@ -101,7 +103,7 @@ class OutsideDrops(msgspec.Struct):
     far: int = 0
 
 
-class OutsideStatus(msgspec.Struct, frozen=True):
+class PoseSensorStatus(msgspec.Struct, frozen=True):
     """What became of the poses that somebody else has seen."""
 
     hz: float = 0.0
@@ -111,7 +113,7 @@ class OutsideStatus(msgspec.Struct, frozen=True):
     used: int = 0
     found: int = 0
     """How often the robot was somewhere else altogether, and was found again."""
-    dropped: OutsideDrops = msgspec.field(default_factory=OutsideDrops)
+    dropped: PoseSensorDrops = msgspec.field(default_factory=PoseSensorDrops)
 
 
 class LoopStatus(msgspec.Struct, frozen=True):
@@ -140,10 +142,10 @@ class Status(msgspec.Struct, frozen=True):
     lease: LeaseStatus = LeaseStatus()
     command: CommandStatus = CommandStatus()
     limits: LimitStatus = LimitStatus()
-    conflict: ConflictStatus = ConflictStatus()
-    gear: GearStatus | None = None
+    consistency: ConsistencyStatus = ConsistencyStatus()
+    wheel_speed: WheelSpeedStatus | None = None
     """Of robots whose wheels spin also when they stand."""
-    outside: OutsideStatus | None = None
+    pose_sensor: PoseSensorStatus | None = None
     """Null until somebody has sent a pose."""
     loop: LoopStatus = LoopStatus()
     hardware: Mapping[str, Any] = {}

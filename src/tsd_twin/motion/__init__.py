@@ -1,8 +1,10 @@
-"""Turning what is asked for into what can be done.
+"""Motion planning and limits: paths, time-optimal trajectories, tracking, twist limiter.
 
-The core needs the limiter only. Paths, timing and tracking are imported from their modules.
+The control loop needs the limiter only. Paths, timing and tracking are imported from their modules.
 """
 
-from tsd_twin.motion.limiter import TwistLimiter, within_reason
+from __future__ import annotations
 
-__all__ = ["TwistLimiter", "within_reason"]
+from tsd_twin.motion.limiter import TwistLimiter, clip_to_finite
+
+__all__ = ["TwistLimiter", "clip_to_finite"]

@@ -1,4 +1,4 @@
-"""Limits of speed, acceleration, tilt and tilt rate, on the twist as a whole."""
+"""Limits of speed, acceleration, gimbal angle and gimbal rate, applied to the twist as a whole."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from tsd_twin.drives import Drive
+from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import Array
-from tsd_twin.robots.robot import Limits
+from tsd_twin.robots.description import Limits
 
 _LARGEST = 1e100
 """Beyond this, in m/s or rad/s, a request is scaled first so that no square overflows."""
@@ -21,10 +21,10 @@ class TwistLimiter:
     a line between allowed twists is allowed.
     """
 
-    def __init__(self, drive: Drive[Any], limits: Limits) -> None:
-        self._drive = drive
+    def __init__(self, kinematics: Kinematics[Any], limits: Limits) -> None:
+        self._kinematics = kinematics
         self._limits = limits
-        self._squared_lever = drive.lever_m**2
+        self._squared_lever = kinematics.twist_scale_m**2
 
     def cap(self, twist: Array, share: Array | float = 1.0) -> Array:
         """Return `twist` (..., 3) scaled to the limits of speed, turn rate and tilt.
@@ -32,11 +32,11 @@ class TwistLimiter:
         `share` in (0, 1] lowers the limits of speed and turn rate.
         """
         limits = self._limits
-        twist = within_reason(twist)
+        twist = clip_to_finite(twist)
         return twist / _most(
             np.sqrt(self._speed_squared(twist)) / (limits.speed_mps * share),
             np.abs(twist[..., 2]) / (limits.turn_rate_rad_per_s * share),
-            self._drive.demand(twist),
+            self._kinematics.joint_utilization(twist),
         )
 
     def advance(
@@ -58,7 +58,7 @@ class TwistLimiter:
         over = _most(
             np.sqrt(self._speed_squared(step)) / (acceleration * dt_s),
             np.abs(step[..., 2]) / (limits.angular_acceleration_rad_per_s2 * dt_s),
-            self._drive.rate_demand(step, dt_s),
+            self._kinematics.rate_utilization(step, dt_s),
         )
         return np.where(over <= 1.0, goal, current + step / over)
 
@@ -67,14 +67,14 @@ class TwistLimiter:
         return self._squared_lever * squared
 
 
-def _most(speed: Array, turn: Array, drive: Array) -> Array:
+def _most(speed: Array, turn: Array, kinematics: Array) -> Array:
     """Return the largest of what is asked of three limits, as shares (...), or 1: (..., 1)."""
     shares = np.ones((*np.shape(speed), 4))
-    shares[..., 0], shares[..., 1], shares[..., 2] = speed, turn, drive
+    shares[..., 0], shares[..., 1], shares[..., 2] = speed, turn, kinematics
     return np.maximum.reduce(shares, axis=-1, keepdims=True)
 
 
-def within_reason(twist: Array) -> Array:
+def clip_to_finite(twist: Array) -> Array:
     """Return `twist` (..., 3), finite, scaled so that its numbers can be squared and added."""
     largest = np.maximum.reduce(np.abs(twist), axis=-1, keepdims=True)
     return twist / np.maximum(1.0, largest / _LARGEST)

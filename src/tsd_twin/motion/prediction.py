@@ -1,4 +1,6 @@
-"""Where a robot will be: its model run forward by what it has been told and has not heard yet."""
+"""Motion prediction over the link delay: the motion model run forward with the commands still under
+way.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +11,11 @@ from typing import Any, Generic
 
 import numpy as np
 
-from tsd_twin.drives.drive import Drive, PoseT
+from tsd_twin.kinematics import Kinematics
+from tsd_twin.kinematics.base import PoseT
 from tsd_twin.lie import Array
 from tsd_twin.motion.limiter import TwistLimiter
-from tsd_twin.robots.robot import Limits
+from tsd_twin.robots.description import Limits
 
 STEP_S = 0.01
 """As long as a period of the robot, which approaches a command in steps."""
@@ -23,7 +26,7 @@ LONGEST_S = 5.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Due:
+class PendingCommand:
     """A command that is on its way."""
 
     after_s: float
@@ -35,7 +38,7 @@ class Due:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Moment(Generic[PoseT]):
+class PredictedState(Generic[PoseT]):
     """One step of a prediction."""
 
     after_s: float
@@ -52,17 +55,21 @@ class Predictor(Generic[PoseT]):
     """
 
     def __init__(
-        self, drive: Drive[PoseT], limits: Limits, lag_s: float = 0.0, step_s: float = STEP_S
+        self,
+        kinematics: Kinematics[PoseT],
+        limits: Limits,
+        lag_s: float = 0.0,
+        step_s: float = STEP_S,
     ) -> None:
-        self._drive = drive
+        self._kinematics = kinematics
         self._step_s = step_s
-        self._limiter = TwistLimiter(drive, limits)
+        self._limiter = TwistLimiter(kinematics, limits)
         # What is left after a step of the difference between set-point and motion.
         self._left = math.exp(-step_s / lag_s) if lag_s > 0.0 else 0.0
 
     def moments(
-        self, pose: PoseT, twist: Array, commands: Sequence[Due], share: float = 1.0
-    ) -> Iterator[Moment[PoseT]]:
+        self, pose: PoseT, twist: Array, commands: Sequence[PendingCommand], share: float = 1.0
+    ) -> Iterator[PredictedState[PoseT]]:
         """Yield state after state, from `pose` with `twist` (3,) commanded to the joints.
 
         `commands` are in the order of their arrival; the last one holds for ever, and without any
@@ -70,10 +77,10 @@ class Predictor(Generic[PoseT]):
         """
         waiting, step_s = list(commands), self._step_s
         goal = moving = twist = np.asarray(twist, float)
-        newest: Due | None = None
+        newest: PendingCommand | None = None
         for step in range(round(LONGEST_S / step_s) + 1):
             after_s = step * step_s
-            yield Moment(after_s, pose, moving)
+            yield PredictedState(after_s, pose, moving)
             heard = newest
             while waiting and waiting[0].after_s <= after_s + 1e-9:
                 newest = waiting.pop(0)
@@ -86,14 +93,14 @@ class Predictor(Generic[PoseT]):
                 near = self._limiter.approach(twist, goal, step_s)
                 twist = goal if np.array_equal(near, goal) else near
             moving = twist + self._left * (moving - twist)
-            pose = self._drive.move(pose, moving, step_s)
+            pose = self._kinematics.integrate(pose, moving, step_s)
 
     def after(
         self,
         ahead_s: float,
         pose: PoseT,
         twist: Array,
-        commands: Sequence[Due],
+        commands: Sequence[PendingCommand],
         share: float = 1.0,
     ) -> PoseT:
         """Return the pose after `ahead_s`, to the step."""
@@ -104,7 +111,7 @@ class Predictor(Generic[PoseT]):
         return pose
 
     def until_rest(
-        self, pose: PoseT, twist: Array, commands: Sequence[Due], share: float = 1.0
+        self, pose: PoseT, twist: Array, commands: Sequence[PendingCommand], share: float = 1.0
     ) -> list[PoseT]:
         """Return the poses on the way until the last command holds and the robot is at rest."""
         path: list[PoseT] = []

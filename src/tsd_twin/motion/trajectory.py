@@ -1,17 +1,286 @@
-"""A route with its timing: where the robot shall be, and how it shall move, at any time."""
+"""Time-optimal path parameterization (TOPP) of a route within all limits, and the trajectory it
+gives.
+
+The route is cut into short cells. Backward and forward passes find the highest speed at each
+boundary that the limits of speed, acceleration and joints allow; smoothing then bounds the jerk.
+"""
 
 from __future__ import annotations
 
+import itertools
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from tsd_twin.drives import Drive
+from tsd_twin.errors import PathError
+from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array
-from tsd_twin.motion.route import Route
-from tsd_twin.motion.smoothing import smoothed
-from tsd_twin.motion.timing import SpeedProfile, fastest
-from tsd_twin.robots.robot import Limits
+from tsd_twin.motion.routes import Route, RoutePoints
+from tsd_twin.robots.description import Limits
+
+_INSIDE_M = 1e-9
+"""A cell looks at its ends from within: at a corner each has its own direction."""
+
+
+class PathConstraints:
+    """The limits of all cells: speeds at their ends, and the convex set of (a, u) of each."""
+
+    def __init__(
+        self, route: Route, kinematics: Kinematics[Any], limits: Limits, s: Array, share: float
+    ) -> None:
+        self._kinematics, self._limits, self._share = kinematics, limits, share
+        starts, ends = s[:-1] + _INSIDE_M, s[1:] - _INSIDE_M
+        self._points: RoutePoints = route.at(np.stack([starts, ends], axis=-1))
+        self.lengths_m: Array = np.diff(s)
+        self.slowing = -0.5 / self.lengths_m
+        """(n,): lowest a / u: that which ends a cell at rest."""
+
+    def highest_speeds(self) -> Array:
+        """Return the highest speed (n + 1,) at each end of the cells, m/s."""
+        per_m = self._points.per_m
+        with np.errstate(divide="ignore", over="ignore"):
+            turning = self._limits.turn_rate_rad_per_s / np.abs(per_m[..., 2])
+            tilting = 1.0 / self._kinematics.joint_utilization(per_m)
+        both = np.minimum(self._share * tilting, turning)
+        inner = np.minimum(both[:-1, 1], both[1:, 0])
+        return np.concatenate([both[:1, 0], inner, both[-1:, 1]])
+
+    def usage(self, cell: Any, a: Array, u: Array) -> Array:
+        """Return how much of the limits of change (a, u) use at both ends of `cell`.
+
+        `cell` is an index; a and u have its shape, or one more dimension after it.
+        """
+        after = np.maximum(u + 2.0 * a * self.lengths_m[cell], 0.0)
+        return np.maximum(self._usage(cell, 0, a, u), self._usage(cell, 1, a, after))
+
+    def _usage(self, cell: Any, end: int, a: Array, u: Array) -> Array:
+        points, limits = self._points, self._limits
+        change = points.per_m[cell, end] * a[..., None] + points.bend[cell, end] * u[..., None]
+        # Both have `a` along the way; across it, what the curve takes of the ground or of the body.
+        bend = points.bend[cell, end]
+        aside = np.maximum(
+            np.abs(points.curvature[cell, end]), np.hypot(bend[..., 0], bend[..., 1])
+        )
+        across = aside * u
+        linear = np.where(a < 0.0, limits.deceleration_mps2, limits.acceleration_mps2)
+        turn = np.abs(change[..., 2]) / limits.angular_acceleration_rad_per_s2
+        joints = self._kinematics.rate_utilization(change, 1.0)
+        # Braking is no licence to bend more: without the second, the set would not be convex.
+        used = np.maximum(np.hypot(a, across) / linear, across / limits.acceleration_mps2)
+        return np.maximum(used, np.maximum(turn, joints)) / self._share
+
+    def max_velocity_curve(self) -> tuple[Array, Array]:
+        """Return the highest u (n,) that each cell allows at its start, and the a it goes with.
+
+        The least of a convex function of a / u, by golden sections in all cells at once.
+        """
+        every = np.arange(len(self.lengths_m))
+        one = np.ones(len(every))
+        golden = (math.sqrt(5.0) - 1.0) / 2.0
+        bound = self._widest()
+        low, high = np.maximum(self.slowing, -bound), bound
+        for _ in range(60):
+            left, right = high - golden * (high - low), low + golden * (high - low)
+            lower = self.usage(every, left, one) < self.usage(every, right, one)
+            low, high = np.where(lower, low, left), np.where(lower, right, high)
+        # Among flat valleys and corners, zero is the slope to prefer when it is as good.
+        slope = 0.5 * (low + high)
+        used, at_zero = self.usage(every, slope, one), self.usage(every, 0.0 * one, one)
+        slope = np.where(at_zero <= used * (1.0 + 1e-9), 0.0, slope)
+        with np.errstate(divide="ignore", over="ignore"):
+            u = 1.0 / np.minimum(used, at_zero)
+        return u, slope
+
+    def _widest(self) -> Array:
+        """Return a bound (n,) of |a / u| where the usage is least: beyond, `a` alone uses more."""
+        bends = np.abs(self._points.bend).max(axis=(1, 2)) + np.abs(self._points.curvature).max(1)
+        return 1e-6 + 1e3 * bends
+
+
+_LEAST_CELLS = 100
+"""Between two breaks, however close they are."""
+_TRIES = 25
+_ROUNDS = 4
+"""A search narrows an interval to 1 in 24, so many times: to 3e-6 of it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SpeedProfile:
+    """Speed along a route: constant acceleration in each cell between two of `s_m`."""
+
+    s_m: Array
+    """(n + 1,): ends of the cells."""
+    speed_mps: Array
+    """(n + 1,): at the ends of the cells."""
+    acceleration_mps2: Array
+    """(n,): within each cell."""
+    at_s: Array
+    """(n + 1,): when each end is reached, seconds."""
+
+    def place_m(self, t_s: Array) -> Array:
+        """Return how far along (...) it is at times `t_s` (...) from start to end."""
+        cell, since = self.since(t_s)
+        s = self.s_m[cell] + since * (
+            self.speed_mps[cell] + 0.5 * since * self.acceleration_mps2[cell]
+        )
+        return np.minimum(s, self.s_m[cell + 1])
+
+    def since(self, t_s: Array) -> tuple[npt.NDArray[np.intp], Array]:
+        """Return the cell at each of `t_s` (...), and the time since it was entered."""
+        last = len(self.acceleration_mps2) - 1
+        cell = np.clip(np.searchsorted(self.at_s, t_s, side="right") - 1, 0, last)
+        return cell, t_s - self.at_s[cell]
+
+
+def time_optimal(
+    route: Route,
+    kinematics: Kinematics[SE2],
+    limits: Limits,
+    *,
+    share: float = 1.0,
+    speed_mps: float | None = None,
+    cell_m: float = 0.005,
+) -> SpeedProfile:
+    """Return the fastest profile from rest to rest, with a stop at each of `route.stops_m`.
+
+    Kept are the limits of speed, turn rate, acceleration, deceleration and angular acceleration,
+    and those of the joints by the drive's `joint_utilization` and `rate_utilization`. Accelerations
+    are limited
+    twice: over the ground, which friction has to give, and in the body's axes, where the core
+    limits them. `share` in (0, 1] lowers all limits but that of speed, and so leaves room to
+    correct; `speed_mps` lowers that of speed.
+
+    Raises:
+        PathError: the share is out of range, or the route cannot be followed at any speed.
+    """
+    if not 0.0 < share <= 1.0 or not cell_m > 0.0:
+        raise PathError(f"the share of the limits must be in (0, 1], not {share}")
+    ends = [0.0, *route.breaks_m, route.length_m]
+    pieces = [_graded(a, b, cell_m) for a, b in itertools.pairwise(ends)]
+    s = np.concatenate([*pieces, [route.length_m]])
+    top = limits.speed_mps if speed_mps is None else min(speed_mps, limits.speed_mps)
+    cells = PathConstraints(route, kinematics, limits, s, share)
+    cap = np.square(np.minimum(top, cells.highest_speeds()))
+    cap[np.isin(s, [0.0, *route.stops_m, route.length_m])] = 0.0
+    squared, acceleration = _forward(cells, *_backward(cells, cap))
+    speed = np.sqrt(squared)
+    mean = 0.5 * (speed[:-1] + speed[1:])
+    if not mean.min() > 0.0:
+        raise PathError(f"the route cannot be followed at {s[int(mean.argmin())]:.3f} m")
+    at_s = np.concatenate([[0.0], np.cumsum(np.diff(s) / mean)])
+    return SpeedProfile(s, speed, acceleration, at_s)
+
+
+def _graded(start_m: float, end_m: float, cell_m: float) -> Array:
+    """Return where the cells of a piece start, short near its ends, where speed changes most."""
+    cells = max(_LEAST_CELLS, math.ceil(0.5 * math.pi * (end_m - start_m) / cell_m))
+    share = 0.5 - 0.5 * np.cos(np.pi * np.arange(cells) / cells)
+    return start_m + (end_m - start_m) * share
+
+
+def _backward(cells: PathConstraints, cap: Array) -> tuple[Array, Array]:
+    """Return the highest u (n + 1,) from which the end can be reached, and the a (n,) for it."""
+    crest, slope = cells.max_velocity_curve()
+    u_top = np.minimum(cap[:-1], crest)
+    a_top = slope * u_top
+    highest, acceleration = np.zeros(len(cap)), np.zeros(len(u_top))
+    for i in range(len(u_top) - 1, -1, -1):
+        twice, u, a, k = (
+            2.0 * float(cells.lengths_m[i]),
+            float(u_top[i]),
+            float(a_top[i]),
+            highest[i + 1],
+        )
+        if u + twice * a > k:
+            # The line of all (a, u) that lead to k passes between (0, 0) and the crest.
+            inside = k / (u + twice * a) * u
+            u = _last(cells, i, inside, u, partial(_towards, k, twice))
+            a = (k - u) / twice
+        highest[i], acceleration[i] = u, a
+    return highest, acceleration
+
+
+def _forward(cells: PathConstraints, highest: Array, safe: Array) -> tuple[Array, Array]:
+    """Return u (n + 1,) and a (n,) of the profile that is as fast as can be everywhere."""
+    squared, acceleration = np.zeros(len(highest)), np.zeros(len(safe))
+    for i in range(len(safe)):
+        u, twice = float(squared[i]), 2.0 * float(cells.lengths_m[i])
+        wanted = (float(highest[i + 1]) - u) / twice
+        # The set is convex: what can be done at the highest speed can be done in proportion below.
+        inside = float(safe[i]) * (u / float(highest[i]) if highest[i] > 0.0 else 0.0)
+        a = _last(cells, i, inside, wanted, partial(_from, u))
+        acceleration[i] = a
+        squared[i + 1] = max(0.0, u + twice * a)
+    return squared, acceleration
+
+
+def _towards(end: float, twice: float, u: Array) -> tuple[Array, Array]:
+    """Return (a, u) that lead from each of `u` to `end`, over half of `twice`."""
+    return (end - u) / twice, u
+
+
+def _from(u: float, a: Array) -> tuple[Array, Array]:
+    """Return (a, u) for each of `a`."""
+    return a, np.full(a.shape, u)
+
+
+def _last(
+    cells: PathConstraints,
+    cell: int,
+    inside: float,
+    outside: float,
+    point: Callable[[Array], tuple[Array, Array]],
+) -> float:
+    """Return the last number on the way from `inside` to `outside` at which a cell's limits hold.
+
+    `point` maps numbers to (a, u). The set is convex, so that what holds is an interval.
+    """
+    low, high = inside, outside
+    for _ in range(_ROUNDS):
+        tries: Array = np.linspace(low, high, _TRIES)
+        a, u = point(tries)
+        holds = cells.usage(cell, a, u) <= 1.0
+        last = int(np.flatnonzero(holds)[-1]) if holds.any() else 0
+        if last == _TRIES - 1:
+            return float(tries[last])
+        low, high = float(tries[last]), float(tries[last + 1])
+    return low
+
+
+_CELL_S = 0.002
+
+
+def smoothed(profile: SpeedProfile, over_s: float) -> SpeedProfile:
+    """Return a profile whose speed at each time is the mean of another's over the last `over_s`.
+
+    So what was a jump of acceleration is a ramp over `over_s`, and nothing accelerates harder than
+    before. Each way from one rest to the next takes `over_s` longer. On straight ways all limits
+    still hold; on a curve a place is passed a little faster or slower than before.
+    """
+    if not over_s > 0.0:
+        return profile
+    at_s, s_m, speed = [np.zeros(1)], [profile.s_m[:1]], [np.zeros(1)]
+    rests = np.flatnonzero(profile.speed_mps == 0.0)
+    for first, last in itertools.pairwise(rests):
+        begin_s, end_s = float(profile.at_s[first]), float(profile.at_s[last])
+        cells = int(np.ceil((end_s - begin_s + over_s) / _CELL_S))
+        t_s = np.linspace(begin_s, end_s + over_s, cells + 1)
+        now_m, before_m = (profile.place_m(np.clip(t, begin_s, end_s)) for t in (t_s, t_s - over_s))
+        mean = (now_m - before_m) / over_s
+        mean[-1] = 0.0
+        # Evenly from one speed to the next: the sum is the way but for a ten-thousandth part.
+        way_m = np.cumsum(0.5 * (mean[1:] + mean[:-1]) * np.diff(t_s))
+        length_m = float(profile.s_m[last] - profile.s_m[first])
+        s_m.append(profile.s_m[first] + way_m * (length_m / way_m[-1]))
+        at_s.append(at_s[-1][-1] + t_s[1:] - begin_s)
+        speed.append(mean[1:])
+    speeds, times = np.concatenate(speed), np.concatenate(at_s)
+    return SpeedProfile(np.concatenate(s_m), speeds, np.diff(speeds) / np.diff(times), times)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +338,7 @@ class Trajectory:
 
 def plan(
     route: Route,
-    drive: Drive[SE2],
+    kinematics: Kinematics[SE2],
     limits: Limits,
     *,
     share: float = 1.0,
@@ -84,5 +353,7 @@ def plan(
     Raises:
         PathError: as in `fastest`.
     """
-    profile = fastest(route, drive, limits, share=share, speed_mps=speed_mps, cell_m=cell_m)
+    profile = time_optimal(
+        route, kinematics, limits, share=share, speed_mps=speed_mps, cell_m=cell_m
+    )
     return Trajectory(route, smoothed(profile, smooth_s))

@@ -1,7 +1,9 @@
-"""The robot node: the loop between bus, core and joints."""
+"""Robot node: the real-time loop, the hardware interface and a simulated overhead camera."""
 
-from tsd_twin.node.node import PERIOD_S, RobotNode
+from __future__ import annotations
+
+from tsd_twin.node.hardware_interface import HasTruth, HasWatchdog, RobotIO, Truth
 from tsd_twin.node.overhead_camera import OverheadCamera
-from tsd_twin.node.robot_io import Guarded, RobotIO, Simulated, Truth
+from tsd_twin.node.robot_node import PERIOD_S, RobotNode
 
-__all__ = ["PERIOD_S", "Guarded", "OverheadCamera", "RobotIO", "RobotNode", "Simulated", "Truth"]
+__all__ = ["PERIOD_S", "HasTruth", "HasWatchdog", "OverheadCamera", "RobotIO", "RobotNode", "Truth"]

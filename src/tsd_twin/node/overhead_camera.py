@@ -1,4 +1,4 @@
-"""A camera above the floor that tells a simulated robot, over the bus, where it is."""
+"""Simulated overhead camera: publishes delayed, noisy poses of a simulated robot on the bus."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from typing import Self
 
 import numpy as np
 
-from tsd_twin import topics
 from tsd_twin.bus import Bus
 from tsd_twin.lie import SE2
-from tsd_twin.messages.pose import PoseStamped, encode_pose
+from tsd_twin.messages import topics
+from tsd_twin.messages.commands import PoseStamped, encode_pose
 from tsd_twin.messages.ros import decode_odometry
-from tsd_twin.sim import Camera, CameraNoise
+from tsd_twin.simulation import Camera, CameraNoise
 
 _LOOK_S = 0.01
 
 
 class OverheadCamera:
-    """Sees the truth of a simulator, late and with noise, and puts it on `in/pose`.
+    """Sees the truth of a simulator, late and with noise, and puts it on `sensor/pose`.
 
     It knows the bus only, as the computer of a real camera would; use it as a context manager.
     """
@@ -27,9 +27,9 @@ class OverheadCamera:
         self, bus: Bus, robot_id: str, seed: int | None = 0, noise: CameraNoise | None = None
     ) -> None:
         self._camera = Camera(noise or CameraNoise(), np.random.default_rng(seed))
-        self._truths = bus.reader(topics.TRUTH.key(robot_id), 8)
-        topic = topics.OUTSIDE_POSE
-        self._poses = bus.publisher(topic.key(robot_id), topic.urgency, topic.type)
+        self._truths = bus.subscriber(topics.TRUTH.key(robot_id), 8)
+        topic = topics.SENSOR_POSE
+        self._poses = bus.publisher(topic.key(robot_id), topic.qos, topic.type)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
 

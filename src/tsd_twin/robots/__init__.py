@@ -1,30 +1,47 @@
-"""Descriptions of robots, and the robots that come with the program."""
+"""Robot descriptions: classes for each kind of robot, the loader, and the shipped TOML files."""
 
-from tsd_twin.robots.gears import Gears
-from tsd_twin.robots.gyro import Gyro
-from tsd_twin.robots.kinds import KINDS
-from tsd_twin.robots.loader import load, names, of_kind, parse, text
-from tsd_twin.robots.omni import OmniRobot
-from tsd_twin.robots.robot import JointErrors, OutsidePose, Robot, SpinUp
-from tsd_twin.robots.singularity import SingularityRobot
-from tsd_twin.robots.sphere import SphereRobot
-from tsd_twin.robots.units import RPM
+from __future__ import annotations
+
+from tsd_twin.robots.description import (
+    RPM,
+    Gyro,
+    JointErrors,
+    PoseSensor,
+    RobotDescription,
+    SpinUp,
+    WheelSpeedRange,
+)
+from tsd_twin.robots.kinds import DESCRIPTIONS, KINDS, RobotKind, implementation, kind_of
+from tsd_twin.robots.loader import (
+    description_of_kind,
+    load_robot,
+    parse_description,
+    read_description,
+    robot_names,
+)
+from tsd_twin.robots.omni import OmniDescription
+from tsd_twin.robots.singularity import SingularityDescription
+from tsd_twin.robots.sphere import SphereDescription
 
 __all__ = [
+    "DESCRIPTIONS",
     "KINDS",
     "RPM",
-    "Gears",
     "Gyro",
     "JointErrors",
-    "OmniRobot",
-    "OutsidePose",
-    "Robot",
-    "SingularityRobot",
-    "SphereRobot",
+    "OmniDescription",
+    "PoseSensor",
+    "RobotDescription",
+    "RobotKind",
+    "SingularityDescription",
+    "SphereDescription",
     "SpinUp",
-    "load",
-    "names",
-    "of_kind",
-    "parse",
-    "text",
+    "WheelSpeedRange",
+    "description_of_kind",
+    "implementation",
+    "kind_of",
+    "load_robot",
+    "parse_description",
+    "read_description",
+    "robot_names",
 ]

@@ -1,15 +1,85 @@
-"""The kinds of robots there are: what `kind` in `[drive]` may be, and what it makes of a file."""
+"""Registry of the kinds of robots: what each kind brings to every layer, in one table.
+
+The implementations are in higher layers. The registry names them as `module:name` and imports them
+at first use, so layers stay apart and a program loads only what it needs.
+"""
 
 from __future__ import annotations
 
-from tsd_twin.robots.omni import OmniRobot
-from tsd_twin.robots.robot import Robot
-from tsd_twin.robots.singularity import SingularityRobot
-from tsd_twin.robots.sphere import SphereRobot
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
 
-KINDS: dict[str, type[Robot]] = {
-    "singularity": SingularityRobot,
-    "omni": OmniRobot,
-    "sphere": SphereRobot,
-}
-"""From `drive.kind` to the tables of such a robot."""
+from tsd_twin.robots.description import RobotDescription
+from tsd_twin.robots.omni import OmniDescription
+from tsd_twin.robots.singularity import SingularityDescription
+from tsd_twin.robots.sphere import SphereDescription
+
+
+@dataclass(frozen=True, slots=True)
+class RobotKind:
+    """One kind of robot. Its description makes its kinematics; the rest is given by reference."""
+
+    name: str
+    """Value of `kind` in the table `[drive]` of a description."""
+    description: type[RobotDescription]
+    simulations: Mapping[str, str]
+    """From the name of a plant to the factory of its simulation; arguments as in `simulate`."""
+    sensor_odometry: str
+    """Factory of the odometry from other sensors: `(robot) -> (odometry, is_better)` or None."""
+    model: str
+    """Module with `draw`, `tree` and `masses_kg`."""
+    telemetry: str
+    """Class of the telemetry of its actuators on the dashboard."""
+    actuator_tab: str
+    """Label of the panel tab that shows its actuators."""
+
+
+KINDS: tuple[RobotKind, ...] = (
+    RobotKind(
+        name="singularity",
+        description=SingularityDescription,
+        simulations={
+            "kinematic": "tsd_twin.simulation.factory:simulate_singularity",
+            "mujoco": "tsd_twin.simulation.factory:simulate_singularity_mujoco",
+        },
+        sensor_odometry="tsd_twin.estimation.sensor_odometry:odometry_by_gyro",
+        model="tsd_twin.models.singularity",
+        telemetry="tsd_twin.dashboard.server.telemetry:GimbalTelemetry",
+        actuator_tab="Gimbals",
+    ),
+    RobotKind(
+        name="omni",
+        description=OmniDescription,
+        simulations={"kinematic": "tsd_twin.simulation.wheeled:OmniSimulation"},
+        sensor_odometry="tsd_twin.estimation.sensor_odometry:odometry_by_dead_wheels",
+        model="tsd_twin.models.omni",
+        telemetry="tsd_twin.dashboard.server.telemetry:WheelTelemetry",
+        actuator_tab="Wheels",
+    ),
+    RobotKind(
+        name="sphere",
+        description=SphereDescription,
+        simulations={"kinematic": "tsd_twin.simulation.wheeled:SphereSimulation"},
+        sensor_odometry="tsd_twin.estimation.sensor_odometry:odometry_by_rows",
+        model="tsd_twin.models.sphere",
+        telemetry="tsd_twin.dashboard.server.telemetry:SphereTelemetry",
+        actuator_tab="Sphere",
+    ),
+)
+"""All kinds of robots; a new kind is a new row."""
+DESCRIPTIONS: dict[str, type[RobotDescription]] = {kind.name: kind.description for kind in KINDS}
+"""From `drive.kind` to the description class."""
+_BY_DESCRIPTION = {kind.description: kind for kind in KINDS}
+
+
+def kind_of(robot: RobotDescription) -> RobotKind:
+    """Return the kind of a robot."""
+    return _BY_DESCRIPTION[type(robot)]
+
+
+def implementation(reference: str) -> Any:
+    """Return what a reference `module` or `module:name` of the registry names, imported."""
+    module, _, name = reference.partition(":")
+    return getattr(import_module(module), name) if name else import_module(module)

@@ -1,4 +1,6 @@
-"""Reading robot descriptions: shipped ones by name, anybody's own by path."""
+"""Loads robot descriptions: shipped ones by name, others by path; errors name the key and the
+remedy.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +16,9 @@ from typing import Any, TypeVar
 import msgspec
 
 from tsd_twin.errors import RobotFileError
-from tsd_twin.robots.kinds import KINDS
-from tsd_twin.robots.robot import Problem, Robot, Table
-from tsd_twin.robots.singularity import SingularityRobot
+from tsd_twin.robots.description import Problem, RobotDescription, Table
+from tsd_twin.robots.kinds import DESCRIPTIONS
+from tsd_twin.robots.singularity import SingularityDescription
 
 _PACKAGE = "tsd_twin.robots"
 LONGEST = 16_384
@@ -25,27 +27,28 @@ LONGEST = 16_384
 Descriptions come over the bus too, and some that are longer take a TOML reader a minute.
 """
 
-RobotT = TypeVar("RobotT", bound=Robot)
+RobotT = TypeVar("RobotT", bound=RobotDescription)
 
 
-def names() -> list[str]:
+def robot_names() -> list[str]:
     """Return the names of the shipped robots, sorted."""
     files = resources.files(_PACKAGE).iterdir()
     return sorted(Path(f.name).stem for f in files if f.name.endswith(".toml"))
 
 
-def text(name_or_path: str) -> str:
+def read_description(name_or_path: str) -> str:
     """Return the TOML text of a shipped robot or of a file.
 
     Raises:
         RobotFileError: no such robot or file; the message lists the shipped ones.
     """
     if "/" not in name_or_path and not name_or_path.endswith(".toml"):
-        if name_or_path not in names():
+        if name_or_path not in robot_names():
             raise RobotFileError(
                 name_or_path,
-                "no such robot" + _closest(name_or_path, names()),
-                f"shipped are {', '.join(names())}; your own is given by its path, my_robot.toml",
+                "no such robot" + _closest(name_or_path, robot_names()),
+                f"shipped are {', '.join(robot_names())}; your own is given by its path, "
+                f"my_robot.toml",
             )
         return resources.files(_PACKAGE).joinpath(f"{name_or_path}.toml").read_text("utf-8")
     try:
@@ -53,20 +56,20 @@ def text(name_or_path: str) -> str:
     except (OSError, UnicodeDecodeError) as error:
         problem = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise RobotFileError(
-            name_or_path, f"cannot be read: {problem}", f"shipped are {', '.join(names())}"
+            name_or_path, f"cannot be read: {problem}", f"shipped are {', '.join(robot_names())}"
         ) from error
 
 
-def load(name_or_path: str) -> Robot:
+def load_robot(name_or_path: str) -> RobotDescription:
     """Return a shipped robot by name, or the robot of a TOML file by path.
 
     Raises:
         RobotFileError: the file is missing, misspelt or impossible; the message names file and key.
     """
-    return parse(text(name_or_path), name_or_path)
+    return parse_description(read_description(name_or_path), name_or_path)
 
 
-def of_kind(robot: Robot, kind: type[RobotT]) -> RobotT:
+def description_of_kind(robot: RobotDescription, kind: type[RobotT]) -> RobotT:
     """Return `robot`, known to be of a kind, to who can work with that kind only.
 
     Raises:
@@ -74,14 +77,14 @@ def of_kind(robot: Robot, kind: type[RobotT]) -> RobotT:
     """
     if not isinstance(robot, kind):
         needed, given = (
-            next(tag for tag, table in KINDS.items() if table is each)
+            next(tag for tag, table in DESCRIPTIONS.items() if table is each)
             for each in (kind, type(robot))
         )
         raise RobotFileError(robot.name, f"drive.kind is {given}", f"{needed} is needed here")
     return robot
 
 
-def parse(toml: str, file: str) -> Robot:
+def parse_description(toml: str, file: str) -> RobotDescription:
     """Return the robot of a TOML text; `file` is what errors call it.
 
     Raises:
@@ -89,7 +92,7 @@ def parse(toml: str, file: str) -> Robot:
     """
     if len(toml) > LONGEST:
         raise RobotFileError(file, f"{len(toml)} characters are too many", f"at most {LONGEST}")
-    kind: type[Robot] = Robot
+    kind: type[RobotDescription] = RobotDescription
     try:
         tables: Any = msgspec.toml.decode(toml)
         kind = _kind(tables, file)
@@ -105,11 +108,11 @@ def parse(toml: str, file: str) -> Robot:
     return robot
 
 
-def _kind(tables: Any, file: str) -> type[Robot]:
+def _kind(tables: Any, file: str) -> type[RobotDescription]:
     """Return what a file has to be read as; whatever else is wrong with it shows in the reading."""
     table = tables.get("drive")
     if not isinstance(table, dict):
-        return SingularityRobot
+        return SingularityDescription
     drive = typing.cast("dict[str, Any]", table)
     keys = list(drive)
     if "kind" not in keys:
@@ -121,13 +124,13 @@ def _kind(tables: Any, file: str) -> type[Robot]:
         )
         raise RobotFileError(file, problem, _valid_kinds())
     kind = drive["kind"]
-    if not isinstance(kind, str) or kind not in KINDS:
-        problem = f"drive.kind: invalid value {kind!r}" + _closest(str(kind), list(KINDS))
+    if not isinstance(kind, str) or kind not in DESCRIPTIONS:
+        problem = f"drive.kind: invalid value {kind!r}" + _closest(str(kind), list(DESCRIPTIONS))
         raise RobotFileError(file, problem, _valid_kinds())
-    return KINDS[kind]
+    return DESCRIPTIONS[kind]
 
 
-def _check(robot: Robot, file: str) -> None:
+def _check(robot: RobotDescription, file: str) -> None:
     """Raise for what no single value can show."""
     for path, number in _numbers(msgspec.to_builtins(robot)):
         if not math.isfinite(number):
@@ -153,7 +156,7 @@ def _numbers(value: Any, path: str = "") -> Iterator[tuple[str, float]]:
             yield from _numbers(item, f"{path}[{i}]")
 
 
-def _explain(message: str, kind: type[Robot]) -> Problem:
+def _explain(message: str, kind: type[RobotDescription]) -> Problem:
     """Turn a message of msgspec into a sentence, and into what would be valid."""
     found = re.fullmatch(r"(?P<what>.*?)(?: - at `\$(?P<path>.*)`)?", message, re.DOTALL)
     what, path = (found["what"], (found["path"] or "").lstrip(".")) if found else (message, "")
@@ -173,7 +176,7 @@ def _explain(message: str, kind: type[Robot]) -> Problem:
     return f"{path or 'the file'}: {plain}", ""
 
 
-def _keys(path: str, kind: type[Robot]) -> list[str]:
+def _keys(path: str, kind: type[RobotDescription]) -> list[str]:
     """Return the keys that are valid in the table at `path` of such a robot."""
     table: Any = kind
     for part in filter(None, path.split(".")):
@@ -191,7 +194,7 @@ def _table(hint: Any) -> Any:
 
 
 def _valid_kinds() -> str:
-    return "kinds are " + ", ".join(KINDS)
+    return "kinds are " + ", ".join(DESCRIPTIONS)
 
 
 def _closest(word: str, valid: list[str]) -> str:

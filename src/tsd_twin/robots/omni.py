@@ -10,11 +10,17 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from tsd_twin.drives import Joint, JointKind, OmniDrive
-from tsd_twin.drives.omni import impossible
+from tsd_twin.kinematics import Joint, JointKind, OmniKinematics
+from tsd_twin.kinematics.omni import layout_problem
 from tsd_twin.lie import Array
-from tsd_twin.robots.geared_motor import GearedRobot, carried_kg_m2
-from tsd_twin.robots.robot import NotNegative, Positive, Problem, Table
+from tsd_twin.robots.description import (
+    GearedMotorDescription,
+    NotNegative,
+    Positive,
+    Problem,
+    Table,
+    carried_kg_m2,
+)
 
 
 class OmniWheel(Table, frozen=True):
@@ -75,7 +81,7 @@ class DeadWheels(Table, frozen=True):
         )
 
 
-class OmniRobot(GearedRobot, frozen=True, kw_only=True):
+class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
     """A platform on wheels with rollers."""
 
     drive: OmniGeometry
@@ -93,10 +99,10 @@ class OmniRobot(GearedRobot, frozen=True, kw_only=True):
             Joint("gyro", JointKind.VELOCITY),
         )
 
-    def kinematics(self) -> OmniDrive:
+    def kinematics(self) -> OmniKinematics:
         """Return the drive."""
         positions, directions, rollers = self._layout()
-        drive = OmniDrive(
+        drive = OmniKinematics(
             positions_m=positions,
             directions_rad=directions,
             rollers_rad=rollers,
@@ -115,7 +121,7 @@ class OmniRobot(GearedRobot, frozen=True, kw_only=True):
         rim = 0.5 * self.mass.wheel_kg * self.drive.wheel_radius_m**2
         return rim + self.motor.rotor_at_wheel_kg_m2
 
-    def driven_inertia_kg_m2(self, drive: OmniDrive) -> float:
+    def driven_inertia_kg_m2(self, drive: OmniKinematics) -> float:
         """Return the most that a wheel feels, itself and its share of the robot."""
         mass = self.mass
         body = np.array([mass.total_kg, mass.total_kg, mass.yaw_inertia_kg_m2])
@@ -123,7 +129,7 @@ class OmniRobot(GearedRobot, frozen=True, kw_only=True):
 
     def problems(self) -> Iterator[Problem]:
         """Yield what the wheels, driven or dead, cannot do."""
-        if problem := impossible(*self._layout()):
+        if problem := layout_problem(*self._layout()):
             yield (
                 f"drive.wheels: {problem}",
                 "three or more wheels that do not all drive along lines through one point",

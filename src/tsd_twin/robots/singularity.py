@@ -11,21 +11,22 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from tsd_twin.drives import Joint, JointKind, SingularityDrive
-from tsd_twin.robots.gears import Gears
-from tsd_twin.robots.gyro import Gyro
-from tsd_twin.robots.imperfections import Floor, Imperfections
-from tsd_twin.robots.robot import (
+from tsd_twin.kinematics import Joint, JointKind, SingularityKinematics
+from tsd_twin.robots.description import (
+    RPM,
+    ActuatorOffsets,
+    Floor,
+    Gyro,
     JointErrors,
+    ModelErrors,
     NotNegative,
     Positive,
     Problem,
-    Robot,
+    RobotDescription,
     SpinUp,
     Table,
+    WheelSpeedRange,
 )
-from tsd_twin.robots.trim import Trim
-from tsd_twin.robots.units import RPM
 
 
 class SingularityGeometry(Table, frozen=True, tag="singularity", tag_field="kind"):
@@ -114,7 +115,7 @@ class Calibration(Table, frozen=True):
     """How fast each wheel turns over what `[motor]` lets expect."""
 
 
-class SingularityRobot(Robot, frozen=True, kw_only=True):
+class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
     """A robot on a singularity drive."""
 
     drive: SingularityGeometry
@@ -125,7 +126,7 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
     gyro: Gyro | None = None
     calibration: Calibration = Calibration()
     floor: Floor = Floor()
-    errors: Imperfections = Imperfections()
+    errors: ModelErrors = ModelErrors()
 
     @property
     def arming_hold_s(self) -> float:
@@ -142,10 +143,10 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
         """The turn rate of the gyro, where there is one."""
         return () if self.gyro is None else (Joint("gyro", JointKind.VELOCITY),)
 
-    def kinematics(self) -> SingularityDrive:
+    def kinematics(self) -> SingularityKinematics:
         """Return the drive in its cruising gear."""
         g = self.drive
-        return SingularityDrive(
+        return SingularityKinematics(
             azimuths_rad=np.radians(g.azimuths_deg),
             pivot_radius_m=g.pivot_radius_m,
             wheel_radius_m=g.wheel_radius_m,
@@ -155,14 +156,14 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
             spin_ratio=np.array(g.spin_ratio or [1.0] * g.modules),
         )
 
-    def trim(self) -> Trim:
+    def actuator_offsets(self) -> ActuatorOffsets:
         """Return how the joints differ from what their actuators are told and say."""
         found, modules = self.calibration, self.drive.modules
         offset = np.zeros((modules, 3))
         offset[:, :2] = np.radians(found.tilt_offset_deg or np.zeros((modules, 2)))
         scale = np.ones((modules, 3))
         scale[:, 2] = found.spin_scale or 1.0
-        return Trim(offset.ravel(), scale.ravel())
+        return ActuatorOffsets(offset.ravel(), scale.ravel())
 
     @property
     def delay_s(self) -> float:
@@ -183,14 +184,14 @@ class SingularityRobot(Robot, frozen=True, kw_only=True):
         return SpinUp(m.start_speed_rpm * RPM, m.time_constant_up_s, m.time_constant_down_s)
 
     @property
-    def gears(self) -> Gears:
+    def wheel_speed_range(self) -> WheelSpeedRange:
         """The wheels may spin as fast as all motors can."""
         drive = self.kinematics()
         # What a motor is told is what its wheel shall do over its scale.
-        per_told = self.trim().scale[2::3] / drive.spin_ratio
+        per_told = self.actuator_offsets().scale[2::3] / drive.spin_ratio
         fastest_rpm = np.array([column[-1] for column in self.motor.speed_rpm])
-        return Gears(
-            drive=drive,
+        return WheelSpeedRange(
+            kinematics=drive,
             least_rad_per_s=self.motor.start_speed_rpm * float(per_told.max()) * RPM,
             most_rad_per_s=float((fastest_rpm * per_told).min()) * RPM,
             servo_step_rad=2.0 * math.pi / self.servo.steps_per_turn,

@@ -10,11 +10,17 @@ from typing import Annotated, Literal
 import numpy as np
 from msgspec import Meta
 
-from tsd_twin.drives import SphereDrive
-from tsd_twin.drives.sphere import impossible, mounting
+from tsd_twin.kinematics import SphereKinematics
+from tsd_twin.kinematics.sphere import contacts_and_directions, layout_problem
 from tsd_twin.lie import Array
-from tsd_twin.robots.geared_motor import GearedRobot, carried_kg_m2
-from tsd_twin.robots.robot import NotNegative, Positive, Problem, Table
+from tsd_twin.robots.description import (
+    GearedMotorDescription,
+    NotNegative,
+    Positive,
+    Problem,
+    Table,
+    carried_kg_m2,
+)
 
 
 class SphereWheel(Table, frozen=True):
@@ -57,18 +63,18 @@ class Estimate(Table, frozen=True):
     """What the estimate is made with: contacts half-way between the rows, or hopping as they do."""
 
 
-class SphereRobot(GearedRobot, frozen=True, kw_only=True):
+class SphereDescription(GearedMotorDescription, frozen=True, kw_only=True):
     """A sphere on omni wheels."""
 
     drive: SphereGeometry
     mass: SphereMass
     estimate: Estimate = Estimate()
 
-    def kinematics(self) -> SphereDrive:
+    def kinematics(self) -> SphereKinematics:
         """Return the drive."""
         g = self.drive
         contacts, actuations = self._mounting()
-        drive = SphereDrive(
+        drive = SphereKinematics(
             contacts=contacts,
             actuations=actuations,
             sphere_radius_m=g.sphere_radius_m,
@@ -83,7 +89,7 @@ class SphereRobot(GearedRobot, frozen=True, kw_only=True):
             drive, max_acceleration_rad_per_s2=self.motor.acceleration_rad_per_s2(inertia)
         )
 
-    def driven_inertia_kg_m2(self, drive: SphereDrive) -> float:
+    def driven_inertia_kg_m2(self, drive: SphereKinematics) -> float:
         """Return the most that a wheel feels, itself and its share of the sphere, a full one."""
         mass, g = self.mass, self.drive
         sphere = np.full(3, 0.4 * mass.sphere_kg * g.sphere_radius_m**2)
@@ -98,7 +104,7 @@ class SphereRobot(GearedRobot, frozen=True, kw_only=True):
         if self.drive.row_distance_m >= 2.0 * self._roller_circle_m:
             yield "drive.row_distance_m: the rows are farther apart than the sphere is wide", ""
             return
-        if problem := impossible(*self._mounting()):
+        if problem := layout_problem(*self._mounting()):
             yield (
                 f"drive.wheels: {problem}",
                 "three or more wheels with axes that do not all lie in one plane",
@@ -111,7 +117,7 @@ class SphereRobot(GearedRobot, frozen=True, kw_only=True):
 
     def _mounting(self) -> tuple[Array, Array]:
         wheels = self.drive.wheels
-        return mounting(
+        return contacts_and_directions(
             np.radians([wheel.azimuth_deg for wheel in wheels]),
             np.radians([wheel.below_equator_deg for wheel in wheels]),
             np.radians([wheel.turn_deg for wheel in wheels]),

@@ -1,13 +1,13 @@
 // Who is logged in here, and the way out.
 
 import { Button } from "./button.js";
-import { el, mark, say } from "./dom.js";
-import { WATCHES, notStop, watches } from "./permission.js";
+import { el, setAttribute, setText } from "./dom.js";
+import { notStop, WATCHES, watches } from "./permission.js";
 
 const ASK_MS = 2000;
 
 export class Account {
-  /** Marks `frame` when whoever is logged in only watches. */
+  /** Marks `frame` for logins that only watch. */
   constructor(link, tips, frame) {
     this._link = link;
     this._frame = frame;
@@ -23,11 +23,11 @@ export class Account {
   _draw() {
     const { user } = this._link.welcome;
     this.element.hidden = user === null;
-    say(this._user, user ?? "");
-    mark(this._frame, "data-watches", watches(this._link) ? "" : null);
-    mark(this._frame, "data-cannot-stop", notStop(this._link) === null ? null : "");
+    setText(this._user, user ?? "");
+    setAttribute(this._frame, "data-watches", watches(this._link) ? "" : null);
+    setAttribute(this._frame, "data-cannot-stop", notStop(this._link) === null ? null : "");
     this.watching.hidden = !watches(this._link);
-    say(this.watching, notStop(this._link) ?? WATCHES);
+    setText(this.watching, notStop(this._link) ?? WATCHES);
   }
 
   async _logOut() {

@@ -15,7 +15,7 @@
   const plain = drawsInSoftware();
   socket.searchParams.set("look", `${dark ? "dark" : "light"}-${plain ? "plain" : "rich"}`);
 
-  // viser's client reads these from the address, once, when it starts; nobody else needs them.
+  // viser's client reads these from the address once, when it starts.
   const start = new URL(location.href);
   const given = { websocket: socket.href };
   if (plain && !start.searchParams.has("fixedDpr")) given.fixedDpr = sharpness().toFixed(2);

@@ -1,6 +1,6 @@
 // Buttons that say why they cannot be used, instead of being dead.
 
-import { el, mark, say } from "./dom.js";
+import { el, setAttribute, setText } from "./dom.js";
 
 const HOLD_MS = 1000;
 let count = 0;
@@ -27,15 +27,15 @@ export class Button {
 
   /** Change what it says and does. */
   become(label, tip) {
-    say(this._label, label);
+    setText(this._label, label);
     this._tip = tip;
   }
 
   /** Let it be used, or not, with the reason. */
   allow(reason) {
     this.reason = reason;
-    mark(this.button, "aria-disabled", reason === null ? null : "true");
-    say(this._why, reason ?? this._tip);
+    setAttribute(this.button, "aria-disabled", reason === null ? null : "true");
+    setText(this._why, reason ?? this._tip);
   }
 
   use() {
@@ -49,7 +49,7 @@ export class Button {
 }
 
 /** A button that has to be held for a second, by pointer or key. */
-export class HoldButton extends Button {
+export class LongPressButton extends Button {
   constructor(label, options) {
     super(label, { ...options, kind: `hold ${options.kind ?? ""}` });
     this._timer = null;
@@ -81,7 +81,7 @@ export class HoldButton extends Button {
       return;
     }
     this._end();
-    mark(this.button, "data-holding", "");
+    setAttribute(this.button, "data-holding", "");
     this._timer = setTimeout(() => {
       this._end();
       this.use();
@@ -91,7 +91,7 @@ export class HoldButton extends Button {
   _end() {
     clearTimeout(this._timer);
     this._timer = null;
-    mark(this.button, "data-holding", null);
+    setAttribute(this.button, "data-holding", null);
   }
 
   /** Assistive technology presses without a pointer and cannot hold: that is deliberate enough. */

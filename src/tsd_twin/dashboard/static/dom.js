@@ -1,5 +1,4 @@
 // Making elements.
-
 /** Return an element; `on…` attributes are listeners, false and null ones are left out. */
 export function el(tag, attributes = {}, ...children) {
   return fill(document.createElement(tag), attributes, children);
@@ -21,12 +20,12 @@ function fill(node, attributes, children) {
 }
 
 /** Set the text of a node if it is another one: twenty times a second, most of it is not. */
-export function say(node, text) {
+export function setText(node, text) {
   if (node.textContent !== text) node.textContent = text;
 }
 
 /** Set an attribute if its value is another one; null takes it away. */
-export function mark(node, name, value) {
+export function setAttribute(node, name, value) {
   if (value === null) node.removeAttribute(name);
   else if (node.getAttribute(name) !== String(value)) node.setAttribute(name, value);
 }
@@ -90,3 +89,9 @@ const ICONS = {
   chevron: [["path", { d: "M4 6l4 4 4-4", ...LINE }]],
   close: [["path", { d: "M4 4l8 8M12 4l-8 8", ...LINE }]],
 };
+
+// Visibility of elements.
+/** Whether an element can be seen now: a tab that is not shown takes no room. */
+export function isVisible(node) {
+  return document.visibilityState === "visible" && node.offsetParent !== null;
+}

@@ -1,5 +1,5 @@
 // From controls to commands. Each source of motion (stick, turn slider, keys, gamepad, panel) has
-//   held      whether somebody holds it
+//   held      whether it is held
 //   cancel()  go back to the centre; moves nothing until it is deliberately used again
 // and either `unit`, {x, y, turn} as shares of what the speed level allows, or `twist`, in m/s and
 // rad/s; what it has for a `command` is said instead of a twist. As long as any is held, a command
@@ -7,13 +7,13 @@
 // gateway limits how many a page may send. Nothing is ever queued.
 
 import { notDrive, notStop } from "./permission.js";
-import { spaceOf } from "./space.js";
+import { twistMappingOf } from "./twist_mapping.js";
 
 const PERIOD_MS = 20;
 const LEAST_MS = 9.5; // Timers are some tenths of a millisecond early now and then.
-const STOP_EVERY_MS = 200;
-const STOP_DOUBT_MS = 600;
-const STOP_FOR_MS = 5000;
+const STOP_RETRY_MS = 200;
+const STOP_CONFIRM_MS = 600;
+const STOP_RETRY_LIMIT_MS = 5000;
 
 export class Drive {
   constructor(link) {
@@ -27,15 +27,15 @@ export class Drive {
     this._sentMs = -Infinity;
     this._stop = null;
     link.on("state", () => this._checkState());
-    link.on("beat", () => this._checkBeat());
-    link.on("down", () => this.letGo("The connection is lost."));
+    link.on("beat", () => this._retryStop());
+    link.on("down", () => this.release("The connection is lost."));
     link.on("released", (message) =>
-      this.letGo(`Let go: ${message.reason}. Push again to drive.`, true),
+      this.release(`Let go: ${message.reason}. Push again to drive.`, true),
     );
     link.on("reply", (message) => this._checkReply(message));
-    addEventListener("blur", () => this.letGo());
-    addEventListener("pagehide", () => this.letGo());
-    document.addEventListener("visibilitychange", () => this.letGo());
+    addEventListener("blur", () => this.release());
+    addEventListener("pagehide", () => this.release());
+    document.addEventListener("visibilitychange", () => this.release());
   }
 
   add(source) {
@@ -55,7 +55,7 @@ export class Drive {
     const limits = this.link.state?.status.limits;
     const share = this.level / 100;
     return {
-      speed: (share * (limits?.speed_mps ?? 0)) / (this.link.robot?.lever_m ?? 1),
+      speed: (share * (limits?.speed_mps ?? 0)) / (this.link.robot?.twist_scale_m ?? 1),
       turn: share * (limits?.turn_rate_rad_per_s ?? 0),
     };
   }
@@ -78,7 +78,7 @@ export class Drive {
     const panel = this._sources.find((source) => source.held && source.twist !== undefined);
     if (panel !== undefined) return { ...panel.twist, frame: "base_link" };
     const { unit, scale } = this;
-    const [vx, vy, omega] = spaceOf(this.link.robot).twist(
+    const [vx, vy, omega] = twistMappingOf(this.link.robot).twist(
       unit.x * scale.speed,
       unit.y * scale.speed,
       unit.turn * scale.turn,
@@ -88,23 +88,23 @@ export class Drive {
 
   /** A source has changed: begin, go on, or let go. Hands on any control end what is latched. */
   changed() {
-    const hands = this._sources.some((source) => source.held && source.twist === undefined);
-    if (hands) for (const source of this._sources) if (source.twist !== undefined) source.cancel();
+    const handControl = this._sources.some((source) => source.held && source.twist === undefined);
+    if (handControl) for (const source of this._sources) if (source.twist !== undefined) source.cancel();
     const held = this._sources.some((source) => source.held);
-    if (held && !this.held) this._begin();
-    else if (!held && this.held) this._end();
+    if (held && !this.held) this._start();
+    else if (!held && this.held) this._finish();
     else if (held) this._send();
-    this._tell();
+    this._notify();
   }
 
   /** Back to the centre with everything; to drive again, a control must be used anew. */
-  letGo(message = "", gatewayHas = false) {
-    const had = this.held;
+  release(message = "", byServer = false) {
+    const wasHeld = this.held;
     for (const source of this._sources) source.cancel();
-    if (this.held) this._end();
-    else if (gatewayHas) this.link.send({ t: "release" });
-    this._tell();
-    if (message && (had || gatewayHas)) this.onMessage(message);
+    if (this.held) this._finish();
+    else if (byServer) this.link.send({ t: "release" });
+    this._notify();
+    if (message && (wasHeld || byServer)) this.onMessage(message);
   }
 
   /** Stop the robot: at once, in every state, and again until it is acknowledged. */
@@ -117,10 +117,10 @@ export class Drive {
     const now = performance.now();
     this._stop = { sinceMs: now, sentMs: now, doubted: false };
     this.link.send({ t: "stop" });
-    this.letGo();
+    this.release();
   }
 
-  _begin() {
+  _start() {
     const reason = notDrive(this.link);
     if (reason !== null) {
       for (const source of this._sources) source.cancel();
@@ -131,7 +131,7 @@ export class Drive {
     this._send();
   }
 
-  _end() {
+  _finish() {
     clearInterval(this._timer);
     this._timer = null;
     this.link.send({ t: "release" });
@@ -140,7 +140,7 @@ export class Drive {
   _send() {
     const reason = notDrive(this.link);
     if (reason !== null) {
-      this.letGo(`${reason} Push again to drive.`);
+      this.release(`${reason} Push again to drive.`);
       return;
     }
     const now = performance.now();
@@ -156,28 +156,28 @@ export class Drive {
 
   _checkState() {
     const reason = this.held ? notDrive(this.link) : null;
-    if (reason !== null) this.letGo(`${reason} Push again to drive.`);
+    if (reason !== null) this.release(`${reason} Push again to drive.`);
     if (this.link.state.status.mode === "stopped") this._stop = null;
-    this._tell();
+    this._notify();
   }
 
-  _checkBeat() {
+  _retryStop() {
     if (this._stop === null) return;
     const now = performance.now();
-    if (now - this._stop.sentMs > STOP_EVERY_MS && this.link.send({ t: "stop" }))
+    if (now - this._stop.sentMs > STOP_RETRY_MS && this.link.send({ t: "stop" }))
       this._stop.sentMs = now;
-    if (now - this._stop.sinceMs > STOP_DOUBT_MS && !this._stop.doubted) {
+    if (now - this._stop.sinceMs > STOP_CONFIRM_MS && !this._stop.doubted) {
       this._stop.doubted = true;
       this.onMessage("The stop is not confirmed. Use the hardware stop.");
     }
-    if (now - this._stop.sinceMs > STOP_FOR_MS) this._stop = null;
+    if (now - this._stop.sinceMs > STOP_RETRY_LIMIT_MS) this._stop = null;
   }
 
   _checkReply({ to, ok }) {
     if (to === "stop" && ok) this._stop = null;
   }
 
-  _tell() {
+  _notify() {
     for (const listener of this._listeners) listener();
   }
 }

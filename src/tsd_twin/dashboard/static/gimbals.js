@@ -1,9 +1,8 @@
 // A dial for each gimbal, seen from above, forward up: where the axle should lean and where it does.
 
-import { ConflictMeter } from "./conflict_meter.js";
-import { el, mark, say, svg } from "./dom.js";
+import { ConsistencyMeter } from "./consistency.js";
+import { el, isVisible, setAttribute, setText, svg } from "./dom.js";
 import { fixed } from "./format.js";
-import { isSeen } from "./seen.js";
 
 const REACH = 40; // Radius of the tilt limit in the drawing.
 
@@ -11,7 +10,7 @@ export class Gimbals {
   constructor(link, place) {
     this._link = link;
     this._list = el("div", { class: "gimbals" });
-    this._conflict = new ConflictMeter("Module");
+    this._conflict = new ConsistencyMeter("Module");
     this._waiting = el("p", { class: "muted" }, "Waiting for the robot.");
     this._all = el(
       "div",
@@ -30,7 +29,7 @@ export class Gimbals {
     );
     place.append(this._waiting, this._all);
     this._open = true;
-    link.on("state", () => this._open && isSeen(place) && this._show());
+    link.on("state", () => this._open && isVisible(place) && this._show());
     link.on("robot", () => this._open && this._build());
     this._build();
   }
@@ -52,9 +51,9 @@ export class Gimbals {
     const { modules, status } = this._link.state;
     const names = this._link.robot.modules;
     modules.forEach((module, i) =>
-      this._dials?.[i]?.show(module, names[i] === status.conflict.suspect),
+      this._dials?.[i]?.show(module, names[i] === status.consistency.suspect),
     );
-    this._conflict.show(status.conflict, names, "The modules agree.");
+    this._conflict.show(status.consistency, names, "The modules agree.");
   }
 }
 
@@ -114,19 +113,19 @@ class Dial {
 
   show(module, suspect) {
     const cells = this._cells;
-    say(cells.tilt, fixed(module.tilt, 1));
-    say(cells.α, fixed(module.alpha, 1));
-    say(cells.β, fixed(module.beta, 1));
-    say(cells.radius, fixed(module.radius_mm, 2));
-    say(cells.speed, fixed(module.rpm, 0));
-    say(this._state, suspect ? "suspect" : module.spinning ? "spinning" : "at rest");
-    mark(this.element, "data-spinning", module.spinning ? "" : null);
-    mark(this.element, "data-suspect", suspect ? "" : null);
+    setText(cells.tilt, fixed(module.tilt, 1));
+    setText(cells.α, fixed(module.alpha, 1));
+    setText(cells.β, fixed(module.beta, 1));
+    setText(cells.radius, fixed(module.radius_mm, 2));
+    setText(cells.speed, fixed(module.rpm, 0));
+    setText(this._state, suspect ? "suspect" : module.spinning ? "spinning" : "at rest");
+    setAttribute(this.element, "data-spinning", module.spinning ? "" : null);
+    setAttribute(this.element, "data-suspect", suspect ? "" : null);
     put(this._set, module.set_axle);
     put(this._dot, module.axle);
     const [x, y] = place(module.axle);
-    mark(this._lean, "x2", x);
-    mark(this._lean, "y2", y);
+    setAttribute(this._lean, "x2", x);
+    setAttribute(this._lean, "y2", y);
   }
 
   _row(name, unit) {
@@ -143,8 +142,8 @@ class Dial {
 
 function put(node, axle) {
   const [x, y] = place(axle);
-  mark(node, "cx", x);
-  mark(node, "cy", y);
+  setAttribute(node, "cx", x);
+  setAttribute(node, "cy", y);
 }
 
 /** From the robot's axes, x forward and y left, to the drawing's, x right and y down. */

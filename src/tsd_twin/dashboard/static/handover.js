@@ -2,7 +2,7 @@
 // takes the focus; it is announced once, and its buttons are in the order of the page.
 
 import { Button } from "./button.js";
-import { el, icon, mark, say } from "./dom.js";
+import { el, icon, setAttribute, setText } from "./dom.js";
 
 const REASON = "urgent";
 
@@ -22,7 +22,7 @@ export class HandOver {
       this._send("grant", { asker: this._asker }),
     );
     this._keep = button("Keep control", "Tell them that you drive on", "", () =>
-      this._send("keep", { asker: this._asker }),
+      this._send("deny", { asker: this._asker }),
     );
     this._withdraw = button("Withdraw", "Ask for control no longer", "", () =>
       this._send("withdraw"),
@@ -91,18 +91,18 @@ export class HandOver {
     this._card.hidden = !shown;
     this._asker = lease.asked_by;
     if (!shown) {
-      say(this._said, "");
+      setText(this._said, "");
       return;
     }
-    mark(this._card, "data-role", holds ? "holder" : "asker");
+    setAttribute(this._card, "data-role", holds ? "holder" : "asker");
     for (const { element } of [this._keep, this._grant]) element.hidden = !holds;
     for (const { element } of [this._force, this._withdraw]) element.hidden = holds;
-    say(
+    setText(
       this._text,
       holds ? `${lease.asked_by} asks for control.` : `You have asked ${lease.holder} for control.`,
     );
-    say(this._then, holds ? "You drive on until you hand over." : "Waiting for the answer.");
-    say(this._count, `${Math.ceil(lease.asks_for_s)} s`);
-    say(this._said, `${this._text.textContent} ${this._then.textContent}`);
+    setText(this._then, holds ? "You drive on until you hand over." : "Waiting for the answer.");
+    setText(this._count, `${Math.ceil(lease.asks_for_s)} s`);
+    setText(this._said, `${this._text.textContent} ${this._then.textContent}`);
   }
 }

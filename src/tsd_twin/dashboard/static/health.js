@@ -1,8 +1,7 @@
 // How well everything works, in figures, and what has happened.
 
-import { el, mark, say } from "./dom.js";
+import { el, isVisible, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
-import { isSeen } from "./seen.js";
 
 const REASONS = {
   stale: "too old",
@@ -34,7 +33,7 @@ export class Health {
     });
     place.append(this._table, el("div", { class: "head" }, el("strong", {}, "Events")), this._log);
     this._open = true;
-    link.on("state", () => this._open && isSeen(place.host) && this._show());
+    link.on("state", () => this._open && isVisible(place.host) && this._show());
     link.on("event", (event) => this._open && this._log.prepend(line(event)));
     link.on("event", () => this._log.children[LINES]?.remove());
     link.on("robot", () => this._log.replaceChildren());
@@ -47,8 +46,8 @@ export class Health {
 
   _show() {
     const { status, age_ms: age, robot_ms: robot } = this._link.state;
-    const { loop, command, lease, limits, conflict, outside } = status;
-    const suspect = conflict.suspect === null ? "nobody" : called(conflict.suspect);
+    const { loop, command, lease, limits, consistency: conflict, pose_sensor: outside } = status;
+    const suspect = conflict.suspect === null ? "none" : called(conflict.suspect);
     const sections = {
       Conflict: {
         suspect,
@@ -85,7 +84,7 @@ export class Health {
         ...lost(command.dropped),
       },
       Control: {
-        holder: lease.holder ?? "nobody",
+        holder: lease.holder ?? "none",
         "lease ends in": lease.holder === null ? "–" : `${fixed(lease.remaining_s, 1)} s`,
         "speed limit": `${fixed(limits.speed_mps, 2)} m/s`,
         "let through": `${fixed(100 * limits.applied, 0)} %`,
@@ -101,12 +100,12 @@ export class Health {
     if (shape !== this._shape) this._build(shape, sections);
     for (const [title, rows] of Object.entries(sections)) {
       for (const [name, value] of Object.entries(rows))
-        say(this._values.get(`${title} ${name}`), value);
+        setText(this._values.get(`${title} ${name}`), value);
     }
-    for (const name of Object.keys(sections.Conflict)) {
+    for (const name of Object.keys(sections.ConsistencyWarning)) {
       const accused = name === "suspect" || name.startsWith(`· ${suspect} `);
       const row = this._values.get(`Conflict ${name}`).parentElement;
-      mark(row, "data-suspect", accused && conflict.suspect !== null ? "" : null);
+      setAttribute(row, "data-suspect", accused && conflict.suspect !== null ? "" : null);
     }
   }
 
@@ -139,7 +138,7 @@ function times(level) {
   return `${fixed(level, level < 10 ? 2 : 0)} of the limit`;
 }
 
-/** What somebody else sees of the robot, such as a camera. */
+/** Pose sensor of the robot, such as a camera. */
 function seen({ hz, late_s: late, used, found, dropped }) {
   return {
     "in use": hz > 0 ? `${fixed(hz, 0)} Hz, ${fixed(1000 * late, 0)} ms late` : "none now",

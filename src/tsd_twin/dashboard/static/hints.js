@@ -1,7 +1,7 @@
 // Three short hints on the first visit, each until it has been followed; then never again.
 
 import { Button } from "./button.js";
-import { el, say } from "./dom.js";
+import { el, setText } from "./dom.js";
 
 const KEY = "tsd.hints";
 
@@ -45,8 +45,8 @@ export class Hints {
     this.element.hidden =
       step === undefined || this._link.isStale() || !step.when(this._link.state);
     if (this.element.hidden) return;
-    say(this._text, step.text);
-    say(this._count, `${this._at + 1} of ${this._steps.length}`);
+    setText(this._text, step.text);
+    setText(this._count, `${this._at + 1} of ${this._steps.length}`);
     this._place(step.target);
   }
 

@@ -1,15 +1,40 @@
+// WebSocket to the dashboard server with the newest state of the robot, and the quality of the link.
+
+// How good the link is, measured against the age up to which commands count.
+const GOOD = 0.4;
+const FAIR = 0.8;
+const GOOD_LOSS = 0.05;
+const FAIR_LOSS = 0.2;
+
+/**
+ * Return "good", "fair", "poor" or "none", and the share of the allowed age that a late command
+ * uses up: the round trip and its jitter. A command is that old when it arrives, or up to a state's
+ * period, 50 ms, older; so beyond four fifths some come too late.
+ */
+export function quality({ tripMs, jitterMs, lost, allowedMs }) {
+  if (tripMs === null || !(allowedMs > 0)) return { grade: "none", used: null };
+  const used = (tripMs + (jitterMs ?? 0)) / allowedMs;
+  if (used < GOOD && lost < GOOD_LOSS) return { grade: "good", used };
+  return { grade: used < FAIR && lost < FAIR_LOSS ? "fair" : "poor", used };
+}
+
+/** Return the median of some numbers, and how much more one in twenty is; null without any. */
+export function medianAndJitter(numbers) {
+  if (numbers.length === 0) return { middle: null, jitter: null };
+  const sorted = [...numbers].sort((a, b) => a - b);
+  const at = (share) => sorted[Math.max(0, Math.ceil(share * sorted.length) - 1)];
+  return { middle: at(0.5), jitter: at(0.95) - at(0.5) };
+}
+
 // The socket to the gateway, and the newest of everything that it has said.
-
-import { spread } from "./quality.js";
-
-const BEAT_MS = 100;
-const SILENT_MS = 2000; // No echo for this long: the connection is lost, whatever the browser says.
+const HEARTBEAT_MS = 100;
+const SERVER_TIMEOUT_MS = 2000; // No echo for this long: the connection is lost, whatever the browser says.
 const RETRY_MS = 500;
-const FULL_BYTES = 1024; // What waits in the browser is too old already to be sent.
+const MAX_BUFFERED_BYTES = 1024; // What waits in the browser is too old already to be sent.
 const URGENT = new Set(["release", "stop"]); // Sent in any case: all that they do is stop the robot.
 
-const TRIPS = 50; // Five seconds.
-const STATES = 100;
+const MAX_ROUND_TRIPS = 50; // Five seconds.
+const MAX_STATES = 100;
 
 const STALE_MS = 300;
 
@@ -19,7 +44,7 @@ export class Link {
     this.connected = false;
     this.welcome = null;
     this.robot = null; // What does not change about the robot that is watched.
-    this._wish = null; // The robot that was chosen, until it is shown.
+    this._requestedRobot = null; // The robot that was chosen, until it is shown.
     this.state = null;
     this.stateMs = -Infinity; // When it came, on the clock of `performance.now`.
     this.pageMs = null; // Round trip to the gateway, median of the last few.
@@ -40,21 +65,21 @@ export class Link {
 
   open() {
     this._connect();
-    setInterval(() => this._beat(), BEAT_MS);
+    setInterval(() => this._sendHeartbeat(), HEARTBEAT_MS);
   }
 
   /** Send a message now or never; return whether it went out. */
   send(message) {
     const socket = this._socket;
     if (socket?.readyState !== WebSocket.OPEN) return false;
-    if (socket.bufferedAmount > FULL_BYTES && !URGENT.has(message.t)) return false;
+    if (socket.bufferedAmount > MAX_BUFFERED_BYTES && !URGENT.has(message.t)) return false;
     socket.send(JSON.stringify(message));
     return true;
   }
 
   /** Turn to another robot, once there is a connection. */
   choose(id) {
-    this._wish = id;
+    this._requestedRobot = id;
     this.send({ t: "robot", id });
   }
 
@@ -89,17 +114,17 @@ export class Link {
       this._echoMs = performance.now();
       this.connected = true;
       this._emit("up");
-      this._beat();
+      this._sendHeartbeat();
     };
     socket.onmessage = (event) => {
       if (socket === this._socket) this._receive(JSON.parse(event.data));
     };
     socket.onclose = () => {
-      if (socket === this._socket) this._lost();
+      if (socket === this._socket) this._onClose();
     };
   }
 
-  _lost() {
+  _onClose() {
     this._socket = null;
     const was = this.connected;
     this.connected = false;
@@ -110,12 +135,12 @@ export class Link {
     setTimeout(() => this._connect(), RETRY_MS);
   }
 
-  _beat() {
+  _sendHeartbeat() {
     if (this.connected) {
       const now = performance.now();
-      if (now - this._echoMs > SILENT_MS) {
+      if (now - this._echoMs > SERVER_TIMEOUT_MS) {
         const socket = this._socket;
-        this._lost(); // Before closing it: that may take as long as it likes.
+        this._onClose(); // Before closing it: that may take as long as it likes.
         socket.close();
       } else {
         const focus = window.tsd.hasFocus() && document.visibilityState === "visible";
@@ -138,16 +163,16 @@ export class Link {
       case "robot":
         if (message.id !== this.robot?.id) this.stateMs = -Infinity;
         this._seen = [];
-        this._wish = null;
+        this._requestedRobot = null;
         this.robot = message;
         this.history = []; // The gateway tells it again.
         break;
       case "welcome":
         this.welcome = message;
-        this._stay(message);
+        this._keepRobot(message);
         break;
       case "reply":
-        if (message.to === "robot") this._wish = null;
+        if (message.to === "robot") this._requestedRobot = null;
         break;
       case "event":
         this.history = [...this.history.slice(-99), { ...message, atMs: Date.now() }];
@@ -157,23 +182,23 @@ export class Link {
   }
 
   /** After a new connection, go on with the robot that was watched before. */
-  _stay({ robot, robots }) {
-    const before = this._wish ?? this.robot?.id ?? robot;
+  _keepRobot({ robot, robots }) {
+    const before = this._requestedRobot ?? this.robot?.id ?? robot;
     if (before !== robot && robots.some(({ id }) => id === before))
       this.send({ t: "robot", id: before });
   }
 
   _measure(sentMs) {
     this._echoMs = performance.now();
-    this._trips = [...this._trips.slice(1 - TRIPS), this._echoMs - sentMs];
-    this.pageMs = spread(this._trips.slice(-9)).middle;
-    this.pageJitterMs = spread(this._trips).jitter;
+    this._trips = [...this._trips.slice(1 - MAX_ROUND_TRIPS), this._echoMs - sentMs];
+    this.pageMs = medianAndJitter(this._trips.slice(-9)).middle;
+    this.pageJitterMs = medianAndJitter(this._trips).jitter;
   }
 
   /** The robot numbers its states, so what is missing is seen. */
   _count(seen) {
     const newest = this._seen.at(-1) ?? -1;
-    this._seen = seen < newest ? [seen] : [...this._seen.slice(1 - STATES), seen];
+    this._seen = seen < newest ? [seen] : [...this._seen.slice(1 - MAX_STATES), seen];
     const sent = seen - this._seen[0] + 1;
     this.lost = Math.max(0, 1 - this._seen.length / sent);
   }

@@ -63,7 +63,7 @@ export class Notices {
 }
 
 /** What of a robot's events is worth a sentence; the rest stands in the log of the Health tab. */
-export function worthSaying({ kind, text }, operator) {
+export function isNotable({ kind, text }, operator) {
   if (kind === "id" || kind === "description") return true;
   if (kind === "lease" && text.includes(` asks ${operator} `)) return false; // A notice says it.
   if (kind === "lease") return !text.startsWith(operator) || text.includes(" took ");

@@ -1,35 +1,34 @@
 // The controls that must never be lost, drawn over viser's scene.
 
 import { Account } from "./account.js";
-import { Bar } from "./bar.js";
-import { BringUp } from "./bring_up.js";
-import { Card } from "./card.js";
-import { el, mark, say } from "./dom.js";
-import { Conflict } from "./conflict.js";
+import { CanvasFrame } from "./canvas_frame.js";
+import { ConsistencyWarning } from "./consistency.js";
+import { el, setAttribute, setText } from "./dom.js";
 import { Drive } from "./drive.js";
-import { Frame } from "./frame.js";
 import { Gamepad } from "./gamepad.js";
-import { Going } from "./going.js";
 import { HandOver } from "./handover.js";
 import { Hints } from "./hints.js";
-import { Keys } from "./keys.js";
-import { Level } from "./level.js";
+import { Joystick, TurnSlider } from "./joystick.js";
+import { Keyboard } from "./keyboard.js";
 import { Link } from "./link.js";
-import { Notices, worthSaying } from "./notices.js";
+import { isNotable, Notices } from "./notices.js";
+import { PanelSliders } from "./panel_sliders.js";
+import { fillPanelTabs } from "./panel_tabs.js";
 import { notDrive } from "./permission.js";
-import { Pose } from "./pose.js";
-import { Sliders } from "./sliders.js";
-import { spaceOf } from "./space.js";
-import { Stale } from "./stale.js";
-import { Stick } from "./stick.js";
-import { StopButton } from "./stop.js";
-import { watchPanels } from "./panels.js";
-import { Tip } from "./tip.js";
-import { Turn } from "./turn.js";
+import { PoseReadout } from "./pose_readout.js";
+import { SpeedLevel } from "./speed_level.js";
+import { SphereGoTo } from "./sphere_goto.js";
+import { StaleBanner } from "./stale_banner.js";
+import { StatusBar } from "./status_bar.js";
+import { StatusCard } from "./status_card.js";
+import { StopButton } from "./stop_button.js";
+import { Tooltip } from "./tooltip.js";
+import { twistMappingOf } from "./twist_mapping.js";
+import { Waypoints } from "./waypoints.js";
 
 const NARROW_PX = 600; // As in small.css.
 const STYLES = [
-  ...["base", "frame", "bar", "buttons", "notices", "handover", "card", "dock", "stop", "route"],
+  ...["base", "frame", "bar", "buttons", "notices", "card", "dock"],
   "small",
   "account", // Last: it takes away what others show.
 ];
@@ -38,8 +37,8 @@ const link = new Link(window.tsd.page);
 const drive = new Drive(link);
 const host = el("div", { id: "tsd-overlay" });
 const root = host.attachShadow({ mode: "open" });
-const frame = new Frame(host);
-const tips = new Tip();
+const frame = new CanvasFrame(host);
+const tips = new Tooltip();
 const notices = new Notices(tips);
 const stop = () => drive.stop();
 
@@ -47,20 +46,20 @@ const handOver = new HandOver(link, tips, notices, {
   acquire: (reason) => bar.take(reason),
   wish: () => bar.wish(),
 });
-const bar = new Bar(link, tips, {
+const bar = new StatusBar(link, tips, {
   handOver: () => handOver,
   fold: () => fold(!inner.hasAttribute("data-folded")),
 });
-const level = new Level(link, drive, tips);
-const stale = new Stale(link);
-const conflict = new Conflict(link);
-const card = new Card(link, tips);
-const stick = new Stick(drive);
-const turn = new Turn(drive);
+const level = new SpeedLevel(link, drive, tips);
+const stale = new StaleBanner(link);
+const conflict = new ConsistencyWarning(link);
+const card = new StatusCard(link, tips);
+const stick = new Joystick(drive);
+const turn = new TurnSlider(drive);
 const stopButton = new StopButton(link, tips, stop);
-const sliders = new Sliders(drive, link, (event) => frame.isPanel(event));
-const bringUp = new BringUp(drive, link, (event) => frame.isScene(event));
-const going = new Going(drive, link, tips);
+const sliders = new PanelSliders(drive, link, (event) => frame.isPanel(event));
+const sphereGoTo = new SphereGoTo(drive, link, (event) => frame.isScene(event));
+const going = new Waypoints(drive, link, tips);
 const preview = el(
   "div",
   { class: "preview", hidden: true },
@@ -78,7 +77,7 @@ const axes = el("button", {
 const left = el("div", { class: "left" }, stick.element);
 const right = el("div", { class: "right" }, turn.element);
 const dock = el("div", { class: "dock" }, left, stopButton.element, right);
-const pose = new Pose(link);
+const pose = new PoseReadout(link);
 const inner = el(
   "div",
   { class: "frame" },
@@ -143,15 +142,15 @@ stick.element
     ),
   );
 
-const keys = new Keys(drive, { focused: keyOfFocused, stop });
-for (const source of [stick, turn, keys, new Gamepad(drive, stop), sliders, bringUp, going])
+const keys = new Keyboard(drive, { focused: keyOfFocused, stop });
+for (const source of [stick, turn, keys, new Gamepad(drive, stop), sliders, sphereGoTo, going])
   drive.add(source);
 drive.onChange(draw);
 drive.onMessage = (text) => notices.say(text);
 link.on("state", draw);
 link.on("beat", draw);
 link.on("event", (event) => {
-  if (!event.past && worthSaying(event, link.welcome?.operator)) notices.say(event.text);
+  if (!event.past && isNotable(event, link.welcome?.operator)) notices.say(event.text);
 });
 link.on("reply", ({ ok, reason }) => !ok && notices.say(`Refused: ${reason}.`));
 link.on("robot", ({ title, space }) => {
@@ -159,7 +158,7 @@ link.on("robot", ({ title, space }) => {
   axes.hidden = space === "ball"; // Its base and the world are one.
   if (axes.hidden && drive.frame !== "base_link") turnAxes("base_link");
 });
-tips.attach(stick.pad, () => notDrive(link) ?? spaceOf(link.robot).words);
+tips.attach(stick.pad, () => notDrive(link) ?? twistMappingOf(link.robot).words);
 tips.attach(turn.track, () => notDrive(link) ?? "Left turns left");
 tips.attach(axes, () => "Up on the stick: forward of the robot, or along x of the world");
 
@@ -176,7 +175,7 @@ document.head.append(
   ),
 );
 document.body.append(host);
-mark(inner, "data-plain", window.tsd.plain ? "" : null); // Blurs take half of the frames.
+setAttribute(inner, "data-plain", window.tsd.plain ? "" : null); // Blurs take half of the frames.
 new ResizeObserver(reserve).observe(bar.element);
 new ResizeObserver(reserve).observe(dock);
 new ResizeObserver(reserve).observe(going.element);
@@ -185,7 +184,7 @@ frame.phone.addEventListener("change", layOut);
 layOut();
 fold(false);
 turnAxes("base_link");
-watchPanels(link, going, bringUp);
+fillPanelTabs(link, going, sphereGoTo);
 link.open();
 
 function keyOfFocused(event) {
@@ -199,15 +198,15 @@ function keyOfFocused(event) {
 function draw() {
   const { scale, twist } = drive;
   const refusal = notDrive(link);
-  const space = spaceOf(link.robot);
-  const byItself = sliders.held || bringUp.held;
+  const space = twistMappingOf(link.robot);
+  const byItself = sliders.held || sphereGoTo.held;
   const unit = byItself ? share(space.unit([twist.vx, twist.vy, twist.omega]), scale) : drive.unit;
   const commanded = refusal === null ? share(inFrame(link.state, space), scale) : null;
   stick.draw(unit, commanded, drive.level, scale, space);
   turn.draw(unit.turn, commanded?.turn ?? null, twist.omega);
   for (const node of [stick.pad, turn.track])
-    mark(node, "aria-disabled", refusal === null ? null : "true");
-  say(
+    setAttribute(node, "aria-disabled", refusal === null ? null : "true");
+  setText(
     root.getElementById("stick-help"),
     refusal ?? `Drag, or use the arrow keys. ${space.words}. It springs back.`,
   );
@@ -232,10 +231,10 @@ function inFrame({ commanded, pose: at }, space) {
 }
 
 function turnAxes(to = drive.frame === "odom" ? "base_link" : "odom") {
-  drive.letGo(); // The same push would mean another way.
+  drive.release(); // The same push would mean another way.
   drive.frame = to;
-  say(axes, to === "odom" ? "world axes" : "robot axes");
-  mark(axes, "aria-checked", String(to === "odom"));
+  setText(axes, to === "odom" ? "world axes" : "robot axes");
+  setAttribute(axes, "aria-checked", String(to === "odom"));
 }
 
 function styled() {
@@ -244,16 +243,16 @@ function styled() {
 }
 
 function fold(folded) {
-  mark(inner, "data-folded", folded ? "" : null);
+  setAttribute(inner, "data-folded", folded ? "" : null);
   bar.showFolded(folded);
-  if (folded) drive.letGo();
+  if (folded) drive.release();
 }
 
 function layOut() {
   (host.clientWidth <= NARROW_PX ? right : bar.level).prepend(level.element);
   if (host.clientWidth <= NARROW_PX) dock.before(going.element);
   else stopButton.element.prepend(going.element);
-  mark(inner, "data-drawer", frame.phone.matches ? "" : null);
+  setAttribute(inner, "data-drawer", frame.phone.matches ? "" : null);
   reserve();
 }
 

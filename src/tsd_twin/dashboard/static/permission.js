@@ -27,18 +27,18 @@ function notAllowed(link) {
   return notConnected(link) ?? (watches(link) ? WATCHES : null);
 }
 
-export function notYours(link) {
+export function notHolder(link) {
   const reason = notAllowed(link);
   if (reason !== null) return reason;
   if (link.state.you) return null;
   const holder = link.state.status.lease.holder;
   return holder === null
-    ? "Nobody has control: take it first."
+    ? "The lease is free: take control first."
     : `${holder} drives: ask for control.`;
 }
 
 export function notDrive(link) {
-  const reason = notYours(link);
+  const reason = notHolder(link);
   if (reason !== null) return reason;
   const mode = link.state.status.mode;
   return MOVABLE.has(mode) ? null : capital(SAID[mode] ?? `the robot is ${mode}`);
@@ -58,30 +58,30 @@ export function notStop(link) {
 }
 
 export function notArm(link) {
-  const reason = notYours(link);
+  const reason = notHolder(link);
   if (reason !== null) return reason;
   const mode = link.state.status.mode;
   if (LATCHED.has(mode)) return capital(SAID[mode]);
   return mode === "disarmed" ? null : `The robot is ${mode} already.`;
 }
 
-export function notShift(link) {
-  const reason = notYours(link);
+export function notSetWheelSpeed(link) {
+  const reason = notHolder(link);
   if (reason !== null) return reason;
   const mode = link.state.status.mode;
   return LATCHED.has(mode) ? capital(SAID[mode]) : null;
 }
 
 export function notPlan(link) {
-  return notShift(link);
+  return notSetWheelSpeed(link);
 }
 
 export function notDisarm(link) {
-  return notYours(link);
+  return notHolder(link);
 }
 
 export function notReset(link) {
-  return notYours(link);
+  return notHolder(link);
 }
 
 function capital(sentence) {

@@ -1,10 +1,187 @@
-// Plots: the last twenty seconds; what is commanded thin, what is estimated thick, same colour.
+// Plots tab: recorder of the last 20 s, line chart, and the choice of signals.
 
-import { Chart } from "./chart.js";
-import { el, say } from "./dom.js";
+import { el, isVisible, setText } from "./dom.js";
 import { fixed } from "./format.js";
-import { isSeen } from "./seen.js";
 
+// The last twenty seconds of what is plotted, kept from the moment the page is opened.
+export const SPAN_S = 20;
+const MAX_SAMPLES = 1024;
+const NO_VECTOR = [null, null, null];
+
+export class Recorder {
+  constructor(link) {
+    this.times = new Float64Array(MAX_SAMPLES);
+    this.rows = new Map(); // Name of a channel to its values, in the same places as the times.
+    this.count = 0; // Samples so far; the newest is at (count - 1) modulo the length.
+    this.card = null; // Of the robot that is recorded.
+    link.on("state", (state) => this._take(state, link));
+    link.on("robot", (robot) => this._begin(robot));
+  }
+
+  get length() {
+    return Math.min(this.count, MAX_SAMPLES);
+  }
+
+  /** Call `each(time_s, value)` for a channel, oldest first, from a time on. */
+  each(channel, fromS, each) {
+    const values = this.rows.get(channel);
+    if (values === undefined) return;
+    for (let i = this.count - this.length; i < this.count; i += 1) {
+      const at = i % MAX_SAMPLES;
+      if (this.times[at] >= fromS) each(this.times[at], values[at]);
+    }
+  }
+
+  newest(channel) {
+    return this.count === 0 ? NaN : (this.rows.get(channel)?.[(this.count - 1) % MAX_SAMPLES] ?? NaN);
+  }
+
+  _begin(robot) {
+    if (this.robot === robot.id) return;
+    this.robot = robot.id;
+    this.card = robot;
+    this.count = 0;
+    this.rows.clear();
+  }
+
+  _take(state, link) {
+    if (this.card === null) return;
+    const at = this.count % MAX_SAMPLES;
+    this.times[at] = performance.now() / 1000;
+    const commanded = state.commanded ?? NO_VECTOR;
+    const twist = state.twist ?? NO_VECTOR;
+    this.card.numbers.forEach(({ name }, i) => {
+      this._put(`set ${name}`, at, commanded[i]);
+      this._put(name, at, twist[i]);
+    });
+    this.card.modules.forEach((name, i) => this._put(`tilt ${name}`, at, state.modules[i]?.tilt));
+    this.card.wheels.forEach((name, i) => {
+      this._put(`set ${name}`, at, state.wheels[i]?.set_rpm);
+      this._put(name, at, state.wheels[i]?.rpm);
+    });
+    this._put("models", at, state.ball?.angle_deg);
+    this._put("conflict", at, state.status.consistency.residual_mps);
+    this._put("latency", at, link.roundTripMs());
+    this.count += 1;
+  }
+
+  _put(channel, at, value) {
+    if (!this.rows.has(channel)) this.rows.set(channel, new Float64Array(MAX_SAMPLES).fill(NaN));
+    this.rows.get(channel)[at] = value ?? NaN;
+  }
+}
+
+// One plot on a canvas: lines over the last twenty seconds, now at the right edge.
+const GUTTER_PX = 34;
+const HEIGHT_PX = 72;
+const AXIS_PX = 16;
+const GAP_S = 0.3; // A line is not drawn over what was not seen.
+const STEPS = [1, 2, 5, 10];
+
+export class Chart {
+  /** `lines` are `{channel, width, swatch}`; the colour of the swatch is that of the line. */
+  constructor(recorder, canvas, { lines, least, positive, axis }) {
+    this._recorder = recorder;
+    this._canvas = canvas;
+    this._lines = lines;
+    this._least = least;
+    this._positive = positive;
+    this._axis = axis;
+    this._height = HEIGHT_PX + (axis ? AXIS_PX : 0);
+    canvas.style.height = `${this._height}px`;
+  }
+
+  draw(nowS) {
+    const canvas = this._canvas;
+    const [width, height, density] = [canvas.clientWidth, this._height, devicePixelRatio || 1];
+    if (width < 2 * GUTTER_PX) return;
+    if (canvas.width !== Math.round(width * density)) {
+      canvas.width = Math.round(width * density);
+      canvas.height = Math.round(height * density);
+    }
+    // In plain memory: a graphics card that is busy with the scene would keep this page waiting.
+    const pen = canvas.getContext("2d", { willReadFrequently: true });
+    pen.setTransform(density, 0, 0, density, 0, 0);
+    pen.clearRect(0, 0, width, height);
+    const style = getComputedStyle(canvas);
+    const top = this._range(nowS);
+    const bottom = this._positive ? 0 : -top;
+    const x = (timeS) => GUTTER_PX + ((timeS - nowS + SPAN_S) / SPAN_S) * (width - GUTTER_PX - 1);
+    const y = (value) => 5 + ((top - value) / (top - bottom)) * (HEIGHT_PX - 10);
+    this._grid(pen, style, { x, y, top, bottom, width, nowS });
+    pen.save();
+    pen.beginPath();
+    pen.rect(GUTTER_PX, 0, width - GUTTER_PX, HEIGHT_PX);
+    pen.clip();
+    for (const line of this._lines) this._line(pen, line, x, y, nowS);
+    pen.restore();
+  }
+
+  /** Return the end of the value axis: a round number, that shrinks only when there is much room. */
+  _range(nowS) {
+    let most = this._least;
+    for (const { channel } of this._lines) {
+      this._recorder.each(channel, nowS - SPAN_S, (_, value) => {
+        if (Math.abs(value) > most) most = Math.abs(value);
+      });
+    }
+    const power = 10 ** Math.floor(Math.log10(most));
+    const round = power * STEPS.find((step) => power * step >= most * 0.999);
+    if (this._top === undefined || round > this._top || most < 0.4 * this._top) this._top = round;
+    return this._top;
+  }
+
+  _grid(pen, style, { x, y, top, bottom, width, nowS }) {
+    pen.strokeStyle = style.borderTopColor;
+    pen.lineWidth = 1;
+    pen.beginPath();
+    for (let s = 0; s <= SPAN_S; s += 5) {
+      const at = Math.round(x(nowS - s)) + (s === 0 ? -0.5 : 0.5);
+      pen.moveTo(at, 5);
+      pen.lineTo(at, HEIGHT_PX - 5);
+    }
+    const middle = (top + bottom) / 2;
+    for (const value of [bottom, middle, top]) {
+      pen.moveTo(GUTTER_PX, Math.round(y(value)) + 0.5);
+      pen.lineTo(width, Math.round(y(value)) + 0.5);
+    }
+    pen.stroke();
+    pen.fillStyle = style.color;
+    pen.font = `11px ${style.fontFamily}`;
+    pen.textAlign = "right";
+    pen.textBaseline = "middle";
+    for (const value of [bottom, middle, top])
+      pen.fillText(tick(value), GUTTER_PX - 6, Math.min(HEIGHT_PX - 6, Math.max(6, y(value))));
+    if (!this._axis) return;
+    pen.textBaseline = "alphabetic";
+    for (let s = 0; s <= SPAN_S; s += 5) {
+      pen.textAlign = s === 0 ? "right" : s === SPAN_S ? "left" : "center";
+      pen.fillText(s === 0 ? "now" : `\u2212${s} s`, x(nowS - s), this._height - 3);
+    }
+  }
+
+  _line(pen, { channel, width, swatch }, x, y, nowS) {
+    pen.strokeStyle = getComputedStyle(swatch).color;
+    pen.lineWidth = width;
+    pen.lineJoin = "round";
+    pen.beginPath();
+    let lastS = -Infinity;
+    this._recorder.each(channel, nowS - SPAN_S - 1, (timeS, value) => {
+      if (!Number.isFinite(value)) return;
+      if (timeS - lastS > GAP_S) pen.moveTo(x(timeS), y(value));
+      else pen.lineTo(x(timeS), y(value));
+      lastS = timeS;
+    });
+    pen.stroke();
+  }
+}
+
+function tick(value) {
+  const text = Number(Math.abs(value).toPrecision(3)).toString();
+  return value < 0 ? `\u2212${text}` : text;
+}
+
+// Plots: the last twenty seconds; what is commanded thin, what is estimated thick, same colour.
 const FRAME_MS = 80;
 const TONES = ["one", "two", "three", "four"];
 
@@ -81,14 +258,14 @@ export class Plots {
   }
 
   _draw() {
-    if (!isSeen(this._place)) return;
+    if (!isVisible(this._place)) return;
     if (this._recorder.card === null) return;
     if (this._recorder.card !== this._card) this._build(this._recorder.card);
     const nowS = performance.now() / 1000;
     for (const { chart, values } of this._rows) {
       chart.draw(nowS);
       for (const { node, channel, decimals } of values)
-        say(node, fixed(this._recorder.newest(channel), decimals));
+        setText(node, fixed(this._recorder.newest(channel), decimals));
     }
   }
 

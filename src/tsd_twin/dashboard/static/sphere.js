@@ -1,11 +1,10 @@
 // A sphere that wheels turn in place: how it is turned, and what the two models of its contacts say.
 
-import { el, mark, say, svg } from "./dom.js";
+import { el, isVisible, setAttribute, setText, svg } from "./dom.js";
 import { fixed } from "./format.js";
 import { notDrive } from "./permission.js";
-import { isSeen } from "./seen.js";
-import { rotated } from "./space.js";
-import { Apart, WheelList } from "./wheels.js";
+import { rotated } from "./twist_mapping.js";
+import { EstimateDifference, WheelList } from "./wheels.js";
 
 const RADIUS = 40; // Of the drawing.
 const ENDS = [
@@ -19,7 +18,7 @@ const ENDS = [
 const ROWS = ["–", "first", "second"];
 
 export class Sphere {
-  constructor(link, place, bringUp) {
+  constructor(link, place, sphereGoTo) {
     this._link = link;
     this._marks = ENDS.map(([name]) => svg("circle", { class: name, r: 5 }));
     const globe = svg(
@@ -46,12 +45,12 @@ export class Sphere {
       el("tbody", {}, ...["ωx", "ωy", "ωz"].map((name) => this._line(name))),
     );
     this._bring = ENDS.map(([, at, name]) =>
-      el("button", { type: "button", onclick: () => bringUp.bring(at) }, name),
+      el("button", { type: "button", onclick: () => sphereGoTo.bring(at) }, name),
     );
     this._between = el("p", { class: "verdict" });
     this._rows = el("p", { class: "verdict" });
     this._list = new WheelList(link);
-    this._apart = new Apart(link);
+    this._apart = new EstimateDifference(link);
     place.append(
       el("div", { class: "sphere" }, globe, table),
       this._between,
@@ -62,7 +61,7 @@ export class Sphere {
       el("div", { class: "bring", role: "group", "aria-label": "Bring up" }, ...this._bring),
     );
     this._open = true;
-    link.on("state", () => this._open && isSeen(place) && this._show());
+    link.on("state", () => this._open && isVisible(place) && this._show());
   }
 
   close() {
@@ -79,26 +78,26 @@ export class Sphere {
     this._list.show(null);
     this._apart.show();
     const refused = notDrive(this._link) === null ? null : "true";
-    for (const button of this._bring) mark(button, "aria-disabled", refused);
+    for (const button of this._bring) setAttribute(button, "aria-disabled", refused);
     const { ball } = this._link.state;
     if (ball === null) return;
     this._marks.forEach((node, i) => put(node, rotated(ball.wxyz, ENDS[i][1])));
     ["ωx", "ωy", "ωz"].forEach((name, i) => {
-      say(this._cells[name][0], fixed(ball.ideal[i], 2));
-      say(this._cells[name][1], fixed(ball.dual?.[i], 2));
+      setText(this._cells[name][0], fixed(ball.ideal[i], 2));
+      setText(this._cells[name][1], fixed(ball.dual?.[i], 2));
     });
-    say(
+    setText(
       this._between,
       `The two differ by ${fixed(ball.angle_deg, 2)}° in direction, ` +
         `${fixed(ball.magnitude_percent, 2)} % in size.`,
     );
-    say(this._rows, `Rows in contact: ${ball.rows.map((row) => ROWS[row]).join(", ")}.`);
+    setText(this._rows, `Rows in contact: ${ball.rows.map((row) => ROWS[row]).join(", ")}.`);
   }
 }
 
 /** Seen from above, x up and y to the left; what is below is faint. */
 function put(node, [x, y, z]) {
-  mark(node, "cx", (-y * RADIUS).toFixed(2));
-  mark(node, "cy", (-x * RADIUS).toFixed(2));
-  mark(node, "data-below", z < 0 ? "" : null);
+  setAttribute(node, "cx", (-y * RADIUS).toFixed(2));
+  setAttribute(node, "cy", (-x * RADIUS).toFixed(2));
+  setAttribute(node, "data-below", z < 0 ? "" : null);
 }

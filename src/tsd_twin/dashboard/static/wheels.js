@@ -1,19 +1,18 @@
 // A bar for each wheel that rolls: how fast it turns, how fast it should, and what no motion explains.
 
-import { ConflictMeter } from "./conflict_meter.js";
-import { el, mark, say } from "./dom.js";
+import { ConsistencyMeter } from "./consistency.js";
+import { el, isVisible, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
-import { isSeen } from "./seen.js";
 
 export class Wheels {
   constructor(link, place) {
     this._link = link;
     this._list = new WheelList(link);
-    this._conflict = new ConflictMeter("Wheel");
-    this._apart = new Apart(link);
+    this._conflict = new ConsistencyMeter("Wheel");
+    this._apart = new EstimateDifference(link);
     place.append(this._list.element, ...this._conflict.elements, this._apart.element);
     this._open = true;
-    link.on("state", () => this._open && isSeen(place) && this._show());
+    link.on("state", () => this._open && isVisible(place) && this._show());
   }
 
   close() {
@@ -21,7 +20,7 @@ export class Wheels {
   }
 
   _show() {
-    const { conflict } = this._link.state.status;
+    const { consistency: conflict } = this._link.state.status;
     const { wheels } = this._link.robot;
     this._list.show(conflict.suspect);
     this._apart.show();
@@ -69,7 +68,7 @@ export class WheelList {
 }
 
 /** How far the other estimate is off, of robots that have two. */
-export class Apart {
+export class EstimateDifference {
   constructor(link) {
     this._link = link;
     this._text = el("p", { class: "verdict" });
@@ -92,7 +91,7 @@ export class Apart {
     if (this.element.hidden) return;
     const { metres, degrees } = state.apart;
     const by = robot.space === "ball" ? "" : `${fixed(metres, 3)} m and `;
-    say(this._text, `By its ${robot.other} it is ${by}${fixed(degrees, 1)}° elsewhere.`);
+    setText(this._text, `By its ${robot.other} it is ${by}${fixed(degrees, 1)}° elsewhere.`);
   }
 }
 
@@ -120,11 +119,11 @@ function row(number, most) {
     track,
   );
   const show = ({ rpm, set_rpm: set }, suspect) => {
-    say(speed, fixed(rpm, 0));
+    setText(speed, fixed(rpm, 0));
     bar.style.transform = `scaleX(${clamp(rpm / most).toFixed(4)})`;
     tick.style.left = `${(50 + 50 * clamp(set / most)).toFixed(2)}%`;
-    mark(track, "aria-valuenow", Math.round(rpm));
-    mark(element, "data-suspect", suspect ? "" : null);
+    setAttribute(track, "aria-valuenow", Math.round(rpm));
+    setAttribute(element, "data-suspect", suspect ? "" : null);
   };
   return { element, show };
 }

@@ -1,0 +1,1 @@
+"""Calibration of a robot: data collection, fit, report, and zeroing of gimbals."""

@@ -1,0 +1,315 @@
+"""Collection of calibration data: driven on the bus, read from a log, or simulated."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from tsd_twin import robots
+from tsd_twin.calibration import recording, simulated_runs
+from tsd_twin.calibration.description_file import edit_description
+from tsd_twin.calibration.guided_drive import (
+    POSE_TIMEOUT_S,
+    CalibrationDriver,
+    CalibrationRoute,
+    max_unheard_s,
+    plan_route,
+    requested_command_age_s,
+)
+from tsd_twin.calibration.recording import Recording, RobotRecorder, read_recordings
+from tsd_twin.calibration.robot_client import CommandPublisher, RobotClient, connect
+from tsd_twin.calibration.simulated_runs import PerturbedRobot, random_robot, spin_ratios
+from tsd_twin.calibration.terminal import KeyWatcher, ask_line, print_line
+from tsd_twin.errors import MessageError, TwinError
+from tsd_twin.experiment import PERCENT_STEPS, Output, in_percent_steps
+from tsd_twin.lie import Array
+from tsd_twin.messages import topics
+from tsd_twin.messages.ros import decode_odometry
+from tsd_twin.messages.status import Status, decode_stamp
+from tsd_twin.robots import SingularityDescription, description_of_kind
+
+_RATIO_TOLERANCE = 0.05
+NEXT_DESCRIPTION = "calibrate_next.toml"
+
+
+def spin_ratio_of(run: Recording) -> Array:
+    """Return the speeds (k,) that the wheels were told in a run, over the slowest of them."""
+    told = np.median(run.commanded_rad_per_s, axis=0)
+    return (told / told.min()).round(3)
+
+
+def missing_spin_ratios(recordings: Sequence[Recording]) -> list[list[float]]:
+    """Return the ratios that no run has had."""
+    driven = [spin_ratio_of(run) for run in recordings]
+    return [
+        ratio
+        for ratio in spin_ratios(recordings[0].modules)
+        if not any(np.abs(each - ratio).max() < _RATIO_TOLERANCE for each in driven)
+    ]
+
+
+def next_run_advice(out: Output, log: str, text: str, recordings: Sequence[Recording]) -> list[str]:
+    """Return how to go on, and leave the description for that; nothing when all has been driven.
+
+    `text` is the description of the robot, `log` the file that has the runs until now.
+    """
+    left = missing_spin_ratios(recordings)
+    if not left:
+        return []
+    out.text(
+        NEXT_DESCRIPTION,
+        edit_description(text, NEXT_DESCRIPTION, {"drive": {"spin_ratio": left[0]}}),
+    )
+    log_at, next_at = out.folder / log, out.folder / NEXT_DESCRIPTION
+    more = f"{len(left)} more run{'s' if len(left) > 1 else ''}"
+    return [
+        f"{more} with one wheel faster would tell each zero apart: start the robot with --robot",
+        f"  {next_at}, and then tsd-lab calibrate --drive --log {log_at} --out {out.folder}",
+    ]
+
+
+_CAMERA_TIMEOUT_S = 3.0
+"""Time-out for the first pose measurement."""
+_LAST_FRAME_S = 1.1
+"""After the end, for what was seen of it: poses may be late by a second."""
+
+
+class DrivenData(NamedTuple):
+    """Result of a drive on the bus."""
+
+    id: str
+    description_text: str
+    """The TOML of the robot's description."""
+    robot: SingularityDescription
+    recordings: list[Recording]
+    """Those of `--log`, and this one."""
+
+
+def drive_on_bus(args: argparse.Namespace, out: Output) -> DrivenData:
+    """Lead through a drive and return what was recorded of it; nothing moves before consent.
+
+    Raises:
+        TwinError: it cannot begin, or something ended it; the robot has been let go of.
+    """
+    with connect(args) as client:
+        robot = description_of_kind(client.robot, SingularityDescription)
+        earlier = read_recordings(args.log, robot.drive.modules) if args.log else []
+        route = plan_route(robot, args.room, args.speed)
+        subscriber = _RobotSubscriber(client, robot, CalibrationDriver(robot, route))
+        _wait_for_camera(subscriber, client.id)
+        _confirm(args, client.id, route)
+        client.max_age_s = requested_command_age_s(robot, args.speed)
+        with KeyWatcher() as keys, client:
+            spin_up = _stop_on_key(client.arm(), keys)
+            for _ in out.progress(
+                in_percent_steps(spin_up, 1.0), "spinning up, any key stops", PERCENT_STEPS
+            ):
+                pass
+            # What was seen before is not where it begins: it may have been carried since.
+            subscriber.set_driver(CalibrationDriver(robot, route))
+            drive = subscriber.drive(CommandPublisher(client, keys))
+            for _ in out.progress(
+                in_percent_steps(drive, 1.0), "driving, any key stops", PERCENT_STEPS
+            ):
+                pass
+        return DrivenData(
+            client.id, client.description_text, robot, [*earlier, subscriber.recording()]
+        )
+
+
+class _RobotSubscriber:
+    """Subscribes to the robot; feeds the recorder and the driver."""
+
+    def __init__(
+        self, client: RobotClient, robot: SingularityDescription, driver: CalibrationDriver
+    ) -> None:
+        self._client, self._driver = client, driver
+        self.recorder = RobotRecorder(robot)
+        bus, robot_id = client.bus, client.id
+        self._joints = bus.subscriber(topics.JOINTS.key(robot_id), 256)
+        self._setpoints = bus.subscriber(topics.SETPOINT.key(robot_id), 512)
+        self._odometry = bus.subscriber(topics.ODOM.key(robot_id), 256)
+        self._poses = bus.subscriber(topics.SENSOR_POSE.key(robot_id), 256)
+        self.poses = 0
+        self._now_s = -np.inf
+        self._first_s = np.inf
+        self._finished_s: float | None = None
+        self._odometry_received_s = -np.inf
+        self._battery_v: float | None = None
+
+    def set_driver(self, driver: CalibrationDriver) -> None:
+        """Let another guide lead."""
+        self.poll()
+        self._driver = driver
+
+    def poll(self) -> None:
+        """Take in what has come since the last call."""
+        for sample in self._joints.take():
+            self.recorder.add_joints(sample)
+        for sample in self._setpoints.take():
+            self.recorder.add_setpoint(sample)
+        for sample in self._poses.take():
+            seen = self.recorder.add_pose(sample)
+            if seen is not None:
+                self.poses += 1
+                self._driver.add_pose(*seen)
+        for sample in self._odometry.take():
+            try:
+                now_s = decode_stamp(sample.attachment)[1] * 1e-9
+                twist = decode_odometry(sample.payload).twist
+            except MessageError:
+                continue
+            if now_s > self._now_s and np.isfinite(twist).all():
+                self._now_s, self._odometry_received_s = now_s, time.monotonic()
+                self._driver.add_twist(now_s, twist)
+
+    def drive(self, publisher: CommandPublisher) -> Iterator[float]:
+        """Drive the tour and stand until all of it was seen; yield the share that is done."""
+        self._wait_for_a_pose()
+        self._first_s = self._now_s
+        for _ in publisher.run(self._step):
+            yield self._driver.progress
+        self._battery_v = _battery_v(self._client.status())
+
+    def _wait_for_a_pose(self) -> None:
+        """Stand until a pose measurement of the standing robot has arrived."""
+        before = self.poses
+        for _ in self._client.hold(POSE_TIMEOUT_S):
+            self.poll()
+            if self.poses > before:
+                return
+
+    def _step(self, now_s: float) -> Array | None:
+        self.poll()
+        patience_s = max_unheard_s(self._client.robot.limits)
+        if now_s - self._odometry_received_s > patience_s:
+            raise TwinError(f"how it moves has not been heard for {patience_s:g} s")
+        twist = self._driver.advance(self._now_s)
+        if self._driver.finished:
+            self._finished_s = self._finished_s or now_s
+            if now_s > self._finished_s + _LAST_FRAME_S:
+                return None
+        return twist
+
+    def recording(self) -> Recording:
+        """Return the drive."""
+        return self.recorder.recording(self._first_s, self._now_s, self._battery_v)
+
+
+def _stop_on_key(shares: Iterator[float], keys: KeyWatcher) -> Iterator[float]:
+    """Go through `shares`, and raise when a key is pressed meanwhile."""
+    for share in shares:
+        if keys.pressed(0.0):
+            raise TwinError("stopped by a key")
+        yield share
+
+
+def _wait_for_camera(subscriber: _RobotSubscriber, robot_id: str) -> None:
+    """Raise unless pose measurements arrive."""
+    end_s = time.monotonic() + _CAMERA_TIMEOUT_S
+    while subscriber.poses < 2:
+        subscriber.poll()
+        if time.monotonic() > end_s:
+            refused = subscriber.recorder.refused
+            raise TwinError(
+                f"what comes on twin/{robot_id}/sensor/pose is of no use: {refused}"
+                if refused
+                else f"no pose measurements on twin/{robot_id}/sensor/pose where {robot_id} is: a "
+                f"camera has "
+                "to (docs/estimation.md), or tsd-mock --camera"
+            )
+        time.sleep(0.02)
+
+
+def _confirm(args: argparse.Namespace, robot_id: str, route: CalibrationRoute) -> None:
+    """Tell what will happen, and wait for a word."""
+    if args.yes:
+        return
+    print_line(
+        f"{robot_id} will drive squares of {2 * route.half_m:.2f} m and turn on the spot, both "
+        f"ways, at up to {args.speed:g} m/s, for some {route.duration_s:.0f} s.\nIts centre stays "
+        f"within {route.half_m:.2f} m of here in each direction, and it is stopped at "
+        f"{route.fence_m:.2f} m.\nIt needs {args.room:g} m of free, level floor on all sides, and "
+        "its own size besides. Have the hardware stop at hand.\n"
+        "Any key here stops it, and so does Ctrl-C."
+    )
+    ask_line("Enter begins: ")
+
+
+def _battery_v(status: Status) -> float | None:
+    """Return the voltage that the robot reports, if it does."""
+    volts = status.hardware.get("battery_v")
+    return float(volts) if isinstance(volts, int | float) and 0.0 < volts < np.inf else None
+
+
+LOG_TABLE = "calibrate_log"
+"""The table that drives are kept in."""
+_RUN_SPACING_S = 60.0
+"""From the start of one simulated run to that of the next: each is shorter."""
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationData:
+    """Calibration data: description, recordings, and the true parameters if simulated."""
+
+    what: str
+    text: str
+    """The TOML of the description in force."""
+    robot: SingularityDescription
+    recordings: list[Recording]
+    true: SingularityDescription | None = None
+    """What a simulated machine is really like."""
+
+
+def collect(args: argparse.Namespace, out: Output) -> CalibrationData:
+    """Return what the flags ask for; what was driven now is kept in a file, too."""
+    found = _from_bus(args, out) if args.drive else _without_bus(args, out)
+    if args.drive or not args.log:
+        out.table(LOG_TABLE, recording.recording_columns(found.recordings))
+    return found
+
+
+def _from_bus(args: argparse.Namespace, out: Output) -> CalibrationData:
+    """Drive the robot on the bus; what was recorded before counts as well."""
+    out.refuse_overwrite(f"{LOG_TABLE}.csv", args.log)
+    came = drive_on_bus(args, out)
+    return CalibrationData(came.id, came.description_text, came.robot, came.recordings)
+
+
+def _without_bus(args: argparse.Namespace, out: Output) -> CalibrationData:
+    """Read drives, or simulate them."""
+    text = robots.read_description(args.robot)
+    robot = description_of_kind(robots.load_robot(args.robot), SingularityDescription)
+    if args.log:
+        recordings = recording.read_recordings(args.log, robot.drive.modules)
+        return CalibrationData(args.log, text, robot, recordings)
+    true = random_robot(robot, np.random.default_rng(args.seed))
+    what = "simulated machine with errors of its own"
+    return CalibrationData(what, text, robot, _simulated(robot, true, args, out), true)
+
+
+def _simulated(
+    robot: SingularityDescription,
+    true: SingularityDescription,
+    args: argparse.Namespace,
+    out: Output,
+) -> list[Recording]:
+    ratios = simulated_runs.spin_ratios(robot.drive.modules)
+    ratios = ratios[:1] if args.same_speed else ratios
+    machine = PerturbedRobot(robot, true, args.seed, noise=1.0, errors=args.errors)
+    return [
+        simulated_runs.simulate_run(
+            robot,
+            machine,
+            ratio,
+            args.seed * len(ratios) + i,
+            i * _RUN_SPACING_S,
+            tachometer=args.tachometer,
+        )
+        for i, ratio in enumerate(out.progress(ratios, "driving squares", len(ratios)))
+    ]

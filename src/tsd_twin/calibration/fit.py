@@ -1,0 +1,343 @@
+"""Calibration fit: nonlinear least squares of gimbal zeros, radii and spins against camera
+poses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy import optimize
+
+from tsd_twin.calibration.recording import Recording
+from tsd_twin.errors import TwinError
+from tsd_twin.kinematics import SingularityKinematics
+from tsd_twin.lie import SE2, Array
+from tsd_twin.robots import JointErrors
+from tsd_twin.simulation import CameraNoise
+
+PRIOR_OFFSET_RAD, PRIOR_SHARE, PRIOR_DELAY_S = float(np.radians(1.0)), 0.05, 0.05
+"""What is known before: keeps near zero what a data set does not tell."""
+_STEP = 1e-4
+"""Of a slope, in what is known before: a few tenths of a thousandth of a degree."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Corrections:
+    """By how much a machine differs from what it was taken for."""
+
+    offset_rad: Array
+    """(k, 2): alpha, beta."""
+    wheel_radius: float
+    """As a factor."""
+    pivot_radius: float
+    """As a factor."""
+    spin: Array
+    """(k,): as factors of the speeds that the wheels were told."""
+    delay_s: float
+    """By how much the joints tell later what the camera sees: both clocks and the bus to them."""
+
+
+class CalibrationProblem:
+    """Unknowns as a vector: gimbals, wheel radius, pivot radius, differences of spin, lateness."""
+
+    def __init__(self, drive: SingularityKinematics, recordings: Sequence[Recording]) -> None:
+        self.drive = drive
+        self.modules = k = drive.modules
+        self._drives: dict[float, SingularityKinematics] = {}
+        self.measured = all(bool(np.isfinite(run.spin_rad_per_s).all()) for run in recordings)
+        # Only differences: all wheels faster is the same as larger wheels, to a camera.
+        differences = np.linalg.svd(np.ones((1, k)))[2][1:].T
+        self._spins = np.zeros((k, 0)) if self.measured else differences
+        self.prior = np.array(
+            [PRIOR_OFFSET_RAD] * (2 * k)
+            + [PRIOR_SHARE] * (2 + self._spins.shape[1])
+            + [PRIOR_DELAY_S]
+        )
+        self.names = [f"module{i + 1}_{part}" for i in range(k) for part in ("alpha", "beta")]
+        self.names += ["wheel radius", "pivot radius"]
+        self.names += [f"spin difference {i + 1}" for i in range(self._spins.shape[1])]
+        self.names += ["lateness of the joints"]
+
+    def corrections(self, unknowns: Array) -> Corrections:
+        """Return what a vector (u,) of unknowns stands for."""
+        k = self.modules
+        spin = 1.0 + self._spins @ unknowns[2 * k + 2 : -1]
+        offset = unknowns[: 2 * k].reshape(k, 2)
+        radii = 1.0 + unknowns[2 * k : 2 * k + 2]
+        return Corrections(offset, float(radii[0]), float(radii[1]), spin, float(unknowns[-1]))
+
+    def sigma(self, covariance: Array) -> Corrections:
+        """Return the standard deviation of each figure, from the covariance (u, u) of unknowns."""
+        k = self.modules
+        own = np.sqrt(np.diag(covariance))
+        spins = covariance[2 * k + 2 : -1, 2 * k + 2 : -1]
+        spread = np.sqrt(np.einsum("ij,jk,ik->i", self._spins, spins, self._spins))
+        radii, late_s = own[2 * k : 2 * k + 2], float(own[-1])
+        return Corrections(
+            own[: 2 * k].reshape(k, 2), float(radii[0]), float(radii[1]), spread, late_s
+        )
+
+    def residual(self, run: Recording, unknowns: Array, start: Array) -> Array:
+        """Return (m, 3): where the camera saw the robot less where it should have been."""
+        return run.camera_poses - self.poses(run, unknowns, start)
+
+    def poses(self, run: Recording, unknowns: Array, start: Array) -> Array:
+        """Return (m, 3): where the robot should have been when the camera saw it."""
+        right = self.corrections(unknowns)
+        drive = self._with_pivots(right.pivot_radius)
+        speeds = run.spin_rad_per_s if self.measured else run.commanded_rad_per_s * right.spin
+        joints = np.empty((len(run.t_s), self.modules, 3))
+        joints[..., :2] = run.angles_rad.reshape(-1, self.modules, 2) + right.offset_rad
+        joints[..., 2] = speeds
+        flat = joints.reshape(len(joints), -1)
+        dt_s = np.diff(run.t_s)[:, None]
+        middle, rates = 0.5 * (flat[1:] + flat[:-1]), np.diff(flat, axis=0) / dt_s
+        twists = right.wheel_radius * drive.forward(middle, rates).twist
+        steps = SE2.exp(twists * dt_s).xy_heading
+        heading = np.concatenate([[0.0], np.cumsum(steps[:, 2])])
+        turned = SE2(np.column_stack([np.zeros((len(steps), 2)), heading[:-1]]))
+        xy = np.concatenate([np.zeros((1, 2)), np.cumsum(turned.rotate(steps[:, :2]), axis=0)])
+        poses = (SE2(start) @ SE2(np.column_stack([xy, heading]))).xy_heading
+        there = np.empty((len(run.camera_s), 3))
+        for i in range(3):
+            there[:, i] = np.interp(run.camera_s + right.delay_s, run.t_s, poses[:, i])
+        return there
+
+    def by_unknowns(self, run: Recording, unknowns: Array, start: Array) -> Array:
+        """Return (m, 3, u + 3): how residuals change with the unknowns, scaled, and the start."""
+        here = self.poses(run, unknowns, start)
+        changes = np.zeros((*here.shape, len(unknowns) + 3))
+        for i, step in enumerate(_STEP * self.prior):
+            there = self.poses(run, unknowns + step * (np.arange(len(unknowns)) == i), start)
+            changes[..., i] = (here - there) / _STEP
+        changes[:, 0, -3] = changes[:, 1, -2] = changes[:, 2, -1] = -1.0
+        changes[:, 0, -1], changes[:, 1, -1] = here[:, 1] - start[1], start[0] - here[:, 0]
+        return changes
+
+    def _with_pivots(self, factor: float) -> SingularityKinematics:
+        """Return the drive with another pivot radius, and keep it: most guesses share it."""
+        if factor not in self._drives:
+            pivot_radius_m = self.drive.pivot_radius_m * factor
+            self._drives = {factor: replace(self.drive, pivot_radius_m=pivot_radius_m)}
+        return self._drives[factor]
+
+
+_KNOT_SPACING_S = 0.2
+"""The walk of the pose is taken to go in steps of this."""
+_MAX_MEANS = 120
+"""No more of a run: frames that follow one another say much the same, and time goes by its cube."""
+
+
+class Whitening:
+    """Makes residuals of one run independent, and of unit variance.
+
+    What a camera sees is as far off as the last time in no way; what the joints tell is: a heading
+    that has once gone astray turns all that follows. Left out, a fit believes itself too well.
+    """
+
+    def __init__(
+        self, drive: SingularityKinematics, run: Recording, camera: CameraNoise, joints: JointErrors
+    ) -> None:
+        sigma = np.array([camera.sigma_m, camera.sigma_m, camera.sigma_rad])
+        self._frames = len(run.camera_s)
+        self._each = -(-self._frames // _MAX_MEANS)
+        walk = self._means(self._walk(drive, run, joints.angle_rad))
+        own = np.tile(np.square(sigma) / self._each, len(walk) // 3)
+        covariance = walk @ walk.T + np.diag(own)
+        self._unmix = np.linalg.inv(np.linalg.cholesky(covariance))
+
+    def __call__(self, residual: Array) -> Array:
+        """Return independent residuals from those of the frames (3 m,), or columns (3 m, c)."""
+        return self._unmix @ self._means(residual)
+
+    def _means(self, values: Array) -> Array:
+        """Return means (3 g, ...) over neighbouring frames; what is left over is left out."""
+        many = self._frames // self._each
+        used = values[: 3 * many * self._each]
+        by_frame = used.reshape(many, self._each, 3, *values.shape[1:])
+        return by_frame.mean(axis=1).reshape(3 * many, *values.shape[1:])
+
+    def _walk(self, drive: SingularityKinematics, run: Recording, angle_rad: float) -> Array:
+        """Return (3 m, 3 g): what a step of unit variance at each of g knots does to the poses."""
+        knots = np.arange(run.t_s[0], run.t_s[-1], _KNOT_SPACING_S)
+        here = np.column_stack(
+            [np.interp(knots, run.camera_s, run.camera_poses[:, i]) for i in (0, 1)]
+        )
+        rim_mps = drive.wheel_radius_m * np.abs(run.commanded_rad_per_s).max(axis=0)
+        by_angle = drive.twist_from_contacts * np.repeat(rim_mps, 2) * angle_rad
+        dt_s = float(np.median(np.diff(run.t_s)))
+        # Each sample is off by its own: in a knot, the root of their number adds up.
+        x, y, heading = np.sqrt(np.square(by_angle).sum(axis=1) * dt_s * _KNOT_SPACING_S)
+        later = (run.camera_s[:, None] > knots).astype(float)
+        steps = np.zeros((len(run.camera_s), 3, len(knots), 3))
+        steps[:, 0, :, 0] = steps[:, 1, :, 1] = later * max(x, y)
+        steps[:, 0, :, 2] = -later * heading * (run.camera_poses[:, None, 1] - here[:, 1])
+        steps[:, 1, :, 2] = later * heading * (run.camera_poses[:, None, 0] - here[:, 0])
+        steps[:, 2, :, 2] = later * heading
+        return steps.reshape(3 * len(run.camera_s), -1)
+
+
+_least_squares: Any = optimize.least_squares  # pyright: ignore  scipy has no types for it.
+_SEGMENT_S = 1.5
+_ROBUST: Any = {"loss": "soft_l1", "f_scale": 5.0}
+_UNOBSERVABLE = 1.0
+"""Data that tell less of a direction than is known before do not tell it."""
+_MENTIONED = 0.25
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibrationFit:
+    """What least squares found."""
+
+    found: Corrections
+    sigma: Corrections
+    """Standard deviations of these."""
+    common_spin_known: bool
+    """False: wheel radius times the common spin was found, and written as the wheel radius."""
+    unobservable: list[str]
+    """Directions that these data do not tell, as combinations of unknowns."""
+    singular_values: Array
+    """Of what the data tell over what was known before, largest first."""
+    before: list[Array]
+    """Residuals (m, 3) of each run with nothing corrected, metres and radians."""
+    after: list[Array]
+    """The same with all corrected."""
+
+
+def fit_calibration(
+    drive: SingularityKinematics,
+    recordings: Sequence[Recording],
+    noise: CameraNoise,
+    joints: JointErrors,
+    speed_share: float = 0.0,
+) -> CalibrationFit:
+    """Return what explains best where the camera saw the robot, by the noise of it and of `joints`.
+
+    `speed_share` is how far off all speeds that the wheels were told may be in common: what is
+    known of the battery says so much less.
+    Starts of the runs are unknown as well. The first guess comes from short parts of them, each
+    begun where the camera saw it: a gimbal that is off by a degree turns a run many times over.
+
+    Raises:
+        TwinError: it does not come to an end.
+    """
+    problem = CalibrationProblem(drive, recordings)
+    weights = 1.0 / np.array([noise.sigma_m, noise.sigma_m, noise.sigma_rad])
+    whitenings = [Whitening(drive, run, noise, joints) for run in recordings]
+    count = len(problem.prior)
+    parts = [
+        part
+        for run in recordings
+        for first_s in np.arange(run.t_s[0], run.t_s[-1] - _SEGMENT_S, 2.0 * _SEGMENT_S)
+        if len((part := run.part(first_s, first_s + _SEGMENT_S)).camera_s) > 2
+    ]
+    at_frame = [part.part(part.camera_s[0], part.t_s[-1]) for part in parts]
+
+    def rough(scaled: Array) -> Array:
+        own = scaled * problem.prior
+        each = [(problem.residual(p, own, p.camera_poses[0]) * weights).ravel() for p in at_frame]
+        return np.concatenate([*each, scaled])
+
+    def whole(scaled: Array) -> Array:
+        own, starts = scaled[:count] * problem.prior, scaled[count:].reshape(-1, 3) / weights
+        each = [
+            white(problem.residual(run, own, start).ravel())
+            for run, white, start in zip(recordings, whitenings, starts, strict=True)
+        ]
+        return np.concatenate([*each, scaled[:count]])
+
+    def slopes(scaled: Array) -> Array:
+        own, starts = scaled[:count] * problem.prior, scaled[count:].reshape(-1, 3) / weights
+        rows: list[Array] = []
+        for i, (run, white, start) in enumerate(zip(recordings, whitenings, starts, strict=True)):
+            changes = problem.by_unknowns(run, own, start)
+            changes[..., count:] /= weights
+            flat = white(changes.reshape(-1, changes.shape[-1]))
+            block = np.zeros((len(flat), len(scaled)))
+            block[:, :count], block[:, count + 3 * i : count + 3 * i + 3] = (
+                flat[:, :count],
+                flat[:, count:],
+            )
+            rows.append(block)
+        return np.concatenate([*rows, np.eye(count, len(scaled))])
+
+    guess: Any = _least_squares(rough, np.zeros(count), ftol=1e-3, **_ROBUST)
+    starts = np.array([run.camera_poses[0] for run in recordings])
+    first = np.concatenate([guess.x, (starts * weights).ravel()])
+    best: Any = _least_squares(whole, first, jac=slopes, x_scale="jac", ftol=1e-8)
+    if not best.success:
+        raise TwinError("the calibration does not converge: was the camera on the same clock?")
+    found = _make_fit(problem, recordings, weights, best.x, best.jac, starts)
+    return replace(found, sigma=_with_speed_share(found, speed_share))
+
+
+def _make_fit(
+    problem: CalibrationProblem,
+    recordings: Sequence[Recording],
+    weights: Array,
+    scaled: Array,
+    jacobian: Array,
+    seen_starts: Array,
+) -> CalibrationFit:
+    count = len(problem.prior)
+    unknowns, starts = scaled[:count] * problem.prior, scaled[count:].reshape(-1, 3) / weights
+    covariance: Array = np.linalg.inv(jacobian.T @ jacobian)[:count, :count].astype(float)
+    covariance = covariance * np.outer(problem.prior, problem.prior)
+    data, free = jacobian[:-count, :count], jacobian[:-count, count:]
+    told = data - free @ np.linalg.lstsq(free, data, rcond=None)[0]
+    _, strengths, directions = np.linalg.svd(told, full_matrices=False)
+    unseen = [
+        _combination(direction, problem.names)
+        for strength, direction in zip(strengths, directions, strict=True)
+        if strength < _UNOBSERVABLE
+    ]
+    found, sigma = problem.corrections(unknowns), problem.sigma(covariance)
+    if problem.measured:
+        found, sigma = _with_measured_spin(found, sigma, recordings)
+    nothing = np.zeros(count)
+    return CalibrationFit(
+        found,
+        sigma,
+        problem.measured,
+        unseen,
+        strengths,
+        [problem.residual(r, nothing, s) for r, s in zip(recordings, seen_starts, strict=True)],
+        [problem.residual(r, unknowns, s) for r, s in zip(recordings, starts, strict=True)],
+    )
+
+
+def _with_speed_share(fit: CalibrationFit, share: float) -> Corrections:
+    """Return how sure figures are when all speeds that were told are off by a share in common."""
+    if fit.common_spin_known:
+        return replace(fit.sigma, spin=np.hypot(fit.sigma.spin, share))
+    return replace(fit.sigma, wheel_radius=float(np.hypot(fit.sigma.wheel_radius, share)))
+
+
+def _with_measured_spin(
+    found: Corrections, sigma: Corrections, recordings: Sequence[Recording]
+) -> tuple[Corrections, Corrections]:
+    """Return both with the median of measured over told speeds: wheels spin up at first."""
+    shares = np.concatenate(
+        [
+            run.spin_rad_per_s[turns] / run.commanded_rad_per_s[turns]
+            for run in recordings
+            if (turns := (run.commanded_rad_per_s > 0.0).all(axis=1)).any()
+        ]
+    )
+    # The median of normal noise is less sure than its mean, by this factor.
+    spread = np.sqrt(0.5 * np.pi / len(shares)) * shares[len(shares) // 10 :].std(axis=0)
+    return replace(found, spin=np.median(shares, axis=0)), replace(sigma, spin=spread)
+
+
+def _combination(direction: Array, names: Sequence[str]) -> str:
+    """Return a direction in words, its largest parts only."""
+    sign = np.sign(direction[np.argmax(np.abs(direction))])
+    parts = [
+        f"{sign * part:+.1f} {name}"
+        for part, name in zip(direction, names, strict=True)
+        if abs(part) >= _MENTIONED
+    ]
+    return " ".join(parts)

@@ -1,0 +1,290 @@
+"""Guided calibration drive: route, closed-loop driver, and the consistency check of camera and
+wheels.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from msgspec.structs import replace
+
+from tsd_twin.errors import TwinError
+from tsd_twin.estimation import PoseFilter
+from tsd_twin.kinematics import SingularityKinematics
+from tsd_twin.lie import SE2, Array, wrap
+from tsd_twin.motion import TwistLimiter
+from tsd_twin.motion.paths import line, polyline
+from tsd_twin.motion.routes import FixedHeading, Route, SampledHeading
+from tsd_twin.motion.tracking import ExecutionPhase, TrajectoryExecutor
+from tsd_twin.motion.trajectory import Trajectory, plan
+from tsd_twin.robots import RobotDescription, SingularityDescription
+from tsd_twin.robots.description import Limits
+from tsd_twin.safety.lease import speed_cap_mps
+
+WINDOW_S = 0.5
+"""What is compared is how the robot has moved for so long."""
+MAX_DIFFERENCE_M, MAX_DIFFERENCE_RAD = 0.15, 0.5
+"""Gimbals that are off by half a degree make 0.05 m and 0.3 rad of it, noise of a camera less."""
+_TWIST_MEMORY_S = 3.0
+
+
+class OdometryConsistency:
+    """Compares motion that is seen with motion that is reckoned from the joints.
+
+    A view that has frozen, leaps, is mirrored or turned would lead a robot anywhere: to a guide it
+    looks as if the robot did not do what it is told.
+    """
+
+    def __init__(self) -> None:
+        self._odometry: deque[tuple[float, SE2]] = deque()
+        self._camera: deque[tuple[float, SE2, SE2]] = deque()
+
+    def add_twist(self, now_s: float, twist: Array) -> None:
+        """Take in the body twist (3,) until `now_s`; times rise."""
+        before_s, before = self._odometry[-1] if self._odometry else (now_s, SE2.identity())
+        self._odometry.append((now_s, before @ SE2.exp(twist * (now_s - before_s))))
+        while self._odometry[0][0] < now_s - _TWIST_MEMORY_S:
+            self._odometry.popleft()
+
+    def add_pose(self, pose: SE2, seen_s: float) -> str:
+        """Take in where it was seen; return what does not agree, "" if it does."""
+        reckoned = self._at(seen_s)
+        if reckoned is None:
+            return ""
+        self._camera.append((seen_s, pose, reckoned))
+        while len(self._camera) > 1 and self._camera[1][0] <= seen_s - WINDOW_S:
+            self._camera.popleft()
+        _, pose_then, reckoned_then = self._camera[0]
+        by_camera = (pose_then.inverse() @ pose).xy_heading
+        by_wheels = (reckoned_then.inverse() @ reckoned).xy_heading
+        apart_m = math.dist(by_camera[:2], by_wheels[:2])
+        apart_rad = abs(float(wrap(by_camera[2] - by_wheels[2])))
+        if apart_m <= MAX_DIFFERENCE_M and apart_rad <= MAX_DIFFERENCE_RAD:
+            return ""
+        return (
+            f"camera and wheels disagree by {apart_m:.2f} m and {math.degrees(apart_rad):.0f} "
+            f"degrees about the last {WINDOW_S:g} s"
+        )
+
+    def _at(self, seen_s: float) -> SE2 | None:
+        """Return the reckoned pose at a time, None before the memory begins."""
+        index = bisect_right(self._odometry, seen_s, key=lambda each: each[0])
+        if index == 0:
+            return None
+        before_s, before = self._odometry[index - 1]
+        if index == len(self._odometry):
+            return before
+        after_s, after = self._odometry[index]
+        share = (seen_s - before_s) / (after_s - before_s)
+        step = np.array((before.inverse() @ after).log())
+        return before @ SE2.exp(share * step)
+
+
+FENCE_MARGIN_M = 0.15
+"""So far beside its squares a robot may be: beyond, it is stopped."""
+_MAX_HALF_SIDE_M = 0.5
+"""Half a side of the squares, at most: that of the thesis had 1 m."""
+_MIN_HALF_SIDE_M = 0.1
+_MIN_SPEED_MPS = 0.1
+_SHARE = 0.7
+"""Of the limits that the timing uses: the rest is for correction."""
+_TURN_PATH_M = 0.001
+"""A turn in place is a way this short: routes are measured by their length."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibrationRoute:
+    """Ways that begin and end where the robot stands; axes are its own at the start."""
+
+    legs: list[Trajectory]
+    limits: Limits
+    """What is commanded keeps these."""
+    half_m: float
+    """Half a side of the squares: so far from the start the centre goes, along x and along y."""
+    fence_m: float
+    """So far it may get."""
+
+    @property
+    def duration_s(self) -> float:
+        """How long it takes."""
+        return sum(leg.duration_s for leg in self.legs)
+
+
+def plan_route(robot: SingularityDescription, room_m: float, speed_mps: float) -> CalibrationRoute:
+    """Return squares and turns for a robot that has `room_m` on all sides of its centre.
+
+    In that room it also comes to rest when it is told to stop, or hears nothing any more, wherever
+    it may be by then.
+
+    Raises:
+        TwinError: there is too little room, or the speed is none.
+    """
+    limits = robot.limits
+    if not _MIN_SPEED_MPS <= speed_mps <= limits.speed_mps:
+        raise TwinError(
+            f"--speed must be {_MIN_SPEED_MPS:g} to {limits.speed_mps:g} m/s, which is the most "
+            f"that "
+            f"{robot.name} drives, not {speed_mps:g}"
+        )
+    needed_m = FENCE_MARGIN_M + stopping_distance_m(limits, speed_mps)
+    half_m = min(_MAX_HALF_SIDE_M, room_m - needed_m)
+    if not half_m >= _MIN_HALF_SIDE_M:
+        raise TwinError(
+            f"--room must be {needed_m + _MIN_HALF_SIDE_M:.2f} m or more at {speed_mps:g} m/s, "
+            f"not {room_m:g}: slower takes less"
+        )
+    turn_rate = limits.turn_rate_rad_per_s * speed_mps / limits.speed_mps
+    slower = replace(limits, speed_mps=speed_mps, turn_rate_rad_per_s=turn_rate)
+    # Timing uses all of a limit of speed that it is given; a share is for acceleration.
+    timed = replace(slower, speed_mps=_SHARE * speed_mps, turn_rate_rad_per_s=_SHARE * turn_rate)
+    drive = robot.kinematics()
+    legs = [
+        plan(route, drive, timed, share=_SHARE)
+        for way in (1.0, -1.0)
+        for route in (_square_route(half_m, way), _turn_route(way))
+    ]
+    return CalibrationRoute(legs, slower, half_m, half_m + FENCE_MARGIN_M)
+
+
+def stopping_distance_m(limits: Limits, speed_mps: float) -> float:
+    """Travel in metres from the loss of the link, or from a command to stop, until rest."""
+    return speed_mps * max_unheard_s(limits) + speed_mps**2 / (2.0 * limits.deceleration_mps2)
+
+
+def max_unheard_s(limits: Limits) -> float:
+    """Longest time for which a robot without a link drives on, under a lease of `patient_age_s`."""
+    return 2.0 * limits.max_command_age_s
+
+
+def requested_command_age_s(robot: RobotDescription, speed_mps: float) -> float | None:
+    """Command age to ask for with the lease, so that no short pause ends a drive.
+
+    Twice the usual; None, the usual, when the lease would not allow that speed then.
+    """
+    age_s = 2.0 * robot.limits.max_command_age_s
+    cap_mps = speed_cap_mps(robot, age_s)
+    allowed = cap_mps >= speed_mps and age_s <= robot.limits.max_command_age_ceiling_s
+    return age_s if allowed else None
+
+
+def _square_route(half_m: float, way: float) -> Route:
+    """Return a square around the start, one way or the other, the robot looking as it did."""
+    corners: Array = half_m * np.array(
+        [[0, 0], [1, 0], [1, way], [-1, way], [-1, -way], [1, -way], [1, 0], [0, 0]], dtype=float
+    )
+    return Route(polyline(corners), FixedHeading())
+
+
+def _turn_route(way: float) -> Route:
+    turn = SampledHeading([0.0, _TURN_PATH_M], [0.0, way * 2.0 * math.pi])
+    return Route(line([0.0, 0.0], [_TURN_PATH_M, 0.0]), turn)
+
+
+POSE_TIMEOUT_S = 1.5
+"""A robot without a pose measurement for this long is stopped; poses may be late by a second."""
+_REST_S = 0.3
+"""Between one leg and the next, and before the first."""
+_FILTER_MEMORY_S = 2.0
+_TWIST_COVARIANCE_PER_S = np.diag([0.1, 0.1, 0.5]) ** 2 * 0.1
+"""What a second adds to the covariance: wheels that have not been calibrated are off by 0.1 m/s and
+0.5 rad/s, for a tenth of a second at a time."""
+
+
+class CalibrationDriver:
+    """Leads a robot through a tour, closed loop on outside poses, and says when to stop.
+
+    Between poses the robot is reckoned on by the twist that it measures itself. What the robot
+    makes of the poses is of no use here: before a calibration it may well not believe them.
+    Times are of the robot's clock, that rises.
+    """
+
+    def __init__(self, robot: SingularityDescription, route: CalibrationRoute) -> None:
+        self._route, self._lag_s = route, robot.lag_s
+        drive = robot.kinematics()
+        self._drive: SingularityKinematics = drive
+        self._limiter = TwistLimiter(drive, route.limits)
+        noise = robot.pose_sensor
+        sigma = np.array([noise.sigma_m, noise.sigma_m, math.radians(noise.sigma_deg)])
+        self._noise = np.diag(np.square(sigma))
+        self._filter: PoseFilter | None = None
+        self._consistency, self._disagreement = OdometryConsistency(), ""
+        self._last_pose_s = -math.inf
+        self._start: SE2 | None = None
+        self._legs = iter(route.legs)
+        self._follower: TrajectoryExecutor | None = None
+        self._done_s = 0.0
+        self._rest_until_s: float | None = None
+        self.finished = False
+        """Whether all legs have been driven, and the robot stands."""
+        self.progress = 0.0
+        """Share of the tour that is done, 0 to 1."""
+
+    def add_pose(self, pose: SE2, seen_s: float) -> None:
+        """Take in an outside pose, and when the robot was there."""
+        if self._filter is None:
+            self._filter = PoseFilter(
+                self._drive, pose, self._noise, now_s=seen_s, memory_s=_FILTER_MEMORY_S
+            )
+        else:
+            self._filter.fuse_pose(pose, self._noise, seen_s)
+        self._disagreement = self._disagreement or self._consistency.add_pose(pose, seen_s)
+        self._last_pose_s = max(self._last_pose_s, min(seen_s, self._filter.now_s))
+
+    def add_twist(self, now_s: float, twist: Array) -> None:
+        """Take in the twist (3,), body frame, that the robot measured of itself until `now_s`."""
+        self._consistency.add_twist(now_s, twist)
+        if self._filter is not None:
+            self._filter.advance(now_s, twist, _TWIST_COVARIANCE_PER_S)
+
+    def advance(self, now_s: float) -> Array:
+        """Return the body twist (3,) to command now.
+
+        Raises:
+            TwinError: the robot has to be stopped, and why.
+        """
+        if self._filter is None or not now_s - self._last_pose_s <= POSE_TIMEOUT_S:
+            raise TwinError(f"no pose measurement for {POSE_TIMEOUT_S:g} s")
+        if self._disagreement:
+            raise TwinError(self._disagreement)
+        here = self._filter.pose
+        if self._start is None:
+            self._start = here
+        local = self._start.inverse() @ here
+        x_m, y_m, _ = local.xy_heading.tolist()
+        if not max(abs(x_m), abs(y_m)) <= self._route.fence_m:
+            raise TwinError(
+                f"it has left its area: it is {math.hypot(x_m, y_m):.2f} m from where it began"
+            )
+        if self._is_between_legs(now_s):
+            return np.zeros(3)
+        if self._follower is None:
+            return np.zeros(3)
+        step = self._follower.advance(now_s, local)
+        if step.phase is ExecutionPhase.LOST:
+            raise TwinError(step.reason)
+        trajectory = self._follower.trajectory
+        share = min(step.done_m / trajectory.length_m, 1.0)
+        self.progress = (self._done_s + share * trajectory.duration_s) / self._route.duration_s
+        if step.phase is ExecutionPhase.ARRIVED:
+            self._done_s += trajectory.duration_s
+            self._follower, self._rest_until_s = None, None
+        return step.twist
+
+    def _is_between_legs(self, now_s: float) -> bool:
+        """Return whether it stands between legs; begin the next leg when it has stood enough."""
+        if self._follower is not None or self.finished:
+            return self.finished
+        if self._rest_until_s is None:
+            self._rest_until_s = now_s + _REST_S
+        if now_s < self._rest_until_s:
+            return True
+        trajectory = next(self._legs, None)
+        if trajectory is None:
+            self.finished, self.progress = True, 1.0
+            return True
+        self._follower = TrajectoryExecutor(trajectory, self._limiter.cap, lag_s=self._lag_s)
+        return False

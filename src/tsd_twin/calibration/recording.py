@@ -1,0 +1,247 @@
+"""Recording of a drive: joints and camera poses on one clock; from bus samples, to and from CSV."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from tsd_twin.errors import MessageError, TwinError
+from tsd_twin.lie import SE2, Array
+from tsd_twin.messages.commands import Sample, decode_pose_measurement
+from tsd_twin.messages.ros import decode_joints
+from tsd_twin.messages.status import decode_stamp
+from tsd_twin.robots import SingularityDescription
+
+_Row: TypeAlias = dict[str, float]
+_POSE_COLUMNS = ("x_m", "y_m", "heading_rad")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recording:
+    """One drive without a pause in it."""
+
+    t_s: Array
+    """(n,): rising."""
+    angles_rad: Array
+    """(n, 2k): alpha and beta of each module, measured, as in `state/joints`."""
+    commanded_rad_per_s: Array
+    """(n, k): speeds that the wheels were told, as in `state/setpoint`, times the voltage of the
+    battery over the nominal one where that is known: by so much motors are slower."""
+    spin_rad_per_s: Array
+    """(n, k): measured speeds, NaN where nothing measures them."""
+    camera_s: Array
+    """(m,): when the camera saw it, on the same clock, within `t_s`."""
+    camera_poses: Array
+    """(m, 3): x, y and heading, which does not jump at half a turn."""
+
+    @property
+    def modules(self) -> int:
+        """Number of wheels."""
+        return self.commanded_rad_per_s.shape[1]
+
+    def part(self, first_s: float, last_s: float) -> Recording:
+        """Return what lies between two times."""
+        rows = (self.t_s >= first_s) & (self.t_s <= last_s)
+        t_s = self.t_s[rows]
+        frames = (self.camera_s >= t_s[0]) & (self.camera_s <= t_s[-1])
+        return Recording(
+            t_s,
+            self.angles_rad[rows],
+            self.commanded_rad_per_s[rows],
+            self.spin_rad_per_s[rows],
+            self.camera_s[frames],
+            self.camera_poses[frames],
+        )
+
+
+def recording_columns(recordings: Sequence[Recording]) -> dict[str, Array]:
+    """Return a table of all: joints and poses, in one row where they are of one time."""
+    table: dict[str, list[Array]] = {}
+    for number, run in enumerate(recordings):
+        t_s = np.union1d(run.t_s, run.camera_s)
+        wheels = [f"module{i + 1}_wheel" for i in range(run.modules)]
+        groups = [
+            (angle_columns(run.modules), run.t_s, run.angles_rad),
+            ([f"{wheel}_told_rad_per_s" for wheel in wheels], run.t_s, run.commanded_rad_per_s),
+            ([f"{wheel}_rad_per_s" for wheel in wheels], run.t_s, run.spin_rad_per_s),
+            (_POSE_COLUMNS, run.camera_s, run.camera_poses),
+        ]
+        named = {"run": np.full(len(t_s), float(number)), "t_s": t_s}
+        for names, times, values in groups:
+            rows = np.full((len(t_s), len(names)), np.nan)
+            rows[np.searchsorted(t_s, times)] = values
+            named |= dict(zip(names, rows.T, strict=True))
+        for name, column in named.items():
+            table.setdefault(name, []).append(column)
+    return {name: np.concatenate(parts) for name, parts in table.items()}
+
+
+def angle_columns(modules: int) -> list[str]:
+    """Return the columns of the gimbals."""
+    return [f"module{i + 1}_{part}_rad" for i in range(modules) for part in ("alpha", "beta")]
+
+
+def read_recordings(file: str, modules: int) -> list[Recording]:
+    """Return the recordings in a CSV file as `columns` makes it; empty or `nan` is not measured.
+
+    A row may hold joints, a pose, or both. Measured wheel speeds may be left out.
+
+    Raises:
+        TwinError: it cannot be read, or a column is missing, or there is too little in it.
+    """
+    try:
+        with Path(file).open(newline="", encoding="utf-8") as opened:
+            rows = [
+                {name: float(value or "nan") for name, value in row.items()}
+                for row in csv.DictReader(opened)
+            ]
+    except (OSError, ValueError, TypeError) as error:
+        raise TwinError(f"{file} cannot be read as a log: {error}") from error
+    needed = ["t_s", *angle_columns(modules), *_POSE_COLUMNS]
+    needed += [f"module{i + 1}_wheel_told_rad_per_s" for i in range(modules)]
+    missing = [name for name in needed if not rows or name not in rows[0]]
+    if missing:
+        raise TwinError(f"{file}: no column {missing[0]} (needed are {', '.join(needed)})")
+    runs = sorted({row.get("run", 0.0) for row in rows})
+    return [
+        _parse_recording([row for row in rows if row.get("run", 0.0) == run], modules, file)
+        for run in runs
+    ]
+
+
+def _parse_recording(rows: list[_Row], modules: int, file: str) -> Recording:
+    rows = sorted(rows, key=lambda row: row["t_s"])
+    joints = _columns_as_array(rows, angle_columns(modules))
+    told = _columns_as_array(rows, [f"module{i + 1}_wheel_told_rad_per_s" for i in range(modules)])
+    spin = _columns_as_array(rows, [f"module{i + 1}_wheel_rad_per_s" for i in range(modules)])
+    poses, t_s = _columns_as_array(rows, _POSE_COLUMNS), np.array([row["t_s"] for row in rows])
+    have = np.isfinite(np.column_stack([t_s, joints, told])).all(axis=1)
+    if have.sum() < 2:
+        raise TwinError(f"{file}: a run needs two rows with joints or more")
+    first_s, last_s = t_s[have][[0, -1]]
+    seen = np.isfinite(poses).all(axis=1) & (t_s >= first_s) & (t_s <= last_s)
+    if seen.sum() < 2:
+        raise TwinError(f"{file}: a run needs two poses or more between its joints")
+    poses[seen, 2] = np.unwrap(poses[seen, 2])
+    return Recording(t_s[have], joints[have], told[have], spin[have], t_s[seen], poses[seen])
+
+
+def _columns_as_array(rows: list[_Row], names: Sequence[str]) -> Array:
+    return np.array([[row.get(name, np.nan) for name in names] for row in rows])
+
+
+_MAX_POSE_AGE_S, _MAX_POSE_LEAD_S = 2.0, 0.2
+"""A pose whose stamp is older, or more ahead of the newest joints, was stamped by another clock."""
+_MAX_CLOCK_JUMP_S = 0.05
+"""The wall clock of the robot may not jump by more against the other one, that never does."""
+_CLOCK_SAMPLES = 25
+
+
+class RobotRecorder:
+    """Takes samples of `state/joints`, `state/setpoint` and `sensor/pose` as they come.
+
+    Stamps of poses are of the robot's wall clock, which may be set at any time. All times here are
+    of its other one, that all of `state/*` has as well: from both stamps on the joints, one is had
+    from the other.
+    """
+
+    def __init__(self, robot: SingularityDescription) -> None:
+        self._modules = robot.drive.modules
+        joints = robot.kinematics().joints
+        self._names = [joint.name for joint in joints]
+        self._measures_spin = robot.measures_spin
+        self._nominal_v = robot.battery.nominal_v
+        self._joints: list[tuple[float, Array]] = []
+        self._commanded: list[tuple[float, Array]] = []
+        self._poses: list[tuple[float, Array]] = []
+        self._clock_offsets_s: list[float] = []
+        self.refused = ""
+        """Why the last pose that could not be used could not."""
+
+    def add_joints(self, sample: Sample) -> None:
+        """Take measured joints; what cannot be read or is not measured is left out."""
+        found = self._row(sample)
+        if found is None:
+            return
+        now_s, stamp_ns, row = found
+        angles = row.reshape(-1, 3)[:, :2]
+        if np.isfinite(angles).all() and (not self._joints or now_s > self._joints[-1][0]):
+            self._joints.append((now_s, row))
+            self._clock_offsets_s.append(stamp_ns * 1e-9 - now_s)
+
+    def add_setpoint(self, sample: Sample) -> None:
+        """Take commanded joints."""
+        found = self._row(sample)
+        if found is not None and np.isfinite(found[2][2::3]).all():
+            self._commanded.append((found[0], found[2][2::3]))
+
+    def add_pose(self, sample: Sample) -> tuple[SE2, float] | None:
+        """Take an outside pose; return it and when it was so, None if it is of no use."""
+        try:
+            pose, stamp_ns = decode_pose_measurement(sample)
+        except MessageError as error:
+            self.refused = str(error)
+            return None
+        if not self._joints:
+            return None  # Nothing yet to tell its time by.
+        seen_s = stamp_ns * 1e-9 - self._clock_offset_s()
+        off_s = seen_s - self._joints[-1][0]
+        if not -_MAX_POSE_AGE_S <= off_s <= _MAX_POSE_LEAD_S:
+            self.refused = f"its stamp is {off_s:.1f} s off the clock of the robot"
+            return None
+        self._poses.append((seen_s, pose.xy_heading))
+        return pose, seen_s
+
+    def recording(self, first_s: float, last_s: float, battery_v: float | None) -> Recording:
+        """Return what was between two times; `battery_v` is what the battery had, if known.
+
+        Raises:
+            TwinError: there is too little, or the robot's wall clock was set meanwhile.
+        """
+        joints = [(t_s, row) for t_s, row in self._joints if first_s <= t_s <= last_s]
+        poses = sorted(
+            [(t_s, pose) for t_s, pose in self._poses if first_s <= t_s <= last_s],
+            key=lambda each: each[0],
+        )
+        ahead = np.array(self._clock_offsets_s)
+        if len(joints) < 2 or len(poses) < 2 or not self._commanded:
+            raise TwinError("too little was heard of the drive to record it")
+        if (
+            abs(np.median(ahead[:_CLOCK_SAMPLES]) - np.median(ahead[-_CLOCK_SAMPLES:]))
+            > _MAX_CLOCK_JUMP_S
+        ):
+            raise TwinError("the clock of the robot was set during the drive: drive again")
+        t_s, rows = _times_and_rows(joints)
+        share = 1.0 if battery_v is None else battery_v / self._nominal_v
+        told_s, told = _times_and_rows(self._commanded)
+        last = np.clip(np.searchsorted(told_s, t_s, side="right") - 1, 0, None)
+        spin = rows[:, 2::3] if self._measures_spin else np.full((len(t_s), self._modules), np.nan)
+        angles = rows.reshape(len(rows), -1, 3)[:, :, :2].reshape(len(rows), -1)
+        seen_s, seen = _times_and_rows(poses)
+        seen[:, 2] = np.unwrap(seen[:, 2])
+        return Recording(t_s - t_s[0], angles, share * told[last], spin, seen_s - t_s[0], seen)
+
+    def _clock_offset_s(self) -> float:
+        """Return by how much the wall clock is ahead: of the newest joints, one late by chance."""
+        return float(np.median(self._clock_offsets_s[-_CLOCK_SAMPLES:]))
+
+    def _row(self, sample: Sample) -> tuple[float, int, Array] | None:
+        """Return the robot's time, its wall clock, and angles and speeds (n,) of all joints."""
+        try:
+            _, robot_ns = decode_stamp(sample.attachment)
+            state = decode_joints(sample.payload)
+            at = [list(state.names).index(name) for name in self._names]
+        except (MessageError, ValueError):
+            return None
+        row = np.array(state.position_rad)[at]
+        row[2::3] = np.array(state.velocity_rad_per_s)[at][2::3]
+        return robot_ns * 1e-9, state.stamp_ns, row
+
+
+def _times_and_rows(rows: Sequence[tuple[float, Array]]) -> tuple[Array, Array]:
+    return np.array([t_s for t_s, _ in rows]), np.array([row for _, row in rows])

@@ -1,0 +1,180 @@
+"""Simulated calibration runs: a robot with random model errors, driven through squares and
+turns.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+
+import msgspec
+import numpy as np
+
+from tsd_twin.calibration.recording import Recording
+from tsd_twin.lie import Array
+from tsd_twin.robots import SingularityDescription
+from tsd_twin.simulation import Camera, CameraNoise, Frame, SimRobot
+from tsd_twin.virtual_robot import PERIOD_S, VirtualRobot, voltage_share
+
+OFFSET_SIGMA_DEG = 0.3
+"""Standard deviation of what is drawn: of a gimbal's zero, put upright with a level (assumed)."""
+RADIUS_SIGMA_SHARE, SPIN_SIGMA_SHARE = 0.01, 0.01
+"""The same of both radii, measured with a ruler, and of a motor's curve (assumed)."""
+
+
+class PerturbedRobot(SimRobot):
+    """Simulates `true`, for a core that takes it for `believed`.
+
+    What crosses over are servo angles and throttles, which both understand; each has a calibration
+    of its own to make joints of them.
+    """
+
+    def __init__(
+        self,
+        believed: SingularityDescription,
+        true: SingularityDescription,
+        seed: int,
+        noise: float,
+        errors: float = 0.0,
+    ) -> None:
+        super().__init__(true, seed=seed, noise=noise, errors=errors)
+        self._believed, self._true = believed.actuator_offsets(), true.actuator_offsets()
+
+    def read(self, now_s: float) -> Array:
+        """Return what is measured (n,), in joints as they are believed to be."""
+        return self._believed.from_servos(self._true.to_servos(super().read(now_s)))
+
+    def write(self, setpoint: Array, now_s: float) -> None:
+        """Take set-points (n,) for joints as they are believed to be."""
+        super().write(self._true.from_actuators(self._believed.to_actuators(setpoint)), now_s)
+
+
+def random_robot(
+    believed: SingularityDescription, random: np.random.Generator
+) -> SingularityDescription:
+    """Return a machine as it may have been built from a description, with errors of its own.
+
+    Zeros and spins that a description has among its errors or its noise are left out: what is off
+    about these is in `[calibration]`, where it can be compared with what is found.
+    """
+    modules = believed.drive.modules
+    trim = believed.actuator_offsets()
+    offset = np.degrees(trim.offset).reshape(modules, 3)[:, :2]
+    offset = offset + OFFSET_SIGMA_DEG * random.standard_normal((modules, 2))
+    scale = trim.scale.reshape(modules, 3)[:, 2] * (
+        1.0 + SPIN_SIGMA_SHARE * random.standard_normal(modules)
+    )
+    radii = 1.0 + RADIUS_SIGMA_SHARE * random.standard_normal(2)
+    return with_calibration(
+        msgspec.structs.replace(
+            believed,
+            noise=msgspec.structs.replace(believed.noise, spin_share=0.0),
+            errors=msgspec.structs.replace(believed.errors, zero_deg=0.0),
+        ),
+        offset,
+        scale,
+        believed.drive.wheel_radius_m * radii[0],
+        believed.drive.pivot_radius_m * radii[1],
+    )
+
+
+def with_calibration(
+    robot: SingularityDescription,
+    offset_deg: Array,
+    scale: Array,
+    wheel_radius_m: float,
+    pivot_radius_m: float,
+) -> SingularityDescription:
+    """Return the robot with other radii, zeros `offset_deg` (k, 2) and spins `scale` (k,)."""
+    pairs = [(float(alpha), float(beta)) for alpha, beta in offset_deg]
+    return msgspec.structs.replace(
+        robot,
+        drive=msgspec.structs.replace(
+            robot.drive, wheel_radius_m=float(wheel_radius_m), pivot_radius_m=float(pivot_radius_m)
+        ),
+        calibration=msgspec.structs.replace(
+            robot.calibration, tilt_offset_deg=pairs, spin_scale=[float(each) for each in scale]
+        ),
+    )
+
+
+FAST_WHEEL_RATIO = 1.6
+"""Of one wheel in each run but the first, over the others."""
+SPEED_MPS, SIDE_M, TURN_RAD_PER_S = 1.0, 1.0, 2.0
+TACHOMETER_SHARE = 0.002
+"""Noise of one reading of a wheel's speed (assumed)."""
+_REST_S = 0.5
+"""More than the camera is late."""
+
+
+def spin_ratios(modules: int) -> list[list[float]]:
+    """Return the speeds of the wheels over the gear, run by run: all alike, then one faster.
+
+    At one speed for all, a robot that creeps tells three things about the zeros of its gimbals, and
+    the rest of them only pushes its wheels against one another. A wheel that is faster makes its
+    own errors count for more, so each is told apart.
+    """
+    return [
+        [FAST_WHEEL_RATIO if i == j - 1 else 1.0 for i in range(modules)]
+        for j in range(modules + 1)
+    ]
+
+
+def excitation_twists() -> Array:
+    """Return the twists (n, 3) of a run, period by period: squares and turns, both ways."""
+    sides = SPEED_MPS * np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
+    legs: list[tuple[Array, float]] = [(np.zeros(3), _REST_S)]
+    for way, corners in ((1.0, sides), (-1.0, sides[::-1])):
+        legs += [(np.append(side, 0.0), SIDE_M / SPEED_MPS) for side in corners]
+        turn = np.array([0.0, 0.0, way * TURN_RAD_PER_S])
+        legs.append((turn, 2.0 * math.pi / TURN_RAD_PER_S))
+    legs.append((np.zeros(3), _REST_S))
+    return np.concatenate([np.tile(leg, (round(s / PERIOD_S), 1)) for leg, s in legs])
+
+
+def simulate_run(
+    believed: SingularityDescription,
+    machine: PerturbedRobot,
+    ratio: list[float],
+    seed: int,
+    start_s: float = 0.0,
+    *,
+    tachometer: bool,
+    periods: Callable[[Array], Iterable[Array]] = iter,
+) -> Recording:
+    """Drive one run open loop, wheels at `ratio` (k,) of the gear, and return what was measured.
+
+    The machine has been at rest since `start_s`.
+    """
+    random = np.random.default_rng(seed)
+    robot = VirtualRobot(_with_spin_ratio(believed, ratio), machine, start_s)
+    at_voltage = voltage_share(robot)
+    camera = Camera(CameraNoise(), random)
+    measured: list[Array] = []
+    told: list[Array] = []
+    speeds: list[Array] = []
+    frames: list[Frame] = []
+    start_s, t_s = robot.now_s, np.empty(0)
+    for twist in periods(excitation_twists()):
+        now_s = robot.now_s - start_s
+        t_s = np.append(t_s, now_s)
+        measured.append(robot.controller.joints.reshape(-1, 3)[:, :2].ravel())
+        told.append(at_voltage * robot.controller.setpoint[2::3])
+        speeds.append(machine.truth(robot.now_s).joints[2::3])
+        frames += camera.watch(now_s, robot.truth)
+        robot.drive(twist)
+    spin = np.array(speeds) * (1.0 + TACHOMETER_SHARE * random.standard_normal(np.shape(speeds)))
+    return Recording(
+        t_s,
+        np.array(measured),
+        np.array(told),
+        spin if tachometer else np.full(spin.shape, np.nan),
+        np.array([frame.taken_s for frame in frames]),
+        np.array([frame.pose for frame in frames]),
+    )
+
+
+def _with_spin_ratio(robot: SingularityDescription, ratio: list[float]) -> SingularityDescription:
+    return msgspec.structs.replace(
+        robot, drive=msgspec.structs.replace(robot.drive, spin_ratio=ratio)
+    )

@@ -1,0 +1,7 @@
+"""Control loop of one robot, without I/O."""
+
+from __future__ import annotations
+
+from tsd_twin.control.robot_controller import RobotController
+
+__all__ = ["RobotController"]

@@ -1,0 +1,160 @@
+"""Fault detection: saturation of commands, missing joint measurements, following errors, suspect
+actuators.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+
+from tsd_twin.control.state_estimator import NEUTRAL_RAD, StateEstimator
+from tsd_twin.lie import Array
+from tsd_twin.messages.services import Event
+from tsd_twin.messages.status import ConsistencyStatus
+from tsd_twin.safety import ARMED, Mode, SafetySupervisor
+
+_SATURATION_REPORT_S = 0.5
+
+
+class SaturationMonitor:
+    """Compares what was requested with what is applied, and says so now and then."""
+
+    def __init__(self) -> None:
+        self.share = 1.0
+        """Of the newest request that is applied."""
+        self._reported_s = -math.inf
+
+    def forget(self) -> None:
+        """Nothing is requested."""
+        self.share = 1.0
+
+    def compare(self, request: Array, capped: Array, now_s: float) -> Event | None:
+        """Take in a twist (3,) and what is left of it (3,); return what is worth telling."""
+        # By the largest number of each, since they differ by a factor: no square overflows.
+        length = _largest(request)
+        self.share = _largest(capped) / length if length > 0.0 else 1.0
+        if self.share >= 0.999 or now_s - self._reported_s < _SATURATION_REPORT_S:
+            return None
+        self._reported_s = now_s
+        return Event(
+            "clamp",
+            f"The limits let {100 * self.share:.0f} % of the command through.",
+            requested=request.tolist(),
+            applied=capped.tolist(),
+            rule="limits of speed, turn rate and tilt",
+            robot_s=now_s,
+        )
+
+
+def _largest(twist: Array) -> float:
+    return max(map(abs, twist.tolist()))
+
+
+_REPORT_S = 1.0
+
+
+class FaultReporter:
+    """Remembers who was suspected last, and keeps reports from becoming a flood."""
+
+    def __init__(self) -> None:
+        self._last: str | None = None
+        self._reported_s = -math.inf
+
+    def step(self, suspect: str | None, now_s: float) -> Event | None:
+        """Return what is worth telling about who is suspected now."""
+        if suspect in (None, self._last) or now_s - self._reported_s < _REPORT_S:
+            return None
+        self._last, self._reported_s = suspect, now_s
+        text = f"{suspect} contradicts the others."
+        return Event("conflict", text, rule="conflict monitor", robot_s=now_s)
+
+
+ASIDE_RAD = NEUTRAL_RAD
+"""What is too far from neutral to arm is too far to go on; more than what load does to a servo."""
+REMEMBERED_S = 0.3
+"""What a servo was told longer ago it has done, or never will."""
+PATIENCE_S = 0.7
+"""For so long a gimbal may be away from all that: a second in all, from when it sticks."""
+
+
+class FollowingErrorMonitor:
+    """Compares where joints are with everything that they were told lately, so lag is no fault."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        """Take the names of the joints that are looked at, in their order."""
+        self._names = names
+        self._commanded: deque[tuple[float, Array]] = deque()
+        self._since_s: Array | None = None
+
+    def forget(self) -> None:
+        """Begin anew: nobody tells them anything that counts."""
+        self._commanded.clear()
+        self._since_s = None
+
+    def step(self, now_s: float, commanded: Array, measured: Array) -> str:
+        """Return which joint has not followed for too long and how far it is off; "" if none.
+
+        `told` (k,) and `measured` (k,) are angles in radians; what is not finite says nothing.
+        """
+        while self._commanded and now_s - self._commanded[0][0] > REMEMBERED_S:
+            self._commanded.popleft()
+        self._commanded.append((now_s, commanded))
+        if not any(np.abs(measured - commanded) > ASIDE_RAD):
+            self._since_s = None
+            return ""
+        lately = np.array([angles for _, angles in self._commanded])
+        nearest = np.clip(measured, lately.min(axis=0), lately.max(axis=0))
+        aside = np.abs(measured - nearest) > ASIDE_RAD
+        if self._since_s is None:
+            self._since_s = np.full(len(commanded), np.inf)
+        self._since_s = np.where(aside, np.minimum(self._since_s, now_s), np.inf)
+        worst = int(np.argmin(self._since_s))
+        if now_s - self._since_s[worst] < PATIENCE_S:
+            return ""
+        off_deg = float(np.degrees(measured[worst] - commanded[worst]))
+        return f"{self._names[worst]} does not follow: it is {off_deg:+.1f}° from where it was told"
+
+
+SILENT_S = 0.1
+"""Joints that are not measured for this long are a fault while armed."""
+
+
+class JointFaultMonitor:
+    """Looks at what is measured of the joints, and keeps what a fault was told by."""
+
+    def __init__(self, estimator: StateEstimator) -> None:
+        self._estimator = estimator
+        self._angles = np.flatnonzero(estimator.is_angle)
+        self._following_error = FollowingErrorMonitor(
+            [estimator.kinematics.joints[i].name for i in self._angles]
+        )
+        self.evidence: ConsistencyStatus | None = None
+        """What the others said of a gimbal that stuck; it stays to be seen until the reset."""
+
+    def silent(self, now_s: float) -> bool:
+        """Return whether the joints have not been measured for too long."""
+        return now_s - self._estimator.measured_s > SILENT_S
+
+    def step(self, now_s: float, setpoint: Array, supervisor: SafetySupervisor, fault: str) -> str:
+        """Return what is wrong, in words, "" if nothing is; `fault` is what the board objects to.
+
+        `setpoint` (n,) is what the joints were told last.
+        """
+        if self.silent(now_s) and not fault:
+            fault = f"the joints have not been measured for {SILENT_S * 1000:.0f} ms"
+        return fault or self._stuck(now_s, setpoint, supervisor)
+
+    def _stuck(self, now_s: float, setpoint: Array, supervisor: SafetySupervisor) -> str:
+        if supervisor.mode not in ARMED or not len(self._angles):
+            self._following_error.forget()
+            if supervisor.mode is not Mode.FAULT:
+                self.evidence = None
+            return ""
+        angles = self._angles
+        stuck = self._following_error.step(now_s, setpoint[angles], self._estimator.joints[angles])
+        if stuck:
+            self.evidence = self._estimator.consistency(wheels_spin=supervisor.wheels_spin)
+        return stuck

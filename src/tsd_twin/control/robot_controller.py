@@ -1,0 +1,307 @@
+"""Control loop of one robot: commands and measured joints in, set-points and the estimated state
+out.
+
+Pure: time and data are arguments and no I/O happens here. Tests in virtual time and the real robot
+run the same rules.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from tsd_twin.control.faults import FaultReporter, JointFaultMonitor, SaturationMonitor
+from tsd_twin.control.services import POSE_CODECS, ServiceHandler
+from tsd_twin.control.state_estimator import StateEstimator
+from tsd_twin.control.wheel_speed import WheelSpeedController
+from tsd_twin.kinematics import JointKind, Kinematics
+from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.ros import ODOM, JointState, Odometry
+from tsd_twin.messages.services import Event, LeaseReply, Reply
+from tsd_twin.messages.status import CommandStatus, LeaseStatus, LimitStatus, LoopStatus, Status
+from tsd_twin.messages.topics import Service
+from tsd_twin.motion import TwistLimiter, clip_to_finite
+from tsd_twin.robots import RobotDescription
+from tsd_twin.safety import ARMED, Lease, Mode, SafetySupervisor, SupervisorInputs
+from tsd_twin.safety.lease import speed_cap_mps
+
+
+class JointStateEncoder:
+    """Makes messages of what the joints of one robot are told and do, and of its other sensors."""
+
+    def __init__(self, robot: RobotDescription) -> None:
+        joints, sensors = robot.kinematics().joints, robot.sensors
+        self._names = [joint.name for joint in joints]
+        self._is_angle = np.array([joint.kind is JointKind.POSITION for joint in joints])
+        self._sensors = [sensor.name for sensor in sensors]
+        self._sensor_is_angle = [sensor.kind is JointKind.POSITION for sensor in sensors]
+
+    def measured(self, joints: Array, rates: Array, sensors: Array, stamp_ns: int) -> JointState:
+        """Return measured joints (n,), how fast they change (n,), and other sensors (s,)."""
+        state = self._state(joints, rates, stamp_ns)
+        if not self._sensors:
+            return state
+        is_angle = self._sensor_is_angle
+        return JointState(
+            [*state.names, *self._sensors],
+            np.append(state.position_rad, np.where(is_angle, sensors, np.nan)),
+            np.append(state.velocity_rad_per_s, np.where(is_angle, np.nan, sensors)),
+            stamp_ns,
+        )
+
+    def commanded(self, setpoint: Array, stamp_ns: int) -> JointState:
+        """Return a set-point (n,)."""
+        return self._state(setpoint, np.full(len(setpoint), np.nan), stamp_ns)
+
+    def _state(self, joints: Array, rates: Array, stamp_ns: int) -> JointState:
+        position = np.where(self._is_angle, joints, np.nan)
+        return JointState(self._names, position, np.where(self._is_angle, rates, joints), stamp_ns)
+
+
+def lease_status(supervisor: SafetySupervisor, lease: Lease | None, now_s: float) -> LeaseStatus:
+    """Return what the status says of the `lease` in force, of who asks and who may have it next."""
+    asked = supervisor.hand_over.asked(now_s) if lease else None
+    reserved = supervisor.hand_over.reserved(now_s)
+    return LeaseStatus(
+        holder=lease.holder if lease else None,
+        remaining_s=round(lease.expires_s - now_s, 3) if lease else 0.0,
+        asked_by=asked.operator if asked else None,
+        asks_for_s=round(asked.until_s - now_s, 3) if asked else 0.0,
+        reserved_for=reserved.operator if reserved else None,
+        reserved_s=round(reserved.until_s - now_s, 3) if reserved else 0.0,
+    )
+
+
+def command_status(supervisor: SafetySupervisor, now_s: float) -> CommandStatus:
+    """Return what the status says of commands: the newest that counted, and how many did not."""
+    gate, age_s = supervisor.gate, now_s - supervisor.command_s
+    return CommandStatus(
+        seq=supervisor.command_seq,
+        age_s=round(age_s, 4) if math.isfinite(age_s) else None,
+        echo_s=None if gate.echo_s is None else round(gate.echo_s, 4),
+        accepted=gate.accepted,
+        dropped=gate.dropped,
+    )
+
+
+def limit_status(robot: RobotDescription, lease: Lease | None, applied: float) -> LimitStatus:
+    """Limits under a `lease`, or under that of a default request; `applied` is a share."""
+    limits = robot.limits
+    max_age_s = lease.max_age_s if lease else limits.max_command_age_s
+    cap_mps = lease.speed_cap_mps if lease else speed_cap_mps(robot, max_age_s)
+    return LimitStatus(
+        speed_mps=cap_mps,
+        turn_rate_rad_per_s=limits.turn_rate_rad_per_s * cap_mps / limits.speed_mps,
+        max_command_age_s=max_age_s,
+        stop_allowance_m=limits.stop_allowance_m,
+        applied=round(applied, 3),
+    )
+
+
+LONGEST_STEP_S = 0.02
+"""The most time that one step towards another speed makes use of."""
+
+
+class RobotController:
+    """Everything between the bus and the joints of one robot."""
+
+    def __init__(
+        self,
+        robot: RobotDescription,
+        new_lease_id: Callable[[], bytes],
+        *,
+        pose: SE2 | SO3 | None = None,
+    ) -> None:
+        """`pose`, of the drive's space, is where the robot is taken to be; the identity if not."""
+        self.robot = robot
+        self._wheel_speed = WheelSpeedController(robot)
+        self.supervisor = SafetySupervisor(robot, new_lease_id)
+        self._estimator = StateEstimator(robot)
+        if pose is not None:
+            self._estimator.set_pose(pose)
+        self._pose_codec = POSE_CODECS[self.kinematics.pose_type]
+        self._services = ServiceHandler(
+            self.supervisor, self._wheel_speed, self._estimator, self._pose_codec
+        )
+        self._states = JointStateEncoder(robot)
+        self._wheels = np.flatnonzero(~self._estimator.is_angle)
+        self._limiter = TwistLimiter(self.kinematics, robot.limits)
+        self._components = np.array(self.kinematics.twist_axes)
+        self._now_s = -math.inf
+        self._saturation = SaturationMonitor()
+        self._faults = JointFaultMonitor(self._estimator)
+        self._fault_reporter = FaultReporter()
+        self._events: list[Event] = []
+        self.twist = np.zeros(3)
+        """(3,): the twist that is commanded to the joints, in the base frame."""
+        self.setpoint = self._estimator.joints.copy()
+        """(n,): what the joints shall do."""
+
+    @property
+    def kinematics(self) -> Kinematics[Any]:
+        """The kinematics, with wheels that always spin in the gear of this moment."""
+        return self._wheel_speed.kinematics
+
+    # The control loop.
+
+    def step(
+        self, now_s: float, measured: Array | None, samples: Sequence[Sample], fault: str = ""
+    ) -> Array:
+        """Return the set-point (n,) for the period that begins at `now_s`.
+
+        `measured` (n + s,) are the joints and then the sensors of the robot, NaN where a number is
+        not measured; None when there is no measurement. `samples` are all that came in on the
+        command key since the last step.
+        `fault` says what the board below the joints objects to, if anything.
+        """
+        dt_s = now_s - self._now_s if math.isfinite(self._now_s) else 0.01
+        self._now_s = now_s
+        if dt_s > 0.0:
+            self._estimator.advance(now_s, measured, self.setpoint, dt_s)
+        self._update_pose_measurements(now_s)
+        for sample in samples:
+            self.supervisor.receive(sample, now_s)
+        self.supervisor.step(self._supervisor_inputs(now_s, fault), now_s)
+        self._update_wheel_speed(now_s, max(dt_s, 0.0))
+        self._command(now_s, max(dt_s, 0.0))
+        return self.setpoint
+
+    def add_pose_measurements(self, poses: Sequence[Sample], now_s: float, wall_ns: int) -> None:
+        """Take what came in on `sensor/pose`; `wall_ns` is what the wall clock shows at `now_s`."""
+        self._estimator.pose_sensor.receive(poses, now_s, wall_ns)
+
+    def _update_pose_measurements(self, now_s: float) -> None:
+        at_rest = self.supervisor.mode not in (Mode.DRIVING, Mode.STOPPING)
+        self._add_event(self._estimator.pose_sensor.step(now_s, at_rest=at_rest))
+
+    def _add_event(self, event: Event | None) -> None:
+        if event is not None:
+            self._events.append(event)
+
+    def _supervisor_inputs(self, now_s: float, fault: str) -> SupervisorInputs:
+        supervisor, faults = self.supervisor, self._faults
+        fault = faults.step(now_s, self.setpoint, supervisor, fault)
+        at_rest = not any(self.twist)
+        if supervisor.mode is not Mode.ARMING:
+            return SupervisorInputs(neutral=False, at_speed=False, at_rest=at_rest, fault=fault)
+        neutral, at_speed = self._estimator.neutral_and_at_speed(
+            self._wheel_speed.inverse(np.zeros(3))
+        )
+        return SupervisorInputs(neutral and not faults.silent(now_s), at_speed, at_rest, fault)
+
+    def _update_wheel_speed(self, now_s: float, dt_s: float) -> None:
+        mode, lease = self.supervisor.mode, self.supervisor.lease_in_force(now_s)
+        armed = mode in ARMED
+        if self._wheel_speed.advance(
+            min(dt_s, LONGEST_STEP_S),
+            lease.id if lease else None,
+            self._estimator.spin_after,
+            armed=armed,
+            ramps=armed and mode is not Mode.ARMING,
+        ):
+            self._limiter = TwistLimiter(self.kinematics, self.robot.limits)
+            # What slower wheels cannot do is given up by the whole twist, not gimbal by gimbal.
+            self.twist = self.twist / max(1.0, float(self.kinematics.joint_utilization(self.twist)))
+
+    def _command(self, now_s: float, dt_s: float) -> None:
+        supervisor = self.supervisor
+        if supervisor.mode in (Mode.DRIVING, Mode.STOPPING):
+            request, goal = np.zeros(3), np.zeros(3)
+            lease = supervisor.lease_in_force(now_s)
+            if supervisor.command is not None and lease is not None:
+                request = self._request()
+                share = lease.speed_cap_mps / self.robot.limits.speed_mps
+                goal = self._limiter.cap(request, share)
+            if dt_s > 0.0:
+                # After a loop that was held up, speed is not gained in one leap; it may be lost so,
+                # since the robot has been driving on all the while.
+                step_s = min(dt_s, LONGEST_STEP_S) if any(goal) else dt_s
+                self.twist = self._limiter.approach(self.twist, goal, step_s)
+            self._add_event(self._saturation.compare(request, goal, now_s))
+        else:
+            # Not at rest only when latched: the limiter starts from zero again, nothing jumps.
+            self.twist = np.zeros(3)
+            self._saturation.forget()
+        self.setpoint = self._wheel_speed.inverse(self.twist)
+        if not supervisor.wheels_spin:
+            self.setpoint[self._wheels] = 0.0
+
+    def _request(self) -> Array:
+        """Return the commanded twist (3,) in the base frame."""
+        command = self.supervisor.command
+        assert command is not None  # noqa: S101  The caller has looked; this tells the type checker.
+        twist = command.twist[self._components]
+        if command.frame == ODOM:
+            twist = self._pose_codec.to_base_frame(self._estimator.pose, clip_to_finite(twist))
+        return twist
+
+    # What operators ask for.
+
+    def serve(self, service: Service, payload: bytes, now_s: float) -> LeaseReply | Reply:
+        """Return the answer to a request, also to one that cannot be read: never silence."""
+        return self._services.serve(service, payload, now_s)
+
+    def stop(self, payload: bytes, now_s: float) -> Reply:
+        """Stop and latch, whatever the payload is: a stop needs nothing to count."""
+        return self._services.stop(payload, now_s)
+
+    # What there is to see.
+
+    def record_status_sent(self, seq: int, now_s: float) -> None:
+        """Remember when a status went out: commands echo its number."""
+        self.supervisor.gate.record_status(seq, now_s)
+
+    def take_events(self) -> list[Event]:
+        """Return what has happened since the last call."""
+        events = self.supervisor.take_events() + self._events
+        self._events = []
+        return events
+
+    @property
+    def joints(self) -> Array:
+        """(n,): measured joints; speeds that are not measured come from the model of the motors."""
+        return self._estimator.joints
+
+    def joint_state(self, stamp_ns: int) -> JointState:
+        """Return the measured joints, and after them what the other sensors measure."""
+        estimator = self._estimator
+        return self._states.measured(estimator.joints, estimator.rates, estimator.sensors, stamp_ns)
+
+    def setpoint_state(self, stamp_ns: int) -> JointState:
+        """Return the commanded joints."""
+        return self._states.commanded(self.setpoint, stamp_ns)
+
+    def odometry(self, stamp_ns: int) -> Odometry:
+        """Return the estimate: pose in `odom`, twist in `base_link`, with covariances."""
+        return self._estimator.odometry(stamp_ns)
+
+    def alternative_odometry(self, stamp_ns: int) -> Odometry | None:
+        """Return the estimate that `odometry` is not, where the robot has two; see docs/bus.md."""
+        return self._estimator.alternative_odometry(stamp_ns)
+
+    def status(self, now_s: float, loop: LoopStatus, hardware: Mapping[str, Any]) -> Status:
+        """Return what `state/status` says."""
+        supervisor = self.supervisor
+        consistency = self._faults.evidence or self._estimator.consistency(
+            wheels_spin=supervisor.wheels_spin
+        )
+        self._add_event(self._fault_reporter.step(consistency.suspect, now_s))
+        lease = supervisor.lease_in_force(now_s)
+        return Status(
+            mode=supervisor.mode,
+            stop_reason=supervisor.reason,
+            stops=supervisor.stops,
+            arming=supervisor.arming(now_s),
+            lease=lease_status(supervisor, lease, now_s),
+            command=command_status(supervisor, now_s),
+            limits=limit_status(self.robot, lease, self._saturation.share),
+            consistency=consistency,
+            wheel_speed=self._wheel_speed.status(float(self.joints[self._wheels].mean())),
+            pose_sensor=self._estimator.pose_sensor.status(now_s),
+            loop=loop,
+            hardware=hardware,
+        )

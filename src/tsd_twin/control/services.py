@@ -1,0 +1,170 @@
+"""Services of a robot: lease, arm, disarm, reset, set_pose, speed, stop; and pose codecs for each
+pose type.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Generic, Protocol
+
+import numpy as np
+
+from tsd_twin.control.state_estimator import StateEstimator
+from tsd_twin.control.wheel_speed import WheelSpeedController
+from tsd_twin.errors import MessageError
+from tsd_twin.kinematics.base import PoseT
+from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.messages.services import (
+    HolderRequest,
+    LeaseReply,
+    LeaseRequest,
+    Reply,
+    SetOrientationRequest,
+    SetPoseRequest,
+    SpeedRequest,
+    StopRequest,
+    decode_request,
+)
+from tsd_twin.messages.topics import Service
+from tsd_twin.safety import LATCHED, Mode, SafetySupervisor
+
+
+class PoseCodec(Protocol, Generic[PoseT]):
+    """How poses come in, and what commands in the axes of the world mean."""
+
+    def request_type(self) -> type[SetPoseRequest] | type[SetOrientationRequest]:
+        """Return what `srv/set_pose` has to carry."""
+        ...
+
+    def decode(self, request: Any) -> PoseT | None:
+        """Return the pose that such a request asks for; None: it is no pose."""
+        ...
+
+    def to_base_frame(self, pose: PoseT, twist: Array) -> Array:
+        """Return the twist (3,) in `base_link` that is `twist` in the axes of `odom`."""
+        ...
+
+
+class PlanarPoseCodec:
+    """Planar poses: x, y, heading."""
+
+    def request_type(self) -> type[SetPoseRequest]:
+        """Return the request with x, y and heading."""
+        return SetPoseRequest
+
+    def decode(self, request: SetPoseRequest) -> SE2 | None:
+        """Return the planar pose, when it is finite."""
+        pose = np.array([request.x_m, request.y_m, request.heading_rad])
+        return SE2(pose) if np.isfinite(pose).all() else None
+
+    def to_base_frame(self, pose: SE2, twist: Array) -> Array:
+        """Turn by minus the heading: Eq. 1 of Carothers."""
+        turned = twist.copy()
+        turned[:2] = pose.inverse().rotate(twist[:2])
+        return turned
+
+
+class OrientationCodec:
+    """Orientations of a sphere in a base that stays where it is."""
+
+    def request_type(self) -> type[SetOrientationRequest]:
+        """Return the request with a quaternion."""
+        return SetOrientationRequest
+
+    def decode(self, request: SetOrientationRequest) -> SO3 | None:
+        """Return the orientation, when the four numbers can be made a unit quaternion."""
+        x, y, z, w = request.xyzw
+        wxyz = np.array([w, x, y, z])
+        largest = float(np.max(np.abs(wxyz)))
+        if not (np.isfinite(wxyz).all() and largest > 0.0):
+            return None
+        wxyz /= largest  # First, so that no square overflows or vanishes.
+        return SO3(wxyz / np.linalg.norm(wxyz))
+
+    def to_base_frame(self, pose: SO3, twist: Array) -> Array:  # noqa: ARG002  The shape.
+        """Return the twist as it is: the base stands in the world."""
+        return twist
+
+
+POSE_CODECS: dict[type[Any], PoseCodec[Any]] = {SE2: PlanarPoseCodec(), SO3: OrientationCodec()}
+"""From the space of poses to what they are on the bus."""
+
+
+class ServiceHandler:
+    """Reads requests, and has those answered whom they are for: never silence."""
+
+    def __init__(
+        self,
+        supervisor: SafetySupervisor,
+        wheel_speed: WheelSpeedController,
+        estimator: StateEstimator,
+        pose_codec: PoseCodec[Any],
+    ) -> None:
+        self._supervisor = supervisor
+        self._wheel_speed = wheel_speed
+        self._estimator = estimator
+        self._pose_codec = pose_codec
+
+    def serve(self, service: Service, payload: bytes, now_s: float) -> LeaseReply | Reply:
+        """Return the answer to a request, also to one that cannot be read: never silence."""
+        try:
+            match service:
+                case Service.LEASE:
+                    return self._supervisor.lease(decode_request(payload, LeaseRequest), now_s)
+                case Service.ARM | Service.DISARM | Service.RESET:
+                    supervisor = self._supervisor
+                    ask = {
+                        Service.ARM: supervisor.arm,
+                        Service.DISARM: supervisor.disarm,
+                        Service.RESET: supervisor.reset,
+                    }[service]
+                    return ask(decode_request(payload, HolderRequest).lease, now_s)
+                case Service.SET_POSE:
+                    return self._set_pose(
+                        decode_request(payload, self._pose_codec.request_type()), now_s
+                    )
+                case Service.SPEED:
+                    return self._choose_speed(decode_request(payload, SpeedRequest), now_s)
+                case Service.STOP:
+                    return self.stop(payload, now_s)
+                case Service.DESC:
+                    return Reply(False, "the node answers this")
+        except MessageError as error:
+            refusal = self._refused(service, str(error), now_s)
+            if service is Service.LEASE:
+                return LeaseReply(False, reason=refusal.reason, ok=False)
+            return refusal
+
+    def stop(self, payload: bytes, now_s: float) -> Reply:
+        """Stop and latch, whatever the payload is: a stop needs nothing to count."""
+        try:
+            request = decode_request(payload, StopRequest)
+        except MessageError:
+            request = StopRequest()
+        return self._supervisor.stop(request, now_s)
+
+    def _set_pose(self, request: SetPoseRequest | SetOrientationRequest, now_s: float) -> Reply:
+        pose = self._pose_codec.decode(request)
+        if not self._supervisor.holds(request.lease, now_s):
+            return self._refused(Service.SET_POSE, "take control first", now_s)
+        if pose is None:
+            return self._refused(Service.SET_POSE, "a pose must be finite numbers", now_s)
+        if self._supervisor.mode in (Mode.DRIVING, Mode.STOPPING):
+            # A command in the world's axes would turn with the heading.
+            return self._refused(Service.SET_POSE, "the pose can be set at rest only", now_s)
+        self._estimator.set_pose(pose)
+        return Reply(True)
+
+    def _choose_speed(self, request: SpeedRequest, now_s: float) -> Reply:
+        supervisor, lease = self._supervisor, request.lease
+        if not supervisor.holds(lease, now_s):
+            refusal = "take control first"
+        elif supervisor.mode in LATCHED:
+            refusal = f"the robot is {supervisor.mode}: reset first"
+        else:
+            refusal = self._wheel_speed.choose(request.cruise_speed_rpm, bytes.fromhex(lease))
+        if refusal:
+            return supervisor.refuse("change the drive speed", refusal, now_s)
+        return Reply(True)
+
+    def _refused(self, service: Service, reason: str, now_s: float) -> Reply:
+        return self._supervisor.refuse(service.removeprefix("srv/"), reason, now_s)

@@ -1,0 +1,272 @@
+"""State estimator of the control loop: joints, pose, twist, consistency, and measurements of a pose
+sensor.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from statistics import fmean
+from typing import Any
+
+import numpy as np
+
+from tsd_twin.errors import MessageError
+from tsd_twin.estimation import (
+    ODOMETRY,
+    ConsistencyMonitor,
+    Estimate,
+    FusedEstimate,
+    FusionResult,
+    SpinModel,
+    sensor_odometry_of,
+)
+from tsd_twin.kinematics import JointKind
+from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.messages.commands import Sample, decode_pose_measurement
+from tsd_twin.messages.ros import Odometry
+from tsd_twin.messages.services import Event
+from tsd_twin.messages.status import ConsistencyStatus, PoseSensorDrops, PoseSensorStatus
+from tsd_twin.robots import RobotDescription
+
+AHEAD_S = 0.01
+"""A stamp this much later than now is the clocks, and taken for now."""
+WAITING = 16
+"""Poses that wait for their period; when more come, the oldest give way."""
+_REMEMBERED = 64
+"""Messages that are known again when they come twice."""
+_A_PERIOD = 2
+"""Enough for 120 frames a second, and no more work than a period has time for."""
+
+
+class PoseMeasurements:
+    """What comes in on `sensor/pose`."""
+
+    def __init__(self, estimate: FusedEstimate | None) -> None:
+        """`estimate` is what they correct; None: the robot is not on a floor."""
+        self._estimate = estimate
+        self._waiting: deque[tuple[SE2, float]] = deque()
+        self._heard: deque[bytes] = deque(maxlen=_REMEMBERED)
+        self._used_s: deque[float] = deque(maxlen=256)
+        self._late_s = 0.0
+        self._used = 0
+        self._found = 0
+        self._dropped = PoseSensorDrops()
+        self._any = False
+
+    def receive(self, samples: Sequence[Sample], now_s: float, wall_ns: int) -> None:
+        """Read what has come in; `wall_ns` is what the robot's wall clock, that of stamps, shows.
+
+        Whatever is no pose is counted, and changes nothing.
+        """
+        for sample in samples:
+            self._any = True
+            try:
+                pose, stamp_ns = decode_pose_measurement(sample)
+            except MessageError as error:
+                self._drop(error.reason)
+                continue
+            age_s = (wall_ns - stamp_ns) * 1e-9
+            if self._estimate is None:
+                self._drop("frame")
+            elif age_s < -AHEAD_S:
+                self._drop("future")
+            elif sample.payload in self._heard:
+                self._drop(FusionResult.OLD)  # Said twice it is no truer.
+            else:
+                self._heard.append(sample.payload)
+                self._waiting.append((pose, now_s - max(age_s, 0.0)))
+                if len(self._waiting) > WAITING:
+                    self._waiting.popleft()
+                    self._drop(FusionResult.FLOOD)
+
+    def step(self, now_s: float, *, at_rest: bool) -> Event | None:
+        """Let the estimate take in some of those that wait; return what is worth telling."""
+        if self._estimate is None:
+            return None
+        event = None
+        for _ in range(min(_A_PERIOD, len(self._waiting))):
+            pose, seen_s = self._waiting.popleft()
+            before = self._estimate.pose
+            match self._estimate.fuse(pose, seen_s, at_rest=at_rest):
+                case FusionResult.USED:
+                    self._used += 1
+                    self._used_s.append(now_s)
+                    self._late_s = now_s - seen_s
+                case FusionResult.FOUND:
+                    self._found += 1
+                    event = _found(before, self._estimate.pose, now_s)
+                case fate:
+                    self._drop(fate)
+        return event
+
+    def status(self, now_s: float) -> PoseSensorStatus | None:
+        """Return what became of them; None when nobody has ever sent one."""
+        if not self._any:
+            return None
+        while self._used_s and now_s - self._used_s[0] > 0.999:
+            self._used_s.popleft()
+        return PoseSensorStatus(
+            hz=float(len(self._used_s)),
+            late_s=round(self._late_s, 4) if self._used_s else None,
+            used=self._used,
+            found=self._found,
+            dropped=self._dropped,
+        )
+
+    def _drop(self, reason: str) -> None:
+        setattr(self._dropped, reason, getattr(self._dropped, reason) + 1)
+
+
+def _found(before: SE2, after: SE2, now_s: float) -> Event:
+    dx, dy, turned = (after.xy_heading - before.xy_heading).tolist()
+    text = f"Seen {math.hypot(dx, dy):.2f} m and {math.degrees(turned):.0f} degrees from where"
+    return Event(
+        "pose",
+        f"{text} it was taken to be, at rest: that is where it is now.",
+        requested=before.xy_heading.tolist(),
+        applied=after.xy_heading.tolist(),
+        rule="outside poses that agree with one another",
+        robot_s=now_s,
+    )
+
+
+NEUTRAL_RAD = math.radians(1.0)
+"""Gimbals within this of upright count as neutral."""
+AT_SPEED = 0.02
+"""Wheels within this share of their set-point count as at speed."""
+AT_REST_RAD_PER_S = 0.1
+"""Wheels slower than this count as at speed when they shall stand."""
+
+
+class StateEstimator:
+    """Joints, pose, twist and conflict of one robot."""
+
+    def __init__(self, robot: RobotDescription) -> None:
+        self.kinematics = robot.kinematics()
+        self.is_angle = np.array([j.kind is JointKind.POSITION for j in self.kinematics.joints])
+        """(n,): which joints are angles; the others are speeds."""
+        self._angles = np.flatnonzero(self.is_angle)
+        self._wheels = np.flatnonzero(~self.is_angle)
+        self._needed = np.flatnonzero(self.is_angle | robot.measures_spin)
+        self._spin = SpinModel(robot.spin_up(), len(self._wheels))
+        self._plain = ODOMETRY[self.kinematics.pose_type](self.kinematics, robot.joint_errors())
+        self._second, prefer_second = sensor_odometry_of(robot)
+        self._inner: Estimate = self._second if prefer_second and self._second else self._plain
+        self._corrected = None
+        if self.kinematics.pose_type is SE2:
+            self._corrected = FusedEstimate(self.kinematics, self._inner, robot.pose_sensor)
+        self._best: Estimate = self._corrected or self._inner
+        self.pose_sensor = PoseMeasurements(self._corrected)
+        """What somebody else sees of the robot."""
+        self._consistency = ConsistencyMonitor(self.kinematics, robot.joint_errors())
+        self.measured_s = -math.inf
+        """When the joints were measured last."""
+        self.joints = np.where(self.is_angle, self.kinematics.inverse(np.zeros(3)), 0.0)
+        """(n,): measured joints; speeds that are not measured come from the model of the motors."""
+        self._before, self._step_s = self.joints, 1.0
+        self._unmeasured = np.full(len(robot.sensors), np.nan)
+        self._unmeasured.setflags(write=False)
+        self.sensors = self._unmeasured
+        """(s,): what the other sensors measured last, NaN where they do not."""
+
+    def advance(self, now_s: float, measured: Array | None, setpoint: Array, dt_s: float) -> None:
+        """Take in what was measured now, `dt_s` after the last time; None: there is nothing.
+
+        `measured` (n + s,) are the joints and the other sensors, `setpoint` (n,) is what the joints
+        were told meanwhile.
+        """
+        spin = self._spin.advance(setpoint[self._wheels], dt_s)
+        if measured is not None and np.isfinite(measured[self._needed]).all():
+            self.measured_s = now_s
+            joints = measured[: len(self.joints)].copy()
+            others = measured[len(joints) :]
+            self.sensors = others.copy() if len(others) else self._unmeasured
+            speeds = joints[self._wheels]
+            np.copyto(speeds, spin, where=~np.isfinite(speeds))
+            joints[self._wheels] = speeds
+        elif math.isfinite(self.measured_s):
+            # Without news the gimbals are taken to stay, but wheels that are shut off run down.
+            joints = self.joints.copy()
+            joints[self._wheels] = spin
+            self.sensors = self._unmeasured
+        else:
+            return
+        self._before, self._step_s, self.joints = self.joints, dt_s, joints
+        motion = self._plain.advance(joints, dt_s)
+        if self._second is not None:
+            self._second.follow(joints, self.sensors, motion, dt_s)
+        if self._corrected is not None:
+            self._corrected.follow(now_s)
+        self._consistency.advance(motion.residual, dt_s)
+
+    @property
+    def rates(self) -> Array:
+        """(n,): how fast the joints change, of wheels the acceleration."""
+        return (self.joints - self._before) / self._step_s
+
+    def neutral_and_at_speed(self, at_rest: Array) -> tuple[bool, bool]:
+        """Return whether all gimbals are upright, and whether all wheels turn as they shall.
+
+        `at_rest` (n,) is what the joints do when the robot is ready and stands.
+        """
+        at_speed = np.maximum(AT_SPEED * np.abs(at_rest), AT_REST_RAD_PER_S)
+        tolerance = np.where(self.is_angle, NEUTRAL_RAD, at_speed)
+        near = np.abs(self.joints - at_rest) <= tolerance
+        return bool(near[self._angles].all()), bool(near[self._wheels].all())
+
+    def spin_after(self, speeds: Array, dt_s: float) -> float:
+        """Return how fast motors told `speeds` (m,) are expected to turn after `dt_s`: their mean.
+
+        By their model also where speeds are measured: a sensor that fails must tilt nothing.
+        """
+        return fmean(self._spin.after(speeds, dt_s).tolist())
+
+    @property
+    def pose(self) -> Any:
+        """The pose in `odom`, of the drive's space."""
+        return self._best.pose
+
+    def set_pose(self, pose: SE2 | SO3) -> None:
+        """Take the robot to be at `pose`, exactly."""
+        self._plain.set_pose(pose)
+        if self._second is not None:
+            self._second.set_pose(pose)
+        self._best.set_pose(pose)
+
+    def odometry(self, stamp_ns: int) -> Odometry:
+        """Return pose in `odom` and twist in `base_link`, with covariances."""
+        return _message(self._best, stamp_ns)
+
+    def alternative_odometry(self, stamp_ns: int) -> Odometry | None:
+        """Return the estimate that `odometry` is not, where there are two.
+
+        Of a robot that has one of its own, that is this one, while outside poses correct the other.
+        """
+        if self._second is not None:
+            return _message(self._plain if self._inner is self._second else self._second, stamp_ns)
+        corrected = self._corrected is not None and self._corrected.is_corrected
+        return _message(self._plain, stamp_ns) if corrected else None
+
+    def consistency(self, *, wheels_spin: bool) -> ConsistencyStatus:
+        """Return how well the joints agree; wheels that do not spin say nothing about gimbals."""
+        verdict, names = self._consistency.judge(self.joints), self.kinematics.actuators
+        level = verdict.level if wheels_spin else 0.0
+        suspect = verdict.suspect if wheels_spin else None
+        return ConsistencyStatus(
+            residual_mps=round(verdict.residual_mps, 5),
+            suspect=None if suspect is None else names[suspect],
+            level=round(level, 4),
+            explained=dict(zip(names, (level * verdict.shares).round(4).tolist(), strict=True)),
+        )
+
+
+def _message(estimate: Estimate, stamp_ns: int) -> Odometry:
+    return Odometry.of(
+        estimate.pose,
+        estimate.motion.twist,
+        estimate.pose_covariance,
+        estimate.twist_covariance,
+        stamp_ns,
+    )

@@ -1,0 +1,382 @@
+"""Robot client of the dashboard: state, commands, services and round-trip times."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, ParamSpec, TypeVar
+
+import msgspec
+import numpy as np
+
+from tsd_twin import robots
+from tsd_twin.bus import Bus, Publisher
+from tsd_twin.errors import BusError, MessageError
+from tsd_twin.lie import SO3, Array
+from tsd_twin.messages import topics
+from tsd_twin.messages.commands import encode_attachment
+from tsd_twin.messages.ros import (
+    BASE,
+    JointState,
+    Odometry,
+    TwistStamped,
+    decode_joints,
+    decode_odometry,
+    encode_twist,
+)
+from tsd_twin.messages.services import (
+    Description,
+    LeaseReply,
+    Reply,
+    StopRequest,
+    decode_json,
+    duplicate_id_text,
+)
+from tsd_twin.messages.status import Status, decode_stamp, decode_status
+from tsd_twin.messages.topics import QoS, Service
+
+MAX_ROUND_TRIPS = 40
+"""Round trips that count: the last ten seconds."""
+
+
+class RoundTrips:
+    """The newest round trips; written by one thread, read by any."""
+
+    def __init__(self) -> None:
+        self._trips_s: deque[float] = deque(maxlen=MAX_ROUND_TRIPS)
+
+    def add(self, trip_s: float) -> None:
+        """Take in one."""
+        self._trips_s.append(trip_s)
+
+    def clear(self) -> None:
+        """There was no answer: nothing is known any more."""
+        self._trips_s.clear()
+
+    def median_s(self) -> float | None:
+        """Return the median, None when nothing is known."""
+        return self._quantile(0.5)
+
+    def p95_s(self) -> float | None:
+        """Return what one in twenty exceeds, None when nothing is known."""
+        return self._quantile(0.95)
+
+    def jitter_s(self) -> float | None:
+        """Return how much longer than usual one in twenty takes, None when nothing is known."""
+        typical_s, late_s = self.median_s(), self.p95_s()
+        return None if typical_s is None or late_s is None else late_s - typical_s
+
+    def _quantile(self, share: float) -> float | None:
+        ordered = sorted(self._trips_s)
+        if not ordered:
+            return None
+        return ordered[max(0, math.ceil(share * len(ordered)) - 1)]
+
+
+_MAX_SENT_COMMANDS = 100
+_DESCRIPTION_BYTES = 2**20
+"""A description is its TOML and its URDF, some 30 kB."""
+_NO_MESHES = (
+    "The description names a folder of meshes. A dashboard reads no files that a robot names: "
+    "the generated look is shown."
+)
+STOP_REPEATS = 20
+"""A stop is sent this often at 10 Hz, unless it is acknowledged before."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot:
+    """Newest state messages of a robot."""
+
+    joints: JointState | None = None
+    setpoint: JointState | None = None
+    odom: Odometry | None = None
+    odom_received_s: float = -np.inf
+    """When that came in, on the clock given to `poll`."""
+    alternative: Odometry | None = None
+    """The estimate that `odom` is not, of robots that have two."""
+    truth: Odometry | None = None
+    status: Status | None = None
+    status_seq: int = 0
+    received_s: float = -np.inf
+    """When the newest of these came in, on the clock given to `poll`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SentCommand:
+    """A command that has been sent from here."""
+
+    sent_s: float
+    """On the monotonic clock, which `poll` is given too."""
+    twist: Array
+    """(3,): m/s and rad/s in `frame`."""
+    frame: str
+
+
+class RobotClient:
+    """Client of one robot on the bus: description, newest state, services and commands.
+
+    `poll` belongs to one thread; all else may be called from any.
+    """
+
+    def __init__(self, bus: Bus, robot_id: str, answer: bytes | None = None) -> None:
+        """Read the description of a living robot; without its `answer`, ask for it and wait.
+
+        Raises:
+            BusError: it does not answer.
+            MessageError: its answer is no description.
+            RobotFileError: its description cannot be used.
+        """
+        self.id = robot_id
+        self._bus = bus
+        if answer is None:
+            answer = bus.query(Service.DESC.key(robot_id), b"")
+        if len(answer) > _DESCRIPTION_BYTES:
+            raise MessageError("shape", f"a description of {len(answer)} bytes is too long")
+        description = decode_json(answer, Description, "a description")
+        robot = robots.parse_description(description.robot, f"description of {robot_id}")
+        self.ignored = ""
+        """What of the description is not obeyed, as a sentence; "" if all of it is."""
+        if robot.body.meshes is not None:
+            # A folder of the robot's machine; here it would name files that are not the robot's.
+            self.ignored = _NO_MESHES
+            body = msgspec.structs.replace(robot.body, meshes=None)
+            robot = msgspec.structs.replace(robot, body=body)
+        self.robot = robot
+        self.urdf = description.urdf
+        self.kinematics = self.robot.kinematics()
+        self.snapshot = Snapshot()
+        self.has_duplicate = False
+        """Whether another robot on the bus has the same id, so that all streams are of two."""
+        self._frozen: Status | None = None
+        decode_pose = partial(decode_odometry, turning=self.kinematics.pose_type is SO3)
+        self.round_trips = RoundTrips()
+        """How long the robot takes to answer, as far as it has been measured."""
+        self._subscribers = {
+            "joints": (bus.subscriber(topics.JOINTS.key(robot_id), 1), decode_joints),
+            "setpoint": (bus.subscriber(topics.SETPOINT.key(robot_id), 1), decode_joints),
+            "odom": (bus.subscriber(topics.ODOM.key(robot_id), 1), decode_pose),
+            "alternative": (bus.subscriber(topics.ODOM_ALTERNATIVE.key(robot_id), 1), decode_pose),
+            "truth": (bus.subscriber(topics.TRUTH.key(robot_id), 1), decode_pose),
+        }
+        self._status = bus.subscriber(topics.STATUS.key(robot_id), 1)
+        self._stop = bus.publisher(Service.STOP.key(robot_id), QoS.REAL_TIME)
+        self._twists: dict[str, Publisher] = {}
+        self._lock = threading.Lock()
+        self._sent_commands: deque[SentCommand] = deque(maxlen=_MAX_SENT_COMMANDS)
+        self._components = list(self.kinematics.twist_axes)
+
+    @property
+    def sent_commands(self) -> Sequence[SentCommand]:
+        """The newest commands from here, oldest first: the robot may not have heard them yet."""
+        return tuple(self._sent_commands)
+
+    def close(self) -> None:
+        """Stop listening."""
+        for reader, _ in self._subscribers.values():
+            reader.close()
+        self._status.close()
+        self._stop.close()
+        with self._lock:
+            for publisher in self._twists.values():
+                publisher.close()
+            self._twists.clear()
+
+    def poll(self, now_s: float) -> bool:
+        """Take in what has arrived, and return whether there is a new status.
+
+        While another robot has the same id, the picture stands still and the status says why:
+        what arrives would show two robots in turn.
+        """
+        fresh: dict[str, Any] = {}
+        new_status = self._poll_streams(fresh, now_s)
+        if self.has_duplicate:
+            fresh = self._of_two(fresh) if new_status else {}
+        else:
+            self._frozen = None
+        if fresh:
+            self.snapshot = replace(self.snapshot, **fresh, received_s=now_s)
+        return new_status
+
+    def _of_two(self, fresh: dict[str, Any]) -> dict[str, Any]:
+        if self._frozen is None:
+            self._frozen = msgspec.structs.replace(
+                self.snapshot.status or fresh["status"],
+                mode="fault",
+                stop_reason=duplicate_id_text(self.id),
+                arming=None,
+            )
+        return {"status": self._frozen, "status_seq": self.snapshot.status_seq + 1}
+
+    def _poll_streams(self, fresh: dict[str, Any], now_s: float) -> bool:
+        for name, (reader, decode) in self._subscribers.items():
+            if (sample := reader.newest()) is not None:
+                try:
+                    fresh[name] = decode(sample.payload)
+                except MessageError:
+                    continue  # Invalid sample; the age of the state shows it.
+        if "odom" in fresh:
+            fresh["odom_received_s"] = now_s
+        return self._poll_status(fresh)
+
+    def _poll_status(self, fresh: dict[str, Any]) -> bool:
+        sample = self._status.newest()
+        if sample is None:
+            return False
+        try:
+            fresh["status"] = decode_status(sample.payload)
+            fresh["status_seq"] = decode_stamp(sample.attachment)[0]
+        except MessageError:
+            fresh.pop("status", None)
+            return False
+        return True
+
+    def call_service(
+        self, service: Service, request: msgspec.Struct, timeout_s: float = 1.0
+    ) -> Reply:
+        """Return the answer of a service; waits for it, and silence is an answer too."""
+        return self._call(
+            service, request, Reply, Reply(False, "the robot does not answer"), timeout_s
+        )
+
+    def call_lease_service(self, request: msgspec.Struct, timeout_s: float = 1.0) -> LeaseReply:
+        """Return the answer of the lease service; waits for it."""
+        silence = LeaseReply(False, reason="the robot does not answer")
+        return self._call(Service.LEASE, request, LeaseReply, silence, timeout_s)
+
+    def _call(
+        self, service: Service, request: msgspec.Struct, kind: Any, silence: Any, timeout_s: float
+    ) -> Any:
+        try:
+            answer = self._bus.query(service.key(self.id), msgspec.json.encode(request), timeout_s)
+            return decode_json(answer, kind, "an answer")
+        except (BusError, MessageError):
+            return silence
+
+    def stop(self, operator: str, reason: str = "") -> Reply:
+        """Stop the robot: sent at once, and again until it is acknowledged. Waits for that."""
+        request = StopRequest(operator, reason)
+        payload = msgspec.json.encode(request)
+        for _ in range(STOP_REPEATS):
+            self._stop.put(payload)
+            reply = self.call_service(Service.STOP, request, timeout_s=0.1)
+            if reply.ok:
+                return reply
+        return Reply(False, "the stop was not acknowledged")
+
+    def publish_twist(
+        self, holder: LeaseHolder, spatial_twist: Array, status_seq: int, frame: str = BASE
+    ) -> int:
+        """Send a twist (6,), m/s and rad/s in `frame`, on behalf of the holder of a lease.
+
+        Returns its number. Numbers rise in the order in which commands are sent, from any thread.
+
+        Raises:
+            BusError: the session is closed.
+        """
+        payload = encode_twist(TwistStamped(frame, spatial_twist))
+        with self._lock:
+            if holder.operator not in self._twists:
+                self._twists[holder.operator] = self._bus.publisher(
+                    topics.twist_key(self.id, holder.operator),
+                    QoS.REAL_TIME,
+                    topics.TWIST.type,
+                )
+            number = next(holder.numbers)
+            self._sent_commands.append(
+                SentCommand(time.monotonic(), spatial_twist[self._components], frame)
+            )
+            self._twists[holder.operator].put(
+                payload, encode_attachment(number, holder.lease, status_seq)
+            )
+        return number
+
+
+class LeaseHolder:
+    """The holder of a lease, with the numbers of its commands."""
+
+    def __init__(self, operator: str, lease_hex: str, max_age_s: float) -> None:
+        self.operator = operator
+        self.lease_hex = lease_hex
+        self.lease = bytes.fromhex(lease_hex)
+        self.max_age_s = max_age_s
+        self.numbers = itertools.count(1)
+
+
+_Args = ParamSpec("_Args")
+_Answer = TypeVar("_Answer")
+
+_RPC_THREADS = 8
+_STOP_THREADS = 32
+
+
+class RpcExecutor:
+    """Thread pools for blocking calls: a stop never waits behind a call to a robot that does not
+    answer.
+
+    One thread plans for all pages; cancelled calls are not started.
+    """
+
+    def __init__(self) -> None:
+        self._rpc_pool = ThreadPoolExecutor(_RPC_THREADS, "ask")
+        self._stop_pool = ThreadPoolExecutor(_STOP_THREADS, "stop")
+        self._planning_pool = ThreadPoolExecutor(1, "plan")
+        self._stops: dict[str, asyncio.Task[Reply]] = {}
+        self._next_stops: dict[str, asyncio.Task[Reply]] = {}
+
+    def close(self) -> None:
+        """Begin nothing any more; what is under way ends by itself."""
+        self._rpc_pool.shutdown(wait=False, cancel_futures=True)
+        self._stop_pool.shutdown(wait=False)
+        self._planning_pool.shutdown(wait=False, cancel_futures=True)
+
+    async def call(
+        self, call: Callable[_Args, _Answer], *args: _Args.args, **kwargs: _Args.kwargs
+    ) -> _Answer:
+        """Return what `call` returns."""
+        return await _run_in_pool(self._rpc_pool, call, *args, **kwargs)
+
+    async def plan(
+        self, call: Callable[_Args, _Answer], *args: _Args.args, **kwargs: _Args.kwargs
+    ) -> _Answer:
+        """Return the result of a long computation."""
+        return await _run_in_pool(self._planning_pool, call, *args, **kwargs)
+
+    async def stop(self, link: RobotClient, operator: str) -> Reply:
+        """Stop a robot.
+
+        A stop under way repeats itself until it is acknowledged. All that come in meanwhile share
+        the one that follows it, so however often the button is hit, a stop begins after each hit
+        and no robot takes more than one thread.
+        """
+        if (under_way := self._stops.get(link.id)) is None or under_way.done():
+            self._stops[link.id] = asyncio.create_task(self._stop(link, operator))
+            return await asyncio.shield(self._stops[link.id])
+        if link.id not in self._next_stops:
+            self._next_stops[link.id] = asyncio.create_task(self._after(under_way, link, operator))
+        return await asyncio.shield(self._next_stops[link.id])
+
+    async def _after(self, before: asyncio.Task[Reply], link: RobotClient, operator: str) -> Reply:
+        await before
+        self._stops[link.id] = self._next_stops.pop(link.id)
+        return await self._stop(link, operator)
+
+    async def _stop(self, link: RobotClient, operator: str) -> Reply:
+        try:
+            return await _run_in_pool(self._stop_pool, link.stop, operator)
+        except BusError as error:
+            return Reply(False, str(error))
+
+
+async def _run_in_pool(
+    pool: Executor, call: Callable[_Args, _Answer], *args: _Args.args, **kwargs: _Args.kwargs
+) -> _Answer:
+    return await asyncio.get_running_loop().run_in_executor(pool, lambda: call(*args, **kwargs))

@@ -1,0 +1,266 @@
+"""Robot discovery: liveliness tokens of robots, and concurrent connection with retries."""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from types import MappingProxyType
+
+from tsd_twin.bus import Bus
+from tsd_twin.dashboard.robot_client import RobotClient
+from tsd_twin.dashboard.server.telemetry import RobotTelemetry
+from tsd_twin.errors import BusError, MessageError, TwinError
+from tsd_twin.messages import topics
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.services import Event, decode_json
+from tsd_twin.messages.topics import Service
+
+_CONNECTOR_LOG = logging.getLogger(__name__)
+
+MAX_PENDING_ROBOTS = 1024
+"""Robots that have not answered yet; when more come, the one gives way that failed most often."""
+FIRST_RETRY_S, MAX_RETRY_S = 0.5, 30.0
+"""Time until a robot that has not answered is asked again: twice as long each time."""
+_QUERY_TIMEOUT_S = 5.0
+"""A question that has had no end for so long is asked again."""
+
+TakeReply = Callable[[bytes | None], None]
+"""Takes the answer of a robot, None when there is none."""
+
+
+@dataclass(slots=True)
+class _PendingRobot:
+    """When a robot is asked next."""
+
+    number: int
+    """Rises with each coming."""
+    due_s: float
+    failures: int = 0
+
+
+class RobotConnector:
+    """Has every robot asked that has come, and what it answers looked at.
+
+    No question is waited for, so no robot waits for the silence of others. One thread does it all.
+    """
+
+    def __init__(
+        self, ask: Callable[[str, TakeReply], None], meet: Callable[[str, bytes], None]
+    ) -> None:
+        """`ask` sends a question and does not wait; `meet` takes the answer, on a thread of this.
+
+        The answer may come on any thread.
+        """
+        self._ask, self._meet = ask, meet
+        self._pending: dict[str, _PendingRobot] = {}
+        self._answers: deque[tuple[str, int, bytes | None]] = deque(maxlen=MAX_PENDING_ROBOTS)
+        self._appearances = 0
+        self._changed = threading.Condition()
+        threading.Thread(target=self._work, name="fleet", daemon=True).start()
+
+    def add_robot(self, robot_id: str) -> None:
+        """Have a robot met, now; also one that has been met before, since it may be another."""
+        with self._changed:
+            self._appearances += 1
+            turn = self._pending.get(robot_id)
+            if turn is None:
+                if len(self._pending) >= MAX_PENDING_ROBOTS:
+                    del self._pending[
+                        max(self._pending, key=lambda each: self._pending[each].failures)
+                    ]
+                turn = self._pending[robot_id] = _PendingRobot(0, 0.0)
+            turn.number, turn.due_s = self._appearances, time.monotonic()
+            self._changed.notify()
+
+    def remove_robot(self, robot_id: str) -> None:
+        """Do not ask a robot any more."""
+        with self._changed:
+            self._pending.pop(robot_id, None)
+
+    def _answered(self, robot_id: str, number: int, answer: bytes | None) -> None:
+        with self._changed:
+            self._answers.append((robot_id, number, answer))
+            self._changed.notify()
+
+    def _work(self) -> None:
+        while True:
+            questions, answer = self._next()
+            try:
+                for robot_id, number in questions:
+                    self._ask(robot_id, partial(self._answered, robot_id, number))
+                if answer is not None:
+                    self._meet(*answer)
+            except Exception:  # A robot that cannot be met must not end the thread for others.
+                _CONNECTOR_LOG.exception("a robot cannot be met")
+
+    def _next(self) -> tuple[list[tuple[str, int]], tuple[str, bytes] | None]:
+        """Wait, and return whom to ask now, and an answer to look at."""
+        with self._changed:
+            while True:
+                answer = self._answer()
+                now_s = time.monotonic()
+                due = [(name, turn) for name, turn in self._pending.items() if turn.due_s <= now_s]
+                for _, turn in due:
+                    turn.due_s = now_s + _QUERY_TIMEOUT_S
+                if due or answer is not None:
+                    return [(name, turn.number) for name, turn in due], answer
+                next_s = min((turn.due_s for turn in self._pending.values()), default=None)
+                self._changed.wait(None if next_s is None else next_s - now_s)
+
+    def _answer(self) -> tuple[str, bytes] | None:
+        """Return an answer of a robot that is waited for, and put off those that gave none."""
+        while self._answers:
+            robot_id, number, answer = self._answers.popleft()
+            turn = self._pending.get(robot_id)
+            if turn is None or turn.number != number:
+                continue  # It has gone, or come again and been asked again.
+            if answer is not None:
+                del self._pending[robot_id]
+                return robot_id, answer
+            turn.due_s = time.monotonic() + min(FIRST_RETRY_S * 2.0**turn.failures, MAX_RETRY_S)
+            turn.failures = min(turn.failures + 1, 16)
+        return None
+
+
+_LOG = logging.getLogger(__name__)
+
+MOST_ROBOTS = 64
+"""Robots that are shown; a bus without access rules lets made-up robots in."""
+_NAMED = 256
+"""Robots of which it is logged once why they cannot be shown."""
+_LOGGED = 300
+"""Characters of that: what is wrong may quote the description."""
+_EVENTS = 1000
+"""Events that wait; when more come, the oldest give way."""
+_EVENT_BYTES = 16_384
+_INSTANCES = 4096
+
+
+class RobotDiscovery:
+    """Clients of all robots that are alive; a robot that disappears keeps its client, and its state
+    ages.
+
+    A robot that comes is asked for its description and not waited for, so that one that is slow to
+    answer, or answers nonsense, keeps no other waiting.
+    """
+
+    def __init__(self, bus: Bus) -> None:
+        self._bus = bus
+        self._links: dict[str, RobotClient] = {}
+        self._fetched: queue.SimpleQueue[RobotClient] = queue.SimpleQueue()
+        self._events: deque[tuple[str, Event]] = deque(maxlen=_EVENTS)
+        self._on_change: list[Callable[[], None]] = []
+        self._named: set[str] = set()
+        self._instances: dict[str, set[str]] = {}
+        self._instance_count = 0
+        self._coming = RobotConnector(self._ask, self._fetch_descriptions)
+        bus.subscribe_liveliness(topics.alive_key("*"), self._on_liveliness)
+        bus.subscribe_liveliness(topics.instance_key("*", "*"), self._note_instance)
+        bus.subscribe_events(topics.EVENT.key("*"), self._on_event)
+
+    @property
+    def links(self) -> MappingProxyType[str, RobotClient]:
+        """All robots seen so far, by id."""
+        return MappingProxyType(self._links)
+
+    def on_change(self, call: Callable[[], None]) -> None:
+        """Call this, on the thread of `refresh`, when a robot has come."""
+        self._on_change.append(call)
+
+    def refresh(self) -> list[str]:
+        """Add robots that appeared since the last call, and return their ids."""
+        came: list[str] = []
+        while not self._fetched.empty():
+            link = self._fetched.get()
+            if link.id in self._links:  # It was restarted, perhaps as another robot.
+                self._links[link.id].close()
+            elif len(self._links) >= MOST_ROBOTS:
+                link.close()
+                continue
+            self._links[link.id] = link
+            came.append(link.id)
+        for link in self._links.values():
+            link.has_duplicate = len(self._instances.get(link.id, ())) > 1
+        if came:
+            for call in self._on_change:
+                call()
+        return came
+
+    def _ask(self, robot_id: str, take: TakeReply) -> None:
+        try:
+            self._bus.request(Service.DESC.key(robot_id), b"", take)
+        except BusError:
+            take(None)  # The session is closed: the dashboard ends.
+
+    def _fetch_descriptions(self, robot_id: str, answer: bytes) -> None:
+        """Link to a robot that has described itself, unless it cannot be shown.
+
+        That one is asked again when it is started anew: until then it says the same.
+        """
+        if robot_id not in self._links and len(self._links) >= MOST_ROBOTS:
+            self._say_once(robot_id, f"{MOST_ROBOTS} robots are shown already")
+            return
+        try:
+            link = RobotClient(self._bus, robot_id, answer)
+            RobotTelemetry(link).info()  # What cannot be shown is found here, and not by a page.
+        except TwinError as error:
+            self._say_once(robot_id, str(error))
+        except Exception as error:  # Descriptions come from the bus: any of them may do harm.
+            self._say_once(robot_id, f"{type(error).__name__}: {error}")
+        else:
+            if link.ignored:
+                event = Event("description", link.ignored, robot_s=time.monotonic())
+                self._events.append((robot_id, event))
+            self._fetched.put(link)
+
+    def _say_once(self, robot_id: str, reason: str) -> None:
+        if robot_id not in self._named and len(self._named) < _NAMED:
+            self._named.add(robot_id)
+            _LOG.warning("robot %s cannot be shown: %s", robot_id, reason[:_LOGGED])
+
+    def take_events(self) -> list[tuple[str, Event]]:
+        """Return (robot, event) for all that happened since the last call."""
+        events: list[tuple[str, Event]] = []
+        while self._events:
+            events.append(self._events.popleft())
+        return events
+
+    def _on_liveliness(self, key: str, lives: bool) -> None:
+        try:
+            robot_id = topics.robot_of(key)
+        except BusError:
+            return  # Liveliness tokens are not authenticated; a robot has a valid id.
+        if lives:
+            self._coming.add_robot(robot_id)
+        else:
+            self._coming.remove_robot(robot_id)
+
+    def _note_instance(self, key: str, lives: bool) -> None:
+        try:
+            instances = self._instances.setdefault(topics.robot_of(key), set())
+        except BusError:
+            return
+        if lives and key not in instances and self._instance_count < _INSTANCES:
+            self._instance_count += 1
+            instances.add(key)
+        elif not lives and key in instances:
+            self._instance_count -= 1
+            instances.remove(key)
+        if not instances:
+            del self._instances[topics.robot_of(key)]
+
+    def _on_event(self, sample: Sample) -> None:
+        try:
+            robot_id = topics.robot_of(sample.key)
+            if len(sample.payload) > _EVENT_BYTES:
+                return
+            event = decode_json(sample.payload, Event, "an event")
+        except (BusError, MessageError):
+            return
+        self._events.append((robot_id, event))

@@ -1,0 +1,1 @@
+"""Scene and panels of the dashboard, drawn with viser."""

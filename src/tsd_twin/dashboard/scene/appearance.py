@@ -1,0 +1,116 @@
+"""Colours, layers with their scene nodes, and lights. Colours are distinct for colour-blind
+people.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from enum import StrEnum
+from typing import TypeAlias
+
+import viser
+
+Rgb: TypeAlias = tuple[int, int, int]
+
+ESTIMATE: Rgb = (36, 132, 227)
+"""What the robot believes: trail and covariance."""
+SETPOINT: Rgb = (0, 200, 215)
+"""What the robot is told."""
+TRUTH: Rgb = (60, 190, 90)
+"""What a simulator knows."""
+OTHER: Rgb = (232, 86, 120)
+"""What a robot that has two estimates believes less."""
+THRUST: Rgb = (240, 150, 10)
+"""What the wheels do over the ground."""
+PREVIEW: Rgb = (190, 70, 230)
+"""What the robot would do."""
+ROUTE: Rgb = (150, 110, 255)
+"""Where it is planned to go."""
+PREDICTED: Rgb = (235, 80, 160)
+"""Where the robot will be."""
+ENVELOPE: Rgb = (232, 90, 60)
+"""Where the robot can still get to."""
+SUSPECT: Rgb = (225, 40, 40)
+"""What contradicts all the rest."""
+STALE: Rgb = (128, 132, 138)
+"""What is not known any more."""
+GRID_FINE: Rgb = (128, 134, 142)
+GRID_METRE: Rgb = (118, 124, 132)
+GRID_LABEL: Rgb = (140, 146, 155)
+
+
+ROOT = "/w"
+"""The world, `odom`: everything hangs on it. It moves so that the robot keeps its place."""
+
+
+class Layer(StrEnum):
+    """What a client may hide; the values are the words of the panel."""
+
+    SETPOINT = "set-point"
+    TRUTH = "true pose"
+    OTHER = "other estimate"
+    TRAIL = "trail"
+    ROUTE = "planned path"
+    ARROWS = "thrust arrows"
+    ELLIPSE = "covariance ellipse"
+    PREDICTED = "predicted pose"
+    ENVELOPE = "stop envelope"
+    LABELS = "labels"
+
+
+TRUE_POSES, ALTERNATIVE_POSES, TRAILS, AXIS_LABELS = (
+    f"{ROOT}/t",
+    f"{ROOT}/o",
+    f"{ROOT}/k",
+    f"{ROOT}/l",
+)
+"""Nodes of all robots' true poses, of what else is estimated, of all trails, and of the metres on
+the floor."""
+ROUTES = f"{ROOT}/p"
+"""Node of all planned paths."""
+_SHARED_NODES = {
+    Layer.TRUTH: TRUE_POSES,
+    Layer.OTHER: ALTERNATIVE_POSES,
+    Layer.TRAIL: TRAILS,
+    Layer.ROUTE: ROUTES,
+    Layer.LABELS: AXIS_LABELS,
+}
+_ROBOT_NODES = {
+    Layer.SETPOINT: "s",
+    Layer.ARROWS: "a",
+    Layer.ELLIPSE: "e",
+    Layer.PREDICTED: "g",
+    Layer.ENVELOPE: "b",
+    Layer.LABELS: "n",
+}
+
+
+def robot_node(robot_id: str) -> str:
+    """Return the node that stands on the floor below a robot, and turns with it."""
+    return f"{ROOT}/r/{robot_id}"
+
+
+def overlay_node(layer: Layer, robot_id: str) -> str:
+    """Return the node that shows a layer of one robot and moves with it."""
+    return f"{robot_node(robot_id)}/{_ROBOT_NODES[layer]}"
+
+
+def layer_nodes(layer: Layer, robot_ids: Iterable[str]) -> set[str]:
+    """Return the nodes to hide so that a layer cannot be seen: what is below them is hidden too."""
+    shared = {_SHARED_NODES[layer]} if layer in _SHARED_NODES else set[str]()
+    return shared | {overlay_node(layer, one) for one in robot_ids if layer in _ROBOT_NODES}
+
+
+_AMBIENT_NODE = "/ambient"
+_AMBIENT_INTENSITY = 1.5
+"""As bright as the reflections that it stands for."""
+
+
+def disable_shadows_and_reflections(own: viser.SceneApi) -> None:
+    """Take shadows and reflections from the scene of one client: they take most of a frame's time.
+
+    Also after its nodes have been reset.
+    """
+    own.configure_default_lights(cast_shadow=False)
+    own.configure_environment_map(None)
+    own.add_light_ambient(_AMBIENT_NODE, intensity=_AMBIENT_INTENSITY)

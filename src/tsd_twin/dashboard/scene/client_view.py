@@ -1,0 +1,293 @@
+"""Scene of one client: hidden layers, followed robot, camera, and the pose preview."""
+
+from __future__ import annotations
+
+import threading
+from enum import StrEnum
+
+import numpy as np
+import viser
+
+from tsd_twin.dashboard.scene import appearance
+from tsd_twin.dashboard.scene.appearance import (
+    ROOT,
+    Layer,
+    disable_shadows_and_reflections,
+    layer_nodes,
+    robot_node,
+)
+from tsd_twin.dashboard.scene.overlays import ARROW_HEAD_M, MIN_ARROW_SPEED_MPS, arrow_points
+from tsd_twin.dashboard.scene.picking import CameraPose, floor_points, sphere_point
+from tsd_twin.dashboard.scene.robot_overlays import add_wireframe
+from tsd_twin.dashboard.scene.robot_visual import RobotVisual
+from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.viser_compat.private_api import scale_instances
+from tsd_twin.dashboard.viser_compat.viser_server import CAMERA_OFFSET_M, LOOK_AT_M
+from tsd_twin.kinematics import JointKind
+from tsd_twin.lie import SE2, Array
+from tsd_twin.models import Link
+
+
+class PosePreview:
+    """Pose preview in one client's scene: posed gimbals, or arrows for wheels that only roll."""
+
+    def __init__(self, client: viser.ClientHandle) -> None:
+        self._client = client
+        self._links: dict[Link, viser.BatchedGlbHandle] = {}
+        self._arrows: viser.ArrowsHandle | None = None
+
+    def draw(self, body: RobotVisual, joints: Array | None) -> None:
+        """Show what a joint vector (n,) would do; None: what is."""
+        if not body.meshes.shape.tilts:
+            self._point(body, joints)
+        elif joints is not None:
+            self._pose(body, joints)
+        elif self._links:
+            for handle in self._links.values():
+                handle.visible = False
+            self._hide(body, None)
+
+    def forget(self, body: RobotVisual) -> None:
+        """The nodes of this client are gone: show the links of a robot again."""
+        if self._links:
+            self._hide(body, None)
+
+    def clear(self) -> None:
+        """The nodes of this client are gone."""
+        self._links.clear()
+        self._arrows = None
+
+    def _point(self, body: RobotVisual, joints: Array | None) -> None:
+        if self._arrows is not None:
+            self._arrows.remove()
+            self._arrows = None
+        if joints is None:
+            return
+        places, velocities = body.meshes.shape.skeleton.contacts(joints)
+        speeds = np.linalg.norm(velocities, axis=-1)
+        fast = speeds >= MIN_ARROW_SPEED_MPS
+        if fast.any():
+            self._arrows = self._client.scene.add_arrows(
+                f"{robot_node(body.id)}/pa",
+                arrow_points(places[fast], velocities[fast], speeds[fast]),
+                appearance.PREVIEW,
+                shaft_radius=0.005,
+                head_radius=0.013,
+                head_length=ARROW_HEAD_M,
+            )
+
+    def _pose(self, body: RobotVisual, joints: Array) -> None:
+        shape = body.meshes.shape
+        wheels = np.array([joint.kind is JointKind.VELOCITY for joint in shape.kinematics.joints])
+        angles = np.where(wheels, body.angles, joints)
+        poses = shape.skeleton.poses(SE2.identity(), body.ball, angles)
+        for kind in shape.moving:
+            if kind not in self._links:
+                self._links[kind] = self._client.scene.add_batched_glb(
+                    f"{robot_node(body.id)}/p{kind}",
+                    shape.tinted(kind, appearance.PREVIEW),
+                    *poses[kind],
+                    lod="off",
+                )
+            self._links[kind].batched_wxyzs = poses[kind].wxyz.astype(np.float32)
+            self._links[kind].visible = True
+        self._hide(body, body.id)
+
+    def _hide(self, body: RobotVisual, robot_id: str | None) -> None:
+        """Let this client not see the moving links of one robot, or see those of all."""
+        for kind in body.meshes.shape.moving:
+            scales = body.meshes.scales_without(robot_id, kind)
+            scale_instances(self._client, body.meshes.node(kind), scales)
+
+
+class TruePoseDisplay(StrEnum):
+    """When the true pose is shown; the values are the words of the panel."""
+
+    DIFFERS = "when it differs"
+    ALWAYS = "always"
+    NEVER = "never"
+
+
+class CameraPreset(StrEnum):
+    """Where to look from; the values are the words of the panel."""
+
+    ISO = "iso"
+    BEHIND = "behind"
+    TOP = "top"
+
+
+class ClientView:
+    """Nodes that belong to one client alone; where it has one, it stands for the shared one."""
+
+    def __init__(self, scene: Scene, client: viser.ClientHandle, *, plain: bool = False) -> None:
+        """`plain` is for a browser without a graphics card."""
+        self._no_gpu = plain
+        if plain:
+            disable_shadows_and_reflections(client.scene)
+        self._scene = scene
+        self._client = client
+        self._robot_id = scene.default_robot_id
+        self._requested_id: str | None = None
+        self._hidden: set[Layer] = set()
+        self._true_pose_display = TruePoseDisplay.DIFFERS
+        self._fixed_world_xy: tuple[float, float] | None = None
+        self._world: viser.FrameHandle | None = None
+        self._preview_joints: Array | None = None
+        self._preview = PosePreview(client)
+
+    # What it looks at.
+
+    @property
+    def lock(self) -> threading.RLock:
+        """For who changes several things that have to go together."""
+        return self._scene.lock
+
+    @property
+    def robot_id(self) -> str | None:
+        """The robot that it follows and tries out."""
+        return self._robot_id
+
+    @property
+    def robot_ids(self) -> tuple[str, ...]:
+        """All robots that it could look at."""
+        return tuple(self._scene.visuals)
+
+    @property
+    def visual(self) -> RobotVisual | None:
+        """The robot that it looks at; None as long as there is none."""
+        return self._scene.visuals.get(self._robot_id or "")
+
+    def select_robot(self, robot_id: str) -> None:
+        """Follow and try out this robot, or as soon as it comes."""
+        with self._scene.lock:
+            self._requested_id = robot_id
+            self.on_robots_changed()
+
+    def set_following(self, on: bool) -> None:
+        """Let the robot keep its place in the picture, or let it drive away."""
+        with self._scene.lock:
+            self._fixed_world_xy = None if on else self._world_xy
+            self.on_robots_changed()
+
+    def set_camera(self, camera: CameraPreset) -> None:
+        """Turn the camera to the robot."""
+        body = self.visual
+        x, y, heading = body.pose if body else np.zeros(3)
+        seen_x, seen_y = self._world_xy
+        offset = np.array(CAMERA_OFFSET_M)
+        if camera is CameraPreset.TOP:
+            offset = np.array([-0.01, 0.0, 1.3])
+        elif camera is CameraPreset.BEHIND:
+            back = SE2(np.array([0.0, 0.0, heading])).rotate(np.array([-0.85, 0.0]))
+            offset = np.array([*back, 0.42])
+        middle = np.array([x + seen_x, y + seen_y, 0.0])
+        with self._client.atomic():
+            self._client.camera.position = middle + offset
+            self._client.camera.look_at = middle + LOOK_AT_M
+        self._client.flush()
+
+    def pick_sphere(self, origin: Array, direction: Array) -> tuple[float, float, float] | None:
+        """Return the point of the ball that a ray (3,), (3,) in its picture meets."""
+        body = self.visual
+        radius_m = None if body is None else body.meshes.shape.ball_radius_m
+        if body is None or radius_m is None:
+            return None
+        x, y = self._world_xy
+        height_m = body.meshes.shape.skeleton.tree.height_m
+        centre = np.array([x + body.pose[0], y + body.pose[1], height_m])
+        return sphere_point(origin, direction, centre, radius_m, body.ball)
+
+    def pick_floor(self, shares: Array) -> Array:
+        """Return the places (m, 2) in `odom` that its picture shows, as `on_floor`."""
+        camera = self._client.camera
+        camera_pose = CameraPose(camera.position, camera.wxyz, camera.fov, camera.aspect)
+        return floor_points(camera_pose, shares) - np.array(self._world_xy)
+
+    # What it shows.
+
+    def set_layer_visible(self, layer: Layer, on: bool) -> None:
+        """Show or hide a layer."""
+        with self._scene.lock:
+            (self._hidden.discard if on else self._hidden.add)(layer)
+            self.on_robots_changed()
+
+    def set_true_pose_display(self, truth: TruePoseDisplay) -> None:
+        """Show the true pose always, never, or when it differs from the estimate."""
+        with self._scene.lock:
+            self._true_pose_display = truth
+            self.on_robots_changed()
+
+    # What it tries out.
+
+    def set_preview(self, joints: Array | None) -> None:
+        """Show in this picture only what a joint vector (n,) would do; None: what is.
+
+        It poses gimbals; of wheels that only roll, arrows tell which way and how fast.
+        """
+        with self._scene.lock:
+            self._preview_joints = joints
+            self._draw_preview()
+        self._client.flush()
+
+    def _draw_preview(self) -> None:
+        if self.visual is not None:
+            self._preview.draw(self.visual, self._preview_joints)
+
+    # What the scene asks for.
+
+    def on_robots_moved(self) -> None:
+        """Move the world of this client, if it follows another robot than the rest."""
+        if self._world is not None and self._fixed_world_xy is None:
+            self._world.position = (*self._world_xy, 0.0)
+            self._client.flush()
+
+    def on_robots_changed(self) -> None:
+        """Make the nodes of this client anew, after robots came or went, or a wish has changed."""
+        own = self._client.scene
+        with self._client.atomic():
+            for body in self._scene.visuals.values():
+                self._preview.forget(body)
+            own.reset()
+            self._preview.clear()
+            self._world = None
+            self._select_available()
+            if self._fixed_world_xy is not None or self._robot_id != self._scene.default_robot_id:
+                self._world = own.add_frame(ROOT, show_axes=False, position=(*self._world_xy, 0.0))
+            if self._no_gpu:
+                disable_shadows_and_reflections(own)
+            self._hide_layers(own)
+            if self._preview_joints is not None:
+                self._draw_preview()
+        self._client.flush()
+
+    def _select_available(self) -> None:
+        """Turn to the robot that was chosen; while it is not there, to one that is."""
+        bodies = self._scene.visuals
+        shown = next(
+            (each for each in (self._requested_id, self._robot_id) if each in bodies), None
+        )
+        shown = shown or self._scene.default_robot_id
+        if shown != self._robot_id:
+            self._robot_id, self._preview_joints = shown, None
+
+    def _hide_layers(self, own: viser.SceneApi) -> None:
+        hidden = set(self._hidden)
+        if self._true_pose_display is TruePoseDisplay.NEVER:
+            hidden.add(Layer.TRUTH)
+        for layer in hidden:
+            for node in layer_nodes(layer, self._scene.visuals):
+                own.add_frame(node, show_axes=False, visible=False)
+        if self._true_pose_display is TruePoseDisplay.ALWAYS:
+            for body in self._scene.visuals.values():
+                name = body.overlays.truth.wireframe_name
+                add_wireframe(own, name, body.meshes.shape, appearance.TRUTH, visible=True)
+
+    @property
+    def _world_xy(self) -> tuple[float, float]:
+        """Where the origin of `odom` is in the picture of this client."""
+        if self._fixed_world_xy is not None:
+            return self._fixed_world_xy
+        body = self.visual
+        if body is None or body.id == self._scene.default_robot_id:
+            return self._scene.world_xy
+        return -float(body.pose[0]), -float(body.pose[1])

@@ -1,0 +1,339 @@
+"""Overlays of the scene: thrust arrows, covariance ellipse, stop envelope, trail, planned path,
+fault ring.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import viser
+from manifold3d import CrossSection
+
+from tsd_twin.dashboard.scene import appearance
+from tsd_twin.dashboard.scene.robot_geometry import RobotShape, Skeleton, Surface
+from tsd_twin.lie import SE2, Array
+from tsd_twin.messages.status import Status
+
+
+class RateLimiter:
+    """Tells when the next turn is due; the time is an argument."""
+
+    def __init__(self, hz: float) -> None:
+        self._period_s = 1.0 / hz
+        self._last_s = -math.inf
+
+    def is_due(self, now_s: float) -> bool:
+        """Return whether a period has passed since this last returned True."""
+        # A little early counts: callers come in steps of their own period.
+        if now_s - self._last_s < self._period_s - 1e-3:
+            return False
+        self._last_s = now_s
+        return True
+
+
+ARROW_LENGTH_PER_SPEED_S = 0.25
+"""Metres of arrow for a metre a second."""
+MIN_ARROW_SPEED_MPS = 0.02
+ARROW_HEAD_M = 0.028
+ARROW_HEIGHT_M = 0.006
+
+
+class ThrustArrows:
+    """What each wheel gives the robot, or the ball on it: direction and speed, by the joints."""
+
+    def __init__(self, scene: viser.SceneApi, name: str, skeleton: Skeleton) -> None:
+        self._skeleton = skeleton
+        wheels = sum(link_groups.count for link_groups in skeleton.wheels)
+        self._rate = RateLimiter(12.0)
+        self._drawn = np.zeros((wheels, 3))
+        self._handle = scene.add_arrows(
+            name,
+            np.zeros((wheels, 2, 3)),
+            appearance.THRUST,
+            shaft_radius=0.004,
+            head_radius=0.011,
+            head_length=ARROW_HEAD_M,
+            visible=False,
+        )
+
+    def update(self, joints: Array, now_s: float) -> None:
+        """Show what joint vector (n,) does."""
+        if not self._rate.is_due(now_s):
+            return
+        places, velocities = self._skeleton.contacts(joints)
+        speeds = np.linalg.norm(velocities, axis=-1)
+        velocities[speeds < MIN_ARROW_SPEED_MPS] = 0.0
+        if np.abs(velocities - self._drawn).max() < 0.5 * MIN_ARROW_SPEED_MPS:
+            return
+        self._drawn = velocities
+        fast = speeds >= MIN_ARROW_SPEED_MPS
+        self._handle.visible = bool(fast.any())
+        if fast.any():
+            self._handle.points = arrow_points(places[fast], velocities[fast], speeds[fast])
+
+
+def arrow_points(starts: Array, velocities: Array, speeds: Array) -> npt.NDArray[np.float32]:
+    """Return arrows (n, 2, 3) from `starts` (n, 3), just above what they lie on."""
+    lifted = starts + np.array([0.0, 0.0, ARROW_HEIGHT_M])
+    # The head comes on top, so that the slowest arrow is no shorter than it.
+    ends = lifted + velocities * (ARROW_LENGTH_PER_SPEED_S + ARROW_HEAD_M / speeds)[:, None]
+    return np.stack([lifted, ends], axis=1).astype(np.float32)
+
+
+ELLIPSE_SIGMAS = 2.0
+_ELLIPSE_SIDES = 48
+_MIN_ELLIPSE_M = 0.002
+
+
+class CovarianceEllipse:
+    """Two standard deviations of the estimated position, on the floor below the robot."""
+
+    def __init__(self, scene: viser.SceneApi, name: str) -> None:
+        angles = np.linspace(0.0, 2.0 * np.pi, _ELLIPSE_SIDES + 1)
+        circle = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=-1)
+        self._rate = RateLimiter(5.0)
+        self._handle = scene.add_line_segments(
+            name,
+            np.stack([circle[:-1], circle[1:]], axis=1),
+            appearance.ESTIMATE,
+            thickness=1.5,
+            thickness_units="screen",
+            scale=_MIN_ELLIPSE_M,
+            position=(0.0, 0.0, 0.003),
+        )
+
+    def update(self, covariance: Array, heading_rad: float, now_s: float) -> None:
+        """Show a covariance (3, 3) of x, y, heading in `odom`, below a robot with that heading."""
+        if not self._rate.is_due(now_s):
+            return
+        variances, axes = np.linalg.eigh(covariance[:2, :2])
+        radii = np.maximum(ELLIPSE_SIGMAS * np.sqrt(np.maximum(variances, 0.0)), _MIN_ELLIPSE_M)
+        # A tenth of a millimetre cannot be seen; what is rounded to it is sent when it changes.
+        x_m, y_m = (round(float(radius), 4) for radius in radii)
+        half = 0.5 * (math.atan2(axes[1, 0], axes[0, 0]) - heading_rad)
+        self._handle.scale = (x_m, y_m, 1.0)
+        if x_m != y_m:
+            self._handle.wxyz = (math.cos(half), 0.0, 0.0, math.sin(half))
+
+
+ENVELOPE_SIDES = 40
+ENVELOPE_HEIGHT_M = 0.0025
+_ENVELOPE_OPACITY = 0.2
+_MIN_CHANGE_M = 0.001
+"""What changes by less is not sent again."""
+
+
+def swept_outline(path: Array, reach_m: float) -> Array:
+    """Return what a disc sweeps along `path` (n, 2+), or more: a convex polygon (SIDES, 2).
+
+    It is about the convex hull of the discs, by its support function: tangents in SIDES directions,
+    and where each meets the next. The arcs to standstill are short, so the hull adds little.
+    """
+    angles = np.arange(ENVELOPE_SIDES) * 2.0 * np.pi / ENVELOPE_SIDES
+    x, y = np.cos(angles), np.sin(angles)
+    far = (path[:, :2] @ np.stack([x, y])).max(axis=0) + reach_m
+    next_x, next_y, next_far = (np.roll(values, -1) for values in (x, y, far))
+    corners = np.stack([far * next_y - next_far * y, next_far * x - far * next_x], axis=-1)
+    return corners / np.sin(2.0 * np.pi / ENVELOPE_SIDES)
+
+
+class StopEnvelope:
+    """A translucent area with a rim, on the node of the robot; nothing at rest.
+
+    While the robot moves evenly the area is the same in its frame, and nothing is sent.
+    """
+
+    def __init__(self, scene: viser.SceneApi, name: str, reach_m: float) -> None:
+        self._reach_m = reach_m
+        self._shown = swept_outline(np.zeros((1, 2)), reach_m)
+        self._frame = scene.add_frame(name, show_axes=False)
+        fan = np.arange(1, ENVELOPE_SIDES - 1, dtype=np.uint32)
+        self._area = scene.add_mesh_simple(
+            f"{name}/a",
+            self._raised(),
+            np.stack([0 * fan, fan, fan + 1], axis=-1),
+            color=appearance.ENVELOPE,
+            opacity=_ENVELOPE_OPACITY,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+            visible=False,
+        )
+        self._rim = scene.add_line_segments(
+            f"{name}/r",
+            self._edges(),
+            appearance.ENVELOPE,
+            thickness=2.0,
+            thickness_units="screen",
+            visible=False,
+        )
+
+    def update(self, path: Array | None) -> None:
+        """Show where `path` (n, 3) leads, in the frame of the robot; None is nowhere."""
+        self._area.visible = self._rim.visible = path is not None
+        if path is None:
+            return
+        shape = swept_outline(path, self._reach_m)
+        if np.abs(shape - self._shown).max() < _MIN_CHANGE_M:
+            return
+        self._shown = shape
+        self._area.vertices = self._raised()
+        self._rim.points = self._edges()
+
+    def _raised(self) -> npt.NDArray[np.float32]:
+        return np.insert(self._shown, 2, ENVELOPE_HEIGHT_M, axis=1).astype(np.float32)
+
+    def _edges(self) -> npt.NDArray[np.float32]:
+        corners = self._raised()
+        return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+
+
+TRAIL_SPACING_M = 0.02
+TRAIL_CHUNK = 64
+TRAIL_CHUNKS = 32
+"""As many chunks of as many segments as are kept: the last 40 m."""
+TRAIL_JUMP_M = 0.5
+"""A step this long is no motion: the pose was set."""
+TRAIL_HEIGHT_M = 0.002
+
+
+class Trail:
+    """The path of the estimate, in chunks: only the newest one is sent again as it grows."""
+
+    def __init__(self, scene: viser.SceneApi, name: str) -> None:
+        self._scene = scene
+        self._name = name
+        self._nodes: dict[int, viser.LineSegmentsHandle] = {}
+        self._chunk = 0
+        self._segments: list[tuple[Array, Array]] = []
+        self._last: Array | None = None
+        self._sent = 0
+        self._rate = RateLimiter(5.0)
+
+    def update(self, xy: Array, now_s: float) -> None:
+        """Take in where the robot is, (2,)."""
+        here = np.array([xy[0], xy[1], TRAIL_HEIGHT_M])
+        step_m = np.inf if self._last is None else float(np.linalg.norm(here - self._last))
+        if step_m >= TRAIL_SPACING_M:
+            if self._last is not None and step_m < TRAIL_JUMP_M:
+                self._segments.append((self._last, here))
+            self._last = here
+        full = len(self._segments) >= TRAIL_CHUNK
+        if len(self._segments) > self._sent and (self._rate.is_due(now_s) or full):
+            self._send()
+        if full:
+            self._chunk = (self._chunk + 1) % TRAIL_CHUNKS
+            self._segments, self._sent = [], 0
+
+    def clear(self) -> None:
+        """Forget the path."""
+        for node in self._nodes.values():
+            node.remove()
+        self._nodes.clear()
+        self._segments, self._sent, self._chunk = [], 0, 0
+
+    def _send(self) -> None:
+        points = np.array(self._segments, np.float32)
+        self._sent = len(points)
+        if self._chunk in self._nodes:
+            self._nodes[self._chunk].points = points
+        else:
+            self._nodes[self._chunk] = self._scene.add_line_segments(
+                f"{self._name}/{self._chunk}",
+                points,
+                appearance.ESTIMATE,
+                thickness=2.5,
+                thickness_units="screen",
+            )
+
+
+ROUTE_HEIGHT_M = 0.003
+ROUTE_POINTS = 120
+"""Of the line; a robot cannot bend it more than these show."""
+_GOAL_RING_SIDES = 32
+_GOAL_TIP_M = 0.06
+
+
+def route_segments(poses: Array, reach_m: float) -> Array:
+    """Return the segments (k, 2, 3) of a way through `poses` (n, 3), n above 1.
+
+    At its end stands a ring as large as the robot, with a tip where it will look.
+    """
+    way = np.stack([poses[:-1, :2], poses[1:, :2]], axis=1)
+    around = np.arange(_GOAL_RING_SIDES) * 2.0 * np.pi / _GOAL_RING_SIDES
+    ring = reach_m * np.stack([np.cos(around), np.sin(around)], axis=-1)
+    tip = np.array(
+        [[reach_m, 0.5 * _GOAL_TIP_M], [reach_m + _GOAL_TIP_M, 0.0], [reach_m, -0.5 * _GOAL_TIP_M]]
+    )
+    end = SE2(poses[-1])
+    marks = np.concatenate(
+        [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1), np.stack([tip[:-1], tip[1:]], axis=1)]
+    )
+    placed = end.rotate(marks) + poses[-1, :2]
+    flat = np.concatenate([way, placed])
+    return np.concatenate([flat, np.full((*flat.shape[:-1], 1), ROUTE_HEIGHT_M)], axis=-1)
+
+
+class RouteLine:
+    """One node, which is there while there is a way."""
+
+    def __init__(self, scene: viser.SceneApi, name: str, reach_m: float) -> None:
+        self._scene = scene
+        self._name = name
+        self._reach_m = reach_m
+        self._node: viser.LineSegmentsHandle | None = None
+
+    def update(self, poses: Array | None) -> None:
+        """Show a way through `poses` (n, 3); None is nowhere."""
+        if self._node is not None:
+            self._node.remove()
+            self._node = None
+        if poses is not None:
+            self._node = self._scene.add_line_segments(
+                self._name,
+                route_segments(poses, self._reach_m).astype(np.float32),
+                appearance.ROUTE,
+                thickness=4.0,
+                thickness_units="screen",
+            )
+
+
+FAULT_RING_RADIUS_M = 0.075
+_FAULT_RING_THICKNESS_M = 0.006
+_FAULT_RING_HEIGHT_M = 0.008
+
+
+class FaultRing:
+    """Shown for as long as the robot suspects one of its actuators; it cannot be hidden."""
+
+    def __init__(self, scene: viser.SceneApi, name: str, shape: RobotShape) -> None:
+        self._actuators = shape.kinematics.actuators
+        # Where wheels touch does not depend on what they do: near enough for a ring.
+        at_rest = shape.kinematics.inverse(np.zeros(3))
+        self._places: Array = shape.skeleton.contacts(at_rest)[0]
+        profile: Any = CrossSection.circle(_FAULT_RING_THICKNESS_M, 8).translate(
+            (FAULT_RING_RADIUS_M, 0.0)
+        )
+        self._shown: str | None = None
+        self._handle = scene.add_mesh_simple(
+            name,
+            *Surface.of(profile.revolve(48)),
+            color=appearance.SUSPECT,
+            cast_shadow=False,
+            receive_shadow=False,
+            visible=False,
+        )
+
+    def update(self, status: Status) -> None:
+        """Show the suspected actuator, if any."""
+        suspect = status.consistency.suspect
+        if suspect == self._shown:
+            return
+        self._shown = suspect
+        self._handle.visible = suspect in self._actuators
+        if suspect in self._actuators:
+            x, y, z = self._places[self._actuators.index(suspect)]
+            self._handle.position = (float(x), float(y), float(z) + _FAULT_RING_HEIGHT_M)

@@ -1,0 +1,316 @@
+"""Panel of one client: tabs Drive, actuators, View, Plots and Health."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from enum import StrEnum
+from typing import Any, TypeAlias
+
+import numpy as np
+import viser
+
+from tsd_twin.dashboard.scene.appearance import Layer
+from tsd_twin.dashboard.scene.client_view import CameraPreset, ClientView, TruePoseDisplay
+from tsd_twin.dashboard.scene.robot_visual import SPIN_SLOWDOWN, RobotVisual
+from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.twist_axes import FLOOR_AXES, axis_limits, twist_axes_of
+from tsd_twin.dashboard.viser_compat.private_api import rename_tab
+from tsd_twin.dashboard.viser_compat.viser_server import set_theme
+from tsd_twin.lie import Array
+from tsd_twin.motion import TwistLimiter
+from tsd_twin.robots import KINDS, kind_of
+
+_SLIDER_STEPS = 50
+"""Steps of a slider from zero to its end."""
+
+
+class SliderMode(StrEnum):
+    """What the sliders are for; the values are the words of the panel."""
+
+    PREVIEW = "preview"
+    DRIVE = "drive"
+
+
+OnSlidersMoved: TypeAlias = Callable[[float, float, float, SliderMode, bool], None]
+"""Called with the three numbers of the twist, the mode and whether it is latched."""
+
+
+class DriveTab:
+    """Sliders for the twist, what they are for, and the choice of a robot.
+
+    Callbacks are coroutines that never wait: viser runs others in any order.
+    """
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        view: ClientView,
+        on_moved: OnSlidersMoved,
+        on_robot: Callable[[str], None],
+    ) -> None:
+        self._view = view
+        self._on_moved = on_moved
+        self._on_robot = on_robot
+        self._robot: viser.GuiDropdownHandle[str] = gui.add_dropdown(
+            "robot", [""], hint="The robot to look at and to drive"
+        )
+        self._sliders = [
+            gui.add_slider(
+                one.label,
+                -1.0,
+                1.0,
+                1.0 / _SLIDER_STEPS,
+                0.0,
+                hint=one.hint,
+            )
+            for one in FLOOR_AXES
+        ]
+        self._mode: viser.GuiDropdownHandle[str] = gui.add_dropdown(
+            "mode",
+            [str(mode) for mode in SliderMode],
+            hint="preview shows in your picture what the joints would do; drive commands the robot",
+        )
+        self._latch = gui.add_checkbox(
+            "latch",
+            initial_value=False,
+            hint="In mode drive: keep driving after you let go of a slider",
+        )
+        zero = gui.add_button("Zero", hint="All sliders back to zero")
+        for slider in self._sliders:
+            slider.on_update(self._on_slider)
+        self._latch.on_update(self._on_slider)
+        self._mode.on_update(self._on_zero)
+        zero.on_click(self._on_zero)
+        self._robot.on_update(self._on_robot_selected)
+        self.update_controls()
+
+    def update_controls(self) -> None:
+        """Take in which robots there are, and which one this client looks at."""
+        body, ids = self._view.visual, self._view.robot_ids
+        self._robot.visible = len(ids) > 1
+        for slider in self._sliders:
+            slider.disabled = body is None
+        if body is None:
+            return
+        self._robot.options = ids
+        self._robot.value = body.id
+        drive = body.link.kinematics
+        for slider, component, end in zip(
+            self._sliders,
+            twist_axes_of(drive),
+            axis_limits(drive, body.link.robot.limits),
+            strict=True,
+        ):
+            slider.label = component.label
+            slider.hint = component.hint
+            slider.min, slider.max, slider.step = -end, end, end / _SLIDER_STEPS
+
+    def reset_sliders(self) -> None:
+        """Let the sliders spring back, and show the joints as they are."""
+        for slider in self._sliders:
+            slider.value = 0.0
+        self._view.set_preview(None)
+
+    async def _on_slider(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:  # Otherwise it was moved by us.
+            self._report()
+
+    async def _on_zero(self, event: viser.GuiEvent[Any]) -> None:
+        if event.client is not None:
+            self.reset_sliders()  # So nothing starts to move by a change of mode.
+            self._report()
+
+    async def _on_robot_selected(self, event: viser.GuiEvent[Any]) -> None:
+        robot_id = self._robot.value
+        if event.client is not None and robot_id in self._view.robot_ids:
+            with self._view.lock:  # Another thread may bring the choice of the rest of the page.
+                self.reset_sliders()
+                self._view.select_robot(robot_id)
+                self.update_controls()
+            self._on_robot(robot_id)
+
+    def _report(self) -> None:
+        body = self._view.visual
+        if body is None:
+            return
+        twist = self._twist(body)
+        mode = SliderMode.DRIVE if self._mode.value == SliderMode.DRIVE else SliderMode.PREVIEW
+        tries = mode is SliderMode.PREVIEW and bool(twist.any())
+        self._view.set_preview(body.kinematics.inverse(twist) if tries else None)
+        first, second, third = (float(number) for number in twist)
+        self._on_moved(first, second, third, mode, bool(self._latch.value))
+
+    def _twist(self, body: RobotVisual) -> Array:
+        """Return what the sliders say (3,), within the limits; a client may send any number."""
+        numbers = [float(slider.value) for slider in self._sliders]
+        twist = np.array([number if math.isfinite(number) else 0.0 for number in numbers])
+        return TwistLimiter(body.kinematics, body.link.robot.limits).cap(twist)
+
+
+_LAYER_HINTS = {
+    Layer.SETPOINT: "Cyan rings: where the gimbals are told to be",
+    Layer.TRAIL: "Blue line: where the robot believes it was, the last 40 m",
+    Layer.ROUTE: "Violet line: the path that is planned, for everybody to see",
+    Layer.OTHER: "Rose cage: where the robot is by its other estimate, of robots that have two",
+    Layer.ARROWS: "Yellow: direction and speed that each wheel gives the robot, or the ball on it",
+    Layer.ELLIPSE: "Blue ellipse: where the robot is with 86 % certainty, two sigma",
+    Layer.PREDICTED: "Pink cage: where the robot will be when a command sent now arrives",
+    Layer.ENVELOPE: "Red area: where the robot can still get to if the link dies now",
+    Layer.LABELS: "Metres on the axes of the floor, and names when there are several robots",
+}
+
+
+class ViewTab:
+    """Switches for everything that can be hidden, the camera, and the colours."""
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        view: ClientView,
+        clear_trails: Callable[[], None],
+        *,
+        dark: bool,
+    ) -> None:
+        self._gui = gui
+        self._view = view
+        self._clear_trails = clear_trails
+        self._toggle("follow", view.set_following, "The robot keeps its place in the picture")
+        camera = gui.add_button_group(
+            "camera", [str(side) for side in CameraPreset], hint="Turn the camera to the robot"
+        )
+        for layer, hint in _LAYER_HINTS.items():
+            self._toggle(layer, lambda on, layer=layer: view.set_layer_visible(layer, on), hint)
+        truth = gui.add_dropdown(
+            "true pose",
+            [str(choice) for choice in TruePoseDisplay],
+            hint="Green cage: where a simulated robot really is",
+        )
+        clear = gui.add_button("Clear trail", hint="Forget where the robots were, for everybody")
+        self._toggle("dark", lambda on: set_theme(gui, dark=on), "Dark colours", initial=dark)
+        gui.add_markdown(
+            f"Wheels on gimbals are drawn turning {SPIN_SLOWDOWN} times slower than they do."
+        )
+        camera.on_click(self._on_camera)
+        truth.on_update(self._on_true_pose)
+        clear.on_click(self._on_clear)
+
+    def _toggle(
+        self, label: str, act: Callable[[bool], None], hint: str, *, initial: bool = True
+    ) -> None:
+        async def toggled(event: viser.GuiEvent[Any]) -> None:
+            act(bool(event.target.value))
+
+        self._gui.add_checkbox(label, initial, hint=hint).on_update(toggled)
+
+    async def _on_camera(self, event: viser.GuiEvent[Any]) -> None:
+        if event.target.value in list(CameraPreset):  # A client may send anything.
+            self._view.set_camera(CameraPreset(event.target.value))
+
+    async def _on_true_pose(self, event: viser.GuiEvent[Any]) -> None:
+        if event.target.value in list(TruePoseDisplay):
+            self._view.set_true_pose_display(TruePoseDisplay(event.target.value))
+
+    async def _on_clear(self, _event: viser.GuiEvent[Any]) -> None:
+        self._clear_trails()
+
+
+_ACTUATOR_TAB = KINDS[0].actuator_tab
+"""Label of the tab of the actuators while no robot is chosen."""
+
+
+class Panel:
+    """Tabs Drive, Gimbals or what else the robot has, View, Plots and Health.
+
+    The second, Plots, Health and the end of Drive are empty places, marked `data-tsd`: the page
+    itself draws there, from a socket of its own, so that nothing is sent twice.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        client: viser.ClientHandle,
+        on_moved: OnSlidersMoved,
+        on_robot: Callable[[str], None],
+        *,
+        dark: bool,
+        watches: bool = False,
+        plain: bool = False,
+    ) -> None:
+        """A client that only watches has no control whose movement would be heard.
+
+        One that draws without a graphics card has a `plain` scene.
+        """
+        self.client = client
+        self._view = ClientView(scene, client, plain=plain)
+        self._on_robot = on_robot
+        gui = client.gui
+        tabs = gui.add_tab_group()
+        self._drive_tab: DriveTab | None = None
+        if not watches:
+            with tabs.add_tab("Drive"):
+                self._drive_tab = DriveTab(gui, self._view, on_moved, self._chosen)
+                gui.add_html('<div data-tsd="wheel_speed"></div>')
+                gui.add_html('<div data-tsd="route"></div>')
+        self._actuator_tab = tabs.add_tab(_ACTUATOR_TAB)
+        with self._actuator_tab:
+            gui.add_html('<div data-tsd="joints"></div>')
+        if not watches:
+            with tabs.add_tab("View"):
+                ViewTab(gui, self._view, scene.clear_trails, dark=dark)
+        with tabs.add_tab("Plots"):
+            gui.add_html('<div data-tsd="plots"></div>')
+        with tabs.add_tab("Health"):
+            gui.add_html('<div data-tsd="health"></div>')
+        self._label_actuator_tab()
+
+    @property
+    def robot_id(self) -> str | None:
+        """The robot that its client looks at."""
+        return self._view.robot_id
+
+    def pick_sphere(self, origin: Array, direction: Array) -> tuple[float, float, float] | None:
+        """Return the point of the robot's ball that a ray (3,), (3,) in the picture meets."""
+        return self._view.pick_sphere(origin, direction)
+
+    def pick_floor(self, shares: Array) -> Array:
+        """Return the places (m, 2) in `odom` that the picture shows, as `on_floor`."""
+        return self._view.pick_floor(shares)
+
+    def on_robots_moved(self) -> None:
+        """Follow the robot that has moved."""
+        self._view.on_robots_moved()
+
+    def on_robots_changed(self) -> None:
+        """Take in that robots have come or gone."""
+        self._view.on_robots_changed()
+        self._label_actuator_tab()
+        if self._drive_tab is not None:
+            self._drive_tab.update_controls()
+
+    def _chosen(self, robot_id: str) -> None:
+        self._label_actuator_tab()
+        self._on_robot(robot_id)
+
+    def _label_actuator_tab(self) -> None:
+        body = self._view.visual
+        rename_tab(
+            self._actuator_tab,
+            _ACTUATOR_TAB if body is None else kind_of(body.link.robot).actuator_tab,
+        )
+
+    def reset_sliders(self) -> None:
+        """Let the sliders spring back."""
+        if self._drive_tab is not None:
+            self._drive_tab.reset_sliders()
+
+    def select_robot(self, robot_id: str) -> None:
+        """Turn to another robot, chosen elsewhere in the page."""
+        with self._view.lock:  # Another thread may bring the choice in the panel itself.
+            before = self._view.robot_id
+            self._view.select_robot(robot_id)
+            if self._view.robot_id != before:
+                self.reset_sliders()
+                self._label_actuator_tab()
+                if self._drive_tab is not None:
+                    self._drive_tab.update_controls()

@@ -1,0 +1,147 @@
+"""Panel manager: one panel per viser client, and the page that each client belongs to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal, TypeAlias
+
+import numpy as np
+import viser
+
+from tsd_twin.dashboard.scene.panel import Panel, SliderMode
+from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.viser_compat.private_api import (
+    has_no_gpu,
+    is_disconnected,
+    is_viewer,
+    page_of,
+    prefers_dark,
+)
+from tsd_twin.dashboard.viser_compat.viser_server import set_theme
+from tsd_twin.lie import Array
+
+OnPanelMoved: TypeAlias = Callable[
+    [str, float, float, float, Literal["preview", "drive"], bool], None
+]
+"""Called on viser's thread with page, the three numbers of the twist, mode and latch."""
+OnSphereClick: TypeAlias = Callable[[str, str, tuple[float, float, float]], None]
+"""Called on viser's thread with page, robot id, and the unit vector to a point of its ball."""
+OnRobotSelected: TypeAlias = Callable[[str, str], None]
+"""Called on viser's thread with page and robot id."""
+
+
+class PanelManager:
+    """Makes a panel for each client that connects, and tells the gateway what is done there.
+
+    The panel of a client without a known page only moves its own scene.
+    """
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        scene: Scene,
+        on_panel: OnPanelMoved,
+        on_robot: OnRobotSelected,
+        on_point: OnSphereClick,
+        *,
+        robot_of: Callable[[str], str | None] = lambda _page: None,
+        dark: bool | None = None,
+    ) -> None:
+        """`dark` is the same for everybody; None is as each browser prefers.
+
+        `robot_of` is asked on viser's thread which robot the rest of a page shows.
+        """
+        self._server = server
+        self._scene = scene
+        self._on_panel = on_panel
+        self._on_robot = on_robot
+        self._on_point = on_point
+        self._robot_of = robot_of
+        self._dark = dark
+        self._panels: dict[int, Panel] = {}
+        self._pages: dict[int, str | None] = {}
+        scene.add_viewer(self)
+        scene.on_click = self._on_click
+        server.on_client_connect(self._on_connect)
+        server.on_client_disconnect(self._on_disconnect)
+
+    def reset_sliders(self, page: str) -> None:
+        """Reset the sliders of a page after a release."""
+        for panel in self._panels_of(page):
+            panel.reset_sliders()
+
+    def select_robot(self, page: str, robot_id: str) -> None:
+        """Turn the panel of a page to another robot."""
+        for panel in self._panels_of(page):
+            panel.select_robot(robot_id)
+
+    def pick_floor(self, page: str, shares: Array) -> Array:
+        """Return the places (m, 2) in `odom` that the picture of a page shows, as `on_floor`."""
+        with self._scene.lock:
+            for panel in self._panels_of(page):
+                return panel.pick_floor(shares)
+        return np.empty((0, 2))
+
+    def on_robots_moved(self) -> None:
+        """Let each client follow its robot."""
+        for panel in self._connected_panels():
+            panel.on_robots_moved()
+
+    def on_robots_changed(self) -> None:
+        """Take in that robots have come or gone."""
+        for panel in self._connected_panels():
+            panel.on_robots_changed()
+
+    def _on_click(
+        self, client: viser.ClientHandle, robot_id: str, origin: Array, direction: Array
+    ) -> None:
+        """Tell the page what was clicked on: it decides whether that shall move anything."""
+        with self._scene.lock:
+            panel, page = self._panels.get(client.client_id), self._pages.get(client.client_id)
+            if panel is None or page is None or panel.robot_id != robot_id:
+                return
+            at = panel.pick_sphere(origin, direction)
+        if at is not None:
+            self._on_point(page, robot_id, at)
+
+    def _panels_of(self, page: str) -> list[Panel]:
+        with self._scene.lock:
+            return [
+                panel
+                for panel in self._connected_panels()
+                if self._pages[panel.client.client_id] == page
+            ]
+
+    def _connected_panels(self) -> list[Panel]:
+        return [panel for panel in self._panels.values() if not is_disconnected(panel.client)]
+
+    async def _on_connect(self, client: viser.ClientHandle) -> None:
+        page = page_of(self._server, client.client_id)
+
+        def moved(x: float, y: float, turn: float, mode: SliderMode, latch: bool) -> None:
+            if page is not None:
+                self._on_panel(page, x, y, turn, mode.value, latch)
+
+        def robot(robot_id: str) -> None:
+            if page is not None:
+                self._on_robot(page, robot_id)
+
+        with self._scene.lock:  # No robot may come in between.
+            self._pages[client.client_id] = page
+            dark = self._dark
+            if dark is None:
+                dark = prefers_dark(self._server, client.client_id) is not False
+                set_theme(client.gui, dark=dark)
+            plain = has_no_gpu(self._server, client.client_id)
+            watches = is_viewer(self._server, client.client_id)
+            panel = Panel(
+                self._scene, client, moved, robot, dark=dark, watches=watches, plain=plain
+            )
+            if page is not None and (chosen := self._robot_of(page)) is not None:
+                panel.select_robot(chosen)
+            self._panels[client.client_id] = panel
+
+    async def _on_disconnect(self, client: viser.ClientHandle) -> None:
+        with self._scene.lock:
+            self._pages.pop(client.client_id, None)
+            self._panels.pop(client.client_id, None)

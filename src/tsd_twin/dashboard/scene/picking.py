@@ -1,0 +1,145 @@
+"""Picking: points of the floor and of a sphere below a screen position or click ray."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+import viser
+
+from tsd_twin.dashboard.scene.robot_geometry import RobotShape
+from tsd_twin.lie import SO3, Array
+
+MAX_DISTANCE_M = 60.0
+"""Closer to the horizon, a pixel is metres."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraPose:
+    """Where a picture is seen from."""
+
+    position: Array
+    """(3,): in the scene."""
+    wxyz: Array
+    """(4,): how it is turned; z is ahead, x to the right, y down, as OpenCV has it."""
+    view_rad: float
+    """Angle between its upper and its lower edge."""
+    aspect: float
+    """Width over height."""
+
+
+def floor_points(camera_pose: CameraPose, shares: Array) -> Array:
+    """Return the places (m, 2) on the floor of the scene that a picture shows at `shares` (n, 2).
+
+    Shares of width and height, right and down from the upper left corner. They end before the first
+    without floor, or beyond `MAX_DISTANCE_M`.
+    """
+    numbers = [*camera_pose.position, *camera_pose.wxyz, camera_pose.view_rad, camera_pose.aspect]
+    if not np.isfinite(numbers).all():
+        return np.empty((0, 2))  # A client may send any camera.
+    half = math.tan(0.5 * camera_pose.view_rad)
+    ahead = np.stack(
+        [
+            (2.0 * shares[:, 0] - 1.0) * half * camera_pose.aspect,
+            (2.0 * shares[:, 1] - 1.0) * half,
+            np.ones(len(shares)),
+        ],
+        axis=-1,
+    )
+    rays = SO3(camera_pose.wxyz).rotate(ahead)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        times = -camera_pose.position[2] / rays[:, 2]
+        met = camera_pose.position[:2] + times[:, None] * rays[:, :2]
+        away = np.hypot(*(met - camera_pose.position[:2]).T)
+    good = (times > 0.0) & (away < MAX_DISTANCE_M)
+    count = len(good) if good.all() else int(np.argmin(good))
+    return met[:count]
+
+
+class PageScene(Protocol):
+    """What a page needs of the picture beside its own socket; nothing here waits."""
+
+    def pick_floor(self, page: str, shares: Array) -> Future[Array]:
+        """Return the places (m, 2) in `odom` that the picture of a page shows, as `on_floor`."""
+        ...
+
+    def show_route(self, robot_id: str, poses: Array | None) -> None:
+        """Show everybody where a robot is planned to go, poses (n, 3) in `odom`; None: nowhere."""
+        ...
+
+
+class EmptyPageScene:
+    """Shows nothing."""
+
+    def pick_floor(self, page: str, shares: Array) -> Future[Array]:  # noqa: ARG002  The shape.
+        """Return no place."""
+        nothing: Future[Array] = Future()
+        nothing.set_result(np.empty((0, 2)))
+        return nothing
+
+    def show_route(self, robot_id: str, poses: Array | None) -> None:
+        """Show nothing."""
+
+
+OnClick: TypeAlias = Callable[[viser.ClientHandle, str, Array, Array], None]
+"""Called on viser's thread with client, robot id, and the ray in the scene: origin, direction (3,).
+
+A client may send any ray."""
+
+
+def add_click_target(
+    scene: viser.SceneApi, name: str, shape: RobotShape, robot_id: str, on_click: OnClick
+) -> None:
+    """Add what is clicked on where a robot has its ball, if it has one: it cannot be seen.
+
+    The ball itself is a batched node, and those break the page of viser 1.1.1 when they can be
+    clicked on.
+    """
+    if shape.ball_radius_m is None:
+        return
+    target = scene.add_icosphere(
+        name,
+        1.002 * shape.ball_radius_m,
+        opacity=0.0,
+        cast_shadow=False,
+        receive_shadow=False,
+        position=(0.0, 0.0, shape.skeleton.tree.height_m),
+    )
+
+    async def clicked(event: viser.SceneNodePointerEvent[Any]) -> None:
+        ray = np.array(event.ray_origin), np.array(event.ray_direction)
+        on_click(event.client, robot_id, *ray)
+
+    target.on_click(clicked)
+
+
+def sphere_point(
+    origin: Array, direction: Array, centre: Array, radius_m: float, turn: SO3
+) -> tuple[float, float, float] | None:
+    """Return the unit vector, along the axes of the ball, to where a ray first meets it.
+
+    Args:
+        origin: (3,), of the ray.
+        direction: (3,), of any length.
+        centre: (3,), of the ball.
+        radius_m: of the ball.
+        turn: how the ball is turned, p_scene = R p_ball.
+
+    Returns:
+        None when the ray misses it, or is none.
+    """
+    length = float(np.linalg.norm(direction))
+    if not (np.isfinite(origin).all() and math.isfinite(length) and length > 0.0):
+        return None
+    along, out = direction / length, origin - centre
+    half = float(along @ out)
+    under = half * half - float(out @ out) + radius_m * radius_m
+    if not under >= 0.0:
+        return None
+    met = out + (-half - math.sqrt(under)) * along
+    x, y, z = (float(part) for part in turn.inverse().rotate(met / radius_m))
+    return x, y, z

@@ -1,0 +1,334 @@
+"""Geometry of robots for drawing: link poses by batched forward kinematics, meshes, hull and
+footprint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import manifold3d
+import numpy as np
+import numpy.typing as npt
+
+from tsd_twin.dashboard.scene.appearance import Rgb
+from tsd_twin.kinematics import JointKind, Kinematics
+from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.messages.ros import JointState
+from tsd_twin.models import (
+    JointType,
+    KinematicTree,
+    Link,
+    LinkGroup,
+    Part,
+    glb,
+    kinematic_tree,
+    load_parts,
+)
+from tsd_twin.models.links import Sphere
+from tsd_twin.robots import RobotDescription
+
+_UNITS = np.eye(4)
+_CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def _hamilton() -> Array:
+    """Return T (4, 4, 4) so that the product of a and b is the sum of a_i b_j T_ij."""
+    w, x, y, z = _UNITS
+    return np.array([[w, x, y, z], [x, -w, z, -y], [y, -z, -w, x], [z, y, -x, -w]])
+
+
+_HAMILTON = _hamilton()
+_PRODUCT = _HAMILTON.reshape(16, 4)
+
+
+def quaternion_product(a: Array, b: Array) -> Array:
+    """Return the turns a b (..., 4): b first, then a."""
+    return pairwise_products(a, b) @ _PRODUCT
+
+
+def pairwise_products(a: Array, b: Array) -> Array:
+    """Return all products of a number of a and one of b (..., 16)."""
+    both = a[..., :, None] * b[..., None, :]
+    return both.reshape(*both.shape[:-2], 16)
+
+
+def rotation_matrix_of_products(vectors: Array) -> Array:
+    """Return M (..., 16, 3) so that `pairs(q, q) @ M` are `vectors` (..., 3) turned by q."""
+    pure = np.concatenate([np.zeros((*vectors.shape[:-1], 1)), vectors], axis=-1)
+    made = np.einsum("ijk,...j,klm->...ilm", _HAMILTON, pure, _HAMILTON * _CONJUGATE[:, None])
+    return made.reshape(*vectors.shape[:-1], 16, 4)[..., 1:]
+
+
+_Z = np.array([0.0, 0.0, 1.0])
+_ACTUATED = (JointType.ANGLE, JointType.SPIN)
+"""Hinges that a joint of the drive turns."""
+
+
+class LinkPoses(NamedTuple):
+    """Poses of all links of one kind, k to a robot."""
+
+    wxyz: Array
+    """(..., k, 4): unit quaternions, p_world = R p_link."""
+    position: Array
+    """(..., k, 3): metres; z is the height above the floor."""
+
+
+class Skeleton:
+    """The links of one description, which joint angles pose."""
+
+    def __init__(self, tree: KinematicTree, drive: Kinematics[Any]) -> None:
+        self.tree = tree
+        places = {joint.name: i for i, joint in enumerate(drive.joints)}
+        self._columns: dict[Link, list[int]] = {
+            link_groups.kind: [places[name] for name in link_groups.joints]
+            for link_groups in tree.link_groups
+            if link_groups.joint_type in _ACTUATED
+        }
+        self._mounts = [
+            _LinkMount(link_groups, self._columns.get(link_groups.kind))
+            for link_groups in tree.link_groups
+        ]
+
+    def poses(self, base: SE2, ball: SO3, angles: Array) -> dict[Link, LinkPoses]:
+        """Return the poses of all links above the floor, by their kind.
+
+        `base` (...) is where `base_link` stands, `ball` (...) how a ball in it is turned, which
+        means nothing to a robot without one. `angles` (..., n) are those of the joints of the
+        drive, in its order, radians: for a wheel the angle that it has turned by.
+        """
+        where = base.xy_heading[..., None, :]
+        wxyz, position = np.zeros((*where.shape[:-1], 4)), np.empty(where.shape)
+        half = 0.5 * where[..., 2]
+        wxyz[..., 0], wxyz[..., 3] = np.cos(half), np.sin(half)
+        position[..., :2], position[..., 2] = where[..., :2], self.tree.height_m
+        seen: dict[Link, LinkPoses] = {"chassis": LinkPoses(wxyz, position)}
+        for mount in self._mounts:
+            above = seen[mount.parent]
+            own = mount.turn(ball, angles)
+            seen[mount.kind] = LinkPoses(quaternion_product(above.wxyz, own), mount.place(above))
+        return seen
+
+    @property
+    def wheels(self) -> tuple[LinkGroup, ...]:
+        """The links that touch floor or ball: those that spin and collide."""
+        return tuple(
+            link_groups
+            for link_groups in self.tree.link_groups
+            if link_groups.joint_type is JointType.SPIN and link_groups.collision is not None
+        )
+
+    def contacts(self, joints: Array) -> tuple[Array, Array]:
+        """Return where wheels touch (k, 3) and what they do there (k, 3), m/s, by rolling.
+
+        In the frame on the floor below `base_link`, from a joint vector (n,): the velocity that a
+        wheel gives the robot over the floor, or the ball over the robot. Only along its circle: on
+        rollers a wheel lets the rest be. Wheels that contradict one another are seen to.
+        """
+        here = self.poses(SE2.identity(), SO3.identity(), self._at_rest(joints))
+        places: list[Array] = []
+        velocities: list[Array] = []
+        for link_groups in self.wheels:
+            assert link_groups.collision is not None  # noqa: S101  That is how they were chosen.
+            turn = SO3(here[link_groups.kind].wxyz)
+            spin = turn.rotate(link_groups.axes * joints[self._columns[link_groups.kind], None])
+            # A round wheel touches with its lowest point, however it is tilted.
+            up = _Z if isinstance(link_groups.collision, Sphere) else turn.rotate(_Z)
+            arm = link_groups.collision.radius_m * np.broadcast_to(up, spin.shape)
+            places.append(here[link_groups.kind].position - arm)
+            velocities.append(np.cross(spin, arm) * (-1.0 if self.has_ball else 1.0))
+        return np.concatenate(places), np.concatenate(velocities)
+
+    @property
+    def has_ball(self) -> bool:
+        """Whether it turns a ball in place, instead of driving over a floor."""
+        return any(
+            link_groups.joint_type is JointType.BALL for link_groups in self.tree.link_groups
+        )
+
+    def _at_rest(self, joints: Array) -> Array:
+        """Return the joints as angles, wheels as they were built in."""
+        angles = joints.copy()
+        for link_groups in self.wheels:
+            angles[self._columns[link_groups.kind]] = 0.0
+        return angles
+
+
+class _LinkMount:
+    """How links of one kind hang on others; what stays as it is, is computed once."""
+
+    def __init__(self, link_groups: LinkGroup, columns: list[int] | None) -> None:
+        self.kind, self.parent = link_groups.kind, link_groups.parent
+        self._columns = columns
+        self._ball = link_groups.joint_type is JointType.BALL
+        self._at_zero = link_groups.turn.wxyz
+        axes = np.concatenate([np.zeros((link_groups.count, 1)), link_groups.axes], axis=-1)
+        self._at_half_turn = quaternion_product(self._at_zero, axes)
+        self._offset = (
+            rotation_matrix_of_products(link_groups.at_m) if link_groups.at_m.any() else None
+        )
+
+    def turn(self, ball: SO3, angles: Array) -> Array:
+        """Return how they are turned (..., k, 4) against what they hang on."""
+        if self._columns is not None:
+            half = 0.5 * angles[..., self._columns, None]
+            return np.cos(half) * self._at_zero + np.sin(half) * self._at_half_turn
+        return (
+            quaternion_product(self._at_zero, ball.wxyz[..., None, :])
+            if self._ball
+            else self._at_zero
+        )
+
+    def place(self, above: LinkPoses) -> Array:
+        """Return where they are (..., k, 3)."""
+        if self._offset is None:
+            return above.position
+        turned = pairwise_products(above.wxyz, above.wxyz)[..., None, :] @ self._offset
+        return above.position + turned[..., 0, :]
+
+
+class JointReader:
+    """Reads joint vectors of one robot, whose messages are all in one order as a rule."""
+
+    def __init__(self, drive: Kinematics[Any]) -> None:
+        joints = drive.joints
+        self._names = [joint.name for joint in joints]
+        self._is_angle = np.array([joint.kind is JointKind.POSITION for joint in joints])
+        self._order: Sequence[str] | None = None
+        self._rows: list[int] | None = None
+
+    def vector(self, state: JointState) -> Array | None:
+        """Return the joint vector (n,) in a message, or None when it lacks one of our joints.
+
+        What the message leaves open, like speeds in set-points of angles, is zero.
+        """
+        if (names := tuple(state.names)) != self._order:
+            self._order, self._rows = names, self._find(names)
+        if self._rows is None:
+            return None
+        angles, speeds = state.position_rad[self._rows], state.velocity_rad_per_s[self._rows]
+        vector = np.where(self._is_angle, angles, speeds)
+        return vector if np.isfinite(vector).all() else np.nan_to_num(vector)
+
+    def _find(self, names: Sequence[str]) -> list[int] | None:
+        place = {name: i for i, name in enumerate(names)}
+        return [place[name] for name in self._names] if place.keys() >= {*self._names} else None
+
+
+def commanded_joints(drive: Kinematics[Any], setpoint: Array, joints: Array) -> Array:
+    """Return the joints (n,) that the commanded twist is in, from set-point and measured ones.
+
+    Gimbals are told what they need at the speed that their wheels have: while that changes, it is
+    not the one that the wheels are told. Wheels that are shut off give nothing.
+    """
+    is_angle = np.array([joint.kind is JointKind.POSITION for joint in drive.joints])
+    if not is_angle.any():
+        return setpoint
+    return np.where(is_angle | (setpoint == 0.0), setpoint, joints)
+
+
+_MANIFOLD: Any = manifold3d.Manifold  # Its stubs leave the shapes of arrays open.
+_OUTLINE: Any = manifold3d.CrossSection
+
+BASE_LINK_KIND: Link = "chassis"
+"""The kind of link that stands still in the base frame; all others move."""
+_TINT_SHARE = 0.6
+"""Share of the colour in a part that is tinted with it."""
+
+
+class Surface(NamedTuple):
+    """A mesh of triangles."""
+
+    vertices: npt.NDArray[np.float32]
+    """(n, 3): metres."""
+    faces: npt.NDArray[np.uint32]
+    """(m, 3)."""
+
+    @classmethod
+    def of(cls, solid: Any) -> Surface:
+        """Return the surface of a Manifold, as copies: a view would keep the solid alive."""
+        mesh = solid.to_mesh()
+        return cls(
+            np.array(mesh.vert_properties[:, :3], np.float32), np.array(mesh.tri_verts, np.uint32)
+        )
+
+
+class RobotShape:
+    """Parts of a robot, as meshes for viewers; made once for all robots of a description."""
+
+    def __init__(self, robot: RobotDescription) -> None:
+        self.kinematics = robot.kinematics()
+        self.skeleton = Skeleton(kinematic_tree(robot), self.kinematics)
+        self._parts = load_parts(robot)
+        self.glbs: dict[Link, bytes] = {kind: glb(drawn) for kind, drawn in self._parts.items()}
+        """A binary glTF for each kind of link, metres, in the frame of the link."""
+        self._poses = self.skeleton.poses(
+            SE2.identity(), SO3.identity(), np.zeros(len(self.kinematics.joints))
+        )
+
+    @property
+    def moving(self) -> tuple[Link, ...]:
+        """The kinds of links that move in the base frame."""
+        return tuple(kind for kind in self._parts if kind != BASE_LINK_KIND)
+
+    def count(self, kind: Link) -> int:
+        """Return how many links of a kind one robot has."""
+        return len(self._poses[kind].wxyz)
+
+    def tinted(self, kind: Link, colour: Rgb) -> bytes:
+        """Return the binary glTF of a kind of link, all its parts tinted."""
+        return glb(_tinted(self._parts[kind], colour))
+
+    @property
+    def tilts(self) -> bool:
+        """Whether joints are told which angle to have, as gimbals are; wheels only turn."""
+        return any(
+            link_groups.joint_type is JointType.ANGLE
+            for link_groups in self.skeleton.tree.link_groups
+        )
+
+    @property
+    def ball_radius_m(self) -> float | None:
+        """Radius of the ball that it turns in place; None: it drives over a floor."""
+        for link_groups in self.skeleton.tree.link_groups:
+            if link_groups.joint_type is JointType.BALL and link_groups.collision is not None:
+                return link_groups.collision.radius_m
+        return None
+
+    @cached_property
+    def collision(self) -> Surface:
+        """The convex hull of all parts, joints at zero; origin on the floor below `base_link`."""
+        points = [
+            SO3(wxyz).rotate(np.asarray(part.mesh.vertices)) + position
+            for kind, drawn in self._parts.items()
+            for wxyz, position in zip(*self._poses[kind], strict=True)
+            for part in drawn
+        ]
+        return Surface.of(_MANIFOLD.hull_points(np.concatenate(points)))
+
+    @cached_property
+    def footprint(self) -> Array:
+        """(n, 2): outline of the hull seen from above, counter-clockwise, metres."""
+        seen = self.collision.vertices[:, :2].astype(np.float64)
+        return np.asarray(_OUTLINE.hull_points(seen).to_polygons()[0])
+
+    @cached_property
+    def height_m(self) -> float:
+        """Height above the floor."""
+        return float(self.collision.vertices[:, 2].max())
+
+    @cached_property
+    def reach_m(self) -> float:
+        """How far the robot reaches from its middle, in the plane."""
+        return float(np.hypot(*self.footprint.T).max())
+
+
+def _tinted(drawn: Iterable[Part], colour: Rgb) -> list[Part]:
+    tint = np.array(colour) / 255.0
+    mixed = [(1.0 - _TINT_SHARE) * np.array(part.rgba[:3]) + _TINT_SHARE * tint for part in drawn]
+    return [
+        replace(part, rgba=(float(r), float(g), float(b), 1.0))
+        for part, (r, g, b) in zip(drawn, mixed, strict=True)
+    ]

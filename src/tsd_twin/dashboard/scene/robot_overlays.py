@@ -1,0 +1,307 @@
+"""Overlays of one robot: set-point rings, wireframes of other poses, and all other overlays
+together.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import viser
+from manifold3d import CrossSection
+
+from tsd_twin.dashboard.robot_client import Snapshot
+from tsd_twin.dashboard.scene import appearance
+from tsd_twin.dashboard.scene.appearance import (
+    ALTERNATIVE_POSES,
+    ROUTES,
+    TRAILS,
+    TRUE_POSES,
+    Layer,
+    overlay_node,
+    robot_node,
+)
+from tsd_twin.dashboard.scene.overlays import (
+    CovarianceEllipse,
+    FaultRing,
+    RouteLine,
+    StopEnvelope,
+    ThrustArrows,
+    Trail,
+)
+from tsd_twin.dashboard.scene.picking import OnClick, add_click_target
+from tsd_twin.dashboard.scene.prediction import Prediction
+from tsd_twin.dashboard.scene.robot_geometry import JointReader, LinkPoses, RobotShape, Surface
+from tsd_twin.lie import SE2, SO3, Array, wrap
+from tsd_twin.messages.ros import Odometry
+
+VISIBLE_DIFFERENCE_M = 0.005
+VISIBLE_DIFFERENCE_RAD = math.radians(0.5)
+"""Another pose is shown when it is farther from the estimate than this, or turned by more."""
+
+
+class SetpointRings:
+    """A ring about each wheel, and the end of its axle: where they are told to be.
+
+    Drawn around the wheel, not over it, so that small differences show and nothing flickers.
+    """
+
+    def __init__(self, scene: viser.SceneApi, name: str, shape: RobotShape) -> None:
+        self._skeleton = shape.skeleton
+        (self._wheels,) = self._skeleton.wheels
+        self._shown = shape.kinematics.inverse(np.zeros(3))
+        wxyz, position = self._poses(self._shown)
+        assert self._wheels.collision is not None  # noqa: S101  Or they would not be among the wheels.
+        self._handle = scene.add_batched_meshes_simple(
+            name,
+            *_ring_mesh(self._wheels.collision.radius_m),
+            wxyz,
+            position,
+            batched_colors=appearance.SETPOINT,
+            lod="off",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+    def update(self, setpoint: Array) -> None:
+        """Show a joint vector (n,)."""
+        if np.array_equal(setpoint, self._shown):
+            return
+        self._shown = setpoint
+        self._handle.batched_wxyzs = self._poses(setpoint).wxyz.astype(np.float32)
+
+    def _poses(self, joints: Array) -> LinkPoses:
+        # A hoop is round: by how much its wheel has turned does not show.
+        every = self._skeleton.poses(SE2.identity(), SO3.identity(), joints)
+        return every[self._wheels.kind]
+
+
+class PoseWireframe:
+    """Wireframe at another pose of the robot: the true pose of a simulator, or the alternative
+    estimate.
+
+    Of a ball, great circles that are turned as that one has it.
+    """
+
+    def __init__(
+        self, scene: viser.SceneApi, name: str, shape: RobotShape, colour: appearance.Rgb
+    ) -> None:
+        self._frame = scene.add_frame(name, show_axes=False)
+        self._height_m = shape.skeleton.tree.height_m
+        self.wireframe_name = f"{name}/c"
+        self._wireframe = add_wireframe(scene, self.wireframe_name, shape, colour, visible=False)
+
+    def update(self, said: Odometry, estimate: Odometry) -> None:
+        """Show what is said of the pose, unless that is as good as the estimate."""
+        self._wireframe.visible = _differs_visibly(said, estimate)
+        # Also out of sight: a client may show the cage all the same.
+        if said.wxyz is None:
+            set_planar_pose(self._frame, said.xy_heading)
+        else:
+            self._frame.position = (0.0, 0.0, self._height_m)
+            self._frame.wxyz = said.wxyz
+
+    def remove(self) -> None:
+        """Show it no more."""
+        self._frame.remove()
+
+
+def _differs_visibly(said: Odometry, estimate: Odometry) -> bool:
+    """Tell whether two poses are so far apart that it shows."""
+    if said.wxyz is not None and estimate.wxyz is not None:
+        between = SO3(estimate.wxyz).inverse() @ SO3(said.wxyz)
+        return bool(np.linalg.norm(between.log()) > VISIBLE_DIFFERENCE_RAD)
+    off = said.xy_heading - estimate.xy_heading
+    return bool(
+        math.hypot(off[0], off[1]) > VISIBLE_DIFFERENCE_M
+        or abs(wrap(off[2])) > VISIBLE_DIFFERENCE_RAD
+    )
+
+
+class PredictedPoseWireframe:
+    """Wireframe at the predicted pose of the robot when a command sent now arrives.
+
+    It hangs on the robot, so a delay that stays the same at a speed that stays the same is silent.
+    """
+
+    def __init__(self, scene: viser.SceneApi, name: str, shape: RobotShape) -> None:
+        self._frame = scene.add_frame(name, show_axes=False)
+        self._wireframe = add_wireframe(
+            scene, f"{name}/c", shape, appearance.PREDICTED, visible=False
+        )
+
+    def update(self, ahead: Array | None) -> None:
+        """Show a pose (3,) in the frame of the robot; None: there is nothing to predict."""
+        self._wireframe.visible = ahead is not None
+        if ahead is not None:
+            set_planar_pose(self._frame, np.round(ahead, 3))
+
+
+def set_planar_pose(frame: viser.FrameHandle, pose: Array) -> None:
+    """Move a node to a planar pose (3,)."""
+    half = 0.5 * float(pose[2])
+    frame.position = (float(pose[0]), float(pose[1]), 0.0)
+    frame.wxyz = (math.cos(half), 0.0, 0.0, math.sin(half))
+
+
+def add_wireframe(
+    scene: viser.SceneApi, name: str, shape: RobotShape, colour: appearance.Rgb, *, visible: bool
+) -> viser.LineSegmentsHandle:
+    """Add the edges of what a robot stands in: lines hide nothing, as a translucent body would."""
+    return scene.add_line_segments(
+        name,
+        _box_edges(shape) if shape.ball_radius_m is None else _great_circles(shape.ball_radius_m),
+        colour,
+        thickness=2.0,
+        thickness_units="screen",
+        visible=visible,
+    )
+
+
+def _box_edges(shape: RobotShape) -> Array:
+    """Return the edges (n, 2, 3) around a robot that stands on the floor."""
+    foot = shape.footprint
+    low, high = (np.insert(foot, 2, z, axis=1) for z in (0.003, shape.height_m))
+    rims = [np.stack([rim, np.roll(rim, -1, axis=0)], axis=1) for rim in (low, high)]
+    posts = np.stack([low, high], axis=1)[:: max(1, len(foot) // 6)]
+    return np.concatenate([*rims, posts])
+
+
+def _great_circles(radius_m: float) -> Array:
+    """Return great circles (n, 2, 3) just outside a ball, and pointers along its X and Z."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 73)
+    flat = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=-1)
+    lines = [np.stack([ring[:-1], ring[1:]], axis=1) for ring in (flat, flat[:, [0, 2, 1]])]
+    pointers = [np.array([[axis, 1.25 * axis]]) for axis in np.eye(3)[[0, 2]]]
+    return 1.01 * radius_m * np.concatenate([*lines, *pointers])
+
+
+def _ring_mesh(wheel_radius_m: float) -> Surface:
+    """Return a ring about the wheel and a pointer along its axle, in the frame of the wheel."""
+    thin = 0.025 * wheel_radius_m
+    ring = CrossSection.circle(thin, 6).translate((1.62 * wheel_radius_m, 0.0))
+    length = 2.0 * wheel_radius_m
+    pointer = CrossSection.square((thin, length)).translate((0.0, 0.8 * wheel_radius_m))
+    tip = CrossSection.circle(3.0 * thin, 12).translate((0.0, 2.8 * wheel_radius_m))
+    profile: Any = ring + pointer + tip
+    return Surface.of(profile.revolve(48))
+
+
+class RobotOverlays:
+    """Ghosts, trail, arrows, ellipse, envelope, heading and cover of one robot.
+
+    What belongs to the robot hangs on one node that moves with it, so that it costs nothing while
+    it only moves along.
+    """
+
+    def __init__(
+        self, scene: viser.SceneApi, robot_id: str, shape: RobotShape, on_click: OnClick
+    ) -> None:
+        node, self._reader = robot_node(robot_id), JointReader(shape.kinematics)
+        self._base = scene.add_frame(node, show_axes=False)
+        self.setpoint = (
+            SetpointRings(scene, overlay_node(Layer.SETPOINT, robot_id), shape)
+            if shape.tilts
+            else None
+        )
+        self.truth = PoseWireframe(scene, f"{TRUE_POSES}/{robot_id}", shape, appearance.TRUTH)
+        self.alternative = PoseWireframe(
+            scene, f"{ALTERNATIVE_POSES}/{robot_id}", shape, appearance.OTHER
+        )
+        self.trail = Trail(scene, f"{TRAILS}/{robot_id}")
+        self.route = RouteLine(scene, f"{ROUTES}/{robot_id}", shape.reach_m)
+        self.arrows = ThrustArrows(scene, overlay_node(Layer.ARROWS, robot_id), shape.skeleton)
+        self.ellipse = CovarianceEllipse(scene, overlay_node(Layer.ELLIPSE, robot_id))
+        self.predicted = PredictedPoseWireframe(
+            scene, overlay_node(Layer.PREDICTED, robot_id), shape
+        )
+        self.envelope = StopEnvelope(scene, overlay_node(Layer.ENVELOPE, robot_id), shape.reach_m)
+        if not shape.skeleton.has_ball:  # It stays where it is, whatever it does.
+            _add_heading_arrow(scene, f"{node}/h", shape.reach_m)
+        add_click_target(scene, f"{node}/x", shape, robot_id, on_click)
+        self._suspect = FaultRing(scene, f"{node}/j", shape)
+        self._cover = _add_stale_hull(scene, f"{node}/c", shape)
+        self.label = scene.add_label(
+            overlay_node(Layer.LABELS, robot_id),
+            robot_id,
+            position=(0.0, 0.0, shape.height_m + 0.15),
+            anchor="bottom-center",
+            visible=False,
+        )
+
+    def set_stale(self, stale: bool) -> None:
+        """Cover the robot in grey while nothing is known of it.
+
+        The envelope stays: it is within it, if the link has died.
+        """
+        self._cover.visible = stale
+        if stale:
+            self.predicted.update(None)
+
+    def show_prediction(self, prediction: Prediction) -> None:
+        """Show what lies ahead."""
+        self.predicted.update(prediction.arrival_pose)
+        self.envelope.update(prediction.path)
+
+    def update(self, new: Snapshot, old: Snapshot, joints: Array) -> None:
+        """Show what is in `new` and was not in `old`; `joints` (n,) are the newest measured."""
+        moved = new.odom is not None and new.odom is not old.odom
+        if new.odom is not None and moved and new.odom.wxyz is None:
+            pose = new.odom.xy_heading
+            set_planar_pose(self._base, pose)
+            self.trail.update(pose[:2], new.received_s)
+            self.ellipse.update(new.odom.pose_covariance, float(pose[2]), new.received_s)
+        if new.joints is not old.joints:
+            self.arrows.update(joints, new.received_s)
+        if self.setpoint and new.setpoint is not None and new.setpoint is not old.setpoint:
+            setpoint = self._reader.vector(new.setpoint)
+            if setpoint is not None:
+                self.setpoint.update(setpoint)
+        if new.status is not None and new.status is not old.status:
+            self._suspect.update(new.status)
+        for wireframe, said, before in (
+            (self.truth, new.truth, old.truth),
+            (self.alternative, new.alternative, old.alternative),
+        ):
+            if said is not None and new.odom is not None and said is not before:
+                wireframe.update(said, new.odom)
+
+    def remove(self) -> None:
+        """Draw nothing of it any more."""
+        self.trail.clear()
+        self.route.update(None)
+        self.truth.remove()
+        self.alternative.remove()
+        self._base.remove()
+
+
+def _add_stale_hull(scene: viser.SceneApi, name: str, shape: RobotShape) -> viser.MeshHandle:
+    """Add the hull of the robot in grey, a little larger than what it covers."""
+    vertices, faces = shape.collision
+    return scene.add_mesh_simple(
+        name,
+        1.04 * vertices,
+        faces,
+        color=appearance.STALE,
+        opacity=0.8,
+        flat_shading=True,
+        cast_shadow=False,
+        receive_shadow=False,
+        visible=False,
+    )
+
+
+def _add_heading_arrow(scene: viser.SceneApi, name: str, reach_m: float) -> None:
+    """Add a flat arrow head on the floor, ahead of the robot."""
+    near, far, half = reach_m + 0.02, reach_m + 0.07, 0.03
+    vertices = np.array([[near, half, 0.004], [near, -half, 0.004], [far, 0.0, 0.004]])
+    scene.add_mesh_simple(
+        name,
+        vertices,
+        np.array([[0, 1, 2]], np.uint32),
+        color=appearance.ESTIMATE,
+        side="double",
+        cast_shadow=False,
+        receive_shadow=False,
+    )

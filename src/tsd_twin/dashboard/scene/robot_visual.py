@@ -1,0 +1,241 @@
+"""Visual of one robot: batched meshes of its links, joint angles and pose from the newest state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+import viser
+
+from tsd_twin.dashboard.robot_client import RoundTrips, SentCommand, Snapshot
+from tsd_twin.dashboard.scene.appearance import robot_node
+from tsd_twin.dashboard.scene.overlays import RateLimiter
+from tsd_twin.dashboard.scene.prediction import NO_PREDICTION, MotionPredictor, Prediction
+from tsd_twin.dashboard.scene.robot_geometry import JointReader, RobotShape, commanded_joints
+from tsd_twin.dashboard.scene.robot_overlays import RobotOverlays
+from tsd_twin.dashboard.twist_axes import kinematics_at_reported_speed
+from tsd_twin.kinematics import JointKind, Kinematics
+from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.models import Link
+from tsd_twin.robots import RobotDescription
+
+
+class BatchedRobotMeshes:
+    """Robots of one description; their poses are computed and sent together.
+
+    Twenty robots cost as many messages as one, and as many draw calls. The nodes hang on the first
+    robot: browsers apply poses of nodes in the frame they come in, and poses of instances later, so
+    a robot that is alone does not lag behind its own arrows and rings.
+    """
+
+    def __init__(self, scene: viser.SceneApi, shape: RobotShape) -> None:
+        self.shape = shape
+        self._scene = scene
+        self._ids: list[str] = []
+        self._handles: dict[Link, viser.BatchedGlbHandle] = {}
+        self._shown: dict[tuple[Link, str], bytes] = {}
+        self._bases = np.zeros((0, 3))
+        self._balls = np.zeros((0, 4))
+        self._angles = np.zeros((0, len(shape.kinematics.joints)))
+        self._moved = False
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """The robots, in the order of their instances."""
+        return tuple(self._ids)
+
+    def node(self, kind: Link) -> str:
+        """Return the name of the node that has all links of a kind."""
+        return f"{robot_node(self._ids[0])}/m{kind}"
+
+    def add(self, robot_id: str) -> None:
+        """Show another robot: at the origin, upright, until it is placed."""
+        self._ids.append(robot_id)
+        self._bases = np.vstack([self._bases, np.zeros(3)])
+        self._balls = np.vstack([self._balls, SO3.identity().wxyz])
+        self._angles = np.vstack([self._angles, np.zeros(len(self.shape.kinematics.joints))])
+        self._moved = True
+        self.send()
+
+    def remove(self, robot_id: str) -> None:
+        """Show a robot no longer."""
+        row = self._ids.index(robot_id)
+        self._ids.pop(row)
+        if row == 0:
+            self._clear()
+        self._bases, self._balls, self._angles = (
+            np.delete(rows, row, axis=0) for rows in (self._bases, self._balls, self._angles)
+        )
+        self._moved = True
+        self.send()
+
+    def place(self, robot_id: str, base: Array, ball: SO3, angles_rad: Array) -> None:
+        """Note where a robot is: pose (3,), turn of its ball if any, angles of its joints (n,)."""
+        row = self._ids.index(robot_id)
+        self._bases[row], self._balls[row] = base, ball.wxyz
+        self._angles[row] = angles_rad
+        self._moved = True
+
+    def send(self) -> None:
+        """Send what has been noted; what has not changed is not sent."""
+        if not self._moved:
+            return
+        self._moved = False
+        if not self._ids:
+            return
+        bases = SE2(self._bases[0]).inverse() @ SE2(self._bases)
+        every = self.shape.skeleton.poses(bases, SO3(self._balls), self._angles)
+        for kind, data in self.shape.glbs.items():
+            wxyz = every[kind].wxyz.reshape(-1, 4).astype(np.float32)
+            position = every[kind].position.reshape(-1, 3).astype(np.float32)
+            if kind in self._handles:
+                # viser would find out as well, and take much longer over it.
+                if self._is_new(kind, "wxyz", wxyz):
+                    self._handles[kind].batched_wxyzs = wxyz
+                if self._is_new(kind, "position", position):
+                    self._handles[kind].batched_positions = position
+            else:
+                self._handles[kind] = self._scene.add_batched_glb(
+                    self.node(kind), data, wxyz, position, lod="off"
+                )
+
+    def _is_new(self, kind: Link, what: str, values: npt.NDArray[np.float32]) -> bool:
+        said = values.tobytes()
+        new = self._shown.get((kind, what)) != said
+        self._shown[kind, what] = said
+        return new
+
+    def _clear(self) -> None:
+        for handle in self._handles.values():
+            handle.remove()
+        self._handles.clear()
+        self._shown.clear()
+
+    def scales_without(self, robot_id: str | None, kind: Link) -> Array:
+        """Return scales (instances of `kind`,) that hide one robot, or none: 0 for it, else 1."""
+        shown = np.array([0.0 if other == robot_id else 1.0 for other in self._ids])
+        return np.repeat(shown, self.shape.count(kind))
+
+
+SPIN_SLOWDOWN = 50
+"""Wheels that spin on gimbals are drawn turning this much slower than they do: 2,500 a minute as 50
+a minute, 5 degrees a frame. At their true speed a picture at 60 Hz would show them creeping,
+standing or going back. Wheels that roll are drawn as fast as they are."""
+PREDICTION_HZ = 10.0
+"""The model is run forward this often: it takes a millisecond or two."""
+_MAX_STATE_GAP_S = 0.1
+"""A gap in the state longer than this is no time that a wheel was seen turning."""
+
+
+class RobotSource(Protocol):
+    """Where a robot's description and its newest state come from; a link, for one."""
+
+    @property
+    def id(self) -> str:
+        """Id of the robot."""
+        ...
+
+    @property
+    def robot(self) -> RobotDescription:
+        """Its description."""
+        ...
+
+    @property
+    def kinematics(self) -> Kinematics[Any]:
+        """Its kinematics."""
+        ...
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The newest of everything it has said; the same object as long as there is nothing new."""
+        ...
+
+    @property
+    def sent_commands(self) -> Sequence[SentCommand]:
+        """The newest commands to it from here."""
+        ...
+
+    @property
+    def round_trips(self) -> RoundTrips:
+        """How long it takes to answer."""
+        ...
+
+
+class RobotVisual:
+    """Visual of one robot: meshes, overlays and motion prediction."""
+
+    def __init__(
+        self, link: RobotSource, meshes: BatchedRobotMeshes, overlays: RobotOverlays
+    ) -> None:
+        self.id = link.id
+        self.link = link
+        self.meshes = meshes
+        self.overlays = overlays
+        self.drawn = Snapshot()
+        self.joints = link.kinematics.inverse(np.zeros(3))
+        """The joint vector (n,)."""
+        self.angles = np.zeros(len(link.kinematics.joints))
+        """The joints (n,) as they are drawn: angles, of wheels those that they have turned by."""
+        self.pose = np.zeros(3)
+        """Where the base is (3,): the origin, if it does not move."""
+        self.ball = SO3.identity()
+        """How the ball in it is turned, if there is one."""
+        self._turned_s = -np.inf
+        # What stays where it is goes nowhere.
+        self._predictor = (
+            MotionPredictor(link.kinematics, link.robot)
+            if link.kinematics.pose_type is SE2
+            else None
+        )
+        self._prediction_rate = RateLimiter(PREDICTION_HZ)
+        self._reader = JointReader(link.kinematics)
+        self._wheels = np.array(
+            [joint.kind is JointKind.VELOCITY for joint in link.kinematics.joints]
+        )
+        self._slowdown = SPIN_SLOWDOWN if meshes.shape.tilts else 1
+
+    @property
+    def is_outdated(self) -> bool:
+        """The link has heard something that is not drawn yet."""
+        return self.link.snapshot is not self.drawn
+
+    @property
+    def kinematics(self) -> Kinematics[Any]:
+        """The kinematics that the robot is driven by, in the gear that it says it has."""
+        return kinematics_at_reported_speed(
+            self.link.robot, self.link.kinematics, self.link.snapshot
+        )
+
+    def update(self) -> None:
+        """Take in the newest snapshot."""
+        new, old = self.link.snapshot, self.drawn
+        self.drawn = new
+        if new.odom is not None:
+            if new.odom.wxyz is None:
+                self.pose = new.odom.xy_heading
+            else:
+                self.ball = SO3(new.odom.wxyz)
+        if new.joints is not None and new.joints is not old.joints:
+            joints = self._reader.vector(new.joints)
+            if joints is not None:
+                self._turn_wheels(joints, new.received_s)
+        self.meshes.place(self.id, self.pose, self.ball, self.angles)
+        self.overlays.update(new, old, self.joints)
+        if self._predictor is not None and self._prediction_rate.is_due(new.received_s):
+            self.overlays.show_prediction(self._predict(self._predictor, new))
+
+    def _predict(self, predictor: MotionPredictor, new: Snapshot) -> Prediction:
+        setpoint = self._reader.vector(new.setpoint) if new.setpoint else None
+        if setpoint is None:
+            return NO_PREDICTION
+        setpoint = commanded_joints(self.link.kinematics, setpoint, self.joints)
+        return predictor.predict(new, setpoint, self.link.sent_commands, self.link.round_trips)
+
+    def _turn_wheels(self, joints: Array, now_s: float) -> None:
+        dt_s, self._turned_s = now_s - self._turned_s, now_s
+        self.joints = joints
+        seen_s = dt_s / self._slowdown if dt_s < _MAX_STATE_GAP_S else 0.0
+        turned = np.remainder(self.angles + joints * seen_s, 2.0 * np.pi)
+        self.angles = np.where(self._wheels, turned, joints)

@@ -1,0 +1,1 @@
+"""Dashboard server: HTTP, authentication, sessions, teleoperation, navigation and telemetry."""

@@ -1,0 +1,414 @@
+"""Authentication and request checks: hosts, origins, proxies, logins and the principal of a
+request.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ipaddress
+import re
+import ssl
+import time
+from collections.abc import Collection, Generator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from aiohttp import web
+from aiohttp.typedefs import Handler
+
+from tsd_twin.errors import TwinError
+from tsd_twin.security import LONGEST, Identity, Login, Logins, Role, User, Users
+
+_HOST = re.compile(
+    r"(?P<name>[a-z0-9](?:[a-z0-9._-]{0,251}[a-z0-9])?|\[(?P<ipv6>[0-9a-f:.]{2,45})\])"
+    r"(?::(?P<port>[1-9][0-9]{0,4}))?"
+)
+"""`name`, `address` or `[IPv6 address]`, each alone or with a port."""
+_ORIGIN = re.compile(rf"(?P<scheme>https?)://(?P<host>{_HOST.pattern})")
+
+_CONTENT_SOURCES = {
+    "default-src": "'self'",
+    # viser unpacks its client in the page itself, compiles WebAssembly and starts workers from
+    # blobs; its Plotly widget needs eval.
+    "script-src": "'self' 'unsafe-inline' 'unsafe-eval' blob: data:",
+    "worker-src": "blob: data:",
+    "connect-src": "'self' data: blob:",
+    "style-src": "'self' 'unsafe-inline'",
+    "img-src": "'self' data: blob:",
+    "font-src": "'self' data:",
+    "object-src": "'none'",
+    "base-uri": "'none'",
+    "form-action": "'none'",
+    "frame-ancestors": "'none'",
+}
+
+HEADERS = {
+    "Content-Security-Policy": "; ".join(
+        f"{key} {value}" for key, value in _CONTENT_SOURCES.items()
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Server": "tsd-twin",
+}
+"""Sent with every answer. Framing is forbidden, because a framed page can be used for
+clickjacking."""
+
+
+def origin_refusal(
+    host: str | None,
+    origin: str | None,
+    port: int,
+    allowed_hosts: Collection[str],
+    *,
+    addresses: bool = False,
+    secure: bool = False,
+) -> str | None:
+    """Return why a request is refused, by its `Host` and `Origin` headers; None when it is not.
+
+    A page of another site can make a browser speak to this machine, also under a name of its own
+    that it points here (DNS rebinding). It can forge neither header. With `addresses` the gateway
+    also answers to any address with its port: an address cannot be rebound as a name can. When the
+    browser's side is `secure`, a page that came without TLS is another site.
+    """
+    if host is None or not _is_known_host(
+        host, port, allowed_hosts, addresses=addresses, secure=secure
+    ):
+        return (
+            f"This gateway does not answer to the name '{host or ''}': "
+            f"open http://127.0.0.1:{port}/ or start it with --allow-host and that name."
+        )
+    if origin is not None and not _is_same_origin(origin, host, secure=secure):
+        return f"A page of {origin} may not speak to this gateway."
+    return None
+
+
+def is_loopback(name: str) -> bool:
+    """Return whether a host name or address, without port, is this machine for itself only."""
+    if name.lower() == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(name).is_loopback
+    except ValueError:
+        return False
+
+
+def is_address(name: str) -> bool:
+    """Return whether a host is an IP address; names can be rebound by DNS."""
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+def _is_known_host(
+    host: str, port: int, allowed_hosts: Collection[str], *, addresses: bool, secure: bool
+) -> bool:
+    parts = _HOST.fullmatch(_lower(host))
+    if parts is None:
+        return False
+    if parts[0] in {name.lower() for name in allowed_hosts}:
+        return True
+    name = parts["ipv6"] or parts["name"]
+    known = is_loopback(name) or (addresses and is_address(name))
+    if parts["ipv6"] is not None and ":" not in name:  # In brackets stands IPv6 alone.
+        return False
+    return known and int(parts["port"] or (443 if secure else 80)) == port
+
+
+def _is_same_origin(origin: str, host: str, *, secure: bool) -> bool:
+    parts = _ORIGIN.fullmatch(_lower(origin))
+    if parts is None or (secure and parts["scheme"] != "https"):
+        return False
+    return parts["host"] == _lower(host)
+
+
+def _lower(text: str) -> str:
+    """Return ASCII letters as small ones; other characters stay, also those whose small one is."""
+    return text.lower() if text.isascii() else text
+
+
+FORWARDING_HEADERS = ("X-Forwarded-For", "X-Forwarded-Proto", "X-Forwarded-Prefix")
+"""Headers by which a proxy says how a browser came to it."""
+_PREFIX = re.compile(r"(/[A-Za-z0-9._~-]+)*")
+
+
+@dataclass(frozen=True, slots=True)
+class ClientAddress:
+    """Address, transport security and path of a request as the browser sees them."""
+
+    address: str
+    """Address for the rate limit of logins; of IPv6 the network."""
+    secure: bool
+    """Whether it came by TLS."""
+    path: str
+    """Where the pages of this gateway are, as the browser sees it; for its cookie."""
+
+
+def resolve_client_address(
+    peer: str, headers: Mapping[str, str], *, tls: bool, proxy: str | None
+) -> ClientAddress | str:
+    """Return how a request came, or why it should not have come so.
+
+    `peer` is the address at the other end, `proxy` that of the proxy through which all requests
+    have to come, if there is one. Forwarding headers count only then: a client can forge them. A
+    header that came several times is given once, joined by commas.
+    """
+    if proxy is None:
+        return ClientAddress(subscriber_network(peer), tls, "/")
+    if not is_proxy(peer, proxy):
+        return "Requests come through the proxy in front of this gateway."
+    if headers.get("X-Forwarded-Proto") != "https":
+        return "The proxy has to speak TLS to browsers and to say so: X-Forwarded-Proto: https."
+    # Each proxy adds what it saw at the end, some of them as one more header; before that may stand
+    # whatever a browser made up.
+    seen = headers.get("X-Forwarded-For", peer).rpartition(",")[2].strip()
+    prefix = headers.get("X-Forwarded-Prefix", "").rstrip("/")
+    path = prefix if prefix and _PREFIX.fullmatch(prefix) else "/"
+    return ClientAddress(subscriber_network(seen), secure=True, path=path)
+
+
+def is_proxy(peer: str, proxy: str | None) -> bool:
+    """Return whether a peer is the proxy, or on the machine of the gateway and may be it."""
+    return proxy is not None and (is_loopback(peer) or _is_same_address(peer, proxy))
+
+
+def _is_same_address(peer: str, proxy: str) -> bool:
+    try:
+        return _parse_address(peer) == _parse_address(proxy)
+    except ValueError:
+        return False
+
+
+def subscriber_network(address: str) -> str:
+    """Return an address; of IPv6, the network that one subscriber has all addresses of."""
+    try:
+        parsed = _parse_address(address)
+    except ValueError:
+        return "unknown"
+    if parsed.version == 4:
+        return str(parsed)
+    return str(ipaddress.ip_network((parsed, 64), strict=False))
+
+
+def _parse_address(address: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
+    parsed = ipaddress.ip_address(address)
+    mapped = parsed.ipv4_mapped if parsed.version == 6 else None
+    return mapped or parsed
+
+
+DEFAULT_IDENTITY = Identity("web", Role.OPERATOR)
+"""Identity of a dashboard without a certificate."""
+
+
+@dataclass(frozen=True, slots=True)
+class Principal:
+    """Principal of a request: bus identity, permission to stop, and login."""
+
+    identity: Identity
+    """Who they are on the bus."""
+    may_stop: bool
+    login: Login | None = None
+    """None when no login is required."""
+
+    @property
+    def key(self) -> str | None:
+        """The login whose end ends all that this visitor has open."""
+        return None if self.login is None else self.login.id
+
+    @property
+    def user(self) -> str | None:
+        """The name that was logged in with."""
+        return None if self.login is None else self.login.user.name
+
+
+def bus_identity_of(user: User, owner: Identity) -> Identity:
+    """Return the bus identity of a user of `owner`'s dashboard; it never has more rights than the
+    owner.
+
+    A robot with access rules lets a dashboard speak under its own name and what continues that with
+    a dash, so with a certificate the name is `<owner>-<user>`.
+
+    Raises:
+        TwinError: together the names are too long.
+    """
+    if owner == DEFAULT_IDENTITY:
+        return Identity(user.name, user.role)
+    name = f"{owner.name}-{user.name}"
+    if len(name) > LONGEST:
+        raise TwinError(f"'{name}' is too long for the bus: {LONGEST} characters are left for both")
+    return Identity(name, user.role if owner.role is Role.OPERATOR else Role.VIEWER)
+
+
+LOGGED_OUT_CODE = 4401
+"""Close code of a socket whose login has ended; codes from 4000 are for applications."""
+_PRINCIPAL = web.RequestKey("_PRINCIPAL", Principal)
+_CLIENT_ADDRESS = web.RequestKey("_CLIENT_ADDRESS", ClientAddress)
+_LOGIN_PATH = "/login"
+_EXPIRY_CHECK_S = 1.0
+_CLOSE_TIMEOUT_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class AccessSettings:
+    """Access settings: users, TLS, proxy and allowed hosts."""
+
+    owner: Identity = DEFAULT_IDENTITY
+    """Identity of the dashboard on the bus."""
+    users: Users | None = None
+    """Users that may log in; None when no login is required."""
+    tls: ssl.SSLContext | None = None
+    proxy: str | None = None
+    """Address of the proxy through which all requests come; of the loopback for this machine."""
+    allowed_hosts: Collection[str] = ()
+    """Values of the `Host` header that are answered, beside those of this machine."""
+
+    def check(self, host: str) -> None:
+        """Refuse settings that allow unauthenticated access from the network or unencrypted
+        passwords.
+
+        Raises:
+            TwinError: so it would.
+        """
+        if self.users is not None:
+            for name in self.users.names:
+                bus_identity_of(self.users.user(name), self.owner)
+        elif self.proxy is not None or not is_loopback(host):
+            what = host if self.proxy is None else "a dashboard behind a proxy"
+            raise TwinError(
+                f"{what} can be reached by other machines and has no login: name who may come in "
+                "with --users FILE, which tsd-users makes"
+            )
+        proxied = self.proxy is not None and not is_loopback(self.proxy)
+        if not (is_loopback(host) or self.tls is not None or proxied):
+            raise TwinError(
+                f"passwords would cross the network for everybody to read: {host} needs --tls-cert "
+                "and --tls-key, or --behind-proxy with the address of one that speaks TLS"
+            )
+
+
+@dataclass(slots=True)
+class AuthMiddleware:
+    """Authentication middleware: checks each request, and closes the sockets of ended logins."""
+
+    rules: AccessSettings
+    logins: Logins = field(default_factory=Logins)
+    cookie: str = ""
+    _port: int = 0
+    _accepts_addresses: bool = False
+    _allowed_hosts: frozenset[str] = frozenset()
+    _sockets: dict[str, set[web.WebSocketResponse]] = field(
+        default_factory=dict[str, set[web.WebSocketResponse]]
+    )
+
+    def set_address(self, host: str, port: int) -> None:
+        """Note where the gateway listens."""
+        self._port = port
+        # Cookies do not tell ports apart: two dashboards of one machine need a name each.
+        self.cookie = f"tsd-login-{port}"
+        self._accepts_addresses = not is_loopback(host)
+        names = set(self.rules.allowed_hosts)
+        self._allowed_hosts = frozenset(
+            names | {f"{name}:{port}" for name in names if ":" not in name}
+        )
+
+    @web.middleware
+    async def authenticate(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        """Check a request before its handler runs; sockets before their upgrade."""
+        headers = {
+            name: ", ".join(request.headers.getall(name))  # What comes twice is no host, no origin.
+            for name in (*FORWARDING_HEADERS, "Host", "Origin")
+            if name in request.headers
+        }
+        client = resolve_client_address(
+            request.remote or "",
+            headers,
+            tls=self.rules.tls is not None,
+            proxy=self.rules.proxy,
+        )
+        if isinstance(client, str):
+            raise web.HTTPForbidden(text=client)
+        reason = origin_refusal(
+            headers.get("Host"),
+            headers.get("Origin"),
+            self._port,
+            self._allowed_hosts,
+            addresses=self._accepts_addresses,
+            secure=client.secure,
+        )
+        if reason is not None:
+            raise web.HTTPForbidden(text=reason)
+        request[_CLIENT_ADDRESS] = client
+        principal = self.principal_of_request(request)
+        if principal is not None:
+            request[_PRINCIPAL] = principal
+        elif request.path == "/" and request.method == "GET":
+            raise web.HTTPFound(_LOGIN_PATH[1:])  # Relative: a proxy may add a prefix.
+        elif request.path != _LOGIN_PATH:
+            raise web.HTTPUnauthorized(text="Log in first.")
+        return await handler(request)
+
+    def principal_of_request(self, request: web.Request) -> Principal | None:
+        """Return the principal of a request; None when a login is required."""
+        owner = self.rules.owner
+        if self.rules.users is None:
+            return Principal(owner, may_stop=True)
+        login = self.logins.find(request.cookies.get(self.cookie), time.monotonic())
+        if login is None:
+            return None
+        return Principal(bus_identity_of(login.user, owner), login.user.may_stop, login)
+
+    @contextmanager
+    def close_on_logout(
+        self, principal: Principal, socket: web.WebSocketResponse
+    ) -> Generator[None]:
+        """Close a socket when its login ends, within this context."""
+        if principal.key is None:
+            yield
+            return
+        sockets = self._sockets.setdefault(principal.key, set())
+        sockets.add(socket)
+        try:
+            yield
+        finally:
+            sockets.discard(socket)
+            if not sockets and self._sockets.get(principal.key) is sockets:
+                del self._sockets[principal.key]
+
+    async def end_login(self, login_id: str) -> None:
+        """End a login and close its sockets: a robot that it drives stops."""
+        self.logins.close(login_id)
+        await asyncio.gather(*(_close_socket(socket) for socket in self._sockets.get(login_id, ())))
+
+    async def expire_logins(self) -> None:
+        """End, once a second, the logins whose time is over; ends by cancellation."""
+        while True:
+            await asyncio.sleep(_EXPIRY_CHECK_S)
+            self.logins.sweep(set(self._sockets), time.monotonic())
+            for login_id in list(self._sockets):
+                if not self.logins.is_open(login_id):
+                    await self.end_login(login_id)
+
+
+def principal_of(request: web.Request) -> Principal:
+    """Return the principal of an authenticated request."""
+    return request[_PRINCIPAL]
+
+
+def visitor_or_none(request: web.Request) -> Principal | None:
+    """Return the principal of a request; None when a login is required."""
+    return request.get(_PRINCIPAL)
+
+
+def client_address_of(request: web.Request) -> ClientAddress:
+    """Return the client address of an authenticated request."""
+    return request[_CLIENT_ADDRESS]
+
+
+async def _close_socket(socket: web.WebSocketResponse) -> None:
+    with contextlib.suppress(TimeoutError, ConnectionError):
+        async with asyncio.timeout(_CLOSE_TIMEOUT_S):
+            await socket.close(code=LOGGED_OUT_CODE, message=b"logged out")

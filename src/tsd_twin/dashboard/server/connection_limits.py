@@ -1,0 +1,348 @@
+"""Limits of connections: how many there may be, and how long each may take before it is
+authenticated.
+
+Connections without an authenticated request share a few places. The one that has waited longest is
+closed for a new one, so no number of them keeps out an operator.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import logging
+import resource
+import socket
+import ssl
+import struct
+import time
+from collections.abc import Callable, Coroutine, Iterable
+from dataclasses import dataclass
+from typing import Any, cast
+
+from aiohttp import web
+from aiohttp.http_exceptions import HttpProcessingError
+from aiohttp.typedefs import Handler
+
+from tsd_twin.dashboard.server.auth import subscriber_network, visitor_or_none
+
+_SWEEP_S = 0.5
+_BACKLOG = 1024
+_NO_FILES_S = 0.1
+_RESET = struct.pack("ii", 1, 0)
+"""`SO_LINGER` for zero seconds: closing discards what has not been sent."""
+_NOT_HERE = frozenset({errno.EAFNOSUPPORT, errno.EADDRNOTAVAIL})
+_PACE_S = 0.001
+_GOODBYE_S = 1.0
+_FILES = 8192
+_FULL = "Too many connections: close some pages, or try again in a moment."
+_REFUSAL = (
+    "HTTP/1.1 503 Service Unavailable\r\nConnection: close\r\nRetry-After: 1\r\n"
+    f"Content-Type: text/plain; charset=utf-8\r\nContent-Length: {len(_FULL)}\r\n\r\n{_FULL}"
+).encode()
+
+
+@dataclass(frozen=True, slots=True)
+class ConnectionLimits:
+    """Numbers of connections, and times that each may take."""
+
+    strangers: int = 128
+    """Connections of all who have not logged in."""
+    per_address: int = 32
+    """Of these, connections from one address, unless it is that of the proxy."""
+    per_user: int = 128
+    """Connections of one user, from all browsers; a page has two that stay open."""
+    handshake_s: float = 5.0
+    """How long TLS may take to begin."""
+    request_s: float = 10.0
+    """How long the first request of a connection may take to come."""
+    idle_s: float = 60.0
+    """How long a connection may be open between two requests."""
+    stall_s: float = 20.0
+    """How long a browser may read nothing of what is sent to it."""
+
+
+class _Connection(asyncio.Protocol):
+    """One connection; passes all that happens on to the protocol that reads HTTP."""
+
+    def __init__(
+        self, inner: asyncio.Protocol, peer: str, on_lost: Callable[[_Connection], None]
+    ) -> None:
+        self.peer = peer
+        self.user: str | None = None
+        """None: a stranger's."""
+        self.busy = False
+        """A request on it is being answered, or it is a websocket."""
+        self.known = False
+        """A request on it has passed the door."""
+        self.since_s = time.monotonic()
+        """When it came, or when its last request was answered."""
+        self.handshake: asyncio.Task[Any] | None = None
+        self._transport: asyncio.Transport | None = None
+        self._inner = inner
+        self._on_lost = on_lost
+        self._stalled: tuple[int, float] | None = None
+
+    # What the transport calls.
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = cast("asyncio.Transport", transport)
+        self._inner.connection_made(transport)
+
+    def data_received(self, data: bytes) -> None:
+        self._inner.data_received(data)
+
+    def eof_received(self) -> bool | None:
+        return self._inner.eof_received()
+
+    def pause_writing(self) -> None:
+        self._stalled = (self._unsent(), time.monotonic())
+        self._inner.pause_writing()
+
+    def resume_writing(self) -> None:
+        self._stalled = None
+        self._inner.resume_writing()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._on_lost(self)
+        self._inner.connection_lost(exc)
+
+    # How long it keeps us waiting.
+
+    def is_over(self, limits: ConnectionLimits, now_s: float) -> bool:
+        """Return whether its time is over."""
+        if self._transport is None:
+            return False  # A handshake has a limit of its own.
+        if self._stalled is not None:
+            left = self._unsent()
+            bytes_, since_s = self._stalled
+            if left < bytes_:
+                self._stalled = (left, now_s)
+            elif now_s - since_s > limits.stall_s:
+                return True
+        if self.busy or self._unsent() > 0:
+            return False
+        return now_s - self.since_s > (limits.idle_s if self.known else limits.request_s)
+
+    def drop(self) -> None:
+        """Close it, at once and whatever is left to be sent."""
+        if self._transport is not None:
+            # Else the system would keep for minutes what such a browser does not read.
+            connection = self._transport.get_extra_info("socket")
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET)
+            self._transport.abort()
+
+    def refuse(self) -> None:
+        """Close it, with a sentence when that can be read."""
+        transport = self._transport
+        if transport is None:
+            if self.handshake is not None:
+                self.handshake.cancel()
+        elif self.known or self.busy or self._unsent() or transport.get_extra_info("sslcontext"):
+            transport.abort()
+        else:
+            transport.write(_REFUSAL)
+            transport.close()
+
+    def _unsent(self) -> int:
+        return 0 if self._transport is None else self._transport.get_write_buffer_size()
+
+
+class ConnectionLimiter:
+    """Listens, and takes as many connections as there is room for."""
+
+    def __init__(self, is_proxy: Callable[[str], bool]) -> None:
+        """`is_proxy` tells whether an address is that of the proxy in front."""
+        self._limits = ConnectionLimits()
+        self._is_proxy = is_proxy
+        self._listeners: list[socket.socket] = []
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._open: dict[_Connection, None] = {}
+
+    @property
+    def port(self) -> int:
+        """Where it listens."""
+        return self._listeners[0].getsockname()[1]
+
+    async def open(
+        self,
+        server: Callable[[], asyncio.Protocol],
+        host: str,
+        port: int,
+        tls: ssl.SSLContext | None,
+    ) -> None:
+        """Listen; `server` makes what reads HTTP.
+
+        Raises:
+            OSError: the address cannot be used.
+        """
+        loop = asyncio.get_running_loop()
+        found = await loop.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+        failure: OSError | None = None
+        for family, address in dict.fromkeys((each[0], each[4]) for each in found):
+            try:
+                listener = socket.create_server(
+                    cast("Any", address), family=family, backlog=_BACKLOG
+                )
+            except OSError as error:
+                failure = error
+                if error.errno in _NOT_HERE:
+                    continue  # Such as IPv6 of `localhost` where there is none.
+                break
+            listener.setblocking(False)
+            self._listeners.append(listener)
+        if failure is not None and (failure.errno not in _NOT_HERE or not self._listeners):
+            self._close_listeners()
+            raise failure
+        for listener in self._listeners:
+            self._start(self._accept(listener, server, tls))
+        self._start(self._sweep())
+
+    async def close(self) -> None:
+        """Listen no more; connections that are open stay so."""
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        self._close_listeners()
+
+    @web.middleware
+    async def admit(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        """Count a request that has passed the door, or refuse it when its user has too many."""
+        transport = request.transport
+        connection = None if transport is None else transport.get_protocol()
+        if not isinstance(connection, _Connection):
+            raise ConnectionResetError("the connection has gone")
+        visitor = visitor_or_none(request)
+        if visitor is not None:
+            user = visitor.user or ""
+            if connection.user != user:
+                self._make_room_for(user, connection)
+            connection.user = user
+        connection.known = True
+        connection.busy = True
+        try:
+            return await handler(request)
+        finally:
+            connection.busy = False
+            connection.since_s = time.monotonic()
+
+    # Coming.
+
+    async def _accept(
+        self,
+        listener: socket.socket,
+        server: Callable[[], asyncio.Protocol],
+        tls: ssl.SSLContext | None,
+    ) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            try:
+                accepted, address = await loop.sock_accept(listener)
+            except OSError:  # No more files can be opened, or the other side has gone.
+                await asyncio.sleep(_NO_FILES_S)
+                continue
+            peer = str(address[0])
+            crowded = self._make_room(subscriber_network(peer), proxied=self._is_proxy(peer))
+            connection = _Connection(server(), subscriber_network(peer), self._forget)
+            self._open[connection] = None
+            self._start(self._receive(connection, accepted, tls))
+            # Commands come first: a flood is taken in at a pace, and never in one go.
+            await asyncio.sleep(_PACE_S if crowded else 0.0)
+
+    async def _receive(
+        self, connection: _Connection, accepted: socket.socket, tls: ssl.SSLContext | None
+    ) -> None:
+        limits = (
+            {}
+            if tls is None
+            else {
+                "ssl_handshake_timeout": self._limits.handshake_s,
+                "ssl_shutdown_timeout": _GOODBYE_S,
+            }
+        )
+        connection.handshake = asyncio.current_task()
+        try:
+            await asyncio.get_running_loop().connect_accepted_socket(
+                lambda: connection, accepted, ssl=tls, **limits
+            )
+        except OSError:  # Of TLS, too; also that it took too long.
+            self._forget(connection)
+        except asyncio.CancelledError:
+            self._forget(connection)
+            accepted.close()
+            raise
+        finally:
+            connection.handshake = None
+
+    def _make_room(self, peer: str, *, proxied: bool) -> bool:
+        """Let strangers give way to one who comes from an address; return whether it is crowded."""
+        strangers = [each for each in self._open if each.user is None]
+        if not proxied:
+            own = [each for each in strangers if each.peer == peer]
+            if len(own) >= self._limits.per_address:
+                self._drop_oldest(own)
+                return True
+        if len(strangers) >= self._limits.strangers:
+            self._drop_oldest(strangers)
+        return 2 * len(strangers) > self._limits.strangers
+
+    def _make_room_for(self, user: str, connection: _Connection) -> None:
+        """Let an idle connection of a user give way to another one that has a request.
+
+        Raises:
+            web.HTTPServiceUnavailable: none is idle.
+        """
+        own = [each for each in self._open if each.user == user and each is not connection]
+        if len(own) < self._limits.per_user:
+            return
+        idle = [each for each in own if not each.busy]
+        if not idle:
+            refusal = web.HTTPServiceUnavailable(text=_FULL, headers={"Retry-After": "1"})
+            refusal.force_close()
+            raise refusal
+        self._drop_oldest(idle)
+
+    def _drop_oldest(self, connections: Iterable[_Connection]) -> None:
+        """Close what waits the longest, and before that what is not being answered."""
+        oldest = min(connections, key=lambda each: (each.busy, each.since_s))
+        self._forget(oldest)
+        oldest.refuse()
+
+    def _forget(self, connection: _Connection) -> None:
+        self._open.pop(connection, None)
+
+    async def _sweep(self) -> None:
+        while True:
+            await asyncio.sleep(_SWEEP_S)
+            now_s = time.monotonic()
+            for connection in [each for each in self._open if each.is_over(self._limits, now_s)]:
+                connection.drop()
+
+    def _start(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    def _close_listeners(self) -> None:
+        for listener in self._listeners:
+            listener.close()
+        self._listeners.clear()
+
+
+def allow_many_files() -> None:
+    """Let this process open as many files as the system allows it: a connection is one or more."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = _FILES if hard == resource.RLIM_INFINITY else min(_FILES, hard)
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+
+
+def quiet_log() -> logging.Logger:
+    """Return a log for the HTTP server in which requests that are none leave no traceback."""
+    log = logging.getLogger(__name__)
+    log.addFilter(_is_ours)  # Twice the same is once.
+    return log
+
+
+def _is_ours(record: logging.LogRecord) -> bool:
+    error = record.exc_info[1] if record.exc_info else None
+    return not isinstance(error, (HttpProcessingError, web.RequestPayloadError))

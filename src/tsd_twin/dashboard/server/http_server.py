@@ -1,0 +1,220 @@
+"""HTTP server of the dashboard: routes, sockets, static files and TLS."""
+
+from __future__ import annotations
+
+import asyncio
+import ssl
+from collections.abc import Callable
+from pathlib import Path
+from typing import cast
+
+import msgspec
+from aiohttp import web
+from cryptography import x509
+
+from tsd_twin.dashboard.server.auth import (
+    HEADERS,
+    AccessSettings,
+    AuthMiddleware,
+    is_proxy,
+    principal_of,
+)
+from tsd_twin.dashboard.server.connection_limits import ConnectionLimiter, quiet_log
+from tsd_twin.dashboard.server.pages import STATIC, IndexPage, LoginRoutes
+from tsd_twin.dashboard.server.session_manager import SessionManager
+from tsd_twin.dashboard.server.socket_limits import TELEOP, SocketReader
+from tsd_twin.dashboard.server.viser_proxy import PAGE_ID, ViserProxy
+from tsd_twin.errors import TwinError
+from tsd_twin.security import refuse_public
+
+
+def server_tls_context(certificate: Path, key: Path) -> ssl.SSLContext:
+    """Return what a server needs to speak TLS 1.2 or newer.
+
+    Raises:
+        TwinError: a file is missing, others can read the key, or the two do not belong together.
+    """
+    certificate_host_names(certificate)
+    refuse_public(key)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    try:
+        # Without a password function OpenSSL would ask at the terminal, and wait.
+        context.load_cert_chain(certificate, key, password=lambda: "")
+    except ssl.SSLError as error:
+        if error.reason == "KEY_VALUES_MISMATCH":
+            raise TwinError(f"{key} is not the key of {certificate}") from error
+        raise TwinError(f"{key} cannot be read as a private key without a passphrase") from error
+    except OSError as error:
+        raise TwinError(f"{key} cannot be read: {error.strerror}") from error
+    return context
+
+
+def certificate_host_names(certificate: Path) -> list[str]:
+    """Return the host names, without patterns, that the first certificate in a file is good for.
+
+    Raises:
+        TwinError: there is none in the file.
+    """
+    try:
+        first = x509.load_pem_x509_certificates(certificate.read_bytes())[0]
+    except OSError as error:
+        raise TwinError(f"{certificate} cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise TwinError(f"{certificate} cannot be read as a certificate in PEM") from error
+    try:
+        names = first.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    except (x509.ExtensionNotFound, ValueError):
+        return []
+    return [name for name in names.get_values_for_type(x509.DNSName) if "*" not in name]
+
+
+_MAX_BODY_BYTES = 2048
+_MAX_MESSAGE_BYTES = 16 * 2**10
+"""The longest message of a page is a line that was drawn; all others have fewer than 200."""
+_HEARTBEAT_S = 5.0
+_CLOSE_TIMEOUT_S = 0.5
+_SHUTDOWN_TIMEOUT_S = 3.0
+_LINGER_S = 2.0
+"""How long the rest of a body is read that comes after the answer to it."""
+
+
+class HttpServer:
+    """One HTTP server on one event loop."""
+
+    def __init__(
+        self, sessions: SessionManager, viser_port: int, *, auth: AuthMiddleware | None = None
+    ) -> None:
+        """Read viser's page.
+
+        `audience` is who opens it. `door` decides who may come in; without one everybody may, from
+        this machine.
+
+        Raises:
+            TwinError: viser's page cannot be used.
+        """
+        self.sessions = sessions
+        """The pages that are open."""
+        self._index = IndexPage()
+        self._auth = AuthMiddleware(AccessSettings()) if auth is None else auth
+        self._login_routes = LoginRoutes(self._auth)
+        self._ear = SocketReader()
+        self._proxy = ViserProxy(viser_port, self._ear)
+        self._entrance = ConnectionLimiter(lambda peer: is_proxy(peer, self._auth.rules.proxy))
+        self._runner: web.AppRunner | None = None
+        self._background_tasks: list[asyncio.Task[None]] = []
+        self.port = 0
+        """Where the gateway listens, once it has been started."""
+
+    async def start(self, host: str = "127.0.0.1", port: int = 8080) -> None:
+        """Listen; port 0 takes a free one.
+
+        Raises:
+            TwinError: the port is in use, or others could come in, or read what is said.
+        """
+        self._auth.rules.check(host)
+        self.sessions.open()
+        app = web.Application(
+            middlewares=[self._auth.authenticate, self._entrance.admit],
+            client_max_size=_MAX_BODY_BYTES,
+        )
+        app.on_response_prepare.append(_add_headers)
+        app.router.add_get("/", self._index.serve)
+        app.router.add_get("/healthz", self._serve_health)
+        app.router.add_get("/teleop", self._serve_page_socket)
+        app.router.add_get("/viser/{page}", self._serve_viser)
+        self._login_routes.add_to(app.router)
+        app.router.add_static("/static", STATIC)
+        runner = web.AppRunner(
+            app,
+            access_log=None,
+            logger=quiet_log(),
+            lingering_time=_LINGER_S,
+            shutdown_timeout=_SHUTDOWN_TIMEOUT_S,
+        )
+        await runner.setup()
+        server = cast("Callable[[], asyncio.Protocol]", runner.server)
+        try:
+            await self._entrance.open(server, host, port, self._auth.rules.tls)
+        except OSError as error:
+            await runner.cleanup()
+            raise TwinError(f"port {port} of {host} cannot be used: choose another") from error
+        self.port = self._entrance.port
+        self._auth.set_address(host, self.port)
+        self._runner = runner
+        watching = (self.sessions.directory.measure_round_trips(), self._auth.expire_logins())
+        self._background_tasks = [asyncio.create_task(work) for work in watching]
+
+    async def stop(self) -> None:
+        """Release all robots, close all sockets and stop listening."""
+        if self._runner is None:
+            return
+        for task in self._background_tasks:
+            task.cancel()
+        await self.sessions.close_sockets()
+        await self._proxy.close()
+        await self._entrance.close()
+        await self._runner.cleanup()
+        self._runner = None
+        self.sessions.close()
+        self._login_routes.close()
+
+    async def _serve_health(self, request: web.Request) -> web.StreamResponse:
+        del request
+        directory = self.sessions.directory
+        refused = {
+            "messages": self.sessions.rejected,
+            "viser": self._proxy.dropped,
+            "beyond_limits": self._ear.dropped,
+            "cut_off": self._ear.cut_off.count,
+        }
+        body = msgspec.json.encode(
+            {"ready": directory.has_live_robot(), "robots": directory.health(), "refused": refused}
+        )
+        return web.Response(
+            body=body, content_type="application/json", headers={"Cache-Control": "no-store"}
+        )
+
+    async def _serve_viser(self, request: web.Request) -> web.StreamResponse:
+        page, principal = self._page_of(request, request.match_info["page"]), principal_of(request)
+        await self._ear.admit(request, principal.key or page)
+        return await self._proxy.serve(
+            request, page, principal, lambda socket: self._auth.close_on_logout(principal, socket)
+        )
+
+    async def _serve_page_socket(self, request: web.Request) -> web.StreamResponse:
+        page, principal = (
+            self._page_of(request, request.query.get("page", "")),
+            principal_of(request),
+        )
+        key = principal.key or page
+        await self._ear.admit(request, key)
+        socket = web.WebSocketResponse(
+            timeout=_CLOSE_TIMEOUT_S,
+            compress=False,
+            max_msg_size=_MAX_MESSAGE_BYTES,
+            heartbeat=_HEARTBEAT_S,
+            autoping=False,
+        )
+        await socket.prepare(request)
+        messages = self._ear.messages(request, socket, TELEOP, key)
+        holding = self._auth.close_on_logout(principal, socket)
+        await self.sessions.run_session(page, principal, socket, messages, holding)
+        await self._ear.say_goodbye(request, socket)
+        return socket
+
+    def _page_of(self, request: web.Request, page: str) -> str:
+        """Return the page that a socket is for, unless it is none, or that of another login."""
+        if not PAGE_ID.fullmatch(page):
+            raise web.HTTPBadRequest(text="A page id is 16 hex digits.")
+        owner = self.sessions.principal_of(page)
+        if owner is not None and owner.key != principal_of(request).key:
+            raise web.HTTPForbidden(text="This page belongs to another login.")
+        return page
+
+
+async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:
+    if "Content-Security-Policy" not in response.headers:  # The login page has rules of its own.
+        response.headers.update(HEADERS)
+    if request.path.startswith("/static/"):
+        response.headers["Cache-Control"] = "no-cache"

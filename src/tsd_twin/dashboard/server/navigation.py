@@ -1,0 +1,347 @@
+"""Navigation of one page: path planning, the timed plan, and its execution while the button is
+held.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import msgspec
+import numpy as np
+
+from tsd_twin.dashboard.robot_client import RobotClient, RpcExecutor
+from tsd_twin.dashboard.scene.overlays import ROUTE_POINTS
+from tsd_twin.dashboard.scene.picking import PageScene
+from tsd_twin.dashboard.server.protocol import ActionReply, PlanRequest, RouteState
+from tsd_twin.dashboard.twist_axes import kinematics_at_reported_speed
+from tsd_twin.errors import PathError
+from tsd_twin.kinematics import Kinematics
+from tsd_twin.lie import SE2, Array, wrap
+from tsd_twin.motion import TwistLimiter
+from tsd_twin.motion.routes import NavigationGoal
+from tsd_twin.motion.tracking import ExecutionPhase, ExecutionStep, TrajectoryExecutor
+from tsd_twin.motion.trajectory import Trajectory, plan
+from tsd_twin.robots.description import Limits
+from tsd_twin.safety import LATCHED, Mode
+
+_SPEED_SHARE = 0.9
+_LIMITS_SHARE = 0.7
+"""Of the limits of speed, and of the others, that the timing uses: the rest is for correction."""
+_MAX_CELLS = 250
+_MIN_CELL_M = 0.01
+_MIN_DRAG_M = 0.05
+"""A shorter drag gives no heading."""
+_START_TOLERANCE_M, _START_TOLERANCE_RAD = 0.03, 0.05
+"""Tolerance between the robot and the start of its plan."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlanLimits:
+    """Limits and kinematics that a plan is timed with."""
+
+    limits: Limits
+    gear_rpm: float | None
+    """Of wheels that always spin."""
+    kinematics: Kinematics[SE2] = field(compare=False)
+    """In that gear."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimedPlan:
+    """Timed plan: a trajectory from the current pose of the robot."""
+
+    number: int
+    start: SE2
+    limits_used: PlanLimits
+    trajectory: Trajectory
+
+    def is_valid(self, pose: SE2, limits_used: PlanLimits) -> bool:
+        """Return whether it still begins where the robot is, and is timed to the same terms."""
+        off = pose.xy_heading - self.start.xy_heading
+        stands = (
+            bool(np.hypot(off[0], off[1]) < _START_TOLERANCE_M)
+            and abs(wrap(off[2])) < _START_TOLERANCE_RAD
+        )
+        return bool(stands) and limits_used == self.limits_used
+
+    def route_state(
+        self,
+        phase: Literal["planned", "going", "arrived", "ended"],
+        step: ExecutionStep | None = None,
+    ) -> RouteState:
+        """Return what a page is told of it, after a step if there was one."""
+        return RouteState(
+            number=self.number,
+            phase=phase,
+            length_m=round(self.trajectory.length_m, 3),
+            time_s=round(self.trajectory.duration_s, 2),
+            done_m=0.0 if step is None else round(step.done_m, 3),
+            off_mm=0.0 if step is None else round(1000.0 * min(step.cross_track_m, 1e3), 1),
+            reason="" if step is None else step.reason,
+        )
+
+
+def navigation_goal(request: PlanRequest, points: Array) -> NavigationGoal:
+    """Return what is wished, with the places (n, 2) on the floor that were meant.
+
+    Raises:
+        PathError: there are none.
+    """
+    if not len(points):
+        raise PathError("that is not on the floor")
+    heading = request.heading
+    if request.kind == "to":
+        if len(points) > 1 and np.hypot(*(ahead := points[1] - points[0])) > _MIN_DRAG_M:
+            heading = float(np.arctan2(ahead[1], ahead[0]))
+        points = points[:1]
+    return NavigationGoal(points, heading)
+
+
+def current_limits(link: RobotClient, level: int) -> PlanLimits:
+    """Return what the robot allows now, at a speed level in percent."""
+    limits, snapshot = link.robot.limits, link.snapshot
+    status = snapshot.status
+    speed, turn = limits.speed_mps, limits.turn_rate_rad_per_s
+    if status is not None and status.limits.speed_mps > 0.0:
+        speed = min(speed, status.limits.speed_mps)
+    if status is not None and status.limits.turn_rate_rad_per_s > 0.0:
+        turn = min(turn, status.limits.turn_rate_rad_per_s)
+    share = 0.01 * level
+    return PlanLimits(
+        msgspec.structs.replace(limits, speed_mps=share * speed, turn_rate_rad_per_s=share * turn),
+        None if status is None or status.wheel_speed is None else status.wheel_speed.wanted_rpm,
+        kinematics_at_reported_speed(link.robot, link.kinematics, snapshot),
+    )
+
+
+def plan_trajectory(
+    navigation_goal: NavigationGoal, start: SE2, limits_used: PlanLimits
+) -> Trajectory:
+    """Return the way of an errand, timed within the limits; takes some 50 ms.
+
+    Raises:
+        PathError: there is none.
+    """
+    route, limits = navigation_goal.route(start), limits_used.limits
+    turn = _SPEED_SHARE * limits.turn_rate_rad_per_s
+    return plan(
+        route,
+        limits_used.kinematics,
+        msgspec.structs.replace(limits, turn_rate_rad_per_s=turn),
+        share=_LIMITS_SHARE,
+        speed_mps=_SPEED_SHARE * limits.speed_mps,
+        cell_m=max(_MIN_CELL_M, route.length_m / _MAX_CELLS),
+    )
+
+
+_LOG = logging.getLogger(__name__)
+
+_MOVING_MODES = (Mode.DRIVING, Mode.STOPPING)
+
+
+class NavigationSession:
+    """All methods belong to the event loop.
+
+    Only `step` moves the robot; it is called while the page reports the button as held. What
+    ends that ends the run: what is left is planned anew from where the robot has come to rest, and
+    has another number, so that a button that is still held does not go on with it.
+    """
+
+    def __init__(
+        self,
+        page: str,
+        executor: RpcExecutor,
+        page_scene: PageScene,
+        send_reply: Callable[[ActionReply], None],
+    ) -> None:
+        self._page, self._executor, self._page_scene = page, executor, page_scene
+        self._send_reply = send_reply
+        self._link: RobotClient | None = None
+        self._navigation_goal: NavigationGoal | None = None
+        self._speed_level_percent = 100
+        self._timed_plan: TimedPlan | None = None
+        self._follower: TrajectoryExecutor | None = None
+        self._step: ExecutionStep | None = None
+        self._is_drawn = self._started = False
+        self._last_route: RouteState | None = None
+        self._task: asyncio.Task[None] | None = None
+        self._plan_count = 0
+
+    @property
+    def route_state(self) -> RouteState | None:
+        """Route state for the page."""
+        timed_plan, step = self._timed_plan, self._step
+        if timed_plan is not None:
+            going = self._follower is not None and step is not None
+            return timed_plan.route_state("going" if going else "planned", step if going else None)
+        if self._navigation_goal is not None or self._task is not None:
+            return RouteState(self._plan_count, "planning", 0.0, 0.0)
+        return self._last_route
+
+    @property
+    def is_following(self) -> bool:
+        """Whether the button is held and the robot follows the path."""
+        return self._follower is not None
+
+    # What the page asks for.
+
+    def request_plan(self, link: RobotClient, message: PlanRequest) -> None:
+        """Plan a way for a robot that this page has control of; the newest wish counts."""
+        self.clear()
+        if link.kinematics.pose_type is not SE2:
+            self._reject("this robot goes nowhere")
+            return
+        status = link.snapshot.status
+        if status is not None and status.mode in LATCHED:
+            self._reject(f"the robot is {status.mode}: reset first")
+            return
+        self._link, self._speed_level_percent = link, message.level
+        self._start(self._set_goal(message))
+
+    def set_speed_level(self, level: int) -> None:
+        """Set the speed level; a plan that is not being followed is timed again."""
+        self._speed_level_percent = level
+        if self._follower is None:
+            self._timed_plan = None
+
+    def clear(self) -> None:
+        """Clear the path, and cancel planning."""
+        if self._task is not None:
+            self._task.cancel()
+            self._task = None
+        self._finish(None)
+
+    # What comes of it.
+
+    def update(self) -> None:
+        """Plan, when there is something to plan and the robot stands."""
+        link, timed_plan = self._link, self._timed_plan
+        if link is None:
+            return
+        status, odom = link.snapshot.status, link.snapshot.odom
+        if status is not None and status.mode in LATCHED:
+            self.clear()  # A latched stop or fault ends the navigation.
+            return
+        if self._navigation_goal is None or self._task is not None or self._follower:
+            return
+        if status is None or odom is None or status.mode in _MOVING_MODES:
+            return
+        if self._started and self._navigation_goal.is_done(
+            SE2(odom.xy_heading)
+        ):  # Let go of at the very end.
+            off_mm = 1000.0 * math.dist(self._navigation_goal.points[-1], odom.xy_heading[:2])
+            self._finish(RouteState(self._plan_count, "arrived", 0.0, 0.0, off_mm=round(off_mm, 1)))
+            return
+        limits = current_limits(link, self._speed_level_percent)
+        if timed_plan is None or not timed_plan.is_valid(SE2(odom.xy_heading), limits):
+            self._timed_plan = None
+            self._start(self._plan(link, self._navigation_goal, SE2(odom.xy_heading), limits))
+
+    def pause(self) -> None:
+        """The button has been released: the remaining path is planned again."""
+        timed_plan, step = self._timed_plan, self._step
+        if self._follower is None or timed_plan is None or self._navigation_goal is None:
+            return
+        done_m = 0.0 if step is None else step.done_m
+        self._navigation_goal = self._navigation_goal.remaining(
+            timed_plan.trajectory.route.path, done_m
+        )
+        self._timed_plan = self._follower = self._step = None
+        self._started = True
+
+    def step(self, link: RobotClient, number: int, max_age_s: float, now_s: float) -> ExecutionStep:
+        """Return what to command while the button is held: the way `number` is going, or arrived.
+
+        `link` is the robot that the command is for; a way of another is none of its.
+
+        Raises:
+            PathError: it cannot be begun, or has come to its end, and why.
+        """
+        timed_plan = self._timed_plan
+        if timed_plan is None or link is not self._link or timed_plan.number != number:
+            raise PathError("this way is planned no longer")
+        snapshot = link.snapshot
+        if snapshot.odom is None or now_s - snapshot.odom_received_s > max_age_s:
+            raise PathError(f"where the robot is has not been heard for {max_age_s:g} s")
+        pose = SE2(snapshot.odom.xy_heading)
+        if self._follower is None:
+            self._follower = self._start_following(link, timed_plan, pose)
+        self._step = step = self._follower.advance(now_s, pose)
+        match step.phase:
+            case ExecutionPhase.GOING:
+                pass
+            case ExecutionPhase.ARRIVED:
+                self._finish(timed_plan.route_state("arrived", step))
+            case ExecutionPhase.LOST:
+                self._finish(timed_plan.route_state("ended", step))
+                raise PathError(step.reason)
+        return step
+
+    def _start_following(
+        self, link: RobotClient, timed_plan: TimedPlan, pose: SE2
+    ) -> TrajectoryExecutor:
+        status = link.snapshot.status
+        if status is None or status.mode != Mode.READY:
+            raise PathError("the robot is not at rest")
+        if not timed_plan.is_valid(pose, current_limits(link, self._speed_level_percent)):
+            self._timed_plan = None
+            raise PathError("the robot or its limits are not what they were: it is planned anew")
+        return TrajectoryExecutor(
+            timed_plan.trajectory,
+            lambda twist: self._cap(link, twist),
+            lag_s=link.robot.lag_s,
+            delay_s=link.round_trips.median_s() or 0.0,
+        )
+
+    def _cap(self, link: RobotClient, twist: Array) -> Array:
+        limits = current_limits(link, self._speed_level_percent)
+        return TwistLimiter(limits.kinematics, limits.limits).cap(twist)
+
+    # Planning.
+
+    def _start(self, work: Coroutine[Any, Any, None]) -> None:
+        async def until_done() -> None:
+            try:
+                await work
+            except PathError as error:
+                self._reject(str(error))
+            except Exception:  # The page needs a reply for every error.
+                _LOG.exception("a way was not planned")
+                self._reject("it could not be planned")
+            if self._task is asyncio.current_task():
+                self._task = None
+
+        self._task = asyncio.create_task(until_done())
+
+    async def _set_goal(self, request: PlanRequest) -> None:
+        points = np.array(request.points, dtype=float)
+        if request.on == "picture":
+            points = await asyncio.wrap_future(self._page_scene.pick_floor(self._page, points))
+        self._navigation_goal = navigation_goal(request, points)
+        self._send_reply(ActionReply(to="plan", ok=True))
+
+    async def _plan(
+        self, link: RobotClient, navigation_goal: NavigationGoal, start: SE2, limits: PlanLimits
+    ) -> None:
+        trajectory = await self._executor.plan(plan_trajectory, navigation_goal, start, limits)
+        self._plan_count += 1
+        self._timed_plan = TimedPlan(self._plan_count, start, limits, trajectory)
+        self._is_drawn = True
+        at_m = np.linspace(0.0, trajectory.length_m, ROUTE_POINTS)
+        self._page_scene.show_route(link.id, trajectory.route.at(at_m).pose)
+
+    def _finish(self, shown: RouteState | None) -> None:
+        if self._link is not None and self._is_drawn:
+            self._page_scene.show_route(self._link.id, None)
+        self._is_drawn = self._started = False
+        self._link = self._navigation_goal = self._timed_plan = self._follower = self._step = None
+        self._last_route = shown
+
+    def _reject(self, reason: str) -> None:
+        self._finish(None)
+        self._send_reply(ActionReply(to="plan", ok=False, reason=reason))

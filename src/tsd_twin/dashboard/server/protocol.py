@@ -1,0 +1,381 @@
+"""Messages between page and dashboard server, as `docs/teleop.md` specifies them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal, TypeAlias
+
+import msgspec
+from msgspec import Meta
+
+from tsd_twin.errors import MessageError
+from tsd_twin.messages.services import Event, Operator, ShortText
+from tsd_twin.messages.status import Status
+from tsd_twin.security import Role
+
+Count: TypeAlias = Annotated[int, Meta(ge=0, le=2**53)]
+"""A number that a browser can hold exactly."""
+Triple: TypeAlias = tuple[float, float, float]
+
+
+class Message(msgspec.Struct, frozen=True, tag_field="t", kw_only=True):
+    """A JSON object; `t` says which."""
+
+
+def encode_message(message: Any) -> str:
+    """Return the text frame of a message; numbers that are not finite become null."""
+    return msgspec.json.encode(message).decode()
+
+
+Coordinate: TypeAlias = Annotated[float, Meta(ge=-1e4, le=1e4)]
+"""A number of which nothing overflows: metres, radians, or shares of a picture."""
+Level: TypeAlias = Annotated[int, Meta(ge=1, le=100)]
+"""Percent of the limits in force."""
+MAX_POINTS = 256
+"""Of a line that is drawn."""
+
+
+class DriveCommand(Message, frozen=True, tag="drive"):
+    """Move like this: m/s and rad/s in `frame`; of a ball wx, wy and wz, rad/s, in their place."""
+
+    vx: float
+    vy: float
+    omega: float
+    seen: Count
+    frame: Literal["base_link", "odom"] = "base_link"
+
+
+class PlanRequest(Message, frozen=True, tag="plan"):
+    """Plan a way to a place on the floor, or along a line that was drawn on it."""
+
+    kind: Literal["to", "draw"]
+    points: Annotated[
+        list[tuple[Coordinate, Coordinate]], Meta(min_length=1, max_length=MAX_POINTS)
+    ]
+    """Of `to` the place, and then one that shall be looked at on arrival; of `draw` all."""
+    on: Literal["floor", "picture"]
+    """Metres in `odom`, or shares of the picture, right and down from its upper left corner."""
+    heading: Coordinate | None = None
+    """Where to look on arrival, radians in `odom`; null keeps the heading."""
+    level: Level = 100
+
+
+class SetSpeedLevel(Message, frozen=True, tag="pace"):
+    """Set the speed level."""
+
+    level: Level
+
+
+class ClearPlan(Message, frozen=True, tag="unplan"):
+    """Clear the path."""
+
+
+class FollowPlan(Message, frozen=True, tag="go"):
+    """Move along the planned way, like `drive` for as long as it is said."""
+
+    route: Count
+    """Number of the way, which is another one after each planning."""
+    seen: Count
+
+
+class ReleaseControls(Message, frozen=True, tag="release"):
+    """All controls have been released."""
+
+
+class PanelSlidersReleased(Message, frozen=True, tag="panel_released"):
+    """The sliders of the panel have been released: reset them."""
+
+
+class PageHeartbeat(Message, frozen=True, tag="beat"):
+    """Heartbeat of the page; `sent_ms` on the page's clock is returned."""
+
+    seen: Count
+    sent_ms: float
+    focus: bool = True
+
+
+class LeaseAction(Message, frozen=True, tag="lease"):
+    """Take or give up control, ask its holder for it, or answer who asks."""
+
+    op: Literal["acquire", "release", "request", "withdraw", "grant", "deny"]
+    take_over: bool = False
+    reason: ShortText = ""
+    """Why it is taken over."""
+    asker: Operator | None = None
+    """Who is answered, by grant and keep."""
+    max_age_s: Annotated[float, Meta(gt=0.0, le=10.0)] | None = None
+
+
+class ArmRequest(Message, frozen=True, tag="arm"):
+    """Spin up."""
+
+
+class DisarmRequest(Message, frozen=True, tag="disarm"):
+    """Spin down."""
+
+
+class ResetRequest(Message, frozen=True, tag="reset"):
+    """End a latched stop."""
+
+
+class SetWheelSpeed(Message, frozen=True, tag="speed"):
+    """Spin wheels that always spin at another speed."""
+
+    cruise_speed_rpm: float
+
+
+class StopCommand(Message, frozen=True, tag="stop"):
+    """Stop and latch."""
+
+
+class SelectRobot(Message, frozen=True, tag="robot"):
+    """Watch another robot."""
+
+    id: Annotated[str, Meta(max_length=32)]
+
+
+PageMessage: TypeAlias = (
+    DriveCommand
+    | PlanRequest
+    | SetSpeedLevel
+    | ClearPlan
+    | FollowPlan
+    | ReleaseControls
+    | PanelSlidersReleased
+    | PageHeartbeat
+    | LeaseAction
+    | ArmRequest
+    | DisarmRequest
+    | ResetRequest
+    | SetWheelSpeed
+    | StopCommand
+    | SelectRobot
+)
+_DECODER = msgspec.json.Decoder(PageMessage)
+
+
+def decode_page_message(text: str | bytes) -> PageMessage:
+    """Return the message in a text frame.
+
+    Raises:
+        MessageError: `shape`, when it is none of the above.
+    """
+    try:
+        return _DECODER.decode(text)
+    # Text that is not UTF-8 and thousands of brackets are not among the errors of msgspec.
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
+        raise MessageError("shape", str(error)) from error
+
+
+class SpeedLimits(msgspec.Struct, frozen=True):
+    """What the description allows."""
+
+    speed_mps: float
+    turn_rate_rad_per_s: float
+
+
+class TwistAxisInfo(msgspec.Struct, frozen=True):
+    """What one of the three numbers of a twist is."""
+
+    name: str
+    symbol: str
+    unit: str
+
+
+class WheelSpeedLimits(msgspec.Struct, frozen=True):
+    """How fast wheels that always spin may do so, and what follows from it."""
+
+    least_rpm: int
+    most_rpm: int
+    usual_rpm: int
+    """That of the description."""
+    wheel_radius_m: float
+    servo_step_deg: float
+
+
+class RobotInfo(Message, frozen=True, tag="robot"):
+    """What does not change about a robot."""
+
+    id: str
+    title: str
+    limits: SpeedLimits
+    levels: Sequence[int]
+    space: Literal["floor", "ball"]
+    """What moves: the robot over a floor, or a ball that it turns in place."""
+    numbers: Sequence[TwistAxisInfo]
+    """Of `drive`, `twist` and `commanded`, in this order."""
+    twist_scale_m: float
+    """Metres a second that one unit of the first two numbers is; limits of speed are in m/s."""
+    panel: Literal["gimbals", "wheels", "sphere"]
+    """Kind of the actuator tab."""
+    max_tilt_deg: float | None = None
+    modules: Sequence[str] = ()
+    """Names of the gimbals."""
+    gears: WheelSpeedLimits | None = None
+    """Of robots on gimbals."""
+    wheels: Sequence[str] = ()
+    """Names of the wheels that roll."""
+    max_rpm: float | None = None
+    """Of those wheels."""
+    other: str | None = None
+    """What its other estimate is made by, of robots that have two."""
+
+
+class GimbalState(msgspec.Struct, frozen=True):
+    """One gimbal; degrees."""
+
+    alpha: float
+    beta: float
+    tilt: float
+    radius_mm: float
+    rpm: float
+    set_alpha: float
+    set_beta: float
+    axle: tuple[float, float]
+    """Where the axle leans, seen from above in `base_link`; length 1 is the tilt limit."""
+    set_axle: tuple[float, float]
+    spinning: bool
+
+
+class WheelState(msgspec.Struct, frozen=True):
+    """One wheel that rolls."""
+
+    rpm: float
+    set_rpm: float
+    residual_mps: float
+    """Speed of its rim that no motion of the robot explains."""
+
+
+class SphereState(msgspec.Struct, frozen=True):
+    """A sphere that turns in place; angular velocities in rad/s."""
+
+    wxyz: tuple[float, float, float, float]
+    """How it is turned."""
+    ideal: Triple
+    """Its angular velocity if each wheel touched half-way between its rows."""
+    dual: Triple | None
+    """And by the rows that do touch."""
+    angle_deg: float | None
+    """Between the two."""
+    magnitude_percent: float | None
+    """By how much the first is smaller."""
+    rows: Sequence[int]
+    """The row that each wheel stands on, 1 or 2; 0 when that cannot be told."""
+
+
+class EstimateDifference(msgspec.Struct, frozen=True):
+    """How far the other estimate is from the estimate."""
+
+    metres: float
+    degrees: float
+
+
+class RouteState(msgspec.Struct, frozen=True):
+    """The way that this page has planned, and how it goes."""
+
+    number: int
+    phase: Literal["planning", "planned", "going", "arrived", "ended"]
+    length_m: float
+    time_s: float
+    """What it takes at the level that it is planned for."""
+    done_m: float = 0.0
+    off_mm: float = 0.0
+    """Between the robot and where it should be."""
+    reason: str = ""
+    """Why it has ended."""
+
+
+class RobotState(Message, frozen=True, tag="state"):
+    """How the robot is."""
+
+    seen: int
+    age_ms: float
+    status: Status
+    mode_age_s: float
+    """For how long the robot has been in its mode, as far as the gateway knows."""
+    you: bool
+    robot_ms: float | None
+    """Round trip from here to the robot, median of the last ones."""
+    robot_jitter_ms: float | None
+    """How much longer one in twenty of them took."""
+    pose: Triple | None
+    twist: Triple | None
+    commanded: Triple | None
+    truth: Triple | None
+    modules: Sequence[GimbalState] = ()
+    wheels: Sequence[WheelState] = ()
+    ball: SphereState | None = None
+    apart: EstimateDifference | None = None
+    route: RouteState | None = None
+
+
+class RobotName(msgspec.Struct, frozen=True):
+    """A line of the robot menu."""
+
+    id: str
+    title: str
+
+
+class SessionInfo(Message, frozen=True, tag="welcome"):
+    """Operator id and role of the page, and the list of robots."""
+
+    operator: str
+    role: Role
+    user: str | None
+    """Who has logged in; None when no login is required."""
+    may_stop: bool
+    robots: Sequence[RobotName]
+    robot: str | None
+
+
+class PanelSliders(Message, frozen=True, tag="panel"):
+    """Where the sliders of the viser panel are."""
+
+    vx: float
+    vy: float
+    omega: float
+    mode: Literal["preview", "drive"]
+    latch: bool
+
+
+class SphereClick(Message, frozen=True, tag="point"):
+    """A point of a ball was clicked on in the page: it wants to be brought up."""
+
+    robot: str
+    at: Triple
+    """Unit vector to it, along the axes that are painted on the ball."""
+
+
+class ControlsReleased(Message, frozen=True, tag="released"):
+    """The server has released the controls; they must be centred first."""
+
+    reason: str
+
+
+class ActionReply(Message, frozen=True, tag="reply"):
+    """Reply to a request of the page."""
+
+    to: str
+    ok: bool
+    reason: str = ""
+
+
+class RobotEvent(Message, frozen=True, tag="event"):
+    """Something happened to the robot."""
+
+    kind: str
+    text: str
+    robot_s: float
+    past: bool = False
+    """It happened before the page selected the robot."""
+
+    @classmethod
+    def of(cls, event: Event, *, past: bool = False) -> RobotEvent:
+        """Return the part of an event that is shown."""
+        return cls(kind=event.kind, text=event.text, robot_s=round(event.robot_s, 3), past=past)
+
+
+class HeartbeatReply(Message, frozen=True, tag="beat"):
+    """Answer to a beat."""
+
+    sent_ms: float

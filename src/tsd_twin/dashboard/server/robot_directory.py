@@ -1,0 +1,141 @@
+"""Robot directory: info, state, events, health and round-trip times of all discovered robots."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+from tsd_twin.dashboard.robot_client import RobotClient, RpcExecutor
+from tsd_twin.dashboard.server.protocol import RobotName, RobotState
+from tsd_twin.dashboard.server.telemetry import RobotTelemetry
+from tsd_twin.messages.services import Event, LeaseRequest
+
+MAX_ROBOTS = 64
+MAX_EVENTS = 30
+"""Events of a robot that a new page receives."""
+LIVE_TIMEOUT_S = 1.0
+"""A robot without a state for longer is not live."""
+_PING_PERIOD_S = 0.25
+
+
+class RobotClients(Protocol):
+    """Robot clients by id, and a notification of changes."""
+
+    @property
+    def links(self) -> Mapping[str, RobotClient]:
+        """All robots, by id."""
+        ...
+
+    def on_change(self, call: Callable[[], None]) -> None:
+        """Call this, on any thread, when robots have come or gone."""
+        ...
+
+
+class RobotDirectory:
+    """All methods belong to the event loop."""
+
+    def __init__(self, discovery: RobotClients, executor: RpcExecutor) -> None:
+        self._discovery = discovery
+        self._executor = executor
+        self._telemetry: dict[str, RobotTelemetry] = {}
+        self._events: dict[str, deque[Event]] = {}
+        self._modes: dict[str, tuple[str, float]] = {}
+        self._measuring: set[asyncio.Task[None]] = set()
+
+    def robot_names(self) -> list[RobotName]:
+        """Return the lines of the robot menu, by id."""
+        links = self._discovery.links
+        return [RobotName(name, links[name].robot.title) for name in sorted(links)]
+
+    def view(self, robot_id: str | None) -> RobotTelemetry | None:
+        """Return the view of a robot; a new one when it has been restarted."""
+        link = self._discovery.links.get(robot_id) if robot_id is not None else None
+        if link is None:
+            return None
+        if link.id not in self._telemetry or self._telemetry[link.id].link is not link:
+            self._telemetry[link.id] = RobotTelemetry(link)
+        return self._telemetry[link.id]
+
+    def state(self, robot_id: str | None) -> RobotState | None:
+        """Return the state of a robot, None when it has not said it yet."""
+        view = self.view(robot_id)
+        if view is None:
+            return None
+        snapshot = view.link.snapshot
+        if snapshot.status is None:
+            return None
+        now_s = time.monotonic()
+        return view.state(
+            snapshot,
+            snapshot.status,
+            now_s,
+            mode_age_s=now_s - self._mode_since_s(view.link.id, snapshot.status.mode),
+            round_trips=view.link.round_trips,
+        )
+
+    def add_event(self, robot_id: str, event: Event) -> None:
+        """Remember an event; it may come before its robot is known."""
+        if robot_id not in self._events and len(self._events) >= MAX_ROBOTS:
+            return  # Robot ids on the bus are not authenticated.
+        self._events.setdefault(robot_id, deque(maxlen=MAX_EVENTS)).append(event)
+
+    def events(self, robot_id: str) -> list[Event]:
+        """Return the newest events of a robot, oldest first."""
+        return list(self._events.get(robot_id, ()))
+
+    def health(self) -> dict[str, dict[str, str | float | None]]:
+        """Return mode and age of the state of each robot; null when it has said nothing."""
+        health: dict[str, dict[str, str | float | None]] = {}
+        for robot_id, link in list(self._discovery.links.items()):
+            status, age_s = link.snapshot.status, _state_age_s(link)
+            health[robot_id] = {
+                "mode": status.mode if status else None,
+                "age_s": round(age_s, 3) if math.isfinite(age_s) else None,
+            }
+        return health
+
+    def has_live_robot(self) -> bool:
+        """Return whether a robot has sent a state recently."""
+        return any(
+            _state_age_s(link) < LIVE_TIMEOUT_S for link in list(self._discovery.links.values())
+        )
+
+    async def measure_round_trips(self) -> None:
+        """Measure, four times a second, how long robots take to answer; ends by cancellation."""
+        while True:
+            await asyncio.sleep(_PING_PERIOD_S)
+            self._measuring = {task for task in self._measuring if not task.done()}
+            busy = {task.get_name() for task in self._measuring}
+            for link in list(self._discovery.links.values()):
+                if _state_age_s(link) < LIVE_TIMEOUT_S and link.id not in busy:
+                    self._measuring.add(asyncio.create_task(self._measure(link), name=link.id))
+
+    def _mode_since_s(self, robot_id: str, mode: str) -> float:
+        """Note the mode of a robot, and return when it was first seen in it."""
+        known = self._modes.get(robot_id)
+        if known is None or known[0] != mode:
+            self._modes[robot_id] = known = (mode, time.monotonic())
+        return known[1]
+
+    async def _measure(self, link: RobotClient) -> None:
+        request = LeaseRequest(op="peek", operator="gateway")
+        took_s, answered = await self._executor.call(_ping, link, request)
+        if answered:
+            link.round_trips.add(took_s)
+        else:
+            link.round_trips.clear()
+
+
+def _ping(link: RobotClient, request: LeaseRequest) -> tuple[float, bool]:
+    start_s = time.perf_counter()
+    reply = link.call_lease_service(request)
+    # A peek grants nothing, and only a missing reply has a reason.
+    return time.perf_counter() - start_s, not reply.reason
+
+
+def _state_age_s(link: RobotClient) -> float:
+    return time.monotonic() - link.snapshot.received_s

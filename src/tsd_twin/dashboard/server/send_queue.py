@@ -1,0 +1,83 @@
+"""Bounded send queue of one page: replies and events in order, of states only the newest."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from typing import Protocol
+
+MAX_QUEUED = 64
+"""Replies and events that wait for a slow page; then the oldest are dropped."""
+MAX_UNACKNOWLEDGED = 12
+"""States in flight that the page has not acknowledged; then no more are sent until it does."""
+
+
+class Socket(Protocol):
+    """The part of a WebSocket that is needed here."""
+
+    async def send_str(self, data: str) -> None:
+        """Send a text frame; waits while the socket is full."""
+        ...
+
+
+class SendQueue:
+    """All methods belong to the event loop.
+
+    Back pressure of the socket is not enough: the kernel buffers seconds of old states.
+    The page confirms the states it has seen, so no more than `MAX_UNACKNOWLEDGED` are ever on the
+    way.
+    """
+
+    def __init__(self) -> None:
+        self._messages: deque[str] = deque(maxlen=MAX_QUEUED)
+        self._panel: str | None = None
+        self._state: tuple[int, str] | None = None
+        self._unacknowledged: deque[int] = deque()
+        self._wake = asyncio.Event()
+
+    def put(self, text: str) -> None:
+        """Queue an answer or an event."""
+        self._messages.append(text)
+        self._wake.set()
+
+    def put_panel(self, text: str) -> None:
+        """Send where the sliders are; replaces what still waits."""
+        self._panel = text
+        self._wake.set()
+
+    def put_state(self, number: int, text: str) -> None:
+        """Send a state; replaces what still waits."""
+        self._state = (number, text)
+        self._wake.set()
+
+    def acknowledge(self, number: int) -> None:
+        """Note that the page has received the state with this number."""
+        if number in self._unacknowledged:
+            while self._unacknowledged.popleft() != number:
+                pass
+            self._wake.set()
+
+    def drop_states(self) -> None:
+        """Another robot is selected: its numbers start again."""
+        self._state = None
+        self._unacknowledged.clear()
+
+    async def run(self, socket: Socket) -> None:
+        """Send what waits, for as long as the socket takes it."""
+        while True:
+            await self._wake.wait()
+            self._wake.clear()
+            while (text := self._next()) is not None:
+                await socket.send_str(text)
+
+    def _next(self) -> str | None:
+        if self._messages:
+            return self._messages.popleft()
+        if self._panel is not None:
+            text, self._panel = self._panel, None
+            return text
+        if self._state is not None and len(self._unacknowledged) < MAX_UNACKNOWLEDGED:
+            (number, text), self._state = self._state, None
+            self._unacknowledged.append(number)
+            return text
+        return None

@@ -1,0 +1,330 @@
+"""Session of one page: dispatches its messages and sends it state, events and replies."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import msgspec
+
+from tsd_twin.dashboard.robot_client import RpcExecutor
+from tsd_twin.dashboard.scene.picking import PageScene
+from tsd_twin.dashboard.server.auth import Principal
+from tsd_twin.dashboard.server.lease import LeaseClient
+from tsd_twin.dashboard.server.navigation import NavigationSession
+from tsd_twin.dashboard.server.protocol import (
+    ActionReply,
+    ArmRequest,
+    ClearPlan,
+    DisarmRequest,
+    DriveCommand,
+    FollowPlan,
+    HeartbeatReply,
+    LeaseAction,
+    PageHeartbeat,
+    PageMessage,
+    PanelSlidersReleased,
+    PlanRequest,
+    ReleaseControls,
+    ResetRequest,
+    RobotEvent,
+    RobotState,
+    SelectRobot,
+    SessionInfo,
+    SetSpeedLevel,
+    SetWheelSpeed,
+    StopCommand,
+    decode_page_message,
+    encode_message,
+)
+from tsd_twin.dashboard.server.robot_directory import RobotDirectory
+from tsd_twin.dashboard.server.send_queue import SendQueue
+from tsd_twin.dashboard.server.teleop import DRIVABLE_MODES, TeleopController
+from tsd_twin.errors import MessageError
+from tsd_twin.messages.services import Event, Reply
+from tsd_twin.messages.topics import Service
+from tsd_twin.security import Role
+
+_HOLDER_SERVICES: Mapping[type[ArmRequest | DisarmRequest | ResetRequest], Service] = {
+    ArmRequest: Service.ARM,
+    DisarmRequest: Service.DISARM,
+    ResetRequest: Service.RESET,
+}
+_VIEWER_REFUSAL = "a viewer only watches"
+_MAX_CONCURRENT_STOPS = 2
+"""The second starts after the first, so a third adds nothing."""
+
+
+class Session:
+    """Session of one page on the event loop; calls that wait for a robot are tasks of the
+    session.
+    """
+
+    def __init__(
+        self,
+        page: str,
+        directory: RobotDirectory,
+        executor: RpcExecutor,
+        on_released: Callable[[str], None],
+        on_chosen: Callable[[str, str], None],
+        *,
+        principal: Principal,
+        page_scene: PageScene,
+    ) -> None:
+        """`principal` owns the page; each page has an operator id of its own."""
+        self.page = page
+        self.principal = principal
+        self.send_queue = SendQueue()
+        self.robot_id: str | None = None
+        """The robot that is watched."""
+        self.rejected = 0
+        """Number of invalid messages."""
+        self._operator = f"{principal.identity.name}-{page[:8]}"
+        self._role = principal.identity.role
+        self._directory = directory
+        self._executor = executor
+        self._on_released, self._on_chosen = on_released, on_chosen
+        self._lease_client = LeaseClient(
+            self._operator, executor, self._send, self.release_controls
+        )
+        navigation = NavigationSession(page, executor, page_scene, self._send)
+        self._teleop = TeleopController(
+            self._lease_client, self.send_queue, navigation, self._send, self.release_controls
+        )
+        self._stop_count: int | None = None
+        self._stopping: set[asyncio.Task[None]] = set()
+        self._motion: DriveCommand | FollowPlan | None = None
+
+    def on_robots_changed(self) -> None:
+        """Send session info with the list of robots; select a robot if none is selected."""
+        control = self._lease_client.lease
+        if control is not None and (view := self._directory.view(control.link.id)) is not None:
+            if view.link is not control.link:
+                self._teleop.navigation.clear()
+            control.link = (
+                view.link
+            )  # The robot was restarted; the previous client receives nothing.
+        names = self._directory.robot_names()
+        if self.robot_id is None and names:
+            self.robot_id = names[0].id
+            self._on_chosen(self.page, self.robot_id)
+        self._send(
+            SessionInfo(
+                operator=self._operator,
+                role=self._role,
+                user=self.principal.user,
+                may_stop=self.principal.may_stop,
+                robots=names,
+                robot=self.robot_id,
+            )
+        )
+        self._send_robot()
+
+    async def close(self) -> None:
+        """Stop the motion and release the lease; the socket is closed or lost."""
+        self._motion = None
+        self._teleop.close()
+        await self._lease_client.close()
+        self._on_released(self.page)
+
+    # From the page.
+
+    def receive(self, text: str | bytes) -> None:
+        """Handle one message; invalid messages raise nothing and allocate nothing.
+
+        A motion waits until all that has arrived with it is read: the newest replaces those before,
+        and a release or a stop takes them back.
+        """
+        try:
+            message = decode_page_message(text)
+        except MessageError as error:
+            self.reject(str(error))
+            return
+        match message:
+            case DriveCommand() | FollowPlan():
+                if self._motion is None:
+                    asyncio.get_running_loop().call_soon(self._move)
+                self._motion = message
+                return
+            case ReleaseControls() | StopCommand():
+                self._motion = None
+            case _:
+                self._move()
+        self._try(message)
+
+    def _move(self) -> None:
+        message, self._motion = self._motion, None
+        if message is not None:
+            self._try(message)
+
+    def _try(self, message: PageMessage) -> None:
+        try:
+            self._dispatch(message)
+        except MessageError as error:
+            self.reject(str(error))
+
+    def reject(self, reason: str) -> None:
+        """Count an invalid message; the page receives one reply."""
+        self.rejected += 1
+        if self.rejected == 1:
+            self._send(ActionReply(to="message", ok=False, reason=reason))
+
+    def _dispatch(self, message: PageMessage) -> None:
+        match message:
+            case (
+                DriveCommand()
+                | FollowPlan()
+                | ReleaseControls()
+                | PlanRequest()
+                | SetSpeedLevel()
+                | ClearPlan()
+            ):
+                self._teleop.handle(message)
+            case PageHeartbeat():
+                self._on_heartbeat(message)
+            case PanelSlidersReleased():
+                if self._role is not Role.VIEWER:  # Who only watches has no sliders.
+                    self._on_released(self.page)
+            case StopCommand():
+                self._on_stop()
+            case SelectRobot():
+                self.select_robot(message.id)
+            case LeaseAction() if self._role is Role.VIEWER:
+                self._send(ActionReply(to="lease", ok=False, reason=_VIEWER_REFUSAL))
+            case LeaseAction():
+                self._on_lease_action(message)
+            case ArmRequest() | DisarmRequest() | ResetRequest() | SetWheelSpeed():
+                self._request_as_holder(message)
+
+    def _request_as_holder(
+        self, message: ArmRequest | DisarmRequest | ResetRequest | SetWheelSpeed
+    ) -> None:
+        if isinstance(message, SetWheelSpeed):
+            self._lease_client.start_request(
+                "speed", self._lease_client.set_wheel_speed(message.cruise_speed_rpm)
+            )
+        else:
+            service = _HOLDER_SERVICES[type(message)]
+            self._lease_client.start_request(
+                service.name.lower(), self._lease_client.call_service(service)
+            )
+
+    def release_controls(self, reason: str) -> None:
+        """Stop the motion on behalf of the page, if it holds a control."""
+        if self._teleop.release_controls(reason):
+            self._on_released(self.page)
+
+    def _on_heartbeat(self, message: PageHeartbeat) -> None:
+        self._lease_client.on_heartbeat()
+        self.send_queue.acknowledge(message.seen)
+        self._send(HeartbeatReply(sent_ms=message.sent_ms))
+        if not message.focus:
+            self.release_controls("the page is not in front")
+
+    def _on_stop(self) -> None:
+        if not self.principal.may_stop:
+            self._send(ActionReply(to="stop", ok=False, reason=_VIEWER_REFUSAL))
+            return
+        self.release_controls("software stop")
+        self._teleop.navigation.clear()
+        if len(self._stopping) < _MAX_CONCURRENT_STOPS:
+            task = asyncio.create_task(self._stop_and_answer())
+            self._stopping.add(task)
+            task.add_done_callback(self._stopping.discard)
+
+    async def _stop_and_answer(self) -> None:
+        view = self._directory.view(self.robot_id)
+        reply = Reply(False, "no robot is shown")
+        if view is not None:
+            reply = await self._executor.stop(view.link, self._operator)
+        self._send(ActionReply(to="stop", ok=reply.ok, reason=reply.reason))
+
+    def _on_lease_action(self, message: LeaseAction) -> None:
+        lease_client = self._lease_client
+        view = self._directory.view(self.robot_id)
+        link = view.link if view else None
+        match message.op:
+            case "acquire":
+                lease_client.start_request("lease", lease_client.acquire(link, message))
+            case "request":
+                lease_client.start_request("lease", lease_client.request(link, message))
+            case "release":
+                lease_client.start_request("lease", lease_client.release())
+            case "withdraw":
+                lease_client.start_request("lease", lease_client.withdraw())
+            case "grant" | "deny":
+                lease_client.start_request(
+                    "lease", lease_client.answer_request(message.op, message.asker)
+                )
+
+    def select_robot(self, robot_id: str) -> None:
+        """Select another robot; the lease of the previous robot is released."""
+        if robot_id != self.robot_id and not self._lease_client.start_request(
+            "robot", self._select_robot(robot_id)
+        ):
+            self._restore_panel()
+
+    def _restore_panel(self) -> None:
+        """Select the current robot in the panel again."""
+        if self.robot_id is not None:
+            self._on_chosen(self.page, self.robot_id)
+
+    async def _select_robot(self, robot_id: str) -> Reply:
+        if self._directory.view(robot_id) is None:
+            self._restore_panel()
+            return Reply(False, f"there is no robot {robot_id}")
+        self.release_controls("another robot is shown")
+        self._teleop.navigation.clear()
+        await self._lease_client.release_lease()
+        self.robot_id, self._stop_count = robot_id, None
+        self._send_robot()
+        self._on_chosen(self.page, robot_id)
+        return Reply(True)
+
+    # To the page.
+
+    def send_state(self, state: RobotState) -> None:
+        """Send a new state of the robot that is watched."""
+        control, lease = self._lease_client.lease, state.status.lease
+        if control is not None and control.is_lost(state.status):
+            self._on_lease_lost(
+                f"{lease.holder} has taken over" if lease.holder else "it has run out"
+            )
+            control = None
+        self._lease_client.on_lease_status(lease)
+        if state.status.mode not in DRIVABLE_MODES:
+            self.release_controls(f"the robot is {state.status.mode}")
+        if self._stop_count not in (None, state.status.stops):
+            # A stop can be shorter than the time between two states.
+            self.release_controls("the robot has stopped by itself")
+        self._stop_count = state.status.stops
+        if control is None:
+            self._teleop.navigation.clear()
+        self._teleop.navigation.update()
+        you = control is not None and lease.holder == self._operator
+        state = msgspec.structs.replace(state, you=you, route=self._teleop.navigation.route_state)
+        self.send_queue.put_state(state.seen, encode_message(state))
+
+    def send_event(self, event: Event, *, past: bool = False) -> None:
+        """Send an event of the robot that is watched."""
+        self._send(RobotEvent.of(event, past=past))
+
+    def _on_lease_lost(self, reason: str) -> None:
+        self.release_controls(f"control is lost: {reason}")
+        self._lease_client.forget_lease()
+        self._send(RobotEvent(kind="lease", text=f"You have lost control: {reason}.", robot_s=0.0))
+
+    def _send_robot(self) -> None:
+        view = self._directory.view(self.robot_id)
+        if view is None:
+            return
+        self.send_queue.drop_states()
+        self._send(view.info())
+        for event in self._directory.events(view.link.id):
+            self.send_event(event, past=True)
+        if (state := self._directory.state(view.link.id)) is not None:
+            self.send_state(state)
+
+    def _send(self, message: Any) -> None:
+        self.send_queue.put(encode_message(message))

@@ -1,0 +1,196 @@
+"""Session manager: one session per connected page, on one event loop."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Callable
+from typing import Literal
+
+from aiohttp import WSMessage, WSMsgType, web
+
+from tsd_twin.dashboard.robot_client import RpcExecutor
+from tsd_twin.dashboard.scene.picking import EmptyPageScene, PageScene
+from tsd_twin.dashboard.server.auth import Principal
+from tsd_twin.dashboard.server.protocol import PanelSliders, SphereClick, encode_message
+from tsd_twin.dashboard.server.robot_directory import RobotClients, RobotDirectory
+from tsd_twin.dashboard.server.session import Session
+from tsd_twin.messages.services import Event
+
+
+def _ignore(*_args: str) -> None:
+    pass
+
+
+class SessionManager:
+    """Sessions of all connected pages, on one event loop.
+
+    `on_status` and `on_event` belong to that loop; `panel`, `point` and `choose` may be called from
+    any thread.
+    """
+
+    def __init__(
+        self,
+        discovery: RobotClients,
+        on_released: Callable[[str], None] = _ignore,
+        on_chosen: Callable[[str, str], None] = _ignore,
+        page_scene: PageScene | None = None,
+    ) -> None:
+        """Create it without sessions.
+
+        Called on the event loop: `on_released`, with the page, when the sliders of its panel shall
+        spring back, and `on_chosen`, with page and robot id, when its menu is used. `picture` is
+        what pages point at and draw on.
+        """
+        self._executor = RpcExecutor()
+        self.directory = RobotDirectory(discovery, self._executor)
+        """The robots that there are to see."""
+        self._on_released, self._on_chosen = on_released, on_chosen
+        self._page_scene: PageScene = EmptyPageScene() if page_scene is None else page_scene
+        self._sessions: dict[str, Session] = {}
+        self._sockets: dict[str, web.WebSocketResponse] = {}
+        self._rejected = 0
+        self._loop: asyncio.AbstractEventLoop | None = None
+        discovery.on_change(lambda: self._call_soon(self._on_robots_changed))
+
+    def open(self) -> None:
+        """Start: accept calls of other threads, on the running event loop."""
+        self._loop = asyncio.get_running_loop()
+
+    def close(self) -> None:
+        """Stop, after the last session has ended."""
+        self._loop = None
+        self._executor.close()
+
+    async def close_sockets(self) -> None:
+        """Close the sockets of all pages."""
+        goodbyes = (
+            socket.close(code=1001, message=b"the dashboard ends")
+            for socket in self._sockets.values()
+        )
+        await asyncio.gather(*goodbyes)
+
+    @property
+    def rejected(self) -> int:
+        """Number of invalid messages from pages."""
+        return self._rejected + sum(session.rejected for session in self._sessions.values())
+
+    # State and events to the pages.
+
+    def on_status(self, robot_id: str) -> None:
+        """Send a robot's new state to all pages that watch it."""
+        # Also without viewers: the directory records since when the robot has been in its mode.
+        if (state := self.directory.state(robot_id)) is not None:
+            for session in self._sessions_showing(robot_id):
+                session.send_state(state)
+
+    def on_event(self, robot_id: str, event: Event) -> None:
+        """Send an event to all pages that watch the robot, and keep it for those to come."""
+        self.directory.add_event(robot_id, event)
+        for session in self._sessions_showing(robot_id):
+            session.send_event(event)
+
+    def on_panel(
+        self,
+        page: str,
+        vx: float,
+        vy: float,
+        omega: float,
+        mode: Literal["preview", "drive"],
+        latch: bool,
+    ) -> None:
+        """Tell a page where the sliders of its panel are, m/s and rad/s; from any thread.
+
+        The page is what streams them, so they obey the same dead man's switch as its stick.
+        """
+        message = PanelSliders(vx=vx, vy=vy, omega=omega, mode=mode, latch=latch)
+        self._with_session(
+            page, lambda session: session.send_queue.put_panel(encode_message(message))
+        )
+
+    def on_sphere_click(self, page: str, robot_id: str, at: tuple[float, float, float]) -> None:
+        """Tell a page which point of a ball was clicked on; from any thread.
+
+        The page is what brings it up, under the same dead man's switch as its stick.
+        """
+        message = SphereClick(robot=robot_id, at=at)
+        self._with_session(page, lambda session: session.send_queue.put(encode_message(message)))
+
+    def select_robot(self, page: str, robot_id: str) -> None:
+        """Turn a page to another robot, as its panel asks; from any thread."""
+        self._with_session(page, lambda session: session.select_robot(robot_id))
+
+    def _sessions_showing(self, robot_id: str) -> list[Session]:
+        return [each for each in self._sessions.values() if each.robot_id == robot_id]
+
+    def _with_session(self, page: str, act: Callable[[Session], None]) -> None:
+        def call() -> None:
+            if (session := self._sessions.get(page)) is not None:
+                act(session)
+
+        self._call_soon(call)
+
+    def _on_robots_changed(self) -> None:
+        for session in self._sessions.values():
+            session.on_robots_changed()
+
+    def _call_soon(self, call: Callable[[], None]) -> None:
+        if self._loop is not None:
+            with contextlib.suppress(RuntimeError):  # The loop has just been closed.
+                self._loop.call_soon_threadsafe(call)
+
+    # Pages that connect and disconnect.
+
+    def robot_of(self, page: str) -> str | None:
+        """Return the id of the robot that a page shows; from any thread."""
+        session = self._sessions.get(page)
+        return None if session is None else session.robot_id
+
+    def principal_of(self, page: str) -> Principal | None:
+        """Return the principal of a page; None when it is not open."""
+        session = self._sessions.get(page)
+        return None if session is None else session.principal
+
+    async def run_session(
+        self,
+        page: str,
+        principal: Principal,
+        socket: web.WebSocketResponse,
+        messages: AsyncIterator[WSMessage],
+        holding: contextlib.AbstractContextManager[None],
+    ) -> None:
+        """Run the session of a page while its socket is open, within `holding`.
+
+        `messages` are what the socket says.
+        """
+        if (before := self._sockets.get(page)) is not None:  # Its connection was lost unnoticed.
+            await before.close(code=1001, message=b"the page has come back")
+        session = Session(
+            page,
+            self.directory,
+            self._executor,
+            self._on_released,
+            self._on_chosen,
+            principal=principal,
+            page_scene=self._page_scene,
+        )
+        self._sessions[page], self._sockets[page] = session, socket
+        delivering = asyncio.create_task(session.send_queue.run(socket))
+        try:
+            with holding:
+                session.on_robots_changed()
+                async for message in messages:
+                    if message.type is WSMsgType.TEXT:
+                        session.receive(message.data)
+                    else:
+                        session.reject("shape: messages are text")
+        finally:
+            delivering.cancel()
+            await asyncio.gather(delivering, return_exceptions=True)
+            await self._end(session, socket)
+
+    async def _end(self, session: Session, socket: web.WebSocketResponse) -> None:
+        await session.close()
+        self._rejected += session.rejected
+        if self._sockets.get(session.page) is socket:
+            del self._sessions[session.page], self._sockets[session.page]

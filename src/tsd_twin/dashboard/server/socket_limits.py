@@ -1,0 +1,314 @@
+"""Limits of one socket: rates and sizes checked before decoding, and fair reception beside other
+sockets.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import re
+import socket as sockets
+import time
+from collections.abc import AsyncGenerator, Mapping
+from dataclasses import dataclass
+from enum import Enum, auto
+from types import MappingProxyType
+
+from aiohttp import WSMessage, WSMsgType, web
+
+from tsd_twin.dashboard.scene.overlays import RateLimiter
+
+POLICY_VIOLATION = 1008
+"""Close code of a socket that floods."""
+TOO_MUCH = "too many messages: this socket is closed"
+"""Close reason of a socket that floods."""
+GRACE = 2.0
+"""A socket is closed once it owes this many times its burst, beyond the burst itself."""
+_KIND = re.compile(r'\s*\{\s*"t"\s*:\s*"([a-z_]{1,20})"')
+_NEVER_DROPPED = frozenset({"stop", "release"})
+"""Kinds that only make the robot stop."""
+_SHORT = 64
+"""Characters: both of them are shorter."""
+
+
+class LimitDecision(Enum):
+    """What becomes of a message."""
+
+    PASS = auto()
+    DROP = auto()
+    CUT = auto()
+    """The socket floods: it has to be closed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Quota:
+    """How much is allowed on average, and how much more at once."""
+
+    per_s: float
+    burst: float
+
+
+class Bucket:
+    """A token bucket; time is an argument. It may go into debt, which has to be paid back."""
+
+    def __init__(self, quota: Quota) -> None:
+        self._quota = quota
+        self._left = quota.burst
+        self._at_s = 0.0
+
+    def take(self, amount: float, now_s: float) -> float:
+        """Take tokens, and return how many are left; below zero is a debt."""
+        refill = max(0.0, now_s - self._at_s) * self._quota.per_s
+        self._left = min(self._quota.burst, self._left + refill) - amount
+        self._at_s = now_s
+        return self._left
+
+    def try_take(self, now_s: float) -> bool:
+        """Take one token if there is one."""
+        if self.take(1.0, now_s) >= 0.0:
+            return True
+        self._left += 1.0
+        return False
+
+
+@dataclass(frozen=True, slots=True)
+class SocketLimits:
+    """What one socket may send."""
+
+    messages: Quota
+    size: Quota
+    """In characters or bytes."""
+    kinds: Mapping[str, Quota]
+    """Further limits of single kinds of text messages."""
+    other: Quota
+    """Limit of text messages whose kind cannot be told, or has no limit of its own."""
+
+
+TELEOP = SocketLimits(
+    messages=Quota(200.0, 400.0),
+    size=Quota(64e3, 192e3),
+    kinds=MappingProxyType(
+        {
+            # A page sends at most 100 of these a second, and 10 beats.
+            "drive": Quota(150.0, 300.0),
+            "go": Quota(150.0, 300.0),
+            "beat": Quota(30.0, 100.0),
+            "panel_released": Quota(10.0, 20.0),
+            "plan": Quota(10.0, 20.0),
+            "pace": Quota(30.0, 60.0),
+            "unplan": Quota(10.0, 30.0),
+            "lease": Quota(10.0, 60.0),
+            "arm": Quota(10.0, 60.0),
+            "disarm": Quota(10.0, 60.0),
+            "reset": Quota(10.0, 60.0),
+            "speed": Quota(20.0, 40.0),
+            "robot": Quota(10.0, 60.0),
+        }
+    ),
+    other=Quota(50.0, 300.0),
+)
+"""Of the socket of the controls."""
+VISER = SocketLimits(
+    messages=Quota(120.0, 300.0), size=Quota(64e3, 256e3), kinds={}, other=Quota(120.0, 300.0)
+)
+"""Of viser's socket: its page sends at most 50 cameras and 20 changes of a control a second."""
+
+
+class SocketLimiter:
+    """What one socket has sent lately; a message that is dropped counts as well."""
+
+    def __init__(self, limits: SocketLimits) -> None:
+        self._limits = limits
+        self._messages, self._size = Bucket(limits.messages), Bucket(limits.size)
+        self._kinds: dict[str, Bucket] = {}
+        self.dropped = 0
+        """Messages that were not looked at."""
+
+    def judge(self, data: str | bytes, now_s: float) -> LimitDecision:
+        """Judge a message by its length and its first characters."""
+        kind = _kind_of(data) if isinstance(data, str) else ""
+        left = self._messages.take(1.0, now_s) / self._limits.messages.burst
+        left = min(left, self._size.take(float(len(data)), now_s) / self._limits.size.burst)
+        if left < -GRACE:
+            return LimitDecision.CUT
+        if kind in _NEVER_DROPPED and len(data) <= _SHORT:
+            return LimitDecision.PASS
+        if left < 0.0 or not self._bucket(kind).try_take(now_s):
+            self.dropped += 1
+            return LimitDecision.DROP
+        return LimitDecision.PASS
+
+    def _bucket(self, kind: str) -> Bucket:
+        quota = self._limits.kinds.get(kind)
+        name = "" if quota is None else kind
+        if name not in self._kinds:
+            self._kinds[name] = Bucket(quota or self._limits.other)
+        return self._kinds[name]
+
+
+def _kind_of(text: str) -> str:
+    found = _KIND.match(text)
+    return "" if found is None else found[1]
+
+
+class SocketCutOff:
+    """Logins and pages whose socket was closed for flooding, and until when they stay out.
+
+    Who floods again soon after stays out twice as long as the time before.
+    """
+
+    STAYS_OUT_S = 5.0
+    LONGEST_S = 60.0
+    _MOST = 1000
+
+    def __init__(self) -> None:
+        self._out: dict[str, tuple[float, float]] = {}
+        """For how long, and until when."""
+        self.count = 0
+        """Sockets that were closed so far."""
+
+    def __len__(self) -> int:
+        """Return how many are remembered."""
+        return len(self._out)
+
+    def note(self, key: str, now_s: float) -> None:
+        """Note that a socket of this login, or this page, flooded."""
+        self.count += 1
+        recent = now_s - self.LONGEST_S
+        self._out = {who: out for who, out in self._out.items() if out[1] > recent}
+        before_s, until_s = self._out.pop(key, (0.0, 0.0))
+        while len(self._out) >= self._MOST:
+            del self._out[next(iter(self._out))]
+        if until_s > now_s:  # Another socket of the same, which was open already.
+            self._out[key] = (before_s, until_s)
+            return
+        stays_s = min(max(self.STAYS_OUT_S, 2.0 * before_s), self.LONGEST_S)
+        self._out[key] = (stays_s, now_s + stays_s)
+
+    def waits_s(self, key: str, now_s: float) -> float:
+        """Return for how much longer no new socket is opened; 0 when one is."""
+        return max(0.0, self._out.get(key, (0.0, 0.0))[1] - now_s)
+
+
+_LOG = logging.getLogger(__name__)
+
+TURN = 24
+"""Messages of one socket in one turn of the event loop."""
+_IN_A_ROW_S = 0.002
+"""Between two messages that were read without waiting in between."""
+_RECEIVE_BYTES = 32 * 2**10
+"""What the kernel holds for one socket, and so what is parsed of it in one turn of the loop."""
+_GOODBYE_S = 0.2
+"""For the close frame to arrive before the connection is reset."""
+_REFUSED_AFTER_S = 1.0
+_REFUSING = 100
+"""Refusals that wait at a time; more are answered at once, so that nothing piles up."""
+_ENDS = (WSMsgType.CLOSE, WSMsgType.CLOSING, WSMsgType.CLOSED, WSMsgType.ERROR)
+
+
+class SocketReader:
+    """Listens to the sockets of all pages; belongs to the event loop."""
+
+    def __init__(self) -> None:
+        self.cut_off = SocketCutOff()
+        """Who flooded."""
+        self.dropped = 0
+        """Messages beyond what a socket may send."""
+        self._says = RateLimiter(0.1)
+        self._refusing = 0
+
+    async def admit(self, request: web.Request, key: str) -> None:
+        """Refuse a new socket to a login or a page that has just flooded; prepare it otherwise.
+
+        Raises:
+            web.HTTPTooManyRequests: it has to wait.
+        """
+        if (wait_s := self.cut_off.waits_s(key, time.monotonic())) > 0.0:
+            if self._refusing < _REFUSING:
+                # Who asks again after each answer must not keep the loop busy by that.
+                self._refusing += 1
+                try:
+                    await asyncio.sleep(min(wait_s, _REFUSED_AFTER_S))
+                finally:
+                    self._refusing -= 1
+            raise web.HTTPTooManyRequests(
+                text=f"Too many messages came from here: wait {wait_s:.0f} s.",
+                headers={"Retry-After": str(int(wait_s) + 1)},
+            )
+        hold_little(request)
+
+    async def messages(
+        self, request: web.Request, socket: web.WebSocketResponse, limits: SocketLimits, key: str
+    ) -> AsyncGenerator[WSMessage]:
+        """Yield what a socket may say, until it ends, or floods: then `key` stays out for a while.
+
+        `socket` must not answer pings by itself: a flood of them would never come here.
+        """
+        allowance = SocketLimiter(limits)
+        in_a_row, before_s = 0, 0.0
+        while True:
+            if in_a_row >= TURN:
+                in_a_row = 0
+                await asyncio.sleep(0.0)  # `receive` does not wait while something is there.
+            message = await socket.receive()
+            now_s = time.monotonic()
+            in_a_row = in_a_row + 1 if now_s - before_s < _IN_A_ROW_S else 0
+            before_s = now_s
+            if message.type in _ENDS:
+                return
+            data = message.data if isinstance(message.data, str | bytes) else bytes(message.data)
+            verdict = allowance.judge(data, now_s)
+            if verdict is LimitDecision.CUT:
+                self._note(key)
+                hang_up(request)
+                return
+            if verdict is LimitDecision.DROP:
+                self.dropped += 1
+            elif message.type is WSMsgType.PING:
+                await socket.pong(data if isinstance(data, bytes) else data.encode())
+            elif message.type is not WSMsgType.PONG:
+                yield message
+
+    def _note(self, key: str) -> None:
+        now_s = time.monotonic()
+        self.cut_off.note(key, now_s)
+        if self._says.is_due(now_s):
+            _LOG.warning("a page that flooded was cut off, the %d. so far", self.cut_off.count)
+
+    async def say_goodbye(self, request: web.Request, socket: web.WebSocketResponse) -> None:
+        """Close a socket that was cut off, with code and reason, without reading on."""
+        transport = request.transport
+        if not is_hung_up(request) or transport is None:
+            return
+        payload = POLICY_VIOLATION.to_bytes(2, "big") + TOO_MUCH.encode()
+        try:
+            async with asyncio.timeout(_GOODBYE_S):
+                await socket.send_frame(payload, WSMsgType.CLOSE)
+            await asyncio.sleep(_GOODBYE_S)
+        except (ConnectionError, TimeoutError):
+            pass
+        finally:
+            transport.abort()
+
+
+_HUNG_UP = web.RequestKey("_HUNG_UP", bool)
+
+
+def hang_up(request: web.Request) -> None:
+    """Read nothing more from the connection of a request."""
+    request[_HUNG_UP] = True
+    transport = request.transport
+    if isinstance(transport, asyncio.ReadTransport):
+        transport.pause_reading()
+
+
+def is_hung_up(request: web.Request) -> bool:
+    """Tell whether its socket was cut off."""
+    return request.get(_HUNG_UP, False)
+
+
+def hold_little(request: web.Request) -> None:
+    """Let the kernel hold little for a socket: what is parsed in one turn delays all others."""
+    connection = request.get_extra_info("socket")
+    if connection is not None:
+        connection.setsockopt(sockets.SOL_SOCKET, sockets.SO_RCVBUF, _RECEIVE_BYTES)

@@ -1,0 +1,302 @@
+"""WebSocket proxy to viser, and the filter of the messages that browsers may send to viser.
+
+viser's protocol can do more than its page shows: set any property of a control, switch off its
+callbacks, press what is disabled, click any node, upload files, request a public tunnel.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import re
+import socket
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from types import MappingProxyType
+from typing import Annotated, Any, Literal, TypeAlias, cast
+
+import msgspec
+from aiohttp import ClientError, ClientSession, ClientWebSocketResponse, WSMessage, WSMsgType, web
+from msgspec import Meta
+
+from tsd_twin.dashboard.server.auth import Principal
+from tsd_twin.dashboard.server.socket_limits import VISER, SocketReader
+from tsd_twin.dashboard.viser_compat.private_api import (
+    DARK_HEADER,
+    PAGE_HEADER,
+    PLAIN_HEADER,
+    ROLE_HEADER,
+)
+from tsd_twin.dashboard.viser_compat.viser_server import KEY_HEADER, access_key
+from tsd_twin.errors import MessageError
+from tsd_twin.security import Role
+
+MAX_MESSAGE_BYTES = 16 * 2**10
+"""A camera has 300; a control that is moved, fewer."""
+_CAMERA_MESSAGE = "ViewerCameraMessage"
+_CONTROL_MESSAGE = "GuiUpdateMessage"
+_CLICK_MESSAGE = "SceneNodeClickMessage"
+_CLICK_TARGET = r"^/w/r/[a-z0-9_-]{1,32}/x\Z"
+"""What can be clicked on: the sphere of a robot."""
+_IGNORED_MESSAGES = frozenset(
+    {
+        "CommandTriggerMessage",
+        "FileTransferPart",
+        "FileTransferPartAck",
+        "FileTransferStartUpload",
+        "GetRenderResponseMessage",
+        "GuiButtonHoldMessage",
+        "GuiFormSubmitMessage",
+        "LocalStorageGetItemResponseMessage",
+        "SceneNodeDragMessage",
+        "ScenePointerMessage",
+        "ShareUrlDisconnect",
+        "ShareUrlRequest",
+        "TransformControlsDragEndMessage",
+        "TransformControlsDragStartMessage",
+        "TransformControlsUpdateMessage",
+    }
+)
+"""What viser's page could say beside that. Nothing of ours listens."""
+_OFF = 0.1
+"""How far from 1 the length of a quaternion may be."""
+_LONGEST = 200
+"""Characters of a text that a control can have."""
+_DECODER = msgspec.msgpack.Decoder(dict[str, Any])
+
+_Number: TypeAlias = Annotated[float, Meta(ge=-1e9, le=1e9)]
+_Positive: TypeAlias = Annotated[float, Meta(gt=0.0, le=1e9)]
+_Pixels: TypeAlias = Annotated[int, Meta(ge=0, le=100_000)]
+_Triple: TypeAlias = tuple[_Number, _Number, _Number]
+
+_Modifier: TypeAlias = Literal[
+    "cmd/ctrl",
+    "alt",
+    "shift",
+    "cmd/ctrl+alt",
+    "cmd/ctrl+shift",
+    "alt+shift",
+    "cmd/ctrl+alt+shift",
+]
+
+
+class _FromBrowser(msgspec.Struct, forbid_unknown_fields=True, frozen=True, tag_field="type"):
+    """One kind of message: each field with its type and range, and no other field."""
+
+
+class _Camera(_FromBrowser, frozen=True, tag=_CAMERA_MESSAGE):
+    wxyz: tuple[_Number, _Number, _Number, _Number]
+    position: _Triple
+    fov: Annotated[float, Meta(gt=0.0, lt=math.pi)]
+    near: _Positive
+    far: _Positive
+    image_height: _Pixels
+    image_width: _Pixels
+    look_at: _Triple
+    up_direction: _Triple
+
+
+class _Updates(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    value: bool | _Number | Annotated[str, Meta(max_length=_LONGEST)]
+
+
+class _Control(_FromBrowser, frozen=True, tag=_CONTROL_MESSAGE):
+    uuid: Annotated[str, Meta(max_length=64)]
+    updates: _Updates
+
+
+class _Click(_FromBrowser, frozen=True, tag=_CLICK_MESSAGE):
+    name: Annotated[str, Meta(pattern=_CLICK_TARGET)]
+    ray_origin: _Triple
+    ray_direction: _Triple
+    instance_index: Annotated[int, Meta(ge=0, le=100_000)] | None = None
+    screen_pos: tuple[_Number, _Number] = (0.0, 0.0)
+    modifier: _Modifier | None = None
+    owner: Annotated[str, Meta(max_length=64)] = ""
+
+
+_KINDS: Mapping[str, type[_FromBrowser]] = MappingProxyType(
+    {_CAMERA_MESSAGE: _Camera, _CONTROL_MESSAGE: _Control, _CLICK_MESSAGE: _Click}
+)
+
+
+def filter_message(frame: bytes, role: Role) -> bytes | None:
+    """Return what of a frame goes on to viser; None when nothing does.
+
+    Where one looks from is the only thing that a viewer may say. What goes on is put together anew
+    from fields of known types and ranges, so that viser reads what was judged here. A message of a
+    kind that may pass but with other fields is dropped.
+
+    Raises:
+        MessageError: `shape`, when it is nothing that viser's page would say.
+    """
+    if len(frame) > MAX_MESSAGE_BYTES:
+        raise MessageError("shape", f"no message has more than {MAX_MESSAGE_BYTES} bytes")
+    try:
+        message = _DECODER.decode(frame)
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
+        raise MessageError("shape", str(error)) from error
+    kind = message.get("type")
+    if not isinstance(kind, str) or (kind not in _KINDS and kind not in _IGNORED_MESSAGES):
+        raise MessageError("shape", "viser's page says no such thing")
+    if kind in _IGNORED_MESSAGES or (kind != _CAMERA_MESSAGE and role is not Role.OPERATOR):
+        return None
+    try:
+        read = msgspec.convert(message, _KINDS[kind])
+    except (msgspec.ValidationError, OverflowError):
+        return None
+    fields = msgspec.to_builtins(read)
+    return msgspec.msgpack.encode(fields) if _is_finite(fields) else None
+
+
+def _is_finite(value: Any) -> bool:
+    """Tell whether no number in it is infinite or none at all, and a quaternion turns something."""
+    match value:
+        case float():
+            return math.isfinite(value)
+        case dict():
+            fields = cast("dict[str, Any]", value)
+            turned = fields.get("wxyz")
+            unit = turned is None or abs(math.hypot(*turned) - 1.0) < _OFF
+            return unit and all(map(_is_finite, fields.values()))
+        case list() | tuple():
+            return all(map(_is_finite, cast("Sequence[Any]", value)))
+        case _:
+            return True
+
+
+PAGE_ID = re.compile(r"[0-9a-f]{16}")
+"""A page id: made by the page itself, and good for nothing else."""
+
+_MAX_VISER_MESSAGE_BYTES = 64 * 2**20
+_SOCKET_BUFFER_BYTES = 128 * 2**10
+"""Bytes: by default the kernel holds 2 MB for a slow page, which is many seconds of old poses."""
+_HEARTBEAT_S = 10.0
+_CLOSE_TIMEOUT_S = 0.5
+
+
+class ViserProxy:
+    """Connects each page's `viser/<page>` to the viser server."""
+
+    def __init__(self, viser_port: int, ear: SocketReader) -> None:
+        self.dropped = 0
+        """Messages of pages that were not passed on."""
+        self._ear = ear
+        self._url = f"ws://127.0.0.1:{viser_port}/"
+        self._client: ClientSession | None = None
+        self._open: set[web.WebSocketResponse] = set()
+
+    async def close(self) -> None:
+        """Close all sockets."""
+        await asyncio.gather(
+            *(page.close(code=1001, message=b"the dashboard ends") for page in self._open)
+        )
+        if self._client is not None:
+            await self._client.close()
+
+    async def serve(
+        self,
+        request: web.Request,
+        page_id: str,
+        principal: Principal,
+        holding: Callable[[web.WebSocketResponse], AbstractContextManager[None]],
+    ) -> web.StreamResponse:
+        """Answer `GET viser/<page>`; the page's socket is open within `holding` it."""
+        if self._client is None:
+            self._client = ClientSession()
+        offered = request.headers.get("Sec-WebSocket-Protocol", "")
+        protocols = [name.strip() for name in offered.split(",") if name.strip()]
+        try:
+            viser = await self._client.ws_connect(
+                self._url,
+                protocols=protocols,
+                headers={
+                    KEY_HEADER: access_key(),
+                    PAGE_HEADER: page_id,
+                    ROLE_HEADER: principal.identity.role,
+                    DARK_HEADER: _display_option(request, "dark"),
+                    PLAIN_HEADER: _display_option(request, "plain"),
+                },
+                compress=0,
+                max_msg_size=_MAX_VISER_MESSAGE_BYTES,
+            )
+        except (ClientError, OSError) as error:
+            raise web.HTTPServiceUnavailable(text=f"viser does not answer: {error}") from error
+        async with viser:
+            chosen = (viser.protocol,) if viser.protocol else ()
+            page = web.WebSocketResponse(
+                timeout=_CLOSE_TIMEOUT_S,
+                protocols=chosen,
+                compress=False,
+                max_msg_size=MAX_MESSAGE_BYTES,
+                heartbeat=_HEARTBEAT_S,
+                autoping=False,
+            )
+            await page.prepare(request)
+            _limit_buffer(request.get_extra_info("socket"), socket.SO_SNDBUF)
+            _limit_buffer(viser.get_extra_info("socket"), socket.SO_RCVBUF)
+            self._open.add(page)
+            try:
+                with holding(page):
+                    messages = self._ear.messages(request, page, VISER, principal.key or page_id)
+                    await self._connect(request, page, viser, messages, principal.identity.role)
+            finally:
+                self._open.discard(page)
+        return page
+
+    async def _connect(
+        self,
+        request: web.Request,
+        page: web.WebSocketResponse,
+        viser: ClientWebSocketResponse,
+        messages: AsyncIterator[WSMessage],
+        role: Role,
+    ) -> None:
+        """Pass messages both ways until either side ends, then end the other."""
+        ways = [
+            asyncio.create_task(self._pass_checked(messages, viser, role)),
+            asyncio.create_task(_relay_to_page(viser, page)),
+        ]
+        try:
+            await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for way in ways:
+                way.cancel()
+            await asyncio.gather(*ways, return_exceptions=True)
+            await self._ear.say_goodbye(request, page)
+            # viser tells a client of another version why it is refused.
+            await page.close(code=viser.close_code or 1001)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(_CLOSE_TIMEOUT_S):
+                    await viser.close()
+
+    async def _pass_checked(
+        self, messages: AsyncIterator[WSMessage], sink: ClientWebSocketResponse, role: Role
+    ) -> None:
+        """Pass on what a page may say, until it says something that no page says."""
+        with contextlib.suppress(ConnectionError, MessageError):
+            async for message in messages:
+                if message.type is not WSMsgType.BINARY:
+                    return
+                if (frame := filter_message(message.data, role)) is not None:
+                    await sink.send_bytes(frame)
+                else:
+                    self.dropped += 1
+
+
+def _display_option(request: web.Request, word: str) -> str:
+    return "1" if word in request.query.get("look", "").split("-") else "0"
+
+
+async def _relay_to_page(source: ClientWebSocketResponse, sink: web.WebSocketResponse) -> None:
+    """Pass messages on, one at a time: a slow reader slows its writer, and nothing piles up."""
+    with contextlib.suppress(ConnectionError):
+        async for message in source:
+            if message.type is WSMsgType.BINARY:
+                await sink.send_bytes(message.data)
+
+
+def _limit_buffer(connection: socket.socket | None, option: int) -> None:
+    if connection is not None:
+        connection.setsockopt(socket.SOL_SOCKET, option, _SOCKET_BUFFER_BYTES)

@@ -1,0 +1,74 @@
+// Where the overlay is: exactly over the room of viser's 3D canvas, which shrinks when the panel is
+// docked. Not over the canvas itself: in a browser without WebGL that stays a small box in a corner.
+
+const CHECK_MS = 250;
+const PHONE = "(max-width: 36em)"; // From here on viser turns its panel into a drawer.
+
+export class CanvasFrame {
+  constructor(host) {
+    this._host = host;
+    this._canvas = null;
+    this._drawer = null;
+    this._shown = "";
+    this._watcher = new ResizeObserver(() => this.fit());
+    this.phone = matchMedia(PHONE);
+    addEventListener("resize", () => this.fit());
+    setInterval(() => this.fit(), CHECK_MS); // Canvas and drawer come late, and again on reconnect.
+    this.fit();
+  }
+
+  /** Whether an event is on viser's panel: neither on the scene nor on us. */
+  isPanel(event) {
+    const path = event.composedPath();
+    return (
+      !path.includes(this._host) && !path.includes(this._canvas) && path.includes(document.body)
+    );
+  }
+
+  /** Whether an event is on the scene itself, below all controls. */
+  isScene(event) {
+    const path = event.composedPath();
+    return !path.includes(this._host) && this._canvas !== null && path.includes(this._canvas);
+  }
+
+  /** Tell how much room the controls take, so that the drawer opens above them. */
+  reserve(top, bottom) {
+    document.documentElement.style.setProperty("--tsd-top", `${Math.ceil(top)}px`);
+    document.documentElement.style.setProperty("--tsd-bottom", `${Math.ceil(bottom)}px`);
+  }
+
+  fit() {
+    if (!this._canvas?.isConnected) this._adopt(document.querySelector("canvas[data-engine]"));
+    if (this.phone.matches && !this._drawer?.isConnected) this._adoptDrawer();
+    const box = this._canvas?.parentElement?.getBoundingClientRect();
+    const [left, top, width, height] =
+      box && box.width > 0
+        ? [box.left, box.top, box.width, box.height]
+        : [0, 0, innerWidth, innerHeight];
+    const shown = `left:${left}px;top:${top}px;width:${width}px;height:${height}px`;
+    if (shown !== this._shown) this._host.style.cssText = this._shown = shown;
+  }
+
+  _adopt(canvas) {
+    this._watcher.disconnect();
+    this._canvas = canvas;
+    if (canvas?.parentElement) this._watcher.observe(canvas.parentElement);
+  }
+
+  /** viser's drawer has no name: it is what is fixed at the bottom beside the canvas. */
+  _adoptDrawer() {
+    for (let node = this._canvas; node && node !== document.body; node = node.parentElement) {
+      for (const beside of node.parentElement?.children ?? []) {
+        const style = getComputedStyle(beside);
+        if (beside !== node && style.position === "fixed" && style.bottom === "0px") {
+          this._drawer = beside;
+          beside.setAttribute("data-tsd-drawer", "");
+          if (beside.getBoundingClientRect().height > 80) {
+            beside.querySelector('[style*="cursor: pointer"]')?.click(); // It starts open, over the scene.
+          }
+          return;
+        }
+      }
+    }
+  }
+}

@@ -1,0 +1,86 @@
+// The keyboard: W A S D and Q E drive, the space bar stops. Listeners run before those of viser,
+// whose camera would move with the same keys.
+
+import { KeyState } from "./key_state.js";
+
+const DRIVE = {
+  KeyW: [1, 0, 0],
+  KeyS: [-1, 0, 0],
+  KeyA: [0, 1, 0],
+  KeyD: [0, -1, 0],
+  KeyQ: [0, 0, 1],
+  KeyE: [0, 0, -1],
+};
+
+export class Keyboard {
+  /** `focused(event)` may take a key for the control that has the focus; it returns whether it did. */
+  constructor(drive, { focused, stop }) {
+    this._drive = drive;
+    this._focused = focused;
+    this._stop = stop;
+    this._keys = new KeyState();
+    for (const type of ["keydown", "keyup"]) {
+      addEventListener(type, (event) => this._take(event), { capture: true });
+    }
+  }
+
+  get held() {
+    return this._keys.size > 0;
+  }
+
+  get unit() {
+    const [x, y, turn] = this._keys.sum(DRIVE, 3);
+    const length = Math.max(1, Math.hypot(x, y));
+    return { x: x / length, y: y / length, turn };
+  }
+
+  cancel() {
+    this._keys.cancel();
+  }
+
+  _take(event) {
+    const target = event.composedPath()[0];
+    const up = event.type === "keyup";
+    // A key comes up wherever the focus has gone meanwhile, and whatever else is held by then.
+    if (up && this._keys.take(event)) this._drive.changed();
+    if (!up && (event.ctrlKey || event.metaKey || event.altKey)) return;
+    if (event.code === "Space" ? takesSpaces(target) : takesText(target)) return;
+    const taken = this._focused(event) || this._takeStop(event) || this._takeDrive(event);
+    if (!taken) return;
+    event.preventDefault();
+    event.stopImmediatePropagation();
+  }
+
+  _takeStop(event) {
+    if (event.code !== "Space") return false;
+    if (event.type === "keydown" && !event.repeat) this._stop();
+    return true;
+  }
+
+  _takeDrive(event) {
+    if (!(event.code in DRIVE)) return false;
+    if (this._keys.take(event)) this._drive.changed();
+    return true;
+  }
+}
+
+function takesText(target) {
+  if (!(target instanceof HTMLElement)) return false;
+  if (
+    target.isContentEditable ||
+    target instanceof HTMLTextAreaElement ||
+    target instanceof HTMLSelectElement
+  )
+    return true;
+  return (
+    target instanceof HTMLInputElement &&
+    !target.readOnly &&
+    !["checkbox", "radio", "range", "button"].includes(target.type)
+  );
+}
+
+/** A field for a number takes no spaces, so there the space bar stops as everywhere else. */
+function takesSpaces(target) {
+  const numeric = ["numeric", "decimal"].includes(target.inputMode) || target.type === "number";
+  return takesText(target) && !numeric;
+}

@@ -1,0 +1,182 @@
+// The speed of wheels that always spin: what it gives, and what it costs.
+
+import { el, isVisible, setAttribute, setText } from "./dom.js";
+import { fixed } from "./format.js";
+import { notSetWheelSpeed } from "./permission.js";
+
+const STEP_RPM = 50;
+const KEPT_MS = 1500; // What was chosen is shown until the robot says so, or this long.
+const CHANGING_RPM = 15;
+
+export class WheelSpeed {
+  constructor(link, place) {
+    this._link = link;
+    this._draft = null; // What a hand is at, or has chosen a moment ago.
+    this._keptMs = -Infinity;
+    this._asking = false;
+    this._next = null;
+    this._slider = this._input("range", STEP_RPM, "Drive speed");
+    this._rpm = this._input("number", 1, "Drive speed, rpm");
+    this._top = this._input("number", 0.1, "Top speed of the wheels, m/s");
+    this._now = el("span", { class: "value muted" });
+    this._figures = el("p", { class: "figures", role: "status", "aria-label": "Drive speed" });
+    this._why = el("p", { class: "muted" });
+    this._all = el(
+      "section",
+      { class: "gear", "aria-label": "Drive speed" },
+      el("div", { class: "head" }, el("strong", {}, "Drive speed"), this._now),
+      this._slider,
+      el(
+        "div",
+        { class: "fields" },
+        el("label", {}, this._rpm, el("span", { class: "unit" }, "rpm")),
+        el("label", {}, "up to", this._top, el("span", { class: "unit" }, "m/s")),
+      ),
+      this._figures,
+      this._why,
+    );
+    this._all.hidden = true;
+    place.append(this._all);
+    this._listen(this._slider, (value) => value);
+    this._listen(this._rpm, (value) => value);
+    // The slowest wheel that is fast enough has the finest steps.
+    this._listen(this._top, (value) => Math.ceil(value / this._topSpeed(1)));
+    this._open = true;
+    link.on("robot", () => this._open && this._build());
+    link.on("state", () => this._open && isVisible(place.host) && this._show());
+    link.on("reply", ({ to }) => this._open && to === "speed" && this._answered());
+    for (const gone of ["down", "welcome"]) link.on(gone, () => (this._asking = false));
+    this._build();
+  }
+
+  close() {
+    this._open = false;
+  }
+
+  _input(type, step, label) {
+    return el("input", { type, step, "aria-label": label, disabled: true });
+  }
+
+  /** Show what a hand is at, and ask for it when it has come to rest. */
+  _listen(input, rpmOf) {
+    const take = () => {
+      const rpm = rpmOf(Number(input.value));
+      if (input.value === "" || !Number.isFinite(rpm)) return null;
+      const { least_rpm: least, most_rpm: most } = this._link.robot.gears;
+      return Math.round(Math.max(least, Math.min(most, rpm)));
+    };
+    input.addEventListener("input", () => {
+      this._draft = take();
+      this._keptMs = Infinity;
+      this._draw(input);
+    });
+    input.addEventListener("blur", () => {
+      if (this._keptMs === Infinity) this._keptMs = -Infinity; // What was begun there is no number.
+    });
+    input.addEventListener("change", () => {
+      this._draft = take();
+      this._keptMs = performance.now() + KEPT_MS;
+      if (this._draft !== null) this._ask(this._draft);
+      this._draw();
+    });
+  }
+
+  _ask(rpm) {
+    if (this._asking) {
+      this._next = rpm; // One at a time; what comes meanwhile is overtaken by what comes last.
+      return;
+    }
+    this._asking = this._link.send({ t: "speed", cruise_speed_rpm: rpm });
+  }
+
+  _answered() {
+    this._asking = false;
+    const next = this._next;
+    this._next = null;
+    if (next !== null) this._ask(next);
+  }
+
+  _build() {
+    const gears = this._link.robot?.gears ?? null;
+    this._all.hidden = gears === null;
+    this._draft = null;
+    if (gears === null) return;
+    for (const input of [this._slider, this._rpm]) {
+      input.min = gears.least_rpm;
+      input.max = gears.most_rpm;
+    }
+    this._top.min = fixed(Math.floor(10 * this._topSpeed(gears.least_rpm)) / 10, 1);
+    this._top.max = fixed(Math.ceil(10 * this._topSpeed(gears.most_rpm)) / 10, 1);
+    this._draw();
+  }
+
+  _show() {
+    const { wheel_speed: gear } = this._link.state.status;
+    if ((this._link.robot?.gears ?? null) === null || gear === null) return;
+    const reason = notSetWheelSpeed(this._link);
+    for (const input of [this._slider, this._rpm, this._top]) input.disabled = reason !== null;
+    setText(this._why, reason ?? "");
+    if (this._draft === gear.wanted_rpm || performance.now() > this._keptMs || reason !== null)
+      this._draft = null;
+    const off = gear.spin_rpm - gear.wanted_rpm;
+    const turns = gear.spin_rpm > 1;
+    const moving = turns && Math.abs(off) > CHANGING_RPM;
+    setText(this._now, moving ? `now ${thousands(gear.spin_rpm)} rpm` : turns ? "" : "wheels stand");
+    if (this._draft === null) this._draw();
+  }
+
+  /** Show the figures of the speed, in all fields but the one that a hand is at. */
+  _draw(but = null) {
+    const { gears, limits, max_tilt_deg: tilt } = this._link.robot ?? {};
+    if (!gears) return;
+    const rpm = this._draft ?? this._link.state?.status.wheel_speed?.wanted_rpm ?? gears.usual_rpm;
+    const top = this._topSpeed(rpm);
+    const shown = [
+      [this._slider, String(Math.round(rpm))],
+      [this._rpm, String(Math.round(rpm))],
+      [this._top, top.toFixed(1)],
+    ];
+    const focused = this._all.getRootNode().activeElement;
+    for (const [input, text] of shown) {
+      const typing = input === focused && this._keptMs === Infinity;
+      if (input !== but && !typing && input.value !== text) input.value = text;
+    }
+    setAttribute(this._slider, "aria-valuetext", `${thousands(rpm)} rpm, up to ${fixed(top, 1)} m/s`);
+    const rim = this._rim(rpm);
+    const step = 1000 * rim * radians(gears.servo_step_deg);
+    const lean = degrees(Math.asin(Math.min(1, 1 / rim)));
+    const capped =
+      limits.speed_mps < top
+        ? ` The speed limit stays ${fixed(limits.speed_mps, 1)} m/s.`
+        : ` That is less than the speed limit of ${fixed(limits.speed_mps, 1)} m/s.`;
+    setText(
+      this._figures,
+      `${thousands(rpm)} rpm: up to ${fixed(top, 1)} m/s by tilt ${fixed(tilt, 0)}°, ` +
+        `one servo step = ${fixed(step, 0)} mm/s, ` +
+        (rim >= 1 ? `1 m/s needs ${fixed(lean, 1)}° tilt.` : "1 m/s is out of reach.") +
+        capped,
+    );
+  }
+
+  /** Speed of the rim of a wheel, m/s. */
+  _rim(rpm) {
+    return (this._link.robot.gears.wheel_radius_m * rpm * Math.PI) / 30;
+  }
+
+  /** Speed over the ground at the tilt limit, m/s. */
+  _topSpeed(rpm) {
+    return this._rim(rpm) * Math.sin(radians(this._link.robot.max_tilt_deg));
+  }
+}
+
+function radians(angle) {
+  return (angle * Math.PI) / 180;
+}
+
+function degrees(angle) {
+  return (angle * 180) / Math.PI;
+}
+
+function thousands(number) {
+  return String(Math.round(number)).replace(/\B(?=(\d{3})+$)/g, ",");
+}

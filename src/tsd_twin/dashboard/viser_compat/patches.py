@@ -1,0 +1,215 @@
+"""Patches of viser 1.1.1: fast pose setters, thread-safe message queues, replay in bounded time.
+
+Poses: each frame moves half a dozen nodes, and viser asks `numpy.allclose` about three or four
+numbers each time. That took an eighth of all that a frame takes.
+
+Queues: viser sets the event of a queue on the thread that fills it, and then once more on the loop
+that empties it. The first adds nothing to the second, and fails when the loop begins or ends to
+wait at that moment ("deque mutated during iteration"): the rest of that frame is lost.
+
+Replay: every message that viser broadcasts gets the next id, and one that overtakes an older one (a
+newer pose of the same node) removes it, so few are kept of many. viser tries all ids from zero on
+for each client that connects, on the loop that serves all of them: at 1200 poses a second the
+hundred million ids of one day stop every picture for seconds. Here only what is kept is looked at.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import AsyncGenerator, Callable, Sequence
+from functools import partial
+from itertools import islice, takewhile
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+import viser
+import viser.infra
+from viser.infra import Message
+from viser.infra._async_message_buffer import AsyncMessageBuffer
+
+from tsd_twin.errors import TwinError
+
+_SETTER_MODULE = sys.modules[viser.SceneNodeHandle.__module__]
+_SETTER = "_set_pose_vector"
+ORIGINAL_SETTER = getattr(_SETTER_MODULE, _SETTER)
+"""What is replaced."""
+_RELATIVE, _ABSOLUTE = 1e-5, 1e-8
+"""As `numpy.allclose` has them."""
+
+
+def set_pose_vector(
+    current: np.ndarray[Any, Any],
+    value: Sequence[float] | np.ndarray[Any, Any],
+    length: int,
+    queue: Callable[[Any], None],
+    make_message: Callable[[Any], Any],
+) -> None:
+    """Write `value` (length,) into `current` and queue the message, unless it is there already."""
+    said = tuple(map(float, value))
+    if len(said) != length:
+        raise ValueError(f"{len(said)} numbers are given, {length} are needed")
+    if all(
+        abs(new - old) <= _ABSOLUTE + _RELATIVE * abs(old)
+        for new, old in zip(said, current.tolist(), strict=True)
+    ):
+        return
+    current[:] = said
+    queue(make_message(said))
+
+
+def install_fast_pose_setter() -> None:
+    """Let all nodes be moved so from now on; calling it again does nothing."""
+    setattr(_SETTER_MODULE, _SETTER, set_pose_vector)
+
+
+_QUEUE_MODULE = sys.modules[viser.infra.WebsockServer.__module__]
+_QUEUE_CLASS = "AsyncMessageBuffer"
+
+
+class LoopEvent(asyncio.Event):
+    """An event that nothing but its own loop sets; what others do to it is left to be repeated."""
+
+    def __init__(self, home: asyncio.AbstractEventLoop) -> None:
+        super().__init__()
+        self._home = home
+
+    def set(self) -> None:
+        """Wake who waits, when this is the thread of the loop."""
+        try:
+            here = asyncio.get_running_loop()
+        except RuntimeError:
+            return
+        if here is self._home:
+            super().set()
+
+
+class ThreadSafeQueue(AsyncMessageBuffer):
+    """viser's own, but for the event that says that there is something in it."""
+
+    def __init__(self, event_loop: asyncio.AbstractEventLoop, persistent_messages: bool) -> None:
+        super().__init__(event_loop, persistent_messages)
+        self.message_event = LoopEvent(event_loop)
+
+
+def install_thread_safe_queues() -> None:
+    """Let all queues that viser makes from now on be such ones; calling it again does nothing."""
+    setattr(_QUEUE_MODULE, _QUEUE_CLASS, ThreadSafeQueue)
+
+
+VISER_VERSION = "1.1.1"
+"""The version whose inside this file knows."""
+
+_BROADCAST = attrgetter("_websock_server._broadcast_buffer")
+_WINDOW_METHOD = "_window_loop"
+
+
+def check_viser_version() -> None:
+    """Raise TwinError unless the viser that is installed is the one that this file knows."""
+    if viser.__version__ != VISER_VERSION:
+        raise TwinError(
+            f"viser {viser.__version__} is installed, and the dashboard needs {VISER_VERSION}: "
+            f"pip install viser=={VISER_VERSION}"
+        )
+
+
+def install_bounded_replay(server: viser.ViserServer) -> None:
+    """Let clients that connect from now on be sent what is kept, and the rest be passed over.
+
+    What is sent, and in which order, stays as it is. Only this server's broadcast changes: the
+    queue that each client has besides is new with it, and starts at zero.
+    """
+    buffer: AsyncMessageBuffer = _BROADCAST(server)
+    setattr(buffer, _WINDOW_METHOD, partial(message_windows, buffer))
+
+
+async def message_windows(
+    buffer: AsyncMessageBuffer, client_id: int, backlog_id: int, replay_done: Message | None
+) -> AsyncGenerator[Sequence[Message]]:
+    """Yield what is kept, and then what comes, for one client until the buffer is done.
+
+    Takes the place of `AsyncMessageBuffer._window_loop`. `replay_done` follows `backlog_id`, the
+    newest id when the client connected, and goes before anything newer.
+    """
+    cursors, sent_id = buffer.generator_cursors, -1
+    flushed = asyncio.ensure_future(buffer.flush_event.wait())
+    try:
+        # viser forgets a removal only once all who are listed here have been sent it.
+        cursors[client_id] = sent_id
+        while not buffer.done:
+            newest_id = buffer.message_counter - 1 if replay_done is None else backlog_id
+            window, sent_id = next_message_window(buffer, client_id, sent_id, newest_id)
+            cursors[client_id] = sent_id
+            replayed = sent_id >= backlog_id and buffer.atomic_counter == 0
+            if replay_done is not None and replayed:
+                window.append(replay_done)
+                replay_done = None
+            if window:
+                yield window
+            else:
+                await buffer.message_event.wait()
+                buffer.message_event.clear()
+            if window and sent_id < buffer.message_counter - 1:
+                continue  # More is there already.
+            # A frame's time, for what belongs together to come together, unless a flush cuts it.
+            await asyncio.wait([flushed], timeout=buffer.window_duration_sec)
+            if flushed.done() and not buffer.done:
+                buffer.flush_event.clear()
+                flushed = asyncio.ensure_future(buffer.flush_event.wait())
+    finally:
+        cursors.pop(client_id, None)
+        flushed.cancel()
+        await asyncio.wait([flushed])
+
+
+def next_message_window(
+    buffer: AsyncMessageBuffer, client_id: int, sent_id: int, newest_id: int
+) -> tuple[list[Message], int]:
+    """Return what is kept after `sent_id` up to `newest_id`, and the id that this leads up to.
+
+    No more than a window holds, nothing that a client is not to be told of itself, and nothing
+    while an atomic block is open.
+    """
+    with buffer.buffer_lock:
+        if buffer.atomic_counter > 0:
+            return [], sent_id
+        kept = buffer.message_from_id
+        # Ids are added in rising order, so that what is new stands at the end.
+        new = [i for i in takewhile(sent_id.__lt__, reversed(kept)) if i <= newest_id]
+        meant = (i for i in reversed(new) if kept[i].excluded_self_client != client_id)
+        ids = list(islice(meant, buffer.max_window_size))
+        full = len(ids) == buffer.max_window_size
+        return [kept[i] for i in ids], ids[-1] if full else newest_id
+
+
+_CONTROLS_BY_UUID = attrgetter("_gui_input_handle_from_uuid")
+_VALUE_SETTER = "_handle_gui_updates"
+ORIGINAL_UPDATE = getattr(viser.GuiApi, _VALUE_SETTER)
+"""What is replaced."""
+
+
+async def handle_gui_update(gui: Any, client_id: int, message: Any) -> None:
+    """Do what a client says about a control, if that can be chosen there."""
+    handle = _CONTROLS_BY_UUID(gui).get(message.uuid)
+    value = message.updates.get("value")
+    if handle is not None and list(message.updates) == ["value"] and value_fits(handle, value):
+        await ORIGINAL_UPDATE(gui, client_id, message)
+
+
+def value_fits(handle: Any, value: object) -> bool:
+    """Tell whether `value` can be chosen by a hand at a control."""
+    if handle.disabled or not handle.visible:
+        return False
+    now = handle.value
+    if isinstance(now, bool) or isinstance(value, bool):
+        return isinstance(now, bool) and isinstance(value, bool)
+    if isinstance(now, float | int):
+        return isinstance(value, float | int)
+    options = getattr(handle, "options", None)
+    return type(value) is type(now) and (options is None or value in options)
+
+
+def install_strict_value_check() -> None:
+    """Let all servers that are made from now on do so; calling it again does nothing."""
+    setattr(viser.GuiApi, _VALUE_SETTER, handle_gui_update)

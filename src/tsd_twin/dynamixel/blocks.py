@@ -1,0 +1,137 @@
+"""Blocks of the control table as values; made by `python -m tsd_twin.dynamixel`, do not edit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from struct import Struct
+from typing import ClassVar
+
+from tsd_twin.dynamixel.control_table import Packed
+
+
+@dataclass(frozen=True, slots=True)
+class Identity(Packed):
+    """Who this is, and what is fixed in it."""
+
+    ADDRESS: ClassVar[int] = 0
+    LAYOUT: ClassVar[Struct] = Struct("<HBBBIIHHHH")
+
+    model: int = 2014
+    """Kind of board."""
+    fw: int = 1
+    """Version of the firmware, as a ping answers it."""
+    table_version: int = 1
+    """Version of this table."""
+    id: int = 200
+    """Id on the wire."""
+    host_baud: int = 1000000
+    """Rate of the line to the PC [Bd]."""
+    servo_baud: int = 1000000
+    """Rate of the servo bus [Bd]."""
+    heartbeat_timeout_ms: int = 500
+    """Trips after this without a beat [ms]."""
+    watchdog_ms: int = 250
+    """A hung firmware is reset after this [ms]."""
+    esc_hold_ms: int = 2000
+    """Zero throttle before arming [ms]."""
+    neutral_band: int = 34
+    """Neutral is within this [step]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setup(Packed):
+    """How the robot is built; the bridge writes it when it connects. Kept without power."""
+
+    ADDRESS: ClassVar[int] = 21
+    LAYOUT: ClassVar[Struct] = Struct("<6HBHB")
+
+    neutral: tuple[int, ...] = (2048,) * 6
+    """Servo position of neutral [step]."""
+    reverse: int = 0
+    """Bit i: servo i turns the other way."""
+    goal_limit: int = 341
+    """Goals are held within ± this [step]."""
+    servos_expected: int = 63
+    """Bit i: servo i must answer to arm and to stay armed; 0 when others drive the servos."""
+
+
+@dataclass(frozen=True, slots=True)
+class Command(Packed):
+    """What the joints shall do: one WRITE of all of it in each cycle; of a part is error 5."""
+
+    ADDRESS: ClassVar[int] = 37
+    LAYOUT: ClassVar[Struct] = Struct("<HBB3H6h")
+
+    heartbeat: int = 0
+    """Any change is a beat; arming needs one."""
+    arm: int = 0
+    """Going from 0 to 1 arms, if nothing speaks against it; 0 disarms. After a trip it has to
+    be written 0 first: 1 again and again never arms again.
+    """
+    torque: int = 1
+    """0 lets the servos go, while disarmed only."""
+    throttle: tuple[int, ...] = (2000,) * 3
+    """Pulse to each speed controller; put out while armed [0.5 us]."""
+    goal: tuple[int, ...] = (0,) * 6
+    """Gimbals from neutral: alpha and beta of module 1, then 2, then 3; obeyed while armed
+    [step].
+    """
+
+
+@dataclass(frozen=True, slots=True)
+class Telemetry(Packed):
+    """What is the case: one READ in each cycle."""
+
+    ADDRESS: ClassVar[int] = 59
+    LAYOUT: ClassVar[Struct] = Struct("<IBBBBHBBBBB3H6h6h6h6B6B6HHHHHHHH")
+
+    millis: int = 0
+    """Since the reset [ms]."""
+    mode: int = 0
+    """Who has the joints: `BoardMode`."""
+    trip: int = 0
+    """Why the board last disarmed itself, until it arms: `Trip`."""
+    refusal: int = 0
+    """Why arming was last refused: `Refusal`."""
+    reset_cause: int = 0
+    """Why the board started: `ResetCause`."""
+    beat: int = 0
+    """Echo of the newest heartbeat."""
+    esc_ready: int = 0
+    """1: zero throttle was put out for `esc_hold_ms`."""
+    servo_found: int = 0
+    """Bit i: servo i answered a ping."""
+    servo_alive: int = 0
+    """Bit i: servo i answered within the last 50 ms."""
+    servo_protocol: int = 0
+    """Bit i: servo i speaks Protocol 2.0, else 1.0."""
+    servo_fault: int = 0
+    """Bit i: servo i reports a hardware error."""
+    throttle_out: tuple[int, ...] = (2000,) * 3
+    """Pulse that is put out [0.5 us]."""
+    position: tuple[int, ...] = (0,) * 6
+    """Gimbals from neutral [step]."""
+    velocity: tuple[int, ...] = (0,) * 6
+    """Gimbals [step/s]."""
+    current: tuple[int, ...] = (0,) * 6
+    """Of the servos [mA]."""
+    voltage: tuple[int, ...] = (0,) * 6
+    """At the servos [0.1 V]."""
+    temperature: tuple[int, ...] = (0,) * 6
+    """Of the servos [deg C]."""
+    rc: tuple[int, ...] = (0,) * 6
+    """Pulses of the receiver: forward, left, turn, speed, kill, manual; 0: no pulses [us]."""
+    battery_mv: int = 0
+    """Of the battery [mV]."""
+    crc_errors: int = 0
+    """Packets from the PC with a wrong sum."""
+    rx_errors: int = 0
+    """Bytes from the PC lost, or cut packets given up."""
+    servo_errors: int = 0
+    """Answers of servos that were missing or wrong."""
+    overruns: int = 0
+    """Cycles that took longer than 10 ms."""
+    trips: int = 0
+    """Times that the board disarmed itself since power came."""
+    resets: int = 0
+    """Resets since power came."""

@@ -1,0 +1,304 @@
+"""Control table of the controller board: the single definition that C header, structs and docs are
+generated from.
+
+`python -m tsd_twin.dynamixel` writes what is generated. Codes of modes, trips and refusals are here
+as well, and the base class of the generated blocks.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from enum import IntEnum, IntFlag
+from itertools import islice
+from struct import Struct
+from typing import Any, ClassVar, Literal, Self, cast
+
+TABLE_VERSION = 1
+FW_VERSION = 1
+MODEL = 2014
+"""What a ping answers; the year of the thesis."""
+BOARD_ID = 200
+"""The id of TurtleBot3's board as well, out of the way of servos."""
+SERVOS = 6
+ESCS = 3
+RC_CHANNELS = 6
+ZERO_THROTTLE = 2000
+"""In half microseconds."""
+FULL_THROTTLE = 4000
+
+Type = Literal["u8", "u16", "u32", "i16"]
+Access = Literal["r", "w", "setup"]
+"""Read only; written at any time; written while disarmed only, else error 7."""
+SIZES: dict[Type, int] = {"u8": 1, "u16": 2, "u32": 4, "i16": 2}
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """One entry: a number, or an array of `count` of them."""
+
+    name: str
+    type: Type
+    doc: str
+    default: int = 0
+    """Value after a reset."""
+    limits: tuple[int, int] | None = None
+    """Smallest and largest that can be written; another is error 4, and nothing of it is taken."""
+    unit: str = ""
+    count: int = 1
+
+    @property
+    def size(self) -> int:
+        """Bytes."""
+        return SIZES[self.type] * self.count
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Neighbours that are read or written together."""
+
+    name: str
+    access: Access
+    doc: str
+    items: tuple[Item, ...]
+
+    @property
+    def size(self) -> int:
+        """Bytes."""
+        return sum(item.size for item in self.items)
+
+
+IDENTITY = Block(
+    "identity",
+    "r",
+    "Who this is, and what is fixed in it.",
+    (
+        Item("model", "u16", "Kind of board.", MODEL),
+        Item("fw", "u8", "Version of the firmware, as a ping answers it.", FW_VERSION),
+        Item("table_version", "u8", "Version of this table.", TABLE_VERSION),
+        Item("id", "u8", "Id on the wire.", BOARD_ID),
+        Item("host_baud", "u32", "Rate of the line to the PC.", 1_000_000, unit="Bd"),
+        Item("servo_baud", "u32", "Rate of the servo bus.", 1_000_000, unit="Bd"),
+        Item("heartbeat_timeout_ms", "u16", "Trips after this without a beat.", 500, unit="ms"),
+        Item("watchdog_ms", "u16", "A hung firmware is reset after this.", 250, unit="ms"),
+        Item("esc_hold_ms", "u16", "Zero throttle before arming.", 2000, unit="ms"),
+        Item("neutral_band", "u16", "Neutral is within this.", 34, unit="step"),
+    ),
+)
+
+SETUP = Block(
+    "setup",
+    "setup",
+    "How the robot is built; the bridge writes it when it connects. Kept without power.",
+    (
+        Item("neutral", "u16", "Servo position of neutral.", 2048, (0, 4095), "step", SERVOS),
+        Item("reverse", "u8", "Bit i: servo i turns the other way.", 0, (0, 63)),
+        Item("goal_limit", "u16", "Goals are held within ± this.", 341, (0, 1023), "step"),
+        Item(
+            "servos_expected",
+            "u8",
+            "Bit i: servo i must answer to arm and to stay armed; 0 when others drive the servos.",
+            63,
+            (0, 63),
+        ),
+    ),
+)
+
+COMMAND = Block(
+    "command",
+    "w",
+    "What the joints shall do: one WRITE of all of it in each cycle; of a part is error 5.",
+    (
+        Item("heartbeat", "u16", "Any change is a beat; arming needs one.", 0, (0, 65535)),
+        Item(
+            "arm",
+            "u8",
+            "Going from 0 to 1 arms, if nothing speaks against it; 0 disarms. After a trip it has "
+            "to be written 0 first: 1 again and again never arms again.",
+            0,
+            (0, 1),
+        ),
+        Item("torque", "u8", "0 lets the servos go, while disarmed only.", 1, (0, 1)),
+        Item(
+            "throttle",
+            "u16",
+            "Pulse to each speed controller; put out while armed.",
+            ZERO_THROTTLE,
+            (ZERO_THROTTLE, FULL_THROTTLE),
+            "0.5 us",
+            ESCS,
+        ),
+        Item(
+            "goal",
+            "i16",
+            "Gimbals from neutral: alpha and beta of module 1, then 2, then 3; obeyed while armed.",
+            0,
+            (-1023, 1023),
+            "step",
+            SERVOS,
+        ),
+    ),
+)
+
+TELEMETRY = Block(
+    "telemetry",
+    "r",
+    "What is the case: one READ in each cycle.",
+    (
+        Item("millis", "u32", "Since the reset.", unit="ms"),
+        Item("mode", "u8", "Who has the joints: `BoardMode`."),
+        Item("trip", "u8", "Why the board last disarmed itself, until it arms: `Trip`."),
+        Item("refusal", "u8", "Why arming was last refused: `Refusal`."),
+        Item("reset_cause", "u8", "Why the board started: `ResetCause`."),
+        Item("beat", "u16", "Echo of the newest heartbeat."),
+        Item("esc_ready", "u8", "1: zero throttle was put out for `esc_hold_ms`."),
+        Item("servo_found", "u8", "Bit i: servo i answered a ping."),
+        Item("servo_alive", "u8", "Bit i: servo i answered within the last 50 ms."),
+        Item("servo_protocol", "u8", "Bit i: servo i speaks Protocol 2.0, else 1.0."),
+        Item("servo_fault", "u8", "Bit i: servo i reports a hardware error."),
+        Item("throttle_out", "u16", "Pulse that is put out.", ZERO_THROTTLE, None, "0.5 us", ESCS),
+        Item("position", "i16", "Gimbals from neutral.", 0, None, "step", SERVOS),
+        Item("velocity", "i16", "Gimbals.", 0, None, "step/s", SERVOS),
+        Item("current", "i16", "Of the servos.", 0, None, "mA", SERVOS),
+        Item("voltage", "u8", "At the servos.", 0, None, "0.1 V", SERVOS),
+        Item("temperature", "u8", "Of the servos.", 0, None, "deg C", SERVOS),
+        Item(
+            "rc",
+            "u16",
+            "Pulses of the receiver: forward, left, turn, speed, kill, manual; 0: no pulses.",
+            0,
+            None,
+            "us",
+            RC_CHANNELS,
+        ),
+        Item("battery_mv", "u16", "Of the battery.", unit="mV"),
+        Item("crc_errors", "u16", "Packets from the PC with a wrong sum."),
+        Item("rx_errors", "u16", "Bytes from the PC lost, or cut packets given up."),
+        Item("servo_errors", "u16", "Answers of servos that were missing or wrong."),
+        Item("overruns", "u16", "Cycles that took longer than 10 ms."),
+        Item("trips", "u16", "Times that the board disarmed itself since power came."),
+        Item("resets", "u16", "Resets since power came."),
+    ),
+)
+
+BLOCKS = (IDENTITY, SETUP, COMMAND, TELEMETRY)
+
+
+def addresses() -> dict[str, int]:
+    """Return where each item and each block begins."""
+    found: dict[str, int] = {}
+    at = 0
+    for block in BLOCKS:
+        found[block.name] = at
+        for item in block.items:
+            found[item.name] = at
+            at += item.size
+    return found
+
+
+ADDRESS = addresses()
+TABLE_SIZE = sum(block.size for block in BLOCKS)
+
+
+class BoardMode(IntEnum):
+    """Who has the joints."""
+
+    DISARMED = 0
+    """Nobody: zero throttle, gimbals to neutral."""
+    ARMED = 1
+    """The PC: throttles and goals of the command block are put out."""
+    RC = 2
+    """The radio control: the command block is ignored, and arming refused."""
+
+
+class Trip(IntEnum):
+    """Why the board last disarmed itself; stays until it is armed again."""
+
+    NONE = 0
+    HEARTBEAT = 1
+    """The heartbeat did not change for `heartbeat_timeout_ms` while armed."""
+    KILL = 2
+    """The kill switch of the radio control."""
+    RC_LOST = 3
+    """The radio control was there, and its pulses ceased."""
+    RC_TOOK_OVER = 4
+    """The radio control was switched to manual while the PC had the robot."""
+    SERVO = 5
+    """A servo of `servos_expected` no longer answers, or reports a hardware error."""
+    WATCHDOG = 6
+    """The firmware hung, and its watchdog reset it."""
+
+
+class Refusal(IntEnum):
+    """Why arming was last refused; 0 once it succeeds."""
+
+    NONE = 0
+    ESC_HOLD = 1
+    """Zero throttle has not been put out for `esc_hold_ms` yet."""
+    THROTTLE = 2
+    """A throttle of the command block is not zero throttle."""
+    GOAL = 3
+    """A goal of the command block is not 0."""
+    SERVO = 4
+    """A servo of `servos_expected` does not answer, or reports a hardware error."""
+    NOT_NEUTRAL = 5
+    """A gimbal is measured more than `neutral_band` from neutral."""
+    KILL = 6
+    """The kill switch is on, or the radio control was there and is lost."""
+    RC = 7
+    """The radio control has the robot."""
+    SETUP = 8
+    """No set-up was ever written: where neutral is, is not known."""
+
+
+class ResetCause(IntFlag):
+    """Why the board started: the bits of MCUSR."""
+
+    POWER_ON = 1
+    EXTERNAL = 2
+    BROWN_OUT = 4
+    WATCHDOG = 8
+
+
+class RcChannel(IntEnum):
+    """Which entry of `rc` is what; a switch is on the side of its pulse, seen from `SWITCH_US`."""
+
+    FORWARD = 0
+    LEFT = 1
+    TURN = 2
+    SPEED = 3
+    KILL = 4
+    """Shorter kills: a receiver that loses its transmitter is set to do that."""
+    MANUAL = 5
+    """Longer gives the robot to the radio control."""
+
+
+SWITCH_US = 1500
+
+
+@dataclass(frozen=True, slots=True)
+class Packed:
+    """Numbers, and arrays of as many numbers as their default has, in the order of the bytes."""
+
+    ADDRESS: ClassVar[int]
+    LAYOUT: ClassVar[Struct]
+
+    def pack(self) -> bytes:
+        """Return the bytes of the block."""
+        numbers: list[int] = []
+        for field in fields(self):
+            value: int | tuple[int, ...] = getattr(self, field.name)
+            numbers.extend(value if isinstance(value, tuple) else (value,))
+        return self.LAYOUT.pack(*numbers)
+
+    @classmethod
+    def unpack(cls, data: bytes) -> Self:
+        """Return the block in these bytes."""
+        numbers = iter(cls.LAYOUT.unpack(data))
+        values: dict[str, Any] = {}
+        for field in fields(cls):
+            default = cast("int | tuple[int, ...]", field.default)
+            if isinstance(default, tuple):
+                values[field.name] = tuple(islice(numbers, len(default)))
+            else:
+                values[field.name] = next(numbers)
+        return cls(**values)

@@ -1,0 +1,239 @@
+"""Odometry from other sensors beside wheel odometry: yaw gyro, dead wheels, the dual-row model of a
+sphere.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+
+from tsd_twin.estimation.wheel_odometry import OrientationOdometry, PlanarOdometry
+from tsd_twin.kinematics import SphereKinematics, TwistSolution
+from tsd_twin.lie import SE2, Array
+from tsd_twin.robots import (
+    OmniDescription,
+    RobotDescription,
+    SingularityDescription,
+    SphereDescription,
+    implementation,
+    kind_of,
+)
+
+
+def with_gyro(
+    twist: Array, covariance: Array, turn_rate: Array, sigma_rad_per_s: float
+) -> tuple[Array, Array]:
+    """Return planar twists (..., 3) and covariances, corrected by a yaw gyro's `turn_rate` (...).
+
+    The gyro takes part by its share of certainty; what the wheels had wrong in the same way, as a
+    slow wheel that both turns and shifts the robot, is corrected with it.
+    """
+    column = covariance[..., :, 2]
+    gain = column / (column[..., 2:] + sigma_rad_per_s**2)
+    off = turn_rate - twist[..., 2]
+    return twist + gain * off[..., None], covariance - gain[..., :, None] * column[..., None, :]
+
+
+_RANGE_RAD_PER_S = math.radians(2000.0)
+"""No small gyro measures faster turns: a reading beyond is none."""
+
+
+class GyroOdometry(PlanarOdometry):
+    """Each step is that of the wheels, corrected by the gyro as their covariances weigh them.
+
+    In a step without a reading the robot is taken to move as its wheels say. While wheels are shut
+    off they know better than the gyro that the robot stands, so its bias does not turn the pose.
+    """
+
+    def __init__(self, robot: SingularityDescription) -> None:
+        """Prepare for the gyro of `robot`.
+
+        Raises:
+            ValueError: it has none.
+        """
+        if robot.gyro is None:
+            raise ValueError(f"{robot.name} has no gyro")
+        super().__init__(robot.kinematics(), robot.joint_errors())
+        self._bias = robot.gyro.bias_rad_per_s
+        self._sigma = math.hypot(robot.gyro.noise_rad_per_s, self._bias)
+        self._rate = math.nan
+        self._reads = False
+        self._wheels: Array = np.zeros((3, 3))
+        self._followed_s = 0.0
+
+    def set_pose(self, pose: SE2, covariance: Array | None = None) -> None:
+        """Take the robot to be at `pose`, exactly, unless a `covariance` (3, 3) says how well."""
+        super().set_pose(pose, covariance)
+        self._followed_s = 0.0
+
+    def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:
+        """Take in joints (n,) and the turn rate (1,), measured `dt_s` after the last ones."""
+        rate = self._mean_rate(sensors)
+        reads, followed_s = math.isfinite(rate), self._followed_s
+        if reads:
+            twist, _ = with_gyro(motion.twist, self._wheels, np.array(rate), self._sigma)
+            motion = TwistSolution(twist, motion.residual)
+            variance = float(self._wheels[2, 2])
+            self._followed_s += dt_s * variance / (variance + self._sigma**2)
+        if reads is not self._reads:
+            self._reads, self._until_refresh = reads, 0
+        self.motion = motion
+        moved = self._kinematics.integrate(self.pose, motion.twist, dt_s)
+        self._spread(moved, joints, dt_s)
+        # The bias stays: what it does to the heading grows with the time, not with its root.
+        self.pose_covariance[2, 2] += self._bias**2 * (self._followed_s**2 - followed_s**2)
+        self.pose = moved
+
+    def _mean_rate(self, sensors: Array) -> float:
+        """Return the mean turn rate of the step, NaN when there is no reading at its end."""
+        before, now = self._rate, float(sensors[0]) if len(sensors) else math.nan
+        self._rate = now if abs(now) <= _RANGE_RAD_PER_S else math.nan
+        return 0.5 * (before + self._rate) if math.isfinite(before) else self._rate
+
+    def _twist_covariance(self, joints: Array) -> Array:
+        self._wheels = super()._twist_covariance(joints)
+        if not self._reads:
+            return self._wheels
+        return with_gyro(np.zeros(3), self._wheels, np.array(0.0), self._sigma)[1]
+
+
+class DeadWheelOdometry(PlanarOdometry):
+    """Two encoders in L and a rate gyro: driven wheels may slip, these do not.
+
+    Source: Savnani et al. 2019, Eq. 12 to 16: distances from pulses, heading from the gyro. Eq. 14
+    and 15 as printed hold for a straight line only; here twist and pose follow in the robot frame.
+    In a step without these sensors the robot is taken to move as its driven wheels say.
+    """
+
+    def __init__(self, robot: OmniDescription) -> None:
+        """Prepare for the dead wheels of `robot`.
+
+        Raises:
+            ValueError: it has none.
+        """
+        if robot.dead_wheels is None:
+            raise ValueError(f"{robot.name} has no dead wheels")
+        super().__init__(robot.kinematics(), robot.joint_errors())
+        sensors = robot.dead_wheels
+        wheels = np.array(sensors.rows()) / sensors.radius_m
+        self._twist_from_rates = np.linalg.inv(np.vstack([wheels, [0.0, 0.0, 1.0]]))
+        self._angles: Array | None = None
+        self._rate = 0.0
+        # A pulse, evenly spread, over the time that errors persist; the drift of the gyro.
+        pulse = 2.0 * math.pi / sensors.pulses_per_turn / math.sqrt(12.0)
+        drift = math.radians(sensors.gyro_drift_deg_per_h) / 3600.0
+        spread = self._twist_from_rates * [pulse, pulse, drift]
+        self._covariance = spread @ spread.T
+
+    def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:
+        """Take in both angles and the rate, (3,), measured `dt_s` after the last ones."""
+        twist = motion.twist
+        if len(sensors) == 3 and np.isfinite(sensors).all():
+            if self._angles is not None:
+                turned = (sensors[:2] - self._angles) / dt_s
+                rate = 0.5 * (self._rate + sensors[2])
+                twist = self._twist_from_rates @ np.array([turned[0], turned[1], rate])
+            self._angles, self._rate = sensors[:2].copy(), float(sensors[2])
+        else:
+            self._angles = None
+        self.motion = TwistSolution(twist, np.zeros(0))
+        moved = self._kinematics.integrate(self.pose, twist, dt_s)
+        self._spread(moved, joints, dt_s)
+        self.pose = moved
+
+    def _twist_covariance(self, joints: Array) -> Array:  # noqa: ARG002  The shape.
+        return self._covariance
+
+
+class DualRowOdometry(OrientationOdometry):
+    """Dual-row kinematics: which row of a wheel carries follows from how far it has turned.
+
+    Source: Weiss et al. 2008, Eq. 8 to 12 and 25. The angle is the integral of the wheel's speed,
+    from zero at the start.
+    """
+
+    def __init__(self, robot: SphereDescription) -> None:
+        self._sphere: SphereKinematics = robot.kinematics()
+        super().__init__(self._sphere, robot.joint_errors())
+        self.angles_rad: Array = np.zeros(self._sphere.wheels)
+        """(k,): how far each wheel has turned."""
+
+    def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:  # noqa: ARG002  The shape.
+        """Take in the wheel speeds (k,) measured `dt_s` after the last ones."""
+        self.advance(joints, dt_s)
+
+    def _forward(self, joints: Array, rates: Array, dt_s: float) -> TwistSolution:  # noqa: ARG002  The shape.
+        turned = self.angles_rad + dt_s * joints
+        side = self._sphere.mean_side(self.angles_rad, turned)
+        self.angles_rad = turned
+        twist = self._sphere.true_twist(joints, side)
+        left = joints - self._sphere.true_inverse(twist, side)
+        return TwistSolution(twist, self._sphere.wheel_radius_m * left)
+
+
+class Estimate(Protocol):
+    """Where a robot is, and how it moves."""
+
+    @property
+    def pose(self) -> Any:
+        """The pose in `odom`."""
+        ...
+
+    @property
+    def motion(self) -> TwistSolution:
+        """The twist in `base_link`, and what it leaves unexplained."""
+        ...
+
+    @property
+    def pose_covariance(self) -> Array:
+        """(3, 3): of the pose, in `odom`."""
+        ...
+
+    @property
+    def twist_covariance(self) -> Array:
+        """(3, 3): of the twist, in `base_link`."""
+        ...
+
+    def set_pose(self, pose: Any, covariance: Array | None = None) -> None:
+        """Take the robot to be at `pose`, exactly, unless a `covariance` (3, 3) says how well."""
+        ...
+
+
+class SensorOdometry(Estimate, Protocol):
+    """An estimate beside that of the drive's own kinematics."""
+
+    def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:
+        """Take in joints (n,) and other sensors (s,), NaN where there is no number.
+
+        They were measured `dt_s` after the last ones; `motion` is what the drive's own kinematics
+        make of the joints.
+        """
+        ...
+
+
+_Factory: TypeAlias = Callable[[Any], "tuple[SensorOdometry, bool] | None"]
+
+
+def odometry_by_dead_wheels(robot: OmniDescription) -> tuple[SensorOdometry, bool] | None:
+    """Return odometry by dead wheels and gyro, when the robot has them."""
+    return None if robot.dead_wheels is None else (DeadWheelOdometry(robot), True)
+
+
+def odometry_by_gyro(robot: SingularityDescription) -> tuple[SensorOdometry, bool] | None:
+    """Return odometry by wheels and yaw gyro, when the robot has one."""
+    return None if robot.gyro is None else (GyroOdometry(robot), True)
+
+
+def odometry_by_rows(robot: SphereDescription) -> tuple[SensorOdometry, bool]:
+    """Return dual-row odometry, and whether the description prefers it."""
+    return DualRowOdometry(robot), robot.estimate.model == "dual"
+
+
+def sensor_odometry_of(robot: RobotDescription) -> tuple[SensorOdometry | None, bool]:
+    """Return the second estimate of a robot, if it has one, and whether that is the better one."""
+    make: _Factory = implementation(kind_of(robot).sensor_odometry)
+    made = make(robot)
+    return (None, False) if made is None else made

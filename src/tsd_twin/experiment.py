@@ -1,0 +1,167 @@
+"""Experiments of `tsd-lab`: subcommand, output folder, tables, figures with one plot style,
+progress.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import itertools
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias, TypeVar
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from rich.console import Console
+from rich.progress import track
+
+from tsd_twin.errors import TwinError
+from tsd_twin.lie import Array
+
+T = TypeVar("T")
+_DOTS_PER_INCH = 130
+
+
+class Output:
+    """A folder for PNG and CSV, made when it is needed.
+
+    Raises:
+        TwinError: the folder cannot be made or written to; when something is written.
+    """
+
+    def __init__(self, folder: Path, *, quiet: bool = False) -> None:
+        self.folder = folder
+        self.written: list[Path] = []
+        """Files, in the order they were written."""
+        self._quiet = quiet
+
+    def table(self, name: str, columns: Mapping[str, Array | Sequence[float | str]]) -> None:
+        """Write `name`.csv: one column for each entry, its unit in its name."""
+        rows = itertools.zip_longest(*(np.asarray(column).tolist() for column in columns.values()))
+        try:
+            with self._file(f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
+                writer = csv.writer(file)
+                writer.writerow(columns)
+                writer.writerows([_format_value(value) for value in row] for row in rows)
+        except OSError as error:
+            raise _cannot_write(self.folder, error) from error
+
+    def figure(self, name: str, figure: Any) -> None:
+        """Write `name`.png, from a figure of matplotlib."""
+        FigureCanvasAgg(figure)
+        try:
+            figure.savefig(self._file(f"{name}.png"), dpi=_DOTS_PER_INCH)
+        except OSError as error:
+            raise _cannot_write(self.folder, error) from error
+
+    def text(self, name: str, text: str) -> None:
+        """Write a file as it stands."""
+        try:
+            self._file(name).write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise _cannot_write(self.folder, error) from error
+
+    def refuse_overwrite(self, name: str, unless: str | None) -> None:
+        """Refuse to write over a file that is there already, `unless` it is this one.
+
+        Raises:
+            TwinError: it would be lost.
+        """
+        path = self.folder / name
+        same = unless is not None and path.absolute() == Path(unless).absolute()
+        if path.exists() and not same:
+            raise TwinError(f"{path} would be written over: add to it with --log, or choose --out")
+
+    def progress(self, items: Iterable[T], what: str, total: int) -> Iterator[T]:
+        """Go through `items` with a bar on the error stream, which goes away at the end."""
+        console = Console(file=sys.stderr, quiet=self._quiet)
+        yield from track(items, what, total, console=console, transient=True)
+
+    def _file(self, name: str) -> Path:
+        self.folder.mkdir(parents=True, exist_ok=True)
+        path = self.folder / name
+        self.written.append(path)
+        return path
+
+
+def _cannot_write(folder: Path, error: OSError) -> TwinError:
+    return TwinError(f"{folder} cannot be written to: {error.strerror}")
+
+
+def _format_value(value: object) -> object:
+    return f"{value:.6g}" if isinstance(value, float) else value
+
+
+PERCENT_STEPS = 100
+
+
+def in_percent_steps(shares: Iterator[float], whole: float) -> Iterator[int]:
+    """Go through `shares`, and yield once for each hundredth of `whole` that has passed."""
+    done = 0
+    for share in shares:
+        while done < min(PERCENT_STEPS, int(PERCENT_STEPS * share / whole)):
+            done += 1
+            yield done
+
+
+Axes: TypeAlias = Any
+"""Of matplotlib, which leaves the types of its keywords open; pictures are looked at."""
+
+REFERENCE_COLOUR = "#5b6472"
+TRUTH_COLOUR = "#c2410c"
+ESTIMATE_COLOUR = "#1d4ed8"
+CAMERA_COLOUR = "#0f766e"
+SERIES_COLOURS = (TRUTH_COLOUR, ESTIMATE_COLOUR, CAMERA_COLOUR, "#7c3aed", "#b45309", "#be185d")
+"""Told apart also by people who see few colours, since lines differ in style where they cross."""
+_INK, _GRID = "#1f2933", "#d9dee5"
+
+
+def new_figure(width_in: float, height_in: float, title: str) -> Figure:
+    """Return an empty figure with a title on top, laid out by itself."""
+    made: Any = Figure(figsize=(width_in, height_in), layout="constrained", facecolor="white")
+    made.suptitle(title, fontsize=13, color=_INK, x=0.01, ha="left", weight="bold")
+    return made
+
+
+def label_axes(axes: Axes, x_label: str, y_label: str, title: str = "") -> None:
+    """Label both axes, with their units, and draw the grid."""
+    axes.set_xlabel(x_label, color=_INK)
+    axes.set_ylabel(y_label, color=_INK)
+    if title:
+        axes.set_title(title, fontsize=10, color=_INK, loc="left")
+    axes.grid(visible=True, color=_GRID, linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.tick_params(colors=_INK, labelsize=9)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_color(_SPINE)
+
+
+def add_legend(axes: Axes, **where: Any) -> None:
+    """Name what is drawn."""
+    axes.legend(frameon=False, fontsize=9, labelcolor=_INK, **where)
+
+
+_SPINE = "#8a94a3"
+
+
+def _no_flags(_parser: argparse.ArgumentParser) -> None:
+    """Add nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """One subcommand of `tsd-lab`."""
+
+    name: str
+    purpose: str
+    """One sentence, for the list and for its own help."""
+    run: Callable[[argparse.Namespace, Output], list[str]]
+    """Writes pictures and tables to the output; returns the lines to print."""
+    examples: Sequence[str] = ()
+    add_flags: Callable[[argparse.ArgumentParser], None] = _no_flags

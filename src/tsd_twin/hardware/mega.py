@@ -1,0 +1,456 @@
+"""Robot whose controller board (Arduino Mega) drives motors and servos: handshake, arming,
+telemetry, watchdog.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from dataclasses import dataclass
+from enum import Enum, auto
+from typing import Any
+
+import numpy as np
+
+from tsd_twin.dynamixel import protocol2
+from tsd_twin.dynamixel.blocks import Command, Identity, Setup, Telemetry
+from tsd_twin.dynamixel.control_table import (
+    BOARD_ID,
+    ESCS,
+    MODEL,
+    SERVOS,
+    SWITCH_US,
+    TABLE_VERSION,
+    ZERO_THROTTLE,
+    BoardMode,
+    RcChannel,
+    Refusal,
+    Trip,
+)
+from tsd_twin.dynamixel.packets import ALERT, Fault, Status
+from tsd_twin.hardware.device_thread import SILENT_S, DeviceThread, silence_fault
+from tsd_twin.hardware.joints import (
+    CENTRE,
+    JointCommand,
+    JointConverter,
+    ServoCalibration,
+    ThrottleLaw,
+    padded,
+)
+from tsd_twin.hardware.serial_transport import HardwareError, LinkHealth, SerialTransport
+from tsd_twin.lie import Array
+from tsd_twin.robots import SingularityDescription
+from tsd_twin.safety import Heartbeat
+
+ANSWERS = 3
+"""A board that is asked to arm has done it, or said why not, after so many cycles."""
+
+TRIPS: dict[int, str] = {
+    Trip.NONE: "it does not say why",
+    Trip.HEARTBEAT: "no word of an operator came in time",
+    Trip.KILL: "the kill switch of the radio control is on",
+    Trip.RC_LOST: "the radio control is lost",
+    Trip.RC_TOOK_OVER: "the radio control took over",
+    Trip.SERVO: "a servo does not answer or has an error",
+    Trip.WATCHDOG: "its firmware hung and was restarted",
+}
+REFUSALS: dict[int, str] = {
+    Refusal.NONE: "it does not say why",
+    Refusal.ESC_HOLD: "zero throttle must be held for 2 s first",
+    Refusal.THROTTLE: "the throttles are not zero",
+    Refusal.GOAL: "the goals of the gimbals are not neutral",
+    Refusal.SERVO: "a servo does not answer or has an error",
+    Refusal.NOT_NEUTRAL: "the gimbals are not at neutral tilt",
+    Refusal.KILL: "the kill switch of the radio control is on",
+    Refusal.RC: "the radio control has the robot",
+    Refusal.SETUP: "it was never told where neutral is",
+}
+
+
+class _State(Enum):
+    OFF = auto()
+    ASKED = auto()
+    ON = auto()
+    LOST = auto()
+
+
+class ArmSwitch:
+    """What to write into `arm`, and why the board is not armed although the robot is.
+
+    A board that disarms itself, restarts or is lost stays off until the robot has been disarmed.
+    """
+
+    def __init__(self) -> None:
+        self._state = _State.OFF
+        self._answers = 0
+        self.lost = ""
+        """Why it is off although it should be on; else empty."""
+
+    def turn(self, wanted: bool) -> int:
+        """Return what to write, for a robot that is armed or is not."""
+        if not wanted:
+            self._state, self.lost = _State.OFF, ""
+        elif self._state is _State.OFF:
+            self._state, self._answers = _State.ASKED, 0
+        return int(self._state in (_State.ASKED, _State.ON))
+
+    def note(self, telemetry: Telemetry) -> None:
+        """Take in what the board says."""
+        armed = telemetry.mode == BoardMode.ARMED
+        if self._state is _State.ASKED:
+            self._answers += 1
+            if armed:
+                self._state = _State.ON
+            elif self._answers >= ANSWERS:
+                why = REFUSALS.get(telemetry.refusal, f"refusal {telemetry.refusal}")
+                self.lose(f"the board does not arm: {why}")
+        elif self._state is _State.ON and not armed:
+            why = TRIPS.get(telemetry.trip, f"trip {telemetry.trip}")
+            self.lose(f"the board disarmed itself: {why}")
+
+    def lose(self, reason: str) -> None:
+        """The board is off, whatever it was told; nothing to lose while it is off."""
+        if self._state in (_State.ASKED, _State.ON):
+            self._state, self.lost = _State.LOST, reason
+
+
+REST_DELAY = Command()
+"""Disarmed, zero throttle, neutral."""
+READ_DELAY = protocol2.read(BOARD_ID, Telemetry.ADDRESS, Telemetry.LAYOUT.size)
+SETTLE_S = 0.03
+"""Silence after which no answer to an older question comes any more."""
+_BOOT_S = 4.0
+"""To open its port resets the board, whose boot loader then waits about a second for uploads."""
+_TRY_S = 0.3
+_TRIES = 3
+
+
+def handshake(line: SerialTransport, setup: Setup, baud: int) -> Telemetry:
+    """Disarm a board, set it up, and return what it says.
+
+    Raises:
+        HardwareError: it is not there, not ours, or refuses.
+    """
+    _wait_for_answer(line, baud)
+    size = Identity.LAYOUT.size
+    read = protocol2.read(BOARD_ID, Identity.ADDRESS, size)
+    identity = Identity.unpack(_need(line, read, size))
+    if identity.model != MODEL or identity.table_version != TABLE_VERSION:
+        raise HardwareError(
+            f"the device at {line.name} is model {identity.model} with control table "
+            f"{identity.table_version}: this program needs model {MODEL} with table "
+            f"{TABLE_VERSION}; flash the firmware that comes with it"
+        )
+    # A board that was not reset may still be armed, which would refuse the set-up.
+    _need(line, protocol2.write(BOARD_ID, Command.ADDRESS, REST_DELAY.pack()))
+    said = Telemetry.unpack(_need(line, READ_DELAY, Telemetry.LAYOUT.size))
+    size = Setup.LAYOUT.size
+    has = _need(line, protocol2.read(BOARD_ID, Setup.ADDRESS, size), size)
+    # While the radio control drives it cannot be written. Else it is written though it be the
+    # same: a board that was never told does not arm.
+    if said.mode != BoardMode.RC or has != setup.pack():
+        _need(line, protocol2.write(BOARD_ID, Setup.ADDRESS, setup.pack()))
+    return said
+
+
+def _wait_for_answer(line: SerialTransport, baud: int) -> None:
+    end_s = time.monotonic() + _BOOT_S
+    while not any(answer.data for answer in line.request(protocol2.ping(BOARD_ID), 1, _TRY_S)):
+        if time.monotonic() > end_s:
+            raise HardwareError(
+                f"nothing at {line.name} answers as a controller board at {baud} Bd: "
+                "is its firmware flashed, and is it the right port?"
+            )
+    line.drain(SETTLE_S)
+
+
+def _need(line: SerialTransport, request: bytes, size: int = 0) -> bytes:
+    """Return the `size` bytes of an answer that must come, sooner or later."""
+    for _ in range(_TRIES):
+        for answer in line.request(request, 1, _TRY_S):
+            if (error := answer.error & ~ALERT) == Fault.ACCESS:
+                raise HardwareError(
+                    f"the controller board at {line.name} cannot be set up while the radio "
+                    "control has the robot: switch manual off"
+                )
+            if error:
+                raise HardwareError(
+                    f"the controller board at {line.name} refuses its set-up: error {error}"
+                )
+            if len(answer.data) == size:  # Else it answers an older question.
+                return answer.data
+    raise HardwareError(f"the controller board at {line.name} does not answer as it should")
+
+
+_LOG = logging.getLogger(__name__)
+BAUD = 1_000_000
+ANSWER_S = 0.04
+"""Patience with an answer in a cycle: two that are lost are not yet `SILENT_S`."""
+_LEAVING = 5
+
+
+@dataclass(frozen=True, slots=True)
+class BoardReport:
+    """What the board said last."""
+
+    telemetry: Telemetry
+    heard_s: float
+    lost: str
+    """Why it is not armed although it should be; else empty."""
+
+
+class ControllerBoard:
+    """The device of a `DeviceThread`. `order` is written, and `news` and `gone` read, by other
+    threads.
+
+    Each of them is replaced as a whole, so nobody sees a half.
+    """
+
+    name = "the controller board"
+
+    def __init__(
+        self,
+        joints: JointConverter,
+        calibration: ServoCalibration,
+        *,
+        servos: bool = True,
+        baud: int = BAUD,
+    ) -> None:
+        """Speak for a board that drives the servos as well, or only the speed controllers."""
+        self.baud = baud
+        self.health = LinkHealth("the serial line")
+        self.order = JointCommand(np.zeros(joints.count), Heartbeat(False, 0), 0.0)
+        self.news: BoardReport | None = None
+        self.gone = ""
+        """Why there is no news; else empty."""
+        self._joints = joints
+        self._servos = servos
+        self._switch = ArmSwitch()
+        reverse = [sign < 0 for sign in calibration.signs(joints.names)]
+        self._setup = Setup(
+            padded(calibration.neutral(joints.names), SERVOS, CENTRE),
+            sum(1 << i for i, turned in enumerate(reverse) if turned),
+            joints.goal_limit,
+            joints.servos if servos else 0,
+        )
+
+    def connect(self, line: SerialTransport) -> None:
+        """See whether it is a board of ours with a table that we know, and set it up.
+
+        Raises:
+            HardwareError: it is not, or does not answer.
+        """
+        said = handshake(line, self._setup, self.baud)
+        self.news = BoardReport(said, time.monotonic(), self._switch.lost)
+        self.gone = ""
+
+    def cycle(self, line: SerialTransport) -> bool:
+        """Write what shall be and read what is, both in one go; return whether it answered.
+
+        The echo of the heartbeat shows that the answer is one to this very question.
+
+        Raises:
+            HardwareError: the port is gone, or the board has restarted and is no longer ours.
+        """
+        began_s = time.monotonic()
+        before, broken = self.news, line.broken
+        command = self._command(self.order, began_s)
+        request = protocol2.write(BOARD_ID, Command.ADDRESS, command.pack()) + READ_DELAY
+        answers = line.request(request, 2, ANSWER_S)
+        now_s = time.monotonic()
+        telemetry, spoilt = _telemetry(answers), line.broken > broken
+        if telemetry is None or telemetry.beat != command.heartbeat:
+            self.health.miss()
+            self._note(spoilt, now_s)
+            # The answers to an older question: all later ones would be late as well.
+            if answers and not spoilt:
+                line.drain(SETTLE_S)
+            return False
+        self.health.note(now_s - began_s)
+        if before is not None and _restarted(before.telemetry, telemetry):
+            _LOG.warning("the controller board has restarted")
+            self._switch.lose("the controller board has restarted")
+            self.connect(line)
+        elif before is not None:
+            spoilt = spoilt or _misheard(before.telemetry, telemetry)
+        self._note(spoilt, now_s)
+        self._switch.note(telemetry)
+        self.news = BoardReport(telemetry, now_s, self._switch.lost)
+        return True
+
+    def lose(self, reason: str) -> None:
+        """Take note that it is gone: it will come back disarmed, and stays so."""
+        self._switch.lose("the controller board was lost")
+        self.news, self.gone = None, reason
+        self.health.reconnects += 1
+
+    def leave(self, line: SerialTransport) -> None:
+        """Disarm it, more than once if it does not hear."""
+        for _ in range(_LEAVING):
+            request = protocol2.write(BOARD_ID, Command.ADDRESS, REST_DELAY.pack())
+            if line.request(request, 1, ANSWER_S):
+                return
+
+    def _note(self, spoilt: bool, now_s: float) -> None:
+        self.health.noise.note(spoilt, now_s)
+        if self.health.noise.fault:
+            self._switch.lose(self.health.noise.fault)
+
+    def _command(self, order: JointCommand, now_s: float) -> Command:
+        if not order.in_force(now_s):
+            self._switch.lose("the robot node hangs")
+            return REST_DELAY
+        arm = self._switch.turn(order.heartbeat.armed)
+        goals = self._joints.goals(order.setpoint) if self._servos else ()
+        return Command(
+            heartbeat=order.heartbeat.counter & 0xFFFF,
+            arm=arm,
+            throttle=padded(self._joints.throttles(order.setpoint), ESCS, ZERO_THROTTLE),
+            goal=padded(goals, SERVOS, 0),
+        )
+
+
+def _telemetry(answers: list[Status]) -> Telemetry | None:
+    """Return what was read, if the answers are those to a write and a read."""
+    if [len(answer.data) for answer in answers] != [0, Telemetry.LAYOUT.size]:
+        return None
+    return Telemetry.unpack(answers[1].data)
+
+
+def _restarted(before: Telemetry, after: Telemetry) -> bool:
+    """Return whether there was a reset in between; after 50 days the clock begins again."""
+    back_ms = before.millis - after.millis
+    return after.resets != before.resets or 0 < back_ms < 1 << 31
+
+
+def _misheard(before: Telemetry, after: Telemetry) -> bool:
+    """Return whether the board has heard something broken in between."""
+    return (before.crc_errors, before.rx_errors) != (after.crc_errors, after.rx_errors)
+
+
+MODES: dict[int, str] = {
+    BoardMode.DISARMED: "disarmed",
+    BoardMode.ARMED: "armed",
+    BoardMode.RC: "radio control",
+}
+
+
+class MegaHardware:
+    """The joints of a robot behind one serial line; the face of a `RobotIO`, and guarded.
+
+    Nothing here waits for the line: a thread of its own does, with the newest order.
+    """
+
+    def __init__(
+        self,
+        robot: SingularityDescription,
+        port: str,
+        throttle: ThrottleLaw,
+        calibration: ServoCalibration | None = None,
+        *,
+        servos: bool = True,
+        baud: int = BAUD,
+    ) -> None:
+        """Connect; without `servos`, others drive them and the board the speed controllers only.
+
+        Raises:
+            HardwareError: the board is not there, not ours, does not answer, or does not suffice.
+        """
+        self._joints = JointConverter(robot, throttle)
+        calibration = calibration or ServoCalibration()
+        calibration.check(self._joints.names)
+        self._board = ControllerBoard(self._joints, calibration, servos=servos, baud=baud)
+        self._expected = self._joints.servos if servos else 0
+        self._heartbeat = Heartbeat(False, 0)
+        self._read_s = 0.0
+        self._keeper = DeviceThread(port, self._board)
+
+    def read(self, now_s: float) -> Array | None:
+        """Return the measured joints (n,), NaN where nothing is measured; None: no news."""
+        news = self._board.news
+        if news is None or news.heard_s <= self._read_s or now_s - news.heard_s > SILENT_S:
+            return None
+        self._read_s = news.heard_s
+        return self._joints.measured(news.telemetry.position, news.telemetry.servo_alive)
+
+    def write(self, setpoint: Array, now_s: float) -> None:
+        """Give the newest set-point (n,) to the thread of the line.
+
+        Raises:
+            ValueError: a number is not finite, or there is not one for each joint.
+        """
+        self._board.order = JointCommand(self._joints.checked(setpoint), self._heartbeat, now_s)
+        self._keeper.cycle()
+
+    def set_heartbeat(self, heartbeat: Heartbeat) -> None:
+        """Say on whose word the next set-point is given."""
+        self._heartbeat = heartbeat
+
+    def fault(self, now_s: float) -> str:
+        """Return what is wrong at the board or below it; "" while all is well."""
+        news = self._board.news
+        if news is None:
+            return f"the controller board is not connected: {self._board.gone}"
+        noise = self._board.health.noise
+        if noise.fault:
+            return noise.fault
+        if now_s - news.heard_s > SILENT_S:
+            return noise.suspicion or silence_fault(self._board.name)
+        return self._objection(news.telemetry, news.lost)
+
+    def hardware(self) -> dict[str, Any]:
+        """Return facts for the status that JSON can hold."""
+        board, news = self._board, self._board.news
+        facts: dict[str, Any] = {"kind": "mega", "connected": news is not None}
+        if news is not None:
+            facts |= self._facts(news.telemetry)
+            facts["age_ms"] = round(1000.0 * (time.monotonic() - news.heard_s), 1)
+        return facts | {"link": board.health.status()}
+
+    def close(self) -> None:
+        """Disarm the board and close the line."""
+        self._keeper.close()
+
+    def _objection(self, said: Telemetry, lost: str) -> str:
+        if said.mode == BoardMode.RC:
+            return "the radio control has the robot"
+        if dead := self._expected & ~said.servo_alive:
+            return f"{self._joints.named(dead)}: no answer"
+        if broken := self._expected & said.servo_fault:
+            return f"{self._joints.named(broken)}: hardware error"
+        if lost:
+            return lost
+        if not said.esc_ready:
+            return "the speed controllers have not had zero throttle for 2 s yet"
+        if 0 < said.rc[RcChannel.KILL] <= SWITCH_US:
+            return REFUSALS[Refusal.KILL]
+        if said.rc[RcChannel.MANUAL] > SWITCH_US:
+            return "the radio control is switched to manual"
+        return ""
+
+    def _facts(self, said: Telemetry) -> dict[str, Any]:
+        facts: dict[str, Any] = {
+            "board": MODES.get(said.mode, said.mode),
+            "last_trip": TRIPS.get(said.trip, said.trip) if said.trip else "none",
+            "battery_v": round(said.battery_mv / 1000.0, 2),
+            "esc_armed": bool(said.esc_ready),
+            "pulse_us": [pulse / 2.0 for pulse in said.throttle_out],
+            "rc_us": list(said.rc),
+            "counters": {
+                "crc_errors": said.crc_errors,
+                "rx_errors": said.rx_errors,
+                "servo_errors": said.servo_errors,
+                "overruns": said.overruns,
+                "trips": said.trips,
+                "resets": said.resets,
+            },
+        }
+        if self._expected:
+            count = len(self._joints.names)
+            facts["servos"] = {
+                "alive": [bool(said.servo_alive >> i & 1) for i in range(count)],
+                "voltage_v": [v / 10.0 for v in said.voltage[:count]],
+                "temperature_c": list(said.temperature[:count]),
+                "current_a": [round(i / 1000.0, 2) for i in said.current[:count]],
+            }
+        return facts

@@ -1,0 +1,305 @@
+"""Serial transport of Dynamixel packets: ports, requests and responses, error rate. The only module
+that imports pyserial.
+"""
+
+from __future__ import annotations
+
+import errno
+import logging
+import math
+import termios
+import time
+from collections import deque
+from pathlib import Path
+from typing import Any, Protocol
+
+import serial
+from serial.tools import list_ports
+
+from tsd_twin.dynamixel import protocol2
+from tsd_twin.dynamixel.packets import Decoder, Framing, Status
+from tsd_twin.errors import TwinError
+
+
+class HardwareError(TwinError):
+    """A device is not there, is not ours, or does not answer."""
+
+
+class PortError(HardwareError):
+    """A serial port cannot be opened, or is gone."""
+
+
+WINDOW_S = 0.5
+LIMIT = 5
+"""So many spoilt cycles within the window are garbage, and a line without any in it is clean.
+
+Five of the fifty that there are at 100 Hz. A line that spoils one cycle in a thousand, which is a
+bad one, gets there by chance once in years. And it is early: of packets that are broken one in
+65,536 has the right sum all the same.
+"""
+
+
+class PacketErrorMonitor:
+    """What comes in on a line beside whole packets, cycle by cycle.
+
+    The thread of the line notes it. What it says is replaced as a whole, and read by any thread.
+    """
+
+    def __init__(self, line: str) -> None:
+        """Take what people call the line."""
+        self.spoilt = 0
+        """Cycles in which something was broken, of all there have been."""
+        self.suspicion = ""
+        """What was broken lately: why, should answers fail to come; one packet says nothing."""
+        self.fault = ""
+        """Why nobody should drive over this line; "" unless it is garbage."""
+        self._line = line
+        self._spoilt_s: list[float] = []
+
+    def note(self, spoilt: bool, now_s: float) -> None:
+        """Take in a cycle that has ended now, and whether something was broken in it."""
+        self._spoilt_s = [at_s for at_s in self._spoilt_s if now_s - at_s < WINDOW_S]
+        if spoilt:
+            self.spoilt += 1
+            self._spoilt_s.append(now_s)
+        count = len(self._spoilt_s)
+        if not count:
+            self.suspicion = self.fault = ""
+            return
+        lately_s = now_s - self._spoilt_s[0]
+        if count > 1:
+            self.suspicion = f"garbage on {self._line}: {count} broken packets in {lately_s:.2f} s"
+        if count >= LIMIT and not self.fault:
+            self.fault = self.suspicion
+
+
+_REMEMBERED = 500
+
+
+class LinkHealth:
+    """Round trips of the last cycles, how many had no answer, and how clean the line is."""
+
+    def __init__(self, line: str) -> None:
+        """Take what people call the line."""
+        self.noise = PacketErrorMonitor(line)
+        self._trips_ms: deque[float] = deque(maxlen=_REMEMBERED)
+        self.cycles = 0
+        self.missed = 0
+        self.reconnects = 0
+
+    def note(self, trip_s: float) -> None:
+        """Take in a cycle that was answered after `trip_s`."""
+        self.cycles += 1
+        self._trips_ms.append(1000.0 * trip_s)
+
+    def miss(self) -> None:
+        """Take in a cycle that was not answered, or not wholly."""
+        self.cycles += 1
+        self.missed += 1
+
+    def status(self) -> dict[str, object]:
+        """Return figures for the status; round trips in milliseconds."""
+        # Copied first: another thread may add to it.
+        trips = sorted(self._trips_ms.copy())
+        figures: dict[str, object] = {"cycles": self.cycles, "missed": self.missed}
+        figures["broken"] = self.noise.spoilt
+        figures["reconnects"] = self.reconnects
+        if trips:
+            figures["round_trip_ms"] = round(trips[len(trips) // 2], 2)
+            figures["round_trip_p99_ms"] = round(trips[math.ceil(0.99 * len(trips)) - 1], 2)
+        return figures
+
+
+_LOG = logging.getLogger(__name__)
+_BY_ID = Path("/dev/serial/by-id")
+_WRITE_TIMEOUT_S = 0.1
+"""Without one, a write to somebody who does not read blocks for ever."""
+
+GONE = (serial.SerialException, OSError, termios.error, TypeError)
+"""What pyserial 3.5 raises when a device is unplugged: `read` and `write` the first, `in_waiting`
+the second, `flush` and the like the third, which is no OSError, and now and then the last (#328).
+"""
+
+
+class Port(Protocol):
+    """What we use of an open port of pyserial, whatever its kind."""
+
+    @property
+    def in_waiting(self) -> int:
+        """Bytes that can be read at once."""
+        ...
+
+    def read(self, size: int) -> bytes:
+        """Return what comes, at most `size`; fewer when the time-out has run out."""
+        ...
+
+    def write(self, data: bytes) -> int | None:
+        """Send."""
+        ...
+
+    def reset_input_buffer(self) -> None:
+        """Forget what has come."""
+        ...
+
+    def close(self) -> None:
+        """Close."""
+        ...
+
+
+def open_port(name: str, baud: int, timeout_s: float) -> Port:
+    """Open a device, or a URL of pyserial such as `socket://host:port`, for us alone.
+
+    Raises:
+        PortError: it cannot be opened; the text says what to do.
+    """
+    try:
+        port: Any = serial.serial_for_url(
+            name, baud, timeout=timeout_s, write_timeout=_WRITE_TIMEOUT_S, exclusive=True
+        )
+    except (*GONE, ValueError) as error:
+        raise PortError(_sentence(name, error)) from error
+    try:
+        port.set_low_latency_mode(True)
+    except (*GONE, ValueError, AttributeError, NotImplementedError) as error:
+        # Only FTDI chips know it; they wait 16 ms for more to send without.
+        _LOG.debug("%s: no low latency mode: %s", name, error)
+    return port
+
+
+def persistent_name(name: str, links: Path = _BY_ID) -> str:
+    """Return a name that stays with the device: its link in /dev/serial/by-id if there is one.
+
+    A device that is plugged in again may be ttyACM1 where it was ttyACM0.
+    """
+    if "://" in name or not links.is_dir():
+        return name
+    device = Path(name).resolve()
+    for link in sorted(links.iterdir()):
+        if link.resolve() == device:
+            return str(link)
+    return name
+
+
+def serial_ports() -> list[str]:
+    """Return one line for each serial port there is: the name to use, and what it says it is."""
+    try:
+        found = sorted(list_ports.comports())
+    except TypeError:  # A device that vanishes during the scan: pyserial #774.
+        found = sorted(list_ports.comports())
+    return [f"{persistent_name(port.device)}  {port.device}: {port.description}" for port in found]
+
+
+def _sentence(name: str, error: BaseException) -> str:
+    match _number(error):
+        case errno.ENOENT:
+            return f"{name} is not there: plug it in, or choose one that 'tsd-bridge --list' shows"
+        case errno.EACCES | errno.EPERM:
+            return (
+                f"no permission to open {name}: join the group dialout "
+                "('sudo usermod -aG dialout $USER'), and log in again"
+            )
+        case errno.EBUSY | errno.EAGAIN:
+            return f"{name} is in use by another program: end it first"
+        case errno.ENOTTY | errno.EISDIR | errno.EINVAL:
+            return f"{name} is no serial port"
+        case errno.ECONNREFUSED | errno.EHOSTUNREACH | errno.ETIMEDOUT:
+            return f"nobody answers at {name}"
+        case _:
+            return f"{name} cannot be opened: {error}"
+
+
+def _number(error: BaseException | None) -> int | None:
+    """Return the errno of an error, or of the one that it was raised for; pyserial drops some."""
+    while error is not None:
+        number = getattr(error, "errno", None) or next(iter(error.args), None)
+        if isinstance(number, int):
+            return number
+        error = error.__cause__ or error.__context__
+    return None
+
+
+_READ_S = 0.002
+"""How long one read waits: a fraction of a cycle, so that the time for an answer is kept."""
+_CHUNK = 4096
+_LONGEST_DRAIN = 5.0
+_LONGEST_REST = 256
+"""Of an answer that came too late, no more than so many bytes can stand before the next one."""
+
+
+class SerialTransport:
+    """An open port. Used by one thread, which closes it too: pyserial's `close` is not safe."""
+
+    def __init__(self, name: str, baud: int) -> None:
+        """Open the port.
+
+        Raises:
+            PortError: it cannot be opened.
+        """
+        self.name = name
+        self._port = open_port(name, baud, _READ_S)
+        self._late = True  # What stands there already is for whom the port was open before.
+        self.broken = 0
+        """Answers that were broken, and bytes between them that nobody should have sent."""
+
+    def request(
+        self,
+        request: bytes,
+        answers: int,
+        patience_s: float,
+        framing: Framing = protocol2,
+    ) -> list[Status]:
+        """Send a request, and return the answers that came, fewer when time has run out.
+
+        Raises:
+            PortError: the port is gone.
+        """
+        decoder = Decoder(framing)
+        rest = _LONGEST_REST if self._late else 0
+        try:
+            if self._late:  # What comes now may be the answer to an older question.
+                self._port.reset_input_buffer()
+            self._port.write(request)
+            found = self._receive(decoder, answers, patience_s)
+        except GONE as error:
+            raise PortError(f"{self.name} is gone") from error
+        # What comes in two pieces is late, not broken: this program, or the other, was held up.
+        self.broken += decoder.sum_errors + (decoder.skipped > rest and not decoder.cut)
+        self._late = len(found) < answers
+        return found
+
+    def drain(self, silence_s: float) -> None:
+        """Take in and forget what still comes, until nothing has come for `silence_s`, or long.
+
+        Raises:
+            PortError: the port is gone.
+        """
+        try:
+            began_s = now_s = heard_s = time.monotonic()
+            while now_s - heard_s < silence_s and now_s - began_s < _LONGEST_DRAIN * silence_s:
+                heard = bool(self._port.read(_CHUNK))
+                now_s = time.monotonic()
+                heard_s = now_s if heard else heard_s
+        except GONE as error:
+            raise PortError(f"{self.name} is gone") from error
+
+    def _receive(self, decoder: Decoder, answers: int, patience_s: float) -> list[Status]:
+        found: list[Status] = []
+        end_s = time.monotonic() + patience_s
+        while len(found) < answers:
+            # All there is, or else wait for the first byte: to ask for more waits for all of it.
+            data = self._port.read(min(max(1, self._port.in_waiting), _CHUNK))
+            now_s = time.monotonic()
+            for packet in decoder.feed(data, now_s):
+                answer = decoder.framing.as_status(packet)
+                if answer is not None:
+                    found.append(answer)
+            if now_s > end_s:
+                break
+        return found
+
+    def close(self) -> None:
+        """Close the port, whatever has become of it."""
+        try:
+            self._port.close()
+        except GONE:
+            return

@@ -1,0 +1,20 @@
+"""Forward and inverse kinematics of omnidirectional robots; arrays of numpy with batch
+dimensions.
+"""
+
+from __future__ import annotations
+
+from tsd_twin.kinematics.base import Joint, JointKind, Kinematics, TwistSolution
+from tsd_twin.kinematics.omni import OmniKinematics
+from tsd_twin.kinematics.singularity import SingularityKinematics
+from tsd_twin.kinematics.sphere import SphereKinematics
+
+__all__ = [
+    "Joint",
+    "JointKind",
+    "Kinematics",
+    "OmniKinematics",
+    "SingularityKinematics",
+    "SphereKinematics",
+    "TwistSolution",
+]

@@ -1,0 +1,124 @@
+"""Kinematics of platforms on wheels with rollers: omni wheels, Killough's three, Mecanum.
+
+Source: Savnani et al. 2019, Eq. 4 for one wheel and Eq. 8 to 11 for four of them. One class does
+any number of wheels with any roller angle; `docs/kinematics.md` has symbols and a drawing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tsd_twin.kinematics.base import WheelKinematics, leave_one_out_gain
+from tsd_twin.lie import SE2, Array
+
+_SINGULAR = 1e-3
+"""Weakest motion of a layout against its strongest; below this it counts as impossible."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OmniKinematics(WheelKinematics):
+    """Any number of driven wheels with rollers, at least three.
+
+    A wheel turns forward towards its `direction`. The axle of the roller on the floor lies in that
+    direction, turned by the `roller` angle about Z: 0 for an omni wheel, 45 degrees for Mecanum.
+    Along its axle a roller holds the floor, across it rolls freely. In the symbols of the paper the
+    direction is `lambda + alpha - 90 degrees` and the roller angle `psi`. The joint vector holds
+    the speeds of the wheels.
+    """
+
+    positions_m: Array
+    """(k, 2): of the wheels in the robot frame, X forward and Y left."""
+    directions_rad: Array
+    """(k,): where each wheel drives to, from X towards Y."""
+    rollers_rad: Array
+    """(k,): axle of the roller on the floor, from the direction of the wheel."""
+    wheel_radius_m: float
+    max_speed_rad_per_s: float
+    """Of a wheel."""
+    max_acceleration_rad_per_s2: float
+    """Of a wheel that takes the robot along."""
+    grip_from_twist: Array = field(init=False)
+    """(k, 3): velocity of each wheel over the ground along the axle of its roller."""
+    speeds_from_twist: Array = field(init=False)
+    """(k, 3): wheel speeds from the body twist, Eq. 4 divided by r cos psi."""
+    twist_from_speeds: Array = field(init=False)
+    """(3, k): its pseudo-inverse."""
+    _leave_one_out_gain: Array = field(init=False, repr=False)
+    """(k,): inverse of each wheel's own part of the residual projection; 0 where it has none."""
+
+    def __post_init__(self) -> None:
+        """Build the matrices.
+
+        Raises:
+            ValueError: the wheels cannot move the robot in every way, or one has no grip forward.
+        """
+        problem = layout_problem(self.positions_m, self.directions_rad, self.rollers_rad)
+        if problem:
+            raise ValueError(problem)
+        grip = _grip(self.positions_m, self.directions_rad, self.rollers_rad)
+        rows = grip / (self.wheel_radius_m * np.cos(self.rollers_rad))[:, None]
+        back: Array = np.asarray(np.linalg.pinv(rows), dtype=float)
+        for name, value in (
+            ("grip_from_twist", grip),
+            ("speeds_from_twist", rows),
+            ("twist_from_speeds", back),
+            ("_leave_one_out_gain", leave_one_out_gain(rows, back)),
+        ):
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+    @property
+    def twist_axes(self) -> tuple[int, int, int]:
+        """The motion is planar: vx, vy, omega."""
+        return (0, 1, 5)
+
+    @property
+    def pose_type(self) -> type[SE2]:
+        """Poses are planar."""
+        return SE2
+
+    @property
+    def twist_scale_m(self) -> float:
+        """Twists are in metres a second."""
+        return 1.0
+
+    def integrate(self, pose: SE2, twist: Array, dt_s: float) -> SE2:
+        """Return `pose` after `dt_s` seconds of constant body `twist` (..., 3)."""
+        return pose.plus(twist * dt_s)
+
+
+def layout_problem(positions_m: Array, directions_rad: Array, rollers_rad: Array) -> str:
+    """Return in words which motion wheels (k,) cannot make, or which wheel is none; empty if fine.
+
+    Of an omnidirectional platform every twist must move some wheel; a twist that moves none is one
+    that no wheel can make or hold.
+    """
+    weak = np.flatnonzero(np.abs(np.cos(rollers_rad)) < 0.1)
+    if len(weak):
+        return f"the rollers of wheel {weak[0] + 1} roll where it drives to: it has no grip forward"
+    if len(directions_rad) < 3:
+        return f"{len(directions_rad)} wheels cannot move a robot in all three ways"
+    rows = _grip(positions_m, directions_rad, rollers_rad)
+    reach_m = max(float(np.hypot(*positions_m.T).max()), 1e-9)
+    _, strengths, motions = np.linalg.svd(rows / [1.0, 1.0, reach_m])
+    if strengths[-1] > _SINGULAR * strengths[0]:
+        return ""
+    vx, vy, omega = motions[-1] / [1.0, 1.0, reach_m]
+    if abs(omega) * reach_m < 1e-3:
+        return f"no wheel can push the robot towards {math.degrees(math.atan2(vy, vx)):.0f} degrees"
+    x, y = (round(float(v), 6) + 0.0 for v in (-vy / omega, vx / omega))
+    return f"no wheel can turn the robot about the point x = {x:.3g} m, y = {y:.3g} m"
+
+
+def _grip(positions_m: Array, directions_rad: Array, rollers_rad: Array) -> Array:
+    """Return the velocities (k, 3) over the ground along the rollers' axles, from the twist.
+
+    Eq. 4, left side: the axle of the roller is at lambda + alpha + psi - 90 degrees, and
+    -l cos(alpha + psi) is what turning moves the wheel along it.
+    """
+    c, s = np.cos(directions_rad + rollers_rad), np.sin(directions_rad + rollers_rad)
+    x, y = positions_m[:, 0], positions_m[:, 1]
+    return np.stack([c, s, s * x - c * y], axis=-1)

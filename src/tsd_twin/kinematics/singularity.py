@@ -1,0 +1,248 @@
+"""Kinematics of the singularity drive: hemispherical wheels that always spin, on two-axis gimbals.
+
+Source: Carothers, MIT thesis 2014, chapter 3. The printed equations slip by a metre a second for a
+command of one; the corrections are named where they are used and derived in `docs/kinematics.md`.
+"""
+
+from __future__ import annotations
+
+import math
+from copy import copy
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tsd_twin.kinematics.base import Joint, JointKind, TwistSolution
+from tsd_twin.lie import SE2, Array
+
+_BLOCK = 4096
+"""Twists worked on at a time: their arrays stay in the processor's cache, 15 times as fast."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SingularityKinematics:
+    """Any number of spinning hemispheres, three in the thesis.
+
+    Module frame `W_i` (in each pivot): `Y_W` radially outward, `Z_W` up, `X_W = Y_W x Z_W`, so it
+    is the robot frame turned by `azimuth - pi/2` (Eq. 7 prints a turn by the azimuth itself; text
+    and Fig. 12 agree with this). The joint vector holds, for each module, `alpha` (inner gimbal,
+    about the turned X_W, positive tips the axle outward), `beta` (outer gimbal, about Y_W) and the
+    wheel's speed about its axle, counter-clockwise seen from above.
+    """
+
+    azimuths_rad: Array
+    """(k,): direction of each pivot from the robot's centre, from X forward towards Y left."""
+    pivot_radius_m: float
+    """Distance of the pivots from the robot's centre."""
+    wheel_radius_m: float
+    """Radius of the spheres that the wheels are cut from."""
+    spin_rad_per_s: float
+    """Speed that the inverse kinematics turn all wheels at: the gear."""
+    max_tilt_rad: float
+    """Mechanical limit of the tilt, in any direction."""
+    max_tilt_rate_rad_per_s: float
+    """Speed limit of a gimbal servo."""
+    spin_ratio: Array = field(default_factory=lambda: np.ones(1))
+    """(k,) or (1,): speed of each wheel over `spin_rad_per_s`."""
+    contact_from_twist: Array = field(init=False)
+    """(k, 2, 3): velocity of each pivot over the ground, in `W_i`, from the body twist: H."""
+    twist_from_contacts: Array = field(init=False)
+    """(3, 2k): its pseudo-inverse (Eq. 33 prints [H^T + H]^-1 H^T for (H^T H)^-1 H^T)."""
+    _axles_by_part: Array = field(init=False, repr=False)
+    """(2k, 3): horizontal parts of the axles from the body twist, all l_x first, then all l_y."""
+    _leave_one_out_gain: Array = field(init=False, repr=False)
+    """(k, 2, 2): inverse of each module's own block of the residual projection."""
+
+    def __post_init__(self) -> None:
+        azimuths = np.array(self.azimuths_rad, dtype=float)
+        # Rows of Eq. 9 without its world-to-robot turn: Rot(-(azimuth - pi/2)) [1 0 -Ry; 0 1 Rx],
+        # where the thesis drops the signs and the factor R (Eq. 2, 3, 4).
+        c, s = np.cos(azimuths - np.pi / 2), np.sin(azimuths - np.pi / 2)
+        x, y = self.pivot_radius_m * np.cos(azimuths), self.pivot_radius_m * np.sin(azimuths)
+        h = np.stack(
+            [np.stack([c, s, s * x - c * y], -1), np.stack([-s, c, c * x + s * y], -1)], axis=1
+        )
+        # (l_x, l_y) = (-v_y, v_x) / (r_w spin): rolling, solved for the axle.
+        ratio = np.broadcast_to(np.array(self.spin_ratio, dtype=float), len(h)).copy()
+        rims_mps = self.wheel_radius_m * self.spin_rad_per_s * np.tile(ratio, 2)
+        axles = np.concatenate([-h[:, 1], h[:, 0]]) / rims_mps[:, None]
+        flat = h.reshape(-1, 3)
+        projection = np.eye(len(flat)) - flat @ np.linalg.pinv(flat)
+        blocks = projection.reshape(len(h), 2, len(h), 2)
+        own_blocks = np.stack([blocks[i, :, i] for i in range(len(h))])
+        for name, value in (
+            ("azimuths_rad", azimuths),
+            ("spin_ratio", ratio),
+            ("contact_from_twist", h),
+            ("twist_from_contacts", np.linalg.pinv(flat)),
+            ("_axles_by_part", axles),
+            # With two modules, one alone sees in one direction only: its block has rank one, and
+            # what rounding leaves of the other direction must not be inverted.
+            ("_leave_one_out_gain", np.linalg.pinv(own_blocks, 1e-9, hermitian=True)),
+        ):
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+    @property
+    def modules(self) -> int:
+        """Number of wheels."""
+        return len(self.azimuths_rad)
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        """`module1_alpha`, `module1_beta`, `module1_wheel`, `module2_alpha`, ..."""
+        parts = (
+            ("alpha", JointKind.POSITION),
+            ("beta", JointKind.POSITION),
+            ("wheel", JointKind.VELOCITY),
+        )
+        return tuple(
+            Joint(f"module{i + 1}_{part}", kind)
+            for i in range(self.modules)
+            for part, kind in parts
+        )
+
+    @property
+    def actuators(self) -> tuple[str, ...]:
+        """`module1`, `module2`, ..."""
+        return tuple(f"module{i + 1}" for i in range(self.modules))
+
+    @property
+    def twist_axes(self) -> tuple[int, int, int]:
+        """The motion is planar: vx, vy, omega."""
+        return (0, 1, 5)
+
+    @property
+    def pose_type(self) -> type[SE2]:
+        """Poses are planar."""
+        return SE2
+
+    @property
+    def twist_scale_m(self) -> float:
+        """Twists are in metres a second."""
+        return 1.0
+
+    @property
+    def pivots_m(self) -> Array:
+        """(k, 2): positions of the pivots in the robot frame."""
+        return self.pivot_radius_m * np.stack(
+            [np.cos(self.azimuths_rad), np.sin(self.azimuths_rad)], axis=-1
+        )
+
+    def with_spin(self, spin_rad_per_s: float) -> SingularityKinematics:
+        """Return the same drive in another gear; quick enough for every control period.
+
+        Only the axles depend on the spin, and they are as long as it is slow.
+        """
+        geared = copy(self)
+        axles = self._axles_by_part * (self.spin_rad_per_s / spin_rad_per_s)
+        axles.setflags(write=False)
+        object.__setattr__(geared, "spin_rad_per_s", spin_rad_per_s)
+        object.__setattr__(geared, "_axles_by_part", axles)
+        return geared
+
+    def axles(self, twist: Array) -> Array:
+        """Return the horizontal parts (..., k, 2) of the unit axles for `twist` (..., 3).
+
+        Linear in the twist, also beyond the tilt limit. No steer angle is formed: Eq. 14, 17, 18,
+        27 and 28 are singular at zero tilt, this is not.
+        """
+        by_part = twist @ self._axles_by_part.T
+        return np.swapaxes(by_part.reshape(*by_part.shape[:-1], 2, self.modules), -1, -2)
+
+    def joint_utilization(self, twist: Array) -> Array:
+        """Return sin(tilt) of the most tilted module over its limit, (...); 1 is at the limit."""
+        return self._worst_sine(twist) / math.sin(self.max_tilt_rad)
+
+    def rate_utilization(self, step: Array, dt_s: float) -> Array:
+        """Return the tilt rate of the fastest gimbal over its limit, (...), for a twist `step`.
+
+        The worst case over all tilts within the limit. There the axle's horizontal part l moves
+        beta by (l_x' + l_x l_y l_y' / (1 - l_y^2)) / l_z, at most |l'| (1 + c^2) / (2 c^2) with
+        c = cos(max tilt); alpha, at most |l'| / c, is never the faster one.
+        """
+        c_squared = math.cos(self.max_tilt_rad) ** 2
+        growth = (1.0 + c_squared) / (2.0 * c_squared)
+        return self._worst_sine(step) * (growth / (self.max_tilt_rate_rad_per_s * dt_s))
+
+    def _worst_sine(self, twist: Array) -> Array:
+        """Return sin(tilt) of the most tilted module, (...), for `twist` (..., 3)."""
+        axles = twist @ self._axles_by_part.T
+        squared = axles * axles
+        k = self.modules
+        return np.sqrt(np.maximum.reduce(squared[..., :k] + squared[..., k:], axis=-1))
+
+    def limit(self, twist: Array) -> Array:
+        """Return `twist` (..., 3) scaled as a whole until no module tilts beyond its limit."""
+        return twist / np.maximum(1.0, self.joint_utilization(twist))[..., None]
+
+    def inverse(self, twist: Array) -> Array:
+        """Return the joints (..., 3k) for body `twist` (..., 3), scaled to the tilt limit.
+
+        alpha = asin(l_y), beta = atan2(l_x, l_z) = asin(l_x / cos(alpha)): Eq. 24 and 25 solved for
+        the gimbal angles.
+        """
+        k, limit = self.modules, math.sin(self.max_tilt_rad)
+        flat = twist.reshape(-1, 3)
+        joints = np.empty((len(flat), k, 3))
+        joints[..., 2] = self.spin_rad_per_s * self.spin_ratio
+        for start in range(0, len(flat), _BLOCK):
+            axles = self._axles_by_part @ flat[start : start + _BLOCK].T
+            lx, ly = axles[:k], axles[k:]
+            worst = np.sqrt(np.maximum.reduce(lx * lx + ly * ly))
+            axles *= limit / np.maximum(worst, limit)
+            block = joints[start : start + _BLOCK]
+            block[..., 0] = np.arcsin(ly).T
+            block[..., 1] = np.arcsin(lx / np.sqrt(1.0 - ly * ly)).T
+        return joints.reshape(*twist.shape[:-1], 3 * k)
+
+    def contacts(self, joints: Array, rates: Array | None = None) -> Array:
+        """Return the velocity (..., k, 2) of each pivot over the ground, in `W_i`, by rolling.
+
+        v = r_w Omega x z with Omega = spin l + gimbal rate and
+        l = (cos a sin b, sin a, cos a cos b). The thesis lacks the terms in the gimbal rates.
+        """
+        alpha, beta, spin = joints[..., 0::3], joints[..., 1::3], joints[..., 2::3]
+        v_x = spin * np.sin(alpha)
+        v_y = -spin * np.cos(alpha) * np.sin(beta)
+        if rates is not None:
+            v_x += rates[..., 1::3]
+            v_y += rates[..., 0::3] * np.cos(beta)
+        v = np.empty((*alpha.shape, 2))
+        v[..., 0], v[..., 1] = v_x, v_y
+        v *= self.wheel_radius_m
+        return v
+
+    def forward(self, joints: Array, rates: Array | None = None) -> TwistSolution:
+        """Return the least-squares twist, and the residual (..., 2k) in m/s that no twist explains.
+
+        The residual is zero when the modules agree and grows when one conflicts with the others. It
+        cannot see a wheel sliding on the floor, nor the same droop of all spins.
+        """
+        v = self.contacts(joints, rates)
+        flat = v.reshape(*v.shape[:-2], 2 * self.modules)
+        twist = flat @ self.twist_from_contacts.T
+        return TwistSolution(twist, flat - twist @ self.contact_from_twist.reshape(-1, 3).T)
+
+    def fault_contribution(self, residual: Array) -> Array:
+        """Return how much of the squared `residual` (..., 2k) each module explains alone, (..., k).
+
+        The drop of the squared residual when the two equations of a module are left out.
+        """
+        own = residual.reshape(*residual.shape[:-1], self.modules, 1, 2)
+        return (own @ self._leave_one_out_gain @ np.swapaxes(own, -1, -2))[..., 0, 0]
+
+    def tilt(self, joints: Array) -> Array:
+        """Return the tilt (..., k) of each axle from upright, radians, accurate near zero."""
+        modules = joints.reshape(*joints.shape[:-1], self.modules, 3)
+        alpha, beta = modules[..., 0], modules[..., 1]
+        sine = np.hypot(np.cos(alpha) * np.sin(beta), np.sin(alpha))
+        return np.arctan2(sine, np.cos(alpha) * np.cos(beta))
+
+    def effective_radius_m(self, joints: Array) -> Array:
+        """Return the effective wheel radius (..., k): ground by wheel speed, r_w sin(tilt)."""
+        return self.wheel_radius_m * np.sin(self.tilt(joints))
+
+    def integrate(self, pose: SE2, twist: Array, dt_s: float) -> SE2:
+        """Return `pose` after `dt_s` seconds of constant body `twist` (..., 3)."""
+        return pose.plus(twist * dt_s)

@@ -1,0 +1,164 @@
+"""Kinematics of the Atlas platform: a sphere that three omni wheels turn in place.
+
+Source: Weiss, Langlois and Hayes 2008. The wheels have two rows of rollers, and the contact hops
+from one row to the other as a wheel turns; the ideal kinematics take it to be half-way between.
+Misprints: Eq. 29 drops the cosine of the offset that Eq. 27 has, Eq. 24 has +d^2 for -d^2 in three
+places.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tsd_twin.kinematics.base import WheelKinematics, leave_one_out_gain
+from tsd_twin.lie import SO3, Array
+
+_SINGULAR = 1e-3
+"""Weakest turn of a mounting against its strongest; below this it counts as impossible."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SphereKinematics(WheelKinematics):
+    """A sphere on any number of omni wheels in any mounting, at least three (Eq. 31).
+
+    The base stands still; X forward, Y left, Z up, from the centre of the sphere. A twist is the
+    sphere's angular velocity in the base frame, the joint vector holds the speeds of the wheels.
+    `inverse` and `forward` are ideal, which is what the robot is driven by; `true_rows` and what
+    follows it also know the rows. A wheel's angle decides which row carries.
+    """
+
+    contacts: Array
+    """(k, 3): unit vectors to where the wheels touch, half-way between their rows: R_i (Eq. 21)."""
+    actuations: Array
+    """(k, 3): unit vectors, where a wheel that turns forward pushes the surface: v_i (Eq. 23)."""
+    sphere_radius_m: float
+    wheel_radius_m: float
+    row_offset_rad: float
+    """How far a row's contact is from half-way: arcsin d / (2 (R + r_r)) (Eq. 12); 0 is ideal."""
+    row_rad: float
+    """Angle that a wheel turns through on one row: pi / N with N rollers in each (Eq. 8 to 11)."""
+    max_speed_rad_per_s: float
+    """Of a wheel."""
+    max_acceleration_rad_per_s2: float
+    """Of a wheel that takes the sphere along."""
+    axes: Array = field(init=False)
+    """(k, 3): axes that each wheel turns the sphere about: Omega_i = R_i x v_i (Eq. 5)."""
+    speeds_from_twist: Array = field(init=False)
+    """(k, 3): ideal wheel speeds from the twist: (R / r) Omega_i (Eq. 26)."""
+    twist_from_speeds: Array = field(init=False)
+    """(3, k): its pseudo-inverse."""
+    _leave_one_out_gain: Array = field(init=False, repr=False)
+    """(k,): inverse of each wheel's own part of the residual projection; 0 where it has none."""
+
+    def __post_init__(self) -> None:
+        """Build the matrices.
+
+        Raises:
+            ValueError: the wheels cannot turn the sphere about every axis.
+        """
+        problem = layout_problem(self.contacts, self.actuations)
+        if problem:
+            raise ValueError(problem)
+        axes = np.cross(self.contacts, self.actuations)
+        rows = self.sphere_radius_m / self.wheel_radius_m * axes
+        back: Array = np.asarray(np.linalg.pinv(rows), dtype=float)
+        for name, value in (
+            ("axes", axes),
+            ("speeds_from_twist", rows),
+            ("twist_from_speeds", back),
+            ("_leave_one_out_gain", leave_one_out_gain(rows, back)),
+        ):
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+
+    @property
+    def twist_axes(self) -> tuple[int, int, int]:
+        """The sphere turns in place: wx, wy, wz."""
+        return (3, 4, 5)
+
+    @property
+    def pose_type(self) -> type[SO3]:
+        """Poses are orientations of the sphere."""
+        return SO3
+
+    @property
+    def twist_scale_m(self) -> float:
+        """A turn about X or Y moves the top of the sphere by its radius."""
+        return self.sphere_radius_m
+
+    def integrate(self, pose: SO3, twist: Array, dt_s: float) -> SO3:
+        """Return `pose` after `dt_s` seconds of constant `twist` (..., 3), in the base's axes."""
+        return SO3.exp(twist * dt_s) @ pose
+
+    # What the rows make of it.
+
+    def side(self, angles_rad: Array) -> Array:
+        """Return (-1)^l for wheels at `angles_rad` (..., k): -1 on the first row, 1 on the second.
+
+        l = floor(N phi / pi mod 2) + 1 (Eq. 8 to 11). On the first, the contact is towards
+        `axes`, which in the mounting of the paper is towards the equator.
+        """
+        return 2.0 * np.mod(np.floor(angles_rad / self.row_rad), 2.0) - 1.0
+
+    def mean_side(self, before_rad: Array, after_rad: Array) -> Array:
+        """Return the mean of `side` over the way from one angle (..., k) to another, exactly."""
+        way = after_rad - before_rad
+        hops = self.row_rad * (self._fold(after_rad) - self._fold(before_rad))
+        still = np.abs(way) < 1e-9 * self.row_rad
+        return np.where(still, self.side(before_rad), hops / np.where(still, 1.0, way))
+
+    def _fold(self, angles_rad: Array) -> Array:
+        """Return the integral of `side` over N phi / pi: a triangle wave from 0 to -1 and back."""
+        return np.abs(np.mod(angles_rad / self.row_rad, 2.0) - 1.0) - 1.0
+
+    def true_rows(self, side: Array) -> Array:
+        """Return the wheel speeds from the twist (..., k, 3) with the contacts on `side` (..., k).
+
+        (R / r) (cos dtheta Omega_i + side sin dtheta R_i): the contact R_i moved by dtheta towards
+        or from Omega_i, crossed with v_i. That is Eq. 25 with the cosine that Eq. 29 drops, in any
+        mounting (Eq. 31). A side between -1 and 1 is the mean over a step.
+        """
+        ratio = self.sphere_radius_m / self.wheel_radius_m
+        offset = math.sin(self.row_offset_rad) * side[..., None] * self.contacts
+        return ratio * (math.cos(self.row_offset_rad) * self.axes + offset)
+
+    def true_inverse(self, twist: Array, side: Array) -> Array:
+        """Return the wheel speeds (..., k) at which `twist` (..., 3) is what the sphere does."""
+        return (self.true_rows(side) @ twist[..., None])[..., 0]
+
+    def true_twist(self, joints: Array, side: Array) -> Array:
+        """Return the twist (..., 3) that wheel speeds `joints` (..., k) give the sphere."""
+        rows = self.true_rows(side)
+        back = np.linalg.inv(rows) if self.wheels == 3 else np.linalg.pinv(rows)
+        return np.asarray((back @ joints[..., None])[..., 0], dtype=float)
+
+
+def contacts_and_directions(
+    azimuths_rad: Array, below_equator_rad: Array, turns_rad: Array
+) -> tuple[Array, Array]:
+    """Return contacts R_i and actuations v_i, (k, 3) each, of wheels given by angles (k,).
+
+    Contact by azimuth and angle below the equator (Eq. 21); a wheel pushes horizontally and
+    counter-clockwise seen from above (Eq. 23), turned about the outward normal by its turn.
+    """
+    c, s = np.cos(azimuths_rad), np.sin(azimuths_rad)
+    up, down = np.cos(below_equator_rad), np.sin(below_equator_rad)
+    contacts = np.stack([up * c, up * s, -down], axis=-1)
+    along = np.stack([-s, c, 0.0 * c], axis=-1)
+    across = np.cross(contacts, along)
+    turns = turns_rad[:, None]
+    return contacts, np.cos(turns) * along + np.sin(turns) * across
+
+
+def layout_problem(contacts: Array, actuations: Array) -> str:
+    """Return in words which turn wheels (k, 3) cannot make; empty if they can make all."""
+    if len(contacts) < 3:
+        return f"{len(contacts)} wheels cannot turn a sphere about all three axes"
+    _, strengths, turns = np.linalg.svd(np.cross(contacts, actuations))
+    if strengths[-1] > _SINGULAR * strengths[0]:
+        return ""
+    x, y, z = turns[-1] + 0.0
+    return f"no wheel can turn the sphere about the axis ({x:.2f}, {y:.2f}, {z:.2f})"

@@ -1,0 +1,161 @@
+"""One direction of an emulated link in real time, and the sockets of the relays."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Callable, Iterator
+from typing import Any, Generic, Protocol, TypeAlias
+
+from tsd_twin.link_emulation.link import Link, Packet
+from tsd_twin.link_emulation.spec import Endpoint, LinkError, LinkSpec
+
+
+class Resender(Protocol):
+    """Who sends again what was lost."""
+
+    def next_s(self) -> float | None:
+        """Return when it is due."""
+        ...
+
+    def retransmit(self, now_s: float) -> None:
+        """Send again what is due."""
+        ...
+
+
+class LinkChannel(Generic[Packet]):
+    """A link and the event loop that wakes up whenever a packet arrives.
+
+    The loop sleeps in whole milliseconds: a packet may be up to one later than the link says.
+
+    Args:
+        loop: whose clock it is.
+        link: in the times of that clock.
+        arrived: called with each packet that comes out.
+        lost: called with each packet that a cut loses on its way.
+    """
+
+    def __init__(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        link: Link[Packet],
+        arrived: Callable[[Packet], object],
+        lost: Callable[[Packet], object],
+    ) -> None:
+        self._loop = loop
+        self._arrived = arrived
+        self._lost = lost
+        self._alarm: asyncio.TimerHandle | None = None
+        self.link = link
+        self.resenders: set[Resender] = set()
+
+    @property
+    def now_s(self) -> float:
+        """Time on the clock of the link."""
+        return self._loop.time()
+
+    def send(self, packet: Packet, size_bytes: int) -> None:
+        """Put a packet on its way."""
+        self.link.send(packet, size_bytes, self.now_s)
+        self.step()
+
+    def step(self) -> None:
+        """Do all that is due, and set the alarm for what comes next."""
+        now_s = self.now_s
+        for resender in tuple(self.resenders):
+            resender.retransmit(now_s)
+        for packet in self.link.receive(now_s):
+            self._arrived(packet)
+        self._set_alarm()
+
+    def stall(self, length_s: float) -> None:
+        """Deliver nothing for a while."""
+        self.link.stall(length_s, self.now_s)
+        self.step()
+
+    def cut(self) -> None:
+        """Lose everything from now on, also what is on its way."""
+        for packet in self.link.cut():
+            self._lost(packet)
+        self.step()
+
+    def mend(self) -> None:
+        """End the cut."""
+        self.link.mend()
+        self.step()
+
+    def change(self, spec: LinkSpec) -> None:
+        """Treat packets otherwise from now on."""
+        self.link.change(spec, self.now_s)
+        self.step()
+
+    def close(self) -> None:
+        """Wake up no more."""
+        if self._alarm is not None:
+            self._alarm.cancel()
+
+    def _set_alarm(self) -> None:
+        if self._alarm is not None:
+            self._alarm.cancel()
+            self._alarm = None
+        times_s = [self.link.next_s(), *(resender.next_s() for resender in self.resenders)]
+        due_s = min((time_s for time_s in times_s if time_s is not None), default=None)
+        if due_s is not None:
+            self._alarm = self._loop.call_at(due_s, self.step)
+
+
+Address: TypeAlias = tuple[Any, ...]
+"""As the functions of the socket module take and give it."""
+_KINDS = {"tcp": socket.SOCK_STREAM, "udp": socket.SOCK_DGRAM}
+_LARGEST_DATAGRAM = 65536
+_AT_A_TIME = 64  # So that one client that floods cannot hold up the loop.
+
+
+def bound(endpoint: Endpoint) -> socket.socket:
+    """Return a socket bound to an endpoint.
+
+    Raises:
+        LinkError: the port is in use, or the host is unknown or not of this machine.
+    """
+    family, address = resolved(endpoint)
+    made = socket.socket(family, _KINDS[endpoint.protocol])
+    try:
+        made.setblocking(False)
+        if endpoint.protocol == "tcp":
+            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        made.bind(address)
+    except OSError as error:
+        made.close()
+        raise LinkError(f"cannot listen at {endpoint}: {_reason(error)}") from error
+    return made
+
+
+def resolved(endpoint: Endpoint) -> tuple[socket.AddressFamily, Address]:
+    """Return family and address of an endpoint.
+
+    Raises:
+        LinkError: nobody knows the host.
+    """
+    kind = _KINDS[endpoint.protocol]
+    try:
+        found = socket.getaddrinfo(endpoint.host, endpoint.port, type=kind)
+    except (OSError, UnicodeError) as error:
+        raise LinkError(f"nobody knows the host of {endpoint}") from error
+    family, _, _, _, address = found[0]
+    return family, address
+
+
+def datagrams(receiver: socket.socket) -> Iterator[tuple[bytes, Address]]:
+    """Yield what waits in a socket, each with the address of its sender, without waiting."""
+    for _ in range(_AT_A_TIME):
+        try:
+            received = receiver.recvfrom(_LARGEST_DATAGRAM)
+        except BlockingIOError:
+            return
+        except ConnectionError:  # An earlier datagram found nobody; more may wait behind this.
+            continue
+        yield received
+
+
+def _reason(error: OSError) -> str:
+    return (error.strerror or str(error)).lower()

@@ -1,0 +1,381 @@
+"""Relays of TCP connections and UDP datagrams over an emulated link."""
+
+from __future__ import annotations
+
+import abc
+import asyncio
+import contextlib
+import enum
+import logging
+import socket
+import struct
+from collections.abc import Callable, Iterator
+from typing import NamedTuple, TypeAlias, cast
+
+from tsd_twin.link_emulation.channel import Address, LinkChannel, bound, datagrams, resolved
+from tsd_twin.link_emulation.link import Segment, Stream
+from tsd_twin.link_emulation.spec import Endpoint
+
+SEGMENT_BYTES = 1400
+"""Most data in a segment: an Ethernet frame, less headers, options and a tunnel."""
+TCP_HEADER_BYTES = 40
+"""IPv4 and TCP; they take their share of the bandwidth."""
+WINDOW_BYTES = 256 * 1024
+"""What one direction holds, on the way and waiting, before the relay stops to read."""
+KERNEL_BYTES = 64 * 1024
+"""What a socket of the relay holds besides; left alone the kernel lets it grow to megabytes."""
+_LINGER_NONE = struct.pack("ii", 1, 0)  # Closing sends a reset.
+
+
+class Mark(enum.Enum):
+    """What a segment says that carries no data."""
+
+    OPEN = enum.auto()
+    END = enum.auto()
+    RESET = enum.auto()
+
+
+SocketPayload: TypeAlias = bytes | Mark
+TcpSegment: TypeAlias = Segment[SocketPayload]
+
+
+class RelaySocket(asyncio.Protocol, abc.ABC):
+    """A socket, and the stream that carries what is read from it to the other side."""
+
+    other: RelaySocket
+
+    def __init__(self, lane: LinkChannel[TcpSegment], sides: set[RelaySocket]) -> None:
+        self._lane = lane
+        self._stream: Stream[SocketPayload] = Stream(lane.link, self._hand_over)
+        self._transport: asyncio.Transport | None = None
+        self._ended = False
+        self._finished = False
+        self._abandoned = False
+        self._sides = sides
+        sides.add(self)
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Tell the other side."""
+        self._transport = cast("asyncio.Transport", transport)
+        if self._abandoned:
+            self.abandon()
+            return
+        self._transport.set_write_buffer_limits(high=WINDOW_BYTES // 4)
+        for buffer in (socket.SO_RCVBUF, socket.SO_SNDBUF):
+            _set_option(self._transport, buffer, KERNEL_BYTES)
+        self.carry(Mark.OPEN)
+
+    def data_received(self, data: bytes) -> None:
+        """Carry what was read."""
+        self.carry(data)
+        self.throttle()
+
+    def eof_received(self) -> bool:
+        """Carry the end; the other direction goes on."""
+        self._ended = True
+        self.carry(Mark.END)
+        return not self._finished
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Carry a reset, unless this is the end that was agreed on."""
+        self._sides.discard(self)
+        agreed = exc is None and self._ended and self._finished
+        if not (agreed or self._abandoned):
+            self._abandoned = True
+            self.carry(Mark.RESET)
+
+    def resume_writing(self) -> None:
+        """Let the other side read on."""
+        self.other.throttle()
+
+    def throttle(self) -> None:
+        """Read only while there is room on the way, as a window does."""
+        if self._transport is None or self._ended:
+            return
+        waiting_bytes = self.waiting_bytes + self.other.unwritten_bytes
+        if waiting_bytes > WINDOW_BYTES:
+            self._transport.pause_reading()
+        elif waiting_bytes < WINDOW_BYTES // 2:
+            self._transport.resume_reading()
+
+    @property
+    def waiting_bytes(self) -> int:
+        """Read here and not yet handed over."""
+        return self._stream.waiting_bytes
+
+    @property
+    def unwritten_bytes(self) -> int:
+        """Handed over and not yet taken by the kernel."""
+        return self._transport.get_write_buffer_size() if self._transport is not None else 0
+
+    def carry(self, payload: SocketPayload) -> None:
+        """Send a payload to the other side."""
+        self._lane.resenders.add(self._stream)
+        for piece, size_bytes in _pieces(payload):
+            self._stream.send(piece, size_bytes + TCP_HEADER_BYTES, self._lane.now_s)
+        self._lane.step()
+
+    def abandon(self) -> None:
+        """Break the connection at once, and say nothing to the other side."""
+        self._abandoned = True
+        self._lane.resenders.discard(self._stream)
+        if self._transport is None:
+            self._sides.discard(self)
+        elif not self._transport.is_closing():
+            _set_option(self._transport, socket.SO_LINGER, _LINGER_NONE)
+            self._transport.abort()
+
+    def write(self, data: bytes) -> None:
+        """Write what the other side read."""
+        if self._transport is not None and not self._transport.is_closing():
+            self._transport.write(data)
+
+    def finish(self) -> None:
+        """Write no more; the other side has ended."""
+        self._finished = True
+        if self._transport is not None and not self._transport.is_closing():
+            # A connection that was reset a moment ago is not known to be closing yet.
+            with contextlib.suppress(OSError):
+                self._transport.write_eof()
+            if self._ended:
+                self._transport.close()
+
+    @abc.abstractmethod
+    def opened(self) -> None:
+        """Take note that the other side is connected."""
+
+    def _hand_over(self, payload: SocketPayload) -> None:
+        match payload:
+            case Mark.OPEN:
+                self.other.opened()
+            case Mark.END:
+                self.other.finish()
+            case Mark.RESET:
+                self.other.abandon()
+            case bytes():
+                self.other.write(payload)
+        if payload in (Mark.END, Mark.RESET):
+            self._lane.resenders.discard(self._stream)
+        self.throttle()
+
+
+def _set_option(transport: asyncio.Transport, option: int, value: int | bytes) -> None:
+    transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, option, value)
+
+
+def _pieces(payload: SocketPayload) -> Iterator[tuple[SocketPayload, int]]:
+    """Yield segments of a payload, each with the bytes of data in it."""
+    if isinstance(payload, Mark):
+        yield payload, 0
+        return
+    for start in range(0, len(payload), SEGMENT_BYTES):
+        piece = payload[start : start + SEGMENT_BYTES]
+        yield piece, len(piece)
+
+
+class ClientSocket(RelaySocket):
+    """Holds what a client sends before the target has answered.
+
+    The kernel accepts at once; a handshake over the link would have taken a round trip.
+    """
+
+    def __init__(self, lane: LinkChannel[TcpSegment], sides: set[RelaySocket]) -> None:
+        super().__init__(lane, sides)
+        self._is_open = False
+        self._early: list[SocketPayload] = []
+
+    @property
+    def waiting_bytes(self) -> int:
+        """Read here and not yet handed over."""
+        early_bytes = sum(len(payload) for payload in self._early if isinstance(payload, bytes))
+        return early_bytes + super().waiting_bytes
+
+    def carry(self, payload: SocketPayload) -> None:
+        """Send a payload to the other side, or keep it until there is one."""
+        if self._is_open or payload is Mark.OPEN:
+            super().carry(payload)
+        elif payload is Mark.RESET:
+            self.other.abandon()  # The client has given up: nobody calls any more.
+            self._lane.resenders.discard(self._stream)
+        else:
+            self._early.append(payload)
+
+    def opened(self) -> None:
+        """Send what has waited for the handshake, unless the client has given up."""
+        if self._abandoned:
+            return
+        self._is_open = True
+        early, self._early = self._early, []
+        for payload in early:
+            self.carry(payload)
+
+
+_LOG = logging.getLogger(__name__)
+
+
+class TargetSocket(RelaySocket):
+    """Connects when the client's call arrives, and says so, or that nobody answers."""
+
+    def __init__(
+        self,
+        lane: LinkChannel[TcpSegment],
+        sides: set[RelaySocket],
+        near: ClientSocket,
+        target: Endpoint,
+    ) -> None:
+        super().__init__(lane, sides)
+        self.other = near
+        self._target = target
+        self._dialling: asyncio.Task[None]
+
+    def opened(self) -> None:
+        """Connect, unless the client has given up."""
+        if not self._abandoned:
+            # Kept, since the loop alone does not keep a task alive.
+            self._dialling = asyncio.create_task(self._dial())
+
+    async def _dial(self) -> None:
+        loop = asyncio.get_running_loop()
+        try:
+            await loop.create_connection(lambda: self, self._target.host, self._target.port)
+        except (OSError, UnicodeError) as error:
+            _LOG.info("nobody answers at %s: %s", self._target, error)
+            self._sides.discard(self)
+            if not self._abandoned:
+                self.carry(Mark.RESET)
+
+
+class TcpRelay:
+    """Accepts connections, and opens one to the target for each."""
+
+    def __init__(
+        self,
+        listen: Endpoint,
+        target: Endpoint,
+        up: LinkChannel[TcpSegment],
+        down: LinkChannel[TcpSegment],
+    ) -> None:
+        self._listen = listen
+        self._target = target
+        self._up = up
+        self._down = down
+        self._sides: set[RelaySocket] = set()
+
+    async def open(self) -> int:
+        """Listen, and return the port.
+
+        Raises:
+            LinkError: it cannot listen there.
+        """
+        listening = bound(self._listen)
+        loop = asyncio.get_running_loop()
+        self._server = await loop.create_server(self._accept, sock=listening)
+        return listening.getsockname()[1]
+
+    async def close(self) -> None:
+        """Accept no more, and break all connections."""
+        self._server.close()
+        for side in tuple(self._sides):
+            side.abandon()
+        await asyncio.sleep(0)  # The transports say good-bye in the next turn of the loop.
+        await self._server.wait_closed()
+
+    def _accept(self) -> ClientSocket:
+        near = ClientSocket(self._up, self._sides)
+        near.other = TargetSocket(self._down, self._sides, near, self._target)
+        return near
+
+
+HEADER_BYTES = 28
+"""IPv4 and UDP; they take their share of the bandwidth."""
+CAPACITY_BYTES = 256 * 1024
+"""What a link of datagrams holds, on the way and waiting; what comes on top is lost."""
+_IDLE_S = 120.0  # What RFC 4787, REQ-5, asks of a NAT at least.
+
+
+class Datagram(NamedTuple):
+    """A datagram, and what sends it on when it arrives."""
+
+    data: bytes
+    forward: Callable[[bytes], object]
+
+
+class UdpRelay:
+    """Listens for clients; each gets a socket of its own towards the target, as behind a NAT."""
+
+    def __init__(
+        self,
+        listen: Endpoint,
+        target: Endpoint,
+        up: LinkChannel[Datagram],
+        down: LinkChannel[Datagram],
+    ) -> None:
+        self._listen = listen
+        self._target = target
+        self._up = up
+        self._down = down
+        self._loop = asyncio.get_running_loop()
+        self._mappings: dict[Address, _Mapping] = {}
+
+    async def open(self) -> int:
+        """Listen, and return the port.
+
+        Raises:
+            LinkError: it cannot listen there, or nobody knows the target.
+        """
+        self._family, self._address = resolved(self._target)
+        self._socket = bound(self._listen)
+        self._loop.add_reader(self._socket, self._from_clients)
+        return self._socket.getsockname()[1]
+
+    async def close(self) -> None:
+        """Close all sockets."""
+        self._loop.remove_reader(self._socket)
+        self._socket.close()
+        self._forget(before_s=self._loop.time())
+
+    def _from_clients(self) -> None:
+        for data, client in datagrams(self._socket):
+            mapping = self._mappings.get(client) or self._map(client)
+            mapping.used_s = self._loop.time()
+            self._up.send(Datagram(data, mapping.socket.send), len(data) + HEADER_BYTES)
+
+    def _from_target(self, mapping: _Mapping, client: Address) -> None:
+        def answer(data: bytes) -> None:
+            self._socket.sendto(data, client)
+
+        for data, _ in datagrams(mapping.socket):
+            mapping.used_s = self._loop.time()
+            self._down.send(Datagram(data, answer), len(data) + HEADER_BYTES)
+
+    def _map(self, client: Address) -> _Mapping:
+        self._forget(before_s=self._loop.time() - _IDLE_S)
+        mapping = _Mapping(socket.socket(self._family, socket.SOCK_DGRAM))
+        mapping.socket.setblocking(False)
+        mapping.socket.connect(self._address)
+        self._loop.add_reader(mapping.socket, self._from_target, mapping, client)
+        self._mappings[client] = mapping
+        return mapping
+
+    def _forget(self, before_s: float) -> None:
+        for client, mapping in list(self._mappings.items()):
+            if mapping.used_s <= before_s:
+                self._loop.remove_reader(mapping.socket)
+                mapping.socket.close()
+                del self._mappings[client]
+
+
+def forward(datagram: Datagram) -> None:
+    """Send a datagram on; what the network does not take is lost, as datagrams are."""
+    try:
+        datagram.forward(datagram.data)
+    except OSError:
+        return
+
+
+class _Mapping:
+    """A client as the target sees it."""
+
+    def __init__(self, towards_target: socket.socket) -> None:
+        self.socket = towards_target
+        self.used_s = 0.0

@@ -1,0 +1,143 @@
+"""Inputs of a robot: velocity commands, with lease and sequence numbers attached, and poses of a
+pose sensor.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsd_twin.errors import MessageError
+from tsd_twin.lie import SE2, Array
+from tsd_twin.messages import ros
+from tsd_twin.messages.ros import BASE, ODOM, decode_twist
+
+_ATTACHMENT = struct.Struct("<Q16sQ")
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """What the bus hands over: nothing in it has been checked."""
+
+    key: str
+    payload: bytes
+    attachment: bytes
+    is_put: bool = True
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Command:
+    """A readable command; whether it counts is for the authority to say."""
+
+    operator: str
+    seq: int
+    lease: bytes
+    status_seq: int
+    """Newest `state/status` that the operator had seen: bounds the age without a common clock."""
+    frame: str
+    """`base_link` or `odom`."""
+    twist: Array
+    """(6,): spatial, finite."""
+
+
+def encode_attachment(seq: int, lease: bytes, status_seq: int) -> bytes:
+    """Return the attachment of a command: its number, its lease, the newest status seen."""
+    return _ATTACHMENT.pack(seq, lease, status_seq)
+
+
+def decode_command(sample: Sample) -> Command:
+    """Return the command in a sample of `twin/<robot>/cmd/<operator>/twist`.
+
+    Raises:
+        MessageError: the reason is one of `key`, `shape` and `nonfinite`.
+    """
+    parts = sample.key.split("/")
+    if not sample.is_put or len(parts) != 5 or "*" in sample.key:
+        raise MessageError("key", f"{sample.key} is not the key of one operator")
+    try:
+        seq, lease, status_seq = _ATTACHMENT.unpack(sample.attachment)
+    except struct.error as error:
+        raise MessageError("shape", f"attachment: {error}") from error
+    message = decode_twist(sample.payload)
+    if message.frame not in (BASE, ODOM):
+        raise MessageError("shape", f"frame_id must be {BASE} or {ODOM}")
+    if not np.isfinite(message.twist).all():
+        raise MessageError("nonfinite", "a twist must be finite numbers")
+    return Command(parts[3], seq, lease, status_seq, message.frame, message.twist)
+
+
+_TYPE = "geometry_msgs/msg/PoseStamped"
+_LENGTH_OFF = 1e-3
+"""A quaternion whose length is farther from one is a mistake, not rounding."""
+_UPRIGHT = math.cos(math.radians(30.0))
+"""What leans more than this from a floor is not on it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseStamped:
+    """A spatial pose in `frame`, at the time `stamp_ns` of the robot's wall clock."""
+
+    frame: str
+    position_m: Array
+    """(3,)."""
+    wxyz: Array
+    """(4,)."""
+    stamp_ns: int
+
+    @staticmethod
+    def planar(pose: SE2, stamp_ns: int) -> PoseStamped:
+        """Return the message for a pose on the floor of `odom`."""
+        x, y, heading = pose.xy_heading.tolist()
+        turn = [math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading)]
+        return PoseStamped(ODOM, np.array([x, y, 0.0]), np.array(turn), stamp_ns)
+
+
+def encode_pose(message: PoseStamped) -> bytes:
+    """Return the CDR of a pose."""
+    pose = ros.make_pose(message.position_m, message.wxyz)
+    header = ros.make_header(message.stamp_ns, message.frame)
+    return ros.encode_cdr(ros.make_message(_TYPE, header=header, pose=pose))
+
+
+def decode_pose(payload: bytes) -> PoseStamped:
+    """Return the pose in a CDR payload; numbers may be anything, also NaN.
+
+    Raises:
+        MessageError: `shape`, when this is no `geometry_msgs/msg/PoseStamped`.
+    """
+    raw = ros.decode_cdr(payload, _TYPE)
+    at, turn = raw.pose.position, raw.pose.orientation
+    return PoseStamped(
+        frame=raw.header.frame_id,
+        position_m=np.array([at.x, at.y, at.z]),
+        wxyz=np.array([turn.w, turn.x, turn.y, turn.z]),
+        stamp_ns=ros.stamp_ns(raw),
+    )
+
+
+def decode_pose_measurement(sample: Sample) -> tuple[SE2, int]:
+    """Return the pose on the floor, and its stamp, in a sample of `twin/<robot>/sensor/pose`.
+
+    Heading in [-pi, pi]; height and a small lean are left out.
+
+    Raises:
+        MessageError: the reason is one of `key`, `shape`, `frame`, `nonfinite` and `quaternion`.
+    """
+    if not sample.is_put or "*" in sample.key:
+        raise MessageError("key", f"{sample.key} is not the key of one robot")
+    message = decode_pose(sample.payload)
+    if message.frame != ODOM:
+        raise MessageError("frame", f"frame_id must be {ODOM}")
+    if not (np.isfinite(message.position_m).all() and np.isfinite(message.wxyz).all()):
+        raise MessageError("nonfinite", "a pose must be finite numbers")
+    w, x, y, z = message.wxyz.tolist()
+    # hypot does not overflow, as squares would.
+    if abs(math.hypot(w, x, y, z) - 1.0) > _LENGTH_OFF:
+        raise MessageError("quaternion", "the length of a quaternion must be one")
+    if 1.0 - 2.0 * (x * x + y * y) < _UPRIGHT:
+        raise MessageError("quaternion", "a robot on a floor stands upright")
+    heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return SE2(np.array([message.position_m[0], message.position_m[1], heading])), message.stamp_ns

@@ -1,0 +1,114 @@
+"""Topics and services of the bus: one table of keys, rates and quality of service."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from enum import StrEnum
+
+from tsd_twin.errors import BusError
+
+_NAME = re.compile(r"[a-z0-9_-]{1,32}")
+
+
+class QoS(StrEnum):
+    """How a message is queued and sent."""
+
+    REAL_TIME = "real_time"
+    """Ahead of everything, never batched, dropped rather than queued."""
+    DATA = "data"
+    """Dropped rather than queued."""
+    EVENT = "event"
+    """Kept for late joiners."""
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """One row of the table: a stream from or to a robot."""
+
+    path: str
+    """Below `twin/<robot>/`."""
+    type: str
+    """ROS 2 type of the CDR payload, or `json`."""
+    qos: QoS
+    rate_hz: float
+    """While it flows."""
+
+    def key(self, robot: str) -> str:
+        """Return the key of this topic for a robot id; `*` stands for all robots."""
+        return f"twin/{robot if robot == '*' else checked(robot)}/{self.path}"
+
+
+TWIST = Topic("cmd/*/twist", "geometry_msgs/msg/TwistStamped", QoS.REAL_TIME, 50.0)
+STOP = Topic("stop", "json", QoS.REAL_TIME, 10.0)
+SENSOR_POSE = Topic("sensor/pose", "geometry_msgs/msg/PoseStamped", QoS.DATA, 24.0)
+JOINTS = Topic("state/joints", "sensor_msgs/msg/JointState", QoS.DATA, 50.0)
+SETPOINT = Topic("state/setpoint", "sensor_msgs/msg/JointState", QoS.DATA, 50.0)
+ODOM = Topic("state/odom", "nav_msgs/msg/Odometry", QoS.DATA, 50.0)
+ODOM_ALTERNATIVE = Topic("state/odom_alternative", "nav_msgs/msg/Odometry", QoS.DATA, 50.0)
+TRUTH = Topic("state/truth", "nav_msgs/msg/Odometry", QoS.DATA, 50.0)
+STATUS = Topic("state/status", "json", QoS.DATA, 20.0)
+EVENT = Topic("event/*", "json", QoS.EVENT, 5.0)
+
+TOPICS = (TWIST, STOP, SENSOR_POSE, JOINTS, SETPOINT, ODOM, ODOM_ALTERNATIVE, TRUTH, STATUS, EVENT)
+
+
+class Service(StrEnum):
+    """Requests that a robot answers with JSON, below `twin/<robot>/`."""
+
+    LEASE = "srv/lease"
+    ARM = "srv/arm"
+    DISARM = "srv/disarm"
+    RESET = "srv/reset"
+    SET_POSE = "srv/set_pose"
+    SPEED = "srv/speed"
+    STOP = "stop"
+    DESC = "desc"
+
+    def key(self, robot: str) -> str:
+        """Return the key of this service for a robot id."""
+        return f"twin/{checked(robot)}/{self.value}"
+
+
+def checked(name: str) -> str:
+    """Return a robot or operator id that may be part of a key.
+
+    Raises:
+        BusError: it does not match `[a-z0-9_-]{1,32}`.
+    """
+    if not _NAME.fullmatch(name):
+        raise BusError(f"'{name}' cannot be an id: 1 to 32 of a-z, 0-9, _ and - are allowed")
+    return name
+
+
+def twist_key(robot: str, operator: str) -> str:
+    """Return the key that `operator` commands `robot` on."""
+    return TWIST.key(robot).replace("*", checked(operator))
+
+
+def event_key(robot: str, kind: str) -> str:
+    """Return the key of one kind of event."""
+    return EVENT.key(robot).replace("*", checked(kind))
+
+
+def alive_key(robot: str) -> str:
+    """Return the key of the liveliness token of a robot; `*` stands for all robots."""
+    return f"twin/{robot if robot == '*' else checked(robot)}/alive"
+
+
+def instance_key(robot: str, instance: str) -> str:
+    """Return the key of the liveliness token of one running node; `*` stands for all."""
+    name = robot if robot == "*" else checked(robot)
+    return f"twin/{name}/instance/{instance if instance == '*' else checked(instance)}"
+
+
+def robot_of(key: str) -> str:
+    """Return the robot id in a key of this table.
+
+    Raises:
+        BusError: the key is not below `twin/<robot>/`.
+    """
+    parts = key.split("/")
+    if len(parts) < 3 or parts[0] != "twin":
+        raise BusError(f"'{key}' is not below twin/<robot>/")
+    return checked(parts[1])

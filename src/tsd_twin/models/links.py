@@ -1,0 +1,140 @@
+"""Kinematic tree of a robot: groups of equal links, their joints and collision shapes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, TypeAlias
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tsd_twin.lie import SO3, Array
+from tsd_twin.models.solids import Link
+
+BASE = "base_link"
+"""The link that all others hang on, and that the parts of kind `chassis` belong to."""
+
+
+class JointType(StrEnum):
+    """What lets links move against what they hang on."""
+
+    FIXED = "fixed"
+    ANGLE = "revolute"
+    """A position joint."""
+    SPIN = "continuous"
+    """A velocity joint: it turns without end, and its angle is not measured."""
+    BALL = "ball"
+    """It turns in every direction; the pose of the robot says how."""
+
+
+@dataclass(frozen=True, slots=True)
+class JointLimits:
+    """Limits of a joint; radians, radians a second, newton metres."""
+
+    angle_rad: float
+    """To each side."""
+    speed_rad_per_s: float
+    torque_nm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Sphere:
+    """A shape to collide with, about the origin of its link."""
+
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Cylinder:
+    """A shape to collide with, about Y of its link."""
+
+    radius_m: float
+    length_m: float
+
+
+CollisionShape: TypeAlias = Sphere | Cylinder | None
+"""What a link collides as; None: not at all."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkGroup:
+    """Links that are alike, in k places: the same parts on the same kind of joint."""
+
+    kind: Link
+    """Whose parts they have."""
+    names: tuple[str, ...]
+    """Of the k links."""
+    joints: tuple[str, ...]
+    """Names of the k joints, as in the kinematics."""
+    parent: Link
+    """The kind of links they hang on: the chassis, or as many as these, in the same order."""
+    at_m: Array
+    """(k, 3): where they are, in the frame of the parent."""
+    turn: SO3
+    """(k, 4): p_parent = R p_link + at, at joint zero."""
+    joint_type: JointType
+    axes: Array
+    """(k, 3): unit vectors that the joints turn about, in the frames of the links."""
+    range: JointLimits | None = None
+    collision: CollisionShape = None
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return len(self.names)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KinematicTree:
+    """All links of a robot; those that others hang on come first."""
+
+    height_m: float
+    """Of the origin of `base_link` above the floor."""
+    link_groups: tuple[LinkGroup, ...]
+    core_m: float
+    """The chassis collides as an upright cylinder of this radius about the origin, which reaches as
+    far up as the chassis does down; 0: not at all."""
+
+    @property
+    def kinds(self) -> tuple[Link, ...]:
+        """All kinds of links, the chassis first."""
+        return ("chassis", *(link_groups.kind for link_groups in self.link_groups))
+
+    def count(self, kind: Link) -> int:
+        """Return how many links of a kind there are."""
+        return next(
+            (link_groups.count for link_groups in self.link_groups if link_groups.kind == kind), 1
+        )
+
+    def link_group(self, kind: Link) -> LinkGroup:
+        """Return the links of a kind; not the chassis."""
+        return next(link_groups for link_groups in self.link_groups if link_groups.kind == kind)
+
+
+def alike(axis: tuple[float, float, float], k: int) -> Array:
+    """Return one axis (k, 3) for k joints."""
+    return np.tile(np.array(axis), (k, 1))
+
+
+def about_z(angles_rad: Array) -> SO3:
+    """Return the turns (k, 4) about Z by `angles_rad` (k,)."""
+    return SO3.exp(angles_rad[:, None] * np.array([0.0, 0.0, 1.0]))
+
+
+def from_axes(x: Array, y: Array, z: Array) -> SO3:
+    """Return the turns (k, 4) whose frames have unit axes `x`, `y`, `z` (k, 3), right-handed."""
+    matrices: Any = Rotation.from_matrix(np.stack([x, y, z], axis=-1))
+    return SO3(np.asarray(matrices.as_quat(scalar_first=True), np.float64))
+
+
+def roll_pitch_yaw(turn: Array) -> tuple[float, float, float]:
+    """Return the angles about fixed X, Y, Z, in this order, that make a turn (4,), radians."""
+    w, x, y, z = (float(q) for q in turn)
+    sine = max(-1.0, min(1.0, 2.0 * (w * y - x * z)))
+    return (
+        math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+        math.asin(sine),
+        math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
+    )

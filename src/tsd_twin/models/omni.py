@@ -1,0 +1,290 @@
+"""Model of a platform on omni or Mecanum wheels: decks, motors, parts, kinematic tree, masses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from manifold3d import CrossSection, Manifold, OpType
+
+from tsd_twin.errors import RobotFileError
+from tsd_twin.models import omni_wheel, solids
+from tsd_twin.models.equipment import platform_equipment_drawings
+from tsd_twin.models.links import Cylinder, JointType, KinematicTree, LinkGroup, about_z
+from tsd_twin.models.omni_wheel import WheelPlan, gear_motor
+from tsd_twin.models.platform_layout import MOTOR, Mount, PlatformLayout
+from tsd_twin.models.solids import (
+    Drawing,
+    Link,
+    Parts,
+    box,
+    circle,
+    drawn,
+    rectangle,
+    rod,
+    slab,
+    standing,
+    union,
+)
+from tsd_twin.robots import OmniDescription
+from tsd_twin.robots.description import Body
+
+
+class Tracker(NamedTuple):
+    """A wheel that is not driven and only measures: millimetres and degrees in `base_link`."""
+
+    x: float
+    y: float
+    turn_deg: float
+    """Direction that it measures along."""
+    radius: float
+
+
+def platform_drawings(
+    layout: PlatformLayout, body: Body, trackers: Sequence[Tracker] = ()
+) -> list[Drawing]:
+    """Return the chassis and all that is fixed to it.
+
+    Args:
+        layout: where things go.
+        body: colours.
+        trackers: the wheels that only measure, below the lower deck.
+    """
+    one = gear_motor(MOTOR * layout.scale, layout.train)
+    decks = [
+        slab(layout.outline - _holes(layout, trackers), (layout.deck - layout.plate, layout.deck)),
+        slab(layout.outline, (layout.roof, layout.top)),
+    ]
+    parts = [
+        Drawing("decks", union(decks), solids.acrylic_material(body)),
+        Drawing("motors", _each(layout, one.motor), solids.BLACK),
+        Drawing("gearboxes", _each(layout, one.gearbox), solids.STEEL),
+        Drawing("encoders", _each(layout, one.encoder), solids.BLUE),
+        Drawing(
+            "brackets",
+            union(m.in_base(_bracket(layout, m)) for m in layout.mounts),
+            solids.frame_material(body),
+        ),
+        Drawing("standoffs", _standoffs(layout), solids.STEEL),
+        *platform_equipment_drawings(layout, body),
+    ]
+    return parts + (_trackers(layout, body, trackers) if trackers else [])
+
+
+def _each(layout: PlatformLayout, solid: Manifold) -> Manifold:
+    """Return a drawing of a motor behind the bracket of every wheel."""
+    return union(m.in_base(solid.translate((0.0, layout.face(m), 0.0))) for m in layout.mounts)
+
+
+def _holes(layout: PlatformLayout, trackers: Sequence[Tracker]) -> CrossSection:
+    """Return what is cut out of the lower deck: for trackers, and in its middle to save weight."""
+    reach = 0.16 * layout.middle
+    hole = rectangle((-reach, reach), (-reach, reach), 0.3 * reach)
+    slots: list[CrossSection] = []
+    for one in trackers:
+        wide = WheelPlan.usual(one.radius).half_width + 2.0
+        slot = rectangle((-one.radius - 3.0, one.radius + 3.0), (-wide, wide), 2.0)
+        slots.append(slot.rotate(one.turn_deg).translate((one.x, one.y)))
+    return CrossSection.batch_boolean([hole, *slots], OpType.Add)
+
+
+def _bracket(layout: PlatformLayout, mount: Mount) -> Manifold:
+    """Return the plate between a wheel and its gearbox, with its feet and gussets on the deck."""
+    m, face = layout.scale, layout.face(mount)
+    half = 1.25 * MOTOR * m
+    plate = rectangle((-half, half), (layout.deck + 0.3 * m, layout.roof), 4.0 * m)
+    plate -= circle(0.4 * MOTOR * m)
+    upright = standing(plate, (face, face + 6.0 * m))
+    feet = union(
+        box(
+            _span(side * (half - 0.6 * m), side * (half - 6.0 * m)),
+            (face - 26.0 * m, face + 2.3 * m),
+            (layout.deck, layout.deck + 5.0 * m),
+        )
+        + _gusset(side, half, face, layout)
+        for side in (-1.0, 1.0)
+    )
+    return upright + feet
+
+
+def _span(a: float, b: float) -> tuple[float, float]:
+    """Return the two in order."""
+    return min(a, b), max(a, b)
+
+
+def _gusset(side: float, half: float, face: float, layout: PlatformLayout) -> Manifold:
+    """Return the triangle between a bracket and its foot."""
+    m = layout.scale
+    outline = CrossSection.batch_hull(
+        [
+            rectangle(
+                (face - 24.0 * m, face + 1.7 * m), (layout.deck + 0.6 * m, layout.deck + 4.0 * m)
+            ),
+            rectangle(
+                (face - 3.0 * m, face + 1.7 * m), (layout.deck + 0.6 * m, layout.roof - 8.0 * m)
+            ),
+        ]
+    )
+    x = _span(side * (half - 1.2 * m), side * (half - 4.6 * m))
+    return slab(outline, x).rotate((90.0, 0.0, 90.0))
+
+
+def _standoffs(layout: PlatformLayout) -> Manifold:
+    """Return the hexagonal spacers between the decks, one at each corner, with their screws."""
+    m = layout.scale
+    spacer = union(
+        [
+            rod(4.0 * m, (layout.deck, layout.roof), corners=6),
+            rod(4.2 * m, (layout.top, layout.top + 2.4 * m), corners=8),
+        ]
+    )
+    spots: list[tuple[float, float]] = []
+    for mount in layout.mounts:
+        turn = math.radians(mount.axle_deg - 90.0)
+        for side in (-1.0, 1.0):
+            x, y = side * 0.66 * mount.plan.radius, layout.face(mount) - 8.0 * m
+            spots.append(
+                (
+                    mount.x + x * math.cos(turn) - y * math.sin(turn),
+                    mount.y + x * math.sin(turn) + y * math.cos(turn),
+                )
+            )
+    there = [spot for spot in spots if (circle(6.0 * m, spot) - layout.outline).area() < 1e-6]
+    return union(spacer.translate((x, y, 0.0)) for x, y in there)
+
+
+def _trackers(layout: PlatformLayout, body: Body, trackers: Sequence[Tracker]) -> list[Drawing]:
+    """Return small omni wheels below the lower deck, each on an arm, with its encoder."""
+    every = [_tracker(layout, body, one) for one in trackers]
+    return [
+        same[0]._replace(solid=union(drawing.solid for drawing in same))
+        for same in zip(*every, strict=True)
+    ]
+
+
+def _tracker(layout: PlatformLayout, body: Body, one: Tracker) -> list[Drawing]:
+    """Return one of them, in its place."""
+    r = one.radius
+    plan = replace(WheelPlan.usual(r), rollers=6, sides=8)
+    low, height = layout.deck - layout.plate, r - layout.floor
+    side = plan.half_width + 3.0
+    arm = CrossSection.batch_hull(
+        [circle(0.36 * r, (0.0, height)), rectangle((-0.5 * r, 0.5 * r), (low - 2.0, low + 0.5))]
+    )
+    at = (0.0, 0.0, height)
+    wheel = {d.name: d.solid.translate(at) for d in omni_wheel.omni_wheel_drawings(plan, body)}
+    wide = plan.half_width
+    drawings = [
+        Drawing("tracker_arms", standing(arm, (side, side + 3.0)), solids.frame_material(body)),
+        Drawing("tracker_encoders", rod(0.5 * r, (side + 3.0, side + 13.0), "y", at), solids.BLUE),
+        Drawing("tracker_hubs", rod(0.72 * r, (-wide, wide), "y", at), solids.WHITE),
+        Drawing("tracker_rollers", wheel["rollers"], solids.RUBBER),
+        Drawing("tracker_shafts", rod(0.1 * r, (-wide - 1.0, side + 1.0), "y", at), solids.STEEL),
+    ]
+    return [
+        d._replace(solid=d.solid.rotate((0.0, 0.0, one.turn_deg)).translate((one.x, one.y, 0.0)))
+        for d in drawings
+    ]
+
+
+def draw(robot: OmniDescription) -> Parts:
+    """Return the parts; wheels whose rollers slant alike are alike."""
+    layout = PlatformLayout.of(_mounts(robot), 1e3 * robot.body.plate_thickness_m)
+    dead = robot.dead_wheels
+    trackers = (
+        []
+        if dead is None
+        else [
+            Tracker(1e3 * one.x_m, 1e3 * one.y_m, one.direction_deg, 1e3 * dead.radius_m)
+            for one in dead.wheels
+        ]
+    )
+    parts: Parts = {"chassis": drawn("chassis", platform_drawings(layout, robot.body, trackers))}
+    for kind, rows in _kinds(robot).items():
+        plan = layout.mounts[rows[0]].plan
+        parts[kind] = drawn(kind, omni_wheel.omni_wheel_drawings(plan, robot.body))
+    return parts
+
+
+def tree(robot: OmniDescription) -> KinematicTree:
+    """Return wheels on the chassis: Y outboard along the axle, Z up.
+
+    A wheel turns forward about the axis that is left of where it drives to. Wheels collide as
+    cylinders, the chassis as one between them.
+    """
+    mounts = _mounts(robot)
+    radius_m = robot.drive.wheel_radius_m
+    link_groups: list[LinkGroup] = []
+    for kind, rows in _kinds(robot).items():
+        own = [mounts[row] for row in rows]
+        names = tuple(f"wheel{row + 1}" for row in rows)
+        link_groups.append(
+            LinkGroup(
+                kind,
+                tuple(f"{name}_link" for name in names),
+                names,
+                "chassis",
+                np.array([[1e-3 * mount.x, 1e-3 * mount.y, 0.0] for mount in own]),
+                about_z(np.radians([mount.axle_deg - 90.0 for mount in own])),
+                JointType.SPIN,
+                np.array([[0.0, _outboard(robot, row), 0.0] for row in rows]),
+                collision=Cylinder(radius_m, 2e-3 * own[0].plan.half_width),
+            )
+        )
+    inside = min(math.hypot(mount.x, mount.y) - mount.plan.half_width for mount in mounts)
+    return KinematicTree(
+        radius_m, tuple(link_groups), max(0.0, 1e-3 * 0.7 * (inside - mounts[0].plan.radius))
+    )
+
+
+def masses_kg(robot: OmniDescription) -> dict[Link, float]:
+    """Return the mass of each kind of link; the chassis weighs what the wheels leave.
+
+    Raises:
+        RobotFileError: the wheels alone are heavier than the robot.
+    """
+    mass, count = robot.mass, len(robot.drive.wheels)
+    if count * mass.wheel_kg >= mass.total_kg:
+        raise RobotFileError(
+            robot.name,
+            f"mass.total_kg is {mass.total_kg:g}, the wheels alone weigh {count * mass.wheel_kg:g}",
+            "more than mass.wheel_kg for each wheel",
+        )
+    return {
+        "chassis": mass.total_kg - count * mass.wheel_kg,
+        **dict.fromkeys(_kinds(robot), mass.wheel_kg),
+    }
+
+
+def _kinds(robot: OmniDescription) -> dict[Link, list[int]]:
+    """Return the kinds of wheels, and which wheels are of each: one kind for each roller angle."""
+    angles = list(dict.fromkeys(wheel.roller_deg for wheel in robot.drive.wheels))
+    return {
+        "wheel" if number == 0 else f"wheel_{chr(ord('a') + number)}": [
+            i for i, wheel in enumerate(robot.drive.wheels) if wheel.roller_deg == angle
+        ]
+        for number, angle in enumerate(angles)
+    }
+
+
+def _outboard(robot: OmniDescription, row: int) -> float:
+    """Return 1 if a wheel turns forward about the axis that points away from the centre, or -1."""
+    wheel = robot.drive.wheels[row]
+    left = math.radians(wheel.direction_deg + 90.0)
+    away = wheel.x_m * math.cos(left) + wheel.y_m * math.sin(left)
+    return 1.0 if away >= 0.0 else -1.0
+
+
+def _mounts(robot: OmniDescription) -> list[Mount]:
+    return [
+        Mount(
+            1e3 * wheel.x_m,
+            1e3 * wheel.y_m,
+            wheel.direction_deg + 90.0 * _outboard(robot, row),
+            WheelPlan.usual(1e3 * robot.drive.wheel_radius_m, math.radians(wheel.roller_deg)),
+        )
+        for row, wheel in enumerate(robot.drive.wheels)
+    ]

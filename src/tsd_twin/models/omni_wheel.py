@@ -1,0 +1,234 @@
+"""Omni or Mecanum wheel with rollers on its rim, and the gear motor that drives it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from manifold3d import CrossSection, Manifold
+
+from tsd_twin.lie import Array
+from tsd_twin.models import solids
+from tsd_twin.models.solids import (
+    Drawing,
+    around,
+    circle,
+    polygon,
+    rectangle,
+    rod,
+    slab,
+    tube,
+    union,
+)
+from tsd_twin.robots.description import Body
+
+_STRAIGHT_RAD = math.radians(20.0)
+"""Rollers that slant less leave gaps between them, which a second row has to close."""
+_GAP = 0.06
+"""Air around a roller, as a share of its radius."""
+
+
+@dataclass(frozen=True, slots=True)
+class WheelPlan:
+    """What a wheel is drawn from; millimetres and radians."""
+
+    radius: float
+    """From the axle to the floor."""
+    roller_angle: float
+    """Of the axis of the roller at the contact, from the direction the wheel drives in."""
+    rollers: int
+    """In each row."""
+    roller_radius: float
+    """Where a roller is thickest."""
+    rows: tuple[float, ...]
+    """Where along the axle the rows are; with two, each closes the gaps of the other."""
+    sides: int = 12
+    """Of the rollers; a multiple of four, so that a corner is on the rim."""
+
+    @classmethod
+    def usual(cls, radius: float, roller_angle: float = 0.0) -> WheelPlan:
+        """Return a wheel as they are sold, which covers its whole rim with rollers."""
+        if abs(roller_angle) < _STRAIGHT_RAD:
+            thick = 0.135 * radius
+            return cls(radius, roller_angle, 8, thick, (-1.15 * thick, 1.15 * thick))
+        return cls(radius, roller_angle, 12, 0.135 * radius, (0.0,))
+
+    @property
+    def ring(self) -> float:
+        """Radius of the circle that the middles of the rollers are on."""
+        return self.radius - self.roller_radius
+
+    @property
+    def half_angle(self) -> float:
+        """Angle about the axle that one roller covers to each side of its middle."""
+        return math.pi / self.rollers * (1.04 if len(self.rows) == 1 else 0.66)
+
+    @property
+    def half_width(self) -> float:
+        """How far the wheel reaches along its axle to each side."""
+        if len(self.rows) == 1:
+            return self.slant + self._plate
+        return max(self.rows) + 1.02 * self.roller_radius
+
+    @property
+    def half_length(self) -> float:
+        """Half the length of the axis of a roller."""
+        return self.ring * math.tan(self.half_angle) / math.cos(self.roller_angle)
+
+    @property
+    def slant(self) -> float:
+        """How far the axis of a roller reaches along the axle of the wheel."""
+        return self.half_length * abs(math.sin(self.roller_angle)) + 0.25 * self.roller_radius
+
+    @property
+    def _plate(self) -> float:
+        return 0.055 * self.radius
+
+
+def omni_wheel_drawings(plan: WheelPlan, body: Body) -> list[Drawing]:
+    """Return the wheel."""
+    hub = _straight_hub(plan) if len(plan.rows) > 1 else _slanting_hub(plan)
+    wide = plan.half_width
+    bore = rod(0.09 * plan.radius, (-2.0 * wide, 2.0 * wide))
+    boss = rod(0.2 * plan.radius, (-wide - 0.01 * plan.radius, wide + 0.02 * plan.radius))
+    drawn_solids = [
+        Drawing("hub", (hub + boss) - bore, solids.shell_material(body)),
+        Drawing(
+            "rollers", _at_rollers(plan, _roller(plan, 0.0, plan.sides // 2 + 1)), solids.RUBBER
+        ),
+        Drawing("pins", _pins(plan), solids.STEEL),
+        Drawing("shaft", _shaft(plan), solids.STEEL),
+        Drawing("mark", _mark(plan), solids.WHITE),
+    ]
+    return [d._replace(solid=d.solid.rotate((-90.0, 0.0, 0.0))) for d in drawn_solids]
+
+
+def roller_profile(plan: WheelPlan, stations: int) -> Array:
+    """Return (stations, 2): distance from the axis of a roller, and place along it.
+
+    The rim is a cylinder about the axle. A line that is normal to it and to the roller meets both
+    axes: from a point of the roller's axis, square to the axle, it goes out to the rim.
+    """
+    along = np.linspace(-plan.half_length, plan.half_length, stations)
+    c, s, h = math.cos(plan.roller_angle), math.sin(plan.roller_angle), plan.ring
+    reach = np.hypot(along * c, h)
+    x, y, z = plan.radius * along * c / reach, along * s, plan.radius * h / reach
+    place = x * c + y * s
+    return np.stack([np.hypot(np.hypot(x - place * c, y - place * s), z - h), place], axis=-1)
+
+
+def _roller(plan: WheelPlan, grown: float, stations: int) -> Manifold:
+    """Return a roller along Z, its surface farther out by `grown`."""
+    surface = roller_profile(plan, stations)
+    surface[:, 0] += grown
+    surface[[0, -1], 1] += (-grown, grown)
+    low, high = surface[0, 1], surface[-1, 1]
+    outline = polygon([(0.0, low), *((r, t) for r, t in surface.tolist()), (0.0, high)])
+    return outline.revolve(plan.sides)
+
+
+def _at_rollers(plan: WheelPlan, roller: Manifold) -> Manifold:
+    """Return what is drawn along Z at the middle of every roller of every row."""
+    tilted = roller.rotate((0.0, 90.0 - math.degrees(plan.roller_angle), 0.0))
+    placed = tilted.translate((0.0, plan.ring, 0.0))
+    step = 180.0 / plan.rollers
+    return union(
+        around(placed.translate((0.0, 0.0, z)), plan.rollers, step * row)
+        for row, z in enumerate(plan.rows)
+    )
+
+
+def _pins(plan: WheelPlan) -> Manifold:
+    """Return what the rollers turn on, as far as it is seen: the ends."""
+    thin, end = 0.26 * plan.roller_radius, float(roller_profile(plan, 3)[-1, 1])
+    ends = [
+        rod(thin, (end, end + 0.5 * plan.roller_radius)),
+        rod(thin, (-end - 0.5 * plan.roller_radius, -end)),
+    ]
+    return _at_rollers(plan, union(ends))
+
+
+def _straight_hub(plan: WheelPlan) -> Manifold:
+    """Return a disc for each row, with pockets that the rollers turn in, and spokes."""
+    gap = _GAP * plan.roller_radius
+    pocket = _roller(plan, 2.0 * gap, 3)
+    thick = 0.62 * plan.roller_radius
+    disc = circle(plan.ring + 0.42 * plan.roller_radius)
+    disc -= _windows(plan)
+    discs = union(slab(disc, (z - thick, z + thick)) for z in plan.rows)
+    core = rod(0.3 * plan.radius, (min(plan.rows), max(plan.rows)))
+    return (discs + core) - _at_rollers(plan, pocket)
+
+
+def _slanting_hub(plan: WheelPlan) -> Manifold:
+    """Return two plates that hold the ends of the rollers, and the drum between them."""
+    inside, outside = plan.slant, plan.half_width
+    ends = plan.ring / math.cos(plan.half_angle)
+    plate = circle(ends + 0.02 * plan.roller_radius)
+    plate -= _windows(plan)
+    plates = [slab(plate, (inside, outside)), slab(plate, (-outside, -inside))]
+    drum = rod(0.28 * plan.radius, (-inside - 0.5, inside + 0.5))
+    pocket = _roller(plan, _GAP * plan.roller_radius, 5)
+    return union([*plates, drum]) - _at_rollers(plan, pocket)
+
+
+def _windows(plan: WheelPlan) -> CrossSection:
+    """Return the holes that make a disc lighter."""
+    window = circle(0.13 * plan.radius, (0.0, 0.45 * plan.radius))
+    return CrossSection.compose([window.rotate(60.0 * i) for i in range(6)])
+
+
+def _shaft(plan: WheelPlan) -> Manifold:
+    """Return the shaft, which reaches inboard to the gearbox, and the nut outboard."""
+    wide, thin = plan.half_width, 0.085 * plan.radius
+    nut = rod(1.9 * thin, (wide + 0.025 * plan.radius, wide + 0.1 * plan.radius), corners=6)
+    return union([rod(thin, (-wide - 0.16 * plan.radius, wide + 0.06 * plan.radius)), nut])
+
+
+def _mark(plan: WheelPlan) -> Manifold:
+    """Return a painted sector on the outboard face, by which the turning is seen."""
+    r = plan.radius
+    face = plan.half_width if len(plan.rows) == 1 else max(plan.rows) + 0.62 * plan.roller_radius
+    near, far = (0.32 * r, -0.04 * r), (0.72 * r, -0.09 * r)
+    sector = polygon([near, far, (far[0], -far[1]), (near[0], -near[1])])
+    return slab(sector, (face, face + 0.008 * r))
+
+
+class GearMotor(NamedTuple):
+    """Solids of one motor."""
+
+    motor: Manifold
+    gearbox: Manifold
+    encoder: Manifold
+
+
+def gear_motor(radius: float, length: float) -> GearMotor:
+    """Return a motor of a radius whose parts together have a length."""
+    gearbox, motor = 0.3 * length, 0.58 * length
+    square = 0.92 * radius
+    face = rectangle((-square, square), (-square, square), 0.3 * radius)
+    bolts = around(
+        rod(0.09 * radius, (-0.6, 0.05 * radius), at=(0.72 * radius, 0.72 * radius, 0.0)), 4
+    )
+    box = slab(face, (-0.35 * gearbox, 0.0)) + rod(0.9 * radius, (-gearbox, -0.3 * gearbox))
+    rim = tube(0.84 * radius, 1.2 * radius, (-0.72 * gearbox, -0.64 * gearbox))
+    can = rod(radius, (-gearbox - motor, -gearbox))
+    fins = union(
+        tube(0.94 * radius, 1.1 * radius, (z, z + 0.06 * motor))
+        for z in (-gearbox - share * motor for share in (0.34, 0.5, 0.66))
+    )
+    box_end = slab(
+        rectangle((0.55 * radius, 1.06 * radius), (-0.3 * radius, 0.3 * radius), 1.0),
+        (-gearbox - motor, -gearbox - 0.8 * motor),
+    )
+    cap = rod(0.72 * radius, (-length, -gearbox - motor + 0.5)) - rod(
+        0.2 * radius, (-length - 1.0, -length + 1.0)
+    )
+    return GearMotor(
+        *(
+            solid.rotate((-90.0, 0.0, 0.0))
+            for solid in (union([can - fins, box_end]), union([box - rim, bolts]), cap)
+        )
+    )

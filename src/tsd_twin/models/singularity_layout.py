@@ -1,0 +1,232 @@
+"""Layout of a singularity drive: dimensions that several drawings share, outlines of the decks, the
+servo.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from manifold3d import CrossSection, Manifold
+
+from tsd_twin.errors import RobotFileError
+from tsd_twin.models.solids import Point, Span, box, circle, rectangle, rod, slab, softened, union
+from tsd_twin.robots import SingularityDescription
+
+NOMINAL_WHEEL = 40.0
+"""Wheel radius that modules are drawn for; other sizes are the same drawing, scaled."""
+NOMINAL_SERVO = (40.2, 61.1, 41.0)
+"""Width, length and depth of the largest servo that a module has room for; an MX-64."""
+RIB_IN, RIB_OUT = 63.0, 60.0
+"""Distances of the ribs that carry a module, inboard and outboard, from its pivot; nominal."""
+HORN = 0.295
+"""Distance of a servo's shaft from the near end of its case, as a share of the length."""
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Millimetres in the frame `base_link`, whose origin is as high as the gimbal centres."""
+
+    azimuths_deg: tuple[float, ...]
+    """Of the modules, in the order of the description."""
+    pivot: float
+    """Radius that the pivots are on."""
+    wheel: float
+    """Radius of the wheels: the floor is this far below the origin."""
+    servo: tuple[float, float, float]
+    """Width, length, depth of a servo, drawn smaller than it is where there is no room for it."""
+    plate: float
+    """Thickness of the acrylic."""
+    floor: float
+    """Height of the underside of the lower deck."""
+    roof: float
+    """Height of the underside of the upper deck."""
+
+    @classmethod
+    def of(cls, robot: SingularityDescription) -> Layout:
+        """Lay out a robot.
+
+        Raises:
+            RobotFileError: the body has no room for the modules, or the wheels none for the plate.
+        """
+        drive, body = robot.drive, robot.body
+        pivot, wheel = 1e3 * drive.pivot_radius_m, 1e3 * drive.wheel_radius_m
+        plate = 1e3 * body.plate_thickness_m
+        scale = wheel / NOMINAL_WHEEL
+        room = pivot - RIB_IN * scale - plate
+        if room < 0.2 * wheel:
+            least = 1e-3 * (RIB_IN * scale + plate + 0.2 * wheel)
+            raise RobotFileError(
+                robot.name,
+                f"drive.pivot_radius_m is {drive.pivot_radius_m:g}, too little for a body "
+                f"with wheels of {drive.wheel_radius_m:g} m",
+                f"at least {least:.3f}",
+            )
+        size = [1e3 * side for side in robot.servo.size_m]
+        # Neighbouring servos are boxes on the sides of a polygon: their far corners must not meet.
+        slope = math.tan(math.radians(_half_gap_deg(drive.azimuths_deg)))
+        fit = room * slope / ((1.0 - HORN) * size[1] + slope * size[2])
+        fits = [scale * most / side for most, side in zip(NOMINAL_SERVO, size, strict=True)]
+        width, length, depth = (min(1.0, fit, *fits) * side for side in size)
+        clearance = min(1e3 * body.ground_clearance_m, wheel - plate - 0.5 * width - 0.5)
+        if clearance < 0.05 * wheel:
+            raise RobotFileError(
+                robot.name,
+                f"body.plate_thickness_m is {body.plate_thickness_m:g}, too much for wheels of "
+                f"{drive.wheel_radius_m:g} m",
+            )
+        return cls(
+            azimuths_deg=tuple(drive.azimuths_deg),
+            pivot=pivot,
+            wheel=wheel,
+            servo=(width, length, depth),
+            plate=plate,
+            floor=clearance - wheel,
+            roof=0.5 * width + 1.5,
+        )
+
+    @property
+    def scale(self) -> float:
+        """Of wheels and gimbal frames against their drawing."""
+        return self.wheel / NOMINAL_WHEEL
+
+    @property
+    def deck(self) -> float:
+        """Height of the upper side of the lower deck."""
+        return self.floor + self.plate
+
+    @property
+    def top(self) -> float:
+        """Height of the upper side of the upper deck."""
+        return self.roof + self.plate
+
+    @property
+    def core(self) -> float:
+        """Radius of what is free in the middle, between the servos."""
+        return self.pivot - RIB_IN * self.scale - self.plate - self.servo[2]
+
+    @property
+    def half_gap_deg(self) -> float:
+        """Half of the smallest angle between neighbouring modules, at most 75 degrees."""
+        return _half_gap_deg(self.azimuths_deg)
+
+    @property
+    def lobes_deg(self) -> tuple[float, ...]:
+        """Directions half-way between neighbouring modules, one after each module."""
+        return tuple(a + 0.5 * gap for a, gap in _gaps_deg(self.azimuths_deg))
+
+    def in_base(self, solid: Manifold, azimuth_deg: float) -> Manifold:
+        """Return a `solid` drawn in a module frame, in `base_link`."""
+        return solid.translate((0.0, self.pivot, 0.0)).rotate((0.0, 0.0, azimuth_deg - 90.0))
+
+    def outline_in_base(self, outline: CrossSection, azimuth_deg: float) -> CrossSection:
+        """Return an `outline` drawn in a module frame, in `base_link`."""
+        return outline.translate((0.0, self.pivot)).rotate(azimuth_deg - 90.0)
+
+
+def _gaps_deg(azimuths_deg: list[float] | tuple[float, ...]) -> list[tuple[float, float]]:
+    """Return each azimuth, sorted, and the angle to the next."""
+    turned = sorted(a % 360.0 for a in azimuths_deg)
+    after = [*turned[1:], turned[0] + 360.0]
+    return [(a, b - a) for a, b in zip(turned, after, strict=True)]
+
+
+def _half_gap_deg(azimuths_deg: list[float] | tuple[float, ...]) -> float:
+    return min(75.0, *(0.5 * gap for _, gap in _gaps_deg(azimuths_deg)))
+
+
+RIM = 84.0
+"""Radius of the corners of the decks about the pivots; nominal."""
+_BAY = 63.0
+"""Radius of the round bays, which the frames dip into at full tilt; nominal."""
+_BAY_SIDES = (-57.0, 55.5)
+"""Flat sides of the bays, where the ribs stand; nominal, along Y of the module."""
+_SWEEP = (-64.0, 88.0)
+"""How far the outer frame with its servo reaches at full tilt; nominal, along X of the module."""
+
+
+@dataclass(frozen=True, slots=True)
+class Decks:
+    """Outlines in `base_link`, millimetres, before slots are cut."""
+
+    lower: CrossSection
+    """A polygon with round corners and one round bay for each module."""
+    upper: CrossSection
+    """What moving parts leave free of the same polygon."""
+    middle: float
+    """The upper deck reaches this far in every direction."""
+
+    @classmethod
+    def of(cls, layout: Layout) -> Decks:
+        """Return the outlines of the decks of a robot."""
+        m = layout.scale
+        corners = [layout.outline_in_base(circle(RIM * m), a) for a in layout.azimuths_deg]
+        # Three modules need no more than a triangle; two, or uneven ones, also need a middle.
+        outline = CrossSection.batch_hull([*corners, circle(layout.pivot - 20.0 * m)])
+        bay = circle(_BAY * m) ^ rectangle((-99.0 * m, 99.0 * m), _scaled(_BAY_SIDES, m))
+        bay = softened(bay, 4.0 * m)
+        far = 3.0 * (layout.pivot + RIM * m)
+        notch = rectangle(_scaled(_SWEEP, m), (_BAY_SIDES[0] * m, far), 16.0 * m)
+        lower, upper = outline, outline
+        for azimuth in layout.azimuths_deg:
+            lower -= layout.outline_in_base(bay, azimuth)
+            upper -= layout.outline_in_base(notch, azimuth)
+        # Pieces that no longer hang together with the middle would float in the air.
+        pieces = softened(upper, 12.0 * m).decompose()
+        largest = max(pieces, key=lambda piece: piece.area())
+        return cls(lower, largest, layout.pivot + _BAY_SIDES[0] * m)
+
+    def reach(self, direction_deg: float, width: float) -> float:
+        """Return how far a straight strip from the middle stays on the upper deck."""
+        strip = rectangle((0.0, 1e4), (-0.5 * width, 0.5 * width))
+        pieces: list[Any] = (self.upper.rotate(-direction_deg) ^ strip).decompose()
+        near_far = [(bounds[0], bounds[2]) for bounds in (piece.bounds() for piece in pieces)]
+        return min(near_far)[1]
+
+    def carries(self, footprint: CrossSection) -> bool:
+        """Tell whether a footprint lies wholly on the upper deck."""
+        return (footprint - self.upper).area() < 1e-6
+
+
+def _scaled(span: tuple[float, float], by: float) -> tuple[float, float]:
+    return span[0] * by, span[1] * by
+
+
+def servo_case(size: Point) -> Manifold:
+    """Return the case, millimetres; its near end is at negative Y.
+
+    Args:
+        size: width, length, and depth along the shaft.
+    """
+    width, length, depth = size
+    x, y = _plan(size)
+    corner = 0.05 * width
+    body = slab(rectangle(x, y, corner), (-depth, 0.0))
+    # Seams between the front, the middle and the back of the case.
+    waist = rectangle((x[0] + 0.6, x[1] - 0.6), (y[0] + 0.6, y[1] - 0.6), corner)
+    seam = slab(rectangle((-width, width), (-length, length)) - waist, (-0.5, 0.5))
+    seams = [seam.translate((0.0, 0.0, -share * depth)) for share in (0.22, 0.78)]
+    socket = box(
+        (-0.25 * width, 0.25 * width), (y[1] - 2.5, y[1] + 1.0), (-0.7 * depth, -0.42 * depth)
+    )
+    return body - union([*seams, socket])
+
+
+def servo_fittings(size: Point) -> Manifold:
+    """Return the bright parts on the back of a case of `size`: screws, and the idler's bearing."""
+    width, _, depth = size
+    x, y = _plan(size)
+    back = (-depth - 0.6, -depth + 1.0)
+    screws = [
+        rod(0.04 * width, back, at=(column, row, 0.0), corners=6)
+        for column in (0.82 * x[0], 0.82 * x[1])
+        for row in (y[0] + 0.09 * width, y[1] - 0.09 * width)
+    ]
+    return union([*screws, rod(0.2 * width, (-depth - 1.2, -depth + 1.0))])
+
+
+def _plan(size: Point) -> tuple[Span, Span]:
+    """Return the bounds of the case along X and Y."""
+    width, length, _ = size
+    return (-0.5 * width, 0.5 * width), (-HORN * length, (1.0 - HORN) * length)

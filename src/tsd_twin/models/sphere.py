@@ -1,0 +1,346 @@
+"""Model of a spherical platform: painted sphere, stand with inclined motors, kinematic tree,
+masses.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from manifold3d import Manifold
+
+from tsd_twin.errors import RobotFileError
+from tsd_twin.lie import SO3, Array
+from tsd_twin.models import equipment, omni_wheel, solids
+from tsd_twin.models.links import (
+    Cylinder,
+    JointType,
+    KinematicTree,
+    LinkGroup,
+    Sphere,
+    alike,
+    from_axes,
+)
+from tsd_twin.models.omni_wheel import WheelPlan, gear_motor
+from tsd_twin.models.solids import (
+    Drawing,
+    Link,
+    Parts,
+    around,
+    box,
+    circle,
+    drawn,
+    grown,
+    polygon,
+    rectangle,
+    rod,
+    slab,
+    union,
+    wire,
+)
+from tsd_twin.robots import SphereDescription
+from tsd_twin.robots.description import Body
+
+_SEGMENTS = 64
+_BAND = 0.035
+"""Half the width of the great circles, as a share of the radius."""
+_MARK = 0.17
+"""Radius of the marks."""
+_THICK = 0.06
+"""Of the shell."""
+
+
+def sphere_drawings(radius: float, body: Body) -> list[Drawing]:
+    """Return the shell of a sphere, in pieces that fill it."""
+    shell = Manifold.sphere(radius, _SEGMENTS) - Manifold.sphere((1.0 - _THICK) * radius, 24)
+    far, thin = 2.0 * radius, _BAND * radius
+    bands = union(
+        [
+            box((-thin, thin), (-far, far), (-far, far)),
+            box((-far, far), (-thin, thin), (-far, far)),
+            box((-far, far), (-far, far), (-thin, thin)),
+        ]
+    )
+    marks = {
+        (axis, side): rod(_MARK * radius, (0.0, far) if side > 0 else (-far, 0.0), axis)
+        for axis in ("x", "y", "z")
+        for side in (1, -1)
+    }
+    everywhere = union(marks.values())
+    front, up = marks.pop(("x", 1)), marks.pop(("z", 1))
+    fields = shell - (bands + everywhere)
+    light = union(_octant(x, y, x * y, far) for x in (1, -1) for y in (1, -1))
+    return [
+        Drawing("fields", fields ^ light, solids.WHITE),
+        Drawing("others", fields - light, solids.shell_material(body)),
+        Drawing("bands", (shell ^ bands) - everywhere, solids.BLACK),
+        Drawing("marks", shell ^ union(marks.values()), solids.BLUE),
+        Drawing("front", shell ^ front, solids.front_material(body)),
+        Drawing("up", shell ^ up, solids.YELLOW),
+    ]
+
+
+def _octant(x: int, y: int, z: int, far: float) -> Manifold:
+    """Return the octant on the sides of the axes that have the signs."""
+    spans = [(0.0, far) if side > 0 else (-far, 0.0) for side in (x, y, z)]
+    return box(spans[0], spans[1], spans[2])
+
+
+_STAND_MOTOR = 0.62
+"""Radius of the motors, as a share of that of the wheels."""
+_TRAIN = 3.4
+"""Length of motor, gearbox and encoder, in radii of the wheels."""
+_FOOT = 9.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WheelMount:
+    """A wheel on the sphere: where it is, and the turn from its frame to `base_link`."""
+
+    at: Array
+    """(3,): centre, millimetres."""
+    turn: Array
+    """(3, 3): its columns are X, the axle Y, and Z, which points away from the sphere."""
+
+    def in_base(self, solid: Manifold) -> Manifold:
+        """Return what is drawn in the frame of the wheel."""
+        return solid.transform(np.hstack([self.turn, self.at[:, None]]))
+
+    @property
+    def side(self) -> float:
+        """The sign along the axle on which the motor is: the lower one, so that it stands low."""
+        return -1.0 if self.turn[2, 1] >= 0.0 else 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StandLayout:
+    """Where the parts of a stand go."""
+
+    plan: WheelPlan
+    leans: tuple[WheelMount, ...]
+
+    @property
+    def train(self) -> float:
+        """Length of motor, gearbox and encoder."""
+        return _TRAIN * self.plan.radius
+
+    @property
+    def bracket(self) -> float:
+        """Distance of the bracket from the middle of a wheel, along its axle."""
+        return self.plan.half_width + 0.18 * self.plan.radius
+
+    @property
+    def thick(self) -> float:
+        """Thickness of the brackets."""
+        return 0.16 * self.plan.radius
+
+    @property
+    def deck(self) -> float:
+        """Height of the top of the plate: below all motors and wheels."""
+        lowest = 0.0
+        for lean in self.leans:
+            end = lean.at + lean.side * (self.bracket + self.thick + self.train) * lean.turn[:, 1]
+            tall = (
+                _STAND_MOTOR * 1.2 * self.plan.radius * math.hypot(lean.turn[2, 0], lean.turn[2, 2])
+            )
+            rim = self.plan.radius * math.hypot(lean.turn[2, 0], lean.turn[2, 2])
+            lowest = min(lowest, end[2] - tall, lean.at[2] - rim - self.plan.half_width)
+        return lowest - 0.2 * self.plan.radius
+
+    @property
+    def floor(self) -> float:
+        """How far below the origin the floor is."""
+        return -self.deck + 6.0 + _FOOT
+
+    @property
+    def reach(self) -> float:
+        """Radius of the plate."""
+        return (
+            max(math.hypot(lean.at[0], lean.at[1]) for lean in self.leans) + 2.2 * self.plan.radius
+        )
+
+
+def stand_drawings(stand: StandLayout, body: Body) -> list[Drawing]:
+    """Return the stand and all that is fixed to it."""
+    radius, deck, reach = stand.plan.radius, stand.deck, stand.reach
+    one = gear_motor(_STAND_MOTOR * radius, stand.train)
+    hole = circle(0.3 * reach) - rectangle((-reach, reach), (-0.1 * reach, 0.1 * reach))
+    plate = slab(circle(reach) - hole, (deck - 6.0, deck))
+    lip = slab(circle(reach) - circle(reach - 4.0), (deck - 6.0, deck + 5.0))
+    feet = around(rod(12.0, (deck - 6.0 - _FOOT, deck - 6.0), at=(0.86 * reach, 0.0, 0.0)), 3, 60.0)
+    return [
+        Drawing("plate", plate + lip, solids.acrylic_material(body)),
+        Drawing("feet", feet, solids.RUBBER),
+        Drawing(
+            "brackets",
+            union(_bracket(stand, lean) for lean in stand.leans),
+            solids.frame_material(body),
+        ),
+        Drawing("motors", _each(stand, one.motor), solids.BLACK),
+        Drawing("gearboxes", _each(stand, one.gearbox), solids.STEEL),
+        Drawing("encoders", _each(stand, one.encoder), solids.BLUE),
+        *_electronics(stand),
+        Drawing("arrow", _arrow(stand), solids.front_material(body)),
+    ]
+
+
+def _each(stand: StandLayout, solid: Manifold) -> Manifold:
+    """Return a drawing of a motor behind every bracket."""
+    behind = stand.bracket + stand.thick
+    placed: list[Manifold] = []
+    for lean in stand.leans:
+        turned = solid if lean.side < 0.0 else solid.rotate((0.0, 0.0, 180.0))
+        placed.append(lean.in_base(turned.translate((0.0, lean.side * behind, 0.0))))
+    return union(placed)
+
+
+def _bracket(stand: StandLayout, lean: WheelMount) -> Manifold:
+    """Return the plate that the gearbox is bolted to, and its legs straight down to the stand."""
+    m, thick = _STAND_MOTOR * stand.plan.radius, stand.thick
+    near = stand.bracket if lean.side > 0.0 else -stand.bracket - thick
+    y = (near, near + thick)
+    face = rectangle((-1.32 * m, 1.32 * m), (-m, m), 0.3 * m) - circle(0.4 * m)
+    pieces = [lean.in_base(slab(face, (-y[1], -y[0])).rotate((90.0, 0.0, 0.0)))]
+    for x in ((-1.3 * m, -1.07 * m), (1.07 * m, 1.3 * m)):
+        inside = (y[0] + 0.1 * thick, y[1] - 0.1 * thick)
+        shoulder = lean.in_base(box(x, inside, (-0.5 * m, 0.5 * m)))
+        shade = shoulder.project()
+        foot = slab(shade, (stand.deck + 0.4, stand.deck + 1.4))
+        pieces.append(Manifold.batch_hull([shoulder, foot]))
+        pieces.append(slab(grown(shade, 0.25 * m), (stand.deck, stand.deck + 3.0)))
+    return union(pieces)
+
+
+def _electronics(stand: StandLayout) -> list[Drawing]:
+    """Return the board in the middle of the plate, and a driver between every two wheels."""
+    deck, reach, m = stand.deck, stand.reach, stand.reach / 150.0
+    directions = sorted(math.degrees(math.atan2(lean.at[1], lean.at[0])) for lean in stand.leans)
+    gaps = [
+        b - a for a, b in zip(directions, [*directions[1:], directions[0] + 360.0], strict=True)
+    ]
+    lobes = [a + 0.5 * gap for a, gap in zip(directions, gaps, strict=True)]
+    case = slab(rectangle((-16.0, 16.0), (-26.0, 26.0), 3.0), (0.3, 15.0))
+    fins = union(
+        slab(rectangle((x, x + 2.0), (-25.0, 25.0)), (10.0, 16.0)) for x in (-11.0, -5.0, 3.0, 9.0)
+    )
+    wires = [
+        wire([(-9.0, y, 0.4), (-18.0, y, 7.0), (-15.0, y, 8.0)], 1.4) for y in (-16.0, -10.0, -4.0)
+    ]
+    one = {
+        "drivers": (case - fins, solids.ANODISED),
+        "supply": (union(wires[:1]), solids.RED),
+        "phases": (union(wires[1:]), solids.BLUE),
+    }
+    place = (0.7 * reach, 0.0, deck)
+    parts = [
+        Drawing(
+            name,
+            union(solid.scale([m] * 3).translate(place).rotate((0.0, 0.0, lobe)) for lobe in lobes),
+            material,
+        )
+        for name, (solid, material) in one.items()
+    ]
+    return [*equipment.board_drawings(deck, 0.3 * reach), *parts]
+
+
+def _arrow(stand: StandLayout) -> Manifold:
+    """Return the arrow on the rim of the plate that points along X."""
+    m = stand.reach / 150.0
+    shape = polygon([(-24.0, -15.0), (0.0, 0.0), (-24.0, 15.0), (-17.0, 0.0)])
+    tip = (stand.reach - 6.0, 0.0, stand.deck)
+    return slab(shape, (0.1, 3.0)).scale([m] * 3).translate(tip)
+
+
+def draw(robot: SphereDescription) -> Parts:
+    """Return the parts of stand, sphere and wheel."""
+    plan = _plan(robot)
+    return {
+        "chassis": drawn("chassis", stand_drawings(_stand(robot), robot.body)),
+        "sphere": drawn("sphere", sphere_drawings(1e3 * robot.drive.sphere_radius_m, robot.body)),
+        "wheel": drawn("wheel", omni_wheel.omni_wheel_drawings(plan, robot.body)),
+    }
+
+
+def tree(robot: SphereDescription) -> KinematicTree:
+    """Return a sphere about the origin of the base, and wheels on it: Z away from the sphere.
+
+    A wheel and the sphere turn against each other, like two gears: the wheel about -Omega_i, which
+    is its Y. Sphere and wheels collide as what they are, the stand not at all.
+    """
+    at, turn = _wheels(robot)
+    k, g = len(at), robot.drive
+    names = tuple(f"wheel{i + 1}" for i in range(k))
+    return KinematicTree(
+        1e-3 * _stand(robot).floor,
+        (
+            LinkGroup(
+                "sphere",
+                ("sphere",),
+                ("sphere_turn",),
+                "chassis",
+                np.zeros((1, 3)),
+                SO3.identity((1,)),
+                JointType.BALL,
+                alike((0.0, 0.0, 1.0), 1),
+                collision=Sphere(g.sphere_radius_m),
+            ),
+            LinkGroup(
+                "wheel",
+                tuple(f"{name}_link" for name in names),
+                names,
+                "chassis",
+                at,
+                turn,
+                JointType.SPIN,
+                alike((0.0, 1.0, 0.0), k),
+                collision=Cylinder(g.wheel_radius_m, 2e-3 * _plan(robot).half_width),
+            ),
+        ),
+        0.0,
+    )
+
+
+def masses_kg(robot: SphereDescription) -> dict[Link, float]:
+    """Return the mass of each kind of link; the stand weighs what sphere and wheels leave.
+
+    Raises:
+        RobotFileError: they alone are heavier than the robot.
+    """
+    mass = robot.mass
+    others = mass.sphere_kg + len(robot.drive.wheels) * mass.wheel_kg
+    if others >= mass.total_kg:
+        raise RobotFileError(
+            robot.name,
+            f"mass.total_kg is {mass.total_kg:g}, sphere and wheels alone weigh {others:g}",
+            "more than mass.sphere_kg, and mass.wheel_kg for each wheel",
+        )
+    return {
+        "chassis": mass.total_kg - others,
+        "sphere": mass.sphere_kg,
+        "wheel": mass.wheel_kg,
+    }
+
+
+def _plan(robot: SphereDescription) -> WheelPlan:
+    """Return the wheels as described; those of one row are drawn as two that touch."""
+    g = robot.drive
+    apart = 500.0 * max(g.row_distance_m, 2.0 * g.roller_radius_m)
+    return WheelPlan(
+        1e3 * g.wheel_radius_m, 0.0, g.rollers // 2, 1e3 * g.roller_radius_m, (-apart, apart), 8
+    )
+
+
+def _wheels(robot: SphereDescription) -> tuple[Array, SO3]:
+    """Return where the wheels are (k, 3), metres, and the turns (k, 4) of their frames."""
+    drive = robot.kinematics()
+    out, axle = drive.contacts, -drive.axes
+    at = (drive.sphere_radius_m + drive.wheel_radius_m) * out
+    return at, from_axes(np.cross(axle, out), axle, out)
+
+
+def _stand(robot: SphereDescription) -> StandLayout:
+    at, turn = _wheels(robot)
+    matrices = turn.as_matrix()
+    leans = tuple(WheelMount(1e3 * at[i], matrices[i]) for i in range(len(at)))
+    return StandLayout(_plan(robot), leans)

@@ -1,0 +1,340 @@
+"""Plane paths by arc length: lines, arcs, splines, functions, polylines, and paths composed of
+these.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from scipy.interpolate import (
+    BPoly,  # pyright: ignore
+    CubicSpline,  # pyright: ignore
+    make_interp_spline,  # pyright: ignore
+)
+
+from tsd_twin.errors import PathError
+from tsd_twin.lie import Array, sinc, wrap
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PathPoints:
+    """Points of a path, and how it runs through them; shapes are those of the arc lengths."""
+
+    xy: Array
+    """(..., 2): metres."""
+    direction: Array
+    """(...): angle of the tangent, radians; continuous along the path but for corners."""
+    curvature: Array
+    """(...): d direction / ds, 1/m; left is positive."""
+    sharpness: Array
+    """(...): d curvature / ds, 1/m^2."""
+
+
+class Path(Protocol):
+    """A curve in the plane, measured by its arc length from 0 to `length_m`."""
+
+    @property
+    def length_m(self) -> float:
+        """Arc length."""
+        ...
+
+    @property
+    def corners_m(self) -> tuple[float, ...]:
+        """Arc lengths where the direction jumps: nobody with mass passes without a stop."""
+        ...
+
+    @property
+    def knots_m(self) -> tuple[float, ...]:
+        """Arc lengths where the curvature or its slope jumps, and the direction does not."""
+        ...
+
+    def at(self, s_m: Array) -> PathPoints:
+        """Return the points at arc lengths `s_m` (...); at a corner, those that follow it."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Arc:
+    """A piece of a circle, or of a line when the curvature is zero."""
+
+    start_m: tuple[float, float]
+    direction_rad: float
+    """Of the tangent at the start."""
+    curvature_per_m: float
+    """Left is positive."""
+    length_m: float
+    corners_m: tuple[float, ...] = ()
+    knots_m: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        numbers = (*self.start_m, self.direction_rad, self.curvature_per_m, self.length_m)
+        if not (all(math.isfinite(number) for number in numbers) and self.length_m > 0.0):
+            raise PathError(f"a line or arc needs finite numbers and a length above zero: {self}")
+
+    def at(self, s_m: Array) -> PathPoints:
+        """Return the points at arc lengths `s_m` (...)."""
+        s = np.asarray(s_m, dtype=float)
+        half = 0.5 * self.curvature_per_m * s
+        # The chord of an arc points half the angle further, and is shortened by sinc.
+        chord, along = s * sinc(half), self.direction_rad + half
+        xy = np.stack([chord * np.cos(along), chord * np.sin(along)], axis=-1)
+        return PathPoints(
+            xy + np.array(self.start_m),
+            self.direction_rad + 2.0 * half,
+            np.full(s.shape, self.curvature_per_m),
+            np.zeros(s.shape),
+        )
+
+
+def line(start_m: Sequence[float], end_m: Sequence[float]) -> Arc:
+    """Return the straight way from one point to another, metres."""
+    dx, dy = end_m[0] - start_m[0], end_m[1] - start_m[1]
+    return Arc((start_m[0], start_m[1]), math.atan2(dy, dx), 0.0, math.hypot(dx, dy))
+
+
+def arc(start_m: Sequence[float], direction_rad: float, radius_m: float, angle_rad: float) -> Arc:
+    """Return the arc that turns by `angle_rad`, left positive, at `radius_m` above zero."""
+    if not radius_m > 0.0:
+        raise PathError(f"the radius of an arc must be above zero, not {radius_m}")
+    curvature = math.copysign(1.0 / radius_m, angle_rad)
+    return Arc((start_m[0], start_m[1]), direction_rad, curvature, radius_m * abs(angle_rad))
+
+
+_PARTS = 8
+"""Pieces that the span between two knots is cut into for the table of arc lengths."""
+_UNIT = np.array([0.0, 1.0])
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
+_STEEP = 0.7
+"""Shape of a blend: a compromise of the tightest bend and of how fast the bend may change."""
+_FLAT = 0.3
+
+
+class Curve:
+    """A plane curve xy(u), twice continuously differentiable, by arc length.
+
+    `polynomials` is a spline of scipy's with two values, from the first to the last of `breaks`;
+    its parameter needs no meaning. Not `smooth`: the slope of the curvature jumps at the breaks.
+
+    Raises:
+        PathError: the curve stands still somewhere, so it has no direction there.
+    """
+
+    corners_m: tuple[float, ...] = ()
+
+    def __init__(self, polynomials: Any, breaks: Array, *, smooth: bool = True) -> None:
+        self._by_order = [polynomials] + [polynomials.derivative(n) for n in (1, 2, 3)]
+        cuts: list[Array] = [
+            np.linspace(a, b, _PARTS + 1)[:-1] for a, b in itertools.pairwise(breaks)
+        ]
+        self._u: Array = np.concatenate([*cuts, breaks[-1:]])
+        velocity = self._derivative(1, self._u)
+        if not np.isfinite(velocity).all() or np.hypot(*velocity.T).min() <= 0.0:
+            raise PathError("a path must not stand still: are two of its points the same?")
+        self._s = np.concatenate([[0.0], np.cumsum(self._lengths(self._u[:-1], self._u[1:]))])
+        self.knots_m: tuple[float, ...] = ()
+        if not smooth:
+            self.knots_m = tuple(self._s[_PARTS:-1:_PARTS].tolist())
+        self._direction = np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))
+
+    @property
+    def length_m(self) -> float:
+        """Arc length."""
+        return float(self._s[-1])
+
+    def at(self, s_m: Array) -> PathPoints:
+        """Return the points at arc lengths `s_m` (...)."""
+        u, row = self._parameter(np.asarray(s_m, dtype=float))
+        xy, first, second, third = (self._derivative(n, u) for n in range(4))
+        (dx, dy), (ddx, ddy) = np.moveaxis(first, -1, 0), np.moveaxis(second, -1, 0)
+        squared = dx * dx + dy * dy
+        speed = np.sqrt(squared)
+        bend = dx * ddy - dy * ddx
+        bend_rate = dx * third[..., 1] - dy * third[..., 0]
+        curvature = bend / (squared * speed)
+        slowing = 3.0 * bend * (dx * ddx + dy * ddy) / squared
+        near = self._direction[row]
+        return PathPoints(
+            xy,
+            near + wrap(np.arctan2(dy, dx) - near),
+            curvature,
+            (bend_rate - slowing) / (squared * squared),
+        )
+
+    def _derivative(self, order: int, u: Array) -> Array:
+        return np.asarray(self._by_order[order](u), dtype=float)
+
+    def _lengths(self, start: Array, end: Array) -> Array:
+        """Return the arc lengths between parameters, by Gauss and Legendre on eight nodes."""
+        half = 0.5 * (end - start)
+        u = (start + half)[..., None] + half[..., None] * _NODES
+        first = self._derivative(1, u)
+        return half * (np.hypot(first[..., 0], first[..., 1]) @ _WEIGHTS)
+
+    def _parameter(self, s: Array) -> tuple[Array, Any]:
+        """Return the parameters at arc lengths, and their rows in the table, by Newton's rule."""
+        s = np.clip(s, 0.0, self._s[-1])
+        row = np.clip(np.searchsorted(self._s, s, side="right") - 1, 0, len(self._s) - 2)
+        start, end = self._u[row], self._u[row + 1]
+        u = start + (end - start) * (s - self._s[row]) / (self._s[row + 1] - self._s[row])
+        for _ in range(4):
+            first = self._derivative(1, u)
+            error = self._s[row] + self._lengths(start, u) - s
+            u = np.clip(u - error / np.hypot(first[..., 0], first[..., 1]), start, end)
+        return u, row
+
+
+def spline(points_m: Array | Sequence[Sequence[float]]) -> Curve:
+    """Return the cubic spline through `points_m` (n, 2), n above 2, metres; closed if they are."""
+    points = np.asarray(points_m, dtype=float)
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
+        raise PathError(f"a spline needs three points (x, y) or more, not {points.shape}")
+    chords = np.hypot(*np.diff(points, axis=0).T)
+    if not np.isfinite(points).all() or chords.min() <= 0.0:
+        raise PathError(
+            "the points of a spline must be finite, each at another place than the last"
+        )
+    closed = bool(np.allclose(points[0], points[-1], rtol=0.0, atol=1e-9))
+    if closed:
+        points = np.concatenate([points[:-1], points[:1]])
+    ends = "periodic" if closed else "natural"
+    knots = np.concatenate([[0.0], np.cumsum(chords)])
+    return Curve(CubicSpline(knots, points, bc_type=ends), knots, smooth=False)
+
+
+def function(
+    f: Callable[[Array], Array], start_x_m: float, end_x_m: float, samples: int = 401
+) -> Curve:
+    """Return y = f(x) from one x to the other, by a quintic spline through `samples` of it.
+
+    `f` takes and returns arrays (n,), metres. With steps h, the curvature is off by some h^4.
+    """
+    t = np.linspace(0.0, 1.0, samples)
+    x = start_x_m + (end_x_m - start_x_m) * t
+    y = np.broadcast_to(np.asarray(f(x), dtype=float), x.shape)
+    if not np.isfinite(y).all() or start_x_m == end_x_m:
+        raise PathError(f"f(x) must be finite from {start_x_m} to {end_x_m}, two different places")
+    # scipy has no types for it.
+    smooth: Any = make_interp_spline(t, np.stack([x, y], axis=-1), k=5)  # pyright: ignore
+    return Curve(smooth, t)
+
+
+def parabola(a_per_m: float, b: float, c_m: float, start_x_m: float, end_x_m: float) -> Curve:
+    """Return y = a x^2 + b x + c from one x to the other."""
+    x = np.array([start_x_m, 0.5 * (start_x_m + end_x_m), end_x_m])
+    # The middle control point of a Bezier curve, so that it passes through the middle.
+    points = np.stack([x, (a_per_m * x + b) * x + c_m], axis=-1)
+    points[1] = 2.0 * points[1] - 0.5 * (points[0] + points[2])
+    if start_x_m == end_x_m or not np.isfinite(points).all():
+        raise PathError("a parabola needs finite numbers and two different ends")
+    return Curve(_bezier(points), _UNIT)
+
+
+def blend(start_m: Array, corner_m: Array, end_m: Array) -> Curve:
+    """Return the way around a corner: a quintic Bezier curve, straight at its ends."""
+    near, far = 1.0 - _STEEP, 1.0 - _FLAT
+    into, out = corner_m - start_m, end_m - corner_m
+    points = [start_m, start_m + near * into, start_m + far * into]
+    points += [end_m - far * out, end_m - near * out, end_m]
+    return Curve(_bezier(np.stack(points)), _UNIT)
+
+
+def _bezier(points: Array) -> Any:
+    return BPoly(points[:, None, :], _UNIT)
+
+
+def deviation_m(cut_m: float, turn_rad: float) -> float:
+    """Return how far a blend that leaves the legs `cut_m` before a corner passes from it."""
+    middle = (1.0 + 5.0 * _STEEP + 10.0 * _FLAT) / 16.0
+    return cut_m * middle * math.sin(0.5 * abs(turn_rad))
+
+
+_GAP_M = 1e-6
+_CORNER_RAD = 1e-6
+
+
+class CompositePath:
+    """Several paths as one; each starts where the one before ends.
+
+    Raises:
+        PathError: there is a gap, or there is no path.
+    """
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        if not paths:
+            raise PathError("a chain needs a path or more")
+        self._paths = tuple(paths)
+        self._starts = np.concatenate([[0.0], np.cumsum([path.length_m for path in paths])])
+        turns = [0.0]
+        corners, knots = list(paths[0].corners_m), list(paths[0].knots_m)
+        for i, (before, after) in enumerate(itertools.pairwise(paths)):
+            end, start = before.at(np.array(before.length_m)), after.at(np.array(0.0))
+            if np.abs(end.xy - start.xy).max() > _GAP_M:
+                raise PathError(f"part {i + 2} starts at {start.xy}, part {i + 1} ends at {end.xy}")
+            step = float(wrap(start.direction - end.direction))
+            # Directions go on where they were, so that full turns can be counted.
+            turns.append(turns[-1] + float(end.direction - start.direction) + step)
+            at = float(self._starts[i + 1])
+            if abs(step) > _CORNER_RAD:
+                corners.append(at)
+            else:
+                knots.append(at)
+            corners += [at + corner for corner in after.corners_m]
+            knots += [at + knot for knot in after.knots_m]
+        self._turns = tuple(turns)
+        self.corners_m: tuple[float, ...] = tuple(corners)
+        self.knots_m: tuple[float, ...] = tuple(knots)
+
+    @property
+    def length_m(self) -> float:
+        """Arc length."""
+        return float(self._starts[-1])
+
+    def at(self, s_m: Array) -> PathPoints:
+        """Return the points at arc lengths `s_m` (...); at a joint, those that follow it."""
+        s = np.asarray(s_m, dtype=float)
+        part = np.clip(np.searchsorted(self._starts, s, side="right") - 1, 0, len(self._paths) - 1)
+        out = PathPoints(np.empty((*s.shape, 2)), *(np.empty(s.shape) for _ in range(3)))
+        for i in np.unique(part):
+            here = part == i
+            points = self._paths[int(i)].at(s[here] - self._starts[i])
+            out.xy[here] = points.xy
+            out.direction[here] = points.direction + self._turns[i]
+            out.curvature[here] = points.curvature
+            out.sharpness[here] = points.sharpness
+        return out
+
+
+def polyline(points_m: Array | Sequence[Sequence[float]], cut_m: float = 0.0) -> CompositePath:
+    """Return the way along straight legs through `points_m` (n, 2), n above 1, metres.
+
+    Corners are sharp, so the robot stops there; with `cut_m` it leaves a leg that far before a
+    corner, at most half a leg, and rounds it by a smooth curve.
+    """
+    points = np.asarray(points_m, dtype=float)
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2 or not cut_m >= 0.0:
+        raise PathError(f"a polyline needs two points (x, y) or more, not {points.shape}")
+    legs = np.diff(points, axis=0)
+    lengths = np.hypot(*legs.T)
+    if not np.isfinite(points).all() or lengths.min() <= 0.0:
+        raise PathError("the points of a polyline must be finite, each another than the last")
+    along = legs / lengths[:, None]
+    reach = np.minimum(cut_m, 0.5 * np.minimum(lengths[:-1], lengths[1:]))
+    straight = np.abs(wrap(np.diff(np.arctan2(along[:, 1], along[:, 0])))) < _CORNER_RAD
+    reach = np.where(straight, 0.0, reach)
+    paths: list[Path] = []
+    here = points[0]
+    for i in range(len(legs)):
+        cut = reach[i] if i < len(reach) else 0.0
+        end = points[i + 1] - cut * along[i]
+        if np.hypot(*(end - here)) > _GAP_M:
+            paths.append(line(here.tolist(), end.tolist()))
+        here = end
+        if cut > 0.0:
+            here = points[i + 1] + cut * along[i + 1]
+            paths.append(blend(end, points[i + 1], here))
+    return CompositePath(paths)

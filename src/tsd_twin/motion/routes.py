@@ -1,0 +1,270 @@
+"""Routes: a path with a heading profile, and the navigation goal that a route is planned for."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from scipy import interpolate  # pyright: ignore
+from scipy.interpolate import CubicSpline  # pyright: ignore
+
+from tsd_twin.errors import PathError
+from tsd_twin.lie import SE2, Array, wrap
+from tsd_twin.motion.paths import Curve, Path, PathPoints, line
+
+_HEADING_ASIDE_M = 1e-9
+_JUMP_PER_M = 1e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Headings:
+    """Headings along a path; shapes are those of the arc lengths."""
+
+    heading: Array
+    """(...): radians, not wrapped."""
+    per_m: Array
+    """(...): d heading / ds."""
+    per_m2: Array
+    """(...): second derivative."""
+
+
+class HeadingProfile(Protocol):
+    """Heading as a function of the arc length."""
+
+    def stops_m(self, path: Path) -> tuple[float, ...]:
+        """Return the arc lengths at which the heading cannot be followed without a stop."""
+        ...
+
+    def at(self, s_m: Array, points: PathPoints) -> Headings:
+        """Return the headings at arc lengths `s_m` (...), where the path has `points`."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class FixedHeading:
+    """The same heading all the way, as an omnidirectional robot can."""
+
+    heading_rad: float = 0.0
+
+    def stops_m(self, path: Path) -> tuple[float, ...]:  # noqa: ARG002  The law's shape.
+        """Return none."""
+        return ()
+
+    def at(self, s_m: Array, points: PathPoints) -> Headings:  # noqa: ARG002  The law's shape.
+        """Return the heading for each of `s_m`."""
+        zero = np.zeros(np.shape(s_m))
+        return Headings(zero + self.heading_rad, zero, zero)
+
+
+@dataclass(frozen=True, slots=True)
+class TangentHeading:
+    """The robot looks where it goes, or to a side of it, as a car does.
+
+    Raises:
+        PathError: the path has a sharp corner.
+    """
+
+    offset_rad: float = 0.0
+
+    def stops_m(self, path: Path) -> tuple[float, ...]:
+        """Return where the curvature jumps: there the turn rate would have to."""
+        if path.corners_m:
+            raise PathError(
+                f"a tangent heading cannot follow the sharp corner at {path.corners_m[0]:.3f} m: "
+                "round the corner, or fix the heading"
+            )
+        knots = np.array(path.knots_m)
+        before, after = path.at(knots - _HEADING_ASIDE_M), path.at(knots + _HEADING_ASIDE_M)
+        jumps = np.abs(after.curvature - before.curvature) > _JUMP_PER_M
+        return tuple(knots[jumps].tolist())
+
+    def at(self, s_m: Array, points: PathPoints) -> Headings:  # noqa: ARG002  The law's shape.
+        """Return direction plus offset at `points`."""
+        return Headings(points.direction + self.offset_rad, points.curvature, points.sharpness)
+
+
+class SampledHeading:
+    """A smooth heading through given ones (cubic spline, at rest at both ends).
+
+    `s_m` (n,) rises; `heading_rad` (n,) is not wrapped, so that turns can be asked for.
+    """
+
+    def __init__(self, s_m: Sequence[float], heading_rad: Sequence[float]) -> None:
+        if len(s_m) != len(heading_rad) or len(s_m) < 2 or np.min(np.diff(s_m)) <= 0.0:
+            raise PathError("a heading profile needs two rising arc lengths or more, with headings")
+        spline: Any = CubicSpline(s_m, heading_rad, bc_type="clamped")
+        self._by_order = [spline, spline.derivative(1), spline.derivative(2)]
+        self._ends = float(s_m[0]), float(s_m[-1])
+
+    def stops_m(self, path: Path) -> tuple[float, ...]:  # noqa: ARG002  The law's shape.
+        """Return none."""
+        return ()
+
+    def at(self, s_m: Array, points: PathPoints) -> Headings:  # noqa: ARG002  The law's shape.
+        """Return the headings at `s_m`; beyond the ends, those of the ends."""
+        s = np.clip(s_m, *self._ends)
+        inside = (s_m >= self._ends[0]) & (s_m <= self._ends[1])
+        heading, per_m, per_m2 = (np.asarray(order(s), dtype=float) for order in self._by_order)
+        return Headings(heading, per_m * inside, per_m2 * inside)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RoutePoints:
+    """Places of a route; shapes are those of the arc lengths."""
+
+    pose: Array
+    """(..., 3): x, y, heading."""
+    per_m: Array
+    """(..., 3): body twist for a metre a second along the path."""
+    bend: Array
+    """(..., 3): d per_m / ds, in the body frame as it turns."""
+    direction: Array
+    """(...): of the tangent, radians."""
+    curvature: Array
+    """(...): of the path, 1/m."""
+
+    def twist(self, speed_mps: Array) -> Array:
+        """Return the body twist (..., 3) at `speed_mps` (...)."""
+        return self.per_m * speed_mps[..., None]
+
+    def twist_rate(self, speed_mps: Array, acceleration_mps2: Array) -> Array:
+        """Return how the body twist (..., 3) changes in time."""
+        squared = (speed_mps * speed_mps)[..., None]
+        return self.per_m * acceleration_mps2[..., None] + self.bend * squared
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Route:
+    """A path and a law of heading."""
+
+    path: Path
+    heading: HeadingProfile = field(default_factory=FixedHeading)
+
+    @property
+    def length_m(self) -> float:
+        """Arc length of the path."""
+        return self.path.length_m
+
+    @property
+    def stops_m(self) -> tuple[float, ...]:
+        """Arc lengths at which the robot has to stand, rising, ends not included."""
+        stops = {*self.path.corners_m, *self.heading.stops_m(self.path)}
+        return tuple(sorted(stops))
+
+    @property
+    def breaks_m(self) -> tuple[float, ...]:
+        """Arc lengths where something jumps: stops, and jumps of the curvature."""
+        return tuple(sorted({*self.stops_m, *self.path.knots_m}))
+
+    def at(self, s_m: Array) -> RoutePoints:
+        """Return the places at arc lengths `s_m` (...)."""
+        points = self.path.at(s_m)
+        heading = self.heading.at(s_m, points)
+        off = points.direction - heading.heading
+        c, s = np.cos(off), np.sin(off)
+        off_per_m = points.curvature - heading.per_m
+        return RoutePoints(
+            pose=np.concatenate([points.xy, heading.heading[..., None]], axis=-1),
+            per_m=np.stack([c, s, heading.per_m], axis=-1),
+            bend=np.stack([-s * off_per_m, c * off_per_m, heading.per_m2], axis=-1),
+            direction=points.direction,
+            curvature=points.curvature,
+        )
+
+
+LONGEST_M = 50.0
+"""Nobody sees further, and holds a button for it."""
+THERE_M = 0.005
+"""Nearer than this is there."""
+_THERE_RAD = 0.01
+_STEP_M = 0.02
+_MOST_STEPS = 400
+_HAND_M = 0.015
+"""How far, root mean square, a smooth line may pass from where a hand has drawn, to begin with."""
+_ASIDE_M = 0.03
+"""And how far anywhere: a corner must not use up what the rest leaves."""
+_CLOSER = 8
+"""As many times it is made to pass at half the distance, until it does."""
+_TURN_M = 0.001
+"""A turn in place is a way this short: routes are measured by their length."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NavigationGoal:
+    """Where to go, seen from `odom`."""
+
+    points: Array
+    """(n, 2): metres; one is a place to go to, more are a line that was drawn."""
+    heading_rad: float | None = None
+    """Where to look at the end; None keeps the heading."""
+
+    def route(self, start: SE2) -> Route:
+        """Return the way from where the robot stands.
+
+        Raises:
+            PathError: it is there already, it is too far, the line has no smooth way along it, or
+                something is no number.
+        """
+        here, goal = start.xy_heading, np.asarray(self.points[-1], dtype=float)
+        if not (np.isfinite(here).all() and math.isfinite(self.heading_rad or 0.0)):
+            raise PathError("where the robot is, or shall look, is no number")
+        turn = 0.0 if self.heading_rad is None else float(wrap(self.heading_rad - here[2]))
+        way = np.concatenate([here[None, :2], self.points])
+        length_m = float(np.hypot(*np.diff(way, axis=0).T).sum())
+        if not np.isfinite(length_m) or length_m > LONGEST_M:
+            raise PathError(f"a way may have {LONGEST_M:g} m at most")
+        if self.is_done(start):
+            raise PathError("the robot is there already")
+        path: Path
+        if length_m >= THERE_M:
+            path = line(here[:2].tolist(), goal.tolist()) if len(way) == 2 else _smooth(way)
+        else:
+            ahead = here[:2] + _TURN_M * np.array([np.cos(here[2]), np.sin(here[2])])
+            path = line(here[:2].tolist(), ahead.tolist())
+        heading: HeadingProfile = FixedHeading(float(here[2]))
+        if turn:
+            heading = SampledHeading([0.0, path.length_m], [float(here[2]), float(here[2]) + turn])
+        return Route(path, heading)
+
+    def is_done(self, here: SE2) -> bool:
+        """Return whether a robot that stands there has nothing left to do."""
+        x, y, heading = here.xy_heading
+        turn = 0.0 if self.heading_rad is None else float(wrap(self.heading_rad - heading))
+        way = np.concatenate([[[x, y]], self.points])
+        return bool(np.hypot(*np.diff(way, axis=0).T).sum() < THERE_M and abs(turn) < _THERE_RAD)
+
+    def remaining(self, path: Path, done_m: float) -> NavigationGoal:
+        """Return what is left of it after `done_m` of a path that was made for it."""
+        if len(self.points) == 1:
+            return self
+        left_m: Array = np.linspace(min(done_m, path.length_m), path.length_m, len(self.points) + 1)
+        return NavigationGoal(path.at(left_m[1:]).xy, self.heading_rad)
+
+
+def _smooth(points: Array) -> Path:
+    """Return a smooth curve from the first to the last of `points` (n, 2), near all others."""
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    count = int(np.clip(np.ceil(along[-1] / _STEP_M), 8, _MOST_STEPS))
+    even: Array = np.linspace(0.0, float(along[-1]), count)
+    drawn = np.stack([np.interp(even, along, points[:, axis]) for axis in (0, 1)], axis=-1)
+    weights = np.ones(count)
+    weights[[0, -1]] = 1e3  # The ends are meant.
+    spline = _fit(drawn, weights, even, _HAND_M)
+    for halved in range(1, _CLOSER + 1):
+        if np.hypot(*(spline(even) - drawn).T).max() <= _ASIDE_M:
+            break
+        spline = _fit(drawn, weights, even, _HAND_M * 0.5**halved)
+    # Its third derivative is continuous, so nobody has to stand, or to look closer, at a knot.
+    return Curve(spline, np.unique(spline.t))
+
+
+def _fit(points: Array, weights: Array, at: Array, rms_m: float) -> Any:
+    # scipy has no types for it. With the full output it does not warn when it is only nearly there.
+    scipy: Any = interpolate
+    fit = scipy.splprep(points.T, w=weights, u=at, s=len(at) * rms_m**2, k=5, full_output=1)
+    knots, coefficients, degree = fit[0][0]
+    return scipy.BSpline(knots, np.array(coefficients).T, degree)

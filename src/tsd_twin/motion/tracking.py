@@ -1,0 +1,266 @@
+"""Trajectory tracking: feed-forward with PID control of the error, and execution with its abort
+rules.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from tsd_twin.lie import SE2, Array, wrap
+from tsd_twin.motion.trajectory import Reference, Trajectory
+
+
+@dataclass(frozen=True, slots=True)
+class Gains:
+    """Of one error; what comes out is a speed, so their units count seconds."""
+
+    proportional_per_s: float = 0.0
+    integral_per_s2: float = 0.0
+    differential: float = 0.0
+    integral_limit: float = 0.1
+    """The most speed that the integral part may give, m/s or rad/s: it must not wind up."""
+
+
+class Pid:
+    """One controller for each of the last axis of the errors; leading dimensions are a batch."""
+
+    def __init__(self, *gains: Gains) -> None:
+        self._p = np.array([g.proportional_per_s for g in gains])
+        self._i = np.array([g.integral_per_s2 for g in gains])
+        self._d = np.array([g.differential for g in gains])
+        self._limit = np.array([g.integral_limit for g in gains])
+        self._integral: Array = np.zeros(len(gains))
+        self._previous: Array | None = None
+
+    def advance(self, error: Array, dt_s: float) -> Array:
+        """Return the speeds (..., k) against `error` (..., k), `dt_s` after the last one."""
+        previous = error if self._previous is None or dt_s <= 0.0 else self._previous
+        self._previous = np.array(error)
+        summed = self._integral + self._i * error * dt_s
+        self._integral = np.clip(summed, -self._limit, self._limit)
+        slope = (error - previous) / dt_s if dt_s > 0.0 else np.zeros_like(error)
+        return self._p * error + self._integral + self._d * slope
+
+    def reset(self) -> None:
+        """Forget what was."""
+        self._integral = np.zeros_like(self._p)
+        self._previous = None
+
+
+@dataclass(frozen=True, slots=True)
+class TrackingSettings:
+    """How a trajectory is followed."""
+
+    lag_s: float = 0.04
+    """Time by which the actuators follow late: acceleration is fed forward by so much."""
+    along: Gains = field(default_factory=lambda: Gains(8.0, 1.0, integral_limit=0.05))
+    """Against being early or late."""
+    across: Gains = field(default_factory=lambda: Gains(8.0, 1.0, integral_limit=0.05))
+    """Against being beside the path, the signed distance to it."""
+    heading: Gains = field(default_factory=lambda: Gains(8.0, 1.0, integral_limit=0.2))
+
+
+class TrackingController:
+    """Twists that make a robot follow a trajectory, open or closed loop.
+
+    Feed-forward is the twist of the reference ahead by the lag of the actuators: to first order the
+    twist now and its rate times the lag, which is what joints that follow late have to be told. The
+    sum itself would jump with the acceleration, and the core would not let it. Time and poses are
+    arguments; poses may have leading batch dimensions. Twists are not limited here: the trajectory
+    is, and the core limits what correction adds.
+    """
+
+    def __init__(
+        self,
+        trajectory: Trajectory,
+        settings: TrackingSettings | None = None,
+        told: Callable[[float], Array] | None = None,
+    ) -> None:
+        """`told` is the twist (3,) to tell a robot which, but for its lag, shall move as at a time.
+
+        That of the trajectory, unless it is given.
+        """
+        settings = settings or TrackingSettings()
+        self.trajectory = trajectory
+        self._lag_s = settings.lag_s
+        self._told = told or self._shall
+        self._pid = Pid(settings.along, settings.across, settings.heading)
+
+    def feed_forward(self, t_s: float) -> Array:
+        """Return the body twist (3,) to command at `t_s` when nothing is measured: open loop."""
+        return self._told(t_s + self._lag_s)
+
+    def advance(self, t_s: float, pose: SE2, dt_s: float, ahead_s: float = 0.0) -> Array:
+        """Return the body twist (..., 3) to command when the robot is at `pose` (...) at `t_s`.
+
+        `dt_s` is the time since the last call; the command is meant for `ahead_s` later.
+        """
+        reference = self.trajectory.at(t_s)
+        error = tracking_errors(reference, pose)
+        correction = self._pid.advance(error, dt_s)
+        ahead = self.feed_forward(t_s + ahead_s)
+        wanted = SE2(reference.pose).rotate(ahead[:2])
+        along = SE2(np.array([0.0, 0.0, float(reference.direction)]))
+        world = wanted + along.rotate(correction[..., :2])
+        out = np.empty(np.shape(pose.xy_heading))
+        out[..., :2] = pose.inverse().rotate(world)
+        out[..., 2] = ahead[2] + correction[..., 2]
+        return out
+
+    def _shall(self, t_s: float) -> Array:
+        return self.trajectory.at(t_s).twist
+
+
+def tracking_errors(reference: Reference, pose: SE2) -> Array:
+    """Return what is left to the reference (..., 3): along and across the path, and the heading.
+
+    Across is positive when the path lies to the left of the robot.
+    """
+    off = reference.pose - pose.xy_heading
+    c, s = np.cos(reference.direction), np.sin(reference.direction)
+    return np.stack(
+        [
+            c * off[..., 0] + s * off[..., 1],
+            c * off[..., 1] - s * off[..., 0],
+            wrap(off[..., 2]),
+        ],
+        axis=-1,
+    )
+
+
+NEAR_M = 0.008
+NEAR_RAD = 0.01
+"""Arrived, when the reference has; a servo step of `tsd` is 16 mm/s, so it cannot be much less."""
+SETTLE_S = 1.5
+"""Longer than this after the reference nobody waits for the last millimetres."""
+FAIR_M = 0.05
+FAIR_RAD = 0.1
+"""Arrived all the same, when there is no more time."""
+LOST_M = 0.3
+LOST_RAD = 0.6
+"""So far from the reference, the robot does not follow it: it is held, it slips, it was moved."""
+STUCK_S = 2.0
+_FREE_M = 0.05
+_SPAN_M = 0.1
+"""From `_FREE_M` behind on, the reference goes slower, and `_SPAN_M` further it waits."""
+_GAP_S = 0.2
+"""What passes at once between two calls at most: longer, and the robot has begun to stop."""
+_GAIN_PER_S = 4.0
+_GAIN_TIMES_DELAY = 0.35
+"""A loop that answers late by T neither swings nor overshoots with a gain up to 1 / (e T)."""
+_PERIODS_S = 0.06
+"""How late it is besides: a period of the page, the robot and the picture each."""
+
+
+class ExecutionPhase(StrEnum):
+    """How it goes."""
+
+    GOING = "going"
+    ARRIVED = "arrived"
+    LOST = "lost"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExecutionStep:
+    """What comes of one call."""
+
+    phase: ExecutionPhase
+    twist: Array
+    """(3,): to command in the body frame; zero unless it is going."""
+    done_m: float
+    """How far along the path the reference is."""
+    cross_track_m: float
+    """Between the robot and the reference."""
+    heading_error_rad: float
+    reason: str = ""
+    """Why it is lost."""
+
+
+class TrajectoryExecutor:
+    """Follows a trajectory from a robot at rest at its start, closed loop; time is an argument.
+
+    The reference waits for a robot that falls behind, so that nothing winds up and no corner is
+    cut. Poses that come late, and commands that arrive late, are reckoned with: a pose is compared
+    with where the reference was then, and the gains are as high as the delay allows.
+    """
+
+    def __init__(
+        self,
+        trajectory: Trajectory,
+        cap: Callable[[Array], Array],
+        *,
+        lag_s: float = 0.0,
+        delay_s: float = 0.0,
+    ) -> None:
+        """`cap` scales a twist (3,) to the limits.
+
+        `lag_s` is how late the joints follow, `delay_s` the way to the robot and back.
+        """
+        gain = min(_GAIN_PER_S, _GAIN_TIMES_DELAY / (_PERIODS_S + delay_s))
+        gains = Gains(gain, 0.25 * gain, integral_limit=0.05)
+        turning = Gains(gain, 0.25 * gain, integral_limit=0.2)
+        self.trajectory = trajectory
+        self._cap = cap
+        self._delay_s = delay_s
+        settings = TrackingSettings(lag_s + delay_s, gains, gains, turning)
+        self._tracker = TrackingController(trajectory, settings)
+        self._t_s = 0.0
+        self._last_s: float | None = None
+        self._stuck_s = 0.0
+
+    def advance(self, now_s: float, pose: SE2) -> ExecutionStep:
+        """Return what to command at `now_s`, when the robot has last said that it is at `pose`."""
+        if not np.isfinite(pose.xy_heading).all():
+            return self._step(ExecutionPhase.LOST, 0.0, math.inf, math.inf, "the pose is no number")
+        dt_s = 0.0 if self._last_s is None else min(max(now_s - self._last_s, 0.0), _GAP_S)
+        self._last_s = now_s
+        seen_s = self._t_s - self._delay_s
+        reference = self.trajectory.at(seen_s)
+        along, across, turn = (float(part) for part in tracking_errors(reference, pose))
+        done_m, cross_track_m, heading_error_rad = (
+            float(reference.s_m),
+            math.hypot(along, across),
+            abs(turn),
+        )
+        pace = float(np.clip(1.0 - (cross_track_m - _FREE_M) / _SPAN_M, 0.0, 1.0))
+        self._stuck_s = self._stuck_s + dt_s if pace < 0.1 else 0.0
+        if cross_track_m > LOST_M or heading_error_rad > LOST_RAD:
+            why = (
+                f"the robot is {cross_track_m:.2f} m and {math.degrees(heading_error_rad):.0f}° "
+                f"off its path"
+            )
+            return self._step(ExecutionPhase.LOST, done_m, cross_track_m, heading_error_rad, why)
+        if self._stuck_s > STUCK_S:
+            return self._step(
+                ExecutionPhase.LOST,
+                done_m,
+                cross_track_m,
+                heading_error_rad,
+                "the robot does not get on",
+            )
+        over_s = seen_s - self.trajectory.duration_s
+        if over_s >= 0.0 and cross_track_m < NEAR_M and heading_error_rad < NEAR_RAD:
+            return self._step(ExecutionPhase.ARRIVED, done_m, cross_track_m, heading_error_rad)
+        if over_s > SETTLE_S:
+            if cross_track_m < FAIR_M and heading_error_rad < FAIR_RAD:
+                return self._step(ExecutionPhase.ARRIVED, done_m, cross_track_m, heading_error_rad)
+            why = f"the robot stays {cross_track_m:.2f} m from its goal"
+            return self._step(ExecutionPhase.LOST, done_m, cross_track_m, heading_error_rad, why)
+        twist = self._cap(self._tracker.advance(seen_s, pose, dt_s))
+        self._t_s += pace * dt_s
+        return ExecutionStep(ExecutionPhase.GOING, twist, done_m, cross_track_m, heading_error_rad)
+
+    def _step(
+        self,
+        phase: ExecutionPhase,
+        done_m: float,
+        cross_track_m: float,
+        heading_error_rad: float,
+        reason: str = "",
+    ) -> ExecutionStep:
+        return ExecutionStep(phase, np.zeros(3), done_m, cross_track_m, heading_error_rad, reason)

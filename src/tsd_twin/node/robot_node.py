@@ -1,0 +1,272 @@
+"""Robot node: the 100 Hz loop between the bus, the control loop and the hardware interface of one
+robot.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import secrets
+import threading
+import time
+from collections import deque
+
+import msgspec
+import numpy as np
+
+from tsd_twin.bus import Bus, Publisher
+from tsd_twin.control import RobotController
+from tsd_twin.errors import BusError
+from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.messages import topics
+from tsd_twin.messages.ros import Odometry, encode_joints, encode_odometry
+from tsd_twin.messages.services import Description, Event, duplicate_id_text
+from tsd_twin.messages.status import LoopStatus, encode_stamp, encode_status
+from tsd_twin.messages.topics import QoS, Service
+from tsd_twin.node.hardware_interface import HasTruth, HasWatchdog, RobotIO
+from tsd_twin.robots import RobotDescription
+
+_REMEMBERED = 500
+
+
+class RateKeeper:
+    """Waits for the next period; a period that is missed altogether is an overrun, not a burst."""
+
+    def __init__(self, period_s: float) -> None:
+        self._period_s = period_s
+        self._next_s = time.monotonic()
+        self._last_s = self._next_s
+        self._periods_s: deque[float] = deque(maxlen=_REMEMBERED)
+        self._overruns = 0
+
+    def wait(self, stop: threading.Event) -> float:
+        """Wait for the next period, or for `stop`, and return the monotonic time."""
+        self._next_s += self._period_s
+        ahead_s = self._next_s - time.monotonic()
+        if ahead_s > 0.0:
+            stop.wait(ahead_s)
+        elif ahead_s < -self._period_s:
+            self._overruns += 1
+            self._next_s = time.monotonic()
+        now_s = time.monotonic()
+        self._periods_s.append(now_s - self._last_s)
+        self._last_s = now_s
+        return now_s
+
+    def status(self) -> LoopStatus:
+        """Return rate, overruns, and how far the periods are from what they should be."""
+        if not self._periods_s:
+            return LoopStatus()
+        periods = sorted(abs(p - self._period_s) for p in self._periods_s)
+        p99 = periods[min(len(periods) - 1, math.ceil(0.99 * len(periods)))]
+        mean_s = sum(self._periods_s) / len(self._periods_s)
+        return LoopStatus(round(1.0 / mean_s, 1), self._overruns, round(1000.0 * p99, 2))
+
+
+class DuplicateIdMonitor:
+    """Announces this node under a number of its own, and watches for others with the same id.
+
+    The check at the start sees only who is on the bus by then. Two networks that are joined later
+    would have two robots obey the same commands.
+    """
+
+    def __init__(self, bus: Bus, robot_id: str) -> None:
+        self._id = robot_id
+        instance = secrets.token_hex(8)
+        self._own = topics.instance_key(robot_id, instance)
+        self._others: set[str] = set()
+        self.fault = ""
+        """What is wrong, as a part of a sentence; "" while no other robot has this id."""
+        self._event: Event | None = None
+        self._token = bus.declare_token(self._own)
+        bus.subscribe_liveliness(topics.instance_key(robot_id, "*"), self._note)
+
+    def step(self, now_s: float) -> str:
+        """Look who is there now, and return the `fault` that follows."""
+        fault = duplicate_id_text(self._id) if self._others else ""
+        if fault != self.fault:
+            self.fault = fault
+            text = (
+                f"{fault.capitalize()}."
+                if fault
+                else f"No other robot has the id '{self._id}' any more."
+            )
+            self._event = Event("id", text, rule="one robot for each id", robot_s=now_s)
+        return fault
+
+    def take_event(self) -> Event | None:
+        """Return what happened: once when another robot is met, once when all are gone."""
+        event, self._event = self._event, None
+        return event
+
+    def close(self) -> None:
+        """Announce this node no longer."""
+        self._token.close()
+
+    def _note(self, key: str, lives: bool) -> None:
+        # On the thread of the bus; the loop looks only whether the set is empty.
+        if key == self._own:
+            return
+        if lives:
+            self._others.add(key)
+        else:
+            self._others.discard(key)
+
+
+_LOG = logging.getLogger(__name__)
+
+PERIOD_S = 0.01
+_EXACT = np.zeros((3, 3))
+_STATE_EVERY = 2  # 50 Hz
+_STATUS_EVERY = 5  # 20 Hz
+_COMMANDS_KEPT = 64
+"""More than operators that may send within a period; a flood makes the oldest give way."""
+
+_POSES_KEPT = 32
+"""More than cameras send in a period, also after a link was held up."""
+
+
+class RobotNode:
+    """Runs the core of one robot at 100 Hz; whatever ends it, the robot is left at rest.
+
+    One thread does everything, so no rule of the core depends on how threads interleave.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        robot_id: str,
+        robot: RobotDescription,
+        io: RobotIO,
+        description: Description,
+        *,
+        pose: SE2 | SO3 | None = None,
+    ):
+        """Claim the robot id on the bus; `pose` is where the robot is taken to be.
+
+        Raises:
+            BusError: the id is taken, or cannot be one.
+        """
+        alive = topics.alive_key(topics.checked(robot_id))
+        if bus.living_tokens(alive):
+            raise BusError(
+                f"a robot with the id '{robot_id}' is on the bus already: choose another"
+            )
+        self._bus = bus
+        self._id = robot_id
+        self._io = io
+        self._watchdog = io if isinstance(io, HasWatchdog) else None
+        self._controller = RobotController(robot, lambda: secrets.token_bytes(16), pose=pose)
+        self._description = msgspec.json.encode(description)
+        self._commands = bus.subscriber(topics.TWIST.key(robot_id), _COMMANDS_KEPT)
+        self._poses = bus.subscriber(topics.SENSOR_POSE.key(robot_id), _POSES_KEPT)
+        self._stops = bus.subscriber(topics.STOP.key(robot_id), 8)
+        # To describe itself has no effect; a stop by who explores the bus would have one.
+        self._servers = {
+            service: bus.queryable(service.key(robot_id), patterns=service is Service.DESC)
+            for service in Service
+        }
+        states = tuple(topic for topic in topics.TOPICS if topic.path.startswith("state/"))
+        self._publishers = {
+            topic: bus.publisher(topic.key(robot_id), topic.qos, topic.type) for topic in states
+        }
+        self._event_publishers: dict[str, Publisher] = {}
+        self._numbers = dict.fromkeys(states, 0)
+        self._mode = self._controller.supervisor.mode
+        self._duplicate_ids = DuplicateIdMonitor(bus, robot_id)
+        # Last: who hears of the robot may ask it at once.
+        self._token = bus.declare_token(alive)
+
+    def run(self, stop: threading.Event) -> None:
+        """Run until `stop` is set; the last thing the robot hears is to be at rest."""
+        rate = RateKeeper(PERIOD_S)
+        tick = 0
+        try:
+            while not stop.is_set():
+                self._tick(rate.wait(stop), tick, rate)
+                tick += 1
+        finally:
+            self._leave()
+
+    def _leave(self) -> None:
+        now_s = time.monotonic()
+        self._controller.stop(b'{"reason": "the node ended"}', now_s)
+        try:
+            self._write(self._controller.step(now_s, None, ()), now_s)
+        finally:
+            self._io.close()
+            self._token.close()
+            self._duplicate_ids.close()
+
+    def _tick(self, now_s: float, tick: int, rate: RateKeeper) -> None:
+        measured = self._io.read(now_s)
+        for sample in self._stops.take():
+            self._controller.stop(sample.payload, now_s)
+        self._serve(now_s)
+        commands = self._commands.take()
+        if poses := self._poses.take():
+            self._controller.add_pose_measurements(poses, now_s, time.time_ns())
+        self._write(self._controller.step(now_s, measured, commands, self._fault(now_s)), now_s)
+        self._publish(now_s, tick, bool(commands), rate)
+
+    def _fault(self, now_s: float) -> str:
+        # Two robots that obey the same commands are worse than what a board objects to.
+        return self._duplicate_ids.step(now_s) or (
+            self._watchdog.fault(now_s) if self._watchdog else ""
+        )
+
+    def _write(self, setpoint: Array, now_s: float) -> None:
+        if self._watchdog:
+            self._watchdog.set_heartbeat(self._controller.supervisor.heartbeat)
+        self._io.write(setpoint, now_s)
+
+    def _serve(self, now_s: float) -> None:
+        for service, server in self._servers.items():
+            for request in server.take():
+                if service is Service.DESC:
+                    request.reply(self._description)
+                else:
+                    reply = self._controller.serve(service, request.payload, now_s)
+                    request.reply(msgspec.json.encode(reply))
+
+    def _publish(self, now_s: float, tick: int, commanded: bool, rate: RateKeeper) -> None:
+        controller, stamp_ns = self._controller, time.time_ns()
+        state_due = tick % _STATE_EVERY == 0
+        # A new command shows in the set-point at once: half a period sooner on average.
+        if state_due or commanded:
+            self._put(topics.SETPOINT, encode_joints(controller.setpoint_state(stamp_ns)), now_s)
+        if state_due:
+            self._put(topics.JOINTS, encode_joints(controller.joint_state(stamp_ns)), now_s)
+            self._publish_poses(now_s, stamp_ns)
+        for event in controller.take_events():
+            self._put_event(event)
+        if (met := self._duplicate_ids.take_event()) is not None:
+            self._put_event(met)
+        if tick % _STATUS_EVERY == 0 or controller.supervisor.mode is not self._mode:
+            self._mode = controller.supervisor.mode
+            status = controller.status(now_s, rate.status(), self._io.hardware())
+            number = self._put(topics.STATUS, encode_status(status), now_s)
+            controller.record_status_sent(number, now_s)
+
+    def _publish_poses(self, now_s: float, stamp_ns: int) -> None:
+        self._put(topics.ODOM, encode_odometry(self._controller.odometry(stamp_ns)), now_s)
+        other = self._controller.alternative_odometry(stamp_ns)
+        if other is not None:
+            self._put(topics.ODOM_ALTERNATIVE, encode_odometry(other), now_s)
+        if isinstance(self._io, HasTruth):
+            truth = self._io.truth(now_s)
+            message = Odometry.of(truth.pose, truth.twist, _EXACT, _EXACT, stamp_ns)
+            self._put(topics.TRUTH, encode_odometry(message), now_s)
+
+    def _put(self, topic: topics.Topic, payload: bytes, now_s: float) -> int:
+        self._numbers[topic] += 1
+        number = self._numbers[topic]
+        self._publishers[topic].put(payload, encode_stamp(number, int(now_s * 1e9)))
+        return number
+
+    def _put_event(self, event: Event) -> None:
+        if event.kind not in self._event_publishers:
+            key = topics.event_key(self._id, event.kind)
+            self._event_publishers[event.kind] = self._bus.publisher(key, QoS.EVENT)
+        self._event_publishers[event.kind].put(msgspec.json.encode(event))
+        _LOG.info("%s: %s", self._id, event.text)

@@ -1,0 +1,18 @@
+"""Safety rules as pure state machines: supervisor, lease, command gate, modes."""
+
+from __future__ import annotations
+
+from tsd_twin.safety.lease import Lease
+from tsd_twin.safety.modes import ARMED, LATCHED, TRANSITIONS, Heartbeat, Mode
+from tsd_twin.safety.supervisor import SafetySupervisor, SupervisorInputs
+
+__all__ = [
+    "ARMED",
+    "LATCHED",
+    "TRANSITIONS",
+    "Heartbeat",
+    "Lease",
+    "Mode",
+    "SafetySupervisor",
+    "SupervisorInputs",
+]

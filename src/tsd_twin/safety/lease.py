@@ -1,0 +1,321 @@
+"""Lease: the exclusive, timed right to drive; granted, renewed, handed over and revoked on the
+robot's clock.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from tsd_twin.messages.services import LeaseReply, LeaseRequest
+from tsd_twin.robots import RobotDescription
+
+ASK_S = 15.0
+"""A request that nobody answers ends after this."""
+RESERVE_S = 3.0
+"""For so long after a grant nobody but the asker gets the lease."""
+KEPT_S = 5.0
+"""Who was told that control is kept may ask again after this."""
+
+
+@dataclass(frozen=True, slots=True)
+class TimedClaim:
+    """What one operator has for some time."""
+
+    operator: str
+    since_s: float
+    until_s: float
+
+
+class HandOver:
+    """One request at a time, addressed to the holder, and what became of it.
+
+    A request alone changes nothing. A grant ends the lease of the holder and keeps the next one for
+    the asker alone, who takes it like any other: so its id is told to nobody else, and no lease is
+    ever in force whose holder does not know of it.
+    """
+
+    def __init__(self) -> None:
+        self._asked: TimedClaim | None = None
+        self._reserved: TimedClaim | None = None
+        self._kept: TimedClaim | None = None
+
+    def asked(self, now_s: float) -> TimedClaim | None:
+        """Return who asks the holder for control, if anybody does."""
+        self._asked = _still_valid(self._asked, now_s)
+        return self._asked
+
+    def reserved(self, now_s: float) -> TimedClaim | None:
+        """Return for whom control is kept, if for anybody."""
+        self._reserved = _still_valid(self._reserved, now_s)
+        return self._reserved
+
+    def ask(self, operator: str, now_s: float) -> str:
+        """Ask for control; return why that cannot be. To ask twice is to ask once."""
+        asked = self.asked(now_s)
+        self._kept = _still_valid(self._kept, now_s)
+        if self._kept is not None and self._kept.operator == operator:
+            return f"control was kept: ask again in {self._kept.until_s - now_s:.0f} s"
+        if asked is not None and asked.operator != operator:
+            return f"{asked.operator} asks already"
+        if asked is None:
+            self._asked = TimedClaim(operator, now_s, now_s + ASK_S)
+        return ""
+
+    def withdraw(self, operator: str, now_s: float) -> str:
+        """Ask no longer, or want no longer what was granted; return why that cannot be."""
+        asked, reserved = self.asked(now_s), self.reserved(now_s)
+        if asked is not None and asked.operator == operator:
+            self._asked = None
+        elif reserved is not None and reserved.operator == operator:
+            # The grant was under way when they left: nobody else shall wait for them.
+            self._reserved = None
+        else:
+            return f"{operator} does not ask for control"
+        return ""
+
+    def deny(self, asker: str | None, now_s: float) -> str:
+        """Decline the request of `asker`; return why that cannot be."""
+        if refusal := self._not_asked_by(asker, now_s):
+            return refusal
+        self._asked, self._kept = None, TimedClaim(asker or "", now_s, now_s + KEPT_S)
+        return ""
+
+    def grant(self, asker: str | None, now_s: float) -> str:
+        """Keep the next lease for `asker`; return why that cannot be."""
+        if refusal := self._not_asked_by(asker, now_s):
+            return refusal
+        self._asked, self._reserved = None, TimedClaim(asker or "", now_s, now_s + RESERVE_S)
+        return ""
+
+    def end(self) -> None:
+        """Forget all: the lease that was asked for has ended, or there is a new one."""
+        self._asked = self._reserved = self._kept = None
+
+    def _not_asked_by(self, asker: str | None, now_s: float) -> str:
+        asked = self.asked(now_s)
+        if asked is None:
+            return "nobody asks for control"
+        # The holder has answered one person, who may have been followed by another since.
+        return "" if asked.operator == asker else f"it is {asked.operator} who asks"
+
+
+def _still_valid(claim: TimedClaim | None, now_s: float) -> TimedClaim | None:
+    return claim if claim is not None and now_s < claim.until_s else None
+
+
+TTL_S = 2.0
+"""A lease ends this long after the last counted command or renewal."""
+REACTION_S = 0.02
+"""Two control periods: one until the age of a command is noticed, one until the joints get zero."""
+
+
+@dataclass(slots=True)
+class Lease:
+    """One grant."""
+
+    holder: str
+    id: bytes
+    expires_s: float
+    max_age_s: float
+    speed_cap_mps: float
+    """The later a command may be, the slower the robot may be."""
+    timeout_s: float
+    """A command stands this long after its arrival, and never longer than `max_age_s` after the
+    status was sent that it echoes. A lease for late commands has a longer one: on a slow link gaps
+    can be as long as the delay.
+    """
+
+
+class LeaseManager:
+    """Grants, renews and ends leases; time and new ids are given, nothing is looked up."""
+
+    def __init__(self, robot: RobotDescription, new_id: Callable[[], bytes]) -> None:
+        self._robot = robot
+        self._new_id = new_id
+        self._lease: Lease | None = None
+        self.hand_over = HandOver()
+
+    def current(self, now_s: float) -> Lease | None:
+        """Return the lease in force, if any; an expired one ends here."""
+        if self._lease is not None and now_s >= self._lease.expires_s:
+            self._end()
+        return self._lease
+
+    def answer(self, request: LeaseRequest, now_s: float) -> LeaseReply:
+        """Return the answer to a request, and act on it."""
+        lease = self.current(now_s)
+        match request.op:
+            case "acquire":
+                return self._acquire(request, lease, now_s)
+            case "peek":
+                return LeaseReply(False, holder=lease.holder if lease else None)
+            case "request":
+                return self._request(request, lease, now_s)
+            case "withdraw":
+                return self._done(
+                    lease, self.hand_over.withdraw(request.operator, now_s), "withdrawn"
+                )
+            case "renew" | "release" | "grant" | "deny":
+                if lease is None or not held_by(lease, request.operator, request.lease):
+                    return self._refuse(lease, "this lease is not in force")
+                return self._of_holder(request, lease, now_s)
+
+    def _of_holder(self, request: LeaseRequest, lease: Lease, now_s: float) -> LeaseReply:
+        hand_over = self.hand_over
+        match request.op:
+            case "release":
+                # Who is asked and lets go has answered.
+                if (asked := hand_over.asked(now_s)) is not None:
+                    hand_over.grant(asked.operator, now_s)
+                    self._lease = None
+                else:
+                    self._end()
+                return LeaseReply(False, reason="released", done=True)
+            case "grant":
+                refusal = hand_over.grant(request.asker, now_s)
+                if not refusal:
+                    self._lease = None
+                return self._done(self._lease, refusal, f"control is kept for {request.asker}")
+            case "deny":
+                return self._done(lease, hand_over.deny(request.asker, now_s), "control is kept")
+            case _:
+                lease.expires_s = now_s + TTL_S
+                return self._granted(lease)
+
+    def _request(self, request: LeaseRequest, lease: Lease | None, now_s: float) -> LeaseReply:
+        if lease is None:
+            return self._refuse(lease, "nobody has control: acquire it")
+        if lease.holder == request.operator:
+            return self._refuse(lease, f"{lease.holder} has control already")
+        refusal = self.hand_over.ask(request.operator, now_s)
+        return self._done(lease, refusal, f"{lease.holder} is asked")
+
+    def _end(self) -> None:
+        self._lease = None
+        self.hand_over.end()
+
+    def renew(self, now_s: float) -> None:
+        """Extend the lease in force, because its holder drives."""
+        if self._lease is not None:
+            self._lease.expires_s = now_s + TTL_S
+
+    def _acquire(self, request: LeaseRequest, lease: Lease | None, now_s: float) -> LeaseReply:
+        reserved = self.hand_over.reserved(now_s)
+        if reserved is not None and reserved.operator != request.operator:
+            return self._refuse(lease, f"control is kept for {reserved.operator}, for a moment")
+        if lease is not None and not request.take_over:
+            return self._refuse(lease, f"{lease.holder} drives; ask for control or take over")
+        limits = self._robot.limits
+        wanted = limits.max_command_age_s if request.max_age_s is None else request.max_age_s
+        if not math.isfinite(wanted):
+            return self._refuse(lease, "max_age_s must be a finite number")
+        max_age_s = min(max(wanted, limits.max_command_age_s), limits.max_command_age_ceiling_s)
+        self._end()
+        self._lease = Lease(
+            holder=request.operator,
+            id=self._new_id(),
+            expires_s=now_s + TTL_S,
+            max_age_s=max_age_s,
+            speed_cap_mps=speed_cap_mps(self._robot, max_age_s),
+            timeout_s=limits.command_timeout_s + max_age_s - limits.max_command_age_s,
+        )
+        return self._granted(self._lease)
+
+    def _granted(self, lease: Lease) -> LeaseReply:
+        return LeaseReply(True, lease.id.hex(), lease.holder, TTL_S, "", lease.max_age_s, done=True)
+
+    def _done(self, lease: Lease | None, refusal: str, what: str) -> LeaseReply:
+        """Return the answer to what grants no lease by itself."""
+        if refusal:
+            return self._refuse(lease, refusal)
+        return LeaseReply(False, holder=lease.holder if lease else None, reason=what, done=True)
+
+    def _refuse(self, lease: Lease | None, reason: str) -> LeaseReply:
+        return LeaseReply(False, holder=lease.holder if lease else None, reason=reason)
+
+
+def held_by(lease: Lease | None, operator: str | None, lease_hex: str | None) -> bool:
+    """Return whether this operator (any, when None) holds exactly this lease."""
+    return (
+        lease is not None
+        and lease_hex is not None
+        and lease.id.hex() == lease_hex
+        and operator in (None, lease.holder)
+    )
+
+
+def speed_cap_mps(robot: RobotDescription, max_age_s: float) -> float:
+    """Top speed from which a robot keeps to `limits.stop_allowance_m`, whatever way its link fails.
+
+    Commands may move it until `max_age_s` after the last status that got through. Then it brakes,
+    later by the reaction of the control loop and by the lag of its joints.
+    """
+    limits = robot.limits
+    late_s = max_age_s + REACTION_S + robot.lag_s + robot.delay_s
+    cap_mps = speed_within(limits.deceleration_mps2, late_s, limits.stop_allowance_m)
+    return min(cap_mps, limits.speed_mps)
+
+
+def speed_within(deceleration_mps2: float, late_s: float, allowed_m: float) -> float:
+    """Speed in m/s from which `late_s` of travel and then braking take `allowed_m`.
+
+    The positive root of v late + v^2 / (2 a) = d.
+    """
+    a, t = deceleration_mps2, late_s
+    return -a * t + math.sqrt(a * a * t * t + 2.0 * a * allowed_m)
+
+
+class LeaseEvents:
+    """Compares what is with what was, so that also what merely runs out is said."""
+
+    def __init__(self, leases: LeaseManager) -> None:
+        self._leases = leases
+        self._holder = ""
+        self._asked: TimedClaim | None = None
+        self._reserved: TimedClaim | None = None
+
+    def after(self, request: LeaseRequest, before: Lease | None, now_s: float) -> str:
+        """Return what a request has done, an empty text when that is nothing."""
+        asked, after = self._asked, self._leases.current(now_s)
+        self._note(now_s)
+        if after is not before:
+            return self._of_change(request, before, after)
+        if request.op == "deny" and asked is not None and self._asked is None:
+            return f"{request.operator} keeps control, for which {asked.operator} has asked."
+        if request.op == "withdraw" and asked is not None and self._asked is None:
+            return f"{asked.operator} asks for control no longer."
+        if self._asked is not None and self._asked is not asked:
+            return f"{self._asked.operator} asks {self._holder} for control."
+        return ""
+
+    def run_out(self, now_s: float) -> str:
+        """Return what has ended because its time is over, an empty text when nothing has."""
+        holder, asked, reserved = self._holder, self._asked, self._reserved
+        self._note(now_s)
+        if holder and not self._holder:
+            return f"Control of {holder} has run out."
+        if asked is not None and self._asked is None:
+            return f"{holder} has given no answer to {asked.operator}, who asked for control."
+        if reserved is not None and self._reserved is None:
+            return f"Control was kept for {reserved.operator}, who did not take it."
+        return ""
+
+    def _note(self, now_s: float) -> None:
+        lease = self._leases.current(now_s)
+        self._holder = lease.holder if lease else ""
+        self._asked = self._leases.hand_over.asked(now_s)
+        self._reserved = self._leases.hand_over.reserved(now_s)
+
+    def _of_change(self, request: LeaseRequest, before: Lease | None, after: Lease | None) -> str:
+        if after is None:
+            giver = before.holder if before else "The holder"
+            if self._reserved is not None:
+                return f"{giver} hands control over to {self._reserved.operator}."
+            return f"{giver} released control."
+        if before is None or before.holder == after.holder:
+            return f"{after.holder} has control."
+        reason = " ".join(request.reason.split()).rstrip(".")
+        why = f": {reason}" if reason else ""
+        return f"{after.holder} took control over from {before.holder}{why}."

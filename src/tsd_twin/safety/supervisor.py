@@ -1,0 +1,317 @@
+"""Safety supervisor: the state machine of arming, driving, stopping and the latched stop; time is
+an argument.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsd_twin.errors import MessageError
+from tsd_twin.messages.commands import Command, Sample
+from tsd_twin.messages.services import Event, LeaseReply, LeaseRequest, Reply, StopRequest
+from tsd_twin.messages.status import ArmingStatus
+from tsd_twin.robots import RobotDescription
+from tsd_twin.safety.command_gate import CommandGate
+from tsd_twin.safety.lease import HandOver, Lease, LeaseEvents, LeaseManager, held_by
+from tsd_twin.safety.modes import ARMED, LATCHED, TRANSITIONS, Heartbeat, Mode
+
+UNATTENDED_S = 10.0
+"""Without a lease for this long, the wheels spin down."""
+QUIET_BEFORE_RESET_S = 0.5
+"""A reset is refused while somebody still pushes the stick."""
+NEUTRAL_S = 1.0
+"""Time that arming gives the gimbals to come to neutral."""
+SPIN_UP_S = 5.0
+"""Time that arming gives the wheels to come to speed."""
+_LOST = "the operator gave up or lost control"
+_REPORT_S = 0.2
+"""Drops and refusals under one rule are reported no more often, so that a flood is not answered by
+one of events."""
+
+
+@dataclass(frozen=True, slots=True)
+class SupervisorInputs:
+    """What the rest of the core knows and the authority decides by."""
+
+    neutral: bool
+    """All gimbals are measured at neutral tilt; looked at while arming only."""
+    at_speed: bool
+    """All wheels turn as fast as they shall; looked at while arming only."""
+    at_rest: bool
+    """The twist that is commanded to the joints is zero."""
+    fault: str = ""
+    """What is broken, in words."""
+
+
+class SafetySupervisor:
+    """Modes, lease, command gate and latched stop of one robot."""
+
+    def __init__(self, robot: RobotDescription, new_lease_id: Callable[[], bytes]) -> None:
+        self.mode = Mode.DISARMED
+        self.reason = ""
+        """Why the robot stopped, is stopping, or is not armed any more."""
+        self.gate = CommandGate()
+        self.command: Command | None = None
+        """The newest that counted since the robot last came to rest."""
+        self.command_s = -np.inf
+        self.command_seq = 0
+        self.stops = 0
+        """How often the robot has begun to come to rest by itself."""
+        self._leases = LeaseManager(robot, new_lease_id)
+        self._lease_events = LeaseEvents(self._leases)
+        self._drove: bytes = b""
+        self._stands_until_s = -np.inf
+        """When the newest command stops moving the robot, unless another counts before."""
+        self._stale_s = -np.inf
+        """When the newest command was dropped for its age."""
+        self._hold_s = robot.arming_hold_s
+        self._since_s = 0.0
+        self._attended_s = -np.inf
+        self._pushed_s = -np.inf
+        self._spin_up_s: float | None = None
+        self._disarm_at_rest = False
+        self._heartbeat_count = 0
+        self._fault = ""
+        self._reported_s: dict[tuple[str, str], float] = {}
+        self._events: list[Event] = []
+
+    # What operators ask for.
+
+    def lease(self, request: LeaseRequest, now_s: float) -> LeaseReply:
+        """Answer a request for the lease; a change of holder stops the robot."""
+        before = self._leases.current(now_s)
+        reply = self._leases.answer(request, now_s)
+        after = self._leases.current(now_s)
+        if after is not None:
+            self._attended_s = now_s
+        if after is not before and self.mode is Mode.DRIVING:
+            # Now, not in the next step: a command of the new holder may come in before that.
+            self._transition(Mode.STOPPING, _LOST, now_s)
+        if text := self._lease_events.after(request, before, now_s):
+            if request.op in ("request", "withdraw"):  # Anybody may, as often as they like.
+                self._report_now_and_then("lease", text, request.op, now_s)
+            else:
+                self._report("lease", text, "lease", now_s)
+        elif not reply.done and request.op != "peek":
+            self.refuse(f"{request.op} control", reply.reason, now_s)
+        return reply
+
+    def arm(self, lease_hex: str, now_s: float) -> Reply:
+        """Begin arming: only the holder, only from disarmed."""
+        if refusal := self._refusal(lease_hex, now_s):
+            return self.refuse("arm", refusal, now_s)
+        if self.mode in LATCHED:
+            return self.refuse("arm", f"the robot is {self.mode}: reset first", now_s)
+        if self.mode is not Mode.DISARMED:
+            return self.refuse("arm", f"the robot is {self.mode} already", now_s)
+        if self._fault:
+            return self.refuse("arm", self._fault, now_s)
+        self._transition(Mode.ARMING, "armed by the operator", now_s)
+        return Reply(True)
+
+    def disarm(self, lease_hex: str, now_s: float) -> Reply:
+        """Spin down: at once when at rest, after a controlled stop when driving."""
+        if refusal := self._refusal(lease_hex, now_s):
+            return self.refuse("disarm", refusal, now_s)
+        reason = "disarmed by the operator"
+        if self.mode in (Mode.ARMING, Mode.READY):
+            self._transition(Mode.DISARMED, reason, now_s)
+        elif self.mode in (Mode.DRIVING, Mode.STOPPING):
+            self._disarm_at_rest = True
+            if self.mode is Mode.DRIVING:
+                self._transition(Mode.STOPPING, reason, now_s)
+        return Reply(True)
+
+    def stop(self, request: StopRequest, now_s: float) -> Reply:
+        """Stop and latch: anybody, at any time."""
+        if self.mode not in LATCHED:
+            by = request.operator or "somebody"
+            self._transition(Mode.STOPPED, request.reason or f"software stop by {by}", now_s)
+        return Reply(True)
+
+    def reset(self, lease_hex: str, now_s: float) -> Reply:
+        """Unlatch: leads to disarmed, never to motion."""
+        if refusal := self._refusal(lease_hex, now_s):
+            return self.refuse("reset", refusal, now_s)
+        if self.mode not in LATCHED:
+            return self.refuse("reset", f"the robot is {self.mode}, not stopped", now_s)
+        if now_s - self._pushed_s < QUIET_BEFORE_RESET_S:
+            return self.refuse("reset", "let go of the stick first", now_s)
+        self._transition(Mode.DISARMED, "reset by the operator", now_s)
+        return Reply(True)
+
+    def refuse(self, what: str, reason: str, now_s: float) -> Reply:
+        """Return a refusal, and report it unless another of its kind was a moment ago."""
+        text = f"Request to {what} refused: {reason}."
+        self._report_now_and_then("refusal", text, what, now_s)
+        return Reply(False, reason)
+
+    def holds(self, lease_hex: str, now_s: float) -> bool:
+        """Return whether this is the lease in force."""
+        return held_by(self._leases.current(now_s), None, lease_hex)
+
+    # What the control loop does.
+
+    def receive(self, sample: Sample, now_s: float) -> None:
+        """Take one sample from the bus; whether it counts is decided and counted here."""
+        lease = self._leases.current(now_s)
+        outcome = self.gate.check(sample, lease, now_s)
+        if isinstance(outcome, MessageError):
+            if outcome.reason == "stale":
+                self._stale_s = now_s
+            self._report_now_and_then(
+                "drop", f"A command was dropped: {outcome}.", outcome.reason, now_s
+            )
+            return
+        if lease is not None and not self.gate.is_late:
+            # A zero that is too old stops the robot, but does not show that its sender is there.
+            self._leases.renew(now_s)
+            self._heartbeat_count += 1
+            oldest_s = self.gate.echoed_s + lease.max_age_s
+            self._stands_until_s = min(now_s + lease.timeout_s, oldest_s)
+        self.command_s, self.command_seq = now_s, outcome.seq
+        pushes = bool(outcome.twist.any())
+        if pushes:
+            self._pushed_s = now_s
+        # Who has just got control drives from standstill on, not out of the motion of another.
+        goes_on = self.mode is Mode.STOPPING and outcome.lease == self._drove
+        obeys = self.mode is Mode.READY or (goes_on and not self._disarm_at_rest)
+        if pushes and obeys:
+            self._transition(Mode.DRIVING, "", now_s)
+        if self.mode is Mode.DRIVING:
+            self.command = outcome
+
+    def step(self, inputs: SupervisorInputs, now_s: float) -> None:
+        """Let time pass: what has run out, has run out."""
+        lease = self._watch_lease(now_s)
+        self._fault = inputs.fault
+        if inputs.fault and self.mode in ARMED:
+            self._transition(Mode.FAULT, inputs.fault, now_s)
+        match self.mode:
+            case Mode.ARMING:
+                self._step_arming(inputs, now_s)
+            case Mode.READY:
+                if now_s - self._attended_s >= UNATTENDED_S:
+                    reason = f"nobody has had control for {UNATTENDED_S:g} s"
+                    self._transition(Mode.DISARMED, reason, now_s)
+            case Mode.DRIVING:
+                self._step_driving(lease, inputs, now_s)
+            case Mode.STOPPING:
+                if inputs.at_rest:
+                    self._transition(
+                        Mode.DISARMED if self._disarm_at_rest else Mode.READY, self.reason, now_s
+                    )
+            case Mode.DISARMED | Mode.STOPPED | Mode.FAULT:
+                pass
+        if self.mode in (Mode.ARMING, Mode.READY):
+            self._heartbeat_count += 1
+
+    def arming(self, now_s: float) -> ArmingStatus | None:
+        """Return how far arming is."""
+        if self.mode is not Mode.ARMING:
+            return None
+        if self._spin_up_s is not None:
+            return ArmingStatus("spin_up", min(1.0, (now_s - self._spin_up_s) / SPIN_UP_S))
+        return ArmingStatus("hold", min(1.0, (now_s - self._since_s) / max(self._hold_s, 1e-9)))
+
+    @property
+    def wheels_spin(self) -> bool:
+        """Whether the drive motors shall turn."""
+        if self.mode is Mode.ARMING:
+            return self._spin_up_s is not None
+        return self.mode in ARMED
+
+    @property
+    def heartbeat(self) -> Heartbeat:
+        """On whose word the joints move."""
+        return Heartbeat(self.mode in ARMED, self._heartbeat_count)
+
+    def lease_in_force(self, now_s: float) -> Lease | None:
+        """Return the lease in force, if any."""
+        return self._leases.current(now_s)
+
+    @property
+    def hand_over(self) -> HandOver:
+        """Who asks for control, and for whom it is kept."""
+        return self._leases.hand_over
+
+    def take_events(self) -> list[Event]:
+        """Return what has happened since the last call."""
+        events, self._events = self._events, []
+        return events
+
+    # Inside.
+
+    def _watch_lease(self, now_s: float) -> Lease | None:
+        lease = self._leases.current(now_s)
+        if lease is not None:
+            self._attended_s = now_s
+        if text := self._lease_events.run_out(now_s):
+            self._report("lease", text, "lease", now_s)
+        return lease
+
+    def _step_arming(self, inputs: SupervisorInputs, now_s: float) -> None:
+        if now_s - self._attended_s >= UNATTENDED_S:
+            self._transition(Mode.DISARMED, f"nobody has had control for {UNATTENDED_S:g} s", now_s)
+        elif self._spin_up_s is None:
+            waited_s = now_s - self._since_s
+            if not inputs.neutral and waited_s >= NEUTRAL_S:
+                self._transition(
+                    Mode.DISARMED, "not armed: the gimbals are not at neutral tilt", now_s
+                )
+            elif inputs.neutral and waited_s >= self._hold_s:
+                self._spin_up_s = now_s
+        elif inputs.at_speed:
+            self._transition(Mode.READY, "", now_s)
+        elif now_s - self._spin_up_s >= SPIN_UP_S:
+            self._transition(Mode.DISARMED, "not armed: the wheels did not come to speed", now_s)
+
+    def _step_driving(self, lease: Lease | None, inputs: SupervisorInputs, now_s: float) -> None:
+        if lease is None or self.command is None or lease.id != self.command.lease:
+            self._transition(Mode.STOPPING, _LOST, now_s)
+            return
+        if now_s > self._stands_until_s:
+            self._transition(Mode.STOPPING, self._why_no_command_stands(lease, now_s), now_s)
+        elif inputs.at_rest and not self.command.twist.any():
+            self._transition(Mode.READY, "", now_s)
+
+    def _transition(self, mode: Mode, reason: str, now_s: float) -> None:
+        if (self.mode, mode) not in TRANSITIONS:
+            raise AssertionError(f"there is no way from {self.mode} to {mode}")
+        before, self.mode, self.reason, self._since_s = self.mode, mode, reason, now_s
+        self._spin_up_s = None
+        if mode is Mode.STOPPING:
+            self.stops += 1
+            self._drove = self.command.lease if self.command is not None else b""
+            self._heartbeat_count += 1
+        else:
+            self._disarm_at_rest = False
+        if mode is not Mode.DRIVING:
+            self.command = None
+        goes_on = mode is Mode.DRIVING or (mode is Mode.READY and before is not Mode.ARMING)
+        if not goes_on:
+            self.gate.reject_sent_before(now_s)
+        text = f"From {before} to {mode}" + (f": {reason}." if reason else ".")
+        self._report("mode", text, TRANSITIONS[before, mode], now_s)
+
+    def _why_no_command_stands(self, lease: Lease, now_s: float) -> str:
+        if self._stale_s > self.command_s:
+            return f"commands echo no status of the last {lease.max_age_s * 1000:.0f} ms"
+        return f"no command for {(now_s - self.command_s) * 1000:.0f} ms"
+
+    def _refusal(self, lease_hex: str, now_s: float) -> str:
+        if self.holds(lease_hex, now_s):
+            return ""
+        lease = self._leases.current(now_s)
+        return f"{lease.holder} has control" if lease else "take control first"
+
+    def _report_now_and_then(self, kind: str, text: str, rule: str, now_s: float) -> None:
+        if now_s - self._reported_s.get((kind, rule), -np.inf) >= _REPORT_S:
+            self._reported_s[kind, rule] = now_s
+            self._report(kind, text, rule, now_s)
+
+    def _report(self, kind: str, text: str, rule: str, now_s: float) -> None:
+        self._events.append(Event(kind, text, rule=rule, robot_s=now_s))

@@ -1,0 +1,272 @@
+"""Identities on the bus, their roles, the access rules of a robot, and Zenoh configurations with
+TLS, as data.
+"""
+
+from __future__ import annotations
+
+import copy
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, Literal
+
+from tsd_twin.errors import BusError, TwinError
+from tsd_twin.messages import topics
+from tsd_twin.messages.topics import Service
+
+LONGEST = 23
+"""An operator id has 32 characters, of which each page of a dashboard takes a dash and 8 digits."""
+ROBOT = "robot"
+AUTHORITY = "ca"
+
+
+class Role(StrEnum):
+    """What a certificate says that its owner is."""
+
+    ROBOT = "robot"
+    OPERATOR = "operator"
+    """Sees, drives, and stops."""
+    VIEWER = "viewer"
+    """Sees, and stops."""
+    SENSOR = "sensor"
+    """Tells robots where they are, as a camera does; sees, and stops."""
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """The owner of a certificate: its common name and its organizational unit."""
+
+    name: str
+    role: Role
+
+
+def client(name: str, role: Role) -> Identity:
+    """Return the identity of an operator, a viewer or a sensor.
+
+    Raises:
+        TwinError: the name cannot be part of a key, leaves no room for pages, or is not for people.
+    """
+    try:
+        topics.checked(name)
+    except BusError as error:
+        raise TwinError(str(error)) from error
+    if len(name) > LONGEST:
+        raise TwinError(f"'{name}' is too long: pages add to it, so {LONGEST} characters are left")
+    if name in (ROBOT, AUTHORITY):
+        raise TwinError(f"'{name}' is not for people here: choose another")
+    return Identity(name, role)
+
+
+def merged(known: Sequence[Identity], new: Iterable[Identity]) -> list[Identity]:
+    """Return all identities, each once, by name.
+
+    Raises:
+        TwinError: two of them could be taken for each other.
+    """
+    roles = {person.name: person.role for person in known}
+    for person in new:
+        if roles.setdefault(person.name, person.role) is not person.role:
+            raise TwinError(
+                f"'{person.name}' is {_a(roles[person.name])} and cannot be {_a(person.role)} "
+                "as well: choose another name"
+            )
+    for name in roles:
+        for other in roles:
+            # Who is alice may use all keys of alice-<page>.
+            if other.startswith(f"{name}-"):
+                raise TwinError(
+                    f"'{other}' could be a page of '{name}': a name must not continue another "
+                    "with a dash"
+                )
+    return [Identity(name, roles[name]) for name in sorted(roles)]
+
+
+def _a(role: Role) -> str:
+    return f"an {role}" if role is Role.OPERATOR else f"a {role}"
+
+
+_ANY = "twin/*"
+_CLAIMS = (topics.TWIST, topics.SENSOR_POSE, topics.STOP)
+"""What clients say to robots; all other topics are what robots say."""
+_BRANCHES = sorted({topic.path.split("/")[0] for topic in topics.TOPICS if topic not in _CLAIMS})
+
+SHOWN = tuple(f"{_ANY}/{branch}/**" for branch in _BRANCHES)
+ALIVE = (topics.alive_key("*"), topics.instance_key("*", "*"))
+HISTORY = (f"{topics.EVENT.key('*')}/@adv/**",)
+"""Where late joiners of events ask for what was; chunks with @ match no wildcard but themselves."""
+OPEN = tuple(f"{_ANY}/{service}" for service in Service if not service.startswith("srv/"))
+HOLDER = tuple(f"{_ANY}/{service}" for service in Service if service.startswith("srv/"))
+STOP = (topics.STOP.key("*"),)
+TWIST = (topics.TWIST.key("*"),)
+SENSOR_POSE = (topics.SENSOR_POSE.key("*"),)
+EVERYTHING = (f"{_ANY}/**", *HISTORY)
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """What is let through; everything else is not."""
+
+    id: str
+    flow: Literal["ingress", "egress"]
+    """Seen from the robot: ingress is what comes in."""
+    messages: tuple[str, ...]
+    """In Zenoh's terms. A key that is declared must lie within one of `keys` altogether."""
+    keys: tuple[str, ...]
+
+
+EVERYBODY = (
+    Rule("see-ask", "ingress", ("declare_subscriber",), SHOWN),
+    Rule("see", "egress", ("put",), SHOWN),
+    Rule(
+        "alive-ask",
+        "ingress",
+        ("declare_liveliness_subscriber", "liveliness_query"),
+        ALIVE + HISTORY,
+    ),
+    Rule("alive", "egress", ("liveliness_token",), ALIVE + HISTORY),
+    Rule("history-ask", "ingress", ("query",), HISTORY),
+    Rule("history", "egress", ("declare_queryable",), HISTORY),
+    # An answer about the past carries the key of the event itself.
+    Rule("history-say", "egress", ("reply",), (topics.EVENT.key("*"),)),
+    Rule("open-ask", "ingress", ("query",), OPEN),
+    Rule("open", "egress", ("declare_queryable", "reply"), OPEN),
+    Rule("stop-say", "ingress", ("put",), STOP),
+    Rule("stop", "egress", ("declare_subscriber",), STOP),
+)
+"""All: see, and stop."""
+
+OPERATORS = (
+    Rule("holder-ask", "ingress", ("query",), HOLDER),
+    Rule("holder", "egress", ("declare_queryable", "reply"), HOLDER),
+    # Without this the session of an operator never hears of a reader, and sends nothing.
+    Rule("drive", "egress", ("declare_subscriber",), TWIST),
+    Rule("outside-ask", "ingress", ("declare_subscriber",), SENSOR_POSE),
+    Rule("outside-see", "egress", ("put",), SENSOR_POSE),
+)
+"""Operators besides: ask for control, hear that somebody listens to commands, and where a robot is
+seen, to calibrate it by."""
+
+SENSORS = (
+    Rule("outside-say", "ingress", ("put",), SENSOR_POSE),
+    Rule("outside", "egress", ("declare_subscriber",), SENSOR_POSE),
+)
+"""Sensors besides: say where a robot is. Nobody else, since poses turn what `odom` means."""
+
+
+def drive_rule(name: str) -> Rule:
+    """Return the rule that lets one operator, and the pages of one, send commands; nobody else.
+
+    `name-$*` is any chunk that begins so: each page of a dashboard has a key of its own.
+    """
+    own = tuple(
+        topics.TWIST.key("*").replace("cmd/*", f"cmd/{chunk}") for chunk in (name, f"{name}-$*")
+    )
+    return Rule(f"drive-{name}", "ingress", ("put",), own)
+
+
+def access_control(identities: Sequence[Identity]) -> dict[str, Any]:
+    """Return the section `access_control` of a robot's Zenoh configuration.
+
+    Subjects are the common names of client certificates; who is none of them may nothing.
+    """
+    operators = [person.name for person in identities if person.role is Role.OPERATOR]
+    sensors = [person.name for person in identities if person.role is Role.SENSOR]
+    own = [drive_rule(name) for name in operators]
+    everybody, driving = [r.id for r in EVERYBODY], [r.id for r in OPERATORS]
+    policies = [{"subjects": [person.name for person in identities], "rules": everybody}]
+    policies += [
+        {"subjects": [name], "rules": [*driving, rule.id]}
+        for name, rule in zip(operators, own, strict=True)
+    ]
+    policies += [{"subjects": [name], "rules": [r.id for r in SENSORS]} for name in sensors]
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": [_in_zenoh_terms(rule) for rule in (*EVERYBODY, *OPERATORS, *SENSORS, *own)],
+        "subjects": [{"id": p.name, "cert_common_names": [p.name]} for p in identities],
+        # A policy for nobody is an error to Zenoh; no policies deny everything.
+        "policies": policies if identities else [],
+    }
+
+
+def _in_zenoh_terms(rule: Rule) -> dict[str, Any]:
+    return {
+        "id": rule.id,
+        "permission": "allow",
+        "flows": [rule.flow],
+        "messages": list(rule.messages),
+        "key_exprs": list(rule.keys),
+    }
+
+
+LISTEN = "tls/0.0.0.0:7447"
+LARGEST_BYTES = 65536
+"""A robot puts together no message beyond this; a command has 108, a request a few hundred."""
+_PORT = re.compile(r"^tls/.*?:(\d+)(?:[?#].*)?$")
+
+
+def robot_settings(
+    base: Mapping[str, Any], listen: str, identities: Sequence[Identity]
+) -> dict[str, Any]:
+    """Return the settings of a robot node that other machines can reach.
+
+    `base` are the settings of one that listens nowhere; files are named relative to the
+    configuration itself.
+    """
+    settings = _with_tls(
+        base,
+        {
+            "listen_private_key": f"{ROBOT}.key",
+            "listen_certificate": f"{ROBOT}.pem",
+        },
+    )
+    settings["listen"] = {"endpoints": [listen]}
+    settings["access_control"] = access_control(identities)
+    settings["transport"]["link"]["rx"] = {"max_message_size": LARGEST_BYTES}
+    # Nothing that anybody says to a robot is large, whatever it is about.
+    for limit in settings["low_pass_filter"]:
+        limit["key_exprs"] = list(EVERYTHING)
+    return settings
+
+
+def client_settings(base: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Return the settings of a dashboard or a tool; `base` are those of one without TLS."""
+    return _with_tls(
+        base,
+        {
+            "connect_private_key": f"{name}.key",
+            "connect_certificate": f"{name}.pem",
+            "verify_name_on_connect": True,
+        },
+    )
+
+
+def endpoint(host: str, robot: Mapping[str, Any]) -> str:
+    """Return where clients connect to a robot with these settings that is known as `host`.
+
+    Raises:
+        TwinError: the settings do not begin with an endpoint that has a port.
+    """
+    try:
+        port = _PORT.search(robot["listen"]["endpoints"][0])
+    except (LookupError, TypeError):
+        port = None
+    if port is None:
+        raise TwinError(f"{ROBOT}.json5 must listen at an endpoint with a port, such as {LISTEN}")
+    return f"tls/[{host}]:{port[1]}" if ":" in host else f"tls/{host}:{port[1]}"
+
+
+def _with_tls(base: Mapping[str, Any], files: Mapping[str, Any]) -> dict[str, Any]:
+    settings = copy.deepcopy(dict(base))
+    settings["transport"]["link"] |= {
+        "protocols": ["tls"],
+        "tls": {
+            "root_ca_certificate": f"{AUTHORITY}.pem",
+            "enable_mtls": True,
+            # What has run out must not go on because it began in time.
+            "close_link_on_expiration": True,
+            **files,
+        },
+    }
+    return settings

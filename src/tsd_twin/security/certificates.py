@@ -1,0 +1,251 @@
+"""Private certificate authority (EC P-256, PKCS #8) and PEM files with safe permissions."""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Self
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from tsd_twin.errors import TwinError
+from tsd_twin.security.access_rules import ROBOT, Identity, Role
+
+Key = ec.EllipticCurvePrivateKey
+Certificate = x509.Certificate
+
+
+def read_certificate(file: Path) -> Certificate:
+    """Return the certificate in a file.
+
+    Raises:
+        TwinError: there is none.
+    """
+    try:
+        return x509.load_pem_x509_certificate(file.read_bytes())
+    except (OSError, ValueError) as error:
+        raise TwinError(f"{file} cannot be read as a certificate") from error
+
+
+def read_key(file: Path) -> Key:
+    """Return the private key in a file.
+
+    Raises:
+        TwinError: there is none, it has a passphrase, or it is of another kind.
+    """
+    try:
+        key = serialization.load_pem_private_key(file.read_bytes(), None)
+    except (OSError, ValueError, TypeError) as error:
+        raise TwinError(f"{file} cannot be read as a private key without a passphrase") from error
+    if not isinstance(key, Key):
+        raise TwinError(f"{file} is not a key on an elliptic curve")
+    return key
+
+
+def write_key(file: Path, key: Key) -> None:
+    """Write a private key as PKCS #8, without a passphrase, for its owner to read.
+
+    Raises:
+        TwinError: the file is there already, or cannot be written.
+    """
+    content = key.private_bytes(
+        serialization.Encoding.PEM,
+        serialization.PrivateFormat.PKCS8,
+        serialization.NoEncryption(),
+    )
+    try:
+        descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with os.fdopen(descriptor, "wb") as stream:
+            stream.write(content)
+    except OSError as error:
+        raise TwinError(f"{file} cannot be written: {error.strerror}") from error
+
+
+def write_certificate(file: Path, certificate: Certificate) -> None:
+    """Write a certificate.
+
+    Raises:
+        TwinError: the file cannot be written.
+    """
+    replace_file(file, certificate.public_bytes(serialization.Encoding.PEM))
+
+
+def replace_file(file: Path, content: bytes, mode: int = 0o644) -> None:
+    """Write a file whole: whenever this is interrupted, there is never half of one.
+
+    Raises:
+        TwinError: the file cannot be written.
+    """
+    draft = file.with_name(f"{file.name}.new")
+    try:
+        draft.unlink(missing_ok=True)  # One that was left behind may be anybody's to read.
+        descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
+        with os.fdopen(descriptor, "wb") as stream:
+            stream.write(content)
+        draft.replace(file)
+    except OSError as error:
+        raise TwinError(f"{file} cannot be written: {error.strerror}") from error
+
+
+AUTHORITY_DAYS = 3650
+_EARLIER = timedelta(days=1)
+"""Certificates begin a day ago: the clock of a robot may be a little behind."""
+_HOST = re.compile(r"([a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?\.)*[a-z]([a-z0-9-]{0,61}[a-z0-9])?", re.I)
+"""Labels of letters, digits and dashes; the last begins with a letter, or it is a bad address."""
+
+
+def new_key() -> Key:
+    """Return a new private key."""
+    return ec.generate_private_key(ec.SECP256R1())
+
+
+@dataclass(frozen=True, slots=True)
+class CertificateAuthority:
+    """Who holds this key decides who may speak on the bus."""
+
+    key: Key
+    certificate: x509.Certificate
+
+    @classmethod
+    def new(cls, key: Key, now: datetime) -> Self:
+        """Return a new authority, good for ten years from `now` (UTC)."""
+        name = _name("tsd-twin private authority", "authority")
+        signs = x509.KeyUsage(
+            digital_signature=False,
+            content_commitment=False,
+            key_encipherment=False,
+            data_encipherment=False,
+            key_agreement=False,
+            key_cert_sign=True,
+            crl_sign=True,
+            encipher_only=False,
+            decipher_only=False,
+        )
+        certificate = (
+            _builder(key, name, now, now + timedelta(days=AUTHORITY_DAYS))
+            .issuer_name(name)
+            .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+            .add_extension(signs, critical=True)
+            .sign(key, hashes.SHA256())
+        )
+        return cls(key, certificate)
+
+    @property
+    def end(self) -> datetime:
+        """When it runs out, and with it all that it has signed."""
+        return self.certificate.not_valid_after_utc
+
+    def issue_robot(
+        self, key: Key, hosts: Sequence[str], now: datetime, days: int
+    ) -> x509.Certificate:
+        """Return a server certificate for host names and addresses.
+
+        Raises:
+            TwinError: a host is neither, or the certificate would outlive the authority.
+        """
+        alternatives = x509.SubjectAlternativeName([_general_name(host) for host in hosts])
+        builder = self._leaf(key, Identity(ROBOT, Role.ROBOT), now, days)
+        builder = builder.add_extension(alternatives, critical=False)
+        return self._sign(builder, ExtendedKeyUsageOID.SERVER_AUTH)
+
+    def issue_client(
+        self, key: Key, person: Identity, now: datetime, days: int
+    ) -> x509.Certificate:
+        """Return a client certificate; nobody can pose as a robot with it.
+
+        Raises:
+            TwinError: the certificate would outlive the authority.
+        """
+        return self._sign(self._leaf(key, person, now, days), ExtendedKeyUsageOID.CLIENT_AUTH)
+
+    def _leaf(
+        self, key: Key, identity: Identity, now: datetime, days: int
+    ) -> x509.CertificateBuilder:
+        # Certificates know whole seconds.
+        end, last = (now + timedelta(days=days)).replace(microsecond=0), self.end
+        if days < 1 or end > last:
+            raise TwinError(f"{days} days are not between 1 day and the authority's end, {last:%F}")
+        return (
+            _builder(key, _name(identity.name, identity.role), now, end)
+            .issuer_name(self.certificate.subject)
+            .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+            .add_extension(
+                x509.AuthorityKeyIdentifier.from_issuer_public_key(self.key.public_key()),
+                critical=False,
+            )
+        )
+
+    def _sign(
+        self, builder: x509.CertificateBuilder, usage: x509.ObjectIdentifier
+    ) -> x509.Certificate:
+        builder = builder.add_extension(x509.ExtendedKeyUsage([usage]), critical=False)
+        return builder.sign(self.key, hashes.SHA256())
+
+
+def identity_of(certificate: x509.Certificate) -> Identity:
+    """Return whom a certificate of ours was issued to.
+
+    Raises:
+        TwinError: it is not one of ours.
+    """
+    try:
+        (name,) = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+        (unit,) = certificate.subject.get_attributes_for_oid(NameOID.ORGANIZATIONAL_UNIT_NAME)
+        return Identity(str(name.value), Role(str(unit.value)))
+    except ValueError as error:
+        subject = certificate.subject.rfc4514_string()
+        raise TwinError(f"the certificate of {subject} was not made by tsd-certs") from error
+
+
+def hosts_of(certificate: x509.Certificate) -> list[str]:
+    """Return the names and addresses that a server certificate is good for, in order."""
+    extension = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName)
+    return [str(name.value) for name in extension.value]
+
+
+def checked_host(host: str) -> str:
+    """Return a host name or address as certificates have it.
+
+    Raises:
+        TwinError: it is neither.
+    """
+    return str(_general_name(host).value)
+
+
+def _name(common_name: str, unit: str) -> x509.Name:
+    return x509.Name(
+        [
+            x509.NameAttribute(NameOID.ORGANIZATIONAL_UNIT_NAME, unit),
+            x509.NameAttribute(NameOID.COMMON_NAME, common_name),
+        ]
+    )
+
+
+def _builder(key: Key, subject: x509.Name, now: datetime, end: datetime) -> x509.CertificateBuilder:
+    return (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - _EARLIER)
+        .not_valid_after(end)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
+    )
+
+
+def _general_name(host: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host))
+    except ValueError:
+        pass
+    if not _HOST.fullmatch(host):
+        raise TwinError(f"'{host}' is neither a host name nor an address, such as robot.local")
+    return x509.DNSName(host.lower())

@@ -1,0 +1,392 @@
+"""Users of a dashboard: password hashes in a file, login sessions, and rate limits of login
+attempts.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import secrets
+import stat
+from dataclasses import dataclass
+from pathlib import Path
+
+import argon2
+import argon2.exceptions
+import msgspec
+
+from tsd_twin.errors import TwinError
+from tsd_twin.security.access_rules import Role, client
+from tsd_twin.security.certificates import replace_file
+
+_OTHERS = stat.S_IWGRP | stat.S_IRWXO
+"""A group may read, such as that of a service."""
+
+
+def refuse_public(file: Path) -> None:
+    """Refuse a file that others can read or change.
+
+    Raises:
+        TwinError: so it is, or the file is not there.
+    """
+    try:
+        status = file.stat()
+    except OSError as error:
+        raise TwinError(f"{file} cannot be read: {error.strerror}") from error
+    if status.st_mode & _OTHERS:
+        raise TwinError(f"{file} can be read or changed by others: run chmod 600 {file}")
+    if status.st_uid not in (0, os.geteuid()):
+        raise TwinError(f"{file} belongs to somebody else: make it your own, or root's")
+
+
+LEAST_CHARACTERS = 10
+_MOST_CHARACTERS = 256
+_HASHER = argon2.PasswordHasher()
+"""With the second set of parameters of RFC 9106: 64 MiB, three passes."""
+_HEAD = (
+    "# Who may log in to the dashboard, and as what. Made by tsd-users; the dashboard reads it\n"
+    "# when it starts. A viewer may stop the robot only with `may_stop = true`.\n"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class User:
+    """Somebody who can log in."""
+
+    name: str
+    role: Role
+    may_stop: bool
+
+
+class _Entry(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+    role: str
+    argon2: str
+    may_stop: bool | None = None
+
+
+class _File(msgspec.Struct, forbid_unknown_fields=True):
+    users: dict[str, _Entry] = {}
+
+
+class Users:
+    """The users of one file."""
+
+    def __init__(self, entries: dict[str, _Entry]) -> None:
+        self._entries = entries
+
+    @classmethod
+    def load(cls, file: Path) -> Users:
+        """Read a file.
+
+        Raises:
+            TwinError: it cannot be read, something in it is wrong, nobody is in it, or others can
+                read it.
+        """
+        users = cls.load_any(file)
+        if not users.names:
+            raise TwinError(f"{file} has nobody who could log in: see tsd-users --help")
+        return users
+
+    @classmethod
+    def load_any(cls, file: Path) -> Users:
+        """Read a file, which may be empty.
+
+        Raises:
+            TwinError: it cannot be read, has something that is wrong, or others can read it.
+        """
+        refuse_public(file)
+        try:
+            content = msgspec.toml.decode(file.read_bytes(), type=_File)
+        except OSError as error:
+            raise TwinError(f"{file} cannot be read: {error.strerror}") from error
+        except (msgspec.DecodeError, UnicodeError) as error:
+            raise TwinError(f"{file} is no file of users: {error}") from error
+        for name, entry in content.users.items():
+            _check(file, name, entry)
+        return cls(content.users)
+
+    @property
+    def names(self) -> list[str]:
+        """Who there is, in order."""
+        return sorted(self._entries)
+
+    def user(self, name: str) -> User:
+        """Return a user by name; KeyError when there is none."""
+        entry = self._entries[name]
+        role = Role(entry.role)
+        return User(name, role, role is Role.OPERATOR or bool(entry.may_stop))
+
+    def check(self, name: str, password: str) -> User | None:
+        """Return the user whose name and password these are.
+
+        Takes about 50 ms of a processor and 64 MiB, whoever is asked for: never on an event loop.
+        """
+        # Whoever asks for a name that is not there waits as long as for one that is.
+        stand_in = next(iter(self._entries.values()))
+        try:
+            _HASHER.verify(self._entries.get(name, stand_in).argon2, password[:_MOST_CHARACTERS])
+        except argon2.exceptions.VerificationError:
+            return None
+        known = name in self._entries and len(password) <= _MOST_CHARACTERS
+        return self.user(name) if known else None
+
+    # Changing.
+
+    def put(self, name: str, role: Role, password: str, *, may_stop: bool) -> None:
+        """Add somebody, or give a new role and password.
+
+        Raises:
+            TwinError: the name cannot be one, or the password is too short.
+        """
+        client(name, role)
+        if not LEAST_CHARACTERS <= len(password) <= _MOST_CHARACTERS:
+            raise TwinError(
+                f"a password has {LEAST_CHARACTERS} to {_MOST_CHARACTERS} characters: three or "
+                "four words that have nothing to do with each other are good"
+            )
+        entry = _Entry(role, _HASHER.hash(password), may_stop=may_stop or None)
+        self._entries[name] = entry
+
+    def remove(self, name: str) -> None:
+        """Remove somebody.
+
+        Raises:
+            TwinError: there is no such user.
+        """
+        if self._entries.pop(name, None) is None:
+            raise TwinError(f"there is no '{name}' to be removed")
+
+    def save(self, file: Path) -> None:
+        """Write the file, for its owner alone.
+
+        Raises:
+            TwinError: it cannot be written.
+        """
+        text = _HEAD
+        for name in self.names:
+            entry = self._entries[name]
+            text += f'\n[users.{name}]\nrole = "{entry.role}"\nargon2 = "{entry.argon2}"\n'
+            text += "may_stop = true\n" if entry.may_stop else ""
+        replace_file(file, text.encode(), mode=0o600)
+
+
+def _check(file: Path, name: str, entry: _Entry) -> None:
+    if entry.role not in (Role.OPERATOR, Role.VIEWER):
+        raise TwinError(f"{file}: the role of '{name}' is '{entry.role}', not operator or viewer")
+    try:
+        client(name, Role(entry.role))
+    except TwinError as error:
+        raise TwinError(f"{file}: {error}") from error
+    try:
+        argon2.extract_parameters(entry.argon2)
+    except argon2.exceptions.InvalidHashError as error:
+        raise TwinError(
+            f"{file}: what '{name}' has is no argon2 hash: passwords are never kept, "
+            "and tsd-users makes the hash"
+        ) from error
+
+
+KEYS = 1024
+"""Remembered at once; the one with the shortest wait, then the fewest tries, gives way."""
+CALM_S = 3600.0
+"""Whoever has not tried for so long begins anew."""
+
+
+@dataclass(slots=True)
+class _Attempts:
+    tries: int
+    last_s: float
+    until_s: float
+
+
+class LoginRateLimiter:
+    """Counts tries by key; each counts as wrong until it turns out right.
+
+    So that who tries many passwords at once is not quicker than who waits for each answer.
+    """
+
+    def __init__(self, free: int, first_s: float, longest_s: float) -> None:
+        """After `free` tries comes a wait of `first_s`, doubled with each up to `longest_s`."""
+        self._free = free
+        self._first_s = first_s
+        self._longest_s = longest_s
+        self._records: dict[str, _Attempts] = {}
+
+    def wait_s(self, key: str, now_s: float) -> float:
+        """Return how long a key has to wait before its next try; 0 when it need not."""
+        record = self._records.get(key)
+        return 0.0 if record is None else max(0.0, record.until_s - now_s)
+
+    def note(self, key: str, now_s: float) -> None:
+        """Count a try."""
+        record = self._records.get(key)
+        if record is None or now_s - record.last_s > CALM_S:
+            self._make_room(key, now_s)
+            record = self._records[key] = _Attempts(0, now_s, now_s)
+        record.tries += 1
+        record.last_s = now_s
+        over = record.tries - self._free
+        if over >= 0:
+            # Beyond some power there is nothing left to double.
+            wait_s = min(self._longest_s, self._first_s * 2.0 ** min(over, 32))
+            record.until_s = now_s + wait_s
+
+    def forgive(self, key: str) -> None:
+        """Forget one try, which was right after all, and the wait that it began."""
+        record = self._records.get(key)
+        if record is not None:
+            record.tries -= 1
+            record.until_s = record.last_s
+            if record.tries <= 0:
+                del self._records[key]
+
+    def forget(self, key: str) -> None:
+        """Forget all tries of a key."""
+        self._records.pop(key, None)
+
+    def _make_room(self, key: str, now_s: float) -> None:
+        if key not in self._records and len(self._records) >= KEYS:
+            # Else many made-up keys would free one that has nearly used up its tries.
+            del self._records[
+                min(
+                    self._records,
+                    key=lambda k: (max(now_s, self._records[k].until_s), self._records[k].tries),
+                )
+            ]
+
+
+class Allowance:
+    """Bounds tries of all keys together: some at once, then one every so often."""
+
+    def __init__(self, at_once: int, every_s: float) -> None:
+        """`at_once` tries are free, and `every_s` gives back one of them."""
+        self._at_once = at_once
+        self._every_s = every_s
+        self._left = float(at_once)
+        self._now_s = 0.0
+
+    def wait_s(self, now_s: float) -> float:
+        """Return how long until the next try; 0 when there need not be a wait."""
+        self._refill(now_s)
+        return max(0.0, 1.0 - self._left) * self._every_s
+
+    def note(self, now_s: float) -> None:
+        """Count a try."""
+        self._refill(now_s)
+        self._left -= 1.0
+
+    def forgive(self) -> None:
+        """Forget one try, which was right after all."""
+        self._left = min(self._at_once, self._left + 1.0)
+
+    def _refill(self, now_s: float) -> None:
+        gained = max(0.0, now_s - self._now_s) / self._every_s
+        self._left = min(self._at_once, self._left + gained)
+        self._now_s = max(now_s, self._now_s)
+
+
+IDLE_S = 30 * 60.0
+"""A login ends when none of its pages has been open, and nothing been asked, for so long."""
+ABSOLUTE_S = 12 * 3600.0
+"""A login ends after so long in any case."""
+_AT_ONCE = 16
+"""Logins of one user; with one more, the oldest ends."""
+
+
+@dataclass(slots=True)
+class Login:
+    """A user at one browser. Its id is a digest of what the browser's cookie holds."""
+
+    id: str
+    user: User
+    began_s: float
+    used_s: float
+
+
+class Logins:
+    """All methods take the time, in seconds of a clock that never goes back."""
+
+    def __init__(self, *, idle_s: float = IDLE_S, absolute_s: float = ABSOLUTE_S) -> None:
+        self._idle_s = idle_s
+        self._absolute_s = absolute_s
+        self._logins: dict[str, Login] = {}
+        # Somebody behind the same address, or who knows a name, shall not lock others out for long.
+        self._addresses = LoginRateLimiter(free=5, first_s=5.0, longest_s=900.0)
+        self._names = LoginRateLimiter(free=10, first_s=10.0, longest_s=300.0)
+        # Addresses behind a proxy are what the proxy says, and any process of its machine can pose
+        # as one: this bound holds whatever is said.
+        self._all = Allowance(at_once=60, every_s=5.0)
+
+    # Trying.
+
+    def wait_s(self, address: str, name: str, now_s: float) -> float:
+        """Return how long to wait before the next try; 0 counts the try, until it is `right`."""
+        wait_s = max(self._wait_of_all_s(address, now_s), self._names.wait_s(name, now_s))
+        if wait_s <= 0.0:
+            self._note(address, now_s)
+            self._names.note(name, now_s)
+        return wait_s
+
+    def wait_nameless_s(self, address: str, now_s: float) -> float:
+        """Return how long to wait before the next try; 0 counts one that has no name."""
+        wait_s = self._wait_of_all_s(address, now_s)
+        if wait_s <= 0.0:
+            self._note(address, now_s)
+        return wait_s
+
+    def right(self, address: str, name: str) -> None:
+        """Note that a try was right. Other tries from the address stay counted."""
+        self._all.forgive()
+        self._addresses.forgive(address)
+        self._names.forget(name)
+
+    def _wait_of_all_s(self, address: str, now_s: float) -> float:
+        return max(self._addresses.wait_s(address, now_s), self._all.wait_s(now_s))
+
+    def _note(self, address: str, now_s: float) -> None:
+        self._all.note(now_s)
+        self._addresses.note(address, now_s)
+
+    # Being logged in.
+
+    def open(self, user: User, now_s: float) -> str:
+        """Return the secret of a new login, for the cookie; it is kept nowhere else."""
+        own = [login for login in self._logins.values() if login.user.name == user.name]
+        for login in own[: max(0, len(own) - _AT_ONCE + 1)]:
+            self.close(login.id)
+        secret = secrets.token_urlsafe(32)
+        login = Login(_digest(secret), user, now_s, now_s)
+        self._logins[login.id] = login
+        return secret
+
+    def find(self, secret: str | None, now_s: float) -> Login | None:
+        """Return the login that a cookie belongs to, if it is good, and note that it is used."""
+        # Digests are looked up, so how long it takes says nothing about the secrets.
+        login = None if secret is None else self._logins.get(_digest(secret))
+        if login is None or self._is_over(login, now_s):
+            return None
+        login.used_s = now_s
+        return login
+
+    def close(self, login_id: str) -> None:
+        """End a login."""
+        self._logins.pop(login_id, None)
+
+    def sweep(self, used: set[str], now_s: float) -> None:
+        """Note which logins have open pages, and end those whose time is over."""
+        for login_id in used & self._logins.keys():
+            self._logins[login_id].used_s = now_s
+        over = [login.id for login in self._logins.values() if self._is_over(login, now_s)]
+        for login_id in over:
+            self.close(login_id)
+
+    def is_open(self, login_id: str) -> bool:
+        """Return whether a login has not ended."""
+        return login_id in self._logins
+
+    def _is_over(self, login: Login, now_s: float) -> bool:
+        return now_s - login.used_s > self._idle_s or now_s - login.began_s > self._absolute_s
+
+
+def _digest(secret: str) -> str:
+    return hashlib.sha256(secret.encode("utf-8", "replace")).hexdigest()

@@ -1,0 +1,372 @@
+"""Actuator models of a singularity drive: speed controllers, motors, gimbal servos, printed wheel
+surface.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tsd_twin.kinematics import JointKind, SingularityKinematics
+from tsd_twin.lie import Array
+from tsd_twin.robots import RPM, SingularityDescription
+
+_ARMING_SHARE = 0.9
+"""Share of the described hold that controllers take to arm: a description leaves them a margin."""
+
+
+class SpeedControllers:
+    """The arming of speed controllers from power-up on; arrays have `shape`, one entry a motor.
+
+    The hold starts with the first command, before which there is no signal, and again with each
+    signal that is not zero throttle. Once armed, a controller stays so.
+    """
+
+    def __init__(self, shape: tuple[int, ...], zero_throttle: float, hold_s: float) -> None:
+        self._zero_throttle = zero_throttle
+        self._hold_s = _ARMING_SHARE * hold_s
+        self._holding = np.zeros(shape, dtype=bool)
+        self._held_s = np.zeros(shape)
+        self._was_armed = np.zeros(shape, dtype=bool)
+        self.signal: Array = np.full(shape, zero_throttle)
+        """Newest signal commanded."""
+
+    @property
+    def armed(self) -> npt.NDArray[np.bool_]:
+        """Controllers that pass their signal on."""
+        return self._was_armed | (self._holding & (self._held_s >= self._hold_s))
+
+    def command(self, signal: Array) -> Array:
+        """Take a new throttle signal; return the one that reaches the motors until the next."""
+        self._was_armed = self.armed
+        self.signal = signal
+        self._holding = signal <= self._zero_throttle
+        self._held_s *= self._holding
+        return np.where(self._was_armed, signal, self._zero_throttle)
+
+    def advance(self, dt_s: float) -> None:
+        """Let `dt_s` seconds pass."""
+        self._held_s += dt_s * self._holding
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motors:
+    """The laws of a robot's motors and speed controllers, on arrays (..., k): one entry a motor."""
+
+    signals: Array
+    """(r,): throttle signals of the calibration table, rising; the first is zero throttle."""
+    speeds_rad_per_s: Array
+    """(k, r): measured speed of each motor at each signal."""
+    start_speed_rad_per_s: float
+    """A motor whose curve gives less than this stands still."""
+    time_constant_up_s: float
+    time_constant_down_s: float
+    pulses_us: tuple[float, float]
+    """Pulse widths of the first and of the last signal."""
+
+    @staticmethod
+    def of(robot: SingularityDescription) -> Motors:
+        """Return the motors of `robot`, as measured at its nominal voltage."""
+        motor = robot.motor
+        return Motors(
+            signals=np.array(motor.signal),
+            speeds_rad_per_s=np.array(motor.speed_rpm) * RPM,
+            start_speed_rad_per_s=motor.start_speed_rpm * RPM,
+            time_constant_up_s=motor.time_constant_up_s,
+            time_constant_down_s=motor.time_constant_down_s,
+            pulses_us=(motor.pulse_low_us, motor.pulse_high_us),
+        )
+
+    def signal(self, speed_rad_per_s: Array) -> Array:
+        """Return the throttle signal that makes each motor turn at `speed_rad_per_s` (..., k).
+
+        The inverse of the measured curve, kept within the table. Zero and below is zero throttle.
+        """
+        signal = np.empty(np.shape(speed_rad_per_s))
+        for i, curve in enumerate(self.speeds_rad_per_s):
+            signal[..., i] = np.interp(speed_rad_per_s[..., i], curve, self.signals)
+        # The curve starts flat, so its inverse at zero could be any signal of the dead zone.
+        return np.where(speed_rad_per_s > 0.0, signal, self.signals[0])
+
+    def speed(self, signal: Array) -> Array:
+        """Return the speed, rad/s, that each motor settles at for its `signal` (..., k)."""
+        speed = np.empty(np.shape(signal))
+        for i, curve in enumerate(self.speeds_rad_per_s):
+            speed[..., i] = np.interp(signal[..., i], self.signals, curve)
+        # Rounding must not stop a motor that is commanded to turn at its starting speed.
+        start = self.start_speed_rad_per_s * (1.0 - 1e-9)
+        return np.where(speed < start, 0.0, speed)
+
+    def pulse_us(self, signal: Array) -> Array:
+        """Return the pulse width, microseconds, that stands for `signal`."""
+        first, last = self.signals[0], self.signals[-1]
+        low, high = self.pulses_us
+        return low + (signal - first) / (last - first) * (high - low)
+
+    def after(self, speed: Array, goal: Array, elapsed_s: Array) -> Array:
+        """Return the speed `elapsed_s` later of motors that settle at `goal`, exactly; rad/s."""
+        up_s, down_s = self.time_constant_up_s, self.time_constant_down_s
+        time_constant_s = np.where(goal > speed, up_s, down_s)
+        return goal + (speed - goal) * np.exp(-elapsed_s / time_constant_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Servos:
+    """The law that all servos of a robot obey, on arrays of any shape.
+
+    A servo turns towards its goal at `approach_rate_per_s` times the error, and never faster than
+    its speed limit: position control with a proportional gain, as the MX-64 has it. Close to the
+    goal the voltage is too low for the friction of the gears, and it stays where it is. Its encoder
+    is on the output shaft; between that and the motor is play, and a motor that reverses crosses it
+    alone. The load of the gimbals is neglected.
+    """
+
+    step_rad: float
+    """Goals and measurements are whole numbers of this."""
+    speed_limit_rad_per_s: float | Array
+    approach_rate_per_s: float
+    angle_limit_rad: float
+    """A goal beyond this, on either side, is taken for the last step within it."""
+    dead_band_rad: float = 0.0
+    """A servo that is this close to its goal stands."""
+    backlash_rad: float = 0.0
+    """Play, in all."""
+
+    @staticmethod
+    def of(robot: SingularityDescription, battery_v: float | Array) -> Servos:
+        """Return the servos of `robot`; their top speed follows the voltage."""
+        share = battery_v / robot.battery.nominal_v
+        return Servos(
+            step_rad=2.0 * np.pi / robot.servo.steps_per_turn,
+            speed_limit_rad_per_s=robot.servo.no_load_speed_rpm * RPM * share,
+            approach_rate_per_s=robot.servo.approach_rate_per_s,
+            angle_limit_rad=float(np.radians(robot.drive.max_tilt_deg)),
+            dead_band_rad=float(np.radians(robot.errors.dead_band_deg)),
+            backlash_rad=float(np.radians(robot.errors.backlash_deg)),
+        )
+
+    def quantise(self, angle: Array) -> Array:
+        """Return `angle`, radians, at the nearest step."""
+        return np.round(angle / self.step_rad) * self.step_rad
+
+    def goal(self, setpoint: Array) -> Array:
+        """Return the angle that a servo goes for when told `setpoint`, radians."""
+        last = np.floor(self.angle_limit_rad / self.step_rad) * self.step_rad
+        return np.clip(self.quantise(setpoint), -last, last)
+
+    def rate(self, angle: Array, goal: Array) -> Array:
+        """Return the speed, rad/s, of motors whose gimbals are at `angle` on the way to `goal`."""
+        limit, error = self.speed_limit_rad_per_s, goal - angle
+        # A servo stops right at the edge of the dead band, give or take a rounding.
+        moves = np.abs(error) > self.dead_band_rad * (1.0 + 1e-9)
+        return np.clip(self.approach_rate_per_s * error * moves, -limit, limit)
+
+    def after(self, angle: Array, goal: Array, elapsed_s: Array) -> Array:
+        """Return the angle `elapsed_s` later, exactly: top speed first, then exponential.
+
+        Without play; see `cross`.
+        """
+        error = goal - angle
+        distance = np.abs(error)
+        limit, rate = self.speed_limit_rad_per_s, self.approach_rate_per_s
+        near = np.minimum(distance, limit / rate)
+        at_top_speed_s = np.minimum(elapsed_s, (distance - near) / limit)
+        left = distance - limit * at_top_speed_s
+        left += near * np.expm1(-rate * (elapsed_s - at_top_speed_s))
+        left = np.maximum(left, np.minimum(distance, self.dead_band_rad))
+        return goal - np.copysign(left, error)
+
+    def cross(
+        self, angle: Array, goal: Array, play: Array, elapsed_s: Array
+    ) -> tuple[Array, Array]:
+        """Return what is left of `elapsed_s` once the motor has crossed its play, and the play.
+
+        `play`, radians, is how far the motor is ahead of its gimbal, at most half the backlash on
+        either side. The gimbal stands meanwhile, so the motor turns evenly.
+        """
+        speed, edge_rad = self.rate(angle, goal), 0.5 * self.backlash_rad
+        # Rounding may leave the play beyond its edge by a little; that must not grow.
+        to_go = np.maximum(edge_rad - np.sign(speed) * play, 0.0)
+        crossing_s = to_go / np.maximum(np.abs(speed), 1e-300)
+        spent_s = np.where(speed == 0.0, elapsed_s, np.minimum(elapsed_s, crossing_s))
+        return elapsed_s - spent_s, np.clip(play + speed * spent_s, -edge_rad, edge_rad)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WheelSurface:
+    """The radius at which wheels of a drive roll, by the tilt of their axles.
+
+    Layers lie across the axle. A surface of them is up to half a layer outside or inside of the
+    sphere, and passes from one to the other once in a layer; what rolls on its edges rounds them.
+    Where the first layer begins differs from wheel to wheel. That a hard wheel on a hard floor
+    would stand on an edge, and be driven by it whatever its tilt, is not in here.
+    """
+
+    kinematics: SingularityKinematics
+    layer_m: float
+    phase_rad: Array
+    """(..., k)."""
+
+    @staticmethod
+    def of(
+        kinematics: SingularityKinematics,
+        layer_m: float,
+        random: np.random.Generator,
+        shape: tuple[int, ...],
+    ) -> WheelSurface:
+        """Return wheels with layers of `layer_m` that begin anywhere; `shape` is (..., k)."""
+        return WheelSurface(kinematics, layer_m, random.uniform(0.0, 2.0 * np.pi, shape))
+
+    def outside_m(self, joints: Array) -> Array:
+        """Return by how much the radius (..., k) at the floor is larger than described."""
+        if self.layer_m == 0.0:
+            return np.zeros(self.phase_rad.shape)
+        modules = joints.reshape(*joints.shape[:-1], self.kinematics.modules, 3)
+        upright = np.cos(modules[..., 0]) * np.cos(modules[..., 1])
+        layers = self.kinematics.wheel_radius_m * (1.0 - upright) / self.layer_m
+        return 0.5 * self.layer_m * np.sin(2.0 * np.pi * layers + self.phase_rad)
+
+    def roll(self, joints: Array) -> Array:
+        """Return joints (..., n) that roll on spheres as `joints` do on these wheels."""
+        if self.layer_m == 0.0:
+            return joints
+        rolling = joints.copy()
+        rolling[..., 2::3] *= 1.0 + self.outside_m(joints) / self.kinematics.wheel_radius_m
+        return rolling
+
+
+_SETTLED = 1e-9
+"""Radians and rad/s from the goal at which joints count as being there: some 10 nm/s."""
+
+
+class Actuation:
+    """Turns set-points into goals of servos and motors, and joints into measurements.
+
+    `noise` scales the standard deviations of the description: 0 is none, 1 is as described. Gimbal
+    angles are noisy each time they are measured; the speed of each wheel is off by a share that
+    stays the same for the run. The machine is as its `[calibration]` says, which the robot knows.
+    `robot.errors` are those of a built machine, as they are described, and it knows none of them.
+    """
+
+    def __init__(
+        self,
+        robot: SingularityDescription,
+        batch: tuple[int, ...],
+        seed: int | None,
+        noise: float,
+        battery_v: float | None,
+    ) -> None:
+        self.kinematics: SingularityKinematics = robot.kinematics()
+        kinds = [joint.kind for joint in self.kinematics.joints]
+        self.angles = np.flatnonzero([kind is JointKind.POSITION for kind in kinds])
+        """Indices of the gimbals in the joint vector."""
+        self.wheels = np.flatnonzero([kind is JointKind.VELOCITY for kind in kinds])
+        """Indices of the wheels in the joint vector."""
+        shape = (*batch, len(self.wheels))
+        self._offsets = robot.actuator_offsets()
+        # Dice of its own: how a machine was built has nothing to do with its noise.
+        built = np.random.default_rng(None if seed is None else [seed, 1])
+        nominal_v = robot.battery.nominal_v
+        off = robot.errors.battery_share * built.standard_normal((*batch, 1))
+        given = nominal_v * (1.0 + off) if battery_v is None else battery_v
+        self.battery_v: Array = np.broadcast_to(given, off.shape)
+        """(..., 1): voltage, of each robot."""
+        self.surface = WheelSurface.of(self.kinematics, robot.errors.layer_m, built, shape)
+        self.servos = Servos.of(robot, self.battery_v)
+        self.motors = Motors.of(robot)
+        self.controllers = SpeedControllers(
+            shape, float(self.motors.signals[0]), robot.motor.arming_hold_s
+        )
+        self._random = np.random.default_rng(seed)
+        self._angle_noise_rad = noise * float(np.radians(robot.noise.gimbal_angle_deg))
+        spin_errors = noise * robot.noise.spin_share * self._random.standard_normal(shape)
+        # The curves were measured at the nominal voltage; a speed controller passes on a share of
+        # what the battery has.
+        self._speed_share = (
+            self.battery_v / nominal_v * (1.0 + spin_errors) * self._offsets.scale[self.wheels]
+        )
+        self._offset = self._offsets.offset[self.angles]
+        wrong = np.radians(robot.errors.zero_deg)
+        self.zero_rad: Array = self._offset + wrong * built.standard_normal(
+            (*batch, len(self.angles))
+        )
+        """(..., 2k): angle at which each gimbal stands when its servo reports 0."""
+        self.goals: Array = self.zero_rad.copy()
+        """(..., 2k): angles that the servos go for."""
+        self.speed_goals: Array = np.zeros(shape)
+        """(..., k): speeds that the motors settle at, rad/s."""
+        self.play_rad: Array = np.zeros_like(self.goals)
+        """(..., 2k): how far the motor of each servo is ahead of its gimbal."""
+
+    def command(self, setpoint: Array) -> None:
+        """Give all actuators new set-points, (..., n) in the order of `drive.joints`.
+
+        Wheels turn one way only; a speed of zero or less is zero throttle.
+
+        Raises:
+            ValueError: as `checked`.
+        """
+        told = self._offsets.to_actuators(self.checked(setpoint))
+        self.goals[...] = self.zero_rad + self.servos.goal(told[..., self.angles])
+        signal = self.controllers.command(self.motors.signal(told[..., self.wheels]))
+        self.speed_goals[...] = self.motors.speed(signal) * self._speed_share
+
+    def checked(self, setpoint: Array) -> Array:
+        """Return set-points (..., n), one for each robot.
+
+        Raises:
+            ValueError: a number is not finite, or there is not one for each joint.
+        """
+        if not np.isfinite(setpoint).all():
+            raise ValueError(f"set-points must be finite, these are {setpoint}")
+        joints = len(self.angles) + len(self.wheels)
+        return np.broadcast_to(setpoint, (*self.goals.shape[:-1], joints))
+
+    def after(self, joints: Array, elapsed_s: Array) -> Array:
+        """Return joints without load at times (m, ..., 1) from now, which the last one becomes."""
+        angles, goals = joints[..., self.angles], self.goals
+        turning_s, play = self.servos.cross(angles, goals, self.play_rad, elapsed_s)
+        self.play_rad = play[-1]
+        later = np.empty((len(elapsed_s), *joints.shape))
+        later[..., self.angles] = self.servos.after(angles, goals, turning_s)
+        speeds = joints[..., self.wheels]
+        later[..., self.wheels] = self.motors.after(speeds, self.speed_goals, elapsed_s)
+        return later
+
+    def rates(self, joints: Array) -> Array:
+        """Return how fast gimbals turn at `joints` (..., n) without load, rad/s; of wheels 0."""
+        rates = np.zeros_like(joints)
+        speed = self.servos.rate(joints[..., self.angles], self.goals)
+        edge_rad = 0.5 * self.servos.backlash_rad
+        touches = np.abs(np.copysign(edge_rad, speed) - self.play_rad) <= 1e-12
+        rates[..., self.angles] = speed * touches
+        return rates
+
+    def settled(self, joints: Array) -> bool:
+        """Return whether nothing changes any more."""
+        turning = np.abs(self.servos.rate(joints[..., self.angles], self.goals))
+        off = np.abs(joints[..., self.wheels] - self.speed_goals)
+        slowest = _SETTLED * self.servos.approach_rate_per_s
+        return bool(turning.max() < slowest and off.max() < _SETTLED)
+
+    def measure(self, joints: Array) -> Array:
+        """Return the joint vector (..., n), its angles as the servos report them: in whole steps.
+
+        Wheel speeds are exact here; whether a robot measures them is for the caller to say.
+        """
+        measured = joints.copy()
+        angles = measured[..., self.angles] - self.zero_rad
+        if self._angle_noise_rad > 0.0:
+            angles += self._angle_noise_rad * self._random.standard_normal(angles.shape)
+        measured[..., self.angles] = self.servos.quantise(angles) + self._offset
+        return measured
+
+    def hardware_status(self) -> dict[str, object]:
+        """Return voltage, whether the speed controllers are armed, and what pulses they get."""
+        return {
+            "battery_v": float(self.battery_v.mean()),
+            "esc_armed": bool(self.controllers.armed.all()),
+            "pulse_us": self.motors.pulse_us(self.controllers.signal).tolist(),
+        }

@@ -1,0 +1,320 @@
+"""MuJoCo simulation of a singularity drive: rigid bodies with mass, torque and friction on a floor.
+
+No rolling equation is assumed. The only module that imports MuJoCo, which is an optional extra.
+"""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from tsd_twin.errors import MissingExtraError
+from tsd_twin.lie import SE2, Array
+from tsd_twin.robots import RPM, SingularityDescription
+from tsd_twin.simulation.actuators import Actuation
+
+
+def load_mujoco() -> Any:
+    """Return the module `mujoco`.
+
+    Raises:
+        MissingExtraError: it is not installed.
+    """
+    try:
+        return importlib.import_module("mujoco")
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("The plant `mujoco`", "mujoco") from error
+
+
+_SPIN_IN_SLIP = 8.0 / (3.0 * np.pi)
+"""How much the speed of the rim counts beside the slip, for the force."""
+_SLIP_IN_SPIN = 15.0 * np.pi / 16.0
+"""How much the slip counts beside the speed of the rim, for the torque."""
+_MEAN_LEVER = 3.0 * np.pi / 16.0
+"""Lever of the friction of a patch that only spins, in radii, under the pressure of Hertz."""
+_STANDSTILL_MPS = 0.01
+"""Below this a patch sticks, which it does here by sliding ever more slowly."""
+
+
+@dataclass(frozen=True, slots=True)
+class ContactPatch:
+    """Coulomb friction of a small round patch that slides and spins at once.
+
+    A wheel with an upright axle turns its contact patch on the floor like a drill. Friction opposes
+    the speed of each point of the patch, so most of it is spent on the spin and the rest obeys the
+    sliding like oil: the force is proportional to a small slip. Source: Contensou (1963) for the
+    effect, Zhuravlev, "The model of dry friction in the problem of the rolling of rigid bodies"
+    (1998) for the coefficients, under the pressure of Hertz. His two speeds are added as squares
+    here, which comes closer to the sum over the patch than adding them.
+    """
+
+    friction: float = 0.8
+    """Coefficient: rubber, or a printed wheel, on a dry hard floor."""
+    radius_m: float = 0.0005
+    """By Hertz: 10 N on a sphere of 40 mm of hard plastic (2 GPa). Rubber makes it several mm."""
+
+    def force(self, load: Array, slip: Array, spin: Array) -> tuple[Array, Array]:
+        """Return force (k, 2), newtons, and torque about the normal (k,), newton metres.
+
+        `load` (k,) are normal forces, `slip` (k, 2) velocities of the wheels' material over the
+        floor, metres a second, and `spin` (k,) their turning about the normal, rad/s.
+        """
+        rim = self.radius_m * spin
+        slip2 = slip[:, 0] ** 2 + slip[:, 1] ** 2 + _STANDSTILL_MPS**2
+        most = self.friction * load
+        force = -(most / np.sqrt(slip2 + (_SPIN_IN_SLIP * rim) ** 2))[:, None] * slip
+        lever_m = _MEAN_LEVER * self.radius_m
+        return force, -most * lever_m * rim / np.sqrt(rim**2 + _SLIP_IN_SPIN**2 * slip2)
+
+
+TIMESTEP_S = 0.001
+"""Half and a tenth of it give the same motion to four digits."""
+FLOOR = "floor"
+_CONTACT_S = 0.005
+"""Time in which the floor gives way under the weight of the robot."""
+_PLATE_HEIGHT_M = 0.05
+"""Of the disc that the chassis is taken for, around the height of the gimbals."""
+_ROD_M = 0.006
+"""Radius of the rods that gimbal frames are taken for."""
+_GEAR_INERTIA_KG_M2 = 0.01
+"""Of a gimbal servo behind its gears: of the class of the MX-64, nobody publishes it."""
+_FREE = {"contype": 0, "conaffinity": 0}
+
+
+def wheel_name(i: int) -> str:
+    """Return the name of wheel `i`, its body and its shape, counted from 0."""
+    return f"wheel{i + 1}"
+
+
+def build_mujoco_model(robot: SingularityDescription) -> Any:
+    """Return the solid bodies of `robot` on a level floor.
+
+    The chassis is a disc of the size of the pivot circle, each gimbal frame a rod from bearing to
+    bearing, each wheel half a hollow sphere. Joints have the names of the drive's joints; servos
+    brake as gear motors do, and what drives them is applied from outside. The floor bears wheels
+    and nothing else, without friction: that of a spinning patch is applied from outside as well,
+    see `ContactPatch`.
+    """
+    mujoco = load_mujoco()
+    spec = mujoco.MjSpec()
+    spec.option.timestep = TIMESTEP_S
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    geometry, mass = robot.drive, robot.mass
+    floor = spec.worldbody.add_geom(name=FLOOR, size=[100.0, 100.0, 1.0], **_FREE)
+    floor.type = mujoco.mjtGeom.mjGEOM_PLANE
+    base = spec.worldbody.add_body(name="base", pos=[0.0, 0.0, geometry.wheel_radius_m])
+    base.add_freejoint()
+    plate = base.add_geom(size=[geometry.pivot_radius_m, _PLATE_HEIGHT_M / 2.0, 0.0], **_FREE)
+    plate.type = mujoco.mjtGeom.mjGEOM_CYLINDER
+    plate.mass = mass.total_kg - geometry.modules * (mass.wheel_kg + 2.0 * mass.gimbal_kg)
+    for i in range(geometry.modules):
+        _add_module(base, i, robot)
+        pair = spec.add_pair(geomname1=FLOOR, geomname2=wheel_name(i), condim=1)
+        pair.solref = [_CONTACT_S, 1.0]
+    return spec.compile()
+
+
+def _add_module(base: Any, i: int, robot: SingularityDescription) -> None:
+    """Hang a wheel into two gimbal frames: Y of a module is radially outward."""
+    geometry, mass = robot.drive, robot.mass
+    radius = geometry.wheel_radius_m
+    azimuth = float(np.radians(geometry.azimuths_deg[i]))
+    half_turn = (azimuth - np.pi / 2.0) / 2.0
+    outer = base.add_body(
+        pos=geometry.pivot_radius_m * np.array([np.cos(azimuth), np.sin(azimuth), 0.0]),
+        quat=[np.cos(half_turn), 0.0, 0.0, np.sin(half_turn)],
+    )
+    _add_servo(outer, f"module{i + 1}_beta", [0.0, 1.0, 0.0], robot)
+    _add_frame(outer, [0.0, 1.2 * radius, 0.0], mass.gimbal_kg)
+    inner = outer.add_body()
+    _add_servo(inner, f"module{i + 1}_alpha", [-1.0, 0.0, 0.0], robot)
+    _add_frame(inner, [radius, 0.0, 0.0], mass.gimbal_kg)
+    wheel = inner.add_body(name=wheel_name(i))
+    wheel.add_joint(name=f"module{i + 1}_wheel", axis=[0.0, 0.0, 1.0])
+    # Half a hollow sphere: its centre of mass is half a radius below the gimbal centre.
+    across = mass.wheel_kg * radius**2 * (2.0 / 3.0 - 1.0 / 4.0)
+    wheel.mass = mass.wheel_kg
+    wheel.ipos = [0.0, 0.0, -radius / 2.0]
+    wheel.inertia = [across, across, mass.wheel_kg * radius**2 * 2.0 / 3.0]
+    wheel.explicitinertial = True
+    wheel.add_geom(name=wheel_name(i), size=[radius, 0.0, 0.0], **_FREE)
+
+
+def _add_servo(body: Any, name: str, axis: list[float], robot: SingularityDescription) -> None:
+    """A gear motor at full voltage has its stall torque at rest and none at its no-load speed."""
+    no_load_rad_per_s = robot.servo.no_load_speed_rpm * RPM
+    body.add_joint(
+        name=name,
+        axis=axis,
+        armature=_GEAR_INERTIA_KG_M2,
+        damping=robot.servo.stall_torque_nm / no_load_rad_per_s,
+    )
+
+
+def _add_frame(body: Any, bearing_m: list[float], mass_kg: float) -> None:
+    ends = [*(-np.array(bearing_m)), *bearing_m]
+    rod = body.add_geom(size=[_ROD_M, 0.0, 0.0], fromto=ends, mass=mass_kg, **_FREE)
+    rod.type = load_mujoco().mjtGeom.mjGEOM_CAPSULE
+
+
+Indices: TypeAlias = npt.NDArray[np.intp]
+
+
+class MujocoSimulation:
+    """One robot of rigid bodies in contact with the floor, instead of wheels that only roll.
+
+    Gimbal servos are proportional controllers of gear motors with the stall torque and no-load
+    speed of the description, so without load they obey the law of `Servos`; under load they give
+    way. Motors have the time constants of the description and what torque these take. Load on each
+    wheel, gyroscopic torques and everything that moves are MuJoCo's. Its own friction is not used:
+    for wheels that spin on the spot its contact model lifts the robot off the floor.
+    """
+
+    def __init__(
+        self,
+        robot: SingularityDescription,
+        batch: tuple[int, ...] = (),
+        *,
+        seed: int | None = 0,
+        noise: float = 0.0,
+        battery_v: float | None = None,
+        pose: SE2 | None = None,
+        patch: ContactPatch | None = None,
+    ) -> None:
+        if batch:
+            raise ValueError(f"rigid bodies are simulated one robot at a time, not {batch}")
+        self.actuation = Actuation(robot, batch, seed, noise, battery_v)
+        self.kinematics = self.actuation.kinematics
+        floor = robot.floor
+        self._patch = patch or ContactPatch(floor.friction, floor.patch_radius_m)
+        servos = self.actuation.servos
+        share = float(self.actuation.battery_v.mean()) / robot.battery.nominal_v
+        self._stall_nm = robot.servo.stall_torque_nm * share
+        # Near the goal, full voltage times the gain times the error settles at the servo's speed.
+        self._gain_per_rad = servos.approach_rate_per_s / servos.speed_limit_rad_per_s
+        self._mujoco = load_mujoco()
+        self._model: Any = build_mujoco_model(robot)
+        self._data: Any = self._mujoco.MjData(self._model)
+        self._angles_q, self._angles_v = self._addresses(self.actuation.angles)
+        _, self._wheels_v = self._addresses(self.actuation.wheels)
+        names = [wheel_name(i) for i in range(robot.drive.modules)]
+        # What friction leaves of the voltage at the edge of the dead band: nothing.
+        self._model.dof_frictionloss[self._angles_v] = (
+            self._stall_nm * self._gain_per_rad * servos.dead_band_rad
+        )
+        self._bodies = np.array([self._model.body(name).id for name in names])
+        self._wheel_of_geom = np.zeros(self._model.ngeom, dtype=int)
+        self._wheel_of_geom[[self._model.geom(name).id for name in names]] = range(len(names))
+        self._spin_inertia = self._model.body_inertia[self._bodies, 2]
+        self._radius_m = robot.drive.wheel_radius_m
+        self._left_s = 0.0
+        self._place(SE2(np.zeros(3)) if pose is None else pose)
+
+    @property
+    def pose(self) -> SE2:
+        """True pose in the world."""
+        x, y = self._data.qpos[:2]
+        a, b, c, d = self._data.qpos[3:7]
+        heading = np.arctan2(2.0 * (a * d + b * c), 1.0 - 2.0 * (c * c + d * d))
+        return SE2(np.array([x, y, heading]))
+
+    @property
+    def joints(self) -> Array:
+        """(n,): true joint vector."""
+        joints = np.empty(len(self.kinematics.joints))
+        joints[self.actuation.angles] = self._data.qpos[self._angles_q]
+        joints[self.actuation.wheels] = self._data.qvel[self._wheels_v]
+        return joints
+
+    def command(self, setpoint: Array) -> None:
+        """Give all actuators new set-points, as `Actuation.command` takes them."""
+        self.actuation.command(setpoint)
+
+    def advance(self, dt_s: float) -> None:
+        """Let `dt_s` seconds pass, in steps of MuJoCo; what is less than one is left for later."""
+        timestep_s = self._model.opt.timestep
+        self._left_s += dt_s
+        # Sums of hundredths are a little less than they should be.
+        steps = int(self._left_s / timestep_s + 1e-6)
+        self._left_s -= steps * timestep_s
+        for _ in range(steps):
+            self._step(timestep_s)
+
+    def measure(self) -> Array:
+        """Return the joint vector (n,) as `Actuation.measure` has it."""
+        return self.actuation.measure(self.joints)
+
+    def twist(self) -> Array:
+        """Return the true twist (3,) in the body frame."""
+        velocity = self.pose.inverse().rotate(self._data.qvel[:2].copy())
+        return np.array([*velocity, self._data.qvel[5]])
+
+    def hardware_status(self) -> dict[str, object]:
+        """Return what the actuators say, and what the floor is like."""
+        return self.actuation.hardware_status() | {
+            "plant": "mujoco",
+            "friction": self._patch.friction,
+        }
+
+    def _addresses(self, joints: Indices) -> tuple[Indices, Indices]:
+        """Return where MuJoCo keeps positions and velocities of some of the drive's joints."""
+        names = [self.actuation.kinematics.joints[int(i)].name for i in joints]
+        found = [self._model.joint(name) for name in names]
+        q, v = zip(*((int(one.qposadr[0]), int(one.dofadr[0])) for one in found), strict=True)
+        return np.array(q), np.array(v)
+
+    def _place(self, pose: SE2) -> None:
+        x, y, heading = pose.xy_heading
+        self._data.qpos[:2] = x, y
+        self._data.qpos[3:7] = np.cos(heading / 2.0), 0.0, 0.0, np.sin(heading / 2.0)
+        self._data.qpos[self._angles_q] = self.actuation.zero_rad
+        self._mujoco.mj_forward(self._model, self._data)
+
+    def _step(self, dt_s: float) -> None:
+        actuation, data = self.actuation, self._data
+        actuation.controllers.advance(dt_s)
+        error = actuation.goals - data.qpos[self._angles_q]
+        voltage = np.clip(self._gain_per_rad * error, -1.0, 1.0)
+        data.qfrc_applied[self._angles_v] = self._stall_nm * self._through_play(voltage, dt_s)
+        speeds = data.qvel[self._wheels_v]
+        wanted = actuation.motors.after(speeds, actuation.speed_goals, np.array(dt_s)) - speeds
+        data.qfrc_applied[self._wheels_v] = self._spin_inertia * wanted / dt_s
+        self._rub()
+        self._mujoco.mj_step(self._model, data)
+
+    def _through_play(self, voltage: Array, dt_s: float) -> Array:
+        """Return what is left of the voltages of servos whose motors may be crossing their play.
+
+        A motor that touches nothing turns at the speed its voltage gives, at once.
+        """
+        actuation, edge_rad = self.actuation, 0.5 * self.actuation.servos.backlash_rad
+        ahead = actuation.servos.speed_limit_rad_per_s * voltage - self._data.qvel[self._angles_v]
+        actuation.play_rad = np.clip(actuation.play_rad + ahead * dt_s, -edge_rad, edge_rad)
+        return voltage * (np.copysign(edge_rad, voltage) == actuation.play_rad)
+
+    def _rub(self) -> None:
+        """Apply the friction of the floor to the wheels, under the load of the last step."""
+        data, bodies = self._data, self._bodies
+        velocity, turning = data.cvel[bodies, 3:], data.cvel[bodies, :3]
+        contact = data.xpos[bodies].copy()
+        contact[:, 2] -= self._radius_m + self.actuation.surface.outside_m(self.joints)
+        lever = contact - data.subtree_com[self._model.body_rootid[bodies]]
+        slip = (velocity + np.cross(turning, lever))[:, :2]
+        force, torque = self._patch.force(self._loads(), slip, turning[:, 2])
+        forces = np.column_stack([force, np.zeros(len(force))])
+        arm = contact - data.xipos[bodies]
+        data.xfrc_applied[bodies, :3] = forces
+        data.xfrc_applied[bodies, 3:] = np.cross(arm, forces)
+        data.xfrc_applied[bodies, 5] += torque
+
+    def _loads(self) -> Array:
+        """Return the normal force on each wheel (k,), newtons; 0 in the air."""
+        contact, loads = self._data.contact, np.zeros(len(self._bodies))
+        bears = contact.efc_address >= 0
+        wheels = self._wheel_of_geom[contact.geom2[bears]]
+        loads[wheels] = self._data.efc_force[contact.efc_address[bears]]
+        return loads

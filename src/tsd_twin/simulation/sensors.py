@@ -1,0 +1,132 @@
+"""Simulated sensors: overhead camera, dead wheels, yaw gyro; with delay, noise and bias."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsd_twin.lie import SE2, Array
+from tsd_twin.robots import Gyro
+from tsd_twin.robots.omni import DeadWheels
+from tsd_twin.simulation.wrappers import Simulation, SimulationWrapper
+
+
+@dataclass(frozen=True, slots=True)
+class CameraNoise:
+    """Of the overhead camera of the thesis: 24 frames a second; the rest is assumed."""
+
+    rate_hz: float = 24.0
+    late_s: float = 0.08
+    sigma_m: float = 0.005
+    sigma_rad: float = 0.02
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """A pose that a camera saw."""
+
+    taken_s: float
+    pose: Array
+    """(3,): x, y, heading."""
+
+
+class Camera:
+    """Poses at its frame rate, known some time after they were seen."""
+
+    def __init__(self, noise: CameraNoise, random: np.random.Generator) -> None:
+        self.noise = noise
+        self._random = random
+        self._next_s = 0.0
+        self._coming: deque[Frame] = deque()
+
+    def watch(self, now_s: float, pose: SE2) -> list[Frame]:
+        """Look at a robot at `pose` (3,), and return the frames that have become known."""
+        if now_s >= self._next_s - 1e-9:
+            # What was missed while nobody looked is not made up for.
+            self._next_s = max(self._next_s + 1.0 / self.noise.rate_hz, now_s)
+            sigma = np.array([self.noise.sigma_m, self.noise.sigma_m, self.noise.sigma_rad])
+            seen = pose.xy_heading + sigma * self._random.standard_normal(3)
+            self._coming.append(Frame(now_s, seen))
+        known: list[Frame] = []
+        while self._coming and self._coming[0].taken_s + self.noise.late_s <= now_s + 1e-9:
+            known.append(self._coming.popleft())
+        return known
+
+
+class DeadWheelSensors:
+    """Two wheels that are not driven, so do not slip, and a gyro; arrays have a batch in front."""
+
+    def __init__(
+        self, sensors: DeadWheels, batch: tuple[int, ...], random: np.random.Generator, noise: float
+    ) -> None:
+        self._rows = np.array(sensors.rows()) / sensors.radius_m
+        self._step_rad = 2.0 * math.pi / sensors.pulses_per_turn
+        self._range = math.radians(sensors.gyro_range_deg_per_s)
+        drift = noise * math.radians(sensors.gyro_drift_deg_per_h) / 3600.0
+        self._drift = drift * random.standard_normal(batch)
+        self._angles = np.zeros((*batch, 2))
+
+    def advance(self, twist: Array, dt_s: float) -> None:
+        """Let the wheels roll with the body for `dt_s` at a mean `twist` (..., 3)."""
+        self._angles = self._angles + dt_s * (twist @ self._rows.T)
+
+    def measure(self, twist: Array) -> Array:
+        """Return both angles in whole pulses, radians, and the rate, rad/s, (..., 3)."""
+        pulses = np.floor(self._angles / self._step_rad) * self._step_rad
+        rate = np.clip(twist[..., 2] + self._drift, -self._range, self._range)
+        return np.concatenate([pulses, rate[..., None]], axis=-1)
+
+
+class YawGyro:
+    """Turn rates with white noise, and an offset that stays for the run.
+
+    `scale` times as wrong as its description, and one for each robot of a batch.
+    """
+
+    def __init__(
+        self,
+        noise: Gyro,
+        random: np.random.Generator,
+        batch: tuple[int, ...] = (),
+        *,
+        scale: float = 1.0,
+    ) -> None:
+        self.noise = noise
+        self._random = random
+        self._batch = batch
+        self._bias = scale * noise.bias_rad_per_s * random.standard_normal(batch)
+        self._sigma = scale * noise.noise_rad_per_s
+
+    def measure(self, rate: Array) -> Array:
+        """Return the readings, rad/s, (...), at true turn rates `rate` (...)."""
+        return rate + self._bias + self._sigma * self._random.standard_normal(self._batch)
+
+
+class GyroSimulation(SimulationWrapper[Simulation]):
+    """Another simulation, and after what that measures the turn rate that a gyro does.
+
+    `noise` scales the standard deviations of the description. The gyro is not on the bus of the
+    actuators, so not late.
+    """
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        gyro: Gyro,
+        batch: tuple[int, ...] = (),
+        *,
+        seed: int | None = 0,
+        noise: float = 0.0,
+    ) -> None:
+        super().__init__(simulation)
+        # Dice of its own: a robot has the same errors with a gyro as without.
+        random = np.random.default_rng(None if seed is None else [seed, 2])
+        self._gyro = YawGyro(gyro, random, batch, scale=noise)
+
+    def measure(self) -> Array:
+        """Return what the other simulation measures, and the turn rate, rad/s, (..., n + 1)."""
+        rate = self._gyro.measure(self.twist()[..., 2])
+        return np.concatenate([self.simulation.measure(), rate[..., None]], axis=-1)

@@ -1,0 +1,119 @@
+"""Kinematic simulation of singularity drives: rolling without slip, integrated to fourth order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsd_twin.kinematics import Kinematics
+from tsd_twin.lie import SE2, Array
+from tsd_twin.robots import SingularityDescription
+from tsd_twin.simulation.actuators import Actuation
+
+_SLOPES = np.array([[-3.0, 4.0, -1.0], [-1.0, 0.0, 1.0], [1.0, -4.0, 3.0]])
+"""Slopes at the start, middle and end of the parabola through three values there, times dt."""
+_SIMPSON = np.array([[1.0, 4.0, 1.0]]) / 6.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KinematicPlant:
+    """A robot whose wheels roll as its drive says, and do nothing else."""
+
+    kinematics: Kinematics[SE2]
+
+    def tangent(self, joints: Array, dt_s: float) -> Array:
+        """Return the tangent (..., 3) of the motion over a step of `dt_s` seconds.
+
+        `joints` (3, ..., n) are the true joint vectors at its start, middle and end. Rates of the
+        gimbals come from the parabola through them, so that Simpson's rule adds up to the angle
+        turned through, exactly and over any number of steps.
+
+        The twist changes during the step and turns do not commute with translations: the second
+        term of the Magnus expansion keeps fourth order. Source: Iserles and Norsett, "On the
+        solution of linear differential equations in Lie groups" (1999), with the sign for twists
+        in the body frame.
+        """
+        by_node = joints.reshape(3, -1)
+        rates = ((_SLOPES / dt_s) @ by_node).reshape(joints.shape)
+        twists = self.kinematics.forward(joints, rates).twist
+        tangent = ((dt_s * _SIMPSON) @ twists.reshape(3, -1)).reshape(twists.shape[1:])
+        start, end = twists[0], twists[2]
+        twelfth = dt_s * dt_s / 12.0
+        tangent[..., 0] += twelfth * (end[..., 2] * start[..., 1] - start[..., 2] * end[..., 1])
+        tangent[..., 1] += twelfth * (start[..., 2] * end[..., 0] - end[..., 2] * start[..., 0])
+        return tangent
+
+    def integrate(self, pose: SE2, joints: Array, dt_s: float) -> SE2:
+        """Return the pose after a step of `dt_s` seconds; `joints` as in `tangent`."""
+        return pose @ SE2.exp(self.tangent(joints, dt_s))
+
+
+_LONGEST_STEP_S = 0.02
+"""The approach of the servos, some 30 per second, is a smooth curve over this."""
+
+
+class SingularitySimulation:
+    """`batch` robots of one description, all at the same virtual time; `()` is a single one.
+
+    Servos, speed controllers and motors feed a kinematic plant: wheels roll without slip, and
+    nothing has mass. For `noise` see `Actuation`.
+    """
+
+    def __init__(
+        self,
+        robot: SingularityDescription,
+        batch: tuple[int, ...] = (),
+        *,
+        seed: int | None = 0,
+        noise: float = 0.0,
+        battery_v: float | None = None,
+        pose: SE2 | None = None,
+    ) -> None:
+        self.actuation = Actuation(robot, batch, seed, noise, battery_v)
+        self.kinematics = self.actuation.kinematics
+        self._plant = KinematicPlant(self.kinematics)
+        self.pose = SE2(np.zeros((*batch, 3)) + (0.0 if pose is None else pose.xy_heading))
+        """True pose in the world."""
+        self.joints: Array = np.zeros((*batch, len(self.kinematics.joints)))
+        """(..., n): true joint vector."""
+        self.joints[..., self.actuation.angles] = self.actuation.zero_rad
+        self._halves = np.array([0.5, 1.0]).reshape(2, *(1,) * (len(batch) + 1))
+
+    def command(self, setpoint: Array) -> None:
+        """Give all actuators new set-points, as `Actuation.command` takes them."""
+        self.actuation.command(setpoint)
+
+    def advance(self, dt_s: float) -> None:
+        """Let `dt_s` seconds pass: in short steps while joints move, in one when all are still."""
+        self.actuation.controllers.advance(dt_s)
+        left_s = dt_s
+        while left_s > 0.0:
+            steps = np.ceil(left_s / _LONGEST_STEP_S)
+            step_s = (
+                left_s
+                if steps <= 1.0 or self.actuation.settled(self.joints)
+                else left_s / float(steps)
+            )
+            self._step(step_s)
+            left_s -= step_s
+
+    def measure(self) -> Array:
+        """Return the joint vector (..., n) as `Actuation.measure` has it."""
+        return self.actuation.measure(self.joints)
+
+    def twist(self) -> Array:
+        """Return the true twist (..., 3) in the body frame."""
+        rates = self.actuation.rates(self.joints)
+        return self.kinematics.forward(self.actuation.surface.roll(self.joints), rates).twist
+
+    def hardware_status(self) -> dict[str, object]:
+        """Return what the actuators say."""
+        return self.actuation.hardware_status()
+
+    def _step(self, dt_s: float) -> None:
+        nodes = np.empty((3, *self.joints.shape))
+        nodes[0] = self.joints
+        nodes[1:] = self.actuation.after(self.joints, dt_s * self._halves)
+        self.pose = self._plant.integrate(self.pose, self.actuation.surface.roll(nodes), dt_s)
+        self.joints = nodes[2]

@@ -1,0 +1,297 @@
+"""Simulation of robots on geared motors: omni and Mecanum platforms with slip, and spherical
+platforms.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.robots import OmniDescription, SphereDescription
+from tsd_twin.robots.description import GearedMotor, GearedMotorDescription
+from tsd_twin.simulation.sensors import DeadWheelSensors
+
+
+@dataclass(frozen=True, slots=True)
+class GearedMotors:
+    """The law that all wheels of a robot obey, on arrays of any shape; torques at the wheel.
+
+    The torque that a voltage gives falls along a straight line from stall to the no-load speed; the
+    driver can reverse the voltage, and cuts off at its current limit.
+    """
+
+    stall_torque_nm: float
+    """At the voltage there is."""
+    top_speed_rad_per_s: float
+    """At the voltage there is, without load."""
+    torque_limit_nm: float
+    gain_nm_s: float
+    """Of the speed control: torque for each rad/s that a wheel is too slow."""
+
+    @staticmethod
+    def of(motor: GearedMotor, inertia_kg_m2: float, voltage_share: float) -> GearedMotors:
+        """Return the motors of wheels that feel `inertia_kg_m2`, at a share of nominal voltage."""
+        return GearedMotors(
+            stall_torque_nm=motor.stall_torque_nm * voltage_share,
+            top_speed_rad_per_s=motor.top_speed_rad_per_s * voltage_share,
+            torque_limit_nm=motor.stall_torque_nm * motor.current_limit,
+            gain_nm_s=inertia_kg_m2 / motor.time_constant_s,
+        )
+
+    def bounds(self, speed: Array) -> tuple[Array, Array]:
+        """Return the least and the most torque there is at wheel speeds `speed`, rad/s."""
+        share = speed / self.top_speed_rad_per_s
+        limit = self.torque_limit_nm
+        low = np.maximum(-self.stall_torque_nm * (1.0 + share), -limit)
+        high = np.minimum(self.stall_torque_nm * (1.0 - share), limit)
+        return low, high
+
+
+class GearedSimulation(ABC):
+    """Wheels on speed-controlled motors; what they do to the body is for those who inherit.
+
+    `noise` scales the standard deviations of the description: each wheel measures its speed wrong
+    by a share that stays the same for the run. Time passes in steps of `longest_step_s` at most.
+    """
+
+    longest_step_s: float
+
+    def __init__(
+        self,
+        robot: GearedMotorDescription,
+        shape: tuple[int, ...],
+        inertia_kg_m2: float,
+        *,
+        seed: int | None,
+        noise: float,
+        battery_v: float | None,
+    ) -> None:
+        """Take the `shape` (..., k) of a batch of wheels, and what inertia each one feels."""
+        self.battery_v = robot.battery.nominal_v if battery_v is None else battery_v
+        self.joints: Array = np.zeros(shape)
+        """(..., k): true wheel speeds."""
+        self._goals = np.zeros(shape)
+        share = self.battery_v / robot.battery.nominal_v
+        self._motors = GearedMotors.of(robot.motor, inertia_kg_m2, share)
+        self._random = np.random.default_rng(seed)
+        self._scale = 1.0 + noise * robot.noise.spin_share * self._random.standard_normal(shape)
+
+    def command(self, setpoint: Array) -> None:
+        """Give all motors new speeds, (..., k), rad/s.
+
+        Raises:
+            ValueError: a number is not finite, or there is not one for each wheel.
+        """
+        if not np.isfinite(setpoint).all():
+            raise ValueError(f"set-points must be finite, these are {setpoint}")
+        self._goals[...] = np.broadcast_to(setpoint, self.joints.shape)
+
+    def advance(self, dt_s: float) -> None:
+        """Let `dt_s` seconds pass."""
+        if self._rests():
+            return
+        steps = int(np.ceil(dt_s / self.longest_step_s - 1e-9))
+        for _ in range(steps):
+            self._step(dt_s / steps)
+
+    def measure(self) -> Array:
+        """Return the wheel speeds (..., k)."""
+        return self.joints * self._scale
+
+    def _rests(self) -> bool:
+        return not (self.joints.any() or self._goals.any())
+
+    @abstractmethod
+    def _step(self, dt_s: float) -> None:
+        """Move wheels and body on by `dt_s` seconds."""
+
+
+_CREEP_MPS = 0.01
+"""A roller pulls with its full friction when its rim is some times faster than the floor."""
+_GRAVITY_MPS2 = 9.81
+_ROUNDS = 30
+_CLOSE_MPS = 0.2 * _CREEP_MPS
+"""Creep that is known to this is known well enough."""
+_SETTLED = 1e-9
+"""Metres, or radians, a second below which nothing moves."""
+
+
+class OmniSimulation(GearedSimulation):
+    """`batch` robots of one description, all at the same virtual time; `()` is a single one.
+
+    A rigid body on wheels that carry equal shares of its weight. A roller holds the floor along its
+    axle, by friction that grows with the creep and ends at its limit; there the wheel slips, and
+    its encoder does not know.
+    """
+
+    longest_step_s = 0.0025
+    """Wheels that lose their grip speed up within some milliseconds."""
+
+    def __init__(
+        self,
+        robot: OmniDescription,
+        batch: tuple[int, ...] = (),
+        *,
+        seed: int | None = 0,
+        noise: float = 0.0,
+        battery_v: float | None = None,
+        pose: SE2 | None = None,
+    ) -> None:
+        self.kinematics = kinematics = robot.kinematics()
+        shape, inertia = (*batch, kinematics.wheels), robot.driven_inertia_kg_m2(kinematics)
+        super().__init__(robot, shape, inertia, seed=seed, noise=noise, battery_v=battery_v)
+        self.pose = SE2(np.zeros((*batch, 3)) + (0.0 if pose is None else pose.xy_heading))
+        """True pose in the world."""
+        self._twist = np.zeros((*batch, 3))
+        self._grip = kinematics.grip_from_twist
+        # Of a wheel's speed, the part along the roller's axle.
+        self._arm_m = kinematics.wheel_radius_m * np.cos(kinematics.rollers_rad)
+        self._pull_m = (1.0 - robot.drive.slip) * self._arm_m
+        mass = robot.mass
+        self._body = np.array([mass.total_kg, mass.total_kg, mass.yaw_inertia_kg_m2])
+        self._wheel = robot.wheel_inertia_kg_m2
+        self._friction_n = robot.drive.friction * mass.total_kg * _GRAVITY_MPS2 / kinematics.wheels
+        self._sensors = None
+        if robot.dead_wheels is not None:
+            self._sensors = DeadWheelSensors(robot.dead_wheels, batch, self._random, noise)
+
+    def measure(self) -> Array:
+        """Return the wheel speeds, and what dead wheels and gyro say, (..., k + s)."""
+        speeds = super().measure()
+        if self._sensors is None:
+            return speeds
+        return np.concatenate([speeds, self._sensors.measure(self._twist)], axis=-1)
+
+    def twist(self) -> Array:
+        """Return the true twist (..., 3) in the body frame."""
+        return self._twist.copy()
+
+    def slipping(self) -> Array:
+        """Return how much faster each rim is than the floor under it, (..., k), m/s."""
+        return self._arm_m * self.joints - self._twist @ self._grip.T
+
+    def hardware_status(self) -> dict[str, object]:
+        """Return the voltage, and how fast the wheels slip."""
+        return {
+            "battery_v": self.battery_v,
+            "slip_mps": np.round(self.slipping(), 4).tolist(),
+        }
+
+    def _rests(self) -> bool:
+        return super()._rests() and not self._twist.any()
+
+    def _step(self, dt_s: float) -> None:
+        joints, twist = self._after(dt_s)
+        middle = 0.5 * (self._twist + twist)
+        self.pose = self.pose @ SE2.exp(dt_s * middle)
+        if self._sensors is not None:
+            self._sensors.advance(middle, dt_s)
+        # The axes have turned with the body, the velocity in the world has not.
+        angle = -dt_s * middle[..., 2]
+        cos, sin = np.cos(angle), np.sin(angle)
+        vx, vy = twist[..., 0].copy(), twist[..., 1].copy()
+        twist[..., 0], twist[..., 1] = cos * vx - sin * vy, sin * vx + cos * vy
+        if not self._goals.any() and np.abs(twist).max() < _SETTLED:
+            twist[...], joints[...] = 0.0, 0.0
+        self.joints, self._twist = joints, twist
+
+    def _after(self, dt_s: float) -> tuple[Array, Array]:
+        """Return wheel speeds and twist by the implicit Euler equations of wheels and body.
+
+        Friction is c s with the creep s, and c falls as the creep grows: solved again with the c of
+        the creep that came out, until that is the one that went in.
+        """
+        low, high = self._motors.bounds(self.joints)
+        wanted = self._motors.gain_nm_s * (self._goals - self.joints)
+        free = (wanted > low) & (wanted < high)
+        gain: Array = np.where(free, self._motors.gain_nm_s, 0.0)
+        torque = np.where(free, gain * self._goals, np.clip(wanted, low, high))
+        joints, twist = self.joints, self._twist
+        creep = self._creep(joints, twist)
+        going = np.ones((*twist.shape[:-1], 1), dtype=bool)
+        for _ in range(_ROUNDS):
+            c = self._friction_n / np.sqrt(creep * creep + _CREEP_MPS**2)
+            solved = self._linear(c, gain, torque, dt_s)
+            # One that is done is left as it is, so that a batch is its members.
+            joints = np.where(going, solved[0], joints)
+            twist = np.where(going, solved[1], twist)
+            before, creep = creep, self._creep(joints, twist)
+            change = np.maximum.reduce(np.abs(creep - before), axis=-1, keepdims=True)
+            going = going & (change >= _CLOSE_MPS)
+            if not going.any():
+                break
+        return joints, twist
+
+    def _linear(self, c: Array, gain: Array, torque: Array, dt_s: float) -> tuple[Array, Array]:
+        """Return wheel speeds and twist for friction c s and torque less gain times speed.
+
+        Each wheel's equation gives its speed from the twist; that leaves three for the body.
+        """
+        grip, heavy = self._grip, self._wheel / dt_s
+        total = heavy + gain + c * self._arm_m * self._pull_m
+        alone = (heavy * self.joints + torque) / total
+        along = c * self._arm_m / total
+        weight = c * (1.0 - self._pull_m * along)
+        matrix = np.diag(self._body / dt_s) + (grip.T * weight[..., None, :]) @ grip
+        push = self._twist * (self._body / dt_s) + (c * self._pull_m * alone) @ grip
+        twist = np.asarray(np.linalg.solve(matrix, push[..., None])[..., 0], dtype=float)
+        return alone + along * (twist @ grip.T), twist
+
+    def _creep(self, joints: Array, twist: Array) -> Array:
+        return self._pull_m * joints - twist @ self._grip.T
+
+
+class SphereSimulation(GearedSimulation):
+    """`batch` platforms of one description, all at the same virtual time; `()` is a single one.
+
+    Nothing slips. The sphere always turns as the rows that carry make it, whatever model an
+    estimate uses; at the start each wheel stands at the beginning of its first row.
+    """
+
+    longest_step_s = 0.005
+    """Wheels come to speed within some tens of milliseconds."""
+
+    def __init__(
+        self,
+        robot: SphereDescription,
+        batch: tuple[int, ...] = (),
+        *,
+        seed: int | None = 0,
+        noise: float = 0.0,
+        battery_v: float | None = None,
+        pose: SO3 | None = None,
+    ) -> None:
+        self.kinematics = kinematics = robot.kinematics()
+        self._inertia = robot.driven_inertia_kg_m2(kinematics)
+        shape = (*batch, kinematics.wheels)
+        super().__init__(robot, shape, self._inertia, seed=seed, noise=noise, battery_v=battery_v)
+        self.pose = SO3.identity(batch) if pose is None else SO3.identity(batch) @ pose
+        """True orientation of the sphere in the world."""
+        self.angles_rad: Array = np.zeros_like(self.joints)
+        """(..., k): how far each wheel has turned."""
+        self._time_constant_s = robot.motor.time_constant_s
+
+    def twist(self) -> Array:
+        """Return the true angular velocity (..., 3) in the base frame, on the rows of now."""
+        return self.kinematics.true_twist(self.joints, self.kinematics.side(self.angles_rad))
+
+    def hardware_status(self) -> dict[str, object]:
+        """Return the voltage, and which row of each wheel carries: 1 or 2."""
+        rows = 1.5 + 0.5 * self.kinematics.side(self.angles_rad)
+        return {"battery_v": self.battery_v, "rows": rows.astype(int).tolist()}
+
+    def _step(self, dt_s: float) -> None:
+        low, high = self._motors.bounds(self.joints)
+        gained = (self._goals - self.joints) * -np.expm1(-dt_s / self._time_constant_s)
+        gained = np.clip(gained, low * (dt_s / self._inertia), high * (dt_s / self._inertia))
+        joints = self.joints + gained
+        joints[np.abs(joints) + np.abs(self._goals) < 1e-9] = 0.0
+        middle = 0.5 * (self.joints + joints)
+        angles = self.angles_rad + dt_s * middle
+        side = self.kinematics.mean_side(self.angles_rad, angles)
+        twist = self.kinematics.true_twist(middle, side)
+        self.pose = self.kinematics.integrate(self.pose, twist, dt_s)
+        self.joints, self.angles_rad = joints, angles

@@ -1,0 +1,153 @@
+"""Robot controller and simulator in virtual time, without a bus."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Mapping
+
+import msgspec
+import numpy as np
+
+from tsd_twin.client.protocol import ControlProtocol
+from tsd_twin.control import RobotController
+from tsd_twin.errors import TwinError
+from tsd_twin.lie import SE2, Array
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.ros import BASE, Odometry
+from tsd_twin.messages.services import LeaseReply
+from tsd_twin.messages.status import LoopStatus, Status
+from tsd_twin.messages.topics import Service, twist_key
+from tsd_twin.robots import RobotDescription
+from tsd_twin.safety import Mode
+from tsd_twin.simulation import SimRobot
+
+PERIOD_S = 0.01
+VOLT_STEP = 0.1
+"""In which an MX-64 reports the voltage of its supply (Robotis e-Manual, present voltage)."""
+_OPERATOR = "lab"
+_ARMING_S = 60.0
+_ANY_M = 1000.0
+_NEXT_STATUS = 5
+"""Periods from one status to the next."""
+
+
+class VirtualRobot:
+    """Core and simulator, driven by twists as an operator would, without a bus or a clock.
+
+    What holds on the machine holds here: arming, limits, command gate. Poses are those since
+    `ready`: the robot is put on its mark then, and told so. A simulation that has been used before
+    goes on from `start_s`.
+
+    Raises:
+        TwinError: the robot does not move over a floor, or does not get ready.
+    """
+
+    def __init__(self, robot: RobotDescription, simulated: SimRobot, start_s: float = 0.0) -> None:
+        ids = itertools.count(1)
+        # No link can fail in virtual time: the lease need not cap the speed for that.
+        limits = msgspec.structs.replace(robot.limits, stop_allowance_m=_ANY_M)
+        robot = msgspec.structs.replace(robot, limits=limits)
+        self.controller = RobotController(robot, lambda: next(ids).to_bytes(16, "big"))
+        self.simulated = simulated
+        self.now_s = start_s
+        self.spin_share = 1.0
+        """Speed of the wheels over what the core takes it for; commands are corrected by it."""
+        self._periods = itertools.count()
+        self._status_seq = 0
+        self._mark = SE2.identity()
+        self._step(None)
+        self._true_pose()
+        self._protocol = ControlProtocol(robot.name, robot, _OPERATOR)
+        self._lease = self._acquire()
+        self._arm()
+        self.mark()
+
+    def mark(self) -> None:
+        """Take it that the robot is on its mark now, and tell it so."""
+        self._mark = self._true_pose()
+        self._call_service(Service.SET_POSE, {"lease": self._lease} | _xyh(0.0, 0.0, 0.0))
+
+    def drive(self, twist: Array) -> None:
+        """Let a period pass under the command `twist` (3,), in the body frame."""
+        self._step(twist / self.spin_share)
+
+    @property
+    def truth(self) -> SE2:
+        """Where the robot really is, seen from its mark."""
+        return self._mark.inverse() @ self._true_pose()
+
+    @property
+    def true_twist(self) -> Array:
+        """(3,): how it really moves, in the body frame."""
+        return self.simulated.truth(self.now_s).twist
+
+    def odometry(self) -> Odometry:
+        """Return what the robot itself makes of its joints, seen from its mark."""
+        return self.controller.odometry(round(self.now_s * 1e9))
+
+    def status(self) -> Status:
+        """Return the status."""
+        return self.controller.status(self.now_s, LoopStatus(), {})
+
+    def _true_pose(self) -> SE2:
+        pose = self.simulated.truth(self.now_s).pose
+        if not isinstance(pose, SE2):
+            raise TwinError(
+                f"{self.controller.robot.name} turns a sphere in place: it follows no path"
+            )
+        return pose
+
+    def _arm(self) -> None:
+        self._call_service(Service.ARM, {"lease": self._lease})
+        end_s = self.now_s + _ARMING_S
+        while self.controller.supervisor.mode is not Mode.READY:
+            self._step(np.zeros(3))
+            if self.now_s > end_s:
+                raise TwinError(
+                    f"the robot does not get ready: {self.controller.supervisor.reason}"
+                )
+
+    def _step(self, twist: Array | None) -> None:
+        self.now_s += PERIOD_S
+        samples = [] if twist is None else [self._sample(twist)]
+        mode = self.controller.supervisor.mode
+        setpoint = self.controller.step(self.now_s, self.simulated.read(self.now_s), samples)
+        self.simulated.write(setpoint, self.now_s)
+        # As the node does: on a change of mode at once, since no older status may be echoed then.
+        if next(self._periods) % _NEXT_STATUS == 0 or self.controller.supervisor.mode is not mode:
+            self._status_seq += 1
+            self.controller.record_status_sent(self._status_seq, self.now_s)
+
+    def _sample(self, twist: Array) -> Sample:
+        self._protocol.status_seq = self._status_seq
+        command = self._protocol.command(twist, BASE, self.now_s)
+        key = twist_key(self.controller.robot.name, _OPERATOR)
+        return Sample(key, command.payload, command.attachment)
+
+    def _acquire(self) -> str:
+        reply = self.controller.serve(
+            Service.LEASE, json.dumps({"op": "acquire", "operator": _OPERATOR}).encode(), self.now_s
+        )
+        if not isinstance(reply, LeaseReply):
+            raise TwinError(f"{Service.LEASE}: {reply.reason}")
+        self._protocol.grant(reply, self.now_s)
+        return self._protocol.lease_hex
+
+    def _call_service(self, service: Service, request: Mapping[str, object]) -> None:
+        reply = self.controller.serve(service, json.dumps(request).encode(), self.now_s)
+        if not (getattr(reply, "ok", True) and getattr(reply, "granted", True)):
+            raise TwinError(f"{service.value}: {reply.reason}")
+
+
+def _xyh(x_m: float, y_m: float, heading_rad: float) -> dict[str, object]:
+    return {"x_m": x_m, "y_m": y_m, "heading_rad": heading_rad}
+
+
+def voltage_share(robot: VirtualRobot) -> float:
+    """Return the speed of wheels over that at the nominal voltage, by what servos report of it."""
+    nominal_v = robot.controller.robot.battery.nominal_v
+    battery_v = robot.simulated.hardware().get("battery_v")
+    if not isinstance(battery_v, float):
+        return 1.0
+    return VOLT_STEP * round(battery_v / VOLT_STEP) / nominal_v

@@ -1,1 +1,0 @@
-"""Dynamixel packets and the control table of the controller board; no I/O."""

@@ -1,0 +1,204 @@
+"""A robot that is wrongly calibrated drives its tour by a camera, stays in its area, or is stopped.
+
+In virtual time; the simulator tells where it really goes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tsd_twin import robots
+from tsd_twin.calibration.fit import fit_calibration
+from tsd_twin.calibration.guided_drive import POSE_TIMEOUT_S, CalibrationDriver, plan_route
+from tsd_twin.calibration.recording import Recording
+from tsd_twin.calibration.simulated_runs import PerturbedRobot, with_calibration
+from tsd_twin.calibration.zeroing import twist_by_zero_offsets
+from tsd_twin.errors import TwinError
+from tsd_twin.lie import SE2, Array
+from tsd_twin.robots import SingularityDescription
+from tsd_twin.simulation import Camera, CameraNoise
+from tsd_twin.virtual_robot import VirtualRobot
+
+ROBOT = robots.description_of_kind(robots.load_robot("tsd"), SingularityDescription)
+ZEROS_DEG = np.array([[0.4, -0.3], [0.2, 0.5], [-0.4, 0.1]])
+SPEED_MPS, ROOM_M = 1.0, 1.0
+WHERE = SE2(np.array([3.0, -2.0, 2.5]))
+"""The camera does not know where the robot thinks it is."""
+View = Callable[[Array, float], Array | None]
+
+
+def as_seen(pose: Array, _now_s: float) -> Array | None:
+    """A camera that has nothing wrong with it."""
+    return pose
+
+
+@dataclass
+class Stage:
+    """A robot with a wrong calibration, led by a guide under a camera."""
+
+    late_s: float = 0.08
+    speed_mps: float = SPEED_MPS
+    zeros_deg: Array = field(default_factory=lambda: ZEROS_DEG)
+    view: View = as_seen
+    rows: list[tuple[float, Array, Array]] = field(default_factory=list)
+    frames: list[tuple[float, Array]] = field(default_factory=list)
+    farthest_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        true = with_calibration(ROBOT, self.zeros_deg, np.array([1.01, 0.99, 1.0]), 0.0404, 0.149)
+        self.machine = PerturbedRobot(ROBOT, true, 0, noise=1.0, errors=1.0)
+        self.volts = float(str(self.machine.hardware()["battery_v"]))
+        self.robot = VirtualRobot(ROBOT, self.machine)
+        self.tour = plan_route(ROBOT, ROOM_M, self.speed_mps)
+        self.guide = CalibrationDriver(ROBOT, self.tour)
+        noise = CameraNoise(late_s=self.late_s)
+        self.camera = Camera(noise, np.random.default_rng(1))
+
+    def run(self, longest_s: float = 60.0) -> None:
+        """Drive until the tour is finished; whoever raises something has stopped the robot."""
+        start = self.robot.now_s
+        while not self.guide.finished:
+            now_s = self.robot.now_s - start
+            assert now_s < longest_s
+            for frame in self.camera.watch(now_s, WHERE @ self.robot.truth):
+                seen = self.view(frame.pose, now_s)
+                if seen is not None:
+                    self.frames.append((frame.taken_s, seen))
+                    self.guide.add_pose(SE2(seen), frame.taken_s)
+            self.guide.add_twist(now_s, self.robot.odometry().twist)
+            # A guide needs to have seen the robot; it stands until then.
+            twist = self.guide.advance(now_s) if self.frames else np.zeros(3)
+            joints, told = self.robot.controller.joints, self.robot.controller.setpoint
+            angles = joints.reshape(-1, 3)[:, :2].ravel()
+            self.rows.append((now_s, angles, told[2::3] * self.volts / 12.0))
+            self.robot.drive(twist)
+            x_m, y_m, _ = np.abs(self.robot.truth.xy_heading)
+            self.farthest_m = max(self.farthest_m, float(x_m), float(y_m))
+
+    def stop(self) -> None:
+        """Say nothing any more, and see how far it gets: what happens when all else fails."""
+        while np.abs(self.robot.controller.twist).max() > 0.0:
+            self.robot._step(None)
+            x_m, y_m, _ = np.abs(self.robot.truth.xy_heading)
+            self.farthest_m = max(self.farthest_m, float(x_m), float(y_m))
+
+    def recording(self) -> Recording:
+        t_s, angles, told = (np.array(column) for column in zip(*self.rows, strict=True))
+        seen_s, seen = (np.array(column) for column in zip(*self.frames, strict=True))
+        seen[:, 2] = np.unwrap(seen[:, 2])
+        return Recording(t_s, angles, told, np.full(told.shape, np.nan), seen_s, seen)
+
+
+def test_it_drives_its_tour_within_the_area_and_what_is_wrong_is_found() -> None:
+    stage = Stage(late_s=1.0)
+    stage.run()
+    assert stage.guide.progress == 1.0
+    # It has been where the squares are, and not much further, however late the camera is.
+    assert stage.tour.half_m - 0.05 < stage.farthest_m < stage.tour.fence_m
+    found = fit_calibration(
+        ROBOT.kinematics(), [stage.recording()], CameraNoise(), ROBOT.joint_errors()
+    ).found
+    # One run tells three things about six zeros: how the robot creeps.
+    creep = twist_by_zero_offsets(ROBOT)
+    off = creep @ (found.offset_rad.ravel() - np.radians(ZEROS_DEG).ravel())
+    # As far as zeros that are off by 0.02 degrees each would be; the bound is 0.05.
+    assert (np.abs(off) < np.radians(0.02) * np.linalg.norm(creep, axis=1)).all()
+    # No wheel speed was measured, so the radius stands for its product with what they share.
+    assert 0.04 * found.wheel_radius == pytest.approx(0.0404, rel=0.005)
+    assert 0.15 * found.pivot_radius == pytest.approx(0.149, rel=0.005)
+
+
+def test_a_robot_that_turns_by_itself_against_its_way_still_turns_both_ways() -> None:
+    """By 12 degrees a second, slowly driven."""
+    stage = Stage(speed_mps=0.5, zeros_deg=np.array([[0.17, 0.0]] * 3))
+    turns = replace(stage.tour, legs=stage.tour.legs[1::2])
+    stage.guide = CalibrationDriver(ROBOT, turns)
+    stage.run()
+    assert stage.farthest_m < stage.tour.fence_m
+
+
+def lost(_pose: Array, now_s: float) -> Array | None:
+    return _pose if now_s < 4.0 else None
+
+
+def leaping(pose: Array, now_s: float) -> Array | None:
+    return pose if now_s < 4.0 else pose + np.array([0.8, 0.0, 0.0])
+
+
+def mirrored(pose: Array, _now_s: float) -> Array | None:
+    return pose * np.array([1.0, -1.0, -1.0])
+
+
+def turned(pose: Array, _now_s: float) -> Array | None:
+    return pose + np.array([0.0, 0.0, np.pi / 2])
+
+
+def frozen() -> View:
+    """As of a tracker that shows its last picture for ever, with the time of now."""
+    last = np.zeros(3)
+
+    def view(pose: Array, now_s: float) -> Array:
+        last[:] = pose if now_s < 4.0 else last
+        return last.copy()
+
+    return view
+
+
+@pytest.mark.parametrize(
+    ("view", "says"),
+    [
+        (lost, f"no pose measurement for {POSE_TIMEOUT_S:g} s"),
+        (leaping, "camera and wheels disagree"),
+        (mirrored, "camera and wheels disagree|off its path"),
+        (turned, "camera and wheels disagree|off its path"),
+        (frozen(), "camera and wheels disagree"),
+    ],
+    ids=["lost", "leaping", "mirrored", "turned", "frozen"],
+)
+def test_a_camera_that_is_wrong_ends_the_drive_and_it_rests_within_its_room(
+    view: View, says: str
+) -> None:
+    stage = Stage(view=view)
+    with pytest.raises(TwinError, match=says):
+        stage.run()
+    # Not even told so: it hears nothing any more.
+    stage.stop()
+    assert stage.farthest_m < ROOM_M
+
+
+def test_nothing_is_commanded_before_the_robot_was_seen() -> None:
+    guide = CalibrationDriver(ROBOT, plan_route(ROBOT, ROOM_M, SPEED_MPS))
+    with pytest.raises(TwinError, match="no pose measurement for"):
+        guide.advance(1.0)
+
+
+@settings(max_examples=8)
+@given(st.floats(0.0, 3.0), st.floats(0.0, 1.5))
+def test_the_tour_fits_into_its_room_or_is_refused(room_m: float, speed_mps: float) -> None:
+    needed_m = 0.15 + 0.1 + 0.42 * speed_mps + speed_mps**2 / 12.0
+    if room_m < needed_m or not 0.1 <= speed_mps <= 1.0:
+        with pytest.raises(TwinError, match=r"--room must be|--speed must be"):
+            plan_route(ROBOT, room_m, speed_mps)
+        return
+    ways = plan_route(ROBOT, room_m, speed_mps)
+    limits = ROBOT.limits
+    # Under a lease of twice the usual age: 0.42 s, and braking; docs/safety.md.
+    braking_m = 0.42 * speed_mps + speed_mps**2 / (2 * limits.deceleration_mps2)
+    assert ways.fence_m + braking_m <= room_m + 1e-9
+    for leg in ways.legs:
+        at_s = np.linspace(0.0, leg.duration_s, 50)
+        poses = np.array([leg.at(t_s).pose for t_s in at_s])
+        assert np.abs(poses[:, :2]).max() <= ways.half_m + 1e-9
+        speeds = np.array([leg.at(t_s).twist for t_s in at_s])
+        # What is left is for correction.
+        assert np.hypot(*speeds[:, :2].T).max() <= 0.8 * speed_mps
+        assert np.abs(speeds[:, 2]).max() <= 0.8 * limits.turn_rate_rad_per_s * speed_mps
+    np.testing.assert_allclose(
+        [leg.at(leg.duration_s).pose[2] for leg in ways.legs], [0, 2 * np.pi, 0, -2 * np.pi]
+    )

@@ -1,0 +1,444 @@
+"""What clients do in their panels, and what each of them alone is shown for it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from queue import SimpleQueue
+from typing import Any
+
+import numpy as np
+import pytest
+import viser
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.support.robot_feed import RobotFeed, link_poses
+from tests.support.viser_client import PATIENCE_S, Node, ViserClient, viser_client
+from tsd_twin.dashboard.scene.panel_manager import PanelManager
+from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.viser_compat import viser_server
+from tsd_twin.dashboard.viser_compat.private_api import page_of
+from tsd_twin.lie import SE2
+
+PAGE, OTHER_PAGE = "0123456789abcdef", "fedcba9876543210"
+SLIDERS = ("vx (m/s)", "vy (m/s)", "omega (rad/s)")
+GIMBALS = ("outer", "inner", "wheel")
+
+
+@dataclass
+class Desk:
+    """A scene with panels, and what they have told."""
+
+    server: viser.ViserServer
+    scene: Scene
+    moves: SimpleQueue[tuple[Any, ...]] = field(default_factory=SimpleQueue)
+    choices: SimpleQueue[tuple[str, str]] = field(default_factory=SimpleQueue)
+    points: SimpleQueue[tuple[Any, ...]] = field(default_factory=SimpleQueue)
+    gone: SimpleQueue[int] = field(default_factory=SimpleQueue)
+    shown: dict[str, str] = field(default_factory=dict[str, str])
+    """What pages show, by their id."""
+
+    def __post_init__(self) -> None:
+        self.panels = PanelManager(
+            self.server,
+            self.scene,
+            lambda *move: self.moves.put(move),
+            lambda page, robot: self.choices.put((page, robot)),
+            lambda *point: self.points.put(point),
+            robot_of=self.shown.get,
+        )
+        self.server.on_client_disconnect(self._note)
+
+    async def _note(self, client: viser.ClientHandle) -> None:
+        self.gone.put(client.client_id)
+
+    def move(self) -> tuple[Any, ...]:
+        return self.moves.get(timeout=PATIENCE_S)
+
+
+@pytest.fixture(scope="module")
+def made() -> Generator[Desk]:
+    server = viser_server.start_server("test")
+    yield Desk(server, Scene(server))
+    server.stop()
+
+
+@pytest.fixture
+def desk(made: Desk) -> Generator[Desk]:
+    yield made
+    for robot_id in list(made.scene.visuals):
+        made.scene.remove(robot_id)
+
+
+@pytest.fixture
+def feed(desk: Desk) -> RobotFeed:
+    robot = RobotFeed()
+    desk.scene.add(robot)
+    return robot
+
+
+@pytest.fixture
+def viewer(desk: Desk, feed: RobotFeed) -> Generator[ViserClient]:
+    del feed  # The robot is there before the client.
+    with opened(desk, PAGE) as client:
+        yield client
+
+
+@pytest.fixture
+def onlooker(desk: Desk, viewer: ViserClient) -> Generator[ViserClient]:
+    del viewer
+    with opened(desk, OTHER_PAGE) as client:
+        yield client
+
+
+@contextmanager
+def opened(desk: Desk, page: str | None, *, plain: bool = False) -> Generator[ViserClient]:
+    """A client with a panel, that the server has forgotten when this ends."""
+    with viser_client(desk.server.get_port(), page, plain=plain) as viewer:
+        viewer.until(lambda: viewer.control("dark"))
+        yield viewer
+    desk.gone.get(timeout=PATIENCE_S)
+
+
+def hidden(viewer: ViserClient, kind: str) -> list[bool]:
+    """Whether each link of a kind is hidden from this client."""
+    (node,) = (node for name, node in viewer.shared.items() if name.endswith(f"/m{kind}"))
+    scales = node.props["batched_scales"]
+    return [] if scales is None else [bool(scale == 0.0) for scale in scales]
+
+
+def tried(viewer: ViserClient, kind: str) -> Node:
+    return viewer.own[f"/w/r/tsd/p{kind}"]
+
+
+def lit(viewer: ViserClient) -> set[str]:
+    """What of its light a client has been told."""
+    return {m["type"] for m in viewer.messages} & {"EnableLightsMessage", "EnvironmentMapMessage"}
+
+
+def test_who_draws_without_a_graphics_card_gets_light_that_costs_little(
+    desk: Desk, viewer: ViserClient
+) -> None:
+    with opened(desk, OTHER_PAGE, plain=True) as plain:
+        told = {message["type"]: message for message in plain.messages}
+        assert not told["EnableLightsMessage"]["cast_shadow"]
+        assert told["EnvironmentMapMessage"]["hdri_data"] is None
+        lights = [name for name, node in plain.own.items() if node.kind == "AmbientLightMessage"]
+        assert len(lights) == 1
+        sent = len(plain.messages)
+        desk.scene.add(RobotFeed("other"))  # The nodes of each client are made anew.
+        plain.until(lambda: any(m.get("name") == lights[0] for m in plain.messages[sent:]))
+        plain.until(lambda: plain.own[lights[0]].props["intensity"] > 0.0)
+    assert lit(viewer) == set()
+
+
+def test_every_control_has_a_label_and_a_hint(viewer: ViserClient) -> None:
+    controls = [c for c in viewer.controls.values() if c.kind != "GuiTabGroupMessage"]
+    inputs = [c for c in controls if c.kind not in ("GuiHtmlMessage", "GuiMarkdownMessage")]
+    assert len(inputs) >= 15
+    for control in inputs:
+        assert control.props["label"], control
+        assert control.props["hint"], control
+
+
+def test_the_page_finds_the_places_it_draws_in(viewer: ViserClient) -> None:
+    content = [c.props["content"] for c in viewer.controls.values() if c.kind == "GuiHtmlMessage"]
+    assert content == [
+        f'<div data-tsd="{name}"></div>'
+        for name in ("wheel_speed", "route", "joints", "plots", "health")
+    ]
+    (tabs,) = (c for c in viewer.controls.values() if c.kind == "GuiTabGroupMessage")
+    assert list(tabs.props["_tab_labels"]) == ["Drive", "Gimbals", "View", "Plots", "Health"]
+
+
+def test_sliders_have_the_limits_of_the_robot(viewer: ViserClient, feed: RobotFeed) -> None:
+    limits = feed.robot.limits
+    ends = [limits.speed_mps, limits.speed_mps, limits.turn_rate_rad_per_s]
+    for label, end in zip(SLIDERS, ends, strict=True):
+        assert viewer.control(label).props["max"] == end
+        assert viewer.control(label).props["min"] == -end
+
+
+def test_a_slider_tells_the_page_that_it_is_on(
+    desk: Desk, viewer: ViserClient, onlooker: ViserClient
+) -> None:
+    viewer.set("vx (m/s)", 0.5)
+    assert desk.move() == (PAGE, 0.5, 0.0, 0.0, "preview", False)
+    onlooker.set("omega (rad/s)", -1.0)
+    assert desk.move() == (OTHER_PAGE, 0.0, 0.0, -1.0, "preview", False)
+    viewer.set("latch", True)
+    assert desk.move() == (PAGE, 0.5, 0.0, 0.0, "preview", True)
+
+
+def test_a_change_of_mode_zeroes_the_sliders_first(desk: Desk, viewer: ViserClient) -> None:
+    """So a robot never starts to move by a click on a word."""
+    viewer.set("vx (m/s)", 0.5)
+    desk.move()
+    viewer.set("mode", "drive")
+    assert desk.move() == (PAGE, 0.0, 0.0, 0.0, "drive", False)
+    viewer.until(lambda: viewer.control("vx (m/s)").value == 0.0)
+    viewer.set("vy (m/s)", -0.25)
+    assert desk.move() == (PAGE, 0.0, -0.25, 0.0, "drive", False)
+
+
+def test_zero_is_all_sliders_at_once(desk: Desk, viewer: ViserClient) -> None:
+    for label in SLIDERS:
+        viewer.set(label, 0.25)
+        desk.move()
+    viewer.set("Zero", True)
+    assert desk.move() == (PAGE, 0.0, 0.0, 0.0, "preview", False)
+    viewer.until(lambda: all(viewer.control(label).value == 0.0 for label in SLIDERS))
+
+
+def test_a_page_that_lets_go_springs_its_own_sliders_back(
+    desk: Desk, viewer: ViserClient, onlooker: ViserClient
+) -> None:
+    for client in (viewer, onlooker):
+        client.set("vx (m/s)", 0.5)
+        desk.move()
+    desk.panels.reset_sliders(PAGE)
+    viewer.until(lambda: viewer.control("vx (m/s)").value == 0.0)
+    assert onlooker.control("vx (m/s)").value == 0.5
+    assert desk.moves.empty()  # It was the page that let go: it knows.
+
+
+@settings(deadline=None, max_examples=40)
+@given(numbers=st.lists(st.floats(), min_size=3, max_size=3))
+def test_no_client_can_ask_for_more_than_the_limits(made: Desk, numbers: list[float]) -> None:
+    """A client may send what no slider can: not a number, no end, or far too much."""
+    robot = RobotFeed()
+    if robot.id not in made.scene.visuals:
+        made.scene.add(robot)
+    with opened(made, PAGE) as viewer:
+        viewer.set("latch", True)
+        made.move()
+        for label, number in zip(SLIDERS, numbers, strict=True):
+            viewer.set(label, number)
+        viewer.set("latch", False)
+        while (move := made.move())[-1]:
+            pass
+    _, vx, vy, omega, _, _ = move
+    limits = robot.robot.limits
+    assert math.hypot(vx, vy) <= limits.speed_mps * (1.0 + 1e-9)
+    assert abs(omega) <= limits.turn_rate_rad_per_s * (1.0 + 1e-9)
+
+
+def test_a_mode_that_there_is_not_is_no_driving(desk: Desk, viewer: ViserClient) -> None:
+    viewer.set("mode", "ludicrous")
+    viewer.set("vx (m/s)", 0.25)
+    assert desk.move()[-2] == "preview"
+    viewer.set("mode", "drive")
+    assert desk.move()[-2] == "drive"
+
+
+def test_preview_shows_its_own_gimbals_to_its_own_client(
+    desk: Desk, feed: RobotFeed, viewer: ViserClient, onlooker: ViserClient
+) -> None:
+    viewer.set("omega (rad/s)", 1.5)
+    desk.move()
+    k = feed.kinematics.modules
+    viewer.until(lambda: all(hidden(viewer, kind) == [True] * k for kind in GIMBALS))
+    joints = feed.kinematics.inverse(np.array([0.0, 0.0, 1.5]))
+    poses = link_poses(feed.robot, SE2.identity(), joints)
+    for kind in GIMBALS:
+        assert tried(viewer, kind).visible
+        shown = np.reshape(tried(viewer, kind).props["batched_wxyzs"], (-1, 4))
+        np.testing.assert_allclose(shown, poses[kind].wxyz, atol=1e-6)
+    # Nothing of it is for others, nor for who comes later.
+    assert onlooker.own == {}
+    assert onlooker.shared["/w/r/tsd/mouter"].props["batched_scales"] is None
+
+
+def test_the_live_gimbals_come_back(desk: Desk, feed: RobotFeed, viewer: ViserClient) -> None:
+    viewer.set("vx (m/s)", 0.5)
+    desk.move()
+    viewer.until(lambda: tried(viewer, "wheel").visible)
+    desk.panels.reset_sliders(PAGE)
+    viewer.until(lambda: not tried(viewer, "wheel").visible)
+    viewer.until(lambda: not any(any(hidden(viewer, kind)) for kind in GIMBALS))
+    # All the while they were live.
+    joints = feed.kinematics.inverse(np.array([0.2, 0.1, 0.0]))
+    feed.say(joints=joints)
+    desk.scene.draw()
+    poses = link_poses(feed.robot, SE2.identity(), joints)["inner"]
+    viewer.until(
+        lambda: np.allclose(
+            np.reshape(viewer.shared["/w/r/tsd/minner"].props["batched_wxyzs"], (-1, 4)),
+            poses.wxyz,
+            atol=1e-6,
+        )
+    )
+
+
+def test_mode_drive_shows_no_preview(desk: Desk, viewer: ViserClient) -> None:
+    viewer.set("mode", "drive")
+    desk.move()
+    viewer.set("vx (m/s)", 0.5)
+    desk.move()
+    assert viewer.own == {}
+
+
+def test_preview_hides_the_gimbals_of_its_robot_only(
+    desk: Desk, feed: RobotFeed, viewer: ViserClient
+) -> None:
+    viewer.set("vx (m/s)", 0.5)
+    desk.move()
+    k = feed.kinematics.modules
+    viewer.until(lambda: hidden(viewer, "outer") == [True] * k)
+    desk.scene.add(RobotFeed("bob"))
+    viewer.until(lambda: hidden(viewer, "outer") == [True] * k + [False] * k)
+    desk.scene.remove(feed.id)
+    viewer.until(lambda: "/w/r/bob/mouter" in viewer.shared and not any(hidden(viewer, "outer")))
+
+
+def test_a_client_that_comes_before_the_robot_gets_its_sliders_with_it(desk: Desk) -> None:
+    with opened(desk, PAGE) as viewer:
+        assert viewer.control("vx (m/s)").props["disabled"]
+        desk.scene.add(RobotFeed())
+        viewer.until(lambda: not viewer.control("omega (rad/s)").props["disabled"])
+        viewer.until(lambda: viewer.control("omega (rad/s)").props["max"] == 3.0)
+
+
+def test_robots_can_be_chosen_when_there_are_several(desk: Desk, viewer: ViserClient) -> None:
+    assert not viewer.control("robot").props["visible"]
+    bob = RobotFeed("bob")
+    desk.scene.add(bob)
+    viewer.until(lambda: viewer.control("robot").props["visible"])
+    viewer.until(lambda: list(viewer.control("robot").props["options"]) == ["tsd", "bob"])
+    viewer.set("robot", "bob")
+    assert desk.choices.get(timeout=PATIENCE_S) == (PAGE, "bob")
+    # The world of this client now keeps bob in its place.
+    for x in (1.0, 2.0):
+        bob.say(pose=np.array([x, 0.5, 0.0]))
+        desk.scene.draw()
+        viewer.until(lambda x=x: np.allclose(viewer.node("/w").position, (-x, -0.5, 0.0)))
+
+
+def test_a_robot_chosen_elsewhere_in_the_page_is_chosen_here(
+    desk: Desk, viewer: ViserClient
+) -> None:
+    desk.scene.add(RobotFeed("bob"))
+    viewer.set("vx (m/s)", 0.5)
+    desk.move()
+    desk.panels.select_robot(PAGE, "bob")
+    viewer.until(lambda: viewer.control("robot").value == "bob")
+    viewer.until(lambda: viewer.control("vx (m/s)").value == 0.0)
+    assert desk.choices.empty()
+    desk.panels.select_robot(PAGE, "nobody")
+    assert viewer.control("robot").value == "bob"
+
+
+def test_a_panel_has_the_robot_of_its_page_as_soon_as_it_is_there(
+    desk: Desk, feed: RobotFeed
+) -> None:
+    """Else its sliders would be those of another robot than the one that they drive."""
+    del feed
+    desk.shown[PAGE] = "bob"
+    with opened(desk, PAGE) as viewer:
+        for _ in range(2):
+            desk.scene.add(RobotFeed("bob"))
+            viewer.until(lambda: viewer.control("robot").value == "bob")
+            desk.scene.remove("bob")
+            viewer.until(lambda: viewer.control("robot").value == "tsd")
+    desk.shown.clear()
+    assert desk.choices.empty()
+
+
+def test_each_client_hides_what_it_likes(
+    desk: Desk, viewer: ViserClient, onlooker: ViserClient
+) -> None:
+    nodes = {
+        "set-point": "/w/r/tsd/s",
+        "trail": "/w/k",
+        "covariance ellipse": "/w/r/tsd/e",
+        "labels": "/w/l",
+        "thrust arrows": "/w/r/tsd/a",
+    }
+    for label, node in nodes.items():
+        viewer.set(label, False)
+        viewer.until(lambda node=node: not viewer.own[node].visible)
+    viewer.set("trail", True)
+    viewer.until(lambda: "/w/k" not in viewer.own)
+    assert not viewer.node("/w/r/tsd/s").visible
+    assert onlooker.own == {}
+    assert desk.moves.empty()
+
+
+def test_a_client_may_always_see_the_true_pose_or_never(
+    desk: Desk, feed: RobotFeed, viewer: ViserClient
+) -> None:
+    feed.say(pose=np.zeros(3), truth=np.zeros(3))
+    desk.scene.draw()
+    viewer.until(lambda: not viewer.node("/w/t/tsd/c").visible)
+    viewer.set("true pose", "always")
+    viewer.until(lambda: viewer.node("/w/t/tsd/c").visible)
+    viewer.set("true pose", "never")
+    viewer.until(lambda: not viewer.node("/w/t").visible)
+    viewer.set("true pose", "when it differs")
+    viewer.until(lambda: viewer.node("/w/t").visible and not viewer.node("/w/t/tsd/c").visible)
+
+
+def test_a_client_that_does_not_follow_sees_the_robot_drive_away(
+    desk: Desk, feed: RobotFeed, viewer: ViserClient, onlooker: ViserClient
+) -> None:
+    def say(x: float) -> None:
+        feed.say(pose=np.array([x, 0.0, 0.0]))
+        desk.scene.draw()
+        onlooker.until(lambda: np.allclose(onlooker.node("/w").position, (-x, 0.0, 0.0)))
+
+    say(1.0)
+    viewer.set("follow", False)
+    viewer.until(lambda: np.allclose(viewer.own["/w"].position, (-1.0, 0.0, 0.0)))
+    say(2.0)
+    assert np.allclose(viewer.node("/w").position, (-1.0, 0.0, 0.0))
+    viewer.set("follow", True)
+    viewer.until(lambda: "/w" not in viewer.own)
+    viewer.until(lambda: np.allclose(viewer.node("/w").position, (-2.0, 0.0, 0.0)))
+
+
+@pytest.mark.parametrize("side", ["iso", "behind", "top"])
+def test_the_camera_turns_to_the_robot(
+    desk: Desk, feed: RobotFeed, viewer: ViserClient, side: str
+) -> None:
+    heading = 0.5 * math.pi
+    feed.say(pose=np.array([4.0, 0.0, heading]))
+    desk.scene.draw()
+    viewer.set("follow", False)
+    viewer.until(lambda: "/w" in viewer.own)
+    feed.say(pose=np.array([5.0, 0.0, heading]))
+    desk.scene.draw()
+    viewer.camera.clear()
+    viewer.set("camera", side)
+    viewer.until(lambda: viewer.camera["SetCameraLookAtMessage"])
+    at = viewer.camera["SetCameraLookAtMessage"]["look_at"]
+    eye = np.array(viewer.camera["SetCameraPositionMessage"]["position"])
+    np.testing.assert_allclose(at[:2], (1.0, 0.0), atol=1e-6)  # A metre farther than the world.
+    assert eye[2] > 0.2
+    if side == "behind":
+        np.testing.assert_allclose(eye[0], at[0], atol=1e-6)
+        assert eye[1] < -0.5
+
+
+def test_colours_are_a_matter_of_the_client(viewer: ViserClient, onlooker: ViserClient) -> None:
+    viewer.set("dark", False)
+    viewer.until(lambda: viewer.dark is False)
+    assert onlooker.dark is True
+
+
+def test_a_client_without_a_page_moves_its_own_picture_only(desk: Desk, feed: RobotFeed) -> None:
+    del feed
+    with opened(desk, None) as viewer:
+        viewer.set("vx (m/s)", 0.5)
+        viewer.until(lambda: tried(viewer, "wheel").visible)
+    assert desk.moves.empty()
+
+
+def test_the_page_of_a_client_is_what_the_gateway_says(desk: Desk) -> None:
+    for page in (PAGE, None):
+        with opened(desk, page):
+            (client_id,) = desk.server.get_clients()
+            assert page_of(desk.server, client_id) == page
+        assert page_of(desk.server, 123456) is None

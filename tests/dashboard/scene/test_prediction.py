@@ -1,0 +1,163 @@
+"""The area on the floor holds what a robot does when its link dies; at rest there is nothing."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.support.controller_harness import ROBOT, ControllerHarness
+from tests.support.robot_feed import RobotFeed
+from tsd_twin.dashboard.robot_client import RoundTrips, SentCommand
+from tsd_twin.dashboard.scene.overlays import swept_outline
+from tsd_twin.dashboard.scene.prediction import MotionPredictor, Prediction
+from tsd_twin.lie import SE2, Array
+from tsd_twin.messages.ros import BASE, ODOM
+from tsd_twin.messages.status import LimitStatus, Status
+from tsd_twin.safety import Mode
+from tsd_twin.simulation import SimRobot
+
+DRIVE = ROBOT.kinematics()
+REACH_M = 0.25
+WITHIN_M = 0.01
+speeds = st.floats(-0.7, 0.7)
+twists = st.tuples(speeds, speeds, st.floats(-3.0, 3.0))
+
+AGE_S = ROBOT.limits.max_command_age_s
+
+
+def trips_of(trip_s: float | None) -> RoundTrips:
+    trips = RoundTrips()
+    if trip_s is not None:
+        trips.add(trip_s)
+    return trips
+
+
+def look(
+    feed: RobotFeed,
+    twist: Array,
+    mode: str,
+    trip_s: float | None,
+    sent: list[SentCommand],
+    max_age_s: float,
+) -> Prediction:
+    status = Status(mode, limits=LimitStatus(1.0, 3.0, max_age_s))
+    setpoint = DRIVE.inverse(twist)
+    feed.say(pose=np.zeros(3), setpoint=setpoint, status=status)
+    return MotionPredictor(DRIVE, ROBOT).predict(feed.snapshot, setpoint, sent, trips_of(trip_s))
+
+
+def commands(feed: RobotFeed, twist: Array, frame: str = BASE) -> list[SentCommand]:
+    """Fifty a second, up to now."""
+    return [SentCommand(feed.now_s - 0.02 * i, twist, frame) for i in range(40, 0, -1)]
+
+
+@pytest.mark.parametrize("delay_periods", [0, 5, 10])
+@pytest.mark.parametrize("omega", [0.0, 1.5, -3.0])
+def test_a_robot_whose_link_dies_comes_to_rest_within_what_was_drawn(
+    delay_periods: int, omega: float
+) -> None:
+    """Simulated, with the commands under way arriving, and up to its true standstill."""
+    rig = ControllerHarness(SimRobot(ROBOT))
+    pilot = rig.get_ready()
+    twist = np.array([0.8, -0.3, omega])
+    rig.drive(pilot, twist.tolist(), 1.0)
+    assert rig.mode is Mode.DRIVING
+    pose, setpoint = rig.pose, rig.setpoint
+    feed = RobotFeed()
+    sent = commands(feed, twist)
+    status = Status("driving", limits=LimitStatus(1.0, 3.0, AGE_S))
+    feed.say(pose=pose, setpoint=setpoint, status=status)
+    trips = trips_of(delay_periods * 0.01)
+    path = MotionPredictor(DRIVE, ROBOT).predict(feed.snapshot, setpoint, sent, trips).path
+    assert path is not None
+    # What was under way still arrives; then nothing does.
+    seen = rig.status_seq
+    for period in range(delay_periods):
+        if period % 2 == 0:
+            rig.inbox.append(rig.sample(pilot, twist.tolist(), status_seq=seen))
+        rig.tick()
+    start, corners = SE2(pose), swept_outline(path, REACH_M)
+    farthest = 0.0
+    for _ in range(100):
+        rig.tick()
+        there = start.inverse().transform(rig.truth()[:2])
+        farthest = max(farthest, float(np.hypot(*there)))
+        assert depth_m(corners, there) >= REACH_M - WITHIN_M
+    assert not rig.twist.any()
+    drawn = max(float(np.hypot(*point)) for point in path[:, :2])
+    assert drawn < farthest + 0.06, "no more is drawn than the rules allow"
+
+
+def depth_m(corners: Array, point: Array) -> float:
+    """How deep a point lies within a convex polygon; negative outside."""
+    edges = np.roll(corners, -1, axis=0) - corners
+    inward = np.stack([-edges[:, 1], edges[:, 0]], axis=-1)
+    inward /= np.linalg.norm(inward, axis=-1, keepdims=True)
+    return float(((point - corners) * inward).sum(axis=-1).min())
+
+
+@given(
+    path=st.lists(st.tuples(speeds, speeds), min_size=1, max_size=20), reach_m=st.floats(0.05, 1.0)
+)
+def test_the_outline_holds_a_disc_about_every_point_of_the_path(
+    path: list[tuple[float, float]], reach_m: float
+) -> None:
+    corners = swept_outline(np.array(path), reach_m)
+    distinct = corners[np.linalg.norm(corners - np.roll(corners, -1, axis=0), axis=-1) > 1e-9]
+    for point in path:
+        assert depth_m(distinct, np.array(point)) >= reach_m - 1e-9
+
+
+@pytest.mark.parametrize("mode", ["disarmed", "ready", "stopped", "fault"])
+def test_at_rest_there_is_nothing_to_show(mode: str) -> None:
+    outlook = look(RobotFeed(), np.zeros(3), mode, 0.2, [], AGE_S)
+    assert outlook.arrival_pose is None
+    assert outlook.path is None
+
+
+@given(twist=twists)
+def test_a_ghost_is_shown_to_who_drives_over_a_delay_only(
+    twist: tuple[float, float, float],
+) -> None:
+    asked = np.array(twist)
+    feed = RobotFeed()
+    sent = commands(feed, asked)
+    ghost = look(feed, asked, "driving", 0.15, sent, AGE_S).arrival_pose
+    assert ghost is not None
+    if math.hypot(*twist[:2]) > 0.05:
+        assert np.hypot(*ghost[:2]) > 0.0
+    assert look(feed, asked, "driving", 0.02, sent, AGE_S).arrival_pose is None
+    assert look(feed, asked, "driving", None, sent, AGE_S).arrival_pose is None
+    assert look(feed, asked, "driving", 0.15, [], AGE_S).arrival_pose is None, (
+        "another dashboard drives"
+    )
+
+
+def test_who_knows_no_delay_draws_the_most_that_the_rules_allow() -> None:
+    forward = np.array([1.0, 0.0, 0.0])
+    feed = RobotFeed()
+    sent = commands(feed, forward)
+    near = look(feed, forward, "driving", 0.01, sent, AGE_S).path
+    unknown = look(feed, forward, "driving", None, sent, AGE_S).path
+    watching = look(feed, forward, "driving", 0.01, [], AGE_S).path
+    slow = look(feed, forward, "driving", 9.0, sent, AGE_S).path
+    reach = [path[-1, 0] for path in (near, unknown, watching, slow) if path is not None]
+    # 0.2 s of silence, never longer than a command may be old, and braking from 1 m/s at 6 m/s^2.
+    assert reach[0] == pytest.approx(AGE_S + 1.0 / 12.0, abs=0.06)
+    assert reach[3] == pytest.approx(AGE_S + 1.0 / 12.0, abs=0.06)
+    # Another dashboard may have seen a status that was sent later by as much.
+    assert reach[1:3] == pytest.approx([2 * AGE_S + 1.0 / 12.0] * 2, abs=0.06)
+
+
+def test_a_command_in_the_axes_of_the_world_does_not_turn_with_the_robot() -> None:
+    feed = RobotFeed()
+    sent = commands(feed, np.array([0.5, 0.0, 2.0]), ODOM)
+    ghost = look(feed, np.array([0.5, 0.0, 2.0]), "driving", 0.3, sent, 1.0).arrival_pose
+    assert ghost is not None
+    assert ghost[0] == pytest.approx(0.15, abs=0.02)
+    assert abs(ghost[1]) < 0.02
+    assert ghost[2] == pytest.approx(0.6, abs=0.05)

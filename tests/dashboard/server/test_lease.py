@@ -1,0 +1,161 @@
+"""Control changes hands between two dashboards that share nothing but the bus."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from contextlib import ExitStack
+from typing import Any, NamedTuple
+
+import pytest
+
+from tests.support.page_client import Page, Site, robot_on_a_bus
+from tests.support.recorders import CommandRecorder, settle
+from tsd_twin.bus import Bus, client_config
+
+ALICE, BOB, CAROL = "a" * 16, "b" * 16, "c" * 16
+NO_VISER = 1
+
+
+class Two(NamedTuple):
+    """Two gateways, each with a bus of its own."""
+
+    here: Site
+    there: Site
+
+
+@pytest.fixture(scope="module")
+def two() -> Generator[Two]:
+    with ExitStack() as stack:
+        endpoint = stack.enter_context(robot_on_a_bus())
+        sites: list[Site] = []
+        for _ in range(2):
+            bus = stack.enter_context(Bus(client_config([endpoint])))
+            sites.append(Site(bus, NO_VISER, None))
+            stack.callback(sites[-1].close)
+        yield Two(*sites)
+
+
+def lease(page: Page) -> dict[str, Any]:
+    return page.state["status"]["lease"]
+
+
+def press(page: Page, op: str, **fields: Any) -> dict[str, Any]:
+    return page.answer("lease", t="lease", op=op, **fields)
+
+
+def ask(bob: Page, alice: Page) -> None:
+    """Let bob ask, and wait until alice sees it."""
+    bob.until(lambda: lease(bob)["holder"] == alice.operator)
+    bob.until(lambda: press(bob, "request")["ok"])
+    alice.until(lambda: lease(alice)["asked_by"] == bob.operator)
+
+
+def told(page: Page, text: str) -> Any:
+    return page.until(
+        lambda: [e for e in page.all("event") if text in e["text"] and not e["past"]]
+    )[-1]
+
+
+def test_a_grant_moves_control_to_another_dashboard_and_stops_the_robot(two: Two) -> None:
+    with two.here.page(ALICE) as alice, two.there.page(BOB) as bob:
+        alice.make_ready()
+        alice.drive()
+        ask(bob, alice)
+        settle(alice)
+        assert alice.state["you"], "a request changes nothing"
+        told(alice, f"{bob.operator} asks {alice.operator} for control")
+        from_alice, from_bob = CommandRecorder(two.here, alice), CommandRecorder(two.there, bob)
+        bob.holds = {"vx": 0.2, "vy": 0.0, "omega": 0.0}  # Too early.
+        assert press(alice, "grant", asker=bob.operator)["ok"]
+        bob.until(lambda: bob.state["you"])
+        bob.until(lambda: bob.mode == "ready")
+        settle(bob)
+        assert bob.mode == "ready", "control never moves with a stick that is held"
+        assert not alice.state["you"]
+        assert not any(command.twist.any() for command in from_bob.take())
+        assert not any(command.twist.any() for command in from_alice.take()[-1:])
+        bob.send(t="release")
+        bob.until(lambda: bob.mode == "driving")
+
+
+def test_control_that_is_kept_stays_where_it_is(two: Two) -> None:
+    with two.here.page(ALICE) as alice, two.there.page(BOB) as bob:
+        alice.make_ready()
+        alice.drive()
+        ask(bob, alice)
+        assert press(alice, "deny", asker=bob.operator)["ok"]
+        told(bob, f"{alice.operator} keeps control")
+        bob.until(lambda: lease(bob)["asked_by"] is None)
+        settle(bob)
+        assert alice.state["you"]
+        assert "ask again" in press(bob, "request")["reason"]
+
+
+def test_a_request_is_withdrawn_by_hand_and_when_its_page_goes(two: Two) -> None:
+    with two.here.page(ALICE) as alice:
+        alice.make_ready()
+        with two.there.page(BOB) as bob:
+            ask(bob, alice)
+            assert press(bob, "withdraw")["ok"]
+            alice.until(lambda: lease(alice)["asked_by"] is None)
+            ask(bob, alice)
+        alice.until(lambda: lease(alice)["asked_by"] is None)
+        assert not press(alice, "grant", asker=bob.operator)["ok"]
+        assert alice.state["you"]
+
+
+def test_who_asks_and_falls_asleep_asks_no_longer(two: Two) -> None:
+    with two.here.page(ALICE) as alice, two.there.page(BOB) as bob:
+        alice.make_ready()
+        ask(bob, alice)
+        bob.beats = False
+        told(alice, f"{bob.operator} asks for control no longer")
+
+
+def test_a_holder_who_leaves_leaves_control_to_who_asks(two: Two) -> None:
+    with two.there.page(BOB) as bob:
+        with two.here.page(ALICE) as alice:
+            alice.make_ready()
+            alice.drive()
+            ask(bob, alice)
+        bob.until(lambda: bob.state["you"])
+        bob.until(lambda: bob.mode == "ready")
+
+
+def test_nobody_else_answers_and_nobody_else_gets_it(two: Two) -> None:
+    with (
+        two.here.page(ALICE) as alice,
+        two.there.page(BOB) as bob,
+        two.here.page(CAROL) as carol,
+    ):
+        alice.make_ready()
+        ask(bob, alice)
+        carol.until(lambda: carol.state)
+        assert "asks already" in press(carol, "request")["reason"]
+        for op in ("grant", "deny"):
+            assert press(carol, op, asker=bob.operator)["reason"] == "take control first"
+            assert not press(alice, op, asker=carol.operator)["ok"]
+        assert alice.state["you"]
+
+
+def test_a_take_over_tells_everybody_why(two: Two) -> None:
+    with two.here.page(ALICE) as alice, two.there.page(BOB) as bob:
+        alice.make_ready()
+        bob.until(lambda: lease(bob)["holder"] == alice.operator)
+        assert press(bob, "acquire", take_over=True, reason="it is my shift")["ok"]
+        for page in (alice, bob):
+            told(page, f"{bob.operator} took control over from {alice.operator}: it is my shift.")
+
+
+def test_a_control_that_is_held_before_control_is_taken_does_nothing(two: Two) -> None:
+    with two.here.page(ALICE) as alice, two.there.page(BOB) as bob:
+        alice.make_ready()
+        bob.until(lambda: bob.state)
+        bob.holds = {"vx": 0.2, "vy": 0.0, "omega": 0.0}
+        bob.until(lambda: bob.last("released")["reason"] == "you do not have control")
+        commands = CommandRecorder(two.there, bob)
+        assert bob.take(take_over=True)["ok"]
+        bob.until(lambda: bob.state["you"] and bob.mode == "ready")
+        settle(bob)
+        assert commands.take() == []
+        assert bob.mode == "ready"

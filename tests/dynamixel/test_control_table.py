@@ -1,0 +1,81 @@
+"""The control table and what is made from it."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.support.markdown_pages import ROOT
+from tsd_twin.dynamixel import control_table, render
+from tsd_twin.dynamixel.__main__ import main
+from tsd_twin.dynamixel.blocks import Command, Identity, Setup, Telemetry
+from tsd_twin.dynamixel.control_table import ADDRESS, BLOCKS
+
+BLOCK_TYPES = (Identity, Setup, Command, Telemetry)
+
+
+@pytest.mark.parametrize("name", sorted(render.files()))
+def test_the_committed_files_are_those_that_are_made(name: str) -> None:
+    assert (ROOT / name).read_text("utf-8") == render.files()[name], (
+        "run: python -m tsd_twin.dynamixel"
+    )
+
+
+def test_the_program_writes_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--to", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out.split()
+    written = {path.relative_to(tmp_path).as_posix() for path in map(Path, printed)}
+    assert written == set(render.files())
+    for name, text in render.files().items():
+        assert (tmp_path / name).read_text("utf-8") == text
+
+
+def test_who_it_is_stands_first() -> None:
+    """Whatever else changes: a bridge must be able to see that it has met another table."""
+    assert [ADDRESS[name] for name in ("model", "fw", "table_version")] == [0, 2, 3]
+
+
+def test_names_are_there_once_and_limits_hold_the_default() -> None:
+    items = [item for block in BLOCKS for item in block.items]
+    assert len({item.name for item in items}) == len(items)
+    for block in BLOCKS:
+        for item in block.items:
+            assert (item.limits is None) == (block.access == "r"), item.name
+            if item.limits:
+                assert item.limits[0] <= item.default <= item.limits[1], item.name
+
+
+@pytest.mark.parametrize(("kind", "block"), list(zip(BLOCK_TYPES, BLOCKS, strict=True)))
+def test_structs_lie_where_the_table_says(kind: type, block: control_table.Block) -> None:
+    assert kind.__name__.lower() == block.name
+    assert ADDRESS[block.name] == kind.ADDRESS
+    assert kind.LAYOUT.size == block.size
+    assert kind.unpack(kind().pack()) == kind()
+
+
+@given(st.binary(min_size=Telemetry.LAYOUT.size, max_size=Telemetry.LAYOUT.size))
+def test_any_bytes_are_a_telemetry_that_packs_to_them(data: bytes) -> None:
+    assert Telemetry.unpack(data).pack() == data
+
+
+def test_a_compiler_places_the_items_where_the_structs_have_them(tmp_path: Path) -> None:
+    compiler = shutil.which("gcc") or shutil.which("cc")
+    assert compiler, "a C compiler is needed"
+    names = [item.name for block in BLOCKS for item in block.items]
+    prints = "".join(f'  P("{name}", offsetof(control_table_t, {name}));\n' for name in names)
+    source = tmp_path / "where.c"
+    source.write_text(
+        f'#include <stddef.h>\n#include <stdio.h>\n#include "{ROOT}/firmware/control_table.h"\n'
+        '#define P(name, at) printf("%s %d\\n", name, (int)(at))\n'
+        f"int main(void) {{\n{prints}  return 0;\n}}\n"
+    )
+    program = tmp_path / "where"
+    subprocess.run([compiler, "-Wall", "-Werror", str(source), "-o", str(program)], check=True)
+    output = subprocess.run([str(program)], check=True, capture_output=True, text=True).stdout
+    found = dict(line.split() for line in output.splitlines())
+    assert {name: int(at) for name, at in found.items()} == {n: ADDRESS[n] for n in names}

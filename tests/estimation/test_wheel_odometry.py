@@ -1,0 +1,260 @@
+"""Odometry against an integration that shares nothing with it, and its covariance against dice."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tsd_twin import robots
+from tsd_twin.estimation import PlanarOdometry
+from tsd_twin.estimation.wheel_odometry import CORRELATION_S
+from tsd_twin.lie import SE2, Array
+from tsd_twin.robots import JointErrors
+
+ROBOT = robots.load_robot("tsd")
+DRIVE = ROBOT.kinematics()
+EXACT = JointErrors()
+DT_S = 0.01
+
+unhurried = settings(deadline=None, max_examples=25)
+
+
+def new_odometry(noise: JointErrors = EXACT) -> PlanarOdometry:
+    return PlanarOdometry(DRIVE, noise)
+
+
+# The pose.
+
+
+def body_velocity(joints: Array, rates: Array) -> Array:
+    """The twist that spheres turned by gimbals give a plate on them."""
+    return solved(joints, rates)[0]
+
+
+def solved(joints: Array, rates: Array) -> tuple[Array, float]:
+    """That twist, and the squares of what it leaves of the rolling: solid bodies, no formulas."""
+    rows, ground = [], []
+    for i, azimuth in enumerate(DRIVE.azimuths_rad):
+        alpha, beta, spin = joints[3 * i : 3 * i + 3]
+        alpha_rate, beta_rate = rates[3 * i : 3 * i + 2]
+        outward = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        up = np.array([0.0, 0.0, 1.0])
+        along = np.cross(outward, up)
+        # The inner gimbal's axis is turned by the outer one; positive alpha tips the axle outward.
+        inner = np.cos(beta) * along - np.sin(beta) * up
+        upright = np.sin(beta) * along + np.cos(beta) * up
+        axle = np.cos(alpha) * upright + np.sin(alpha) * outward
+        omega = spin * axle + beta_rate * outward - alpha_rate * inner
+        # What is at rest on the floor is a wheel's radius below the centre of the sphere.
+        ground.append(-np.cross(omega, -DRIVE.wheel_radius_m * up)[:2])
+        x, y = DRIVE.pivot_radius_m * outward[:2]
+        rows.append([[1.0, 0.0, -y], [0.0, 1.0, x]])
+    twist, left, *_ = np.linalg.lstsq(np.concatenate(rows), np.concatenate(ground), rcond=None)
+    return twist, float(left[0])
+
+
+def integrated(joints_at: Callable[[float], Array], seconds: float, step_s: float) -> Array:
+    """x, y, heading by the classic Runge-Kutta rule in the world's axes."""
+
+    def rate(t_s: float, pose: Array) -> Array:
+        nudge = 1e-6
+        rates = (joints_at(t_s + nudge) - joints_at(t_s - nudge)) / (2 * nudge)
+        vx, vy, omega = body_velocity(joints_at(t_s), rates)
+        c, s = np.cos(pose[2]), np.sin(pose[2])
+        return np.array([c * vx - s * vy, s * vx + c * vy, omega])
+
+    pose = np.zeros(3)
+    for i in range(round(seconds / step_s)):
+        t_s = i * step_s
+        k1 = rate(t_s, pose)
+        k2 = rate(t_s + step_s / 2, pose + step_s / 2 * k1)
+        k3 = rate(t_s + step_s / 2, pose + step_s / 2 * k2)
+        k4 = rate(t_s + step_s, pose + step_s * k3)
+        pose = pose + step_s / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return pose
+
+
+@unhurried
+@given(
+    amplitudes=st.lists(st.floats(-0.2, 0.2), min_size=6, max_size=6),
+    phases=st.lists(st.floats(0.0, 6.0), min_size=6, max_size=6),
+    spins=st.lists(st.floats(200.0, 300.0), min_size=3, max_size=3),
+)
+def test_it_follows_rolling_spheres_also_when_they_disagree(
+    amplitudes: list[float], phases: list[float], spins: list[float]
+) -> None:
+    """Each gimbal swings on its own, up to 0.5 rad/s and 11 degrees: more than driving asks."""
+
+    def joints_at(t_s: float) -> Array:
+        joints = np.zeros(9)
+        for i, (amplitude, phase) in enumerate(zip(amplitudes, phases, strict=True)):
+            joints[i + i // 2] = amplitude * np.sin(2.5 * t_s + phase)
+        joints[2::3] = spins
+        return joints
+
+    odometry = new_odometry()
+    for i in range(201):
+        odometry.advance(joints_at(i * DT_S), DT_S)
+    # The first sample is where it starts from, moving as it does then, for one period.
+    start = new_odometry()
+    start.advance(joints_at(0.0), DT_S)
+    moved = (start.pose.inverse() @ odometry.pose).xy_heading
+    np.testing.assert_allclose(moved, integrated(joints_at, 2.0, 0.02), atol=5e-4)
+
+
+@given(
+    twist=st.tuples(*[st.floats(-0.7, 0.7)] * 2, st.floats(-3.0, 3.0)),
+    periods=st.integers(1, 300),
+)
+def test_a_constant_twist_is_an_arc_to_the_last_digit(
+    twist: tuple[float, float, float], periods: int
+) -> None:
+    odometry = new_odometry()
+    for _ in range(periods):
+        odometry.advance(DRIVE.inverse(np.array(twist)), DT_S)
+    t_s = periods * DT_S
+    vx, vy, omega = twist
+    # The integral of a turning velocity, as a complex number.
+    turn = 1j * omega * t_s
+    chord = (np.expm1(turn) / turn if abs(turn) > 1e-8 else 1.0 + turn / 2) * t_s * (vx + 1j * vy)
+    np.testing.assert_allclose(
+        odometry.pose.xy_heading, [chord.real, chord.imag, omega * t_s], atol=1e-9
+    )
+    np.testing.assert_allclose(odometry.motion.twist, twist, atol=1e-12)
+
+
+def test_tilting_and_coming_back_leaves_no_more_than_was_driven() -> None:
+    """The terms in the gimbal rates cancel over a closed movement, at any period."""
+    for dt_s in (0.002, 0.01, 0.04):
+        odometry = new_odometry()
+        for t_s in np.arange(0.0, 1.0 + dt_s / 2, dt_s):
+            joints = np.zeros(9)
+            joints[0::3] = 0.3 * np.sin(np.pi * t_s) ** 2
+            odometry.advance(joints, dt_s)
+        np.testing.assert_allclose(odometry.pose.xy_heading[:2], 0.0, atol=1e-12)
+
+
+def test_the_first_measurement_moves_nothing_by_being_the_first() -> None:
+    odometry = new_odometry()
+    tilted = np.zeros(9)
+    tilted[0::3] = 0.4  # With wheels at rest.
+    odometry.advance(tilted, DT_S)
+    np.testing.assert_array_equal(odometry.pose.xy_heading, 0.0)
+
+
+def test_a_pose_that_is_set_is_kept_and_certain() -> None:
+    odometry = new_odometry(ROBOT.joint_errors())
+    drive_for(odometry, np.array([0.5, 0.0, 1.0]), 1.0)
+    where = np.array([1.0, -2.0, 7.0])
+    odometry.set_pose(SE2(where))
+    np.testing.assert_array_equal(odometry.pose.xy_heading, [1.0, -2.0, 7.0])
+    np.testing.assert_array_equal(odometry.pose_covariance, 0.0)
+
+
+# The covariance.
+
+
+def drive_for(odometry: PlanarOdometry, twist: Array, seconds: float) -> None:
+    for _ in range(round(seconds / DT_S)):
+        odometry.advance(DRIVE.inverse(twist), DT_S)
+
+
+twists = st.tuples(*[st.floats(-0.7, 0.7)] * 2, st.floats(-3.0, 3.0)).map(np.array)
+
+
+@given(script=st.lists(twists, min_size=1, max_size=5))
+def test_covariances_are_symmetric_never_negative_and_never_shrink(script: list[Array]) -> None:
+    odometry = new_odometry(ROBOT.joint_errors())
+    volume, heading_variance = 0.0, 0.0
+    for twist in script:
+        drive_for(odometry, twist, 0.1)
+        for covariance in (odometry.pose_covariance, odometry.twist_covariance):
+            scale = np.abs(covariance).max()
+            np.testing.assert_allclose(covariance, covariance.T, rtol=0, atol=1e-12 * scale)
+            assert np.linalg.eigvalsh(covariance).min() >= -1e-12 * scale
+        # What is known can be moved about by driving, but there is never more of it.
+        assert np.linalg.det(odometry.pose_covariance) >= volume * (1.0 - 1e-9)
+        assert odometry.pose_covariance[2, 2] > heading_variance
+        volume = np.linalg.det(odometry.pose_covariance)
+        heading_variance = odometry.pose_covariance[2, 2]
+
+
+@given(twist=twists, heading=st.floats(-3.0, 3.0))
+def test_how_much_is_known_does_not_depend_on_where_north_is(twist: Array, heading: float) -> None:
+    """Turned as a whole, the same drive has the same covariance, turned."""
+    straight, turned = new_odometry(ROBOT.joint_errors()), new_odometry(ROBOT.joint_errors())
+    turned.set_pose(SE2(np.array([0.0, 0.0, heading])))
+    for odometry in (straight, turned):
+        drive_for(odometry, twist, 0.5)
+    c, s = np.cos(heading), np.sin(heading)
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    np.testing.assert_allclose(
+        turned.pose_covariance, turn @ straight.pose_covariance @ turn.T, rtol=1e-9, atol=1e-15
+    )
+
+
+@given(
+    twist=twists.map(lambda twist: 0.5 * twist),
+    joint=st.sampled_from([0, 1, 3, 4, 6, 7]),
+    off_rad=st.floats(0.01, 0.02),
+)
+def test_what_joints_contradict_one_another_by_is_doubted_as_much(
+    twist: Array, joint: int, off_rad: float
+) -> None:
+    """A gimbal that sticks: variances grow as the squares of what no motion explains."""
+    doubts, lefts = [], []
+    for size in (0.0, off_rad, 2.0 * off_rad):
+        joints = DRIVE.inverse(twist)
+        joints[joint] += size
+        odometry = new_odometry(ROBOT.joint_errors())
+        for _ in range(100):
+            odometry.advance(joints, DT_S)
+        doubts.append((np.trace(odometry.twist_covariance), odometry.pose_covariance[2, 2]))
+        lefts.append(solved(joints, np.zeros(9))[1])
+    grown, expected = np.array(doubts[2]) / doubts[1], lefts[2] / lefts[1]
+    # What noise makes of a residual depends a little on how far gimbals lean.
+    np.testing.assert_allclose(grown, expected, rtol=0.25)
+    assert doubts[1][0] > 4.0 * doubts[0][0]
+    assert doubts[1][1] > 4.0 * doubts[0][1]
+
+
+def test_without_noise_in_the_description_nothing_is_uncertain() -> None:
+    odometry = new_odometry()
+    drive_for(odometry, np.array([0.5, 0.2, 1.0]), 2.0)
+    assert np.abs(odometry.pose_covariance).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    "twist",
+    [[1.0, 0.0, 0.0], [0.0, -0.7, 0.0], [0.0, 0.0, 2.0], [0.5, 0.0, 1.0]],
+    ids=["straight", "strafe", "turn", "circle"],
+)
+def test_errors_that_last_as_long_as_is_assumed_spread_as_far_as_is_claimed(
+    twist: list[float],
+) -> None:
+    """Joints are wrong by errors that are drawn anew after each correlation time."""
+    random = np.random.default_rng(1)
+    noise, spans, runs = ROBOT.joint_errors(), 3, 150
+    joints = DRIVE.inverse(np.array(twist))
+    sigma = np.where(np.arange(9) % 3 == 2, noise.spin_share * joints, noise.angle_rad)
+    claim = new_odometry(noise)
+    drive_for(claim, np.array(twist), spans * CORRELATION_S)
+    ends = []
+    for _ in range(runs):
+        pose = claim.pose.identity()
+        for _ in range(spans):
+            wrong = joints + sigma * random.standard_normal(9)
+            pose = DRIVE.integrate(pose, DRIVE.forward(wrong).twist, CORRELATION_S)
+        ends.append(pose.xy_heading)
+    spread = np.cov(np.array(ends).T)
+    errors = np.array(ends) - claim.pose.xy_heading
+    # Squared distance in units of the claim: three on average if the claim is right.
+    normalised = np.einsum("ij,jk,ik->i", errors, np.linalg.inv(claim.pose_covariance), errors)
+    assert 2.0 < normalised.mean() < 4.5
+    ratio = np.sqrt(np.diag(spread) / np.diag(claim.pose_covariance))
+    assert (ratio > 0.7).all()
+    assert (ratio < 1.4).all()

@@ -1,0 +1,420 @@
+"""The joints behind a board, over a real pty, with a board that does as the test says."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.support.faulty_devices import Peer, PretendBoard, plugged
+from tsd_twin import robots
+from tsd_twin.dynamixel import protocol2
+from tsd_twin.dynamixel.blocks import Command, Identity, Setup
+from tsd_twin.dynamixel.control_table import BoardMode, Trip
+from tsd_twin.hardware import HardwareError, MegaHardware, ServoCalibration
+from tsd_twin.hardware.serial_transport import LIMIT, WINDOW_S
+from tsd_twin.node import HasWatchdog, RobotIO
+from tsd_twin.safety import Heartbeat
+from tsd_twin.simulation import Motors
+
+PATIENCE_S = 60.0
+ROBOT = robots.description_of_kind(robots.load_robot("tsd"), robots.SingularityDescription)
+DRIVE = ROBOT.kinematics()
+REST = np.zeros(9)
+TRIES = 5
+AHEAD = DRIVE.inverse(np.array([0.5, 0.0, 0.0]))
+
+
+def wait_until(condition: Callable[[], object], what: str) -> None:
+    end_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end_s, what
+        time.sleep(0.002)
+
+
+class Bench:
+    """A robot, its pretended board, and somebody who writes set-points as the node does."""
+
+    def __init__(self, board: PretendBoard, peer: Peer, robot: MegaHardware) -> None:
+        self.board, self.peer, self.robot = board, peer, robot
+        self.words = 0
+
+    def write(self, setpoint: np.ndarray = REST, *, armed: bool = False) -> None:
+        self.words += 1
+        now_s = time.monotonic()
+        self.robot.set_heartbeat(Heartbeat(armed, self.words))
+        self.robot.write(setpoint, now_s)
+
+    def until(self, condition: Callable[[], object], what: str, **how: object) -> None:
+        """Write as the node does until something is the case."""
+
+        def met() -> object:
+            self.write(**how)  # type: ignore[arg-type]
+            return condition()
+
+        wait_until(met, f"{what}: {self.fault!r} {self.robot.hardware()}")
+
+    @property
+    def fault(self) -> str:
+        return self.robot.fault(time.monotonic())
+
+    @property
+    def told(self) -> Command:
+        return self.board.commands[-1]
+
+    @property
+    def armed(self) -> bool:
+        return self.robot.hardware().get("board") == "armed" and self.told.arm == 1
+
+    @property
+    def broken(self) -> int:
+        return self.robot.hardware()["link"]["broken"]
+
+    def arm(self, setpoint: np.ndarray = REST) -> None:
+        """Arm, from disarmed; again if this machine was too busy to write in time."""
+        end_s = time.monotonic() + PATIENCE_S
+        while not self.armed or (setpoint.any() and not any(self.told.goal)):
+            assert time.monotonic() < end_s, (self.fault, self.robot.hardware())
+            self.write(setpoint, armed=not self.fault)
+            time.sleep(0.005)
+
+    def disarm(self) -> None:
+        self.until(lambda: self.told.arm == 0, "disarmed")
+
+
+@contextmanager
+def bench(folder: Path, board: PretendBoard | None = None) -> Iterator[Bench]:
+    board = board or PretendBoard()
+    with plugged(folder, board) as peer:
+        robot = MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
+        try:
+            yield Bench(board, peer, robot)
+        finally:
+            robot.close()
+
+
+@pytest.fixture
+def it(tmp_path: Path) -> Generator[Bench]:
+    with bench(tmp_path) as made:
+        yield made
+
+
+def test_it_has_the_face_that_the_node_needs(it: Bench) -> None:
+    io: RobotIO = it.robot
+    assert isinstance(io, HasWatchdog)
+
+
+def test_the_board_is_set_up_and_told_what_the_joints_shall_do(it: Bench) -> None:
+    (setup,) = it.board.setups
+    assert (setup.neutral, setup.reverse) == ((2048,) * 6, 0)
+    assert (setup.goal_limit, setup.servos_expected) == (341, 63)
+    it.arm(AHEAD)
+    goals = np.round(AHEAD[[0, 1, 3, 4, 6, 7]] * 4096 / (2 * np.pi))
+    assert it.told.goal == tuple(goals)
+    assert all(2000 < throttle < 4000 for throttle in it.told.throttle)
+
+
+def test_what_the_board_measures_is_read_once(it: Bench) -> None:
+    it.board.telemetry = replace(it.board.telemetry, position=(100, -100, 0, 1, 2, 3))
+    it.until(lambda: it.robot.hardware()["connected"], "news")
+
+    def news() -> bool:
+        joints = it.robot.read(time.monotonic())
+        return joints is not None and bool(joints[0] == pytest.approx(100 * 2 * np.pi / 4096))
+
+    it.until(news, "measured")
+    it.board.silent = True
+    wait_until(lambda: it.robot.read(time.monotonic()) is None, "no more news")
+    for _ in range(3):
+        assert it.robot.read(time.monotonic()) is None
+
+
+def test_the_heartbeat_is_the_count_of_words_and_nothing_else(it: Bench) -> None:
+    it.arm()
+    count = len(it.board.commands)
+    it.robot.set_heartbeat(Heartbeat(True, 0x12345))
+    for _ in range(20):
+        it.robot.write(REST, time.monotonic())
+        time.sleep(0.01)
+    beats = {command.heartbeat for command in it.board.commands[count + 2 :]}
+    assert beats == {0x2345}
+
+
+@pytest.mark.parametrize(
+    ("identity", "words"),
+    [
+        (Identity(table_version=9), "control table 9: this program needs model 2014 with table 1"),
+        (Identity(model=311), "is model 311"),
+    ],
+)
+def test_another_board_or_table_is_refused_in_a_sentence(
+    tmp_path: Path, identity: Identity, words: str
+) -> None:
+    board = PretendBoard()
+    board.identity = identity
+    with plugged(tmp_path, board) as peer:
+        with pytest.raises(HardwareError, match=words) as caught:
+            MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
+        assert "flash the firmware that comes with it" in str(caught.value)
+        assert not board.commands
+
+
+def test_a_board_that_refuses_its_set_up_is_not_used(tmp_path: Path) -> None:
+    board = PretendBoard()
+    board.error = 4
+    with (
+        plugged(tmp_path, board) as peer,
+        pytest.raises(HardwareError, match="refuses its set-up: error 4"),
+    ):
+        MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
+
+
+def test_a_board_that_the_radio_control_has_is_met_if_it_knows_its_set_up(
+    tmp_path: Path,
+) -> None:
+    board = PretendBoard()
+    with plugged(tmp_path, board) as peer:
+        for _ in range(2):
+            MegaHardware(ROBOT, peer.port, Motors.of(ROBOT)).close()
+        assert len(board.setups) == 2, "told again, since it may not know that it knows"
+        board.obeys_arm = False
+        board.telemetry = replace(board.telemetry, mode=BoardMode.RC)
+        robot = MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
+        assert robot.fault(time.monotonic()) == "the radio control has the robot"
+        robot.close()
+        assert len(board.setups) == 2
+        board.error = 7
+        with pytest.raises(HardwareError, match="cannot be set up while the radio control has"):
+            MegaHardware(ROBOT, peer.port, Motors.of(ROBOT), ServoCalibration({"module1_beta": 9}))
+
+
+def test_a_port_at_which_nobody_answers_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tsd_twin.hardware.mega._BOOT_S", 0.2)
+    board = PretendBoard()
+    board.silent = True
+    with (
+        plugged(tmp_path, board) as peer,
+        pytest.raises(HardwareError, match="answers as a controller board at 1000000 Bd"),
+    ):
+        MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
+
+
+def test_turned_servos_and_other_neutrals_are_told_to_the_board(tmp_path: Path) -> None:
+    board = PretendBoard()
+    calibration = ServoCalibration({"module2_alpha": 2100}, ["module1_beta", "module3_beta"])
+    with plugged(tmp_path, board) as peer:
+        MegaHardware(ROBOT, peer.port, Motors.of(ROBOT), calibration).close()
+    assert board.setups[0].neutral == (2048, 2048, 2100, 2048, 2048, 2048)
+    assert board.setups[0].reverse == 0b100010
+
+
+def test_a_board_that_trips_is_a_fault_until_the_robot_was_disarmed(it: Bench) -> None:
+    it.arm()
+    it.board.obeys_arm = False
+    it.board.telemetry = replace(it.board.telemetry, mode=0, trip=Trip.HEARTBEAT)
+    it.until(lambda: it.fault, "tripped", armed=True)
+    assert it.fault == "the board disarmed itself: no word of an operator came in time"
+    it.until(lambda: it.told.arm == 0, "asks no more", armed=True)
+    it.board.obeys_arm = True
+    count = len(it.board.commands)
+    it.until(lambda: len(it.board.commands) > count + 20, "cycles", armed=True)
+    assert not any(command.arm for command in it.board.commands[count:])
+    it.disarm()
+    it.until(lambda: not it.fault, "well again")
+    it.arm()
+
+
+def test_unplugged_it_is_a_fault_and_back_it_is_disarmed(it: Bench) -> None:
+    it.arm()
+    it.peer.unplug()
+    it.until(lambda: it.fault, "gone", armed=True)
+    it.until(lambda: "not connected" in it.fault, "said so", armed=True)
+    assert it.robot.hardware()["connected"] is False
+    assert it.robot.read(time.monotonic()) is None
+    count = len(it.board.commands)
+    it.peer.plug_in()
+    it.until(lambda: it.robot.hardware()["connected"], "back", armed=True)
+    it.until(lambda: len(it.board.commands) > count + 20, "cycles", armed=True)
+    assert not any(command.arm for command in it.board.commands[count:])
+    assert it.fault == "the controller board was lost"
+    it.disarm()
+    it.arm()
+
+
+def test_a_board_that_restarts_is_set_up_again_and_stays_disarmed(it: Bench) -> None:
+    it.arm()
+    count = len(it.board.commands)
+    it.board.telemetry = replace(it.board.telemetry, millis=0, resets=1, mode=0)
+    it.board.table[Setup.ADDRESS] ^= 1  # It has forgotten, too.
+    it.until(lambda: it.fault, "noticed", armed=True)
+    assert it.fault == "the controller board has restarted"
+    it.until(lambda: len(it.board.setups) == 2, "set up again", armed=True)
+    it.until(lambda: len(it.board.commands) > count + 20, "cycles", armed=True)
+    assert not any(command.arm for command in it.board.commands[-15:])
+
+
+def test_a_board_that_falls_silent_is_a_fault_within_a_tenth_of_a_second(it: Bench) -> None:
+    it.arm()
+    it.board.silent = True
+    it.until(lambda: it.fault, "silence", armed=True)
+    assert it.fault == "the controller board has not answered for 100 ms"
+    it.board.silent = False
+    it.until(lambda: not it.fault, "hears again", armed=True)
+
+
+def test_answers_that_come_one_question_late_are_not_taken_for_those_to_this_one(
+    it: Bench,
+) -> None:
+    it.arm()
+    before = it.robot.hardware()["link"]
+    it.board.late = 2
+    it.until(lambda: it.fault, "noticed", armed=True)
+    assert it.fault == "the controller board has not answered for 100 ms"
+    it.board.late = 0
+    it.until(lambda: not it.fault, "hears again", armed=True)
+    assert it.robot.hardware()["link"]["missed"] > before["missed"]
+
+
+def test_a_broken_answer_now_and_then_is_missed_and_stops_nobody(
+    it: Bench, caplog: pytest.LogCaptureFixture
+) -> None:
+    for _ in range(TRIES):  # On a busy machine no answer may come for 100 ms, which is a fault.
+        it.arm()
+        caplog.clear()
+        missed, broken = it.robot.hardware()["link"]["missed"], it.broken
+        for count in range(1, LIMIT):
+            it.board.spoils = 1
+            it.until(lambda n=broken + count: it.broken >= n, "counted", armed=True)
+            it.until(lambda: it.robot.read(time.monotonic()) is not None, "measured", armed=True)
+        assert it.robot.hardware()["link"]["missed"] >= missed + LIMIT - 1
+        if "garbage" not in caplog.text:
+            return
+        clean_s = time.monotonic() + 2.0 * WINDOW_S
+        it.until(lambda at_s=clean_s: time.monotonic() > at_s, "clean")
+    raise AssertionError(caplog.text)
+
+
+@pytest.mark.parametrize("kind", ["stray", "spoilt", "misheard"])
+def test_garbage_is_a_fault_until_the_line_is_clean_and_nothing_arms_by_itself(
+    it: Bench, kind: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    it.arm(AHEAD)
+
+    def soil() -> None:
+        match kind:
+            case "stray":
+                it.board.stray = bytes(range(1, 200))
+            case "spoilt":
+                it.board.spoils = 1000
+            case _:
+                errors = it.board.telemetry.rx_errors + 1
+                it.board.telemetry = replace(it.board.telemetry, rx_errors=errors)
+
+    def told() -> bool:
+        soil()
+        return "garbage" in it.fault
+
+    it.until(told, "noticed", setpoint=AHEAD, armed=True)
+    assert re.fullmatch(r"garbage on the serial line: \d+ broken packets in 0\.\d\d s", it.fault)
+    it.until(lambda: soil() or it.told.arm == 0, "disarmed", armed=True)
+    it.board.stray, it.board.spoils = b"", 0
+    it.until(lambda: "over a clean line" in caplog.text, "clean", armed=True)
+    count = len(it.board.commands)
+    it.until(lambda: len(it.board.commands) > count + 20, "cycles", armed=True)
+    assert not any(command.arm for command in it.board.commands[count:])
+    assert "garbage" in it.fault, "latched until the robot was disarmed"
+    assert caplog.text.count("garbage on the serial line") == 1, "one message says so"
+    it.disarm()
+    it.until(lambda: not it.fault, "well")
+    it.arm()
+
+
+def test_what_was_left_over_for_another_program_is_not_taken_for_an_answer(
+    tmp_path: Path,
+) -> None:
+    board = PretendBoard()
+    with plugged(tmp_path, board) as peer:
+        with open(peer.port, "wb", buffering=0) as killed:  # noqa: PTH123
+            for _ in range(3):
+                killed.write(protocol2.read(200, 59, 95) + protocol2.ping(200))
+            wait_until(lambda: board.asked >= 6, "answers that nobody reads")
+        robot = MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
+        assert robot.fault(time.monotonic()) == ""
+        robot.close()
+
+
+def test_a_node_that_hangs_is_not_obeyed_any_more(it: Bench) -> None:
+    """The line's own thread lives on: it must not keep the last set-point alive."""
+    it.arm(AHEAD)
+    wait_until(lambda: it.told.arm == 0, "at rest")
+    assert it.told.throttle == (2000,) * 3
+    assert not any(it.told.goal)
+    it.until(lambda: "hangs" in it.fault, "said so", armed=True)
+    assert it.told.arm == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        ({"mode": int(BoardMode.RC)}, "the radio control has the robot"),
+        ({"servo_alive": 0b111011}, "servo 3 (module2_alpha): no answer"),
+        ({"servo_fault": 0b000001}, "servo 1 (module1_alpha): hardware error"),
+    ],
+)
+def test_what_is_wrong_below_the_board_is_said(
+    it: Bench, change: dict[str, int], fault: str
+) -> None:
+    it.board.obeys_arm = False
+    it.until(lambda: not it.fault, "well")
+    it.board.telemetry = replace(it.board.telemetry, **change)
+    it.until(lambda: it.fault, "noticed")
+    assert it.fault == fault
+
+
+def test_a_servo_that_is_dead_is_not_measured(it: Bench) -> None:
+    it.board.telemetry = replace(it.board.telemetry, servo_alive=0b111110, position=(5,) * 6)
+
+    def measured() -> bool:
+        joints = it.robot.read(time.monotonic())
+        return joints is not None and bool(np.isnan(joints[0]) and joints[1] > 0.0)
+
+    it.until(measured, "measured without it")
+
+
+def test_the_status_has_figures_of_link_board_and_servos(it: Bench) -> None:
+    it.board.telemetry = replace(
+        it.board.telemetry, battery_mv=11870, voltage=(118,) * 6, temperature=(41,) * 6, rx_errors=3
+    )
+    it.until(lambda: it.robot.hardware().get("battery_v") == 11.87, "figures")
+    facts = it.robot.hardware()
+    assert facts["kind"] == "mega"
+    assert facts["board"] == "disarmed"
+    assert facts["pulse_us"] == [1000.0] * 3
+    assert facts["servos"]["temperature_c"] == [41] * 6
+    assert facts["servos"]["voltage_v"] == [11.8] * 6
+    assert facts["servos"]["alive"] == [True] * 6
+    assert facts["counters"]["rx_errors"] == 3
+    assert facts["link"]["round_trip_ms"] > 0.0
+    assert facts["link"]["missed"] == 0
+
+
+def test_closed_the_board_is_disarmed(tmp_path: Path) -> None:
+    with bench(tmp_path) as made:
+        made.arm(AHEAD)
+        made.robot.close()
+        assert made.told == Command()
+        made.robot.close()
+
+
+def test_two_on_one_port_is_refused_and_the_first_goes_on(it: Bench) -> None:
+    with pytest.raises(HardwareError, match="in use by another program"):
+        MegaHardware(ROBOT, it.peer.port, Motors.of(ROBOT))
+    it.arm()

@@ -1,0 +1,73 @@
+"""When a line is too dirty to drive over, in virtual time, against a count of every window."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tsd_twin.hardware.serial_transport import LIMIT, WINDOW_S, PacketErrorMonitor
+
+pytestmark = pytest.mark.computes
+
+CYCLES = st.lists(
+    st.tuples(st.integers(1, 40), st.booleans() | st.just(False)), min_size=1, max_size=300
+)
+"""Milliseconds that each cycle took, and whether something was broken in it."""
+
+
+def lived_through(
+    cycles: list[tuple[int, bool]],
+) -> list[tuple[int, list[int], PacketErrorMonitor]]:
+    """Return, for each cycle, when it ended, which spoilt ones are in the window, and the noise."""
+    noise, now_ms, spoilt_ms, seen = PacketErrorMonitor("the wire"), 0, [], []
+    for took_ms, spoilt in cycles:
+        now_ms += took_ms
+        if spoilt:
+            spoilt_ms.append(now_ms)
+        noise.note(spoilt, now_ms / 1000.0)
+        copy = PacketErrorMonitor("")
+        copy.spoilt, copy.suspicion, copy.fault = noise.spoilt, noise.suspicion, noise.fault
+        window = [at for at in spoilt_ms if at > now_ms - 1000 * WINDOW_S]
+        seen.append((now_ms, window, copy))
+    return seen
+
+
+@given(CYCLES)
+def test_it_is_a_fault_from_the_fifth_in_a_window_until_a_window_without_any(
+    cycles: list[tuple[int, bool]],
+) -> None:
+    dirty = False
+    for _, window, noise in lived_through(cycles):
+        dirty = len(window) >= LIMIT or (dirty and bool(window))
+        assert bool(noise.fault) == dirty
+        assert noise.suspicion or len(window) < 2
+        assert window or not noise.suspicion
+
+
+@given(CYCLES)
+def test_what_it_says_stays_the_same_while_it_lasts_and_counts_what_there_was(
+    cycles: list[tuple[int, bool]],
+) -> None:
+    before = ""
+    for now_ms, window, noise in lived_through(cycles):
+        if noise.fault and not before:
+            said = re.fullmatch(r"garbage on the wire: (\d+) broken packets in (.+) s", noise.fault)
+            assert said
+            assert int(said[1]) == len(window)
+            assert float(said[2]) == pytest.approx((now_ms - window[0]) / 1000.0, abs=0.006)
+        elif noise.fault:
+            assert noise.fault == before
+        before = noise.fault
+    assert noise.spoilt == sum(spoilt for _, spoilt in cycles)
+
+
+@given(st.lists(st.integers(round(1000 * WINDOW_S / (LIMIT - 1)) + 1, 5000), max_size=200))
+def test_one_now_and_then_stops_nobody(pauses_ms: list[int]) -> None:
+    noise, now_s = PacketErrorMonitor("the wire"), 0.0
+    for pause_ms in pauses_ms:
+        now_s += pause_ms / 1000.0
+        noise.note(True, now_s)
+        assert not noise.fault

@@ -1,0 +1,190 @@
+"""Servos at the PC itself, over a pty; the board drives the speed controllers only."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.hardware.test_mega import AHEAD, PATIENCE_S, REST, ROBOT, wait_until
+from tests.support.faulty_devices import Peer, PretendBoard
+from tests.support.servo_chain import ServoChain
+from tsd_twin.dynamixel import mx64
+from tsd_twin.hardware import HardwareError, ServoCalibration, U2D2Hardware
+from tsd_twin.node import HasWatchdog, RobotIO
+from tsd_twin.safety import Heartbeat
+from tsd_twin.simulation import Motors
+
+ANGLES = [0, 1, 3, 4, 6, 7]
+
+
+class Bench:
+    """A robot with two lines, and somebody who writes set-points as the node does."""
+
+    def __init__(self, folder: Path, chain: ServoChain, calibration: ServoCalibration) -> None:
+        self.board, self.chain = PretendBoard(), chain
+        self.wheels = Peer(folder / "board", self.board.answer)
+        self.line = Peer(folder / "servos", chain.answer)
+        self.robot: U2D2Hardware | None = None
+        self.measured = np.full(9, np.nan)
+        self._calibration = calibration
+        self._words = 0
+
+    def connect(self) -> U2D2Hardware:
+        motors = Motors.of(ROBOT)
+        self.robot = U2D2Hardware(
+            ROBOT, self.wheels.port, self.line.port, motors, self._calibration
+        )
+        return self.robot
+
+    @property
+    def io(self) -> U2D2Hardware:
+        assert self.robot is not None
+        return self.robot
+
+    @property
+    def fault(self) -> str:
+        return self.io.fault(time.monotonic())
+
+    def until(self, condition: Callable[[], object], setpoint: np.ndarray = REST) -> None:
+        end_s = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert time.monotonic() < end_s, (self.fault, self.io.hardware())
+            self._words += 1
+            now_s = time.monotonic()
+            measured = self.io.read(now_s)
+            self.measured = self.measured if measured is None else measured
+            self.io.set_heartbeat(Heartbeat(not self.fault, self._words))
+            self.io.write(setpoint, now_s)
+            time.sleep(0.005)
+
+    def close(self) -> None:
+        if self.robot is not None:
+            self.robot.close()
+        self.wheels.unplug()
+        self.line.unplug()
+
+
+@contextmanager
+def bench(
+    folder: Path, chain: ServoChain | None = None, calibration: ServoCalibration | None = None
+) -> Iterator[Bench]:
+    made = Bench(folder, chain or ServoChain(), calibration or ServoCalibration())
+    try:
+        yield made
+    finally:
+        made.close()
+
+
+def test_servos_are_set_up_once_and_follow_the_set_point(tmp_path: Path) -> None:
+    with bench(tmp_path) as it:
+        io: RobotIO = it.connect()
+        assert isinstance(io, HasWatchdog)
+        assert it.board.setups[0].servos_expected == 0
+        for servo in range(6):
+            assert it.chain.register(servo, mx64.OPERATING_MODE) == mx64.POSITION_MODE
+            assert it.chain.register(servo, mx64.RETURN_DELAY) == 0
+            assert it.chain.register(servo, mx64.TORQUE_ENABLE) == 1
+        there = np.round(AHEAD[ANGLES] * 4096 / (2 * np.pi)) * 2 * np.pi / 4096
+        it.until(lambda: np.allclose(it.measured[ANGLES], there, atol=2e-3), AHEAD)
+        assert not any(it.board.commands[-1].goal), "the board has no servos"
+        assert min(it.board.commands[-1].throttle) > 2000
+        facts = it.io.hardware()
+        assert facts["kind"] == "u2d2"
+        assert facts["servos"]["voltage_v"] == [12.0] * 6
+        assert facts["servo_link"]["round_trip_ms"] > 0.0
+
+
+def test_turned_servos_and_other_neutrals_are_counted_in(tmp_path: Path) -> None:
+    calibration = ServoCalibration({"module1_alpha": 2100}, ["module1_alpha", "module2_beta"])
+    with bench(tmp_path, calibration=calibration) as it:
+        it.connect()
+        plain = np.round(AHEAD[ANGLES] * 4096 / (2 * np.pi)).astype(int)
+        signs, neutrals = np.array([-1, 1, 1, -1, 1, 1]), np.array([2100, *[2048] * 5])
+        goals = (neutrals + signs * plain).tolist()
+        it.until(lambda: it.chain.goals() == goals, AHEAD)
+        there = plain * 2 * np.pi / 4096
+        it.until(lambda: np.allclose(it.measured[ANGLES], there, atol=2e-3), AHEAD)
+
+
+def test_the_watchdog_of_the_bus_stops_servos_that_nobody_speaks_to(tmp_path: Path) -> None:
+    with bench(tmp_path) as it:
+        it.connect()
+        it.until(lambda: it.measured[0] > 0.02, AHEAD)
+        assert it.chain.register(0, mx64.BUS_WATCHDOG) == 10
+        it.io._keeper._device.cycle = lambda _line: True  # type: ignore[method-assign]
+        wait_until(lambda: it.fault, "noticed")
+
+        def out() -> bool:
+            it.chain._live(time.monotonic())
+            return it.chain.tripped()
+
+        wait_until(out, "the watchdog has run out")
+        there = [servo.position for servo in it.chain.servos]
+        del it.io._keeper._device.cycle  # It speaks again: the watchdog is cleared first.
+        it.until(lambda: not it.chain.tripped() and not it.fault)
+        it.until(lambda: it.chain.goals() == [2048] * 6)
+        assert there != [2048] * 6
+
+
+def test_a_servo_that_dies_is_named_and_not_measured(tmp_path: Path) -> None:
+    with bench(tmp_path) as it:
+        it.connect()
+        it.until(lambda: not it.fault)
+        it.chain.servos[3].dead = True
+        it.until(lambda: "servo 4 (module2_beta): no answer" in it.fault)
+        it.until(lambda: np.isnan(it.measured[4]))
+        assert np.isfinite(it.measured[[0, 1, 3, 6, 7]]).all()
+        it.chain.servos[3].dead = False
+        it.until(lambda: not it.fault)
+
+
+def test_a_servo_with_a_hardware_error_is_named(tmp_path: Path) -> None:
+    with bench(tmp_path) as it:
+        it.connect()
+        it.chain.servos[5].fault = True
+        it.until(lambda: it.fault == "servo 6 (module3_beta): hardware error")
+        it.chain.servos[5].fault = False
+        it.until(lambda: not it.fault)
+
+
+def test_an_adapter_that_is_unplugged_shuts_off_the_wheels_and_comes_back(tmp_path: Path) -> None:
+    with bench(tmp_path) as it:
+        it.connect()
+        it.until(lambda: it.board.commands[-1].arm == 1 and it.measured[0] > 0.02, AHEAD)
+        it.line.unplug()
+        it.until(lambda: "the servos are not connected" in it.fault)
+        it.until(lambda: it.board.commands[-1].arm == 0)
+        it.line.plug_in()
+        it.until(lambda: not it.fault)
+
+
+@pytest.mark.parametrize(
+    ("protocols", "dead", "words"),
+    [
+        ((2, 2, 1, 2, 2, 2), None, r"servo 3 \(module2_alpha\) speaks Protocol 1.0"),
+        ((2,) * 6, 1, r"servo 2 \(module1_beta\) does not answer at .* at 1000000 Bd"),
+    ],
+)
+def test_a_servo_that_cannot_be_used_is_named_at_the_start(
+    tmp_path: Path, protocols: tuple[int, ...], dead: int | None, words: str
+) -> None:
+    chain = ServoChain(protocols)
+    if dead is not None:
+        chain.servos[dead].dead = True
+    with bench(tmp_path, chain) as it, pytest.raises(HardwareError, match=words):
+        it.connect()
+
+
+def test_closed_the_wheels_are_off_and_the_gimbals_go_to_neutral(tmp_path: Path) -> None:
+    with bench(tmp_path) as it:
+        it.connect()
+        it.until(lambda: it.board.commands[-1].arm == 1 and it.measured[0] > 0.02, AHEAD)
+        it.io.close()
+        assert it.board.commands[-1].arm == 0
+        wait_until(lambda: it.chain.goals() == [2048] * 6, "neutral")
+        assert it.chain.register(0, mx64.BUS_WATCHDOG) == 0

@@ -1,0 +1,79 @@
+"""Modules that disagree leave a residual, and the guilty one explains it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.support.random_kinematics import (
+    directions,
+    drives,
+    joint_vectors,
+    shares,
+    size,
+    within_limit,
+)
+from tsd_twin.kinematics import SingularityKinematics
+from tsd_twin.lie import Array
+
+unhurried = settings(deadline=None)
+
+
+@unhurried
+@given(
+    kinematics=drives(fewest=3),
+    direction=directions(),
+    share=shares,
+    off=st.one_of(st.floats(0.01, 0.3), st.floats(-0.3, -0.01)),
+    data=st.data(),
+)
+def test_one_module_that_disagrees_is_seen_and_blamed(
+    kinematics: SingularityKinematics,
+    direction: Array,
+    share: float,
+    off: float,
+    data: st.DataObject,
+) -> None:
+    """What is left without the guilty one is nothing, so nobody explains as much as it does."""
+    joints = kinematics.inverse(within_limit(kinematics, direction, share)).reshape(-1, 3)
+    guilty = data.draw(st.integers(0, kinematics.modules - 1))
+    joints[guilty, data.draw(st.integers(0, 1))] += off
+    residual = kinematics.forward(joints.reshape(-1)).residual
+    speed = kinematics.wheel_radius_m * abs(kinematics.spin_rad_per_s)
+    assert np.linalg.norm(residual) > 1e-3 * abs(off) * speed
+    fault_contribution = kinematics.fault_contribution(residual)
+    assert fault_contribution[guilty] == pytest.approx(residual @ residual, rel=1e-6)
+    assert fault_contribution.max() <= fault_contribution[guilty] * (1.0 + 1e-6)
+
+
+@unhurried
+@given(data=st.data())
+def test_blame_is_what_leaving_a_module_out_takes_off_the_residual(data: st.DataObject) -> None:
+    kinematics = data.draw(drives())
+    joints = data.draw(joint_vectors(kinematics)).reshape(-1)
+    residual = kinematics.forward(joints).residual
+    h = kinematics.contact_from_twist
+    v = kinematics.contacts(joints)
+    for i, fault_contribution in enumerate(kinematics.fault_contribution(residual)):
+        rest = [j for j in range(kinematics.modules) if j != i]
+        rows, values = h[rest].reshape(-1, 3), v[rest].reshape(-1)
+        left = values - rows @ np.linalg.lstsq(rows, values, rcond=None)[0]
+        taken = residual @ residual - left @ left
+        assert fault_contribution == pytest.approx(taken, rel=1e-6, abs=1e-9 * (v * v).sum())
+
+
+@unhurried
+@given(kinematics=drives(), direction=directions(), share=shares, droop=st.floats(0.0, 1.0))
+def test_the_same_droop_of_all_spins_leaves_no_residual(
+    kinematics: SingularityKinematics, direction: Array, share: float, droop: float
+) -> None:
+    """Why this is called a conflict monitor and not a slip sensor."""
+    twist = within_limit(kinematics, direction, share)
+    joints = kinematics.inverse(twist).reshape(-1, 3)
+    joints[:, 2] *= 1.0 - droop
+    motion = kinematics.forward(joints.reshape(-1))
+    tolerance = 1e-11 * size(kinematics, twist)
+    assert np.abs(motion.residual).max() <= tolerance
+    np.testing.assert_allclose(motion.twist[:2], twist[:2] * (1.0 - droop), rtol=0, atol=tolerance)

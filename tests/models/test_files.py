@@ -1,0 +1,126 @@
+"""Committed meshes are what the generator makes; folders can be written, read, and be wrong."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+import trimesh
+
+from tsd_twin.errors import MeshError
+from tsd_twin.models import load_parts, read_model, shipped_model, write_model
+from tsd_twin.robots import load_robot, robot_names
+
+TSD = ("chassis", "outer", "inner", "wheel")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Return a copy of the committed files of the shipped robot."""
+    return Path(shutil.copytree(shipped_model("tsd"), tmp_path / "tsd"))
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_committed_files_are_what_the_generator_makes(name: str, tmp_path: Path) -> None:
+    write_model(load_robot(name), tmp_path)
+    generated = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    committed = {path.name: path.read_bytes() for path in shipped_model(name).iterdir()}
+    assert sorted(generated) == sorted(committed)
+    different = [file for file in generated if generated[file] != committed[file]]
+    assert not different, f"run python -m tsd_twin.models {name}"
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_committed_files_are_small(name: str) -> None:
+    assert sum(path.stat().st_size for path in shipped_model(name).iterdir()) <= 1_000_000
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_committed_meshes_are_closed_and_have_no_flat_triangles(name: str) -> None:
+    """Also after corners at the same place have been merged, as every reader of STL does."""
+    for path in shipped_model(name).glob("*.stl"):
+        mesh = trimesh.load_mesh(path)
+        assert mesh.is_volume, path.name
+        assert mesh.area_faces.min() > 0.0, path.name
+
+
+def test_what_was_written_is_read(tmp_path: Path) -> None:
+    robot = load_robot("tsd")
+    write_model(robot, tmp_path)
+    drawn, back = load_parts(robot), read_model(tmp_path, TSD)
+    assert tuple(back) == TSD
+    for link in TSD:
+        for a, b in zip(drawn[link], back[link], strict=True):
+            assert (a.name, a.link, a.rgba) == (b.name, b.link, b.rgba)
+            assert (a.metallic, a.roughness) == (b.metallic, b.roughness)
+            assert a.density_kg_per_m3 == b.density_kg_per_m3
+            assert b.mesh.volume == pytest.approx(a.mesh.volume, rel=1e-4)
+            np.testing.assert_allclose(b.mesh.bounds, a.mesh.bounds, atol=1e-7)
+
+
+def test_a_folder_of_own_meshes_replaces_the_drawing(folder: Path) -> None:
+    own = trimesh.creation.box((0.1, 0.2, 0.3))
+    (folder / "wheel_shell.stl").write_bytes(own.export(file_type="stl"))
+    robot = load_robot("tsd")
+    body = msgspec.structs.replace(robot.body, meshes=str(folder))
+    shown = load_parts(msgspec.structs.replace(robot, body=body))
+    shell = next(part for part in shown["wheel"] if part.name == "shell")
+    np.testing.assert_allclose(np.ptp(shell.mesh.bounds, axis=0), (0.1, 0.2, 0.3), rtol=1e-6)
+
+
+def test_a_missing_mesh_is_named(folder: Path) -> None:
+    (folder / "outer_belt.stl").unlink()
+    with pytest.raises(MeshError, match=r"outer_belt\.stl cannot be read"):
+        read_model(folder, TSD)
+
+
+def test_a_mesh_with_a_hole_is_named(folder: Path) -> None:
+    open_box = trimesh.creation.box()
+    open_box.update_faces(np.arange(12) > 0)
+    (folder / "outer_belt.stl").write_bytes(open_box.export(file_type="stl"))
+    with pytest.raises(MeshError, match="outer_belt is not a closed solid"):
+        read_model(folder, TSD)
+
+
+def test_a_file_that_is_no_mesh_is_named(folder: Path) -> None:
+    (folder / "outer_belt.stl").write_bytes(b"\x00" * 20)
+    with pytest.raises(MeshError, match=r"outer_belt"):
+        read_model(folder, TSD)
+
+
+def test_a_list_without_a_link_says_which(folder: Path) -> None:
+    entries = json.loads((folder / "parts.json").read_text())
+    kept = [entry for entry in entries if entry["link"] != "inner"]
+    (folder / "parts.json").write_text(json.dumps(kept))
+    with pytest.raises(MeshError, match="no part for inner"):
+        read_model(folder, TSD)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problem"),
+    [
+        ('"roughness"', '"ruffness"', "unknown field `ruffness`"),
+        ('"link": "wheel"', '"link": "weel"', "weel"),
+        ('"name": "shell"', '"name": "../shell"', r"\$\[\d+\]\.name"),
+    ],
+)
+def test_a_misspelt_list_says_where(folder: Path, old: str, new: str, problem: str) -> None:
+    text = (folder / "parts.json").read_text()
+    assert old in text
+    (folder / "parts.json").write_text(text.replace(old, new))
+    with pytest.raises(MeshError, match=problem):
+        read_model(folder, TSD)
+
+
+def test_a_folder_without_a_list_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(MeshError, match=r"parts\.json cannot be read"):
+        read_model(tmp_path, TSD)
+
+
+def test_meshes_that_do_not_come_with_the_program_are_an_error() -> None:
+    with pytest.raises(MeshError, match="no meshes of 'nobody'"):
+        shipped_model("nobody")

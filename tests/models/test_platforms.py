@@ -1,0 +1,245 @@
+"""Platforms on rollers and spheres: drawn, hung and weighed as they are described."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import mujoco
+import numpy as np
+import pytest
+import yourdfpy
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from manifold3d import Manifold
+from scipy.spatial.transform import Rotation
+
+from tests.support.platform_models import PLATFORMS, SPHERES, lowest_roller_axis, pieces, ring
+from tests.support.robot_solids import solid
+from tsd_twin.errors import RobotFileError
+from tsd_twin.lie import SO3, Array
+from tsd_twin.models import (
+    KinematicTree,
+    Parts,
+    draw_parts,
+    kinematic_tree,
+    shipped_model,
+    write_model,
+)
+from tsd_twin.robots import RobotDescription, SphereDescription, load_robot, robot_names
+
+ALL: dict[str, RobotDescription] = {**PLATFORMS, **SPHERES}
+ATLAS = yourdfpy.URDF.load(str(shipped_model("atlas") / "atlas.urdf"), load_meshes=False)
+TOUCHING_MM3 = 0.5
+"""Rollers and sphere are drawn with corners: where they touch they may dip in by a hair."""
+
+
+class Machine:
+    """A robot in MuJoCo, from the files that are written for it, and as solids."""
+
+    def __init__(self, robot: RobotDescription, folder: Path) -> None:
+        self.robot: Any = robot
+        self.drive: Any = robot.kinematics()
+        self.tree: KinematicTree = kinematic_tree(robot)
+        self.parts: Parts = draw_parts(robot)
+        write_model(robot, folder)
+        self.file = folder / f"{robot.name}.urdf"
+        self.mujoco = mujoco.MjModel.from_xml_path(str(self.file))
+        self.data = mujoco.MjData(self.mujoco)
+
+    def turning(self, speeds: Array) -> None:
+        """Let the wheels turn."""
+        mujoco.mj_resetData(self.mujoco, self.data)
+        for joint, speed in zip(self.drive.joints, speeds, strict=True):
+            self.data.qvel[self.mujoco.joint(joint.name).dofadr[0]] = speed
+        mujoco.mj_forward(self.mujoco, self.data)
+
+    def wheels(self) -> list[tuple[str, str]]:
+        """Return kind and name of each wheel link, in the order of the joints."""
+        found = {
+            joint: (link_groups.kind, name)
+            for link_groups in self.tree.link_groups
+            for joint, name in zip(link_groups.joints, link_groups.names, strict=True)
+        }
+        return [found[joint.name] for joint in self.drive.joints]
+
+    def posed(self, kind: str, name: str, spin: float = 0.0) -> Manifold:
+        """Return a link as a solid in millimetres, where MuJoCo has it, above the floor."""
+        body = self.data.body(name)
+        turn = SO3.exp(spin * np.array([0.0, 1.0, 0.0])).as_matrix()
+        shape = solid(self.parts[kind]).transform(np.hstack([turn, np.zeros((3, 1))]))
+        pose = np.hstack([body.xmat.reshape(3, 3), 1e3 * body.xpos[:, None]])
+        return shape.transform(pose)
+
+
+@pytest.fixture(scope="module", params=ALL)
+def machine(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Machine:
+    found = Machine(ALL[request.param], tmp_path_factory.mktemp("platform"))
+    found.turning(np.zeros(len(found.drive.joints)))
+    return found
+
+
+def rim_velocity(machine: Machine, name: str, down: Array) -> Array:
+    """Return the velocity (3,) of the rim where a wheel touches, by the joint alone, m/s."""
+    spatial = np.zeros(6)
+    body = machine.mujoco.body(name).id
+    mujoco.mj_objectVelocity(
+        machine.mujoco, machine.data, mujoco.mjtObj.mjOBJ_BODY, body, spatial, 0
+    )
+    return np.cross(spatial[:3], machine.robot.drive.wheel_radius_m * down)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_roller_slips_along_its_axle(machine: Machine, seed: int) -> None:
+    """The axle is measured on the drawn roller; along it, rim and floor or sphere go alike."""
+    twist = 0.3 * np.random.default_rng(seed).normal(size=3)
+    machine.turning(machine.drive.inverse(twist))
+    for kind, name in machine.wheels():
+        body = machine.data.body(name)
+        turn = body.xmat.reshape(3, 3)
+        down = -turn[:, 2]
+        contact = body.xpos + machine.robot.drive.wheel_radius_m * down
+        rim = rim_velocity(machine, name, down)
+        if isinstance(machine.robot, SphereDescription):
+            centre = machine.data.body("sphere").xpos
+            other = np.cross(twist, contact - centre)
+        else:
+            vx, vy, omega = twist
+            # The axle goes over a floor that stands still.
+            rim += np.array([vx, vy, 0.0]) + np.cross([0.0, 0.0, omega], contact)
+            other = np.zeros(3)
+        axle = turn @ lowest_roller_axis(machine.parts[kind])
+        assert rim @ axle == pytest.approx(other @ axle, abs=2e-3)
+
+
+def test_wheels_touch_floor_or_sphere_and_nothing_else_does(machine: Machine) -> None:
+    radius = machine.robot.drive.wheel_radius_m
+    for _, name in machine.wheels():
+        body = machine.data.body(name)
+        contact = body.xpos - radius * body.xmat.reshape(3, 3)[:, 2]
+        if isinstance(machine.robot, SphereDescription):
+            arm = contact - machine.data.body("sphere").xpos
+            assert np.linalg.norm(arm) == pytest.approx(machine.robot.drive.sphere_radius_m)
+        else:
+            assert contact[2] == pytest.approx(0.0, abs=1e-9)
+    low = machine.posed("chassis", "base_link").bounding_box()[2]
+    # The feet of a stand are on the floor, as are wheels that only measure.
+    assert low > -0.01
+
+
+def test_every_wheel_is_round_to_the_last_roller(machine: Machine) -> None:
+    """Seen along the axle, the rollers reach the rim at every angle, and nowhere beyond it."""
+    radius_mm = 1e3 * machine.robot.drive.wheel_radius_m
+    for kind in {kind for kind, _ in machine.wheels()}:
+        seen = solid(part for part in machine.parts[kind] if part.name == "rollers")
+        outline = seen.rotate((90.0, 0.0, 0.0)).project()
+        corners = np.concatenate([np.asarray(loop) for loop in outline.to_polygons()])
+        assert np.hypot(*corners.T).max() < 1.001 * radius_mm
+        reaching = corners[np.hypot(*corners.T) > 0.97 * radius_mm]
+        angles = np.sort(np.arctan2(reaching[:, 1], reaching[:, 0]))
+        gaps = np.diff(np.append(angles, angles[0] + 2.0 * np.pi))
+        # Between two corners a straight line cannot go farther inside than its sagitta.
+        assert 1.0 - np.cos(0.5 * gaps.max()) < 0.03
+
+
+def test_wheels_spin_freely(machine: Machine) -> None:
+    chassis = machine.posed("chassis", "base_link")
+    for spin in (0.0, 0.11, 0.37):
+        wheels = [machine.posed(kind, name, spin) for kind, name in machine.wheels()]
+        for wheel in wheels:
+            assert (wheel ^ chassis).volume() < TOUCHING_MM3
+        for a, b in itertools.combinations(wheels, 2):
+            assert (a ^ b).volume() < TOUCHING_MM3
+
+
+@pytest.mark.parametrize("name", SPHERES)
+def test_a_sphere_turns_freely(name: str, tmp_path: Path) -> None:
+    machine = Machine(SPHERES[name], tmp_path)
+    machine.turning(np.zeros(len(machine.drive.joints)))
+    ball = machine.posed("sphere", "sphere")
+    radius_mm = 1e3 * machine.robot.drive.sphere_radius_m
+    round_ = Manifold.sphere(radius_mm, 128).translate(1e3 * machine.data.body("sphere").xpos)
+    assert (ball - round_).volume() < 2e-3 * round_.volume()
+    assert (round_ ^ machine.posed("chassis", "base_link")).volume() == 0.0
+    for kind, wheel in machine.wheels():
+        assert (round_ ^ machine.posed(kind, wheel)).volume() < TOUCHING_MM3
+
+
+def test_masses_add_up_and_inertias_are_possible(machine: Machine) -> None:
+    assert machine.mujoco.body_mass.sum() == pytest.approx(machine.robot.mass.total_kg, rel=1e-5)
+    for _, name in machine.wheels():
+        wheel = machine.mujoco.body(name)
+        assert wheel.mass[0] == pytest.approx(machine.robot.mass.wheel_kg)
+        # Balanced: the centre is on the axle, Y.
+        np.testing.assert_allclose(wheel.ipos[[0, 2]], 0.0, atol=1e-4)
+    for link in yourdfpy.URDF.load(str(machine.file), load_meshes=False).robot.links:
+        if link.inertial is not None:
+            moments = np.linalg.eigvalsh(link.inertial.inertia)
+            assert moments[0] > 0.0
+            assert moments[2] <= (moments[0] + moments[1]) * (1.0 + 1e-6)
+
+
+def test_joints_are_those_of_the_kinematics(machine: Machine) -> None:
+    urdf = yourdfpy.URDF.load(str(machine.file), load_meshes=False)
+    assert urdf.validate()
+    ours = {joint.name for joint in machine.drive.joints}
+    assert ours <= set(urdf.actuated_joint_names)
+    others = set(urdf.actuated_joint_names) - ours
+    ball = {f"sphere_turn_{axis}" for axis in ("yaw", "pitch", "roll")}
+    assert others == (ball if isinstance(machine.robot, SphereDescription) else set())
+
+
+@given(axis=st.tuples(*[st.floats(-1.0, 1.0)] * 3))
+@settings(deadline=None, max_examples=20)
+def test_a_sphere_in_urdf_can_be_turned_to_every_orientation(
+    axis: tuple[float, float, float],
+) -> None:
+    """Yaw, pitch, roll of the intermediate links, as `scipy` has them, make the rotation."""
+    wanted = Rotation.from_rotvec(axis)
+    yaw, pitch, roll = wanted.as_euler("ZYX")
+    ATLAS.update_cfg({"sphere_turn_yaw": yaw, "sphere_turn_pitch": pitch, "sphere_turn_roll": roll})
+    turned = ATLAS.get_transform("sphere", "base_link")[:3, :3]
+    np.testing.assert_allclose(turned, wanted.as_matrix(), atol=1e-7)
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_committed_urdf_shows_its_meshes_in_yourdfpy(name: str) -> None:
+    low, high = yourdfpy.URDF.load(str(shipped_model(name) / f"{name}.urdf")).scene.bounds
+    assert low[2] == pytest.approx(0.0, abs=1e-3)
+    assert np.all(high - low > 0.08)
+
+
+@settings(deadline=None, max_examples=6)
+@given(
+    count=st.integers(3, 8),
+    radius_m=st.floats(0.02, 0.15),
+    spread=st.floats(3.0, 6.0),
+    roller_deg=st.just(0.0) | st.floats(30.0, 50.0),
+)
+def test_any_number_of_wheels_of_any_slant_can_be_drawn(
+    count: int, radius_m: float, spread: float, roller_deg: float
+) -> None:
+    robot = ring(count, spread * radius_m, radius_m, roller_deg)
+    drawn = draw_parts(robot)
+    assert tuple(drawn) == kinematic_tree(robot).kinds
+    assert len(pieces(drawn["chassis"], "gearboxes")) >= count
+    assert min(p.mesh.vertices[:, 2].min() for p in drawn["chassis"]) > -radius_m
+
+
+def test_marks_tell_the_ends_of_the_axes_of_a_sphere() -> None:
+    """The front mark is at +X, the one called up at +Z, and every field has its own octant."""
+    marks = {part.name: part.mesh for part in draw_parts(load_robot("atlas"))["sphere"]}
+    for name, axis in (("front", 0), ("up", 2)):
+        middle = marks[name].vertices.mean(axis=0)
+        assert middle[axis] > 0.9 * 0.15 * 0.9
+        np.testing.assert_allclose(np.delete(middle, axis), 0.0, atol=2e-3)
+
+
+@pytest.mark.parametrize("name", ["omni4", "atlas"])
+def test_a_robot_lighter_than_its_wheels_is_refused(name: str, tmp_path: Path) -> None:
+    robot: Any = load_robot(name)
+    light = msgspec.structs.replace(robot.mass, total_kg=0.1)
+    with pytest.raises(RobotFileError, match=r"mass\.total_kg is 0\.1"):
+        write_model(msgspec.structs.replace(robot, mass=light), tmp_path)

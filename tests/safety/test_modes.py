@@ -1,0 +1,53 @@
+"""The modes: each way that the table names can be gone, in its conditions and in no others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from tests.support.supervisor_harness import SupervisorHarness, disarm, reset, stop
+from tsd_twin.safety import ARMED, LATCHED, TRANSITIONS, Mode
+
+
+def disarm_and_come_to_rest(stage: SupervisorHarness) -> None:
+    stage.send()
+    disarm(stage)
+    stage.wait(0.01, at_rest=True)
+
+
+WAYS: dict[tuple[Mode, Mode], Callable[[SupervisorHarness], object]] = {
+    (Mode.DISARMED, Mode.ARMING): lambda s: s.supervisor.arm(s.lease, s.now_s),
+    (Mode.ARMING, Mode.READY): lambda s: s.hold(2.1),
+    (Mode.ARMING, Mode.DISARMED): disarm,
+    (Mode.READY, Mode.DRIVING): lambda s: s.send(0.5),
+    (Mode.READY, Mode.DISARMED): disarm,
+    (Mode.DRIVING, Mode.READY): lambda s: s.hold(0.1, at_rest=True),
+    (Mode.DRIVING, Mode.STOPPING): lambda s: s.wait(0.25),
+    (Mode.STOPPING, Mode.DRIVING): lambda s: s.send(0.5),
+    (Mode.STOPPING, Mode.READY): lambda s: s.wait(0.01, at_rest=True),
+    (Mode.STOPPING, Mode.DISARMED): disarm_and_come_to_rest,
+    (Mode.STOPPED, Mode.DISARMED): reset,
+    (Mode.FAULT, Mode.DISARMED): reset,
+    **{(mode, Mode.STOPPED): stop for mode in set(Mode) - LATCHED},
+    **{(mode, Mode.FAULT): lambda s: s.wait(0.01, fault="it broke") for mode in ARMED},
+}
+
+
+@pytest.mark.parametrize(
+    ("way", "go"), WAYS.items(), ids=lambda v: "-".join(v) if isinstance(v, tuple) else ""
+)
+def test_every_way_of_the_table_can_be_gone(
+    way: tuple[Mode, Mode], go: Callable[[SupervisorHarness], object], stage: SupervisorHarness
+) -> None:
+    stage.bring_to(way[0])
+    stage.supervisor.take_events()
+    go(stage)
+    assert stage.mode is way[1]
+    changes = [event for event in stage.supervisor.take_events() if event.kind == "mode"]
+    assert changes[-1].rule == TRANSITIONS[way]
+    assert changes[-1].text.startswith(f"From {way[0]} to {way[1]}")
+
+
+def test_the_table_names_these_ways_and_no_others() -> None:
+    assert set(WAYS) == set(TRANSITIONS)

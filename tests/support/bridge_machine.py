@@ -1,0 +1,226 @@
+"""Compiled firmware behind a pty, the bridge in front of it, and an operator on the bus."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, cast
+
+from tests.app.conftest import PATIENCE_S, Program
+from tests.support.bus_operator import BusOperator
+from tests.support.robot_node import RunningNode
+from tsd_twin import robots
+from tsd_twin.bus import Bus, client_config
+from tsd_twin.messages.topics import Service
+from tsd_twin.robots import RobotDescription
+
+AHEAD = (0.5, 0.0, 0.0)
+ZERO_US = 1000.0
+BUSY = ("has not answered", "have not been measured", "hangs", "is gone", "garbage")
+"""Faults that a machine has which gives some program no time."""
+_TRIES = 5
+QUICK = robots.read_description("tsd").replace("[motor]", "[motor]\narming_hold_s = 0.1", 1)
+"""The shipped robot without the core's wait: the board has one of its own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Endpoint:
+    """As much of a node as an operator needs."""
+
+    id: str
+    endpoint: str
+    robot: RobotDescription
+
+    def client(self) -> Bus:
+        """Return a session that is linked to it."""
+        bus = Bus(client_config([self.endpoint]))
+        assert bus.wait_for_peer(PATIENCE_S)
+        return bus
+
+
+class Box:
+    """The robot in a box; `port` stays the same over an unplugging."""
+
+    def __init__(self, program: Program, port: str) -> None:
+        self.program, self.port = program, port
+        program.ready()
+
+    def tell(self, command: str) -> None:
+        """Do something to it."""
+        stdin = self.program.process.stdin
+        assert stdin is not None
+        stdin.write(command + "\n")
+        stdin.flush()
+
+    def show(self) -> dict[str, Any]:
+        """Return where it is and what its actuators are told, seen at the pins."""
+        count = len(self.program.output)
+        self.tell("show")
+        wait_until(lambda: len(self.program.output) > count, "an answer of the box")
+        return json.loads(self.program.output[count])
+
+    @property
+    def shut_off(self) -> bool:
+        """Zero throttle at all pins."""
+        return all(abs(pulse - ZERO_US) < 1.0 for pulse in self.show()["pulses_us"])
+
+    @property
+    def at_rest(self) -> bool:
+        """Zero throttle at all pins, and neutral goals at all servos."""
+        return self.shut_off and all(goal == 2048 for goal in self.show()["goals"])
+
+    @property
+    def drives(self) -> bool:
+        """Throttle at all pins, and tilted goals."""
+        seen = self.show()
+        return min(seen["pulses_us"]) > 1100.0 and any(goal != 2048 for goal in seen["goals"])
+
+
+class Machine:
+    """Box and bridge, and somebody who drives."""
+
+    def __init__(self, start: Callable[..., Program], folder: Path) -> None:
+        self._start, self._folder = start, folder
+        self.description = folder / "quick.toml"
+        self.description.write_text(QUICK)
+        port = str(folder / "port")
+        self.box = Box(start("firmware.simulator", "--link", port), port)
+        self.bridge = self.start_bridge()
+        self.pilot = self._pilot()
+
+    def start_bridge(self, port: str | None = None, *more: str) -> Program:
+        """Start a bridge at the box, or at another port."""
+        return self._start(
+            "tsd_bridge",
+            *("--port", port or self.box.port),
+            *("--robot", str(self.description)),
+            *("--listen", "tcp/127.0.0.1:0"),
+            *more,
+        )
+
+    def restart_bridge(self, port: str | None = None, *more: str) -> None:
+        """Have another bridge in place of the last, and the operator at it."""
+        if self.bridge.process.poll() is None:
+            self.bridge.end()
+        self.pilot.bus.close()
+        self.bridge = self.start_bridge(port, *more)
+        self.pilot = self._pilot()
+
+    def _pilot(self) -> BusOperator:
+        self.endpoint = self.bridge.ready().split()[-1]
+        return BusOperator.blind(
+            cast(RunningNode, Endpoint("tsd", self.endpoint, robots.load_robot("tsd")))
+        )
+
+    @property
+    def mode(self) -> str:
+        return self.pilot.status.mode
+
+    @property
+    def _holds(self) -> bool:
+        return self.pilot.status.lease.holder == self.pilot.name
+
+    @property
+    def reason(self) -> str:
+        return self.pilot.status.stop_reason
+
+    @property
+    def hardware(self) -> dict[str, Any]:
+        return dict(self.pilot.status.hardware)
+
+    @property
+    def answers(self) -> bool:
+        """Whether its board has been heard of just now."""
+        return self.hardware["connected"] and self.hardware["age_ms"] < 50.0
+
+    def get_ready(self) -> None:
+        """Take control, reset and arm as often as it takes: a busy machine is silent at times."""
+        self._until(lambda: self.mode == "ready", (0.0, 0.0, 0.0))
+
+    def drive(self, until: Callable[[], object] | None = None) -> None:
+        """Get ready, and drive until the actuators do, or something else is the case."""
+        there = until or (lambda: self.box.drives)
+        self.get_ready()
+        self._until(lambda: self.mode == "driving" and there(), AHEAD)
+
+    def _until(self, condition: Callable[[], object], twist: tuple[float, float, float]) -> None:
+        pilot, end_s = self.pilot, time.monotonic() + PATIENCE_S
+        while not condition():
+            assert time.monotonic() < end_s, (self.mode, self.reason, self.hardware)
+            if not self._holds:
+                pilot.acquire(take_over=True)
+            elif self.mode in ("fault", "stopped"):
+                pilot.ask(Service.RESET, lease=pilot.lease)
+            elif self.mode == "disarmed":
+                pilot.ask(Service.ARM, lease=pilot.lease)
+            else:
+                pilot.send(twist)
+            time.sleep(0.02)
+
+    def hold_until(self, condition: Callable[[], object]) -> None:
+        """Hold the stick meanwhile, as an operator does who has seen nothing yet."""
+        self.pilot.drive(AHEAD, until=condition)
+
+    def undisturbed(self, happens: Callable[[], object]) -> None:
+        """Drive, and let something happen; again if the machine was too busy for it meanwhile."""
+        for _ in range(_TRIES):
+            self.drive()
+            try:
+                happens()
+            except AssertionError:
+                if not any(word in self.reason for word in BUSY):
+                    raise
+            else:
+                return
+        raise AssertionError(f"this machine is too busy: {self.reason}")
+
+    def refuses_to_arm(self, reason: str) -> None:
+        """Ask for it until it is refused for this reason, resetting what is latched."""
+        pilot = self.pilot
+
+        def refused() -> bool:
+            if not self._holds:
+                pilot.acquire(take_over=True)
+            if self.mode in ("fault", "stopped"):
+                pilot.ask(Service.RESET, lease=pilot.lease)
+            reply = pilot.ask(Service.ARM, lease=pilot.lease)
+            assert not reply["ok"], "it has armed"
+            return reply["reason"] == reason
+
+        wait_until(refused, f"no refusal because {reason}")
+
+    def stays_at_rest(self, seconds: float = 0.5) -> bool:
+        """Return whether nothing moves, with the stick held, for a while of the board's time."""
+        start_s = self.box.show()["time_s"]
+        while self.box.show()["time_s"] < start_s + seconds:
+            self.pilot.send(AHEAD)
+            if not self.box.at_rest:
+                return False
+        return True
+
+    def close(self) -> None:
+        """Let the operator go."""
+        self.pilot.bus.close()
+
+
+def wait_for_mode(machine: Machine, mode: str, *, held: bool = False) -> None:
+    """Wait for a mode; any other that lasts is a failure at once."""
+    lasting = {"fault", "stopped", "disarmed"} - {mode}
+    end_s = time.monotonic() + PATIENCE_S
+    while machine.mode != mode:
+        assert machine.mode not in lasting, machine.reason
+        assert time.monotonic() < end_s, machine.mode
+        if held:
+            machine.pilot.send(AHEAD)
+        time.sleep(0.02)
+
+
+def wait_until(condition: Callable[[], object], what: str) -> None:
+    """Ask again and again until something is the case."""
+    end_s = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end_s, what
+        time.sleep(0.02)

@@ -1,0 +1,97 @@
+"""Chromium without a screen, and the actions of a person on the page."""
+
+from __future__ import annotations
+
+import shutil
+
+from playwright.sync_api import Locator, Page, expect
+
+_EITHER = (
+    "--headless=new",
+    "--no-sandbox",  # Tests run as root, where Chromium has no sandbox.
+    "--disable-dev-shm-usage",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+)
+FLAGS = (
+    *_EITHER,
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+)
+"""Draws the scene, on the processor."""
+FLAGS_WITHOUT_SCENE = (*_EITHER, "--disable-gpu", "--disable-software-rasterizer")
+"""A browser that has no WebGL: all controls and no scene, which costs a test machine most."""
+PATIENCE_MS = 60_000
+QUICK = "?fixedDpr=0.2"
+"""Fewer pixels: the processor of a test machine draws them all."""
+
+
+def executable() -> str:
+    """Return the browser that `scripts/ensure_chromium` looks for."""
+    for name in ("chromium", "chromium-browser", "google-chrome"):
+        if found := shutil.which(name):
+            return found
+    raise AssertionError("there is no Chromium: run scripts/ensure_chromium")
+
+
+def mode(page: Page, word: str) -> None:
+    """Wait until the page says that the robot is in a mode."""
+    expect(page.get_by_role("status", name="Mode")).to_contain_text(
+        word, ignore_case=True, timeout=PATIENCE_MS
+    )
+
+
+def press(page: Page, name: str) -> None:
+    """Press a button, once it can be pressed."""
+    button = page.get_by_role("button", name=name, exact=True)
+    expect(button).to_be_visible(timeout=PATIENCE_MS)
+    expect(button).not_to_have_attribute("aria-disabled", "true", timeout=PATIENCE_MS)
+    # By the centre of its box: waiting for frames that are the same takes long without a GPU.
+    before, box = None, button.bounding_box()
+    while box is None or box != before:  # What is beside it may still move it, or hide it.
+        page.wait_for_timeout(100)
+        expect(button).to_be_visible(timeout=PATIENCE_MS)
+        before, box = box, button.bounding_box()
+    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+
+
+def press_until(page: Page, name: str, then: Locator) -> None:
+    """Press a button until something is to be seen: a click on a page that was busy may be lost."""
+    for _ in range(5):
+        press(page, name)
+        try:
+            expect(then).to_be_visible(timeout=PATIENCE_MS / 5)
+        except AssertionError:
+            continue
+        return
+    expect(then).to_be_visible(timeout=PATIENCE_MS)
+
+
+def click_through(page: Page, *names: str) -> None:
+    """Click on each of these buttons that can be used now, as assistive technology does."""
+    for name in names:
+        # In one go, which waits for nothing: what was there a moment ago may be gone.
+        page.get_by_role("button", name=name, exact=True).evaluate_all(
+            "(found) => found.filter((each) => each.getAttribute('aria-disabled') !== 'true')"
+            ".slice(0, 1).forEach((each) => each.click())"
+        )
+    page.wait_for_timeout(100)
+
+
+def take_control_and_arm(page: Page) -> None:
+    """Do what a newcomer does first."""
+    mode(page, "disarmed")
+    press_until(page, "Take control", page.get_by_role("button", name="Release control"))
+    press_until(page, "Arm", page.get_by_role("button", name="Disarm", exact=True))
+    mode(page, "ready")
+
+
+def centre(page: Page, role: str, name: str) -> tuple[float, float, float]:
+    """Return the centre of an element, and half its height, in pixels."""
+    box = page.get_by_role(role, name=name).bounding_box()
+    assert box is not None
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2, box["height"] / 2

@@ -1,0 +1,164 @@
+"""Harness: robot controller, ideal joints and operators in virtual time."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from tsd_twin import robots
+from tsd_twin.control import RobotController
+from tsd_twin.kinematics import JointKind
+from tsd_twin.lie import Array
+from tsd_twin.messages.commands import Sample, encode_attachment
+from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
+from tsd_twin.messages.status import LoopStatus, Status
+from tsd_twin.messages.topics import Service
+from tsd_twin.robots import RobotDescription
+from tsd_twin.safety import Mode
+from tsd_twin.simulation import SimRobot
+
+PERIOD_S = 0.01
+ROBOT = robots.load_robot("tsd")
+
+
+@dataclass(slots=True)
+class HarnessOperator:
+    """Somebody who holds a lease, or did."""
+
+    name: str
+    lease: str
+    numbers: itertools.count[int] = field(default_factory=lambda: itertools.count(1))
+
+
+class ControllerHarness:
+    """A core at 100 Hz, with perfect joints or with a simulated robot."""
+
+    def __init__(
+        self,
+        simulated: SimRobot | None = None,
+        start_s: float = 0.0,
+        robot: RobotDescription = ROBOT,
+    ) -> None:
+        ids = itertools.count(1)
+        self.controller = RobotController(robot, lambda: next(ids).to_bytes(16, "big"))
+        self.simulated = simulated
+        self.now_s = start_s
+        self.status_seq = 0
+        self.status_sent_s: dict[int, float] = {}
+        self.inbox: list[Sample] = []
+        self.measures = True
+        joints = self.controller.kinematics.joints
+        self.wheels = np.array([joint.kind is JointKind.VELOCITY for joint in joints])
+        self._ticks = itertools.count()
+        self._told = self.mode
+        self.setpoint = self.controller.setpoint
+        self.tick(0.0)
+
+    @property
+    def mode(self) -> Mode:
+        return self.controller.supervisor.mode
+
+    @property
+    def twist(self) -> Array:
+        return self.controller.twist
+
+    @property
+    def pose(self) -> Array:
+        """x, y, heading as the robot estimates it; of a sphere its quaternion, w first."""
+        message = self.controller.odometry(0)
+        return message.xy_heading if message.wxyz is None else message.wxyz
+
+    def truth(self) -> Array:
+        """x, y, heading as the simulator knows it."""
+        assert self.simulated is not None
+        return self.simulated.truth(self.now_s).pose.xy_heading
+
+    def status(self) -> Status:
+        return self.controller.status(self.now_s, LoopStatus(), {})
+
+    def tick(self, dt_s: float = PERIOD_S) -> None:
+        """One turn of the loop, as the node has it: read, step, write, and send the status."""
+        self.now_s += dt_s
+        inbox, self.inbox = self.inbox, []
+        self.setpoint = self.controller.step(self.now_s, self._measure(), inbox)
+        if self.simulated is not None:
+            self.simulated.write(self.setpoint, self.now_s)
+        if next(self._ticks) % 5 == 0 or self.mode is not self._told:
+            self._told = self.mode
+            self.status_seq += 1
+            self.status_sent_s[self.status_seq] = self.now_s
+            self.controller.record_status_sent(self.status_seq, self.now_s)
+
+    def _measure(self) -> Array | None:
+        if not self.measures:
+            return None
+        if self.simulated is not None:
+            return self.simulated.read(self.now_s)
+        if self.controller.robot.measures_spin:
+            return self.setpoint.copy()
+        return np.where(self.wheels, np.nan, self.setpoint)
+
+    def wait(self, seconds: float) -> None:
+        for _ in range(round(seconds / PERIOD_S)):
+            self.tick()
+
+    def ask(self, service: Service, **fields: Any) -> Any:
+        return self.controller.serve(service, json.dumps(fields).encode(), self.now_s)
+
+    def acquire(self, name: str = "alice", **fields: Any) -> HarnessOperator:
+        reply = self.ask(Service.LEASE, op="acquire", operator=name, **fields)
+        assert reply.granted, reply.reason
+        return self.pilot(name, reply.lease)
+
+    @staticmethod
+    def pilot(name: str, lease: str) -> HarnessOperator:
+        return HarnessOperator(name, lease)
+
+    def sample(
+        self, pilot: HarnessOperator, twist: Sequence[float], frame: str = BASE, **changed: Any
+    ) -> Sample:
+        """A command of the three numbers, as it should be but for what is `changed`."""
+        spatial = np.zeros(6)
+        spatial[list(self.controller.kinematics.twist_axes)] = twist
+        attachment = encode_attachment(
+            changed.get("seq", next(pilot.numbers)),
+            bytes.fromhex(changed.get("lease", pilot.lease)),
+            changed.get("status_seq", self.status_seq),
+        )
+        payload = encode_twist(TwistStamped(frame, spatial))
+        return Sample(f"twin/tsd/cmd/{pilot.name}/twist", payload, attachment)
+
+    def send(self, pilot: HarnessOperator, twist: Sequence[float], frame: str = BASE) -> None:
+        self.inbox.append(self.sample(pilot, twist, frame))
+
+    def drive(
+        self, pilot: HarnessOperator, twist: Sequence[float], seconds: float, frame: str = BASE
+    ) -> None:
+        """Hold the stick: 50 commands a second."""
+        for i in range(round(seconds / PERIOD_S)):
+            if i % 2 == 0:
+                self.send(pilot, twist, frame)
+            self.tick()
+
+    def get_ready(self, name: str = "alice", **fields: Any) -> HarnessOperator:
+        """Take control and arm."""
+        pilot = self.acquire(name, **fields)
+        reply = self.ask(Service.ARM, lease=pilot.lease)
+        assert reply.ok, reply.reason
+        for _ in range(40):
+            if self.mode is Mode.READY:
+                break
+            self.drive(pilot, (0, 0, 0), 0.1)
+        assert self.mode is Mode.READY
+        return pilot
+
+    def place(self, *xy_heading: float, pilot: HarnessOperator) -> None:
+        """Tell the robot where it is."""
+        x, y, heading = xy_heading
+        reply = self.ask(Service.SET_POSE, lease=pilot.lease, x_m=x, y_m=y, heading_rad=heading)
+        assert reply.ok, reply.reason

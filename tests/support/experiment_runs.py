@@ -1,0 +1,35 @@
+"""Experiments run as the program `tsd-lab` runs them, without the program."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from tsd_lab import EXPERIMENTS
+from tsd_twin.experiment import Output
+from tsd_twin.lie import Array
+
+
+def run(folder: Path, name: str, *flags: str) -> list[str]:
+    """Run an experiment with flags as typed; its files go to `folder`."""
+    (experiment,) = (each for each in EXPERIMENTS if each.name == name)
+    parser = argparse.ArgumentParser()
+    experiment.add_flags(parser)
+    return experiment.run(parser.parse_args(flags), Output(folder, quiet=True))
+
+
+def table(path: Path) -> dict[str, Array]:
+    """Return the columns of a CSV file."""
+    with path.open(newline="", encoding="utf-8") as file:
+        names, *rows = csv.reader(file)
+    return dict(zip(names, np.array(rows, dtype=float).T, strict=True))
+
+
+def is_picture(path: Path, least_width: int = 800) -> bool:
+    """Return whether a file is a PNG of some size in which something is drawn."""
+    data = path.read_bytes()
+    width = int.from_bytes(data[16:20], "big")
+    return data.startswith(b"\x89PNG") and width >= least_width and len(data) > 10_000

@@ -1,0 +1,285 @@
+"""Robot, link, dashboard and page as processes that a test can kill, and an observer of the
+motion."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import json
+import math
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.app.conftest import Program
+from tests.support.robot_node import PATIENCE_S, QUICK
+from tsd_twin.bus import Bus, client_config
+from tsd_twin.lie import Array
+from tsd_twin.link_emulation import LinkEmulator, LinkSpec
+from tsd_twin.messages import topics
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.ros import decode_odometry
+from tsd_twin.messages.status import Status, decode_stamp, decode_status
+
+ID = "tsd"
+SPEED_MPS = 1.0
+AT_REST_MPS = 1e-3
+ANY_PORT = "tcp/127.0.0.1:0"
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What the robot did after a fault."""
+
+    distance_m: float
+    """Way from the fault to standstill."""
+    time_s: float
+    """Until standstill."""
+    after_m: float
+    """Way after that, until nobody looked any more."""
+
+
+class Observer:
+    """Hears the robot itself, on no simulated link."""
+
+    def __init__(self, bus: Bus) -> None:
+        self._news = threading.Condition()
+        self.truth: list[tuple[float, Array, float]] = []
+        """Robot time in seconds, (x, y), and speed at which anything moves."""
+        self.status = Status("disarmed")
+        bus.subscribe(topics.TRUTH.key(ID), self._on_truth)
+        bus.subscribe(topics.STATUS.key(ID), self._on_status)
+
+    def _on_truth(self, sample: Sample) -> None:
+        odometry = decode_odometry(sample.payload)
+        robot_s = decode_stamp(sample.attachment)[1] * 1e-9
+        with self._news:
+            speed = float(np.abs(odometry.twist).max())
+            self.truth.append((robot_s, odometry.xy_heading[:2], speed))
+            self._news.notify_all()
+
+    def _on_status(self, sample: Sample) -> None:
+        with self._news:
+            self.status = decode_status(sample.payload)
+            self._news.notify_all()
+
+    def until(self, condition: Callable[[], bool], what: str) -> None:
+        """Wait until what is heard makes a condition true."""
+        with self._news:
+            heard = self._news.wait_for(condition, PATIENCE_S)
+            assert heard, f"never: {what}; {self.status}; {self.truth[-1:]}"
+
+    def until_time(self, time_s: float) -> None:
+        """Wait until the robot has said what it did up to a time."""
+        self.until(lambda: self.truth[-1][0] >= time_s, f"a truth of {time_s}")
+
+    def until_speed(self, speed_mps: float = SPEED_MPS) -> None:
+        """Wait until the robot has been as fast as it was asked to be for some samples."""
+        assert self.gets_fast(PATIENCE_S, speed_mps), f"never {speed_mps} m/s; {self.status}"
+
+    def gets_fast(self, patience_s: float, speed_mps: float = SPEED_MPS) -> bool:
+        """Return whether within so long it has been as fast as it was asked to be."""
+
+        def fast() -> bool:
+            return all(speed >= 0.98 * speed_mps for _, _, speed in self.truth[-5:])
+
+        with self._news:
+            return self._news.wait_for(fast, patience_s)
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing moves."""
+        return self.truth[-1][2] < AT_REST_MPS
+
+    def until_rest(self) -> None:
+        """Wait until nothing moves."""
+        self.until(lambda: self.at_rest, "standstill")
+
+    def way_since(self, time_s: float) -> float:
+        """Return how far the robot has gone, in metres."""
+        return _way_m([row for row in self.truth if row[0] >= time_s])
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """Commands that did not count so far, by reason."""
+        counts = self.status.command.dropped
+        return {name: getattr(counts, name) for name in counts.__struct_fields__}
+
+    def run_since(self, fault_s: float, under_way_s: float = 0.0) -> Run:
+        """Return what the robot has done since a fault.
+
+        From the last truth before it, so that the way is rather too long than too short. A
+        standstill counts once nothing can be under way any more that was sent before the fault.
+        """
+        with self._news:
+            truth = list(self.truth)
+        first = max(i for i, (robot_s, _, _) in enumerate(truth) if robot_s <= fault_s)
+        still = next(
+            i
+            for i in range(first + 1, len(truth))
+            if truth[i][2] < AT_REST_MPS and truth[i][0] >= fault_s + under_way_s
+        )
+        return Run(
+            _way_m(truth[first : still + 1]), truth[still][0] - fault_s, _way_m(truth[still:])
+        )
+
+
+def _way_m(truth: list[tuple[float, Array, float]]) -> float:
+    return sum(math.dist(a[1], b[1]) for a, b in itertools.pairwise(truth))
+
+
+class PretendPage:
+    """The process of a page that no browser shows."""
+
+    def __init__(self, url: str) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "tests.system.pretend_page", url],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        self._news = threading.Condition()
+        self.notices: list[dict[str, Any]] = []
+        self._reader = threading.Thread(target=self._read)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            with self._news:
+                self.notices.append(json.loads(line))
+                self._news.notify_all()
+
+    def do(self, *words: object) -> float:
+        """Move the hand, and return when that was done."""
+        assert self.process.stdin is not None
+        before = len(self.notices)
+        self.process.stdin.write(" ".join(map(str, words)) + "\n")
+        self.process.stdin.flush()
+        return float(self.until("done", before)["at_s"])
+
+    def until(self, what: str, since: int = 0) -> dict[str, Any]:
+        """Wait until the page has noticed something, and return that."""
+
+        def found() -> dict[str, Any] | None:
+            return next((n for n in self.notices[since:] if n["what"] == what), None)
+
+        with self._news:
+            notice = self._news.wait_for(found, PATIENCE_S)
+            assert notice, f"the page never said '{what}': {self.notices}"
+            return notice
+
+    def count(self, what: str) -> int:
+        """Return how often the page has noticed something."""
+        return sum(notice["what"] == what for notice in self.notices)
+
+    def get_ready(self, max_age_s: float | None = None) -> None:
+        """Take control and arm."""
+        before = len(self.notices)
+        self.do("ready", *([] if max_age_s is None else [max_age_s]))
+        self.until("ready", before)
+
+    def send_signal(self, number: int) -> float:
+        """Send a signal to the process, and return the time just before."""
+        return send_signal(self.process.pid, number)
+
+    def clean_up(self) -> None:
+        """Leave nothing behind."""
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait(PATIENCE_S)
+        self._reader.join(PATIENCE_S)
+        for stream in (self.process.stdin, self.process.stdout):
+            if stream is not None:
+                with contextlib.suppress(BrokenPipeError):
+                    stream.close()
+
+
+def send_signal(pid: int, number: int) -> float:
+    """Send a signal, and return the time just before."""
+    at_s = time.monotonic()
+    os.kill(pid, number)
+    return at_s
+
+
+class FaultStage:
+    """The robot, the link and the observer; dashboards and pages come and go."""
+
+    def __init__(self, mock: Program, endpoint: str, link: LinkEmulator, bus: Bus) -> None:
+        self.mock, self.endpoint, self.link = mock, endpoint, link
+        self.observer = Observer(bus)
+        self._dashboard: Program | None = None
+        self._pages: list[PretendPage] = []
+
+    @property
+    def dashboard(self) -> Program:
+        """A dashboard that lives, a new one if the last was killed."""
+        if self._dashboard is None or self._dashboard.process.poll() is not None:
+            if self._dashboard is not None:
+                self._dashboard.clean_up()
+            flags = ("--port", "0", "--connect", self.link.endpoint)
+            self._dashboard = Program(["tsd_dashboard", *flags])
+        return self._dashboard
+
+    @property
+    def url(self) -> str:
+        """Where the dashboard serves its page."""
+        return re.findall(r"http://\S+", self.dashboard.ready())[0]
+
+    def page(self) -> PretendPage:
+        """Open a page."""
+        self._pages.append(PretendPage(self.url))
+        return self._pages[-1]
+
+    def driving_page(self) -> PretendPage:
+        """Open a page that takes control, arms, and pushes the stick until the robot is fast."""
+        page = self.page()
+        page.get_ready()
+        page.do("push", SPEED_MPS)
+        self.observer.until_speed()
+        return page
+
+    def close_pages(self) -> None:
+        """End all pages."""
+        for page in self._pages:
+            page.clean_up()
+        self._pages.clear()
+
+    def close(self) -> None:
+        """Leave nothing behind."""
+        self.close_pages()
+        if self._dashboard is not None:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self._dashboard.process.pid, signal.SIGCONT)
+            self._dashboard.clean_up()
+
+
+@contextlib.contextmanager
+def fault_stage(folder: Path) -> Generator[FaultStage]:
+    """Start a simulated robot, with a link to it that does nothing yet."""
+    description = folder / "quick.toml"
+    description.write_text(QUICK, encoding="utf-8")
+    mock = Program(["tsd_mock", "--listen", ANY_PORT, "--robot", str(description), "--id", ID])
+    try:
+        (endpoint,) = re.findall(r"tcp/[\d.:]+", mock.ready())
+        with (
+            LinkEmulator(LinkSpec(), ANY_PORT, endpoint) as link,
+            Bus(client_config([endpoint])) as bus,
+        ):
+            it = FaultStage(mock, endpoint, link, bus)
+            try:
+                yield it
+            finally:
+                it.close()
+    finally:
+        mock.clean_up()

@@ -1,0 +1,188 @@
+"""Host end of the firmware's serial line in virtual time: what a bridge does, and what it never
+would.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from firmware.simulator import protocol2
+from firmware.simulator.rig import Rig
+from tsd_twin.dynamixel.blocks import Command, Setup, Telemetry
+from tsd_twin.dynamixel.control_table import BOARD_ID, ZERO_THROTTLE, BoardMode
+
+CYCLE_S = 0.01
+HOLD_S = 2.05
+"""After this a board that got power may be armed."""
+CRUISE = (2414, 2411, 2417)
+ZERO = (ZERO_THROTTLE,) * 3
+NO_GOALS = (0,) * 6
+
+
+def at(address: int) -> bytes:
+    return address.to_bytes(2, "little")
+
+
+def write(address: int, data: bytes) -> bytes:
+    return protocol2.packet(BOARD_ID, protocol2.WRITE, at(address) + data)
+
+
+def read(address: int, length: int) -> bytes:
+    return protocol2.packet(BOARD_ID, protocol2.READ, at(address) + at(length))
+
+
+READ_TELEMETRY = read(Telemetry.ADDRESS, Telemetry.LAYOUT.size)
+PING = protocol2.packet(BOARD_ID, protocol2.PING)
+
+
+def packets(data: bytes) -> list[bytes]:
+    """Cut what came into packets."""
+    found: list[bytes] = []
+    while data:
+        size = 7 + int.from_bytes(data[5:7], "little")
+        found.append(data[:size])
+        data = data[size:]
+    return found
+
+
+class FirmwareHost:
+    """A rig and who speaks with its board."""
+
+    def __init__(self, rig: Rig) -> None:
+        self.rig = rig
+        self.beat = 0
+        self.missed = 0
+        """Cycles without both answers."""
+
+    def ask(self, request: bytes) -> tuple[int, bytes]:
+        """Send one packet; return error and data of the answer."""
+        self.rig.board.receive()
+        self.rig.board.send(request)
+        self.rig.run(0.005)
+        answer = protocol2.parse(self.rig.board.receive())
+        assert answer is not None, "no answer"
+        ident, instruction, parameters = answer
+        assert (ident, instruction) == (BOARD_ID, protocol2.STATUS)
+        return parameters[0], parameters[1:]
+
+    def telemetry(self) -> Telemetry:
+        error, data = self.ask(READ_TELEMETRY)
+        assert error == 0
+        return Telemetry.unpack(data)
+
+    def mode(self) -> BoardMode:
+        return BoardMode(self.telemetry().mode)
+
+    def set_up(self, setup: Setup | None = None) -> int:
+        """Write the setup; return the error."""
+        setup = Setup() if setup is None else setup
+        return self.ask(write(Setup.ADDRESS, setup.pack()))[0]
+
+    def command(
+        self,
+        arm: int,
+        throttle: Sequence[int] = ZERO,
+        goal: Sequence[int] = NO_GOALS,
+        *,
+        torque: int = 1,
+        fresh: bool = True,
+    ) -> bytes:
+        """Return a whole command block, as a packet."""
+        self.beat = (self.beat + fresh) % 65536
+        block = Command(self.beat, arm, torque, tuple(throttle), tuple(goal))
+        return write(Command.ADDRESS, block.pack())
+
+    def cycle(
+        self,
+        arm: int,
+        throttle: Sequence[int] = ZERO,
+        goal: Sequence[int] = NO_GOALS,
+        *,
+        torque: int = 1,
+        fresh: bool = True,
+    ) -> Telemetry | None:
+        """Write and read as a bridge does in one cycle; None when an answer is missing."""
+        command = self.command(arm, throttle, goal, torque=torque, fresh=fresh)
+        self.rig.board.send(command + READ_TELEMETRY)
+        self.rig.run(CYCLE_S)
+        answers = packets(self.rig.board.receive())
+        parsed = protocol2.parse(answers[1]) if len(answers) == 2 else None
+        if parsed is None:
+            self.missed += 1
+            return None
+        return Telemetry.unpack(parsed[2][1:])
+
+    def drive(
+        self,
+        seconds: float,
+        arm: int = 1,
+        throttle: Sequence[int] = CRUISE,
+        goal: Sequence[int] = NO_GOALS,
+        *,
+        fresh: bool = True,
+    ) -> Telemetry:
+        """Go on with the same command; return what the board says at the end."""
+        for _ in range(round(seconds / CYCLE_S)):
+            self.cycle(arm, throttle, goal, fresh=fresh)
+        return self.telemetry()
+
+    def get_ready(self, setup: Setup | None = None) -> FirmwareHost:
+        """Set up, and wait until arming is possible."""
+        self.rig.run(CYCLE_S)
+        assert self.set_up(setup) == 0
+        self.rig.run(HOLD_S)
+        return self
+
+    def arm(self) -> Telemetry:
+        """Take the arm switch from 0 to 1; return what the board says to that."""
+        self.cycle(0)
+        self.cycle(1)
+        return self.telemetry()
+
+    def get_driving(self, goal: Sequence[int] = NO_GOALS) -> FirmwareHost:
+        """Be armed, with spinning wheels."""
+        self.get_ready()
+        assert self.arm().mode == BoardMode.ARMED
+        assert self.drive(0.2, goal=goal).mode == BoardMode.ARMED
+        assert min(self.rig.pulses_us()) > 1200.0
+        return self
+
+    def until_quiet(self, patience_s: float) -> float:
+        """Return after how many seconds all pulses are zero throttle; nothing is sent."""
+        start_s = self.rig.board.now_s
+        while max(self.rig.pulses_us()) > 1001.0:
+            self.rig.run(0.001)
+            assert self.rig.board.now_s - start_s < patience_s, "the pulses go on"
+        return self.rig.board.now_s - start_s
+
+    def finish(self) -> None:
+        """Look at what must never have happened."""
+        widest = max(self.rig.board.pulse(i).unarmed_us for i in range(3))
+        faults = self.rig.board.bus_faults()
+        assert widest < 1001.0, f"a pulse of {widest} us while nobody had the joints"
+        assert faults == (0, 0, 0), "the servo bus was not kept clean"
+
+
+class Bench:
+    """Makes pilots for one build of the firmware, and looks at all of them in the end."""
+
+    def __init__(self, elf: Path | None = None) -> None:
+        self._elf = elf
+        self._pilots: list[FirmwareHost] = []
+
+    def pilot(self, version: int | Sequence[int] = 2, **more: object) -> FirmwareHost:
+        """Power up a robot; arguments as of `Rig`."""
+        pilot = FirmwareHost(Rig(version, elf=self._elf, **more))  # type: ignore[arg-type]
+        self._pilots.append(pilot)
+        return pilot
+
+    def finish(self) -> None:
+        """Look at all pilots."""
+        for pilot in self._pilots:
+            pilot.finish()
+
+    def close(self) -> None:
+        """Free all rigs."""
+        for pilot in self._pilots:
+            pilot.rig.close()

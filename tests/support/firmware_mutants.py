@@ -1,0 +1,394 @@
+"""Safety-relevant lines of the firmware, each broken on purpose, and the rule that detects it."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+from firmware.simulator.board import BUILD, FIRMWARE
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One mistake: `old` stands once in `file` and becomes `new`."""
+
+    what: str
+    file: str
+    old: str
+    new: str
+    law: str
+    """Name of the law in `laws.py` that it breaks."""
+
+    def build(self, folder: Path) -> Path:
+        """Build the firmware with this mistake in it; return where it is."""
+        sources = [*FIRMWARE.glob("*.c"), *FIRMWARE.glob("*.h"), FIRMWARE / "Makefile"]
+        for source in sources:
+            shutil.copy2(source, folder)
+        objects = folder / "build"
+        objects.mkdir()
+        for made in [*BUILD.glob("*.o"), *BUILD.glob("*.d")]:
+            shutil.copy2(made, objects)
+        path = folder / self.file
+        text = path.read_text(encoding="utf-8")
+        assert text.count(self.old) == 1, f"{self.file} has not one {self.old!r}"
+        path.write_text(text.replace(self.old, self.new), encoding="utf-8")
+        run = ["make", "-s", "-C", str(folder), "build/firmware.elf"]
+        subprocess.run(run, check=True)
+        return objects / "firmware.elf"
+
+
+MUTANTS = (
+    Mutant(
+        "the heartbeat never times out",
+        "safety.c",
+        "pc && beat_age_ms >= CT_DEFAULT(heartbeat_timeout_ms)",
+        "pc && beat_age_ms >= 60000",
+        "silence_stops",
+    ),
+    Mutant(
+        "it times out a little late",
+        "safety.c",
+        "beat_age_ms >= CT_DEFAULT(heartbeat_timeout_ms)",
+        "beat_age_ms >= CT_DEFAULT(heartbeat_timeout_ms) + 100",
+        "silence_stops",
+    ),
+    Mutant(
+        "the age of the beat is not counted",
+        "safety.c",
+        "if (beat_age_ms < UINT16_MAX) beat_age_ms++;",
+        "",
+        "silence_stops",
+    ),
+    Mutant(
+        "any write is a beat",
+        "safety.c",
+        "  if (beat) {\n    table.beat",
+        "  beat = true;\n  if (beat) {\n    table.beat",
+        "reading_and_old_beats_do_not_keep_it_going",
+    ),
+    Mutant(
+        "a part of a command counts",
+        "table.c",
+        "if (command && length != CT_COMMAND_SIZE) return ANSWER_LENGTH;",
+        "",
+        "a_heartbeat_without_its_command_is_none",
+    ),
+    Mutant(
+        "reading feeds the heartbeat",
+        "host.c",
+        "      read(packet);\n",
+        "      read(packet);\n      { extern void safety_command(void);\n"
+        "        table.heartbeat++; safety_command(); }\n",
+        "reading_and_old_beats_do_not_keep_it_going",
+    ),
+    Mutant(
+        "a trip does not disarm",
+        "safety.c",
+        "  disarm();\n  table.trip = reason;",
+        "  table.trip = reason;",
+        "silence_stops",
+    ),
+    Mutant(
+        "a trip is not latched: 1 arms again",
+        "safety.c",
+        "edge = wanted && !arm_was_written;",
+        "edge = wanted;",
+        "after_a_trip_only_a_new_arming_arms",
+    ),
+    Mutant(
+        "a reset takes the arm switch for 0",
+        "safety.c",
+        "static bool arm_was_written = true;",
+        "static bool arm_was_written = false;",
+        "after_a_reset_only_a_new_arming_arms",
+    ),
+    Mutant(
+        "arming wants no beat",
+        "safety.c",
+        "if (!edge || !beat) return;",
+        "if (!edge) return;",
+        "arming_wants_a_fresh_command",
+    ),
+    Mutant(
+        "disarming wants a beat",
+        "safety.c",
+        "  if (!wanted) {\n    if (table.mode",
+        "  if (!wanted && beat) {\n    if (table.mode",
+        "a_disarming_counts_without_a_beat",
+    ),
+    Mutant(
+        "the watchdog is not started",
+        "watchdog.c",
+        "  wdt_enable(WDTO_250MS);",
+        "  wdt_disable();",
+        "a_hang_ends_in_a_reset_and_standstill",
+    ),
+    Mutant(
+        "the watchdog takes two seconds",
+        "watchdog.c",
+        "wdt_enable(WDTO_250MS)",
+        "wdt_enable(WDTO_2S)",
+        "a_hang_ends_in_a_reset_and_standstill",
+    ),
+    Mutant(
+        "the watchdog is kicked by the main loop",
+        "main.c",
+        "    servos_poll();\n",
+        "    servos_poll();\n    watchdog_kick();\n",
+        "a_lost_tick_ends_in_a_reset",
+    ),
+    Mutant(
+        "the watchdog is not kicked",
+        "safety.c",
+        "  watchdog_kick();\n",
+        "",
+        "zero_throttle_from_the_first_millisecond",
+    ),
+    Mutant(
+        "a watchdog reset is not reported",
+        "safety.c",
+        "    table.trip = TRIP_WATCHDOG;\n",
+        "",
+        "a_hang_ends_in_a_reset_and_standstill",
+    ),
+    Mutant(
+        "the cause of a reset is lost",
+        "watchdog.c",
+        "  cause = MCUSR;\n",
+        "  cause = 0;\n",
+        "after_a_reset_only_a_new_arming_arms",
+    ),
+    Mutant(
+        "the speed controllers get no signal",
+        "esc.c",
+        "  TCCR4B = _BV(WGM43) | _BV(WGM42) | _BV(CS41);",
+        "",
+        "zero_throttle_from_the_first_millisecond",
+    ),
+    Mutant(
+        "the first pulse is not zero throttle",
+        "esc.c",
+        "OCR4A = OCR4B = OCR4C = CT_ZERO_THROTTLE - 1;",
+        "OCR4A = OCR4B = OCR4C = CT_FULL_THROTTLE - 1;",
+        "zero_throttle_from_the_first_millisecond",
+    ),
+    Mutant(
+        "throttles pass while disarmed",
+        "safety.c",
+        "table.throttle_out[i] = pc || rc ? throttle[i] : CT_ZERO_THROTTLE;",
+        "table.throttle_out[i] = throttle[i];",
+        "who_is_disarmed_moves_nothing",
+    ),
+    Mutant(
+        "goals pass while disarmed",
+        "safety.c",
+        "int16_t wanted = pc || rc ? goal[i] : 0;",
+        "int16_t wanted = goal[i];",
+        "who_is_disarmed_moves_nothing",
+    ),
+    Mutant(
+        "the limit of the goals is not kept",
+        "safety.c",
+        "wanted > limit ? limit : wanted < -limit ? -limit : wanted;",
+        "wanted > limit ? wanted : wanted < -limit ? wanted : wanted;",
+        "goals_end_at_their_limit",
+    ),
+    Mutant(
+        "values beyond their limits are taken",
+        "table.c",
+        "  if (!within_limits((const uint8_t *)&wanted)) return ANSWER_RANGE;\n",
+        "  (void)within_limits;\n",
+        "writes_that_are_wrong_change_nothing",
+    ),
+    Mutant(
+        "the setup can be written while armed",
+        "table.c",
+        "  if (setup && table.mode != BOARD_DISARMED) return ANSWER_ACCESS;\n",
+        "",
+        "writes_that_are_wrong_change_nothing",
+    ),
+    Mutant(
+        "telemetry can be written",
+        "table.c",
+        "  if (!setup && !command) return ANSWER_ACCESS;\n",
+        "",
+        "writes_that_are_wrong_change_nothing",
+    ),
+    Mutant(
+        "the hold of the speed controllers is not kept",
+        "safety.c",
+        "  if (!table.esc_ready) return REFUSAL_ESC_HOLD;\n",
+        "",
+        "the_hold_of_the_speed_controllers_is_kept",
+    ),
+    Mutant(
+        "arming with throttle",
+        "safety.c",
+        "  if (!throttles_zero()) return REFUSAL_THROTTLE;\n",
+        "  (void)throttles_zero;\n",
+        "arming_wants_zero_throttle_and_zero_goals",
+    ),
+    Mutant(
+        "arming with tilted goals",
+        "safety.c",
+        "  if (!goals_zero()) return REFUSAL_GOAL;\n",
+        "  (void)goals_zero;\n",
+        "arming_wants_zero_throttle_and_zero_goals",
+    ),
+    Mutant(
+        "arming with tilted gimbals",
+        "safety.c",
+        "  if (!neutral()) return REFUSAL_NOT_NEUTRAL;\n",
+        "  (void)neutral;\n",
+        "arming_wants_neutral_gimbals",
+    ),
+    Mutant(
+        "arming without a setup",
+        "safety.c",
+        "  if (!setup_known()) return REFUSAL_SETUP;\n",
+        "",
+        "without_a_setup_nothing_moves",
+    ),
+    Mutant(
+        "servos hold without a setup",
+        "safety.c",
+        "servo_command.torque = setup_known() && (",
+        "servo_command.torque = (",
+        "without_a_setup_nothing_moves",
+    ),
+    Mutant(
+        "the setup is not stored",
+        "setup.c",
+        "  stored = 0;\n",
+        "",
+        "a_setup_is_kept_over_resets",
+    ),
+    Mutant(
+        "the sum of the setup is not looked at",
+        "setup.c",
+        " || image.sum != sum) return;",
+        ") return;\n  (void)sum;",
+        "a_setup_that_was_spoilt_is_none",
+    ),
+    Mutant(
+        "the rules wait until the line pauses",
+        "main.c",
+        "while (clock_tick()) tick();",
+        "while (!more && clock_tick()) tick();",
+        "a_flood_does_not_keep_the_rules_waiting",
+    ),
+    Mutant(
+        "a servo that dies is not noticed",
+        "servos.c",
+        "if (age_ms[i] > ALIVE_MS) table.servo_alive &= ~bit(i);",
+        "",
+        "a_servo_that_dies_stops_and_is_named",
+    ),
+    Mutant(
+        "a servo that dies is no reason to stop",
+        "safety.c",
+        "  if (!servos_well()) return TRIP_SERVO;\n",
+        "",
+        "a_servo_that_dies_stops_and_is_named",
+    ),
+    Mutant(
+        "a servo with an error is well",
+        "safety.c",
+        " && !(table.servo_fault & expected);",
+        ";",
+        "a_servo_in_trouble_stops",
+    ),
+    Mutant(
+        "servos let go while armed",
+        "safety.c",
+        "(table.torque || pc || rc)",
+        "table.torque",
+        "servos_hold_while_armed",
+    ),
+    Mutant(
+        "the kill switch is not looked at",
+        "safety.c",
+        "  if (receiver_kills()) return TRIP_KILL;\n",
+        "",
+        "the_kill_switch_stops",
+    ),
+    Mutant(
+        "arming with the kill switch on",
+        "safety.c",
+        "  if (receiver_kills()) return REFUSAL_KILL;\n",
+        "",
+        "the_kill_switch_stops",
+    ),
+    Mutant(
+        "a lost radio control is not noticed",
+        "receiver.c",
+        "    if (age_ms[i] > LOST_MS) table.rc[i] = 0;\n",
+        "",
+        "a_lost_radio_control_stops",
+    ),
+    Mutant(
+        "a lost radio control is no reason to stop",
+        "safety.c",
+        "if (receiver_seen() && !receiver_present()) return TRIP_RC_LOST;",
+        "",
+        "a_lost_radio_control_stops",
+    ),
+    Mutant(
+        "a receiver counts only when it is whole",
+        "receiver.c",
+        "if (table.rc[i]) watchdog_memory.receiver_seen = true;",
+        "if (receiver_present()) watchdog_memory.receiver_seen = true;",
+        "a_wire_of_the_receiver_that_is_off_stops",
+    ),
+    Mutant(
+        "a reset forgets what was there",
+        "watchdog.c",
+        "watchdog_memory.magic != MAGIC || (cause & _BV(PORF))",
+        "true",
+        "a_lost_radio_control_is_missed_after_a_reset_too",
+    ),
+    Mutant(
+        "the radio control cannot take over",
+        "safety.c",
+        "  if (pc && receiver_manual()) return TRIP_RC_TOOK_OVER;\n",
+        "",
+        "the_radio_control_takes_over_and_gives_back",
+    ),
+    Mutant(
+        "the radio control does not give back",
+        "safety.c",
+        "  if (table.mode == BOARD_RC && !manual) disarm();\n",
+        "",
+        "the_radio_control_takes_over_and_gives_back",
+    ),
+    Mutant(
+        "the radio control begins by itself",
+        "safety.c",
+        "manual_before = manual || !receiver_present();",
+        "manual_before = manual;",
+        "the_radio_control_begins_with_its_switch_and_no_speed",
+    ),
+    Mutant(
+        "the radio control begins at speed",
+        "safety.c",
+        "if (!table.refusal && !manual_speed_is_zero()) table.refusal = REFUSAL_THROTTLE;",
+        "",
+        "the_radio_control_begins_with_its_switch_and_no_speed",
+    ),
+    Mutant(
+        "trips hold for the PC only",
+        "safety.c",
+        "table.mode == BOARD_DISARMED ? TRIP_NONE",
+        "table.mode != BOARD_ARMED ? TRIP_NONE",
+        "the_radio_control_is_stopped_like_the_pc",
+    ),
+    Mutant(
+        "the servo bus is not let go of",
+        "servo_line.c",
+        "  BUS_PORT &= ~BUS_SEND;",
+        "",
+        "silence_stops",
+    ),
+)

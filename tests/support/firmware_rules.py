@@ -1,0 +1,386 @@
+"""Safety rules of the firmware, each on its own board; mutants have to break one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from tests.support.firmware_host import CRUISE, CYCLE_S, ZERO, Bench, write
+from tsd_twin.dynamixel.blocks import Command, Identity, Setup
+from tsd_twin.dynamixel.control_table import ADDRESS, BoardMode, Refusal, ResetCause, Trip
+
+TILTED = (100, -60, 0, 40, -100, 20)
+NEUTRAL_GOALS = [2048] * 6
+
+
+def zero_throttle_from_the_first_millisecond(bench: Bench) -> None:
+    rig = bench.pilot().rig
+    rig.run(1.01)
+    for pulse in map(rig.board.pulse, range(3)):
+        assert pulse.first_s < 0.001
+        assert pulse.count in (50, 51)
+        assert 999.5 < pulse.unarmed_us < 1000.5
+        assert 999.5 < pulse.us < 1000.5
+
+
+def silence_stops(bench: Bench) -> None:
+    pilot = bench.pilot().get_driving(TILTED)
+    pilot.rig.run(0.4)
+    assert pilot.mode() == BoardMode.ARMED, "it has half a second"
+    # 0.405 s have passed, and 0.005 s since the last beat before.
+    assert 0.405 + pilot.until_quiet(0.2) < 0.55
+    pilot.rig.run(2.5)
+    seen = pilot.telemetry()
+    assert (seen.mode, seen.trip, seen.trips) == (BoardMode.DISARMED, Trip.HEARTBEAT, 1)
+    assert [servo.goal for servo in pilot.rig.servos] == NEUTRAL_GOALS
+    assert max(map(abs, seen.position)) <= 1
+
+
+def reading_and_old_beats_do_not_keep_it_going(bench: Bench) -> None:
+    pilot = bench.pilot().get_driving()
+    old = pilot.command(1, CRUISE, fresh=False)
+    for _ in range(55):
+        pilot.rig.board.send(old)
+        pilot.rig.run(CYCLE_S)
+    seen = pilot.telemetry()
+    assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.HEARTBEAT)
+
+
+def a_heartbeat_without_its_command_is_none(bench: Bench) -> None:
+    pilot = bench.pilot().get_driving()
+    for beat in range(55):
+        error, _ = pilot.ask(write(Command.ADDRESS, (1000 + beat).to_bytes(2, "little")))
+        assert error == 5
+        pilot.rig.run(0.005)
+    assert pilot.mode() == BoardMode.DISARMED
+
+
+def after_a_trip_only_a_new_arming_arms(bench: Bench) -> None:
+    pilot = bench.pilot().get_driving()
+    pilot.rig.run(0.6)
+    assert pilot.drive(0.5).mode == BoardMode.DISARMED, "1 again and again"
+    assert pilot.drive(0.5, throttle=ZERO).mode == BoardMode.DISARMED
+    assert max(pilot.rig.pulses_us()) < 1001.0
+    seen = pilot.arm()
+    assert (seen.mode, seen.trip) == (BoardMode.ARMED, Trip.NONE)
+
+
+def after_a_reset_only_a_new_arming_arms(bench: Bench) -> None:
+    pilot = bench.pilot().get_driving()
+    pilot.rig.board.reset()
+    pilot.rig.run(2.5)
+    assert pilot.drive(0.3, throttle=ZERO).mode == BoardMode.DISARMED
+    assert pilot.telemetry().reset_cause == ResetCause.EXTERNAL
+    assert pilot.arm().mode == BoardMode.ARMED
+
+
+def a_hang_ends_in_a_reset_and_standstill(bench: Bench) -> None:
+    pilot = bench.pilot().get_driving(TILTED)
+    pilot.rig.board.hang()
+    pilot.rig.run(0.01)
+    assert max(pilot.rig.pulses_us()) > 1200.0, "the pulses go on by themselves"
+    assert pilot.rig.board.resets == 0
+    pilot.rig.run(0.29)
+    assert pilot.rig.board.resets == 1
+    assert max(pilot.rig.pulses_us()) < 1001.0
+    seen = pilot.drive(2.5, throttle=ZERO)
+    assert pilot.missed == 0
+    assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.WATCHDOG)
+    assert (seen.reset_cause, seen.resets, seen.trips) == (ResetCause.WATCHDOG, 1, 1)
+    assert pilot.arm().mode == BoardMode.ARMED
+
+
+def a_lost_tick_ends_in_a_reset(bench: Bench) -> None:
+    pilot = bench.pilot().get_driving()
+    pilot.rig.board.poke(0x70, 0)  # TIMSK2: the tick of a millisecond ceases, all else goes on.
+    for _ in range(30):
+        pilot.cycle(1, CRUISE)
+    assert pilot.rig.board.resets == 1
+    assert max(pilot.rig.pulses_us()) < 1001.0
+
+
+def the_hold_of_the_speed_controllers_is_kept(bench: Bench) -> None:
+    pilot = bench.pilot()
+    pilot.rig.run(CYCLE_S)
+    assert pilot.set_up() == 0
+    pilot.rig.run(1.9)
+    seen = pilot.arm()
+    assert (seen.mode, seen.refusal, seen.esc_ready) == (
+        BoardMode.DISARMED,
+        Refusal.ESC_HOLD,
+        0,
+    )
+    pilot.rig.run(0.2)
+    assert pilot.drive(0.1, throttle=ZERO).mode == BoardMode.DISARMED
+    seen = pilot.arm()
+    assert (seen.mode, seen.refusal, seen.esc_ready) == (BoardMode.ARMED, Refusal.NONE, 1)
+
+
+def arming_wants_zero_throttle_and_zero_goals(bench: Bench) -> None:
+    pilot = bench.pilot().get_ready()
+    for throttle, goal, refusal in (
+        (CRUISE, (0,) * 6, Refusal.THROTTLE),
+        ((2000, 2000, 2001), (0,) * 6, Refusal.THROTTLE),
+        (ZERO, (0, 0, 0, 0, 0, 1), Refusal.GOAL),
+    ):
+        pilot.cycle(0)
+        seen = pilot.cycle(1, throttle, goal)
+        assert seen is not None
+        assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, refusal)
+        assert pilot.drive(0.1, throttle=ZERO).mode == BoardMode.DISARMED, "it has to ask again"
+    assert pilot.arm().mode == BoardMode.ARMED
+
+
+def arming_wants_a_fresh_command(bench: Bench) -> None:
+    pilot = bench.pilot().get_ready()
+    pilot.cycle(0)
+    pilot.cycle(1, fresh=False)
+    assert pilot.mode() == BoardMode.DISARMED
+
+
+def arming_wants_neutral_gimbals(bench: Bench) -> None:
+    pilot = bench.pilot().get_driving(TILTED)
+    pilot.rig.servos[1].jammed = True
+    pilot.drive(0.5, arm=0, throttle=ZERO)
+    seen = pilot.arm()
+    assert abs(seen.position[1]) > Identity().neutral_band
+    assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.NOT_NEUTRAL)
+    pilot.rig.servos[1].jammed = False
+    pilot.rig.run(0.3)
+    assert pilot.arm().mode == BoardMode.ARMED
+
+
+def without_a_setup_nothing_moves(bench: Bench) -> None:
+    pilot = bench.pilot()
+    pilot.rig.run(2.1)
+    seen = pilot.arm()
+    assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.SETUP)
+    assert not any(servo.torque for servo in pilot.rig.servos)
+
+
+def a_setup_is_kept_over_resets(bench: Bench) -> None:
+    neutral = (2000, 2010, 2020, 2030, 2040, 2050)
+    reverse = [True, False, True, False, False, False]
+    pilot = bench.pilot(neutral=neutral, reverse=reverse)
+    pilot.get_ready(Setup(neutral=neutral, reverse=0b101))
+    for power in (False, True):
+        pilot.rig.board.reset(power=power)
+        pilot.rig.run(0.5)
+        assert pilot.telemetry().position == (0,) * 6
+        assert [servo.goal for servo in pilot.rig.servos] == list(neutral)
+        assert all(servo.torque for servo in pilot.rig.servos)
+    pilot.rig.run(2.0)
+    assert pilot.arm().mode == BoardMode.ARMED
+
+
+def a_setup_that_was_spoilt_is_none(bench: Bench) -> None:
+    pilot = bench.pilot().get_ready()
+    pilot.rig.board.poke_eeprom(3, 0x55)
+    pilot.rig.board.reset(power=True)
+    pilot.rig.run(2.1)
+    assert pilot.arm().refusal == Refusal.SETUP
+    assert pilot.telemetry().position == (0,) * 6
+
+
+def a_servo_that_dies_stops_and_is_named(bench: Bench) -> None:
+    pilot = bench.pilot().get_driving()
+    pilot.rig.servos[3].dead = True
+    seen = pilot.drive(0.1)
+    assert (seen.mode, seen.trip, seen.servo_alive) == (BoardMode.DISARMED, Trip.SERVO, 0b110111)
+    assert max(pilot.rig.pulses_us()) < 1001.0
+    seen = pilot.arm()
+    assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.SERVO)
+    pilot.rig.run(0.3)
+    assert pilot.telemetry().servo_found == 0b110111
+    pilot.rig.servos[3].dead = False
+    pilot.rig.run(0.3)
+    assert pilot.arm().mode == BoardMode.ARMED, "it is found again"
+
+
+def a_servo_in_trouble_stops(bench: Bench) -> None:
+    for version in (1, 2):
+        pilot = bench.pilot(version).get_driving()
+        pilot.rig.servos[0].fault = True
+        seen = pilot.drive(0.1)
+        assert (seen.mode, seen.trip, seen.servo_fault) == (BoardMode.DISARMED, Trip.SERVO, 1)
+        assert pilot.arm().refusal == Refusal.SERVO
+
+
+def who_is_disarmed_moves_nothing(bench: Bench) -> None:
+    pilot = bench.pilot().get_ready()
+    seen = pilot.drive(0.5, arm=0, throttle=CRUISE, goal=TILTED)
+    assert seen.throttle_out == ZERO
+    assert [servo.goal for servo in pilot.rig.servos] == NEUTRAL_GOALS
+    assert max(map(abs, seen.position)) <= 1
+
+
+def a_disarming_counts_without_a_beat(bench: Bench) -> None:
+    pilot = bench.pilot().get_driving()
+    seen = pilot.cycle(0, CRUISE, fresh=False)
+    assert seen is not None
+    assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.NONE)
+    assert pilot.until_quiet(0.03) < 0.03
+
+
+def a_flood_does_not_keep_the_rules_waiting(bench: Bench) -> None:
+    pilot = bench.pilot().get_driving()
+    random = np.random.default_rng(9)
+    for _ in range(11):
+        pilot.rig.board.send(random.bytes(5000))
+        pilot.rig.run(0.05)
+    assert max(pilot.rig.pulses_us()) < 1001.0
+    assert pilot.rig.board.resets == 0, "the watchdog had to end it"
+    pilot.rig.run(0.2)
+    seen = pilot.telemetry()
+    assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.HEARTBEAT)
+
+
+def writes_that_are_wrong_change_nothing(bench: Bench) -> None:
+    pilot = bench.pilot().get_driving()
+    good = Command(pilot.beat + 1, 1, 1, CRUISE, (0,) * 6).pack()
+    goal_at = ADDRESS["goal"] - Command.ADDRESS
+    for packet, error in (
+        (write(ADDRESS["throttle"], b"\xa0\x0f"), 5),
+        (write(ADDRESS["arm"], b"\0"), 5),
+        (write(Command.ADDRESS, good[:4] + b"\xa1\x0f" + good[6:]), 4),
+        (write(Command.ADDRESS, good[:4] + b"\xcf\x07" + good[6:]), 4),
+        (write(Command.ADDRESS, good[:2] + b"\x02" + good[3:]), 4),
+        (write(Command.ADDRESS, good[:goal_at] + b"\x00\x04" + good[goal_at + 2 :]), 4),
+        (write(Command.ADDRESS, good + b"\0"), 7),
+        (write(Setup.ADDRESS, Setup().pack()), 7),
+        (write(Setup.ADDRESS, Setup().pack() + good), 7),
+        (write(0, b"\0"), 7),
+        (write(ADDRESS["mode"], b"\1"), 7),
+        (write(ADDRESS["throttle_out"], b"\xa0\x0f"), 7),
+        (write(65535, b"\0\0"), 7),
+        (write(Command.ADDRESS, b""), 5),
+    ):
+        assert pilot.ask(packet) == (error, b""), packet.hex()
+        seen = pilot.telemetry()
+        assert (seen.mode, seen.throttle_out) == (BoardMode.ARMED, CRUISE)
+        assert seen.beat == pilot.beat
+        pilot.cycle(1, CRUISE)
+
+
+def goals_end_at_their_limit(bench: Bench) -> None:
+    pilot = bench.pilot().get_ready(Setup(goal_limit=50))
+    assert pilot.arm().mode == BoardMode.ARMED
+    pilot.drive(0.2, goal=(1023, -1023, 51, -51, 50, -50))
+    expected = [2098, 1998, 2098, 1998, 2098, 1998]
+    assert [servo.goal for servo in pilot.rig.servos] == expected
+
+
+def servos_hold_while_armed(bench: Bench) -> None:
+    pilot = bench.pilot().get_driving()
+    for _ in range(30):
+        pilot.cycle(1, CRUISE, torque=0)
+    assert all(servo.torque for servo in pilot.rig.servos)
+    for _ in range(30):
+        pilot.cycle(0, torque=0)
+    assert not any(servo.torque for servo in pilot.rig.servos)
+
+
+def the_kill_switch_stops(bench: Bench) -> None:
+    pilot = bench.pilot(receiver=True).get_driving()
+    pilot.rig.set_switches(kill=True)
+    seen = pilot.drive(0.1)
+    assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.KILL)
+    assert max(pilot.rig.pulses_us()) < 1001.0
+    assert pilot.arm().refusal == Refusal.KILL
+    pilot.rig.set_switches()
+    assert pilot.drive(0.3, throttle=ZERO).mode == BoardMode.DISARMED
+    assert pilot.arm().mode == BoardMode.ARMED
+
+
+def a_lost_radio_control_stops(bench: Bench) -> None:
+    pilot = bench.pilot(receiver=True).get_driving()
+    pilot.rig.lose_receiver()
+    seen = pilot.drive(0.2)
+    assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.RC_LOST)
+    assert max(pilot.rig.pulses_us()) < 1001.0
+    assert pilot.arm().refusal == Refusal.KILL
+
+
+def a_wire_of_the_receiver_that_is_off_stops(bench: Bench) -> None:
+    for channel in range(6):
+        pilot = bench.pilot(receiver=True).get_driving()
+        pilot.rig.lose_receiver(channel)
+        assert pilot.drive(0.2).trip == Trip.RC_LOST
+        assert max(pilot.rig.pulses_us()) < 1001.0
+    pilot = bench.pilot()
+    pilot.rig.lose_receiver(0, 1, 2, 3, 5)
+    assert pilot.get_ready().arm().refusal == Refusal.KILL, "the kill switch alone is no receiver"
+
+
+def a_lost_radio_control_is_missed_after_a_reset_too(bench: Bench) -> None:
+    pilot = bench.pilot(receiver=True).get_driving()
+    pilot.rig.lose_receiver()
+    pilot.rig.board.reset()
+    pilot.rig.run(2.1)
+    assert pilot.arm().refusal == Refusal.KILL
+
+
+def the_radio_control_takes_over_and_gives_back(bench: Bench) -> None:
+    pilot = bench.pilot(receiver=True).get_driving()
+    pilot.rig.set_switches(manual=True)
+    seen = pilot.drive(0.1, goal=TILTED)
+    assert seen.mode == BoardMode.RC
+    assert seen.throttle_out == ZERO, "its stick for the speed is at zero"
+    assert [servo.goal for servo in pilot.rig.servos] == NEUTRAL_GOALS
+    assert pilot.arm().mode == BoardMode.RC
+    pilot.rig.set_sticks(0.0, 0.0, 0.0, 1.0)
+    assert pilot.drive(0.1).throttle_out == CRUISE
+    pilot.rig.set_switches()
+    seen = pilot.drive(0.1)
+    assert (seen.mode, seen.trips) == (BoardMode.DISARMED, 1)
+    assert max(pilot.rig.pulses_us()) < 1001.0
+
+
+def the_radio_control_begins_with_its_switch_and_no_speed(bench: Bench) -> None:
+    pilot = bench.pilot().get_ready()
+    pilot.rig.set_switches(manual=True)
+    pilot.rig.run(0.3)
+    assert pilot.mode() == BoardMode.DISARMED, "the switch was on before"
+    assert pilot.arm().refusal == Refusal.RC
+    pilot.rig.set_switches()
+    pilot.rig.set_sticks(0.0, 0.0, 0.0, 0.5)
+    pilot.rig.run(0.1)
+    pilot.rig.set_switches(manual=True)
+    pilot.rig.run(0.1)
+    seen = pilot.telemetry()
+    assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.THROTTLE)
+    pilot.rig.set_sticks(0.0, 0.0, 0.0, 0.0)
+    pilot.rig.run(0.1)
+    assert pilot.mode() == BoardMode.DISARMED, "it has to be asked again"
+    pilot.rig.set_switches()
+    pilot.rig.run(0.1)
+    pilot.rig.set_switches(manual=True)
+    pilot.rig.run(0.1)
+    assert pilot.mode() == BoardMode.RC
+
+
+def the_radio_control_is_stopped_like_the_pc(bench: Bench) -> None:
+    for kill, trip in ((True, Trip.KILL), (False, Trip.RC_LOST)):
+        pilot = bench.pilot(receiver=True).get_ready()
+        pilot.rig.set_switches(manual=True)
+        pilot.rig.run(0.1)
+        pilot.rig.set_sticks(0.0, 0.0, 0.0, 1.0)
+        pilot.rig.run(0.1)
+        assert min(pilot.rig.pulses_us()) > 1200.0
+        if kill:
+            pilot.rig.set_switches(kill=True, manual=True)
+        else:
+            pilot.rig.lose_receiver()
+        pilot.rig.run(0.2)
+        seen = pilot.telemetry()
+        assert (seen.mode, seen.trip) == (BoardMode.DISARMED, trip)
+        assert max(pilot.rig.pulses_us()) < 1001.0
+
+
+Law = Callable[[Bench], None]
+LAWS: dict[str, Law] = {
+    name: law
+    for name, law in list(globals().items())
+    if callable(law) and getattr(law, "__module__", "") == __name__
+}

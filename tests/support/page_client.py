@@ -1,0 +1,276 @@
+"""Page client without a browser, and a site for it: robot, bus and dashboard server."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+import time
+from collections.abc import Callable, Coroutine, Generator
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+
+from tsd_twin import robots
+from tsd_twin.bus import Bus, client_config, node_config
+from tsd_twin.dashboard.robot_client import RobotClient
+from tsd_twin.dashboard.robot_discovery import RobotDiscovery
+from tsd_twin.dashboard.server.auth import AccessSettings, AuthMiddleware
+from tsd_twin.dashboard.server.http_server import HttpServer
+from tsd_twin.dashboard.server.session_manager import SessionManager
+from tsd_twin.messages.services import Description, Event
+from tsd_twin.node import RobotNode
+from tsd_twin.simulation import SimRobot
+
+PATIENCE_S = 10.0
+DRIVE_S = 0.02
+BEATS = 5  # A beat for so many times DRIVE_S.
+T = TypeVar("T")
+
+
+class Page:
+    """What the page in a browser does, with its own socket: it beats, and drives while it holds."""
+
+    def __init__(
+        self,
+        port: int,
+        page: str,
+        *,
+        acknowledge: bool = True,
+        user: str = "web",
+        cookie: str | None = None,
+        socket: ClientConnection | None = None,
+    ) -> None:
+        """`socket` is one that is open already, through a proxy."""
+        self.name = page
+        self.operator = f"{user}-{page[:8]}"
+        self.holds: dict[str, Any] | None = None
+        self.beats = True
+        self.focus = True
+        self.messages: list[dict[str, Any]] = []
+        self.closed: int | None = None
+        self._acknowledge = acknowledge
+        self._changed = threading.Condition()
+        self._ended = threading.Event()
+        self._socket: ClientConnection = socket or connect(
+            f"ws://127.0.0.1:{port}/teleop?page={page}",
+            additional_headers=None if cookie is None else {"Cookie": cookie},
+        )
+        self._threads = [threading.Thread(target=work) for work in (self._read, self._beat)]
+        for thread in self._threads:
+            thread.start()
+
+    def send(self, **message: Any) -> None:
+        self._socket.send(json.dumps(message))
+
+    def send_raw(self, frame: str | bytes) -> None:
+        self._socket.send(frame)
+
+    def send_together(self, data: bytes) -> None:
+        """Send frames as they stand in `data`, so that they arrive together."""
+        self._socket.socket.sendall(data)
+
+    @property
+    def close_reason(self) -> str | None:
+        return self._socket.close_reason
+
+    @property
+    def state(self) -> dict[str, Any]:
+        return self.last("state")
+
+    @property
+    def mode(self) -> str:
+        return self.state["status"]["mode"]
+
+    def last(self, kind: str) -> dict[str, Any]:
+        return self.all(kind)[-1]
+
+    def all(self, kind: str) -> list[dict[str, Any]]:
+        return [message for message in self.messages if message["t"] == kind]
+
+    def until(self, condition: Callable[[], T]) -> T:
+        """Wait until what has come makes a condition true."""
+
+        def holds() -> T | None:
+            try:
+                return condition()
+            except (IndexError, KeyError):  # It has not come yet.
+                return None
+
+        with self._changed:
+            result = self._changed.wait_for(holds, PATIENCE_S)
+        assert result, f"it did not come; the last were {self.messages[-3:]}"
+        return result
+
+    def answer(self, to: str, **message: Any) -> dict[str, Any]:
+        """Press a button and wait for the reply."""
+        before = len(self.all("reply"))
+        self.send(**message)
+        return self.until(
+            lambda: next(m for m in [*self.all("reply")[before:], {}] if m["to"] == to)
+        )
+
+    def take(self, *, take_over: bool = False) -> dict[str, Any]:
+        return self.answer("lease", t="lease", op="acquire", take_over=take_over)
+
+    def make_ready(self) -> None:
+        """Take control and arm, from whatever state the robot is in."""
+        self.until(lambda: self.state)
+        # Control may be kept for one who has just left, for a moment.
+        self.until(lambda: self.take(take_over=True)["ok"])
+        self.until(lambda: self.state["you"])
+        if self.mode in ("stopped", "fault"):
+            self.until(lambda: self.answer("reset", t="reset")["ok"])
+            self.until(lambda: self.mode == "disarmed")
+        if self.mode == "disarmed":
+            assert self.answer("arm", t="arm")["ok"]
+        self.until(lambda: self.mode == "ready")
+
+    def drive(self, vx: float = 0.2, vy: float = 0.0, omega: float = 0.0) -> None:
+        """Hold the stick, and wait until the robot obeys."""
+        self.holds = {"vx": vx, "vy": vy, "omega": omega}
+        self.until(lambda: self.mode == "driving")
+
+    def close(self) -> None:
+        self._ended.set()
+        self._socket.close()
+        for thread in self._threads:
+            thread.join(PATIENCE_S)
+
+    def _read(self) -> None:
+        try:
+            for frame in self._socket:
+                with self._changed:
+                    self.messages.append(json.loads(frame))
+                    self._changed.notify_all()
+        except ConnectionClosed:
+            pass
+        with self._changed:
+            self.closed = self._socket.close_code
+            self._changed.notify_all()
+
+    def _beat(self) -> None:
+        count = 0
+        while not self._ended.wait(DRIVE_S):
+            states = self.all("state")
+            seen = states[-1]["seen"] if states and self._acknowledge else 0
+            try:
+                if self.holds is not None:
+                    self.send(**({"t": "drive", "seen": seen} | self.holds))
+                if self.beats and count % BEATS == 0:
+                    self.send(t="beat", seen=seen, sent_ms=1.0, focus=self.focus)
+            except ConnectionClosed:
+                return
+            count += 1
+
+
+class Site:
+    """Robots on a bus, and a gateway that shows them."""
+
+    def __init__(self, bus: Bus, viser_port: int, auth: AuthMiddleware | None) -> None:
+        self.released: list[str] = []
+        self.chosen: list[tuple[str, str]] = []
+        self.bus = bus
+        self.discovery = RobotDiscovery(bus)
+        self._loop = asyncio.new_event_loop()
+        self._ended = threading.Event()
+        self._deaf = threading.Event()
+        self.sessions = SessionManager(
+            self.discovery,
+            self.released.append,
+            lambda page, robot: self.chosen.append((page, robot)),
+        )
+        auth = auth or AuthMiddleware(AccessSettings(allowed_hosts=["robot.example"]))
+        self.gateway = HttpServer(self.sessions, viser_port, auth=auth)
+        self._threads = [
+            threading.Thread(target=self._loop.run_forever),
+            threading.Thread(target=self._poll),
+        ]
+        for thread in self._threads:
+            thread.start()
+        self.run(self.gateway.start(port=0))
+
+    @property
+    def port(self) -> int:
+        return self.gateway.port
+
+    @property
+    def link(self) -> RobotClient:
+        return next(iter(self.discovery.links.values()))
+
+    def run(self, work: Coroutine[Any, Any, T]) -> T:
+        """Return what a coroutine of the gateway's loop returns."""
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result(PATIENCE_S)
+
+    def choose(self, page: str, *robot_ids: str) -> None:
+        """Choose robots in the panel of a page, one right after the other."""
+
+        def choose() -> None:
+            for robot_id in robot_ids:
+                self.sessions.select_robot(page, robot_id)
+
+        self._loop.call_soon_threadsafe(choose)
+
+    def tell(self, robot_id: str, event: Event) -> None:
+        self._loop.call_soon_threadsafe(self.sessions.on_event, robot_id, event)
+
+    @contextmanager
+    def page(self, page: str = "0123456789abcdef", **options: Any) -> Generator[Page]:
+        opened = Page(self.port, page, **options)
+        try:
+            yield opened
+        finally:
+            opened.close()
+
+    def deafen(self) -> None:
+        """Hear nothing more from any robot."""
+        self._deaf.set()
+
+    def close(self) -> None:
+        self.run(self.gateway.stop())
+        self._ended.set()
+        self._loop.call_soon_threadsafe(self._loop.stop)
+        for thread in self._threads:
+            thread.join(PATIENCE_S)
+        self._loop.close()
+
+    def _poll(self) -> None:
+        while not self._ended.wait(1.0 / 60.0):
+            if self._deaf.is_set():
+                continue
+            self.discovery.refresh()
+            for robot_id, event in self.discovery.take_events():
+                self.tell(robot_id, event)
+            for robot_id, link in self.discovery.links.items():
+                if link.poll(time.monotonic()):
+                    self._loop.call_soon_threadsafe(self.sessions.on_status, robot_id)
+
+
+@contextmanager
+def robot_on_a_bus(robot_id: str = "tsd") -> Generator[str]:
+    """A simulated robot that arms without waiting; yields the endpoint of its bus."""
+    text = robots.read_description("tsd").replace("[motor]", "[motor]\narming_hold_s = 0.0", 1)
+    robot = robots.parse_description(text, "tsd")
+    stop = threading.Event()
+    with Bus(node_config(["tcp/127.0.0.1:0"])) as bus:
+        node = RobotNode(bus, robot_id, robot, SimRobot(robot), Description(text, ""))
+        thread = threading.Thread(target=node.run, args=(stop,))
+        thread.start()
+        try:
+            yield bus.endpoints()[0]
+        finally:
+            stop.set()
+            thread.join(PATIENCE_S)
+
+
+@contextmanager
+def site(viser_port: int = 1, auth: AuthMiddleware | None = None) -> Generator[Site]:
+    """A robot and a gateway; without a viser unless a port is given."""
+    with robot_on_a_bus() as endpoint, Bus(client_config([endpoint])) as bus:
+        made = Site(bus, viser_port, auth)
+        try:
+            yield made
+        finally:
+            made.close()

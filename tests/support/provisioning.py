@@ -1,0 +1,53 @@
+"""Provisioning of a key folder, and reading what is in it."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from tsd_twin import security
+from tsd_twin.bus import client_config, from_file, node_config
+from tsd_twin.security import CertificateRequest, KeyFolder, Role
+
+NOW = datetime.now(UTC)
+ALICE, BOB, GUEST = (
+    security.client("alice", Role.OPERATOR),
+    security.client("bob", Role.OPERATOR),
+    security.client("guest", Role.VIEWER),
+)
+FIRST = CertificateRequest(("robot.local", "192.168.1.7"), (ALICE, GUEST))
+
+
+def provision_folder(path: Path, order: CertificateRequest, now: datetime = NOW) -> list[str]:
+    """Return the names of the files that were made."""
+    folder = KeyFolder(path)
+    security.provision(
+        order,
+        folder,
+        now,
+        json.loads(node_config([]).json5),
+        lambda endpoint: json.loads(client_config([endpoint]).json5),
+    )
+    return [file.name for file in folder.made]
+
+
+def content(path: Path) -> dict[str, bytes]:
+    return {file.name: file.read_bytes() for file in sorted(path.iterdir())}
+
+
+def setting(path: Path, name: str, key: str) -> Any:
+    """What Zenoh itself makes of a configuration."""
+    return json.loads(from_file(str(path / f"{name}.json5")).parsed().get_json(key))
+
+
+def commanders(path: Path) -> set[str]:
+    """Return who may send commands."""
+    policies = setting(path, "robot", "access_control/policies")
+    return {
+        name
+        for policy in policies
+        for name in policy["subjects"]
+        if f"drive-{name}" in policy["rules"]
+    }

@@ -1,0 +1,105 @@
+"""Robot node on a real bus in a thread of its own, as mock and bridge run it."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import threading
+from collections.abc import Generator
+from dataclasses import dataclass, field
+from typing import Any
+
+from tsd_twin import robots
+from tsd_twin.bus import Bus, Publisher, client_config, node_config
+from tsd_twin.messages.services import Description
+from tsd_twin.node import RobotIO, RobotNode
+from tsd_twin.robots import RobotDescription
+from tsd_twin.simulation import SimRobot
+
+PATIENCE_S = 20.0
+"""What is waited for comes within milliseconds, unless it never does."""
+ANY_PORT = "tcp/127.0.0.1:0"
+URDF = '<robot name="tsd"/>'
+QUICK = robots.read_description("tsd").replace("[motor]", "[motor]\narming_hold_s = 0.1", 1)
+"""The shipped robot with speed controllers that arm at once."""
+PATIENT = (
+    QUICK.replace("[limits]", "[limits]\ncommand_timeout_s = 1.0", 1)
+    .replace("max_command_age_s = 0.21", "max_command_age_s = 1.0")
+    .replace("stop_allowance_m = 0.35", "stop_allowance_m = 2.0")
+)
+"""One that takes commands 1 s old at full speed: a busy machine that is late does not stop it."""
+
+
+@dataclass(slots=True)
+class RunningNode:
+    """A node that runs, and where to find it."""
+
+    id: str
+    toml: str
+    robot: RobotDescription
+    bus: Bus
+    endpoint: str
+    io: RobotIO
+    stopping: threading.Event = field(default_factory=threading.Event)
+    failure: BaseException | None = None
+    """What ended it, if it did not end by itself."""
+
+    def client(self) -> Bus:
+        """Return a session that is linked to it."""
+        bus = Bus(client_config([self.endpoint]))
+        assert bus.wait_for_peer(PATIENCE_S)
+        return bus
+
+
+@contextlib.contextmanager
+def running(
+    robot_id: str = "tsd", toml: str = QUICK, io: RobotIO | None = None
+) -> Generator[RunningNode]:
+    """Run a node, with a simulated robot unless another is given, and end it afterwards."""
+    robot = robots.parse_description(toml, robot_id)
+    io = SimRobot(robot) if io is None else io
+    with Bus(node_config([ANY_PORT])) as bus:
+        node = RobotNode(bus, robot_id, robot, io, Description(toml, URDF))
+        (endpoint,) = bus.endpoints()
+        it = RunningNode(robot_id, toml, robot, bus, endpoint, io)
+
+        def run() -> None:
+            try:
+                node.run(it.stopping)
+            except OSError as error:  # A device that fails; all else is a bug and shows itself.
+                it.failure = error
+
+        thread = threading.Thread(target=run, name=robot_id)
+        thread.start()
+        try:
+            yield it
+        finally:
+            it.stopping.set()
+            thread.join(PATIENCE_S)
+            assert not thread.is_alive()
+
+
+class Mailbox:
+    """Takes what a watcher gets, and waits for it."""
+
+    def __init__(self) -> None:
+        self._queue: queue.SimpleQueue[Any] = queue.SimpleQueue()
+
+    def __call__(self, *item: Any) -> None:
+        self._queue.put(item[0] if len(item) == 1 else item)
+
+    def next(self) -> Any:
+        return self._queue.get(timeout=PATIENCE_S)
+
+
+def matched(publisher: Publisher) -> Publisher:
+    """Wait until the publisher knows of somebody who listens."""
+    inner = publisher._publisher
+    heard = threading.Event()
+    listener = inner.declare_matching_listener(
+        lambda status: heard.set() if status.matching else None
+    )
+    if not inner.matching_status.matching:
+        assert heard.wait(PATIENCE_S)
+    listener.undeclare()
+    return publisher

@@ -1,0 +1,29 @@
+"""Port of the manufacturer's SDK with bytes on both sides instead of a serial line."""
+
+from __future__ import annotations
+
+
+class BytesPort:
+    """Takes what the SDK writes, and hands it what it shall read."""
+
+    def __init__(self, answer: bytes = b"") -> None:
+        self.is_using = False
+        self.written = b""
+        self._answer = answer
+
+    def clearPort(self) -> None:  # noqa: N802  The SDK's name.
+        """Nothing is old here."""
+
+    def writePort(self, packet: list[int]) -> int:  # noqa: N802
+        self.written += bytes(packet)
+        return len(packet)
+
+    def readPort(self, length: int) -> bytes:  # noqa: N802
+        taken, self._answer = self._answer[:length], self._answer[length:]
+        return taken
+
+    def setPacketTimeout(self, length: int) -> None:  # noqa: N802
+        """Time stands still."""
+
+    def isPacketTimeout(self) -> bool:  # noqa: N802
+        return not self._answer

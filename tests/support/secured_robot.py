@@ -1,0 +1,211 @@
+"""Robot behind TLS and access rules on the loopback, with the files that `tsd-certs` makes."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import queue
+import threading
+from collections.abc import Callable, Generator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from tsd_twin import robots, security
+from tsd_twin.bus import Bus, Config, client_config, from_file, node_config
+from tsd_twin.bus.endpoints import sample_of
+from tsd_twin.dashboard.robot_client import LeaseHolder, RobotClient
+from tsd_twin.messages import topics
+from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.services import Description, HolderRequest, LeaseRequest
+from tsd_twin.messages.status import Status, decode_status
+from tsd_twin.messages.topics import Service
+from tsd_twin.node import RobotNode
+from tsd_twin.security import CertificateRequest, KeyFolder, Role
+from tsd_twin.simulation import SimRobot
+
+PATIENCE_S = 20.0
+ID = "tsd"
+TEXT = robots.read_description("tsd").replace("[motor]", "[motor]\narming_hold_s = 0.1", 1)
+DESCRIPTION = Description(TEXT, "<robot/>")
+PEOPLE = (
+    security.client("alice", Role.OPERATOR),
+    security.client("bob", Role.OPERATOR),
+    security.client("guest", Role.VIEWER),
+    security.client("camera", Role.SENSOR),
+)
+TELL = {
+    "id": "tell",
+    "permission": "allow",
+    "flows": ["egress"],
+    "messages": ["declare_subscriber", "declare_queryable"],
+    "key_exprs": ["twin/**"],
+}
+"""A session sends only what it has been told that somebody listens to; a hostile program need not
+care. With this rule everybody is told, so that what is denied is really sent."""
+
+
+class Listener:
+    """Keeps what is heard, and waits for what shall come."""
+
+    def __init__(self) -> None:
+        self._heard: list[Sample] = []
+        self._queue: queue.SimpleQueue[Sample] = queue.SimpleQueue()
+
+    def __call__(self, sample: Sample) -> None:
+        self._queue.put(sample)
+
+    def until(self, wanted: Callable[[Sample], bool]) -> Sample:
+        """Return the first that is wanted."""
+        while True:
+            sample = self._queue.get(timeout=PATIENCE_S)
+            self._heard.append(sample)
+            if wanted(sample):
+                return sample
+
+    @property
+    def heard(self) -> list[Sample]:
+        """All that has come."""
+        while not self._queue.empty():
+            self._heard.append(self._queue.get())
+        return self._heard
+
+
+class SecuredRobot:
+    """The robot, its folder, and sessions of those who have a place in it."""
+
+    def __init__(self, folder: KeyFolder, *, told: bool = False, listen: str = "") -> None:
+        self.folder = folder
+        config = self.own_config()
+        if told:
+            rules = section(config, "access_control")
+            names = [subject["id"] for subject in rules["subjects"]]
+            rules["rules"].append(TELL)
+            rules["policies"].append({"subjects": names, "rules": ["tell"]})
+            config = with_sections(config, access_control=rules)
+        if listen:
+            config = with_sections(config, listen={"endpoints": [listen]})
+        self.told = told
+        self.bus = Bus(config)
+        self.endpoint = self.bus.endpoints()[0]
+        self._stop = threading.Event()
+        robot = robots.parse_description(TEXT, "tsd.toml")
+        node = RobotNode(self.bus, ID, robot, SimRobot(robot, seed=0, noise=0.0), DESCRIPTION)
+        self._thread = threading.Thread(target=node.run, args=(self._stop,))
+        self._thread.start()
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join(PATIENCE_S)
+        self.bus.close()
+
+    @property
+    def is_running(self) -> bool:
+        return self._thread.is_alive()
+
+    def own_config(self) -> Config:
+        """Return the configuration of the robot itself."""
+        return from_file(str(self.folder.settings_file("robot")))
+
+    def config(self, name: str, **changes: Any) -> Config:
+        """Return the configuration of a client, for the port that the robot has got."""
+        config = from_file(str(self.folder.settings_file(name)))
+        connect = section(config, "connect")
+        connect["endpoints"] = [self.endpoint]
+        return with_sections(config, connect=connect, **changes)
+
+    @contextlib.contextmanager
+    def join(self, name: str) -> Generator[Bus]:
+        """Open the bus with the certificate of a client, and wait until it knows the robot."""
+        # What peers say is not passed on to other peers; a hostile program would be no peer.
+        with Bus(self.config(name, mode="client" if self.told else "peer")) as bus:
+            alive = threading.Event()
+            bus.subscribe_liveliness(topics.alive_key(ID), lambda _key, _lives: alive.set())
+            assert alive.wait(PATIENCE_S)
+            yield bus
+
+    def force(self, bus: Bus, key: str, payload: bytes) -> None:
+        """Put what is not allowed; when told who listens, the session surely sends it."""
+        put(bus, key, payload, surely=self.told)
+
+    def status(self, wanted: Callable[[Status], bool] = lambda _status: True) -> Status:
+        """Wait at the robot for a status such as is wanted, and return it."""
+        with listening(self.bus, topics.STATUS.key(ID)) as ear:
+            sample = ear.until(lambda sample: wanted(decode_status(sample.payload)))
+        return decode_status(sample.payload)
+
+
+def put(bus: Bus, key: str, payload: bytes, surely: bool = True) -> None:
+    """Put, as soon as the session knows that somebody listens."""
+    publisher = bus._session.declare_publisher(key)
+    if surely:
+        matching = threading.Event()
+        listener = publisher.declare_matching_listener(
+            lambda status: matching.set() if status.matching else None
+        )
+        if not publisher.matching_status.matching:
+            assert matching.wait(PATIENCE_S), f"nobody listens to {key}"
+        listener.undeclare()
+    publisher.put(payload)
+    publisher.undeclare()
+
+
+def hold(link: RobotClient, operator: str) -> LeaseHolder:
+    """Take control."""
+    request = LeaseRequest(op="acquire", operator=operator, take_over=True)
+    reply = link.ask_lease(request, PATIENCE_S)
+    assert reply.granted, reply
+    assert reply.lease is not None
+    return LeaseHolder(operator, reply.lease, reply.max_age_s)
+
+
+def set_free(bus: Bus) -> None:
+    """Leave the robot neither stopped nor anybody's, with the bus of an operator."""
+    link = RobotClient(bus, ID)
+    lease = hold(link, "alice").lease_hex
+    link.ask(Service.RESET, HolderRequest(lease), PATIENCE_S)
+    release = LeaseRequest(op="release", operator="alice", lease=lease)
+    assert link.ask_lease(release, PATIENCE_S).reason == "released"
+    link.close()
+
+
+@contextlib.contextmanager
+def listening(bus: Bus, *keys: str) -> Generator[Listener]:
+    """Hear what comes on some keys."""
+    ear = Listener()
+    with contextlib.ExitStack() as stack:
+        for key in keys:
+            stack.enter_context(
+                bus._session.declare_subscriber(key, lambda sample: ear(sample_of(sample)))
+            )
+        yield ear
+
+
+def section(config: Config, name: str) -> Any:
+    """Return a section of a configuration."""
+    return json.loads(config.parsed().get_json(name))
+
+
+def with_sections(config: Config, **sections: Any) -> Config:
+    """Return a configuration with other sections."""
+    settings = zenoh.Config.from_json5(config.json5)
+    for name, content in sections.items():
+        settings.insert_json5(name, json.dumps(content))
+    return dataclasses.replace(config, json5=str(settings))
+
+
+def make_keys(path: Path, **changes: Any) -> KeyFolder:
+    """Make a folder as `tsd-certs` does, for a robot on this machine, on any port."""
+    folder = KeyFolder(path)
+    order = CertificateRequest(("localhost", "127.0.0.1"), PEOPLE, listen="tls/127.0.0.1:0")
+    security.provision(
+        dataclasses.replace(order, **changes),
+        folder,
+        datetime.now(UTC),
+        json.loads(node_config([]).json5),
+        lambda endpoint: json.loads(client_config([endpoint]).json5),
+    )
+    return folder

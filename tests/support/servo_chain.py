@@ -1,0 +1,83 @@
+"""Six simulated MX-64 as a U2D2 has them: with sync read and bus watchdog."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from firmware.simulator.chain import Chain
+from firmware.simulator.mx64 import Mx64
+from tsd_twin import robots
+from tsd_twin.dynamixel import mx64, protocol1, protocol2
+from tsd_twin.dynamixel.packets import Decoder, Instruction, Packet
+from tsd_twin.simulation import Servos
+
+_LAWS = Servos.of(
+    robots.description_of_kind(robots.load_robot("tsd"), robots.SingularityDescription), 12.0
+)
+TRIPPED = 255
+
+
+class ServoChain:
+    """Moves in real time towards the goals, and stops when nobody speaks to it."""
+
+    def __init__(self, protocols: tuple[int, ...] = (2,) * 6) -> None:
+        self.servos = [Mx64(i + 1, version) for i, version in enumerate(protocols)]
+        self.chain = Chain(self.servos)
+        self.refused = 0
+        """Goals that a tripped watchdog kept away."""
+        self._decoders = (Decoder(protocol2), Decoder(protocol1))
+        self._angles = np.zeros(6)
+        self._heard_s = self._moved_s = 0.0
+
+    def register(self, servo: int, address: int) -> int:
+        """Return one byte of the table of a servo, counted from 0."""
+        return self.servos[servo].read(address, 1)[0]
+
+    def tripped(self) -> bool:
+        """Return whether every watchdog has run out."""
+        return all(self.register(i, mx64.BUS_WATCHDOG) == TRIPPED for i in range(6))
+
+    def goals(self) -> list[int]:
+        """Return what they were told last."""
+        return [servo.goal for servo in self.servos]
+
+    def answer(self, data: bytes, now_s: float) -> bytes:
+        """Return what goes back for bytes that come now."""
+        self._live(now_s)
+        self._heard_s = now_s
+        two, one = (decoder.feed(data, now_s) for decoder in self._decoders)
+        out = b"".join(self._obey(packet) for packet in two)
+        for packet in one:
+            answer = self.chain.answer(protocol1.encode(packet))
+            out += answer[0] if answer else b""
+        return out
+
+    def _obey(self, packet: Packet) -> bytes:
+        if packet.code == Instruction.SYNC_READ:
+            address = int.from_bytes(packet.params[:2], "little")
+            length = int.from_bytes(packet.params[2:4], "little")
+            read = [protocol2.read(device, address, length) for device in packet.params[4:]]
+            return b"".join(a[0] for a in map(self.chain.answer, read) if a is not None)
+        writes_goals = (
+            packet.code == Instruction.SYNC_WRITE and packet.params[0] == mx64.GOAL_POSITION
+        )
+        if writes_goals and self.tripped():
+            self.refused += 1
+            return b""
+        answer = self.chain.answer(protocol2.encode(packet))
+        return answer[0] if answer else b""
+
+    def _live(self, now_s: float) -> None:
+        """Let time pass until now: servos move until their watchdogs run out."""
+        units = self.register(0, mx64.BUS_WATCHDOG)
+        until_s = now_s
+        if 0 < units < TRIPPED and now_s - self._heard_s > units * mx64.BUS_WATCHDOG_S:
+            until_s = self._heard_s + units * mx64.BUS_WATCHDOG_S
+            for servo in self.servos:
+                servo.write(mx64.BUS_WATCHDOG, bytes([TRIPPED]))
+        goals = (np.array(self.goals()) - 2048) * _LAWS.step_rad
+        elapsed_s = max(0.0, until_s - self._moved_s) if units != TRIPPED else 0.0
+        self._angles = _LAWS.after(self._angles, goals, np.float64(min(elapsed_s, 1.0)))
+        self._moved_s = now_s
+        for servo, angle in zip(self.servos, self._angles, strict=True):
+            servo.position = 2048 + round(angle / _LAWS.step_rad)
