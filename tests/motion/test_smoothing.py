@@ -37,6 +37,16 @@ def test_speed_is_the_running_mean(length_m: float, over_s: float) -> None:
     assert smooth.at(smooth.duration_s).pose == pytest.approx(plain.at(9e9).pose)
 
 
+@pytest.mark.parametrize("length_m", [2.5, 4.8, 5.2])
+def test_a_stop_is_exact_so_that_a_smoothed_trajectory_keeps_its_duration(length_m: float) -> None:
+    """At these lengths the last speed was 1e-10 m/s by rounding, and the duration became zero."""
+    route = Route(line([0.0, 0.0], [length_m, 0.0]))
+    plain = plan(route, DRIVE, LIMITS)
+    assert plain.profile.speed_mps[-1] == 0.0
+    smooth = plan(route, DRIVE, LIMITS, smooth_s=0.05)
+    assert smooth.duration_s == pytest.approx(plain.duration_s + 0.05)
+
+
 def test_acceleration_is_no_more_than_before_and_does_not_jump() -> None:
     route, over_s = Route(polyline(SQUARE)), 0.05
     plain = plan(route, DRIVE, LIMITS)

@@ -215,7 +215,8 @@ def _forward(cells: PathConstraints, highest: Array, safe: Array) -> tuple[Array
         inside = float(safe[i]) * (u / float(highest[i]) if highest[i] > 0.0 else 0.0)
         a = _last(cells, i, inside, wanted, partial(_from, u))
         acceleration[i] = a
-        squared[i + 1] = max(0.0, u + twice * a)
+        # A stop is exactly one: smoothing divides the trajectory there.
+        squared[i + 1] = max(0.0, u + twice * a) if highest[i + 1] > 0.0 else 0.0
     return squared, acceleration
 
 
