@@ -229,9 +229,9 @@ def test_numbers_are_asked_for_until_they_are_some(monkeypatch: pytest.MonkeyPat
     assert turned_rad == pytest.approx(-math.pi / 2)
 
 
-def test_nobody_at_the_keyboard_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_keyboard_input_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
-    with pytest.raises(TwinError, match="somebody at the keyboard"):
+    with pytest.raises(TwinError, match="an operator at the keyboard"):
         ask_displacement()
 
 
