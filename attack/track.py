@@ -119,7 +119,7 @@ class Witness:
         self.track = Track()
         self.status = Status("disarmed")
         self._odometer = Odometer(drive)
-        self._turning = drive.space is SO3
+        self._turning = drive.pose_type is SO3
         bus.subscribe(topics.TRUTH.key(robot_id), self._on_truth)
         bus.subscribe(topics.STATUS.key(robot_id), self._on_status)
 

@@ -44,7 +44,7 @@ class VirtualRobot:
         self.seq = 0
         self._serve(Service.LEASE, {"op": "acquire", "operator": "bench"})
         self._serve(Service.ARM, {"lease": _LEASE.hex()})
-        while self.controller.authority.mode != "ready":
+        while self.controller.supervisor.mode != "ready":
             renewal = {"op": "renew", "operator": "bench", "lease": _LEASE.hex()}
             self._serve(Service.LEASE, renewal)
             self.tick([])

@@ -67,8 +67,8 @@ def test_a_robot_that_stands_is_not_armed_while_another_has_its_id(
 
 def test_a_node_is_no_namesake_of_itself_nor_of_others(node: RunningNode) -> None:
     with running("tsd-2"), Bus(node_config([ANY_PORT], [node.endpoint])) as other:
-        other.announce(topics.instance_key("tsd-2", "0123456789abcdef"))
-        assert len(other.living(topics.instance_key("tsd", "*"), PATIENCE_S)) == 1
+        other.declare_token(topics.instance_key("tsd-2", "0123456789abcdef"))
+        assert len(other.living_tokens(topics.instance_key("tsd", "*"), PATIENCE_S)) == 1
         with BusOperator(node) as alice:
             alice.get_ready()
             assert MET not in alice.texts

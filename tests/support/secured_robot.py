@@ -156,7 +156,7 @@ def put(bus: Bus, key: str, payload: bytes, surely: bool = True) -> None:
 def hold(link: RobotClient, operator: str) -> LeaseHolder:
     """Take control."""
     request = LeaseRequest(op="acquire", operator=operator, take_over=True)
-    reply = link.ask_lease(request, PATIENCE_S)
+    reply = link.call_lease_service(request, PATIENCE_S)
     assert reply.granted, reply
     assert reply.lease is not None
     return LeaseHolder(operator, reply.lease, reply.max_age_s)
@@ -166,9 +166,9 @@ def set_free(bus: Bus) -> None:
     """Leave the robot neither stopped nor anybody's, with the bus of an operator."""
     link = RobotClient(bus, ID)
     lease = hold(link, "alice").lease_hex
-    link.ask(Service.RESET, HolderRequest(lease), PATIENCE_S)
+    link.call_service(Service.RESET, HolderRequest(lease), PATIENCE_S)
     release = LeaseRequest(op="release", operator="alice", lease=lease)
-    assert link.ask_lease(release, PATIENCE_S).reason == "released"
+    assert link.call_lease_service(release, PATIENCE_S).reason == "released"
     link.close()
 
 

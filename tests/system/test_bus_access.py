@@ -119,7 +119,7 @@ def test_a_viewer_gets_no_control(alice: Bus, guest: Bus) -> None:
             with pytest.raises(NoAnswerError):
                 guest.query(service.key(ID), msgspec.json.encode(request))
     renew = LeaseRequest(op="renew", operator="alice", lease=driver.lease_hex)
-    assert link.ask_lease(renew).granted
+    assert link.call_lease_service(renew).granted
     link.close()
 
 
@@ -170,7 +170,7 @@ def test_a_sensor_says_nothing_else_and_gets_no_control(
     assert FORGED not in {sample.payload for sample in ear.heard + seen.heard}
     request = LeaseRequest(op="acquire", operator="camera", take_over=True)
     with pytest.raises(NoAnswerError):
-        camera.ask(Service.LEASE.key(ID), msgspec.json.encode(request))
+        camera.query(Service.LEASE.key(ID), msgspec.json.encode(request))
 
 
 @pytest.mark.parametrize("key", [ALICES, PAGES, COMMANDS])

@@ -53,7 +53,7 @@ def survives(robot: SecuredRobot) -> Generator[None]:
     """After each attempt an operator is let in and answered."""
     yield
     with robot.join("alice") as alice:
-        assert DESCRIPTION.urdf.encode() in alice.ask(Service.DESC.key(ID), b"")
+        assert DESCRIPTION.urdf.encode() in alice.query(Service.DESC.key(ID), b"")
 
 
 def at(endpoint: str, config: Config) -> Config:
@@ -152,7 +152,7 @@ def test_nobody_takes_over_the_session_of_another(robot: SecuredRobot) -> None:
         stolen = str(alice._session.zid())
         thief = with_sections(robot.config("guest"), id=stolen)
         assert not is_let_in(robot.endpoint, thief)
-        assert alice.ask(Service.DESC.key(ID), b"")
+        assert alice.query(Service.DESC.key(ID), b"")
     assert is_let_in(robot.endpoint, thief)
 
 
@@ -168,8 +168,8 @@ def test_who_got_a_certificate_after_the_robot_was_started_is_let_in_and_may_not
         assert carol.wait_for_peer(PATIENCE_S)
         for service in (Service.DESC, Service.STOP, Service.LEASE):
             with pytest.raises(NoAnswerError):
-                carol.ask(service.key(ID), b"{}")
-        assert carol.living(topics.alive_key("*")) == []
+                carol.query(service.key(ID), b"{}")
+        assert carol.living_tokens(topics.alive_key("*")) == []
     assert robot.status().mode == "disarmed"
 
 
@@ -192,5 +192,5 @@ def test_who_talks_rubbish_is_hung_up_on_and_who_is_silent_holds_up_nobody(
         except ConnectionResetError:
             pass
         with robot.join("bob") as bob:
-            assert bob.ask(Service.DESC.key(ID), b"")
+            assert bob.query(Service.DESC.key(ID), b"")
         silent.sendall(b"\0")

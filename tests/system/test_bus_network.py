@@ -61,7 +61,7 @@ def guest(robot: SecuredRobot) -> Generator[Bus]:
 def test_a_page_of_an_operator_drives(robot: SecuredRobot, alice: Bus) -> None:
     link = RobotClient(alice, ID)
     driver = hold(link, "alice-0123abcd")
-    assert link.ask(Service.ARM, HolderRequest(driver.lease_hex), PATIENCE_S).ok
+    assert link.call_service(Service.ARM, HolderRequest(driver.lease_hex), PATIENCE_S).ok
     robot.status(lambda status: status.mode == "ready")
     twist = np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.0])
 
@@ -69,12 +69,12 @@ def test_a_page_of_an_operator_drives(robot: SecuredRobot, alice: Bus) -> None:
         if sample.key != STATUS:
             return bool(decode_odometry(sample.payload).twist[0] > 0.15)
         link.poll(0.0)
-        link.command(driver, twist, link.snapshot.status_seq)
+        link.publish_twist(driver, twist, link.snapshot.status_seq)
         return False
 
     with listening(alice, STATUS, topics.ODOM.key(ID)) as ear:
         ear.until(moves)
-    assert link.ask(Service.DISARM, HolderRequest(driver.lease_hex), PATIENCE_S).ok
+    assert link.call_service(Service.DISARM, HolderRequest(driver.lease_hex), PATIENCE_S).ok
     robot.status(lambda status: status.mode == "disarmed")
     link.close()
 
@@ -102,13 +102,13 @@ def test_a_viewer_who_comes_late_gets_the_events_that_were_before(
     link = RobotClient(alice, ID)
     with listening(robot.bus, topics.EVENT.key(ID)) as said:
         hold(link, "alice")
-        assert not link.ask(Service.RESET, HolderRequest("0" * 32), PATIENCE_S).ok
+        assert not link.call_service(Service.RESET, HolderRequest("0" * 32), PATIENCE_S).ok
         said.until(lambda sample: sample.key == topics.event_key(ID, "refusal"))
     wanted = {sample.payload for sample in said.heard}
     assert len(wanted) == 2
     with robot.join("guest") as late:
         ear = Listener()
-        late.watch_events(topics.EVENT.key("*"), ear)
+        late.subscribe_events(topics.EVENT.key("*"), ear)
         ear.until(lambda _: wanted <= {sample.payload for sample in ear.heard})
         hold(link, "alice-again")
         ear.until(lambda sample: b"alice-again" in sample.payload)
@@ -125,7 +125,9 @@ def test_anybody_may_stop_by_putting_and_by_asking(
     put(bus, STOP, msgspec.json.encode(StopRequest(name, "put")))
     assert robot.status(lambda status: status.mode == "stopped").stop_reason == "put"
     link = RobotClient(alice, ID)
-    assert link.ask(Service.RESET, HolderRequest(hold(link, "alice").lease_hex), PATIENCE_S).ok
+    assert link.call_service(
+        Service.RESET, HolderRequest(hold(link, "alice").lease_hex), PATIENCE_S
+    ).ok
     link.close()
     reply = msgspec.json.decode(
         bus.query(STOP, msgspec.json.encode(StopRequest(name, "asked")), PATIENCE_S)
