@@ -100,7 +100,8 @@ def test_a_dashboard_without_a_robot_serves_and_waits_for_one(start: Start) -> N
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
     dashboard = start("tsd_dashboard", "--port", "0", "--connect", endpoint)
     url = address(dashboard.ready())
-    assert health(url) == {"ready": False, "robots": {}}
+    report = health(url)
+    assert (report["ready"], report["robots"]) == (False, {})
     start("tsd_mock", "--listen", endpoint).ready()
     end_s = time.monotonic() + PATIENCE_S
     while not health(url)["ready"]:

@@ -337,7 +337,7 @@ def allow_many_files() -> None:
 
 
 def quiet_log() -> logging.Logger:
-    """Return a log for the HTTP server in which requests that are none leave no traceback."""
+    """Log of the HTTP server; malformed requests and lost connections leave no traceback in it."""
     log = logging.getLogger(__name__)
     log.addFilter(_is_ours)  # Twice the same is once.
     return log
@@ -345,4 +345,7 @@ def quiet_log() -> logging.Logger:
 
 def _is_ours(record: logging.LogRecord) -> bool:
     error = record.exc_info[1] if record.exc_info else None
-    return not isinstance(error, (HttpProcessingError, web.RequestPayloadError))
+    # A browser that goes while it is answered is no fault of the server.
+    return not isinstance(
+        error, (HttpProcessingError, web.RequestPayloadError, ConnectionResetError)
+    )

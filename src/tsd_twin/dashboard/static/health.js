@@ -102,7 +102,7 @@ export class Health {
       for (const [name, value] of Object.entries(rows))
         setText(this._values.get(`${title} ${name}`), value);
     }
-    for (const name of Object.keys(sections.ConsistencyWarning)) {
+    for (const name of Object.keys(sections.Conflict)) {
       const accused = name === "suspect" || name.startsWith(`· ${suspect} `);
       const row = this._values.get(`Conflict ${name}`).parentElement;
       setAttribute(row, "data-suspect", accused && conflict.suspect !== null ? "" : null);
