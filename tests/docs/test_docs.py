@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+import tsd_twin
 from tests.support.markdown_pages import ROOT, anchors, code, links, page, without_code
 
 FOLDERS = ("", "docs/", "meshes/", "firmware/", "firmware/simulator/")
@@ -59,6 +60,29 @@ def test_the_layers_on_the_page_are_those_that_are_checked() -> None:
     (layers,) = [contract["layers"] for contract in contracts if contract["type"] == "layers"]
     (shown,) = code(page("architecture.md"), "text")
     assert shown.splitlines() == ["app", *layers]
+
+
+@pytest.mark.system
+def test_the_program_with_an_own_robot_io_runs_and_drives(tmp_path: Path) -> None:
+    """As its reader would start it, at a free port; a script drives it."""
+    (text,) = code(page("architecture.md"), "python")
+    (tmp_path / "my_robot.py").write_text(text, encoding="utf-8")
+    flags = ["--listen", "tcp/127.0.0.1:0", "--until-eof"]
+    command = [sys.executable, str(tmp_path / "my_robot.py"), *flags]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as node:
+        assert node.stdin is not None
+        assert node.stdout is not None
+        try:
+            endpoint = node.stdout.readline().split()[-1]
+            with tsd_twin.connect(endpoint) as robot:
+                with robot.control("script") as base:
+                    base.drive(vx_mps=0.2, duration_s=0.5)
+                assert robot.state.odom.pose.x_m > 0.05
+        finally:
+            node.stdin.close()
+        assert node.wait(timeout=20.0) == 0
 
 
 def test_every_folder_of_the_package_has_its_row() -> None:

@@ -42,10 +42,8 @@ def test_the_times_are_those_of_the_code_and_the_shipped_robot() -> None:
         "limits": ROBOT.limits,
         "motor": ROBOT.motor,
         "lease": lease,
-        "hand_over": lease,
-        "authority": supervisor,
-        "joint_faults": control.faults,
-        "following": control.faults,
+        "supervisor": supervisor,
+        "faults": control.faults,
     }
     for _, value, where in rows:
         place, name = quoted(where)[0].split(".")

@@ -11,7 +11,7 @@ from tsd_twin.dynamixel.control_table import Packed
 
 @dataclass(frozen=True, slots=True)
 class Identity(Packed):
-    """Who this is, and what is fixed in it."""
+    """Identity and constants of the board."""
 
     ADDRESS: ClassVar[int] = 0
     LAYOUT: ClassVar[Struct] = Struct("<HBBBIIHHHH")
@@ -57,7 +57,7 @@ class Setup(Packed):
 
 @dataclass(frozen=True, slots=True)
 class Command(Packed):
-    """What the joints shall do: one WRITE of all of it in each cycle; of a part is error 5."""
+    """Set-points of the joints: one WRITE of the whole block per cycle; a part is error 5."""
 
     ADDRESS: ClassVar[int] = 37
     LAYOUT: ClassVar[Struct] = Struct("<HBB3H6h")
@@ -65,8 +65,8 @@ class Command(Packed):
     heartbeat: int = 0
     """Any change is a beat; arming needs one."""
     arm: int = 0
-    """Going from 0 to 1 arms, if nothing speaks against it; 0 disarms. After a trip it has to
-    be written 0 first: 1 again and again never arms again.
+    """Going from 0 to 1 arms, unless there is a refusal; 0 disarms. After a trip it has to be
+    written 0 first: 1 again and again never arms again.
     """
     torque: int = 1
     """0 lets the servos go, while disarmed only."""
@@ -80,7 +80,7 @@ class Command(Packed):
 
 @dataclass(frozen=True, slots=True)
 class Telemetry(Packed):
-    """What is the case: one READ in each cycle."""
+    """Measurements and state: one READ in each cycle."""
 
     ADDRESS: ClassVar[int] = 59
     LAYOUT: ClassVar[Struct] = Struct("<IBBBBHBBBBB3H6h6h6h6B6B6HHHHHHHH")
@@ -88,7 +88,7 @@ class Telemetry(Packed):
     millis: int = 0
     """Since the reset [ms]."""
     mode: int = 0
-    """Who has the joints: `BoardMode`."""
+    """Source of the commands: `BoardMode`."""
     trip: int = 0
     """Why the board last disarmed itself, until it arms: `Trip`."""
     refusal: int = 0

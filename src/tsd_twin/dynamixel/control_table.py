@@ -42,7 +42,7 @@ class Item:
     default: int = 0
     """Value after a reset."""
     limits: tuple[int, int] | None = None
-    """Smallest and largest that can be written; another is error 4, and nothing of it is taken."""
+    """Smallest and largest valid value; others are error 4, and the write has no effect."""
     unit: str = ""
     count: int = 1
 
@@ -70,7 +70,7 @@ class Block:
 IDENTITY = Block(
     "identity",
     "r",
-    "Who this is, and what is fixed in it.",
+    "Identity and constants of the board.",
     (
         Item("model", "u16", "Kind of board.", MODEL),
         Item("fw", "u8", "Version of the firmware, as a ping answers it.", FW_VERSION),
@@ -106,13 +106,13 @@ SETUP = Block(
 COMMAND = Block(
     "command",
     "w",
-    "What the joints shall do: one WRITE of all of it in each cycle; of a part is error 5.",
+    "Set-points of the joints: one WRITE of the whole block per cycle; a part is error 5.",
     (
         Item("heartbeat", "u16", "Any change is a beat; arming needs one.", 0, (0, 65535)),
         Item(
             "arm",
             "u8",
-            "Going from 0 to 1 arms, if nothing speaks against it; 0 disarms. After a trip it has "
+            "Going from 0 to 1 arms, unless there is a refusal; 0 disarms. After a trip it has "
             "to be written 0 first: 1 again and again never arms again.",
             0,
             (0, 1),
@@ -142,10 +142,10 @@ COMMAND = Block(
 TELEMETRY = Block(
     "telemetry",
     "r",
-    "What is the case: one READ in each cycle.",
+    "Measurements and state: one READ in each cycle.",
     (
         Item("millis", "u32", "Since the reset.", unit="ms"),
-        Item("mode", "u8", "Who has the joints: `BoardMode`."),
+        Item("mode", "u8", "Source of the commands: `BoardMode`."),
         Item("trip", "u8", "Why the board last disarmed itself, until it arms: `Trip`."),
         Item("refusal", "u8", "Why arming was last refused: `Refusal`."),
         Item("reset_cause", "u8", "Why the board started: `ResetCause`."),
@@ -200,7 +200,7 @@ TABLE_SIZE = sum(block.size for block in BLOCKS)
 
 
 class BoardMode(IntEnum):
-    """Who has the joints."""
+    """Source of the commands."""
 
     DISARMED = 0
     """Nobody: zero throttle, gimbals to neutral."""

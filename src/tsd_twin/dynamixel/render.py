@@ -115,7 +115,7 @@ def page() -> str:
         f"endian, "
         "without gaps. [bridge.md](bridge.md) says how it is used.",
         "A value beyond its limits is answered with error 4, a write to what cannot be written (or "
-        "not now) with error 7, other instructions with error 2; nothing of such a write is taken.",
+        "not now) with error 7, other instructions with error 2; such a write has no effect.",
     ]
     for block in BLOCKS:
         lines += ["", f"## {block.name.capitalize()}", ""]
