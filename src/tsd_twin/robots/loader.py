@@ -70,10 +70,10 @@ def load_robot(name_or_path: str) -> RobotDescription:
 
 
 def description_of_kind(robot: RobotDescription, kind: type[RobotT]) -> RobotT:
-    """Return `robot`, known to be of a kind, to who can work with that kind only.
+    """Return `robot` typed as a `kind`, for callers that work with that kind only.
 
     Raises:
-        RobotFileError: it is of another kind; the message says which one is needed.
+        RobotFileError: the robot is of another kind; the message names the needed one.
     """
     if not isinstance(robot, kind):
         needed, given = (
@@ -109,7 +109,7 @@ def parse_description(toml: str, file: str) -> RobotDescription:
 
 
 def _kind(tables: Any, file: str) -> type[RobotDescription]:
-    """Return what a file has to be read as; whatever else is wrong with it shows in the reading."""
+    """Return the description class of a file; other errors are found when it is parsed."""
     table = tables.get("drive")
     if not isinstance(table, dict):
         return SingularityDescription
@@ -131,7 +131,7 @@ def _kind(tables: Any, file: str) -> type[RobotDescription]:
 
 
 def _check(robot: RobotDescription, file: str) -> None:
-    """Raise for what no single value can show."""
+    """Check the rules between values, and raise for a violation."""
     for path, number in _numbers(msgspec.to_builtins(robot)):
         if not math.isfinite(number):
             raise RobotFileError(file, f"{path}: {number} is not a finite number")
