@@ -33,7 +33,7 @@ from tsd_twin.virtual_robot import VOLT_STEP
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Drive or read squares, say what is wrong with the machine, and write it down."""
+    """Collect drives, fit the calibration, report it, and optionally write it to a description."""
     drives = collect(args, out)
     robot, recordings = drives.robot, drives.recordings
     volt_share = VOLT_STEP / math.sqrt(12.0) / robot.battery.nominal_v
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 
 
 def _camera(robot: SingularityDescription) -> CameraNoise:
-    """Return what the description says of those who see the robot."""
+    """Return the pose-sensor noise of the description."""
     seen = robot.pose_sensor
     return CameraNoise(sigma_m=seen.sigma_m, sigma_rad=math.radians(seen.sigma_deg))
 
@@ -95,10 +95,10 @@ def _rms_m(residuals: list[Array]) -> float:
 def _write_description(
     args: argparse.Namespace, drives: CalibrationData, changes: dict[str, dict[str, Any]]
 ) -> str:
-    """Write what was found; return where."""
+    """Write the fitted calibration; return a line that names the file."""
     usual, last = (spin_ratio_of(drives.recordings[i]) for i in (0, -1))
     if args.drive and (usual != last).any():
-        # The robot has been started with other speeds for the last run only.
+        # Only the last run used the wheel speeds of this description.
         changes["drive"]["spin_ratio"] = usual.tolist()
     write_description(args.write_to, drives.text, changes)
     return f"written into {args.write_to}"
