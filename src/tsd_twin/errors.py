@@ -58,4 +58,4 @@ class MissingExtraError(TwinError):
     """An optional package is needed and not installed."""
 
     def __init__(self, what: str, extra: str) -> None:
-        super().__init__(f"{what} needs a package more: pip install 'tsd-twin[{extra}]'")
+        super().__init__(f"{what} needs an optional package: pip install 'tsd-twin[{extra}]'")

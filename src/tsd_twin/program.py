@@ -33,7 +33,7 @@ def parser(prog: str, purpose: str, examples: Sequence[str]) -> argparse.Argumen
     made.add_argument(
         "--until-eof", action="store_true", help="end when standard input ends, as a child does"
     )
-    made.add_argument("-v", "--verbose", action="store_true", help="log what happens to stderr")
+    made.add_argument("-v", "--verbose", action="store_true", help="log in detail to stderr")
     return made
 
 
@@ -58,7 +58,7 @@ def add_errors_flag(made: argparse.ArgumentParser, default: float = 0.0) -> None
         type=float,
         default=default,
         metavar="SCALE",
-        help=f"times [errors], what is wrong with a built robot; default {default:g}",
+        help=f"factor on [errors], the model errors of a built robot; default {default:g}",
     )
 
 
@@ -68,7 +68,7 @@ def add_plant_flag(made: argparse.ArgumentParser) -> None:
         "--plant",
         choices=sorted(PLANTS),
         default="kinematic",
-        help="what moves it: rolling by the equations (default), or rigid bodies in MuJoCo, "
+        help="plant: rolling by the equations (default), or rigid bodies in MuJoCo, "
         "for which the extra `mujoco` must be installed",
     )
 

@@ -218,7 +218,7 @@ def test_a_robot_that_falls_silent_is_not_waited_for() -> None:
             list(operator.arm())
             node.stopping.set()
             held = operator.hold(60.0)
-            with pytest.raises(TwinError, match=r"has said nothing|is stopped"):
+            with pytest.raises(TwinError, match=r"has sent no status|is stopped"):
                 list(held)
 
 

@@ -68,7 +68,7 @@ def next_run_advice(out: Output, log: str, text: str, recordings: Sequence[Recor
     log_at, next_at = out.folder / log, out.folder / NEXT_DESCRIPTION
     more = f"{len(left)} more run{'s' if len(left) > 1 else ''}"
     return [
-        f"{more} with one wheel faster would tell each zero apart: start the robot with --robot",
+        f"{more} with one wheel faster would make each zero observable: start it with --robot",
         f"  {next_at}, and then tsd-lab calibrate --drive --log {log_at} --out {out.folder}",
     ]
 
@@ -188,7 +188,7 @@ class _RobotSubscriber:
         self.poll()
         patience_s = max_unheard_s(self._client.robot.limits)
         if now_s - self._odometry_received_s > patience_s:
-            raise TwinError(f"how it moves has not been heard for {patience_s:g} s")
+            raise TwinError(f"no odometry has arrived for {patience_s:g} s")
         twist = self._driver.advance(self._now_s)
         if self._driver.finished:
             self._finished_s = self._finished_s or now_s
@@ -217,7 +217,7 @@ def _wait_for_camera(subscriber: _RobotSubscriber, robot_id: str) -> None:
         if time.monotonic() > end_s:
             refused = subscriber.recorder.refused
             raise TwinError(
-                f"what comes on twin/{robot_id}/sensor/pose is of no use: {refused}"
+                f"the poses on twin/{robot_id}/sensor/pose are rejected: {refused}"
                 if refused
                 else f"no pose measurements on twin/{robot_id}/sensor/pose where {robot_id} is: a "
                 f"camera has "

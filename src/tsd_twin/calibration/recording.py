@@ -209,7 +209,7 @@ class RobotRecorder:
         )
         ahead = np.array(self._clock_offsets_s)
         if len(joints) < 2 or len(poses) < 2 or not self._commanded:
-            raise TwinError("too little was heard of the drive to record it")
+            raise TwinError("too few samples of the drive have arrived to record it")
         if (
             abs(np.median(ahead[:_CLOCK_SAMPLES]) - np.median(ahead[-_CLOCK_SAMPLES:]))
             > _MAX_CLOCK_JUMP_S

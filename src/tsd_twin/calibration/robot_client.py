@@ -187,8 +187,10 @@ class RobotClient:
             except MessageError:
                 continue  # Invalid sample from another publisher.
             except queue.Empty:
-                self.stop("it fell silent")
-                raise TwinError(f"{self.id} has said nothing for {_STATUS_TIMEOUT_S:g} s") from None
+                self.stop("status timeout")
+                raise TwinError(
+                    f"{self.id} has sent no status for {_STATUS_TIMEOUT_S:g} s"
+                ) from None
 
     def newest_status(self) -> Status | None:
         """Return the newest unread status, None when there is none; does not wait."""
@@ -326,7 +328,7 @@ class CommandPublisher:
             if self._has_fresh_status():
                 heard_s = now_s
             if now_s - heard_s > _FRESH_STATUS_S:
-                raise TwinError(f"{self._client.id} has said nothing for {_FRESH_STATUS_S:g} s")
+                raise TwinError(f"{self._client.id} has sent no status for {_FRESH_STATUS_S:g} s")
             twist = step(now_s)
             if twist is None:
                 return

@@ -275,7 +275,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     else:
         if tracker.refused and not args.by_hand:
             print_line(
-                f"What came on sensor/pose was of no use ({tracker.refused}), so measure it."
+                f"The poses on sensor/pose were rejected ({tracker.refused}): measure by hand."
             )
         moved_m, turned_rad = ask_displacement()
         drift = drift_by_hand(moved_m, turned_rad, held_s, spin_rpm(robot))
@@ -293,7 +293,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     ]
     if abs(drift.distance_m - LIMIT_M) < 2.0 * drift.distance_sigma_m:
         about_mm = 1000 * drift.distance_sigma_m
-        lines.append(f"that is known to +- {about_mm:.1f} mm only: more --seconds tell better")
+        lines.append(f"its standard deviation is {about_mm:.1f} mm: more --seconds reduce it")
     return lines if drift.passes else lines + _advice(args, robot, client.description_text, drift)
 
 
@@ -328,9 +328,9 @@ def _confirm(args: argparse.Namespace, robot: SingularityDescription, robot_id: 
     if args.yes:
         return
     print_line(
-        f"{robot_id} will spin its wheels at {spin_rpm(robot):.0f} rpm and be told to stand, for "
-        f"{args.seconds:g} s.\nGive it 1 m of free, level floor on all sides, mark where its "
-        "centre is and where it looks,\nand have the hardware stop at hand. Ctrl-C here disarms it."
+        f"{robot_id} will spin its wheels at {spin_rpm(robot):.0f} rpm, commanded to stand still, "
+        f"for {args.seconds:g} s.\nGive it 1 m of free, level floor on all sides, mark its centre "
+        "and its heading,\nand have the hardware stop at hand. Ctrl-C here disarms it."
     )
     ask_line("Enter begins: ")
 
@@ -353,8 +353,8 @@ def _advice(
         )
     lines.append(f"with them it should creep {left.sentence()}")
     lines.append(
-        "others would explain it as well: what pushes wheels against one another moves no robot, "
-        "and only tsd-lab calibrate sees it"
+        "the solution is not unique: offsets that press wheels against each other move no robot, "
+        "and only tsd-lab calibrate finds them"
     )
     if args.write_to:
         write_description(args.write_to, text, {"calibration": {"tilt_offset_deg": pairs}})

@@ -71,7 +71,7 @@ def add_run_flags(parser: argparse.ArgumentParser, loop: Loop) -> None:
         "--loop",
         choices=[kind.value for kind in Loop],
         default=loop.value,
-        help=f"what closes the loop of control, besides what is before it; default {loop.value}",
+        help=f"feedback of the controller; each adds to the one before it; default {loop.value}",
     )
     parser.add_argument("--seed", type=int, default=0, help="of all noise; default 0")
     parser.add_argument(

@@ -329,33 +329,33 @@ def _flags(parser: argparse.ArgumentParser) -> None:
         type=int,
         default=1,
         metavar="N",
-        help="drive so many squares, from --seed on, and say how their errors spread; default 1",
+        help="number of squares, from --seed on, to report the spread of their errors; default 1",
     )
     parser.add_argument(
         "--errors",
         type=float,
         default=1.0,
         metavar="SCALE",
-        help="times [errors], what is wrong with a built robot; default 1",
+        help="factor on [errors], the model errors of a built robot; default 1",
     )
     parser.add_argument(
         "--plant",
         choices=list(PLANTS),
         default="kinematic",
-        help="what moves it: rolling by the equations (default), or bodies that slide in MuJoCo",
+        help="plant: rolling by the equations (default), or rigid bodies that slide in MuJoCo",
     )
     parser.add_argument(
         "--believed-friction",
         type=float,
         default=1.0,
         metavar="SHARE",
-        help="what the robot takes the friction of the floor for, over what it is; default 1",
+        help="friction of the floor assumed by the robot, relative to the true one; default 1",
     )
     parser.add_argument(
         "--turn",
         action=argparse.BooleanOptionalAction,
         default=True,
-        help="with a gyro: turn on the spot first, to learn how fast wheels spin; default: do",
+        help="with a gyro: first turn in place to measure the wheel speeds; default: do",
     )
 
 

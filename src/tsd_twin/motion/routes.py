@@ -210,12 +210,12 @@ class NavigationGoal:
         """
         here, goal = start.xy_heading, np.asarray(self.points[-1], dtype=float)
         if not (np.isfinite(here).all() and math.isfinite(self.heading_rad or 0.0)):
-            raise PathError("where the robot is, or shall look, is no number")
+            raise PathError("the pose of the robot, or the heading to turn to, is no number")
         turn = 0.0 if self.heading_rad is None else float(wrap(self.heading_rad - here[2]))
         way = np.concatenate([here[None, :2], self.points])
         length_m = float(np.hypot(*np.diff(way, axis=0).T).sum())
         if not np.isfinite(length_m) or length_m > LONGEST_M:
-            raise PathError(f"a way may have {LONGEST_M:g} m at most")
+            raise PathError(f"a route may have {LONGEST_M:g} m at most")
         if self.is_done(start):
             raise PathError("the robot is there already")
         path: Path

@@ -241,7 +241,7 @@ class TrajectoryExecutor:
                 done_m,
                 cross_track_m,
                 heading_error_rad,
-                "the robot does not get on",
+                "the robot makes no progress",
             )
         over_s = seen_s - self.trajectory.duration_s
         if over_s >= 0.0 and cross_track_m < NEAR_M and heading_error_rad < NEAR_RAD:

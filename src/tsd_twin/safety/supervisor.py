@@ -280,7 +280,7 @@ class SafetySupervisor:
 
     def _transition(self, mode: Mode, reason: str, now_s: float) -> None:
         if (self.mode, mode) not in TRANSITIONS:
-            raise AssertionError(f"there is no way from {self.mode} to {mode}")
+            raise AssertionError(f"there is no transition from {self.mode} to {mode}")
         before, self.mode, self.reason, self._since_s = self.mode, mode, reason, now_s
         self._spin_up_s = None
         if mode is Mode.STOPPING:
