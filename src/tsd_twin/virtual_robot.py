@@ -145,7 +145,7 @@ def _xyh(x_m: float, y_m: float, heading_rad: float) -> dict[str, object]:
 
 
 def voltage_share(robot: VirtualRobot) -> float:
-    """Return the speed of wheels over that at the nominal voltage, by what servos report of it."""
+    """Return the wheel speed relative to nominal voltage, from the voltage that servos report."""
     nominal_v = robot.controller.robot.battery.nominal_v
     battery_v = robot.simulated.hardware().get("battery_v")
     if not isinstance(battery_v, float):

@@ -139,7 +139,7 @@ NEUTRAL_RAD = math.radians(1.0)
 AT_SPEED = 0.02
 """Wheels within this share of their set-point count as at speed."""
 AT_REST_RAD_PER_S = 0.1
-"""Wheels slower than this count as at speed when they shall stand."""
+"""Wheels with a set-point of zero count as at speed below this."""
 
 
 class StateEstimator:

@@ -104,7 +104,7 @@ class SphereKinematics(WheelKinematics):
         return 2.0 * np.mod(np.floor(angles_rad / self.row_rad), 2.0) - 1.0
 
     def mean_side(self, before_rad: Array, after_rad: Array) -> Array:
-        """Return the mean of `side` over the way from one angle (..., k) to another, exactly."""
+        """Return the exact mean of `side` between two wheel angles (..., k)."""
         way = after_rad - before_rad
         hops = self.row_rad * (self._fold(after_rad) - self._fold(before_rad))
         still = np.abs(way) < 1e-9 * self.row_rad

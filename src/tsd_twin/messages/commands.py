@@ -44,7 +44,7 @@ class Command:
 
 
 def encode_attachment(seq: int, lease: bytes, status_seq: int) -> bytes:
-    """Return the attachment of a command: its number, its lease, the newest status seen."""
+    """Return the attachment of a command: its number, its lease, the newest received status."""
     return _ATTACHMENT.pack(seq, lease, status_seq)
 
 

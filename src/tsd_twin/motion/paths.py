@@ -310,7 +310,7 @@ class CompositePath:
 
 
 def polyline(points_m: Array | Sequence[Sequence[float]], cut_m: float = 0.0) -> CompositePath:
-    """Return the way along straight legs through `points_m` (n, 2), n above 1, metres.
+    """Return the path of straight legs through `points_m` (n, 2), n above 1, metres.
 
     Corners are sharp, so the robot stops there; with `cut_m` it leaves a leg that far before a
     corner, at most half a leg, and rounds it by a smooth curve.

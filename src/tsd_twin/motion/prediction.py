@@ -111,7 +111,7 @@ class Predictor(Generic[PoseT]):
     def until_rest(
         self, pose: PoseT, twist: Array, commands: Sequence[PendingCommand], share: float = 1.0
     ) -> list[PoseT]:
-        """Return the poses on the way until the last command holds and the robot is at rest."""
+        """Return the predicted poses until the last command holds and the robot is at rest."""
         path: list[PoseT] = []
         last_s = commands[-1].after_s if commands else 0.0
         for moment in self.moments(pose, twist, commands, share):

@@ -224,7 +224,7 @@ class RobotDescription(Table, frozen=True, kw_only=True):
         return self.spin_up().up_s
 
     def problems(self) -> Iterator[Problem]:
-        """Yield what no single value can show to be wrong."""
+        """Yield violations of rules that involve several values."""
         raise NotImplementedError
 
 

@@ -1,4 +1,4 @@
-"""Registry of the kinds of robots: what each kind brings to every layer, in one table.
+"""Registry of the kinds of robots: one table of the implementations in every layer.
 
 The implementations are in higher layers. The registry names them as `module:name` and imports them
 at first use, so layers stay apart and a program loads only what it needs.

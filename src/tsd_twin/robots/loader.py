@@ -85,10 +85,10 @@ def description_of_kind(robot: RobotDescription, kind: type[RobotT]) -> RobotT:
 
 
 def parse_description(toml: str, file: str) -> RobotDescription:
-    """Return the robot of a TOML text; `file` is what errors call it.
+    """Return the robot of a TOML text; `file` is its name in error messages.
 
     Raises:
-        RobotFileError: as in `load`.
+        RobotFileError: as in `load_robot`.
     """
     if len(toml) > LONGEST:
         raise RobotFileError(file, f"{len(toml)} characters are too many", f"at most {LONGEST}")
@@ -157,7 +157,7 @@ def _numbers(value: Any, path: str = "") -> Iterator[tuple[str, float]]:
 
 
 def _explain(message: str, kind: type[RobotDescription]) -> Problem:
-    """Turn a message of msgspec into a sentence, and into what would be valid."""
+    """Convert a message of msgspec to a sentence and a list of valid values."""
     found = re.fullmatch(r"(?P<what>.*?)(?: - at `\$(?P<path>.*)`)?", message, re.DOTALL)
     what, path = (found["what"], (found["path"] or "").lstrip(".")) if found else (message, "")
     unknown = re.search(r"unknown field `(.+)`", what)
@@ -186,7 +186,7 @@ def _keys(path: str, kind: type[RobotDescription]) -> list[str]:
 
 
 def _table(hint: Any) -> Any:
-    """Return the kind of table in a type hint: itself, or that of a list, or of what may be."""
+    """Return the table class in a type hint: itself, or the one inside a list or an optional."""
     if isinstance(hint, type) and issubclass(hint, Table):
         return hint
     inside = (_table(part) for part in typing.get_args(hint))

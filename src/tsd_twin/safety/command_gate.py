@@ -11,7 +11,7 @@ from tsd_twin.messages.status import DropCounts
 from tsd_twin.safety.lease import Lease
 
 _REMEMBERED = 256
-"""Status messages whose sending time is kept: over a second at any rate that is sent."""
+"""Number of status messages whose sending time is kept: more than a second of them."""
 
 
 class CommandGate:
