@@ -231,7 +231,7 @@ def test_numbers_are_asked_for_until_they_are_some(monkeypatch: pytest.MonkeyPat
 
 def test_nobody_at_the_keyboard_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
-    with pytest.raises(TwinError, match="somebody at the keyboard"):
+    with pytest.raises(TwinError, match="operator at the keyboard"):
         ask_displacement()
 
 
