@@ -51,7 +51,7 @@ _HOMES = {
     "load_robot": ("tsd_twin.robots", "load_robot"),
     "simulate": ("tsd_twin.simulation", "simulate"),
 }
-"""Where names come from that are not of the client."""
+"""Modules of the public names that are not part of the client."""
 
 __all__ = [
     "SE2",

@@ -7,7 +7,7 @@ TwinError               anything below; its text is one sentence for the person 
 ├── BusError            the bus cannot be opened, or is used in a way that is not allowed
 │   └── NoAnswerError   a service did not answer in time
 ├── LinkError           a description of a simulated link cannot be read (in link_emulation)
-├── PathError           a path that nobody can follow
+├── PathError           a path that no robot can follow
 ├── MeshError           a generated part is missing or is not a closed solid
 └── MissingExtraError   an optional package that was asked for is not installed
 ```
@@ -40,14 +40,14 @@ class BusError(TwinError):
 
 
 class NoAnswerError(BusError):
-    """A service did not answer in time, or nobody offers it."""
+    """A service did not answer in time, or no node offers it."""
 
     def __init__(self, key: str, timeout_s: float) -> None:
         super().__init__(f"{key}: no answer within {timeout_s:g} s")
 
 
 class PathError(TwinError):
-    """A path that nobody can follow: no length, a gap, a corner where there must be none."""
+    """A path that no robot can follow: zero length, a gap, or a corner where none is allowed."""
 
 
 class MeshError(TwinError):
@@ -55,7 +55,7 @@ class MeshError(TwinError):
 
 
 class MissingExtraError(TwinError):
-    """Something was asked for that an optional package would do."""
+    """An optional package is needed and not installed."""
 
     def __init__(self, what: str, extra: str) -> None:
-        super().__init__(f"{what} needs a package more: pip install 'tsd-twin[{extra}]'")
+        super().__init__(f"{what} needs an optional package: pip install 'tsd-twin[{extra}]'")

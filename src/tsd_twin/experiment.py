@@ -27,16 +27,16 @@ _DOTS_PER_INCH = 130
 
 
 class Output:
-    """A folder for PNG and CSV, made when it is needed.
+    """Output folder for PNG and CSV files, created at the first write.
 
     Raises:
-        TwinError: the folder cannot be made or written to; when something is written.
+        TwinError: the folder cannot be created or written to; raised by the write.
     """
 
     def __init__(self, folder: Path, *, quiet: bool = False) -> None:
         self.folder = folder
         self.written: list[Path] = []
-        """Files, in the order they were written."""
+        """Written files, in order."""
         self._quiet = quiet
 
     def table(self, name: str, columns: Mapping[str, Array | Sequence[float | str]]) -> None:
@@ -59,17 +59,17 @@ class Output:
             raise _cannot_write(self.folder, error) from error
 
     def text(self, name: str, text: str) -> None:
-        """Write a file as it stands."""
+        """Write `text` to a file unchanged."""
         try:
             self._file(name).write_text(text, encoding="utf-8")
         except OSError as error:
             raise _cannot_write(self.folder, error) from error
 
     def refuse_overwrite(self, name: str, unless: str | None) -> None:
-        """Refuse to write over a file that is there already, `unless` it is this one.
+        """Refuse to overwrite an existing file, `unless` it is this one.
 
         Raises:
-            TwinError: it would be lost.
+            TwinError: the file exists.
         """
         path = self.folder / name
         same = unless is not None and path.absolute() == Path(unless).absolute()
@@ -77,7 +77,7 @@ class Output:
             raise TwinError(f"{path} would be written over: add to it with --log, or choose --out")
 
     def progress(self, items: Iterable[T], what: str, total: int) -> Iterator[T]:
-        """Go through `items` with a bar on the error stream, which goes away at the end."""
+        """Yield `items` with a progress bar on the error stream, which is cleared at the end."""
         console = Console(file=sys.stderr, quiet=self._quiet)
         yield from track(items, what, total, console=console, transient=True)
 
@@ -100,7 +100,7 @@ PERCENT_STEPS = 100
 
 
 def in_percent_steps(shares: Iterator[float], whole: float) -> Iterator[int]:
-    """Go through `shares`, and yield once for each hundredth of `whole` that has passed."""
+    """Iterate over `shares`, and yield once for each hundredth of `whole` completed."""
     done = 0
     for share in shares:
         while done < min(PERCENT_STEPS, int(PERCENT_STEPS * share / whole)):
@@ -109,19 +109,19 @@ def in_percent_steps(shares: Iterator[float], whole: float) -> Iterator[int]:
 
 
 Axes: TypeAlias = Any
-"""Of matplotlib, which leaves the types of its keywords open; pictures are looked at."""
+"""Axes of matplotlib; `Any`, since matplotlib leaves the types of its keywords open."""
 
 REFERENCE_COLOUR = "#5b6472"
 TRUTH_COLOUR = "#c2410c"
 ESTIMATE_COLOUR = "#1d4ed8"
 CAMERA_COLOUR = "#0f766e"
 SERIES_COLOURS = (TRUTH_COLOUR, ESTIMATE_COLOUR, CAMERA_COLOUR, "#7c3aed", "#b45309", "#be185d")
-"""Told apart also by people who see few colours, since lines differ in style where they cross."""
+"""Colour-blind safe: crossing lines also differ in line style."""
 _INK, _GRID = "#1f2933", "#d9dee5"
 
 
 def new_figure(width_in: float, height_in: float, title: str) -> Figure:
-    """Return an empty figure with a title on top, laid out by itself."""
+    """Return an empty figure with a title and automatic layout."""
     made: Any = Figure(figsize=(width_in, height_in), layout="constrained", facecolor="white")
     made.suptitle(title, fontsize=13, color=_INK, x=0.01, ha="left", weight="bold")
     return made
@@ -143,7 +143,7 @@ def label_axes(axes: Axes, x_label: str, y_label: str, title: str = "") -> None:
 
 
 def add_legend(axes: Axes, **where: Any) -> None:
-    """Name what is drawn."""
+    """Add a legend."""
     axes.legend(frameon=False, fontsize=9, labelcolor=_INK, **where)
 
 

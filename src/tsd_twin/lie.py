@@ -1,4 +1,4 @@
-"""The two Lie groups that poses live in: SE(2) for planar robots, SO(3) for the sphere.
+"""Lie groups of the poses: SE(2) for planar robots, SO(3) for the sphere.
 
 Elements hold plain arrays and take leading batch dimensions. `a @ b` composes, or applies `a` to
 points. Formulas as in Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics"
@@ -19,15 +19,15 @@ Array: TypeAlias = npt.NDArray[np.float64]
 
 def sinc(x: Array) -> Array:
     """Return sin(x) / x, exact at and near zero; the same shape as `x`, in radians."""
-    # The function is even; what is added keeps zero from zero, and changes no other number.
+    # The function is even; the added number avoids 0 / 0 and changes no other value.
     away = np.abs(x) + 1e-200
     return np.sin(away) / away
 
 
 def wrap(angle: Array) -> Array:
-    """Return `angle`, in radians and of any shape, turned into [-pi, pi)."""
+    """Return `angle`, in radians and of any shape, wrapped to [-pi, pi)."""
     turned = (angle + np.pi) % (2.0 * np.pi) - np.pi
-    # A hair below -pi, the remainder rounds up to the whole turn.
+    # Just below -pi, the remainder rounds up to the whole turn.
     return np.where(turned < np.pi, turned, -np.pi)
 
 

@@ -22,7 +22,7 @@ _PATIENCE_S = 2.0
 
 
 def parser(prog: str, purpose: str, examples: Sequence[str]) -> argparse.ArgumentParser:
-    """Return a parser whose help ends with examples that can be copied."""
+    """Return an argument parser whose help ends with `examples`."""
     made = argparse.ArgumentParser(
         prog=prog,
         description=purpose,
@@ -33,7 +33,7 @@ def parser(prog: str, purpose: str, examples: Sequence[str]) -> argparse.Argumen
     made.add_argument(
         "--until-eof", action="store_true", help="end when standard input ends, as a child does"
     )
-    made.add_argument("-v", "--verbose", action="store_true", help="log what happens to stderr")
+    made.add_argument("-v", "--verbose", action="store_true", help="log in detail to stderr")
     return made
 
 
@@ -58,7 +58,7 @@ def add_errors_flag(made: argparse.ArgumentParser, default: float = 0.0) -> None
         type=float,
         default=default,
         metavar="SCALE",
-        help=f"times [errors], what is wrong with a built robot; default {default:g}",
+        help=f"factor on [errors], the model errors of a built robot; default {default:g}",
     )
 
 
@@ -68,13 +68,13 @@ def add_plant_flag(made: argparse.ArgumentParser) -> None:
         "--plant",
         choices=sorted(PLANTS),
         default="kinematic",
-        help="what moves it: rolling by the equations (default), or rigid bodies in MuJoCo, "
+        help="plant: rolling by the equations (default), or rigid bodies in MuJoCo, "
         "for which the extra `mujoco` must be installed",
     )
 
 
 def add_node_flags(made: argparse.ArgumentParser) -> None:
-    """Add where a robot node listens."""
+    """Add the bus flags of a robot node: `--listen`, `--connect`, `--zenoh-config`."""
     made.add_argument(
         "--listen",
         default=DEFAULT_ENDPOINT,
@@ -96,14 +96,14 @@ def node_bus(args: argparse.Namespace) -> Bus:
     if args.zenoh_config:
         return Bus(from_file(args.zenoh_config))
     bus = Bus(node_config([args.listen], args.connect))
-    # Whether an id is taken can be known only when those who may have it are there.
+    # A duplicate robot id can be detected only once the other nodes are connected.
     if args.connect and not bus.wait_for_peer(_PATIENCE_S):
-        _LOG.warning("nobody answers at %s yet", ", ".join(args.connect))
+        _LOG.warning("no answer from %s yet", ", ".join(args.connect))
     return bus
 
 
 def add_client_flags(made: argparse.ArgumentParser) -> None:
-    """Add where a program that only connects finds its robots."""
+    """Add the bus flags of a client: `--connect` and `--zenoh-config`."""
     made.add_argument(
         "--connect",
         action="append",
@@ -121,7 +121,7 @@ def client_bus(args: argparse.Namespace) -> Bus:
 
 
 def certificate(args: argparse.Namespace) -> Identity | None:
-    """Return who the certificate in `--zenoh-config` says that this program is, if there is one."""
+    """Return the identity in the certificate of `--zenoh-config`, None without a certificate."""
     file = from_file(args.zenoh_config).certificate if args.zenoh_config else None
     return None if file is None else certificate_identity(file)
 
@@ -147,12 +147,12 @@ def _wait_for_eof(stop: threading.Event) -> None:
 
 
 def say_ready(what: str) -> None:
-    """Print the one line that says that a program can be used, and where."""
+    """Print the line `ready: ...`, which says that the program is in service, and where."""
     print(f"ready: {what}", flush=True)  # noqa: T201  The line is the interface of a program.
 
 
 def run(made: argparse.ArgumentParser, body: Callable[[argparse.Namespace], None]) -> None:
-    """Parse the flags and run a program; errors meant for people end in one sentence."""
+    """Parse the flags and run a program; a `TwinError` ends it with a one-sentence message."""
     args = made.parse_args()
     logging.basicConfig(
         level=logging.INFO if args.verbose else logging.WARNING,

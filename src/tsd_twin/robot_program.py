@@ -33,10 +33,10 @@ def serve(
     pose: Callable[[RobotDescription, Flags], Pose | None] = _unknown,
     companion: Callable[[Bus, str, RobotDescription, Flags], Companion] = _alone,
 ) -> None:
-    """Read the flags of `made`, to which those of a node are added, and run until told to end.
+    """Add the flags of a node to the parser `made`, parse them, and run the node until a signal.
 
-    `joints` connects to the joints, `pose` says where the robot is taken to be, and `company` is
-    what else runs on its bus meanwhile.
+    `joints` opens the hardware interface, `pose` returns the initial pose, and `company` starts a
+    companion service on the same bus.
     """
     program.add_robot_flags(made)
     program.add_node_flags(made)
@@ -55,7 +55,7 @@ def _run(
     robot = robots.parse_description(text, args.robot)
     robot_id = args.id or robot.name
     shown = Description(text, models.urdf(robot, models.load_parts(robot)))
-    # Whatever goes wrong from here on, the joints are closed, and so left at rest.
+    # After any error from here on, the joints are closed, and so left at rest.
     with program.node_bus(args) as bus, contextlib.closing(joints(robot, args)) as io:
         node = RobotNode(bus, robot_id, robot, io, shown, pose=pose(robot, args))
         with companion(bus, robot_id, robot, args):

@@ -15,13 +15,13 @@ from typing import IO
 from tsd_twin.errors import TwinError
 
 ANY_PORTS = range(20_000, 30_000)
-"""Below those that systems hand out: nobody is given one before our program has it."""
+"""Search range for free ports, below the ephemeral ports that operating systems assign."""
 PATIENCE_S = 30.0
-"""Time that a program may take until it is ready."""
+"""Timeout for a program to become ready."""
 
 
 class Subprocess:
-    """A started program, its output passed on, its `ready:` line kept."""
+    """A running child process; its output is forwarded, and its `ready:` line is stored."""
 
     def __init__(self, name: str, process: subprocess.Popen[str], stop: threading.Event) -> None:
         self._name = name
@@ -29,11 +29,11 @@ class Subprocess:
         self._stop = stop
         self._ready = threading.Event()
         self._line = ""
-        assert process.stdout is not None  # noqa: S101  It was asked for; this tells the type checker.
+        assert process.stdout is not None  # noqa: S101  Opened as a pipe by `start_program`.
         threading.Thread(target=self._read, args=(process.stdout,), daemon=True).start()
 
     def wait_for(self) -> str:
-        """Return the line that says it is ready.
+        """Wait for the `ready:` line of the program, and return it.
 
         Raises:
             TwinError: it ended, or took too long.
@@ -42,7 +42,7 @@ class Subprocess:
             raise TwinError(f"{self._name} was not ready within {PATIENCE_S:g} s")
         if not self._line:
             if self._process.wait(PATIENCE_S) == 0:
-                sys.exit(0)  # It was told to end while starting, as by Ctrl-C.
+                sys.exit(0)  # A signal ended it while starting, as by Ctrl-C.
             raise TwinError(f"{self._name} ended before it was ready; see above")
         return self._line
 
@@ -52,14 +52,14 @@ class Subprocess:
                 self._line = line.strip()
                 self._ready.set()
         self._ready.set()
-        self._stop.set()  # One without the other is of no use.
+        self._stop.set()  # The parent ends when one of its programs ends.
 
 
 @contextlib.contextmanager
 def start_program(arguments: list[str], stop: threading.Event) -> Generator[Subprocess]:
-    """Run one of our programs for as long as this context lasts."""
-    # Its own process group: Ctrl-C comes to us only, and we end them in order. When we are
-    # killed, nothing can be ended in order: the pipe that breaks then ends them.
+    """Context manager that runs one of the project's programs and ends it on exit."""
+    # Its own process group: Ctrl-C reaches the parent only, which ends the children in order. When
+    # the parent is killed, the broken pipe ends them.
     process = subprocess.Popen(  # noqa: S603  The program is ours, the flags went through argparse.
         [sys.executable, "-m", *arguments, "--until-eof"],
         stdout=subprocess.PIPE,

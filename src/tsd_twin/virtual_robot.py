@@ -24,35 +24,35 @@ from tsd_twin.simulation import SimRobot
 
 PERIOD_S = 0.01
 VOLT_STEP = 0.1
-"""In which an MX-64 reports the voltage of its supply (Robotis e-Manual, present voltage)."""
+"""Resolution of the supply voltage reported by an MX-64 (Robotis e-Manual, present voltage)."""
 _OPERATOR = "lab"
 _ARMING_S = 60.0
 _ANY_M = 1000.0
 _NEXT_STATUS = 5
-"""Periods from one status to the next."""
+"""Number of control periods between two status messages."""
 
 
 class VirtualRobot:
-    """Core and simulator, driven by twists as an operator would, without a bus or a clock.
+    """Robot controller and simulator in virtual time, driven by twists, without a bus.
 
-    What holds on the machine holds here: arming, limits, command gate. Poses are those since
-    `ready`: the robot is put on its mark then, and told so. A simulation that has been used before
-    goes on from `start_s`.
+    The rules of the real robot apply: arming, limits, command gate. Poses are relative to the
+    start: once ready, the robot is at its mark, and its estimate is set to zero. A simulation that
+    has been used before continues from `start_s`.
 
     Raises:
-        TwinError: the robot does not move over a floor, or does not get ready.
+        TwinError: the robot does not move over a floor, or does not become ready.
     """
 
     def __init__(self, robot: RobotDescription, simulated: SimRobot, start_s: float = 0.0) -> None:
         ids = itertools.count(1)
-        # No link can fail in virtual time: the lease need not cap the speed for that.
+        # No link can fail in virtual time: the lease need not cap the speed.
         limits = msgspec.structs.replace(robot.limits, stop_allowance_m=_ANY_M)
         robot = msgspec.structs.replace(robot, limits=limits)
         self.controller = RobotController(robot, lambda: next(ids).to_bytes(16, "big"))
         self.simulated = simulated
         self.now_s = start_s
         self.spin_share = 1.0
-        """Speed of the wheels over what the core takes it for; commands are corrected by it."""
+        """True wheel speed over the one assumed by the controller; commands are corrected by it."""
         self._periods = itertools.count()
         self._status_seq = 0
         self._mark = SE2.identity()
@@ -64,26 +64,26 @@ class VirtualRobot:
         self.mark()
 
     def mark(self) -> None:
-        """Take it that the robot is on its mark now, and tell it so."""
+        """Set the mark to the present true pose, and the estimate to zero."""
         self._mark = self._true_pose()
         self._call_service(Service.SET_POSE, {"lease": self._lease} | _xyh(0.0, 0.0, 0.0))
 
     def drive(self, twist: Array) -> None:
-        """Let a period pass under the command `twist` (3,), in the body frame."""
+        """Run one control period with the command `twist` (3,), in the body frame."""
         self._step(twist / self.spin_share)
 
     @property
     def truth(self) -> SE2:
-        """Where the robot really is, seen from its mark."""
+        """True pose, relative to the mark."""
         return self._mark.inverse() @ self._true_pose()
 
     @property
     def true_twist(self) -> Array:
-        """(3,): how it really moves, in the body frame."""
+        """(3,): true twist, in the body frame."""
         return self.simulated.truth(self.now_s).twist
 
     def odometry(self) -> Odometry:
-        """Return what the robot itself makes of its joints, seen from its mark."""
+        """Return the robot's own odometry, relative to the mark."""
         return self.controller.odometry(round(self.now_s * 1e9))
 
     def status(self) -> Status:
@@ -145,7 +145,7 @@ def _xyh(x_m: float, y_m: float, heading_rad: float) -> dict[str, object]:
 
 
 def voltage_share(robot: VirtualRobot) -> float:
-    """Return the speed of wheels over that at the nominal voltage, by what servos report of it."""
+    """Return the wheel speed relative to nominal voltage, from the voltage that servos report."""
     nominal_v = robot.controller.robot.battery.nominal_v
     battery_v = robot.simulated.hardware().get("battery_v")
     if not isinstance(battery_v, float):

@@ -115,7 +115,7 @@ def test_what_is_written_is_what_was_found_and_comments_stay(machine: Calibrated
 
 def test_at_one_speed_three_directions_of_six_zeros_are_not_told(tmp_path: Path) -> None:
     lines = run(tmp_path, "calibrate", "--seed", "1", "--same-speed", "--no-tachometer")
-    told = lines.index("these data do not tell, so it was left as small as it can be:")
+    told = lines.index("not observable from these data, so kept as small as possible:")
     assert len(lines) - told - 1 == 3
     assert any("wheel radius times the speed" in line for line in lines)
     rows = figures(tmp_path)

@@ -104,7 +104,7 @@ def test_a_wall_clock_that_is_set_meanwhile_is_noticed() -> None:
 
 
 def test_a_drive_of_which_nothing_was_heard_is_none() -> None:
-    with pytest.raises(TwinError, match="too little was heard"):
+    with pytest.raises(TwinError, match="too few samples"):
         heard().recording(200.0, 300.0, None)
 
 

@@ -40,7 +40,7 @@ def test_a_stop_needs_no_readable_request(rig: ControllerHarness, payload: bytes
     rig.get_ready()
     assert rig.controller.serve(Service.STOP, payload, rig.now_s).ok
     assert rig.mode is Mode.STOPPED
-    assert rig.status().stop_reason == "software stop by somebody"
+    assert rig.status().stop_reason == "software stop by an unnamed client"
 
 
 @settings(deadline=None)

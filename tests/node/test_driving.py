@@ -83,7 +83,7 @@ def test_anybody_stops_it_without_a_lease(
                 stop.put(payload)
                 eve.wait_for_news()
         driving.wait_for("stopped")
-    reason = "smoke" if payload == SMOKE else "software stop by somebody"
+    reason = "smoke" if payload == SMOKE else "software stop by an unnamed client"
     assert driving.status.stop_reason == reason
     driving.drive((1.0, 0.0, 0.0), until=lambda: is_still(driving))
     np.testing.assert_array_equal(driving.setpoint.velocity_rad_per_s[2::3], 0.0)

@@ -133,7 +133,7 @@ def test_ten_seconds_without_an_operator_end_in_standing_wheels(
     if mode is Mode.READY:
         assert stage.mode is Mode.READY
         stage.wait(0.2)
-        assert "nobody" in stage.supervisor.reason
+        assert "no operator" in stage.supervisor.reason
     assert stage.mode is Mode.DISARMED
     assert not stage.supervisor.wheels_spin
 

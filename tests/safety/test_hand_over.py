@@ -110,7 +110,7 @@ def test_a_request_without_an_answer_ends(asked: SupervisorHarness) -> None:
     hold_on(asked, 1.0)
     assert asked.supervisor.hand_over.asked(asked.now_s) is None
     assert "alice has given no answer to bob" in texts(asked)[-1]
-    assert answer(asked, "grant").reason == "nobody asks for control"
+    assert answer(asked, "grant").reason == "no operator has requested control"
 
 
 def test_a_request_is_withdrawn_by_who_made_it(asked: SupervisorHarness) -> None:
@@ -158,7 +158,7 @@ def test_only_the_holder_answers_and_only_who_has_asked(asked: SupervisorHarness
 
 
 def test_nobody_asks_for_what_is_free_or_theirs(stage: SupervisorHarness) -> None:
-    assert stage.ask("request", "bob").reason == "nobody has control: acquire it"
+    assert stage.ask("request", "bob").reason == "the robot has no operator: acquire control"
     stage.acquire("bob")
     assert stage.ask("request", "bob").reason == "bob has control already"
 

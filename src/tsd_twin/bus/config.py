@@ -20,7 +20,7 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 
 _LEASE_MS = 1000
 _FAR_LEASE_MS = 3000
-"""A stream over a far link may repeat a sign of life twice before it comes through."""
+"""Session timeout: a stream on a slow link may repeat a keep-alive twice before it arrives."""
 _HANDSHAKE_MS = 4000
 """Opening takes three round trips: 2.7 s over the slowest link that a lease allows commands on."""
 _MIXED = "?rel=1;mixed_rel=1"
@@ -38,27 +38,27 @@ _FILES = (
 
 @dataclass(frozen=True, slots=True)
 class Config:
-    """How to open a session."""
+    """Configuration of a Zenoh session."""
 
     json5: str
-    """In Zenoh's own terms."""
+    """The configuration in JSON5, with the keys of Zenoh."""
     where: str
-    """What an error calls it: the endpoints, or the file."""
+    """Name in error messages: the endpoints, or the file."""
     files: Mapping[str, Path] = field(default_factory=dict[str, Path])
-    """Settings that name a file, with where it is; they come before what `json5` says."""
+    """Paths of settings that name a file; they override `json5`."""
     others: Mapping[str, str] = field(default_factory=dict[str, str])
-    """Other settings that come before it, with their JSON."""
+    """Other settings that override `json5`, as JSON."""
 
     @property
     def certificate(self) -> Path | None:
-        """The file by which this side says who it is, when it connects with one."""
+        """Certificate of this side for mutual TLS, None without one."""
         return self.files.get(f"{_TLS}/connect_certificate")
 
     def parsed(self) -> zenoh.Config:
-        """Return it as Zenoh takes it.
+        """Return the configuration object of Zenoh.
 
         Raises:
-            zenoh.ZError: there is a key that Zenoh does not know.
+            zenoh.ZError: a key is unknown to Zenoh.
         """
         settings = zenoh.Config.from_json5(self.json5)
         for key, file in self.files.items():
@@ -69,16 +69,16 @@ class Config:
 
 
 def node_config(listen: Sequence[str], connect: Sequence[str] = ()) -> Config:
-    """Return the configuration of a robot node: it listens, and routes between those who connect.
+    """Return the configuration of a robot node: it listens, and routes between its peers.
 
     Raises:
-        BusError: it would listen beyond this machine, which needs TLS and access control.
+        BusError: an endpoint is reachable by other machines without TLS and access control.
     """
     for endpoint in listen:
         _refuse_open_door(endpoint, guarded=False)
     settings = _common("router", connect, listen)
     settings["listen"] = {"endpoints": list(listen)}
-    # The only way to learn which port ":0" became; reading it needs a session of our own.
+    # The only way to learn the port chosen for ":0"; only a session itself can read it.
     settings["adminspace"] = {"enabled": True, "permissions": {"read": True, "write": False}}
     return Config(json.dumps(settings), ", ".join(listen))
 
@@ -94,9 +94,9 @@ def client_config(connect: Sequence[str]) -> Config:
 
 
 def as_client(config: Config, patience_s: float) -> Config:
-    """Return what connects once, within a time, and hears of everybody who is at the same robot.
+    """Return a client configuration: one connection, within a timeout, that sees all peers.
 
-    Peers that are joined by a robot hear of the robot, and of clients, but not of one another.
+    Peers connected to the same robot see the robot and clients, but not each other.
     """
     return replace(
         config,
@@ -111,11 +111,11 @@ def as_client(config: Config, patience_s: float) -> Config:
 def from_file(path: str) -> Config:
     """Return the configuration of a JSON5 file, for TLS and access control.
 
-    Files that it names are looked for from where it is itself, so that a folder can be moved.
+    Relative file names in it are resolved from its own folder, so that a folder can be moved.
 
     Raises:
-        BusError: it cannot be read, has a key that Zenoh does not know, names a file that is not
-            there, or opens a door to anybody.
+        BusError: it cannot be read, has a key unknown to Zenoh, names a missing file, or listens
+            for other machines without TLS and access control.
     """
     try:
         text = Path(path).read_text("utf-8")
@@ -133,13 +133,13 @@ def from_file(path: str) -> Config:
         _refuse_open_door(endpoint, guarded=guarded)
     for file in files.values():
         if not file.is_file():
-            # A session that connects in the background would never say so.
+            # A session that connects in the background would not report it.
             raise BusError(f"{path} needs {file}, which is not there")
     return Config(text, path, files)
 
 
 def over_datagrams(endpoint: str) -> str:
-    """Return a `udp/` endpoint with what lets a lossy link lose streams without holding them up.
+    """Return a `udp/` endpoint with the settings for a lossy link: mixed datagrams and streams.
 
     One QUIC connection, neither encrypted nor authenticated, so for this machine only: commands and
     states are datagrams of it, lost one by one; all else is a stream of it, which repeats. Both
@@ -163,10 +163,10 @@ def is_loopback(endpoint: str) -> bool:
 
 
 def reason(error: Exception) -> str:
-    """Return what Zenoh says went wrong, without the places in its source code."""
+    """Return the reason in an error of Zenoh, without source locations."""
     text = str(error).split(" at /")[0].strip()
     if "Unable to connect to any" in text:
-        return "nobody answers there"
+        return "no answer from that address"
     for known in ("Address already in use", "Cannot assign requested address"):
         if known in text:
             return known.lower()

@@ -17,13 +17,13 @@ from tsd_twin.messages.commands import Sample
 
 
 class Publisher:
-    """Sends on one key; a put is never waited for."""
+    """Publisher on one key; a put never blocks."""
 
     def __init__(self, publisher: zenoh.Publisher | zenoh.ext.AdvancedPublisher) -> None:
         self._publisher = publisher
 
     def put(self, payload: bytes, attachment: bytes = b"") -> None:
-        """Send a payload; nobody listening is no error.
+        """Send a payload; a missing subscriber is no error.
 
         Raises:
             BusError: the session is closed.
@@ -34,33 +34,33 @@ class Publisher:
             raise BusError(reason(error)) from error
 
     def close(self) -> None:
-        """Take the key back."""
+        """Undeclare the publisher."""
         self._publisher.undeclare()
 
 
 class Subscriber:
-    """Keeps the newest samples of a key expression until they are taken; the oldest give way."""
+    """Subscriber with a bounded queue for a key expression; when full, the oldest are dropped."""
 
     def __init__(self, subscriber: zenoh.Subscriber[Any], depth: int) -> None:
         self._subscriber = subscriber
         self._depth = depth
 
     def take(self) -> list[Sample]:
-        """Return what came in since the last call, oldest first, without waiting."""
+        """Return the samples since the last call, oldest first, without waiting."""
         return [sample_of(sample) for sample in _drain(self._subscriber, self._depth)]
 
     def newest(self) -> Sample | None:
-        """Return the newest of what came in since the last call."""
+        """Return the newest sample since the last call."""
         samples = self.take()
         return samples[-1] if samples else None
 
     def close(self) -> None:
-        """Stop reading."""
+        """Undeclare the subscriber."""
         self._subscriber.undeclare()
 
 
 class Request:
-    """A request that waits for its answer."""
+    """A pending request."""
 
     def __init__(self, key: str, query: zenoh.Query) -> None:
         self._key = key
@@ -68,9 +68,9 @@ class Request:
         self.payload = query.payload.to_bytes() if query.payload is not None else b""
 
     def reply(self, payload: bytes) -> None:
-        """Answer; an asker that has gone is no error."""
+        """Send the reply; a client that has disconnected is no error."""
         try:
-            # The key asked for may be a pattern, and an answer must name one key.
+            # The requested key may be a pattern, and a reply must name one key.
             self._query.reply(self._key, payload)
             self._query.drop()
         except zenoh.ZError:
@@ -78,7 +78,7 @@ class Request:
 
 
 class Queryable:
-    """Keeps requests to one key until they are taken.
+    """Queryable: queues the requests to one key until they are taken.
 
     A query to a pattern, such as `twin/**`, is how the bus is explored. Unless `patterns` are
     served too, it is no request: it gets no answer, and has no effect.
@@ -99,23 +99,23 @@ class Queryable:
             if self._patterns or str(query.key_expr) == self._key:
                 taken.append(Request(self._key, query))
             else:
-                query.drop()  # The asker learns at once that nothing comes.
+                query.drop()  # The client learns at once that there is no reply.
         return taken
 
 
 class Token:
-    """The word that somebody lives; it goes with the session, also when the process dies."""
+    """Liveliness token; it ends with the session, also when the process dies."""
 
     def __init__(self, token: zenoh.LivelinessToken) -> None:
         self._token = token
 
     def close(self) -> None:
-        """Take the word back."""
+        """Undeclare the token."""
         self._token.undeclare()
 
 
 def _drain(channel: Any, depth: int) -> Iterator[Any]:
-    """Yield what waits in a channel, no more than fits: a flood must not hold up who drains it.
+    """Yield the queued items of a channel, at most its depth: a flood must not block the reader.
 
     Raises:
         BusError: the session is closed.
@@ -130,7 +130,7 @@ def _drain(channel: Any, depth: int) -> Iterator[Any]:
 
 
 def sample_of(sample: zenoh.Sample) -> Sample:
-    """Return a sample of zenoh as a value of ours."""
+    """Convert a sample of zenoh to a `Sample`."""
     return Sample(
         key=str(sample.key_expr),
         payload=sample.payload.to_bytes(),

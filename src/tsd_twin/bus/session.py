@@ -21,13 +21,13 @@ from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.topics import QoS
 
 EVENTS_KEPT = 100
-"""Events of each kind that a late joiner still gets."""
+"""Events of each kind kept for late joiners."""
 _SETTLE_S = 0.05
-"""Those who live are heard of one by one, right after the first."""
+"""Wait for further liveliness tokens after the first, since they arrive one by one."""
 _SLACK_S = 0.2
-"""Zenoh ends a query that has timed out by itself; this is for when it does not."""
+"""Safety margin: Zenoh ends a timed-out query itself; this applies when it does not."""
 
-# What is said again at once is not repeated by a link that has the choice, see `over_datagrams`.
+# Periodic messages are not retransmitted on a link that allows it, see `over_datagrams`.
 _QOS: dict[QoS, dict[str, Any]] = {
     QoS.REAL_TIME: {
         "priority": zenoh.Priority.REAL_TIME,
@@ -45,13 +45,13 @@ _QOS: dict[QoS, dict[str, Any]] = {
 
 
 class Bus:
-    """One session; use it as a context manager, or a process may never end.
+    """Zenoh session; use it as a context manager, or a process may never end.
 
-    Callbacks run on a thread of the bus: they hand over and return.
+    Callbacks run on a thread of the bus: they must hand over the data and return.
     """
 
     def __init__(self, config: Config) -> None:
-        self._kept: list[object] = []  # Subscriptions and tokens end when nobody refers to them.
+        self._kept: list[object] = []  # Unreferenced subscriptions and tokens end.
         try:
             settings = config.parsed()
             self._joins = bool(json.loads(settings.get_json("connect/endpoints")))
@@ -66,14 +66,14 @@ class Bus:
         self.close()
 
     def close(self) -> None:
-        """Leave the bus; tokens, subscriptions and publications go with it."""
+        """Close the session with its tokens, subscribers and publishers."""
         try:
             self._session.close()
         except zenoh.ZError:  # A stuck peer must not keep this process from ending.
             return
 
     def endpoints(self) -> list[str]:
-        """Return where this session listens, with the ports that `:0` became."""
+        """Return the listening endpoints, with the ports chosen for `:0`."""
         replies = self._session.get(f"@/{self._session.zid()}/router", timeout=2.0)
         for reply in replies:
             if reply.ok is not None:
@@ -81,7 +81,7 @@ class Bus:
         return []
 
     def wait_for_peer(self, timeout_s: float) -> bool:
-        """Wait until this session is linked to another, and return whether it is."""
+        """Wait until this session is connected to another, and return whether it is."""
         linked = threading.Event()
         listener = self._session.info.declare_transport_events_listener(
             lambda _event: linked.set(), history=True
@@ -109,15 +109,15 @@ class Bus:
         return Publisher(self._session.declare_publisher(key, encoding=encoding, **_QOS[qos]))
 
     def subscriber(self, key: str, depth: int) -> Subscriber:
-        """Return a reader that keeps at most `depth` samples of a key expression."""
+        """Return a subscriber that queues at most `depth` samples of a key expression."""
         ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(depth)
         return Subscriber(self._session.declare_subscriber(key, ring), depth)
 
     def queryable(self, key: str, depth: int = 64, *, patterns: bool = False) -> Queryable:
-        """Return a server of requests to `key`; when they pour in, the oldest give way.
+        """Return a queryable for `key` that queues at most `depth` requests, the newest.
 
-        With `patterns`, also queries to patterns that match the key are served. That is for
-        services without an effect only.
+        With `patterns`, queries to patterns that match the key are served too; for services without
+        side effects only.
         """
         ring: zenoh.handlers.RingChannel[zenoh.Query] = zenoh.handlers.RingChannel(depth)
         queryable = self._session.declare_queryable(key, ring)
@@ -141,10 +141,10 @@ class Bus:
         )
 
     def query(self, key: str, payload: bytes, timeout_s: float = 1.0) -> bytes:
-        """Return the answer of the one who serves `key`; waits for it.
+        """Query `key`, and return the reply; blocks up to `timeout_s`.
 
         Raises:
-            NoAnswerError: nobody serves the key, or not in time.
+            NoAnswerError: no queryable serves the key, or it does not reply in time.
         """
         try:
             for reply in self._session.get(key, payload=payload, timeout=timeout_s):
@@ -157,7 +157,7 @@ class Bus:
     def request(
         self, key: str, payload: bytes, take: Callable[[bytes | None], None], timeout_s: float = 1.0
     ) -> None:
-        """Ask without waiting: `take` gets the first answer, or None when there was none in time.
+        """Query without blocking: `take` gets the first reply, or None after the timeout.
 
         It is called once, on a thread of the bus.
 
@@ -175,7 +175,7 @@ class Bus:
             if not answers:
                 take(None)
 
-        # Direct: otherwise each question that is open would have a thread of its own.
+        # Direct: otherwise each open query would have a thread of its own.
         handler = zenoh.handlers.Callback(on_reply, on_end, indirect=False)
         try:
             self._session.get(key, handler, payload=payload, timeout=timeout_s)
@@ -183,16 +183,16 @@ class Bus:
             raise BusError(reason(error)) from error
 
     def declare_token(self, key: str) -> Token:
-        """Announce that whoever owns `key` lives, until the token or the session is closed."""
+        """Declare a liveliness token on `key`, until the token or the session is closed."""
         token = self._session.liveliness().declare_token(key)
         self._kept.append(token)
         return Token(token)
 
     def living_tokens(self, key: str, timeout_s: float = 0.5) -> list[str]:
-        """Return the keys of those that live and match `key`.
+        """Return the keys of the liveliness tokens that match `key`.
 
-        A session joins others in the background and hears of them a moment later, some 0.1 s
-        between routers: one that joins waits for the first of them, or until the time is over.
+        A session connects in the background and receives tokens a moment later, some 0.1 s between
+        routers: a new session waits for the first token, or until the timeout.
         """
         keys: list[str] = []
         complete = threading.Event()
@@ -201,25 +201,25 @@ class Bus:
             if reply.ok is not None:
                 keys.append(str(reply.ok.key_expr))
 
-        # With the default queue of 256 a session that owns more tokens waits for itself for ever.
-        # Direct: otherwise the end may be told before the last replies are.
+        # With the default queue of 256, a session that owns more tokens deadlocks.
+        # Direct: otherwise the end may be reported before the last replies.
         handler = zenoh.handlers.Callback(take, complete.set, indirect=False)
         self._session.liveliness().get(key, handler, timeout=timeout_s)
         complete.wait(timeout_s + _SLACK_S)
         if self._joins and not keys:
-            somebody = threading.Event()
+            found = threading.Event()
 
             def note(sample: zenoh.Sample) -> None:
                 keys.append(str(sample.key_expr))
-                somebody.set()
+                found.set()
 
             with self._session.liveliness().declare_subscriber(key, note, history=True):
-                if somebody.wait(timeout_s):
+                if found.wait(timeout_s):
                     time.sleep(_SETTLE_S)
         return list(keys)
 
     def subscribe_liveliness(self, key: str, take: Callable[[str, bool], None]) -> None:
-        """Call `take` with the key and True or False, when somebody comes or goes, or is there."""
+        """Call `take` with a key and True or False, for present, new and removed tokens."""
         self._kept.append(
             self._session.liveliness().declare_subscriber(
                 key,

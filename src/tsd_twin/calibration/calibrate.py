@@ -33,7 +33,7 @@ from tsd_twin.virtual_robot import VOLT_STEP
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Drive or read squares, say what is wrong with the machine, and write it down."""
+    """Collect drives, fit the calibration, report it, and optionally write it to a description."""
     drives = collect(args, out)
     robot, recordings = drives.robot, drives.recordings
     volt_share = VOLT_STEP / math.sqrt(12.0) / robot.battery.nominal_v
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 
 
 def _camera(robot: SingularityDescription) -> CameraNoise:
-    """Return what the description says of those who see the robot."""
+    """Return the pose-sensor noise of the description."""
     seen = robot.pose_sensor
     return CameraNoise(sigma_m=seen.sigma_m, sigma_rad=math.radians(seen.sigma_deg))
 
@@ -75,14 +75,14 @@ def _remarks(found: CalibrationFit) -> list[str]:
     before, after = (1000 * _rms_m(each) for each in (found.before, found.after))
     lines = [f"camera and joints disagree by {before:.0f} mm RMS before, {after:.1f} mm after"]
     late_ms, about_ms = 1000 * found.found.delay_s, 1000 * found.sigma.delay_s
-    lines.append(f"joints tell {late_ms:.1f} +- {about_ms:.1f} ms later what the camera sees")
+    lines.append(f"the joints lag the camera by {late_ms:.1f} +- {about_ms:.1f} ms")
     if not found.common_spin_known:
         lines.append(
-            "no speed of a wheel was measured: wheel radius times the speed that all wheels have "
-            "in common is known, and stands as the wheel radius"
+            "no wheel speed was measured: only wheel radius times the speed common to all wheels "
+            "is known, and reported as the wheel radius"
         )
     if found.unobservable:
-        lines.append("these data do not tell, so it was left as small as it can be:")
+        lines.append("not observable from these data, so kept as small as possible:")
         lines += [f"  {combination}" for combination in found.unobservable]
     return lines
 
@@ -95,10 +95,10 @@ def _rms_m(residuals: list[Array]) -> float:
 def _write_description(
     args: argparse.Namespace, drives: CalibrationData, changes: dict[str, dict[str, Any]]
 ) -> str:
-    """Write what was found; return where."""
+    """Write the fitted calibration; return a line that names the file."""
     usual, last = (spin_ratio_of(drives.recordings[i]) for i in (0, -1))
     if args.drive and (usual != last).any():
-        # The robot has been started with other speeds for the last run only.
+        # Only the last run used the wheel speeds of this description.
         changes["drive"]["spin_ratio"] = usual.tolist()
     write_description(args.write_to, drives.text, changes)
     return f"written into {args.write_to}"
@@ -130,47 +130,47 @@ def _flags(parser: argparse.ArgumentParser) -> None:
         "--robot",
         default="tsd",
         metavar="NAME|FILE",
-        help="default tsd; one on the bus tells itself what it is",
+        help="default tsd; a robot on the bus sends its own description",
     )
     parser.add_argument(
-        "--seed", type=int, default=0, help="of the simulated machine and its noise; default 0"
+        "--seed", type=int, default=0, help="of the simulated robot and its noise; default 0"
     )
     parser.add_argument(
         "--errors",
         type=float,
         default=1.0,
         metavar="SCALE",
-        help="times [errors], what else is wrong with the simulated machine; default 1",
+        help="factor on [errors], further model errors of the simulated robot; default 1",
     )
     parser.add_argument(
         "--tachometer",
         action=argparse.BooleanOptionalAction,
         default=True,
-        help="the simulated machine measures the speeds of its wheels; default yes",
+        help="the simulated robot measures its wheel speeds; default yes",
     )
     parser.add_argument(
         "--same-speed",
         action="store_true",
-        help="simulated wheels all at one speed: to see what such drives cannot tell",
+        help="simulate all wheels at one speed, which leaves some zeros unobservable",
     )
     parser.add_argument(
         "--write-to",
         metavar="FILE.toml",
-        help="description to put it into, its comments kept; a new one is a copy of the robot's",
+        help="description to write to, comments kept; a new one is a copy of the robot's",
     )
 
 
 EXPERIMENT = Experiment(
     name="calibrate",
-    purpose="Zeros of the gimbals, radii and spins of one machine, from squares that a camera saw.",
+    purpose="Calibrate gimbal zeros, radii and spins of one robot from squares seen by a camera.",
     run=run,
     examples=[
-        "tsd-lab calibrate --seed 1                      a simulated machine, the truth beside it",
-        "tsd-lab calibrate --no-tachometer               what is left when no speed is measured",
-        "tsd-lab calibrate --same-speed                  what drives at one speed cannot tell",
+        "tsd-lab calibrate --seed 1                      a simulated robot, with its true values",
+        "tsd-lab calibrate --no-tachometer               without measured wheel speeds",
+        "tsd-lab calibrate --same-speed                  what is unobservable at one speed",
         "tsd-lab calibrate --drive --room 1.5            drive the robot of this machine, guided",
-        "tsd-lab calibrate --drive --log lab/calibrate_log.csv    and add to what was recorded",
-        "tsd-lab calibrate --log run.csv --robot my.toml --write-to my.toml     write it down",
+        "tsd-lab calibrate --drive --log lab/calibrate_log.csv    and add to earlier recordings",
+        "tsd-lab calibrate --log run.csv --robot my.toml --write-to my.toml     write the result",
     ],
     add_flags=_flags,
 )

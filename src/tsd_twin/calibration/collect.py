@@ -38,13 +38,13 @@ NEXT_DESCRIPTION = "calibrate_next.toml"
 
 
 def spin_ratio_of(run: Recording) -> Array:
-    """Return the speeds (k,) that the wheels were told in a run, over the slowest of them."""
+    """Return the wheel-speed set-points (k,) of a run, relative to the slowest."""
     told = np.median(run.commanded_rad_per_s, axis=0)
     return (told / told.min()).round(3)
 
 
 def missing_spin_ratios(recordings: Sequence[Recording]) -> list[list[float]]:
-    """Return the ratios that no run has had."""
+    """Return the spin ratios that are missing in the recordings."""
     driven = [spin_ratio_of(run) for run in recordings]
     return [
         ratio
@@ -54,9 +54,9 @@ def missing_spin_ratios(recordings: Sequence[Recording]) -> list[list[float]]:
 
 
 def next_run_advice(out: Output, log: str, text: str, recordings: Sequence[Recording]) -> list[str]:
-    """Return how to go on, and leave the description for that; nothing when all has been driven.
+    """Return advice for the next run, and write its description; empty when no run is missing.
 
-    `text` is the description of the robot, `log` the file that has the runs until now.
+    `text` is the description of the robot, `log` the file with the runs so far.
     """
     left = missing_spin_ratios(recordings)
     if not left:
@@ -68,7 +68,7 @@ def next_run_advice(out: Output, log: str, text: str, recordings: Sequence[Recor
     log_at, next_at = out.folder / log, out.folder / NEXT_DESCRIPTION
     more = f"{len(left)} more run{'s' if len(left) > 1 else ''}"
     return [
-        f"{more} with one wheel faster would tell each zero apart: start the robot with --robot",
+        f"{more} with one wheel faster would make each zero observable: start it with --robot",
         f"  {next_at}, and then tsd-lab calibrate --drive --log {log_at} --out {out.folder}",
     ]
 
@@ -76,7 +76,7 @@ def next_run_advice(out: Output, log: str, text: str, recordings: Sequence[Recor
 _CAMERA_TIMEOUT_S = 3.0
 """Time-out for the first pose measurement."""
 _LAST_FRAME_S = 1.1
-"""After the end, for what was seen of it: poses may be late by a second."""
+"""Recording time after the end of the drive: poses may be delayed by a second."""
 
 
 class DrivenData(NamedTuple):
@@ -87,14 +87,14 @@ class DrivenData(NamedTuple):
     """The TOML of the robot's description."""
     robot: SingularityDescription
     recordings: list[Recording]
-    """Those of `--log`, and this one."""
+    """Recordings of `--log`, and the new one."""
 
 
 def drive_on_bus(args: argparse.Namespace, out: Output) -> DrivenData:
-    """Lead through a drive and return what was recorded of it; nothing moves before consent.
+    """Run a guided drive after the operator's consent, and return its recording.
 
     Raises:
-        TwinError: it cannot begin, or something ended it; the robot has been let go of.
+        TwinError: the drive cannot start or was aborted; the robot is disarmed and released.
     """
     with connect(args) as client:
         robot = description_of_kind(client.robot, SingularityDescription)
@@ -110,7 +110,7 @@ def drive_on_bus(args: argparse.Namespace, out: Output) -> DrivenData:
                 in_percent_steps(spin_up, 1.0), "spinning up, any key stops", PERCENT_STEPS
             ):
                 pass
-            # What was seen before is not where it begins: it may have been carried since.
+            # Discard earlier poses: the robot may have been carried since.
             subscriber.set_driver(CalibrationDriver(robot, route))
             drive = subscriber.drive(CommandPublisher(client, keys))
             for _ in out.progress(
@@ -143,12 +143,12 @@ class _RobotSubscriber:
         self._battery_v: float | None = None
 
     def set_driver(self, driver: CalibrationDriver) -> None:
-        """Let another guide lead."""
+        """Replace the driver that commands the robot."""
         self.poll()
         self._driver = driver
 
     def poll(self) -> None:
-        """Take in what has come since the last call."""
+        """Process the samples since the last call."""
         for sample in self._joints.take():
             self.recorder.add_joints(sample)
         for sample in self._setpoints.take():
@@ -169,7 +169,7 @@ class _RobotSubscriber:
                 self._driver.add_twist(now_s, twist)
 
     def drive(self, publisher: CommandPublisher) -> Iterator[float]:
-        """Drive the tour and stand until all of it was seen; yield the share that is done."""
+        """Drive the route, wait for the last delayed poses, and yield the progress."""
         self._wait_for_a_pose()
         self._first_s = self._now_s
         for _ in publisher.run(self._step):
@@ -177,7 +177,7 @@ class _RobotSubscriber:
         self._battery_v = _battery_v(self._client.status())
 
     def _wait_for_a_pose(self) -> None:
-        """Stand until a pose measurement of the standing robot has arrived."""
+        """Command standstill until a pose measurement of the robot at rest has arrived."""
         before = self.poses
         for _ in self._client.hold(POSE_TIMEOUT_S):
             self.poll()
@@ -188,7 +188,7 @@ class _RobotSubscriber:
         self.poll()
         patience_s = max_unheard_s(self._client.robot.limits)
         if now_s - self._odometry_received_s > patience_s:
-            raise TwinError(f"how it moves has not been heard for {patience_s:g} s")
+            raise TwinError(f"no odometry has arrived for {patience_s:g} s")
         twist = self._driver.advance(self._now_s)
         if self._driver.finished:
             self._finished_s = self._finished_s or now_s
@@ -197,12 +197,12 @@ class _RobotSubscriber:
         return twist
 
     def recording(self) -> Recording:
-        """Return the drive."""
+        """Return the recording of the drive."""
         return self.recorder.recording(self._first_s, self._now_s, self._battery_v)
 
 
 def _stop_on_key(shares: Iterator[float], keys: KeyWatcher) -> Iterator[float]:
-    """Go through `shares`, and raise when a key is pressed meanwhile."""
+    """Iterate over `shares`, and raise when a key is pressed."""
     for share in shares:
         if keys.pressed(0.0):
             raise TwinError("stopped by a key")
@@ -217,7 +217,7 @@ def _wait_for_camera(subscriber: _RobotSubscriber, robot_id: str) -> None:
         if time.monotonic() > end_s:
             refused = subscriber.recorder.refused
             raise TwinError(
-                f"what comes on twin/{robot_id}/sensor/pose is of no use: {refused}"
+                f"the poses on twin/{robot_id}/sensor/pose are rejected: {refused}"
                 if refused
                 else f"no pose measurements on twin/{robot_id}/sensor/pose where {robot_id} is: a "
                 f"camera has "
@@ -227,7 +227,7 @@ def _wait_for_camera(subscriber: _RobotSubscriber, robot_id: str) -> None:
 
 
 def _confirm(args: argparse.Namespace, robot_id: str, route: CalibrationRoute) -> None:
-    """Tell what will happen, and wait for a word."""
+    """Print what the robot will do, and wait for the operator's confirmation."""
     if args.yes:
         return
     print_line(
@@ -242,15 +242,15 @@ def _confirm(args: argparse.Namespace, robot_id: str, route: CalibrationRoute) -
 
 
 def _battery_v(status: Status) -> float | None:
-    """Return the voltage that the robot reports, if it does."""
+    """Return the reported battery voltage, None when there is none."""
     volts = status.hardware.get("battery_v")
     return float(volts) if isinstance(volts, int | float) and 0.0 < volts < np.inf else None
 
 
 LOG_TABLE = "calibrate_log"
-"""The table that drives are kept in."""
+"""File of the recordings."""
 _RUN_SPACING_S = 60.0
-"""From the start of one simulated run to that of the next: each is shorter."""
+"""Time between the starts of two simulated runs; each run is shorter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,11 +263,11 @@ class CalibrationData:
     robot: SingularityDescription
     recordings: list[Recording]
     true: SingularityDescription | None = None
-    """What a simulated machine is really like."""
+    """True parameters of a simulated robot."""
 
 
 def collect(args: argparse.Namespace, out: Output) -> CalibrationData:
-    """Return what the flags ask for; what was driven now is kept in a file, too."""
+    """Return the calibration data selected by the flags; new drives are written to a file."""
     found = _from_bus(args, out) if args.drive else _without_bus(args, out)
     if args.drive or not args.log:
         out.table(LOG_TABLE, recording.recording_columns(found.recordings))
@@ -275,14 +275,14 @@ def collect(args: argparse.Namespace, out: Output) -> CalibrationData:
 
 
 def _from_bus(args: argparse.Namespace, out: Output) -> CalibrationData:
-    """Drive the robot on the bus; what was recorded before counts as well."""
+    """Drive the robot on the bus, and add the earlier recordings."""
     out.refuse_overwrite(f"{LOG_TABLE}.csv", args.log)
     came = drive_on_bus(args, out)
     return CalibrationData(came.id, came.description_text, came.robot, came.recordings)
 
 
 def _without_bus(args: argparse.Namespace, out: Output) -> CalibrationData:
-    """Read drives, or simulate them."""
+    """Read drives from a log, or simulate them."""
     text = robots.read_description(args.robot)
     robot = description_of_kind(robots.load_robot(args.robot), SingularityDescription)
     if args.log:

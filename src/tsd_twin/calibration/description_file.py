@@ -18,13 +18,13 @@ TomlTables = Mapping[str, Mapping[str, Any]]
 
 
 def write_description(file: str, used: str, tables: TomlTables) -> None:
-    """Set keys in the description `file`, comments kept; a new one begins with the text `used`.
+    """Set keys in the description `file` and keep its comments; a new file starts from `used`.
 
     The file is replaced as a whole or not at all.
 
     Raises:
-        RobotFileError: it is no description of a robot of this kind, or would be none afterwards,
-            or cannot be written.
+        RobotFileError: the file is not a valid description of this kind, before or after the
+            change, or cannot be written.
     """
     path = Path(file)
     if path.suffix != ".toml":
@@ -39,10 +39,10 @@ def write_description(file: str, used: str, tables: TomlTables) -> None:
 
 
 def edit_description(text: str, file: str, tables: TomlTables) -> str:
-    """Return the TOML text of a description with other values.
+    """Return the TOML text of a description with changed values.
 
     Raises:
-        RobotFileError: as in `write_back`.
+        RobotFileError: as in `write_description`.
     """
     robots.description_of_kind(robots.parse_description(text, file), SingularityDescription)
     try:

@@ -19,14 +19,14 @@ from tsd_twin.robots import JointErrors
 from tsd_twin.simulation import CameraNoise
 
 PRIOR_OFFSET_RAD, PRIOR_SHARE, PRIOR_DELAY_S = float(np.radians(1.0)), 0.05, 0.05
-"""What is known before: keeps near zero what a data set does not tell."""
+"""Standard deviations of the prior, which keeps unobservable parameters near zero."""
 _STEP = 1e-4
-"""Of a slope, in what is known before: a few tenths of a thousandth of a degree."""
+"""Finite-difference step, relative to the prior: about 1e-4 degrees."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Corrections:
-    """By how much a machine differs from what it was taken for."""
+    """Corrections of a robot's parameters relative to its description."""
 
     offset_rad: Array
     """(k, 2): alpha, beta."""
@@ -35,20 +35,20 @@ class Corrections:
     pivot_radius: float
     """As a factor."""
     spin: Array
-    """(k,): as factors of the speeds that the wheels were told."""
+    """(k,): factors of the wheel-speed set-points."""
     delay_s: float
-    """By how much the joints tell later what the camera sees: both clocks and the bus to them."""
+    """Delay of joint measurements relative to the camera: clock offset and actuator bus."""
 
 
 class CalibrationProblem:
-    """Unknowns as a vector: gimbals, wheel radius, pivot radius, differences of spin, lateness."""
+    """Least-squares problem: gimbal zeros, both radii, spin differences and delay as a vector."""
 
     def __init__(self, drive: SingularityKinematics, recordings: Sequence[Recording]) -> None:
         self.drive = drive
         self.modules = k = drive.modules
         self._drives: dict[float, SingularityKinematics] = {}
         self.measured = all(bool(np.isfinite(run.spin_rad_per_s).all()) for run in recordings)
-        # Only differences: all wheels faster is the same as larger wheels, to a camera.
+        # Only differences: a common spin factor and the wheel radius are not separable by a camera.
         differences = np.linalg.svd(np.ones((1, k)))[2][1:].T
         self._spins = np.zeros((k, 0)) if self.measured else differences
         self.prior = np.array(
@@ -62,7 +62,7 @@ class CalibrationProblem:
         self.names += ["lateness of the joints"]
 
     def corrections(self, unknowns: Array) -> Corrections:
-        """Return what a vector (u,) of unknowns stands for."""
+        """Return the corrections of a vector (u,) of unknowns."""
         k = self.modules
         spin = 1.0 + self._spins @ unknowns[2 * k + 2 : -1]
         offset = unknowns[: 2 * k].reshape(k, 2)
@@ -70,7 +70,7 @@ class CalibrationProblem:
         return Corrections(offset, float(radii[0]), float(radii[1]), spin, float(unknowns[-1]))
 
     def sigma(self, covariance: Array) -> Corrections:
-        """Return the standard deviation of each figure, from the covariance (u, u) of unknowns."""
+        """Return the standard deviation of each correction, from the covariance (u, u)."""
         k = self.modules
         own = np.sqrt(np.diag(covariance))
         spins = covariance[2 * k + 2 : -1, 2 * k + 2 : -1]
@@ -81,11 +81,11 @@ class CalibrationProblem:
         )
 
     def residual(self, run: Recording, unknowns: Array, start: Array) -> Array:
-        """Return (m, 3): where the camera saw the robot less where it should have been."""
+        """Return the residuals (m, 3): camera poses minus predicted poses."""
         return run.camera_poses - self.poses(run, unknowns, start)
 
     def poses(self, run: Recording, unknowns: Array, start: Array) -> Array:
-        """Return (m, 3): where the robot should have been when the camera saw it."""
+        """Return the predicted poses (m, 3) at the times of the camera."""
         right = self.corrections(unknowns)
         drive = self._with_pivots(right.pivot_radius)
         speeds = run.spin_rad_per_s if self.measured else run.commanded_rad_per_s * right.spin
@@ -107,7 +107,7 @@ class CalibrationProblem:
         return there
 
     def by_unknowns(self, run: Recording, unknowns: Array, start: Array) -> Array:
-        """Return (m, 3, u + 3): how residuals change with the unknowns, scaled, and the start."""
+        """Return the Jacobian (m, 3, u + 3) of the residuals by scaled unknowns and the start."""
         here = self.poses(run, unknowns, start)
         changes = np.zeros((*here.shape, len(unknowns) + 3))
         for i, step in enumerate(_STEP * self.prior):
@@ -118,7 +118,7 @@ class CalibrationProblem:
         return changes
 
     def _with_pivots(self, factor: float) -> SingularityKinematics:
-        """Return the drive with another pivot radius, and keep it: most guesses share it."""
+        """Return the kinematics with another pivot radius, from a cache."""
         if factor not in self._drives:
             pivot_radius_m = self.drive.pivot_radius_m * factor
             self._drives = {factor: replace(self.drive, pivot_radius_m=pivot_radius_m)}
@@ -126,16 +126,16 @@ class CalibrationProblem:
 
 
 _KNOT_SPACING_S = 0.2
-"""The walk of the pose is taken to go in steps of this."""
+"""Step of the random walk of the pose in the noise model."""
 _MAX_MEANS = 120
-"""No more of a run: frames that follow one another say much the same, and time goes by its cube."""
+"""Largest number of frames of a run: neighbours are redundant, and the cost is cubic."""
 
 
 class Whitening:
-    """Makes residuals of one run independent, and of unit variance.
+    """Whitening of the residuals of one run to independent values of unit variance.
 
-    What a camera sees is as far off as the last time in no way; what the joints tell is: a heading
-    that has once gone astray turns all that follows. Left out, a fit believes itself too well.
+    Camera noise is independent from frame to frame; odometry errors are not: a heading error
+    rotates all later displacements. Without whitening, the fit underestimates its variance.
     """
 
     def __init__(
@@ -154,14 +154,14 @@ class Whitening:
         return self._unmix @ self._means(residual)
 
     def _means(self, values: Array) -> Array:
-        """Return means (3 g, ...) over neighbouring frames; what is left over is left out."""
+        """Return means (3 g, ...) over neighbouring frames, without an incomplete last group."""
         many = self._frames // self._each
         used = values[: 3 * many * self._each]
         by_frame = used.reshape(many, self._each, 3, *values.shape[1:])
         return by_frame.mean(axis=1).reshape(3 * many, *values.shape[1:])
 
     def _walk(self, drive: SingularityKinematics, run: Recording, angle_rad: float) -> Array:
-        """Return (3 m, 3 g): what a step of unit variance at each of g knots does to the poses."""
+        """Return the effect (3 m, 3 g) on the poses of unit-variance steps at each of g knots."""
         knots = np.arange(run.t_s[0], run.t_s[-1], _KNOT_SPACING_S)
         here = np.column_stack(
             [np.interp(knots, run.camera_s, run.camera_poses[:, i]) for i in (0, 1)]
@@ -169,7 +169,7 @@ class Whitening:
         rim_mps = drive.wheel_radius_m * np.abs(run.commanded_rad_per_s).max(axis=0)
         by_angle = drive.twist_from_contacts * np.repeat(rim_mps, 2) * angle_rad
         dt_s = float(np.median(np.diff(run.t_s)))
-        # Each sample is off by its own: in a knot, the root of their number adds up.
+        # Samples are independent: in a knot, their errors add up with the root of their number.
         x, y, heading = np.sqrt(np.square(by_angle).sum(axis=1) * dt_s * _KNOT_SPACING_S)
         later = (run.camera_s[:, None] > knots).astype(float)
         steps = np.zeros((len(run.camera_s), 3, len(knots), 3))
@@ -184,27 +184,27 @@ _least_squares: Any = optimize.least_squares  # pyright: ignore  scipy has no ty
 _SEGMENT_S = 1.5
 _ROBUST: Any = {"loss": "soft_l1", "f_scale": 5.0}
 _UNOBSERVABLE = 1.0
-"""Data that tell less of a direction than is known before do not tell it."""
+"""A direction is unobservable when the data give less information on it than the prior."""
 _MENTIONED = 0.25
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrationFit:
-    """What least squares found."""
+    """Result of the calibration fit."""
 
     found: Corrections
     sigma: Corrections
-    """Standard deviations of these."""
+    """Standard deviations of the corrections."""
     common_spin_known: bool
-    """False: wheel radius times the common spin was found, and written as the wheel radius."""
+    """False: only wheel radius times common spin is known, reported as the wheel radius."""
     unobservable: list[str]
-    """Directions that these data do not tell, as combinations of unknowns."""
+    """Unobservable directions, as combinations of unknowns."""
     singular_values: Array
-    """Of what the data tell over what was known before, largest first."""
+    """Ratios of the information of the data to that of the prior, largest first."""
     before: list[Array]
-    """Residuals (m, 3) of each run with nothing corrected, metres and radians."""
+    """Residuals (m, 3) of each run before the correction, metres and radians."""
     after: list[Array]
-    """The same with all corrected."""
+    """Residuals after the correction."""
 
 
 def fit_calibration(
@@ -214,15 +214,15 @@ def fit_calibration(
     joints: JointErrors,
     speed_share: float = 0.0,
 ) -> CalibrationFit:
-    """Return what explains best where the camera saw the robot, by the noise of it and of `joints`.
+    """Fit the corrections to camera poses, weighted by the noise of the camera and of `joints`.
 
-    `speed_share` is how far off all speeds that the wheels were told may be in common: what is
-    known of the battery says so much less.
-    Starts of the runs are unknown as well. The first guess comes from short parts of them, each
-    begun where the camera saw it: a gimbal that is off by a degree turns a run many times over.
+    `speed_share` is the standard deviation of a common factor of all wheel speeds, due to the
+    battery voltage. The starts of the runs are unknown as well. The initial guess comes from short
+    parts of the runs, each started at a camera pose: a gimbal error of a degree rotates a run many
+    times over.
 
     Raises:
-        TwinError: it does not come to an end.
+        TwinError: the fit does not converge.
     """
     problem = CalibrationProblem(drive, recordings)
     weights = 1.0 / np.array([noise.sigma_m, noise.sigma_m, noise.sigma_rad])
@@ -310,7 +310,7 @@ def _make_fit(
 
 
 def _with_speed_share(fit: CalibrationFit, share: float) -> Corrections:
-    """Return how sure figures are when all speeds that were told are off by a share in common."""
+    """Return the standard deviations with a common error `share` of all wheel speeds added."""
     if fit.common_spin_known:
         return replace(fit.sigma, spin=np.hypot(fit.sigma.spin, share))
     return replace(fit.sigma, wheel_radius=float(np.hypot(fit.sigma.wheel_radius, share)))
@@ -319,7 +319,7 @@ def _with_speed_share(fit: CalibrationFit, share: float) -> Corrections:
 def _with_measured_spin(
     found: Corrections, sigma: Corrections, recordings: Sequence[Recording]
 ) -> tuple[Corrections, Corrections]:
-    """Return both with the median of measured over told speeds: wheels spin up at first."""
+    """Return both with the median ratio of measured to commanded speed, robust to the spin-up."""
     shares = np.concatenate(
         [
             run.spin_rad_per_s[turns] / run.commanded_rad_per_s[turns]
@@ -327,13 +327,13 @@ def _with_measured_spin(
             if (turns := (run.commanded_rad_per_s > 0.0).all(axis=1)).any()
         ]
     )
-    # The median of normal noise is less sure than its mean, by this factor.
+    # The standard deviation of the median of normal noise exceeds that of the mean by this factor.
     spread = np.sqrt(0.5 * np.pi / len(shares)) * shares[len(shares) // 10 :].std(axis=0)
     return replace(found, spin=np.median(shares, axis=0)), replace(sigma, spin=spread)
 
 
 def _combination(direction: Array, names: Sequence[str]) -> str:
-    """Return a direction in words, its largest parts only."""
+    """Return a text of the largest components of a direction."""
     sign = np.sign(direction[np.argmax(np.abs(direction))])
     parts = [
         f"{sign * part:+.1f} {name}"

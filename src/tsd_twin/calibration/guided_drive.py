@@ -26,17 +26,17 @@ from tsd_twin.robots.description import Limits
 from tsd_twin.safety.lease import speed_cap_mps
 
 WINDOW_S = 0.5
-"""What is compared is how the robot has moved for so long."""
+"""Time window over which the two motions are compared."""
 MAX_DIFFERENCE_M, MAX_DIFFERENCE_RAD = 0.15, 0.5
-"""Gimbals that are off by half a degree make 0.05 m and 0.3 rad of it, noise of a camera less."""
+"""Thresholds; gimbal errors of half a degree cause 0.05 m and 0.3 rad, camera noise less."""
 _TWIST_MEMORY_S = 3.0
 
 
 class OdometryConsistency:
-    """Compares motion that is seen with motion that is reckoned from the joints.
+    """Consistency check of camera poses against wheel odometry.
 
-    A view that has frozen, leaps, is mirrored or turned would lead a robot anywhere: to a guide it
-    looks as if the robot did not do what it is told.
+    A frozen, jumping, mirrored or rotated camera image would misguide the closed loop: to the
+    driver it looks like a tracking error of the robot.
     """
 
     def __init__(self) -> None:
@@ -44,14 +44,14 @@ class OdometryConsistency:
         self._camera: deque[tuple[float, SE2, SE2]] = deque()
 
     def add_twist(self, now_s: float, twist: Array) -> None:
-        """Take in the body twist (3,) until `now_s`; times rise."""
+        """Add the body twist (3,) until `now_s`; times rise."""
         before_s, before = self._odometry[-1] if self._odometry else (now_s, SE2.identity())
         self._odometry.append((now_s, before @ SE2.exp(twist * (now_s - before_s))))
         while self._odometry[0][0] < now_s - _TWIST_MEMORY_S:
             self._odometry.popleft()
 
     def add_pose(self, pose: SE2, seen_s: float) -> str:
-        """Take in where it was seen; return what does not agree, "" if it does."""
+        """Add a camera pose; return a text of the inconsistency, "" if there is none."""
         reckoned = self._at(seen_s)
         if reckoned is None:
             return ""
@@ -71,7 +71,7 @@ class OdometryConsistency:
         )
 
     def _at(self, seen_s: float) -> SE2 | None:
-        """Return the reckoned pose at a time, None before the memory begins."""
+        """Return the odometry pose at a time, None before the memory begins."""
         index = bisect_right(self._odometry, seen_s, key=lambda each: each[0])
         if index == 0:
             return None
@@ -85,43 +85,43 @@ class OdometryConsistency:
 
 
 FENCE_MARGIN_M = 0.15
-"""So far beside its squares a robot may be: beyond, it is stopped."""
+"""Margin around the squares; beyond it the robot is stopped."""
 _MAX_HALF_SIDE_M = 0.5
-"""Half a side of the squares, at most: that of the thesis had 1 m."""
+"""Largest half side of the squares; the square of the thesis has a side of 1 m."""
 _MIN_HALF_SIDE_M = 0.1
 _MIN_SPEED_MPS = 0.1
 _SHARE = 0.7
-"""Of the limits that the timing uses: the rest is for correction."""
+"""Share of the limits used by the trajectory; the rest is a margin for correction."""
 _TURN_PATH_M = 0.001
-"""A turn in place is a way this short: routes are measured by their length."""
+"""Path length of a turn in place, since routes are parameterized by arc length."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibrationRoute:
-    """Ways that begin and end where the robot stands; axes are its own at the start."""
+    """Calibration route: closed trajectories from the start pose, in its frame."""
 
     legs: list[Trajectory]
     limits: Limits
-    """What is commanded keeps these."""
+    """Limits of the commands."""
     half_m: float
-    """Half a side of the squares: so far from the start the centre goes, along x and along y."""
+    """Half a side of the squares: largest distance of the centre from the start in x and in y."""
     fence_m: float
-    """So far it may get."""
+    """Distance from the start at which the robot is stopped."""
 
     @property
     def duration_s(self) -> float:
-        """How long it takes."""
+        """Duration of the route."""
         return sum(leg.duration_s for leg in self.legs)
 
 
 def plan_route(robot: SingularityDescription, room_m: float, speed_mps: float) -> CalibrationRoute:
-    """Return squares and turns for a robot that has `room_m` on all sides of its centre.
+    """Plan squares and turns for a robot with `room_m` of free floor on all sides of its centre.
 
-    In that room it also comes to rest when it is told to stop, or hears nothing any more, wherever
-    it may be by then.
+    The room includes the stopping distance after a stop or a loss of the link, anywhere on the
+    route.
 
     Raises:
-        TwinError: there is too little room, or the speed is none.
+        TwinError: there is too little room, or the speed is out of range.
     """
     limits = robot.limits
     if not _MIN_SPEED_MPS <= speed_mps <= limits.speed_mps:
@@ -139,7 +139,7 @@ def plan_route(robot: SingularityDescription, room_m: float, speed_mps: float) -
         )
     turn_rate = limits.turn_rate_rad_per_s * speed_mps / limits.speed_mps
     slower = replace(limits, speed_mps=speed_mps, turn_rate_rad_per_s=turn_rate)
-    # Timing uses all of a limit of speed that it is given; a share is for acceleration.
+    # The trajectory uses the whole limit of speed; the share lowers the acceleration.
     timed = replace(slower, speed_mps=_SHARE * speed_mps, turn_rate_rad_per_s=_SHARE * turn_rate)
     drive = robot.kinematics()
     legs = [
@@ -156,14 +156,14 @@ def stopping_distance_m(limits: Limits, speed_mps: float) -> float:
 
 
 def max_unheard_s(limits: Limits) -> float:
-    """Longest time for which a robot without a link drives on, under a lease of `patient_age_s`."""
+    """Longest time for which a robot drives on after a loss of the link, under this lease."""
     return 2.0 * limits.max_command_age_s
 
 
 def requested_command_age_s(robot: RobotDescription, speed_mps: float) -> float | None:
-    """Command age to ask for with the lease, so that no short pause ends a drive.
+    """Command age to request with the lease, so that short gaps do not end a drive.
 
-    Twice the usual; None, the usual, when the lease would not allow that speed then.
+    Twice the default; None, for the default, when the lease would then not allow the speed.
     """
     age_s = 2.0 * robot.limits.max_command_age_s
     cap_mps = speed_cap_mps(robot, age_s)
@@ -172,7 +172,7 @@ def requested_command_age_s(robot: RobotDescription, speed_mps: float) -> float 
 
 
 def _square_route(half_m: float, way: float) -> Route:
-    """Return a square around the start, one way or the other, the robot looking as it did."""
+    """Return a square around the start with a fixed heading; `way` is its sense of rotation."""
     corners: Array = half_m * np.array(
         [[0, 0], [1, 0], [1, way], [-1, way], [-1, -way], [1, -way], [1, 0], [0, 0]], dtype=float
     )
@@ -187,19 +187,19 @@ def _turn_route(way: float) -> Route:
 POSE_TIMEOUT_S = 1.5
 """A robot without a pose measurement for this long is stopped; poses may be late by a second."""
 _REST_S = 0.3
-"""Between one leg and the next, and before the first."""
+"""Pause before each leg."""
 _FILTER_MEMORY_S = 2.0
 _TWIST_COVARIANCE_PER_S = np.diag([0.1, 0.1, 0.5]) ** 2 * 0.1
-"""What a second adds to the covariance: wheels that have not been calibrated are off by 0.1 m/s and
-0.5 rad/s, for a tenth of a second at a time."""
+"""Growth of the covariance in a second: uncalibrated wheels are off by 0.1 m/s and 0.5 rad/s, with
+a correlation time of 0.1 s."""
 
 
 class CalibrationDriver:
-    """Leads a robot through a tour, closed loop on outside poses, and says when to stop.
+    """Calibration driver: closed-loop control along a route on camera poses, with stop conditions.
 
-    Between poses the robot is reckoned on by the twist that it measures itself. What the robot
-    makes of the poses is of no use here: before a calibration it may well not believe them.
-    Times are of the robot's clock, that rises.
+    Between poses, the pose is predicted with the twist that the robot measures. The robot's own
+    fused pose is not used: before a calibration it may reject the camera poses. Times are of the
+    robot's monotonic clock.
     """
 
     def __init__(self, robot: SingularityDescription, route: CalibrationRoute) -> None:
@@ -219,12 +219,12 @@ class CalibrationDriver:
         self._done_s = 0.0
         self._rest_until_s: float | None = None
         self.finished = False
-        """Whether all legs have been driven, and the robot stands."""
+        """Whether the route is complete and the robot at rest."""
         self.progress = 0.0
-        """Share of the tour that is done, 0 to 1."""
+        """Progress of the route, 0 to 1."""
 
     def add_pose(self, pose: SE2, seen_s: float) -> None:
-        """Take in an outside pose, and when the robot was there."""
+        """Add a camera pose with its time."""
         if self._filter is None:
             self._filter = PoseFilter(
                 self._drive, pose, self._noise, now_s=seen_s, memory_s=_FILTER_MEMORY_S
@@ -235,7 +235,7 @@ class CalibrationDriver:
         self._last_pose_s = max(self._last_pose_s, min(seen_s, self._filter.now_s))
 
     def add_twist(self, now_s: float, twist: Array) -> None:
-        """Take in the twist (3,), body frame, that the robot measured of itself until `now_s`."""
+        """Add the measured twist (3,) of the robot, in the body frame, until `now_s`."""
         self._consistency.add_twist(now_s, twist)
         if self._filter is not None:
             self._filter.advance(now_s, twist, _TWIST_COVARIANCE_PER_S)
@@ -244,7 +244,7 @@ class CalibrationDriver:
         """Return the body twist (3,) to command now.
 
         Raises:
-            TwinError: the robot has to be stopped, and why.
+            TwinError: a stop condition holds; the text is its reason.
         """
         if self._filter is None or not now_s - self._last_pose_s <= POSE_TIMEOUT_S:
             raise TwinError(f"no pose measurement for {POSE_TIMEOUT_S:g} s")
@@ -275,7 +275,7 @@ class CalibrationDriver:
         return step.twist
 
     def _is_between_legs(self, now_s: float) -> bool:
-        """Return whether it stands between legs; begin the next leg when it has stood enough."""
+        """Return whether the robot pauses between legs; start the next leg after the pause."""
         if self._follower is not None or self.finished:
             return self.finished
         if self._rest_until_s is None:

@@ -23,21 +23,21 @@ _POSE_COLUMNS = ("x_m", "y_m", "heading_rad")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """One drive without a pause in it."""
+    """Recording of one drive: joints and camera poses on one clock."""
 
     t_s: Array
-    """(n,): rising."""
+    """(n,): times, rising."""
     angles_rad: Array
     """(n, 2k): alpha and beta of each module, measured, as in `state/joints`."""
     commanded_rad_per_s: Array
-    """(n, k): speeds that the wheels were told, as in `state/setpoint`, times the voltage of the
-    battery over the nominal one where that is known: by so much motors are slower."""
+    """(n, k): wheel-speed set-points, as in `state/setpoint`, scaled by the battery voltage over
+    the nominal one where it is known, since motor speed is proportional to it."""
     spin_rad_per_s: Array
-    """(n, k): measured speeds, NaN where nothing measures them."""
+    """(n, k): measured wheel speeds, NaN without a sensor."""
     camera_s: Array
-    """(m,): when the camera saw it, on the same clock, within `t_s`."""
+    """(m,): times of the camera poses, on the same clock, within `t_s`."""
     camera_poses: Array
-    """(m, 3): x, y and heading, which does not jump at half a turn."""
+    """(m, 3): x, y and unwrapped heading."""
 
     @property
     def modules(self) -> int:
@@ -45,7 +45,7 @@ class Recording:
         return self.commanded_rad_per_s.shape[1]
 
     def part(self, first_s: float, last_s: float) -> Recording:
-        """Return what lies between two times."""
+        """Return the part between two times."""
         rows = (self.t_s >= first_s) & (self.t_s <= last_s)
         t_s = self.t_s[rows]
         frames = (self.camera_s >= t_s[0]) & (self.camera_s <= t_s[-1])
@@ -60,7 +60,7 @@ class Recording:
 
 
 def recording_columns(recordings: Sequence[Recording]) -> dict[str, Array]:
-    """Return a table of all: joints and poses, in one row where they are of one time."""
+    """Return the recordings as a table; joints and poses of one time share a row."""
     table: dict[str, list[Array]] = {}
     for number, run in enumerate(recordings):
         t_s = np.union1d(run.t_s, run.camera_s)
@@ -87,12 +87,12 @@ def angle_columns(modules: int) -> list[str]:
 
 
 def read_recordings(file: str, modules: int) -> list[Recording]:
-    """Return the recordings in a CSV file as `columns` makes it; empty or `nan` is not measured.
+    """Read recordings from a CSV file of `recording_columns`; empty or `nan` is not measured.
 
     A row may hold joints, a pose, or both. Measured wheel speeds may be left out.
 
     Raises:
-        TwinError: it cannot be read, or a column is missing, or there is too little in it.
+        TwinError: the file cannot be read, lacks a column, or has too few rows.
     """
     try:
         with Path(file).open(newline="", encoding="utf-8") as opened:
@@ -136,18 +136,17 @@ def _columns_as_array(rows: list[_Row], names: Sequence[str]) -> Array:
 
 
 _MAX_POSE_AGE_S, _MAX_POSE_LEAD_S = 2.0, 0.2
-"""A pose whose stamp is older, or more ahead of the newest joints, was stamped by another clock."""
+"""Largest offset of a stamp from the newest joints; beyond it the clocks differ."""
 _MAX_CLOCK_JUMP_S = 0.05
-"""The wall clock of the robot may not jump by more against the other one, that never does."""
+"""Largest jump of the robot's wall clock relative to its monotonic clock."""
 _CLOCK_SAMPLES = 25
 
 
 class RobotRecorder:
-    """Takes samples of `state/joints`, `state/setpoint` and `sensor/pose` as they come.
+    """Recorder of the samples of `state/joints`, `state/setpoint` and `sensor/pose`.
 
     Stamps of poses are of the robot's wall clock, which may be set at any time. All times here are
-    of its other one, that all of `state/*` has as well: from both stamps on the joints, one is had
-    from the other.
+    of its monotonic clock; messages on `state/*` carry both stamps, from which the offset follows.
     """
 
     def __init__(self, robot: SingularityDescription) -> None:
@@ -161,10 +160,10 @@ class RobotRecorder:
         self._poses: list[tuple[float, Array]] = []
         self._clock_offsets_s: list[float] = []
         self.refused = ""
-        """Why the last pose that could not be used could not."""
+        """Reason why the last rejected pose was rejected."""
 
     def add_joints(self, sample: Sample) -> None:
-        """Take measured joints; what cannot be read or is not measured is left out."""
+        """Add measured joints; samples that are malformed or not measured are skipped."""
         found = self._row(sample)
         if found is None:
             return
@@ -175,20 +174,20 @@ class RobotRecorder:
             self._clock_offsets_s.append(stamp_ns * 1e-9 - now_s)
 
     def add_setpoint(self, sample: Sample) -> None:
-        """Take commanded joints."""
+        """Add commanded joints."""
         found = self._row(sample)
         if found is not None and np.isfinite(found[2][2::3]).all():
             self._commanded.append((found[0], found[2][2::3]))
 
     def add_pose(self, sample: Sample) -> tuple[SE2, float] | None:
-        """Take an outside pose; return it and when it was so, None if it is of no use."""
+        """Add a camera pose; return it with its time, None if it is rejected."""
         try:
             pose, stamp_ns = decode_pose_measurement(sample)
         except MessageError as error:
             self.refused = str(error)
             return None
         if not self._joints:
-            return None  # Nothing yet to tell its time by.
+            return None  # The clock offset is not known yet.
         seen_s = stamp_ns * 1e-9 - self._clock_offset_s()
         off_s = seen_s - self._joints[-1][0]
         if not -_MAX_POSE_AGE_S <= off_s <= _MAX_POSE_LEAD_S:
@@ -198,10 +197,10 @@ class RobotRecorder:
         return pose, seen_s
 
     def recording(self, first_s: float, last_s: float, battery_v: float | None) -> Recording:
-        """Return what was between two times; `battery_v` is what the battery had, if known.
+        """Return the recording between two times; `battery_v` is the battery voltage, if known.
 
         Raises:
-            TwinError: there is too little, or the robot's wall clock was set meanwhile.
+            TwinError: there are too few samples, or the robot's wall clock was set meanwhile.
         """
         joints = [(t_s, row) for t_s, row in self._joints if first_s <= t_s <= last_s]
         poses = sorted(
@@ -210,7 +209,7 @@ class RobotRecorder:
         )
         ahead = np.array(self._clock_offsets_s)
         if len(joints) < 2 or len(poses) < 2 or not self._commanded:
-            raise TwinError("too little was heard of the drive to record it")
+            raise TwinError("too few samples of the drive have arrived to record it")
         if (
             abs(np.median(ahead[:_CLOCK_SAMPLES]) - np.median(ahead[-_CLOCK_SAMPLES:]))
             > _MAX_CLOCK_JUMP_S
@@ -227,7 +226,7 @@ class RobotRecorder:
         return Recording(t_s - t_s[0], angles, share * told[last], spin, seen_s - t_s[0], seen)
 
     def _clock_offset_s(self) -> float:
-        """Return by how much the wall clock is ahead: of the newest joints, one late by chance."""
+        """Return the offset of the wall clock from the monotonic one, from the newest joints."""
         return float(np.median(self._clock_offsets_s[-_CLOCK_SAMPLES:]))
 
     def _row(self, sample: Sample) -> tuple[float, int, Array] | None:

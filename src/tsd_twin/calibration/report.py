@@ -16,14 +16,14 @@ from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityDescription
 
 _WRITTEN_DIGITS = {"deg": 4, "m": 6, "1": 5}
-"""Written for each unit."""
+"""Printed symbol of each unit."""
 _PRINTED_UNITS = {"deg": ("deg", 1.0, 3), "m": ("mm", 1000.0, 2), "1": ("", 1.0, 5)}
-"""Unit, factor and digits that are printed."""
+"""Printed unit, factor and number of digits."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ParameterRow:
-    """One figure of the machine: before, found, and true if that is known."""
+    """One parameter of the robot: before, fitted, and true if known."""
 
     name: str
     unit: str
@@ -36,7 +36,7 @@ class ParameterRow:
 def parameter_table(
     robot: SingularityDescription, found: CalibrationFit, true: SingularityDescription | None
 ) -> list[ParameterRow]:
-    """Return what the description says, what was found, and what is so, figure by figure."""
+    """Return the table of parameters: described, fitted and, if known, true values."""
     before, by, sigma = _parameters(robot), found.found, found.sigma
     after = before.copy()
     angles = 2 * robot.drive.modules
@@ -67,7 +67,7 @@ def _parameters(robot: SingularityDescription) -> Array:
 
 
 def description_changes(rows: list[ParameterRow]) -> dict[str, dict[str, Any]]:
-    """Return the keys of a description that say what was found."""
+    """Return the description keys with the fitted values."""
     values = {row.name: round(row.found, _WRITTEN_DIGITS[row.unit]) for row in rows}
     by_unit = {
         unit: [values[row.name] for row in rows if row.unit == unit] for unit in _WRITTEN_DIGITS
@@ -110,7 +110,7 @@ def parameter_lines(rows: Sequence[ParameterRow]) -> list[str]:
 def draw_calibration(
     recordings: Sequence[Recording], found: CalibrationFit, rows: Sequence[ParameterRow]
 ) -> Figure:
-    """Return it."""
+    """Return the figure of the calibration."""
     figure: Any = experiment.new_figure(11.0, 4.6, "Calibration from driven squares")
     left, middle, right = figure.subplots(1, 3, width_ratios=[1.2, 1.0, 1.0])
     for residuals, colour, style, name in (
@@ -134,7 +134,7 @@ def draw_calibration(
 
 
 def _bars(axes: experiment.Axes, rows: list[ParameterRow], unit: str, scale: float) -> None:
-    """Draw how far off figures are, or how much they changed where the truth is not known."""
+    """Draw the errors of the parameters, or their changes where the truth is not known."""
     at = np.arange(len(rows))[::-1]
     sizes = np.array([abs(row.before) if row.unit == "m" else 1.0 for row in rows])
     true = np.array([row.before if row.true is None else row.true for row in rows])

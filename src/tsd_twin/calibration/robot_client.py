@@ -40,7 +40,7 @@ _DISCOVERY_TIMEOUT_S = 5.0
 
 
 def fetch_description(bus: Bus, robot_id: str) -> str:
-    """Return the TOML of a robot; who has just joined the bus may not hear of it at once."""
+    """Return the TOML of a robot; retries, since a new session may not reach it at once."""
     end_s = time.monotonic() + _DISCOVERY_TIMEOUT_S
     while True:
         try:
@@ -55,7 +55,7 @@ def find_only_robot(bus: Bus) -> str:
     """Return the id of the robot on the bus.
 
     Raises:
-        TwinError: there is none, or more than one.
+        TwinError: there is no robot, or more than one.
     """
     found = sorted(topics.robot_of(key) for key in bus.living_tokens(topics.alive_key("*")))
     if len(found) != 1:
@@ -68,7 +68,7 @@ def find_only_robot(bus: Bus) -> str:
 
 
 _STATUS_TIMEOUT_S = 1.5
-"""A robot that says nothing for this long is not trusted to hear anything either."""
+"""Status timeout; after it the link to the robot counts as lost."""
 _RENEW_PERIOD_S = 0.5
 _ARMING_TIMEOUT_S = 60.0
 _MAX_TRIES = 3
@@ -76,7 +76,7 @@ _REPLY_TIMEOUT_S = 0.5
 
 
 class RobotClient:
-    """Holds the lease inside its context; disarms and releases on exit.
+    """Robot client: holds the lease inside its context; disarms and releases on exit.
 
     If this process dies instead, the lease runs out and the robot spins down by itself.
     """
@@ -85,7 +85,7 @@ class RobotClient:
         """Fetch the description of a robot.
 
         Raises:
-            BusError: it does not answer.
+            BusError: the robot does not answer.
             RobotFileError: its description cannot be used.
         """
         self.id, self.name = robot_id, topics.checked(name)
@@ -101,11 +101,11 @@ class RobotClient:
         bus.subscribe(topics.STATUS.key(robot_id), self._statuses.put)
         self._protocol = ControlProtocol(robot_id, self.robot, name)
         self.max_age_s: float | None = None
-        """How old commands may be, to be asked for with control; None: as usual."""
+        """Maximum command age to request with the lease; None for the default."""
         self._previous_handler: Any = None
 
     def __enter__(self) -> Self:
-        # Told to end, it ends as by Ctrl-C: through `__exit__`.
+        # SIGTERM ends it like Ctrl-C, through `__exit__`.
         self._previous_handler = signal.signal(signal.SIGTERM, signal.default_int_handler)
         wish = LeaseRequest(op="acquire", operator=self.name, max_age_s=self.max_age_s)
         reply = self._call_lease_service(wish)
@@ -130,10 +130,10 @@ class RobotClient:
             signal.signal(signal.SIGTERM, self._previous_handler)
 
     def arm(self) -> Iterator[float]:
-        """Arm, and yield how far that is, 0 to 1, until the robot is ready.
+        """Arm, and yield the progress, 0 to 1, until the robot is ready.
 
         Raises:
-            TwinError: it refuses, gives up, or takes too long.
+            TwinError: the robot refuses, aborts, or takes too long.
         """
         reply = self._call_service(Service.ARM, HolderRequest(self._lease))
         if reply is None or not reply.ok:
@@ -142,7 +142,7 @@ class RobotClient:
         end_s = time.monotonic() + _ARMING_TIMEOUT_S
         arming = False
         while (status := self.status()).mode != "ready":
-            # The first status may be from before it was asked.
+            # The first status may be older than the request.
             arming = arming or status.mode == "arming"
             if (arming and status.mode != "arming") or time.monotonic() > end_s:
                 raise TwinError(f"{self.id} does not get ready: {status.stop_reason}")
@@ -150,10 +150,10 @@ class RobotClient:
                 yield status.arming.progress
 
     def hold(self, seconds: float) -> Iterator[float]:
-        """Keep the robot ready, told to stand, and yield how long it has been so.
+        """Keep the robot ready at standstill, and yield the elapsed time.
 
         Raises:
-            TwinError: it is not ready any more, or another has control, or it fell silent.
+            TwinError: the robot is not ready, another operator has control, or its status is late.
         """
         began_s = time.monotonic()
         while (held_s := time.monotonic() - began_s) < seconds:
@@ -161,10 +161,10 @@ class RobotClient:
             yield held_s
 
     def require_mode(self, status: Status, *modes: str) -> None:
-        """Raise what is wrong, unless the robot is in one of these modes and still ours.
+        """Raise unless the robot is in one of these modes and this client holds the lease.
 
         Raises:
-            TwinError: it is not ready any more, or another has control.
+            TwinError: the robot is in another mode, or another operator has control.
         """
         if status.mode not in modes:
             raise TwinError(f"{self.id} is {status.mode}: {status.stop_reason}")
@@ -172,10 +172,10 @@ class RobotClient:
             raise TwinError(f"{status.lease.holder or 'no operator'} has control of {self.id} now")
 
     def status(self) -> Status:
-        """Return the next status, and keep control meanwhile.
+        """Wait for the next status while renewing the lease, and return it.
 
         Raises:
-            TwinError: none comes; the robot has been told to stop.
+            TwinError: the status timeout has passed; the robot has been commanded to stop.
         """
         while True:
             if time.monotonic() - self._renewed_s > _RENEW_PERIOD_S:
@@ -187,11 +187,13 @@ class RobotClient:
             except MessageError:
                 continue  # Invalid sample from another publisher.
             except queue.Empty:
-                self.stop("it fell silent")
-                raise TwinError(f"{self.id} has said nothing for {_STATUS_TIMEOUT_S:g} s") from None
+                self.stop("status timeout")
+                raise TwinError(
+                    f"{self.id} has sent no status for {_STATUS_TIMEOUT_S:g} s"
+                ) from None
 
     def newest_status(self) -> Status | None:
-        """Return the newest status since the last one, None when there is none; do not wait."""
+        """Return the newest unread status, None when there is none; does not wait."""
         try:
             return self._decode_newest(self._statuses.get_nowait())
         except (MessageError, queue.Empty):
@@ -201,12 +203,12 @@ class RobotClient:
         """Return the next command, with a twist (3,) in the body frame.
 
         Raises:
-            ControlLost: another has control.
+            ControlLost: another operator has control.
         """
         return self._protocol.command(twist, BASE, time.monotonic())
 
     def _decode_newest(self, sample: Sample) -> Status:
-        while not self._statuses.empty():  # Only this thread takes any.
+        while not self._statuses.empty():  # Only this thread reads the queue.
             sample = self._statuses.get()
         status = decode_status(sample.payload)
         seq, _ = decode_stamp(sample.attachment)
@@ -214,7 +216,7 @@ class RobotClient:
         return status
 
     def stop(self, reason: str) -> None:
-        """Stop the robot and latch it, again until that is acknowledged or it is of no use."""
+        """Latch a stop; repeated until it is acknowledged or the attempts are used up."""
         request = StopRequest(self.name, reason)
         for _ in range(_MAX_TRIES):
             reply = self._call_service(Service.STOP, request)
@@ -234,7 +236,7 @@ class RobotClient:
         self.stop("it could not be disarmed")
 
     def _call_service(self, service: Service, request: msgspec.Struct) -> Reply | None:
-        """Return the answer of a service, None when there is none."""
+        """Return the reply of a service, None without one."""
         payload = msgspec.json.encode(request)
         try:
             answer = self.bus.query(service.key(self.id), payload, _REPLY_TIMEOUT_S)
@@ -265,7 +267,7 @@ def connect(args: argparse.Namespace) -> Generator[RobotClient]:
 
 
 def add_bus_flags(parser: argparse.ArgumentParser) -> None:
-    """Add which robot on which bus, who takes control, and whether that is asked."""
+    """Add the flags of the robot, the bus, the operator and the confirmation."""
     parser.add_argument("--id", help="of the robot on the bus; default: the only one")
     parser.add_argument(
         "--connect",
@@ -284,25 +286,25 @@ def _open_bus(args: argparse.Namespace) -> Bus:
         if args.zenoh_config
         else client_config(args.connect or [DEFAULT_ENDPOINT])
     )
-    # Who sees the robot is at the same robot, and not this one's peer.
+    # A camera is connected to the same robot, and not a peer of this session.
     return Bus(as_client(config, _CONNECT_TIMEOUT_S))
 
 
 COMMAND_PERIOD_S = 0.02
 _FRESH_STATUS_S = 1.0
-"""Twenty statuses; without a fresh one to echo, commands do not count long before that."""
+"""Status timeout, 20 periods; commands without a fresh status are dropped long before it."""
 
 
 class CommandPublisher:
-    """Sends twists 50 times a second in the name of an operator who has control.
+    """Command publisher: sends twists at 50 Hz for a client that holds the lease.
 
-    Whatever goes wrong is raised, and nothing is sent any more: the robot stops by itself then, and
-    the operator disarms it on the way out. So it does when this process is killed.
+    Every error is raised and ends the publication: the robot then stops by itself, and the client
+    disarms it on exit. The robot stops likewise when this process is killed.
     """
 
     def __init__(self, client: RobotClient, keys: KeyWatcher) -> None:
         self._client, self._keys = client, keys
-        # After a longer pause the robot has begun to stop, and is not set off again.
+        # After a longer pause the robot has begun to stop, and must not be restarted.
         limits, age_s = client.robot.limits, client.max_age_s or 0.0
         self._pause_s = limits.command_timeout_s + max(0.0, age_s - limits.max_command_age_s)
         key = topics.twist_key(client.id, client.name)
@@ -310,11 +312,12 @@ class CommandPublisher:
         self._stops: int | None = None
 
     def run(self, step: Callable[[float], Array | None]) -> Iterator[None]:
-        """Command what `step` says at each time, until that is None; yield after each command.
+        """Send the twist that `step` returns for each time, until it is None; yield after each.
 
         Raises:
-            TwinError: a key was pressed, the robot began to stop by itself, another has
-                control, it fell silent, or this process was held up; or whatever `step` raises.
+            TwinError: a key was pressed, the robot began to stop by itself, another operator has
+                control, the status timeout has passed, or this process was delayed; `step` may
+                raise more.
         """
         heard_s = last_s = time.monotonic()
         while True:
@@ -325,7 +328,7 @@ class CommandPublisher:
             if self._has_fresh_status():
                 heard_s = now_s
             if now_s - heard_s > _FRESH_STATUS_S:
-                raise TwinError(f"{self._client.id} has said nothing for {_FRESH_STATUS_S:g} s")
+                raise TwinError(f"{self._client.id} has sent no status for {_FRESH_STATUS_S:g} s")
             twist = step(now_s)
             if twist is None:
                 return
@@ -336,7 +339,7 @@ class CommandPublisher:
                 raise TwinError("stopped by a key")
 
     def _has_fresh_status(self) -> bool:
-        """Return whether there is news of the robot; raise when it is bad."""
+        """Return whether there is a new status; raise when it reports a stop."""
         status = self._client.newest_status()
         if status is None:
             return False

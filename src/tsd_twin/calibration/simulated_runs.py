@@ -17,16 +17,16 @@ from tsd_twin.simulation import Camera, CameraNoise, Frame, SimRobot
 from tsd_twin.virtual_robot import PERIOD_S, VirtualRobot, voltage_share
 
 OFFSET_SIGMA_DEG = 0.3
-"""Standard deviation of what is drawn: of a gimbal's zero, put upright with a level (assumed)."""
+"""Standard deviation of a random gimbal zero, as set with a spirit level (assumed)."""
 RADIUS_SIGMA_SHARE, SPIN_SIGMA_SHARE = 0.01, 0.01
-"""The same of both radii, measured with a ruler, and of a motor's curve (assumed)."""
+"""Standard deviations of both radii, as measured with a ruler, and of a motor curve (assumed)."""
 
 
 class PerturbedRobot(SimRobot):
-    """Simulates `true`, for a core that takes it for `believed`.
+    """Simulator of the robot `true` for a controller that is configured with `believed`.
 
-    What crosses over are servo angles and throttles, which both understand; each has a calibration
-    of its own to make joints of them.
+    The interface carries servo angles and throttles; each side converts them to joints with its own
+    calibration.
     """
 
     def __init__(
@@ -41,21 +41,21 @@ class PerturbedRobot(SimRobot):
         self._believed, self._true = believed.actuator_offsets(), true.actuator_offsets()
 
     def read(self, now_s: float) -> Array:
-        """Return what is measured (n,), in joints as they are believed to be."""
+        """Return the measurement (n,), in joints of the description `believed`."""
         return self._believed.from_servos(self._true.to_servos(super().read(now_s)))
 
     def write(self, setpoint: Array, now_s: float) -> None:
-        """Take set-points (n,) for joints as they are believed to be."""
+        """Apply set-points (n,), in joints of the description `believed`."""
         super().write(self._true.from_actuators(self._believed.to_actuators(setpoint)), now_s)
 
 
 def random_robot(
     believed: SingularityDescription, random: np.random.Generator
 ) -> SingularityDescription:
-    """Return a machine as it may have been built from a description, with errors of its own.
+    """Return a random robot as it may be built from a description, with parameter errors.
 
-    Zeros and spins that a description has among its errors or its noise are left out: what is off
-    about these is in `[calibration]`, where it can be compared with what is found.
+    The errors of zeros and spins in `[errors]` and `[noise]` are set to zero: they are drawn into
+    `[calibration]` instead, where they can be compared with the fit.
     """
     modules = believed.drive.modules
     trim = believed.actuator_offsets()
@@ -99,20 +99,20 @@ def with_calibration(
 
 
 FAST_WHEEL_RATIO = 1.6
-"""Of one wheel in each run but the first, over the others."""
+"""Speed of one wheel relative to the others, in each run except the first."""
 SPEED_MPS, SIDE_M, TURN_RAD_PER_S = 1.0, 1.0, 2.0
 TACHOMETER_SHARE = 0.002
 """Noise of one reading of a wheel's speed (assumed)."""
 _REST_S = 0.5
-"""More than the camera is late."""
+"""Time longer than the delay of the camera."""
 
 
 def spin_ratios(modules: int) -> list[list[float]]:
-    """Return the speeds of the wheels over the gear, run by run: all alike, then one faster.
+    """Return the wheel speeds of each run relative to cruise speed: all alike, then one faster.
 
-    At one speed for all, a robot that creeps tells three things about the zeros of its gimbals, and
-    the rest of them only pushes its wheels against one another. A wheel that is faster makes its
-    own errors count for more, so each is told apart.
+    At equal speeds only three combinations of the gimbal zeros are observable; the others only
+    press the wheels against each other. A faster wheel weights its own zeros more, which makes all
+    of them observable.
     """
     return [
         [FAST_WHEEL_RATIO if i == j - 1 else 1.0 for i in range(modules)]
@@ -121,7 +121,7 @@ def spin_ratios(modules: int) -> list[list[float]]:
 
 
 def excitation_twists() -> Array:
-    """Return the twists (n, 3) of a run, period by period: squares and turns, both ways."""
+    """Return the twists (n, 3) of a run for each period: squares and turns, both ways."""
     sides = SPEED_MPS * np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
     legs: list[tuple[Array, float]] = [(np.zeros(3), _REST_S)]
     for way, corners in ((1.0, sides), (-1.0, sides[::-1])):
@@ -142,9 +142,9 @@ def simulate_run(
     tachometer: bool,
     periods: Callable[[Array], Iterable[Array]] = iter,
 ) -> Recording:
-    """Drive one run open loop, wheels at `ratio` (k,) of the gear, and return what was measured.
+    """Simulate one open-loop run, wheels at `ratio` (k,) of cruise speed; return the recording.
 
-    The machine has been at rest since `start_s`.
+    The robot has been at rest since `start_s`.
     """
     random = np.random.default_rng(seed)
     robot = VirtualRobot(_with_spin_ratio(believed, ratio), machine, start_s)

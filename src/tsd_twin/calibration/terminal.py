@@ -18,7 +18,7 @@ from tsd_twin.lie import Array
 
 
 def ask_displacement() -> tuple[Array, float]:
-    """Ask how far the robot went: (2,) metres, axes as it stood at first, and turned, radians."""
+    """Ask for the displacement (2,), metres in the start frame, and the turn in radians."""
     print_line("How far has it gone, in the directions it had at the start?")
     forward = _ask_number("forward, mm (backward: minus): ")
     left = _ask_number("to its left, mm (right: minus): ")
@@ -38,7 +38,7 @@ def _ask_number(question: str) -> float:
 
 
 def ask_line(question: str) -> str:
-    """Return a line that is typed.
+    """Prompt, and return the line that is typed.
 
     Raises:
         TwinError: the input has ended.
@@ -55,9 +55,9 @@ def ask_yes(question: str) -> bool:
 
 
 class KeyWatcher:
-    """Notices keys without Enter, where a terminal is the input; elsewhere there are none.
+    """Detects key presses without Enter, if the input is a terminal; otherwise there are none.
 
-    Ctrl-C stays what it is. The terminal is as it was afterwards.
+    Ctrl-C keeps its meaning. The terminal settings are restored on exit.
     """
 
     def __init__(self) -> None:
@@ -68,7 +68,7 @@ class KeyWatcher:
         if self._terminal is not None:
             self._before = termios.tcgetattr(self._terminal)
             tty.setcbreak(self._terminal)
-            # What was typed ahead was not meant for now.
+            # Discard keys typed before.
             termios.tcflush(self._terminal, termios.TCIFLUSH)
         return self
 
@@ -92,4 +92,4 @@ class KeyWatcher:
 
 def print_line(text: str) -> None:
     """Print a line."""
-    print(text)  # noqa: T201  It talks to who sits there.
+    print(text)  # noqa: T201  Output for the operator.

@@ -31,11 +31,11 @@ from tsd_twin.messages.status import decode_stamp
 from tsd_twin.robots import RPM, SingularityDescription, description_of_kind
 
 TimedPose = tuple[float, Array]
-"""A time, and x, y, heading (3,) then."""
+"""A time, and x, y, heading (3,) at that time."""
 
 
 class PoseTracker:
-    """Keeps where a robot was seen, from `sensor/pose` or, without any, from its true pose."""
+    """Tracker of a robot's pose, from `sensor/pose` or, without it, from the simulator's truth."""
 
     def __init__(self, bus: Bus, robot_id: str) -> None:
         self._poses = bus.subscriber(topics.SENSOR_POSE.key(robot_id), 256)
@@ -43,10 +43,10 @@ class PoseTracker:
         self._by_camera: list[TimedPose] = []
         self._by_simulator: list[TimedPose] = []
         self.refused = ""
-        """Why the last pose that could not be used could not."""
+        """Reason why the last rejected pose was rejected."""
 
     def poll(self) -> None:
-        """Take in what has come since the last call."""
+        """Process the samples since the last call."""
         for sample in self._poses.take():
             try:
                 pose, stamp_ns = decode_pose_measurement(sample)
@@ -63,19 +63,19 @@ class PoseTracker:
                 self._by_simulator.append((at_s, pose_there))
 
     def clear(self) -> None:
-        """Begin anew: what was seen until now is of no use."""
+        """Discard the poses so far."""
         self.poll()
         self._by_camera.clear()
         self._by_simulator.clear()
 
     @property
     def poses(self) -> list[TimedPose]:
-        """What was seen, in the order of time; times are of one clock."""
+        """Tracked poses in the order of time, on one clock."""
         return sorted(self._source, key=lambda each: each[0])
 
     @property
     def moved_m(self) -> float:
-        """How far it is from where it was seen first."""
+        """Distance from the first pose."""
         source = self._source
         return math.dist(source[-1][1][:2], source[0][1][:2]) if source else 0.0
 
@@ -90,34 +90,34 @@ class PoseTracker:
 
 
 LIMIT_M, LIMIT_S, LIMIT_RPM = 0.0254, 30.0, 2500.0
-"""Gimbals count as zeroed when the robot creeps less than an inch in 30 s (thesis)."""
+"""Limit of the drift of zeroed gimbals: an inch in 30 s (thesis)."""
 _CANDIDATES = 120_000
 _LIMIT_SHARE = 0.8
-"""Share of the limit that a change may leave: the smaller it is, the more it lets wheels push."""
+"""Share of the limit that may remain after a change; a smaller one allows larger offsets."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ZeroOffsetDrift:
-    """A constant twist (3,), in the body frame, at the speed the wheels had."""
+    """Drift due to zero offsets: a constant body twist (3,) at the wheel speed of the run."""
 
     twist: Array
     spin_rpm: float
     sigma_mps: float = 0.0
-    """Standard deviation of the velocity, in the direction in which it is known worst."""
+    """Standard deviation of the velocity, in its least certain direction."""
 
     @property
     def distance_m(self) -> float:
-        """How far the centre goes in 30 s at 2,500 rpm: creep grows with that speed."""
+        """Drift of the centre in 30 s at 2,500 rpm; it is proportional to the wheel speed."""
         return float(np.hypot(*self.twist[:2])) * LIMIT_S * self._limit_scale
 
     @property
     def distance_sigma_m(self) -> float:
-        """How well that is known: one standard deviation."""
+        """Standard deviation of `distance_m`."""
         return self.sigma_mps * LIMIT_S * self._limit_scale
 
     @property
     def turn_rad(self) -> float:
-        """How far it turns in that time."""
+        """Turn in that time."""
         return float(self.twist[2]) * LIMIT_S * self._limit_scale
 
     @property
@@ -130,7 +130,7 @@ class ZeroOffsetDrift:
         return LIMIT_RPM / self.spin_rpm
 
     def sentence(self) -> str:
-        """Return it in words, for 30 s at 2,500 rpm."""
+        """Return a text of the drift in 30 s at 2,500 rpm."""
         vx, vy, _ = self.twist
         toward = np.degrees(np.arctan2(vy, vx))
         return (
@@ -140,16 +140,16 @@ class ZeroOffsetDrift:
 
 
 def drift_of(t_s: Array, poses: Array, spin_rpm: float) -> ZeroOffsetDrift:
-    """Return the constant twist that fits poses (n, 3) best; times (n,) rise.
+    """Fit a constant twist to poses (n, 3) by least squares; times (n,) rise.
 
-    The heading gives the turn rate, and with it the way is linear in the velocity.
+    The heading gives the turn rate; with it, the displacement is linear in the velocity.
     """
     after_s = t_s - t_s[0]
     seen = poses.copy()
     seen[:, 2] = np.unwrap(seen[:, 2])
     by_line = np.column_stack([after_s, np.ones_like(after_s)])
     turning, start = np.linalg.lstsq(by_line, seen[:, 2], rcond=None)[0].tolist()
-    # Where the noise of the first pose turns all others, the line through all headings does not.
+    # The noise of the first heading would rotate all others; the line through all does not.
     local = SE2(np.array([0.0, 0.0, -start])).rotate(seen[:, :2])
     rows = np.zeros((len(t_s), 2, 4))
     for i in (0, 1):
@@ -168,12 +168,12 @@ def drift_of(t_s: Array, poses: Array, spin_rpm: float) -> ZeroOffsetDrift:
 def drift_by_hand(
     moved_m: Array, turned_rad: float, seconds: float, spin_rpm: float
 ) -> ZeroOffsetDrift:
-    """Return the twist that ended `moved_m` (2,) away, axes as at the start, turned in all."""
+    """Return the constant twist of a displacement `moved_m` (2,), start frame, and a turn."""
     return ZeroOffsetDrift(SE2(np.append(moved_m, turned_rad)).log() / seconds, spin_rpm)
 
 
 def twist_by_zero_offsets(robot: SingularityDescription) -> Array:
-    """Return (3, 2k): the twist of a robot told to stand, by the angles its gimbals stand at.
+    """Return the Jacobian (3, 2k) of the twist of a robot at zero command by its gimbal angles.
 
     Contact velocities of upright wheels are r_w spin (alpha, -beta).
     """
@@ -191,11 +191,11 @@ def spin_rpm(robot: SingularityDescription) -> float:
 def corrective_steps(
     robot: SingularityDescription, drift: ZeroOffsetDrift
 ) -> tuple[Array, ZeroOffsetDrift]:
-    """Return by how many servo steps (2k,) zeros are off, and the creep with that put right.
+    """Return corrections of the zeros in servo steps (2k,), and the predicted drift after them.
 
-    Three things are seen of six zeros and more, so many changes explain them. Of those, and of the
-    whole steps that servos go in, this is the smallest that stays within the limit;
-    where there is none, the one that leaves least.
+    A drift has three components, and there are six zeros or more, so the solution is not unique.
+    This is the smallest one in whole servo steps that stays within the limit; where there is none,
+    the one with the least drift.
     """
     matrix, step_rad = twist_by_zero_offsets(robot), 2.0 * np.pi / robot.servo.steps_per_turn
     exact = np.linalg.pinv(matrix) @ drift.twist / step_rad
@@ -215,7 +215,7 @@ def corrective_steps(
 
 
 def draw_drift(t_s: Array, poses: Array, drift: ZeroOffsetDrift) -> Figure:
-    """Return it, of poses (n, 3) since the start, from above and against time."""
+    """Draw poses (n, 3) relative to the start, from above and against time."""
     figure: Any = experiment.new_figure(9.5, 4.4, "Creep of a robot that is told to stand")
     left, right = figure.subplots(1, 2)
     millimetres = 1000.0 * poses[:, :2]
@@ -259,7 +259,7 @@ _SHORTEST_S = 1.0
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Lead through the procedure, and say whether the gimbals are zeroed, and what would be."""
+    """Run the zeroing procedure; report whether the gimbals are zeroed, and better zeros."""
     if not _SHORTEST_S <= args.seconds <= 300.0:
         raise TwinError(f"--seconds must be {_SHORTEST_S:g} to 300, not {args.seconds:g}")
     with connect(args) as client:
@@ -275,7 +275,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     else:
         if tracker.refused and not args.by_hand:
             print_line(
-                f"What came on sensor/pose was of no use ({tracker.refused}), so measure it."
+                f"The poses on sensor/pose were rejected ({tracker.refused}): measure by hand."
             )
         moved_m, turned_rad = ask_displacement()
         drift = drift_by_hand(moved_m, turned_rad, held_s, spin_rpm(robot))
@@ -293,14 +293,14 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     ]
     if abs(drift.distance_m - LIMIT_M) < 2.0 * drift.distance_sigma_m:
         about_mm = 1000 * drift.distance_sigma_m
-        lines.append(f"that is known to +- {about_mm:.1f} mm only: more --seconds tell better")
+        lines.append(f"its standard deviation is {about_mm:.1f} mm: more --seconds reduce it")
     return lines if drift.passes else lines + _advice(args, robot, client.description_text, drift)
 
 
 def _hold_still(
     args: argparse.Namespace, out: Output, client: RobotClient, tracker: PoseTracker
 ) -> float:
-    """Return for how long the robot stood ready, and was seen if it was."""
+    """Hold the robot ready at standstill; return the time that was held or tracked."""
     held_s = 0.0
     with client:
         for _ in out.progress(in_percent_steps(client.arm(), 1.0), "spinning up", PERCENT_STEPS):
@@ -314,7 +314,7 @@ def _hold_still(
 
 
 def _hold_and_track(client: RobotClient, seconds: float, tracker: PoseTracker) -> Iterator[float]:
-    """Hold, note what is seen, and end early when the robot goes too far."""
+    """Hold, track the pose, and end early when the robot drifts too far."""
     for held_s in client.hold(seconds):
         tracker.poll()
         yield held_s
@@ -324,13 +324,13 @@ def _hold_and_track(client: RobotClient, seconds: float, tracker: PoseTracker) -
 
 
 def _confirm(args: argparse.Namespace, robot: SingularityDescription, robot_id: str) -> None:
-    """Tell what will happen, and wait for a word."""
+    """Print what the robot will do, and wait for the operator's confirmation."""
     if args.yes:
         return
     print_line(
-        f"{robot_id} will spin its wheels at {spin_rpm(robot):.0f} rpm and be told to stand, for "
-        f"{args.seconds:g} s.\nGive it 1 m of free, level floor on all sides, mark where its "
-        "centre is and where it looks,\nand have the hardware stop at hand. Ctrl-C here disarms it."
+        f"{robot_id} will spin its wheels at {spin_rpm(robot):.0f} rpm, commanded to stand still, "
+        f"for {args.seconds:g} s.\nGive it 1 m of free, level floor on all sides, mark its centre "
+        "and its heading,\nand have the hardware stop at hand. Ctrl-C here disarms it."
     )
     ask_line("Enter begins: ")
 
@@ -353,8 +353,8 @@ def _advice(
         )
     lines.append(f"with them it should creep {left.sentence()}")
     lines.append(
-        "others would explain it as well: what pushes wheels against one another moves no robot, "
-        "and only tsd-lab calibrate sees it"
+        "the solution is not unique: offsets that press wheels against each other move no robot, "
+        "and only tsd-lab calibrate finds them"
     )
     if args.write_to:
         write_description(args.write_to, text, {"calibration": {"tilt_offset_deg": pairs}})

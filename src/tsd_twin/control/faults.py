@@ -20,20 +20,20 @@ _SATURATION_REPORT_S = 0.5
 
 
 class SaturationMonitor:
-    """Compares what was requested with what is applied, and says so now and then."""
+    """Saturation of commands: applied share of the requested twist, with rate-limited events."""
 
     def __init__(self) -> None:
         self.share = 1.0
-        """Of the newest request that is applied."""
+        """Applied share of the newest request."""
         self._reported_s = -math.inf
 
     def forget(self) -> None:
-        """Nothing is requested."""
+        """Reset: there is no request."""
         self.share = 1.0
 
     def compare(self, request: Array, capped: Array, now_s: float) -> Event | None:
-        """Take in a twist (3,) and what is left of it (3,); return what is worth telling."""
-        # By the largest number of each, since they differ by a factor: no square overflows.
+        """Compare a requested twist (3,) with the capped one (3,); return an event, or None."""
+        # By the largest number of each: the twists differ by a factor, and no square overflows.
         length = _largest(request)
         self.share = _largest(capped) / length if length > 0.0 else 1.0
         if self.share >= 0.999 or now_s - self._reported_s < _SATURATION_REPORT_S:
@@ -57,14 +57,14 @@ _REPORT_S = 1.0
 
 
 class FaultReporter:
-    """Remembers who was suspected last, and keeps reports from becoming a flood."""
+    """Rate-limited events about the actuator suspected by the consistency test."""
 
     def __init__(self) -> None:
         self._last: str | None = None
         self._reported_s = -math.inf
 
     def step(self, suspect: str | None, now_s: float) -> Event | None:
-        """Return what is worth telling about who is suspected now."""
+        """Return an event when the suspected actuator changes, or None."""
         if suspect in (None, self._last) or now_s - self._reported_s < _REPORT_S:
             return None
         self._last, self._reported_s = suspect, now_s
@@ -73,31 +73,31 @@ class FaultReporter:
 
 
 ASIDE_RAD = NEUTRAL_RAD
-"""What is too far from neutral to arm is too far to go on; more than what load does to a servo."""
+"""Largest following error: the neutral tolerance of arming, above the droop of a loaded servo."""
 REMEMBERED_S = 0.3
-"""What a servo was told longer ago it has done, or never will."""
+"""Time over which past set-points are compared with the measured angle."""
 PATIENCE_S = 0.7
-"""For so long a gimbal may be away from all that: a second in all, from when it sticks."""
+"""Longest time a following error may last; detection takes a second from when a gimbal sticks."""
 
 
 class FollowingErrorMonitor:
-    """Compares where joints are with everything that they were told lately, so lag is no fault."""
+    """Following error of joints against the range of recent set-points, so lag is no fault."""
 
     def __init__(self, names: Sequence[str]) -> None:
-        """Take the names of the joints that are looked at, in their order."""
+        """Monitor the joints with these names, in their order."""
         self._names = names
         self._commanded: deque[tuple[float, Array]] = deque()
         self._since_s: Array | None = None
 
     def forget(self) -> None:
-        """Begin anew: nobody tells them anything that counts."""
+        """Reset: no set-point is in force."""
         self._commanded.clear()
         self._since_s = None
 
     def step(self, now_s: float, commanded: Array, measured: Array) -> str:
-        """Return which joint has not followed for too long and how far it is off; "" if none.
+        """Return a text with the joint whose error lasts too long and its size; "" if none does.
 
-        `told` (k,) and `measured` (k,) are angles in radians; what is not finite says nothing.
+        `commanded` (k,) and `measured` (k,) are angles in radians; values not finite are ignored.
         """
         while self._commanded and now_s - self._commanded[0][0] > REMEMBERED_S:
             self._commanded.popleft()
@@ -115,7 +115,7 @@ class FollowingErrorMonitor:
         if now_s - self._since_s[worst] < PATIENCE_S:
             return ""
         off_deg = float(np.degrees(measured[worst] - commanded[worst]))
-        return f"{self._names[worst]} does not follow: it is {off_deg:+.1f}° from where it was told"
+        return f"{self._names[worst]} does not follow: it is {off_deg:+.1f}° from its set-point"
 
 
 SILENT_S = 0.1
@@ -123,7 +123,7 @@ SILENT_S = 0.1
 
 
 class JointFaultMonitor:
-    """Looks at what is measured of the joints, and keeps what a fault was told by."""
+    """Faults of measured joints: missing measurements and following errors of gimbals."""
 
     def __init__(self, estimator: StateEstimator) -> None:
         self._estimator = estimator
@@ -132,16 +132,16 @@ class JointFaultMonitor:
             [estimator.kinematics.joints[i].name for i in self._angles]
         )
         self.evidence: ConsistencyStatus | None = None
-        """What the others said of a gimbal that stuck; it stays to be seen until the reset."""
+        """Consistency result when a gimbal stuck; kept in the status until the reset."""
 
     def silent(self, now_s: float) -> bool:
-        """Return whether the joints have not been measured for too long."""
+        """Return whether joint measurements have been missing for too long."""
         return now_s - self._estimator.measured_s > SILENT_S
 
     def step(self, now_s: float, setpoint: Array, supervisor: SafetySupervisor, fault: str) -> str:
-        """Return what is wrong, in words, "" if nothing is; `fault` is what the board objects to.
+        """Return the text of the fault, "" if there is none; `fault` is the one the board reports.
 
-        `setpoint` (n,) is what the joints were told last.
+        `setpoint` (n,) is the last one commanded to the joints.
         """
         if self.silent(now_s) and not fault:
             fault = f"the joints have not been measured for {SILENT_S * 1000:.0f} ms"

@@ -31,7 +31,7 @@ from tsd_twin.safety.lease import speed_cap_mps
 
 
 class JointStateEncoder:
-    """Makes messages of what the joints of one robot are told and do, and of its other sensors."""
+    """Encoder of joint-state messages: set-points, measured joints and other sensors."""
 
     def __init__(self, robot: RobotDescription) -> None:
         joints, sensors = robot.kinematics().joints, robot.sensors
@@ -41,7 +41,7 @@ class JointStateEncoder:
         self._sensor_is_angle = [sensor.kind is JointKind.POSITION for sensor in sensors]
 
     def measured(self, joints: Array, rates: Array, sensors: Array, stamp_ns: int) -> JointState:
-        """Return measured joints (n,), how fast they change (n,), and other sensors (s,)."""
+        """Encode measured joints (n,), their rates (n,), and other sensors (s,)."""
         state = self._state(joints, rates, stamp_ns)
         if not self._sensors:
             return state
@@ -54,7 +54,7 @@ class JointStateEncoder:
         )
 
     def commanded(self, setpoint: Array, stamp_ns: int) -> JointState:
-        """Return a set-point (n,)."""
+        """Encode a set-point (n,)."""
         return self._state(setpoint, np.full(len(setpoint), np.nan), stamp_ns)
 
     def _state(self, joints: Array, rates: Array, stamp_ns: int) -> JointState:
@@ -63,7 +63,7 @@ class JointStateEncoder:
 
 
 def lease_status(supervisor: SafetySupervisor, lease: Lease | None, now_s: float) -> LeaseStatus:
-    """Return what the status says of the `lease` in force, of who asks and who may have it next."""
+    """Return the lease part of the status: holder, pending request and reservation."""
     asked = supervisor.hand_over.asked(now_s) if lease else None
     reserved = supervisor.hand_over.reserved(now_s)
     return LeaseStatus(
@@ -77,7 +77,7 @@ def lease_status(supervisor: SafetySupervisor, lease: Lease | None, now_s: float
 
 
 def command_status(supervisor: SafetySupervisor, now_s: float) -> CommandStatus:
-    """Return what the status says of commands: the newest that counted, and how many did not."""
+    """Return the command part of the status: the newest counted command, and counts of drops."""
     gate, age_s = supervisor.gate, now_s - supervisor.command_s
     return CommandStatus(
         seq=supervisor.command_seq,
@@ -103,11 +103,11 @@ def limit_status(robot: RobotDescription, lease: Lease | None, applied: float) -
 
 
 LONGEST_STEP_S = 0.02
-"""The most time that one step towards another speed makes use of."""
+"""Upper bound of the time step of one change of wheel speed or twist."""
 
 
 class RobotController:
-    """Everything between the bus and the joints of one robot."""
+    """Control loop of one robot: safety, limits, inverse kinematics and state estimation."""
 
     def __init__(
         self,
@@ -116,7 +116,7 @@ class RobotController:
         *,
         pose: SE2 | SO3 | None = None,
     ) -> None:
-        """`pose`, of the drive's space, is where the robot is taken to be; the identity if not."""
+        """`pose`, of the kinematics' pose type, is the initial pose; the identity if not given."""
         self.robot = robot
         self._wheel_speed = WheelSpeedController(robot)
         self.supervisor = SafetySupervisor(robot, new_lease_id)
@@ -139,11 +139,11 @@ class RobotController:
         self.twist = np.zeros(3)
         """(3,): the twist that is commanded to the joints, in the base frame."""
         self.setpoint = self._estimator.joints.copy()
-        """(n,): what the joints shall do."""
+        """(n,): set-point of the joints."""
 
     @property
     def kinematics(self) -> Kinematics[Any]:
-        """The kinematics, with wheels that always spin in the gear of this moment."""
+        """Kinematics at the present speed of wheels that always spin."""
         return self._wheel_speed.kinematics
 
     # The control loop.
@@ -154,9 +154,9 @@ class RobotController:
         """Return the set-point (n,) for the period that begins at `now_s`.
 
         `measured` (n + s,) are the joints and then the sensors of the robot, NaN where a number is
-        not measured; None when there is no measurement. `samples` are all that came in on the
+        not measured; None when there is no measurement. `samples` are all that arrived on the
         command key since the last step.
-        `fault` says what the board below the joints objects to, if anything.
+        `fault` is the fault that the controller board reports, "" if there is none.
         """
         dt_s = now_s - self._now_s if math.isfinite(self._now_s) else 0.01
         self._now_s = now_s
@@ -171,7 +171,7 @@ class RobotController:
         return self.setpoint
 
     def add_pose_measurements(self, poses: Sequence[Sample], now_s: float, wall_ns: int) -> None:
-        """Take what came in on `sensor/pose`; `wall_ns` is what the wall clock shows at `now_s`."""
+        """Queue samples of `sensor/pose`; `wall_ns` is the wall-clock time at `now_s`."""
         self._estimator.pose_sensor.receive(poses, now_s, wall_ns)
 
     def _update_pose_measurements(self, now_s: float) -> None:
@@ -204,7 +204,7 @@ class RobotController:
             ramps=armed and mode is not Mode.ARMING,
         ):
             self._limiter = TwistLimiter(self.kinematics, self.robot.limits)
-            # What slower wheels cannot do is given up by the whole twist, not gimbal by gimbal.
+            # Slower wheels saturate earlier: scale the whole twist, not each gimbal.
             self.twist = self.twist / max(1.0, float(self.kinematics.joint_utilization(self.twist)))
 
     def _command(self, now_s: float, dt_s: float) -> None:
@@ -217,8 +217,8 @@ class RobotController:
                 share = lease.speed_cap_mps / self.robot.limits.speed_mps
                 goal = self._limiter.cap(request, share)
             if dt_s > 0.0:
-                # After a loop that was held up, speed is not gained in one leap; it may be lost so,
-                # since the robot has been driving on all the while.
+                # After a delayed period the speed must not rise in one step; it may fall in one,
+                # since the robot has kept driving meanwhile.
                 step_s = min(dt_s, LONGEST_STEP_S) if any(goal) else dt_s
                 self.twist = self._limiter.approach(self.twist, goal, step_s)
             self._add_event(self._saturation.compare(request, goal, now_s))
@@ -233,41 +233,41 @@ class RobotController:
     def _request(self) -> Array:
         """Return the commanded twist (3,) in the base frame."""
         command = self.supervisor.command
-        assert command is not None  # noqa: S101  The caller has looked; this tells the type checker.
+        assert command is not None  # noqa: S101  The caller has checked it.
         twist = command.twist[self._components]
         if command.frame == ODOM:
             twist = self._pose_codec.to_base_frame(self._estimator.pose, clip_to_finite(twist))
         return twist
 
-    # What operators ask for.
+    # Requests of operators.
 
     def serve(self, service: Service, payload: bytes, now_s: float) -> LeaseReply | Reply:
-        """Return the answer to a request, also to one that cannot be read: never silence."""
+        """Return the reply to a request; a malformed request gets a refusal."""
         return self._services.serve(service, payload, now_s)
 
     def stop(self, payload: bytes, now_s: float) -> Reply:
-        """Stop and latch, whatever the payload is: a stop needs nothing to count."""
+        """Latch a stop; every payload is accepted, also a malformed one."""
         return self._services.stop(payload, now_s)
 
-    # What there is to see.
+    # State for the bus.
 
     def record_status_sent(self, seq: int, now_s: float) -> None:
-        """Remember when a status went out: commands echo its number."""
+        """Record the sending time of a status; commands echo its number."""
         self.supervisor.gate.record_status(seq, now_s)
 
     def take_events(self) -> list[Event]:
-        """Return what has happened since the last call."""
+        """Return the events since the last call."""
         events = self.supervisor.take_events() + self._events
         self._events = []
         return events
 
     @property
     def joints(self) -> Array:
-        """(n,): measured joints; speeds that are not measured come from the model of the motors."""
+        """(n,): measured joints; unmeasured wheel speeds come from the motor model."""
         return self._estimator.joints
 
     def joint_state(self, stamp_ns: int) -> JointState:
-        """Return the measured joints, and after them what the other sensors measure."""
+        """Return the measured joints, followed by the other sensors."""
         estimator = self._estimator
         return self._states.measured(estimator.joints, estimator.rates, estimator.sensors, stamp_ns)
 
@@ -280,11 +280,11 @@ class RobotController:
         return self._estimator.odometry(stamp_ns)
 
     def alternative_odometry(self, stamp_ns: int) -> Odometry | None:
-        """Return the estimate that `odometry` is not, where the robot has two; see docs/bus.md."""
+        """Return the second estimate of a robot that has two, else None; see docs/bus.md."""
         return self._estimator.alternative_odometry(stamp_ns)
 
     def status(self, now_s: float, loop: LoopStatus, hardware: Mapping[str, Any]) -> Status:
-        """Return what `state/status` says."""
+        """Return the message of `state/status`."""
         supervisor = self.supervisor
         consistency = self._faults.evidence or self._estimator.consistency(
             wheels_spin=supervisor.wheels_spin

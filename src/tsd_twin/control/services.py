@@ -29,18 +29,18 @@ from tsd_twin.safety import LATCHED, Mode, SafetySupervisor
 
 
 class PoseCodec(Protocol, Generic[PoseT]):
-    """How poses come in, and what commands in the axes of the world mean."""
+    """Decoder of poses for one pose type, and rotation of twists from `odom` to `base_link`."""
 
     def request_type(self) -> type[SetPoseRequest] | type[SetOrientationRequest]:
-        """Return what `srv/set_pose` has to carry."""
+        """Return the request type of `srv/set_pose`."""
         ...
 
     def decode(self, request: Any) -> PoseT | None:
-        """Return the pose that such a request asks for; None: it is no pose."""
+        """Return the requested pose; None when it is not finite or not a valid pose."""
         ...
 
     def to_base_frame(self, pose: PoseT, twist: Array) -> Array:
-        """Return the twist (3,) in `base_link` that is `twist` in the axes of `odom`."""
+        """Return `twist` (3,), given in the axes of `odom`, in those of `base_link`."""
         ...
 
 
@@ -64,7 +64,7 @@ class PlanarPoseCodec:
 
 
 class OrientationCodec:
-    """Orientations of a sphere in a base that stays where it is."""
+    """Orientations of a sphere on a fixed base."""
 
     def request_type(self) -> type[SetOrientationRequest]:
         """Return the request with a quaternion."""
@@ -81,16 +81,16 @@ class OrientationCodec:
         return SO3(wxyz / np.linalg.norm(wxyz))
 
     def to_base_frame(self, pose: SO3, twist: Array) -> Array:  # noqa: ARG002  The shape.
-        """Return the twist as it is: the base stands in the world."""
+        """Return the twist unchanged: the base is fixed in the world."""
         return twist
 
 
 POSE_CODECS: dict[type[Any], PoseCodec[Any]] = {SE2: PlanarPoseCodec(), SO3: OrientationCodec()}
-"""From the space of poses to what they are on the bus."""
+"""Pose codec for each pose type."""
 
 
 class ServiceHandler:
-    """Reads requests, and has those answered whom they are for: never silence."""
+    """Decodes service requests and dispatches them; every request gets a reply."""
 
     def __init__(
         self,
@@ -105,7 +105,7 @@ class ServiceHandler:
         self._pose_codec = pose_codec
 
     def serve(self, service: Service, payload: bytes, now_s: float) -> LeaseReply | Reply:
-        """Return the answer to a request, also to one that cannot be read: never silence."""
+        """Return the reply to a request; a malformed request gets a refusal."""
         try:
             match service:
                 case Service.LEASE:
@@ -135,7 +135,7 @@ class ServiceHandler:
             return refusal
 
     def stop(self, payload: bytes, now_s: float) -> Reply:
-        """Stop and latch, whatever the payload is: a stop needs nothing to count."""
+        """Latch a stop; every payload is accepted, also a malformed one."""
         try:
             request = decode_request(payload, StopRequest)
         except MessageError:

@@ -31,20 +31,20 @@ from tsd_twin.messages.status import ConsistencyStatus, PoseSensorDrops, PoseSen
 from tsd_twin.robots import RobotDescription
 
 AHEAD_S = 0.01
-"""A stamp this much later than now is the clocks, and taken for now."""
+"""A stamp later than now by up to this is attributed to clock offset, and replaced by now."""
 WAITING = 16
-"""Poses that wait for their period; when more come, the oldest give way."""
+"""Capacity of the queue of measurements; when it is full, the oldest are dropped."""
 _REMEMBERED = 64
-"""Messages that are known again when they come twice."""
+"""Number of recent messages kept to detect duplicates."""
 _A_PERIOD = 2
-"""Enough for 120 frames a second, and no more work than a period has time for."""
+"""Measurements fused in one period: enough for 120 Hz, within the time of a period."""
 
 
 class PoseMeasurements:
-    """What comes in on `sensor/pose`."""
+    """Queue of the measurements on `sensor/pose`: decodes, checks and fuses them, with counts."""
 
     def __init__(self, estimate: FusedEstimate | None) -> None:
-        """`estimate` is what they correct; None: the robot is not on a floor."""
+        """`estimate` is corrected by the measurements; None for a robot without planar poses."""
         self._estimate = estimate
         self._waiting: deque[tuple[SE2, float]] = deque()
         self._heard: deque[bytes] = deque(maxlen=_REMEMBERED)
@@ -56,9 +56,9 @@ class PoseMeasurements:
         self._any = False
 
     def receive(self, samples: Sequence[Sample], now_s: float, wall_ns: int) -> None:
-        """Read what has come in; `wall_ns` is what the robot's wall clock, that of stamps, shows.
+        """Decode and queue samples; `wall_ns` is the robot's wall clock, which stamps refer to.
 
-        Whatever is no pose is counted, and changes nothing.
+        Samples that are no valid pose are counted and dropped.
         """
         for sample in samples:
             self._any = True
@@ -73,7 +73,7 @@ class PoseMeasurements:
             elif age_s < -AHEAD_S:
                 self._drop("future")
             elif sample.payload in self._heard:
-                self._drop(FusionResult.OLD)  # Said twice it is no truer.
+                self._drop(FusionResult.OLD)  # A duplicate carries no new information.
             else:
                 self._heard.append(sample.payload)
                 self._waiting.append((pose, now_s - max(age_s, 0.0)))
@@ -82,7 +82,7 @@ class PoseMeasurements:
                     self._drop(FusionResult.FLOOD)
 
     def step(self, now_s: float, *, at_rest: bool) -> Event | None:
-        """Let the estimate take in some of those that wait; return what is worth telling."""
+        """Fuse the queued measurements of this period; return an event, or None."""
         if self._estimate is None:
             return None
         event = None
@@ -102,7 +102,7 @@ class PoseMeasurements:
         return event
 
     def status(self, now_s: float) -> PoseSensorStatus | None:
-        """Return what became of them; None when nobody has ever sent one."""
+        """Return the counts for the status; None until a first measurement has arrived."""
         if not self._any:
             return None
         while self._used_s and now_s - self._used_s[0] > 0.999:
@@ -121,10 +121,12 @@ class PoseMeasurements:
 
 def _found(before: SE2, after: SE2, now_s: float) -> Event:
     dx, dy, turned = (after.xy_heading - before.xy_heading).tolist()
-    text = f"Seen {math.hypot(dx, dy):.2f} m and {math.degrees(turned):.0f} degrees from where"
+    text = (
+        f"The pose sensor is {math.hypot(dx, dy):.2f} m and {math.degrees(turned):.0f} degrees off"
+    )
     return Event(
         "pose",
-        f"{text} it was taken to be, at rest: that is where it is now.",
+        f"{text} the estimate, at rest: the estimate is reset to it.",
         requested=before.xy_heading.tolist(),
         applied=after.xy_heading.tolist(),
         rule="outside poses that agree with one another",
@@ -137,16 +139,16 @@ NEUTRAL_RAD = math.radians(1.0)
 AT_SPEED = 0.02
 """Wheels within this share of their set-point count as at speed."""
 AT_REST_RAD_PER_S = 0.1
-"""Wheels slower than this count as at speed when they shall stand."""
+"""Wheels with a set-point of zero count as at speed below this."""
 
 
 class StateEstimator:
-    """Joints, pose, twist and conflict of one robot."""
+    """State estimator of one robot: joints, pose, twist and consistency."""
 
     def __init__(self, robot: RobotDescription) -> None:
         self.kinematics = robot.kinematics()
         self.is_angle = np.array([j.kind is JointKind.POSITION for j in self.kinematics.joints])
-        """(n,): which joints are angles; the others are speeds."""
+        """(n,): whether a joint is an angle; the others are speeds."""
         self._angles = np.flatnonzero(self.is_angle)
         self._wheels = np.flatnonzero(~self.is_angle)
         self._needed = np.flatnonzero(self.is_angle | robot.measures_spin)
@@ -159,23 +161,23 @@ class StateEstimator:
             self._corrected = FusedEstimate(self.kinematics, self._inner, robot.pose_sensor)
         self._best: Estimate = self._corrected or self._inner
         self.pose_sensor = PoseMeasurements(self._corrected)
-        """What somebody else sees of the robot."""
+        """Measurements of an external pose sensor."""
         self._consistency = ConsistencyMonitor(self.kinematics, robot.joint_errors())
         self.measured_s = -math.inf
-        """When the joints were measured last."""
+        """Time of the last joint measurement."""
         self.joints = np.where(self.is_angle, self.kinematics.inverse(np.zeros(3)), 0.0)
-        """(n,): measured joints; speeds that are not measured come from the model of the motors."""
+        """(n,): measured joints; unmeasured wheel speeds come from the motor model."""
         self._before, self._step_s = self.joints, 1.0
         self._unmeasured = np.full(len(robot.sensors), np.nan)
         self._unmeasured.setflags(write=False)
         self.sensors = self._unmeasured
-        """(s,): what the other sensors measured last, NaN where they do not."""
+        """(s,): last readings of the other sensors, NaN where there is none."""
 
     def advance(self, now_s: float, measured: Array | None, setpoint: Array, dt_s: float) -> None:
-        """Take in what was measured now, `dt_s` after the last time; None: there is nothing.
+        """Update with the measurement of now, `dt_s` after the last step; None: there is none.
 
-        `measured` (n + s,) are the joints and the other sensors, `setpoint` (n,) is what the joints
-        were told meanwhile.
+        `measured` (n + s,) are the joints and the other sensors, `setpoint` (n,) is the set-point
+        of the joints during the step.
         """
         spin = self._spin.advance(setpoint[self._wheels], dt_s)
         if measured is not None and np.isfinite(measured[self._needed]).all():
@@ -187,7 +189,7 @@ class StateEstimator:
             np.copyto(speeds, spin, where=~np.isfinite(speeds))
             joints[self._wheels] = speeds
         elif math.isfinite(self.measured_s):
-            # Without news the gimbals are taken to stay, but wheels that are shut off run down.
+            # Without a measurement gimbals keep their angles; wheels that are shut off run down.
             joints = self.joints.copy()
             joints[self._wheels] = spin
             self.sensors = self._unmeasured
@@ -203,13 +205,13 @@ class StateEstimator:
 
     @property
     def rates(self) -> Array:
-        """(n,): how fast the joints change, of wheels the acceleration."""
+        """(n,): rates of change of the joints; for wheels, accelerations."""
         return (self.joints - self._before) / self._step_s
 
     def neutral_and_at_speed(self, at_rest: Array) -> tuple[bool, bool]:
-        """Return whether all gimbals are upright, and whether all wheels turn as they shall.
+        """Return whether all gimbals are upright, and whether all wheels are at their set-point.
 
-        `at_rest` (n,) is what the joints do when the robot is ready and stands.
+        `at_rest` (n,) is the joint vector of a ready robot at standstill.
         """
         at_speed = np.maximum(AT_SPEED * np.abs(at_rest), AT_REST_RAD_PER_S)
         tolerance = np.where(self.is_angle, NEUTRAL_RAD, at_speed)
@@ -217,19 +219,19 @@ class StateEstimator:
         return bool(near[self._angles].all()), bool(near[self._wheels].all())
 
     def spin_after(self, speeds: Array, dt_s: float) -> float:
-        """Return how fast motors told `speeds` (m,) are expected to turn after `dt_s`: their mean.
+        """Return the mean speed that the motor model predicts after `dt_s` at `speeds` (m,).
 
-        By their model also where speeds are measured: a sensor that fails must tilt nothing.
+        The model is used also where speeds are measured: a failed sensor must not change the tilt.
         """
         return fmean(self._spin.after(speeds, dt_s).tolist())
 
     @property
     def pose(self) -> Any:
-        """The pose in `odom`, of the drive's space."""
+        """The pose in `odom`, of the kinematics' pose type."""
         return self._best.pose
 
     def set_pose(self, pose: SE2 | SO3) -> None:
-        """Take the robot to be at `pose`, exactly."""
+        """Set the estimate to `pose`, with zero covariance."""
         self._plain.set_pose(pose)
         if self._second is not None:
             self._second.set_pose(pose)
@@ -240,9 +242,9 @@ class StateEstimator:
         return _message(self._best, stamp_ns)
 
     def alternative_odometry(self, stamp_ns: int) -> Odometry | None:
-        """Return the estimate that `odometry` is not, where there are two.
+        """Return the second estimate where there are two, else None.
 
-        Of a robot that has one of its own, that is this one, while outside poses correct the other.
+        It is the one that pose measurements do not correct.
         """
         if self._second is not None:
             return _message(self._plain if self._inner is self._second else self._second, stamp_ns)
@@ -250,7 +252,7 @@ class StateEstimator:
         return _message(self._plain, stamp_ns) if corrected else None
 
     def consistency(self, *, wheels_spin: bool) -> ConsistencyStatus:
-        """Return how well the joints agree; wheels that do not spin say nothing about gimbals."""
+        """Return the consistency of the joints; wheels at rest carry no information on gimbals."""
         verdict, names = self._consistency.judge(self.joints), self.kinematics.actuators
         level = verdict.level if wheels_spin else 0.0
         suspect = verdict.suspect if wheels_spin else None

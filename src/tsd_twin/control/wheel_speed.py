@@ -14,24 +14,24 @@ from tsd_twin.messages.status import WheelSpeedStatus
 from tsd_twin.robots import RPM, RobotDescription, WheelSpeedRange
 
 _SAME = 1e-9
-"""Relative: spins closer than this are one."""
+"""Relative tolerance within which two wheel speeds are equal."""
 
 
 class WheelSpeedController:
-    """Ramps the spin to what is wanted, and has the inverse kinematics for what it is meanwhile.
+    """Ramps the wheel speed to the chosen one, and adapts the kinematics to it.
 
-    The push of a wheel is r_w spin sin(tilt). Motors follow a set-point late, so the tilt is that
-    for the spin which their model has for when the gimbals get there, not for the one they are
-    told: then the push stays as it is while the spin changes. A robot without gears has a drive
-    that stays the same.
+    The ground speed of a wheel is r_w spin sin(tilt). Motors follow a set-point with a lag, so the
+    tilt is computed for the spin that the motor model predicts for the time when the gimbals reach
+    it, not for the set-point: the ground speed then stays constant while the spin changes. A robot
+    without a wheel-speed range keeps its kinematics.
 
-    What was chosen holds until the wheels are shut off, or, while they stand, until its holder has
-    lost the lease; then it is the speed of the description again.
+    A chosen speed is kept until the wheels are shut off, or, while they stand, until its operator
+    has lost the lease; then the speed of the description applies again.
     """
 
     def __init__(self, robot: RobotDescription) -> None:
         self.kinematics: Kinematics[Any] = robot.kinematics()
-        """In the gear of this moment."""
+        """Kinematics at the present wheel speed."""
         self._range, self._law = robot.wheel_speed_range, robot.spin_up()
         self._lag_s = robot.lag_s
         self._deceleration_mps2 = robot.limits.deceleration_mps2
@@ -45,7 +45,7 @@ class WheelSpeedController:
         self._was_armed = False
 
     def choose(self, spin_rpm: float, lease: bytes) -> str:
-        """Take what the holder of a lease wants; return why not, as part of a sentence, or ""."""
+        """Set the wheel speed for the holder of `lease`; return the reason of a refusal, or ""."""
         if self._range is None:
             return "the wheels of this robot stand when it does, so they have no speed to choose"
         if refusal := self._range.refusal(spin_rpm * RPM):
@@ -62,11 +62,11 @@ class WheelSpeedController:
         armed: bool,
         ramps: bool,
     ) -> bool:
-        """Let `dt_s` pass; return whether the drive is another one now.
+        """Advance the ramp by `dt_s`; return whether the kinematics have changed.
 
-        `lease` is in force, if any; `armed` is whether the wheels may spin, and `ramps` whether the
-        robot may drive, so that the speed must not leap. `spin_after(speeds, dt_s)` tells how fast
-        they will spin of set-points (m,).
+        `lease` is the one in force, or None; `armed` is whether the wheels may spin, and `ramps`
+        whether the robot may drive, so that the speed must not jump. `spin_after(speeds, dt_s)`
+        predicts the mean spin for set-points (m,).
         """
         if self._range is None:
             return False
@@ -89,7 +89,7 @@ class WheelSpeedController:
         return joints
 
     def status(self, spin_rad_per_s: float) -> WheelSpeedStatus | None:
-        """Return what there is to see, of wheels that turn as fast as this in the mean."""
+        """Return the wheel-speed part of the status, for a mean spin of `spin_rad_per_s`."""
         if self._range is None:
             return None
         spin = spin_rad_per_s / self._mean_ratio
@@ -107,7 +107,7 @@ class WheelSpeedController:
         )
 
     def _update_wheel_speed(self, spin: float) -> bool:
-        assert self._range is not None  # noqa: S101  The callers have looked; for the type checker.
+        assert self._range is not None  # noqa: S101  The callers have checked it.
         spin = min(max(spin, self._range.least_rad_per_s), self._range.most_rad_per_s)
         if abs(spin - self._at) <= _SAME * spin:
             return False

@@ -19,29 +19,29 @@ from tsd_twin.lie import Array
 from tsd_twin.robots import JointErrors
 
 FALSE_ALARM = 1e-4
-"""Probability that a decision about a sound robot is wrong."""
+"""False-alarm probability of a decision about a sound robot."""
 _LEFT_OVER = 0.01
 _NUDGE = 1e-5
-"""Radians, or rad/s a rad/s: small enough for a slope."""
+"""Step of finite differences: radians, or a share of a speed."""
 _LEAST_SIGMA = 1e-5
-"""Radians or rad/s: what is described without noise is taken to have this much, for rounding."""
+"""Minimum standard deviation, radians or rad/s, for joints described without noise."""
 _NOTHING = 1e-4
-"""m/s: directions that joints move less than this share of it are rounding, as with three wheels,
-which never contradict one another."""
+"""m/s: directions of the residual below this are rounding, as with three wheels, which leave no
+residual."""
 _RANK = 1e-6
-"""Directions that joints move less than this share of the most are none."""
+"""Rank tolerance: directions below this share of the largest singular value are dropped."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ParityTest:
-    """The test at one joint vector."""
+    """Chi-square parity test at one joint vector."""
 
     whiten: Array
-    """(d, m): from a residual to d numbers that are normal and independent when all is well."""
+    """(d, m): whitening of a residual to d independent, standard normal numbers."""
     lines: Array
-    """(n, d): unit vectors along which these move when one joint alone is wrong; or zero."""
+    """(n, d): unit vectors of the parity space for a fault of one joint each; or zero."""
     threshold: float
-    """Of the squared length of these; infinite when there are none, d = 0."""
+    """Threshold of the squared length of the parity vector; infinite for d = 0."""
 
     @staticmethod
     def at(
@@ -65,17 +65,17 @@ class ParityTest:
         whiten: Array = np.asarray(np.linalg.solve(root, basis), dtype=float)
         lines: Array = slopes @ whiten.T
         lengths: Array = np.sqrt(np.square(lines).sum(axis=1, keepdims=True))
-        # Of a wheel that pushes nothing, no speed shows: such a line would be rounding.
+        # The speed of an upright wheel is not observable: such a line would be rounding.
         lines = np.where(lengths > _RANK * lengths.max(), lines / np.maximum(lengths, 1e-300), 0.0)
         return ParityTest(whiten, lines, chi_square_bound(len(basis), false_alarm))
 
     @property
     def dimensions(self) -> int:
-        """Of the parity space."""
+        """Dimension of the parity space."""
         return len(self.whiten)
 
     def statistic(self, residual: Array, samples: float = 1.0) -> Array:
-        """Return what to compare with the threshold (...), for the mean of `samples` residuals.
+        """Return the test statistic (...) for the mean of `samples` residuals.
 
         `residual` is (..., m); the noise of one sample is independent of that of the others.
         """
@@ -83,9 +83,9 @@ class ParityTest:
         return samples * np.square(white).sum(axis=-1)
 
     def single_fault(self, residual: Array) -> tuple[Array, Any]:
-        """Return which joint alone explains most of residuals (..., m), and whether all of it.
+        """Return the joint that alone explains most of residuals (..., m), and whether all of it.
 
-        All, when what is left is no more than noise leaves in 99 of 100 cases.
+        All means that the rest is within the 99th percentile of the noise.
         """
         white = residual @ self.whiten.T
         explained = np.square(white @ self.lines.T)
@@ -94,12 +94,12 @@ class ParityTest:
         return explained.argmax(axis=-1), enough
 
     def exceeds_threshold(self, residual: Array, samples: float = 1.0) -> Any:
-        """Return whether residuals (..., m) contradict the noise, booleans (...)."""
+        """Return whether residuals (..., m) exceed the threshold, booleans (...)."""
         return self.statistic(residual, samples) > self.threshold
 
 
 def chi_square_bound(dimensions: int, beyond: float) -> float:
-    """Return what chi-square of so many dimensions exceeds with the probability `beyond`."""
+    """Return the chi-square quantile that is exceeded with the probability `beyond`."""
     if dimensions <= 0:
         return 0.0
     return 2.0 * float(gammaincinv(0.5 * dimensions, 1.0 - beyond))
@@ -110,32 +110,32 @@ _SMOOTHING_S = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConsistencyResult:
-    """What the residual says."""
+    """Result of the consistency test."""
 
     residual_mps: float
-    """Smoothed, root mean square over the contacts."""
+    """Smoothed residual, root mean square over the contacts."""
     level: float
     """Chi-square of the residual over the threshold: above 1 it is more than noise explains."""
     shares: Array
-    """(k,): how much of the squared residual each actuator explains alone, 0 to 1."""
+    """(k,): share of the squared residual due to each actuator alone, 0 to 1."""
     suspect: int | None
-    """The actuator that contradicts the others, when the conflict is evident."""
+    """The actuator suspected of a fault, when the residual exceeds the threshold."""
 
     @property
     def exceeds_threshold(self) -> bool:
-        """Whether the conflict is more than the known noise explains."""
+        """Whether the residual is larger than the known noise explains."""
         return self.level > 1.0
 
 
 class ConsistencyMonitor:
-    """Smoothed residual of the forward kinematics against what the known noise explains.
+    """Monitor of the smoothed residual of forward kinematics against the known noise.
 
-    Errors of joints last: steps of a servo and a wrong spin do not average out. So smoothing takes
-    away what is short, and the threshold is that of a single sample nonetheless.
+    Errors of joints persist: steps of a servo and a wrong spin do not average out. So smoothing
+    removes short disturbances, and the threshold is nonetheless that of a single sample.
 
-    Who is suspected: the actuator of the one joint that explains all by itself, if there is one.
-    Otherwise the actuator without which the others agree best. The second alone would not do: two
-    modules measure the distance between them, and when only that is wrong, either may be.
+    The suspect is the actuator of the one joint that explains the whole residual, if there is one.
+    Otherwise it is the actuator without which the others agree best. The second rule alone would
+    not suffice: an error in the distance between two modules may be due to either.
     """
 
     def __init__(self, kinematics: Kinematics[Any], noise: JointErrors) -> None:
@@ -145,14 +145,14 @@ class ConsistencyMonitor:
         self._residual: Array | None = None
 
     def advance(self, residual: Array, dt_s: float) -> None:
-        """Take in the residual (m,) of one period."""
+        """Update with the residual (m,) of one period."""
         if self._residual is None:
             self._residual = np.zeros(len(residual))
         share = 1.0 - math.exp(-dt_s / _SMOOTHING_S)
         self._residual = self._residual + share * (residual - self._residual)
 
     def judge(self, joints: Array) -> ConsistencyResult:
-        """Return what the residual says of a robot whose joints are at `joints` (n,)."""
+        """Return the result of the test for a robot whose joints are at `joints` (n,)."""
         residual = self._residual
         squared = 0.0 if residual is None else float(residual @ residual)
         if residual is None or squared == 0.0:
@@ -168,7 +168,7 @@ class ConsistencyMonitor:
 
 
 def _owner(joint: str, actuators: tuple[str, ...]) -> int:
-    """Return the actuator that a joint belongs to: it has its name, or begins with it."""
+    """Return the actuator of a joint, whose name equals the joint's or is a prefix of it."""
     (owner,) = (
         i for i, name in enumerate(actuators) if joint == name or joint.startswith(name + "_")
     )

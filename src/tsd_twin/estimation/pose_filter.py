@@ -24,7 +24,7 @@ _POSE = np.eye(3)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Measurement:
-    """`value` (..., j) of the parts of the pose that `rows` (j, 3) picks, with a covariance."""
+    """Measured `value` (..., j) of the pose components that `rows` (j, 3) selects."""
 
     rows: Array
     value: Array
@@ -33,25 +33,25 @@ class _Measurement:
 
 @dataclass(slots=True, eq=False)
 class _Step:
-    """What drives the filter up to one time, what is measured there, and what comes of it."""
+    """One step of the filter: its input, the measurements at its end, and the resulting state."""
 
     end_s: float
     twist: Array
     moved: Array
-    """(..., 3): the way of the step, seen from its begin; it does not depend on the pose there."""
+    """(..., 3): displacement of the step in the frame of its start; independent of that pose."""
     growth_per_s: Array
     pose: Array
     covariance: Array
     measured: list[_Measurement] = field(default_factory=list[_Measurement])
 
     def correct(self) -> None:
-        """Take in what is measured at the end."""
+        """Apply the measurements at the end of the step."""
         for measurement in self.measured:
             self.pose, self.covariance = _corrected(self.pose, self.covariance, measurement)
 
 
 class PoseFilter:
-    """Pose and covariance in the world, at the time of the newest twist.
+    """Kalman filter of the pose in the world, at the time of the newest twist.
 
     All arrays may have leading batch dimensions, the same for all. Times are seconds of one clock
     and rise from twist to twist.
@@ -81,16 +81,16 @@ class PoseFilter:
 
     @property
     def oldest_s(self) -> float:
-        """What was measured before this time comes too late."""
+        """Start of the memory; older measurements are rejected."""
         return self._steps[0].end_s
 
     @property
     def measurements(self) -> int:
-        """How many measurements the memory holds; the work of a late one grows with it."""
+        """Number of measurements in the memory; the cost of a late one grows with it."""
         return sum(len(step.measured) for step in self._steps)
 
     def newer(self, measured_s: float) -> int:
-        """Return at how many later times something was measured: each is run over again."""
+        """Return the number of later measurement times, each of which must be recomputed."""
         return sum(bool(step.measured) for step in self._steps[self._index(measured_s) + 1 :])
 
     @property
@@ -100,14 +100,14 @@ class PoseFilter:
 
     @property
     def covariance(self) -> Array:
-        """(..., 3, 3): of x, y, heading."""
+        """(..., 3, 3): covariance of x, y, heading."""
         return self._steps[-1].covariance
 
     def advance(self, now_s: float, twist: Array, growth_per_s: Array) -> None:
-        """Move on to `now_s` with the mean `twist` (..., 3) since the last time.
+        """Predict to `now_s` with the mean `twist` (..., 3) since the last time.
 
-        `growth_per_s` (..., 3, 3) is what a second of such twists adds to the covariance of a pose,
-        in the body frame: of white noise with the covariance S in each sample of dt, S times dt.
+        `growth_per_s` (..., 3, 3) is the growth of the pose covariance in a second, in the body
+        frame: S times dt for white noise with the covariance S in each sample of dt.
         """
         if not now_s > self.now_s:
             return
@@ -115,33 +115,33 @@ class PoseFilter:
         growth = np.zeros_like(last.covariance) + growth_per_s
         self._steps.append(self._step(last, now_s, np.array(twist), growth))
         self._run(len(self._steps) - 1)
-        # One step older than the memory stays: what happened since is what is between.
+        # Keep one step older than the memory: it is the initial state of the others.
         oldest = now_s - self._memory_s
         while len(self._steps) > 2 and self._steps[1].end_s <= oldest:
             del self._steps[0]
 
     def fuse_heading(self, heading: Array, sigma: float, measured_s: float | None = None) -> bool:
-        """Take in headings (...), radians; False: older than the memory, or not finite."""
+        """Fuse headings (...), radians; return False if older than the memory, or not finite."""
         value = np.asarray(heading, dtype=float)[..., None]
         return self._fuse(_Measurement(_HEADING, value, np.array([[sigma**2]])), measured_s)
 
     def fuse_position(self, xy: Array, sigma_m: float, measured_s: float | None = None) -> bool:
-        """Take in positions (..., 2), metres; False: as in `fuse_heading`."""
+        """Fuse positions (..., 2), metres; return False as in `fuse_heading`."""
         covariance = sigma_m**2 * np.eye(2)
         return self._fuse(
             _Measurement(_POSITION, np.array(xy, dtype=float), covariance), measured_s
         )
 
     def fuse_pose(self, pose: SE2, covariance: Array, measured_s: float | None = None) -> bool:
-        """Take in outside poses with a covariance (..., 3, 3); False: as in `fuse_heading`."""
+        """Fuse measured poses with a covariance (..., 3, 3); return False as in `fuse_heading`."""
         value = np.array(pose.xy_heading, dtype=float)
         return self._fuse(_Measurement(_POSE, value, np.array(covariance)), measured_s)
 
     def mahalanobis_sq(self, pose: SE2, covariance: Array, measured_s: float) -> Array:
-        """Return how far (...) outside poses are from what was expected of them at that time.
+        """Return the squared Mahalanobis distance (...) of measured poses from the prediction.
 
-        The squared Mahalanobis distance: chi-square of three dimensions when all is as claimed.
-        The filter is left as it is. Times are those that can be fused.
+        It has a chi-square distribution of three dimensions when the covariances are right. The
+        filter does not change. `measured_s` must be within the memory.
         """
         index = self._index(min(measured_s, self.now_s))
         step = self._steps[index]
@@ -185,12 +185,12 @@ class PoseFilter:
         self._steps[index : index + 1] = [first, rest]
 
     def _step(self, before: _Step, end_s: float, twist: Array, growth_per_s: Array) -> _Step:
-        """Return a step from the end of another, which has still to be run."""
+        """Return a step from the end of another, not yet run."""
         moved = self._kinematics.integrate(self._still, twist, end_s - before.end_s).xy_heading
         return _Step(end_s, twist, moved, growth_per_s, before.pose, before.covariance)
 
     def _run(self, index: int) -> None:
-        """Run over all steps from `index` on: in one go up to the next that has a measurement."""
+        """Recompute all steps from `index` on, in one batch up to the next with a measurement."""
         while index < len(self._steps):
             end = index + 1
             while end < len(self._steps) and not self._steps[end - 1].measured:
@@ -201,9 +201,9 @@ class PoseFilter:
 
 
 def _carry(before: _Step, steps: Sequence[_Step]) -> None:
-    """Carry pose and covariance from the end of a step over the ways of those that follow.
+    """Propagate pose and covariance from the end of a step over the steps that follow.
 
-    All at once: what is measured late is followed by up to a second of steps.
+    All in one batch: up to a second of steps follows a late measurement.
     """
     moved = np.stack([step.moved for step in steps])
     growth = np.stack([step.growth_per_s for step in steps])
@@ -213,7 +213,7 @@ def _carry(before: _Step, steps: Sequence[_Step]) -> None:
     pose = np.stack([moved[..., 0], moved[..., 1], heading], axis=-1)
     pose[..., 0] = before.pose[..., 0] + (c * moved[..., 0] - s * moved[..., 1]).cumsum(axis=0)
     pose[..., 1] = before.pose[..., 1] + (s * moved[..., 0] + c * moved[..., 1]).cumsum(axis=0)
-    # The noise of each twist, seen from the middle of its way, then from where all began.
+    # The noise of each twist, in the frame at the middle of its step, then at the first start.
     middle = heading - 0.5 * moved[..., 2]
     turn = np.zeros_like(growth) + _POSE
     turn[..., 0, 0] = turn[..., 1, 1] = np.cos(middle)
@@ -233,7 +233,7 @@ def _carry(before: _Step, steps: Sequence[_Step]) -> None:
 
 
 def _corrected(pose: Array, covariance: Array, measurement: _Measurement) -> tuple[Array, Array]:
-    """Return pose and covariance after a measurement, in Joseph's form: it stays symmetric."""
+    """Return pose and covariance after a measurement; Joseph form, which stays symmetric."""
     rows = measurement.rows
     off = measurement.value - pose @ rows.T
     heading = rows[:, 2] != 0.0
@@ -251,18 +251,18 @@ def _transposed(matrices: Array) -> Array:
 
 
 class _TwistRecord(NamedTuple):
-    """The end of a step."""
+    """State of the dead reckoning at the end of a step."""
 
     end_s: float
     reckoned: Array
-    """(3,): the pose by the twists alone; headings count on."""
+    """(3,): pose from the twists alone; headings are not wrapped."""
     shift: Array
-    """(3, m): how the pose there depends on the errors."""
+    """(3, m): Jacobian of that pose with respect to the errors."""
     walk: Array
-    """(3, 3): covariance of the random walk up to there."""
+    """(3, 3): covariance of the random walk up to this time."""
 
     def towards(self, later: _TwistRecord, share: float) -> _TwistRecord:
-        """Return what is in between, `share` of the way to a later end."""
+        """Interpolate towards a later record, by `share`."""
         return _TwistRecord(
             self.end_s + share * (later.end_s - self.end_s),
             self.reckoned + share * (later.reckoned - self.reckoned),
@@ -272,11 +272,11 @@ class _TwistRecord(NamedTuple):
 
 
 class DriftFilter:
-    """Pose in the world at the time of the newest twist, and the constant errors of all twists.
+    """Kalman filter of the pose at the time of the newest twist, and of constant twist errors.
 
-    The pose that twists add up to is off by a random walk, and by what their errors add up to,
-    which is linear in them. Neither is expected to change, so the Kalman filter stands at the time
-    of the newest pose from outside, however late that comes: nothing has to be run again.
+    The integrated pose is off by a random walk, and by the integrated twist errors, which is linear
+    in them. Both have zero expected change, so the state of the filter is kept at the time of the
+    newest measured pose, however late that arrives: no step is recomputed.
     """
 
     def __init__(
@@ -299,19 +299,19 @@ class DriftFilter:
 
     @property
     def errors(self) -> Array:
-        """(m,): as they are known by now."""
+        """(m,): estimated errors of the twist."""
         return self._state[3:]
 
     @property
     def error_covariance(self) -> Array:
-        """(m, m): of `errors`."""
+        """(m, m): covariance of `errors`."""
         return self._covariance[3:, 3:]
 
     def advance(self, now_s: float, twist: Array, by_errors: Array, growth_per_s: Array) -> None:
-        """Move on to `now_s` with the mean `twist` (3,) since the last time.
+        """Predict to `now_s` with the mean `twist` (3,) since the last time.
 
-        It is truly `twist + by_errors @ errors`, with `by_errors` (3, m), and noise of which a
-        second adds `growth_per_s` (3, 3) to the covariance of a pose; all in the body frame.
+        The true twist is `twist + by_errors @ errors`, with `by_errors` (3, m), plus noise that
+        adds `growth_per_s` (3, 3) to the pose covariance in a second; all in the body frame.
         """
         last = self._past[-1]
         dt_s = now_s - last.end_s
@@ -323,7 +323,7 @@ class DriftFilter:
         turn = np.eye(3)
         turn[:2, :2] = _turn(last.reckoned[2] + 0.5 * way[2])
         step = dt_s * turn @ by_errors
-        # A heading that is off turns all of the way.
+        # A heading error rotates the whole displacement.
         step[:2] += np.outer([-way[1], way[0]], last.shift[2] + 0.5 * step[2])
         walk = last.walk + dt_s * turn @ growth_per_s @ turn.T
         self._past.append(_TwistRecord(now_s, reckoned, last.shift + step, walk))
@@ -331,7 +331,7 @@ class DriftFilter:
             self._past.popleft()
 
     def fuse_pose(self, pose: SE2, covariance: Array, measured_s: float) -> bool:
-        """Take in an outside pose with a covariance (3, 3); poses come in the order of their times.
+        """Fuse a measured pose with a covariance (3, 3); poses must be in the order of their times.
 
         Return False if it is older than the memory or than the last one, or not finite.
         """

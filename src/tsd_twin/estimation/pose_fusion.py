@@ -22,9 +22,9 @@ _LONG_ENOUGH_S = 0.5
 
 
 class RelocalizationDetector:
-    """Whether what is refused is always the same place: then it is the estimate that is wrong.
+    """Relocalizes when rejected poses agree with each other: then the estimate is wrong.
 
-    Only of a robot at rest: there is one place where it is.
+    It applies to a robot at rest only, whose pose is constant.
     """
 
     def __init__(self, covariance: Array, gate: float) -> None:
@@ -35,11 +35,11 @@ class RelocalizationDetector:
         self._count = 0
 
     def clear(self) -> None:
-        """Forget what was heard: the estimate is right, or the robot moves."""
+        """Discard the rejected poses: the estimate is right, or the robot moves."""
         self._first = None
 
     def persists(self, pose: SE2, at_s: float) -> bool:
-        """Take in one more, seen at `at_s`, and return whether it is always the same place."""
+        """Add a rejected pose, measured at `at_s`; return whether they agree for long enough."""
         if self._first is None or not self._agrees(pose, self._first[0]):
             self._first, self._count = (pose, at_s), 0
         self._count += 1
@@ -55,34 +55,34 @@ class RelocalizationDetector:
 
 
 MEMORY_S = 1.0
-"""Poses that come later than this are of no use."""
+"""Largest delay of a pose that can be fused."""
 MOST = 128
-"""Outside poses within the memory."""
+"""Capacity for measured poses within the memory."""
 MOST_NEWER = 16
-"""A pose that comes after so many that were seen later tells nothing that they do not, and the work
-for it, which is to run over them again, is bounded."""
+"""Largest number of later measurements for which a late pose is still fused; bounds the work of
+recomputing them."""
 _PATIENCE_S = 2.0
-"""When none has come for so long, the estimate goes on without."""
+"""Timeout of the pose sensor; then the inner estimate is used alone."""
 _FARTHEST_M = 1e6
-"""Beyond, squares lose what they are compared with."""
+"""Largest coordinate; beyond it, squares lose the precision that the test needs."""
 _STEPS_KEPT = 128
 _GATE = chi_square_bound(3, FALSE_ALARM)
 
 
 class FusionResult(StrEnum):
-    """What becomes of an outside pose."""
+    """Result of the fusion of one measured pose."""
 
     USED = "used"
     FOUND = "found"
-    """The robot was somewhere else; the estimate begins anew there."""
+    """Relocalized: the estimate was wrong, and is reset to the measured pose."""
     OLD = "old"
     FLOOD = "flood"
     FAR = "far"
-    """Farther from the estimate than what both claim to know, one in 10,000 excepted."""
+    """Rejected by the Mahalanobis gate, which rejects one in 10,000 good poses."""
 
 
 class _EstimateRecord(NamedTuple):
-    """A step of the inner estimate, and where it was after it."""
+    """A step of the inner estimate, and its pose after it."""
 
     end_s: float
     motion: TwistSolution
@@ -92,10 +92,10 @@ class _EstimateRecord(NamedTuple):
 
 
 class FusedEstimate:
-    """An estimate of a robot on a floor, its pose corrected by what others see of the robot.
+    """Fused estimate of a robot on a floor: odometry with a pose corrected by a pose sensor.
 
-    The twist is that of the inner estimate, always: a pose that jumps moves no velocity. While
-    nobody sends poses, this is the inner estimate, and nothing is computed.
+    The twist is always that of the inner estimate, so a jump of the pose does not change it.
+    Without pose measurements this is the inner estimate, and no filter runs.
     """
 
     def __init__(self, kinematics: Kinematics[SE2], inner: Estimate, noise: PoseSensor) -> None:
@@ -110,7 +110,7 @@ class FusedEstimate:
 
     @property
     def is_corrected(self) -> bool:
-        """Whether somebody has sent poses lately."""
+        """Whether pose measurements have corrected the estimate lately."""
         return self._filter is not None
 
     @property
@@ -120,27 +120,27 @@ class FusedEstimate:
 
     @property
     def pose_covariance(self) -> Array:
-        """(3, 3): of the pose, in `odom`."""
+        """(3, 3): covariance of the pose, in `odom`."""
         return self.inner.pose_covariance if self._filter is None else self._filter.covariance
 
     @property
     def motion(self) -> TwistSolution:
-        """The twist in `base_link`, and what it leaves unexplained."""
+        """The twist in `base_link`, with its residual."""
         return self.inner.motion
 
     @property
     def twist_covariance(self) -> Array:
-        """(3, 3): of the twist, in `base_link`."""
+        """(3, 3): covariance of the twist, in `base_link`."""
         return self.inner.twist_covariance
 
     def set_pose(self, pose: Any, covariance: Array | None = None) -> None:
-        """Take the robot to be at `pose`; what others saw before is of the past."""
+        """Set the estimate to `pose`, and discard earlier measurements."""
         self.inner.set_pose(pose, covariance)
         self._past.clear()
         self._filter = None
 
     def follow(self, now_s: float) -> None:
-        """Take in that the inner estimate has moved on to `now_s`."""
+        """Update with the step of the inner estimate to `now_s`."""
         inner = self.inner
         covariance = inner.twist_covariance
         self._past.append(
@@ -155,9 +155,9 @@ class FusedEstimate:
             self._filter = None
 
     def fuse(self, pose: SE2, measured_s: float, *, at_rest: bool) -> FusionResult:
-        """Take in a pose that was seen at `measured_s`, and say what became of it.
+        """Fuse a pose measured at `measured_s`, and return the result.
 
-        A robot that is at rest is found again where many poses, one like the other, say it is.
+        A robot at rest is relocalized when many rejected poses agree with each other.
         """
         if self._filter is None and not self._past:
             return FusionResult.OLD
@@ -184,7 +184,7 @@ class FusedEstimate:
         return FusionResult.FAR
 
     def _caught_up(self) -> PoseFilter:
-        """Return the filter as if it had run all the time."""
+        """Return a new filter that has processed all steps in the memory."""
         first, *others = self._past
         made = PoseFilter(
             self._kinematics,
@@ -205,5 +205,5 @@ class FusedEstimate:
         self._filter = PoseFilter(
             self._kinematics, pose, self._noise, now_s=at_s, memory_s=MEMORY_S
         )
-        # It is at rest: it has been there ever since.
+        # The robot is at rest, so the pose has been constant since.
         self._filter.advance(old.now_s, np.zeros(3), np.zeros((3, 3)))

@@ -28,8 +28,8 @@ def with_gyro(
 ) -> tuple[Array, Array]:
     """Return planar twists (..., 3) and covariances, corrected by a yaw gyro's `turn_rate` (...).
 
-    The gyro takes part by its share of certainty; what the wheels had wrong in the same way, as a
-    slow wheel that both turns and shifts the robot, is corrected with it.
+    The gyro is weighted by its variance. Correlated errors of the wheels, such as a slow wheel that
+    both turns and shifts the robot, are corrected with it.
     """
     column = covariance[..., :, 2]
     gain = column / (column[..., 2:] + sigma_rad_per_s**2)
@@ -38,18 +38,18 @@ def with_gyro(
 
 
 _RANGE_RAD_PER_S = math.radians(2000.0)
-"""No small gyro measures faster turns: a reading beyond is none."""
+"""Range limit of a small gyro; a larger reading is discarded."""
 
 
 class GyroOdometry(PlanarOdometry):
-    """Each step is that of the wheels, corrected by the gyro as their covariances weigh them.
+    """Odometry from wheels and yaw gyro, weighted by their covariances in each step.
 
-    In a step without a reading the robot is taken to move as its wheels say. While wheels are shut
-    off they know better than the gyro that the robot stands, so its bias does not turn the pose.
+    A step without a gyro reading uses the wheels only. While the wheels are shut off the robot is
+    known to stand, so the gyro bias does not turn the pose.
     """
 
     def __init__(self, robot: SingularityDescription) -> None:
-        """Prepare for the gyro of `robot`.
+        """Start the odometry of a `robot` with a gyro.
 
         Raises:
             ValueError: it has none.
@@ -65,12 +65,12 @@ class GyroOdometry(PlanarOdometry):
         self._followed_s = 0.0
 
     def set_pose(self, pose: SE2, covariance: Array | None = None) -> None:
-        """Take the robot to be at `pose`, exactly, unless a `covariance` (3, 3) says how well."""
+        """Set the estimate to `pose`, with `covariance` (3, 3); zero if not given."""
         super().set_pose(pose, covariance)
         self._followed_s = 0.0
 
     def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:
-        """Take in joints (n,) and the turn rate (1,), measured `dt_s` after the last ones."""
+        """Update with joints (n,) and the turn rate (1,), measured `dt_s` after the last ones."""
         rate = self._mean_rate(sensors)
         reads, followed_s = math.isfinite(rate), self._followed_s
         if reads:
@@ -83,7 +83,7 @@ class GyroOdometry(PlanarOdometry):
         self.motion = motion
         moved = self._kinematics.integrate(self.pose, motion.twist, dt_s)
         self._spread(moved, joints, dt_s)
-        # The bias stays: what it does to the heading grows with the time, not with its root.
+        # The bias is constant: its heading error grows with the time, not with its root.
         self.pose_covariance[2, 2] += self._bias**2 * (self._followed_s**2 - followed_s**2)
         self.pose = moved
 
@@ -101,15 +101,15 @@ class GyroOdometry(PlanarOdometry):
 
 
 class DeadWheelOdometry(PlanarOdometry):
-    """Two encoders in L and a rate gyro: driven wheels may slip, these do not.
+    """Odometry from two dead wheels in L and a rate gyro; slip of driven wheels has no effect.
 
     Source: Savnani et al. 2019, Eq. 12 to 16: distances from pulses, heading from the gyro. Eq. 14
     and 15 as printed hold for a straight line only; here twist and pose follow in the robot frame.
-    In a step without these sensors the robot is taken to move as its driven wheels say.
+    A step without these sensors uses the driven wheels.
     """
 
     def __init__(self, robot: OmniDescription) -> None:
-        """Prepare for the dead wheels of `robot`.
+        """Start the odometry of a `robot` with dead wheels.
 
         Raises:
             ValueError: it has none.
@@ -129,7 +129,7 @@ class DeadWheelOdometry(PlanarOdometry):
         self._covariance = spread @ spread.T
 
     def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:
-        """Take in both angles and the rate, (3,), measured `dt_s` after the last ones."""
+        """Update with both angles and the rate, (3,), measured `dt_s` after the last ones."""
         twist = motion.twist
         if len(sensors) == 3 and np.isfinite(sensors).all():
             if self._angles is not None:
@@ -149,7 +149,7 @@ class DeadWheelOdometry(PlanarOdometry):
 
 
 class DualRowOdometry(OrientationOdometry):
-    """Dual-row kinematics: which row of a wheel carries follows from how far it has turned.
+    """Odometry of a sphere by dual-row kinematics: the wheel angle determines which row carries.
 
     Source: Weiss et al. 2008, Eq. 8 to 12 and 25. The angle is the integral of the wheel's speed,
     from zero at the start.
@@ -159,10 +159,10 @@ class DualRowOdometry(OrientationOdometry):
         self._sphere: SphereKinematics = robot.kinematics()
         super().__init__(self._sphere, robot.joint_errors())
         self.angles_rad: Array = np.zeros(self._sphere.wheels)
-        """(k,): how far each wheel has turned."""
+        """(k,): angle of each wheel."""
 
     def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:  # noqa: ARG002  The shape.
-        """Take in the wheel speeds (k,) measured `dt_s` after the last ones."""
+        """Update with the wheel speeds (k,) measured `dt_s` after the last ones."""
         self.advance(joints, dt_s)
 
     def _forward(self, joints: Array, rates: Array, dt_s: float) -> TwistSolution:  # noqa: ARG002  The shape.
@@ -175,7 +175,7 @@ class DualRowOdometry(OrientationOdometry):
 
 
 class Estimate(Protocol):
-    """Where a robot is, and how it moves."""
+    """Estimate of pose and twist with covariances."""
 
     @property
     def pose(self) -> Any:
@@ -184,32 +184,32 @@ class Estimate(Protocol):
 
     @property
     def motion(self) -> TwistSolution:
-        """The twist in `base_link`, and what it leaves unexplained."""
+        """The twist in `base_link`, with its residual."""
         ...
 
     @property
     def pose_covariance(self) -> Array:
-        """(3, 3): of the pose, in `odom`."""
+        """(3, 3): covariance of the pose, in `odom`."""
         ...
 
     @property
     def twist_covariance(self) -> Array:
-        """(3, 3): of the twist, in `base_link`."""
+        """(3, 3): covariance of the twist, in `base_link`."""
         ...
 
     def set_pose(self, pose: Any, covariance: Array | None = None) -> None:
-        """Take the robot to be at `pose`, exactly, unless a `covariance` (3, 3) says how well."""
+        """Set the estimate to `pose`, with `covariance` (3, 3); zero if not given."""
         ...
 
 
 class SensorOdometry(Estimate, Protocol):
-    """An estimate beside that of the drive's own kinematics."""
+    """Alternative estimate, which uses sensors beside the joints of the drive."""
 
     def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:
-        """Take in joints (n,) and other sensors (s,), NaN where there is no number.
+        """Update with joints (n,) and other sensors (s,), NaN where there is no reading.
 
-        They were measured `dt_s` after the last ones; `motion` is what the drive's own kinematics
-        make of the joints.
+        They were measured `dt_s` after the last ones; `motion` is the solution of the forward
+        kinematics for the joints.
         """
         ...
 
@@ -218,12 +218,12 @@ _Factory: TypeAlias = Callable[[Any], "tuple[SensorOdometry, bool] | None"]
 
 
 def odometry_by_dead_wheels(robot: OmniDescription) -> tuple[SensorOdometry, bool] | None:
-    """Return odometry by dead wheels and gyro, when the robot has them."""
+    """Return the odometry from dead wheels and gyro, None for a robot without them."""
     return None if robot.dead_wheels is None else (DeadWheelOdometry(robot), True)
 
 
 def odometry_by_gyro(robot: SingularityDescription) -> tuple[SensorOdometry, bool] | None:
-    """Return odometry by wheels and yaw gyro, when the robot has one."""
+    """Return the odometry from wheels and yaw gyro, None for a robot without a gyro."""
     return None if robot.gyro is None else (GyroOdometry(robot), True)
 
 
@@ -233,7 +233,7 @@ def odometry_by_rows(robot: SphereDescription) -> tuple[SensorOdometry, bool]:
 
 
 def sensor_odometry_of(robot: RobotDescription) -> tuple[SensorOdometry | None, bool]:
-    """Return the second estimate of a robot, if it has one, and whether that is the better one."""
+    """Return the alternative odometry of a robot or None, and whether it is the better one."""
     make: _Factory = implementation(kind_of(robot).sensor_odometry)
     made = make(robot)
     return (None, False) if made is None else made

@@ -1,4 +1,4 @@
-"""Slip of wheels that roll with side force and spin: the twist that remains of a commanded one."""
+"""Slip model of spinning wheels under side force: actual twist for a commanded one."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from tsd_twin.robots import SingularityDescription
 
 _GRAVITY_MPS2 = 9.81
 _SPIN_IN_SLIP = 8.0 / (3.0 * math.pi)
-"""How much the speed of the rim of a contact patch counts beside the slip (Zhuravlev 1998)."""
+"""Weight of the rim speed of a contact patch relative to the slip (Zhuravlev 1998)."""
 
 _SLIP_IN_SPIN = 15.0 * math.pi / 16.0
-"""How much the slip counts beside the speed of the rim, for the torque of the patch."""
+"""Weight of the slip relative to the rim speed, for the torque of the patch."""
 _MEAN_LEVER = 3.0 * math.pi / 16.0
-"""Lever of the friction of a patch that only spins, in radii, under the pressure of Hertz."""
+"""Friction lever of a purely spinning patch, in radii, under Hertz pressure."""
 _ROUNDS = 20
-"""Of a fixed point that halves its error each time, while friction gives 0.7 of its most."""
+"""Iterations of a fixed point that halves its error each time, up to 0.7 of the friction."""
 
 
 class Slip:
-    """The twist of robots over a floor with friction, from what their wheels roll.
+    """Slip model: twist of robots on a floor with friction, from the rolling of their wheels.
 
-    A wheel that spins on the spot rubs like oil: it has to slide to push, by some centimetres a
-    second, and no gimbal shows it. So the body follows its wheels late, and hardly at all when they
-    ask for more than friction gives. What speeds the body up comes out of the spin of the wheels,
-    and what brakes it goes into it, faster than motors make good. All wheels carry the same load;
-    the chassis is a disc of the size of the pivot circle, with the modules on its rim, and a wheel
-    is half a hollow sphere.
+    The friction of a spinning wheel is viscous: it pushes only while it slides, by some centimetres
+    a second, which no gimbal measures. So the body lags its wheels, and hardly follows a demand
+    beyond the friction limit. Accelerating the body slows the wheels down, and braking it speeds
+    them up, faster than the motors compensate. All wheels carry the same load; the chassis is a
+    disc of the size of the pivot circle, with the modules on its rim, and a wheel is half a hollow
+    sphere.
     """
 
     def __init__(self, robot: SingularityDescription, batch: tuple[int, ...] = ()) -> None:
@@ -47,35 +47,35 @@ class Slip:
         patch_m, self._spin_rad_per_s = robot.floor.patch_radius_m, kinematics.spin_rad_per_s
         self._rim_mps = patch_m * self._spin_rad_per_s
         self._lever_m = _MEAN_LEVER * patch_m
-        # A motor gives what its time constant takes, see `MujocoSimulation`.
+        # The motor torque follows from its time constant, see `MujocoSimulation`.
         inertia = robot.mass.wheel_kg * kinematics.wheel_radius_m**2 * 2.0 / 3.0
         self._share_per_nms = 1.0 / (inertia * self._spin_rad_per_s)
         self._up_s = robot.motor.time_constant_up_s
         self._down_s = robot.motor.time_constant_down_s
         slower = self._most_n * self._lever_m * self._up_s * self._share_per_nms
         self.rest_share: float = 1.0 - slower
-        """Speed of wheels that drill on the floor at rest, as a share of what they are told."""
+        """Speed of wheels that spin on the floor at rest, as a share of their set-point."""
         self.spin_share: Array = np.full((*batch, kinematics.modules), self.rest_share)
-        """(..., k): speed of each wheel, as a share of what it is told."""
+        """(..., k): speed of each wheel, as a share of its set-point."""
         self.twist: Array = np.zeros((*batch, 3))
-        """(..., 3): of the body, in its frame."""
+        """(..., 3): twist of the body, in its frame."""
 
     @property
     def lag_s(self) -> float:
-        """Time by which the body follows its wheels late, when they push a little."""
+        """Time constant with which the body follows its wheels, for small forces."""
         wheels = len(self._rows)
         return float(self._mass[0, 0]) * _SPIN_IN_SLIP * self._rim_mps / (wheels * self._most_n)
 
     @property
     def turning_lag_s(self) -> float:
-        """The same of a body that turns."""
+        """Time constant of a turning body, for small forces."""
         across = float(np.trace(self._squares.sum(axis=0)[2:, 2:]))
         return float(self._mass[2, 2]) * _SPIN_IN_SLIP * self._rim_mps / (across * self._most_n)
 
     def later(self, turning_s: float) -> Slip:
-        """Return the same robot at rest on a floor where turns lag by `turning_s` more than here.
+        """Return this model at rest on a floor where the lag of turns is longer by `turning_s`.
 
-        Friction is taken to be no less than half of what it is here, and no more than twice that.
+        The friction is limited to between half and twice the present one.
         """
         share = np.clip(1.0 + turning_s / self.turning_lag_s, 0.5, 2.0)
         floor = self._robot.floor
@@ -85,8 +85,8 @@ class Slip:
     def advance(self, rolling: Array, dt_s: float, pieces: int = 4) -> Array:
         """Return the twist (..., 3) after `dt_s` seconds.
 
-        `rolling` (..., 3) is how the body would move if wheels turned as told, and did not slide.
-        By the trapezoidal rule, with the friction of the slip there was: stable over any step.
+        `rolling` (..., 3) is the twist without slip and with wheels at their set-points. By the
+        trapezoidal rule, with the friction of the previous slip: stable for any step.
         """
         step_s = dt_s / pieces
         told = np.einsum("kij,...j->...ki", self._rows, rolling)
@@ -105,17 +105,17 @@ class Slip:
             )
             self.spin_share = share + step_s * self._spin_up(share, told, force, slip2, rim2)
             self.twist = self.twist + gained[..., 0]
-            # The axes of the body turn away under its speed.
+            # Coriolis term: the axes of the body rotate.
             turned = step_s * self.twist[..., 2:]
             self.twist[..., :2] += turned * self.twist[..., 1::-1] * [1.0, -1.0]
         return self.twist
 
     def push(self, twist: Array, acceleration: Array, dt_s: float) -> tuple[Array, Array]:
-        """Return what moves the body by `twist` (3,) while that changes, and let `dt_s` pass.
+        """Inverse of `advance`: return the rolling and the forces for `twist` (3,), over `dt_s`.
 
-        The inverse of `advance`: how wheels have to roll (k, 2) if they turned as told, and the
-        forces (k, 2) that they push with. `acceleration` (3,) is over the ground, in the frame of
-        the body. What is more than friction gives stays finite, and is not reached.
+        The rolling velocities (k, 2) are those of wheels at their set-points; the forces (k, 2) are
+        those at the contacts. `acceleration` (3,) is over the ground, in the frame of the body.
+        Demands beyond the friction limit give finite results, but are not reached.
         """
         forces = self._mass @ acceleration
         rim2 = np.square(self.spin_share * self._rim_mps)
@@ -134,7 +134,7 @@ class Slip:
         return rolled, force
 
     def _spin_up(self, share: Array, told: Array, force: Array, slip2: Array, rim2: Array) -> Array:
-        """Return how fast the spins rise: what motors give, less what pushing and drilling take."""
+        """Return the spin acceleration: motor torque less the load of push and spin friction."""
         time_constant_s = np.where(share < 1.0, self._up_s, self._down_s)
         pushing = (force * told).sum(axis=-1) / self._spin_rad_per_s
         drilling = self._most_n * self._lever_m * np.sqrt(rim2 / (rim2 + _SLIP_IN_SPIN**2 * slip2))

@@ -17,7 +17,7 @@ from tsd_twin.robots import JointErrors, SpinUp
 
 
 class JointNoise:
-    """Standard deviations of the joints of a drive: of angles, and of speeds by their share."""
+    """Noise model of joints: standard deviations of angles, and of speeds as a share."""
 
     def __init__(self, kinematics: Kinematics[Any], noise: JointErrors) -> None:
         is_angle = np.array([joint.kind is JointKind.POSITION for joint in kinematics.joints])
@@ -30,12 +30,12 @@ class JointNoise:
 
 
 class SpinModel:
-    """Speeds of velocity joints as their motors are known to follow set-points: first order."""
+    """First-order model of unmeasured wheel speeds that follow their set-points."""
 
     def __init__(self, spin_up: SpinUp, joints: int) -> None:
         self._spin_up = spin_up
         self.spin_rad_per_s: Array = np.zeros(joints)
-        """(m,)."""
+        """(m,): modelled speeds."""
 
     def advance(self, setpoint_rad_per_s: Array, dt_s: float) -> Array:
         """Return the speeds (m,) after `dt_s` of a set-point (m,)."""
@@ -43,7 +43,7 @@ class SpinModel:
         return self.spin_rad_per_s
 
     def after(self, setpoint_rad_per_s: Array, dt_s: float) -> Array:
-        """Return what the speeds (m,) will be after `dt_s` of a set-point (m,)."""
+        """Predict the speeds (m,) after `dt_s` of a set-point (m,), without changing the state."""
         law = self._spin_up
         up, down = math.exp(-dt_s / law.up_s), math.exp(-dt_s / law.down_s)
 
@@ -51,7 +51,7 @@ class SpinModel:
             goal = told if abs(told) >= law.start_speed_rad_per_s else 0.0
             return goal + (spin - goal) * (up if abs(goal) > abs(spin) else down)
 
-        # One by one: of a few wheels, numpy would take four times as long.
+        # One by one: for a few wheels, numpy would take four times as long.
         told, spins = setpoint_rad_per_s.tolist(), self.spin_rad_per_s.tolist()
         return np.array([one(*pair) for pair in zip(told, spins, strict=True)])
 
@@ -60,16 +60,16 @@ CORRELATION_S = 1.0
 """Time over which an error of the joints persists: quantisation and a wrong spin do not average
 out from one sample to the next, so the variance grows with this time, not with the period."""
 _ROUNDING = 1e-18
-"""Squared m/s: joints that cannot contradict one another leave this much and less."""
+"""Squared m/s: rounding level of the residual of joints without redundancy."""
 _REFRESH_EVERY = 10
-"""Steps for which the covariance of the twist is kept: it follows the joints slowly."""
+"""Steps for which the covariance of the twist is cached, since it changes slowly."""
 
 
 class JointOdometry(Generic[PoseT]):
-    """Pose, twist and their covariances from a stream of joint vectors.
+    """Wheel odometry: pose, twist and their covariances from a stream of joint vectors.
 
-    Between two samples the joints are taken to move evenly, so that the terms in the gimbal rates
-    add up to the exact displacement; the pose moves by the exponential of the twist.
+    Joints are interpolated linearly between two samples, so that the terms in the gimbal rates add
+    up to the exact displacement; the pose moves by the exponential of the twist.
     """
 
     def __init__(self, kinematics: Kinematics[PoseT], noise: JointErrors) -> None:
@@ -81,17 +81,17 @@ class JointOdometry(Generic[PoseT]):
         self.pose: PoseT = kinematics.pose_type.identity()
         self.motion = TwistSolution(np.zeros(3), np.zeros(0))
         self.pose_covariance: Array = np.zeros((3, 3))
-        """(3, 3): of the pose, in `odom`."""
+        """(3, 3): covariance of the pose, in `odom`."""
         self.twist_covariance: Array = np.zeros((3, 3))
-        """(3, 3): of the twist, in `base_link`; more when the joints contradict one another."""
+        """(3, 3): covariance of the twist, in `base_link`; larger when joints are inconsistent."""
 
     def set_pose(self, pose: PoseT, covariance: Array | None = None) -> None:
-        """Take the robot to be at `pose`, exactly, unless a `covariance` (3, 3) says how well."""
+        """Set the estimate to `pose`, with `covariance` (3, 3); zero if not given."""
         self.pose = pose
         self.pose_covariance = np.zeros((3, 3)) if covariance is None else covariance
 
     def advance(self, joints: Array, dt_s: float) -> TwistSolution:
-        """Take in the joints (n,) measured `dt_s` after the last ones, and return the motion."""
+        """Update with joints (n,) measured `dt_s` after the last ones, and return the motion."""
         previous = joints if self._previous is None else self._previous
         self._previous = joints
         step = joints - previous
@@ -118,11 +118,11 @@ class JointOdometry(Generic[PoseT]):
         self.pose_covariance = carried + dt_s * self._growth_per_s
 
     def _axes(self, pose: PoseT) -> Array:
-        """Return what turns an error of the twist into one of the pose's rate, (3, 3)."""
+        """Return the Jacobian (3, 3) from a twist error to an error of the pose rate."""
         raise NotImplementedError
 
     def _carry(self, moved: PoseT, dt_s: float) -> Array:
-        """Return how an error of `self.pose` shows in the one it `moved` to, (3, 3)."""
+        """Return the Jacobian (3, 3) from an error of `self.pose` to one of the pose `moved` to."""
         raise NotImplementedError
 
     def _twist_covariance(self, joints: Array) -> Array:
@@ -134,10 +134,10 @@ class JointOdometry(Generic[PoseT]):
         return self._disbelief(motion.residual[1:] - motion.residual[0]) * (shift.T @ shift)
 
     def _disbelief(self, shift: Array) -> float:
-        """Return how many times the squared residual is what the noise makes of it; at least 1.
+        """Return the Birge ratio: squared residual over its expectation, at least 1.
 
-        Measurements that contradict one another by more than their errors have larger errors than
-        was said: Birge, "The calculation of errors by the method of least squares" (1932).
+        Measurements that differ by more than their errors have larger errors than stated: Birge,
+        "The calculation of errors by the method of least squares" (1932).
         """
         residual = self.motion.residual
         explained = float(np.square(shift).sum())
@@ -146,7 +146,7 @@ class JointOdometry(Generic[PoseT]):
 
 
 class PlanarOdometry(JointOdometry[SE2]):
-    """Of a robot on a floor: covariance of x, y, heading and of vx, vy, omega."""
+    """Wheel odometry of a robot on a floor: covariance of x, y, heading and of vx, vy, omega."""
 
     def _axes(self, pose: SE2) -> Array:
         heading = float(pose.xy_heading[2])
@@ -159,7 +159,7 @@ class PlanarOdometry(JointOdometry[SE2]):
 
 
 class OrientationOdometry(JointOdometry[SO3]):
-    """Of a sphere that turns: covariance of a small turn about the axes of the base.
+    """Wheel odometry of a turning sphere: covariance of a small turn about the axes of the base.
 
     Twist and error are both in the axes of the base; an error turns along with the sphere.
     """
@@ -175,4 +175,4 @@ ODOMETRY: dict[type[Any], Callable[[Kinematics[Any], JointErrors], JointOdometry
     SE2: PlanarOdometry,
     SO3: OrientationOdometry,
 }
-"""From the space of poses to the odometry in it."""
+"""Wheel odometry for each pose type."""

@@ -16,7 +16,7 @@ PoseT = TypeVar("PoseT", SE2, SO3)
 
 
 class JointKind(StrEnum):
-    """What the number of a joint means."""
+    """Quantity that a joint value represents: an angle or a speed."""
 
     POSITION = "position"
     """An angle in radians; positive as REP-103 turns."""
@@ -34,20 +34,20 @@ class Joint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TwistSolution:
-    """What a set of measured joints says about the motion of the robot."""
+    """Solution of the forward kinematics: least-squares twist and residual."""
 
     twist: Array
     """(..., 3): least-squares twist, metres and radians a second."""
     residual: Array
-    """(..., m): what no twist explains, m/s at the contacts; zero when all actuators agree."""
+    """(..., m): residual at the contacts, m/s; zero when all actuators are consistent."""
 
 
 class Kinematics(Protocol, Generic[PoseT]):
-    """Kinematics of one kind of robot: data in, data out, nothing kept.
+    """Stateless kinematics of one kind of robot.
 
     A joint vector has one number for each of `joints`, in that order: an angle for a position
-    joint, a speed for a velocity joint. All arrays take leading batch dimensions. Linearity is not
-    assumed by anybody who uses this.
+    joint, a speed for a velocity joint. All arrays take leading batch dimensions. Callers must not
+    assume linearity.
     """
 
     @property
@@ -57,24 +57,24 @@ class Kinematics(Protocol, Generic[PoseT]):
 
     @property
     def actuators(self) -> tuple[str, ...]:
-        """Names of the parts that can contradict one another: a module, a wheel."""
+        """Names of the actuators whose measurements are compared: modules or wheels."""
         ...
 
     @property
     def twist_axes(self) -> tuple[int, int, int]:
-        """Where the three numbers of a twist stand in a spatial twist (vx, vy, vz, wx, wy, wz)."""
+        """Indices of the three twist components in a spatial twist (vx, vy, vz, wx, wy, wz)."""
         ...
 
     @property
     def pose_type(self) -> type[PoseT]:
-        """What poses are elements of: SE2 for a robot on a floor, SO3 for a sphere that turns."""
+        """Lie group of the poses: SE2 for a robot on a floor, SO3 for a sphere that turns."""
         ...
 
     @property
     def twist_scale_m(self) -> float:
-        """Speed, m/s, that one unit of the first two numbers of a twist is: 1 for a planar twist.
+        """Speed in m/s of one unit of the first two twist components: 1 for a planar twist.
 
-        The radius of a sphere, whose twist is in radians a second: limits are in m/s for all.
+        For a sphere, whose twist is in rad/s, it is the radius; limits are in m/s for all robots.
         """
         ...
 
@@ -83,19 +83,19 @@ class Kinematics(Protocol, Generic[PoseT]):
         ...
 
     def forward(self, joints: Array, rates: Array | None = None) -> TwistSolution:
-        """Return the motion that `joints` (..., n), changing at `rates` (..., n), produce."""
+        """Return the motion produced by `joints` (..., n) that change at `rates` (..., n)."""
         ...
 
     def fault_contribution(self, residual: Array) -> Array:
-        """Return what share of the squared residual (..., m) each actuator explains, (..., k)."""
+        """Return the share of the squared residual (..., m) due to each actuator, (..., k)."""
         ...
 
     def joint_utilization(self, twist: Array) -> Array:
-        """Return what `twist` (..., 3) asks of the worst joint, as a share of its limit, (...)."""
+        """Return the largest joint value for `twist` (..., 3) as a share of its limit, (...)."""
         ...
 
     def rate_utilization(self, step: Array, dt_s: float) -> Array:
-        """Return what changing the twist by `step` within `dt_s` asks of the worst joint, (...)."""
+        """Return the largest joint rate for a twist `step` in `dt_s` over its limit, (...)."""
         ...
 
     def integrate(self, pose: PoseT, twist: Array, dt_s: float) -> PoseT:
@@ -104,18 +104,18 @@ class Kinematics(Protocol, Generic[PoseT]):
 
 
 class WheelKinematics:
-    """Limits, inverse and forward kinematics from one matrix, by least squares.
+    """Kinematics of wheels that are linear in the twist: limits, inverse and least-squares forward.
 
-    Subclasses have these as fields.
+    Subclasses define these attributes as fields.
     """
 
     __slots__ = ()
 
     wheel_radius_m: float
     max_speed_rad_per_s: float
-    """Of a wheel."""
+    """Speed limit of a wheel."""
     max_acceleration_rad_per_s2: float
-    """Of a wheel that takes the robot along."""
+    """Acceleration limit of a wheel that carries the robot."""
     speeds_from_twist: Array
     """(k, 3): wheel speeds from the twist."""
     twist_from_speeds: Array
@@ -158,15 +158,15 @@ class WheelKinematics:
     def forward(self, joints: Array, rates: Array | None = None) -> TwistSolution:  # noqa: ARG002  The shape.
         """Return the least-squares twist, and the residual (..., k) in m/s that no twist explains.
 
-        It is zero when the wheels agree; three wheels always do. It cannot see all wheels slide
-        alike. Rates of wheel speeds say nothing about the twist.
+        The residual is zero when the wheels agree; three wheels always do. Equal slip of all wheels
+        is not observable. Rates of wheel speeds do not affect the twist.
         """
         twist = joints @ self.twist_from_speeds.T
         left = joints - twist @ self.speeds_from_twist.T
         return TwistSolution(twist, self.wheel_radius_m * left)
 
     def fault_contribution(self, residual: Array) -> Array:
-        """Return how much of the squared `residual` (..., k) each wheel explains alone, (..., k).
+        """Return the share of the squared `residual` (..., k) due to each wheel alone, (..., k).
 
         The drop of the squared residual when the equation of a wheel is left out.
         """
@@ -178,5 +178,5 @@ def leave_one_out_gain(rows: Array, back: Array) -> Array:
     pseudo-inverse.
     """
     own = 1.0 - np.einsum("ij,ji->i", rows, back)
-    # A wheel that nothing else can stand in for leaves no residual.
+    # A wheel without redundancy leaves no residual.
     return np.where(own > 1e-9, 1.0 / np.maximum(own, 1e-9), 0.0)

@@ -15,12 +15,12 @@ from tsd_twin.kinematics.base import WheelKinematics, leave_one_out_gain
 from tsd_twin.lie import SE2, Array
 
 _SINGULAR = 1e-3
-"""Weakest motion of a layout against its strongest; below this it counts as impossible."""
+"""Smallest ratio of singular values of a layout; below this a motion counts as impossible."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OmniKinematics(WheelKinematics):
-    """Any number of driven wheels with rollers, at least three.
+    """Kinematics of three or more driven wheels with rollers.
 
     A wheel turns forward towards its `direction`. The axle of the roller on the floor lies in that
     direction, turned by the `roller` angle about Z: 0 for an omni wheel, 45 degrees for Mecanum.
@@ -30,16 +30,16 @@ class OmniKinematics(WheelKinematics):
     """
 
     positions_m: Array
-    """(k, 2): of the wheels in the robot frame, X forward and Y left."""
+    """(k, 2): positions of the wheels in the robot frame, X forward and Y left."""
     directions_rad: Array
-    """(k,): where each wheel drives to, from X towards Y."""
+    """(k,): driving direction of each wheel, from X towards Y."""
     rollers_rad: Array
-    """(k,): axle of the roller on the floor, from the direction of the wheel."""
+    """(k,): axle of the roller on the floor, relative to the direction of the wheel."""
     wheel_radius_m: float
     max_speed_rad_per_s: float
-    """Of a wheel."""
+    """Speed limit of a wheel."""
     max_acceleration_rad_per_s2: float
-    """Of a wheel that takes the robot along."""
+    """Acceleration limit of a wheel that carries the robot."""
     grip_from_twist: Array = field(init=False)
     """(k, 3): velocity of each wheel over the ground along the axle of its roller."""
     speeds_from_twist: Array = field(init=False)
@@ -91,10 +91,10 @@ class OmniKinematics(WheelKinematics):
 
 
 def layout_problem(positions_m: Array, directions_rad: Array, rollers_rad: Array) -> str:
-    """Return in words which motion wheels (k,) cannot make, or which wheel is none; empty if fine.
+    """Return a text that names the missing motion or the faulty wheel of a layout; "" if valid.
 
-    Of an omnidirectional platform every twist must move some wheel; a twist that moves none is one
-    that no wheel can make or hold.
+    An omnidirectional platform needs a matrix of full rank: a twist that turns no wheel can neither
+    be driven nor held.
     """
     weak = np.flatnonzero(np.abs(np.cos(rollers_rad)) < 0.1)
     if len(weak):

@@ -16,12 +16,12 @@ from tsd_twin.kinematics.base import Joint, JointKind, TwistSolution
 from tsd_twin.lie import SE2, Array
 
 _BLOCK = 4096
-"""Twists worked on at a time: their arrays stay in the processor's cache, 15 times as fast."""
+"""Batch size: its arrays fit into the processor's cache, which is 15 times as fast."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SingularityKinematics:
-    """Any number of spinning hemispheres, three in the thesis.
+    """Kinematics of any number of spinning hemispheres on gimbals, three in the thesis.
 
     Module frame `W_i` (in each pivot): `Y_W` radially outward, `Z_W` up, `X_W = Y_W x Z_W`, so it
     is the robot frame turned by `azimuth - pi/2` (Eq. 7 prints a turn by the azimuth itself; text
@@ -37,7 +37,7 @@ class SingularityKinematics:
     wheel_radius_m: float
     """Radius of the spheres that the wheels are cut from."""
     spin_rad_per_s: float
-    """Speed that the inverse kinematics turn all wheels at: the gear."""
+    """Wheel speed that the inverse kinematics assume for all wheels."""
     max_tilt_rad: float
     """Mechanical limit of the tilt, in any direction."""
     max_tilt_rate_rad_per_s: float
@@ -76,7 +76,7 @@ class SingularityKinematics:
             ("contact_from_twist", h),
             ("twist_from_contacts", np.linalg.pinv(flat)),
             ("_axles_by_part", axles),
-            # With two modules, one alone sees in one direction only: its block has rank one, and
+            # With two modules, one alone measures one direction only: its block has rank one, and
             # what rounding leaves of the other direction must not be inverted.
             ("_leave_one_out_gain", np.linalg.pinv(own_blocks, 1e-9, hermitian=True)),
         ):
@@ -130,9 +130,9 @@ class SingularityKinematics:
         )
 
     def with_spin(self, spin_rad_per_s: float) -> SingularityKinematics:
-        """Return the same drive in another gear; quick enough for every control period.
+        """Return these kinematics at another wheel speed; fast enough for every control period.
 
-        Only the axles depend on the spin, and they are as long as it is slow.
+        Only the axles depend on the spin; they scale with its inverse.
         """
         geared = copy(self)
         axles = self._axles_by_part * (self.spin_rad_per_s / spin_rad_per_s)
@@ -216,8 +216,8 @@ class SingularityKinematics:
     def forward(self, joints: Array, rates: Array | None = None) -> TwistSolution:
         """Return the least-squares twist, and the residual (..., 2k) in m/s that no twist explains.
 
-        The residual is zero when the modules agree and grows when one conflicts with the others. It
-        cannot see a wheel sliding on the floor, nor the same droop of all spins.
+        The residual is zero when the modules agree and grows when one conflicts with the others.
+        Slip of a wheel on the floor and an equal droop of all spins are not observable.
         """
         v = self.contacts(joints, rates)
         flat = v.reshape(*v.shape[:-2], 2 * self.modules)
@@ -225,7 +225,7 @@ class SingularityKinematics:
         return TwistSolution(twist, flat - twist @ self.contact_from_twist.reshape(-1, 3).T)
 
     def fault_contribution(self, residual: Array) -> Array:
-        """Return how much of the squared `residual` (..., 2k) each module explains alone, (..., k).
+        """Return the share of the squared `residual` (..., 2k) due to each module alone, (..., k).
 
         The drop of the squared residual when the two equations of a module are left out.
         """

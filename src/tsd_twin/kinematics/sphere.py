@@ -17,33 +17,33 @@ from tsd_twin.kinematics.base import WheelKinematics, leave_one_out_gain
 from tsd_twin.lie import SO3, Array
 
 _SINGULAR = 1e-3
-"""Weakest turn of a mounting against its strongest; below this it counts as impossible."""
+"""Smallest ratio of singular values of a mounting; below this a turn counts as impossible."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SphereKinematics(WheelKinematics):
-    """A sphere on any number of omni wheels in any mounting, at least three (Eq. 31).
+    """Kinematics of a sphere on three or more omni wheels in any mounting (Eq. 31).
 
     The base stands still; X forward, Y left, Z up, from the centre of the sphere. A twist is the
     sphere's angular velocity in the base frame, the joint vector holds the speeds of the wheels.
-    `inverse` and `forward` are ideal, which is what the robot is driven by; `true_rows` and what
-    follows it also know the rows. A wheel's angle decides which row carries.
+    `inverse` and `forward` are ideal; the controller uses them. `true_rows`, `true_inverse` and
+    `true_twist` also model the rows: the angle of a wheel determines which row carries.
     """
 
     contacts: Array
-    """(k, 3): unit vectors to where the wheels touch, half-way between their rows: R_i (Eq. 21)."""
+    """(k, 3): unit vectors to the contacts, half-way between the rows of a wheel: R_i (Eq. 21)."""
     actuations: Array
-    """(k, 3): unit vectors, where a wheel that turns forward pushes the surface: v_i (Eq. 23)."""
+    """(k, 3): unit vectors of the driving directions at the contacts: v_i (Eq. 23)."""
     sphere_radius_m: float
     wheel_radius_m: float
     row_offset_rad: float
-    """How far a row's contact is from half-way: arcsin d / (2 (R + r_r)) (Eq. 12); 0 is ideal."""
+    """Offset of a row's contact from half-way: arcsin d / (2 (R + r_r)) (Eq. 12); 0 is ideal."""
     row_rad: float
     """Angle that a wheel turns through on one row: pi / N with N rollers in each (Eq. 8 to 11)."""
     max_speed_rad_per_s: float
-    """Of a wheel."""
+    """Speed limit of a wheel."""
     max_acceleration_rad_per_s2: float
-    """Of a wheel that takes the sphere along."""
+    """Acceleration limit of a wheel that carries the sphere."""
     axes: Array = field(init=False)
     """(k, 3): axes that each wheel turns the sphere about: Omega_i = R_i x v_i (Eq. 5)."""
     speeds_from_twist: Array = field(init=False)
@@ -93,7 +93,7 @@ class SphereKinematics(WheelKinematics):
         """Return `pose` after `dt_s` seconds of constant `twist` (..., 3), in the base's axes."""
         return SO3.exp(twist * dt_s) @ pose
 
-    # What the rows make of it.
+    # Dual-row model.
 
     def side(self, angles_rad: Array) -> Array:
         """Return (-1)^l for wheels at `angles_rad` (..., k): -1 on the first row, 1 on the second.
@@ -104,7 +104,7 @@ class SphereKinematics(WheelKinematics):
         return 2.0 * np.mod(np.floor(angles_rad / self.row_rad), 2.0) - 1.0
 
     def mean_side(self, before_rad: Array, after_rad: Array) -> Array:
-        """Return the mean of `side` over the way from one angle (..., k) to another, exactly."""
+        """Return the exact mean of `side` between two wheel angles (..., k)."""
         way = after_rad - before_rad
         hops = self.row_rad * (self._fold(after_rad) - self._fold(before_rad))
         still = np.abs(way) < 1e-9 * self.row_rad
@@ -126,7 +126,7 @@ class SphereKinematics(WheelKinematics):
         return ratio * (math.cos(self.row_offset_rad) * self.axes + offset)
 
     def true_inverse(self, twist: Array, side: Array) -> Array:
-        """Return the wheel speeds (..., k) at which `twist` (..., 3) is what the sphere does."""
+        """Return the wheel speeds (..., k) that give the sphere `twist` (..., 3)."""
         return (self.true_rows(side) @ twist[..., None])[..., 0]
 
     def true_twist(self, joints: Array, side: Array) -> Array:
@@ -154,7 +154,7 @@ def contacts_and_directions(
 
 
 def layout_problem(contacts: Array, actuations: Array) -> str:
-    """Return in words which turn wheels (k, 3) cannot make; empty if they can make all."""
+    """Return a text that names a turn wheels (k, 3) cannot make; "" if there is none."""
     if len(contacts) < 3:
         return f"{len(contacts)} wheels cannot turn a sphere about all three axes"
     _, strengths, turns = np.linalg.svd(np.cross(contacts, actuations))

@@ -41,25 +41,25 @@ STEP_S = 0.001
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RowEffect:
-    """Ideal and true motion of a sphere at the same wheel speeds, a row for each time."""
+    """Ideal and dual-row motion of a sphere at the same wheel speeds, a row for each time."""
 
     t_s: Array
     speeds: Array
-    """(n, 3): of the wheels, rad/s."""
+    """(n, 3): wheel speeds, rad/s."""
     ideal: Array
     """(n, 3): angular velocity with contacts half-way between the rows, rad/s."""
     true: Array
-    """(n, 3): with the row that carries."""
+    """(n, 3): angular velocity by the dual-row model, rad/s."""
 
     @property
     def angle_rad(self) -> Array:
-        """(n,): between the two angular velocities; 0 where the sphere stands."""
+        """(n,): angle between the two angular velocities; 0 at standstill."""
         across = np.linalg.norm(np.cross(self.ideal, self.true), axis=-1)
         return np.arctan2(across, np.sum(self.ideal * self.true, axis=-1))
 
     @property
     def share(self) -> Array:
-        """(n,): by how much the ideal one is too slow: 1 - |ideal| / |true|; 0 where it stands."""
+        """(n,): relative magnitude error 1 - |ideal| / |true|; 0 at standstill."""
         ideal, true = (np.linalg.norm(each, axis=-1) for each in (self.ideal, self.true))
         return np.where(true > 0.0, 1.0 - ideal / np.where(true > 0.0, true, 1.0), 0.0)
 
@@ -77,12 +77,12 @@ class RowEffect:
 def row_effect(
     drive: SphereKinematics, table: Array = TABLE_1, step_s: float = STEP_S
 ) -> RowEffect:
-    """Return what the rows make of wheel speeds (r, 1 + k) that are linear between times."""
+    """Return the dual-row effect for wheel speeds (r, 1 + k) that are linear between times."""
     start, end = float(table[0, 0]), float(table[-1, 0])
     t: Array = np.linspace(start, end, round((end - start) / step_s) + 1)
     columns = [np.interp(t, table[:, 0], table[:, i]) for i in range(1, table.shape[1])]
     speeds = np.stack(columns, axis=-1)
-    # Trapezia add up to the exact angle of a speed that is linear in time.
+    # The trapezoidal rule is exact for a speed that is linear in time.
     steps: Array = 0.5 * (speeds[1:] + speeds[:-1]) * np.diff(t)[:, None]
     angles: Array = np.concatenate([np.zeros((1, speeds.shape[1])), np.cumsum(steps, axis=0)])
     ideal = drive.forward(speeds).twist
@@ -94,7 +94,7 @@ _ROUNDING = 1e-6
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Compute both error curves, draw them and say their peaks."""
+    """Compute and draw both error curves, and return their peaks as text."""
     robot = description_of_kind(robots.load_robot(args.robot), SphereDescription)
     if args.row_distance_mm is not None:
         distance_m = max(0.0, args.row_distance_mm / 1000.0)
@@ -113,7 +113,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 
 
 def _peak_text(values: Array, t_s: Array, unit: str) -> str:
-    """Return the largest of `values` in words, and when it was, unless they are all rounding."""
+    """Return a text of the largest of `values` and its time, without the time for rounding."""
     peak = float(values.max())
     when = f" at {t_s[values.argmax()]:.2f} s" if peak > _ROUNDING else ""
     return f"{peak:.2f} {unit}{when}"

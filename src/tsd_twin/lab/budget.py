@@ -30,40 +30,40 @@ from tsd_twin.simulation import KinematicPlant, Servos, WheelSurface
 STEP_S = 0.01
 _SETTLE_S = 0.5
 _NO_LAG = 1e6
-"""Radians a second, and 1/s: of servos that do not lag."""
+"""Speed limit, rad/s, and approach rate, 1/s, of servos without lag."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorSet:
-    """What is wrong with n robots; nothing, unless given."""
+    """Error parameters of n robots; the default is no error."""
 
     spin_share: Array
-    """(n, k): of the speed of each wheel."""
+    """(n, k): relative error of each wheel speed."""
     zero_rad: Array
-    """(n, g): by how much each gimbal stands beside where it is told."""
+    """(n, g): zero offset of each gimbal."""
     step_rad: float = 0.0
-    """Gimbals go to whole numbers of this; 0: anywhere."""
+    """Resolution of gimbal set-points; 0 is continuous."""
     lag: float = 0.0
-    """1: gimbals follow as servos do; 0: at once."""
+    """1: gimbals follow with the lag of servos; 0: without lag."""
     dead_band_rad: float = 0.0
-    """Gimbals stop so close to where they are told."""
+    """Dead band of the gimbal servos."""
     backlash_rad: float = 0.0
-    """Motors cross this alone after a reversal; it costs nothing when they do not lag."""
+    """Backlash, crossed by the motor after a reversal; without effect if there is no lag."""
     delay_s: float = 0.0
-    """What the robot is told comes so much later."""
+    """Delay of the commands."""
     layer_m: float = 0.0
-    """Of the surface of the wheels."""
+    """Layer height of the printed wheel surface."""
     phase_rad: float | Array = 0.0
-    """(n, k): where the first layer of each wheel begins."""
+    """(n, k): phase of the first layer of each wheel."""
     slip: float = 0.0
-    """1: the floor has the friction of the description; 0: wheels only roll."""
+    """1: wheels slip with the friction of the description; 0: pure rolling."""
 
     def __add__(self, other: ErrorSet) -> ErrorSet:
-        """Return both at once."""
+        """Return the sum of two error sets."""
         return ErrorSet(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(ErrorSet)))
 
     def part(self, rows: slice) -> ErrorSet:
-        """Return the errors of some of the robots."""
+        """Return the errors of a slice of the robots."""
         phase = self.phase_rad
         phase = phase[rows] if isinstance(phase, np.ndarray) else phase
         return replace(
@@ -76,22 +76,22 @@ class ErrorSet:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpenLoopErrors:
-    """How n runs ended, metres."""
+    """Position errors of n open-loop runs, metres."""
 
     rms_m: Array
-    """(n,): root mean square distance to the reference in time."""
+    """(n,): RMS distance to the reference at the same time."""
     worst_m: Array
-    """(n,): greatest."""
+    """(n,): largest distance."""
     closure_m: Array
-    """(n,): at the end."""
+    """(n,): distance at the end."""
 
 
 def drive_open_loop(
     robot: SingularityDescription, trajectory: Trajectory, errors: ErrorSet
 ) -> OpenLoopErrors:
-    """Drive the trajectory without correction, all robots in lockstep.
+    """Simulate the trajectory open loop, all robots in lockstep.
 
-    Wheels are at speed when it starts. The command of each period is what its middle asks for.
+    Wheels are at speed at the start. The command of each period is the reference at its middle.
     """
     drive: Kinematics[SE2] = robot.kinematics()
     is_angle = np.array([joint.kind is JointKind.POSITION for joint in drive.joints])
@@ -108,7 +108,7 @@ def drive_open_loop(
     goals = told[:, is_angle]
     if errors.step_rad > 0.0:
         goals = np.round(goals / errors.step_rad) * errors.step_rad
-    # Nothing here depends on the time itself: a robot that is told late is where it was then.
+    # The model is time-invariant: a delayed robot has the state of the earlier time.
     shall = trajectory.at(t_s + STEP_S + errors.delay_s).pose[:, :2]
     nodes = np.empty((3, runs, len(is_angle)))
     nodes[..., ~is_angle] = told[0, ~is_angle] * (1.0 + errors.spin_share)
@@ -139,7 +139,7 @@ def drive_open_loop(
 
 
 def _servos_with(robot: SingularityDescription, errors: ErrorSet) -> Servos | None:
-    """Return the servos of such robots; None when gimbals are at once where they are told."""
+    """Return the servo model with these errors; None for gimbals without lag."""
     play = {"dead_band_rad": errors.dead_band_rad, "backlash_rad": errors.backlash_rad}
     servos = replace(Servos.of(robot, robot.battery.nominal_v), **play)
     if errors.lag > 0.0:
@@ -154,7 +154,7 @@ DrawErrors: TypeAlias = Callable[[SingularityDescription, np.random.Generator, i
 
 @dataclass(frozen=True, slots=True)
 class ErrorSource:
-    """A cause of error: its name, its size with where that is from, and dice for it."""
+    """A source of error: name, size with its source, and random generator."""
 
     name: str
     size: str
@@ -168,7 +168,7 @@ def _no_errors(robot: SingularityDescription, runs: int) -> ErrorSet:
 
 
 def _same_for_all(given: Callable[[SingularityDescription], dict[str, float]]) -> DrawErrors:
-    """Return what is the same for all robots of one description."""
+    """Return a generator of errors that are equal for all robots of one description."""
     return lambda robot, _random, runs: replace(_no_errors(robot, runs), **given(robot))
 
 
@@ -203,9 +203,9 @@ def _draw_layers(robot: SingularityDescription, random: np.random.Generator, run
 
 
 def spin_error_of_line(robot: SingularityDescription) -> Array:
-    """Return how much faster (k,), as a share, motors turn than the line of Table 2 lets expect.
+    """Return the relative speed error (k,) of motors driven by the line of Table 2.
 
-    The signal comes from the line through all rows, as in the thesis, the speed from the table.
+    The signal follows from the line through all rows, as in the thesis, the speed from the table.
     """
     signal: Array = np.array(robot.motor.signal)
     rpm: Array = np.array(robot.motor.speed_rpm)
@@ -221,7 +221,7 @@ def spin_error_of_line(robot: SingularityDescription) -> Array:
 MOTOR_LINE = ErrorSource(
     "line of Table 2", "spin of each motor by the line, not the table", _draw_line
 )
-"""An error of calibration that need not be: the simulator, and a robot that uses it, has none."""
+"""An avoidable calibration error: the simulator and the controller use the table instead."""
 ERROR_SOURCES = (
     ErrorSource(
         "lag of the servos",
@@ -264,11 +264,11 @@ ERROR_SOURCES = (
 
 _ALL_SOURCES = "all of these"
 BATCH = 1000
-"""Robots in lockstep: their arrays stay in the processor's cache."""
+"""Batch size of robots: their arrays fit into the processor's cache."""
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Drive the square with each error alone and with all together; draw what each costs."""
+    """Simulate the square with each error alone and with all together, and draw the budget."""
     if args.runs < 1:
         raise TwinError(f"--runs must be 1 or more, not {args.runs}")
     robot = description_of_kind(robots.load_robot(args.robot), SingularityDescription)
@@ -315,7 +315,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 
 
 def _runs(args: argparse.Namespace, used: list[ErrorSource]) -> int:
-    """Return the number of runs: with one error alone, a tenth is enough."""
+    """Return the number of runs: a tenth for one error alone."""
     return int(args.runs) if len(used) > 1 else max(1, int(args.runs) // 10)
 
 

@@ -18,11 +18,11 @@ from tsd_twin.simulation import Frame, SimRobot
 from tsd_twin.virtual_robot import VirtualRobot
 
 SHARE = 0.8
-"""Of the limits that the timing uses: the rest is for correction."""
+"""Share of the limits used by the trajectory; the rest is a margin for correction."""
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Time the path, follow it, and say how well."""
+    """Time and follow the path, and return the tracking errors as text."""
     robot = robots.load_robot(args.robot)
     heading: HeadingProfile = TangentHeading() if args.heading == "tangent" else FixedHeading()
     route = Route(_path(args), heading)
@@ -65,13 +65,13 @@ def _draw(
 
 
 def add_run_flags(parser: argparse.ArgumentParser, loop: Loop) -> None:
-    """Add what all experiments with a simulated run have in common."""
+    """Add the flags common to all experiments with a simulated run."""
     parser.add_argument("--robot", default="tsd", metavar="NAME|FILE", help="default tsd")
     parser.add_argument(
         "--loop",
         choices=[kind.value for kind in Loop],
         default=loop.value,
-        help=f"what closes the loop of control, besides what is before it; default {loop.value}",
+        help=f"feedback of the controller; each adds to the one before it; default {loop.value}",
     )
     parser.add_argument("--seed", type=int, default=0, help="of all noise; default 0")
     parser.add_argument(

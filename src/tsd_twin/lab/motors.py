@@ -18,7 +18,7 @@ from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityDescription, description_of_kind
 
 RowMask: TypeAlias = npt.NDArray[np.bool_]
-"""(r,): some of the rows of the table."""
+"""(r,): mask of rows of the table."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,7 +30,7 @@ class MotorLines:
     offset: Array
     """(k,): rpm."""
     used: RowMask
-    """(r,): which rows of the table were fitted."""
+    """(r,): mask of the fitted rows of the table."""
 
     def rpm(self, signal: Array) -> Array:
         """Return the speeds (k, ...) at `signal` (...)."""
@@ -52,7 +52,7 @@ def fit_lines(signal: Array, rpm: Array, used: RowMask) -> MotorLines:
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Fit both lines, draw them and say which predicts better."""
+    """Fit and draw both lines, and report which predicts better."""
     robot = description_of_kind(robots.load_robot(args.robot), SingularityDescription)
     signal, rpm = np.array(robot.motor.signal), np.array(robot.motor.speed_rpm)
     turning: RowMask = np.asarray((rpm > 0.0).all(axis=0))

@@ -15,32 +15,32 @@ from tsd_twin.virtual_robot import PERIOD_S, VirtualRobot, voltage_share
 
 
 def twist_from_wheels(robot: VirtualRobot, slip: Slip | None) -> Array:
-    """Return the twist (3,) by the wheels, over the floor that `slip` knows, one period on."""
+    """Return the twist (3,) from the wheels after one period, with the slip model if given."""
     twist = robot.spin_share * robot.odometry().twist
     return twist if slip is None else slip.advance(twist / slip.rest_share, PERIOD_S)
 
 
 REMAINING_SPIN_SIGMA = 0.002
-"""Standard deviation of the share that is left unknown, by layers of the wheels most of all."""
+"""Standard deviation of the remaining error of the share, mainly due to wheel layers."""
 _RATE_RAD_PER_S = 2.5
 _SWING_S = 2.5
 _REST_S = 0.5
 
 
 class SpinMeasurement(NamedTuple):
-    """What a turn tells."""
+    """Result of the spin measurement by a turn in place."""
 
     spin_share: float
-    """Speed of the wheels over what it was taken for."""
+    """Wheel speed relative to the assumed one."""
     later_s: float
-    """How much later than reckoned the body follows its wheels."""
+    """Additional lag of the body behind its wheels."""
 
 
 def measure_spin(robot: VirtualRobot, gyro: YawGyro, slip: Slip | None) -> SpinMeasurement:
-    """Turn a robot there and back, and compare what its gyro says with what its wheels say.
+    """Measure the spin: turn a robot to and fro, and compare its gyro with its wheels.
 
-    The rate swings as a sine: gimbals pass all tilts on the way, so that steps of their servos and
-    layers of the wheels even out, and what is off by a constant does so between there and back.
+    The rate is a sine: gimbals pass through all tilts, so that servo steps and wheel layers average
+    out, and constant offsets cancel between both directions.
     """
     by_wheels: list[float] = []
     by_gyro: list[float] = []
@@ -51,7 +51,7 @@ def measure_spin(robot: VirtualRobot, gyro: YawGyro, slip: Slip | None) -> SpinM
         robot.drive(np.array([0.0, 0.0, rate]))
         by_wheels.append(float(twist_from_wheels(robot, slip)[2]))
         by_gyro.append(float(gyro.measure(robot.true_twist[2])))
-    # Wheels are heard of late, the gyro at once.
+    # Wheel measurements are delayed, those of the gyro are not.
     at_s: Array = PERIOD_S * np.arange(len(by_gyro), dtype=np.float64)
     seen = np.interp(at_s - robot.simulated.delay_s, at_s, by_gyro)
     expected = np.array(by_wheels)
@@ -61,16 +61,15 @@ def measure_spin(robot: VirtualRobot, gyro: YawGyro, slip: Slip | None) -> SpinM
 
 
 _FRICTION_SHARE = 0.25
-"""Standard deviation of the friction of a floor that was not measured."""
+"""Standard deviation of the friction of an unmeasured floor."""
 
 
 class PoseObserver:
-    """The pose of a virtual robot, on its mark at the start.
+    """Pose observer of a virtual robot that starts at its mark.
 
-    It knows how late the bus is, and if it is given a floor, how wheels slide on it when they push.
-    What it does not know are five numbers that stay: by how much all wheels spin faster, with what
-    velocity the robot creeps since gimbals are not upright when they say so, the bias of its gyro,
-    and how much later than reckoned the floor lets it follow its wheels. A camera tells them.
+    The delay of the bus is known, and the slip model if given. Five constant errors are not known:
+    the common factor of the wheel speeds, the two components of the drift velocity due to gimbal
+    zeros, the gyro bias, and the additional lag on the floor. A camera makes them observable.
     """
 
     def __init__(
@@ -82,9 +81,9 @@ class PoseObserver:
         *,
         spin_sigma: float | None = None,
     ) -> None:
-        """`spin_sigma` is how well the share is known by which all wheels spin faster.
+        """`spin_sigma` is the standard deviation of the common factor of the wheel speeds.
 
-        As described of each of the wheels, unless it is given.
+        The default is the described one of each wheel.
         """
         self._gyro, self._camera, self.slip = gyro, camera, slip
         self._delay_s = robot.simulated.delay_s
@@ -100,13 +99,13 @@ class PoseObserver:
         self._filter = DriftFilter(SE2.identity(), sigma)
         self._twist: Array = np.zeros(3)
         self.frames: list[Frame] = []
-        """What the camera has seen; times since the start."""
+        """Camera frames; times since the start."""
 
     def __call__(self, robot: VirtualRobot) -> SE2:
         """Return the pose after the newest measurement."""
         now_s = robot.now_s - self._start_s
         before, self._twist = self._twist, twist_from_wheels(robot, self.slip)
-        # What only rolls has moved by the mean of its step; what slides is known at its end.
+        # Pure rolling gives the mean twist of the step; the slip model gives the twist at its end.
         mean = self._twist if self.slip is None else 0.5 * (before + self._twist)
         covariance = robot.odometry().twist_covariance
         if self._gyro is not None:
@@ -117,9 +116,9 @@ class PoseObserver:
         later = (before - self._twist) / PERIOD_S
         by_errors = np.column_stack([mean, np.eye(3), later])
         if self._gyro is not None:
-            # It knows of turns by itself, however wheels spin and slide.
+            # The gyro measures turns independently of spin and slip.
             by_errors[2, [0, -1]] = 0.0
-        # What does not stay is new in each sample.
+        # Errors that are not constant are independent in each sample.
         self._filter.advance(now_s - self._delay_s, mean, by_errors, covariance * PERIOD_S)
         self._fuse_camera(robot, now_s)
         return self._filter.pose @ SE2.exp(mean * self._delay_s)
@@ -135,7 +134,7 @@ class PoseObserver:
 
 
 class Loop(StrEnum):
-    """What closes the loop of control."""
+    """Feedback of the control loop."""
 
     OPEN = "open"
     WHEELS = "wheels"
@@ -148,8 +147,8 @@ def make_observer(
 ) -> PoseObserver | None:
     """Return the observer of a robot at its start pose; None when the loop is open.
 
-    `slip` is for a plant whose wheels slide. A robot with a gyro that `turns` does so on the spot
-    beforehand, to learn how fast its wheels spin and slide, and is put on its mark then.
+    `slip` is for a plant whose wheels slide. With `turns`, a robot with a gyro first turns in place
+    to measure its spin and slip, and its mark is set afterwards.
     """
     if loop is Loop.OPEN:
         return None

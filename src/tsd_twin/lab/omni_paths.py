@@ -25,13 +25,13 @@ HEADING_PROFILES: Mapping[str, HeadingProfile] = {
     "sine": FixedHeading(),
     "circle": TangentHeading(),
 }
-"""Paths of the paper (Eq. 17 to 20), and where the robot looks: on arcs along the tangent."""
+"""Paths of the paper (Eq. 17 to 20) with their headings: tangential on arcs."""
 _SHARE = 0.8
-"""Of the limits: the rest is for corrections."""
+"""Share of the limits used by the trajectory; the rest is a margin for correction."""
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Follow each path by the robot's own estimate, draw what it did and say what it is off by."""
+    """Follow each path by the robot's own estimate, and draw and report the tracking errors."""
     robot = description_of_kind(robots.load_robot(args.robot), OmniDescription)
     records: dict[str, TrackingRecord] = {}
     for name, heading in out.progress(HEADING_PROFILES.items(), "driving", len(HEADING_PROFILES)):
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 def run_path(
     robot: OmniDescription, name: str, heading: HeadingProfile, noise: float, seed: int
 ) -> TrackingRecord:
-    """Return what a robot made of one path under feed-forward and PID."""
+    """Return the record of one path under feed-forward and PID."""
     virtual = VirtualRobot(robot, SimRobot(robot, seed=seed, noise=noise))
     drive = robot.kinematics()
     trajectory = plan(Route(named_path(name), heading), drive, robot.limits, share=_SHARE)

@@ -26,7 +26,7 @@ _LONGEST_S = 120.0
 
 @dataclass(frozen=True, slots=True)
 class PointToPointProfile:
-    """The fastest way over a distance from rest to rest: a triangle, or a trapezoid.
+    """Time-optimal velocity profile over a distance from rest to rest: triangle or trapezoid.
 
     Half-way at the limit of acceleration and half braking (Savnani et al. 2019), with the top speed
     held in between when it is reached.
@@ -39,13 +39,13 @@ class PointToPointProfile:
 
     @staticmethod
     def of(distance_m: float, limits: Limits) -> PointToPointProfile:
-        """Return the dash of a robot with these limits."""
+        """Return the profile over `distance_m` within these limits."""
         a, d = limits.acceleration_mps2, limits.deceleration_mps2
         return PointToPointProfile(distance_m, limits.speed_mps, a, d)
 
     @property
     def peak_mps(self) -> float:
-        """Highest speed: the top speed, or less when there is no time for it."""
+        """Highest speed: the top speed, or less over a short distance."""
         a, d = self.acceleration_mps2, self.deceleration_mps2
         return min(self.speed_mps, math.sqrt(2.0 * self.distance_m * a * d / (a + d)))
 
@@ -56,12 +56,12 @@ class PointToPointProfile:
 
     @property
     def brake_at_m(self) -> float:
-        """Where braking begins; half-way, when it brakes as hard as it accelerates."""
+        """Distance at which braking begins; half-way for equal acceleration and deceleration."""
         return self.distance_m - self.peak_mps**2 / (2.0 * self.deceleration_mps2)
 
     @property
     def duration_s(self) -> float:
-        """From rest to rest."""
+        """Duration from rest to rest."""
         up, down = self.peak_mps / self.acceleration_mps2, self.peak_mps / self.deceleration_mps2
         held_m = self.distance_m - 0.5 * self.peak_mps * (up + down)
         return up + down + held_m / self.peak_mps
@@ -75,7 +75,7 @@ class PointToPointProfile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProfileRun:
-    """What a robot made of a dash, a row for each period."""
+    """Record of a point-to-point run, a row for each period."""
 
     profile: PointToPointProfile
     t_s: Array
@@ -85,7 +85,7 @@ class ProfileRun:
 
     @property
     def overshoot_m(self) -> float:
-        """How far beyond the end it stopped; negative is short of it."""
+        """Overshoot of the final position; negative is short of the end."""
         return float(self.distance_m[-1]) - self.profile.distance_m
 
     def columns(self) -> dict[str, Array]:
@@ -100,9 +100,9 @@ class ProfileRun:
 
 
 def run_profile(robot: VirtualRobot, profile: PointToPointProfile) -> ProfileRun:
-    """Give full speed, and none from where braking has to begin, by the robot's own odometry.
+    """Command full speed, then zero from the braking point on, by the robot's own odometry.
 
-    A command takes effect in the period after, so it is given as many ahead.
+    Commands take effect a number of periods later, and are given as many ahead.
     """
     full, none = np.array([profile.speed_mps, 0.0, 0.0]), np.zeros(3)
     rows: list[tuple[float, float, float, float]] = []
@@ -129,7 +129,7 @@ def run_profile(robot: VirtualRobot, profile: PointToPointProfile) -> ProfileRun
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Drive a triangle, a trapezoid, and a step that friction cannot give; draw all three."""
+    """Simulate and draw a triangle, a trapezoid, and a step beyond the friction limit."""
     robot = description_of_kind(robots.load_robot(args.robot), OmniDescription)
     if not (0.0 < args.speed < math.inf and 0.0 < args.acceleration < math.inf):
         raise TwinError("--speed and --acceleration must be above zero, and finite")
@@ -140,7 +140,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
         deceleration_mps2=args.acceleration,
     )
     robot = msgspec.structs.replace(robot, limits=limits)
-    # The shortest way on which the top speed is reached lies between the two.
+    # The shortest distance on which the top speed is reached lies between the two.
     reach_m = args.speed**2 / args.acceleration
     runs: dict[str, ProfileRun] = {}
     goals = {"triangle": 0.6 * reach_m, "trapezoid": 1.6 * reach_m}
@@ -164,7 +164,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 def unlimited_step(
     robot: OmniDescription, speed_mps: float, seconds: float = 1.5
 ) -> dict[str, Array]:
-    """Return what a robot does whose wheels are told a speed at once, without any limit."""
+    """Return the response of a robot to a step of wheel speed without limits."""
     simulation = simulate(robot)
     drive = simulation.kinematics
     full = np.array([speed_mps, 0.0, 0.0])
@@ -179,7 +179,7 @@ def unlimited_step(
 
 
 def _run_summary(name: str, each: ProfileRun, late_s: float) -> str:
-    """Say how a run went; wheels that follow late are late twice, at the start and in braking."""
+    """Return a text of a run; the lag of the wheels counts twice, at the start and in braking."""
     goal = each.profile
     late_m = 2.0 * late_s * goal.peak_mps if goal.is_triangle else late_s * goal.peak_mps
     return (

@@ -38,11 +38,11 @@ _FEEDFORWARD_STEP_S = 0.005
 
 
 class SlipFeedforward:
-    """Twists that move a robot of some mass along a trajectory, over a floor that it slides on.
+    """Feed-forward that compensates slip, spin droop and gimbal compliance along a trajectory.
 
-    Wheels have to roll ahead of the body to push it, spin slower the more they have pushed, and
-    lean aside under what they push with: a servo is a spring, whose stiffness follows from its
-    torque and its approach to a goal. All of that is known from the trajectory beforehand.
+    Wheels slide to push the body, slow down under the load, and deflect their gimbals: a servo acts
+    as a spring, whose stiffness follows from its torque and approach rate. All of this is computed
+    from the trajectory beforehand.
     """
 
     def __init__(self, robot: SingularityDescription, slip: Slip, trajectory: Trajectory) -> None:
@@ -63,44 +63,44 @@ class SlipFeedforward:
         self._told: Array = np.stack(told)
 
     def __call__(self, t_s: float) -> Array:
-        """Return the twist (3,) to tell the robot for the time `t_s` of the trajectory."""
+        """Return the twist (3,) to command for the time `t_s` of the trajectory."""
         told = self._told
         return np.array([float(np.interp(t_s, self._at_s, told[:, i])) for i in range(3)])
 
     def _push(self, slip: Slip, twist: Array, rate: Array) -> Array:
-        """Return what moves the body by `twist` while that changes, and let a step of it pass."""
+        """Return the compensated twist for `twist` and its `rate`; advances `slip` by a step."""
         x, y, turn = twist
         over_ground = rate + turn * np.array([-y, x, 0.0])
         rolled, force = slip.push(twist, over_ground, _FEEDFORWARD_STEP_S)
         aside = self._aside_mps_per_n * np.stack([-force[:, 1], force[:, 0]], axis=-1)
-        # Wheels are told to turn as fast as they do at rest on this floor.
+        # The set-point of the wheel speed is that at rest on this floor.
         return self._twist_from_contacts @ (slip.rest_share * rolled - aside).ravel()
 
 
 SPEED_MPS = 1.0
 ACCELERATION_MPS2, DECELERATION_MPS2 = 4.0, 4.0
-"""Of the closed loop; the limits of the robot are raised to leave room above them."""
+"""Limits of the closed loop; those of the robot are raised above them as a margin."""
 SMOOTH_S = 0.0495
-"""In which acceleration rises, and falls: what is left of 5.2 s, on four sides."""
+"""Rise time of the acceleration: the remainder of 5.2 s, on four sides."""
 _LIMIT_SHARE = 0.5
-"""Share of these limits that the timing uses: what is late, slides or gives has to be told more."""
+"""Share of these limits used by the trajectory; lag, slip and compliance need the margin."""
 _SPEED_MARGIN = 1.5
-"""Limit of speed over that of the square: with a battery that is low all speeds are told higher."""
+"""Speed limit relative to that of the square; a low battery needs higher commands."""
 _GAINS = Gains(6.0, 1.0, integral_limit=0.05)
-"""Softer than a tracker's own: feed-forward leaves little, and each frame of a camera is noisy."""
+"""Gains below the default: feed-forward leaves small errors, and camera frames are noisy."""
 _PLAY_LAG_S = 0.01
-"""By which a robot with the errors of `tsd` follows later when it pushes: while the motor of a
-servo crosses its play, the floor turns the gimbal. Measured in MuJoCo, the one figure here that is;
-the rest of the lag is in the description."""
+"""Additional lag under load of a robot with the errors of `tsd`: while the motor of a servo crosses
+its backlash, the floor turns the gimbal. Measured in MuJoCo, as the only figure here; the rest of
+the lag is in the description."""
 THESIS_SHARE = 0.16
-"""The largest error of position that the thesis reports, of the side."""
+"""Largest position error reported in the thesis, as a share of the side."""
 _NO_LIMIT_MPS2 = 1000.0
-"""The thesis had no limit of acceleration: a corner was passed as fast as servos turn."""
+"""Acceleration limit of the thesis, which had none: corners at the speed of the servos."""
 
 
 @dataclass(frozen=True, slots=True)
 class Square:
-    """What is asked for, as by the flags of `tsd-lab square`."""
+    """Settings of a square run, as by the flags of `tsd-lab square`."""
 
     robot: str
     loop: Loop
@@ -109,13 +109,13 @@ class Square:
     errors: float
     plant: str
     believed_friction: float
-    """What the robot takes the friction of the floor for, over what it is."""
+    """Friction assumed by the robot, relative to the true one."""
     turns: bool
-    """Whether it turns on the spot first, to learn how fast its wheels spin."""
+    """Whether the robot first turns in place to measure its spin."""
 
     @staticmethod
     def of(args: argparse.Namespace, seed: int) -> Square:
-        """Return the square that `args` ask for, with another seed."""
+        """Return the settings of `args`, with another seed."""
         return Square(
             robot=args.robot,
             loop=Loop(args.loop),
@@ -130,7 +130,7 @@ class Square:
     def drive(
         self, periods: Callable[[range], Iterable[int]] = iter
     ) -> tuple[Trajectory, TrackingRecord]:
-        """Drive it, and return what was to be done, and what was."""
+        """Simulate the square, and return the trajectory and the record."""
         robot = robots.load_robot(self.robot)
         route = Route(tracking.named_path("square"))
         if self.loop is Loop.OPEN:
@@ -158,7 +158,7 @@ class Square:
         return trajectory, follow_trajectory(virtual, trajectory, tracker, watching, periods)
 
     def _slip(self, robot: RobotDescription) -> Slip:
-        """Return how wheels slide on the floor that the robot believes in."""
+        """Return the slip model with the friction that the robot assumes."""
         known = description_of_kind(robot, SingularityDescription)
         friction = self.believed_friction * known.floor.friction
         floor = msgspec.structs.replace(known.floor, friction=friction)
@@ -167,7 +167,7 @@ class Square:
     def _tracker(
         self, robot: RobotDescription, trajectory: Trajectory, watching: PoseObserver | None
     ) -> TrackingController:
-        """Return what follows the trajectory; errors are known up to the size described."""
+        """Return the tracking controller; the described sizes of the errors are known to it."""
         if watching is None:
             return TrackingController(trajectory, TrackingSettings(lag_s=0.0))
         lag_s = robot.lag_s + robot.with_errors(self.errors).delay_s
@@ -181,7 +181,7 @@ class Square:
 
 
 def unlimited_trajectory(route: Route) -> Trajectory:
-    """Return the reference of the thesis: full speed at once, and around corners in an instant."""
+    """Return the reference of the thesis: constant speed, with instantaneous corners."""
     s_m = np.array([0.0, *route.breaks_m, route.length_m])
     speed = np.full(len(s_m), SPEED_MPS)
     profile = SpeedProfile(s_m, speed, np.zeros(len(s_m) - 1), s_m / SPEED_MPS)
@@ -191,7 +191,7 @@ def unlimited_trajectory(route: Route) -> Trajectory:
 def _with_limits(
     robot: RobotDescription, acceleration_mps2: float, deceleration_mps2: float
 ) -> RobotDescription:
-    """Return the robot with other limits of acceleration, and room above the speed."""
+    """Return the robot with other acceleration limits, and a margin above the speed."""
     limits = msgspec.structs.replace(
         robot.limits,
         speed_mps=max(robot.limits.speed_mps, _SPEED_MARGIN * SPEED_MPS),
@@ -214,7 +214,7 @@ class _SquareResult:
 
 
 def run_seeds(squares: Sequence[Square], out: Output) -> list[str]:
-    """Drive all of them, as many at once as there are cores; draw and say how errors spread."""
+    """Simulate all squares in parallel on all cores; draw and report the spread of the errors."""
     driven = list(out.progress(_drive_squares(squares), "driving squares", len(squares)))
     percent = np.array([[_percent(one.errors, key) for key in _KEYS] for one in driven])
     out.table(
@@ -235,7 +235,7 @@ def run_seeds(squares: Sequence[Square], out: Output) -> list[str]:
 
 
 def _drive_squares(squares: Sequence[Square]) -> Iterator[_SquareResult]:
-    # Processes of their own: matplotlib and threads do not mix with a fork.
+    # Spawned processes: matplotlib and threads are not safe with a fork.
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(os.cpu_count() or 1, len(squares)), context) as pool:
         yield from pool.map(_drive_square, squares)
@@ -259,7 +259,7 @@ def _draw_errors(percent: Array, title: str, out: Output) -> None:
     figure: Any = experiment.new_figure(7.0, 4.2, title)
     axes = figure.subplots()
     for row, (of, colour) in enumerate(zip(percent.T, experiment.SERIES_COLOURS, strict=False)):
-        # Side by side in the order of the seeds, so that none hides another.
+        # Side by side in the order of the seeds, so that dots do not overlap.
         beside = row + np.linspace(-0.3, 0.3, len(of)) if len(of) > 1 else np.array([row])
         axes.plot(beside, of, ".", color=colour, markersize=7)
         median = float(np.median(of))
@@ -273,7 +273,7 @@ def _draw_errors(percent: Array, title: str, out: Output) -> None:
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Drive the square, and say the three errors, or how they spread over many seeds."""
+    """Simulate the square, and report the three errors, or their spread over many seeds."""
     if args.seeds < 1:
         raise TwinError(f"--seeds must be 1 or more, not {args.seeds}")
     if not args.believed_friction > 0.0:
@@ -306,7 +306,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 
 
 def camera_frames(record: TrackingRecord, seed: int) -> list[Frame]:
-    """Return what a camera above the floor sees of a run, at 24 frames a second."""
+    """Return the frames of an overhead camera for a run, at 24 frames a second."""
     camera = Camera(CameraNoise(late_s=0.0), np.random.default_rng(seed))
     start = SE2(record.reference[0]).inverse()
     poses = (start @ SE2(record.truth)).xy_heading
@@ -329,33 +329,33 @@ def _flags(parser: argparse.ArgumentParser) -> None:
         type=int,
         default=1,
         metavar="N",
-        help="drive so many squares, from --seed on, and say how their errors spread; default 1",
+        help="number of squares, from --seed on, to report the spread of their errors; default 1",
     )
     parser.add_argument(
         "--errors",
         type=float,
         default=1.0,
         metavar="SCALE",
-        help="times [errors], what is wrong with a built robot; default 1",
+        help="factor on [errors], the model errors of a built robot; default 1",
     )
     parser.add_argument(
         "--plant",
         choices=list(PLANTS),
         default="kinematic",
-        help="what moves it: rolling by the equations (default), or bodies that slide in MuJoCo",
+        help="plant: rolling by the equations (default), or rigid bodies that slide in MuJoCo",
     )
     parser.add_argument(
         "--believed-friction",
         type=float,
         default=1.0,
         metavar="SHARE",
-        help="what the robot takes the friction of the floor for, over what it is; default 1",
+        help="friction of the floor assumed by the robot, relative to the true one; default 1",
     )
     parser.add_argument(
         "--turn",
         action=argparse.BooleanOptionalAction,
         default=True,
-        help="with a gyro: turn on the spot first, to learn how fast wheels spin; default: do",
+        help="with a gyro: first turn in place to measure the wheel speeds; default: do",
     )
 
 

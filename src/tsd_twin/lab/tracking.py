@@ -28,14 +28,14 @@ NAMED_PATHS: dict[str, Callable[[float], Path]] = {
     "sine": lambda _: function(lambda x: 0.3 * np.sin(2.0 * math.pi * x / 1.5), 0.0, 3.0),
     "eight": lambda _: spline(_EIGHT),
 }
-"""Each takes how far before its corners it leaves the legs, if it has corners."""
+"""Paths by name; the argument is the distance before a corner at which it is rounded."""
 
 
 def named_path(name: str, cut_m: float = 0.0) -> Path:
     """Return a path by its name.
 
     Raises:
-        PathError: there is none of that name.
+        PathError: no path has that name.
     """
     if name not in NAMED_PATHS:
         raise PathError(f"there is no path '{name}': {', '.join(NAMED_PATHS)}")
@@ -43,7 +43,7 @@ def named_path(name: str, cut_m: float = 0.0) -> Path:
 
 
 def path_through(points: Sequence[str], cut_m: float = 0.0, *, smooth: bool = False) -> Path:
-    """Return the way through points written as `x,y`, metres: straight legs, or a spline.
+    """Return the path through points written as `x,y`, metres: straight legs, or a spline.
 
     Raises:
         PathError: a point cannot be read, or there are too few.
@@ -63,21 +63,21 @@ _BLOCK = 512
 
 @dataclass(frozen=True, slots=True)
 class TrackingErrors:
-    """One number hides what went wrong: lateness, a drift, or a corner that was cut."""
+    """Tracking errors: time lag, path deviation and drift as separate measures, metres."""
 
     rms_m: float
-    """Root mean square distance to where the robot should have been at that time."""
+    """RMS distance to the reference at the same time."""
     worst_m: float
-    """Greatest such distance."""
+    """Largest distance to the reference at the same time."""
     cross_track_m: float
-    """Greatest distance to the nearest point of the path."""
+    """Largest distance to the nearest point of the path."""
     closure_m: float
-    """Distance between where it ended and where it should have."""
+    """Distance between the final positions of robot and reference."""
     size_m: float
-    """Larger side of the box around the path: what 100 % are."""
+    """Larger side of the bounding box of the path, the unit of the percentages."""
 
     def sentence(self) -> str:
-        """Return all three in millimetres and in per cent of the size."""
+        """Return a text of three errors in millimetres and in per cent of the size."""
         parts = [
             f"{name} {1000 * value:.1f} mm ({100 * value / self.size_m:.2f} %)"
             for name, value in (
@@ -119,14 +119,14 @@ def _distances(xy: Array, path_xy: Array) -> Array:
 
 
 SETTLE_S = 0.5
-"""Time after the end of the trajectory in which the robot comes to rest."""
+"""Settling time after the end of the trajectory."""
 _COMMAND_LEAD_S = 1.5 * PERIOD_S
-"""A command is taken up a period later, and holds for one: it is meant for the middle of that."""
+"""Lead of a command: it takes effect a period later, and is meant for the middle of that one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackingRecord:
-    """What happened, a row for each period; poses are x, y, heading since the mark."""
+    """Record of a run, a row for each period; poses are x, y, heading relative to the mark."""
 
     t_s: Array
     reference: Array
@@ -171,7 +171,7 @@ def follow_trajectory(
     estimate: Callable[[VirtualRobot], SE2] | None,
     periods: Callable[[range], Iterable[int]] = iter,
 ) -> TrackingRecord:
-    """Drive the trajectory and return what happened; `estimate` is None for open loop.
+    """Follow the trajectory and return the record; `estimate` is None for open loop.
 
     The mark of the robot is the start of the path: trajectories may start anywhere.
     """
@@ -206,7 +206,7 @@ def follow_trajectory(
 
 
 def draw_positions(axes: Axes, record: TrackingRecord, frames: list[Frame], title: str) -> None:
-    """Draw the path and where the robot went, from above; what the camera saw as dots."""
+    """Draw the path, the true positions and the camera frames, from above."""
     axes.plot(
         *record.path_xy.T,
         color=experiment.REFERENCE_COLOUR,
@@ -226,7 +226,7 @@ def draw_positions(axes: Axes, record: TrackingRecord, frames: list[Frame], titl
 
 
 def draw_speeds(axes: Axes, record: TrackingRecord, frames: list[Frame], title: str) -> None:
-    """Draw the speed over the floor against time; of the camera from frame to frame."""
+    """Draw the speed over the floor against time, and that between camera frames."""
     for twists, colour, style, name in (
         (record.reference_twist, experiment.REFERENCE_COLOUR, "--", "reference"),
         (record.true_twist, experiment.TRUTH_COLOUR, "-", "robot"),
@@ -250,7 +250,7 @@ def draw_speeds(axes: Axes, record: TrackingRecord, frames: list[Frame], title: 
 
 
 def draw_errors(axes: Axes, record: TrackingRecord, title: str) -> None:
-    """Draw the distance to where the robot should be, and what it knows of it itself."""
+    """Draw the true and the estimated distance to the reference."""
     for poses, colour, style, name in (
         (record.truth, experiment.TRUTH_COLOUR, "-", "robot"),
         (record.estimate, experiment.ESTIMATE_COLOUR, "--", "as it estimates"),
@@ -263,6 +263,6 @@ def draw_errors(axes: Axes, record: TrackingRecord, title: str) -> None:
 
 
 def camera_xy(record: TrackingRecord, frames: list[Frame]) -> Array:
-    """Return where the camera saw the robot (n, 2), in the axes of the path."""
+    """Return the positions (n, 2) in the camera frames, in the axes of the path."""
     start = SE2(record.reference[0])
     return start.transform(np.array([frame.pose[:2] for frame in frames]))

@@ -20,7 +20,7 @@ _ATTACHMENT = struct.Struct("<Q16sQ")
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """What the bus hands over: nothing in it has been checked."""
+    """Unchecked sample from the bus: key, payload and attachment."""
 
     key: str
     payload: bytes
@@ -30,13 +30,13 @@ class Sample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Command:
-    """A readable command; whether it counts is for the authority to say."""
+    """A decoded velocity command; the command gate decides whether it counts."""
 
     operator: str
     seq: int
     lease: bytes
     status_seq: int
-    """Newest `state/status` that the operator had seen: bounds the age without a common clock."""
+    """Sequence number of the newest received status: bounds the age without a common clock."""
     frame: str
     """`base_link` or `odom`."""
     twist: Array
@@ -44,7 +44,7 @@ class Command:
 
 
 def encode_attachment(seq: int, lease: bytes, status_seq: int) -> bytes:
-    """Return the attachment of a command: its number, its lease, the newest status seen."""
+    """Return the attachment of a command: its number, its lease, the newest received status."""
     return _ATTACHMENT.pack(seq, lease, status_seq)
 
 
@@ -71,14 +71,14 @@ def decode_command(sample: Sample) -> Command:
 
 _TYPE = "geometry_msgs/msg/PoseStamped"
 _LENGTH_OFF = 1e-3
-"""A quaternion whose length is farther from one is a mistake, not rounding."""
+"""Tolerance of the length of a quaternion; a larger deviation is not rounding."""
 _UPRIGHT = math.cos(math.radians(30.0))
-"""What leans more than this from a floor is not on it."""
+"""Largest tilt of a robot that stands on a floor."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseStamped:
-    """A spatial pose in `frame`, at the time `stamp_ns` of the robot's wall clock."""
+    """Spatial pose in `frame`, at the time `stamp_ns` of the robot's wall clock."""
 
     frame: str
     position_m: Array
@@ -89,7 +89,7 @@ class PoseStamped:
 
     @staticmethod
     def planar(pose: SE2, stamp_ns: int) -> PoseStamped:
-        """Return the message for a pose on the floor of `odom`."""
+        """Return the message of a planar pose in `odom`."""
         x, y, heading = pose.xy_heading.tolist()
         turn = [math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading)]
         return PoseStamped(ODOM, np.array([x, y, 0.0]), np.array(turn), stamp_ns)
@@ -134,7 +134,7 @@ def decode_pose_measurement(sample: Sample) -> tuple[SE2, int]:
     if not (np.isfinite(message.position_m).all() and np.isfinite(message.wxyz).all()):
         raise MessageError("nonfinite", "a pose must be finite numbers")
     w, x, y, z = message.wxyz.tolist()
-    # hypot does not overflow, as squares would.
+    # hypot does not overflow; squares would.
     if abs(math.hypot(w, x, y, z) - 1.0) > _LENGTH_OFF:
         raise MessageError("quaternion", "the length of a quaternion must be one")
     if 1.0 - 2.0 * (x * x + y * y) < _UPRIGHT:

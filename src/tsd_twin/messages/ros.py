@@ -18,7 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 from tsd_twin.errors import MessageError
 from tsd_twin.lie import SE2, SO3, Array
 
-_LARGEST = 4096  # Bytes; ours have fewer than 800. What is larger was not meant for us.
+_LARGEST = 4096  # Bytes; messages of this project have fewer than 800.
 
 
 def make_message(type_name: str, **fields: Any) -> Any:
@@ -88,12 +88,12 @@ def _store() -> Any:
 BASE = "base_link"
 """Frame of the robot: X forward, Y left, Z up, at the height of the wheel centres."""
 ODOM = "odom"
-"""Frame of the world as the robot knows it: where it was when its pose was last set."""
+"""World frame of the estimate: its origin is where the pose was last set to zero."""
 
 PLANAR = (0, 1, 5)
-"""Where (vx, vy, omega) stand in a spatial twist (vx, vy, vz, wx, wy, wz)."""
+"""Indices of (vx, vy, omega) in a spatial twist (vx, vy, vz, wx, wy, wz)."""
 TURNING = (3, 4, 5)
-"""Where (wx, wy, wz) of a sphere stand."""
+"""Indices of (wx, wy, wz) of a sphere in a spatial twist."""
 _PLANAR_BLOCK, _TURNING_BLOCK = np.ix_(PLANAR, PLANAR), np.ix_(TURNING, TURNING)
 
 
@@ -144,7 +144,7 @@ class Odometry:
         twist_covariance: Array,
         stamp_ns: int = 0,
     ) -> Odometry:
-        """Return the message for a pose of either space."""
+        """Return the message for a planar pose or an orientation."""
         xy_heading, wxyz = (
             (pose.xy_heading, None) if isinstance(pose, SE2) else (np.zeros(3), pose.wxyz)
         )
@@ -232,7 +232,7 @@ def encode_odometry(message: Odometry) -> bytes:
 def decode_odometry(payload: bytes, *, turning: bool = False) -> Odometry:
     """Return the planar part of the odometry in a CDR payload; heading in [-2 pi, 2 pi].
 
-    With `turning`, return the orientation and the angular velocity: what a sphere sends.
+    With `turning`, return the orientation and the angular velocity of a sphere.
 
     Raises:
         MessageError: `shape`, when this is no `nav_msgs/msg/Odometry`.

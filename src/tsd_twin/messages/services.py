@@ -13,43 +13,43 @@ from tsd_twin.errors import MessageError
 LeaseId: TypeAlias = Annotated[str, Meta(pattern=r"^[0-9a-f]{32}\Z")]
 Operator: TypeAlias = Annotated[str, Meta(pattern=r"^[a-z0-9_-]{1,32}\Z")]
 ShortText: TypeAlias = Annotated[str, Meta(max_length=200)]
-"""Goes into every status for as long as it is true."""
+"""Text of bounded length, since it may be part of every status for a long time."""
 StructT = TypeVar("StructT", bound=msgspec.Struct)
 RequestT = TypeVar("RequestT", bound="Request")
 
 
 class Request(msgspec.Struct, frozen=True):
-    """Any request: a JSON object."""
+    """Base class of requests, which are JSON objects."""
 
 
 class LeaseRequest(Request, frozen=True, kw_only=True):
-    """`srv/lease`: `acquire`, `renew` and `release` the right to drive, or `peek` who has it.
+    """`srv/lease`: `acquire`, `renew` and `release` the lease, or `peek` at its holder.
 
-    `request` asks the holder for it, until `withdraw`; the holder answers with `grant` or `keep`.
+    `request` asks the holder for it, until `withdraw`; the holder answers with `grant` or `deny`.
     """
 
     op: Literal["acquire", "renew", "release", "peek", "request", "withdraw", "grant", "deny"]
     operator: Operator
     lease: LeaseId | None = None
-    """For what only the holder may: renew, release, grant and keep."""
+    """Id of the lease, for the holder's operations: renew, release, grant and deny."""
     asker: Operator | None = None
-    """For grant and keep: whose request is answered."""
+    """Operator whose request is answered, for grant and deny."""
     take_over: bool = False
-    """Acquire it even though another holds it; the holder sees that."""
+    """Acquire the lease although another operator holds it; the holder is notified."""
     reason: ShortText = ""
-    """Why it is taken over, for all to see."""
+    """Reason of a take-over, published as an event."""
     max_age_s: Annotated[float, Meta(gt=0.0)] | None = None
-    """Age up to which commands shall count, for far links; the speed cap shrinks with it."""
+    """Requested maximum age of commands, for slow links; the speed limit shrinks with it."""
 
 
 class HolderRequest(Request, frozen=True):
-    """`srv/arm`, `srv/disarm`, `srv/reset`: what only the holder of the lease may ask."""
+    """`srv/arm`, `srv/disarm`, `srv/reset`: requests reserved for the holder of the lease."""
 
     lease: LeaseId
 
 
 class SetPoseRequest(Request, frozen=True):
-    """`srv/set_pose`: where the robot is, in `odom`."""
+    """`srv/set_pose`: new pose of the estimate, in `odom`."""
 
     lease: LeaseId
     x_m: float
@@ -58,7 +58,7 @@ class SetPoseRequest(Request, frozen=True):
 
 
 class SetOrientationRequest(Request, frozen=True):
-    """`srv/set_pose` of a sphere: how it is turned; upright unless a quaternion is given."""
+    """`srv/set_pose` of a sphere: new orientation; the identity unless given."""
 
     lease: LeaseId
     xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
@@ -66,14 +66,14 @@ class SetOrientationRequest(Request, frozen=True):
 
 
 class SpeedRequest(Request, frozen=True):
-    """`srv/speed`: how fast wheels that always spin shall turn."""
+    """`srv/speed`: speed of wheels that always spin."""
 
     lease: LeaseId
     cruise_speed_rpm: float
 
 
 class StopRequest(Request, frozen=True):
-    """`stop`: anybody may; all fields can be left out."""
+    """`stop`: allowed to every client; all fields are optional."""
 
     operator: ShortText = ""
     reason: ShortText = ""
@@ -92,7 +92,7 @@ class LeaseReply(msgspec.Struct, frozen=True):
     ok: bool = True
     """False when the request could not be read."""
     done: bool = False
-    """What was asked for has happened, also where that grants no lease to who asked for it."""
+    """Whether the request was carried out, also for operations that grant no lease."""
 
 
 class Reply(msgspec.Struct, frozen=True):
@@ -103,7 +103,7 @@ class Reply(msgspec.Struct, frozen=True):
 
 
 class Event(msgspec.Struct, frozen=True):
-    """`event/<kind>`: something that an operator or a log wants to know."""
+    """`event/<kind>`: an event for operators and logs."""
 
     kind: str
     text: str
@@ -111,7 +111,7 @@ class Event(msgspec.Struct, frozen=True):
     requested: Any = None
     applied: Any = None
     rule: str = ""
-    """The rule that made the difference."""
+    """The rule that was applied."""
     robot_s: float = 0.0
     """The robot's monotonic clock."""
 
@@ -134,7 +134,7 @@ def decode_request(payload: bytes, kind: type[RequestT]) -> RequestT:
 
 
 def decode_json(payload: bytes, kind: type[StructT], what: str) -> StructT:
-    """Return the `kind` in a JSON payload; `what` is what the error says that it is not.
+    """Decode a JSON payload to a `kind`; `what` names the expected message in the error.
 
     Raises:
         MessageError: `shape`, with what is missing or wrong.
@@ -147,7 +147,7 @@ def decode_json(payload: bytes, kind: type[StructT], what: str) -> StructT:
 
 
 def duplicate_id_text(robot_id: str) -> str:
-    """Return what is wrong with a bus that has several robots of one id."""
+    """Return the error text for several robots with one id."""
     return f"another robot with the id '{robot_id}' is on the bus: end one, or choose another id"
 
 

@@ -15,26 +15,26 @@ from tsd_twin.messages.services import decode_json
 
 _STAMP = struct.Struct("<Qq")
 _LEVELS = 8
-"""How deep `hardware` may be nested; that of the robots here has three levels."""
+"""Largest nesting depth of `hardware`; the shipped robots use three levels."""
 
 
 class LeaseStatus(msgspec.Struct, frozen=True):
-    """Who may drive."""
+    """Lease in force, with the pending request and the reservation."""
 
     holder: str | None = None
     remaining_s: float = 0.0
     asked_by: str | None = None
-    """Who asks the holder for control."""
+    """Operator who requests control from the holder."""
     asks_for_s: float = 0.0
-    """How much longer, unless there is an answer."""
+    """Remaining time of the request."""
     reserved_for: str | None = None
-    """Who alone may acquire it, because the holder has granted it."""
+    """Operator for whom the next lease is reserved, after a grant."""
     reserved_s: float = 0.0
-    """For how much longer."""
+    """Remaining time of the reservation."""
 
 
 class DropCounts(msgspec.Struct):
-    """Commands that did not count, each under exactly one reason."""
+    """Counts of dropped commands, each under exactly one reason."""
 
     stale: int = 0
     lease: int = 0
@@ -45,52 +45,52 @@ class DropCounts(msgspec.Struct):
 
 
 class CommandStatus(msgspec.Struct, frozen=True):
-    """What became of the commands."""
+    """Newest counted command, and counts of dropped ones."""
 
     seq: int = 0
-    """Of the newest counted one."""
+    """Sequence number of the newest counted command."""
     age_s: float | None = None
-    """Since the newest counted one; none was counted: null."""
+    """Time since the newest counted command; null without one."""
     echo_s: float | None = None
-    """How old the status was that the newest counted one answers: the whole way there and back."""
+    """Age of the status that the newest counted command echoes: the round trip."""
     accepted: int = 0
     dropped: DropCounts = msgspec.field(default_factory=DropCounts)
 
 
 class LimitStatus(msgspec.Struct, frozen=True):
-    """Limits in force, and how much of the request is applied."""
+    """Limits in force, and the applied share of the request."""
 
     speed_mps: float = 0.0
     turn_rate_rad_per_s: float = 0.0
     max_command_age_s: float = 0.0
     stop_allowance_m: float = 0.0
-    """Travel within which the robot stops at this speed when its link fails, in any way."""
+    """Travel within which the robot stops from this speed after any link failure."""
     applied: float = 1.0
-    """Share of the requested twist that the limits let through."""
+    """Share of the requested twist that is applied within the limits."""
 
 
 class ConsistencyStatus(msgspec.Struct, frozen=True):
-    """How well the measured joints agree with one another."""
+    """Consistency of the measured joints: residual of the forward kinematics, and suspect."""
 
     residual_mps: float = 0.0
     suspect: str | None = None
-    """The module that the others contradict, once there is evidence."""
+    """The suspected module, null while the residual is below the threshold."""
     level: float = 0.0
-    """Chi-square of the residual over its threshold: from 1 on it is evidence."""
+    """Chi-square of the residual over its threshold; at 1 and above it is significant."""
     explained: Mapping[str, float] = {}
-    """How much of `level` each module explains alone."""
+    """Share of `level` due to each module alone."""
 
 
 class WheelSpeedStatus(msgspec.Struct, frozen=True):
-    """How fast wheels that always spin shall turn, and do."""
+    """Speed of wheels that always spin: requested and actual."""
 
     wanted_rpm: float
     spin_rpm: float
-    """As measured, or by the model of the motors; the mean of all wheels."""
+    """Mean speed of all wheels, as measured or from the motor model."""
 
 
 class PoseSensorDrops(msgspec.Struct):
-    """Poses from outside that were not used, each under exactly one reason."""
+    """Counts of dropped pose measurements, each under exactly one reason."""
 
     key: int = 0
     shape: int = 0
@@ -104,20 +104,20 @@ class PoseSensorDrops(msgspec.Struct):
 
 
 class PoseSensorStatus(msgspec.Struct, frozen=True):
-    """What became of the poses that somebody else has seen."""
+    """Statistics of the pose measurements: used, dropped, delay and relocalizations."""
 
     hz: float = 0.0
-    """Used in the last second."""
+    """Number of measurements used in the last second."""
     late_s: float | None = None
-    """How old the newest was that was used; null when there was none in the last second."""
+    """Delay of the newest used measurement; null without one in the last second."""
     used: int = 0
     found: int = 0
-    """How often the robot was somewhere else altogether, and was found again."""
+    """Number of relocalizations."""
     dropped: PoseSensorDrops = msgspec.field(default_factory=PoseSensorDrops)
 
 
 class LoopStatus(msgspec.Struct, frozen=True):
-    """How well the control loop keeps time."""
+    """Timing of the control loop: rate, overruns and jitter."""
 
     hz: float = 0.0
     overruns: int = 0
@@ -125,7 +125,7 @@ class LoopStatus(msgspec.Struct, frozen=True):
 
 
 class ArmingStatus(msgspec.Struct, frozen=True):
-    """Where arming stands: `hold` (neutral tilt, zero throttle) or `spin_up`; progress 0 to 1."""
+    """Progress of arming, 0 to 1, in `hold` (neutral tilt, zero throttle) or `spin_up`."""
 
     phase: str
     progress: float
@@ -137,16 +137,16 @@ class Status(msgspec.Struct, frozen=True):
     mode: str
     stop_reason: str = ""
     stops: int = 0
-    """How often it has begun to come to rest by itself: none is missed, however short it was."""
+    """Number of controlled stops started by the robot; the count reveals also the shortest."""
     arming: ArmingStatus | None = None
     lease: LeaseStatus = LeaseStatus()
     command: CommandStatus = CommandStatus()
     limits: LimitStatus = LimitStatus()
     consistency: ConsistencyStatus = ConsistencyStatus()
     wheel_speed: WheelSpeedStatus | None = None
-    """Of robots whose wheels spin also when they stand."""
+    """Present for robots whose wheels spin also at standstill."""
     pose_sensor: PoseSensorStatus | None = None
-    """Null until somebody has sent a pose."""
+    """Null until a first pose measurement has arrived."""
     loop: LoopStatus = LoopStatus()
     hardware: Mapping[str, Any] = {}
 
@@ -157,13 +157,13 @@ def encode_status(status: Status) -> bytes:
 
 
 def decode_status(payload: bytes) -> Status:
-    """Return the status in a JSON payload; fields that we do not know are ignored.
+    """Return the status in a JSON payload; unknown fields are ignored.
 
     Raises:
         MessageError: `shape`, when this is no status.
     """
     status = decode_json(payload, Status, "a status")
-    if _is_deeper(status.hardware, _LEVELS):  # What can be read cannot always be written again.
+    if _is_deeper(status.hardware, _LEVELS):  # Deep nesting decodes, but may not encode.
         raise MessageError("shape", f"hardware is nested in more than {_LEVELS} levels")
     return status
 

@@ -12,14 +12,14 @@ _NAME = re.compile(r"[a-z0-9_-]{1,32}")
 
 
 class QoS(StrEnum):
-    """How a message is queued and sent."""
+    """Quality of service: priority, batching, congestion control and history."""
 
     REAL_TIME = "real_time"
-    """Ahead of everything, never batched, dropped rather than queued."""
+    """Highest priority, never batched, dropped on congestion."""
     DATA = "data"
-    """Dropped rather than queued."""
+    """Dropped on congestion."""
     EVENT = "event"
-    """Kept for late joiners."""
+    """Kept in a history for late joiners."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,12 +27,12 @@ class Topic:
     """One row of the table: a stream from or to a robot."""
 
     path: str
-    """Below `twin/<robot>/`."""
+    """Key below `twin/<robot>/`."""
     type: str
     """ROS 2 type of the CDR payload, or `json`."""
     qos: QoS
     rate_hz: float
-    """While it flows."""
+    """Rate while it is published, Hz."""
 
     def key(self, robot: str) -> str:
         """Return the key of this topic for a robot id; `*` stands for all robots."""
@@ -82,7 +82,7 @@ def checked(name: str) -> str:
 
 
 def twist_key(robot: str, operator: str) -> str:
-    """Return the key that `operator` commands `robot` on."""
+    """Return the key of the velocity commands of `operator` to `robot`."""
     return TWIST.key(robot).replace("*", checked(operator))
 
 

@@ -1,4 +1,4 @@
-"""Limits of speed, acceleration, gimbal angle and gimbal rate, applied to the twist as a whole."""
+"""Twist limiter: speed, acceleration, gimbal angle and gimbal rate, on the twist as a whole."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _LARGEST = 1e100
 
 
 class TwistLimiter:
-    """Scales twists and changes of twist as a whole: same direction, same curvature.
+    """Limiter of twists and changes of twist; it scales them and keeps direction and curvature.
 
     The path from one twist to another is a straight line in twist space. All limits are convex, so
     a line between allowed twists is allowed.
@@ -68,7 +68,7 @@ class TwistLimiter:
 
 
 def _most(speed: Array, turn: Array, kinematics: Array) -> Array:
-    """Return the largest of what is asked of three limits, as shares (...), or 1: (..., 1)."""
+    """Return the largest utilization of three limits (...), at least 1: (..., 1)."""
     shares = np.ones((*np.shape(speed), 4))
     shares[..., 0], shares[..., 1], shares[..., 2] = speed, turn, kinematics
     return np.maximum.reduce(shares, axis=-1, keepdims=True)

@@ -23,12 +23,12 @@ from tsd_twin.lie import Array, sinc, wrap
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathPoints:
-    """Points of a path, and how it runs through them; shapes are those of the arc lengths."""
+    """Points of a path with direction and curvature; shapes are those of the arc lengths."""
 
     xy: Array
     """(..., 2): metres."""
     direction: Array
-    """(...): angle of the tangent, radians; continuous along the path but for corners."""
+    """(...): angle of the tangent, radians; continuous along the path except at corners."""
     curvature: Array
     """(...): d direction / ds, 1/m; left is positive."""
     sharpness: Array
@@ -45,7 +45,7 @@ class Path(Protocol):
 
     @property
     def corners_m(self) -> tuple[float, ...]:
-        """Arc lengths where the direction jumps: nobody with mass passes without a stop."""
+        """Corners: arc lengths where the direction jumps, so the robot must stop there."""
         ...
 
     @property
@@ -64,7 +64,7 @@ class Arc:
 
     start_m: tuple[float, float]
     direction_rad: float
-    """Of the tangent at the start."""
+    """Direction of the tangent at the start."""
     curvature_per_m: float
     """Left is positive."""
     length_m: float
@@ -80,7 +80,7 @@ class Arc:
         """Return the points at arc lengths `s_m` (...)."""
         s = np.asarray(s_m, dtype=float)
         half = 0.5 * self.curvature_per_m * s
-        # The chord of an arc points half the angle further, and is shortened by sinc.
+        # The chord of an arc is turned by half its angle, and shortened by sinc.
         chord, along = s * sinc(half), self.direction_rad + half
         xy = np.stack([chord * np.cos(along), chord * np.sin(along)], axis=-1)
         return PathPoints(
@@ -106,11 +106,11 @@ def arc(start_m: Sequence[float], direction_rad: float, radius_m: float, angle_r
 
 
 _PARTS = 8
-"""Pieces that the span between two knots is cut into for the table of arc lengths."""
+"""Number of intervals between two knots in the table of arc lengths."""
 _UNIT = np.array([0.0, 1.0])
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 _STEEP = 0.7
-"""Shape of a blend: a compromise of the tightest bend and of how fast the bend may change."""
+"""Shape of a blend: a compromise between the largest curvature and its rate of change."""
 _FLAT = 0.3
 
 
@@ -176,7 +176,7 @@ class Curve:
         return half * (np.hypot(first[..., 0], first[..., 1]) @ _WEIGHTS)
 
     def _parameter(self, s: Array) -> tuple[Array, Any]:
-        """Return the parameters at arc lengths, and their rows in the table, by Newton's rule."""
+        """Return the parameters at arc lengths, and their rows in the table, by Newton's method."""
         s = np.clip(s, 0.0, self._s[-1])
         row = np.clip(np.searchsorted(self._s, s, side="right") - 1, 0, len(self._s) - 2)
         start, end = self._u[row], self._u[row + 1]
@@ -235,7 +235,7 @@ def parabola(a_per_m: float, b: float, c_m: float, start_x_m: float, end_x_m: fl
 
 
 def blend(start_m: Array, corner_m: Array, end_m: Array) -> Curve:
-    """Return the way around a corner: a quintic Bezier curve, straight at its ends."""
+    """Return a rounded corner: a quintic Bezier curve with zero curvature at its ends."""
     near, far = 1.0 - _STEEP, 1.0 - _FLAT
     into, out = corner_m - start_m, end_m - corner_m
     points = [start_m, start_m + near * into, start_m + far * into]
@@ -258,7 +258,7 @@ _CORNER_RAD = 1e-6
 
 
 class CompositePath:
-    """Several paths as one; each starts where the one before ends.
+    """Composite path: a sequence of paths, each starting at the end of the one before.
 
     Raises:
         PathError: there is a gap, or there is no path.
@@ -276,7 +276,7 @@ class CompositePath:
             if np.abs(end.xy - start.xy).max() > _GAP_M:
                 raise PathError(f"part {i + 2} starts at {start.xy}, part {i + 1} ends at {end.xy}")
             step = float(wrap(start.direction - end.direction))
-            # Directions go on where they were, so that full turns can be counted.
+            # Directions are unwrapped, so that full turns can be counted.
             turns.append(turns[-1] + float(end.direction - start.direction) + step)
             at = float(self._starts[i + 1])
             if abs(step) > _CORNER_RAD:
@@ -310,7 +310,7 @@ class CompositePath:
 
 
 def polyline(points_m: Array | Sequence[Sequence[float]], cut_m: float = 0.0) -> CompositePath:
-    """Return the way along straight legs through `points_m` (n, 2), n above 1, metres.
+    """Return the path of straight legs through `points_m` (n, 2), n above 1, metres.
 
     Corners are sharp, so the robot stops there; with `cut_m` it leaves a leg that far before a
     corner, at most half a leg, and rounds it by a smooth curve.

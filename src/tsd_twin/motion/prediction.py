@@ -1,6 +1,4 @@
-"""Motion prediction over the link delay: the motion model run forward with the commands still under
-way.
-"""
+"""Motion prediction over the link delay: forward simulation with the commands in transit."""
 
 from __future__ import annotations
 
@@ -20,21 +18,21 @@ from tsd_twin.robots.description import Limits
 STEP_S = 0.01
 """As long as a period of the robot, which approaches a command in steps."""
 AT_REST = 0.005
-"""In m/s and rad/s: less is standstill."""
+"""Standstill threshold, in m/s and rad/s."""
 LONGEST_S = 5.0
-"""Nobody wants to know what is later, and every robot has come to rest by then."""
+"""Longest horizon; every robot has come to rest by then."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PendingCommand:
-    """A command that is on its way."""
+    """A command in transit to the robot."""
 
     after_s: float
-    """When it arrives, counted from the state that is run forward; before it when negative."""
+    """Time of arrival, relative to the initial state of the prediction; may be negative."""
     request: Array
-    """(3,): the twist that it asks for."""
+    """(3,): the requested twist."""
     to_base: Callable[[Any, Array], Array] | None = None
-    """How the pose turns it into the base frame, where it is not in that frame already."""
+    """Rotation of the twist into the base frame by the pose; None when it is in that frame."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,14 +42,14 @@ class PredictedState(Generic[PoseT]):
     after_s: float
     pose: PoseT
     moving: Array
-    """(3,): the twist with which it moves, which follows the one that is commanded."""
+    """(3,): the actual twist, which lags the commanded one."""
 
 
 class Predictor(Generic[PoseT]):
-    """Runs the limiter and the drive of the robot forward; everything is an argument.
+    """Forward simulation of the limiter and the kinematics; stateless between calls.
 
-    `lag_s` is how late the joints follow their set-points, as a first-order lag; `step_s` is best
-    a period of the robot, and may be longer where a centimetre does not matter.
+    `lag_s` is the time constant of the joints, as a first-order lag; `step_s` is best a period of
+    the robot, and may be longer where an error of a centimetre is acceptable.
     """
 
     def __init__(
@@ -64,7 +62,7 @@ class Predictor(Generic[PoseT]):
         self._kinematics = kinematics
         self._step_s = step_s
         self._limiter = TwistLimiter(kinematics, limits)
-        # What is left after a step of the difference between set-point and motion.
+        # Share of the difference between set-point and motion that remains after a step.
         self._left = math.exp(-step_s / lag_s) if lag_s > 0.0 else 0.0
 
     def moments(
@@ -73,7 +71,7 @@ class Predictor(Generic[PoseT]):
         """Yield state after state, from `pose` with `twist` (3,) commanded to the joints.
 
         `commands` are in the order of their arrival; the last one holds for ever, and without any
-        the robot goes on as it does. `share` is that of the limits which the lease leaves.
+        the twist stays constant. `share` is the share of the limits that the lease allows.
         """
         waiting, step_s = list(commands), self._step_s
         goal = moving = twist = np.asarray(twist, float)
@@ -103,7 +101,7 @@ class Predictor(Generic[PoseT]):
         commands: Sequence[PendingCommand],
         share: float = 1.0,
     ) -> PoseT:
-        """Return the pose after `ahead_s`, to the step."""
+        """Return the pose after `ahead_s`, rounded to a step."""
         for moment in self.moments(pose, twist, commands, share):
             pose = moment.pose
             if moment.after_s >= ahead_s - 0.5 * self._step_s:
@@ -113,7 +111,7 @@ class Predictor(Generic[PoseT]):
     def until_rest(
         self, pose: PoseT, twist: Array, commands: Sequence[PendingCommand], share: float = 1.0
     ) -> list[PoseT]:
-        """Return the poses on the way until the last command holds and the robot is at rest."""
+        """Return the predicted poses until the last command holds and the robot is at rest."""
         path: list[PoseT] = []
         last_s = commands[-1].after_s if commands else 0.0
         for moment in self.moments(pose, twist, commands, share):

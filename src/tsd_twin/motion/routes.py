@@ -45,7 +45,7 @@ class HeadingProfile(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class FixedHeading:
-    """The same heading all the way, as an omnidirectional robot can."""
+    """Constant heading along the path."""
 
     heading_rad: float = 0.0
 
@@ -61,7 +61,7 @@ class FixedHeading:
 
 @dataclass(frozen=True, slots=True)
 class TangentHeading:
-    """The robot looks where it goes, or to a side of it, as a car does.
+    """Heading along the tangent of the path, plus a constant offset.
 
     Raises:
         PathError: the path has a sharp corner.
@@ -70,7 +70,7 @@ class TangentHeading:
     offset_rad: float = 0.0
 
     def stops_m(self, path: Path) -> tuple[float, ...]:
-        """Return where the curvature jumps: there the turn rate would have to."""
+        """Return the arc lengths where the curvature jumps, since the turn rate would jump too."""
         if path.corners_m:
             raise PathError(
                 f"a tangent heading cannot follow the sharp corner at {path.corners_m[0]:.3f} m: "
@@ -87,9 +87,9 @@ class TangentHeading:
 
 
 class SampledHeading:
-    """A smooth heading through given ones (cubic spline, at rest at both ends).
+    """Cubic spline through given headings, with zero slope at both ends.
 
-    `s_m` (n,) rises; `heading_rad` (n,) is not wrapped, so that turns can be asked for.
+    `s_m` (n,) rises; `heading_rad` (n,) is not wrapped, so that full turns are possible.
     """
 
     def __init__(self, s_m: Sequence[float], heading_rad: Sequence[float]) -> None:
@@ -113,18 +113,18 @@ class SampledHeading:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RoutePoints:
-    """Places of a route; shapes are those of the arc lengths."""
+    """Points of a route with their derivatives; shapes are those of the arc lengths."""
 
     pose: Array
     """(..., 3): x, y, heading."""
     per_m: Array
-    """(..., 3): body twist for a metre a second along the path."""
+    """(..., 3): body twist at 1 m/s along the path."""
     bend: Array
-    """(..., 3): d per_m / ds, in the body frame as it turns."""
+    """(..., 3): d per_m / ds, in the turning body frame."""
     direction: Array
-    """(...): of the tangent, radians."""
+    """(...): angle of the tangent, radians."""
     curvature: Array
-    """(...): of the path, 1/m."""
+    """(...): curvature of the path, 1/m."""
 
     def twist(self, speed_mps: Array) -> Array:
         """Return the body twist (..., 3) at `speed_mps` (...)."""
@@ -138,7 +138,7 @@ class RoutePoints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
-    """A path and a law of heading."""
+    """A path with a heading profile."""
 
     path: Path
     heading: HeadingProfile = field(default_factory=FixedHeading)
@@ -150,17 +150,17 @@ class Route:
 
     @property
     def stops_m(self) -> tuple[float, ...]:
-        """Arc lengths at which the robot has to stand, rising, ends not included."""
+        """Arc lengths at which the robot must stop, rising, without the ends."""
         stops = {*self.path.corners_m, *self.heading.stops_m(self.path)}
         return tuple(sorted(stops))
 
     @property
     def breaks_m(self) -> tuple[float, ...]:
-        """Arc lengths where something jumps: stops, and jumps of the curvature."""
+        """Arc lengths of stops and of curvature jumps."""
         return tuple(sorted({*self.stops_m, *self.path.knots_m}))
 
     def at(self, s_m: Array) -> RoutePoints:
-        """Return the places at arc lengths `s_m` (...)."""
+        """Return the points at arc lengths `s_m` (...)."""
         points = self.path.at(s_m)
         heading = self.heading.at(s_m, points)
         off = points.direction - heading.heading
@@ -176,46 +176,46 @@ class Route:
 
 
 LONGEST_M = 50.0
-"""Nobody sees further, and holds a button for it."""
+"""Longest route: an operator must see the robot and hold a button for all of it."""
 THERE_M = 0.005
-"""Nearer than this is there."""
+"""Tolerances within which a goal counts as reached."""
 _THERE_RAD = 0.01
 _STEP_M = 0.02
 _MOST_STEPS = 400
 _HAND_M = 0.015
-"""How far, root mean square, a smooth line may pass from where a hand has drawn, to begin with."""
+"""Initial RMS distance of the smoothed line from the drawn points."""
 _ASIDE_M = 0.03
-"""And how far anywhere: a corner must not use up what the rest leaves."""
+"""Largest distance anywhere, which the mean alone would not bound at a corner."""
 _CLOSER = 8
-"""As many times it is made to pass at half the distance, until it does."""
+"""Largest number of times the RMS distance is halved until the bound holds."""
 _TURN_M = 0.001
-"""A turn in place is a way this short: routes are measured by their length."""
+"""Path length of a turn in place, since routes are parameterized by arc length."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NavigationGoal:
-    """Where to go, seen from `odom`."""
+    """Navigation goal in `odom`: a position or a drawn line, and an optional final heading."""
 
     points: Array
-    """(n, 2): metres; one is a place to go to, more are a line that was drawn."""
+    """(n, 2): metres; one point is a position, more are a drawn line."""
     heading_rad: float | None = None
-    """Where to look at the end; None keeps the heading."""
+    """Final heading; None keeps the present one."""
 
     def route(self, start: SE2) -> Route:
-        """Return the way from where the robot stands.
+        """Plan the route from the pose `start`.
 
         Raises:
-            PathError: it is there already, it is too far, the line has no smooth way along it, or
-                something is no number.
+            PathError: the goal is reached already or too far, the line cannot be smoothed, or a
+                value is not finite.
         """
         here, goal = start.xy_heading, np.asarray(self.points[-1], dtype=float)
         if not (np.isfinite(here).all() and math.isfinite(self.heading_rad or 0.0)):
-            raise PathError("where the robot is, or shall look, is no number")
+            raise PathError("the pose of the robot, or the heading to turn to, is no number")
         turn = 0.0 if self.heading_rad is None else float(wrap(self.heading_rad - here[2]))
         way = np.concatenate([here[None, :2], self.points])
         length_m = float(np.hypot(*np.diff(way, axis=0).T).sum())
         if not np.isfinite(length_m) or length_m > LONGEST_M:
-            raise PathError(f"a way may have {LONGEST_M:g} m at most")
+            raise PathError(f"a route may have {LONGEST_M:g} m at most")
         if self.is_done(start):
             raise PathError("the robot is there already")
         path: Path
@@ -230,14 +230,14 @@ class NavigationGoal:
         return Route(path, heading)
 
     def is_done(self, here: SE2) -> bool:
-        """Return whether a robot that stands there has nothing left to do."""
+        """Return whether a robot at `here` has reached the goal."""
         x, y, heading = here.xy_heading
         turn = 0.0 if self.heading_rad is None else float(wrap(self.heading_rad - heading))
         way = np.concatenate([[[x, y]], self.points])
         return bool(np.hypot(*np.diff(way, axis=0).T).sum() < THERE_M and abs(turn) < _THERE_RAD)
 
     def remaining(self, path: Path, done_m: float) -> NavigationGoal:
-        """Return what is left of it after `done_m` of a path that was made for it."""
+        """Return the remaining goal after `done_m` of the path planned for it."""
         if len(self.points) == 1:
             return self
         left_m: Array = np.linspace(min(done_m, path.length_m), path.length_m, len(self.points) + 1)
@@ -245,25 +245,25 @@ class NavigationGoal:
 
 
 def _smooth(points: Array) -> Path:
-    """Return a smooth curve from the first to the last of `points` (n, 2), near all others."""
+    """Return a smooth curve from the first to the last of `points` (n, 2), close to the others."""
     steps = np.hypot(*np.diff(points, axis=0).T)
     along = np.concatenate([[0.0], np.cumsum(steps)])
     count = int(np.clip(np.ceil(along[-1] / _STEP_M), 8, _MOST_STEPS))
     even: Array = np.linspace(0.0, float(along[-1]), count)
     drawn = np.stack([np.interp(even, along, points[:, axis]) for axis in (0, 1)], axis=-1)
     weights = np.ones(count)
-    weights[[0, -1]] = 1e3  # The ends are meant.
+    weights[[0, -1]] = 1e3  # The ends are interpolated.
     spline = _fit(drawn, weights, even, _HAND_M)
     for halved in range(1, _CLOSER + 1):
         if np.hypot(*(spline(even) - drawn).T).max() <= _ASIDE_M:
             break
         spline = _fit(drawn, weights, even, _HAND_M * 0.5**halved)
-    # Its third derivative is continuous, so nobody has to stand, or to look closer, at a knot.
+    # The third derivative is continuous, so knots need neither stops nor a finer time grid.
     return Curve(spline, np.unique(spline.t))
 
 
 def _fit(points: Array, weights: Array, at: Array, rms_m: float) -> Any:
-    # scipy has no types for it. With the full output it does not warn when it is only nearly there.
+    # scipy has no types for it. With the full output it does not warn about a near-convergence.
     scipy: Any = interpolate
     fit = scipy.splprep(points.T, w=weights, u=at, s=len(at) * rms_m**2, k=5, full_output=1)
     knots, coefficients, degree = fit[0][0]

@@ -17,17 +17,17 @@ from tsd_twin.motion.trajectory import Reference, Trajectory
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """Of one error; what comes out is a speed, so their units count seconds."""
+    """PID gains of one error; the output is a speed, so the units follow from seconds."""
 
     proportional_per_s: float = 0.0
     integral_per_s2: float = 0.0
     differential: float = 0.0
     integral_limit: float = 0.1
-    """The most speed that the integral part may give, m/s or rad/s: it must not wind up."""
+    """Anti-windup limit of the integral part, m/s or rad/s."""
 
 
 class Pid:
-    """One controller for each of the last axis of the errors; leading dimensions are a batch."""
+    """PID controllers, one for each component of the errors; leading dimensions are a batch."""
 
     def __init__(self, *gains: Gains) -> None:
         self._p = np.array([g.proportional_per_s for g in gains])
@@ -38,7 +38,7 @@ class Pid:
         self._previous: Array | None = None
 
     def advance(self, error: Array, dt_s: float) -> Array:
-        """Return the speeds (..., k) against `error` (..., k), `dt_s` after the last one."""
+        """Return the correcting speeds (..., k) for `error` (..., k), `dt_s` after the last one."""
         previous = error if self._previous is None or dt_s <= 0.0 else self._previous
         self._previous = np.array(error)
         summed = self._integral + self._i * error * dt_s
@@ -47,32 +47,32 @@ class Pid:
         return self._p * error + self._integral + self._d * slope
 
     def reset(self) -> None:
-        """Forget what was."""
+        """Reset the integral and derivative parts."""
         self._integral = np.zeros_like(self._p)
         self._previous = None
 
 
 @dataclass(frozen=True, slots=True)
 class TrackingSettings:
-    """How a trajectory is followed."""
+    """Settings of the tracking controller: actuator lag and PID gains."""
 
     lag_s: float = 0.04
-    """Time by which the actuators follow late: acceleration is fed forward by so much."""
+    """Lag of the actuators; acceleration is fed forward by this time."""
     along: Gains = field(default_factory=lambda: Gains(8.0, 1.0, integral_limit=0.05))
-    """Against being early or late."""
+    """Gains of the along-track error."""
     across: Gains = field(default_factory=lambda: Gains(8.0, 1.0, integral_limit=0.05))
-    """Against being beside the path, the signed distance to it."""
+    """Gains of the cross-track error, the signed distance to the path."""
     heading: Gains = field(default_factory=lambda: Gains(8.0, 1.0, integral_limit=0.2))
 
 
 class TrackingController:
-    """Twists that make a robot follow a trajectory, open or closed loop.
+    """Tracking control law: the twist that follows a trajectory, open or closed loop.
 
     Feed-forward is the twist of the reference ahead by the lag of the actuators: to first order the
-    twist now and its rate times the lag, which is what joints that follow late have to be told. The
-    sum itself would jump with the acceleration, and the core would not let it. Time and poses are
-    arguments; poses may have leading batch dimensions. Twists are not limited here: the trajectory
-    is, and the core limits what correction adds.
+    present twist plus its rate times the lag, which compensates the lag of the joints. The sum
+    itself would jump with the acceleration, and the twist limiter would cut the jump. Time and
+    poses are arguments; poses may have leading batch dimensions. Twists are not limited here: the
+    trajectory is within the limits, and the control loop limits what the correction adds.
     """
 
     def __init__(
@@ -81,9 +81,9 @@ class TrackingController:
         settings: TrackingSettings | None = None,
         told: Callable[[float], Array] | None = None,
     ) -> None:
-        """`told` is the twist (3,) to tell a robot which, but for its lag, shall move as at a time.
+        """`told` maps a time to the twist (3,) for a robot without lag.
 
-        That of the trajectory, unless it is given.
+        The default is the twist of the trajectory.
         """
         settings = settings or TrackingSettings()
         self.trajectory = trajectory
@@ -92,7 +92,7 @@ class TrackingController:
         self._pid = Pid(settings.along, settings.across, settings.heading)
 
     def feed_forward(self, t_s: float) -> Array:
-        """Return the body twist (3,) to command at `t_s` when nothing is measured: open loop."""
+        """Return the open-loop body twist (3,) to command at `t_s`."""
         return self._told(t_s + self._lag_s)
 
     def advance(self, t_s: float, pose: SE2, dt_s: float, ahead_s: float = 0.0) -> Array:
@@ -117,9 +117,9 @@ class TrackingController:
 
 
 def tracking_errors(reference: Reference, pose: SE2) -> Array:
-    """Return what is left to the reference (..., 3): along and across the path, and the heading.
+    """Return the errors to the reference (..., 3): along-track, cross-track and heading.
 
-    Across is positive when the path lies to the left of the robot.
+    The cross-track error is positive when the path lies to the left of the robot.
     """
     off = reference.pose - pose.xy_heading
     c, s = np.cos(reference.direction), np.sin(reference.direction)
@@ -135,30 +135,30 @@ def tracking_errors(reference: Reference, pose: SE2) -> Array:
 
 NEAR_M = 0.008
 NEAR_RAD = 0.01
-"""Arrived, when the reference has; a servo step of `tsd` is 16 mm/s, so it cannot be much less."""
+"""Goal tolerance once the reference has arrived; a servo step of `tsd` is 16 mm/s."""
 SETTLE_S = 1.5
-"""Longer than this after the reference nobody waits for the last millimetres."""
+"""Timeout, after the arrival of the reference, for the robot to reach the goal tolerance."""
 FAIR_M = 0.05
 FAIR_RAD = 0.1
-"""Arrived all the same, when there is no more time."""
+"""Goal tolerance at that timeout."""
 LOST_M = 0.3
 LOST_RAD = 0.6
-"""So far from the reference, the robot does not follow it: it is held, it slips, it was moved."""
+"""Largest tracking error; beyond it the robot is blocked, slips, or was moved."""
 STUCK_S = 2.0
 _FREE_M = 0.05
 _SPAN_M = 0.1
-"""From `_FREE_M` behind on, the reference goes slower, and `_SPAN_M` further it waits."""
+"""The reference slows down from `_FREE_M` of lag on, and waits `_SPAN_M` beyond that."""
 _GAP_S = 0.2
-"""What passes at once between two calls at most: longer, and the robot has begun to stop."""
+"""Longest time step between two calls; after a longer pause the robot has begun to stop."""
 _GAIN_PER_S = 4.0
 _GAIN_TIMES_DELAY = 0.35
-"""A loop that answers late by T neither swings nor overshoots with a gain up to 1 / (e T)."""
+"""A loop with a delay T does not oscillate or overshoot at a gain up to 1 / (e T)."""
 _PERIODS_S = 0.06
-"""How late it is besides: a period of the page, the robot and the picture each."""
+"""Additional loop delay: a period each of the page, the robot and the camera."""
 
 
 class ExecutionPhase(StrEnum):
-    """How it goes."""
+    """Phases of an execution."""
 
     GOING = "going"
     ARRIVED = "arrived"
@@ -167,26 +167,26 @@ class ExecutionPhase(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExecutionStep:
-    """What comes of one call."""
+    """Result of one step: phase, twist to command, progress and errors."""
 
     phase: ExecutionPhase
     twist: Array
-    """(3,): to command in the body frame; zero unless it is going."""
+    """(3,): twist to command in the body frame; zero unless the execution is running."""
     done_m: float
-    """How far along the path the reference is."""
+    """Arc length of the reference."""
     cross_track_m: float
-    """Between the robot and the reference."""
+    """Distance between the robot and the reference."""
     heading_error_rad: float
     reason: str = ""
-    """Why it is lost."""
+    """Reason of the phase `LOST`."""
 
 
 class TrajectoryExecutor:
-    """Follows a trajectory from a robot at rest at its start, closed loop; time is an argument.
+    """Closed-loop executor of a trajectory that starts at rest; time is an argument.
 
-    The reference waits for a robot that falls behind, so that nothing winds up and no corner is
-    cut. Poses that come late, and commands that arrive late, are reckoned with: a pose is compared
-    with where the reference was then, and the gains are as high as the delay allows.
+    The reference waits for a robot that falls behind, so that no integral winds up and no corner is
+    cut. Delays are compensated: a pose is compared with the reference at the time of the pose, and
+    the gains are as high as the delay allows.
     """
 
     def __init__(
@@ -199,7 +199,7 @@ class TrajectoryExecutor:
     ) -> None:
         """`cap` scales a twist (3,) to the limits.
 
-        `lag_s` is how late the joints follow, `delay_s` the way to the robot and back.
+        `lag_s` is the lag of the joints, `delay_s` the round trip of the link.
         """
         gain = min(_GAIN_PER_S, _GAIN_TIMES_DELAY / (_PERIODS_S + delay_s))
         gains = Gains(gain, 0.25 * gain, integral_limit=0.05)
@@ -214,7 +214,7 @@ class TrajectoryExecutor:
         self._stuck_s = 0.0
 
     def advance(self, now_s: float, pose: SE2) -> ExecutionStep:
-        """Return what to command at `now_s`, when the robot has last said that it is at `pose`."""
+        """Return the step for `now_s`; `pose` is the newest one the robot has reported."""
         if not np.isfinite(pose.xy_heading).all():
             return self._step(ExecutionPhase.LOST, 0.0, math.inf, math.inf, "the pose is no number")
         dt_s = 0.0 if self._last_s is None else min(max(now_s - self._last_s, 0.0), _GAP_S)
@@ -241,7 +241,7 @@ class TrajectoryExecutor:
                 done_m,
                 cross_track_m,
                 heading_error_rad,
-                "the robot does not get on",
+                "the robot makes no progress",
             )
         over_s = seen_s - self.trajectory.duration_s
         if over_s >= 0.0 and cross_track_m < NEAR_M and heading_error_rad < NEAR_RAD:

@@ -24,11 +24,11 @@ from tsd_twin.motion.routes import Route, RoutePoints
 from tsd_twin.robots.description import Limits
 
 _INSIDE_M = 1e-9
-"""A cell looks at its ends from within: at a corner each has its own direction."""
+"""Cells evaluate their ends from inside: at a corner the two sides differ in direction."""
 
 
 class PathConstraints:
-    """The limits of all cells: speeds at their ends, and the convex set of (a, u) of each."""
+    """TOPP constraints of all cells: speeds at their ends, and the convex set of (a, u) of each."""
 
     def __init__(
         self, route: Route, kinematics: Kinematics[Any], limits: Limits, s: Array, share: float
@@ -38,7 +38,7 @@ class PathConstraints:
         self._points: RoutePoints = route.at(np.stack([starts, ends], axis=-1))
         self.lengths_m: Array = np.diff(s)
         self.slowing = -0.5 / self.lengths_m
-        """(n,): lowest a / u: that which ends a cell at rest."""
+        """(n,): lowest a / u, at which a cell ends at rest."""
 
     def highest_speeds(self) -> Array:
         """Return the highest speed (n + 1,) at each end of the cells, m/s."""
@@ -51,7 +51,7 @@ class PathConstraints:
         return np.concatenate([both[:1, 0], inner, both[-1:, 1]])
 
     def usage(self, cell: Any, a: Array, u: Array) -> Array:
-        """Return how much of the limits of change (a, u) use at both ends of `cell`.
+        """Return the utilization of the acceleration limits by (a, u) at both ends of `cell`.
 
         `cell` is an index; a and u have its shape, or one more dimension after it.
         """
@@ -61,7 +61,7 @@ class PathConstraints:
     def _usage(self, cell: Any, end: int, a: Array, u: Array) -> Array:
         points, limits = self._points, self._limits
         change = points.per_m[cell, end] * a[..., None] + points.bend[cell, end] * u[..., None]
-        # Both have `a` along the way; across it, what the curve takes of the ground or of the body.
+        # Both have `a` along the path; across it, the centripetal part over ground or in the body.
         bend = points.bend[cell, end]
         aside = np.maximum(
             np.abs(points.curvature[cell, end]), np.hypot(bend[..., 0], bend[..., 1])
@@ -70,12 +70,12 @@ class PathConstraints:
         linear = np.where(a < 0.0, limits.deceleration_mps2, limits.acceleration_mps2)
         turn = np.abs(change[..., 2]) / limits.angular_acceleration_rad_per_s2
         joints = self._kinematics.rate_utilization(change, 1.0)
-        # Braking is no licence to bend more: without the second, the set would not be convex.
+        # Braking must not allow more curvature: without the second, the set would not be convex.
         used = np.maximum(np.hypot(a, across) / linear, across / limits.acceleration_mps2)
         return np.maximum(used, np.maximum(turn, joints)) / self._share
 
     def max_velocity_curve(self) -> tuple[Array, Array]:
-        """Return the highest u (n,) that each cell allows at its start, and the a it goes with.
+        """Return the highest u (n,) at the start of each cell, and the a it goes with.
 
         The least of a convex function of a / u, by golden sections in all cells at once.
         """
@@ -88,7 +88,7 @@ class PathConstraints:
             left, right = high - golden * (high - low), low + golden * (high - low)
             lower = self.usage(every, left, one) < self.usage(every, right, one)
             low, high = np.where(lower, low, left), np.where(lower, right, high)
-        # Among flat valleys and corners, zero is the slope to prefer when it is as good.
+        # In flat minima and at kinks, prefer zero slope when it is as good.
         slope = 0.5 * (low + high)
         used, at_zero = self.usage(every, slope, one), self.usage(every, 0.0 * one, one)
         slope = np.where(at_zero <= used * (1.0 + 1e-9), 0.0, slope)
@@ -103,10 +103,10 @@ class PathConstraints:
 
 
 _LEAST_CELLS = 100
-"""Between two breaks, however close they are."""
+"""Minimum number of cells between two breaks."""
 _TRIES = 25
 _ROUNDS = 4
-"""A search narrows an interval to 1 in 24, so many times: to 3e-6 of it."""
+"""Each round of a search narrows an interval to 1/24; so many rounds narrow it to 3e-6."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,7 +123,7 @@ class SpeedProfile:
     """(n + 1,): when each end is reached, seconds."""
 
     def place_m(self, t_s: Array) -> Array:
-        """Return how far along (...) it is at times `t_s` (...) from start to end."""
+        """Return the arc lengths (...) at times `t_s` (...) from start to end."""
         cell, since = self.since(t_s)
         s = self.s_m[cell] + since * (
             self.speed_mps[cell] + 0.5 * since * self.acceleration_mps2[cell]
@@ -149,11 +149,10 @@ def time_optimal(
     """Return the fastest profile from rest to rest, with a stop at each of `route.stops_m`.
 
     Kept are the limits of speed, turn rate, acceleration, deceleration and angular acceleration,
-    and those of the joints by the drive's `joint_utilization` and `rate_utilization`. Accelerations
-    are limited
-    twice: over the ground, which friction has to give, and in the body's axes, where the core
-    limits them. `share` in (0, 1] lowers all limits but that of speed, and so leaves room to
-    correct; `speed_mps` lowers that of speed.
+    and those of the joints by `joint_utilization` and `rate_utilization` of the kinematics.
+    Accelerations are limited twice: over the ground, where friction bounds them, and in the body's
+    axes, where the control loop limits them. `share` in (0, 1] lowers all limits except speed, as a
+    margin for the correction; `speed_mps` lowers that of speed.
 
     Raises:
         PathError: the share is out of range, or the route cannot be followed at any speed.
@@ -177,7 +176,7 @@ def time_optimal(
 
 
 def _graded(start_m: float, end_m: float, cell_m: float) -> Array:
-    """Return where the cells of a piece start, short near its ends, where speed changes most."""
+    """Return the starts of the cells of a piece, shorter near its ends, where speed changes."""
     cells = max(_LEAST_CELLS, math.ceil(0.5 * math.pi * (end_m - start_m) / cell_m))
     share = 0.5 - 0.5 * np.cos(np.pi * np.arange(cells) / cells)
     return start_m + (end_m - start_m) * share
@@ -197,7 +196,7 @@ def _backward(cells: PathConstraints, cap: Array) -> tuple[Array, Array]:
             highest[i + 1],
         )
         if u + twice * a > k:
-            # The line of all (a, u) that lead to k passes between (0, 0) and the crest.
+            # The line of all (a, u) that lead to k passes between (0, 0) and the maximum velocity.
             inside = k / (u + twice * a) * u
             u = _last(cells, i, inside, u, partial(_towards, k, twice))
             a = (k - u) / twice
@@ -206,12 +205,12 @@ def _backward(cells: PathConstraints, cap: Array) -> tuple[Array, Array]:
 
 
 def _forward(cells: PathConstraints, highest: Array, safe: Array) -> tuple[Array, Array]:
-    """Return u (n + 1,) and a (n,) of the profile that is as fast as can be everywhere."""
+    """Return u (n + 1,) and a (n,) of the fastest profile."""
     squared, acceleration = np.zeros(len(highest)), np.zeros(len(safe))
     for i in range(len(safe)):
         u, twice = float(squared[i]), 2.0 * float(cells.lengths_m[i])
         wanted = (float(highest[i + 1]) - u) / twice
-        # The set is convex: what can be done at the highest speed can be done in proportion below.
+        # The set is convex: a point feasible at the highest speed scales down to lower speeds.
         inside = float(safe[i]) * (u / float(highest[i]) if highest[i] > 0.0 else 0.0)
         a = _last(cells, i, inside, wanted, partial(_from, u))
         acceleration[i] = a
@@ -237,9 +236,9 @@ def _last(
     outside: float,
     point: Callable[[Array], tuple[Array, Array]],
 ) -> float:
-    """Return the last number on the way from `inside` to `outside` at which a cell's limits hold.
+    """Return the last number from `inside` to `outside` at which the limits of a cell hold.
 
-    `point` maps numbers to (a, u). The set is convex, so that what holds is an interval.
+    `point` maps numbers to (a, u). The set is convex, so the feasible numbers are an interval.
     """
     low, high = inside, outside
     for _ in range(_ROUNDS):
@@ -257,11 +256,11 @@ _CELL_S = 0.002
 
 
 def smoothed(profile: SpeedProfile, over_s: float) -> SpeedProfile:
-    """Return a profile whose speed at each time is the mean of another's over the last `over_s`.
+    """Smooth a profile: its speed becomes the moving average over the last `over_s`.
 
-    So what was a jump of acceleration is a ramp over `over_s`, and nothing accelerates harder than
-    before. Each way from one rest to the next takes `over_s` longer. On straight ways all limits
-    still hold; on a curve a place is passed a little faster or slower than before.
+    A jump of acceleration becomes a ramp over `over_s`, and the largest acceleration does not rise.
+    Each motion from rest to rest takes `over_s` longer. On straight segments all limits still hold;
+    on a curve the speed at a point differs slightly from before.
     """
     if not over_s > 0.0:
         return profile
@@ -274,7 +273,7 @@ def smoothed(profile: SpeedProfile, over_s: float) -> SpeedProfile:
         now_m, before_m = (profile.place_m(np.clip(t, begin_s, end_s)) for t in (t_s, t_s - over_s))
         mean = (now_m - before_m) / over_s
         mean[-1] = 0.0
-        # Evenly from one speed to the next: the sum is the way but for a ten-thousandth part.
+        # Linear between speeds: the sum is the path length to within 1e-4.
         way_m = np.cumsum(0.5 * (mean[1:] + mean[:-1]) * np.diff(t_s))
         length_m = float(profile.s_m[last] - profile.s_m[first])
         s_m.append(profile.s_m[first] + way_m * (length_m / way_m[-1]))
@@ -286,23 +285,23 @@ def smoothed(profile: SpeedProfile, over_s: float) -> SpeedProfile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """What a robot shall do at one time, or at many; shapes are those of the times."""
+    """Reference of a trajectory at one or many times; shapes are those of the times."""
 
     pose: Array
     """(..., 3): x, y, heading."""
     twist: Array
-    """(..., 3): in the body frame of `pose`."""
+    """(..., 3): twist in the body frame of `pose`."""
     twist_rate: Array
-    """(..., 3): how the body twist changes."""
+    """(..., 3): time derivative of the body twist."""
     direction: Array
-    """(...): of the path, radians."""
+    """(...): direction of the path, radians."""
     s_m: Array
     """(...): arc length."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """A route and the speed along it; it rests at its start before, and at its end after."""
+    """A route with its speed profile; constant before the start and after the end."""
 
     route: Route
     profile: SpeedProfile
@@ -318,7 +317,7 @@ class Trajectory:
         return self.route.length_m
 
     def at(self, t_s: Array | float) -> Reference:
-        """Return what shall be at times `t_s` (...), seconds after the start."""
+        """Return the reference at times `t_s` (...), seconds after the start."""
         profile = self.profile
         t = np.asarray(t_s, dtype=float)
         moving = (t > 0.0) & (t < self.duration_s)
@@ -347,12 +346,12 @@ def plan(
     cell_m: float = 0.005,
     smooth_s: float = 0.0,
 ) -> Trajectory:
-    """Return `route` timed to the limits, as in `fastest`.
+    """Plan the time-optimal trajectory of `route`, as in `time_optimal`.
 
-    Acceleration takes `smooth_s` to change where it would jump; see `smoothed`.
+    Jumps of acceleration become ramps of `smooth_s`; see `smoothed`.
 
     Raises:
-        PathError: as in `fastest`.
+        PathError: as in `time_optimal`.
     """
     profile = time_optimal(
         route, kinematics, limits, share=share, speed_mps=speed_mps, cell_m=cell_m

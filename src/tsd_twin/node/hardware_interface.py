@@ -10,43 +10,43 @@ from tsd_twin.safety import Heartbeat
 
 
 class RobotIO(Protocol):
-    """Joints of a robot; all calls come from one thread."""
+    """Hardware interface to the joints of a robot; all calls come from one thread."""
 
     def read(self, now_s: float) -> Array | None:
-        """Return what is measured, NaN where a number is not; None: no news.
+        """Return a new measurement, NaN where a value is missing; None when there is none.
 
-        (n + s,): the joints of the drive, then `robot.sensors`, which may be left out.
+        (n + s,): the joints of the drive, then `robot.sensors`, which may be omitted.
         """
         ...
 
     def write(self, setpoint: Array, now_s: float) -> None:
-        """Pass on the set-point (n,); a wheel speed of zero means zero throttle."""
+        """Send the set-point (n,); a wheel speed of zero means zero throttle."""
         ...
 
     def hardware(self) -> Mapping[str, Any]:
-        """Return what the status says about the hardware: `kind` and what else there is."""
+        """Return the hardware part of the status: `kind`, and diagnostics of the hardware."""
         ...
 
     def close(self) -> None:
-        """Leave the robot at rest."""
+        """Bring the robot to rest and close the connection."""
         ...
 
 
 @runtime_checkable
 class HasWatchdog(Protocol):
-    """A robot with a board that stops by itself when nobody stands behind what it is told."""
+    """Hardware with its own command watchdog."""
 
     def fault(self, now_s: float) -> str:
-        """Return what the board objects to, as a part of a sentence; "" while all is well."""
+        """Return the fault that the board reports, as a part of a sentence; "" without a fault."""
         ...
 
     def set_heartbeat(self, heartbeat: Heartbeat) -> None:
-        """Say on whose word the next set-point is given."""
+        """Set the heartbeat that is sent with the next set-point."""
         ...
 
 
 class Truth(Protocol):
-    """Where a simulated robot really is."""
+    """True state of a simulated robot."""
 
     @property
     def pose(self) -> SE2 | SO3:
@@ -55,14 +55,14 @@ class Truth(Protocol):
 
     @property
     def twist(self) -> Array:
-        """(3,): in the base frame."""
+        """(3,): twist in the base frame."""
         ...
 
 
 @runtime_checkable
 class HasTruth(Protocol):
-    """A robot whose true motion is known."""
+    """Simulated hardware, whose true motion is known."""
 
     def truth(self, now_s: float) -> Truth:
-        """Return where the robot really is."""
+        """Return the true pose and twist at `now_s`."""
         ...

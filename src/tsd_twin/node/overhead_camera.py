@@ -18,9 +18,9 @@ _LOOK_S = 0.01
 
 
 class OverheadCamera:
-    """Sees the truth of a simulator, late and with noise, and puts it on `sensor/pose`.
+    """Simulated camera: publishes the true pose on `sensor/pose`, delayed and with noise.
 
-    It knows the bus only, as the computer of a real camera would; use it as a context manager.
+    It uses the bus only, as the computer of a real camera would; use it as a context manager.
     """
 
     def __init__(

@@ -30,7 +30,7 @@ _REMEMBERED = 500
 
 
 class RateKeeper:
-    """Waits for the next period; a period that is missed altogether is an overrun, not a burst."""
+    """Fixed-rate timer; a missed period counts as an overrun and is not made up for."""
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
@@ -54,7 +54,7 @@ class RateKeeper:
         return now_s
 
     def status(self) -> LoopStatus:
-        """Return rate, overruns, and how far the periods are from what they should be."""
+        """Return rate, overruns and jitter of the loop."""
         if not self._periods_s:
             return LoopStatus()
         periods = sorted(abs(p - self._period_s) for p in self._periods_s)
@@ -64,10 +64,10 @@ class RateKeeper:
 
 
 class DuplicateIdMonitor:
-    """Announces this node under a number of its own, and watches for others with the same id.
+    """Detects other nodes with the same robot id, by a liveliness token with an instance number.
 
-    The check at the start sees only who is on the bus by then. Two networks that are joined later
-    would have two robots obey the same commands.
+    The check at the start finds only nodes on the bus by then. Two networks that are joined later
+    would have two robots follow the same commands.
     """
 
     def __init__(self, bus: Bus, robot_id: str) -> None:
@@ -76,13 +76,13 @@ class DuplicateIdMonitor:
         self._own = topics.instance_key(robot_id, instance)
         self._others: set[str] = set()
         self.fault = ""
-        """What is wrong, as a part of a sentence; "" while no other robot has this id."""
+        """Text of the fault, as a part of a sentence; "" while no other robot has this id."""
         self._event: Event | None = None
         self._token = bus.declare_token(self._own)
         bus.subscribe_liveliness(topics.instance_key(robot_id, "*"), self._note)
 
     def step(self, now_s: float) -> str:
-        """Look who is there now, and return the `fault` that follows."""
+        """Check the tokens of other nodes, and return the `fault`."""
         fault = duplicate_id_text(self._id) if self._others else ""
         if fault != self.fault:
             self.fault = fault
@@ -95,16 +95,16 @@ class DuplicateIdMonitor:
         return fault
 
     def take_event(self) -> Event | None:
-        """Return what happened: once when another robot is met, once when all are gone."""
+        """Return an event when another robot with this id appears, or the last one has gone."""
         event, self._event = self._event, None
         return event
 
     def close(self) -> None:
-        """Announce this node no longer."""
+        """Undeclare the token."""
         self._token.close()
 
     def _note(self, key: str, lives: bool) -> None:
-        # On the thread of the bus; the loop looks only whether the set is empty.
+        # On the thread of the bus; the loop only checks whether the set is empty.
         if key == self._own:
             return
         if lives:
@@ -120,16 +120,16 @@ _EXACT = np.zeros((3, 3))
 _STATE_EVERY = 2  # 50 Hz
 _STATUS_EVERY = 5  # 20 Hz
 _COMMANDS_KEPT = 64
-"""More than operators that may send within a period; a flood makes the oldest give way."""
+"""Queue depth for commands: above the number of operators; in a flood the oldest are dropped."""
 
 _POSES_KEPT = 32
-"""More than cameras send in a period, also after a link was held up."""
+"""Queue depth for poses: above the number sent in a period, also after a stalled link."""
 
 
 class RobotNode:
-    """Runs the core of one robot at 100 Hz; whatever ends it, the robot is left at rest.
+    """Robot node: runs the controller of one robot at 100 Hz, and leaves it at rest at the end.
 
-    One thread does everything, so no rule of the core depends on how threads interleave.
+    One thread runs the whole loop, so no rule depends on thread scheduling.
     """
 
     def __init__(
@@ -142,10 +142,10 @@ class RobotNode:
         *,
         pose: SE2 | SO3 | None = None,
     ):
-        """Claim the robot id on the bus; `pose` is where the robot is taken to be.
+        """Claim the robot id on the bus; `pose` is the initial pose.
 
         Raises:
-            BusError: the id is taken, or cannot be one.
+            BusError: the id is taken or invalid.
         """
         alive = topics.alive_key(topics.checked(robot_id))
         if bus.living_tokens(alive):
@@ -161,7 +161,7 @@ class RobotNode:
         self._commands = bus.subscriber(topics.TWIST.key(robot_id), _COMMANDS_KEPT)
         self._poses = bus.subscriber(topics.SENSOR_POSE.key(robot_id), _POSES_KEPT)
         self._stops = bus.subscriber(topics.STOP.key(robot_id), 8)
-        # To describe itself has no effect; a stop by who explores the bus would have one.
+        # A description has no side effect, but a query to a pattern must not stop the robot.
         self._servers = {
             service: bus.queryable(service.key(robot_id), patterns=service is Service.DESC)
             for service in Service
@@ -174,11 +174,11 @@ class RobotNode:
         self._numbers = dict.fromkeys(states, 0)
         self._mode = self._controller.supervisor.mode
         self._duplicate_ids = DuplicateIdMonitor(bus, robot_id)
-        # Last: who hears of the robot may ask it at once.
+        # Last: clients that discover the robot may send requests at once.
         self._token = bus.declare_token(alive)
 
     def run(self, stop: threading.Event) -> None:
-        """Run until `stop` is set; the last thing the robot hears is to be at rest."""
+        """Run until `stop` is set; the last set-point is standstill."""
         rate = RateKeeper(PERIOD_S)
         tick = 0
         try:
@@ -210,7 +210,7 @@ class RobotNode:
         self._publish(now_s, tick, bool(commands), rate)
 
     def _fault(self, now_s: float) -> str:
-        # Two robots that obey the same commands are worse than what a board objects to.
+        # Two robots that follow the same commands are worse than a fault of the board.
         return self._duplicate_ids.step(now_s) or (
             self._watchdog.fault(now_s) if self._watchdog else ""
         )
@@ -232,7 +232,7 @@ class RobotNode:
     def _publish(self, now_s: float, tick: int, commanded: bool, rate: RateKeeper) -> None:
         controller, stamp_ns = self._controller, time.time_ns()
         state_due = tick % _STATE_EVERY == 0
-        # A new command shows in the set-point at once: half a period sooner on average.
+        # A new command is published in the set-point at once: half a period sooner on average.
         if state_due or commanded:
             self._put(topics.SETPOINT, encode_joints(controller.setpoint_state(stamp_ns)), now_s)
         if state_due:

@@ -24,20 +24,20 @@ RPM = math.pi / 30.0
 
 
 _LAG_SHARE = 0.1
-"""Share of its speed that a motor may be behind while the speed is changed: what the model has
-wrong of a time constant shows in the motion by this share of it."""
+"""Largest lag of a motor during a change of speed, as a share of its speed: an error of the time
+constant in the model shows in the motion by this share."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WheelSpeedRange:
-    """A gear without steps: any spin between two, chosen by the speed range that is wanted.
+    """Range of spins that can be chosen for wheels that always spin.
 
     All follows from rolling, v = r_w spin sin(tilt): a faster wheel drives faster at the same tilt,
     and by as much more with each step of a servo. The page shows both (`static/wheel_speed.js`).
     """
 
     kinematics: SingularityKinematics
-    """In the gear of the description."""
+    """Kinematics at the wheel speed of the description."""
     least_rad_per_s: float
     """The slowest spin at which all motors turn."""
     most_rad_per_s: float
@@ -51,7 +51,7 @@ class WheelSpeedRange:
 
     def refusal(self, spin_rad_per_s: float) -> str:
         """Return why a spin cannot be chosen, as part of a sentence; "" when it can."""
-        # What is not a number is not between them.
+        # The comparison is false for NaN.
         if self.least_rad_per_s <= spin_rad_per_s <= self.most_rad_per_s:
             return ""
         least, most = self.least_rad_per_s / RPM, self.most_rad_per_s / RPM
@@ -60,9 +60,9 @@ class WheelSpeedRange:
     def rate_rad_per_s2(
         self, spin_rad_per_s: float, time_constant_s: float, deceleration_mps2: float
     ) -> float:
-        """Return how fast the spin may be changed while the robot drives.
+        """Return the rate limit of the spin while the robot drives.
 
-        Its motors follow to within a tenth, and the top speed falls no faster than the robot brakes
+        The motors follow to within a tenth, and the top speed falls no faster than the robot brakes
         within its limits.
         """
         fall = deceleration_mps2 / self.top_speed_mps(1.0)
@@ -77,7 +77,7 @@ Colour: TypeAlias = tuple[Share, Share, Share, Share]
 Name: TypeAlias = Annotated[str, Meta(pattern=r"^[a-z0-9_-]{1,32}\Z")]
 """Names that become part of a bus key; `$` would let a newline at the end pass."""
 Problem: TypeAlias = tuple[str, str]
-"""What is wrong, and what would be right, or nothing."""
+"""A problem of a description, and its remedy or an empty text."""
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -85,20 +85,20 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Limits(Table, frozen=True):
-    """`[limits]`: what a command is scaled to, as a whole, keeping direction and curvature."""
+    """`[limits]`: commands are scaled to these as a whole, keeping direction and curvature."""
 
     speed_mps: Positive
     turn_rate_rad_per_s: Positive
     acceleration_mps2: Positive
     deceleration_mps2: Positive
-    """Also that of the controlled stop when commands fail to come."""
+    """Also the deceleration of the controlled stop when commands fail to arrive."""
     angular_acceleration_rad_per_s2: Positive
     command_timeout_s: Positive = 0.2
     """Without a counted command for this long, the robot stops by itself."""
     max_command_age_s: Positive = 0.25
     """Age beyond which a command does not count, unless the lease was granted with more."""
     max_command_age_ceiling_s: Positive = 1.0
-    """The most that a lease can be granted with."""
+    """Largest command age that a lease can be granted with."""
     stop_allowance_m: Positive = 0.3
     """Travel within which the robot stops when its link fails in any way; the speed is capped so
     that this holds, under every lease."""
@@ -111,49 +111,49 @@ class Battery(Table, frozen=True):
 
 
 class Body(Table, frozen=True):
-    """`[body]`: what the robot looks like, as far as the drive leaves it open."""
+    """`[body]`: appearance of the robot, as far as the drive does not determine it."""
 
     plate_thickness_m: Positive = 0.006
-    """Of the acrylic sheet that decks and ribs are cut from."""
+    """Thickness of the acrylic sheet of decks and ribs."""
     ground_clearance_m: Positive = 0.013
     """Under the lower deck, or less where the wheels are too small for it."""
     acrylic_rgba: Colour = (0.16, 0.44, 0.62, 0.42)
     frame_rgba: Colour = (0.80, 0.82, 0.85, 1.0)
     wheel_rgba: Colour = (0.96, 0.36, 0.05, 1.0)
     front_rgba: Colour = (0.60, 0.90, 0.05, 1.0)
-    """Of the arrow that points forward."""
+    """Colour of the arrow that points forward."""
     meshes: str | None = None
-    """Folder with a `parts.json`, shown instead of the generated look."""
+    """Folder with a `parts.json`, shown instead of the generated model."""
 
 
 class PoseSensor(Table, frozen=True):
-    """`[pose_sensor]`: how exact poses are that somebody else sees, as a camera above the floor.
+    """`[pose_sensor]`: noise of an external pose sensor, such as a camera above the floor.
 
-    As given: of the camera that `tsd-lab` and `tsd-mock --camera` simulate.
+    The defaults are those of the camera that `tsd-lab` and `tsd-mock --camera` simulate.
     """
 
     sigma_m: Positive = 0.005
     """Standard deviation of x, and of y."""
     sigma_deg: Positive = 1.15
-    """Of the heading."""
+    """Standard deviation of the heading."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointErrors:
-    """Standard deviations of what is measured of the joints."""
+    """Standard deviations of measured joints."""
 
     angle_rad: float = 0.0
-    """Of a position joint."""
+    """Standard deviation of a position joint."""
     spin_share: float = 0.0
-    """Of a velocity joint, as a share of its speed."""
+    """Standard deviation of a velocity joint, as a share of its speed."""
 
 
 @dataclass(frozen=True, slots=True)
 class SpinUp:
-    """How the speed of a wheel follows its set-point: first order."""
+    """First-order model of a wheel speed that follows its set-point."""
 
     start_speed_rad_per_s: float
-    """A set-point below this turns nothing."""
+    """Dead band: a set-point below this does not turn the motor."""
     up_s: float
     """Time constant when the wheel gets faster."""
     down_s: float
@@ -161,17 +161,17 @@ class SpinUp:
 
 
 class RobotDescription(Table, frozen=True, kw_only=True):
-    """A whole robot: what every kind has, and what the core asks of every kind.
+    """Description of a robot: tables and derived figures that all kinds have in common.
 
-    A kind adds its own tables, `drive` among them, and stands in the table `KINDS`.
+    A kind adds its own tables, `drive` among them, and is registered in `KINDS`.
     """
 
     name: Name
     title: str
     sources: Sequence[str] = ()
-    """Where the figures come from."""
+    """Sources of the figures."""
     assumptions: Sequence[str] = ()
-    """What no source gives, and was chosen."""
+    """Assumed figures, which no source gives."""
     limits: Limits
     battery: Battery
     body: Body = Body()
@@ -184,21 +184,21 @@ class RobotDescription(Table, frozen=True, kw_only=True):
 
     @property
     def measures_spin(self) -> bool:
-        """Whether the speed of the wheels is measured; else it comes from `spin_up`."""
+        """Whether wheel speeds are measured; otherwise the model `spin_up` estimates them."""
         return True
 
     @property
     def sensors(self) -> tuple[Joint, ...]:
-        """What is measured besides the joints of the drive, after them in this order."""
+        """Additional sensors; their readings follow the joints of the drive in this order."""
         return ()
 
     def kinematics(self) -> Kinematics[Any]:
-        """Return the drive."""
+        """Return the kinematics."""
         raise NotImplementedError
 
     @property
     def delay_s(self) -> float:
-        """Time by which a bus makes set-points and measurements late."""
+        """Delay of set-points and of measurements on the actuator bus."""
         return 0.0
 
     def with_errors(self, scale: float) -> Self:  # noqa: ARG002  The shape.
@@ -206,11 +206,11 @@ class RobotDescription(Table, frozen=True, kw_only=True):
         return self
 
     def joint_errors(self) -> JointErrors:
-        """Return how noisy the measured joints are."""
+        """Return the noise of the measured joints."""
         raise NotImplementedError
 
     def spin_up(self) -> SpinUp:
-        """Return how wheels follow their set-points."""
+        """Return the first-order model of the wheel speeds."""
         raise NotImplementedError
 
     @property
@@ -224,16 +224,16 @@ class RobotDescription(Table, frozen=True, kw_only=True):
         return self.spin_up().up_s
 
     def problems(self) -> Iterator[Problem]:
-        """Yield what no single value can show to be wrong."""
+        """Yield violations of rules that involve several values."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ActuatorOffsets:
-    """A gimbal stands `offset` beside where its servo says; a wheel turns `scale` times as fast.
+    """Calibration between joints and actuators: gimbal zero offsets and wheel-speed scales.
 
-    Joints are what the drive reckons with. Servos and motor tables are told, and tell, something
-    else, and this is the only place where one becomes the other.
+    A gimbal is at its servo's angle plus `offset`; a wheel turns `scale` times as fast as its motor
+    table says. Kinematics use joint values only; this class alone converts them.
     """
 
     offset: Array
@@ -248,26 +248,26 @@ class ActuatorOffsets:
             object.__setattr__(self, name, value)
 
     def to_actuators(self, joints: Array) -> Array:
-        """Return what actuators are told (..., n) so that the joints do `joints` (..., n)."""
+        """Convert joint set-points (..., n) to actuator set-points (..., n)."""
         return (joints - self.offset) / self.scale
 
     def from_actuators(self, told: Array) -> Array:
-        """Return what joints do (..., n) when their actuators are told `told` (..., n)."""
+        """Convert actuator set-points `told` (..., n) to joint values (..., n)."""
         return told * self.scale + self.offset
 
     def from_servos(self, said: Array) -> Array:
-        """Return joints (..., n) from what servos say; the speed of a wheel is measured itself."""
+        """Convert measured servo angles to joints (..., n); wheel speeds are measured directly."""
         return said + self.offset
 
     def to_servos(self, joints: Array) -> Array:
-        """Return what servos say (..., n) of `joints` (..., n): the inverse of `from_servos`."""
+        """Convert `joints` (..., n) to measured servo angles (..., n); inverse of `from_servos`."""
         return joints - self.offset
 
 
 class Gyro(Table, frozen=True):
-    """`[gyro]`: measures how fast the robot turns about the vertical.
+    """`[gyro]`: noise of a yaw-rate gyro.
 
-    As given: of a small MEMS gyro, by the data sheet of the Bosch BMI270 (0.007 deg/s/sqrt(Hz)).
+    The defaults are those of a small MEMS gyro: data sheet of the Bosch BMI270,
     """
 
     noise_rad_per_s: Positive = 0.0012
@@ -278,32 +278,32 @@ class Gyro(Table, frozen=True):
 
 
 class Floor(Table, frozen=True):
-    """`[floor]`: what a wheel that spins on the spot rubs on, for plants with friction."""
+    """`[floor]`: friction and contact patch of a spinning wheel, for plants with friction."""
 
     friction: NotNegative = 0.8
     """Coefficient: rubber, or a printed wheel, on a dry hard floor."""
     patch_radius_m: Positive = 0.0005
-    """Of the spot that touches. By Hertz: 10 N on a sphere of 40 mm of hard plastic (2 GPa)."""
+    """Radius of the contact patch, by Hertz: 10 N on a 40 mm sphere of hard plastic (2 GPa)."""
 
 
 class ModelErrors(Table, frozen=True):
-    """`[errors]`: how a built robot differs from its description. 0 is none, of each."""
+    """`[errors]`: size of each deviation of a built robot from its description; 0 is none."""
 
     zero_deg: NotNegative = 0.0
-    """Standard deviation of where each gimbal has its zero: it stands there when told 0."""
+    """Standard deviation of the zero offset of each gimbal."""
     dead_band_deg: NotNegative = 0.0
-    """A gimbal servo that is this close to its goal does not move any more."""
+    """Dead band: a gimbal servo this close to its goal stops moving."""
     backlash_deg: NotNegative = 0.0
-    """Play of its gears, in all: after a reversal the motor turns so far alone."""
+    """Total backlash of its gears, which the motor crosses after a reversal."""
     delay_s: NotNegative = 0.0
-    """Set-points reach the actuators so much later, and measurements are so old."""
+    """Delay of set-points to the actuators, and age of measurements."""
     battery_share: NotNegative = 0.0
     """Standard deviation of the battery's voltage, as a share of the nominal one."""
     layer_m: NotNegative = 0.0
     """Height of a printed layer: the radius of a wheel is wrong by up to half of it."""
 
     def scaled(self, scale: float) -> ModelErrors:
-        """Return all of them `scale` times as large; 0 is a machine without any.
+        """Return all errors multiplied by `scale`; 0 gives a robot without errors.
 
         Raises:
             TwinError: the scale is negative, or not a number.
@@ -319,44 +319,44 @@ class GearedMotor(Table, frozen=True):
     """`[motor]`: one drive motor with gearbox, encoder and speed control; all are alike."""
 
     power_w: Positive
-    """The most that it can give, at half its no-load speed."""
+    """Largest mechanical power, at half the no-load speed."""
     gear_ratio: Positive
-    """Turns of the motor for one of the wheel."""
+    """Gear ratio: turns of the motor for one of the wheel."""
     no_load_speed_rpm: Positive
-    """Of the motor, at the nominal voltage of the battery."""
+    """No-load speed of the motor at the nominal voltage of the battery."""
     rotor_inertia_kg_m2: Positive
-    """Of the motor's own rotor."""
+    """Inertia of the rotor."""
     time_constant_s: Positive
-    """Of the speed control: how fast a wheel follows its set-point."""
+    """Time constant of the speed control of a wheel."""
     current_limit: Positive = 1.0
-    """Most torque that the driver lets through, as a share of the stall torque."""
+    """Torque limit of the motor driver, as a share of the stall torque."""
 
     @property
     def top_speed_rad_per_s(self) -> float:
-        """Of the wheel, without load."""
+        """No-load speed of the wheel."""
         return self.no_load_speed_rpm * RPM / self.gear_ratio
 
     @property
     def stall_torque_nm(self) -> float:
-        """At the wheel: a straight torque curve has its most power at half speed and torque."""
+        """Stall torque at the wheel, from the peak power of a straight torque curve."""
         return 4.0 * self.power_w / self.top_speed_rad_per_s
 
     @property
     def rotor_at_wheel_kg_m2(self) -> float:
-        """Inertia of the rotor as the wheel feels it."""
+        """Inertia of the rotor, reflected to the wheel."""
         return self.rotor_inertia_kg_m2 * self.gear_ratio**2
 
     def acceleration_rad_per_s2(self, inertia_kg_m2: float) -> float:
-        """Return what a wheel that feels an inertia can do from standing."""
+        """Return the acceleration of a wheel with this inertia from rest."""
         return self.stall_torque_nm * min(1.0, self.current_limit) / inertia_kg_m2
 
     def spin_up(self) -> SpinUp:
-        """Return how a wheel follows its set-point, as long as torque and grip suffice."""
+        """Return the first-order model of a wheel speed, valid while torque and grip suffice."""
         return SpinUp(0.0, self.time_constant_s, self.time_constant_s)
 
 
 def carried_kg_m2(twist_from_speeds: Array, body: Array) -> float:
-    """Return the most inertia that a wheel feels of a body with masses and inertias `body` (3,).
+    """Return the largest inertia that a body with masses and inertias `body` (3,) puts on a wheel.
 
     The largest over all motions: the kinetic energy of the body in terms of the wheel speeds.
     """
@@ -368,7 +368,7 @@ class WheelNoise(Table, frozen=True):
     """`[noise]`: standard deviations, for the covariance and as the simulator's default."""
 
     spin_share: NotNegative = 0.0
-    """Of a measured wheel speed."""
+    """Standard deviation of a measured wheel speed."""
 
 
 class GearedMotorDescription(RobotDescription, frozen=True, kw_only=True):
@@ -382,5 +382,5 @@ class GearedMotorDescription(RobotDescription, frozen=True, kw_only=True):
         return JointErrors(spin_share=self.noise.spin_share)
 
     def spin_up(self) -> SpinUp:
-        """Return how wheels follow their set-points."""
+        """Return the first-order model of the wheel speeds."""
         return self.motor.spin_up()

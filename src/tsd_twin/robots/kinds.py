@@ -1,4 +1,4 @@
-"""Registry of the kinds of robots: what each kind brings to every layer, in one table.
+"""Registry of the kinds of robots: one table of the implementations in every layer.
 
 The implementations are in higher layers. The registry names them as `module:name` and imports them
 at first use, so layers stay apart and a program loads only what it needs.
@@ -19,7 +19,7 @@ from tsd_twin.robots.sphere import SphereDescription
 
 @dataclass(frozen=True, slots=True)
 class RobotKind:
-    """One kind of robot. Its description makes its kinematics; the rest is given by reference."""
+    """Implementations of one kind of robot: its description class, and references to the rest."""
 
     name: str
     """Value of `kind` in the table `[drive]` of a description."""
@@ -80,6 +80,6 @@ def kind_of(robot: RobotDescription) -> RobotKind:
 
 
 def implementation(reference: str) -> Any:
-    """Return what a reference `module` or `module:name` of the registry names, imported."""
+    """Import and return the object of a reference `module` or `module:name`."""
     module, _, name = reference.partition(":")
     return getattr(import_module(module), name) if name else import_module(module)

@@ -70,10 +70,10 @@ def load_robot(name_or_path: str) -> RobotDescription:
 
 
 def description_of_kind(robot: RobotDescription, kind: type[RobotT]) -> RobotT:
-    """Return `robot`, known to be of a kind, to who can work with that kind only.
+    """Return `robot` typed as a `kind`, for callers that work with that kind only.
 
     Raises:
-        RobotFileError: it is of another kind; the message says which one is needed.
+        RobotFileError: the robot is of another kind; the message names the needed one.
     """
     if not isinstance(robot, kind):
         needed, given = (
@@ -85,10 +85,10 @@ def description_of_kind(robot: RobotDescription, kind: type[RobotT]) -> RobotT:
 
 
 def parse_description(toml: str, file: str) -> RobotDescription:
-    """Return the robot of a TOML text; `file` is what errors call it.
+    """Return the robot of a TOML text; `file` is its name in error messages.
 
     Raises:
-        RobotFileError: as in `load`.
+        RobotFileError: as in `load_robot`.
     """
     if len(toml) > LONGEST:
         raise RobotFileError(file, f"{len(toml)} characters are too many", f"at most {LONGEST}")
@@ -109,7 +109,7 @@ def parse_description(toml: str, file: str) -> RobotDescription:
 
 
 def _kind(tables: Any, file: str) -> type[RobotDescription]:
-    """Return what a file has to be read as; whatever else is wrong with it shows in the reading."""
+    """Return the description class of a file; other errors are found when it is parsed."""
     table = tables.get("drive")
     if not isinstance(table, dict):
         return SingularityDescription
@@ -131,7 +131,7 @@ def _kind(tables: Any, file: str) -> type[RobotDescription]:
 
 
 def _check(robot: RobotDescription, file: str) -> None:
-    """Raise for what no single value can show."""
+    """Check the rules between values, and raise for a violation."""
     for path, number in _numbers(msgspec.to_builtins(robot)):
         if not math.isfinite(number):
             raise RobotFileError(file, f"{path}: {number} is not a finite number")
@@ -157,7 +157,7 @@ def _numbers(value: Any, path: str = "") -> Iterator[tuple[str, float]]:
 
 
 def _explain(message: str, kind: type[RobotDescription]) -> Problem:
-    """Turn a message of msgspec into a sentence, and into what would be valid."""
+    """Convert a message of msgspec to a sentence and a list of valid values."""
     found = re.fullmatch(r"(?P<what>.*?)(?: - at `\$(?P<path>.*)`)?", message, re.DOTALL)
     what, path = (found["what"], (found["path"] or "").lstrip(".")) if found else (message, "")
     unknown = re.search(r"unknown field `(.+)`", what)
@@ -186,7 +186,7 @@ def _keys(path: str, kind: type[RobotDescription]) -> list[str]:
 
 
 def _table(hint: Any) -> Any:
-    """Return the kind of table in a type hint: itself, or that of a list, or of what may be."""
+    """Return the table class in a type hint: itself, or the one inside a list or an optional."""
     if isinstance(hint, type) and issubclass(hint, Table):
         return hint
     inside = (_table(part) for part in typing.get_args(hint))

@@ -29,9 +29,9 @@ class OmniWheel(Table, frozen=True):
     x_m: float
     y_m: float
     direction_deg: float
-    """Where the wheel drives to when it turns forward, from X towards Y."""
+    """Driving direction of the wheel, from X towards Y."""
     roller_deg: float = 0.0
-    """Axle of the roller on the floor, from there: 0 for an omni wheel, +-45 for Mecanum."""
+    """Axle of the roller on the floor, from that direction: 0 for omni, +-45 for Mecanum."""
 
 
 class OmniGeometry(Table, frozen=True, tag="omni", tag_field="kind"):
@@ -40,9 +40,9 @@ class OmniGeometry(Table, frozen=True, tag="omni", tag_field="kind"):
     wheel_radius_m: Positive
     wheels: Annotated[list[OmniWheel], Meta(min_length=1, max_length=12)]
     friction: Positive = 0.6
-    """Of the rollers on the floor."""
+    """Friction of the rollers on the floor."""
     slip: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
-    """Share of each rim's way that the floor swallows, in the simulator."""
+    """Slip of each wheel rim as a share of its travel, in the simulator."""
 
 
 class OmniMass(Table, frozen=True):
@@ -51,11 +51,11 @@ class OmniMass(Table, frozen=True):
     total_kg: Positive
     wheel_kg: Positive
     yaw_inertia_kg_m2: Positive
-    """Of the whole robot, about the vertical through its centre."""
+    """Inertia of the whole robot about the vertical through its centre."""
 
 
 class DeadWheel(Table, frozen=True):
-    """One of `[[dead_wheels.wheels]]`: it is not driven, and measures along its direction."""
+    """One of `[[dead_wheels.wheels]]`: a passive wheel with an encoder along its direction."""
 
     x_m: float
     y_m: float
@@ -63,14 +63,14 @@ class DeadWheel(Table, frozen=True):
 
 
 class DeadWheels(Table, frozen=True):
-    """`[dead_wheels]`: two in L, and a rate gyro for what they cannot see."""
+    """`[dead_wheels]`: two passive encoder wheels in L, and a rate gyro for the heading."""
 
     radius_m: Positive
     pulses_per_turn: Positive
     wheels: Annotated[list[DeadWheel], Meta(min_length=2, max_length=2)]
     gyro_range_deg_per_s: Positive
     gyro_drift_deg_per_h: NotNegative = 0.0
-    """How far the gyro turns away in an hour at rest."""
+    """Drift of the gyro in an hour at rest."""
 
     def rows(self) -> tuple[tuple[float, float, float], ...]:
         """Return the velocity over the ground that each wheel measures, from the body twist."""
@@ -90,7 +90,7 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
 
     @property
     def sensors(self) -> tuple[Joint, ...]:
-        """Angles of the dead wheels, and the rate of the gyro."""
+        """Sensors: angles of the dead wheels, and the rate of the gyro."""
         if self.dead_wheels is None:
             return ()
         return (
@@ -100,7 +100,7 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
         )
 
     def kinematics(self) -> OmniKinematics:
-        """Return the drive."""
+        """Return the kinematics."""
         positions, directions, rollers = self._layout()
         drive = OmniKinematics(
             positions_m=positions,
@@ -117,18 +117,18 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
 
     @property
     def wheel_inertia_kg_m2(self) -> float:
-        """Of a wheel and what turns with it."""
+        """Inertia of a wheel with its rotor."""
         rim = 0.5 * self.mass.wheel_kg * self.drive.wheel_radius_m**2
         return rim + self.motor.rotor_at_wheel_kg_m2
 
     def driven_inertia_kg_m2(self, drive: OmniKinematics) -> float:
-        """Return the most that a wheel feels, itself and its share of the robot."""
+        """Return the largest inertia at a wheel: its own and its share of the robot."""
         mass = self.mass
         body = np.array([mass.total_kg, mass.total_kg, mass.yaw_inertia_kg_m2])
         return self.wheel_inertia_kg_m2 + carried_kg_m2(drive.twist_from_speeds, body)
 
     def problems(self) -> Iterator[Problem]:
-        """Yield what the wheels, driven or dead, cannot do."""
+        """Yield the problems of the layouts of driven and dead wheels."""
         if problem := layout_problem(*self._layout()):
             yield (
                 f"drive.wheels: {problem}",

@@ -38,9 +38,9 @@ class SingularityGeometry(Table, frozen=True, tag="singularity", tag_field="kind
     wheel_radius_m: Positive
     max_tilt_deg: Annotated[float, Meta(gt=0.0, lt=80.0)]
     cruise_speed_rpm: Positive
-    """Speed of the wheels when the robot is ready: the gear."""
+    """Speed of the wheels when the robot is ready."""
     spin_ratio: list[Positive] = msgspec.field(default_factory=list[Positive])
-    """Speed of each wheel over that; all 1 unless given."""
+    """Speed of each wheel relative to it; default 1."""
 
     @property
     def modules(self) -> int:
@@ -54,9 +54,9 @@ class Servo(Table, frozen=True):
     model: str
     steps_per_turn: Annotated[int, Meta(gt=0)]
     no_load_speed_rpm: Positive
-    """At the nominal voltage of the battery."""
+    """Speed limit at the nominal voltage of the battery."""
     approach_rate_per_s: Positive
-    """Close to the goal the error decays exponentially, at this rate."""
+    """Rate of the exponential decay of the error close to the goal."""
     stall_torque_nm: Positive = 6.0
     """At the nominal voltage of the battery; of an MX-64 unless given."""
     size_m: tuple[Positive, Positive, Positive] = (0.0402, 0.0611, 0.041)
@@ -71,7 +71,7 @@ class Motor(Table, frozen=True):
     speed_rpm: Annotated[list[list[NotNegative]], Meta(min_length=1)]
     """Measured speed at each signal, one list for each motor."""
     start_speed_rpm: NotNegative
-    """Below this the motor does not turn."""
+    """Dead band: below this speed the motor does not turn."""
     time_constant_up_s: Positive
     time_constant_down_s: Positive
     pulse_low_us: Positive = 1000.0
@@ -87,7 +87,7 @@ class Mass(Table, frozen=True):
     total_kg: Positive
     wheel_kg: Positive
     gimbal_kg: Positive
-    """Of one outer or inner frame with what it carries."""
+    """Mass of one outer or inner frame with its load."""
 
 
 class Noise(Table, frozen=True):
@@ -95,24 +95,24 @@ class Noise(Table, frozen=True):
 
     gimbal_angle_deg: NotNegative = 0.0
     spin_share: NotNegative = 0.0
-    """Of a wheel's speed."""
+    """Standard deviation of a wheel speed."""
 
 
 SpinScale: TypeAlias = Annotated[float, Meta(ge=0.5, le=2.0)]
-"""A wheel that is further off than this has another motor, or another battery."""
+"""Plausible limit: a larger error means a wrong motor or battery."""
 _MOST_OFFSET_DEG = 10.0
-"""A gimbal that is further off has its servo put in wrong: a stop or a cable may be in its way."""
+"""Plausible limit: beyond it the servo is mounted wrongly, and may hit a stop or a cable."""
 
 
 class Calibration(Table, frozen=True):
-    """`[calibration]`: what `tsd-lab calibrate` and `tsd-lab zero` found out about one machine."""
+    """`[calibration]`: results of `tsd-lab calibrate` and `tsd-lab zero` for one robot."""
 
     tilt_offset_deg: list[tuple[float, float]] = msgspec.field(
         default_factory=list[tuple[float, float]]
     )
-    """Of each module, alpha and beta: where a gimbal stands when its servo says zero."""
+    """Gimbal angles (alpha, beta) of each module at servo angle zero."""
     spin_scale: list[SpinScale] = msgspec.field(default_factory=list[SpinScale])
-    """How fast each wheel turns over what `[motor]` lets expect."""
+    """Speed of each wheel relative to the curve of `[motor]`."""
 
 
 class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
@@ -130,12 +130,12 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
 
     @property
     def arming_hold_s(self) -> float:
-        """Speed controllers arm only after zero throttle."""
+        """Time at zero throttle after which the speed controllers arm."""
         return self.motor.arming_hold_s
 
     @property
     def measures_spin(self) -> bool:
-        """The robot of the thesis does not."""
+        """Whether wheel speeds are measured; the robot of the thesis does not measure them."""
         return False
 
     @property
@@ -144,7 +144,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         return () if self.gyro is None else (Joint("gyro", JointKind.VELOCITY),)
 
     def kinematics(self) -> SingularityKinematics:
-        """Return the drive in its cruising gear."""
+        """Return the kinematics at cruise speed."""
         g = self.drive
         return SingularityKinematics(
             azimuths_rad=np.radians(g.azimuths_deg),
@@ -157,7 +157,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         )
 
     def actuator_offsets(self) -> ActuatorOffsets:
-        """Return how the joints differ from what their actuators are told and say."""
+        """Return the calibration between joints and actuators."""
         found, modules = self.calibration, self.drive.modules
         offset = np.zeros((modules, 3))
         offset[:, :2] = np.radians(found.tilt_offset_deg or np.zeros((modules, 2)))
@@ -167,11 +167,11 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
 
     @property
     def delay_s(self) -> float:
-        """That of the errors."""
+        """Delay of `[errors]`."""
         return self.errors.delay_s
 
     def with_errors(self, scale: float) -> Self:
-        """Return the robot with `scale` times the errors that a built one has."""
+        """Return the robot with its `[errors]` multiplied by `scale`."""
         return msgspec.structs.replace(self, errors=self.errors.scaled(scale))
 
     def joint_errors(self) -> JointErrors:
@@ -185,9 +185,9 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
 
     @property
     def wheel_speed_range(self) -> WheelSpeedRange:
-        """The wheels may spin as fast as all motors can."""
+        """Range of spins that all motors can reach."""
         drive = self.kinematics()
-        # What a motor is told is what its wheel shall do over its scale.
+        # The motor set-point is the wheel speed divided by the scale of the wheel.
         per_told = self.actuator_offsets().scale[2::3] / drive.spin_ratio
         fastest_rpm = np.array([column[-1] for column in self.motor.speed_rpm])
         return WheelSpeedRange(
@@ -199,11 +199,11 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
 
     @property
     def lag_s(self) -> float:
-        """That of the servos: the wheels spin at one speed."""
+        """Time constant of the servos: the wheel speeds are constant."""
         return 1.0 / self.servo.approach_rate_per_s
 
     def problems(self) -> Iterator[Problem]:
-        """Yield two pivots in one place, and what keeps the motor table from having an inverse."""
+        """Yield coincident pivots, and defects that make the motor table not invertible."""
         azimuths = [azimuth % 360.0 for azimuth in self.drive.azimuths_deg]
         if len(set(azimuths)) < len(azimuths):
             yield (

@@ -27,11 +27,11 @@ class SphereWheel(Table, frozen=True):
     """One of `[[drive.wheels]]`."""
 
     azimuth_deg: float
-    """Of the contact, from X towards Y."""
+    """Azimuth of the contact, from X towards Y."""
     below_equator_deg: Annotated[float, Meta(gt=-90.0, lt=90.0)]
-    """Of the contact."""
+    """Angle of the contact below the equator."""
     turn_deg: float = 0.0
-    """Of the wheel about the outward normal; at 0 it pushes horizontally, counter-clockwise."""
+    """Turn of the wheel about the outward normal; 0 pushes horizontally, counter-clockwise."""
 
 
 class SphereGeometry(Table, frozen=True, tag="sphere", tag_field="kind"):
@@ -41,9 +41,9 @@ class SphereGeometry(Table, frozen=True, tag="sphere", tag_field="kind"):
     wheel_radius_m: Positive
     roller_radius_m: Positive
     row_distance_m: NotNegative
-    """Between the two rows of rollers of a wheel, along its axle; 0 is an ideal wheel."""
+    """Distance of the two rows of rollers along the axle; 0 is an ideal wheel."""
     rollers: Annotated[int, Meta(ge=2)]
-    """Of a wheel, both rows together."""
+    """Number of rollers of a wheel, both rows together."""
     wheels: Annotated[list[SphereWheel], Meta(min_length=1, max_length=8)]
 
 
@@ -51,7 +51,7 @@ class SphereMass(Table, frozen=True):
     """`[mass]`: for the dynamics and the URDF."""
 
     total_kg: Positive
-    """Of stand, wheels and sphere."""
+    """Mass of stand, wheels and sphere."""
     sphere_kg: Positive
     wheel_kg: Positive
 
@@ -60,7 +60,7 @@ class Estimate(Table, frozen=True):
     """`[estimate]`."""
 
     model: Literal["ideal", "dual"] = "dual"
-    """What the estimate is made with: contacts half-way between the rows, or hopping as they do."""
+    """Kinematic model of the estimate: contacts half-way between the rows, or dual-row."""
 
 
 class SphereDescription(GearedMotorDescription, frozen=True, kw_only=True):
@@ -71,7 +71,7 @@ class SphereDescription(GearedMotorDescription, frozen=True, kw_only=True):
     estimate: Estimate = Estimate()
 
     def kinematics(self) -> SphereKinematics:
-        """Return the drive."""
+        """Return the kinematics."""
         g = self.drive
         contacts, actuations = self._mounting()
         drive = SphereKinematics(
@@ -90,7 +90,7 @@ class SphereDescription(GearedMotorDescription, frozen=True, kw_only=True):
         )
 
     def driven_inertia_kg_m2(self, drive: SphereKinematics) -> float:
-        """Return the most that a wheel feels, itself and its share of the sphere, a full one."""
+        """Return the largest inertia at a wheel: its own and its share of a solid sphere."""
         mass, g = self.mass, self.drive
         sphere = np.full(3, 0.4 * mass.sphere_kg * g.sphere_radius_m**2)
         rim = 0.5 * mass.wheel_kg * g.wheel_radius_m**2
@@ -98,7 +98,7 @@ class SphereDescription(GearedMotorDescription, frozen=True, kw_only=True):
         return self.motor.rotor_at_wheel_kg_m2 + rim + carried
 
     def problems(self) -> Iterator[Problem]:
-        """Yield rows and rollers that cannot be, and what the mounting cannot do."""
+        """Yield impossible rows and rollers, and missing turns of the mounting."""
         if self.drive.rollers % 2:
             yield f"drive.rollers is {self.drive.rollers}", "an even number: two rows of as many"
         if self.drive.row_distance_m >= 2.0 * self._roller_circle_m:

@@ -11,17 +11,17 @@ from tsd_twin.messages.status import DropCounts
 from tsd_twin.safety.lease import Lease
 
 _REMEMBERED = 256
-"""Status messages whose sending time is kept: over a second at any rate that is sent."""
+"""Number of status messages whose sending time is kept: more than a second of them."""
 
 
 class CommandGate:
-    """Says which commands count.
+    """Filter of velocity commands by lease, order, age and finite numbers.
 
     A command counts only if its key names one operator, who holds the lease; the lease id is the
     current one; its number rises; the newest status it has seen was sent less than the allowed age
     ago, and not before the robot was last armed, became ready, stopped or was disarmed; and its
     numbers are finite. The echo of the status bounds the age of a command without any agreement
-    between clocks, and kills the bursts of old commands that a stalled link replays.
+    between clocks, and drops the bursts of old commands that a stalled link delivers late.
 
     A command of zero counts however old it is, since it can only stop the robot.
     """
@@ -30,9 +30,9 @@ class CommandGate:
         self.accepted = 0
         self.dropped = DropCounts()
         self.echo_s: float | None = None
-        """Age, on arrival, of the status that the newest counted command echoes."""
+        """Age, on arrival, of the status whose number the newest counted command carries."""
         self.echoed_s = -math.inf
-        """When the status was sent that the newest counted command echoes."""
+        """Sending time of the status whose number the newest counted command carries."""
         self.is_late = False
         """Whether the newest counted command is a zero that is too old for any other command."""
         self._sent_s: OrderedDict[int, float] = OrderedDict()
@@ -42,7 +42,7 @@ class CommandGate:
     def reject_sent_before(self, now_s: float) -> None:
         """Drop all commands, under any lease, that echo a status sent before `now_s`.
 
-        A command under way may be young enough to count, but its operator did not know of the stop
+        A command in transit may be young enough to count, but its operator did not know of the stop
         or of the arming that happens now, and may have released the stick since.
         """
         self._oldest_echo_s = now_s
@@ -67,7 +67,7 @@ class CommandGate:
 
     def _check(self, command: Command, lease: Lease | None, now_s: float) -> None:
         if lease is None or command.operator != lease.holder or command.lease != lease.id:
-            holder = "nobody holds" if lease is None else f"{lease.holder} holds"
+            holder = "no operator holds" if lease is None else f"{lease.holder} holds"
             raise MessageError("lease", f"{command.operator} sent a command, {holder} the lease")
         lease_id, newest = self._seen
         if lease_id == command.lease and command.seq <= newest:

@@ -12,16 +12,16 @@ from tsd_twin.messages.services import LeaseReply, LeaseRequest
 from tsd_twin.robots import RobotDescription
 
 ASK_S = 15.0
-"""A request that nobody answers ends after this."""
+"""An unanswered request for the lease expires after this time."""
 RESERVE_S = 3.0
-"""For so long after a grant nobody but the asker gets the lease."""
+"""Time after a grant during which the lease is reserved for the operator who requested it."""
 KEPT_S = 5.0
-"""Who was told that control is kept may ask again after this."""
+"""Minimum time between a denied request and the next one of the same operator."""
 
 
 @dataclass(frozen=True, slots=True)
 class TimedClaim:
-    """What one operator has for some time."""
+    """A claim of one operator with an expiry time: a pending request, or a reservation."""
 
     operator: str
     since_s: float
@@ -29,11 +29,11 @@ class TimedClaim:
 
 
 class HandOver:
-    """One request at a time, addressed to the holder, and what became of it.
+    """Hand-over of the lease: one pending request at a time, its grant, denial or expiry.
 
-    A request alone changes nothing. A grant ends the lease of the holder and keeps the next one for
-    the asker alone, who takes it like any other: so its id is told to nobody else, and no lease is
-    ever in force whose holder does not know of it.
+    A request alone changes nothing. A grant ends the lease of the holder and reserves the next one
+    for the operator who requested it, who acquires it like any other lease. So no other client
+    learns its id, and the holder of a lease in force always knows of it.
     """
 
     def __init__(self) -> None:
@@ -42,17 +42,17 @@ class HandOver:
         self._kept: TimedClaim | None = None
 
     def asked(self, now_s: float) -> TimedClaim | None:
-        """Return who asks the holder for control, if anybody does."""
+        """Return the pending request for control, if there is one."""
         self._asked = _still_valid(self._asked, now_s)
         return self._asked
 
     def reserved(self, now_s: float) -> TimedClaim | None:
-        """Return for whom control is kept, if for anybody."""
+        """Return the reservation of the next lease, if there is one."""
         self._reserved = _still_valid(self._reserved, now_s)
         return self._reserved
 
     def ask(self, operator: str, now_s: float) -> str:
-        """Ask for control; return why that cannot be. To ask twice is to ask once."""
+        """Request control; return the reason of a refusal, or "". Requests are idempotent."""
         asked = self.asked(now_s)
         self._kept = _still_valid(self._kept, now_s)
         if self._kept is not None and self._kept.operator == operator:
@@ -64,40 +64,40 @@ class HandOver:
         return ""
 
     def withdraw(self, operator: str, now_s: float) -> str:
-        """Ask no longer, or want no longer what was granted; return why that cannot be."""
+        """Withdraw a request or a reservation; return the reason of a refusal, or ""."""
         asked, reserved = self.asked(now_s), self.reserved(now_s)
         if asked is not None and asked.operator == operator:
             self._asked = None
         elif reserved is not None and reserved.operator == operator:
-            # The grant was under way when they left: nobody else shall wait for them.
+            # The grant crossed the withdrawal: free the reservation for other operators.
             self._reserved = None
         else:
             return f"{operator} does not ask for control"
         return ""
 
     def deny(self, asker: str | None, now_s: float) -> str:
-        """Decline the request of `asker`; return why that cannot be."""
+        """Deny the request of `asker`; return the reason of a refusal, or ""."""
         if refusal := self._not_asked_by(asker, now_s):
             return refusal
         self._asked, self._kept = None, TimedClaim(asker or "", now_s, now_s + KEPT_S)
         return ""
 
     def grant(self, asker: str | None, now_s: float) -> str:
-        """Keep the next lease for `asker`; return why that cannot be."""
+        """Reserve the next lease for `asker`; return the reason of a refusal, or ""."""
         if refusal := self._not_asked_by(asker, now_s):
             return refusal
         self._asked, self._reserved = None, TimedClaim(asker or "", now_s, now_s + RESERVE_S)
         return ""
 
     def end(self) -> None:
-        """Forget all: the lease that was asked for has ended, or there is a new one."""
+        """Clear request and reservation: the requested lease has ended, or there is a new one."""
         self._asked = self._reserved = self._kept = None
 
     def _not_asked_by(self, asker: str | None, now_s: float) -> str:
         asked = self.asked(now_s)
         if asked is None:
-            return "nobody asks for control"
-        # The holder has answered one person, who may have been followed by another since.
+            return "no operator has requested control"
+        # Another operator may have requested since the holder answered the first.
         return "" if asked.operator == asker else f"it is {asked.operator} who asks"
 
 
@@ -120,16 +120,16 @@ class Lease:
     expires_s: float
     max_age_s: float
     speed_cap_mps: float
-    """The later a command may be, the slower the robot may be."""
+    """Speed limit under this lease; it falls as the allowed age of commands rises."""
     timeout_s: float
-    """A command stands this long after its arrival, and never longer than `max_age_s` after the
-    status was sent that it echoes. A lease for late commands has a longer one: on a slow link gaps
-    can be as long as the delay.
+    """A command stays valid for this time after its arrival, and never longer than `max_age_s`
+    after the sending time of the status whose number it carries. A lease for a slow link has a
+    longer timeout: gaps between commands can be as long as the delay.
     """
 
 
 class LeaseManager:
-    """Grants, renews and ends leases; time and new ids are given, nothing is looked up."""
+    """Lease server: grants, renews and ends leases. Time and new ids are arguments."""
 
     def __init__(self, robot: RobotDescription, new_id: Callable[[], bytes]) -> None:
         self._robot = robot
@@ -166,7 +166,7 @@ class LeaseManager:
         hand_over = self.hand_over
         match request.op:
             case "release":
-                # Who is asked and lets go has answered.
+                # A release by the holder grants the pending request.
                 if (asked := hand_over.asked(now_s)) is not None:
                     hand_over.grant(asked.operator, now_s)
                     self._lease = None
@@ -186,7 +186,7 @@ class LeaseManager:
 
     def _request(self, request: LeaseRequest, lease: Lease | None, now_s: float) -> LeaseReply:
         if lease is None:
-            return self._refuse(lease, "nobody has control: acquire it")
+            return self._refuse(lease, "the robot has no operator: acquire control")
         if lease.holder == request.operator:
             return self._refuse(lease, f"{lease.holder} has control already")
         refusal = self.hand_over.ask(request.operator, now_s)
@@ -197,7 +197,7 @@ class LeaseManager:
         self.hand_over.end()
 
     def renew(self, now_s: float) -> None:
-        """Extend the lease in force, because its holder drives."""
+        """Extend the lease in force after a counted command of its holder."""
         if self._lease is not None:
             self._lease.expires_s = now_s + TTL_S
 
@@ -227,7 +227,7 @@ class LeaseManager:
         return LeaseReply(True, lease.id.hex(), lease.holder, TTL_S, "", lease.max_age_s, done=True)
 
     def _done(self, lease: Lease | None, refusal: str, what: str) -> LeaseReply:
-        """Return the answer to what grants no lease by itself."""
+        """Return the reply to a request that does not grant a lease."""
         if refusal:
             return self._refuse(lease, refusal)
         return LeaseReply(False, holder=lease.holder if lease else None, reason=what, done=True)
@@ -247,7 +247,7 @@ def held_by(lease: Lease | None, operator: str | None, lease_hex: str | None) ->
 
 
 def speed_cap_mps(robot: RobotDescription, max_age_s: float) -> float:
-    """Top speed from which a robot keeps to `limits.stop_allowance_m`, whatever way its link fails.
+    """Top speed at which a robot stops within `limits.stop_allowance_m` after any link failure.
 
     Commands may move it until `max_age_s` after the last status that got through. Then it brakes,
     later by the reaction of the control loop and by the lag of its joints.
@@ -268,7 +268,7 @@ def speed_within(deceleration_mps2: float, late_s: float, allowed_m: float) -> f
 
 
 class LeaseEvents:
-    """Compares what is with what was, so that also what merely runs out is said."""
+    """Event texts of lease changes: requests, hand-overs, and claims that expire."""
 
     def __init__(self, leases: LeaseManager) -> None:
         self._leases = leases
@@ -277,7 +277,7 @@ class LeaseEvents:
         self._reserved: TimedClaim | None = None
 
     def after(self, request: LeaseRequest, before: Lease | None, now_s: float) -> str:
-        """Return what a request has done, an empty text when that is nothing."""
+        """Return the event text of a request, empty when it changed nothing."""
         asked, after = self._asked, self._leases.current(now_s)
         self._note(now_s)
         if after is not before:
@@ -291,7 +291,7 @@ class LeaseEvents:
         return ""
 
     def run_out(self, now_s: float) -> str:
-        """Return what has ended because its time is over, an empty text when nothing has."""
+        """Return the event text of a lease or claim that has expired, empty when none has."""
         holder, asked, reserved = self._holder, self._asked, self._reserved
         self._note(now_s)
         if holder and not self._holder:

@@ -1,6 +1,4 @@
-"""Modes of a robot with their transitions, and the heartbeat that the hardware watchdog is fed
-with.
-"""
+"""Modes of a robot with their transitions, and the heartbeat for the hardware watchdog."""
 
 from __future__ import annotations
 
@@ -9,12 +7,12 @@ from enum import StrEnum
 
 
 class Mode(StrEnum):
-    """What a robot is doing; only `driving` moves it."""
+    """Modes of a robot; it moves in `driving`, and brakes in `stopping`."""
 
     DISARMED = "disarmed"
     """Gimbals neutral, wheels at rest."""
     ARMING = "arming"
-    """Neutral tilt is checked, speed controllers see zero throttle, wheels spin up."""
+    """Neutral tilt is checked, speed controllers get zero throttle, wheels spin up."""
     READY = "ready"
     """Wheels spin, tilt is neutral, commands are obeyed."""
     DRIVING = "driving"
@@ -48,19 +46,19 @@ TRANSITIONS: dict[tuple[Mode, Mode], str] = {
     **{(mode, Mode.STOPPED): "stop" for mode in Mode if mode not in LATCHED},
     **{(mode, Mode.FAULT): "fault" for mode in ARMED},
 }
-"""Every way there is from one mode to another, with what takes it; there is no other."""
+"""All allowed transitions between modes, each with its condition."""
 
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
-    """What a controller board with a timeout of its own is told beside each set-point."""
+    """Heartbeat that accompanies each set-point, for hardware with its own command watchdog."""
 
     armed: bool
     """The wheels may spin."""
     counter: int
-    """Rises as long as an operator stands behind the set-points; what stays the same feeds nobody.
+    """Heartbeat counter; the board trips when it stops incrementing.
 
-    While the robot moves, only counted commands make it rise, and once the beginning of a
-    controlled stop. While it is at rest with spinning wheels, every step does: that somebody has
-    control, or had it 10 s ago, is watched by the modes.
+    While the robot moves, only counted commands increment it, and once the start of a controlled
+    stop. While the robot is at rest with spinning wheels, every step increments it; the state
+    machine ends that mode after 10 s without an operator.
     """

@@ -21,50 +21,49 @@ from tsd_twin.safety.modes import ARMED, LATCHED, TRANSITIONS, Heartbeat, Mode
 UNATTENDED_S = 10.0
 """Without a lease for this long, the wheels spin down."""
 QUIET_BEFORE_RESET_S = 0.5
-"""A reset is refused while somebody still pushes the stick."""
+"""A reset is refused until this time after the last non-zero command."""
 NEUTRAL_S = 1.0
-"""Time that arming gives the gimbals to come to neutral."""
+"""Timeout of arming for the gimbals to reach neutral tilt."""
 SPIN_UP_S = 5.0
-"""Time that arming gives the wheels to come to speed."""
+"""Timeout of arming for the wheels to reach their speed."""
 _LOST = "the operator gave up or lost control"
 _REPORT_S = 0.2
-"""Drops and refusals under one rule are reported no more often, so that a flood is not answered by
-one of events."""
+"""Minimum time between two events of one rule about drops or refusals; limits the event rate."""
 
 
 @dataclass(frozen=True, slots=True)
 class SupervisorInputs:
-    """What the rest of the core knows and the authority decides by."""
+    """Inputs of the safety state machine from the control loop, one set for each step."""
 
     neutral: bool
-    """All gimbals are measured at neutral tilt; looked at while arming only."""
+    """All gimbals are measured at neutral tilt; used while arming only."""
     at_speed: bool
-    """All wheels turn as fast as they shall; looked at while arming only."""
+    """All wheels turn at their set-point; used while arming only."""
     at_rest: bool
     """The twist that is commanded to the joints is zero."""
     fault: str = ""
-    """What is broken, in words."""
+    """Text of the fault, "" when there is none."""
 
 
 class SafetySupervisor:
-    """Modes, lease, command gate and latched stop of one robot."""
+    """Safety state machine of one robot: modes, lease, command gate and latched stop."""
 
     def __init__(self, robot: RobotDescription, new_lease_id: Callable[[], bytes]) -> None:
         self.mode = Mode.DISARMED
         self.reason = ""
-        """Why the robot stopped, is stopping, or is not armed any more."""
+        """Reason why the robot stopped, is stopping, or was disarmed."""
         self.gate = CommandGate()
         self.command: Command | None = None
-        """The newest that counted since the robot last came to rest."""
+        """Newest counted command since the robot last came to rest."""
         self.command_s = -np.inf
         self.command_seq = 0
         self.stops = 0
-        """How often the robot has begun to come to rest by itself."""
+        """Number of controlled stops that the robot has started by itself."""
         self._leases = LeaseManager(robot, new_lease_id)
         self._lease_events = LeaseEvents(self._leases)
         self._drove: bytes = b""
         self._stands_until_s = -np.inf
-        """When the newest command stops moving the robot, unless another counts before."""
+        """Time at which the newest command expires, unless another counts before."""
         self._stale_s = -np.inf
         """When the newest command was dropped for its age."""
         self._hold_s = robot.arming_hold_s
@@ -78,7 +77,7 @@ class SafetySupervisor:
         self._reported_s: dict[tuple[str, str], float] = {}
         self._events: list[Event] = []
 
-    # What operators ask for.
+    # Requests of operators.
 
     def lease(self, request: LeaseRequest, now_s: float) -> LeaseReply:
         """Answer a request for the lease; a change of holder stops the robot."""
@@ -88,10 +87,10 @@ class SafetySupervisor:
         if after is not None:
             self._attended_s = now_s
         if after is not before and self.mode is Mode.DRIVING:
-            # Now, not in the next step: a command of the new holder may come in before that.
+            # Now, not in the next step: a command of the new holder may arrive before that.
             self._transition(Mode.STOPPING, _LOST, now_s)
         if text := self._lease_events.after(request, before, now_s):
-            if request.op in ("request", "withdraw"):  # Anybody may, as often as they like.
+            if request.op in ("request", "withdraw"):  # Allowed to all operators at any rate.
                 self._report_now_and_then("lease", text, request.op, now_s)
             else:
                 self._report("lease", text, "lease", now_s)
@@ -100,7 +99,7 @@ class SafetySupervisor:
         return reply
 
     def arm(self, lease_hex: str, now_s: float) -> Reply:
-        """Begin arming: only the holder, only from disarmed."""
+        """Begin arming; allowed to the holder of the lease only, from `disarmed` only."""
         if refusal := self._refusal(lease_hex, now_s):
             return self.refuse("arm", refusal, now_s)
         if self.mode in LATCHED:
@@ -126,14 +125,14 @@ class SafetySupervisor:
         return Reply(True)
 
     def stop(self, request: StopRequest, now_s: float) -> Reply:
-        """Stop and latch: anybody, at any time."""
+        """Latch a stop; allowed to every client at any time, without a lease."""
         if self.mode not in LATCHED:
-            by = request.operator or "somebody"
+            by = request.operator or "an unnamed client"
             self._transition(Mode.STOPPED, request.reason or f"software stop by {by}", now_s)
         return Reply(True)
 
     def reset(self, lease_hex: str, now_s: float) -> Reply:
-        """Unlatch: leads to disarmed, never to motion."""
+        """Clear a latched stop or fault; the next mode is `disarmed`, never motion."""
         if refusal := self._refusal(lease_hex, now_s):
             return self.refuse("reset", refusal, now_s)
         if self.mode not in LATCHED:
@@ -144,7 +143,7 @@ class SafetySupervisor:
         return Reply(True)
 
     def refuse(self, what: str, reason: str, now_s: float) -> Reply:
-        """Return a refusal, and report it unless another of its kind was a moment ago."""
+        """Return a refusal, and report it as a rate-limited event."""
         text = f"Request to {what} refused: {reason}."
         self._report_now_and_then("refusal", text, what, now_s)
         return Reply(False, reason)
@@ -153,10 +152,10 @@ class SafetySupervisor:
         """Return whether this is the lease in force."""
         return held_by(self._leases.current(now_s), None, lease_hex)
 
-    # What the control loop does.
+    # Called by the control loop.
 
     def receive(self, sample: Sample, now_s: float) -> None:
-        """Take one sample from the bus; whether it counts is decided and counted here."""
+        """Process one command sample from the bus: accept it, or drop and count it."""
         lease = self._leases.current(now_s)
         outcome = self.gate.check(sample, lease, now_s)
         if isinstance(outcome, MessageError):
@@ -167,7 +166,7 @@ class SafetySupervisor:
             )
             return
         if lease is not None and not self.gate.is_late:
-            # A zero that is too old stops the robot, but does not show that its sender is there.
+            # A zero that is too old stops the robot, but does not prove a connected sender.
             self._leases.renew(now_s)
             self._heartbeat_count += 1
             oldest_s = self.gate.echoed_s + lease.max_age_s
@@ -176,7 +175,7 @@ class SafetySupervisor:
         pushes = bool(outcome.twist.any())
         if pushes:
             self._pushed_s = now_s
-        # Who has just got control drives from standstill on, not out of the motion of another.
+        # A new holder of the lease starts from standstill, not out of the motion of another.
         goes_on = self.mode is Mode.STOPPING and outcome.lease == self._drove
         obeys = self.mode is Mode.READY or (goes_on and not self._disarm_at_rest)
         if pushes and obeys:
@@ -185,7 +184,7 @@ class SafetySupervisor:
             self.command = outcome
 
     def step(self, inputs: SupervisorInputs, now_s: float) -> None:
-        """Let time pass: what has run out, has run out."""
+        """Advance the state machine to `now_s`: expire leases and commands, and change modes."""
         lease = self._watch_lease(now_s)
         self._fault = inputs.fault
         if inputs.fault and self.mode in ARMED:
@@ -195,7 +194,7 @@ class SafetySupervisor:
                 self._step_arming(inputs, now_s)
             case Mode.READY:
                 if now_s - self._attended_s >= UNATTENDED_S:
-                    reason = f"nobody has had control for {UNATTENDED_S:g} s"
+                    reason = f"no operator has had control for {UNATTENDED_S:g} s"
                     self._transition(Mode.DISARMED, reason, now_s)
             case Mode.DRIVING:
                 self._step_driving(lease, inputs, now_s)
@@ -210,7 +209,7 @@ class SafetySupervisor:
             self._heartbeat_count += 1
 
     def arming(self, now_s: float) -> ArmingStatus | None:
-        """Return how far arming is."""
+        """Return the progress of arming, None in other modes."""
         if self.mode is not Mode.ARMING:
             return None
         if self._spin_up_s is not None:
@@ -219,14 +218,14 @@ class SafetySupervisor:
 
     @property
     def wheels_spin(self) -> bool:
-        """Whether the drive motors shall turn."""
+        """Whether the drive motors are commanded to turn."""
         if self.mode is Mode.ARMING:
             return self._spin_up_s is not None
         return self.mode in ARMED
 
     @property
     def heartbeat(self) -> Heartbeat:
-        """On whose word the joints move."""
+        """Heartbeat for the hardware watchdog."""
         return Heartbeat(self.mode in ARMED, self._heartbeat_count)
 
     def lease_in_force(self, now_s: float) -> Lease | None:
@@ -235,15 +234,15 @@ class SafetySupervisor:
 
     @property
     def hand_over(self) -> HandOver:
-        """Who asks for control, and for whom it is kept."""
+        """Pending request and reservation of the lease."""
         return self._leases.hand_over
 
     def take_events(self) -> list[Event]:
-        """Return what has happened since the last call."""
+        """Return the events since the last call."""
         events, self._events = self._events, []
         return events
 
-    # Inside.
+    # Private.
 
     def _watch_lease(self, now_s: float) -> Lease | None:
         lease = self._leases.current(now_s)
@@ -255,7 +254,8 @@ class SafetySupervisor:
 
     def _step_arming(self, inputs: SupervisorInputs, now_s: float) -> None:
         if now_s - self._attended_s >= UNATTENDED_S:
-            self._transition(Mode.DISARMED, f"nobody has had control for {UNATTENDED_S:g} s", now_s)
+            reason = f"no operator has had control for {UNATTENDED_S:g} s"
+            self._transition(Mode.DISARMED, reason, now_s)
         elif self._spin_up_s is None:
             waited_s = now_s - self._since_s
             if not inputs.neutral and waited_s >= NEUTRAL_S:
@@ -280,7 +280,7 @@ class SafetySupervisor:
 
     def _transition(self, mode: Mode, reason: str, now_s: float) -> None:
         if (self.mode, mode) not in TRANSITIONS:
-            raise AssertionError(f"there is no way from {self.mode} to {mode}")
+            raise AssertionError(f"there is no transition from {self.mode} to {mode}")
         before, self.mode, self.reason, self._since_s = self.mode, mode, reason, now_s
         self._spin_up_s = None
         if mode is Mode.STOPPING:
