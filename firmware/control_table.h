@@ -17,7 +17,7 @@
 #define CT_FULL_THROTTLE 4000
 #define CT_SIZE 154
 
-typedef enum {  // Who has the joints.
+typedef enum {  // Source of the joint commands.
   BOARD_DISARMED = 0,
   BOARD_ARMED = 1,
   BOARD_RC = 2,

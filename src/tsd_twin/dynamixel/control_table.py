@@ -200,10 +200,10 @@ TABLE_SIZE = sum(block.size for block in BLOCKS)
 
 
 class BoardMode(IntEnum):
-    """Who has the joints."""
+    """Source of the joint commands."""
 
     DISARMED = 0
-    """Nobody: zero throttle, gimbals to neutral."""
+    """No source: zero throttle, gimbals to neutral."""
     ARMED = 1
     """The PC: throttles and goals of the command block are put out."""
     RC = 2
