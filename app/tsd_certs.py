@@ -61,7 +61,7 @@ def report(folder: KeyFolder, now: datetime) -> list[str]:
     lines += [
         "",
         "A robot obeys the rules it was started with: copy robot.json5 and start it again.",
-        f"Keep {folder.key_file(AUTHORITY)} offline: who has it can make anybody an operator.",
+        f"Keep {folder.key_file(AUTHORITY)} offline: its holder can issue operator certificates.",
     ]
     return lines
 
@@ -104,14 +104,14 @@ def main() -> None:
         action="append",
         default=[],
         metavar="NAME",
-        help="somebody who sees, drives and stops; may be repeated",
+        help="an operator, who sees, drives and stops; may be repeated",
     )
     PARSER.add_argument(
         "--viewer",
         action="append",
         default=[],
         metavar="NAME",
-        help="somebody who sees and stops; may be repeated",
+        help="a viewer, who sees and stops; may be repeated",
     )
     PARSER.add_argument(
         "--sensor",

@@ -25,7 +25,7 @@ from attack.scenes import Scene, on_a_link, with_board
 from attack.table import Row
 from tsd_twin import robots
 from tsd_twin.errors import TwinError
-from tsd_twin.link_emulation.emulator import Way
+from tsd_twin.link_emulation.emulator import Direction
 from tsd_twin.robots import RobotDescription
 
 MAX_AGES_S = (0.25, 0.5, 1.0)
@@ -58,14 +58,14 @@ class Cause:
     fault: Fault = field(repr=False)
 
 
-def stalled(*ways: Way) -> Fault:
+def stalled(*directions: Direction) -> Fault:
     """Return the fault of a link that delivers nothing, and later all."""
 
     def fault(scene: Scene) -> tuple[float, float]:
         assert scene.link is not None
         length_s = scene.max_age_s + BEYOND_S
         at_s = time.monotonic()
-        scene.link.stall(length_s, ways)
+        scene.link.stall(length_s, directions)
         if isinstance(scene.operator, Raw):
             # It knows no better than to push on; that ends before it could hear the robot again.
             time.sleep(length_s - 0.1)
@@ -123,11 +123,11 @@ def _node(scene: Scene) -> int:
 CAUSES: Mapping[str, Cause] = {
     cause.name: cause
     for cause in (
-        Cause("both", "link lost both ways", "page", stalled(Way.UP, Way.DOWN)),
-        Cause("downlink", "downlink lost", "page", stalled(Way.DOWN)),
-        Cause("uplink", "uplink lost", "page", stalled(Way.UP)),
-        Cause("frozen", "downlink lost, raw commands", "raw", stalled(Way.DOWN)),
-        Cause("raw-both", "link lost, raw commands", "raw", stalled(Way.UP, Way.DOWN)),
+        Cause("both", "link lost both ways", "page", stalled(Direction.UP, Direction.DOWN)),
+        Cause("downlink", "downlink lost", "page", stalled(Direction.DOWN)),
+        Cause("uplink", "uplink lost", "page", stalled(Direction.UP)),
+        Cause("frozen", "downlink lost, raw commands", "raw", stalled(Direction.DOWN)),
+        Cause("raw-both", "link lost, raw commands", "raw", stalled(Direction.UP, Direction.DOWN)),
         Cause("page-stop", "page SIGSTOP", "page", hung(_page)),
         Cause("gateway-stop", "gateway SIGSTOP", "page", hung(_gateway)),
         Cause("page-kill", "page SIGKILL", "page", killed(_page)),

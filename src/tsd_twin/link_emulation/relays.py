@@ -28,7 +28,7 @@ _LINGER_NONE = struct.pack("ii", 1, 0)  # Closing sends a reset.
 
 
 class Mark(enum.Enum):
-    """What a segment says that carries no data."""
+    """Control segment of a stream: one without data."""
 
     OPEN = enum.auto()
     END = enum.auto()
@@ -40,7 +40,9 @@ TcpSegment: TypeAlias = Segment[SocketPayload]
 
 
 class RelaySocket(asyncio.Protocol, abc.ABC):
-    """A socket, and the stream that carries what is read from it to the other side."""
+    """Socket of a relayed TCP connection, with the stream that carries its data to the other
+    side.
+    """
 
     other: RelaySocket
 
@@ -116,7 +118,7 @@ class RelaySocket(asyncio.Protocol, abc.ABC):
         self._lane.step()
 
     def abandon(self) -> None:
-        """Break the connection at once, and say nothing to the other side."""
+        """Abort the connection at once, without notice to the other side."""
         self._abandoned = True
         self._lane.resenders.discard(self._stream)
         if self._transport is None:
@@ -142,7 +144,7 @@ class RelaySocket(asyncio.Protocol, abc.ABC):
 
     @abc.abstractmethod
     def opened(self) -> None:
-        """Take note that the other side is connected."""
+        """Handle that the other side is connected."""
 
     def _hand_over(self, payload: SocketPayload) -> None:
         match payload:
@@ -174,7 +176,7 @@ def _pieces(payload: SocketPayload) -> Iterator[tuple[SocketPayload, int]]:
 
 
 class ClientSocket(RelaySocket):
-    """Holds what a client sends before the target has answered.
+    """Client side of a relayed connection: holds data until the target is connected.
 
     The kernel accepts at once; a handshake over the link would have taken a round trip.
     """
@@ -195,7 +197,7 @@ class ClientSocket(RelaySocket):
         if self._is_open or payload is Mark.OPEN:
             super().carry(payload)
         elif payload is Mark.RESET:
-            self.other.abandon()  # The client has given up: nobody calls any more.
+            self.other.abandon()  # The client has given up: there is no connection to open.
             self._lane.resenders.discard(self._stream)
         else:
             self._early.append(payload)
@@ -214,7 +216,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class TargetSocket(RelaySocket):
-    """Connects when the client's call arrives, and says so, or that nobody answers."""
+    """Target side of a relayed connection: connects when the client's request arrives."""
 
     def __init__(
         self,
@@ -239,7 +241,7 @@ class TargetSocket(RelaySocket):
         try:
             await loop.create_connection(lambda: self, self._target.host, self._target.port)
         except (OSError, UnicodeError) as error:
-            _LOG.info("nobody answers at %s: %s", self._target, error)
+            _LOG.info("no connection to %s: %s", self._target, error)
             self._sides.discard(self)
             if not self._abandoned:
                 self.carry(Mark.RESET)
@@ -277,7 +279,7 @@ class TcpRelay:
         self._server.close()
         for side in tuple(self._sides):
             side.abandon()
-        await asyncio.sleep(0)  # The transports say good-bye in the next turn of the loop.
+        await asyncio.sleep(0)  # The transports close in the next iteration of the loop.
         await self._server.wait_closed()
 
     def _accept(self) -> ClientSocket:
@@ -321,7 +323,7 @@ class UdpRelay:
         """Listen, and return the port.
 
         Raises:
-            LinkError: it cannot listen there, or nobody knows the target.
+            LinkError: it cannot listen there, or the host of the target cannot be resolved.
         """
         self._family, self._address = resolved(self._target)
         self._socket = bound(self._listen)
