@@ -1,4 +1,4 @@
-"""`tsd-users`: who may log in to a dashboard, and as what."""
+"""`tsd-users`: manages the user accounts of a dashboard."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ PARSER = program.parser(
 
 
 def change(args: argparse.Namespace) -> None:
-    """Do what the flags say, and say who there is."""
+    """Apply the flags to the file, and list its users."""
     file: Path = args.file
     users = Users.load_any(file) if file.exists() else Users({})
     if args.remove:

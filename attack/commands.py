@@ -1,4 +1,4 @@
-"""Commands that are held back over a stop and the next arming, at every shipped robot."""
+"""Attack with a command delayed past a stop and the next arming, for every shipped robot."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from attack.operators import Raw
+from attack.operators import UncheckedOperator
 from attack.table import Row
 from tests.app.conftest import Program
 from tsd_twin import robots
@@ -46,7 +46,7 @@ def rows() -> Iterator[Row]:
 def _late_command(endpoint: str, name: str) -> tuple[float, float]:
     """Return the travel after the late command, and the time from STOP until it was sent."""
     drive = robots.load_robot(name).kinematics()
-    raw = Raw(endpoint, name)
+    raw = UncheckedOperator(endpoint, name)
     bus = Bus(client_config([endpoint]))
     try:
         bus.wait_for_peer(5.0)
@@ -60,12 +60,12 @@ def _late_command(endpoint: str, name: str) -> tuple[float, float]:
         link, driver = raw.link, raw.driver
         lease = bytes.fromhex(driver.lease_hex)
         late = encode_attachment(10**9, lease, link.snapshot.status_seq)
-        raw.let_go()
+        raw.release()
         stopped_s = time.monotonic()
-        link.ask(Service.STOP, StopRequest("bob"))
+        link.call_service(Service.STOP, StopRequest("bob"))
         time.sleep(0.52)
-        link.ask(Service.RESET, HolderRequest(driver.lease_hex))
-        link.ask(Service.ARM, HolderRequest(driver.lease_hex))
+        link.call_service(Service.RESET, HolderRequest(driver.lease_hex))
+        link.call_service(Service.ARM, HolderRequest(driver.lease_hex))
         while (status := raw.status) is None or status.mode != "ready":
             if time.monotonic() - stopped_s > 10.0:
                 raise TimeoutError(f"{name} does not become ready")

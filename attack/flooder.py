@@ -1,6 +1,6 @@
-"""Ten viewers that flood: `python -m attack.flooder PORT SECONDS COOKIE [COOKIE ...]`.
+"""Load generator of ten viewers that flood the dashboard.
 
-Each cookie is one viewer, with a socket that sends as fast as the gateway takes it, and connects
+`python -m attack.flooder PORT SECONDS COOKIE [COOKIE ...]`: each cookie is one viewer, with a socket that sends as fast as the gateway takes it, and connects
 again whenever it is cut off. Prints how often that was, and how many frames went out.
 """
 
@@ -66,7 +66,7 @@ def flood(port: int, cookie: str, number: int, end_s: float, counts: Counter[str
 def main(port: int, seconds: float, cookies: list[str]) -> None:
     """Flood with all of them at once."""
     logging.getLogger("websockets").setLevel(logging.CRITICAL)  # Being cut off is no news.
-    os.nice(19)  # They stand for other machines, which take no processor time of this one.
+    os.nice(19)  # They represent other machines, which use no processor time of this one.
     counts: Counter[str] = Counter()
     end_s = time.monotonic() + seconds
     threads = [

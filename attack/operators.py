@@ -26,7 +26,7 @@ PERIOD_S = 0.02
 
 
 class Operator(Protocol):
-    """A driver that takes control, pushes and lets go, as often as it is told to."""
+    """Interface of a test operator: acquire control, hold the stick, release it."""
 
     def get_ready(self, max_age_s: float) -> None:
         """Take control under a lease, and arm."""
@@ -36,19 +36,19 @@ class Operator(Protocol):
         """Hold the stick: the first number of the twist, the others zero."""
         ...
 
-    def let_go(self) -> None:
-        """Let go of it."""
+    def release(self) -> None:
+        """Release the stick."""
         ...
 
     def close(self) -> None:
-        """Leave nothing behind."""
+        """Release all resources."""
         ...
 
 
-class Raw:
-    """A program on the bus that echoes the newest status it has seen, however old that is.
+class UncheckedOperator:
+    """Bus client without client-side checks: its commands carry the newest status, however old.
 
-    It looks at nothing else: not at the mode, not at silence, and it sends no zero at the end.
+    It ignores the mode and a missing status, and sends no zero at the end.
     """
 
     def __init__(self, endpoint: str, robot_id: str) -> None:
@@ -65,12 +65,12 @@ class Raw:
 
     @property
     def status(self) -> Status | None:
-        """The newest that has come over its link."""
+        """Newest status."""
         return self._link.snapshot.status
 
     @property
     def link(self) -> RobotClient:
-        """Its link to the robot."""
+        """Client of the robot."""
         return self._link
 
     @property
@@ -87,7 +87,7 @@ class Raw:
     def renew(self) -> None:
         """Renew the lease without a command."""
         lease = self.driver.lease_hex
-        self._link.ask_lease(LeaseRequest(op="renew", operator="raw", lease=lease))
+        self._link.call_lease_service(LeaseRequest(op="renew", operator="raw", lease=lease))
 
     def get_ready(self, max_age_s: float) -> None:
         """Take control under a lease, and arm; ask again as long as the robot is not ready.
@@ -97,23 +97,23 @@ class Raw:
         """
         deadline_s = time.monotonic() + PATIENCE_S
         lease = LeaseRequest(op="acquire", operator="raw", take_over=True, max_age_s=max_age_s)
-        reply = self._link.ask_lease(lease)
+        reply = self._link.call_lease_service(lease)
         while not reply.granted or reply.lease is None:
             _check(deadline_s, reply.reason)
             time.sleep(0.1)
-            reply = self._link.ask_lease(lease)
+            reply = self._link.call_lease_service(lease)
         self._driver = LeaseHolder("raw", reply.lease, reply.max_age_s)
         granted_s = time.monotonic()
         renewal = LeaseRequest(op="renew", operator="raw", lease=reply.lease)
         steps = {"stopped": Service.RESET, "fault": Service.RESET, "disarmed": Service.ARM}
         while True:
-            # A status that was under way when the lease was granted does not know of it.
+            # A status that was in transit when the lease was granted does not show it.
             status = self.status if time.monotonic() - granted_s > 0.15 else None
             if status is not None and status.mode == "ready" and status.lease.holder == "raw":
                 return
             if status is not None and status.mode in steps:
-                self._link.ask(steps[status.mode], HolderRequest(reply.lease))
-            self._link.ask_lease(renewal)
+                self._link.call_service(steps[status.mode], HolderRequest(reply.lease))
+            self._link.call_lease_service(renewal)
             _check(deadline_s, f"the robot is {status.mode if status else 'silent'}")
             time.sleep(0.05)
 
@@ -121,8 +121,8 @@ class Raw:
         """Hold the stick."""
         self._x = x
 
-    def let_go(self) -> None:
-        """Fall silent."""
+    def release(self) -> None:
+        """Stop sending, without a zero."""
         self._x = None
 
     def close(self) -> None:
@@ -140,11 +140,11 @@ class Raw:
             if self._driver is not None and (x := self._x) is not None:
                 twist = np.zeros(6)
                 twist[self._component] = x
-                self._link.command(self._driver, twist, self._link.snapshot.status_seq)
+                self._link.publish_twist(self._driver, twist, self._link.snapshot.status_seq)
 
 
 class PageBehindGateway:
-    """A dashboard and a page of it, each a process of its own; both are replaced when they died."""
+    """Operator at a page of a dashboard, each a process; both are restarted when they have died."""
 
     def __init__(self, endpoint: str) -> None:
         self._endpoint = endpoint
@@ -170,8 +170,8 @@ class PageBehindGateway:
         assert self._page is not None
         self._page.do("push", x)
 
-    def let_go(self) -> None:
-        """Let go of the stick, if there is still a hand."""
+    def release(self) -> None:
+        """Release the stick, if the page is still running."""
         if self._page is not None and self._page.process.poll() is None:
             # A page whose gateway has died ends by itself.
             with contextlib.suppress(BrokenPipeError, AssertionError):

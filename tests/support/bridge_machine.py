@@ -80,7 +80,7 @@ class Box:
 
 
 class Machine:
-    """Box and bridge, and somebody who drives."""
+    """Simulated board, bridge, and an operator."""
 
     def __init__(self, start: Callable[..., Program], folder: Path) -> None:
         self._start, self._folder = start, folder

@@ -49,7 +49,7 @@ class BusOperator:
 
     @classmethod
     def blind(cls, node: RunningNode) -> Self:
-        """Return a pilot of a robot of which nobody knows the truth."""
+        """Return an operator of a robot without ground truth."""
         return cls(node, streams=4)
 
     def __enter__(self) -> Self:

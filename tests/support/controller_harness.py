@@ -28,7 +28,7 @@ ROBOT = robots.load_robot("tsd")
 
 @dataclass(slots=True)
 class HarnessOperator:
-    """Somebody who holds a lease, or did."""
+    """Operator that holds a lease, or held one."""
 
     name: str
     lease: str

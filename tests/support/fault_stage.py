@@ -42,11 +42,11 @@ class Run:
     """What the robot did after a fault."""
 
     distance_m: float
-    """Way from the fault to standstill."""
+    """Distance from the fault to standstill."""
     time_s: float
     """Until standstill."""
     after_m: float
-    """Way after that, until nobody looked any more."""
+    """Distance after that, until the end of the recording."""
 
 
 class Observer:

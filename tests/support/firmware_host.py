@@ -160,7 +160,7 @@ class FirmwareHost:
         """Look at what must never have happened."""
         widest = max(self.rig.board.pulse(i).unarmed_us for i in range(3))
         faults = self.rig.board.bus_faults()
-        assert widest < 1001.0, f"a pulse of {widest} us while nobody had the joints"
+        assert widest < 1001.0, f"a pulse of {widest} us in disarmed mode"
         assert faults == (0, 0, 0), "the servo bus was not kept clean"
 
 

@@ -50,7 +50,7 @@ class LoopInvariants:
         assert gate.accepted == self.referee.counted
 
     def two_operators_never_drive_at_once(self) -> None:
-        """Whoever's command is obeyed is the one who was granted the lease last."""
+        """Only commands of the operator with the newest lease are obeyed."""
         supervisor = self.rig.controller.supervisor
         if supervisor.command is not None:
             assert supervisor.command.operator == self.referee.holder

@@ -38,7 +38,7 @@ class CommandReference:
         self.interrupted_s = now_s
 
     def is_free(self, now_s: float) -> bool:
-        """Whether nobody has control; what was asked of the last holder ends with that."""
+        """Whether the lease is free; requests to the last holder end with it."""
         if self.holder is not None and now_s >= self.ends_s:
             self.end()
         return self.holder is None

@@ -93,7 +93,7 @@ class Mailbox:
 
 
 def matched(publisher: Publisher) -> Publisher:
-    """Wait until the publisher knows of somebody who listens."""
+    """Wait until the publisher has a matching subscriber."""
     inner = publisher._publisher
     heard = threading.Event()
     listener = inner.declare_matching_listener(

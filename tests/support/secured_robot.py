@@ -44,7 +44,7 @@ TELL = {
     "messages": ["declare_subscriber", "declare_queryable"],
     "key_exprs": ["twin/**"],
 }
-"""A session sends only what it has been told that somebody listens to; a hostile program need not
+"""A session sends only on keys with a known subscriber; a hostile program need not
 care. With this rule everybody is told, so that what is denied is really sent."""
 
 
@@ -139,7 +139,7 @@ class SecuredRobot:
 
 
 def put(bus: Bus, key: str, payload: bytes, surely: bool = True) -> None:
-    """Put, as soon as the session knows that somebody listens."""
+    """Put, as soon as the session knows of a subscriber."""
     publisher = bus._session.declare_publisher(key)
     if surely:
         matching = threading.Event()
@@ -147,7 +147,7 @@ def put(bus: Bus, key: str, payload: bytes, surely: bool = True) -> None:
             lambda status: matching.set() if status.matching else None
         )
         if not publisher.matching_status.matching:
-            assert matching.wait(PATIENCE_S), f"nobody listens to {key}"
+            assert matching.wait(PATIENCE_S), f"no subscriber of {key}"
         listener.undeclare()
     publisher.put(payload)
     publisher.undeclare()
@@ -163,7 +163,7 @@ def hold(link: RobotClient, operator: str) -> LeaseHolder:
 
 
 def set_free(bus: Bus) -> None:
-    """Leave the robot neither stopped nor anybody's, with the bus of an operator."""
+    """Reset the robot and release its lease, with the bus of an operator."""
     link = RobotClient(bus, ID)
     lease = hold(link, "alice").lease_hex
     link.ask(Service.RESET, HolderRequest(lease), PATIENCE_S)

@@ -18,7 +18,7 @@ TRIPPED = 255
 
 
 class ServoChain:
-    """Moves in real time towards the goals, and stops when nobody speaks to it."""
+    """Simulated servos in real time: move towards the goals, and stop without requests."""
 
     def __init__(self, protocols: tuple[int, ...] = (2,) * 6) -> None:
         self.servos = [Mx64(i + 1, version) for i, version in enumerate(protocols)]
