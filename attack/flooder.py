@@ -1,7 +1,8 @@
 """Load generator of ten viewers that flood the dashboard.
 
-`python -m attack.flooder PORT SECONDS COOKIE [COOKIE ...]`: each cookie is one viewer, with a socket that sends as fast as the gateway takes it, and connects
-again whenever it is cut off. Prints how often that was, and how many frames went out.
+`python -m attack.flooder PORT SECONDS COOKIE [COOKIE ...]`: each cookie is one viewer, with
+a socket that sends as fast as the gateway accepts it, and reconnects whenever it is cut off. Prints
+the number of cut-offs and of frames sent.
 """
 
 from __future__ import annotations

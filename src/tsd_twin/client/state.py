@@ -1,4 +1,4 @@
-"""The newest state of a robot as values, and bounded queues of states and events."""
+"""State of a robot as values, and bounded queues of states and events."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ ROOT = "/w"
 
 
 class Layer(StrEnum):
-    """What a client may hide; the values are the words of the panel."""
+    """Layers that a client can hide; the values are the labels in the panel."""
 
     SETPOINT = "set-point"
     TRUTH = "true pose"
@@ -86,7 +86,7 @@ _ROBOT_NODES = {
 
 
 def robot_node(robot_id: str) -> str:
-    """Return the node that stands on the floor below a robot, and turns with it."""
+    """Return the node at the floor projection of `base_link`."""
     return f"{ROOT}/r/{robot_id}"
 
 
@@ -96,7 +96,7 @@ def overlay_node(layer: Layer, robot_id: str) -> str:
 
 
 def layer_nodes(layer: Layer, robot_ids: Iterable[str]) -> set[str]:
-    """Return the nodes to hide so that a layer cannot be seen: what is below them is hidden too."""
+    """Return the nodes to hide for a layer; their children are hidden too."""
     shared = {_SHARED_NODES[layer]} if layer in _SHARED_NODES else set[str]()
     return shared | {overlay_node(layer, one) for one in robot_ids if layer in _ROBOT_NODES}
 
@@ -107,7 +107,7 @@ _AMBIENT_INTENSITY = 1.5
 
 
 def disable_shadows_and_reflections(own: viser.SceneApi) -> None:
-    """Take shadows and reflections from the scene of one client: they take most of a frame's time.
+    """Disable shadows and reflections in the scene of one client, most of the rendering time.
 
     Also after its nodes have been reset.
     """
