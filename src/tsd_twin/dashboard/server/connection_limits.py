@@ -1,5 +1,4 @@
-"""Limits of connections: how many there may be, and how long each may take before it is
-authenticated.
+"""Limits of connections: their number, and the time until a request is authenticated.
 
 Connections without an authenticated request share a few places. The one that has waited longest is
 closed for a new one, so no number of them keeps out an operator.
@@ -43,7 +42,7 @@ _REFUSAL = (
 
 @dataclass(frozen=True, slots=True)
 class ConnectionLimits:
-    """Numbers of connections, and times that each may take."""
+    """Maximum numbers of connections, and their time-outs."""
 
     strangers: int = 128
     """Connections of all who have not logged in."""
@@ -62,7 +61,7 @@ class ConnectionLimits:
 
 
 class _Connection(asyncio.Protocol):
-    """One connection; passes all that happens on to the protocol that reads HTTP."""
+    """One TCP connection; forwards its events to the HTTP protocol object."""
 
     def __init__(
         self, inner: asyncio.Protocol, peer: str, on_lost: Callable[[_Connection], None]
@@ -82,7 +81,7 @@ class _Connection(asyncio.Protocol):
         self._on_lost = on_lost
         self._stalled: tuple[int, float] | None = None
 
-    # What the transport calls.
+    # Callbacks of the transport.
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = cast("asyncio.Transport", transport)
@@ -106,10 +105,10 @@ class _Connection(asyncio.Protocol):
         self._on_lost(self)
         self._inner.connection_lost(exc)
 
-    # How long it keeps us waiting.
+    # Time-outs.
 
     def is_over(self, limits: ConnectionLimits, now_s: float) -> bool:
-        """Return whether its time is over."""
+        """Return whether its time-out is over."""
         if self._transport is None:
             return False  # A handshake has a limit of its own.
         if self._stalled is not None:
@@ -124,15 +123,15 @@ class _Connection(asyncio.Protocol):
         return now_s - self.since_s > (limits.idle_s if self.known else limits.request_s)
 
     def drop(self) -> None:
-        """Close it, at once and whatever is left to be sent."""
+        """Abort the connection, discarding unsent data."""
         if self._transport is not None:
-            # Else the system would keep for minutes what such a browser does not read.
+            # Otherwise the system would keep unread data of such a browser for minutes.
             connection = self._transport.get_extra_info("socket")
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET)
             self._transport.abort()
 
     def refuse(self) -> None:
-        """Close it, with a sentence when that can be read."""
+        """Close the connection, with an error message where the client can read one."""
         transport = self._transport
         if transport is None:
             if self.handshake is not None:
@@ -148,10 +147,10 @@ class _Connection(asyncio.Protocol):
 
 
 class ConnectionLimiter:
-    """Listens, and takes as many connections as there is room for."""
+    """Listener that limits the number of connections."""
 
     def __init__(self, is_proxy: Callable[[str], bool]) -> None:
-        """`is_proxy` tells whether an address is that of the proxy in front."""
+        """`is_proxy` returns whether an address is that of the reverse proxy."""
         self._limits = ConnectionLimits()
         self._is_proxy = is_proxy
         self._listeners: list[socket.socket] = []
@@ -160,7 +159,7 @@ class ConnectionLimiter:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
+        """Port it listens on."""
         return self._listeners[0].getsockname()[1]
 
     async def open(
@@ -198,7 +197,7 @@ class ConnectionLimiter:
         self._start(self._sweep())
 
     async def close(self) -> None:
-        """Listen no more; connections that are open stay so."""
+        """Stop listening; open connections stay open."""
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -206,7 +205,7 @@ class ConnectionLimiter:
 
     @web.middleware
     async def admit(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Count a request that has passed the door, or refuse it when its user has too many."""
+        """Count an authenticated request, or refuse it when its user has too many connections."""
         transport = request.transport
         connection = None if transport is None else transport.get_protocol()
         if not isinstance(connection, _Connection):
@@ -225,7 +224,7 @@ class ConnectionLimiter:
             connection.busy = False
             connection.since_s = time.monotonic()
 
-    # Coming.
+    # New connections.
 
     async def _accept(
         self,
@@ -274,7 +273,9 @@ class ConnectionLimiter:
             connection.handshake = None
 
     def _make_room(self, peer: str, *, proxied: bool) -> bool:
-        """Let strangers give way to one who comes from an address; return whether it is crowded."""
+        """Close unauthenticated connections for a new one; return whether its address has too
+        many.
+        """
         strangers = [each for each in self._open if each.user is None]
         if not proxied:
             own = [each for each in strangers if each.peer == peer]
@@ -286,7 +287,7 @@ class ConnectionLimiter:
         return 2 * len(strangers) > self._limits.strangers
 
     def _make_room_for(self, user: str, connection: _Connection) -> None:
-        """Let an idle connection of a user give way to another one that has a request.
+        """Close an idle connection of a user in favour of one with a request.
 
         Raises:
             web.HTTPServiceUnavailable: none is idle.
@@ -302,7 +303,7 @@ class ConnectionLimiter:
         self._drop_oldest(idle)
 
     def _drop_oldest(self, connections: Iterable[_Connection]) -> None:
-        """Close what waits the longest, and before that what is not being answered."""
+        """Close the oldest waiting connection; those without a request in progress first."""
         oldest = min(connections, key=lambda each: (each.busy, each.since_s))
         self._forget(oldest)
         oldest.refuse()
@@ -329,7 +330,7 @@ class ConnectionLimiter:
 
 
 def allow_many_files() -> None:
-    """Let this process open as many files as the system allows it: a connection is one or more."""
+    """Raise the limit of open files of this process to the maximum: each connection needs some."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = _FILES if hard == resource.RLIM_INFINITY else min(_FILES, hard)
     if soft != resource.RLIM_INFINITY and soft < wanted:
@@ -337,7 +338,7 @@ def allow_many_files() -> None:
 
 
 def quiet_log() -> logging.Logger:
-    """Return a log for the HTTP server in which requests that are none leave no traceback."""
+    """Return a logger for the HTTP server that logs malformed requests without a traceback."""
     log = logging.getLogger(__name__)
     log.addFilter(_is_ours)  # Twice the same is once.
     return log

@@ -29,7 +29,7 @@ from tsd_twin.security import refuse_public
 
 
 def server_tls_context(certificate: Path, key: Path) -> ssl.SSLContext:
-    """Return what a server needs to speak TLS 1.2 or newer.
+    """Return the TLS context of a server, version 1.2 or newer.
 
     Raises:
         TwinError: a file is missing, others can read the key, or the two do not belong together.
@@ -85,10 +85,10 @@ class HttpServer:
     def __init__(
         self, sessions: SessionManager, viser_port: int, *, auth: AuthMiddleware | None = None
     ) -> None:
-        """Read viser's page.
+        """Load viser's page.
 
-        `audience` is who opens it. `door` decides who may come in; without one everybody may, from
-        this machine.
+        `audience` manages the sessions. `door` authenticates requests; without it, all requests
+        from this machine are accepted.
 
         Raises:
             TwinError: viser's page cannot be used.
@@ -110,7 +110,8 @@ class HttpServer:
         """Listen; port 0 takes a free one.
 
         Raises:
-            TwinError: the port is in use, or others could come in, or read what is said.
+            TwinError: the port is in use, or the settings allow access or eavesdropping from the
+            network.
         """
         self._auth.rules.check(host)
         self.sessions.open()
@@ -204,7 +205,7 @@ class HttpServer:
         return socket
 
     def _page_of(self, request: web.Request, page: str) -> str:
-        """Return the page that a socket is for, unless it is none, or that of another login."""
+        """Return the page id of a socket; refuse an invalid one, or one of another login."""
         if not PAGE_ID.fullmatch(page):
             raise web.HTTPBadRequest(text="A page id is 16 hex digits.")
         owner = self.sessions.principal_of(page)

@@ -19,7 +19,7 @@ Triple: TypeAlias = tuple[float, float, float]
 
 
 class Message(msgspec.Struct, frozen=True, tag_field="t", kw_only=True):
-    """A JSON object; `t` says which."""
+    """Base class of messages: a JSON object with its type in `t`."""
 
 
 def encode_message(message: Any) -> str:
@@ -36,7 +36,7 @@ MAX_POINTS = 256
 
 
 class DriveCommand(Message, frozen=True, tag="drive"):
-    """Move like this: m/s and rad/s in `frame`; of a ball wx, wy and wz, rad/s, in their place."""
+    """Drive command: twist in m/s and rad/s in `frame`; of a sphere wx, wy and wz, rad/s."""
 
     vx: float
     vy: float
@@ -46,7 +46,7 @@ class DriveCommand(Message, frozen=True, tag="drive"):
 
 
 class PlanRequest(Message, frozen=True, tag="plan"):
-    """Plan a way to a place on the floor, or along a line that was drawn on it."""
+    """Request to plan a path to a point on the floor, or along a drawn line."""
 
     kind: Literal["to", "draw"]
     points: Annotated[
@@ -71,7 +71,7 @@ class ClearPlan(Message, frozen=True, tag="unplan"):
 
 
 class FollowPlan(Message, frozen=True, tag="go"):
-    """Move along the planned way, like `drive` for as long as it is said."""
+    """Command to follow the planned path; like `drive`, it must be repeated."""
 
     route: Count
     """Number of the way, which is another one after each planning."""
@@ -95,7 +95,7 @@ class PageHeartbeat(Message, frozen=True, tag="beat"):
 
 
 class LeaseAction(Message, frozen=True, tag="lease"):
-    """Take or give up control, ask its holder for it, or answer who asks."""
+    """Lease request: acquire, release, request from the holder, or answer a request."""
 
     op: Literal["acquire", "release", "request", "withdraw", "grant", "deny"]
     take_over: bool = False
@@ -107,29 +107,29 @@ class LeaseAction(Message, frozen=True, tag="lease"):
 
 
 class ArmRequest(Message, frozen=True, tag="arm"):
-    """Spin up."""
+    """Request to arm."""
 
 
 class DisarmRequest(Message, frozen=True, tag="disarm"):
-    """Spin down."""
+    """Request to disarm."""
 
 
 class ResetRequest(Message, frozen=True, tag="reset"):
-    """End a latched stop."""
+    """Request to reset a latched stop or fault."""
 
 
 class SetWheelSpeed(Message, frozen=True, tag="speed"):
-    """Spin wheels that always spin at another speed."""
+    """Request of another speed for wheels that always spin."""
 
     cruise_speed_rpm: float
 
 
 class StopCommand(Message, frozen=True, tag="stop"):
-    """Stop and latch."""
+    """Software stop, latched."""
 
 
 class SelectRobot(Message, frozen=True, tag="robot"):
-    """Watch another robot."""
+    """Request to select another robot."""
 
     id: Annotated[str, Meta(max_length=32)]
 
@@ -168,14 +168,14 @@ def decode_page_message(text: str | bytes) -> PageMessage:
 
 
 class SpeedLimits(msgspec.Struct, frozen=True):
-    """What the description allows."""
+    """Speed limits of the description."""
 
     speed_mps: float
     turn_rate_rad_per_s: float
 
 
 class TwistAxisInfo(msgspec.Struct, frozen=True):
-    """What one of the three numbers of a twist is."""
+    """Component of a twist: name, symbol and unit."""
 
     name: str
     symbol: str
@@ -183,7 +183,7 @@ class TwistAxisInfo(msgspec.Struct, frozen=True):
 
 
 class WheelSpeedLimits(msgspec.Struct, frozen=True):
-    """How fast wheels that always spin may do so, and what follows from it."""
+    """Range of the speed of wheels that always spin, and the resulting limits."""
 
     least_rpm: int
     most_rpm: int
@@ -194,7 +194,7 @@ class WheelSpeedLimits(msgspec.Struct, frozen=True):
 
 
 class RobotInfo(Message, frozen=True, tag="robot"):
-    """What does not change about a robot."""
+    """Constant data of a robot."""
 
     id: str
     title: str
@@ -238,7 +238,7 @@ class GimbalState(msgspec.Struct, frozen=True):
 
 
 class WheelState(msgspec.Struct, frozen=True):
-    """One wheel that rolls."""
+    """State of a rolling wheel."""
 
     rpm: float
     set_rpm: float
@@ -264,14 +264,14 @@ class SphereState(msgspec.Struct, frozen=True):
 
 
 class EstimateDifference(msgspec.Struct, frozen=True):
-    """How far the other estimate is from the estimate."""
+    """Difference between the alternative estimate and the estimate."""
 
     metres: float
     degrees: float
 
 
 class RouteState(msgspec.Struct, frozen=True):
-    """The way that this page has planned, and how it goes."""
+    """Planned path of this page, and progress along it."""
 
     number: int
     phase: Literal["planning", "planned", "going", "arrived", "ended"]
@@ -286,7 +286,7 @@ class RouteState(msgspec.Struct, frozen=True):
 
 
 class RobotState(Message, frozen=True, tag="state"):
-    """How the robot is."""
+    """State of the robot."""
 
     seen: int
     age_ms: float
@@ -310,7 +310,7 @@ class RobotState(Message, frozen=True, tag="state"):
 
 
 class RobotName(msgspec.Struct, frozen=True):
-    """A line of the robot menu."""
+    """Entry of the robot menu."""
 
     id: str
     title: str
@@ -329,7 +329,7 @@ class SessionInfo(Message, frozen=True, tag="welcome"):
 
 
 class PanelSliders(Message, frozen=True, tag="panel"):
-    """Where the sliders of the viser panel are."""
+    """Positions of the sliders of the viser panel."""
 
     vx: float
     vy: float
@@ -339,7 +339,7 @@ class PanelSliders(Message, frozen=True, tag="panel"):
 
 
 class SphereClick(Message, frozen=True, tag="point"):
-    """A point of a ball was clicked on in the page: it wants to be brought up."""
+    """Click on a point of the sphere, which the operator wants on top."""
 
     robot: str
     at: Triple
@@ -361,7 +361,7 @@ class ActionReply(Message, frozen=True, tag="reply"):
 
 
 class RobotEvent(Message, frozen=True, tag="event"):
-    """Something happened to the robot."""
+    """Event of the robot."""
 
     kind: str
     text: str
@@ -371,11 +371,11 @@ class RobotEvent(Message, frozen=True, tag="event"):
 
     @classmethod
     def of(cls, event: Event, *, past: bool = False) -> RobotEvent:
-        """Return the part of an event that is shown."""
+        """Return the displayed part of an event."""
         return cls(kind=event.kind, text=event.text, robot_s=round(event.robot_s, 3), past=past)
 
 
 class HeartbeatReply(Message, frozen=True, tag="beat"):
-    """Answer to a beat."""
+    """Reply to a heartbeat."""
 
     sent_ms: float
