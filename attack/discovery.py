@@ -196,7 +196,7 @@ def _patterns(endpoint: str) -> Iterator[Row]:
         for pattern in PATTERNS:
             for payload in (b"", b'{"reason": "x"}'):
                 with suppress(NoAnswerError):
-                    eve.ask(pattern, payload)
+                    eve.query(pattern, payload)
         alice.wait_for_news()
         yield Row(
             f"queries to {len(PATTERNS)} patterns, with and without payload",
@@ -204,7 +204,7 @@ def _patterns(endpoint: str) -> Iterator[Row]:
             f"mode {alice.status.mode}",
             alice.status.mode == "ready",
         )
-        eve.ask(Service.STOP.key("tsd"), b"")
+        eve.query(Service.STOP.key("tsd"), b"")
         stopped_s = seconds_until(lambda: alice.status.mode == "stopped")
         yield Row(
             "an empty query to exactly the key of the stop",

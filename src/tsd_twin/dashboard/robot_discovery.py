@@ -51,14 +51,15 @@ class RobotConnector:
     """
 
     def __init__(
-        self, ask: Callable[[str, TakeReply], None], meet: Callable[[str, bytes], None]
+        self,
+        send_request: Callable[[str, TakeReply], None],
+        on_answer: Callable[[str, bytes], None],
     ) -> None:
-        """`ask` sends a request and does not wait; `meet` takes the response, on this object's
-        thread.
+        """`send_request` must not block; `on_answer` is called on the thread of this object.
 
-        The answer may come on any thread.
+        The response may arrive on any thread.
         """
-        self._ask, self._meet = ask, meet
+        self._send_request, self._on_answer = send_request, on_answer
         self._pending: dict[str, _PendingRobot] = {}
         self._answers: deque[tuple[str, int, bytes | None]] = deque(maxlen=MAX_PENDING_ROBOTS)
         self._appearances = 0
@@ -96,9 +97,9 @@ class RobotConnector:
             questions, answer = self._next()
             try:
                 for robot_id, number in questions:
-                    self._ask(robot_id, partial(self._answered, robot_id, number))
+                    self._send_request(robot_id, partial(self._answered, robot_id, number))
                 if answer is not None:
-                    self._meet(*answer)
+                    self._on_answer(*answer)
             except Exception:  # An error with one robot must not end the thread for others.
                 _CONNECTOR_LOG.exception("a robot cannot be met")
 

@@ -46,9 +46,9 @@ class RelaySocket(asyncio.Protocol, abc.ABC):
 
     other: RelaySocket
 
-    def __init__(self, lane: LinkChannel[TcpSegment], sides: set[RelaySocket]) -> None:
-        self._lane = lane
-        self._stream: Stream[SocketPayload] = Stream(lane.link, self._hand_over)
+    def __init__(self, channel: LinkChannel[TcpSegment], sides: set[RelaySocket]) -> None:
+        self._channel = channel
+        self._stream: Stream[SocketPayload] = Stream(channel.link, self._hand_over)
         self._transport: asyncio.Transport | None = None
         self._ended = False
         self._finished = False
@@ -112,15 +112,15 @@ class RelaySocket(asyncio.Protocol, abc.ABC):
 
     def carry(self, payload: SocketPayload) -> None:
         """Send a payload to the other side."""
-        self._lane.resenders.add(self._stream)
+        self._channel.resenders.add(self._stream)
         for piece, size_bytes in _pieces(payload):
-            self._stream.send(piece, size_bytes + TCP_HEADER_BYTES, self._lane.now_s)
-        self._lane.step()
+            self._stream.send(piece, size_bytes + TCP_HEADER_BYTES, self._channel.now_s)
+        self._channel.step()
 
     def abandon(self) -> None:
         """Abort the connection at once, without notice to the other side."""
         self._abandoned = True
-        self._lane.resenders.discard(self._stream)
+        self._channel.resenders.discard(self._stream)
         if self._transport is None:
             self._sides.discard(self)
         elif not self._transport.is_closing():
@@ -157,7 +157,7 @@ class RelaySocket(asyncio.Protocol, abc.ABC):
             case bytes():
                 self.other.write(payload)
         if payload in (Mark.END, Mark.RESET):
-            self._lane.resenders.discard(self._stream)
+            self._channel.resenders.discard(self._stream)
         self.throttle()
 
 
@@ -181,8 +181,8 @@ class ClientSocket(RelaySocket):
     The kernel accepts at once; a handshake over the link would have taken a round trip.
     """
 
-    def __init__(self, lane: LinkChannel[TcpSegment], sides: set[RelaySocket]) -> None:
-        super().__init__(lane, sides)
+    def __init__(self, channel: LinkChannel[TcpSegment], sides: set[RelaySocket]) -> None:
+        super().__init__(channel, sides)
         self._is_open = False
         self._early: list[SocketPayload] = []
 
@@ -198,7 +198,7 @@ class ClientSocket(RelaySocket):
             super().carry(payload)
         elif payload is Mark.RESET:
             self.other.abandon()  # The client has given up: there is no connection to open.
-            self._lane.resenders.discard(self._stream)
+            self._channel.resenders.discard(self._stream)
         else:
             self._early.append(payload)
 
@@ -220,12 +220,12 @@ class TargetSocket(RelaySocket):
 
     def __init__(
         self,
-        lane: LinkChannel[TcpSegment],
+        channel: LinkChannel[TcpSegment],
         sides: set[RelaySocket],
         near: ClientSocket,
         target: Endpoint,
     ) -> None:
-        super().__init__(lane, sides)
+        super().__init__(channel, sides)
         self.other = near
         self._target = target
         self._dialling: asyncio.Task[None]

@@ -398,7 +398,7 @@ def principal_of(request: web.Request) -> Principal:
     return request[_PRINCIPAL]
 
 
-def visitor_or_none(request: web.Request) -> Principal | None:
+def principal_or_none(request: web.Request) -> Principal | None:
     """Return the principal of a request; None when a login is required."""
     return request.get(_PRINCIPAL)
 

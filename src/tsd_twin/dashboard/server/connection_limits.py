@@ -22,7 +22,7 @@ from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 from aiohttp.typedefs import Handler
 
-from tsd_twin.dashboard.server.auth import subscriber_network, visitor_or_none
+from tsd_twin.dashboard.server.auth import principal_or_none, subscriber_network
 
 _SWEEP_S = 0.5
 _BACKLOG = 1024
@@ -44,8 +44,8 @@ _REFUSAL = (
 class ConnectionLimits:
     """Maximum numbers of connections, and their time-outs."""
 
-    strangers: int = 128
-    """Connections of all who have not logged in."""
+    unauthenticated: int = 128
+    """Maximum number of connections without a login."""
     per_address: int = 32
     """Of these, connections from one address, unless it is that of the proxy."""
     per_user: int = 128
@@ -68,11 +68,11 @@ class _Connection(asyncio.Protocol):
     ) -> None:
         self.peer = peer
         self.user: str | None = None
-        """None: a stranger's."""
+        """User name; None before a login."""
         self.busy = False
         """A request on it is being answered, or it is a websocket."""
         self.known = False
-        """A request on it has passed the door."""
+        """Whether a request on it has been authenticated."""
         self.since_s = time.monotonic()
         """When it came, or when its last request was answered."""
         self.handshake: asyncio.Task[Any] | None = None
@@ -210,9 +210,9 @@ class ConnectionLimiter:
         connection = None if transport is None else transport.get_protocol()
         if not isinstance(connection, _Connection):
             raise ConnectionResetError("the connection has gone")
-        visitor = visitor_or_none(request)
-        if visitor is not None:
-            user = visitor.user or ""
+        principal = principal_or_none(request)
+        if principal is not None:
+            user = principal.user or ""
             if connection.user != user:
                 self._make_room_for(user, connection)
             connection.user = user
@@ -240,12 +240,12 @@ class ConnectionLimiter:
                 await asyncio.sleep(_NO_FILES_S)
                 continue
             peer = str(address[0])
-            crowded = self._make_room(subscriber_network(peer), proxied=self._is_proxy(peer))
+            scarce = self._make_room(subscriber_network(peer), proxied=self._is_proxy(peer))
             connection = _Connection(server(), subscriber_network(peer), self._forget)
             self._open[connection] = None
             self._start(self._receive(connection, accepted, tls))
             # Commands come first: a flood is taken in at a pace, and never in one go.
-            await asyncio.sleep(_PACE_S if crowded else 0.0)
+            await asyncio.sleep(_PACE_S if scarce else 0.0)
 
     async def _receive(
         self, connection: _Connection, accepted: socket.socket, tls: ssl.SSLContext | None
@@ -273,18 +273,16 @@ class ConnectionLimiter:
             connection.handshake = None
 
     def _make_room(self, peer: str, *, proxied: bool) -> bool:
-        """Close unauthenticated connections for a new one; return whether its address has too
-        many.
-        """
-        strangers = [each for each in self._open if each.user is None]
+        """Close an unauthenticated connection at a limit; return whether few places are left."""
+        unauthenticated = [each for each in self._open if each.user is None]
         if not proxied:
-            own = [each for each in strangers if each.peer == peer]
+            own = [each for each in unauthenticated if each.peer == peer]
             if len(own) >= self._limits.per_address:
                 self._drop_oldest(own)
                 return True
-        if len(strangers) >= self._limits.strangers:
-            self._drop_oldest(strangers)
-        return 2 * len(strangers) > self._limits.strangers
+        if len(unauthenticated) >= self._limits.unauthenticated:
+            self._drop_oldest(unauthenticated)
+        return 2 * len(unauthenticated) > self._limits.unauthenticated
 
     def _make_room_for(self, user: str, connection: _Connection) -> None:
         """Close an idle connection of a user in favour of one with a request.

@@ -87,8 +87,7 @@ class HttpServer:
     ) -> None:
         """Load viser's page.
 
-        `audience` manages the sessions. `door` authenticates requests; without it, all requests
-        from this machine are accepted.
+        Without `auth`, all requests from this machine are accepted, and no others.
 
         Raises:
             TwinError: viser's page cannot be used.
@@ -98,9 +97,11 @@ class HttpServer:
         self._index = IndexPage()
         self._auth = AuthMiddleware(AccessSettings()) if auth is None else auth
         self._login_routes = LoginRoutes(self._auth)
-        self._ear = SocketReader()
-        self._proxy = ViserProxy(viser_port, self._ear)
-        self._entrance = ConnectionLimiter(lambda peer: is_proxy(peer, self._auth.rules.proxy))
+        self._reader = SocketReader()
+        self._proxy = ViserProxy(viser_port, self._reader)
+        self._connection_limiter = ConnectionLimiter(
+            lambda peer: is_proxy(peer, self._auth.rules.proxy)
+        )
         self._runner: web.AppRunner | None = None
         self._background_tasks: list[asyncio.Task[None]] = []
         self.port = 0
@@ -116,7 +117,7 @@ class HttpServer:
         self._auth.rules.check(host)
         self.sessions.open()
         app = web.Application(
-            middlewares=[self._auth.authenticate, self._entrance.admit],
+            middlewares=[self._auth.authenticate, self._connection_limiter.admit],
             client_max_size=_MAX_BODY_BYTES,
         )
         app.on_response_prepare.append(_add_headers)
@@ -136,11 +137,11 @@ class HttpServer:
         await runner.setup()
         server = cast("Callable[[], asyncio.Protocol]", runner.server)
         try:
-            await self._entrance.open(server, host, port, self._auth.rules.tls)
+            await self._connection_limiter.open(server, host, port, self._auth.rules.tls)
         except OSError as error:
             await runner.cleanup()
             raise TwinError(f"port {port} of {host} cannot be used: choose another") from error
-        self.port = self._entrance.port
+        self.port = self._connection_limiter.port
         self._auth.set_address(host, self.port)
         self._runner = runner
         watching = (self.sessions.directory.measure_round_trips(), self._auth.expire_logins())
@@ -154,7 +155,7 @@ class HttpServer:
             task.cancel()
         await self.sessions.close_sockets()
         await self._proxy.close()
-        await self._entrance.close()
+        await self._connection_limiter.close()
         await self._runner.cleanup()
         self._runner = None
         self.sessions.close()
@@ -166,8 +167,8 @@ class HttpServer:
         refused = {
             "messages": self.sessions.rejected,
             "viser": self._proxy.dropped,
-            "beyond_limits": self._ear.dropped,
-            "cut_off": self._ear.cut_off.count,
+            "beyond_limits": self._reader.dropped,
+            "cut_off": self._reader.cut_off.count,
         }
         body = msgspec.json.encode(
             {"ready": directory.has_live_robot(), "robots": directory.health(), "refused": refused}
@@ -178,7 +179,7 @@ class HttpServer:
 
     async def _serve_viser(self, request: web.Request) -> web.StreamResponse:
         page, principal = self._page_of(request, request.match_info["page"]), principal_of(request)
-        await self._ear.admit(request, principal.key or page)
+        await self._reader.admit(request, principal.key or page)
         return await self._proxy.serve(
             request, page, principal, lambda socket: self._auth.close_on_logout(principal, socket)
         )
@@ -189,7 +190,7 @@ class HttpServer:
             principal_of(request),
         )
         key = principal.key or page
-        await self._ear.admit(request, key)
+        await self._reader.admit(request, key)
         socket = web.WebSocketResponse(
             timeout=_CLOSE_TIMEOUT_S,
             compress=False,
@@ -198,10 +199,10 @@ class HttpServer:
             autoping=False,
         )
         await socket.prepare(request)
-        messages = self._ear.messages(request, socket, TELEOP, key)
+        messages = self._reader.messages(request, socket, TELEOP, key)
         holding = self._auth.close_on_logout(principal, socket)
         await self.sessions.run_session(page, principal, socket, messages, holding)
-        await self._ear.say_goodbye(request, socket)
+        await self._reader.close_cut_off(request, socket)
         return socket
 
     def _page_of(self, request: web.Request, page: str) -> str:

@@ -25,8 +25,8 @@ def _ignore(*_args: str) -> None:
 class SessionManager:
     """Sessions of all connected pages, on one event loop.
 
-    `on_status` and `on_event` belong to that loop; `panel`, `point` and `choose` may be called from
-    any thread.
+    `on_status` and `on_event` belong to that loop; `on_panel`, `on_sphere_click` and
+    `select_robot` may be called from any thread.
     """
 
     def __init__(
@@ -39,8 +39,8 @@ class SessionManager:
         """Create it without sessions.
 
         Called on the event loop: `on_released`, with the page, to centre the sliders of its panel,
-        and `on_chosen`, with page and robot id, when its menu is used. `picture` is the scene of
-        the pages.
+        and `on_chosen`, with page and robot id, when its menu is used. `page_scene` is the scene
+        that pages pick from and draw on.
         """
         self._executor = RpcExecutor()
         self.directory = RobotDirectory(discovery, self._executor)

@@ -124,7 +124,7 @@ class SocketLimiter:
         self.dropped = 0
         """Messages that were not looked at."""
 
-    def judge(self, data: str | bytes, now_s: float) -> LimitDecision:
+    def decide(self, data: str | bytes, now_s: float) -> LimitDecision:
         """Return the decision about a message, from its length and first characters."""
         kind = _kind_of(data) if isinstance(data, str) else ""
         left = self._messages.take(1.0, now_s) / self._limits.messages.burst
@@ -235,7 +235,7 @@ class SocketReader:
                 text=f"Too many messages came from here: wait {wait_s:.0f} s.",
                 headers={"Retry-After": str(int(wait_s) + 1)},
             )
-        hold_little(request)
+        limit_receive_buffer(request)
 
     async def messages(
         self, request: web.Request, socket: web.WebSocketResponse, limits: SocketLimits, key: str
@@ -244,7 +244,7 @@ class SocketReader:
 
         `socket` must not answer pings by itself: a flood of them would never come here.
         """
-        allowance = SocketLimiter(limits)
+        limiter = SocketLimiter(limits)
         in_a_row, before_s = 0, 0.0
         while True:
             if in_a_row >= TURN:
@@ -257,12 +257,12 @@ class SocketReader:
             if message.type in _ENDS:
                 return
             data = message.data if isinstance(message.data, str | bytes) else bytes(message.data)
-            verdict = allowance.judge(data, now_s)
-            if verdict is LimitDecision.CUT:
+            decision = limiter.decide(data, now_s)
+            if decision is LimitDecision.CUT:
                 self._note(key)
-                hang_up(request)
+                stop_reading(request)
                 return
-            if verdict is LimitDecision.DROP:
+            if decision is LimitDecision.DROP:
                 self.dropped += 1
             elif message.type is WSMsgType.PING:
                 await socket.pong(data if isinstance(data, bytes) else data.encode())
@@ -275,10 +275,10 @@ class SocketReader:
         if self._says.is_due(now_s):
             _LOG.warning("a page that flooded was cut off, the %d. so far", self.cut_off.count)
 
-    async def say_goodbye(self, request: web.Request, socket: web.WebSocketResponse) -> None:
+    async def close_cut_off(self, request: web.Request, socket: web.WebSocketResponse) -> None:
         """Close a socket that was cut off, with code and reason, without reading on."""
         transport = request.transport
-        if not is_hung_up(request) or transport is None:
+        if not is_cut_off(request) or transport is None:
             return
         payload = POLICY_VIOLATION.to_bytes(2, "big") + TOO_MUCH.encode()
         try:
@@ -294,7 +294,7 @@ class SocketReader:
 _HUNG_UP = web.RequestKey("_HUNG_UP", bool)
 
 
-def hang_up(request: web.Request) -> None:
+def stop_reading(request: web.Request) -> None:
     """Stop reading from the connection of a request."""
     request[_HUNG_UP] = True
     transport = request.transport
@@ -302,12 +302,12 @@ def hang_up(request: web.Request) -> None:
         transport.pause_reading()
 
 
-def is_hung_up(request: web.Request) -> bool:
+def is_cut_off(request: web.Request) -> bool:
     """Return whether its socket was cut off."""
     return request.get(_HUNG_UP, False)
 
 
-def hold_little(request: web.Request) -> None:
+def limit_receive_buffer(request: web.Request) -> None:
     """Reduce the receive buffer of a socket: data parsed at once delays all other sockets."""
     connection = request.get_extra_info("socket")
     if connection is not None:

@@ -179,10 +179,10 @@ _CLOSE_TIMEOUT_S = 0.5
 class ViserProxy:
     """WebSocket proxy from each page's `viser/<page>` to the viser server."""
 
-    def __init__(self, viser_port: int, ear: SocketReader) -> None:
+    def __init__(self, viser_port: int, reader: SocketReader) -> None:
         self.dropped = 0
         """Number of messages of pages that were not forwarded."""
-        self._ear = ear
+        self._reader = reader
         self._url = f"ws://127.0.0.1:{viser_port}/"
         self._client: ClientSession | None = None
         self._open: set[web.WebSocketResponse] = set()
@@ -239,7 +239,7 @@ class ViserProxy:
             self._open.add(page)
             try:
                 with holding(page):
-                    messages = self._ear.messages(request, page, VISER, principal.key or page_id)
+                    messages = self._reader.messages(request, page, VISER, principal.key or page_id)
                     await self._connect(request, page, viser, messages, principal.identity.role)
             finally:
                 self._open.discard(page)
@@ -264,7 +264,7 @@ class ViserProxy:
             for way in ways:
                 way.cancel()
             await asyncio.gather(*ways, return_exceptions=True)
-            await self._ear.say_goodbye(request, page)
+            await self._reader.close_cut_off(request, page)
             # viser tells a client of another version why it is refused.
             await page.close(code=viser.close_code or 1001)
             with contextlib.suppress(TimeoutError):
