@@ -32,7 +32,7 @@ _GAP = 0.06
 
 @dataclass(frozen=True, slots=True)
 class WheelPlan:
-    """What a wheel is drawn from; millimetres and radians."""
+    """Dimensions of an omni wheel, millimetres and radians."""
 
     radius: float
     """From the axle to the floor."""
