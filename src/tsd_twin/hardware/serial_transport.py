@@ -47,7 +47,7 @@ class PacketErrorMonitor:
     """
 
     def __init__(self, line: str) -> None:
-        """Take what people call the line."""
+        """`line` is the name of the line in messages."""
         self.spoilt = 0
         """Total number of cycles with a corrupt packet."""
         self.suspicion = ""
@@ -82,7 +82,7 @@ class LinkHealth:
     """Statistics of a serial line: round trips, missed responses and packet errors."""
 
     def __init__(self, line: str) -> None:
-        """Take what people call the line."""
+        """`line` is the name of the line in messages."""
         self.noise = PacketErrorMonitor(line)
         self._trips_ms: deque[float] = deque(maxlen=_REMEMBERED)
         self.cycles = 0
@@ -118,7 +118,7 @@ _WRITE_TIMEOUT_S = 0.1
 """Write time-out; without it a write blocks for ever when the other end does not read."""
 
 GONE = (serial.SerialException, OSError, termios.error, TypeError)
-"""What pyserial 3.5 raises when a device is unplugged: `read` and `write` the first, `in_waiting`
+"""Exceptions of pyserial 3.5 when a device is unplugged: `read` and `write` the first, `in_waiting`
 the second, `flush` and the like the third, which is no OSError, and now and then the last (#328).
 """
 
@@ -132,7 +132,7 @@ class Port(Protocol):
         ...
 
     def read(self, size: int) -> bytes:
-        """Return what comes, at most `size`; fewer when the time-out has run out."""
+        """Return received bytes, at most `size`; fewer after the time-out."""
         ...
 
     def write(self, data: bytes) -> int | None:

@@ -60,7 +60,7 @@ class LinkChannel(Generic[Packet]):
         self.step()
 
     def step(self) -> None:
-        """Do all that is due, and set the alarm for what comes next."""
+        """Process all due events, and set the timer for the next one."""
         now_s = self.now_s
         for resender in tuple(self.resenders):
             resender.retransmit(now_s)

@@ -94,7 +94,7 @@ class StallClock:
 
 
 DETOUR_S = 0.05
-"""How much longer a packet takes that others may overtake."""
+"""Additional delay of a packet that others may overtake."""
 
 Packet = TypeVar("Packet")
 

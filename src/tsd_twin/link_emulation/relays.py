@@ -21,9 +21,9 @@ SEGMENT_BYTES = 1400
 TCP_HEADER_BYTES = 40
 """IPv4 and TCP; they take their share of the bandwidth."""
 WINDOW_BYTES = 256 * 1024
-"""What one direction holds, on the way and waiting, before the relay stops to read."""
+"""Buffer of one direction, in transit and waiting, at which the relay stops reading."""
 KERNEL_BYTES = 64 * 1024
-"""What a socket of the relay holds besides; left alone the kernel lets it grow to megabytes."""
+"""Kernel buffer of a relay socket; by default the kernel lets it grow to megabytes."""
 _LINGER_NONE = struct.pack("ii", 1, 0)  # Closing sends a reset.
 
 
@@ -57,7 +57,7 @@ class RelaySocket(asyncio.Protocol, abc.ABC):
         sides.add(self)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Tell the other side."""
+        """Notify the other side."""
         self._transport = cast("asyncio.Transport", transport)
         if self._abandoned:
             self.abandon()
@@ -87,7 +87,7 @@ class RelaySocket(asyncio.Protocol, abc.ABC):
             self.carry(Mark.RESET)
 
     def resume_writing(self) -> None:
-        """Let the other side read on."""
+        """Resume reading on the other side."""
         self.other.throttle()
 
     def throttle(self) -> None:
@@ -291,7 +291,7 @@ class TcpRelay:
 HEADER_BYTES = 28
 """IPv4 and UDP; they take their share of the bandwidth."""
 CAPACITY_BYTES = 256 * 1024
-"""What a link of datagrams holds, on the way and waiting; what comes on top is lost."""
+"""Buffer of a datagram link, in transit and waiting; datagrams beyond it are lost."""
 _IDLE_S = 120.0  # What RFC 4787, REQ-5, asks of a NAT at least.
 
 

@@ -55,7 +55,7 @@ class Cylinder:
 
 
 CollisionShape: TypeAlias = Sphere | Cylinder | None
-"""What a link collides as; None: not at all."""
+"""Collision shape of a link; None without one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -240,5 +240,5 @@ def shell_material(body: Body) -> Material:
 
 
 def front_material(body: Body) -> Material:
-    """Return what the arrow is made of."""
+    """Return the material of the arrow."""
     return Material(body.front_rgba, 0.0, 0.5, 1200.0)

@@ -59,7 +59,7 @@ def inertia(parts: Iterable[Part], mass_kg: float) -> Inertia:
 
 
 _RINGS = (("yaw", "0 0 1"), ("pitch", "0 1 0"), ("roll", "1 0 0"))
-"""What a ball hangs in: turns about Z, then the new Y, then the new X."""
+"""Rings of a ball joint: turns about Z, then the new Y, then the new X."""
 _RING_KG, _RING_KG_M2 = 1e-6, 1e-9
 """Of a ring, which is not there: readers want every link that moves to weigh something."""
 

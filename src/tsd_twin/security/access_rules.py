@@ -94,7 +94,8 @@ _BRANCHES = sorted({topic.path.split("/")[0] for topic in topics.TOPICS if topic
 SHOWN = tuple(f"{_ANY}/{branch}/**" for branch in _BRANCHES)
 ALIVE = (topics.alive_key("*"), topics.instance_key("*", "*"))
 HISTORY = (f"{topics.EVENT.key('*')}/@adv/**",)
-"""Where late joiners of events ask for what was; chunks with @ match no wildcard but themselves."""
+"""Keys for queries of past events by late joiners; chunks with @ match no wildcard but
+themselves."""
 OPEN = tuple(f"{_ANY}/{service}" for service in Service if not service.startswith("srv/"))
 HOLDER = tuple(f"{_ANY}/{service}" for service in Service if service.startswith("srv/"))
 STOP = (topics.STOP.key("*"),)

@@ -51,7 +51,9 @@ class KeyFolder:
         return self.path / f"{name}.json5"
 
     def files_of(self, name: str) -> list[Path]:
-        """Return what the machine of the robot or of a client needs; nothing else may go there."""
+        """Return the files for the machine of the robot or of a client; no others may be copied
+        there.
+        """
         own = [self.certificate_file(name), self.key_file(name), self.settings_file(name)]
         return [self.certificate_file(AUTHORITY), *own]
 
@@ -182,7 +184,7 @@ class CertificateRequest:
     """Names and addresses of the robot; clients connect to the first of all."""
     identities: tuple[Identity, ...] = ()
     days: int = 365
-    """How long new certificates are good."""
+    """Validity of new certificates, days."""
     listen: str | None = None
     """None: as it is, or `LISTEN`."""
 

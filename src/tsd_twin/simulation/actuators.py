@@ -47,7 +47,7 @@ class SpeedControllers:
         return np.where(self._was_armed, signal, self._zero_throttle)
 
     def advance(self, dt_s: float) -> None:
-        """Let `dt_s` seconds pass."""
+        """Advance by `dt_s` seconds."""
         self._held_s += dt_s * self._holding
 
 
@@ -181,7 +181,7 @@ class Servos:
     def cross(
         self, angle: Array, goal: Array, play: Array, elapsed_s: Array
     ) -> tuple[Array, Array]:
-        """Return what is left of `elapsed_s` once the motor has crossed its play, and the play.
+        """Return the remainder of `elapsed_s` after the motor has crossed its play, and the play.
 
         `play`, radians, is how far the motor is ahead of its gimbal, at most half the backlash on
         either side. The gimbal stands meanwhile, so the motor turns evenly.

@@ -108,7 +108,7 @@ class SingularitySimulation:
         return self.kinematics.forward(self.actuation.surface.roll(self.joints), rates).twist
 
     def hardware_status(self) -> dict[str, object]:
-        """Return what the actuators say."""
+        """Return the actuator status."""
         return self.actuation.hardware_status()
 
     def _step(self, dt_s: float) -> None:

@@ -90,7 +90,7 @@ class GearedSimulation(ABC):
         self._goals[...] = np.broadcast_to(setpoint, self.joints.shape)
 
     def advance(self, dt_s: float) -> None:
-        """Let `dt_s` seconds pass."""
+        """Advance by `dt_s` seconds."""
         if self._rests():
             return
         steps = int(np.ceil(dt_s / self.longest_step_s - 1e-9))

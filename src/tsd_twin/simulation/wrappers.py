@@ -45,7 +45,7 @@ class Simulation(Protocol):
         ...
 
     def advance(self, dt_s: float) -> None:
-        """Let `dt_s` seconds pass."""
+        """Advance by `dt_s` seconds."""
         ...
 
     def measure(self) -> Array:
@@ -93,7 +93,7 @@ class SimulationWrapper(Generic[S]):
         self.simulation.command(setpoint)
 
     def advance(self, dt_s: float) -> None:
-        """Let `dt_s` seconds pass."""
+        """Advance by `dt_s` seconds."""
         self.simulation.advance(dt_s)
 
     def twist(self) -> Array:

@@ -13,27 +13,27 @@ import viser
 Rgb: TypeAlias = tuple[int, int, int]
 
 ESTIMATE: Rgb = (36, 132, 227)
-"""What the robot believes: trail and covariance."""
+"""Colour of the estimate: trail and covariance."""
 SETPOINT: Rgb = (0, 200, 215)
-"""What the robot is told."""
+"""Colour of set-points."""
 TRUTH: Rgb = (60, 190, 90)
-"""What a simulator knows."""
+"""Colour of ground truth."""
 OTHER: Rgb = (232, 86, 120)
-"""What a robot that has two estimates believes less."""
+"""Colour of the alternative estimate."""
 THRUST: Rgb = (240, 150, 10)
-"""What the wheels do over the ground."""
+"""Colour of wheel velocities over the ground."""
 PREVIEW: Rgb = (190, 70, 230)
-"""What the robot would do."""
+"""Colour of the pose preview."""
 ROUTE: Rgb = (150, 110, 255)
-"""Where it is planned to go."""
+"""Colour of the planned path."""
 PREDICTED: Rgb = (235, 80, 160)
-"""Where the robot will be."""
+"""Colour of the predicted pose."""
 ENVELOPE: Rgb = (232, 90, 60)
-"""Where the robot can still get to."""
+"""Colour of the stop envelope."""
 SUSPECT: Rgb = (225, 40, 40)
-"""What contradicts all the rest."""
+"""Colour of a suspected fault."""
 STALE: Rgb = (128, 132, 138)
-"""What is not known any more."""
+"""Colour of stale data."""
 GRID_FINE: Rgb = (128, 134, 142)
 GRID_METRE: Rgb = (118, 124, 132)
 GRID_LABEL: Rgb = (140, 146, 155)

@@ -123,7 +123,7 @@ ENVELOPE_SIDES = 40
 ENVELOPE_HEIGHT_M = 0.0025
 _ENVELOPE_OPACITY = 0.2
 _MIN_CHANGE_M = 0.001
-"""What changes by less is not sent again."""
+"""Changes below this are not sent."""
 
 
 def swept_outline(path: Array, reach_m: float) -> Array:

@@ -85,7 +85,7 @@ class PanelManager:
         return np.empty((0, 2))
 
     def on_robots_moved(self) -> None:
-        """Let each client follow its robot."""
+        """Update the followed robot of each client."""
         for panel in self._connected_panels():
             panel.on_robots_moved()
 

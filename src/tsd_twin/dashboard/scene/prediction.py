@@ -24,7 +24,7 @@ TIMEOUT_MARGIN_S = 0.03
 """Commands come in every 20 ms and are looked at every 10 ms."""
 _COARSE_STEP_S = 0.02
 _SENDER_TIMEOUT_S = 0.5
-"""Who has sent nothing for this long, and a round trip, does not drive."""
+"""Time without commands, plus a round trip, after which the operator does not drive."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -321,7 +321,7 @@ class RobotShape:
 
     @cached_property
     def reach_m(self) -> float:
-        """How far the robot reaches from its middle, in the plane."""
+        """Radius of the robot about its centre, in the plane."""
         return float(np.hypot(*self.footprint.T).max())
 
 

@@ -179,9 +179,9 @@ class RobotVisual:
         self.angles = np.zeros(len(link.kinematics.joints))
         """The joints (n,) as they are drawn: angles, of wheels those that they have turned by."""
         self.pose = np.zeros(3)
-        """Where the base is (3,): the origin, if it does not move."""
+        """Pose of the base (3,): the origin, if it does not move."""
         self.ball = SO3.identity()
-        """How the ball in it is turned, if there is one."""
+        """Orientation of its sphere, if it has one."""
         self._turned_s = -np.inf
         # What stays where it is goes nowhere.
         self._predictor = (

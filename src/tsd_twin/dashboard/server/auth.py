@@ -143,9 +143,9 @@ class ClientAddress:
     address: str
     """Address for the rate limit of logins; of IPv6 the network."""
     secure: bool
-    """Whether it came by TLS."""
+    """Whether the request used TLS."""
     path: str
-    """Where the pages of this gateway are, as the browser sees it; for its cookie."""
+    """Path of the dashboard's pages, as the browser sees it; for its cookie."""
 
 
 def resolve_client_address(
@@ -209,7 +209,7 @@ class Principal:
     """Principal of a request: bus identity, permission to stop, and login."""
 
     identity: Identity
-    """Who they are on the bus."""
+    """Operator identity on the bus."""
     may_stop: bool
     login: Login | None = None
     """None when no login is required."""

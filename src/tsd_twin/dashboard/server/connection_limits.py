@@ -51,13 +51,13 @@ class ConnectionLimits:
     per_user: int = 128
     """Connections of one user, from all browsers; a page has two that stay open."""
     handshake_s: float = 5.0
-    """How long TLS may take to begin."""
+    """Time-out of the TLS handshake."""
     request_s: float = 10.0
-    """How long the first request of a connection may take to come."""
+    """Time-out of the first request of a connection."""
     idle_s: float = 60.0
-    """How long a connection may be open between two requests."""
+    """Time-out of an idle connection between two requests."""
     stall_s: float = 20.0
-    """How long a browser may read nothing of what is sent to it."""
+    """Time-out of a client that does not read."""
 
 
 class _Connection(asyncio.Protocol):

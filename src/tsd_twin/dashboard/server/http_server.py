@@ -76,7 +76,7 @@ _HEARTBEAT_S = 5.0
 _CLOSE_TIMEOUT_S = 0.5
 _SHUTDOWN_TIMEOUT_S = 3.0
 _LINGER_S = 2.0
-"""How long the rest of a body is read that comes after the answer to it."""
+"""Time-out for reading the rest of a request body after its response."""
 
 
 class HttpServer:
@@ -105,7 +105,7 @@ class HttpServer:
         self._runner: web.AppRunner | None = None
         self._background_tasks: list[asyncio.Task[None]] = []
         self.port = 0
-        """Where the gateway listens, once it has been started."""
+        """Port of the server, once started."""
 
     async def start(self, host: str = "127.0.0.1", port: int = 8080) -> None:
         """Listen; port 0 takes a free one.

@@ -94,7 +94,7 @@ def without_blocked_parameters(request: web.Request) -> str:
 _TYPE = "application/x-www-form-urlencoded"
 _FIELDS = ("name", "password")
 READ_S = 10.0
-"""How long a form may take to come."""
+"""Time-out for reading a login form."""
 
 
 class LoginFormError(Exception):

@@ -56,7 +56,7 @@ class PlanRequest(Message, frozen=True, tag="plan"):
     on: Literal["floor", "picture"]
     """Metres in `odom`, or shares of the picture, right and down from its upper left corner."""
     heading: Coordinate | None = None
-    """Where to look on arrival, radians in `odom`; null keeps the heading."""
+    """Heading on arrival, radians in `odom`; null keeps the present one."""
     level: Level = 100
 
 
@@ -102,7 +102,7 @@ class LeaseAction(Message, frozen=True, tag="lease"):
     reason: ShortText = ""
     """Why it is taken over."""
     asker: Operator | None = None
-    """Who is answered, by grant and keep."""
+    """Requesting operator, for grant and deny."""
     max_age_s: Annotated[float, Meta(gt=0.0, le=10.0)] | None = None
 
 
@@ -201,7 +201,7 @@ class RobotInfo(Message, frozen=True, tag="robot"):
     limits: SpeedLimits
     levels: Sequence[int]
     space: Literal["floor", "ball"]
-    """What moves: the robot over a floor, or a ball that it turns in place."""
+    """Pose type: a robot on a floor, or a sphere that is turned in place."""
     numbers: Sequence[TwistAxisInfo]
     """Of `drive`, `twist` and `commanded`, in this order."""
     twist_scale_m: float
@@ -218,7 +218,7 @@ class RobotInfo(Message, frozen=True, tag="robot"):
     max_rpm: float | None = None
     """Of those wheels."""
     other: str | None = None
-    """What its other estimate is made by, of robots that have two."""
+    """Source of the alternative estimate, of robots that have two."""
 
 
 class GimbalState(msgspec.Struct, frozen=True):
@@ -232,7 +232,7 @@ class GimbalState(msgspec.Struct, frozen=True):
     set_alpha: float
     set_beta: float
     axle: tuple[float, float]
-    """Where the axle leans, seen from above in `base_link`; length 1 is the tilt limit."""
+    """Tilt direction of the axle, seen from above in `base_link`; length 1 is the tilt limit."""
     set_axle: tuple[float, float]
     spinning: bool
 
@@ -250,7 +250,7 @@ class SphereState(msgspec.Struct, frozen=True):
     """A sphere that turns in place; angular velocities in rad/s."""
 
     wxyz: tuple[float, float, float, float]
-    """How it is turned."""
+    """Orientation."""
     ideal: Triple
     """Its angular velocity if each wheel touched half-way between its rows."""
     dual: Triple | None
@@ -277,7 +277,7 @@ class RouteState(msgspec.Struct, frozen=True):
     phase: Literal["planning", "planned", "going", "arrived", "ended"]
     length_m: float
     time_s: float
-    """What it takes at the level that it is planned for."""
+    """Duration at the planned speed level."""
     done_m: float = 0.0
     off_mm: float = 0.0
     """Between the robot and where it should be."""
@@ -297,7 +297,7 @@ class RobotState(Message, frozen=True, tag="state"):
     robot_ms: float | None
     """Round trip from here to the robot, median of the last ones."""
     robot_jitter_ms: float | None
-    """How much longer one in twenty of them took."""
+    """95th percentile minus median of them."""
     pose: Triple | None
     twist: Triple | None
     commanded: Triple | None
@@ -322,7 +322,7 @@ class SessionInfo(Message, frozen=True, tag="welcome"):
     operator: str
     role: Role
     user: str | None
-    """Who has logged in; None when no login is required."""
+    """Logged-in user; None when no login is required."""
     may_stop: bool
     robots: Sequence[RobotName]
     robot: str | None

@@ -197,7 +197,7 @@ TURN = 24
 _IN_A_ROW_S = 0.002
 """Between two messages that were read without waiting in between."""
 _RECEIVE_BYTES = 32 * 2**10
-"""What the kernel holds for one socket, and so what is parsed of it in one turn of the loop."""
+"""Receive buffer of one socket, which bounds the data parsed in one iteration of the loop."""
 _GOODBYE_S = 0.2
 """For the close frame to arrive before the connection is reset."""
 _REFUSED_AFTER_S = 1.0
@@ -211,7 +211,7 @@ class SocketReader:
 
     def __init__(self) -> None:
         self.cut_off = SocketCutOff()
-        """Who flooded."""
+        """Block list of flooding clients."""
         self.dropped = 0
         """Messages beyond what a socket may send."""
         self._says = RateLimiter(0.1)

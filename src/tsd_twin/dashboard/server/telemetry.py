@@ -52,7 +52,7 @@ class GimbalTelemetry:
         self._base_from_module = np.moveaxis(np.array([[c, -s], [s, c]]), -1, 0)
 
     def info(self) -> dict[str, Any]:
-        """Return what belongs into a card."""
+        """Return the fields of `RobotInfo`."""
         gears = self._robot.wheel_speed_range
         return {
             "panel": "gimbals",
@@ -68,7 +68,7 @@ class GimbalTelemetry:
         }
 
     def state(self, joints: Array, setpoint: Array, _snapshot: Snapshot) -> dict[str, Any]:
-        """Return what belongs into a state."""
+        """Return the fields of `RobotState`."""
         measured, wanted = joints.reshape(-1, 3), setpoint.reshape(-1, 3)
         degrees, wanted_degrees = np.degrees(measured), np.degrees(wanted)
         tilt = np.degrees(self._drive.tilt(joints))
@@ -111,7 +111,7 @@ class WheelTelemetry:
         self._trackers = robot.dead_wheels is not None
 
     def info(self) -> dict[str, Any]:
-        """Return what belongs into a card."""
+        """Return the fields of `RobotInfo`."""
         return {
             "panel": "wheels",
             "wheels": self._drive.actuators,
@@ -120,7 +120,7 @@ class WheelTelemetry:
         }
 
     def state(self, joints: Array, setpoint: Array, snapshot: Snapshot) -> dict[str, Any]:
-        """Return what belongs into a state."""
+        """Return the fields of `RobotState`."""
         return {
             "wheels": wheel_states(self._drive, joints, setpoint),
             "apart": _planar_difference(snapshot),
@@ -165,7 +165,7 @@ class SphereTelemetry:
         self._dual_first = robot.estimate.model == "dual"
 
     def info(self) -> dict[str, Any]:
-        """Return what belongs into a card."""
+        """Return the fields of `RobotInfo`."""
         return {
             "panel": "sphere",
             "wheels": self._drive.actuators,
@@ -174,7 +174,7 @@ class SphereTelemetry:
         }
 
     def state(self, joints: Array, setpoint: Array, snapshot: Snapshot) -> dict[str, Any]:
-        """Return what belongs into a state."""
+        """Return the fields of `RobotState`."""
         return {
             "wheels": wheel_states(self._drive, joints, setpoint),
             "ball": self._ball(snapshot, joints),
@@ -255,11 +255,11 @@ class ActuatorTelemetry(Protocol):
     """Telemetry of one kind of robot: fields of `RobotInfo` and `RobotState`, by name."""
 
     def info(self) -> dict[str, Any]:
-        """Return what belongs into a card."""
+        """Return the fields of `RobotInfo`."""
         ...
 
     def state(self, joints: Array, setpoint: Array, snapshot: Snapshot, /) -> dict[str, Any]:
-        """Return what belongs into a state, from joint vectors (n,)."""
+        """Return the fields of `RobotState`, from joint vectors (n,)."""
         ...
 
 

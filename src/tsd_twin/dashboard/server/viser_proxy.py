@@ -38,7 +38,7 @@ _CAMERA_MESSAGE = "ViewerCameraMessage"
 _CONTROL_MESSAGE = "GuiUpdateMessage"
 _CLICK_MESSAGE = "SceneNodeClickMessage"
 _CLICK_TARGET = r"^/w/r/[a-z0-9_-]{1,32}/x\Z"
-"""What can be clicked on: the sphere of a robot."""
+"""Clickable scene nodes: the sphere of a robot."""
 _IGNORED_MESSAGES = frozenset(
     {
         "CommandTriggerMessage",
@@ -60,7 +60,7 @@ _IGNORED_MESSAGES = frozenset(
 )
 """What viser's page could say beside that. Nothing of ours listens."""
 _OFF = 0.1
-"""How far from 1 the length of a quaternion may be."""
+"""Tolerance of the length of a unit quaternion."""
 _LONGEST = 200
 """Characters of a text that a control can have."""
 _DECODER = msgspec.msgpack.Decoder(dict[str, Any])

@@ -48,8 +48,7 @@ def has_access_key(request: Request) -> bool:
 
 @contextmanager
 def require_access_key() -> Generator[None]:
-    """Let servers that are started in this context refuse requests without the key, before the
-    upgrade.
+    """Make servers started in this context refuse requests without the key, before the upgrade.
 
     viser names the function that makes its server when it starts, and only then.
     """
