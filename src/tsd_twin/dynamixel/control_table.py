@@ -112,8 +112,8 @@ COMMAND = Block(
         Item(
             "arm",
             "u8",
-            "Going from 0 to 1 arms, unless there is a reason to refuse; 0 disarms. After a trip it "
-            "has to be written 0 first: 1 again and again never arms again.",
+            "Going from 0 to 1 arms, unless there is a reason to refuse; 0 disarms. After a trip "
+            "it has to be written 0 first: 1 again and again never arms again.",
             0,
             (0, 1),
         ),
