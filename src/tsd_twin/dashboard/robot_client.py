@@ -102,7 +102,7 @@ class Snapshot:
     odom_received_s: float = -np.inf
     """When that came in, on the clock given to `poll`."""
     alternative: Odometry | None = None
-    """The estimate that `odom` is not, of robots that have two."""
+    """Alternative estimate, of robots that have two."""
     truth: Odometry | None = None
     status: Status | None = None
     status_seq: int = 0
@@ -144,7 +144,7 @@ class RobotClient:
         description = decode_json(answer, Description, "a description")
         robot = robots.parse_description(description.robot, f"description of {robot_id}")
         self.ignored = ""
-        """What of the description is not obeyed, as a sentence; "" if all of it is."""
+        """Sentence that names ignored parts of the description; empty without any."""
         if robot.body.meshes is not None:
             # A folder on the robot's computer; on this one the path names other files.
             self.ignored = _NO_MESHES
@@ -155,11 +155,11 @@ class RobotClient:
         self.kinematics = self.robot.kinematics()
         self.snapshot = Snapshot()
         self.has_duplicate = False
-        """Whether another robot on the bus has the same id, so that all streams are of two."""
+        """Whether another robot on the bus has the same id, so that the streams mix."""
         self._frozen: Status | None = None
         decode_pose = partial(decode_odometry, turning=self.kinematics.pose_type is SO3)
         self.round_trips = RoundTrips()
-        """How long the robot takes to answer, as far as it has been measured."""
+        """Measured round-trip times."""
         self._subscribers = {
             "joints": (bus.subscriber(topics.JOINTS.key(robot_id), 1), decode_joints),
             "setpoint": (bus.subscriber(topics.SETPOINT.key(robot_id), 1), decode_joints),

@@ -84,7 +84,7 @@ class ArmSwitch:
         self._state = _State.OFF
         self._answers = 0
         self.lost = ""
-        """Why it is off although it should be on; else empty."""
+        """Reason why it is off although it should be on; else empty."""
 
     def turn(self, wanted: bool) -> int:
         """Return the value to write for a robot that is armed or disarmed."""
@@ -114,11 +114,11 @@ class ArmSwitch:
             self._state, self.lost = _State.LOST, reason
 
 
-REST_DELAY = Command()
+REST_COMMAND = Command()
 """Disarmed, zero throttle, neutral."""
 READ_DELAY = protocol2.read(BOARD_ID, Telemetry.ADDRESS, Telemetry.LAYOUT.size)
 SETTLE_S = 0.03
-"""Silence after which no answer to an older question comes any more."""
+"""Silence after which no response to an older request can follow."""
 _BOOT_S = 4.0
 """To open its port resets the board, whose boot loader then waits about a second for uploads."""
 _TRY_S = 0.3
@@ -142,7 +142,7 @@ def handshake(line: SerialTransport, setup: Setup, baud: int) -> Telemetry:
             f"{TABLE_VERSION}; flash the firmware that comes with it"
         )
     # A board that was not reset may still be armed, which would refuse the set-up.
-    _need(line, protocol2.write(BOARD_ID, Command.ADDRESS, REST_DELAY.pack()))
+    _need(line, protocol2.write(BOARD_ID, Command.ADDRESS, REST_COMMAND.pack()))
     said = Telemetry.unpack(_need(line, READ_DELAY, Telemetry.LAYOUT.size))
     size = Setup.LAYOUT.size
     has = _need(line, protocol2.read(BOARD_ID, Setup.ADDRESS, size), size)
@@ -185,7 +185,7 @@ def _need(line: SerialTransport, request: bytes, size: int = 0) -> bytes:
 _LOG = logging.getLogger(__name__)
 BAUD = 1_000_000
 ANSWER_S = 0.04
-"""Patience with an answer in a cycle: two that are lost are not yet `SILENT_S`."""
+"""Response time-out of a cycle: two lost responses stay below `SILENT_S`."""
 _LEAVING = 5
 
 
@@ -196,7 +196,7 @@ class BoardReport:
     telemetry: Telemetry
     heard_s: float
     lost: str
-    """Why it is not armed although it should be; else empty."""
+    """Reason why it is not armed although it should be; else empty."""
 
 
 class ControllerBoard:
@@ -222,7 +222,7 @@ class ControllerBoard:
         self.order = JointCommand(np.zeros(joints.count), Heartbeat(False, 0), 0.0)
         self.news: BoardReport | None = None
         self.gone = ""
-        """Why there is no news; else empty."""
+        """Reason of a lost connection; else empty."""
         self._joints = joints
         self._servos = servos
         self._switch = ArmSwitch()
@@ -287,7 +287,7 @@ class ControllerBoard:
     def leave(self, line: SerialTransport) -> None:
         """Disarm the board, repeatedly if it does not answer."""
         for _ in range(_LEAVING):
-            request = protocol2.write(BOARD_ID, Command.ADDRESS, REST_DELAY.pack())
+            request = protocol2.write(BOARD_ID, Command.ADDRESS, REST_COMMAND.pack())
             if line.request(request, 1, ANSWER_S):
                 return
 
@@ -299,7 +299,7 @@ class ControllerBoard:
     def _command(self, order: JointCommand, now_s: float) -> Command:
         if not order.in_force(now_s):
             self._switch.lose("the robot node hangs")
-            return REST_DELAY
+            return REST_COMMAND
         arm = self._switch.turn(order.heartbeat.armed)
         goals = self._joints.goals(order.setpoint) if self._servos else ()
         return Command(

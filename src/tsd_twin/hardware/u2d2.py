@@ -66,7 +66,7 @@ class ServoBus:
         self.order = JointCommand(np.zeros(joints.count), Heartbeat(False, 0), 0.0)
         self.news: ServoReport | None = None
         self.gone = ""
-        """Why there is no news; else empty."""
+        """Reason of a lost connection; else empty."""
         self._joints = joints
         self._ids = range(1, len(joints.names) + 1)
         self._neutral = calibration.neutral(joints.names)

@@ -45,10 +45,10 @@ class PlanLimits:
     """Limits and kinematics that a plan is timed with."""
 
     limits: Limits
-    gear_rpm: float | None
-    """Of wheels that always spin."""
+    wheel_speed_rpm: float | None
+    """Speed of wheels that always spin; None without such wheels."""
     kinematics: Kinematics[SE2] = field(compare=False)
-    """In that gear."""
+    """Kinematics at that wheel speed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
