@@ -1,4 +1,4 @@
-"""`tsd-bridge`: a machine on the bus, driven through its controller board."""
+"""`tsd-bridge`: robot node of a real robot, driven through its controller board."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ PARSER = program.parser(
 
 
 def joints(robot: RobotDescription, args: argparse.Namespace) -> RobotIO:
-    """Return the joints of the machine, connected."""
+    """Return the connected hardware interface."""
     if not args.port:
         raise HardwareError("--port is missing: 'tsd-bridge --list' shows what ports there are")
     calibration = (

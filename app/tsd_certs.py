@@ -29,7 +29,7 @@ PARSER = program.parser(
 
 
 def make(args: argparse.Namespace) -> None:
-    """Make what is missing, and say what goes where."""
+    """Create missing files, and print which to copy to which machine."""
     now = datetime.now(UTC)
     folder = KeyFolder(args.folder)
     identities = [security.client(name, Role.OPERATOR) for name in args.operator]
@@ -50,7 +50,7 @@ def make(args: argparse.Namespace) -> None:
 
 
 def report(folder: KeyFolder, now: datetime) -> list[str]:
-    """Return what was made, who there is, and what to copy where."""
+    """Return the report: new files, identities, and the files to copy to each machine."""
     lines = [f"made {shown(folder.made)}" if folder.made else "everything is there already"]
     lines += ["", f"robot {', '.join(folder.hosts())}{term(folder, ROBOT, now)}"]
     lines += copying(folder, ROBOT, "tsd-mock")
@@ -61,13 +61,13 @@ def report(folder: KeyFolder, now: datetime) -> list[str]:
     lines += [
         "",
         "A robot obeys the rules it was started with: copy robot.json5 and start it again.",
-        f"Keep {folder.key_file(AUTHORITY)} offline: who has it can make anybody an operator.",
+        f"Keep {folder.key_file(AUTHORITY)} offline: its holder can issue operator certificates.",
     ]
     return lines
 
 
 def term(folder: KeyFolder, name: str, now: datetime) -> str:
-    """Return until when a certificate is good, and what to do when that is soon."""
+    """Return the expiry of a certificate, with a remedy when it is near."""
     end = folder.end_of(name)
     text = f", until {end:%F}"
     if end - now < SOON:
@@ -76,7 +76,7 @@ def term(folder: KeyFolder, name: str, now: datetime) -> str:
 
 
 def copying(folder: KeyFolder, name: str, command: str) -> list[str]:
-    """Return what one machine gets, and what runs there."""
+    """Return the files to copy to one machine, and the command to run there."""
     settings = folder.settings_file(name)
     return [
         f"  copy to its machine  {shown(folder.files_of(name))}",
@@ -85,7 +85,7 @@ def copying(folder: KeyFolder, name: str, command: str) -> list[str]:
 
 
 def shown(files: Sequence[Path]) -> str:
-    """Return file names as a shell takes them."""
+    """Return file names quoted for a shell."""
     return shlex.join(str(file) for file in files)
 
 
@@ -104,14 +104,14 @@ def main() -> None:
         action="append",
         default=[],
         metavar="NAME",
-        help="somebody who sees, drives and stops; may be repeated",
+        help="an operator, who sees, drives and stops; may be repeated",
     )
     PARSER.add_argument(
         "--viewer",
         action="append",
         default=[],
         metavar="NAME",
-        help="somebody who sees and stops; may be repeated",
+        help="a viewer, who sees and stops; may be repeated",
     )
     PARSER.add_argument(
         "--sensor",

@@ -1,4 +1,4 @@
-"""`tsd-dashboard`: the page from which robots on the bus are seen and driven."""
+"""`tsd-dashboard`: web dashboard that shows and drives the robots on the bus."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def serve(args: argparse.Namespace) -> None:
 
 
 def rules_of(args: argparse.Namespace) -> AccessSettings:
-    """Return who may come in, as the flags have it.
+    """Return the access settings from the flags.
 
     Raises:
         TwinError: one flag needs another, or a file cannot be used.
@@ -81,7 +81,7 @@ def rules_of(args: argparse.Namespace) -> AccessSettings:
 
 
 def open_bus(args: argparse.Namespace) -> str:
-    """Return the warning that the bus asks for no password, whatever the page asks for."""
+    """Return the warning that the bus is open to every program, although the page has a login."""
     where = args.zenoh_config or ", ".join(args.connect or [DEFAULT_ENDPOINT])
     return (
         f"WARNING: --users guards this page only. The bus at {where} has no certificates: any "
@@ -91,14 +91,14 @@ def open_bus(args: argparse.Namespace) -> str:
 
 
 def url(args: argparse.Namespace, rules: AccessSettings, port: int) -> str:
-    """Return where the page is, seen from this machine."""
+    """Return the URL of the page on this machine."""
     scheme = "http" if rules.tls is None else "https"
     host = f"[{args.host}]" if ":" in args.host else args.host
     return f"{scheme}://{host}:{port}/"
 
 
 def add_access_flags() -> None:
-    """Add what it takes to let other machines in."""
+    """Add the flags for access from other machines."""
     made = PARSER.add_argument_group("for other machines", "docs/access.md goes step by step.")
     made.add_argument(
         "--users", type=Path, metavar="FILE", help="who may log in; tsd-users makes it"

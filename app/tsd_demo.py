@@ -90,9 +90,9 @@ def demonstrate(args: argparse.Namespace) -> None:
 
 
 def cast_of(names: list[str], robot_id: str | None, *, camera: bool = False) -> list[list[str]]:
-    """Return the command of each robot: its id on the bus, and where it stands.
+    """Return the command line of each robot, with its bus id and start pose.
 
-    With `camera`, those that drive are seen by one from above.
+    With `camera`, planar robots have an overhead camera.
 
     Raises:
         TwinError: a robot cannot be read, or one id is asked for several.
@@ -101,7 +101,7 @@ def cast_of(names: list[str], robot_id: str | None, *, camera: bool = False) -> 
         raise TwinError("--id is for one robot; several are called by their names")
     described = [
         robots.load_robot(name) for name in names
-    ]  # A bad file is told before anything starts.
+    ]  # An invalid file is reported before any process starts.
     moving = [robot.kinematics().pose_type is SE2 for robot in described]
     places = free_places(moving)
     ids: list[str] = []
@@ -119,7 +119,7 @@ def cast_of(names: list[str], robot_id: str | None, *, camera: bool = False) -> 
 
 
 def free_places(drives: list[bool]) -> list[str]:
-    """Return where robots stand so that none is in another: those that do not drive do not ask."""
+    """Return start poses without overlap; spheres have none."""
     first = 0 if all(drives) else 1
     spots = iter(range(first, first + len(drives)))
     return [spot(next(spots)) if moves else "" for moves in drives]
@@ -133,7 +133,7 @@ def spot(number: int) -> str:
 
 @contextlib.contextmanager
 def linked(link: LinkSpec | None, endpoint: str, stop: threading.Event) -> Generator[str]:
-    """Yield where the dashboard finds the robot: behind a bad link, when one is asked for."""
+    """Yield the endpoint of the robot for the dashboard: behind an emulated link, if requested."""
     if link is None:
         yield endpoint
         return

@@ -1,4 +1,4 @@
-"""`tsd-link`: a bad link between a dashboard and a robot, to see what becomes of the driving."""
+"""`tsd-link`: emulator of a bad network link between a dashboard and a robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`tsd-mock`: a simulated robot on the bus; nothing on the bus can tell it from a machine."""
+"""`tsd-mock`: robot node with a simulated robot; its bus interface equals that of a real one."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def joints(robot: RobotDescription, args: argparse.Namespace) -> RobotIO:
 
 
 def pose_at(robot: RobotDescription, args: argparse.Namespace) -> SE2 | None:
-    """Return where it stands at the start, if `--at` says so."""
+    """Return the start pose from `--at`, if given."""
     return start_pose(args.at, robot) if args.at else None
 
 
@@ -74,7 +74,7 @@ def start_pose(text: str, robot: RobotDescription) -> SE2:
 def companion(
     bus: Bus, robot_id: str, robot: RobotDescription, args: argparse.Namespace
 ) -> Companion:
-    """Return the camera that `--camera` asks for.
+    """Return the simulated camera of `--camera`.
 
     Raises:
         TwinError: there is nothing that it could see move.

@@ -1,4 +1,4 @@
-"""`tsd-users`: who may log in to a dashboard, and as what."""
+"""`tsd-users`: manages the user accounts of a dashboard."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PARSER = program.parser(
     "input, and kept as argon2 hashes. Start the dashboard again after a change.",
     [
         "tsd-users users.toml --operator alice       add Alice, or give her a new password",
-        "tsd-users users.toml --viewer guest         somebody who only watches",
+        "tsd-users users.toml --viewer guest         a user who only watches",
         "tsd-users users.toml --viewer eve --may-stop    who watches, and may stop the robot",
         "tsd-users users.toml --remove guest",
         "tsd-users users.toml                        who there is",
@@ -28,7 +28,7 @@ PARSER = program.parser(
 
 
 def change(args: argparse.Namespace) -> None:
-    """Do what the flags say, and say who there is."""
+    """Apply the flags to the file, and list its users."""
     file: Path = args.file
     users = Users.load_any(file) if file.exists() else Users({})
     if args.remove:
@@ -41,7 +41,7 @@ def change(args: argparse.Namespace) -> None:
         users.put(name, role, password_for(name), may_stop=args.may_stop)
         users.save(file)
     elif not file.exists():
-        raise TwinError(f"there is no {file} yet: add somebody with --operator NAME")
+        raise TwinError(f"there is no {file} yet: add a user with --operator NAME")
     for name in users.names:
         user = users.user(name)
         print(f"{user.role} {name}" + (", may stop" if user.may_stop else ""))
@@ -68,9 +68,9 @@ def main() -> None:
     """Read the flags and run."""
     PARSER.add_argument("file", type=Path, help="where the users are, or shall be")
     what = PARSER.add_mutually_exclusive_group()
-    what.add_argument("--operator", metavar="NAME", help="add somebody who sees, drives and stops")
-    what.add_argument("--viewer", metavar="NAME", help="add somebody who only sees")
-    what.add_argument("--remove", metavar="NAME", help="remove somebody")
+    what.add_argument("--operator", metavar="NAME", help="add a user who sees, drives and stops")
+    what.add_argument("--viewer", metavar="NAME", help="add a user who only sees")
+    what.add_argument("--remove", metavar="NAME", help="remove a user")
     PARSER.add_argument("--may-stop", action="store_true", help="a viewer may stop the robot, too")
     program.run(PARSER, change)
 

@@ -1,1 +1,1 @@
-"""Attacks on live processes, each with the promise that it tries to break."""
+"""Attacks on live processes, each with the guarantee that it tests."""

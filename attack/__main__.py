@@ -14,7 +14,7 @@ PARTS: tuple[str, ...] = ("commands", "distances", "gateway", "discovery", "logi
 
 
 def main() -> None:
-    """Print the table as it comes; exit with 1 when a promise was broken."""
+    """Print the table as it comes; exit with 1 when a guarantee did not hold."""
     parser = argparse.ArgumentParser(
         prog="make attack",
         description="Attack live processes on this machine and compare with what is promised.",

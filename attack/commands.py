@@ -1,4 +1,4 @@
-"""Commands that are held back over a stop and the next arming, at every shipped robot."""
+"""Attack with a command delayed past a stop and the next arming, for every shipped robot."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from attack.operators import Raw
+from attack.operators import UncheckedOperator
 from attack.table import Row
 from tests.app.conftest import Program
 from tsd_twin import robots
@@ -46,7 +46,7 @@ def rows() -> Iterator[Row]:
 def _late_command(endpoint: str, name: str) -> tuple[float, float]:
     """Return the travel after the late command, and the time from STOP until it was sent."""
     drive = robots.load_robot(name).kinematics()
-    raw = Raw(endpoint, name)
+    raw = UncheckedOperator(endpoint, name)
     bus = Bus(client_config([endpoint]))
     try:
         bus.wait_for_peer(5.0)
@@ -60,7 +60,7 @@ def _late_command(endpoint: str, name: str) -> tuple[float, float]:
         link, driver = raw.link, raw.driver
         lease = bytes.fromhex(driver.lease_hex)
         late = encode_attachment(10**9, lease, link.snapshot.status_seq)
-        raw.let_go()
+        raw.release()
         stopped_s = time.monotonic()
         link.call_service(Service.STOP, StopRequest("bob"))
         time.sleep(0.52)

@@ -1,4 +1,5 @@
-"""Attacks on discovery: made-up robots, descriptions, patterns, ids that meet, links and clocks."""
+"""Attacks on discovery: forged robots, descriptions, key patterns, duplicate ids, links and
+clocks."""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ import numpy as np
 import zenoh
 
 from attack.live import (
-    MadeUp,
+    ForgedRobots,
     behind,
     dashboard,
     mock,
@@ -78,14 +79,14 @@ def rows() -> Iterator[Row]:
 def _at_a_dashboard() -> Iterator[Row]:
     with mock() as robot, dashboard(robot.endpoint) as (board, port):
         seconds_until(lambda: "tsd" in shown(port))
-        with Bus(node_config([ANY_PORT], [robot.endpoint])) as bus, MadeUp(bus) as hostile:
+        with Bus(node_config([ANY_PORT], [robot.endpoint])) as bus, ForgedRobots(bus) as hostile:
             yield from _descriptions(hostile, port)
             yield _folder(hostile, port)
             yield from _tokens(hostile, board, port)
         yield _nested_json(port)
 
 
-def _tokens(hostile: MadeUp, board: Program, port: int) -> Iterator[Row]:
+def _tokens(hostile: ForgedRobots, board: Program, port: int) -> Iterator[Row]:
     before, threads = shown(port), threads_of(board)
     for i in range(MANY):
         hostile.announce(f"a-{i}", silent=i % 2 == 0)
@@ -107,7 +108,7 @@ def _tokens(hostile: MadeUp, board: Program, port: int) -> Iterator[Row]:
     )
 
 
-def _descriptions(hostile: MadeUp, port: int) -> Iterator[Row]:
+def _descriptions(hostile: ForgedRobots, port: int) -> Iterator[Row]:
     bad = {
         "deep": ("a=" + "[" * 10_000, "lists 10,000 deep"),
         "long": (QUICK + "#" * 100_000, "100,000 characters too many"),
@@ -126,7 +127,7 @@ def _descriptions(hostile: MadeUp, port: int) -> Iterator[Row]:
         )
 
 
-def _folder(hostile: MadeUp, port: int) -> Row:
+def _folder(hostile: ForgedRobots, port: int) -> Row:
     """Have `body.meshes` name a pipe: it tells whether it was opened."""
     with tempfile.TemporaryDirectory() as folder:
         pipe = Path(folder, "parts.json")
@@ -152,7 +153,7 @@ def _folder(hostile: MadeUp, port: int) -> Row:
 def _nested_json(port: int) -> Row:
     page = Page(port, PAGE)
     try:
-        page.send(t="robot", id="tsd")  # The made-up robots before it in the menu say nothing.
+        page.send(t="robot", id="tsd")  # The forged robots before it in the menu send nothing.
         page.until(lambda: page.state)
         for text in ("[" * 8000, '{"t": "drive", "a": ' + '{"a": ' * 2000):
             page.send_raw(text)
@@ -215,7 +216,7 @@ def _patterns(endpoint: str) -> Iterator[Row]:
 
 
 def _reset(pilot: BusOperator) -> None:
-    """Come from a stop to ready again, and give control back."""
+    """Reset and arm after a stop, then release the lease."""
     pilot.drive((0.0, 0.0, 0.0), 0.6)
     pilot.ask(Service.RESET, lease=pilot.lease)
     pilot.ask(Service.LEASE, op="release", operator=pilot.name, lease=pilot.lease)
@@ -275,7 +276,7 @@ def _sessions(endpoint: str) -> Iterator[Row]:
 
 
 def _keep_driving(pilot: BusOperator, x: float = 0.2) -> tuple[threading.Thread, threading.Event]:
-    """Drive in a circle until told to end."""
+    """Drive in a circle until `stop` is called."""
     stop = threading.Event()
 
     def drive() -> None:

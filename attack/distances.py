@@ -1,4 +1,4 @@
-"""How far each shipped robot goes from full speed after a fault, beside what is promised.
+"""Stopping distance of each shipped robot from full speed after a fault, beside the guaranteed one.
 
 `python -m attack.distances --runs 10 --robots tsd,kiwi --causes downlink --leases 0.25`
 """
@@ -20,17 +20,17 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from attack.operators import PageBehindGateway, Raw
+from attack.operators import PageBehindGateway, UncheckedOperator
 from attack.scenes import Scene, on_a_link, with_board
 from attack.table import Row
 from tsd_twin import robots
 from tsd_twin.errors import TwinError
-from tsd_twin.link_emulation.emulator import Way
+from tsd_twin.link_emulation.emulator import Direction
 from tsd_twin.robots import RobotDescription
 
 MAX_AGES_S = (0.25, 0.5, 1.0)
 HASTE = 2.0
-"""How much more speed is asked for than the robot is allowed: its cap decides."""
+"""Commanded speed, as a multiple of the speed limit, so that the robot drives at its limit."""
 BEYOND_S = 0.6
 """Faults last for the age that a command may have, and this: by then the robot has to stand."""
 WATCHED_S = 0.4
@@ -54,29 +54,30 @@ class Cause:
     name: str
     text: str
     operator: str
-    """Who drives: `page`, `raw`, or `node`: raw as well, with hardware that outlives the node."""
+    """Kind of operator: `page`, `raw` (unchecked), or `node`: unchecked, and the board outlives the
+    node."""
     fault: Fault = field(repr=False)
 
 
-def stalled(*ways: Way) -> Fault:
-    """Return the fault of a link that delivers nothing, and later all."""
+def stalled(*directions: Direction) -> Fault:
+    """Return the fault of a link that stalls and then delivers all held packets."""
 
     def fault(scene: Scene) -> tuple[float, float]:
         assert scene.link is not None
         length_s = scene.max_age_s + BEYOND_S
         at_s = time.monotonic()
-        scene.link.stall(length_s, ways)
-        if isinstance(scene.operator, Raw):
-            # It knows no better than to push on; that ends before it could hear the robot again.
+        scene.link.stall(length_s, directions)
+        if isinstance(scene.operator, UncheckedOperator):
+            # It commands through the stall, and ends before the link delivers again.
             time.sleep(length_s - 0.1)
-            scene.operator.let_go()
+            scene.operator.release()
         return at_s, at_s + length_s
 
     return fault
 
 
 def killed(pid: Callable[[Scene], int]) -> Fault:
-    """Return the fault of a process that dies."""
+    """Return the fault of a process that is killed."""
 
     def fault(scene: Scene) -> tuple[float, float]:
         at_s = time.monotonic()
@@ -88,7 +89,7 @@ def killed(pid: Callable[[Scene], int]) -> Fault:
 
 
 def hung(pid: Callable[[Scene], int], length_s: float | None = None) -> Fault:
-    """Return the fault of a process that hangs and goes on."""
+    """Return the fault of a process that hangs and then resumes."""
 
     def fault(scene: Scene) -> tuple[float, float]:
         one = pid(scene)
@@ -97,8 +98,8 @@ def hung(pid: Callable[[Scene], int], length_s: float | None = None) -> Fault:
         try:
             time.sleep(length_s or scene.max_age_s + BEYOND_S)
         finally:
-            if isinstance(scene.operator, Raw):
-                scene.operator.let_go()
+            if isinstance(scene.operator, UncheckedOperator):
+                scene.operator.release()
             os.kill(one, signal.SIGCONT)
         return at_s, time.monotonic()
 
@@ -123,11 +124,11 @@ def _node(scene: Scene) -> int:
 CAUSES: Mapping[str, Cause] = {
     cause.name: cause
     for cause in (
-        Cause("both", "link lost both ways", "page", stalled(Way.UP, Way.DOWN)),
-        Cause("downlink", "downlink lost", "page", stalled(Way.DOWN)),
-        Cause("uplink", "uplink lost", "page", stalled(Way.UP)),
-        Cause("frozen", "downlink lost, raw commands", "raw", stalled(Way.DOWN)),
-        Cause("raw-both", "link lost, raw commands", "raw", stalled(Way.UP, Way.DOWN)),
+        Cause("both", "link lost both ways", "page", stalled(Direction.UP, Direction.DOWN)),
+        Cause("downlink", "downlink lost", "page", stalled(Direction.DOWN)),
+        Cause("uplink", "uplink lost", "page", stalled(Direction.UP)),
+        Cause("frozen", "downlink lost, raw commands", "raw", stalled(Direction.DOWN)),
+        Cause("raw-both", "link lost, raw commands", "raw", stalled(Direction.UP, Direction.DOWN)),
         Cause("page-stop", "page SIGSTOP", "page", hung(_page)),
         Cause("gateway-stop", "gateway SIGSTOP", "page", hung(_gateway)),
         Cause("page-kill", "page SIGKILL", "page", killed(_page)),
@@ -141,7 +142,7 @@ CAUSES: Mapping[str, Cause] = {
 
 @dataclass(frozen=True)
 class Task:
-    """What one process measures: one robot under one lease, with one kind of operator."""
+    """Task of one process: faults to measure on one robot under one lease."""
 
     robot: str
     max_age_s: float
@@ -196,15 +197,15 @@ def _run(
             speed_mps = _get_fast(scene, twist_scale_m)
         except TimeoutError as error:
             why = str(error)
-            scene.operator.let_go()
+            scene.operator.release()
             continue
         time.sleep(phase_s)
         fault_s, over_s = cause.fault(scene)
         scene.track.until_rest_after(over_s + WATCHED_S)
-        scene.operator.let_go()
+        scene.operator.release()
         if scene.track.was_fast_at(fault_s, speed_mps):
             result.speed_mps = speed_mps
-            result.ways_m.append(scene.track.way_since(fault_s))
+            result.ways_m.append(scene.track.distance_since(fault_s))
             return
         why = "the robot stopped before the fault"
     raise TimeoutError(f"{why}, {ATTEMPTS} times in a row")

@@ -1,7 +1,8 @@
-"""Ten viewers that flood: `python -m attack.flooder PORT SECONDS COOKIE [COOKIE ...]`.
+"""Load generator of ten viewers that flood the dashboard.
 
-Each cookie is one viewer, with a socket that sends as fast as the gateway takes it, and connects
-again whenever it is cut off. Prints how often that was, and how many frames went out.
+`python -m attack.flooder PORT SECONDS COOKIE [COOKIE ...]`: each cookie is one viewer, with
+a socket that sends as fast as the gateway accepts it, and reconnects whenever it is cut off. Prints
+the number of cut-offs and of frames sent.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ FLOODS: tuple[tuple[Opcode, bytes], ...] = (
     (Opcode.TEXT, b'{"t":"panel_released"}'),
     (Opcode.TEXT, b'{"t":"panel_released"}'),
     (Opcode.TEXT, b'{"t":"beat","seen":0,"sent_ms":1.0,"focus":true}'),
-    (Opcode.TEXT, b'{"t":"robot","id":"nobody"}'),
+    (Opcode.TEXT, b'{"t":"robot","id":"unknown"}'),
     (Opcode.TEXT, b'{"t":"drive","vx":1,"vy":0,"omega":0,"seen":0}'),
     (Opcode.TEXT, b'{"t":"lease","op":"acquire"}'),
     (Opcode.TEXT, b"[" * 2000),
@@ -66,7 +67,7 @@ def flood(port: int, cookie: str, number: int, end_s: float, counts: Counter[str
 def main(port: int, seconds: float, cookies: list[str]) -> None:
     """Flood with all of them at once."""
     logging.getLogger("websockets").setLevel(logging.CRITICAL)  # Being cut off is no news.
-    os.nice(19)  # They stand for other machines, which take no processor time of this one.
+    os.nice(19)  # They represent other machines, which use no processor time of this one.
     counts: Counter[str] = Counter()
     end_s = time.monotonic() + seconds
     threads = [

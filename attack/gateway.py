@@ -1,4 +1,4 @@
-"""Attacks on the two sockets of a page: floods, and what viser cannot read."""
+"""Attacks on the two sockets of a page: floods, and messages that viser cannot parse."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ GROWTH_MB = 24.0
 
 @dataclass
 class Scene:
-    """A robot and a dashboard with users, each a process, and who has logged in."""
+    """Processes of a robot and a dashboard with users, and the cookies of logged-in users."""
 
     dashboard: Program
     port: int
@@ -60,7 +60,7 @@ class Scene:
 
     @property
     def stderr_bytes(self) -> int:
-        """What the dashboard has said on standard error."""
+        """Size of the dashboard's standard error."""
         return sum(len(line) + 1 for line in self.dashboard.errors)
 
 
@@ -92,7 +92,7 @@ def page_of(scene: Scene, name: str) -> Page:
 
 
 def rows() -> Generator[Row]:
-    """Attack, and yield what came of it."""
+    """Run the attacks; yield one row for each."""
     with scene() as it:
         guests = [it.cookie(f"guest{number}") for number in range(VIEWERS)]
         driver, stopper = page_of(it, "alice"), page_of(it, "bob")
@@ -183,12 +183,12 @@ def sent(held_s: float) -> int:
 
 
 def share(counted: int, due: int) -> str:
-    """Say how many counted."""
+    """Format the share of commands that were accepted."""
     return f"{counted} of {due}"
 
 
 def is_enough(counted: int, due: int) -> bool:
-    """Tell whether nineteen of twenty counted."""
+    """Return whether nineteen of twenty commands were accepted."""
     return counted >= 0.95 * due
 
 
@@ -204,7 +204,7 @@ def stop_s(page: Page) -> float:
 
 
 def malformed(dice: random.Random) -> bytes:
-    """Return a camera that no browser would send, each time another one."""
+    """Return a malformed camera message, a different one each time."""
     wild: list[Any] = [
         "x" * dice.randrange(4000),
         [dice.random()] * dice.randrange(4, 400),

@@ -1,4 +1,4 @@
-"""Live processes to attack: robots, dashboards, and a session that makes robots up."""
+"""Live processes to attack: robots, dashboards, and a bus session that announces forged robots."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def mock(*flags: str, preload: str = "") -> Generator[RunningNode]:
 
 
 def behind(endpoint: str, robot_id: str = "tsd") -> RunningNode:
-    """Return what an operator has to know of a robot that is reached at an endpoint."""
+    """Return the connection data of a robot that is reached at an endpoint."""
     nothing = cast("Any", None)
     return RunningNode(
         robot_id,
@@ -101,8 +101,8 @@ def operator(node: RunningNode, name: str = "alice") -> Generator[BusOperator]:
         yield pilot
 
 
-class MadeUp:
-    """Robots that a session makes up: tokens, and descriptions of any kind."""
+class ForgedRobots:
+    """Forged robots of one bus session: liveliness tokens and arbitrary descriptions."""
 
     def __init__(self, bus: Bus) -> None:
         self._bus = bus
@@ -110,7 +110,7 @@ class MadeUp:
         self._stack = ExitStack()
         self._silent: list[object] = []
 
-    def __enter__(self) -> MadeUp:
+    def __enter__(self) -> ForgedRobots:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -118,13 +118,13 @@ class MadeUp:
         self._stack.close()
 
     def announce(self, robot_id: str, *, silent: bool = False) -> None:
-        """Announce a robot that is not there; `silent`: it is asked, and never answers."""
+        """Announce a robot that does not exist; `silent`: with a queryable that never answers."""
         if silent:
             self._silent.append(self._bus.queryable(Service.DESC.key(robot_id)))
         self._bus.declare_token(topics.alive_key(robot_id))
 
     def describe(self, robot_id: str, toml: str = QUICK) -> None:
-        """Announce a robot that describes itself so."""
+        """Announce a robot with a description."""
         server = self._bus.queryable(Service.DESC.key(robot_id))
         answer = json.dumps({"robot": toml, "urdf": ""}).encode()
 

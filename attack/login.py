@@ -1,4 +1,4 @@
-"""Attacks on the way into the dashboard: logins, headers, connections, the proxy in front."""
+"""Attacks on access to the dashboard: logins, headers, connections, reverse proxy."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ _LAX_ORIGINS = (
 
 @dataclass
 class _Site:
-    """A simulated robot, a dashboard with users, and what both have printed."""
+    """Processes of a simulated robot and a dashboard with users, and their output."""
 
     folder: Path
     dashboard: Program
@@ -119,7 +119,7 @@ def _tls(folder: Path) -> list[str]:
     return ["--tls-cert", str(keys / "robot.pem"), "--tls-key", str(keys / "robot.key")]
 
 
-# What a request says.
+# Contents of requests.
 
 
 def _open_bus(site: _Site) -> Row:
@@ -169,7 +169,7 @@ def _names(site: _Site) -> Iterator[Row]:
         )
 
 
-# How many connections, and how slow.
+# Number and slowness of connections.
 
 
 def _crowd(site: _Site) -> Iterator[Row]:
@@ -409,11 +409,11 @@ def _forged_addresses(site: _Site, host: str) -> Row:
     )
 
 
-# Somebody who drives.
+# An operator who drives.
 
 
 def _cookie(site: _Site) -> str:
-    """Log in, as soon as the address may."""
+    """Log in as soon as the rate limit of the address allows it."""
     end_s = time.monotonic() + 20.0
     while True:
         try:
@@ -439,7 +439,7 @@ def _accepted_per_s(page: Page) -> float:
     first, start_s = page.state["status"]["command"]["accepted"], time.monotonic()
     while time.monotonic() - start_s < _MEASURE_S:
         time.sleep(0.1)
-        if page.mode == "ready":  # Let go of on a machine that is busy: centred, it drives again.
+        if page.mode == "ready":  # Released on a busy machine: centre the controls first.
             held, page.holds = page.holds, None
             time.sleep(0.2)
             page.holds = held

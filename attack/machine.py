@@ -1,4 +1,4 @@
-"""A robot whose hardware outlives its node: two processes, as a computer and a controller board.
+"""Robot in two processes, node and controller board, so that the hardware outlives its node.
 
 `python -m attack.machine board ROBOT FOLDER` simulates the robot behind its board in real time, and
 prints how far it has gone. `python -m attack.machine node ROBOT FOLDER` runs a robot node that
@@ -33,29 +33,30 @@ PERIOD_S = 0.01
 _BOARD, _NODE = "board.sock", "node.sock"
 
 
-class Line:
-    """The joints of a robot at the other end of a socket, as a node sees them."""
+class SocketHardware:
+    """Hardware interface of a node: the joints of a robot behind a socket."""
 
     def __init__(self, folder: Path) -> None:
         self._socket = _bound(folder / _NODE)
         self._board = str(folder / _BOARD)
 
     def read(self, _now_s: float) -> Array | None:
-        """Return the newest measurement (n,) that has come since the last call; None: no news."""
+        """Return the newest measurement (n,) since the last call; None without one."""
         blocks = _waiting(self._socket)
         return _numbers(blocks[-1]) if blocks else None
 
     def write(self, setpoint: Array, _now_s: float) -> None:
-        """Send a set-point (n,); a board that is too slow loses it, and the next one follows."""
+        """Send a set-point (n,); it is dropped when the board is too slow, and the next one
+        follows."""
         with contextlib.suppress(BlockingIOError):
             self._socket.sendto(_block(setpoint), self._board)
 
     def hardware(self) -> Mapping[str, Any]:
-        """Return what the status says about it."""
+        """Return the hardware section of the status."""
         return {"kind": "board in a process of its own"}
 
     def close(self) -> None:
-        """Close the socket; the board stops by itself."""
+        """Close the socket; the board's watchdog then stops the robot."""
         self._socket.close()
 
 
@@ -80,7 +81,7 @@ def run_board(robot: RobotDescription, folder: Path) -> None:
                 # There may be no node, or a new one that has not opened its end yet.
                 with contextlib.suppress(OSError):
                     line.sendto(_block(measured), str(folder / _NODE))
-            way_m, speed_mps = odometer.take(truth.pose, truth.twist)
+            way_m, speed_mps = odometer.update(truth.pose, truth.twist)
             print(f"at {now_s:.6f} {way_m:.6f} {speed_mps:.6f}", flush=True)
 
 
@@ -89,7 +90,7 @@ def run_node(robot: RobotDescription, text: str, folder: Path) -> None:
     stop = threading.Event()
     with Bus(node_config(["tcp/127.0.0.1:0"])) as bus:
         shown = Description(text, f'<robot name="{robot.name}"/>')
-        node = RobotNode(bus, robot.name, robot, Line(folder), shown)
+        node = RobotNode(bus, robot.name, robot, SocketHardware(folder), shown)
         threading.Thread(target=_stop_at_the_end, args=(stop,), daemon=True).start()
         print(f"ready: {bus.endpoints()[0]}", flush=True)
         node.run(stop)

@@ -26,7 +26,7 @@ PERIOD_S = 0.02
 
 
 class Operator(Protocol):
-    """A driver that takes control, pushes and lets go, as often as it is told to."""
+    """Interface of a test operator: acquire control, hold the stick, release it."""
 
     def get_ready(self, max_age_s: float) -> None:
         """Take control under a lease, and arm."""
@@ -36,19 +36,19 @@ class Operator(Protocol):
         """Hold the stick: the first number of the twist, the others zero."""
         ...
 
-    def let_go(self) -> None:
-        """Let go of it."""
+    def release(self) -> None:
+        """Release the stick."""
         ...
 
     def close(self) -> None:
-        """Leave nothing behind."""
+        """Release all resources."""
         ...
 
 
-class Raw:
-    """A program on the bus that echoes the newest status it has seen, however old that is.
+class UncheckedOperator:
+    """Bus client without client-side checks: its commands carry the newest status, however old.
 
-    It looks at nothing else: not at the mode, not at silence, and it sends no zero at the end.
+    It ignores the mode and a missing status, and sends no zero at the end.
     """
 
     def __init__(self, endpoint: str, robot_id: str) -> None:
@@ -65,12 +65,12 @@ class Raw:
 
     @property
     def status(self) -> Status | None:
-        """The newest that has come over its link."""
+        """Newest status."""
         return self._link.snapshot.status
 
     @property
     def link(self) -> RobotClient:
-        """Its link to the robot."""
+        """Client of the robot."""
         return self._link
 
     @property
@@ -107,7 +107,7 @@ class Raw:
         renewal = LeaseRequest(op="renew", operator="raw", lease=reply.lease)
         steps = {"stopped": Service.RESET, "fault": Service.RESET, "disarmed": Service.ARM}
         while True:
-            # A status that was under way when the lease was granted does not know of it.
+            # A status that was in transit when the lease was granted does not show it.
             status = self.status if time.monotonic() - granted_s > 0.15 else None
             if status is not None and status.mode == "ready" and status.lease.holder == "raw":
                 return
@@ -121,8 +121,8 @@ class Raw:
         """Hold the stick."""
         self._x = x
 
-    def let_go(self) -> None:
-        """Fall silent."""
+    def release(self) -> None:
+        """Stop sending, without a zero."""
         self._x = None
 
     def close(self) -> None:
@@ -144,7 +144,7 @@ class Raw:
 
 
 class PageBehindGateway:
-    """A dashboard and a page of it, each a process of its own; both are replaced when they died."""
+    """Operator at a page of a dashboard, each a process; both are restarted when they have died."""
 
     def __init__(self, endpoint: str) -> None:
         self._endpoint = endpoint
@@ -170,8 +170,8 @@ class PageBehindGateway:
         assert self._page is not None
         self._page.do("push", x)
 
-    def let_go(self) -> None:
-        """Let go of the stick, if there is still a hand."""
+    def release(self) -> None:
+        """Release the stick, if the page is still running."""
         if self._page is not None and self._page.process.poll() is None:
             # A page whose gateway has died ends by itself.
             with contextlib.suppress(BrokenPipeError, AssertionError):

@@ -1,4 +1,4 @@
-"""Robots with all that can break around them: a link, a gateway, a page, a node and its board."""
+"""Test set-ups for faults: a robot with a link, dashboard, page, node and board."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from attack.operators import Operator, PageBehindGateway, Raw
-from attack.track import Track, Witness
+from attack.operators import Operator, PageBehindGateway, UncheckedOperator
+from attack.track import DistanceLog, TruthRecorder
 from tests.app.conftest import Program
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.link_emulation import LinkEmulator, LinkSpec
@@ -21,9 +21,9 @@ ANY_PORT = "tcp/127.0.0.1:0"
 
 @dataclass
 class Scene:
-    """A robot at full speed, who drives it, and what can break."""
+    """Test set-up: a robot, its operator, and the parts that can fail."""
 
-    track: Track
+    track: DistanceLog
     operator: Operator
     status: Callable[[], Status]
     max_age_s: float
@@ -34,7 +34,7 @@ class Scene:
 
 @contextlib.contextmanager
 def on_a_link(robot: RobotDescription, path: Path, max_age_s: float, kind: str) -> Generator[Scene]:
-    """Run `tsd-mock`, and who drives it over a simulated link."""
+    """Run `tsd-mock` and an operator behind an emulated link."""
     flags = ["--listen", ANY_PORT, "--robot", str(path), "--id", robot.name]
     with contextlib.ExitStack() as stack:
         mock = Program(["tsd_mock", *flags])
@@ -42,22 +42,22 @@ def on_a_link(robot: RobotDescription, path: Path, max_age_s: float, kind: str) 
         (endpoint,) = re.findall(r"tcp/[\d.:]+", mock.ready())
         link = stack.enter_context(LinkEmulator(LinkSpec(), ANY_PORT, endpoint))
         bus = stack.enter_context(Bus(client_config([endpoint])))
-        witness = Witness(bus, robot.name, robot.kinematics())
+        recorder = TruthRecorder(bus, robot.name, robot.kinematics())
         operator: Operator
         if kind == "raw":
-            operator = Raw(link.endpoint, robot.name)
+            operator = UncheckedOperator(link.endpoint, robot.name)
         else:
             operator = PageBehindGateway(link.endpoint)
         stack.callback(operator.close)
-        yield Scene(witness.track, operator, lambda: witness.status, max_age_s, link)
+        yield Scene(recorder.track, operator, lambda: recorder.status, max_age_s, link)
 
 
 @contextlib.contextmanager
 def with_board(
     robot: RobotDescription, path: Path, max_age_s: float, _kind: str
 ) -> Generator[Scene]:
-    """Run a board and a node, and a program that drives it; the board outlives the node."""
-    track = Track()
+    """Run a board, a node and an unchecked operator; the board outlives the node."""
+    track = DistanceLog()
     with contextlib.ExitStack() as stack:
         arguments = [str(path), str(path.parent)]
         board = BoardProgram(["attack.machine", "board", *arguments], track)
@@ -72,7 +72,7 @@ def with_board(
             scene.operator.close()
             nodes.append(Program(["attack.machine", "node", *arguments]))
             stack.callback(nodes[-1].clean_up)
-            raw = Raw(nodes[-1].ready().removeprefix("ready: "), robot.name)
+            raw = UncheckedOperator(nodes[-1].ready().removeprefix("ready: "), robot.name)
             scene.operator = raw
             scene.status = lambda: raw.status or _silence()
 
@@ -86,7 +86,7 @@ def _silence() -> Status:
 
 
 class NoOperator:
-    """The operator before the first node runs; there is none."""
+    """Placeholder operator before the first node runs."""
 
     def get_ready(self, max_age_s: float) -> None:
         """Refuse."""
@@ -95,7 +95,7 @@ class NoOperator:
     def push(self, x: float) -> None:
         """Do nothing."""
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """Do nothing."""
 
     def close(self) -> None:
@@ -103,9 +103,9 @@ class NoOperator:
 
 
 class BoardProgram(Program):
-    """The board, which says where the robot is."""
+    """Process of the board, which prints the distance driven."""
 
-    def __init__(self, arguments: list[str], track: Track) -> None:
+    def __init__(self, arguments: list[str], track: DistanceLog) -> None:
         self._track = track
         super().__init__(arguments)
 
@@ -115,6 +115,6 @@ class BoardProgram(Program):
     def _others(self, stream: Iterable[str]) -> Iterator[str]:
         for line in stream:
             if line.startswith("at "):
-                self._track.note(*map(float, line.split()[1:]))
+                self._track.add(*map(float, line.split()[1:]))
             else:
                 yield line

@@ -12,11 +12,11 @@ class Row:
     attack: str
     """What was done, in one line."""
     promise: str
-    """What has to hold, with its unit."""
+    """Guarantee to test, with its unit."""
     measured: str
     """What happened, with its unit."""
     held: bool
-    """Whether the promise was kept."""
+    """Whether the guarantee held."""
 
     def __str__(self) -> str:
         """Format the row for a terminal."""

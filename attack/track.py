@@ -1,4 +1,4 @@
-"""How far a robot has gone, heard from the simulation itself and over no simulated link."""
+"""Distance driven by a robot, from ground truth, without the emulated link."""
 
 from __future__ import annotations
 
@@ -22,17 +22,18 @@ PATIENCE_S = 20.0
 
 
 class Odometer:
-    """Adds up the way of a robot on the floor, or of the top of a sphere."""
+    """Odometer: integrates the distance driven on the floor, or the motion of the top of a
+    sphere."""
 
     def __init__(self, drive: Kinematics[Any]) -> None:
         self.twist_scale_m = drive.twist_scale_m
         self._pose: SE2 | SO3 | None = None
         self._way_m = 0.0
 
-    def take(self, pose: SE2 | SO3, twist: Array) -> tuple[float, float]:
-        """Take the next true pose and twist (3,), and return the way, m, and the speed, m/s.
+    def update(self, pose: SE2 | SO3, twist: Array) -> tuple[float, float]:
+        """Update with the true pose and twist (3,); return the distance, m, and the speed, m/s.
 
-        The speed is that of whatever moves: a robot that only turns is not at rest.
+        Rotation counts as speed: a robot that only turns is not at rest.
         """
         if self._pose is not None:
             self._way_m += self.twist_scale_m * float(np.hypot(*_between(self._pose, pose)))
@@ -48,12 +49,12 @@ def _between(before: SE2 | SO3, after: SE2 | SO3) -> Array:
 
 
 def _is_about(speed_mps: float, wanted_mps: float) -> bool:
-    """Return whether a speed is as wanted, but for what is lost in a step of a servo."""
+    """Return whether a speed is as wanted, within the loss of one servo step."""
     return speed_mps >= 0.97 * wanted_mps - 0.01
 
 
-class Track:
-    """What has been heard of the way, on the robot's clock, which is the one of this machine."""
+class DistanceLog:
+    """Log of distance and speed over time, on the robot's clock, which is that of this machine."""
 
     def __init__(self) -> None:
         self._news = threading.Condition()
@@ -61,8 +62,8 @@ class Track:
         self._ways_m: list[float] = []
         self._speeds_mps: list[float] = []
 
-    def note(self, at_s: float, way_m: float, speed_mps: float) -> None:
-        """Add where the robot was."""
+    def add(self, at_s: float, way_m: float, speed_mps: float) -> None:
+        """Add a sample."""
         with self._news:
             self._times_s.append(at_s)
             self._ways_m.append(way_m)
@@ -72,7 +73,7 @@ class Track:
     def until(
         self, condition: Callable[[], bool], what: str, patience_s: float = PATIENCE_S
     ) -> None:
-        """Wait until what is heard makes a condition true.
+        """Wait until new samples make a condition true.
 
         Raises:
             TimeoutError: it never does.
@@ -90,7 +91,7 @@ class Track:
         )
 
     def until_rest_after(self, time_s: float) -> None:
-        """Wait until the robot has said where it was at a time, and rests."""
+        """Wait until samples reach a time and the robot is at rest."""
         self.until(
             lambda: self._times_s[-1] >= time_s and max(self._speeds_mps[-3:]) < AT_REST_MPS,
             "at rest",
@@ -102,8 +103,8 @@ class Track:
             i = max(1, bisect_left(self._times_s, time_s))
             return _is_about(self._speeds_mps[i - 1], speed_mps)
 
-    def way_since(self, time_s: float) -> float:
-        """Return how far the robot has gone since a time, m; between two samples in proportion."""
+    def distance_since(self, time_s: float) -> float:
+        """Return the distance since a time, m, with linear interpolation between samples."""
         with self._news:
             times_s, ways_m = self._times_s, self._ways_m
             i = max(1, bisect_left(times_s, time_s))
@@ -112,11 +113,11 @@ class Track:
             )
 
 
-class Witness:
-    """Listens to the truth and the status of a simulated robot on its own bus."""
+class TruthRecorder:
+    """Subscriber of truth and status of a simulated robot on its own bus; fills a `DistanceLog`."""
 
     def __init__(self, bus: Bus, robot_id: str, drive: Kinematics[Any]) -> None:
-        self.track = Track()
+        self.track = DistanceLog()
         self.status = Status("disarmed")
         self._odometer = Odometer(drive)
         self._turning = drive.pose_type is SO3
@@ -126,8 +127,8 @@ class Witness:
     def _on_truth(self, sample: Sample) -> None:
         odometry = decode_odometry(sample.payload, turning=self._turning)
         pose = SE2(odometry.xy_heading) if odometry.wxyz is None else SO3(odometry.wxyz)
-        way_m, speed_mps = self._odometer.take(pose, odometry.twist)
-        self.track.note(decode_stamp(sample.attachment)[1] * 1e-9, way_m, speed_mps)
+        way_m, speed_mps = self._odometer.update(pose, odometry.twist)
+        self.track.add(decode_stamp(sample.attachment)[1] * 1e-9, way_m, speed_mps)
 
     def _on_status(self, sample: Sample) -> None:
         self.status = decode_status(sample.payload)

@@ -1,1 +1,1 @@
-"""Speed and memory, each beside a peer or a floor measured in the same run."""
+"""Benchmarks of speed and memory, each beside a peer or a lower bound measured in the same run."""

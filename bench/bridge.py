@@ -1,4 +1,5 @@
-"""The bridge with the compiled firmware behind a pty: how long a cycle takes, and what it costs."""
+"""Benchmark of the bridge with the compiled firmware behind a pty: cycle time and processor
+load."""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ _MEDIAN_MS, _P99_MS, _SHARE = 4.0, 8.0, 15.0
 
 
 def rows() -> Iterator[Row]:
-    """Let it run at 100 Hz for a while, disarmed: cycles are the same whoever drives."""
+    """Run at 100 Hz, disarmed: cycles do not depend on the source of commands."""
     with tempfile.TemporaryDirectory() as folder:
         port = str(Path(folder) / "port")
         with (

@@ -1,4 +1,4 @@
-"""A command on its way through the node, against a bare ping over the same kind of session."""
+"""Benchmark of command latency through the node, against a bare ping over the same bus."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ _HALF_CONTROL_PERIOD_MS = 5.0
 _ECHO = """
 import sys, threading
 from tsd_twin.bus import Bus, node_config
-from tsd_twin.messages.topics import Urgency
+from tsd_twin.messages.topics import QoS
 with Bus(node_config(["tcp/127.0.0.1:0"])) as bus:
-    back = bus.publisher("bench/pong", Urgency.REAL_TIME)
+    back = bus.publisher("bench/pong", QoS.REAL_TIME)
     bus.subscribe("bench/ping", lambda sample: back.put(sample.payload))
     print("ready:", bus.endpoints()[0], flush=True)
     sys.stdin.read()

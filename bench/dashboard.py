@@ -1,4 +1,4 @@
-"""What the dashboard costs with one viewer and with twenty, while the robot drives."""
+"""Benchmark of the dashboard's load with one viewer and with twenty, while the robot drives."""
 
 from __future__ import annotations
 

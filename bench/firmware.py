@@ -1,4 +1,4 @@
-"""The compiled firmware in virtual time, with all that hangs on the board."""
+"""Benchmark of the firmware simulator: firmware and hardware in virtual time."""
 
 from __future__ import annotations
 

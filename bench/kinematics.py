@@ -1,4 +1,4 @@
-"""Inverse kinematics, against a compiled swerve library called once for each twist."""
+"""Benchmark of inverse kinematics, against a compiled swerve library called once per twist."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def rows() -> Iterator[Row]:
     one = twists[0]
     vx, vy, omega = (float(v) for v in one)
     peer_us = each_us(lambda: peer.toSwerveModuleStates(ChassisSpeeds(vx, vy, omega)), _CALLS)
-    drive.inverse(twists)  # Pages of the result are touched once, as for anybody who calls twice.
+    drive.inverse(twists)  # Warm-up call, so that the memory pages of the result exist.
     batch_us = each_us(lambda: drive.inverse(twists), 3) / _TWISTS
     single_us = each_us(lambda: drive.inverse(one), _CALLS)
     beside = f"wpimath {peer_us:.2f} us a twist"

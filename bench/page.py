@@ -1,4 +1,4 @@
-"""How late a real browser shows what the robot says, with the scene and without it."""
+"""Benchmark of display latency in a real browser, with the scene and without it."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def rows() -> Iterator[Row]:
 
 
 def delays_ms(endpoint: str, url: str) -> tuple[list[float], list[float]]:
-    """Return how long each state took from the bus to the screen, with the scene and without."""
+    """Return the latency of each state from the bus to the screen, with the scene and without."""
     said_ms: dict[int, float] = {}
 
     def hear(sample: Sample) -> None:

@@ -1,4 +1,4 @@
-"""The core and the simulator in virtual time."""
+"""Benchmark of controller and simulator in virtual time."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _HOUR, _MINUTE = 360_000, 6_000
 
 
 class VirtualRobot:
-    """One robot that is driven in virtual time, as the node drives it, without a bus."""
+    """Controller and simulated robot in virtual time, without a bus."""
 
     def __init__(self) -> None:
         robot = robots.load_robot("tsd")

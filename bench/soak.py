@@ -1,7 +1,7 @@
 """`make soak`: robot and dashboard as real processes, driven and visited until the time is over.
 
 Ends with a non-zero code when one of them dies or grows, when connecting gets slow, when a viewer
-is cut off, or when nobody gets to drive.
+is cut off, or when no client gets to drive.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class CutShortError(Exception):
 
 @dataclass
 class Record:
-    """What was seen."""
+    """Measurements of a soak run."""
 
     rss_mb: dict[str, list[float]] = field(default_factory=dict)
     connects_s: list[float] = field(default_factory=list)
@@ -80,10 +80,10 @@ def main() -> None:
 
 
 async def soak(url: str, processes: Processes, seconds: float) -> Record:
-    """Let people come and go while both run, and return what was seen.
+    """Run drivers and visitors against both processes, and return the measurements.
 
     Raises:
-        CutShortError: a process ended, or somebody was cut off.
+        CutShortError: a process ended, or a page was cut off.
     """
     record = Record()
     over = asyncio.create_task(observe(processes, seconds, record))
@@ -133,7 +133,7 @@ async def observe(processes: Processes, seconds: float, record: Record) -> None:
 def verdict(record: Record, warm_up: float) -> Iterator[Row]:
     """Return what has to hold, when a share of the time is taken for warm-up.
 
-    That both live and nobody was cut off is not among it: the soak would not have come this far.
+    A process that ended, or a page that was cut off, is not among them: it ends the soak earlier.
     """
     for name, sizes_mb in record.rss_mb.items():
         start_mb, end_mb = start_and_end(sizes_mb, warm_up)

@@ -1,4 +1,4 @@
-"""From the command to a page that can be used."""
+"""Benchmark of the start-up time of `tsd-demo`."""
 
 from __future__ import annotations
 

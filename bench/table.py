@@ -1,4 +1,4 @@
-"""How results are shown."""
+"""Rows of the benchmark report."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Row:
     limit: float
     unit: str
     beside: str
-    """The peer or floor that the limit comes from, measured in the same run."""
+    """Peer or lower bound that the limit comes from, measured in the same run."""
     at_least: bool = False
 
     @property

@@ -1,4 +1,4 @@
-"""Viewers in a process of their own: `python -m bench.viewers URL COUNT SECONDS [drive|watch]`.
+"""Load generator of viewers: `python -m bench.viewers URL COUNT SECONDS [drive|watch]`.
 
 Prints what each was sent, as JSON. With `drive` the first one takes control and drives a circle.
 """
@@ -24,7 +24,7 @@ _WARM_UP_S = 2.0
 
 
 class Tally:
-    """Bytes that came in while they were counted."""
+    """Byte counter of received messages."""
 
     def __init__(self) -> None:
         self.scene = 0
@@ -62,7 +62,7 @@ async def main(url: str, count: int, seconds: float, what: str) -> None:
 
 
 async def view(url: str, tally: Tally, driving: asyncio.Event, *, drives: bool) -> None:
-    """Be one page: a socket for the scene and one for the controls."""
+    """Run one page: a socket for the scene and one for the controls."""
     page = secrets.token_hex(8)
     base = url.replace("http://", "ws://")
     async with (

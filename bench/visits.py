@@ -1,4 +1,4 @@
-"""People who open the page, stay for a while, and leave."""
+"""Simulated visitors: open the page, stay for a while, and leave."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ async def drivers(url: str, each_s: float, drove: list[bool]) -> None:
 
 
 async def visitors(url: str, seed: int, connects_s: list[float]) -> None:
-    """Look on one after the other; every second one leaves without a goodbye."""
+    """Open pages one after the other; every second one disconnects without a close frame."""
     chance = np.random.default_rng(seed)
     for number in itertools.count():
         async with visit(url) as (scene, teleop, took_s):
@@ -84,7 +84,7 @@ async def stay(
     *,
     drives: bool = False,
 ) -> None:
-    """Be a page that is open for so long.
+    """Keep a page open for a duration.
 
     Raises:
         CutOffError: the server closed it before.

@@ -1,4 +1,4 @@
-"""A sensor of one's own says where a robot is; its estimate is printed without and with it."""
+"""A custom pose sensor corrects a robot's estimate; its error is printed without and with it."""
 
 import math
 

@@ -17,7 +17,7 @@
 #define CT_FULL_THROTTLE 4000
 #define CT_SIZE 154
 
-typedef enum {  // Source of the commands.
+typedef enum {  // Source of the joint commands.
   BOARD_DISARMED = 0,
   BOARD_ARMED = 1,
   BOARD_RC = 2,
@@ -45,19 +45,19 @@ typedef enum {  // Why arming was last refused; 0 once it succeeds.
   REFUSAL_SETUP = 8,
 } refusal_code_t;
 
-// Identity and constants of the board.
+// Identity of the board, and fixed parameters.
 #define CT_IDENTITY 0
 #define CT_IDENTITY_SIZE 21
 
-// How the robot is built; the bridge writes it when it connects. Kept without power.
+// Parameters of the robot; the bridge writes them when it connects. Kept without power.
 #define CT_SETUP 21
 #define CT_SETUP_SIZE 16
 
-// Set-points of the joints: one WRITE of the whole block per cycle; a part is error 5.
+// Joint commands: one WRITE of the whole block in each cycle; a partial one is error 5.
 #define CT_COMMAND 37
 #define CT_COMMAND_SIZE 22
 
-// Measurements and state: one READ in each cycle.
+// Measurements and states: one READ in each cycle.
 #define CT_TELEMETRY 59
 #define CT_TELEMETRY_SIZE 95
 
@@ -80,13 +80,13 @@ typedef struct __attribute__((packed)) {
   uint8_t servos_expected;  // 36: Bit i: servo i must answer to arm and to stay armed; 0 when others drive the servos.
   // command: read and write
   uint16_t heartbeat;  // 37: Any change is a beat; arming needs one.
-  uint8_t arm;  // 39: Going from 0 to 1 arms, unless there is a refusal; 0 disarms. After a trip it has to be written 0 first: 1 again and again never arms again.
-  uint8_t torque;  // 40: 0 lets the servos go, while disarmed only.
+  uint8_t arm;  // 39: Going from 0 to 1 arms, unless there is a reason to refuse; 0 disarms. After a trip it has to be written 0 first: 1 again and again never arms again.
+  uint8_t torque;  // 40: 0 switches servo torque off, while disarmed only.
   uint16_t throttle[3];  // 41: Pulse to each speed controller; put out while armed. [0.5 us]
   int16_t goal[6];  // 47: Gimbals from neutral: alpha and beta of module 1, then 2, then 3; obeyed while armed. [step]
   // telemetry: read only
   uint32_t millis;  // 59: Since the reset. [ms]
-  uint8_t mode;  // 63: Source of the commands: `BoardMode`.
+  uint8_t mode;  // 63: Source of the joint commands: `BoardMode`.
   uint8_t trip;  // 64: Why the board last disarmed itself, until it arms: `Trip`.
   uint8_t refusal;  // 65: Why arming was last refused: `Refusal`.
   uint8_t reset_cause;  // 66: Why the board started: `ResetCause`.

@@ -6,7 +6,7 @@
 #include <stdint.h>
 
 // Begins with zero throttle: a controller that sees more when it gets power may take it for the
-// start of its calibration. Nobody has to call it, it is run by the start of the program.
+// start of its calibration. No caller is needed, the start of the program runs it.
 __attribute__((naked, used, section(".init3"))) void esc_start(void);
 
 // Widths in half microseconds, from the next pulse on.

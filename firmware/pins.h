@@ -25,7 +25,7 @@
 #define BATTERY_DIVIDER 4
 #define ADC_REFERENCE_MV 5000UL
 
-// The light on the board: on while somebody has the joints (D13).
+// LED on the board: on while there is a source of joint commands (D13).
 #define LIGHT_DDR DDRB
 #define LIGHT_PORT PORTB
 #define LIGHT _BV(PB7)

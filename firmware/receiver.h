@@ -18,7 +18,7 @@ bool receiver_present(void);
 // reset. Who wired the kill switch alone must not believe that it is heard.
 bool receiver_seen(void);
 
-// The kill switch is on, or nobody can tell any more. A robot without receiver has none.
+// The kill switch is on, or its state is unknown. A robot without receiver has none.
 bool receiver_kills(void);
 
 // The switch between PC and radio control stands at the latter.

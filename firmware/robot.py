@@ -1,4 +1,4 @@
-"""Write `robot.h`: what the firmware has to know of the robot to drive by radio control.
+"""Generator of `robot.h`: the parameters of the robot for driving by radio control.
 
 python firmware/robot.py > firmware/robot.h
 """

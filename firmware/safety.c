@@ -67,7 +67,7 @@ static bool goals_zero(void) {
   return true;
 }
 
-// What speaks against anybody having the joints.
+// Reason against any source of joint commands.
 static refusal_code_t refusal_to_anybody(void) {
   if (!setup_known()) return REFUSAL_SETUP;
   if (!table.esc_ready) return REFUSAL_ESC_HOLD;
@@ -135,7 +135,7 @@ static void look_at_switch(void) {
   give_to(BOARD_RC);
 }
 
-// Hands on what may pass: without anybody zero throttle, and gimbals to neutral.
+// Passes permitted commands on: without a source, zero throttle and gimbals to neutral.
 static void put_out(void) {
   bool pc = table.mode == BOARD_ARMED, rc = table.mode == BOARD_RC;
   const uint16_t *throttle = rc ? manual_throttle : table.throttle;

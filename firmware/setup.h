@@ -1,5 +1,5 @@
 // How the robot is built, kept in EEPROM: after a reset with spinning wheels the gimbals have to
-// find neutral before anybody can say where it is.
+// find neutral before its position can be calibrated.
 #ifndef SETUP_H
 #define SETUP_H
 

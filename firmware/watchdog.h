@@ -21,7 +21,7 @@ uint8_t watchdog_reset_cause(void);
 // Counts this start; forgets all when power came.
 void watchdog_remember(void);
 
-// To be called by the safety rules and nobody else: a loop that spins without them is hung.
+// To be called by the safety rules only: a loop that spins without them is hung.
 void watchdog_kick(void);
 
 #endif

@@ -6,23 +6,23 @@ import numpy as np
 import pytest
 
 from attack.distances import CAUSES, Result, Task, row
-from attack.track import Odometer, Track
+from attack.track import DistanceLog, Odometer
 from tsd_twin import robots
 from tsd_twin.lie import SE2, SO3
 
 
 def test_a_way_is_counted_from_the_moment_of_the_fault_between_two_samples() -> None:
-    track = Track()
+    track = DistanceLog()
     for i in range(5):
-        track.note(1.0 + 0.02 * i, 0.02 * i, 1.0)
-    assert track.way_since(1.03) == pytest.approx(0.05)
-    assert track.way_since(1.0) == pytest.approx(0.08)
+        track.add(1.0 + 0.02 * i, 0.02 * i, 1.0)
+    assert track.distance_since(1.03) == pytest.approx(0.05)
+    assert track.distance_since(1.0) == pytest.approx(0.08)
 
 
 def test_a_robot_that_stopped_before_a_fault_was_not_fast_at_it() -> None:
-    track = Track()
+    track = DistanceLog()
     for i, speed_mps in enumerate([1.0, 1.0, 0.9, 0.0]):
-        track.note(0.02 * i, 0.02 * i, speed_mps)
+        track.add(0.02 * i, 0.02 * i, speed_mps)
     assert track.was_fast_at(0.03, 1.0)
     assert not track.was_fast_at(0.05, 1.0)
     assert not track.was_fast_at(9.0, 1.0)
@@ -32,7 +32,7 @@ def test_a_way_on_the_floor_is_as_long_as_it_is_whatever_the_heading() -> None:
     odometer = Odometer(robots.load_robot("kiwi").kinematics())
     for angle in np.linspace(0.0, np.pi, 500):
         pose = SE2(np.array([np.cos(angle), np.sin(angle), 7.0 * angle]))
-        way_m, _ = odometer.take(pose, np.zeros(3))
+        way_m, _ = odometer.update(pose, np.zeros(3))
     assert way_m == pytest.approx(np.pi, rel=1e-4)
 
 
@@ -42,7 +42,7 @@ def test_the_way_of_a_sphere_is_that_of_its_top() -> None:
     odometer, pose = Odometer(drive), SO3.identity()
     for tangent in [(0.1, 0.0, 0.0)] * 3 + [(0.0, 0.0, 0.1)] * 3:
         pose = SO3.exp(np.array(tangent)) @ pose
-        way_m, speed_mps = odometer.take(pose, np.array([0.0, 0.0, 1.0]))
+        way_m, speed_mps = odometer.update(pose, np.array([0.0, 0.0, 1.0]))
     # The first pose is where it begins.
     assert way_m == pytest.approx(2 * 0.1 * drive.twist_scale_m, rel=1e-6)
     assert speed_mps > 0.0

@@ -35,7 +35,7 @@ typedef struct {
 
 typedef struct {
   uint32_t pulses, width; /* Of the newest pulse, in cycles. */
-  uint32_t unarmed_widest; /* Of pulses that nobody may have wanted. */
+  uint32_t unarmed_widest; /* Of pulses in disarmed mode. */
   avr_cycle_count_t rise, first_rise;
   bool wanted, wanted_before;
 } esc_t;
@@ -44,7 +44,7 @@ typedef struct board {
   avr_io_t io; /* First: simavr calls it at each reset. */
   avr_t *avr;
   uint32_t resets;
-  uint16_t mode_address; /* Where the firmware says who has the joints; 0 is nobody. */
+  uint16_t mode_address; /* Address of the board mode: source of joint commands, 0 is none. */
   queue_t to_board, to_host;
   /* Servo bus. */
   bool sending;

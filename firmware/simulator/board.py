@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The controller board in virtual time: the firmware as compiled, and what its pins say."""
+"""Simulated controller board in virtual time: the compiled firmware and its pins."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ def symbol(elf: Path, name: str) -> int:
 
 @dataclass(frozen=True)
 class Pulse:
-    """What was seen on the wire to a speed controller."""
+    """Pulses measured on the line to a speed controller."""
 
     count: int
     us: float
     """Width of the newest."""
     unarmed_us: float
-    """Width of the widest that came while nobody had the joints."""
+    """Width of the widest pulse in disarmed mode."""
     first_s: float
     """When the first began."""
 
@@ -48,7 +48,7 @@ class Pulse:
 class Board:
     """An ATmega2560 at 16 MHz with its firmware; nothing happens but in `run`.
 
-    `mode_address` is where the firmware keeps who has the joints; pulses are judged by it.
+    `mode_address` is the address of the board mode in memory; pulses are classified by it.
     """
 
     def __init__(self, elf: Path, mode_address: int = 0) -> None:
@@ -73,14 +73,14 @@ class Board:
 
     @property
     def resets(self) -> int:
-        """Resets so far, by whom ever."""
+        """Number of resets, of any cause."""
         return self._lib.board_resets(self._board)
 
     def run(self, seconds: float) -> None:
         """Let time pass.
 
         Raises:
-            RuntimeError: the firmware ran into nowhere.
+            RuntimeError: the program counter of the firmware left its code.
         """
         end = self._lib.board_cycle(self._board) + round(seconds * HZ)
         if not self._lib.board_run(self._board, end):
@@ -140,7 +140,7 @@ class Board:
         return self._lib.board_peek(self._board, address)
 
     def poke(self, address: int, value: int) -> None:
-        """Change a byte of memory, as a cosmic ray does."""
+        """Change a byte of memory, to inject a fault."""
         self._lib.board_poke(self._board, address, value)
 
     def poke_eeprom(self, address: int, value: int) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What hangs on the board: the simulated motors, gimbals and wheels of `tsd_twin.simulation`."""
+"""Simulated motors, gimbals and wheels at the board, from `tsd_twin.simulation`."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _WHEELS = np.array([2, 5, 8])
 
 
 class Body:
-    """Moves as the mock does, by what servos and speed controllers are told.
+    """Simulated robot driven by the goals of the servos and the pulses of the speed controllers.
 
-    `neutral` are the positions of the servos, in steps, when the gimbals are neutral, and
-    `reverse` says which turn the other way; the firmware is told by its setup.
+    `neutral` are the positions of the servos, in steps, when the gimbals are neutral, and `reverse`
+    is the mask of reversed servos; the firmware has both from its setup.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class Body:
         return self.simulation.pose
 
     def follow(self, now_s: float, servos: Sequence[Mx64], pulses_us: Sequence[float]) -> None:
-        """Move on to `now_s`, then take over what is told and tell the servos where they are.
+        """Advance to `now_s`, then apply the goals and update the positions of the servos.
 
         A pulse of 0 is none at all.
         """

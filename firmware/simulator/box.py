@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The robot in real time behind a pseudo-terminal, which a program opens like a serial port."""
+"""Simulated robot in real time behind a pseudo-terminal, which acts as its serial port."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _AT_ONCE = 10
 _START_S = 0.01
 """After this a board hears its line."""
 _BEHIND_S = 0.05
-"""A machine that is busy for longer lets the robot's time stand still meanwhile."""
+"""Longest delay that is caught up; after a longer one the robot's time pauses meanwhile."""
 
 
 class Box:
-    """A rig whose board is at the other end of `path`; `step` has to be called all the time."""
+    """Simulated robot with its host line at `path`; `step` must be called continuously."""
 
     def __init__(self, rig: Rig, link: Path | None = None) -> None:
         self.rig = rig

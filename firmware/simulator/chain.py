@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Servos on one bus: what they do with a request, and what comes back."""
+"""Simulated servos on one bus: their responses to requests."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Chain:
         self.servos = {servo.number: servo for servo in servos}
         self.requests = 0
         self.nonsense = 0
-        """Requests that no servo can make anything of."""
+        """Number of malformed requests."""
 
     def answer(self, request: bytes) -> tuple[bytes, int] | None:
         """Take a request; return the answer and the delay in microseconds until it comes."""

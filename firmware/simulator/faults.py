@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What can be done to the robot in the box, one command a line."""
+"""Fault injection for the simulated robot, one command a line."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def show(box: Box) -> str:
 
 
 class Faults:
-    """Obeys commands."""
+    """Parser of fault commands, applied to one simulated robot."""
 
     def __init__(self, box: Box) -> None:
         self._box = box
@@ -61,7 +61,7 @@ class Faults:
         return ", ".join(self._commands)
 
     def obey(self, line: str) -> None:
-        """Do what a line says, or say what is possible."""
+        """Run the command of a line; report the valid commands if it is none."""
         name, *words = line.split() or [""]
         try:
             self._commands[name](*words)

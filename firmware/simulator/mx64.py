@@ -43,15 +43,15 @@ REGISTERS = {
 
 
 class Mx64:
-    """One servo as the bus sees it; where it stands is told by the simulation."""
+    """Simulated MX-64 on the bus; the robot simulation sets its position."""
 
     def __init__(self, number: int, version: int) -> None:
         self.number = number
         self.registers = REGISTERS[version]
         self.dead = False
-        """Does not answer any more; its motor stays where it is."""
+        """Injected fault: no responses, and the motor holds its position."""
         self.jammed = False
-        """Answers, and stays where it is."""
+        """Injected fault: it answers, but does not move."""
         self.fault = False
         """Reports a hardware error."""
         self.return_delay_us = 500
@@ -64,12 +64,12 @@ class Mx64:
 
     @property
     def torque(self) -> bool:
-        """Whether it holds."""
+        """Whether torque is enabled."""
         return bool(self._memory[self.registers.torque])
 
     @property
     def goal(self) -> int:
-        """Where it shall go, in steps."""
+        """Goal position, steps."""
         at, size = self.registers.goal
         return int.from_bytes(self._memory[at : at + size], "little", signed=size == 4)
 

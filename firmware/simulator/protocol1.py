@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dynamixel Protocol 1.0 as a servo hears and speaks it."""
+"""Dynamixel Protocol 1.0, servo side."""
 
 from __future__ import annotations
 
@@ -22,6 +22,6 @@ def fields(parameters: bytes) -> tuple[int, bytes]:
 
 
 def status(servo: int, data: bytes, error: int = 0) -> bytes:
-    """Return what a servo answers."""
+    """Return the status packet of a servo."""
     body = bytes([servo, len(data) + 2, error]) + data
     return b"\xff\xff" + body + bytes([~sum(body) & 0xFF])

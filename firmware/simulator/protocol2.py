@@ -1,7 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Dynamixel Protocol 2.0 as a servo hears and speaks it; written apart from
-`tsd_twin.dynamixel`.
-"""
+"""Dynamixel Protocol 2.0, servo side; independent of `tsd_twin.dynamixel`."""
 
 from __future__ import annotations
 
@@ -54,5 +52,5 @@ def fields(parameters: bytes) -> tuple[int, bytes]:
 
 
 def status(servo: int, data: bytes, error: int = 0) -> bytes:
-    """Return what a servo answers."""
+    """Return the status packet of a servo."""
     return packet(servo, STATUS, bytes([error]) + data)

@@ -46,7 +46,7 @@ void pulses_reset(board_t *board) {
   for (int i = 0; i < 3; i++) board->esc[i].rise = 0;
 }
 
-/* Pulses seen, width of the newest, widest while nobody had the joints, first rise; cycles. */
+/* Pulses seen, width of the newest, widest in disarmed mode, first rise; cycles. */
 void board_esc(board_t *board, uint32_t index, uint64_t *facts) {
   const esc_t *esc = &board->esc[index];
   facts[0] = esc->pulses;

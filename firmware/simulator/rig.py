@@ -21,7 +21,7 @@ _STICK_US, _SPEED_US = 400, 800
 
 
 class Rig:
-    """A robot whose brain is the compiled firmware.
+    """Simulated robot that is controlled by the compiled firmware.
 
     `version` is the protocol of all servos, or one for each; `receiver` says whether there is one,
     with its kill switch at "run" and its manual switch at "PC".
@@ -66,7 +66,7 @@ class Rig:
         return [self.board.pulse(i).us for i in range(3)]
 
     def set_battery(self, volts: float) -> None:
-        """Set what the battery has."""
+        """Set the battery voltage."""
         self.board.set_adc(0, volts / 4.0)
         for servo in self.servos:
             servo.volts = volts
@@ -83,7 +83,7 @@ class Rig:
         self.board.set_receiver(self._receiver)
 
     def lose_receiver(self, *channels: int) -> None:
-        """Let the pulses of some channels cease; of all when none is named."""
+        """Stop the pulses of some receiver channels; of all when none is named."""
         lost = channels or range(6)
         self.board.set_receiver([0 if i in lost else us for i, us in enumerate(self._receiver)])
 

@@ -59,7 +59,7 @@ def test_the_limits_are_those_in_force() -> None:
     limits = ConnectionLimits()
     assert limits.request_s == READ_S
     assert [row[1] for row in rows] == [
-        f"{limits.strangers}",
+        f"{limits.unauthenticated}",
         f"{limits.per_address}",
         f"{limits.per_user}",
         *(

@@ -80,7 +80,7 @@ def test_nobody_at_an_address() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))  # Bound, but not listened on.
         url = f"socket://127.0.0.1:{taken.getsockname()[1]}"
-        assert refusal(url) == f"nobody answers at {url}"
+        assert refusal(url) == f"no device answers at {url}"
 
 
 def test_a_url_of_an_unknown_kind() -> None:

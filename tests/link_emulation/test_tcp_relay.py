@@ -20,7 +20,7 @@ from tests.support.link_sockets import (
     read_all,
     simulated,
 )
-from tsd_twin.link_emulation.emulator import Way
+from tsd_twin.link_emulation.emulator import Direction
 
 RESET = struct.pack("ii", 1, 0)
 """A linger time of none: closing sends a reset."""
@@ -71,14 +71,14 @@ def test_what_is_sent_takes_the_delay_and_a_handshake_takes_a_round_trip() -> No
                 assert delay_s <= time.monotonic() - start_s < delay_s + 0.5
 
 
-@pytest.mark.parametrize("way", list(Way))
-def test_one_way_stalls_while_the_other_delivers(way: Way) -> None:
+@pytest.mark.parametrize("direction", list(Direction))
+def test_one_way_stalls_while_the_other_delivers(direction: Direction) -> None:
     """What is answered to the open way comes at once; what the stalled one took comes after it."""
     stall_s = 0.4
     with connected("") as (simulator, client, target):
         start_s = time.monotonic()
-        simulator.stall(stall_s, [way])
-        stalled, free = (client, target) if way is Way.UP else (target, client)
+        simulator.stall(stall_s, [direction])
+        stalled, free = (client, target) if direction is Direction.UP else (target, client)
         stalled.sendall(b"late")
         free.sendall(b"now")
         assert read_all(stalled, 3) == b"now"

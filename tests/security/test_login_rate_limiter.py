@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsd_twin.security.users import CALM_S, KEYS, Allowance, LoginRateLimiter
+from tsd_twin.security.users import CALM_S, KEYS, LoginRateLimiter, LoginTokenBucket
 
 DAY_S = 86_400.0
 
@@ -90,21 +90,21 @@ def test_many_made_up_keys_do_not_give_new_tries_to_one_that_has_nearly_none_lef
 def test_all_keys_together_have_so_many_tries_and_then_one_every_so_often(
     pauses: list[float],
 ) -> None:
-    allowance, now_s, tries = Allowance(at_once=60, every_s=5.0), 1e5, 0
+    bucket, now_s, tries = LoginTokenBucket(at_once=60, every_s=5.0), 1e5, 0
     for pause_s in pauses:
         now_s += pause_s
-        while allowance.wait_s(now_s) == 0.0:
-            allowance.note(now_s)
+        while bucket.wait_s(now_s) == 0.0:
+            bucket.note(now_s)
             tries += 1
     assert tries <= 60 + (now_s - 1e5) / 5.0 + 1e-6
-    assert 0.0 < allowance.wait_s(now_s) <= 5.0
-    assert allowance.wait_s(now_s + 5.1) == 0.0
+    assert 0.0 < bucket.wait_s(now_s) <= 5.0
+    assert bucket.wait_s(now_s + 5.1) == 0.0
 
 
 def test_a_right_try_costs_nothing_of_what_all_have() -> None:
-    allowance = Allowance(at_once=3, every_s=5.0)
+    bucket = LoginTokenBucket(at_once=3, every_s=5.0)
     for _ in range(100):
-        assert allowance.wait_s(0.0) == 0.0
-        allowance.note(0.0)
-        allowance.forgive()
-    assert allowance.wait_s(0.0) == 0.0
+        assert bucket.wait_s(0.0) == 0.0
+        bucket.note(0.0)
+        bucket.forgive()
+    assert bucket.wait_s(0.0) == 0.0

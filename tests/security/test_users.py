@@ -96,7 +96,7 @@ def test_a_file_that_others_can_read_or_change_is_refused_with_what_to_do(
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("", "nobody who could log in"),
+        ("", "lists no user"),
         ("[users.alice]\nrole = 'operator'\nargon2 = 'secret'\n", "no argon2 hash"),
         ("[users.alice]\nrole = 'operator'\npassword = 'secret'\n", "no file of users"),
         ("[users.alice]\nrole = 'robot'\nargon2 = ''\n", "not operator or viewer"),

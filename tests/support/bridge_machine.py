@@ -28,7 +28,7 @@ QUICK = robots.read_description("tsd").replace("[motor]", "[motor]\narming_hold_
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """As much of a node as an operator needs."""
+    """Endpoint of a node, for an operator."""
 
     id: str
     endpoint: str
@@ -42,21 +42,21 @@ class Endpoint:
 
 
 class Box:
-    """The robot in a box; `port` stays the same over an unplugging."""
+    """Process of the firmware simulator; `port` stays the same when unplugged."""
 
     def __init__(self, program: Program, port: str) -> None:
         self.program, self.port = program, port
         program.ready()
 
     def tell(self, command: str) -> None:
-        """Do something to it."""
+        """Send a fault command."""
         stdin = self.program.process.stdin
         assert stdin is not None
         stdin.write(command + "\n")
         stdin.flush()
 
     def show(self) -> dict[str, Any]:
-        """Return where it is and what its actuators are told, seen at the pins."""
+        """Return pose and actuator commands, measured at the pins."""
         count = len(self.program.output)
         self.tell("show")
         wait_until(lambda: len(self.program.output) > count, "an answer of the box")
@@ -80,7 +80,7 @@ class Box:
 
 
 class Machine:
-    """Box and bridge, and somebody who drives."""
+    """Simulated board, bridge, and an operator."""
 
     def __init__(self, start: Callable[..., Program], folder: Path) -> None:
         self._start, self._folder = start, folder
@@ -102,7 +102,7 @@ class Machine:
         )
 
     def restart_bridge(self, port: str | None = None, *more: str) -> None:
-        """Have another bridge in place of the last, and the operator at it."""
+        """Replace the bridge, and connect the operator to the new one."""
         if self.bridge.process.poll() is None:
             self.bridge.end()
         self.pilot.bus.close()
@@ -133,7 +133,7 @@ class Machine:
 
     @property
     def answers(self) -> bool:
-        """Whether its board has been heard of just now."""
+        """Whether its board has answered recently."""
         return self.hardware["connected"] and self.hardware["age_ms"] < 50.0
 
     def get_ready(self) -> None:
@@ -202,7 +202,7 @@ class Machine:
         return True
 
     def close(self) -> None:
-        """Let the operator go."""
+        """Disconnect the operator."""
         self.pilot.bus.close()
 
 
@@ -219,7 +219,7 @@ def wait_for_mode(machine: Machine, mode: str, *, held: bool = False) -> None:
 
 
 def wait_until(condition: Callable[[], object], what: str) -> None:
-    """Ask again and again until something is the case."""
+    """Poll a condition until it is true."""
     end_s = time.monotonic() + PATIENCE_S
     while not condition():
         assert time.monotonic() < end_s, what

@@ -28,7 +28,7 @@ from tsd_twin.messages.topics import QoS, Service
 
 
 class BusOperator:
-    """One session with everything a dashboard has, and no deadman of its own."""
+    """Bus client with all services and topics of a dashboard, without a dead-man switch."""
 
     def __init__(self, node: RunningNode, name: str = "alice", streams: int = 5) -> None:
         self.id, self.name, self.lease = node.id, name, "00" * 16
@@ -49,7 +49,7 @@ class BusOperator:
 
     @classmethod
     def blind(cls, node: RunningNode) -> Self:
-        """Return a pilot of a robot of which nobody knows the truth."""
+        """Return an operator of a robot without ground truth."""
         return cls(node, streams=4)
 
     def __enter__(self) -> Self:
@@ -71,7 +71,7 @@ class BusOperator:
             self._news.notify_all()
 
     def wait_until(self, condition: Callable[[], Any]) -> None:
-        """Wait until what has been heard makes a condition true."""
+        """Wait until received messages make a condition true."""
         with self._news:
             assert self._news.wait_for(condition, PATIENCE_S), (self.status, self.events[-3:])
 
@@ -95,7 +95,7 @@ class BusOperator:
 
     @property
     def texts(self) -> list[str]:
-        """What the events said."""
+        """Texts of the events."""
         return [event["text"] for event in self.events]
 
     def wait_for(self, mode: str) -> None:

@@ -24,7 +24,7 @@ _LOOK_EVERY_S = 0.03
 
 
 class RefusedError(Exception):
-    """Chromium cannot do what it is asked for: a page that is loading has no place to look at."""
+    """Chromium refused a command, for example while a page is loading."""
 
 
 class Chromium:
@@ -151,7 +151,7 @@ class Chromium:
 
 
 class Tab:
-    """A page and the hands in front of it."""
+    """Tab with a page, and its keyboard and pointer input."""
 
     def __init__(self, browser: Chromium, target: str, session: str) -> None:
         self._browser, self._target, self._session = browser, target, session
@@ -161,7 +161,7 @@ class Tab:
         return self._browser.call(method, self._session, **parameters)
 
     def value(self, expression: str) -> Any:
-        """Return what an expression is in the page."""
+        """Return the value of an expression in the page."""
         answer = self.call(
             "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True
         )
@@ -182,7 +182,7 @@ class Tab:
             time.sleep(_LOOK_EVERY_S)
 
     def tell_of(self, events: Sequence[str]) -> None:
-        """Let the page tell when it hears of each of these; `when` waits for one."""
+        """Record the times of events in the page; `when` waits for one."""
         self.call("Runtime.addBinding", name="tsdTell")
         self.value(
             f"for (const type of {json.dumps(events)}) addEventListener(type, (event) => "
@@ -190,7 +190,7 @@ class Tab:
         )
 
     def when(self, event: str) -> float:
-        """Return when the page heard of an event."""
+        """Return the time of an event in the page."""
         return self._browser.told(self._session, event)
 
     def forget(self) -> None:

@@ -28,7 +28,7 @@ ROBOT = robots.load_robot("tsd")
 
 @dataclass(slots=True)
 class HarnessOperator:
-    """Somebody who holds a lease, or did."""
+    """Operator that holds a lease, or held one."""
 
     name: str
     lease: str
@@ -36,7 +36,7 @@ class HarnessOperator:
 
 
 class ControllerHarness:
-    """A core at 100 Hz, with perfect joints or with a simulated robot."""
+    """Robot controller at 100 Hz, with ideal joints or with a simulated robot."""
 
     def __init__(
         self,
@@ -82,7 +82,8 @@ class ControllerHarness:
         return self.controller.status(self.now_s, LoopStatus(), {})
 
     def tick(self, dt_s: float = PERIOD_S) -> None:
-        """One turn of the loop, as the node has it: read, step, write, and send the status."""
+        """Run one period of the control loop, as the node does: read, step, write, send the
+        status."""
         self.now_s += dt_s
         inbox, self.inbox = self.inbox, []
         self.setpoint = self.controller.step(self.now_s, self._measure(), inbox)
@@ -158,7 +159,7 @@ class ControllerHarness:
         return pilot
 
     def place(self, *xy_heading: float, pilot: HarnessOperator) -> None:
-        """Tell the robot where it is."""
+        """Set the pose estimate of the robot."""
         x, y, heading = xy_heading
         reply = self.ask(Service.SET_POSE, lease=pilot.lease, x_m=x, y_m=y, heading_rad=heading)
         assert reply.ok, reply.reason

@@ -39,18 +39,18 @@ ANY_PORT = "tcp/127.0.0.1:0"
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What the robot did after a fault."""
+    """Motion of the robot after a fault."""
 
     distance_m: float
-    """Way from the fault to standstill."""
+    """Distance from the fault to standstill."""
     time_s: float
     """Until standstill."""
     after_m: float
-    """Way after that, until nobody looked any more."""
+    """Distance after that, until the end of the recording."""
 
 
 class Observer:
-    """Hears the robot itself, on no simulated link."""
+    """Subscriber of the robot, without the emulated link."""
 
     def __init__(self, bus: Bus) -> None:
         self._news = threading.Condition()
@@ -74,13 +74,13 @@ class Observer:
             self._news.notify_all()
 
     def until(self, condition: Callable[[], bool], what: str) -> None:
-        """Wait until what is heard makes a condition true."""
+        """Wait until received samples make a condition true."""
         with self._news:
             heard = self._news.wait_for(condition, PATIENCE_S)
             assert heard, f"never: {what}; {self.status}; {self.truth[-1:]}"
 
     def until_time(self, time_s: float) -> None:
-        """Wait until the robot has said what it did up to a time."""
+        """Wait until samples up to a time have arrived."""
         self.until(lambda: self.truth[-1][0] >= time_s, f"a truth of {time_s}")
 
     def until_speed(self, speed_mps: float = SPEED_MPS) -> None:
@@ -98,11 +98,11 @@ class Observer:
 
     @property
     def at_rest(self) -> bool:
-        """Whether nothing moves."""
+        """Whether the robot is at rest."""
         return self.truth[-1][2] < AT_REST_MPS
 
     def until_rest(self) -> None:
-        """Wait until nothing moves."""
+        """Wait until the robot is at rest."""
         self.until(lambda: self.at_rest, "standstill")
 
     def way_since(self, time_s: float) -> float:
@@ -111,7 +111,7 @@ class Observer:
 
     @property
     def dropped(self) -> dict[str, int]:
-        """Commands that did not count so far, by reason."""
+        """Number of dropped commands, by reason."""
         counts = self.status.command.dropped
         return {name: getattr(counts, name) for name in counts.__struct_fields__}
 
@@ -139,7 +139,7 @@ def _way_m(truth: list[tuple[float, Array, float]]) -> float:
 
 
 class PretendPage:
-    """The process of a page that no browser shows."""
+    """Process of a page client without a browser."""
 
     def __init__(self, url: str) -> None:
         self.process = subprocess.Popen(
@@ -161,7 +161,7 @@ class PretendPage:
                 self._news.notify_all()
 
     def do(self, *words: object) -> float:
-        """Move the hand, and return when that was done."""
+        """Send an input to the page, and return when it was applied."""
         assert self.process.stdin is not None
         before = len(self.notices)
         self.process.stdin.write(" ".join(map(str, words)) + "\n")
@@ -169,7 +169,7 @@ class PretendPage:
         return float(self.until("done", before)["at_s"])
 
     def until(self, what: str, since: int = 0) -> dict[str, Any]:
-        """Wait until the page has noticed something, and return that."""
+        """Wait for an event of the page, and return it."""
 
         def found() -> dict[str, Any] | None:
             return next((n for n in self.notices[since:] if n["what"] == what), None)
@@ -180,7 +180,7 @@ class PretendPage:
             return notice
 
     def count(self, what: str) -> int:
-        """Return how often the page has noticed something."""
+        """Return the number of events of a kind."""
         return sum(notice["what"] == what for notice in self.notices)
 
     def get_ready(self, max_age_s: float | None = None) -> None:

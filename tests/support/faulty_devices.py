@@ -20,7 +20,7 @@ from tsd_twin.dynamixel.packets import Decoder, Instruction, Packet
 
 
 class Peer:
-    """A pty whose other end answers bytes by a function; `port` stays when plugged anew."""
+    """Pty whose other end answers by a function; `port` stays the same when replugged."""
 
     def __init__(self, port: Path, answer: Callable[[bytes, float], bytes]) -> None:
         self.port = str(port)
@@ -80,7 +80,7 @@ class PretendBoard:
         self.setups: list[Setup] = []
 
     def answer(self, data: bytes, now_s: float) -> bytes:
-        """Return what goes back."""
+        """Return the response."""
         return b"".join(self._late(packet) for packet in self._decoder.feed(data, now_s))
 
     def _late(self, packet: Packet) -> bytes:

@@ -1,5 +1,5 @@
-"""Host end of the firmware's serial line in virtual time: what a bridge does, and what it never
-would.
+"""Host end of the firmware's serial line in virtual time, with valid and invalid behaviour of a
+bridge.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def packets(data: bytes) -> list[bytes]:
 
 
 class FirmwareHost:
-    """A rig and who speaks with its board."""
+    """Simulated robot with the host of its board."""
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
@@ -157,15 +157,15 @@ class FirmwareHost:
         return self.rig.board.now_s - start_s
 
     def finish(self) -> None:
-        """Look at what must never have happened."""
+        """Check the invariants of the whole run."""
         widest = max(self.rig.board.pulse(i).unarmed_us for i in range(3))
         faults = self.rig.board.bus_faults()
-        assert widest < 1001.0, f"a pulse of {widest} us while nobody had the joints"
+        assert widest < 1001.0, f"a pulse of {widest} us in disarmed mode"
         assert faults == (0, 0, 0), "the servo bus was not kept clean"
 
 
 class Bench:
-    """Makes pilots for one build of the firmware, and looks at all of them in the end."""
+    """Factory of hosts for one build of the firmware, which checks all of them at the end."""
 
     def __init__(self, elf: Path | None = None) -> None:
         self._elf = elf
@@ -178,7 +178,7 @@ class Bench:
         return pilot
 
     def finish(self) -> None:
-        """Look at all pilots."""
+        """Check the invariants of all hosts."""
         for pilot in self._pilots:
             pilot.finish()
 

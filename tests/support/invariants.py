@@ -19,7 +19,7 @@ from tsd_twin.safety import Mode
 
 
 class LoopInvariants:
-    """The laws, each a sentence that raises when it is broken."""
+    """Invariants of the control loop, one method each, which raises on a violation."""
 
     rig: ControllerHarness
     referee: CommandReference
@@ -29,7 +29,7 @@ class LoopInvariants:
     """The lease of the newest command that was obeyed."""
 
     def hold(self, before: Array, dt_s: float) -> None:
-        """Hold what the robot does against all of them; `before` is the twist of `dt_s` ago."""
+        """Check all invariants; `before` is the twist of `dt_s` ago."""
         self.every_sample_is_counted_once_and_only_those_that_count_are_accepted()
         self.two_operators_never_drive_at_once()
         self.who_has_just_got_control_drives_from_standstill_on(before)
@@ -50,7 +50,7 @@ class LoopInvariants:
         assert gate.accepted == self.referee.counted
 
     def two_operators_never_drive_at_once(self) -> None:
-        """Whoever's command is obeyed is the one who was granted the lease last."""
+        """Only commands of the operator with the newest lease are obeyed."""
         supervisor = self.rig.controller.supervisor
         if supervisor.command is not None:
             assert supervisor.command.operator == self.referee.holder
@@ -58,7 +58,7 @@ class LoopInvariants:
             assert self.rig.now_s < self.referee.ends_s
 
     def who_has_just_got_control_drives_from_standstill_on(self, before: Array) -> None:
-        """Between commands of two leases that are obeyed lies a standstill."""
+        """Between accepted commands of two leases the robot is at rest."""
         command = self.rig.controller.supervisor.command
         if command is None:
             return

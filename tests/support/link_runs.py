@@ -17,7 +17,7 @@ ROUNDING_S = 2.0 * TICK_S
 
 @dataclass(frozen=True)
 class Sent:
-    """One packet of a journey."""
+    """Packet of a run."""
 
     number: int
     size_bytes: int

@@ -79,7 +79,7 @@ def read_all(source: socket.socket, count: int | None = None) -> bytes:
 
 
 def eventually(happens: Callable[[], bool]) -> None:
-    """Wait for what nobody tells of: what is counted in another thread."""
+    """Poll a condition on counters of another thread."""
     end_s = time.monotonic() + PATIENCE_S
     while not happens():
         assert time.monotonic() < end_s, "it never happened"

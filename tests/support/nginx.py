@@ -41,7 +41,7 @@ def executable() -> str:
 
 @dataclass
 class Proxy:
-    """A port that is free, and an nginx on it once it knows where to pass requests on to."""
+    """nginx on a free port, started once its upstream is known."""
 
     folder: Path
     keys: Path

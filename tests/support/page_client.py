@@ -31,7 +31,7 @@ T = TypeVar("T")
 
 
 class Page:
-    """What the page in a browser does, with its own socket: it beats, and drives while it holds."""
+    """Page client on a socket: sends heartbeats, and drive commands while a control is held."""
 
     def __init__(
         self,
@@ -69,7 +69,7 @@ class Page:
         self._socket.send(frame)
 
     def send_together(self, data: bytes) -> None:
-        """Send frames as they stand in `data`, so that they arrive together."""
+        """Send the raw frames `data` in one write, so that they arrive together."""
         self._socket.socket.sendall(data)
 
     @property
@@ -91,7 +91,7 @@ class Page:
         return [message for message in self.messages if message["t"] == kind]
 
     def until(self, condition: Callable[[], T]) -> T:
-        """Wait until what has come makes a condition true."""
+        """Wait until received messages make a condition true."""
 
         def holds() -> T | None:
             try:
@@ -167,7 +167,7 @@ class Page:
 
 
 class Site:
-    """Robots on a bus, and a gateway that shows them."""
+    """Robots on a bus, and a dashboard server that shows them."""
 
     def __init__(self, bus: Bus, viser_port: int, auth: AuthMiddleware | None) -> None:
         self.released: list[str] = []
@@ -225,7 +225,7 @@ class Site:
             opened.close()
 
     def deafen(self) -> None:
-        """Hear nothing more from any robot."""
+        """Drop all further messages of all robots."""
         self._deaf.set()
 
     def close(self) -> None:

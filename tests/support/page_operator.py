@@ -21,7 +21,7 @@ _PRESS_S = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Pointer:
-    """How a control is pushed forward, and let go."""
+    """Pointer that pushes a control forward and releases it."""
 
     down: Callable[[RealPage], None]
     up: Callable[[RealPage], None]
@@ -42,7 +42,7 @@ FINGER = Pointer(_finger_down, _finger_up)
 
 
 class PageOperator:
-    """What a test needs; browser and page are made anew when the last ones are gone."""
+    """Operator with browser and page, which are restarted when they have ended."""
 
     def __init__(self, scene: FaultStage, folder: Callable[[], Path]) -> None:
         self.scene = scene
@@ -52,12 +52,12 @@ class PageOperator:
 
     @property
     def observer(self) -> Observer:
-        """Who hears the robot itself."""
+        """Observer of the robot."""
         return self.scene.observer
 
     @property
     def browser(self) -> Chromium:
-        """A browser that lives."""
+        """Running browser."""
         if self._browser is None or not self._browser.lives():
             self.close()
             self._browser = Chromium(self._folder())
@@ -72,7 +72,7 @@ class PageOperator:
         return self._page
 
     def page_is_gone(self) -> None:
-        """Do not use the page any more."""
+        """Discard the page."""
         self._page = None
 
     def tidy_up(self) -> None:
@@ -106,19 +106,20 @@ class PageOperator:
         raise AssertionError(f"never fast: {self.observer.status}")
 
     def watch(self, fault_s: float, over_s: float | None = None) -> Run:
-        """Look on until some time after all is over; return what the robot did since the fault."""
+        """Observe until some time after the fault is over; return the motion since the fault."""
         self.observer.until_rest()
         self.observer.until_time((over_s or fault_s) + WATCHED_S)
         return self.observer.run_since(fault_s)
 
     def stays_still(self) -> None:
-        """Look on for a while: nothing moves."""
+        """Check that the robot stays at rest for a while."""
         since_s = time.monotonic()
         self.observer.until_time(since_s + WATCHED_S)
         assert self.observer.way_since(since_s) <= MOVED_M
 
     def drives_anew(self, hand: Pointer, page: RealPage | None = None) -> None:
-        """A hand that lets go and pushes again moves the robot, so the page was not deaf before."""
+        """Check that releasing and pushing again moves the robot, so the page was responsive
+        before."""
         hand.up(page or self.page)
         hand.up(self.drive(hand, page))
         self.observer.until_rest()

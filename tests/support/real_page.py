@@ -106,7 +106,7 @@ class RealPage:
         self.tab.value(f"{self.button(name)}?.click()")
 
     def take_control(self) -> None:
-        """Take control, from whoever has it."""
+        """Take control, also from another operator."""
         steps = ("Take control", "Ask for control", "Take over…", "Take over")
         clicks = ", ".join(f"{self.button(step)}?.click()" for step in steps)
         mine = f"{self.element('.driver')}.textContent.startsWith('you drive')"

@@ -12,7 +12,7 @@ KEPT = 4096
 
 
 class CommandRecorder:
-    """What one operator puts on the bus from now on."""
+    """Recorder of the commands of one operator."""
 
     def __init__(self, served: Site, page: Page) -> None:
         self._reader = served.bus.subscriber(topics.twist_key("tsd", page.operator), KEPT)
@@ -29,11 +29,11 @@ def zeros_at_the_end(commands: list[Command]) -> int:
 
 
 def is_put_to_rest(commands: list[Command]) -> bool:
-    """Tell whether they end with a zero, said again no more often than until it is acknowledged."""
+    """Return whether they end with a zero, repeated only until it is acknowledged."""
     return 1 <= zeros_at_the_end(commands) <= ZERO_REPEATS // 2
 
 
 def settle(page: Page) -> None:
-    """Wait until everything that was sent before has been acted on: three states later."""
+    """Wait until all earlier messages have been processed: three states later."""
     count = len(page.all("state"))
     page.until(lambda: len(page.all("state")) >= count + 3)

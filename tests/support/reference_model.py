@@ -7,7 +7,7 @@ from typing import Any
 
 
 class CommandReference:
-    """Judges every command by the rules as they are written down; no code is shared."""
+    """Independent decision on every command, from the written rules; shares no code."""
 
     def __init__(self, default_age_s: float) -> None:
         self.default_age_s = default_age_s
@@ -38,7 +38,7 @@ class CommandReference:
         self.interrupted_s = now_s
 
     def is_free(self, now_s: float) -> bool:
-        """Whether nobody has control; what was asked of the last holder ends with that."""
+        """Whether the lease is free; requests to the last holder end with it."""
         if self.holder is not None and now_s >= self.ends_s:
             self.end()
         return self.holder is None
@@ -70,7 +70,7 @@ class CommandReference:
         return self.asker(now_s) in ("", name)
 
     def hand_over(self, now_s: float) -> None:
-        """The holder lets go, in favour of who asks."""
+        """Hand the lease from its holder to the requester."""
         asker = self.asker(now_s)
         self.end()
         if asker:

@@ -22,7 +22,7 @@ PERIOD_S = 0.02
 
 @dataclass
 class RobotFeed:
-    """What a link to a robot is for the scene: a description and the newest snapshot."""
+    """Robot source for the scene: a description and a snapshot set by the test."""
 
     id: str = "tsd"
     robot: Any = field(default_factory=lambda: robots.load_robot("tsd"))
@@ -48,7 +48,7 @@ class RobotFeed:
         covariance: Array | None = None,
         after_s: float = PERIOD_S,
     ) -> None:
-        """Say what is given, some time after the last word."""
+        """Set the given messages in the snapshot, some time after the last ones."""
         self.now_s += after_s
         said = self.snapshot
         if joints is not None:

@@ -32,7 +32,7 @@ PATIENT = (
 
 @dataclass(slots=True)
 class RunningNode:
-    """A node that runs, and where to find it."""
+    """Running node and its endpoint."""
 
     id: str
     toml: str
@@ -80,7 +80,7 @@ def running(
 
 
 class Mailbox:
-    """Takes what a watcher gets, and waits for it."""
+    """Queue of callback arguments, to wait for."""
 
     def __init__(self) -> None:
         self._queue: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -93,7 +93,7 @@ class Mailbox:
 
 
 def matched(publisher: Publisher) -> Publisher:
-    """Wait until the publisher knows of somebody who listens."""
+    """Wait until the publisher has a matching subscriber."""
     inner = publisher._publisher
     heard = threading.Event()
     listener = inner.declare_matching_listener(

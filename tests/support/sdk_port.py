@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class BytesPort:
-    """Takes what the SDK writes, and hands it what it shall read."""
+    """Port that stores the bytes the SDK writes, and supplies those it reads."""
 
     def __init__(self, answer: bytes = b"") -> None:
         self.is_using = False
@@ -12,7 +12,7 @@ class BytesPort:
         self._answer = answer
 
     def clearPort(self) -> None:  # noqa: N802  The SDK's name.
-        """Nothing is old here."""
+        """Do nothing: there are no old bytes."""
 
     def writePort(self, packet: list[int]) -> int:  # noqa: N802
         self.written += bytes(packet)
@@ -23,7 +23,7 @@ class BytesPort:
         return taken
 
     def setPacketTimeout(self, length: int) -> None:  # noqa: N802
-        """Time stands still."""
+        """Do nothing: there are no time-outs."""
 
     def isPacketTimeout(self) -> bool:  # noqa: N802
         return not self._answer

@@ -44,12 +44,12 @@ TELL = {
     "messages": ["declare_subscriber", "declare_queryable"],
     "key_exprs": ["twin/**"],
 }
-"""A session sends only what it has been told that somebody listens to; a hostile program need not
+"""A session sends only on keys with a known subscriber; a hostile program need not
 care. With this rule everybody is told, so that what is denied is really sent."""
 
 
 class Listener:
-    """Keeps what is heard, and waits for what shall come."""
+    """Recorder of received samples that can wait for one."""
 
     def __init__(self) -> None:
         self._heard: list[Sample] = []
@@ -59,7 +59,7 @@ class Listener:
         self._queue.put(sample)
 
     def until(self, wanted: Callable[[Sample], bool]) -> Sample:
-        """Return the first that is wanted."""
+        """Return the first sample that meets a condition."""
         while True:
             sample = self._queue.get(timeout=PATIENCE_S)
             self._heard.append(sample)
@@ -68,14 +68,14 @@ class Listener:
 
     @property
     def heard(self) -> list[Sample]:
-        """All that has come."""
+        """All received samples."""
         while not self._queue.empty():
             self._heard.append(self._queue.get())
         return self._heard
 
 
 class SecuredRobot:
-    """The robot, its folder, and sessions of those who have a place in it."""
+    """Robot with TLS, its key folder, and client sessions."""
 
     def __init__(self, folder: KeyFolder, *, told: bool = False, listen: str = "") -> None:
         self.folder = folder
@@ -128,7 +128,7 @@ class SecuredRobot:
             yield bus
 
     def force(self, bus: Bus, key: str, payload: bytes) -> None:
-        """Put what is not allowed; when told who listens, the session surely sends it."""
+        """Put a forbidden message; a known subscriber makes the session send it."""
         put(bus, key, payload, surely=self.told)
 
     def status(self, wanted: Callable[[Status], bool] = lambda _status: True) -> Status:
@@ -139,7 +139,7 @@ class SecuredRobot:
 
 
 def put(bus: Bus, key: str, payload: bytes, surely: bool = True) -> None:
-    """Put, as soon as the session knows that somebody listens."""
+    """Put, as soon as the session knows of a subscriber."""
     publisher = bus._session.declare_publisher(key)
     if surely:
         matching = threading.Event()
@@ -147,7 +147,7 @@ def put(bus: Bus, key: str, payload: bytes, surely: bool = True) -> None:
             lambda status: matching.set() if status.matching else None
         )
         if not publisher.matching_status.matching:
-            assert matching.wait(PATIENCE_S), f"nobody listens to {key}"
+            assert matching.wait(PATIENCE_S), f"no subscriber of {key}"
         listener.undeclare()
     publisher.put(payload)
     publisher.undeclare()
@@ -163,7 +163,7 @@ def hold(link: RobotClient, operator: str) -> LeaseHolder:
 
 
 def set_free(bus: Bus) -> None:
-    """Leave the robot neither stopped nor anybody's, with the bus of an operator."""
+    """Reset the robot and release its lease, with the bus of an operator."""
     link = RobotClient(bus, ID)
     lease = hold(link, "alice").lease_hex
     link.call_service(Service.RESET, HolderRequest(lease), PATIENCE_S)
@@ -174,7 +174,7 @@ def set_free(bus: Bus) -> None:
 
 @contextlib.contextmanager
 def listening(bus: Bus, *keys: str) -> Generator[Listener]:
-    """Hear what comes on some keys."""
+    """Subscribe to keys."""
     ear = Listener()
     with contextlib.ExitStack() as stack:
         for key in keys:

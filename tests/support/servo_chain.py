@@ -18,7 +18,7 @@ TRIPPED = 255
 
 
 class ServoChain:
-    """Moves in real time towards the goals, and stops when nobody speaks to it."""
+    """Simulated servos in real time: move towards the goals, and stop without requests."""
 
     def __init__(self, protocols: tuple[int, ...] = (2,) * 6) -> None:
         self.servos = [Mx64(i + 1, version) for i, version in enumerate(protocols)]
@@ -38,11 +38,11 @@ class ServoChain:
         return all(self.register(i, mx64.BUS_WATCHDOG) == TRIPPED for i in range(6))
 
     def goals(self) -> list[int]:
-        """Return what they were told last."""
+        """Return the newest goals."""
         return [servo.goal for servo in self.servos]
 
     def answer(self, data: bytes, now_s: float) -> bytes:
-        """Return what goes back for bytes that come now."""
+        """Return the response to received bytes."""
         self._live(now_s)
         self._heard_s = now_s
         two, one = (decoder.feed(data, now_s) for decoder in self._decoders)

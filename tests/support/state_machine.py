@@ -14,7 +14,7 @@ from tsd_twin.safety import Mode
 
 
 class LoopStateMachine(LoopInvariants):
-    """Hands commands to the robot and to the referee, and holds each turn against the laws."""
+    """Sends commands to the robot and the reference model, and checks the invariants each step."""
 
     pilots: dict[str, HarnessOperator]
     """The newest lease that each operator was granted."""
@@ -63,7 +63,7 @@ class LoopStateMachine(LoopInvariants):
             self.old = [*self.old[-300:], (sample, letter)]
 
     def tick(self, dt_s: float = 0.01) -> None:
-        """One turn of the loop, judged by the referee and held against the laws."""
+        """Run one step of the loop, compared with the reference model and the invariants."""
         before, letters, self.letters = self.rig.twist, self.letters, []
         sent_s = dict(self.rig.status_sent_s)
         self.rig.tick(dt_s)
@@ -82,7 +82,7 @@ class LoopStateMachine(LoopInvariants):
         self.hold(before, dt_s)
 
     def note_mode(self) -> None:
-        """Tell the referee when the robot is armed, gets ready, stops or is shut off."""
+        """Report changes of the mode to the reference model."""
         mode, before = self.rig.mode, self.seen
         goes_on = mode is Mode.DRIVING or (mode is Mode.READY and before is not Mode.ARMING)
         if mode is not before and not goes_on:

@@ -18,7 +18,7 @@ PERIOD_S = 0.01
 
 
 class SupervisorHarness:
-    """One authority in virtual time, with facts of our choice: 100 steps and 20 status a second."""
+    """Safety supervisor in virtual time with chosen inputs: 100 steps and 20 statuses a second."""
 
     def __init__(self) -> None:
         ids = itertools.count(1)
@@ -44,7 +44,7 @@ class SupervisorHarness:
         self.supervisor.step(self.inputs, self.now_s)
 
     def wait(self, seconds: float, **inputs: Any) -> None:
-        """Let time pass; `facts` hold from now on."""
+        """Let time pass; the inputs `facts` hold from now on."""
         self.inputs = replace(self.inputs, **inputs)
         for _ in range(round(seconds / PERIOD_S)):
             self.now_s += PERIOD_S
@@ -82,7 +82,7 @@ class SupervisorHarness:
             self.wait(2 * PERIOD_S, **inputs)
 
     def bring_to(self, mode: Mode) -> None:
-        """Take control, and go to a mode by the ways an operator has."""
+        """Take control, and reach a mode by an operator's requests."""
         self.acquire(take_over=True)
         if mode in (Mode.DISARMED, Mode.STOPPED):
             if mode is Mode.STOPPED:

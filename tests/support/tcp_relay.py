@@ -10,7 +10,7 @@ from typing import Self
 
 
 class Relay:
-    """Passes bytes on, both ways, until one side hangs up; then the other is hung up on."""
+    """TCP relay that closes both sides when one closes."""
 
     def __init__(self, endpoint: str, on_given_up: Callable[[], None]) -> None:
         self._to = ("127.0.0.1", int(endpoint.rpartition(":")[2]))

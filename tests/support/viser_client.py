@@ -36,7 +36,7 @@ CAMERA = {
 
 @dataclass
 class Node:
-    """One node of the scene, as one side made it."""
+    """Node of the scene."""
 
     kind: str
     props: dict[str, Any]
@@ -57,7 +57,7 @@ class Control:
 
 @dataclass
 class ViserClient:
-    """What one client has been sent: nodes by name, of all clients and of its own."""
+    """Scene of one client: shared nodes and its own, by name."""
 
     socket: ClientConnection
     shared: dict[str, Node] = field(default_factory=dict)
@@ -91,11 +91,11 @@ class ViserClient:
         return {str(c.props["label"]) for c in self.controls.values() if c.props.get("label")}
 
     def node(self, name: str) -> Node:
-        """The node that is seen: the client's own before the shared one."""
+        """Return the visible node: the client's own one overrides the shared one."""
         return self.own.get(name) or self.shared[name]
 
     def until(self, condition: Callable[[], Any]) -> None:
-        """Wait until what has been sent makes a condition true."""
+        """Wait until received messages make a condition true."""
 
         def holds() -> bool:
             try:
@@ -186,7 +186,7 @@ def decoded(frame: bytes) -> list[dict[str, Any]]:
 def viser_client(
     port: int, page: str | None = None, *, plain: bool = False
 ) -> Generator[ViserClient]:
-    """A client that has said hello and has been sent all that there was."""
+    """Connect a client and receive the whole scene."""
     headers = {KEY_HEADER: access_key(), "X-Tsd-Plain": "1" if plain else "0"}
     headers |= {} if page is None else {"X-Tsd-Page": page}
     socket = connect(

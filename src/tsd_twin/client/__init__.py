@@ -1,4 +1,4 @@
-"""The client library: connect to a robot, read its state, take control, drive."""
+"""Client library: connect to a robot, read its state, take control, drive."""
 
 from tsd_twin.client.aio import AsyncRobotClient, AsyncRobotControl, connect_async
 from tsd_twin.client.discovery import connect

@@ -1,4 +1,4 @@
-"""The asyncio face of the client: as `robot`, with coroutines in place of calls that wait.
+"""Asyncio client: the interface of `robot`, with coroutines in place of blocking calls.
 
 Everything belongs to one event loop, which also sends the set-points: an event loop that is blocked
 sends nothing, so the robot stops. Calls to the robot wait on threads.
@@ -138,7 +138,7 @@ class AsyncRobotClient:
         self._woken = False
         self._changed.set()
 
-    # What needs no control.
+    # Without control.
 
     async def stop(self, reason: str = "") -> None:
         """Stop the robot and latch it; any client may. This is a software stop.
@@ -190,7 +190,7 @@ class AsyncRobotClient:
         )
 
     def add_control(self, control: AsyncRobotControl, *, active: bool) -> None:
-        """Keep account of a control that is entered or left; the library calls this."""
+        """Register or unregister a control; the library calls this."""
         self._controls = [each for each in self._controls if each is not control]
         if active:
             self._controls.append(control)
@@ -442,17 +442,17 @@ class AsyncRobotControl:
     # Settings.
 
     async def set_pose(self, *, x_m: float, y_m: float, heading_rad: float = 0.0) -> None:
-        """Say where the robot is; at rest only."""
+        """Set the pose estimate; at rest only."""
         await self.robot.run(procedures.set_pose(self._protocol, x_m, y_m, heading_rad))
 
     async def set_orientation(
         self, *, x: float = 0.0, y: float = 0.0, z: float = 0.0, w: float = 1.0
     ) -> None:
-        """Say how a sphere is turned, as a quaternion; at rest only."""
+        """Set the orientation estimate of a sphere, a quaternion; at rest only."""
         await self.robot.run(procedures.set_orientation(self._protocol, x, y, z, w))
 
     async def set_wheel_speed(self, rpm: float) -> None:
-        """Choose how fast wheels that always spin shall turn."""
+        """Set the speed of wheels that always spin."""
         await self.robot.run(procedures.set_wheel_speed(self._protocol, rpm))
 
     # Inside.
@@ -488,7 +488,7 @@ class AsyncRobotControl:
 
 
 class _Connecting:
-    """What `connect_async` returns: await it, or enter it with `async with`."""
+    """Pending connection from `connect_async`: await it, or enter it with `async with`."""
 
     def __init__(self, opening: Coroutine[Any, Any, AsyncRobotClient]) -> None:
         self._opening = opening
@@ -531,7 +531,7 @@ async def _open(
 
 
 async def _uncancelled(work: Coroutine[Any, Any, None]) -> None:
-    """Do `work` whole; a cancellation meanwhile is raised when it is done."""
+    """Complete `work`; raise a cancellation that comes meanwhile afterwards."""
     task = asyncio.ensure_future(work)
     cancelled: asyncio.CancelledError | None = None
     while not task.done():

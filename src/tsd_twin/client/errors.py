@@ -1,4 +1,4 @@
-"""Errors of the client library; each text is the robot's own sentence where the robot refused.
+"""Errors of the client library; a refusal carries the robot's own message.
 
 ```
 ClientError             anything below, itself below TwinError
@@ -19,7 +19,7 @@ from tsd_twin.errors import TwinError
 
 
 class ClientError(TwinError):
-    """Root of what the client library raises."""
+    """Base class of the errors of the client library."""
 
 
 class NoRobotFound(ClientError):  # noqa: N818

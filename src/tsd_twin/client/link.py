@@ -1,4 +1,4 @@
-"""The connection of a client to one robot: the interface, and the one over the bus."""
+"""Connection of a client to one robot: its interface, and the implementation over the bus."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _FIRST_STATE_S = 3.0
 
 
 class Link(Protocol):
-    """A connection to one robot; all of it may be called from any thread, unless it says so."""
+    """Connection to one robot; thread-safe, except where a method says otherwise."""
 
     id: str
     """Of the robot on the bus."""
@@ -78,11 +78,11 @@ class Link(Protocol):
         ...
 
     def attach(self, protocol: ControlProtocol) -> None:
-        """Begin to hand states to a protocol, and to send its due set-points and renewals."""
+        """Start to pass states to a protocol, and to send its due set-points and renewals."""
         ...
 
     def detach(self, protocol: ControlProtocol) -> None:
-        """End what `attach` began."""
+        """Stop what `attach` started."""
         ...
 
     def subscribe_states(self, subscription: Subscription[RobotState]) -> Subscription[RobotState]:
@@ -221,7 +221,7 @@ class BusLink:
         with self.lock:
             self._wakeups.append(wakeup)
 
-    # What faces use.
+    # Interface of `Link`.
 
     def now_s(self) -> float:
         """Return the time of the monotonic clock."""

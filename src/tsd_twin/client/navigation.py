@@ -31,7 +31,7 @@ _SHORTEST_CELL_M = 0.01
 
 @dataclass(frozen=True, slots=True)
 class PlanLimits:
-    """What a trajectory is timed to."""
+    """Speed and acceleration limits of a planned trajectory."""
 
     limits: Limits
     kinematics: Kinematics[Any]

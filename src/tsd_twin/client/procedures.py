@@ -60,7 +60,7 @@ _STOP_TRIES, _STOP_ANSWER_S = 20, 0.1
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """Ask a service of the robot and wait for the answer."""
+    """Step: call a service of the robot and wait for the response."""
 
     service: Service
     payload: bytes
@@ -69,42 +69,42 @@ class Call:
 
 @dataclass(frozen=True, slots=True)
 class Send:
-    """Publish a command."""
+    """Step: publish a command."""
 
     command: TwistCommand
 
 
 @dataclass(frozen=True, slots=True)
 class SendStop:
-    """Publish a stop, which needs no answer to count."""
+    """Step: publish a stop without waiting for an acknowledgement."""
 
     payload: bytes
 
 
 @dataclass(frozen=True, slots=True)
 class Sleep:
-    """Wait until a time."""
+    """Step: wait until a time."""
 
     until_s: float
 
 
 @dataclass(frozen=True, slots=True)
 class NextStatus:
-    """Wait for the next status, or until a time."""
+    """Step: wait for the next status, or until a time."""
 
     until_s: float
 
 
 @dataclass(frozen=True, slots=True)
 class Compute:
-    """Run a function that takes tens of milliseconds."""
+    """Step: run a function that takes tens of milliseconds."""
 
     function: Callable[[], Any]
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a procedure is resumed with."""
+    """Result of a step, with which a procedure is resumed."""
 
     now_s: float
     answer: bytes | None = None
@@ -123,7 +123,7 @@ Procedure: TypeAlias = Generator[Step, Outcome, T]
 def request(
     protocol: ControlProtocol, service: Service, message: msgspec.Struct, what: str
 ) -> Procedure[float]:
-    """Ask for something that the robot may refuse; `what` names it in the error. Return the time.
+    """Send a request that the robot may refuse; `what` names it in the error. Return the time.
 
     Raises:
         RequestRefused: with the robot's own sentence.
@@ -162,7 +162,7 @@ def _until_mode(protocol: ControlProtocol, now_s: float, *modes: Mode) -> Proced
 def set_pose(
     protocol: ControlProtocol, x_m: float, y_m: float, heading_rad: float
 ) -> Procedure[None]:
-    """Say where the robot is; at rest only."""
+    """Set the pose estimate; at rest only."""
     message = SetPoseRequest(protocol.lease_hex, x_m, y_m, heading_rad)
     yield from request(protocol, Service.SET_POSE, message, "set the pose")
 
@@ -170,19 +170,19 @@ def set_pose(
 def set_orientation(
     protocol: ControlProtocol, x: float, y: float, z: float, w: float
 ) -> Procedure[None]:
-    """Say how a sphere is turned; at rest only."""
+    """Set the orientation estimate of a sphere; at rest only."""
     message = SetOrientationRequest(protocol.lease_hex, (x, y, z, w))
     yield from request(protocol, Service.SET_POSE, message, "set the orientation")
 
 
 def set_wheel_speed(protocol: ControlProtocol, rpm: float) -> Procedure[None]:
-    """Choose how fast wheels that always spin shall turn, until they are shut off."""
+    """Set the speed of wheels that always spin, until they are shut off."""
     message = SpeedRequest(protocol.lease_hex, rpm)
     yield from request(protocol, Service.SPEED, message, "change the wheel speed")
 
 
 def stop(robot_id: str, operator: str, reason: str) -> Procedure[None]:
-    """Stop the robot and latch it; asked again until it is acknowledged.
+    """Stop the robot and latch it; repeated until it is acknowledged.
 
     Raises:
         RobotSilent: it was not acknowledged.
@@ -243,7 +243,7 @@ def acquire(
         raise ControlDenied(protocol.robot_id, reply.reason, reply.holder)
     protocol.grant(reply, now_s)
     end_s = now_s + _SETTLE_S
-    # A status that was under way still shows the mode under the previous holder.
+    # A status in transit still shows the mode under the previous holder.
     while protocol.status is None or protocol.status.lease.holder != protocol.operator:
         now_s = (yield NextStatus(end_s)).now_s
         protocol.check_lease()

@@ -1,4 +1,4 @@
-"""The protocol of an operator, without I/O: lease, commands, set-point time-out.
+"""Operator protocol without I/O: lease, commands, set-point time-out.
 
 Time is an argument, in seconds of any monotonic clock. Received messages go in, commands and
 requests come out; the faces (`robot`, `aio`) and the simulated robot move them.
@@ -63,7 +63,7 @@ class TwistCommand:
 
 
 class ControlProtocol:
-    """What one operator may send to one robot at each time, and what a message means.
+    """State machine of one operator and one robot: lease, sequence numbers, set-point.
 
     Not thread-safe: the faces call it under one lock.
     """
@@ -100,7 +100,7 @@ class ControlProtocol:
     # Received messages.
 
     def receive_status(self, status: Status, seq: int, now_s: float) -> None:
-        """Take in a `state/status` with its number; one that was overtaken is ignored."""
+        """Process a `state/status` with its number; an outdated one is ignored."""
         if self.status_seq - _REORDERED <= seq < self.status_seq or status.mode not in _MODES:
             return
         self.status, self.status_seq, self._status_s = status, seq, now_s
@@ -110,11 +110,11 @@ class ControlProtocol:
             self._lose(f"{holder} has control now" if holder else "the lease has ended")
 
     def receive_odometry(self, odometry: Odometry, now_s: float) -> None:
-        """Take in a `state/odom`."""
+        """Process a `state/odom`."""
         self.odometry, self._odometry_s = odometry, now_s
 
     def add_round_trip(self, seconds: float) -> None:
-        """Take in how long a service took to answer."""
+        """Add a measured round-trip time of a service."""
         self._round_trips_s.append(seconds)
 
     @property
@@ -126,7 +126,7 @@ class ControlProtocol:
 
     @property
     def has_lease(self) -> bool:
-        """Whether the lease is held, as far as is known."""
+        """Whether the lease is held, according to the newest status."""
         return bool(self._lease)
 
     @property
@@ -140,7 +140,7 @@ class ControlProtocol:
         return self._lease.hex()
 
     def grant(self, reply: LeaseReply, now_s: float) -> None:
-        """Take in the reply that grants the lease."""
+        """Process the reply that grants the lease."""
         if reply.lease is None:
             raise MessageError("shape", "a granted lease has an id")
         self._lease = bytes.fromhex(reply.lease)
@@ -154,7 +154,7 @@ class ControlProtocol:
         self._seq = max(self._seq, counted) + _NUMBERS_APART
 
     def release(self) -> None:
-        """Take it that the lease was given back or handed over."""
+        """Record that the lease was released or handed over."""
         self._lose("control was released")
 
     def check_lease(self) -> None:
@@ -175,7 +175,7 @@ class ControlProtocol:
         return msgspec.json.encode(LeaseRequest(op="renew", operator=self.operator, lease=lease))
 
     def receive_renewal(self, request: bytes, answer: bytes | None, trip_s: float) -> None:
-        """Take in the answer to a renewal; silence is judged by the age of the status."""
+        """Process the response to a renewal; a missing one is judged by the age of the status."""
         if answer is None or not self._lease:
             return
         asked = decode_json(request, LeaseRequest, "a renewal")

@@ -1,4 +1,4 @@
-"""The synchronous face of the client: a robot, and control of it.
+"""Synchronous client: a robot, and control of it.
 
 Threads: every method may be called from any thread, but the motions of one `RobotControl` run one
 at a time, in the thread that calls them. The library has two threads of its own for each control,
@@ -168,7 +168,7 @@ class RobotClient:
         elif (state := subscription.get(_POLL_S)) is not None:
             yield state
 
-    # What needs no control.
+    # Without control.
 
     def stop(self, reason: str = "") -> None:
         """Stop the robot and latch it; any client may. This is a software stop.
@@ -236,7 +236,7 @@ class RobotClient:
         )
 
     def add_control(self, control: RobotControl, *, active: bool) -> None:
-        """Keep account of a control that is entered or left; the library calls this."""
+        """Register or unregister a control; the library calls this."""
         self._controls = [each for each in self._controls if each is not control]
         if active:
             self._controls.append(control)
@@ -359,7 +359,7 @@ class RobotControl:
         self._run(procedures.answer_request(self._protocol, grant=True, asker=asker))
 
     def deny(self, asker: str | None = None) -> None:
-        """Keep control, and say so to the operator who asks for it.
+        """Deny the pending request for control.
 
         Raises:
             RequestRefused: no operator asks for it, or another one.
@@ -506,7 +506,7 @@ class RobotControl:
     # Settings.
 
     def set_pose(self, *, x_m: float, y_m: float, heading_rad: float = 0.0) -> None:
-        """Say where the robot is; at rest only.
+        """Set the pose estimate; at rest only.
 
         Raises:
             RequestRefused: it moves, or a number is not finite.
@@ -516,11 +516,11 @@ class RobotControl:
     def set_orientation(
         self, *, x: float = 0.0, y: float = 0.0, z: float = 0.0, w: float = 1.0
     ) -> None:
-        """Say how a sphere is turned, as a quaternion; at rest only."""
+        """Set the orientation estimate of a sphere, a quaternion; at rest only."""
         self._run(procedures.set_orientation(self._protocol, x, y, z, w))
 
     def set_wheel_speed(self, rpm: float) -> None:
-        """Choose how fast wheels that always spin shall turn, until they are shut off.
+        """Set the speed of wheels that always spin, until they are shut off.
 
         Raises:
             RequestRefused: the robot has no such wheels, or they cannot turn so fast.
@@ -619,7 +619,7 @@ def _read(subscription: Subscription[T], callback: Callable[[T], None]) -> None:
 
 
 def _uninterrupted(work: Callable[[], None], link: Link) -> None:
-    """Do `work` whole, also when Ctrl-C is pressed meanwhile; raise the interrupt afterwards."""
+    """Complete `work`, also when Ctrl-C is pressed; raise the interrupt afterwards."""
     if link.virtual or threading.current_thread() is not threading.main_thread():
         work()
         return

@@ -1,4 +1,4 @@
-"""A simulated robot with the interface of a client, in virtual time: no bus, no clock, no threads.
+"""Simulated robot with the interface of a client, in virtual time: no bus, no clock, no threads.
 
 Time passes only inside calls that wait: `drive`, `go_to`, `sleep`, arming, the iterators. The
 controller is the one that runs on the machine, with the same lease, gate and limits.
@@ -36,7 +36,7 @@ _EXACT = np.zeros((3, 3))
 
 
 class SimulationLink:
-    """A robot in virtual time as a link: controller and simulated joints, stepped at 100 Hz."""
+    """`Link` to a robot in virtual time: controller and simulated joints, stepped at 100 Hz."""
 
     def __init__(self, robot: RobotDescription, simulated: SimRobot, pose: SE2 | None) -> None:
         self.id = robot.name

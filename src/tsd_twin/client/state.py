@@ -1,4 +1,4 @@
-"""The newest state of a robot as values, and bounded queues of states and events."""
+"""State of a robot as values, and bounded queues of states and events."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ class RobotState:
 
     @property
     def mode(self) -> Mode:
-        """What the robot is doing."""
+        """Operating mode of the robot."""
         return Mode(self.status.mode)
 
     @property
@@ -184,7 +184,7 @@ class Subscription(Generic[T]):
         self._closed = False
         self._timeout_s = timeout_s
         self.dropped = 0
-        """How many items were dropped."""
+        """Number of dropped items."""
 
     def put(self, item: T) -> None:
         """Add an item; the library calls this."""

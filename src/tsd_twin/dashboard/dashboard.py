@@ -49,7 +49,7 @@ _Answer = TypeVar("_Answer")
 
 
 class BackgroundWorker:
-    """Done one after the other; from any thread."""
+    """Worker thread with a queue of tasks; thread-safe."""
 
     def __init__(self, name: str) -> None:
         self._pool = ThreadPoolExecutor(1, name)
@@ -58,12 +58,12 @@ class BackgroundWorker:
 
     @property
     def waiting(self) -> int:
-        """Number of pieces of work that wait under a key."""
+        """Number of tasks that wait under a key."""
         with self._lock:
             return len(self._waiting)
 
     def submit_latest(self, key: Hashable, work: Callable[[], None]) -> None:
-        """Do `work` soon; it replaces what still waits under the same key."""
+        """Queue `work`; it replaces a waiting task with the same key."""
         with self._lock:
             waits = key in self._waiting
             self._waiting[key] = work
@@ -71,11 +71,11 @@ class BackgroundWorker:
                 self._pool.submit(self._do, key)
 
     def submit(self, work: Callable[[], _Answer]) -> Future[_Answer]:
-        """Do `work` for a caller who wants its answer."""
+        """Queue `work`, and return its future result."""
         return self._pool.submit(work)
 
     def close(self) -> None:
-        """Finish what waits, and take nothing more."""
+        """Finish queued tasks, and accept no more."""
         self._pool.shutdown()
 
     def _do(self, key: Hashable) -> None:
@@ -83,7 +83,7 @@ class BackgroundWorker:
             work = self._waiting.pop(key)
         try:
             work()
-        except Exception:  # The next piece of work is another page's.
+        except Exception:  # The next task belongs to another page.
             _WORKER_LOG.exception("%s was not done", key)
 
 
@@ -95,18 +95,18 @@ STALE_S = 0.3
 
 
 class RobotDisplay(Protocol):
-    """What draws robots."""
+    """Interface of a display of robots, such as the scene."""
 
     def add(self, link: RobotClient) -> None:
-        """Begin to draw a robot."""
+        """Add a robot."""
         ...
 
     def draw(self) -> None:
-        """Draw what is new."""
+        """Draw all changes."""
         ...
 
     def set_stale(self, robot_id: str, stale: bool) -> None:
-        """Make a robot look stale, or live."""
+        """Show a robot as stale, or as live."""
         ...
 
 
@@ -120,7 +120,7 @@ class UpdateLoop:
         on_status: Callable[[str], None],
         on_event: Callable[[str, Event], None],
     ) -> None:
-        """`on_status` and `on_event` are called on the ticker's thread and only hand over."""
+        """`on_status` and `on_event` are called on the thread of the loop and must not block."""
         self._discovery = discovery
         self._display = display
         self._on_status = on_status
@@ -129,12 +129,12 @@ class UpdateLoop:
 
     def run(self, stop: threading.Event) -> None:
         """Run until `stop` is set."""
-        # A new look takes a second to draw: the robots that are there already are polled meanwhile.
+        # New meshes take a second to draw: robots already shown are polled meanwhile.
         with ThreadPoolExecutor(1, "canvas") as drawing:
             while not stop.wait(1.0 / RATE_HZ):
                 try:
                     self._tick(time.monotonic(), drawing)
-                except Exception:  # A frame that fails must not end the picture for everybody.
+                except Exception:  # A frame that fails must not end the display for all pages.
                     _LOG.exception("a frame was lost")
             drawing.shutdown(wait=False, cancel_futures=True)
 
@@ -143,7 +143,7 @@ class UpdateLoop:
             self._display.add(link)
         except Exception:  # Descriptions come from the bus; the others are drawn all the same.
             _LOG.exception("robot %s cannot be drawn", link.id)
-        self._stale.pop(link.id, None)  # What is new on the canvas looks live.
+        self._stale.pop(link.id, None)  # A new robot in the scene looks live.
 
     def _tick(self, now_s: float, drawing: Executor) -> None:
         for robot_id in self._discovery.refresh():
@@ -151,7 +151,8 @@ class UpdateLoop:
         for robot_id, event in self._discovery.take_events():
             self._on_event(robot_id, event)
         for robot_id, link in self._discovery.links.items():
-            # The page hears of a status first: its number is on the clock already.
+            # Pages receive a status before the scene does: its number is already in use for
+            # commands.
             if link.poll(now_s):
                 self._on_status(robot_id)
             stale = now_s - link.snapshot.received_s > STALE_S
@@ -177,7 +178,7 @@ async def run(
 ) -> None:
     """Serve the page until `stop` is set; `on_ready` is called with the port.
 
-    `rules` say who may come in.
+    `rules` are the access settings.
 
     Raises:
         TwinError: the address cannot be used, or not with these rules.
@@ -186,7 +187,7 @@ async def run(
     sys.setswitchinterval(_SWITCH_S)
     loop = asyncio.get_running_loop()
     discovery = RobotDiscovery(bus)
-    # Panels wait for a frame to be drawn; the loop between fingers and robots must not.
+    # Panels wait for a frame to be drawn; the event loop that forwards commands must not.
     worker = BackgroundWorker("panels")
 
     def on_released(page: str) -> None:
@@ -236,7 +237,7 @@ async def run(
 
 
 class _SceneExecutor:
-    """The scene and its panels, as pages draw on them: done in turn, off the event loop."""
+    """Scene operations of pages, run one after the other on a thread off the event loop."""
 
     def __init__(
         self, worker: BackgroundWorker, scene: Scene, panels: Callable[[], PanelManager]
@@ -244,11 +245,11 @@ class _SceneExecutor:
         self._worker, self._scene, self._panels = worker, scene, panels
 
     def pick_floor(self, page: str, shares: Array) -> Future[Array]:
-        """Return the places (m, 2) in `odom` that the picture of a page shows at `shares`."""
+        """Return the floor points (m, 2) in `odom` at screen positions `shares` of a page."""
         return self._worker.submit(lambda: self._panels().pick_floor(page, shares))
 
     def show_route(self, robot_id: str, poses: Array | None) -> None:
-        """Show everybody where a robot is planned to go; None: nowhere."""
+        """Show the planned path of a robot on all pages; None removes it."""
         self._worker.submit_latest(
             ("route", robot_id), lambda: self._scene.show_route(robot_id, poses)
         )

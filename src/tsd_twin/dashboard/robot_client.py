@@ -48,29 +48,29 @@ MAX_ROUND_TRIPS = 40
 
 
 class RoundTrips:
-    """The newest round trips; written by one thread, read by any."""
+    """Recent round-trip times; written by one thread, read by any."""
 
     def __init__(self) -> None:
         self._trips_s: deque[float] = deque(maxlen=MAX_ROUND_TRIPS)
 
     def add(self, trip_s: float) -> None:
-        """Take in one."""
+        """Add a round-trip time."""
         self._trips_s.append(trip_s)
 
     def clear(self) -> None:
-        """There was no answer: nothing is known any more."""
+        """Discard all times, after a missing response."""
         self._trips_s.clear()
 
     def median_s(self) -> float | None:
-        """Return the median, None when nothing is known."""
+        """Return the median; None without data."""
         return self._quantile(0.5)
 
     def p95_s(self) -> float | None:
-        """Return what one in twenty exceeds, None when nothing is known."""
+        """Return the 95th percentile; None without data."""
         return self._quantile(0.95)
 
     def jitter_s(self) -> float | None:
-        """Return how much longer than usual one in twenty takes, None when nothing is known."""
+        """Return the 95th percentile minus the median; None without data."""
         typical_s, late_s = self.median_s(), self.p95_s()
         return None if typical_s is None or late_s is None else late_s - typical_s
 
@@ -102,7 +102,7 @@ class Snapshot:
     odom_received_s: float = -np.inf
     """When that came in, on the clock given to `poll`."""
     alternative: Odometry | None = None
-    """The estimate that `odom` is not, of robots that have two."""
+    """Alternative estimate, of robots that have two."""
     truth: Odometry | None = None
     status: Status | None = None
     status_seq: int = 0
@@ -112,7 +112,7 @@ class Snapshot:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SentCommand:
-    """A command that has been sent from here."""
+    """Twist command sent by this dashboard."""
 
     sent_s: float
     """On the monotonic clock, which `poll` is given too."""
@@ -128,7 +128,7 @@ class RobotClient:
     """
 
     def __init__(self, bus: Bus, robot_id: str, answer: bytes | None = None) -> None:
-        """Read the description of a living robot; without its `answer`, ask for it and wait.
+        """Read the description of a robot; without its `answer`, request it and wait.
 
         Raises:
             BusError: it does not answer.
@@ -144,9 +144,9 @@ class RobotClient:
         description = decode_json(answer, Description, "a description")
         robot = robots.parse_description(description.robot, f"description of {robot_id}")
         self.ignored = ""
-        """What of the description is not obeyed, as a sentence; "" if all of it is."""
+        """Sentence that names ignored parts of the description; empty without any."""
         if robot.body.meshes is not None:
-            # A folder of the robot's machine; here it would name files that are not the robot's.
+            # A folder on the robot's computer; on this one the path names other files.
             self.ignored = _NO_MESHES
             body = msgspec.structs.replace(robot.body, meshes=None)
             robot = msgspec.structs.replace(robot, body=body)
@@ -155,11 +155,11 @@ class RobotClient:
         self.kinematics = self.robot.kinematics()
         self.snapshot = Snapshot()
         self.has_duplicate = False
-        """Whether another robot on the bus has the same id, so that all streams are of two."""
+        """Whether another robot on the bus has the same id, so that the streams mix."""
         self._frozen: Status | None = None
         decode_pose = partial(decode_odometry, turning=self.kinematics.pose_type is SO3)
         self.round_trips = RoundTrips()
-        """How long the robot takes to answer, as far as it has been measured."""
+        """Measured round-trip times."""
         self._subscribers = {
             "joints": (bus.subscriber(topics.JOINTS.key(robot_id), 1), decode_joints),
             "setpoint": (bus.subscriber(topics.SETPOINT.key(robot_id), 1), decode_joints),
@@ -176,11 +176,11 @@ class RobotClient:
 
     @property
     def sent_commands(self) -> Sequence[SentCommand]:
-        """The newest commands from here, oldest first: the robot may not have heard them yet."""
+        """Recent commands of this dashboard, oldest first; some may still be in transit."""
         return tuple(self._sent_commands)
 
     def close(self) -> None:
-        """Stop listening."""
+        """Close all subscriptions."""
         for reader, _ in self._subscribers.values():
             reader.close()
         self._status.close()
@@ -191,10 +191,10 @@ class RobotClient:
             self._twists.clear()
 
     def poll(self, now_s: float) -> bool:
-        """Take in what has arrived, and return whether there is a new status.
+        """Process received messages, and return whether there is a new status.
 
-        While another robot has the same id, the picture stands still and the status says why:
-        what arrives would show two robots in turn.
+        While another robot has the same id, the snapshot does not change and the status says why:
+        the messages of both would mix.
         """
         fresh: dict[str, Any] = {}
         new_status = self._poll_streams(fresh, now_s)
@@ -242,13 +242,13 @@ class RobotClient:
     def call_service(
         self, service: Service, request: msgspec.Struct, timeout_s: float = 1.0
     ) -> Reply:
-        """Return the answer of a service; waits for it, and silence is an answer too."""
+        """Return the response of a service; blocks. A missing response becomes a refusal."""
         return self._call(
             service, request, Reply, Reply(False, "the robot does not answer"), timeout_s
         )
 
     def call_lease_service(self, request: msgspec.Struct, timeout_s: float = 1.0) -> LeaseReply:
-        """Return the answer of the lease service; waits for it."""
+        """Return the response of the lease service; blocks."""
         silence = LeaseReply(False, reason="the robot does not answer")
         return self._call(Service.LEASE, request, LeaseReply, silence, timeout_s)
 
@@ -262,7 +262,7 @@ class RobotClient:
             return silence
 
     def stop(self, operator: str, reason: str = "") -> Reply:
-        """Stop the robot: sent at once, and again until it is acknowledged. Waits for that."""
+        """Stop the robot: sent at once, and repeated until it is acknowledged; blocks."""
         request = StopRequest(operator, reason)
         payload = msgspec.json.encode(request)
         for _ in range(STOP_REPEATS):
@@ -333,7 +333,7 @@ class RpcExecutor:
         self._next_stops: dict[str, asyncio.Task[Reply]] = {}
 
     def close(self) -> None:
-        """Begin nothing any more; what is under way ends by itself."""
+        """Accept no more calls; running ones end by themselves."""
         self._rpc_pool.shutdown(wait=False, cancel_futures=True)
         self._stop_pool.shutdown(wait=False)
         self._planning_pool.shutdown(wait=False, cancel_futures=True)
@@ -353,9 +353,8 @@ class RpcExecutor:
     async def stop(self, link: RobotClient, operator: str) -> Reply:
         """Stop a robot.
 
-        A stop under way repeats itself until it is acknowledged. All that come in meanwhile share
-        the one that follows it, so however often the button is hit, a stop begins after each hit
-        and no robot takes more than one thread.
+        A running stop repeats until it is acknowledged. Further requests share the one that follows
+        it, so a stop begins after each press and no robot uses more than one thread.
         """
         if (under_way := self._stops.get(link.id)) is None or under_way.done():
             self._stops[link.id] = asyncio.create_task(self._stop(link, operator))

@@ -36,7 +36,7 @@ TakeReply = Callable[[bytes | None], None]
 
 @dataclass(slots=True)
 class _PendingRobot:
-    """When a robot is asked next."""
+    """Retry state of a robot without a description."""
 
     number: int
     """Rises with each coming."""
@@ -45,19 +45,21 @@ class _PendingRobot:
 
 
 class RobotConnector:
-    """Has every robot asked that has come, and what it answers looked at.
+    """Requests the description of each discovered robot, with retries.
 
-    No question is waited for, so no robot waits for the silence of others. One thread does it all.
+    Requests do not block, so a silent robot delays no other. One thread does all of it.
     """
 
     def __init__(
-        self, ask: Callable[[str, TakeReply], None], meet: Callable[[str, bytes], None]
+        self,
+        send_request: Callable[[str, TakeReply], None],
+        on_answer: Callable[[str, bytes], None],
     ) -> None:
-        """`ask` sends a question and does not wait; `meet` takes the answer, on a thread of this.
+        """`send_request` must not block; `on_answer` is called on the thread of this object.
 
-        The answer may come on any thread.
+        The response may arrive on any thread.
         """
-        self._ask, self._meet = ask, meet
+        self._send_request, self._on_answer = send_request, on_answer
         self._pending: dict[str, _PendingRobot] = {}
         self._answers: deque[tuple[str, int, bytes | None]] = deque(maxlen=MAX_PENDING_ROBOTS)
         self._appearances = 0
@@ -65,7 +67,9 @@ class RobotConnector:
         threading.Thread(target=self._work, name="fleet", daemon=True).start()
 
     def add_robot(self, robot_id: str) -> None:
-        """Have a robot met, now; also one that has been met before, since it may be another."""
+        """Request the description of a robot now, also of a known id, which may be another
+        robot.
+        """
         with self._changed:
             self._appearances += 1
             turn = self._pending.get(robot_id)
@@ -79,7 +83,7 @@ class RobotConnector:
             self._changed.notify()
 
     def remove_robot(self, robot_id: str) -> None:
-        """Do not ask a robot any more."""
+        """Stop requests to a robot."""
         with self._changed:
             self._pending.pop(robot_id, None)
 
@@ -93,14 +97,14 @@ class RobotConnector:
             questions, answer = self._next()
             try:
                 for robot_id, number in questions:
-                    self._ask(robot_id, partial(self._answered, robot_id, number))
+                    self._send_request(robot_id, partial(self._answered, robot_id, number))
                 if answer is not None:
-                    self._meet(*answer)
-            except Exception:  # A robot that cannot be met must not end the thread for others.
+                    self._on_answer(*answer)
+            except Exception:  # An error with one robot must not end the thread for others.
                 _CONNECTOR_LOG.exception("a robot cannot be met")
 
     def _next(self) -> tuple[list[tuple[str, int]], tuple[str, bytes] | None]:
-        """Wait, and return whom to ask now, and an answer to look at."""
+        """Wait, and return the ids to query now, and a received response."""
         with self._changed:
             while True:
                 answer = self._answer()
@@ -114,12 +118,12 @@ class RobotConnector:
                 self._changed.wait(None if next_s is None else next_s - now_s)
 
     def _answer(self) -> tuple[str, bytes] | None:
-        """Return an answer of a robot that is waited for, and put off those that gave none."""
+        """Return a received response of a pending robot, and schedule retries of the others."""
         while self._answers:
             robot_id, number, answer = self._answers.popleft()
             turn = self._pending.get(robot_id)
             if turn is None or turn.number != number:
-                continue  # It has gone, or come again and been asked again.
+                continue  # It has disappeared, or was restarted and has a newer request.
             if answer is not None:
                 del self._pending[robot_id]
                 return robot_id, answer
@@ -146,8 +150,8 @@ class RobotDiscovery:
     """Clients of all robots that are alive; a robot that disappears keeps its client, and its state
     ages.
 
-    A robot that comes is asked for its description and not waited for, so that one that is slow to
-    answer, or answers nonsense, keeps no other waiting.
+    Descriptions are requested without waiting, so that a robot with a slow or invalid response
+    delays no other.
     """
 
     def __init__(self, bus: Bus) -> None:
@@ -170,7 +174,7 @@ class RobotDiscovery:
         return MappingProxyType(self._links)
 
     def on_change(self, call: Callable[[], None]) -> None:
-        """Call this, on the thread of `refresh`, when a robot has come."""
+        """Register a callback for new robots, called on the thread of `refresh`."""
         self._on_change.append(call)
 
     def refresh(self) -> list[str]:
@@ -199,19 +203,19 @@ class RobotDiscovery:
             take(None)  # The session is closed: the dashboard ends.
 
     def _fetch_descriptions(self, robot_id: str, answer: bytes) -> None:
-        """Link to a robot that has described itself, unless it cannot be shown.
+        """Create the client of a robot from its description, unless it cannot be shown.
 
-        That one is asked again when it is started anew: until then it says the same.
+        An invalid one is requested again after a restart of the robot: until then it is the same.
         """
         if robot_id not in self._links and len(self._links) >= MOST_ROBOTS:
             self._say_once(robot_id, f"{MOST_ROBOTS} robots are shown already")
             return
         try:
             link = RobotClient(self._bus, robot_id, answer)
-            RobotTelemetry(link).info()  # What cannot be shown is found here, and not by a page.
+            RobotTelemetry(link).info()  # Fails here rather than in a page.
         except TwinError as error:
             self._say_once(robot_id, str(error))
-        except Exception as error:  # Descriptions come from the bus: any of them may do harm.
+        except Exception as error:  # Descriptions come from the bus and are not trusted.
             self._say_once(robot_id, f"{type(error).__name__}: {error}")
         else:
             if link.ignored:
@@ -225,7 +229,7 @@ class RobotDiscovery:
             _LOG.warning("robot %s cannot be shown: %s", robot_id, reason[:_LOGGED])
 
     def take_events(self) -> list[tuple[str, Event]]:
-        """Return (robot, event) for all that happened since the last call."""
+        """Return (robot, event) for all events since the last call."""
         events: list[tuple[str, Event]] = []
         while self._events:
             events.append(self._events.popleft())

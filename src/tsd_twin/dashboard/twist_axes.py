@@ -13,7 +13,7 @@ from tsd_twin.robots.description import Limits
 
 
 class TwistAxis(NamedTuple):
-    """One number of a twist."""
+    """Component of a twist: name, symbol and unit."""
 
     name: str
     symbol: str
@@ -22,7 +22,7 @@ class TwistAxis(NamedTuple):
 
     @property
     def label(self) -> str:
-        """What stands beside its slider."""
+        """Label of its slider."""
         return f"{self.name} ({self.unit})"
 
 
@@ -42,12 +42,12 @@ _TWIST_AXES = {(0, 1, 5): FLOOR_AXES, (3, 4, 5): _SPHERE_AXES}
 
 
 def twist_axes_of(kinematics: Kinematics[Any]) -> tuple[TwistAxis, TwistAxis, TwistAxis]:
-    """Return the names of the numbers of a twist, in its order."""
+    """Return the components of a twist, in order."""
     return _TWIST_AXES[kinematics.twist_axes]
 
 
 def axis_limits(kinematics: Kinematics[Any], limits: Limits) -> tuple[float, float, float]:
-    """Return the most that each number of a twist may be, in its unit."""
+    """Return the limit of each component of a twist, in its unit."""
     most = limits.speed_mps / kinematics.twist_scale_m
     return most, most, limits.turn_rate_rad_per_s
 
@@ -55,7 +55,7 @@ def axis_limits(kinematics: Kinematics[Any], limits: Limits) -> tuple[float, flo
 def kinematics_at_reported_speed(
     robot: RobotDescription, kinematics: Kinematics[Any], snapshot: Snapshot
 ) -> Kinematics[Any]:
-    """Return `drive`, the one of the description, in the gear that the newest status tells."""
+    """Return the described kinematics at the wheel speed of the newest status."""
     gears, status = robot.wheel_speed_range, snapshot.status
     if gears is None or status is None or status.wheel_speed is None:
         return kinematics

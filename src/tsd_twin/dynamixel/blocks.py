@@ -11,7 +11,7 @@ from tsd_twin.dynamixel.control_table import Packed
 
 @dataclass(frozen=True, slots=True)
 class Identity(Packed):
-    """Identity and constants of the board."""
+    """Identity of the board, and fixed parameters."""
 
     ADDRESS: ClassVar[int] = 0
     LAYOUT: ClassVar[Struct] = Struct("<HBBBIIHHHH")
@@ -40,7 +40,7 @@ class Identity(Packed):
 
 @dataclass(frozen=True, slots=True)
 class Setup(Packed):
-    """How the robot is built; the bridge writes it when it connects. Kept without power."""
+    """Parameters of the robot; the bridge writes them when it connects. Kept without power."""
 
     ADDRESS: ClassVar[int] = 21
     LAYOUT: ClassVar[Struct] = Struct("<6HBHB")
@@ -57,7 +57,7 @@ class Setup(Packed):
 
 @dataclass(frozen=True, slots=True)
 class Command(Packed):
-    """Set-points of the joints: one WRITE of the whole block per cycle; a part is error 5."""
+    """Joint commands: one WRITE of the whole block in each cycle; a partial one is error 5."""
 
     ADDRESS: ClassVar[int] = 37
     LAYOUT: ClassVar[Struct] = Struct("<HBB3H6h")
@@ -65,11 +65,11 @@ class Command(Packed):
     heartbeat: int = 0
     """Any change is a beat; arming needs one."""
     arm: int = 0
-    """Going from 0 to 1 arms, unless there is a refusal; 0 disarms. After a trip it has to be
-    written 0 first: 1 again and again never arms again.
+    """Going from 0 to 1 arms, unless there is a reason to refuse; 0 disarms. After a trip it
+    has to be written 0 first: 1 again and again never arms again.
     """
     torque: int = 1
-    """0 lets the servos go, while disarmed only."""
+    """0 switches servo torque off, while disarmed only."""
     throttle: tuple[int, ...] = (2000,) * 3
     """Pulse to each speed controller; put out while armed [0.5 us]."""
     goal: tuple[int, ...] = (0,) * 6
@@ -80,7 +80,7 @@ class Command(Packed):
 
 @dataclass(frozen=True, slots=True)
 class Telemetry(Packed):
-    """Measurements and state: one READ in each cycle."""
+    """Measurements and states: one READ in each cycle."""
 
     ADDRESS: ClassVar[int] = 59
     LAYOUT: ClassVar[Struct] = Struct("<IBBBBHBBBBB3H6h6h6h6B6B6HHHHHHHH")
@@ -88,7 +88,7 @@ class Telemetry(Packed):
     millis: int = 0
     """Since the reset [ms]."""
     mode: int = 0
-    """Source of the commands: `BoardMode`."""
+    """Source of the joint commands: `BoardMode`."""
     trip: int = 0
     """Why the board last disarmed itself, until it arms: `Trip`."""
     refusal: int = 0

@@ -42,7 +42,7 @@ class Item:
     default: int = 0
     """Value after a reset."""
     limits: tuple[int, int] | None = None
-    """Smallest and largest valid value; others are error 4, and the write has no effect."""
+    """Smallest and largest that can be written; another is error 4, and nothing of it is taken."""
     unit: str = ""
     count: int = 1
 
@@ -70,7 +70,7 @@ class Block:
 IDENTITY = Block(
     "identity",
     "r",
-    "Identity and constants of the board.",
+    "Identity of the board, and fixed parameters.",
     (
         Item("model", "u16", "Kind of board.", MODEL),
         Item("fw", "u8", "Version of the firmware, as a ping answers it.", FW_VERSION),
@@ -88,7 +88,7 @@ IDENTITY = Block(
 SETUP = Block(
     "setup",
     "setup",
-    "How the robot is built; the bridge writes it when it connects. Kept without power.",
+    "Parameters of the robot; the bridge writes them when it connects. Kept without power.",
     (
         Item("neutral", "u16", "Servo position of neutral.", 2048, (0, 4095), "step", SERVOS),
         Item("reverse", "u8", "Bit i: servo i turns the other way.", 0, (0, 63)),
@@ -106,18 +106,18 @@ SETUP = Block(
 COMMAND = Block(
     "command",
     "w",
-    "Set-points of the joints: one WRITE of the whole block per cycle; a part is error 5.",
+    "Joint commands: one WRITE of the whole block in each cycle; a partial one is error 5.",
     (
         Item("heartbeat", "u16", "Any change is a beat; arming needs one.", 0, (0, 65535)),
         Item(
             "arm",
             "u8",
-            "Going from 0 to 1 arms, unless there is a refusal; 0 disarms. After a trip it has "
-            "to be written 0 first: 1 again and again never arms again.",
+            "Going from 0 to 1 arms, unless there is a reason to refuse; 0 disarms. After a trip "
+            "it has to be written 0 first: 1 again and again never arms again.",
             0,
             (0, 1),
         ),
-        Item("torque", "u8", "0 lets the servos go, while disarmed only.", 1, (0, 1)),
+        Item("torque", "u8", "0 switches servo torque off, while disarmed only.", 1, (0, 1)),
         Item(
             "throttle",
             "u16",
@@ -142,10 +142,10 @@ COMMAND = Block(
 TELEMETRY = Block(
     "telemetry",
     "r",
-    "Measurements and state: one READ in each cycle.",
+    "Measurements and states: one READ in each cycle.",
     (
         Item("millis", "u32", "Since the reset.", unit="ms"),
-        Item("mode", "u8", "Source of the commands: `BoardMode`."),
+        Item("mode", "u8", "Source of the joint commands: `BoardMode`."),
         Item("trip", "u8", "Why the board last disarmed itself, until it arms: `Trip`."),
         Item("refusal", "u8", "Why arming was last refused: `Refusal`."),
         Item("reset_cause", "u8", "Why the board started: `ResetCause`."),
@@ -200,10 +200,10 @@ TABLE_SIZE = sum(block.size for block in BLOCKS)
 
 
 class BoardMode(IntEnum):
-    """Source of the commands."""
+    """Source of the joint commands."""
 
     DISARMED = 0
-    """Nobody: zero throttle, gimbals to neutral."""
+    """No source: zero throttle, gimbals to neutral."""
     ARMED = 1
     """The PC: throttles and goals of the command block are put out."""
     RC = 2

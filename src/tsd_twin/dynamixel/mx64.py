@@ -28,7 +28,7 @@ _VELOCITY_STEP_PER_S = 0.229 / 60.0 * 4096.0
 
 @dataclass(frozen=True, slots=True)
 class Present:
-    """What a servo measures."""
+    """Measurements of a servo."""
 
     position: int
     """Steps."""
@@ -39,7 +39,7 @@ class Present:
 
     @staticmethod
     def unpack(data: bytes) -> Present:
-        """Return what `PRESENT_SIZE` bytes from `PRESENT` on say."""
+        """Return the measurements decoded from the `PRESENT_SIZE` bytes from `PRESENT` on."""
         current, velocity, position, _, _, voltage, temperature = _LAYOUT.unpack(data)
         return Present(
             position,

@@ -35,7 +35,7 @@ BROADCAST = 254
 
 
 class Instruction(IntEnum):
-    """What a packet asks for."""
+    """Instruction codes of a packet."""
 
     PING = 0x01
     READ = 0x02
@@ -50,7 +50,7 @@ class Instruction(IntEnum):
 
 
 class Fault(IntEnum):
-    """Why a device of Protocol 2.0 refuses, in the low seven bits of `Status.error`."""
+    """Error codes of Protocol 2.0, in the low seven bits of `Status.error`."""
 
     FAILED = 1
     INSTRUCTION = 2
@@ -67,7 +67,9 @@ ALERT = 0x80
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """Who it is for and what it says; of an answer of Protocol 1.0, `code` is the error."""
+    """Packet: device id, instruction code and parameters; in a Protocol 1.0 status, `code` is the
+    error.
+    """
 
     id: int
     code: int
@@ -76,7 +78,7 @@ class Packet:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """An answer."""
+    """Status packet: the response of a device."""
 
     id: int
     error: int
@@ -85,7 +87,7 @@ class Status:
 
 
 class Framing(Protocol):
-    """What makes packets of bytes; the modules `protocol1` and `protocol2` are such."""
+    """Framing of one protocol version; implemented by the modules `protocol1` and `protocol2`."""
 
     HEADER: bytes
 
@@ -103,7 +105,7 @@ class Framing(Protocol):
 
 
 class Decoder:
-    """Takes bytes as they come and returns the packets in them.
+    """Incremental decoder: finds packets in a byte stream.
 
     What is kept is never longer than one frame of `longest` bytes and a chunk of input. A frame
     that stays cut for `timeout_s` is given up. Of a frame that is given up, only the header is
@@ -141,7 +143,7 @@ class Decoder:
         return packets
 
     def clear(self) -> None:
-        """Forget what is kept, as after the line was opened anew."""
+        """Discard buffered bytes, as after the port was opened again."""
         self._kept.clear()
 
     def _take(self, packets: list[Packet]) -> None:
@@ -163,7 +165,7 @@ class Decoder:
                     del self._kept[:size]
 
     def _find_header(self) -> bool:
-        """Throw away what stands before the next header; return whether there is one, whole."""
+        """Discard bytes before the next header; return whether a complete header is there."""
         at = self._kept.find(self._header)
         if at < 0:
             # The end may be the beginning of one.

@@ -46,7 +46,7 @@ def status(device: int, error: int, data: bytes = b"") -> bytes:
 
 
 def ping(device: int) -> bytes:
-    """Ask whether it is there: the answer has no data."""
+    """Request a response without data, to find a device."""
     return encode(Packet(device, Instruction.PING))
 
 
@@ -61,7 +61,7 @@ def write(device: int, address: int, data: bytes) -> bytes:
 
 
 def sync_write(address: int, data: Mapping[int, bytes]) -> bytes:
-    """Write the same part of the tables of several devices; nobody answers."""
+    """Write the same part of the tables of several devices; there is no response."""
     (length,) = {len(part) for part in data.values()}
     params = bytes([address, length])
     params += b"".join(bytes([device]) + part for device, part in data.items())

@@ -58,7 +58,7 @@ def status(device: int, error: int, data: bytes = b"") -> bytes:
 
 
 def ping(device: int) -> bytes:
-    """Ask who it is: the answer's data are model (2 bytes) and version of the firmware."""
+    """Request model (2 bytes) and firmware version."""
     return encode(Packet(device, Instruction.PING))
 
 
@@ -79,7 +79,7 @@ def sync_read(devices: Sequence[int], address: int, length: int) -> bytes:
 
 
 def sync_write(address: int, data: Mapping[int, bytes]) -> bytes:
-    """Write the same part of the tables of several devices; nobody answers."""
+    """Write the same part of the tables of several devices; there is no response."""
     (length,) = {len(part) for part in data.values()}
     params = pack("<HH", address, length)
     params += b"".join(bytes([device]) + part for device, part in data.items())

@@ -18,50 +18,50 @@ from tsd_twin.hardware.serial_transport import (
 
 _LOG = logging.getLogger(__name__)
 _IDLE_S = 0.02
-"""A cycle is run this often when nobody asks for one."""
+"""Period of the cycles when the node requests none."""
 _RETRY_S = 0.25
 _GIVE_UP_S = 2.0
-"""A device that is silent for this long is opened anew."""
+"""Time without a response after which the port is opened again."""
 _LEAVE_S = 2.0
 SILENT_S = 0.1
-"""News older than this is none."""
+"""Maximum age of a report."""
 
 
 def silence_fault(name: str) -> str:
-    """Return the words for a device without news."""
+    """Return the fault message for a device that has stopped responding."""
     return f"{name} has not answered for {SILENT_S * 1000:.0f} ms"
 
 
 class Device(Protocol):
-    """What is at the other end; all calls come from the keeper's thread."""
+    """Device on a serial port, as `DeviceThread` uses it; only that thread calls it."""
 
     name: str
     baud: int
     health: LinkHealth
 
     def connect(self, line: SerialTransport) -> None:
-        """See whether it is ours, and set it up.
+        """Identify and configure the device.
 
         Raises:
-            HardwareError: it is not, or does not answer.
+            HardwareError: it is another device, or does not answer.
         """
         ...
 
     def cycle(self, line: SerialTransport) -> bool:
-        """Ask once; return whether all answers came."""
+        """Exchange data once; return whether all responses came."""
         ...
 
     def lose(self, reason: str) -> None:
-        """Take note that the device is gone."""
+        """Record that the connection is lost, and why."""
         ...
 
     def leave(self, line: SerialTransport) -> None:
-        """Leave it at rest; the last call."""
+        """Put the device into its rest state; the last call."""
         ...
 
 
 class DeviceThread:
-    """Keeps one device: one thread, one port, which is opened again whenever it is lost."""
+    """I/O thread of one device; opens the port again whenever the connection is lost."""
 
     def __init__(self, port: str, device: Device) -> None:
         """Connect.
@@ -82,11 +82,11 @@ class DeviceThread:
             raise self._refused
 
     def cycle(self) -> None:
-        """Ask for a cycle now; what is under way is not waited for."""
+        """Request a cycle now, without waiting for it."""
         self._wanted.set()
 
     def close(self) -> None:
-        """Leave the device at rest and close the port."""
+        """Put the device into its rest state and close the port."""
         self._stopping.set()
         self._wanted.set()
         self._thread.join(_LEAVE_S)
@@ -124,7 +124,7 @@ class DeviceThread:
             told = self._tell(told, time.monotonic() - heard_s)
 
     def _tell(self, told: str, silent_s: float) -> str:
-        """Warn when the line begins to be of no use, and when that ends; return what was told."""
+        """Log when communication fails and when it recovers; return the message that now holds."""
         noise = self._device.health.noise
         trouble = noise.fault
         if silent_s > SILENT_S:

@@ -22,12 +22,12 @@ from tsd_twin.robots import SingularityDescription
 from tsd_twin.safety import Heartbeat
 
 COMMAND_TIMEOUT_S = 0.25
-"""A node that has given no order for this long hangs: its last one is not obeyed any more."""
+"""Maximum age of a joint command; an older one comes from a node that hangs, and is dropped."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointCommand:
-    """One set-point, and on whose word it is given."""
+    """Joint set-point with the heartbeat it was given under and its time."""
 
     setpoint: Array
     """(n,)."""
@@ -36,7 +36,7 @@ class JointCommand:
     """On the monotonic clock."""
 
     def in_force(self, now_s: float) -> bool:
-        """Return whether it may still be obeyed."""
+        """Return whether the command is still within `COMMAND_TIMEOUT_S`."""
         return now_s - self.given_s <= COMMAND_TIMEOUT_S
 
 
@@ -44,7 +44,7 @@ CENTRE = 2048
 
 
 class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A TOML file; joints that it does not name are mounted as drawn."""
+    """Neutral positions and directions of servos, read from a TOML file."""
 
     neutral_step: dict[str, Annotated[int, Meta(ge=0, le=4095)]] = {}
     """Position that a servo reports with its gimbal upright; 2048 unless given."""
@@ -53,10 +53,10 @@ class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @staticmethod
     def read(file: str) -> ServoCalibration:
-        """Return the calibration in a file.
+        """Return the calibration read from a file.
 
         Raises:
-            HardwareError: it cannot be read, or is none.
+            HardwareError: it cannot be read, or is not a calibration.
         """
         try:
             return msgspec.toml.decode(Path(file).read_bytes(), type=ServoCalibration)
@@ -64,7 +64,7 @@ class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise HardwareError(f"{file} cannot be used as a calibration: {error}") from error
 
     def check(self, names: Sequence[str]) -> None:
-        """See that it speaks of joints that there are.
+        """Check that every joint named in the file exists.
 
         Raises:
             HardwareError: it names another.
@@ -80,7 +80,7 @@ class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return [self.neutral_step.get(name, CENTRE) for name in names]
 
     def signs(self, names: Sequence[str]) -> list[int]:
-        """Return +1 for each joint whose servo turns as drawn, -1 for each other."""
+        """Return +1 for each joint whose servo turns as drawn, -1 for each reversed one."""
         return [-1 if name in self.reversed else 1 for name in names]
 
 
@@ -88,22 +88,22 @@ _PULSES_PER_US = 2.0
 
 
 class ThrottleLaw(Protocol):
-    """What throttle makes a wheel turn how fast; `sim.Motors` is one."""
+    """Throttle curve of the motors: signal for a speed; `simulation.actuators.Motors` is one."""
 
     def signal(self, speed_rad_per_s: Array) -> Array:
         """Return the throttle signal that makes each motor turn at its speed."""
         ...
 
     def pulse_us(self, signal: Array) -> Array:
-        """Return the pulse width, microseconds, that stands for a signal."""
+        """Return the pulse width, microseconds, of a signal."""
         ...
 
 
 class JointConverter:
-    """Which joint is which servo or speed controller, and in what units."""
+    """Conversion between the joint vector and the units of servos and speed controllers."""
 
     def __init__(self, robot: SingularityDescription, throttle: ThrottleLaw) -> None:
-        """Take the joints of a robot.
+        """Assign the joints of a robot to servos and speed controllers.
 
         Raises:
             HardwareError: the board has not enough servos or speed controllers for it.
@@ -135,7 +135,7 @@ class JointConverter:
         """Steps from neutral that no goal exceeds."""
 
     def checked(self, setpoint: Array) -> Array:
-        """Return a copy of a set-point (n,).
+        """Return a validated copy of a set-point (n,).
 
         Raises:
             ValueError: a number is not finite, or there is not one for each joint.
@@ -156,7 +156,8 @@ class JointConverter:
         return _ints(np.clip(np.rint(_PULSES_PER_US * pulses), ZERO_THROTTLE, FULL_THROTTLE))
 
     def measured(self, steps: Sequence[int], alive: int) -> Array:
-        """Return joints (n,) from steps from neutral; NaN for what is not `alive`, and for speeds.
+        """Return joints (n,) from steps relative to neutral; NaN for servos not `alive`, and for
+        wheels.
 
         `alive` is a mask of servos.
         """
@@ -173,7 +174,7 @@ class JointConverter:
 
 
 def padded(values: Sequence[int], count: int, filler: int) -> tuple[int, ...]:
-    """Return `values`, and the filler for what the robot does not have."""
+    """Return `values` padded with the filler for actuators that the robot does not have."""
     return (*values, *(filler,) * (count - len(values)))
 
 

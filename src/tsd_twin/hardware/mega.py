@@ -43,7 +43,7 @@ from tsd_twin.robots import SingularityDescription
 from tsd_twin.safety import Heartbeat
 
 ANSWERS = 3
-"""A board that is asked to arm has done it, or said why not, after so many cycles."""
+"""Cycles within which the board arms or gives its reason for refusing."""
 
 TRIPS: dict[int, str] = {
     Trip.NONE: "it does not say why",
@@ -75,7 +75,7 @@ class _State(Enum):
 
 
 class ArmSwitch:
-    """What to write into `arm`, and why the board is not armed although the robot is.
+    """Value of the board's `arm` register, and why the board is off while the robot is armed.
 
     A board that disarms itself, restarts or is lost stays off until the robot has been disarmed.
     """
@@ -84,10 +84,10 @@ class ArmSwitch:
         self._state = _State.OFF
         self._answers = 0
         self.lost = ""
-        """Why it is off although it should be on; else empty."""
+        """Reason why it is off although it should be on; else empty."""
 
     def turn(self, wanted: bool) -> int:
-        """Return what to write, for a robot that is armed or is not."""
+        """Return the value to write for a robot that is armed or disarmed."""
         if not wanted:
             self._state, self.lost = _State.OFF, ""
         elif self._state is _State.OFF:
@@ -95,7 +95,7 @@ class ArmSwitch:
         return int(self._state in (_State.ASKED, _State.ON))
 
     def note(self, telemetry: Telemetry) -> None:
-        """Take in what the board says."""
+        """Update with the telemetry of the board."""
         armed = telemetry.mode == BoardMode.ARMED
         if self._state is _State.ASKED:
             self._answers += 1
@@ -109,16 +109,16 @@ class ArmSwitch:
             self.lose(f"the board disarmed itself: {why}")
 
     def lose(self, reason: str) -> None:
-        """The board is off, whatever it was told; nothing to lose while it is off."""
+        """Record that the board has lost its armed state; does nothing while it is off."""
         if self._state in (_State.ASKED, _State.ON):
             self._state, self.lost = _State.LOST, reason
 
 
-REST_DELAY = Command()
+REST_COMMAND = Command()
 """Disarmed, zero throttle, neutral."""
 READ_DELAY = protocol2.read(BOARD_ID, Telemetry.ADDRESS, Telemetry.LAYOUT.size)
 SETTLE_S = 0.03
-"""Silence after which no answer to an older question comes any more."""
+"""Silence after which no response to an older request can follow."""
 _BOOT_S = 4.0
 """To open its port resets the board, whose boot loader then waits about a second for uploads."""
 _TRY_S = 0.3
@@ -126,10 +126,10 @@ _TRIES = 3
 
 
 def handshake(line: SerialTransport, setup: Setup, baud: int) -> Telemetry:
-    """Disarm a board, set it up, and return what it says.
+    """Disarm and configure a board; return its telemetry.
 
     Raises:
-        HardwareError: it is not there, not ours, or refuses.
+        HardwareError: it is missing, another device, or refuses.
     """
     _wait_for_answer(line, baud)
     size = Identity.LAYOUT.size
@@ -142,7 +142,7 @@ def handshake(line: SerialTransport, setup: Setup, baud: int) -> Telemetry:
             f"{TABLE_VERSION}; flash the firmware that comes with it"
         )
     # A board that was not reset may still be armed, which would refuse the set-up.
-    _need(line, protocol2.write(BOARD_ID, Command.ADDRESS, REST_DELAY.pack()))
+    _need(line, protocol2.write(BOARD_ID, Command.ADDRESS, REST_COMMAND.pack()))
     said = Telemetry.unpack(_need(line, READ_DELAY, Telemetry.LAYOUT.size))
     size = Setup.LAYOUT.size
     has = _need(line, protocol2.read(BOARD_ID, Setup.ADDRESS, size), size)
@@ -165,7 +165,7 @@ def _wait_for_answer(line: SerialTransport, baud: int) -> None:
 
 
 def _need(line: SerialTransport, request: bytes, size: int = 0) -> bytes:
-    """Return the `size` bytes of an answer that must come, sooner or later."""
+    """Return the `size` bytes of the response; the request is repeated until one comes."""
     for _ in range(_TRIES):
         for answer in line.request(request, 1, _TRY_S):
             if (error := answer.error & ~ALERT) == Fault.ACCESS:
@@ -177,7 +177,7 @@ def _need(line: SerialTransport, request: bytes, size: int = 0) -> bytes:
                 raise HardwareError(
                     f"the controller board at {line.name} refuses its set-up: error {error}"
                 )
-            if len(answer.data) == size:  # Else it answers an older question.
+            if len(answer.data) == size:  # Otherwise the response belongs to an older request.
                 return answer.data
     raise HardwareError(f"the controller board at {line.name} does not answer as it should")
 
@@ -185,25 +185,25 @@ def _need(line: SerialTransport, request: bytes, size: int = 0) -> bytes:
 _LOG = logging.getLogger(__name__)
 BAUD = 1_000_000
 ANSWER_S = 0.04
-"""Patience with an answer in a cycle: two that are lost are not yet `SILENT_S`."""
+"""Response time-out of a cycle: two lost responses stay below `SILENT_S`."""
 _LEAVING = 5
 
 
 @dataclass(frozen=True, slots=True)
 class BoardReport:
-    """What the board said last."""
+    """Newest telemetry of the board, with its time."""
 
     telemetry: Telemetry
     heard_s: float
     lost: str
-    """Why it is not armed although it should be; else empty."""
+    """Reason why it is not armed although it should be; else empty."""
 
 
 class ControllerBoard:
-    """The device of a `DeviceThread`. `order` is written, and `news` and `gone` read, by other
-    threads.
+    """Controller board as the device of a `DeviceThread`.
 
-    Each of them is replaced as a whole, so nobody sees a half.
+    Other threads write `order` and read `news` and `gone`. Each is replaced as a whole, so that no
+    thread reads a partial update.
     """
 
     name = "the controller board"
@@ -216,13 +216,13 @@ class ControllerBoard:
         servos: bool = True,
         baud: int = BAUD,
     ) -> None:
-        """Speak for a board that drives the servos as well, or only the speed controllers."""
+        """Configure for a board that drives the servos too, or the speed controllers only."""
         self.baud = baud
         self.health = LinkHealth("the serial line")
         self.order = JointCommand(np.zeros(joints.count), Heartbeat(False, 0), 0.0)
         self.news: BoardReport | None = None
         self.gone = ""
-        """Why there is no news; else empty."""
+        """Reason of a lost connection; else empty."""
         self._joints = joints
         self._servos = servos
         self._switch = ArmSwitch()
@@ -235,22 +235,22 @@ class ControllerBoard:
         )
 
     def connect(self, line: SerialTransport) -> None:
-        """See whether it is a board of ours with a table that we know, and set it up.
+        """Check model and version of the control table, and configure the board.
 
         Raises:
-            HardwareError: it is not, or does not answer.
+            HardwareError: it is another device, or does not answer.
         """
         said = handshake(line, self._setup, self.baud)
         self.news = BoardReport(said, time.monotonic(), self._switch.lost)
         self.gone = ""
 
     def cycle(self, line: SerialTransport) -> bool:
-        """Write what shall be and read what is, both in one go; return whether it answered.
+        """Write the command and read the telemetry in one exchange; return whether it answered.
 
-        The echo of the heartbeat shows that the answer is one to this very question.
+        The echo of the heartbeat shows that the response belongs to this request.
 
         Raises:
-            HardwareError: the port is gone, or the board has restarted and is no longer ours.
+            HardwareError: the port is gone, or the board restarted and failed the handshake.
         """
         began_s = time.monotonic()
         before, broken = self.news, line.broken
@@ -262,7 +262,7 @@ class ControllerBoard:
         if telemetry is None or telemetry.beat != command.heartbeat:
             self.health.miss()
             self._note(spoilt, now_s)
-            # The answers to an older question: all later ones would be late as well.
+            # Responses to an older request: all later ones would be late as well.
             if answers and not spoilt:
                 line.drain(SETTLE_S)
             return False
@@ -279,15 +279,15 @@ class ControllerBoard:
         return True
 
     def lose(self, reason: str) -> None:
-        """Take note that it is gone: it will come back disarmed, and stays so."""
+        """Record that the connection is lost: the board stays disarmed after it returns."""
         self._switch.lose("the controller board was lost")
         self.news, self.gone = None, reason
         self.health.reconnects += 1
 
     def leave(self, line: SerialTransport) -> None:
-        """Disarm it, more than once if it does not hear."""
+        """Disarm the board, repeatedly if it does not answer."""
         for _ in range(_LEAVING):
-            request = protocol2.write(BOARD_ID, Command.ADDRESS, REST_DELAY.pack())
+            request = protocol2.write(BOARD_ID, Command.ADDRESS, REST_COMMAND.pack())
             if line.request(request, 1, ANSWER_S):
                 return
 
@@ -299,7 +299,7 @@ class ControllerBoard:
     def _command(self, order: JointCommand, now_s: float) -> Command:
         if not order.in_force(now_s):
             self._switch.lose("the robot node hangs")
-            return REST_DELAY
+            return REST_COMMAND
         arm = self._switch.turn(order.heartbeat.armed)
         goals = self._joints.goals(order.setpoint) if self._servos else ()
         return Command(
@@ -311,20 +311,20 @@ class ControllerBoard:
 
 
 def _telemetry(answers: list[Status]) -> Telemetry | None:
-    """Return what was read, if the answers are those to a write and a read."""
+    """Return the telemetry if the responses are those of one write and one read."""
     if [len(answer.data) for answer in answers] != [0, Telemetry.LAYOUT.size]:
         return None
     return Telemetry.unpack(answers[1].data)
 
 
 def _restarted(before: Telemetry, after: Telemetry) -> bool:
-    """Return whether there was a reset in between; after 50 days the clock begins again."""
+    """Return whether the board was reset since the last cycle; its clock wraps after 50 days."""
     back_ms = before.millis - after.millis
     return after.resets != before.resets or 0 < back_ms < 1 << 31
 
 
 def _misheard(before: Telemetry, after: Telemetry) -> bool:
-    """Return whether the board has heard something broken in between."""
+    """Return whether the board counted receive errors since the last cycle."""
     return (before.crc_errors, before.rx_errors) != (after.crc_errors, after.rx_errors)
 
 
@@ -336,9 +336,9 @@ MODES: dict[int, str] = {
 
 
 class MegaHardware:
-    """The joints of a robot behind one serial line; the face of a `RobotIO`, and guarded.
+    """Hardware interface of a robot on one serial line: a `RobotIO` with its own command watchdog.
 
-    Nothing here waits for the line: a thread of its own does, with the newest order.
+    No method waits for the line: an I/O thread exchanges data, with the newest command.
     """
 
     def __init__(
@@ -351,10 +351,11 @@ class MegaHardware:
         servos: bool = True,
         baud: int = BAUD,
     ) -> None:
-        """Connect; without `servos`, others drive them and the board the speed controllers only.
+        """Connect; without `servos`, the board drives the speed controllers only.
 
         Raises:
-            HardwareError: the board is not there, not ours, does not answer, or does not suffice.
+            HardwareError: the board is missing, another device, does not answer, or has too few
+            channels.
         """
         self._joints = JointConverter(robot, throttle)
         calibration = calibration or ServoCalibration()
@@ -366,7 +367,9 @@ class MegaHardware:
         self._keeper = DeviceThread(port, self._board)
 
     def read(self, now_s: float) -> Array | None:
-        """Return the measured joints (n,), NaN where nothing is measured; None: no news."""
+        """Return the measured joints (n,), NaN where not measured; None without a new
+        measurement.
+        """
         news = self._board.news
         if news is None or news.heard_s <= self._read_s or now_s - news.heard_s > SILENT_S:
             return None
@@ -374,7 +377,7 @@ class MegaHardware:
         return self._joints.measured(news.telemetry.position, news.telemetry.servo_alive)
 
     def write(self, setpoint: Array, now_s: float) -> None:
-        """Give the newest set-point (n,) to the thread of the line.
+        """Pass the newest set-point (n,) to the I/O thread.
 
         Raises:
             ValueError: a number is not finite, or there is not one for each joint.
@@ -383,11 +386,11 @@ class MegaHardware:
         self._keeper.cycle()
 
     def set_heartbeat(self, heartbeat: Heartbeat) -> None:
-        """Say on whose word the next set-point is given."""
+        """Set the heartbeat under which the next set-point is sent."""
         self._heartbeat = heartbeat
 
     def fault(self, now_s: float) -> str:
-        """Return what is wrong at the board or below it; "" while all is well."""
+        """Return the fault of the board or its devices; empty without one."""
         news = self._board.news
         if news is None:
             return f"the controller board is not connected: {self._board.gone}"
@@ -399,7 +402,7 @@ class MegaHardware:
         return self._objection(news.telemetry, news.lost)
 
     def hardware(self) -> dict[str, Any]:
-        """Return facts for the status that JSON can hold."""
+        """Return the hardware section of the status, JSON-serializable."""
         board, news = self._board, self._board.news
         facts: dict[str, Any] = {"kind": "mega", "connected": news is not None}
         if news is not None:

@@ -22,7 +22,7 @@ from tsd_twin.errors import TwinError
 
 
 class HardwareError(TwinError):
-    """A device is not there, is not ours, or does not answer."""
+    """A device is missing, is of another kind, or does not answer."""
 
 
 class PortError(HardwareError):
@@ -31,33 +31,35 @@ class PortError(HardwareError):
 
 WINDOW_S = 0.5
 LIMIT = 5
-"""So many spoilt cycles within the window are garbage, and a line without any in it is clean.
+"""Number of corrupt cycles within the window from which the line is faulty.
 
-Five of the fifty that there are at 100 Hz. A line that spoils one cycle in a thousand, which is a
-bad one, gets there by chance once in years. And it is early: of packets that are broken one in
-65,536 has the right sum all the same.
+The fault clears when the window has none. Five of the fifty cycles at 100 Hz. A bad line with one
+corrupt cycle in a thousand reaches the limit by chance once in years. The limit is low since one
+corrupt packet in 65,536 passes the check sum.
 """
 
 
 class PacketErrorMonitor:
-    """What comes in on a line beside whole packets, cycle by cycle.
+    """Detects sustained packet errors on a serial line, cycle by cycle.
 
-    The thread of the line notes it. What it says is replaced as a whole, and read by any thread.
+    Only the I/O thread updates it. Its results are replaced as a whole, and any thread may read
+    them.
     """
 
     def __init__(self, line: str) -> None:
-        """Take what people call the line."""
+        """`line` is the name of the line in messages."""
         self.spoilt = 0
-        """Cycles in which something was broken, of all there have been."""
+        """Total number of cycles with a corrupt packet."""
         self.suspicion = ""
-        """What was broken lately: why, should answers fail to come; one packet says nothing."""
+        """Message about recent corrupt packets, two or more; a likely cause of missing
+        responses."""
         self.fault = ""
-        """Why nobody should drive over this line; "" unless it is garbage."""
+        """Fault message while the error rate is above the limit; else empty."""
         self._line = line
         self._spoilt_s: list[float] = []
 
     def note(self, spoilt: bool, now_s: float) -> None:
-        """Take in a cycle that has ended now, and whether something was broken in it."""
+        """Record a finished cycle, and whether a packet in it was corrupt."""
         self._spoilt_s = [at_s for at_s in self._spoilt_s if now_s - at_s < WINDOW_S]
         if spoilt:
             self.spoilt += 1
@@ -77,10 +79,10 @@ _REMEMBERED = 500
 
 
 class LinkHealth:
-    """Round trips of the last cycles, how many had no answer, and how clean the line is."""
+    """Statistics of a serial line: round trips, missed responses and packet errors."""
 
     def __init__(self, line: str) -> None:
-        """Take what people call the line."""
+        """`line` is the name of the line in messages."""
         self.noise = PacketErrorMonitor(line)
         self._trips_ms: deque[float] = deque(maxlen=_REMEMBERED)
         self.cycles = 0
@@ -88,12 +90,12 @@ class LinkHealth:
         self.reconnects = 0
 
     def note(self, trip_s: float) -> None:
-        """Take in a cycle that was answered after `trip_s`."""
+        """Record a cycle that was answered after `trip_s`."""
         self.cycles += 1
         self._trips_ms.append(1000.0 * trip_s)
 
     def miss(self) -> None:
-        """Take in a cycle that was not answered, or not wholly."""
+        """Record a cycle without a complete response."""
         self.cycles += 1
         self.missed += 1
 
@@ -113,16 +115,16 @@ class LinkHealth:
 _LOG = logging.getLogger(__name__)
 _BY_ID = Path("/dev/serial/by-id")
 _WRITE_TIMEOUT_S = 0.1
-"""Without one, a write to somebody who does not read blocks for ever."""
+"""Write time-out; without it a write blocks for ever when the other end does not read."""
 
 GONE = (serial.SerialException, OSError, termios.error, TypeError)
-"""What pyserial 3.5 raises when a device is unplugged: `read` and `write` the first, `in_waiting`
+"""Exceptions of pyserial 3.5 when a device is unplugged: `read` and `write` the first, `in_waiting`
 the second, `flush` and the like the third, which is no OSError, and now and then the last (#328).
 """
 
 
 class Port(Protocol):
-    """What we use of an open port of pyserial, whatever its kind."""
+    """Part of the interface of a pyserial port that `SerialTransport` uses."""
 
     @property
     def in_waiting(self) -> int:
@@ -130,7 +132,7 @@ class Port(Protocol):
         ...
 
     def read(self, size: int) -> bytes:
-        """Return what comes, at most `size`; fewer when the time-out has run out."""
+        """Return received bytes, at most `size`; fewer after the time-out."""
         ...
 
     def write(self, data: bytes) -> int | None:
@@ -138,7 +140,7 @@ class Port(Protocol):
         ...
 
     def reset_input_buffer(self) -> None:
-        """Forget what has come."""
+        """Discard received bytes."""
         ...
 
     def close(self) -> None:
@@ -147,7 +149,7 @@ class Port(Protocol):
 
 
 def open_port(name: str, baud: int, timeout_s: float) -> Port:
-    """Open a device, or a URL of pyserial such as `socket://host:port`, for us alone.
+    """Open a device, or a pyserial URL such as `socket://host:port`, for exclusive use.
 
     Raises:
         PortError: it cannot be opened; the text says what to do.
@@ -181,7 +183,7 @@ def persistent_name(name: str, links: Path = _BY_ID) -> str:
 
 
 def serial_ports() -> list[str]:
-    """Return one line for each serial port there is: the name to use, and what it says it is."""
+    """Return one line for each serial port: its persistent name and its description."""
     try:
         found = sorted(list_ports.comports())
     except TypeError:  # A device that vanishes during the scan: pyserial #774.
@@ -203,7 +205,7 @@ def _sentence(name: str, error: BaseException) -> str:
         case errno.ENOTTY | errno.EISDIR | errno.EINVAL:
             return f"{name} is no serial port"
         case errno.ECONNREFUSED | errno.EHOSTUNREACH | errno.ETIMEDOUT:
-            return f"nobody answers at {name}"
+            return f"no device answers at {name}"
         case _:
             return f"{name} cannot be opened: {error}"
 
@@ -219,15 +221,17 @@ def _number(error: BaseException | None) -> int | None:
 
 
 _READ_S = 0.002
-"""How long one read waits: a fraction of a cycle, so that the time for an answer is kept."""
+"""Time-out of one read: a fraction of a cycle, so that the time-out of a request holds."""
 _CHUNK = 4096
 _LONGEST_DRAIN = 5.0
 _LONGEST_REST = 256
-"""Of an answer that came too late, no more than so many bytes can stand before the next one."""
+"""Maximum number of bytes of a late response that can precede the next one."""
 
 
 class SerialTransport:
-    """An open port. Used by one thread, which closes it too: pyserial's `close` is not safe."""
+    """Packet transport on an open port. One thread uses and closes it: pyserial's `close` is
+    unsafe.
+    """
 
     def __init__(self, name: str, baud: int) -> None:
         """Open the port.
@@ -237,9 +241,9 @@ class SerialTransport:
         """
         self.name = name
         self._port = open_port(name, baud, _READ_S)
-        self._late = True  # What stands there already is for whom the port was open before.
+        self._late = True  # Waiting bytes belong to an earlier user of the port.
         self.broken = 0
-        """Answers that were broken, and bytes between them that nobody should have sent."""
+        """Number of corrupt responses, and of bytes outside packets."""
 
     def request(
         self,
@@ -248,7 +252,7 @@ class SerialTransport:
         patience_s: float,
         framing: Framing = protocol2,
     ) -> list[Status]:
-        """Send a request, and return the answers that came, fewer when time has run out.
+        """Send a request, and return the responses; fewer than expected after the time-out.
 
         Raises:
             PortError: the port is gone.
@@ -256,19 +260,19 @@ class SerialTransport:
         decoder = Decoder(framing)
         rest = _LONGEST_REST if self._late else 0
         try:
-            if self._late:  # What comes now may be the answer to an older question.
+            if self._late:  # What comes now may be the response to an older request.
                 self._port.reset_input_buffer()
             self._port.write(request)
             found = self._receive(decoder, answers, patience_s)
         except GONE as error:
             raise PortError(f"{self.name} is gone") from error
-        # What comes in two pieces is late, not broken: this program, or the other, was held up.
+        # A response in two pieces is late, not corrupt: one of the two programs was delayed.
         self.broken += decoder.sum_errors + (decoder.skipped > rest and not decoder.cut)
         self._late = len(found) < answers
         return found
 
     def drain(self, silence_s: float) -> None:
-        """Take in and forget what still comes, until nothing has come for `silence_s`, or long.
+        """Discard incoming bytes until none came for `silence_s`, or for a maximum time.
 
         Raises:
             PortError: the port is gone.
@@ -286,7 +290,7 @@ class SerialTransport:
         found: list[Status] = []
         end_s = time.monotonic() + patience_s
         while len(found) < answers:
-            # All there is, or else wait for the first byte: to ask for more waits for all of it.
+            # Read all waiting bytes, or wait for the first: a larger read waits for all of them.
             data = self._port.read(min(max(1, self._port.in_waiting), _CHUNK))
             now_s = time.monotonic()
             for packet in decoder.feed(data, now_s):
@@ -298,7 +302,7 @@ class SerialTransport:
         return found
 
     def close(self) -> None:
-        """Close the port, whatever has become of it."""
+        """Close the port; also after it is gone."""
         try:
             self._port.close()
         except GONE:

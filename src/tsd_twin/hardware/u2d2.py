@@ -27,17 +27,17 @@ ALIVE_S = 0.05
 """A servo that answered within this counts as alive, as it does for the board."""
 _ANSWER_S = 0.02
 _SERVO_TRY_S = 0.1
-"""Patience while they are set up."""
+"""Response time-out of a servo during configuration."""
 _SERVO_TRIES = 3
 _WATCHDOG = 10
 """200 ms: less than the board gives the speed controllers."""
 _FEED_S = 0.5
-"""A watchdog that has run out, after a pause of this program, is set again within this."""
+"""Period at which the watchdogs are set again, in case one expired during a pause."""
 
 
 @dataclass(frozen=True, slots=True)
 class ServoReport:
-    """What the servos said last, by their index from 0 on."""
+    """Newest measurements of the servos, by index from 0."""
 
     present: Mapping[int, Present]
     heard_s: Mapping[int, float]
@@ -46,16 +46,16 @@ class ServoReport:
     newest_s: float
 
     def alive(self, now_s: float) -> int:
-        """Return a mask of those that answered lately."""
+        """Return the mask of servos that answered within `ALIVE_S`."""
         return sum(1 << i for i, at_s in self.heard_s.items() if now_s - at_s <= ALIVE_S)
 
 
 class ServoBus:
-    """The device of a `DeviceThread`. `order` is written, and `news` and `gone` read, by other
-    threads.
+    """Servo bus as the device of a `DeviceThread`.
 
-    Servo i + 1 is gimbal i. When this program dies, the servos stop where they are: what ends the
-    motion of the robot is the board, which shuts off the wheels.
+    Other threads write `order` and read `news` and `gone`. Servo i + 1 is gimbal i. When this
+    program dies, the servos hold their position; the board stops the robot by shutting off the
+    wheels.
     """
 
     name = "the servo bus"
@@ -66,7 +66,7 @@ class ServoBus:
         self.order = JointCommand(np.zeros(joints.count), Heartbeat(False, 0), 0.0)
         self.news: ServoReport | None = None
         self.gone = ""
-        """Why there is no news; else empty."""
+        """Reason of a lost connection; else empty."""
         self._joints = joints
         self._ids = range(1, len(joints.names) + 1)
         self._neutral = calibration.neutral(joints.names)
@@ -75,7 +75,7 @@ class ServoBus:
         self._fed_s = 0.0
 
     def connect(self, line: SerialTransport) -> None:
-        """See that all servos are there, and set up those that are not yet.
+        """Find all servos, and configure those that need it.
 
         Raises:
             HardwareError: one does not answer, or speaks Protocol 1.0; the text names it.
@@ -87,7 +87,7 @@ class ServoBus:
         self.gone = ""
 
     def cycle(self, line: SerialTransport) -> bool:
-        """Write goals and read what is measured, both in one go; return whether all answered.
+        """Write goals and read measurements in one exchange; return whether all servos answered.
 
         Raises:
             HardwareError: the port is gone.
@@ -112,12 +112,12 @@ class ServoBus:
         return bool(answers)
 
     def lose(self, reason: str) -> None:
-        """Take note that the adapter is gone."""
+        """Record that the connection to the adapter is lost."""
         self.news, self.gone = None, reason
         self.health.reconnects += 1
 
     def leave(self, line: SerialTransport) -> None:
-        """Send the gimbals to neutral, which they keep."""
+        """Send the gimbals to neutral; the servos hold it."""
         off = self._all(mx64.BUS_WATCHDOG, [b"\x00"] * len(self._ids))
         line.request(off + self._goals(self._rest), 0, 0.0)
 
@@ -175,7 +175,7 @@ class ServoBus:
             for address, value in wanted.items()
             if self._ask(line, device, protocol2.read(device, address, 1)).data != bytes([value])
         }
-        if other:  # Only then: a servo without torque lets go of its gimbal.
+        if other:  # Only then: without torque a servo does not hold its gimbal.
             self._write(line, device, mx64.TORQUE_ENABLE, 0)
             for address, value in other.items():
                 self._write(line, device, address, value)
@@ -198,7 +198,7 @@ class ServoBus:
 
 
 class U2D2Hardware:
-    """The joints of a robot behind two serial lines; the face of a `RobotIO`, and guarded."""
+    """Hardware interface of a robot on two serial lines: a `RobotIO` with a command watchdog."""
 
     def __init__(
         self,
@@ -213,7 +213,7 @@ class U2D2Hardware:
         """Connect to the board at `board_port` and the servos at `servo_port`.
 
         Raises:
-            HardwareError: something is not there, not ours, or does not answer.
+            HardwareError: a device is missing, of another kind, or does not answer.
         """
         calibration = calibration or ServoCalibration()
         self._joints = JointConverter(robot, throttle)
@@ -230,7 +230,9 @@ class U2D2Hardware:
             raise
 
     def read(self, now_s: float) -> Array | None:
-        """Return the measured joints (n,), NaN where nothing is measured; None: no news."""
+        """Return the measured joints (n,), NaN where not measured; None without a new
+        measurement.
+        """
         news = self._bus.news
         if news is None or news.newest_s <= self._read_s or now_s - news.newest_s > SILENT_S:
             return None
@@ -238,7 +240,7 @@ class U2D2Hardware:
         return self._joints.measured(self._bus.measured(news), news.alive(now_s))
 
     def write(self, setpoint: Array, now_s: float) -> None:
-        """Give the newest set-point (n,) to both lines.
+        """Pass the newest set-point (n,) to both I/O threads.
 
         Raises:
             ValueError: a number is not finite, or there is not one for each joint.
@@ -248,16 +250,16 @@ class U2D2Hardware:
         self._keeper.cycle()
 
     def set_heartbeat(self, heartbeat: Heartbeat) -> None:
-        """Say on whose word the next set-point is given."""
+        """Set the heartbeat under which the next set-point is sent."""
         self._heartbeat = heartbeat
         self._wheels.set_heartbeat(heartbeat)
 
     def fault(self, now_s: float) -> str:
-        """Return what is wrong with the board, the servos or the lines; "" while all is well."""
+        """Return the fault of the board, the servos or the lines; empty without one."""
         return self._wheels.fault(now_s) or self._servo_fault(now_s)
 
     def hardware(self) -> dict[str, Any]:
-        """Return facts for the status that JSON can hold."""
+        """Return the hardware section of the status, JSON-serializable."""
         facts = self._wheels.hardware() | {"kind": "u2d2"}
         news = self._bus.news
         if news is not None:
@@ -265,7 +267,7 @@ class U2D2Hardware:
         return facts | {"servo_link": self._bus.health.status()}
 
     def close(self) -> None:
-        """Shut off the wheels first, then leave the gimbals at neutral."""
+        """Shut off the wheels first, then send the gimbals to neutral."""
         self._wheels.close()
         self._keeper.close()
 

@@ -12,7 +12,7 @@ from tsd_twin.link_emulation.spec import Endpoint, LinkError, LinkSpec
 
 
 class Resender(Protocol):
-    """Who sends again what was lost."""
+    """Retransmission timer of a stream."""
 
     def next_s(self) -> float | None:
         """Return when it is due."""
@@ -24,7 +24,7 @@ class Resender(Protocol):
 
 
 class LinkChannel(Generic[Packet]):
-    """A link and the event loop that wakes up whenever a packet arrives.
+    """One direction of a link, run by an event loop in real time.
 
     The loop sleeps in whole milliseconds: a packet may be up to one later than the link says.
 
@@ -60,7 +60,7 @@ class LinkChannel(Generic[Packet]):
         self.step()
 
     def step(self) -> None:
-        """Do all that is due, and set the alarm for what comes next."""
+        """Process all due events, and set the timer for the next one."""
         now_s = self.now_s
         for resender in tuple(self.resenders):
             resender.retransmit(now_s)
@@ -74,7 +74,7 @@ class LinkChannel(Generic[Packet]):
         self.step()
 
     def cut(self) -> None:
-        """Lose everything from now on, also what is on its way."""
+        """Lose all packets from now on, including those in transit."""
         for packet in self.link.cut():
             self._lost(packet)
         self.step()
@@ -85,12 +85,12 @@ class LinkChannel(Generic[Packet]):
         self.step()
 
     def change(self, spec: LinkSpec) -> None:
-        """Treat packets otherwise from now on."""
+        """Change the specification from now on."""
         self.link.change(spec, self.now_s)
         self.step()
 
     def close(self) -> None:
-        """Wake up no more."""
+        """Cancel the timer."""
         if self._alarm is not None:
             self._alarm.cancel()
 
@@ -134,13 +134,13 @@ def resolved(endpoint: Endpoint) -> tuple[socket.AddressFamily, Address]:
     """Return family and address of an endpoint.
 
     Raises:
-        LinkError: nobody knows the host.
+        LinkError: the host name cannot be resolved.
     """
     kind = _KINDS[endpoint.protocol]
     try:
         found = socket.getaddrinfo(endpoint.host, endpoint.port, type=kind)
     except (OSError, UnicodeError) as error:
-        raise LinkError(f"nobody knows the host of {endpoint}") from error
+        raise LinkError(f"the host of {endpoint} cannot be resolved") from error
     family, _, _, _, address = found[0]
     return family, address
 
@@ -152,7 +152,7 @@ def datagrams(receiver: socket.socket) -> Iterator[tuple[bytes, Address]]:
             received = receiver.recvfrom(_LARGEST_DATAGRAM)
         except BlockingIOError:
             return
-        except ConnectionError:  # An earlier datagram found nobody; more may wait behind this.
+        except ConnectionError:  # An earlier datagram found no receiver; more may wait behind this.
             continue
         yield received
 

@@ -27,11 +27,11 @@ from tsd_twin.link_emulation.relays import (
 from tsd_twin.link_emulation.spec import Endpoint, LinkError, LinkSpec
 
 _LOG = logging.getLogger(__name__)
-_WAYS = (0, 1)  # Up and down; each has its own chance.
+_DIRECTIONS = (0, 1)  # Up and down; each has its own chance.
 
 
-class Way(enum.Enum):
-    """One direction of a link, as the one who connects to it sees it."""
+class Direction(enum.Enum):
+    """Direction of a link, seen from the client."""
 
     UP = enum.auto()
     """Towards the target."""
@@ -40,16 +40,15 @@ class Way(enum.Enum):
 
 
 class LinkEmulator:
-    """Passes on between whoever connects to `endpoint` and the target, as a bad link does.
+    """Relay between clients of `endpoint` and the target that emulates a bad link.
 
-    What crosses is bytes to it: it knows nothing of Zenoh. Use it as a context manager, or call
-    `start` and `close`. All methods may be called from any thread, and what they ask for has
-    happened when they return.
+    It relays bytes of any protocol. Use it as a context manager, or call `start` and `close`. All
+    methods may be called from any thread, and have taken effect when they return.
 
     Args:
         spec: what the link does, alike in both directions, each with its own chance.
         listen: where it listens, on this machine only; port 0 takes a free one.
-        target: where it connects to; nobody needs to be there yet.
+        target: where it connects to; the target may start later.
 
     Raises:
         LinkError: an endpoint is none, or not of the same protocol as the other, or would let
@@ -103,45 +102,47 @@ class LinkEmulator:
 
     @property
     def endpoint(self) -> str:
-        """Where it listens, with the port that 0 became."""
+        """Endpoint it listens on, with the actual port."""
         return str(dataclasses.replace(self._listen, port=self._port))
 
     @property
     def up(self) -> Counters:
-        """What became of the packets towards the target."""
+        """Counters of the packets towards the target."""
         return self._up.link.counters
 
     @property
     def down(self) -> Counters:
-        """What became of the packets from the target."""
+        """Counters of the packets from the target."""
         return self._down.link.counters
 
-    def stall(self, length_s: float, ways: Collection[Way] = tuple(Way)) -> None:
-        """Deliver nothing for `length_s` from now on, in some ways, and lose nothing."""
-        self._do(lambda lane: lane.stall(length_s), ways)
+    def stall(self, length_s: float, directions: Collection[Direction] = tuple(Direction)) -> None:
+        """Deliver nothing for `length_s` from now on, in some directions, and lose nothing."""
+        self._do(lambda channel: channel.stall(length_s), directions)
 
     def cut(self) -> None:
-        """Lose everything from now on, also what is on its way."""
-        self._do(lambda lane: lane.cut())
+        """Lose all packets from now on, including those in transit."""
+        self._do(lambda channel: channel.cut())
 
     def mend(self) -> None:
         """End the cut."""
-        self._do(lambda lane: lane.mend())
+        self._do(lambda channel: channel.mend())
 
     def set(self, spec: LinkSpec) -> None:
-        """Be another link from now on; its seed counts at the start only."""
-        self._do(lambda lane: lane.change(spec))
+        """Change the specification from now on; the seed has effect at the start only."""
+        self._do(lambda channel: channel.change(spec))
 
     def _do(
-        self, action: Callable[[LinkChannel[Any]], None], ways: Collection[Way] = tuple(Way)
+        self,
+        action: Callable[[LinkChannel[Any]], None],
+        directions: Collection[Direction] = tuple(Direction),
     ) -> None:
         if self._thread is None:
             raise LinkError("the link is not running")
 
         async def act() -> None:
-            for way, lane in ((Way.UP, self._up), (Way.DOWN, self._down)):
-                if way in ways:
-                    action(lane)
+            for direction, channel in ((Direction.UP, self._up), (Direction.DOWN, self._down)):
+                if direction in directions:
+                    action(channel)
 
         asyncio.run_coroutine_threadsafe(act(), self._loop).result()
 
@@ -151,13 +152,13 @@ class LinkEmulator:
         relay = self._datagrams() if self._listen.protocol == "udp" else self._connections()
         try:
             port = await relay.open()
-        except Exception as error:  # Whoever called `start` is waiting for it.
+        except Exception as error:  # The caller of `start` waits for it.
             opened.set_exception(error)
             return
         opened.set_result(port)
         await self._stop.wait()
-        for lane in (self._up, self._down):
-            lane.close()
+        for channel in (self._up, self._down):
+            channel.close()
         await relay.close()
         _LOG.info("up %s, down %s", self.up, self.down)
 
@@ -168,7 +169,7 @@ class LinkEmulator:
         def lost(segment: TcpSegment) -> None:
             segment.stream.lost(segment)
 
-        up, down = (self._lane(way, arrived, lost, math.inf) for way in _WAYS)
+        up, down = (self._channel(i, arrived, lost, math.inf) for i in _DIRECTIONS)
         self._up, self._down = up, down
         return TcpRelay(self._listen, self._target, up, down)
 
@@ -176,17 +177,19 @@ class LinkEmulator:
         def lost(_datagram: Datagram) -> None:
             return
 
-        up, down = (self._lane(way, forward, lost, CAPACITY_BYTES) for way in _WAYS)
+        up, down = (
+            self._channel(direction, forward, lost, CAPACITY_BYTES) for direction in _DIRECTIONS
+        )
         self._up, self._down = up, down
         return UdpRelay(self._listen, self._target, up, down)
 
-    def _lane(
+    def _channel(
         self,
-        way: int,
+        direction: int,
         arrived: Callable[[Packet], object],
         lost: Callable[[Packet], object],
         capacity_bytes: float,
     ) -> LinkChannel[Packet]:
-        random = np.random.default_rng([self._spec.seed, way])
+        random = np.random.default_rng([self._spec.seed, direction])
         link: Link[Packet] = Link(self._spec, random, self._loop.time(), capacity_bytes)
         return LinkChannel(self._loop, link, arrived, lost)

@@ -17,7 +17,7 @@ from tsd_twin.link_emulation.spec import LinkSpec, Stall
 
 @dataclass(frozen=True, slots=True)
 class Counters:
-    """Packets so far; those neither lost nor delivered are on their way."""
+    """Packet counters; packets neither lost nor delivered are in transit."""
 
     packets: int
     """Put on their way; over TCP a segment counts each time it is sent."""
@@ -31,10 +31,10 @@ TICK_S = 1e-6
 
 
 class StallClock:
-    """Turns time into the time that a link has run, and back; both in seconds.
+    """Conversion between time and the running time of a link, which excludes stalls; seconds.
 
-    A link that counts in this time needs no further thought for stalls: whatever is on its way is
-    late by as long as the stall lasts, and keeps its order and its distance.
+    A link that schedules in running time handles stalls without further rules: a stall delays
+    packets in transit by its length, and keeps their order and spacing.
     """
 
     def __init__(self, start_s: float, stall: Stall | None) -> None:
@@ -54,7 +54,7 @@ class StallClock:
         return self._ran_s
 
     def hold(self, length_s: float, now_s: float) -> None:
-        """Stand still for `length_s` from now on; of two holds at a time the later end counts."""
+        """Stall for `length_s` from now on; of overlapping stalls the later end holds."""
         self.read(now_s)
         self._held_until_s = max(self._held_until_s, now_s + length_s)
 
@@ -73,7 +73,7 @@ class StallClock:
         return periods >= 1.0 and into_s < self._stall.length_s - TICK_S
 
     def when(self, ran_s: float) -> float:
-        """Return when the link will have run for `ran_s`, if nobody holds it before."""
+        """Return when the link will have run for `ran_s`, without a further stall on request."""
         from_s = max(self._seen_s, self._held_until_s)
         ran_s = self._ran(from_s) + max(0.0, ran_s - self._ran_s)
         stalls = 0.0
@@ -84,7 +84,7 @@ class StallClock:
         return self._start_s + ran_s + stalled_s
 
     def _ran(self, at_s: float) -> float:
-        """Return how long it would have run since its start, had nobody held it."""
+        """Return the running time since the start without stalls on request."""
         since_start_s = at_s - self._start_s
         if self._stall is None or since_start_s < self._stall.period_s:
             return since_start_s
@@ -94,13 +94,13 @@ class StallClock:
 
 
 DETOUR_S = 0.05
-"""How much longer a packet takes that others may overtake."""
+"""Additional delay of a packet that others may overtake."""
 
 Packet = TypeVar("Packet")
 
 
 class Link(Generic[Packet]):
-    """Takes packets, and gives each back when it arrives, or never.
+    """Emulated link in one direction: delays, reorders and loses packets.
 
     A packet travels for `delay_s` and its jitter, waits for its turn, and leaves at the rate of
     the link. Those on the straight way keep their order: one that jitter makes late holds up those
@@ -124,7 +124,7 @@ class Link(Generic[Packet]):
         self._random = random
         self._stopwatch = StallClock(start_s, spec.stall)
         self._capacity_bytes = capacity_bytes
-        # Times in here are those of the stopwatch. The count decides between two of one time.
+        # Times in here are those of the stall clock. The count decides between two of one time.
         self._on_the_way: list[tuple[float, int, int, Packet]] = []
         self._bytes = 0
         self._straight_s = 0.0
@@ -134,12 +134,12 @@ class Link(Generic[Packet]):
 
     @property
     def spec(self) -> LinkSpec:
-        """What it does to packets."""
+        """Specification in force."""
         return self._spec
 
     @property
     def counters(self) -> Counters:
-        """What became of all packets so far."""
+        """Counters of all packets."""
         # Another thread may read them: what is counted last is read first.
         lost, delivered = self._lost, self._delivered
         return Counters(self._packets, lost, delivered)
@@ -178,7 +178,7 @@ class Link(Generic[Packet]):
         return arrived
 
     def next_s(self) -> float | None:
-        """Return when the next packet arrives if nobody interferes; None when there is none."""
+        """Return when the next packet arrives without further calls; None when there is none."""
         return self._stopwatch.when(self._through_s()) if self._on_the_way else None
 
     def stall(self, length_s: float, now_s: float) -> None:
@@ -192,7 +192,7 @@ class Link(Generic[Packet]):
         self._lost += len(lost)
         self._on_the_way.clear()
         self._bytes = 0
-        self._straight_s = 0.0  # What is lost holds up nobody.
+        self._straight_s = 0.0  # A lost packet delays no other.
         return lost
 
     def mend(self) -> None:
@@ -200,7 +200,7 @@ class Link(Generic[Packet]):
         self._is_cut = False
 
     def change(self, spec: LinkSpec, now_s: float) -> None:
-        """Treat packets otherwise from now on; the seed counts at the start only."""
+        """Change the specification from now on; the seed has effect at the start only."""
         self._stopwatch.change(spec.stall, now_s)
         self._spec = spec
 
@@ -219,7 +219,7 @@ Payload = TypeVar("Payload")
 
 @dataclass(slots=True)
 class Segment(Generic[Payload]):
-    """What a stream sends at a time."""
+    """Segment of a stream."""
 
     stream: Stream[Payload]
     number: int
@@ -229,7 +229,7 @@ class Segment(Generic[Payload]):
 
 
 class Stream(Generic[Payload]):
-    """Brings payloads over a link that loses and reorders: all of them, in order, if late.
+    """Reliable, ordered byte stream over a lossy link, as TCP has it.
 
     A lost segment goes again when the retransmission time-out of the oldest one is over, and holds
     up all behind it. Each time-out in a row doubles the next; progress takes it back to the first

@@ -21,14 +21,14 @@ SEGMENT_BYTES = 1400
 TCP_HEADER_BYTES = 40
 """IPv4 and TCP; they take their share of the bandwidth."""
 WINDOW_BYTES = 256 * 1024
-"""What one direction holds, on the way and waiting, before the relay stops to read."""
+"""Buffer of one direction, in transit and waiting, at which the relay stops reading."""
 KERNEL_BYTES = 64 * 1024
-"""What a socket of the relay holds besides; left alone the kernel lets it grow to megabytes."""
+"""Kernel buffer of a relay socket; by default the kernel lets it grow to megabytes."""
 _LINGER_NONE = struct.pack("ii", 1, 0)  # Closing sends a reset.
 
 
 class Mark(enum.Enum):
-    """What a segment says that carries no data."""
+    """Control segment of a stream: one without data."""
 
     OPEN = enum.auto()
     END = enum.auto()
@@ -40,13 +40,15 @@ TcpSegment: TypeAlias = Segment[SocketPayload]
 
 
 class RelaySocket(asyncio.Protocol, abc.ABC):
-    """A socket, and the stream that carries what is read from it to the other side."""
+    """Socket of a relayed TCP connection, with the stream that carries its data to the other
+    side.
+    """
 
     other: RelaySocket
 
-    def __init__(self, lane: LinkChannel[TcpSegment], sides: set[RelaySocket]) -> None:
-        self._lane = lane
-        self._stream: Stream[SocketPayload] = Stream(lane.link, self._hand_over)
+    def __init__(self, channel: LinkChannel[TcpSegment], sides: set[RelaySocket]) -> None:
+        self._channel = channel
+        self._stream: Stream[SocketPayload] = Stream(channel.link, self._hand_over)
         self._transport: asyncio.Transport | None = None
         self._ended = False
         self._finished = False
@@ -55,7 +57,7 @@ class RelaySocket(asyncio.Protocol, abc.ABC):
         sides.add(self)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Tell the other side."""
+        """Notify the other side."""
         self._transport = cast("asyncio.Transport", transport)
         if self._abandoned:
             self.abandon()
@@ -85,7 +87,7 @@ class RelaySocket(asyncio.Protocol, abc.ABC):
             self.carry(Mark.RESET)
 
     def resume_writing(self) -> None:
-        """Let the other side read on."""
+        """Resume reading on the other side."""
         self.other.throttle()
 
     def throttle(self) -> None:
@@ -110,15 +112,15 @@ class RelaySocket(asyncio.Protocol, abc.ABC):
 
     def carry(self, payload: SocketPayload) -> None:
         """Send a payload to the other side."""
-        self._lane.resenders.add(self._stream)
+        self._channel.resenders.add(self._stream)
         for piece, size_bytes in _pieces(payload):
-            self._stream.send(piece, size_bytes + TCP_HEADER_BYTES, self._lane.now_s)
-        self._lane.step()
+            self._stream.send(piece, size_bytes + TCP_HEADER_BYTES, self._channel.now_s)
+        self._channel.step()
 
     def abandon(self) -> None:
-        """Break the connection at once, and say nothing to the other side."""
+        """Abort the connection at once, without notice to the other side."""
         self._abandoned = True
-        self._lane.resenders.discard(self._stream)
+        self._channel.resenders.discard(self._stream)
         if self._transport is None:
             self._sides.discard(self)
         elif not self._transport.is_closing():
@@ -142,7 +144,7 @@ class RelaySocket(asyncio.Protocol, abc.ABC):
 
     @abc.abstractmethod
     def opened(self) -> None:
-        """Take note that the other side is connected."""
+        """Handle that the other side is connected."""
 
     def _hand_over(self, payload: SocketPayload) -> None:
         match payload:
@@ -155,7 +157,7 @@ class RelaySocket(asyncio.Protocol, abc.ABC):
             case bytes():
                 self.other.write(payload)
         if payload in (Mark.END, Mark.RESET):
-            self._lane.resenders.discard(self._stream)
+            self._channel.resenders.discard(self._stream)
         self.throttle()
 
 
@@ -174,13 +176,13 @@ def _pieces(payload: SocketPayload) -> Iterator[tuple[SocketPayload, int]]:
 
 
 class ClientSocket(RelaySocket):
-    """Holds what a client sends before the target has answered.
+    """Client side of a relayed connection: holds data until the target is connected.
 
     The kernel accepts at once; a handshake over the link would have taken a round trip.
     """
 
-    def __init__(self, lane: LinkChannel[TcpSegment], sides: set[RelaySocket]) -> None:
-        super().__init__(lane, sides)
+    def __init__(self, channel: LinkChannel[TcpSegment], sides: set[RelaySocket]) -> None:
+        super().__init__(channel, sides)
         self._is_open = False
         self._early: list[SocketPayload] = []
 
@@ -195,8 +197,8 @@ class ClientSocket(RelaySocket):
         if self._is_open or payload is Mark.OPEN:
             super().carry(payload)
         elif payload is Mark.RESET:
-            self.other.abandon()  # The client has given up: nobody calls any more.
-            self._lane.resenders.discard(self._stream)
+            self.other.abandon()  # The client has given up: there is no connection to open.
+            self._channel.resenders.discard(self._stream)
         else:
             self._early.append(payload)
 
@@ -214,16 +216,16 @@ _LOG = logging.getLogger(__name__)
 
 
 class TargetSocket(RelaySocket):
-    """Connects when the client's call arrives, and says so, or that nobody answers."""
+    """Target side of a relayed connection: connects when the client's request arrives."""
 
     def __init__(
         self,
-        lane: LinkChannel[TcpSegment],
+        channel: LinkChannel[TcpSegment],
         sides: set[RelaySocket],
         near: ClientSocket,
         target: Endpoint,
     ) -> None:
-        super().__init__(lane, sides)
+        super().__init__(channel, sides)
         self.other = near
         self._target = target
         self._dialling: asyncio.Task[None]
@@ -239,7 +241,7 @@ class TargetSocket(RelaySocket):
         try:
             await loop.create_connection(lambda: self, self._target.host, self._target.port)
         except (OSError, UnicodeError) as error:
-            _LOG.info("nobody answers at %s: %s", self._target, error)
+            _LOG.info("no connection to %s: %s", self._target, error)
             self._sides.discard(self)
             if not self._abandoned:
                 self.carry(Mark.RESET)
@@ -277,7 +279,7 @@ class TcpRelay:
         self._server.close()
         for side in tuple(self._sides):
             side.abandon()
-        await asyncio.sleep(0)  # The transports say good-bye in the next turn of the loop.
+        await asyncio.sleep(0)  # The transports close in the next iteration of the loop.
         await self._server.wait_closed()
 
     def _accept(self) -> ClientSocket:
@@ -289,7 +291,7 @@ class TcpRelay:
 HEADER_BYTES = 28
 """IPv4 and UDP; they take their share of the bandwidth."""
 CAPACITY_BYTES = 256 * 1024
-"""What a link of datagrams holds, on the way and waiting; what comes on top is lost."""
+"""Buffer of a datagram link, in transit and waiting; datagrams beyond it are lost."""
 _IDLE_S = 120.0  # What RFC 4787, REQ-5, asks of a NAT at least.
 
 
@@ -321,7 +323,7 @@ class UdpRelay:
         """Listen, and return the port.
 
         Raises:
-            LinkError: it cannot listen there, or nobody knows the target.
+            LinkError: it cannot listen there, or the host of the target cannot be resolved.
         """
         self._family, self._address = resolved(self._target)
         self._socket = bound(self._listen)

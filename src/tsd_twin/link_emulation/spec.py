@@ -55,7 +55,7 @@ class Endpoint:
 
     @property
     def is_loopback(self) -> bool:
-        """Whether it is of this machine only."""
+        """Whether the host is a loopback address."""
         try:
             return ipaddress.ip_address(self.host).is_loopback
         except ValueError:
@@ -73,7 +73,7 @@ class Quantity:
     """
 
     kind: str
-    """What an error calls it."""
+    """Name in error messages."""
     powers: Mapping[str, int]
     """The power of ten that each unit stands for, smallest first."""
     example: str
@@ -145,7 +145,7 @@ class Stall:
 
 @dataclass(frozen=True, slots=True)
 class LinkSpec:
-    """What a link does to each packet, alike in both directions; the default does nothing.
+    """Specification of a link, equal in both directions; the default changes nothing.
 
     `str()` gives the text that `parse` reads, such as `delay=150ms,jitter=30ms,loss=2%`.
     """

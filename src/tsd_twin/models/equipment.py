@@ -62,7 +62,7 @@ def board_drawings(deck: float, room: float, x: float = 0.0) -> list[Drawing]:
 
 
 def _chips() -> Manifold:
-    """Return what is black: headers, the power jack, the processor and smaller chips."""
+    """Return the black parts: headers, the power jack, the processor and smaller chips."""
     low = _THICKNESS
     headers = [box(x, y, (low, low + 8.5)) for x, y in _HEADERS]
     grooves = [
@@ -79,7 +79,7 @@ def _chips() -> Manifold:
 
 
 def _sockets() -> Manifold:
-    """Return what is bright: the USB socket, capacitors, reset button, screws and standoffs."""
+    """Return the metal parts: the USB socket, capacitors, reset button, screws and standoffs."""
     low = _THICKNESS
     cans = [rod(3.0, (low, low + 5.4), at=(17.5, y, 0.0)) for y in (8.0, 16.0)]
     screws = [rod(2.8, (low, low + 1.2), at=(x, y, 0.0), corners=8) for x, y in _HOLES]

@@ -68,7 +68,7 @@ _Word: TypeAlias = Annotated[str, msgspec.Meta(pattern=r"^[a-z0-9_]+\Z")]
 
 
 class _Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What an STL file does not say about a part."""
+    """Data of a part that an STL file lacks."""
 
     link: _Word
     name: _Word

@@ -18,7 +18,7 @@ BASE = "base_link"
 
 
 class JointType(StrEnum):
-    """What lets links move against what they hang on."""
+    """Joint between a link and its parent."""
 
     FIXED = "fixed"
     ANGLE = "revolute"
@@ -41,26 +41,26 @@ class JointLimits:
 
 @dataclass(frozen=True, slots=True)
 class Sphere:
-    """A shape to collide with, about the origin of its link."""
+    """Collision sphere about the origin of its link."""
 
     radius_m: float
 
 
 @dataclass(frozen=True, slots=True)
 class Cylinder:
-    """A shape to collide with, about Y of its link."""
+    """Collision cylinder about Y of its link."""
 
     radius_m: float
     length_m: float
 
 
 CollisionShape: TypeAlias = Sphere | Cylinder | None
-"""What a link collides as; None: not at all."""
+"""Collision shape of a link; None without one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkGroup:
-    """Links that are alike, in k places: the same parts on the same kind of joint."""
+    """Group of k equal links: the same parts on the same type of joint."""
 
     kind: Link
     """Whose parts they have."""
@@ -82,13 +82,13 @@ class LinkGroup:
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """Number of links in the group."""
         return len(self.names)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KinematicTree:
-    """All links of a robot; those that others hang on come first."""
+    """Kinematic tree: all links of a robot, parents first."""
 
     height_m: float
     """Of the origin of `base_link` above the floor."""

@@ -34,7 +34,7 @@ from tsd_twin.robots.description import Body
 
 
 class Tracker(NamedTuple):
-    """A wheel that is not driven and only measures: millimetres and degrees in `base_link`."""
+    """Tracking wheel (passive, with encoder): pose in `base_link`, millimetres and degrees."""
 
     x: float
     y: float

@@ -32,7 +32,7 @@ _GAP = 0.06
 
 @dataclass(frozen=True, slots=True)
 class WheelPlan:
-    """What a wheel is drawn from; millimetres and radians."""
+    """Dimensions of an omni wheel, millimetres and radians."""
 
     radius: float
     """From the axle to the floor."""
@@ -141,7 +141,7 @@ def _at_rollers(plan: WheelPlan, roller: Manifold) -> Manifold:
 
 
 def _pins(plan: WheelPlan) -> Manifold:
-    """Return what the rollers turn on, as far as it is seen: the ends."""
+    """Return the visible ends of the roller pins."""
     thin, end = 0.26 * plan.roller_radius, float(roller_profile(plan, 3)[-1, 1])
     ends = [
         rod(thin, (end, end + 0.5 * plan.roller_radius)),

@@ -25,7 +25,7 @@ nominal."""
 
 @dataclass(frozen=True, slots=True)
 class Mount:
-    """Where a wheel is, in millimetres and degrees in `base_link`."""
+    """Pose of a wheel in `base_link`, millimetres and degrees."""
 
     x: float
     y: float
@@ -128,7 +128,7 @@ def _outline(mounts: Sequence[Mount], scale: float) -> CrossSection:
 
 
 def _apart(mounts: Sequence[Mount], scale: float, train: float) -> bool:
-    """Tell whether motors of a length keep clear of one another."""
+    """Return whether motors of a length do not overlap."""
     prints: list[CrossSection] = []
     half = (MOTOR + 2.0) * scale
     for mount in mounts:

@@ -181,7 +181,7 @@ _SERVO_LOW = 33.0
 
 @dataclass(frozen=True, slots=True)
 class _Seat:
-    """Where the servo sits: behind the raised side of the frame, its shaft along X."""
+    """Pose of the servo: behind the raised side of the frame, its shaft along X."""
 
     size: Point
     y: float

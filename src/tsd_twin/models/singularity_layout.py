@@ -185,7 +185,7 @@ class Decks:
         return min(near_far)[1]
 
     def carries(self, footprint: CrossSection) -> bool:
-        """Tell whether a footprint lies wholly on the upper deck."""
+        """Return whether a footprint lies completely on the upper deck."""
         return (footprint - self.upper).area() < 1e-6
 
 

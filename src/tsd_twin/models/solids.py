@@ -126,7 +126,7 @@ _GRID_M = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """How a part looks and what it weighs."""
+    """Material: colour and density of a part."""
 
     rgba: tuple[float, float, float, float]
     """Red, green, blue (sRGB) and opacity, 0 to 1."""
@@ -136,7 +136,7 @@ class Material:
 
 
 class Drawing(NamedTuple):
-    """A solid as it comes from the drawing board."""
+    """Solid of one material in the frame of its link, before conversion to a mesh."""
 
     name: str
     solid: Manifold
@@ -146,11 +146,11 @@ class Drawing(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """One closed solid, which need not hang together, of one material."""
+    """Part: a closed solid of one material, possibly in several pieces."""
 
     name: str
     link: Link
-    """What it is fixed to."""
+    """Kind of link it belongs to."""
     mesh: trimesh.Trimesh
     """Metres, in the frame of the link; watertight."""
     rgba: tuple[float, float, float, float]
@@ -240,5 +240,5 @@ def shell_material(body: Body) -> Material:
 
 
 def front_material(body: Body) -> Material:
-    """Return what the arrow is made of."""
+    """Return the material of the arrow."""
     return Material(body.front_rgba, 0.0, 0.5, 1200.0)

@@ -96,7 +96,7 @@ _FOOT = 9.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WheelMount:
-    """A wheel on the sphere: where it is, and the turn from its frame to `base_link`."""
+    """Pose of a wheel on the sphere, in `base_link`."""
 
     at: Array
     """(3,): centre, millimetres."""
@@ -115,7 +115,7 @@ class WheelMount:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StandLayout:
-    """Where the parts of a stand go."""
+    """Layout of a stand: positions and sizes of its parts."""
 
     plan: WheelPlan
     leans: tuple[WheelMount, ...]

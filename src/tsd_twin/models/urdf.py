@@ -59,7 +59,7 @@ def inertia(parts: Iterable[Part], mass_kg: float) -> Inertia:
 
 
 _RINGS = (("yaw", "0 0 1"), ("pitch", "0 1 0"), ("roll", "1 0 0"))
-"""What a ball hangs in: turns about Z, then the new Y, then the new X."""
+"""Rings of a ball joint: turns about Z, then the new Y, then the new X."""
 _RING_KG, _RING_KG_M2 = 1e-6, 1e-9
 """Of a ring, which is not there: readers want every link that moves to weigh something."""
 
@@ -114,7 +114,7 @@ def urdf(robot: RobotDescription, parts: Parts, mesh_uri: str = "") -> str:
 
 
 def _hang(root: ET.Element, link_groups: LinkGroup, i: int, above: str) -> None:
-    """Add the joint of a link; the last ring of a ball holds it fast."""
+    """Add the joint of a link; the innermost ring of a ball joint has a fixed one."""
     kind = "fixed" if link_groups.joint_type is JointType.BALL else str(link_groups.joint_type)
     joint = _joint(root, link_groups.joints[i], kind, (above, link_groups.names[i]))
     if link_groups.joint_type is not JointType.BALL:
@@ -126,7 +126,7 @@ def _hang(root: ET.Element, link_groups: LinkGroup, i: int, above: str) -> None:
 
 
 def _rings(root: ET.Element, link_groups: LinkGroup, i: int, above: str) -> str:
-    """Add the rings that a ball hangs in, and return the innermost."""
+    """Add the gimbal rings that represent a ball joint, and return the innermost."""
     for number, (name, axis) in enumerate(_RINGS):
         ring = f"{link_groups.names[i]}_{name}"
         element = ET.SubElement(ET.SubElement(root, "link", name=ring), "inertial")

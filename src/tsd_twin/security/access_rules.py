@@ -22,7 +22,7 @@ AUTHORITY = "ca"
 
 
 class Role(StrEnum):
-    """What a certificate says that its owner is."""
+    """Role of an identity on the bus, from its certificate."""
 
     ROBOT = "robot"
     OPERATOR = "operator"
@@ -30,7 +30,7 @@ class Role(StrEnum):
     VIEWER = "viewer"
     """Sees, and stops."""
     SENSOR = "sensor"
-    """Tells robots where they are, as a camera does; sees, and stops."""
+    """Publishes pose measurements, as a camera does; sees, and stops."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,13 +88,14 @@ def _a(role: Role) -> str:
 
 _ANY = "twin/*"
 _CLAIMS = (topics.TWIST, topics.SENSOR_POSE, topics.STOP)
-"""What clients say to robots; all other topics are what robots say."""
+"""Topics that clients publish; robots publish all others."""
 _BRANCHES = sorted({topic.path.split("/")[0] for topic in topics.TOPICS if topic not in _CLAIMS})
 
 SHOWN = tuple(f"{_ANY}/{branch}/**" for branch in _BRANCHES)
 ALIVE = (topics.alive_key("*"), topics.instance_key("*", "*"))
 HISTORY = (f"{topics.EVENT.key('*')}/@adv/**",)
-"""Where late joiners of events ask for what was; chunks with @ match no wildcard but themselves."""
+"""Keys for queries of past events by late joiners; chunks with @ match no wildcard but
+themselves."""
 OPEN = tuple(f"{_ANY}/{service}" for service in Service if not service.startswith("srv/"))
 HOLDER = tuple(f"{_ANY}/{service}" for service in Service if service.startswith("srv/"))
 STOP = (topics.STOP.key("*"),)
@@ -105,7 +106,7 @@ EVERYTHING = (f"{_ANY}/**", *HISTORY)
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """What is let through; everything else is not."""
+    """Access rule that allows messages on keys; all others are denied."""
 
     id: str
     flow: Literal["ingress", "egress"]
@@ -144,18 +145,18 @@ OPERATORS = (
     Rule("outside-ask", "ingress", ("declare_subscriber",), SENSOR_POSE),
     Rule("outside-see", "egress", ("put",), SENSOR_POSE),
 )
-"""Operators besides: ask for control, hear that somebody listens to commands, and where a robot is
-seen, to calibrate it by."""
+"""Additional rules of operators: request control, see subscribers of commands, and read pose
+measurements for calibration."""
 
 SENSORS = (
     Rule("outside-say", "ingress", ("put",), SENSOR_POSE),
     Rule("outside", "egress", ("declare_subscriber",), SENSOR_POSE),
 )
-"""Sensors besides: say where a robot is. Nobody else, since poses turn what `odom` means."""
+"""Additional rules of sensors: publish poses. Other roles must not: poses shift `odom`."""
 
 
 def drive_rule(name: str) -> Rule:
-    """Return the rule that lets one operator, and the pages of one, send commands; nobody else.
+    """Return the rule that lets one operator, and its pages, send commands on its own keys.
 
     `name-$*` is any chunk that begins so: each page of a dashboard has a key of its own.
     """
@@ -168,7 +169,7 @@ def drive_rule(name: str) -> Rule:
 def access_control(identities: Sequence[Identity]) -> dict[str, Any]:
     """Return the section `access_control` of a robot's Zenoh configuration.
 
-    Subjects are the common names of client certificates; who is none of them may nothing.
+    Subjects are the common names of client certificates; other names have no rights.
     """
     operators = [person.name for person in identities if person.role is Role.OPERATOR]
     sensors = [person.name for person in identities if person.role is Role.SENSOR]
@@ -185,7 +186,7 @@ def access_control(identities: Sequence[Identity]) -> dict[str, Any]:
         "default_permission": "deny",
         "rules": [_in_zenoh_terms(rule) for rule in (*EVERYBODY, *OPERATORS, *SENSORS, *own)],
         "subjects": [{"id": p.name, "cert_common_names": [p.name]} for p in identities],
-        # A policy for nobody is an error to Zenoh; no policies deny everything.
+        # Zenoh rejects a policy without subjects; no policies deny everything.
         "policies": policies if identities else [],
     }
 
@@ -202,7 +203,7 @@ def _in_zenoh_terms(rule: Rule) -> dict[str, Any]:
 
 LISTEN = "tls/0.0.0.0:7447"
 LARGEST_BYTES = 65536
-"""A robot puts together no message beyond this; a command has 108, a request a few hundred."""
+"""Largest message a robot reassembles; a command has 108 bytes, a request a few hundred."""
 _PORT = re.compile(r"^tls/.*?:(\d+)(?:[?#].*)?$")
 
 
@@ -224,7 +225,7 @@ def robot_settings(
     settings["listen"] = {"endpoints": [listen]}
     settings["access_control"] = access_control(identities)
     settings["transport"]["link"]["rx"] = {"max_message_size": LARGEST_BYTES}
-    # Nothing that anybody says to a robot is large, whatever it is about.
+    # No message to a robot is large, on any key.
     for limit in settings["low_pass_filter"]:
         limit["key_exprs"] = list(EVERYTHING)
     return settings

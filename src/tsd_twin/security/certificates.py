@@ -79,14 +79,14 @@ def write_certificate(file: Path, certificate: Certificate) -> None:
 
 
 def replace_file(file: Path, content: bytes, mode: int = 0o644) -> None:
-    """Write a file whole: whenever this is interrupted, there is never half of one.
+    """Write a file atomically: an interruption never leaves a partial one.
 
     Raises:
         TwinError: the file cannot be written.
     """
     draft = file.with_name(f"{file.name}.new")
     try:
-        draft.unlink(missing_ok=True)  # One that was left behind may be anybody's to read.
+        draft.unlink(missing_ok=True)  # A draft left behind may have public permissions.
         descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
         with os.fdopen(descriptor, "wb") as stream:
             stream.write(content)
@@ -109,7 +109,7 @@ def new_key() -> Key:
 
 @dataclass(frozen=True, slots=True)
 class CertificateAuthority:
-    """Who holds this key decides who may speak on the bus."""
+    """Private certificate authority of the bus; its key decides who may connect."""
 
     key: Key
     certificate: x509.Certificate
@@ -140,7 +140,7 @@ class CertificateAuthority:
 
     @property
     def end(self) -> datetime:
-        """When it runs out, and with it all that it has signed."""
+        """Expiry of the authority and of all certificates that it has signed."""
         return self.certificate.not_valid_after_utc
 
     def issue_robot(
@@ -159,7 +159,7 @@ class CertificateAuthority:
     def issue_client(
         self, key: Key, person: Identity, now: datetime, days: int
     ) -> x509.Certificate:
-        """Return a client certificate; nobody can pose as a robot with it.
+        """Return a client certificate, which is not valid for servers.
 
         Raises:
             TwinError: the certificate would outlive the authority.
@@ -191,10 +191,10 @@ class CertificateAuthority:
 
 
 def identity_of(certificate: x509.Certificate) -> Identity:
-    """Return whom a certificate of ours was issued to.
+    """Return the identity that a certificate was issued to.
 
     Raises:
-        TwinError: it is not one of ours.
+        TwinError: it lacks the fields of such a certificate.
     """
     try:
         (name,) = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)

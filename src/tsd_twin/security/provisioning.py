@@ -27,14 +27,16 @@ from tsd_twin.security.certificates import CertificateAuthority
 
 
 class KeyFolder:
-    """Certificates say who there is, so no list can disagree with them."""
+    """Folder of keys, certificates and configurations; its certificates are the list of
+    identities.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.made: list[Path] = []
         """Files that were written, in order."""
 
-    # Where things are.
+    # Paths.
 
     def certificate_file(self, name: str) -> Path:
         """Return where a certificate is."""
@@ -49,14 +51,16 @@ class KeyFolder:
         return self.path / f"{name}.json5"
 
     def files_of(self, name: str) -> list[Path]:
-        """Return what the machine of the robot or of a client needs; nothing else may go there."""
+        """Return the files for the machine of the robot or of a client; no others may be copied
+        there.
+        """
         own = [self.certificate_file(name), self.key_file(name), self.settings_file(name)]
         return [self.certificate_file(AUTHORITY), *own]
 
-    # What there is.
+    # Reading.
 
     def identities(self) -> list[Identity]:
-        """Return who has a certificate here, by name.
+        """Return the identities with a certificate in the folder, by name.
 
         Raises:
             TwinError: a certificate is none of ours.
@@ -91,7 +95,7 @@ class KeyFolder:
                 "and bring your changes back as JSON"
             ) from error
 
-    # What is made.
+    # Writing.
 
     def make(self) -> None:
         """Make the folder, for its owner alone.
@@ -105,7 +109,7 @@ class KeyFolder:
             raise TwinError(f"{self.path} cannot be made: {error.strerror}") from error
 
     def authority(self, now: datetime) -> CertificateAuthority:
-        """Return the authority, a new one when there is none.
+        """Return the authority; create it when there is none.
 
         Raises:
             TwinError: a part of it is missing, or its parts do not belong together.
@@ -128,7 +132,7 @@ class KeyFolder:
         return authority
 
     def key(self, name: str) -> certificates.Key:
-        """Return the key there is, so that a certificate alone can be renewed, or a new one."""
+        """Return the existing key, so that a certificate alone can be renewed, or a new one."""
         file = self.key_file(name)
         if file.exists():
             return certificates.read_key(file)
@@ -151,7 +155,7 @@ class KeyFolder:
 
 
 def certificate_identity(file: Path) -> Identity:
-    """Return whom the certificate in a file was issued to.
+    """Return the identity of the certificate in a file.
 
     Raises:
         TwinError: it cannot be read, or is none of ours.
@@ -170,7 +174,7 @@ _CLIENT_HEAD = """\
 
 @dataclass(frozen=True, slots=True)
 class CertificateRequest:
-    """What there shall be in a folder.
+    """Request for certificates: the identities that a key folder shall have.
 
     Raises:
         TwinError: the number of days is impossible.
@@ -180,7 +184,7 @@ class CertificateRequest:
     """Names and addresses of the robot; clients connect to the first of all."""
     identities: tuple[Identity, ...] = ()
     days: int = 365
-    """How long new certificates are good."""
+    """Validity of new certificates, days."""
     listen: str | None = None
     """None: as it is, or `LISTEN`."""
 
@@ -196,7 +200,7 @@ def provision(
     robot_base: Mapping[str, Any],
     client_base: Callable[[str], Mapping[str, Any]],
 ) -> None:
-    """Write what is missing, and the rules of the robot for all there are.
+    """Write missing files, and the access rules of the robot for all identities.
 
     `now` is in UTC. `robot_base` are Zenoh settings of a node that listens nowhere, `client_base`
     gives those of a client for an endpoint. Keys and certificates are never overwritten, but for

@@ -20,14 +20,14 @@ from tsd_twin.security.access_rules import Role, client
 from tsd_twin.security.certificates import replace_file
 
 _OTHERS = stat.S_IWGRP | stat.S_IRWXO
-"""A group may read, such as that of a service."""
+"""Permission bits that a file must not have; its group, such as that of a service, may read."""
 
 
 def refuse_public(file: Path) -> None:
     """Refuse a file that others can read or change.
 
     Raises:
-        TwinError: so it is, or the file is not there.
+        TwinError: others can read or change it, or the file does not exist.
     """
     try:
         status = file.stat()
@@ -36,7 +36,7 @@ def refuse_public(file: Path) -> None:
     if status.st_mode & _OTHERS:
         raise TwinError(f"{file} can be read or changed by others: run chmod 600 {file}")
     if status.st_uid not in (0, os.geteuid()):
-        raise TwinError(f"{file} belongs to somebody else: make it your own, or root's")
+        raise TwinError(f"{file} belongs to another user: make it your own, or root's")
 
 
 LEAST_CHARACTERS = 10
@@ -51,7 +51,7 @@ _HEAD = (
 
 @dataclass(frozen=True, slots=True)
 class User:
-    """Somebody who can log in."""
+    """User account of the dashboard."""
 
     name: str
     role: Role
@@ -79,12 +79,12 @@ class Users:
         """Read a file.
 
         Raises:
-            TwinError: it cannot be read, something in it is wrong, nobody is in it, or others can
+            TwinError: it cannot be read, is invalid, lists no user, or others can
                 read it.
         """
         users = cls.load_any(file)
         if not users.names:
-            raise TwinError(f"{file} has nobody who could log in: see tsd-users --help")
+            raise TwinError(f"{file} lists no user: see tsd-users --help")
         return users
 
     @classmethod
@@ -107,7 +107,7 @@ class Users:
 
     @property
     def names(self) -> list[str]:
-        """Who there is, in order."""
+        """Names of all users, sorted."""
         return sorted(self._entries)
 
     def user(self, name: str) -> User:
@@ -119,9 +119,10 @@ class Users:
     def check(self, name: str, password: str) -> User | None:
         """Return the user whose name and password these are.
 
-        Takes about 50 ms of a processor and 64 MiB, whoever is asked for: never on an event loop.
+        Takes about 50 ms of processor time and 64 MiB for every name: do not call it on an event
+        loop.
         """
-        # Whoever asks for a name that is not there waits as long as for one that is.
+        # An unknown name takes as long as a known one, so timing does not reveal names.
         stand_in = next(iter(self._entries.values()))
         try:
             _HASHER.verify(self._entries.get(name, stand_in).argon2, password[:_MOST_CHARACTERS])
@@ -133,7 +134,7 @@ class Users:
     # Changing.
 
     def put(self, name: str, role: Role, password: str, *, may_stop: bool) -> None:
-        """Add somebody, or give a new role and password.
+        """Add a user, or set a new role and password.
 
         Raises:
             TwinError: the name cannot be one, or the password is too short.
@@ -148,7 +149,7 @@ class Users:
         self._entries[name] = entry
 
     def remove(self, name: str) -> None:
-        """Remove somebody.
+        """Remove a user.
 
         Raises:
             TwinError: there is no such user.
@@ -187,9 +188,9 @@ def _check(file: Path, name: str, entry: _Entry) -> None:
 
 
 KEYS = 1024
-"""Remembered at once; the one with the shortest wait, then the fewest tries, gives way."""
+"""Maximum number of keys; the one with the shortest wait, then the fewest tries, is evicted."""
 CALM_S = 3600.0
-"""Whoever has not tried for so long begins anew."""
+"""Time without attempts after which the count of a key restarts."""
 
 
 @dataclass(slots=True)
@@ -200,9 +201,9 @@ class _Attempts:
 
 
 class LoginRateLimiter:
-    """Counts tries by key; each counts as wrong until it turns out right.
+    """Rate limiter of login attempts by key, with exponential back-off.
 
-    So that who tries many passwords at once is not quicker than who waits for each answer.
+    Each attempt counts as failed until it succeeds, so parallel attempts gain nothing.
     """
 
     def __init__(self, free: int, first_s: float, longest_s: float) -> None:
@@ -246,7 +247,7 @@ class LoginRateLimiter:
 
     def _make_room(self, key: str, now_s: float) -> None:
         if key not in self._records and len(self._records) >= KEYS:
-            # Else many made-up keys would free one that has nearly used up its tries.
+            # Otherwise many invented keys would evict one that has nearly used up its tries.
             del self._records[
                 min(
                     self._records,
@@ -255,8 +256,8 @@ class LoginRateLimiter:
             ]
 
 
-class Allowance:
-    """Bounds tries of all keys together: some at once, then one every so often."""
+class LoginTokenBucket:
+    """Token bucket that limits the attempts of all keys together."""
 
     def __init__(self, at_once: int, every_s: float) -> None:
         """`at_once` tries are free, and `every_s` gives back one of them."""
@@ -295,7 +296,7 @@ _AT_ONCE = 16
 
 @dataclass(slots=True)
 class Login:
-    """A user at one browser. Its id is a digest of what the browser's cookie holds."""
+    """Login session of a user in one browser; its id is a digest of the secret in the cookie."""
 
     id: str
     user: User
@@ -304,18 +305,19 @@ class Login:
 
 
 class Logins:
-    """All methods take the time, in seconds of a clock that never goes back."""
+    """Login sessions and rate limits; methods take the time in seconds of a monotonic clock."""
 
     def __init__(self, *, idle_s: float = IDLE_S, absolute_s: float = ABSOLUTE_S) -> None:
         self._idle_s = idle_s
         self._absolute_s = absolute_s
         self._logins: dict[str, Login] = {}
-        # Somebody behind the same address, or who knows a name, shall not lock others out for long.
+        # The waits are bounded: an attacker behind the same address, or with a known name, must not
+        # lock others out for long.
         self._addresses = LoginRateLimiter(free=5, first_s=5.0, longest_s=900.0)
         self._names = LoginRateLimiter(free=10, first_s=10.0, longest_s=300.0)
-        # Addresses behind a proxy are what the proxy says, and any process of its machine can pose
-        # as one: this bound holds whatever is said.
-        self._all = Allowance(at_once=60, every_s=5.0)
+        # Addresses behind a proxy come from its headers, which any process of its machine can
+        # forge: this limit does not depend on them.
+        self._all = LoginTokenBucket(at_once=60, every_s=5.0)
 
     # Trying.
 

@@ -18,7 +18,7 @@ _ARMING_SHARE = 0.9
 
 
 class SpeedControllers:
-    """The arming of speed controllers from power-up on; arrays have `shape`, one entry a motor.
+    """Arming state machine of speed controllers from power-up on; arrays have one entry per motor.
 
     The hold starts with the first command, before which there is no signal, and again with each
     signal that is not zero throttle. Once armed, a controller stays so.
@@ -47,13 +47,13 @@ class SpeedControllers:
         return np.where(self._was_armed, signal, self._zero_throttle)
 
     def advance(self, dt_s: float) -> None:
-        """Let `dt_s` seconds pass."""
+        """Advance by `dt_s` seconds."""
         self._held_s += dt_s * self._holding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motors:
-    """The laws of a robot's motors and speed controllers, on arrays (..., k): one entry a motor."""
+    """Model of motors and speed controllers, on arrays (..., k): one entry per motor."""
 
     signals: Array
     """(r,): throttle signals of the calibration table, rising; the first is zero throttle."""
@@ -100,7 +100,7 @@ class Motors:
         return np.where(speed < start, 0.0, speed)
 
     def pulse_us(self, signal: Array) -> Array:
-        """Return the pulse width, microseconds, that stands for `signal`."""
+        """Return the pulse width, microseconds, of `signal`."""
         first, last = self.signals[0], self.signals[-1]
         low, high = self.pulses_us
         return low + (signal - first) / (last - first) * (high - low)
@@ -114,7 +114,7 @@ class Motors:
 
 @dataclass(frozen=True, slots=True)
 class Servos:
-    """The law that all servos of a robot obey, on arrays of any shape.
+    """Model of position servos, on arrays of any shape.
 
     A servo turns towards its goal at `approach_rate_per_s` times the error, and never faster than
     its speed limit: position control with a proportional gain, as the MX-64 has it. Close to the
@@ -130,9 +130,9 @@ class Servos:
     angle_limit_rad: float
     """A goal beyond this, on either side, is taken for the last step within it."""
     dead_band_rad: float = 0.0
-    """A servo that is this close to its goal stands."""
+    """Position error below which a servo stands still."""
     backlash_rad: float = 0.0
-    """Play, in all."""
+    """Total backlash."""
 
     @staticmethod
     def of(robot: SingularityDescription, battery_v: float | Array) -> Servos:
@@ -152,7 +152,7 @@ class Servos:
         return np.round(angle / self.step_rad) * self.step_rad
 
     def goal(self, setpoint: Array) -> Array:
-        """Return the angle that a servo goes for when told `setpoint`, radians."""
+        """Return the goal angle of a servo for `setpoint`, quantised and limited, radians."""
         last = np.floor(self.angle_limit_rad / self.step_rad) * self.step_rad
         return np.clip(self.quantise(setpoint), -last, last)
 
@@ -181,7 +181,7 @@ class Servos:
     def cross(
         self, angle: Array, goal: Array, play: Array, elapsed_s: Array
     ) -> tuple[Array, Array]:
-        """Return what is left of `elapsed_s` once the motor has crossed its play, and the play.
+        """Return the remainder of `elapsed_s` after the motor has crossed its play, and the play.
 
         `play`, radians, is how far the motor is ahead of its gimbal, at most half the backlash on
         either side. The gimbal stands meanwhile, so the motor turns evenly.
@@ -216,7 +216,7 @@ class WheelSurface:
         random: np.random.Generator,
         shape: tuple[int, ...],
     ) -> WheelSurface:
-        """Return wheels with layers of `layer_m` that begin anywhere; `shape` is (..., k)."""
+        """Return wheels with layers of `layer_m` at random phases; `shape` is (..., k)."""
         return WheelSurface(kinematics, layer_m, random.uniform(0.0, 2.0 * np.pi, shape))
 
     def outside_m(self, joints: Array) -> Array:
@@ -266,7 +266,7 @@ class Actuation:
         """Indices of the wheels in the joint vector."""
         shape = (*batch, len(self.wheels))
         self._offsets = robot.actuator_offsets()
-        # Dice of its own: how a machine was built has nothing to do with its noise.
+        # A separate random generator: the errors of construction are independent of the noise.
         built = np.random.default_rng(None if seed is None else [seed, 1])
         nominal_v = robot.battery.nominal_v
         off = robot.errors.battery_share * built.standard_normal((*batch, 1))
@@ -294,9 +294,9 @@ class Actuation:
         )
         """(..., 2k): angle at which each gimbal stands when its servo reports 0."""
         self.goals: Array = self.zero_rad.copy()
-        """(..., 2k): angles that the servos go for."""
+        """(..., 2k): goal angles of the servos."""
         self.speed_goals: Array = np.zeros(shape)
-        """(..., k): speeds that the motors settle at, rad/s."""
+        """(..., k): steady-state speeds of the motors, rad/s."""
         self.play_rad: Array = np.zeros_like(self.goals)
         """(..., 2k): how far the motor of each servo is ahead of its gimbal."""
 

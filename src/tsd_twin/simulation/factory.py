@@ -55,7 +55,8 @@ def simulate(
     """Return `batch` robots of one description, all at the same virtual time; `()` is a single one.
 
     `noise` scales the standard deviations of the description: 0 is none, 1 is as described. `pose`
-    is where they start, of the drive's space. `plant` is one of `PLANTS`. `errors` scales what is
+    is the start pose, of the pose type of the kinematics. `plant` is one of `PLANTS`. `errors`
+    scales what is
     wrong with a built machine by its description, where it says so: 0 is nothing.
 
     Raises:

@@ -31,13 +31,13 @@ def load_mujoco() -> Any:
 
 
 _SPIN_IN_SLIP = 8.0 / (3.0 * np.pi)
-"""How much the speed of the rim counts beside the slip, for the force."""
+"""Weight of the rim speed relative to the slip, in the friction force."""
 _SLIP_IN_SPIN = 15.0 * np.pi / 16.0
-"""How much the slip counts beside the speed of the rim, for the torque."""
+"""Weight of the slip relative to the rim speed, in the friction torque."""
 _MEAN_LEVER = 3.0 * np.pi / 16.0
 """Lever of the friction of a patch that only spins, in radii, under the pressure of Hertz."""
 _STANDSTILL_MPS = 0.01
-"""Below this a patch sticks, which it does here by sliding ever more slowly."""
+"""Regularization speed: below it the patch sticks, modelled as viscous sliding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,13 +75,13 @@ TIMESTEP_S = 0.001
 """Half and a tenth of it give the same motion to four digits."""
 FLOOR = "floor"
 _CONTACT_S = 0.005
-"""Time in which the floor gives way under the weight of the robot."""
+"""Time constant of the compliant contact with the floor."""
 _PLATE_HEIGHT_M = 0.05
-"""Of the disc that the chassis is taken for, around the height of the gimbals."""
+"""Height of the disc that models the chassis, around the height of the gimbals."""
 _ROD_M = 0.006
-"""Radius of the rods that gimbal frames are taken for."""
+"""Radius of the rods that model the gimbal frames."""
 _GEAR_INERTIA_KG_M2 = 0.01
-"""Of a gimbal servo behind its gears: of the class of the MX-64, nobody publishes it."""
+"""Inertia of a gimbal servo at its output; estimated for the MX-64, no published value exists."""
 _FREE = {"contype": 0, "conaffinity": 0}
 
 
@@ -119,7 +119,7 @@ def build_mujoco_model(robot: SingularityDescription) -> Any:
 
 
 def _add_module(base: Any, i: int, robot: SingularityDescription) -> None:
-    """Hang a wheel into two gimbal frames: Y of a module is radially outward."""
+    """Add a wheel on two gimbal frames: Y of a module is radially outward."""
     geometry, mass = robot.drive, robot.mass
     radius = geometry.wheel_radius_m
     azimuth = float(np.radians(geometry.azimuths_deg[i]))
@@ -145,7 +145,7 @@ def _add_module(base: Any, i: int, robot: SingularityDescription) -> None:
 
 
 def _add_servo(body: Any, name: str, axis: list[float], robot: SingularityDescription) -> None:
-    """A gear motor at full voltage has its stall torque at rest and none at its no-load speed."""
+    """Add a gear motor: full voltage gives stall torque at rest and zero at no-load speed."""
     no_load_rad_per_s = robot.servo.no_load_speed_rpm * RPM
     body.add_joint(
         name=name,
@@ -165,7 +165,7 @@ Indices: TypeAlias = npt.NDArray[np.intp]
 
 
 class MujocoSimulation:
-    """One robot of rigid bodies in contact with the floor, instead of wheels that only roll.
+    """Rigid-body simulation of one robot in contact with the floor.
 
     Gimbal servos are proportional controllers of gear motors with the stall torque and no-load
     speed of the description, so without load they obey the law of `Servos`; under load they give
@@ -254,7 +254,7 @@ class MujocoSimulation:
         return np.array([*velocity, self._data.qvel[5]])
 
     def hardware_status(self) -> dict[str, object]:
-        """Return what the actuators say, and what the floor is like."""
+        """Return the actuator status and the friction parameters of the floor."""
         return self.actuation.hardware_status() | {
             "plant": "mujoco",
             "friction": self._patch.friction,
@@ -287,7 +287,7 @@ class MujocoSimulation:
         self._mujoco.mj_step(self._model, data)
 
     def _through_play(self, voltage: Array, dt_s: float) -> Array:
-        """Return what is left of the voltages of servos whose motors may be crossing their play.
+        """Return the servo voltages; zero for a servo whose motor is inside its backlash.
 
         A motor that touches nothing turns at the speed its voltage gives, at once.
         """

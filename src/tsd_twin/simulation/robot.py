@@ -18,12 +18,12 @@ from tsd_twin.robots import RobotDescription
 from tsd_twin.simulation.factory import simulate
 
 _SHORTEST_STEP_S = 1e-9
-"""Less is left to the next call: speeds over such a step would be differences of roundings."""
+"""Shortest integration step: over a shorter one, rounding errors dominate the speeds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """What only a simulator knows."""
+    """Ground truth of a simulated robot."""
 
     pose: SE2 | SO3
     """Pose of the robot in the world."""
@@ -34,10 +34,10 @@ class Truth:
 
 
 class SimRobot:
-    """Actuators, sensors and body of one robot, in virtual time.
+    """Simulated robot in virtual time: actuators, sensors and body.
 
-    It stands still until the first call says what time it is, and is moved on to the time of each
-    call after that; a time that lies in the past moves nothing. Nothing here looks at a clock.
+    The first call sets the time; each later call integrates the motion up to its time. A time in
+    the past moves nothing. The class reads no clock.
     `noise` scales the standard deviations of the description; 0 is none. How fast wheels turn is
     measured if robots of this kind do, or as `measures_spin` says. `plant` is what moves it, and
     `errors` scales what is wrong with it: see `simulate`, which also names what is raised.
@@ -111,7 +111,7 @@ class SimRobot:
         return self._facts | dict(self._simulation.hardware_status())
 
     def close(self) -> None:
-        """Do nothing: there is nothing to let go of."""
+        """Do nothing: the simulation holds no resources."""
 
     def _advance(self, now_s: float) -> None:
         if self._now_s is None:
@@ -122,16 +122,16 @@ class SimRobot:
 
 
 TIMEOUT_S = 0.25
-"""Set-points older than this are not obeyed any more."""
+"""Command watchdog: set-points older than this trip it."""
 
 
 class BoardModel:
-    """Passes set-points on to a simulated robot, and trips when they cease.
+    """Controller board with a command watchdog, in front of a simulated robot.
 
-    `TIMEOUT_S` after the last set-point it puts the actuators at rest by itself, in the middle of
-    whatever time has passed when it is asked next. A board that has tripped measures nothing, which
-    is a fault to the node, and obeys nothing but zero throttle on all wheels, which ends it: so the
-    way back is reset and arm. Where all throttles are zero there is nothing to trip.
+    `TIMEOUT_S` after the last set-point the watchdog trips and puts the actuators at rest, also
+    when that time lies between two calls. A tripped board returns no measurements, which is a fault
+    for the node. It ignores set-points until all wheels have zero throttle, so the operator must
+    reset and arm. With zero throttle on all wheels the watchdog does not trip.
     """
 
     def __init__(self, robot: RobotDescription, simulated: SimRobot) -> None:
@@ -173,7 +173,7 @@ class BoardModel:
         return {**self._simulated.hardware(), "tripped": self.tripped}
 
     def close(self) -> None:
-        """Close what is behind it."""
+        """Close the simulated robot."""
         self._simulated.close()
 
     def _look_at_the_clock(self, now_s: float) -> None:
@@ -189,17 +189,17 @@ USUAL_LEAN_DEG = 2.0
 
 @dataclass(frozen=True, slots=True)
 class StuckJoint:
-    """A servo that turns no more, whatever it is told, once its gimbal leans so far."""
+    """Injected fault: a servo that stays blocked once its gimbal reaches an angle."""
 
     joint: str
     lean_rad: float = 0.0
 
     @staticmethod
     def parse(text: str, robot: RobotDescription) -> StuckJoint:
-        """Return the jam in `module2_alpha` or `module2_alpha@3`, where 3 is in degrees.
+        """Parse a fault such as `module2_alpha` or `module2_alpha@3`, where 3 is in degrees.
 
         Raises:
-            TwinError: it is none, or the robot has no such gimbal.
+            TwinError: the text is malformed, or the robot has no such gimbal.
         """
         joint, _, lean = text.partition("@")
         gimbals = [j.name for j in robot.kinematics().joints if j.kind is JointKind.POSITION]
@@ -216,7 +216,7 @@ class StuckJoint:
 
 
 class RobotWithStuckJoint(SimRobot):
-    """A simulated robot with gimbals that stick; all else is as it was."""
+    """Simulated robot with blocked gimbal servos."""
 
     def __init__(
         self, robot: RobotDescription, jams: Sequence[StuckJoint] = (), **kwargs: Any
@@ -230,11 +230,11 @@ class RobotWithStuckJoint(SimRobot):
             self.jam(jam)
 
     def jam(self, jam: StuckJoint) -> None:
-        """Let a gimbal stick from now on."""
+        """Block a gimbal servo from now on."""
         self._leans[self._names.index(jam.joint)] = jam.lean_rad
 
     def write(self, setpoint: Array, now_s: float) -> None:
-        """Give the actuators their set-points (n,), those that stick the one that they are at."""
+        """Write set-points (n,); a blocked joint keeps its present angle."""
         joints = self.truth(now_s).joints
         for place, lean_rad in self._leans.items():
             if abs(joints[place]) >= lean_rad:

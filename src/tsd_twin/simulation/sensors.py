@@ -16,7 +16,9 @@ from tsd_twin.simulation.wrappers import Simulation, SimulationWrapper
 
 @dataclass(frozen=True, slots=True)
 class CameraNoise:
-    """Of the overhead camera of the thesis: 24 frames a second; the rest is assumed."""
+    """Noise, delay and frame rate of an overhead camera; 24 frames/s as in the thesis, else
+    assumed.
+    """
 
     rate_hz: float = 24.0
     late_s: float = 0.08
@@ -26,7 +28,7 @@ class CameraNoise:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """A pose that a camera saw."""
+    """Camera frame: a measured pose with its time."""
 
     taken_s: float
     pose: Array
@@ -34,7 +36,7 @@ class Frame:
 
 
 class Camera:
-    """Poses at its frame rate, known some time after they were seen."""
+    """Simulated overhead camera: noisy poses at a frame rate, with processing delay."""
 
     def __init__(self, noise: CameraNoise, random: np.random.Generator) -> None:
         self.noise = noise
@@ -43,9 +45,9 @@ class Camera:
         self._coming: deque[Frame] = deque()
 
     def watch(self, now_s: float, pose: SE2) -> list[Frame]:
-        """Look at a robot at `pose` (3,), and return the frames that have become known."""
+        """Measure a robot at `pose` (3,), and return the frames whose processing has finished."""
         if now_s >= self._next_s - 1e-9:
-            # What was missed while nobody looked is not made up for.
+            # Frames missed between two calls are not produced later.
             self._next_s = max(self._next_s + 1.0 / self.noise.rate_hz, now_s)
             sigma = np.array([self.noise.sigma_m, self.noise.sigma_m, self.noise.sigma_rad])
             seen = pose.xy_heading + sigma * self._random.standard_normal(3)
@@ -57,7 +59,7 @@ class Camera:
 
 
 class DeadWheelSensors:
-    """Two wheels that are not driven, so do not slip, and a gyro; arrays have a batch in front."""
+    """Two passive tracking wheels, which do not slip, and a gyro; arrays have a leading batch."""
 
     def __init__(
         self, sensors: DeadWheels, batch: tuple[int, ...], random: np.random.Generator, noise: float
@@ -70,7 +72,7 @@ class DeadWheelSensors:
         self._angles = np.zeros((*batch, 2))
 
     def advance(self, twist: Array, dt_s: float) -> None:
-        """Let the wheels roll with the body for `dt_s` at a mean `twist` (..., 3)."""
+        """Integrate the wheel angles for `dt_s` at a mean `twist` (..., 3)."""
         self._angles = self._angles + dt_s * (twist @ self._rows.T)
 
     def measure(self, twist: Array) -> Array:
@@ -81,9 +83,9 @@ class DeadWheelSensors:
 
 
 class YawGyro:
-    """Turn rates with white noise, and an offset that stays for the run.
+    """Simulated yaw gyro: white noise and an offset that is constant in a run.
 
-    `scale` times as wrong as its description, and one for each robot of a batch.
+    `scale` multiplies the described errors; each robot of a batch has a gyro of its own.
     """
 
     def __init__(
@@ -106,7 +108,7 @@ class YawGyro:
 
 
 class GyroSimulation(SimulationWrapper[Simulation]):
-    """Another simulation, and after what that measures the turn rate that a gyro does.
+    """Simulation wrapper that appends the turn rate of a gyro to the measurements.
 
     `noise` scales the standard deviations of the description. The gyro is not on the bus of the
     actuators, so not late.
@@ -122,7 +124,7 @@ class GyroSimulation(SimulationWrapper[Simulation]):
         noise: float = 0.0,
     ) -> None:
         super().__init__(simulation)
-        # Dice of its own: a robot has the same errors with a gyro as without.
+        # A separate random generator: a robot has the same errors with a gyro as without.
         random = np.random.default_rng(None if seed is None else [seed, 2])
         self._gyro = YawGyro(gyro, random, batch, scale=noise)
 

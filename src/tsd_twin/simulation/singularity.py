@@ -18,7 +18,7 @@ _SIMPSON = np.array([[1.0, 4.0, 1.0]]) / 6.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KinematicPlant:
-    """A robot whose wheels roll as its drive says, and do nothing else."""
+    """Kinematic plant: wheels roll without slip."""
 
     kinematics: Kinematics[SE2]
 
@@ -50,7 +50,7 @@ class KinematicPlant:
 
 
 _LONGEST_STEP_S = 0.02
-"""The approach of the servos, some 30 per second, is a smooth curve over this."""
+"""Longest integration step: short beside the time constant of the servos, about 1/30 s."""
 
 
 class SingularitySimulation:
@@ -108,7 +108,7 @@ class SingularitySimulation:
         return self.kinematics.forward(self.actuation.surface.roll(self.joints), rates).twist
 
     def hardware_status(self) -> dict[str, object]:
-        """Return what the actuators say."""
+        """Return the actuator status."""
         return self.actuation.hardware_status()
 
     def _step(self, dt_s: float) -> None:

@@ -17,7 +17,7 @@ from tsd_twin.simulation.sensors import DeadWheelSensors
 
 @dataclass(frozen=True, slots=True)
 class GearedMotors:
-    """The law that all wheels of a robot obey, on arrays of any shape; torques at the wheel.
+    """Model of DC gear motors with speed control, on arrays of any shape; torques at the wheel.
 
     The torque that a voltage gives falls along a straight line from stall to the no-load speed; the
     driver can reverse the voltage, and cuts off at its current limit.
@@ -29,7 +29,7 @@ class GearedMotors:
     """At the voltage there is, without load."""
     torque_limit_nm: float
     gain_nm_s: float
-    """Of the speed control: torque for each rad/s that a wheel is too slow."""
+    """Gain of the speed control: torque per rad/s of speed error."""
 
     @staticmethod
     def of(motor: GearedMotor, inertia_kg_m2: float, voltage_share: float) -> GearedMotors:
@@ -51,7 +51,7 @@ class GearedMotors:
 
 
 class GearedSimulation(ABC):
-    """Wheels on speed-controlled motors; what they do to the body is for those who inherit.
+    """Base class of simulations with speed-controlled wheels; subclasses model the body.
 
     `noise` scales the standard deviations of the description: each wheel measures its speed wrong
     by a share that stays the same for the run. Time passes in steps of `longest_step_s` at most.
@@ -69,7 +69,7 @@ class GearedSimulation(ABC):
         noise: float,
         battery_v: float | None,
     ) -> None:
-        """Take the `shape` (..., k) of a batch of wheels, and what inertia each one feels."""
+        """Create wheels of `shape` (..., k); each drives an inertia."""
         self.battery_v = robot.battery.nominal_v if battery_v is None else battery_v
         self.joints: Array = np.zeros(shape)
         """(..., k): true wheel speeds."""
@@ -90,7 +90,7 @@ class GearedSimulation(ABC):
         self._goals[...] = np.broadcast_to(setpoint, self.joints.shape)
 
     def advance(self, dt_s: float) -> None:
-        """Let `dt_s` seconds pass."""
+        """Advance by `dt_s` seconds."""
         if self._rests():
             return
         steps = int(np.ceil(dt_s / self.longest_step_s - 1e-9))
@@ -110,11 +110,11 @@ class GearedSimulation(ABC):
 
 
 _CREEP_MPS = 0.01
-"""A roller pulls with its full friction when its rim is some times faster than the floor."""
+"""Creep scale: friction reaches its limit at a few times this creep."""
 _GRAVITY_MPS2 = 9.81
 _ROUNDS = 30
 _CLOSE_MPS = 0.2 * _CREEP_MPS
-"""Creep that is known to this is known well enough."""
+"""Tolerance of the creep iteration."""
 _SETTLED = 1e-9
 """Metres, or radians, a second below which nothing moves."""
 
@@ -122,13 +122,13 @@ _SETTLED = 1e-9
 class OmniSimulation(GearedSimulation):
     """`batch` robots of one description, all at the same virtual time; `()` is a single one.
 
-    A rigid body on wheels that carry equal shares of its weight. A roller holds the floor along its
-    axle, by friction that grows with the creep and ends at its limit; there the wheel slips, and
-    its encoder does not know.
+    A rigid body on wheels that carry equal shares of its weight. The friction of a roller acts
+    along its axle, grows with the creep, and saturates at its limit. A saturated wheel slips, which
+    its encoder does not show.
     """
 
     longest_step_s = 0.0025
-    """Wheels that lose their grip speed up within some milliseconds."""
+    """Slipping wheels accelerate within some milliseconds."""
 
     def __init__(
         self,
@@ -247,8 +247,8 @@ class OmniSimulation(GearedSimulation):
 class SphereSimulation(GearedSimulation):
     """`batch` platforms of one description, all at the same virtual time; `()` is a single one.
 
-    Nothing slips. The sphere always turns as the rows that carry make it, whatever model an
-    estimate uses; at the start each wheel stands at the beginning of its first row.
+    There is no slip. The sphere always follows the rows of rollers in contact, whatever model an
+    estimate uses. At the start each wheel is at the beginning of its first row.
     """
 
     longest_step_s = 0.005

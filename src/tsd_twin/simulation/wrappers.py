@@ -18,7 +18,7 @@ from tsd_twin.simulation.actuators import Actuation
 class Simulation(Protocol):
     """Robots of one description in virtual time: one, or a batch in lockstep.
 
-    Actuators feed a plant. What a robot measures is apart from what is true.
+    Actuators drive a plant. Measurements are separate from ground truth.
     """
 
     @property
@@ -28,7 +28,7 @@ class Simulation(Protocol):
 
     @property
     def pose(self) -> Any:
-        """True pose in the world, of the drive's space."""
+        """True pose in the world, of the pose type of the kinematics."""
         ...
 
     @property
@@ -45,7 +45,7 @@ class Simulation(Protocol):
         ...
 
     def advance(self, dt_s: float) -> None:
-        """Let `dt_s` seconds pass."""
+        """Advance by `dt_s` seconds."""
         ...
 
     def measure(self) -> Array:
@@ -57,7 +57,7 @@ class Simulation(Protocol):
         ...
 
     def hardware_status(self) -> Mapping[str, object]:
-        """Return what the status of a single robot says about its hardware, fit for JSON."""
+        """Return the hardware section of the status of a single robot, JSON-serializable."""
         ...
 
 
@@ -65,7 +65,9 @@ S = TypeVar("S", bound=Simulation)
 
 
 class SimulationWrapper(Generic[S]):
-    """Passes on what is true; how it is told and measured is for those who inherit."""
+    """Base class of simulation wrappers: forwards everything but `measure`, which subclasses
+    define.
+    """
 
     def __init__(self, simulation: S) -> None:
         self.simulation = simulation
@@ -87,11 +89,11 @@ class SimulationWrapper(Generic[S]):
         return self.simulation.joints
 
     def command(self, setpoint: Array) -> None:
-        """Give all actuators new set-points, as the other simulation takes them."""
+        """Set all actuators' set-points, as the wrapped simulation takes them."""
         self.simulation.command(setpoint)
 
     def advance(self, dt_s: float) -> None:
-        """Let `dt_s` seconds pass."""
+        """Advance by `dt_s` seconds."""
         self.simulation.advance(dt_s)
 
     def twist(self) -> Array:
@@ -99,20 +101,20 @@ class SimulationWrapper(Generic[S]):
         return self.simulation.twist()
 
     def hardware_status(self) -> Mapping[str, object]:
-        """Return what the other simulation says."""
+        """Return the hardware status of the wrapped simulation."""
         return self.simulation.hardware_status()
 
 
 class Actuated(Simulation, Protocol):
-    """A simulation whose measurements are made of its joints alone."""
+    """Simulation whose measurements depend on its joints alone."""
 
     actuation: Actuation
 
 
 class DelayWrapper(SimulationWrapper[Actuated]):
-    """Another simulation, which hears of set-points and tells of its joints `delay_s` later.
+    """Simulation wrapper that delays set-points and joint measurements by `delay_s`.
 
-    What is true is not late. Between the times it was let pass, joints are taken to move evenly.
+    Ground truth is not delayed. Joints are interpolated linearly between two calls of `advance`.
     """
 
     def __init__(self, simulation: Actuated, delay_s: float) -> None:
@@ -123,12 +125,12 @@ class DelayWrapper(SimulationWrapper[Actuated]):
         self._been: deque[tuple[float, Array]] = deque([(0.0, simulation.joints.copy())])
 
     def command(self, setpoint: Array) -> None:
-        """Send new set-points off, as `Actuation.command` takes them."""
+        """Queue new set-points, as `Actuation.command` takes them."""
         checked = self.simulation.actuation.checked(setpoint)
         self._coming.append((self._now_s + self._delay_s, checked.copy()))
 
     def advance(self, dt_s: float) -> None:
-        """Let `dt_s` seconds pass; what arrives meanwhile counts from then on."""
+        """Advance by `dt_s` seconds; set-points take effect when their delay is over."""
         end_s = self._now_s + dt_s
         while self._coming and self._coming[0][0] <= end_s:
             due_s, setpoint = self._coming.popleft()

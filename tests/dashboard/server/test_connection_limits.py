@@ -47,8 +47,8 @@ def fresh() -> Generator[Site]:
 
 def limit(served: Site, **changes: float) -> None:
     """Make limits shorter than those shipped."""
-    entrance = served.gateway._entrance
-    entrance._limits = dataclasses.replace(entrance._limits, **changes)
+    limiter = served.gateway._connection_limiter
+    limiter._limits = dataclasses.replace(limiter._limits, **changes)
 
 
 def test_strangers_share_a_few_places_and_are_told_so(fresh: Site) -> None:
@@ -74,8 +74,8 @@ def test_a_thousand_connections_neither_stop_an_operator_nor_keep_one_out(fresh:
 
 
 def test_through_the_proxy_strangers_share_all_places(fresh: Site) -> None:
-    fresh.gateway._entrance._is_proxy = lambda _peer: True
-    count = ConnectionLimits().strangers
+    fresh.gateway._connection_limiter._is_proxy = lambda _peer: True
+    count = ConnectionLimits().unauthenticated
     with dialled(fresh.port, count + 5) as opened:
         assert {status_of(each) for each in opened[:5]} == {FULL}
         assert not any(is_closed(each) for each in opened[5:])

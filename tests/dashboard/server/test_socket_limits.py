@@ -44,75 +44,75 @@ def test_no_more_passes_than_the_burst_and_the_rate(
 
 def test_a_page_that_does_all_it_can_at_once_passes_for_an_hour() -> None:
     """A stick at 100 Hz, which is the most a page sends, beats, and a slider that springs back."""
-    allowance = SocketLimiter(TELEOP)
+    limiter = SocketLimiter(TELEOP)
     for tick in range(360_000):
         now_s = 0.01 * tick
         said = [DRIVE]
         said += [BEAT] if tick % 10 == 0 else []
         said += [RELEASED] if tick % 25 == 0 else []
         said += ['{"t":"stop"}'] if tick % 20 == 0 else []
-        assert all(allowance.judge(text, now_s) is LimitDecision.PASS for text in said)
+        assert all(limiter.decide(text, now_s) is LimitDecision.PASS for text in said)
 
 
 def test_what_a_page_said_while_the_network_stood_still_passes() -> None:
     """It says nothing more after two seconds without an answer."""
-    allowance = SocketLimiter(TELEOP)
+    limiter = SocketLimiter(TELEOP)
     for text in [DRIVE] * 200 + [BEAT] * 20:
-        assert allowance.judge(text, 5.0) is LimitDecision.PASS
+        assert limiter.decide(text, 5.0) is LimitDecision.PASS
 
 
 @pytest.mark.parametrize(
     "text", [RELEASED, DRIVE, BEAT, "garbage", '{"t":"robot","id":"x"}', '{"t":"stop"}', b"\x00"]
 )
 def test_a_flood_is_cut_off(text: str | bytes) -> None:
-    allowance = SocketLimiter(TELEOP)
-    verdicts = [allowance.judge(text, 1.0) for _ in range(MOST_AT_ONCE + 1)]
-    assert verdicts[-1] is LimitDecision.CUT
-    assert LimitDecision.CUT not in verdicts[: round(TELEOP.messages.burst)]
+    limiter = SocketLimiter(TELEOP)
+    decisions = [limiter.decide(text, 1.0) for _ in range(MOST_AT_ONCE + 1)]
+    assert decisions[-1] is LimitDecision.CUT
+    assert LimitDecision.CUT not in decisions[: round(TELEOP.messages.burst)]
 
 
 def test_a_few_huge_messages_are_a_flood_too() -> None:
-    allowance = SocketLimiter(TELEOP)
-    verdicts = [allowance.judge("x" * 16_000, 1.0) for _ in range(60)]
-    assert verdicts[0] is LimitDecision.PASS
-    assert verdicts[-1] is LimitDecision.CUT
+    limiter = SocketLimiter(TELEOP)
+    decisions = [limiter.decide("x" * 16_000, 1.0) for _ in range(60)]
+    assert decisions[0] is LimitDecision.PASS
+    assert decisions[-1] is LimitDecision.CUT
 
 
 def test_one_kind_that_floods_takes_nothing_from_the_others() -> None:
-    allowance = SocketLimiter(TELEOP)
-    verdicts = [allowance.judge(RELEASED, 1.0) for _ in range(200)]
-    assert verdicts.count(LimitDecision.PASS) == TELEOP.kinds["panel_released"].burst
-    assert allowance.dropped == 200 - verdicts.count(LimitDecision.PASS)
-    assert allowance.judge(DRIVE, 1.0) is LimitDecision.PASS
+    limiter = SocketLimiter(TELEOP)
+    decisions = [limiter.decide(RELEASED, 1.0) for _ in range(200)]
+    assert decisions.count(LimitDecision.PASS) == TELEOP.kinds["panel_released"].burst
+    assert limiter.dropped == 200 - decisions.count(LimitDecision.PASS)
+    assert limiter.decide(DRIVE, 1.0) is LimitDecision.PASS
 
 
 @pytest.mark.parametrize("text", ['{"t":"stop"}', '{"t": "stop"}', '{"t":"release"}'])
 def test_stop_and_release_pass_until_the_socket_is_cut_off(text: str) -> None:
-    allowance = SocketLimiter(TELEOP)
-    while allowance.judge("garbage", 1.0) is not LimitDecision.CUT:
-        verdict = allowance.judge(text, 1.0)
-        assert verdict is not LimitDecision.DROP
+    limiter = SocketLimiter(TELEOP)
+    while limiter.decide("garbage", 1.0) is not LimitDecision.CUT:
+        decision = limiter.decide(text, 1.0)
+        assert decision is not LimitDecision.DROP
 
 
 @given(st.text(max_size=200) | st.binary(max_size=200))
 def test_whatever_is_sent_is_judged(data: str | bytes) -> None:
-    assert SocketLimiter(TELEOP).judge(data, 1.0) is LimitDecision.PASS
+    assert SocketLimiter(TELEOP).decide(data, 1.0) is LimitDecision.PASS
 
 
 def test_cameras_and_controls_as_a_browser_sends_them_pass() -> None:
-    allowance = SocketLimiter(VISER)
+    limiter = SocketLimiter(VISER)
     for tick in range(36_000):
-        assert allowance.judge(bytes(330), tick / 70.0) is LimitDecision.PASS
+        assert limiter.decide(bytes(330), tick / 70.0) is LimitDecision.PASS
 
 
 def test_a_message_of_a_flood_costs_little() -> None:
     """Less than the decoding of one; the best of some, for other work on this machine."""
-    allowance = SocketLimiter(TELEOP)
+    limiter = SocketLimiter(TELEOP)
 
     def took_s() -> float:
         begin_s = time.perf_counter()
         for _ in range(2000):
-            allowance.judge(RELEASED, 1.0)
+            limiter.decide(RELEASED, 1.0)
         return (time.perf_counter() - begin_s) / 2000
 
     assert min(took_s() for _ in range(10)) < 20e-6

@@ -13,27 +13,27 @@ import viser
 Rgb: TypeAlias = tuple[int, int, int]
 
 ESTIMATE: Rgb = (36, 132, 227)
-"""What the robot believes: trail and covariance."""
+"""Colour of the estimate: trail and covariance."""
 SETPOINT: Rgb = (0, 200, 215)
-"""What the robot is told."""
+"""Colour of set-points."""
 TRUTH: Rgb = (60, 190, 90)
-"""What a simulator knows."""
+"""Colour of ground truth."""
 OTHER: Rgb = (232, 86, 120)
-"""What a robot that has two estimates believes less."""
+"""Colour of the alternative estimate."""
 THRUST: Rgb = (240, 150, 10)
-"""What the wheels do over the ground."""
+"""Colour of wheel velocities over the ground."""
 PREVIEW: Rgb = (190, 70, 230)
-"""What the robot would do."""
+"""Colour of the pose preview."""
 ROUTE: Rgb = (150, 110, 255)
-"""Where it is planned to go."""
+"""Colour of the planned path."""
 PREDICTED: Rgb = (235, 80, 160)
-"""Where the robot will be."""
+"""Colour of the predicted pose."""
 ENVELOPE: Rgb = (232, 90, 60)
-"""Where the robot can still get to."""
+"""Colour of the stop envelope."""
 SUSPECT: Rgb = (225, 40, 40)
-"""What contradicts all the rest."""
+"""Colour of a suspected fault."""
 STALE: Rgb = (128, 132, 138)
-"""What is not known any more."""
+"""Colour of stale data."""
 GRID_FINE: Rgb = (128, 134, 142)
 GRID_METRE: Rgb = (118, 124, 132)
 GRID_LABEL: Rgb = (140, 146, 155)
@@ -44,7 +44,7 @@ ROOT = "/w"
 
 
 class Layer(StrEnum):
-    """What a client may hide; the values are the words of the panel."""
+    """Layers that a client can hide; the values are the labels in the panel."""
 
     SETPOINT = "set-point"
     TRUTH = "true pose"
@@ -86,7 +86,7 @@ _ROBOT_NODES = {
 
 
 def robot_node(robot_id: str) -> str:
-    """Return the node that stands on the floor below a robot, and turns with it."""
+    """Return the node at the floor projection of `base_link`."""
     return f"{ROOT}/r/{robot_id}"
 
 
@@ -96,7 +96,7 @@ def overlay_node(layer: Layer, robot_id: str) -> str:
 
 
 def layer_nodes(layer: Layer, robot_ids: Iterable[str]) -> set[str]:
-    """Return the nodes to hide so that a layer cannot be seen: what is below them is hidden too."""
+    """Return the nodes to hide for a layer; their children are hidden too."""
     shared = {_SHARED_NODES[layer]} if layer in _SHARED_NODES else set[str]()
     return shared | {overlay_node(layer, one) for one in robot_ids if layer in _ROBOT_NODES}
 
@@ -107,7 +107,7 @@ _AMBIENT_INTENSITY = 1.5
 
 
 def disable_shadows_and_reflections(own: viser.SceneApi) -> None:
-    """Take shadows and reflections from the scene of one client: they take most of a frame's time.
+    """Disable shadows and reflections in the scene of one client, most of the rendering time.
 
     Also after its nodes have been reset.
     """

@@ -37,7 +37,7 @@ class PosePreview:
         self._arrows: viser.ArrowsHandle | None = None
 
     def draw(self, body: RobotVisual, joints: Array | None) -> None:
-        """Show what a joint vector (n,) would do; None: what is."""
+        """Preview a joint vector (n,); None ends the preview."""
         if not body.meshes.shape.tilts:
             self._point(body, joints)
         elif joints is not None:
@@ -48,12 +48,12 @@ class PosePreview:
             self._hide(body, None)
 
     def forget(self, body: RobotVisual) -> None:
-        """The nodes of this client are gone: show the links of a robot again."""
+        """Discard the nodes of this client, and show the links of a robot again."""
         if self._links:
             self._hide(body, None)
 
     def clear(self) -> None:
-        """The nodes of this client are gone."""
+        """Discard the nodes of this client."""
         self._links.clear()
         self._arrows = None
 
@@ -94,14 +94,14 @@ class PosePreview:
         self._hide(body, body.id)
 
     def _hide(self, body: RobotVisual, robot_id: str | None) -> None:
-        """Let this client not see the moving links of one robot, or see those of all."""
+        """Hide the moving links of one robot for this client; None shows those of all."""
         for kind in body.meshes.shape.moving:
             scales = body.meshes.scales_without(robot_id, kind)
             scale_instances(self._client, body.meshes.node(kind), scales)
 
 
 class TruePoseDisplay(StrEnum):
-    """When the true pose is shown; the values are the words of the panel."""
+    """Display condition of the true pose; the values are the labels in the panel."""
 
     DIFFERS = "when it differs"
     ALWAYS = "always"
@@ -109,7 +109,7 @@ class TruePoseDisplay(StrEnum):
 
 
 class CameraPreset(StrEnum):
-    """Where to look from; the values are the words of the panel."""
+    """Camera presets; the values are the labels in the panel."""
 
     ISO = "iso"
     BEHIND = "behind"
@@ -117,7 +117,7 @@ class CameraPreset(StrEnum):
 
 
 class ClientView:
-    """Nodes that belong to one client alone; where it has one, it stands for the shared one."""
+    """Scene of one client: its own nodes, which override the shared ones."""
 
     def __init__(self, scene: Scene, client: viser.ClientHandle, *, plain: bool = False) -> None:
         """`plain` is for a browser without a graphics card."""
@@ -135,36 +135,36 @@ class ClientView:
         self._preview_joints: Array | None = None
         self._preview = PosePreview(client)
 
-    # What it looks at.
+    # Selection and camera.
 
     @property
     def lock(self) -> threading.RLock:
-        """For who changes several things that have to go together."""
+        """Lock for several changes that belong together."""
         return self._scene.lock
 
     @property
     def robot_id(self) -> str | None:
-        """The robot that it follows and tries out."""
+        """Selected robot, which the camera follows."""
         return self._robot_id
 
     @property
     def robot_ids(self) -> tuple[str, ...]:
-        """All robots that it could look at."""
+        """All robots in the scene."""
         return tuple(self._scene.visuals)
 
     @property
     def visual(self) -> RobotVisual | None:
-        """The robot that it looks at; None as long as there is none."""
+        """Visual of the selected robot; None without one."""
         return self._scene.visuals.get(self._robot_id or "")
 
     def select_robot(self, robot_id: str) -> None:
-        """Follow and try out this robot, or as soon as it comes."""
+        """Select a robot, now or as soon as it appears."""
         with self._scene.lock:
             self._requested_id = robot_id
             self.on_robots_changed()
 
     def set_following(self, on: bool) -> None:
-        """Let the robot keep its place in the picture, or let it drive away."""
+        """Set whether the camera follows the robot."""
         with self._scene.lock:
             self._fixed_world_xy = None if on else self._world_xy
             self.on_robots_changed()
@@ -187,7 +187,7 @@ class ClientView:
         self._client.flush()
 
     def pick_sphere(self, origin: Array, direction: Array) -> tuple[float, float, float] | None:
-        """Return the point of the ball that a ray (3,), (3,) in its picture meets."""
+        """Return the point of the sphere that a ray (3,), (3,) of this client meets."""
         body = self.visual
         radius_m = None if body is None else body.meshes.shape.ball_radius_m
         if body is None or radius_m is None:
@@ -198,12 +198,12 @@ class ClientView:
         return sphere_point(origin, direction, centre, radius_m, body.ball)
 
     def pick_floor(self, shares: Array) -> Array:
-        """Return the places (m, 2) in `odom` that its picture shows, as `on_floor`."""
+        """Return the floor points (m, 2) in `odom` at screen positions, as `floor_points`."""
         camera = self._client.camera
         camera_pose = CameraPose(camera.position, camera.wxyz, camera.fov, camera.aspect)
         return floor_points(camera_pose, shares) - np.array(self._world_xy)
 
-    # What it shows.
+    # Layers.
 
     def set_layer_visible(self, layer: Layer, on: bool) -> None:
         """Show or hide a layer."""
@@ -217,10 +217,10 @@ class ClientView:
             self._true_pose_display = truth
             self.on_robots_changed()
 
-    # What it tries out.
+    # Preview.
 
     def set_preview(self, joints: Array | None) -> None:
-        """Show in this picture only what a joint vector (n,) would do; None: what is.
+        """Preview a joint vector (n,) for this client only; None ends the preview.
 
         It poses gimbals; of wheels that only roll, arrows tell which way and how fast.
         """
@@ -233,16 +233,16 @@ class ClientView:
         if self.visual is not None:
             self._preview.draw(self.visual, self._preview_joints)
 
-    # What the scene asks for.
+    # Callbacks of the scene.
 
     def on_robots_moved(self) -> None:
-        """Move the world of this client, if it follows another robot than the rest."""
+        """Move the world frame of this client, if it follows another robot than the default."""
         if self._world is not None and self._fixed_world_xy is None:
             self._world.position = (*self._world_xy, 0.0)
             self._client.flush()
 
     def on_robots_changed(self) -> None:
-        """Make the nodes of this client anew, after robots came or went, or a wish has changed."""
+        """Rebuild the nodes of this client after a change of robots or settings."""
         own = self._client.scene
         with self._client.atomic():
             for body in self._scene.visuals.values():
@@ -261,7 +261,7 @@ class ClientView:
         self._client.flush()
 
     def _select_available(self) -> None:
-        """Turn to the robot that was chosen; while it is not there, to one that is."""
+        """Select the chosen robot, or the first available one while it is missing."""
         bodies = self._scene.visuals
         shown = next(
             (each for each in (self._requested_id, self._robot_id) if each in bodies), None
@@ -284,7 +284,7 @@ class ClientView:
 
     @property
     def _world_xy(self) -> tuple[float, float]:
-        """Where the origin of `odom` is in the picture of this client."""
+        """Origin of `odom` in the scene of this client."""
         if self._fixed_world_xy is not None:
             return self._fixed_world_xy
         body = self.visual

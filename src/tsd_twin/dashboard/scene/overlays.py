@@ -19,7 +19,7 @@ from tsd_twin.messages.status import Status
 
 
 class RateLimiter:
-    """Tells when the next turn is due; the time is an argument."""
+    """Rate limiter with time as an argument."""
 
     def __init__(self, hz: float) -> None:
         self._period_s = 1.0 / hz
@@ -42,7 +42,7 @@ ARROW_HEIGHT_M = 0.006
 
 
 class ThrustArrows:
-    """What each wheel gives the robot, or the ball on it: direction and speed, by the joints."""
+    """Arrows of the velocity that each wheel contributes, from the joint vector."""
 
     def __init__(self, scene: viser.SceneApi, name: str, skeleton: Skeleton) -> None:
         self._skeleton = skeleton
@@ -60,7 +60,7 @@ class ThrustArrows:
         )
 
     def update(self, joints: Array, now_s: float) -> None:
-        """Show what joint vector (n,) does."""
+        """Draw the arrows of joint vector (n,)."""
         if not self._rate.is_due(now_s):
             return
         places, velocities = self._skeleton.contacts(joints)
@@ -123,11 +123,11 @@ ENVELOPE_SIDES = 40
 ENVELOPE_HEIGHT_M = 0.0025
 _ENVELOPE_OPACITY = 0.2
 _MIN_CHANGE_M = 0.001
-"""What changes by less is not sent again."""
+"""Changes below this are not sent."""
 
 
 def swept_outline(path: Array, reach_m: float) -> Array:
-    """Return what a disc sweeps along `path` (n, 2+), or more: a convex polygon (SIDES, 2).
+    """Return a convex polygon (SIDES, 2) that contains the area a disc sweeps along `path` (n, 2+).
 
     It is about the convex hull of the discs, by its support function: tangents in SIDES directions,
     and where each meets the next. The arcs to standstill are short, so the hull adds little.
@@ -141,7 +141,7 @@ def swept_outline(path: Array, reach_m: float) -> Array:
 
 
 class StopEnvelope:
-    """A translucent area with a rim, on the node of the robot; nothing at rest.
+    """Stop envelope: translucent area of the braking path on the node of the robot; empty at rest.
 
     While the robot moves evenly the area is the same in its frame, and nothing is sent.
     """
@@ -172,7 +172,7 @@ class StopEnvelope:
         )
 
     def update(self, path: Array | None) -> None:
-        """Show where `path` (n, 3) leads, in the frame of the robot; None is nowhere."""
+        """Draw the area of `path` (n, 3) in the frame of the robot; None hides it."""
         self._area.visible = self._rim.visible = path is not None
         if path is None:
             return
@@ -214,7 +214,7 @@ class Trail:
         self._rate = RateLimiter(5.0)
 
     def update(self, xy: Array, now_s: float) -> None:
-        """Take in where the robot is, (2,)."""
+        """Append a position (2,)."""
         here = np.array([xy[0], xy[1], TRAIL_HEIGHT_M])
         step_m = np.inf if self._last is None else float(np.linalg.norm(here - self._last))
         if step_m >= TRAIL_SPACING_M:
@@ -258,7 +258,7 @@ _GOAL_TIP_M = 0.06
 
 
 def route_segments(poses: Array, reach_m: float) -> Array:
-    """Return the segments (k, 2, 3) of a way through `poses` (n, 3), n above 1.
+    """Return the line segments (k, 2, 3) of a path through `poses` (n, 3), n above 1.
 
     At its end stands a ring as large as the robot, with a tip where it will look.
     """
@@ -278,7 +278,7 @@ def route_segments(poses: Array, reach_m: float) -> Array:
 
 
 class RouteLine:
-    """One node, which is there while there is a way."""
+    """Line of the planned path: one node while a path exists."""
 
     def __init__(self, scene: viser.SceneApi, name: str, reach_m: float) -> None:
         self._scene = scene
@@ -287,7 +287,7 @@ class RouteLine:
         self._node: viser.LineSegmentsHandle | None = None
 
     def update(self, poses: Array | None) -> None:
-        """Show a way through `poses` (n, 3); None is nowhere."""
+        """Draw a path through `poses` (n, 3); None removes it."""
         if self._node is not None:
             self._node.remove()
             self._node = None
@@ -307,7 +307,7 @@ _FAULT_RING_HEIGHT_M = 0.008
 
 
 class FaultRing:
-    """Shown for as long as the robot suspects one of its actuators; it cannot be hidden."""
+    """Ring at the actuator that the robot reports as faulty; it cannot be hidden."""
 
     def __init__(self, scene: viser.SceneApi, name: str, shape: RobotShape) -> None:
         self._actuators = shape.kinematics.actuators

@@ -26,7 +26,7 @@ _SLIDER_STEPS = 50
 
 
 class SliderMode(StrEnum):
-    """What the sliders are for; the values are the words of the panel."""
+    """Mode of the sliders; the values are the labels in the panel."""
 
     PREVIEW = "preview"
     DRIVE = "drive"
@@ -37,7 +37,7 @@ OnSlidersMoved: TypeAlias = Callable[[float, float, float, SliderMode, bool], No
 
 
 class DriveTab:
-    """Sliders for the twist, what they are for, and the choice of a robot.
+    """Drive tab: twist sliders, their mode, and the robot menu.
 
     Callbacks are coroutines that never wait: viser runs others in any order.
     """
@@ -86,7 +86,7 @@ class DriveTab:
         self.update_controls()
 
     def update_controls(self) -> None:
-        """Take in which robots there are, and which one this client looks at."""
+        """Update the robot menu and the selected robot."""
         body, ids = self._view.visual, self._view.robot_ids
         self._robot.visible = len(ids) > 1
         for slider in self._sliders:
@@ -107,7 +107,7 @@ class DriveTab:
             slider.min, slider.max, slider.step = -end, end, end / _SLIDER_STEPS
 
     def reset_sliders(self) -> None:
-        """Let the sliders spring back, and show the joints as they are."""
+        """Centre the sliders, and end the preview."""
         for slider in self._sliders:
             slider.value = 0.0
         self._view.set_preview(None)
@@ -142,7 +142,9 @@ class DriveTab:
         self._on_moved(first, second, third, mode, bool(self._latch.value))
 
     def _twist(self, body: RobotVisual) -> Array:
-        """Return what the sliders say (3,), within the limits; a client may send any number."""
+        """Return the twist of the sliders (3,), clipped to the limits; a client may send any
+        number.
+        """
         numbers = [float(slider.value) for slider in self._sliders]
         twist = np.array([number if math.isfinite(number) else 0.0 for number in numbers])
         return TwistLimiter(body.kinematics, body.link.robot.limits).cap(twist)
@@ -162,7 +164,7 @@ _LAYER_HINTS = {
 
 
 class ViewTab:
-    """Switches for everything that can be hidden, the camera, and the colours."""
+    """View tab: layer switches, camera, and colours."""
 
     def __init__(
         self,
@@ -220,10 +222,10 @@ _ACTUATOR_TAB = KINDS[0].actuator_tab
 
 
 class Panel:
-    """Tabs Drive, Gimbals or what else the robot has, View, Plots and Health.
+    """Panel of one client: tabs Drive, actuators, View, Plots and Health.
 
-    The second, Plots, Health and the end of Drive are empty places, marked `data-tsd`: the page
-    itself draws there, from a socket of its own, so that nothing is sent twice.
+    The actuators tab, Plots, Health and the end of Drive are empty elements, marked `data-tsd`. The
+    page fills them from its own socket, so that no data is sent twice.
     """
 
     def __init__(
@@ -237,9 +239,9 @@ class Panel:
         watches: bool = False,
         plain: bool = False,
     ) -> None:
-        """A client that only watches has no control whose movement would be heard.
+        """A viewer has no controls that have an effect.
 
-        One that draws without a graphics card has a `plain` scene.
+        A client without a graphics card has a `plain` scene.
         """
         self.client = client
         self._view = ClientView(scene, client, plain=plain)
@@ -266,15 +268,15 @@ class Panel:
 
     @property
     def robot_id(self) -> str | None:
-        """The robot that its client looks at."""
+        """Selected robot."""
         return self._view.robot_id
 
     def pick_sphere(self, origin: Array, direction: Array) -> tuple[float, float, float] | None:
-        """Return the point of the robot's ball that a ray (3,), (3,) in the picture meets."""
+        """Return the point of the robot's sphere that a ray (3,), (3,) meets."""
         return self._view.pick_sphere(origin, direction)
 
     def pick_floor(self, shares: Array) -> Array:
-        """Return the places (m, 2) in `odom` that the picture shows, as `on_floor`."""
+        """Return the floor points (m, 2) in `odom` at screen positions, as `floor_points`."""
         return self._view.pick_floor(shares)
 
     def on_robots_moved(self) -> None:
@@ -282,7 +284,7 @@ class Panel:
         self._view.on_robots_moved()
 
     def on_robots_changed(self) -> None:
-        """Take in that robots have come or gone."""
+        """Update after robots were added or removed."""
         self._view.on_robots_changed()
         self._label_actuator_tab()
         if self._drive_tab is not None:
@@ -300,12 +302,12 @@ class Panel:
         )
 
     def reset_sliders(self) -> None:
-        """Let the sliders spring back."""
+        """Centre the sliders."""
         if self._drive_tab is not None:
             self._drive_tab.reset_sliders()
 
     def select_robot(self, robot_id: str) -> None:
-        """Turn to another robot, chosen elsewhere in the page."""
+        """Select the robot that was chosen elsewhere in the page."""
         with self._view.lock:  # Another thread may bring the choice in the panel itself.
             before = self._view.robot_id
             self._view.select_robot(robot_id)

@@ -31,7 +31,7 @@ OnRobotSelected: TypeAlias = Callable[[str, str], None]
 
 
 class PanelManager:
-    """Makes a panel for each client that connects, and tells the gateway what is done there.
+    """Creates a panel for each connected client, and forwards its input to the page's session.
 
     The panel of a client without a known page only moves its own scene.
     """
@@ -47,7 +47,7 @@ class PanelManager:
         robot_of: Callable[[str], str | None] = lambda _page: None,
         dark: bool | None = None,
     ) -> None:
-        """`dark` is the same for everybody; None is as each browser prefers.
+        """`dark` is the theme of all clients; None is the preference of each browser.
 
         `robot_of` is asked on viser's thread which robot the rest of a page shows.
         """
@@ -71,31 +71,33 @@ class PanelManager:
             panel.reset_sliders()
 
     def select_robot(self, page: str, robot_id: str) -> None:
-        """Turn the panel of a page to another robot."""
+        """Select a robot in the panel of a page."""
         for panel in self._panels_of(page):
             panel.select_robot(robot_id)
 
     def pick_floor(self, page: str, shares: Array) -> Array:
-        """Return the places (m, 2) in `odom` that the picture of a page shows, as `on_floor`."""
+        """Return the floor points (m, 2) in `odom` at screen positions of a page, as
+        `floor_points`.
+        """
         with self._scene.lock:
             for panel in self._panels_of(page):
                 return panel.pick_floor(shares)
         return np.empty((0, 2))
 
     def on_robots_moved(self) -> None:
-        """Let each client follow its robot."""
+        """Update the followed robot of each client."""
         for panel in self._connected_panels():
             panel.on_robots_moved()
 
     def on_robots_changed(self) -> None:
-        """Take in that robots have come or gone."""
+        """Update after robots were added or removed."""
         for panel in self._connected_panels():
             panel.on_robots_changed()
 
     def _on_click(
         self, client: viser.ClientHandle, robot_id: str, origin: Array, direction: Array
     ) -> None:
-        """Tell the page what was clicked on: it decides whether that shall move anything."""
+        """Forward a click to the page, which decides whether the robot moves."""
         with self._scene.lock:
             panel, page = self._panels.get(client.client_id), self._pages.get(client.client_id)
             if panel is None or page is None or panel.robot_id != robot_id:

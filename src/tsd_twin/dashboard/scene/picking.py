@@ -20,7 +20,7 @@ MAX_DISTANCE_M = 60.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraPose:
-    """Where a picture is seen from."""
+    """Camera pose of a client."""
 
     position: Array
     """(3,): in the scene."""
@@ -33,7 +33,7 @@ class CameraPose:
 
 
 def floor_points(camera_pose: CameraPose, shares: Array) -> Array:
-    """Return the places (m, 2) on the floor of the scene that a picture shows at `shares` (n, 2).
+    """Return the floor points (m, 2) of the scene at screen positions `shares` (n, 2).
 
     Shares of width and height, right and down from the upper left corner. They end before the first
     without floor, or beyond `MAX_DISTANCE_M`.
@@ -61,19 +61,23 @@ def floor_points(camera_pose: CameraPose, shares: Array) -> Array:
 
 
 class PageScene(Protocol):
-    """What a page needs of the picture beside its own socket; nothing here waits."""
+    """Scene interface of a page's session; no call blocks."""
 
     def pick_floor(self, page: str, shares: Array) -> Future[Array]:
-        """Return the places (m, 2) in `odom` that the picture of a page shows, as `on_floor`."""
+        """Return the floor points (m, 2) in `odom` at screen positions of a page, as
+        `floor_points`.
+        """
         ...
 
     def show_route(self, robot_id: str, poses: Array | None) -> None:
-        """Show everybody where a robot is planned to go, poses (n, 3) in `odom`; None: nowhere."""
+        """Show the planned path of a robot, poses (n, 3) in `odom`, on all pages; None removes
+        it.
+        """
         ...
 
 
 class EmptyPageScene:
-    """Shows nothing."""
+    """Page scene without content, for servers without a scene."""
 
     def pick_floor(self, page: str, shares: Array) -> Future[Array]:  # noqa: ARG002  The shape.
         """Return no place."""
@@ -94,7 +98,7 @@ A client may send any ray."""
 def add_click_target(
     scene: viser.SceneApi, name: str, shape: RobotShape, robot_id: str, on_click: OnClick
 ) -> None:
-    """Add what is clicked on where a robot has its ball, if it has one: it cannot be seen.
+    """Add an invisible click target at the sphere of a robot, if it has one.
 
     The ball itself is a batched node, and those break the page of viser 1.1.1 when they can be
     clicked on.

@@ -24,7 +24,7 @@ TIMEOUT_MARGIN_S = 0.03
 """Commands come in every 20 ms and are looked at every 10 ms."""
 _COARSE_STEP_S = 0.02
 _SENDER_TIMEOUT_S = 0.5
-"""Who has sent nothing for this long, and a round trip, does not drive."""
+"""Time without commands, plus a round trip, after which the operator does not drive."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,7 +41,7 @@ NO_PREDICTION = Prediction(None, None)
 
 
 class MotionPredictor:
-    """Runs the model of one planar robot forward."""
+    """Motion predictor: forward simulation of one planar robot."""
 
     def __init__(self, kinematics: Kinematics[SE2], robot: RobotDescription) -> None:
         self._kinematics = kinematics
@@ -52,7 +52,7 @@ class MotionPredictor:
     def predict(
         self, snapshot: Snapshot, setpoint: Array, sent: Sequence[SentCommand], trips: RoundTrips
     ) -> Prediction:
-        """Return what lies ahead of a robot with the joints told to be at `setpoint` (n,)."""
+        """Return the prediction for a robot with joint set-points `setpoint` (n,)."""
         status, odom = snapshot.status, snapshot.odom
         if status is None or odom is None or status.mode not in (Mode.DRIVING, Mode.STOPPING):
             return NO_PREDICTION
@@ -100,7 +100,7 @@ class MotionPredictor:
 def _commands_in_flight(
     sent: Sequence[SentCommand], now_s: float, trip_s: float, heading: float
 ) -> list[PendingCommand]:
-    """Return the commands that a state which has come in now does not know of, or just does.
+    """Return the commands that a state received now does not include, or has just included.
 
     A command that is sent now arrives a round trip after the state that has come in now was sent:
     no clocks have to agree for that.
@@ -117,7 +117,7 @@ def _commands_in_flight(
 
 @dataclass(frozen=True, slots=True)
 class _WorldToBody:
-    """Turns twists from the axes of `odom` to those of a robot; poses begin at `heading_rad`."""
+    """Rotation of twists from `odom` to `base_link`; poses begin at `heading_rad`."""
 
     heading_rad: float
 

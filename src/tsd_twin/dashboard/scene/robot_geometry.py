@@ -77,7 +77,7 @@ class LinkPoses(NamedTuple):
 
 
 class Skeleton:
-    """The links of one description, which joint angles pose."""
+    """Forward kinematics of all links of one description."""
 
     def __init__(self, tree: KinematicTree, drive: Kinematics[Any]) -> None:
         self.tree = tree
@@ -143,7 +143,7 @@ class Skeleton:
 
     @property
     def has_ball(self) -> bool:
-        """Whether it turns a ball in place, instead of driving over a floor."""
+        """Whether it turns a sphere in place, instead of driving over a floor."""
         return any(
             link_groups.joint_type is JointType.BALL for link_groups in self.tree.link_groups
         )
@@ -157,7 +157,7 @@ class Skeleton:
 
 
 class _LinkMount:
-    """How links of one kind hang on others; what stays as it is, is computed once."""
+    """Mounting of links of one kind on their parents; constant parts are computed once."""
 
     def __init__(self, link_groups: LinkGroup, columns: list[int] | None) -> None:
         self.kind, self.parent = link_groups.kind, link_groups.parent
@@ -190,7 +190,7 @@ class _LinkMount:
 
 
 class JointReader:
-    """Reads joint vectors of one robot, whose messages are all in one order as a rule."""
+    """Reader of joint vectors from messages, with the order of joint names cached."""
 
     def __init__(self, drive: Kinematics[Any]) -> None:
         joints = drive.joints
@@ -283,7 +283,7 @@ class RobotShape:
 
     @property
     def tilts(self) -> bool:
-        """Whether joints are told which angle to have, as gimbals are; wheels only turn."""
+        """Whether joints have position set-points, as gimbals do."""
         return any(
             link_groups.joint_type is JointType.ANGLE
             for link_groups in self.skeleton.tree.link_groups
@@ -291,7 +291,7 @@ class RobotShape:
 
     @property
     def ball_radius_m(self) -> float | None:
-        """Radius of the ball that it turns in place; None: it drives over a floor."""
+        """Radius of the sphere that it turns in place; None for a planar robot."""
         for link_groups in self.skeleton.tree.link_groups:
             if link_groups.joint_type is JointType.BALL and link_groups.collision is not None:
                 return link_groups.collision.radius_m
@@ -321,7 +321,7 @@ class RobotShape:
 
     @cached_property
     def reach_m(self) -> float:
-        """How far the robot reaches from its middle, in the plane."""
+        """Radius of the robot about its centre, in the plane."""
         return float(np.hypot(*self.footprint.T).max())
 
 

@@ -42,7 +42,7 @@ VISIBLE_DIFFERENCE_RAD = math.radians(0.5)
 
 
 class SetpointRings:
-    """A ring about each wheel, and the end of its axle: where they are told to be.
+    """Set-point rings: a ring at the commanded pose of each wheel, with the end of its axle.
 
     Drawn around the wheel, not over it, so that small differences show and nothing flickers.
     """
@@ -93,7 +93,7 @@ class PoseWireframe:
         self._wireframe = add_wireframe(scene, self.wireframe_name, shape, colour, visible=False)
 
     def update(self, said: Odometry, estimate: Odometry) -> None:
-        """Show what is said of the pose, unless that is as good as the estimate."""
+        """Show the pose, unless it is close to the estimate."""
         self._wireframe.visible = _differs_visibly(said, estimate)
         # Also out of sight: a client may show the cage all the same.
         if said.wxyz is None:
@@ -103,12 +103,12 @@ class PoseWireframe:
             self._frame.wxyz = said.wxyz
 
     def remove(self) -> None:
-        """Show it no more."""
+        """Remove the wireframe."""
         self._frame.remove()
 
 
 def _differs_visibly(said: Odometry, estimate: Odometry) -> bool:
-    """Tell whether two poses are so far apart that it shows."""
+    """Return whether two poses differ visibly."""
     if said.wxyz is not None and estimate.wxyz is not None:
         between = SO3(estimate.wxyz).inverse() @ SO3(said.wxyz)
         return bool(np.linalg.norm(between.log()) > VISIBLE_DIFFERENCE_RAD)
@@ -132,7 +132,7 @@ class PredictedPoseWireframe:
         )
 
     def update(self, ahead: Array | None) -> None:
-        """Show a pose (3,) in the frame of the robot; None: there is nothing to predict."""
+        """Show a pose (3,) in the frame of the robot; None hides it."""
         self._wireframe.visible = ahead is not None
         if ahead is not None:
             set_planar_pose(self._frame, np.round(ahead, 3))
@@ -148,7 +148,7 @@ def set_planar_pose(frame: viser.FrameHandle, pose: Array) -> None:
 def add_wireframe(
     scene: viser.SceneApi, name: str, shape: RobotShape, colour: appearance.Rgb, *, visible: bool
 ) -> viser.LineSegmentsHandle:
-    """Add the edges of what a robot stands in: lines hide nothing, as a translucent body would."""
+    """Add the edges of a robot's bounding box: unlike a translucent body, lines hide little."""
     return scene.add_line_segments(
         name,
         _box_edges(shape) if shape.ball_radius_m is None else _great_circles(shape.ball_radius_m),
@@ -189,7 +189,7 @@ def _ring_mesh(wheel_radius_m: float) -> Surface:
 
 
 class RobotOverlays:
-    """Ghosts, trail, arrows, ellipse, envelope, heading and cover of one robot.
+    """Overlays of one robot: wireframes, trail, arrows, ellipse, envelope, heading, stale hull.
 
     What belongs to the robot hangs on one node that moves with it, so that it costs nothing while
     it only moves along.
@@ -231,21 +231,21 @@ class RobotOverlays:
         )
 
     def set_stale(self, stale: bool) -> None:
-        """Cover the robot in grey while nothing is known of it.
+        """Cover the robot in grey while its state is stale.
 
-        The envelope stays: it is within it, if the link has died.
+        The envelope stays: it contains the robot if the link is lost.
         """
         self._cover.visible = stale
         if stale:
             self.predicted.update(None)
 
     def show_prediction(self, prediction: Prediction) -> None:
-        """Show what lies ahead."""
+        """Show a prediction."""
         self.predicted.update(prediction.arrival_pose)
         self.envelope.update(prediction.path)
 
     def update(self, new: Snapshot, old: Snapshot, joints: Array) -> None:
-        """Show what is in `new` and was not in `old`; `joints` (n,) are the newest measured."""
+        """Show the changes from `old` to `new`; `joints` (n,) are the newest measured."""
         moved = new.odom is not None and new.odom is not old.odom
         if new.odom is not None and moved and new.odom.wxyz is None:
             pose = new.odom.xy_heading
@@ -268,7 +268,7 @@ class RobotOverlays:
                 wireframe.update(said, new.odom)
 
     def remove(self) -> None:
-        """Draw nothing of it any more."""
+        """Remove all overlays."""
         self.trail.clear()
         self.route.update(None)
         self.truth.remove()

@@ -23,7 +23,7 @@ from tsd_twin.robots import RobotDescription
 
 
 class BatchedRobotMeshes:
-    """Robots of one description; their poses are computed and sent together.
+    """Batched meshes of all robots of one description; poses are computed and sent together.
 
     Twenty robots cost as many messages as one, and as many draw calls. The nodes hang on the first
     robot: browsers apply poses of nodes in the frame they come in, and poses of instances later, so
@@ -60,7 +60,7 @@ class BatchedRobotMeshes:
         self.send()
 
     def remove(self, robot_id: str) -> None:
-        """Show a robot no longer."""
+        """Remove a robot."""
         row = self._ids.index(robot_id)
         self._ids.pop(row)
         if row == 0:
@@ -130,7 +130,7 @@ _MAX_STATE_GAP_S = 0.1
 
 
 class RobotSource(Protocol):
-    """Where a robot's description and its newest state come from; a link, for one."""
+    """Source of a robot's description and newest state, such as a `RobotClient`."""
 
     @property
     def id(self) -> str:
@@ -149,17 +149,17 @@ class RobotSource(Protocol):
 
     @property
     def snapshot(self) -> Snapshot:
-        """The newest of everything it has said; the same object as long as there is nothing new."""
+        """Newest messages; the same object as long as nothing has changed."""
         ...
 
     @property
     def sent_commands(self) -> Sequence[SentCommand]:
-        """The newest commands to it from here."""
+        """Recent commands of this dashboard."""
         ...
 
     @property
     def round_trips(self) -> RoundTrips:
-        """How long it takes to answer."""
+        """Round-trip times of its services."""
         ...
 
 
@@ -179,9 +179,9 @@ class RobotVisual:
         self.angles = np.zeros(len(link.kinematics.joints))
         """The joints (n,) as they are drawn: angles, of wheels those that they have turned by."""
         self.pose = np.zeros(3)
-        """Where the base is (3,): the origin, if it does not move."""
+        """Pose of the base (3,): the origin, if it does not move."""
         self.ball = SO3.identity()
-        """How the ball in it is turned, if there is one."""
+        """Orientation of its sphere, if it has one."""
         self._turned_s = -np.inf
         # What stays where it is goes nowhere.
         self._predictor = (
@@ -198,18 +198,18 @@ class RobotVisual:
 
     @property
     def is_outdated(self) -> bool:
-        """The link has heard something that is not drawn yet."""
+        """Whether the client has data that is not drawn yet."""
         return self.link.snapshot is not self.drawn
 
     @property
     def kinematics(self) -> Kinematics[Any]:
-        """The kinematics that the robot is driven by, in the gear that it says it has."""
+        """Kinematics at the reported wheel speed."""
         return kinematics_at_reported_speed(
             self.link.robot, self.link.kinematics, self.link.snapshot
         )
 
     def update(self) -> None:
-        """Take in the newest snapshot."""
+        """Update with the newest snapshot."""
         new, old = self.link.snapshot, self.drawn
         self.drawn = new
         if new.odom is not None:

@@ -128,19 +128,19 @@ def _axis_labels() -> Array:
 
 
 class Viewer(Protocol):
-    """Who shows clients what is not the same for all of them."""
+    """Observer that draws the parts of the scene that differ between clients."""
 
     def on_robots_moved(self) -> None:
         """Follow robots that have moved."""
         ...
 
     def on_robots_changed(self) -> None:
-        """Take in that robots have come or gone."""
+        """Update after robots were added or removed."""
         ...
 
 
 class Scene:
-    """Robots, ghosts and floor; may be used by any thread.
+    """Scene of robots, overlays and floor, shared by all clients; thread-safe.
 
     The world frame moves so that the first robot stays in place: an untouched camera follows it,
     and a user can turn the camera. Clients with other settings have their own world frame.
@@ -167,17 +167,17 @@ class Scene:
 
     @property
     def default_robot_id(self) -> str | None:
-        """The robot that the world moves with, unless a client wishes otherwise."""
+        """Robot that the world frame follows, unless a client selects another."""
         return next(iter(self._visuals), None)
 
     @property
     def world_xy(self) -> tuple[float, float]:
-        """Where the origin of `odom` is in the picture."""
+        """Origin of `odom` in the scene."""
         x, y, _ = self._world.position
         return float(x), float(y)
 
     def add(self, link: RobotSource) -> None:
-        """Show a robot, or show it anew when its id is known; takes a second for a new look."""
+        """Add a robot, or replace the one with its id; takes a second for new meshes."""
         key = msgspec.json.encode(link.robot)
         known = self._meshes.get(key)
         shape = known.shape if known else RobotShape(link.robot)  # Not under the lock.
@@ -191,7 +191,7 @@ class Scene:
             self._update_views()
 
     def remove(self, robot_id: str) -> None:
-        """Show a robot no longer; one that is not there is no mistake."""
+        """Remove a robot; an unknown id is ignored."""
         with self.lock:
             body = self._visuals.pop(robot_id, None)
             if body is not None:
@@ -199,7 +199,7 @@ class Scene:
                 self._update_views()
 
     def draw(self) -> None:
-        """Send what the links have heard since the last call, in one piece; if nothing, nothing."""
+        """Send all changes since the last call in one atomic block."""
         with self.lock:
             if not any(body.is_outdated for body in self._visuals.values()):
                 return
@@ -216,13 +216,13 @@ class Scene:
                 viewer.on_robots_moved()
 
     def set_stale(self, robot_id: str, stale: bool) -> None:
-        """Grey a robot of which nothing new is known."""
+        """Show a robot as stale."""
         with self.lock:
             if robot_id in self._visuals:
                 self._visuals[robot_id].overlays.set_stale(stale)
 
     def show_route(self, robot_id: str, poses: Array | None) -> None:
-        """Show where a robot is planned to go, poses (n, 3) in `odom`; None is nowhere."""
+        """Show the planned path of a robot, poses (n, 3) in `odom`; None removes it."""
         with self.lock:
             if robot_id in self._visuals:
                 with self.server.atomic():
@@ -230,7 +230,7 @@ class Scene:
                 self.server.flush()
 
     def clear_trails(self) -> None:
-        """Forget where the robots were."""
+        """Clear the trails of all robots."""
         with self.lock:
             for body in self._visuals.values():
                 body.overlays.trail.clear()

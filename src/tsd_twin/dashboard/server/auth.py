@@ -86,7 +86,7 @@ def origin_refusal(
 
 
 def is_loopback(name: str) -> bool:
-    """Return whether a host name or address, without port, is this machine for itself only."""
+    """Return whether a host name or address, without port, is a loopback one."""
     if name.lower() == "localhost":
         return True
     try:
@@ -127,7 +127,7 @@ def _is_same_origin(origin: str, host: str, *, secure: bool) -> bool:
 
 
 def _lower(text: str) -> str:
-    """Return ASCII letters as small ones; other characters stay, also those whose small one is."""
+    """Return the text with ASCII letters in lower case; all other characters unchanged."""
     return text.lower() if text.isascii() else text
 
 
@@ -143,18 +143,18 @@ class ClientAddress:
     address: str
     """Address for the rate limit of logins; of IPv6 the network."""
     secure: bool
-    """Whether it came by TLS."""
+    """Whether the request used TLS."""
     path: str
-    """Where the pages of this gateway are, as the browser sees it; for its cookie."""
+    """Path of the dashboard's pages, as the browser sees it; for its cookie."""
 
 
 def resolve_client_address(
     peer: str, headers: Mapping[str, str], *, tls: bool, proxy: str | None
 ) -> ClientAddress | str:
-    """Return how a request came, or why it should not have come so.
+    """Return the client address of a request, or why its route is refused.
 
-    `peer` is the address at the other end, `proxy` that of the proxy through which all requests
-    have to come, if there is one. Forwarding headers count only then: a client can forge them. A
+    `peer` is the address of the TCP peer, `proxy` that of the reverse proxy, if configured. Only
+    then forwarding headers are used: a client can forge them. A
     header that came several times is given once, joined by commas.
     """
     if proxy is None:
@@ -172,7 +172,7 @@ def resolve_client_address(
 
 
 def is_proxy(peer: str, proxy: str | None) -> bool:
-    """Return whether a peer is the proxy, or on the machine of the gateway and may be it."""
+    """Return whether a peer is the proxy, or may be it, being on the dashboard's machine."""
     return proxy is not None and (is_loopback(peer) or _is_same_address(peer, proxy))
 
 
@@ -184,7 +184,7 @@ def _is_same_address(peer: str, proxy: str) -> bool:
 
 
 def subscriber_network(address: str) -> str:
-    """Return an address; of IPv6, the network that one subscriber has all addresses of."""
+    """Return the rate-limit key of an address; for IPv6 the network of one subscriber."""
     try:
         parsed = _parse_address(address)
     except ValueError:
@@ -209,19 +209,19 @@ class Principal:
     """Principal of a request: bus identity, permission to stop, and login."""
 
     identity: Identity
-    """Who they are on the bus."""
+    """Operator identity on the bus."""
     may_stop: bool
     login: Login | None = None
     """None when no login is required."""
 
     @property
     def key(self) -> str | None:
-        """The login whose end ends all that this visitor has open."""
+        """Id of the login session; its end closes all sockets of this principal."""
         return None if self.login is None else self.login.id
 
     @property
     def user(self) -> str | None:
-        """The name that was logged in with."""
+        """Name of the logged-in user."""
         return None if self.login is None else self.login.user.name
 
 
@@ -271,7 +271,7 @@ class AccessSettings:
         passwords.
 
         Raises:
-            TwinError: so it would.
+            TwinError: the settings are unsafe.
         """
         if self.users is not None:
             for name in self.users.names:
@@ -305,7 +305,7 @@ class AuthMiddleware:
     )
 
     def set_address(self, host: str, port: int) -> None:
-        """Note where the gateway listens."""
+        """Set the address that the server listens on."""
         self._port = port
         # Cookies do not tell ports apart: two dashboards of one machine need a name each.
         self.cookie = f"tsd-login-{port}"
@@ -384,7 +384,7 @@ class AuthMiddleware:
         await asyncio.gather(*(_close_socket(socket) for socket in self._sockets.get(login_id, ())))
 
     async def expire_logins(self) -> None:
-        """End, once a second, the logins whose time is over; ends by cancellation."""
+        """Expire login sessions once a second; runs until cancelled."""
         while True:
             await asyncio.sleep(_EXPIRY_CHECK_S)
             self.logins.sweep(set(self._sockets), time.monotonic())
@@ -398,7 +398,7 @@ def principal_of(request: web.Request) -> Principal:
     return request[_PRINCIPAL]
 
 
-def visitor_or_none(request: web.Request) -> Principal | None:
+def principal_or_none(request: web.Request) -> Principal | None:
     """Return the principal of a request; None when a login is required."""
     return request.get(_PRINCIPAL)
 

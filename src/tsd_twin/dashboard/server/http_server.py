@@ -29,7 +29,7 @@ from tsd_twin.security import refuse_public
 
 
 def server_tls_context(certificate: Path, key: Path) -> ssl.SSLContext:
-    """Return what a server needs to speak TLS 1.2 or newer.
+    """Return the TLS context of a server, version 1.2 or newer.
 
     Raises:
         TwinError: a file is missing, others can read the key, or the two do not belong together.
@@ -76,7 +76,7 @@ _HEARTBEAT_S = 5.0
 _CLOSE_TIMEOUT_S = 0.5
 _SHUTDOWN_TIMEOUT_S = 3.0
 _LINGER_S = 2.0
-"""How long the rest of a body is read that comes after the answer to it."""
+"""Time-out for reading the rest of a request body after its response."""
 
 
 class HttpServer:
@@ -85,10 +85,9 @@ class HttpServer:
     def __init__(
         self, sessions: SessionManager, viser_port: int, *, auth: AuthMiddleware | None = None
     ) -> None:
-        """Read viser's page.
+        """Load viser's page.
 
-        `audience` is who opens it. `door` decides who may come in; without one everybody may, from
-        this machine.
+        Without `auth`, all requests from this machine are accepted, and no others.
 
         Raises:
             TwinError: viser's page cannot be used.
@@ -98,24 +97,27 @@ class HttpServer:
         self._index = IndexPage()
         self._auth = AuthMiddleware(AccessSettings()) if auth is None else auth
         self._login_routes = LoginRoutes(self._auth)
-        self._ear = SocketReader()
-        self._proxy = ViserProxy(viser_port, self._ear)
-        self._entrance = ConnectionLimiter(lambda peer: is_proxy(peer, self._auth.rules.proxy))
+        self._reader = SocketReader()
+        self._proxy = ViserProxy(viser_port, self._reader)
+        self._connection_limiter = ConnectionLimiter(
+            lambda peer: is_proxy(peer, self._auth.rules.proxy)
+        )
         self._runner: web.AppRunner | None = None
         self._background_tasks: list[asyncio.Task[None]] = []
         self.port = 0
-        """Where the gateway listens, once it has been started."""
+        """Port of the server, once started."""
 
     async def start(self, host: str = "127.0.0.1", port: int = 8080) -> None:
         """Listen; port 0 takes a free one.
 
         Raises:
-            TwinError: the port is in use, or others could come in, or read what is said.
+            TwinError: the port is in use, or the settings allow access or eavesdropping from the
+            network.
         """
         self._auth.rules.check(host)
         self.sessions.open()
         app = web.Application(
-            middlewares=[self._auth.authenticate, self._entrance.admit],
+            middlewares=[self._auth.authenticate, self._connection_limiter.admit],
             client_max_size=_MAX_BODY_BYTES,
         )
         app.on_response_prepare.append(_add_headers)
@@ -135,11 +137,11 @@ class HttpServer:
         await runner.setup()
         server = cast("Callable[[], asyncio.Protocol]", runner.server)
         try:
-            await self._entrance.open(server, host, port, self._auth.rules.tls)
+            await self._connection_limiter.open(server, host, port, self._auth.rules.tls)
         except OSError as error:
             await runner.cleanup()
             raise TwinError(f"port {port} of {host} cannot be used: choose another") from error
-        self.port = self._entrance.port
+        self.port = self._connection_limiter.port
         self._auth.set_address(host, self.port)
         self._runner = runner
         watching = (self.sessions.directory.measure_round_trips(), self._auth.expire_logins())
@@ -153,7 +155,7 @@ class HttpServer:
             task.cancel()
         await self.sessions.close_sockets()
         await self._proxy.close()
-        await self._entrance.close()
+        await self._connection_limiter.close()
         await self._runner.cleanup()
         self._runner = None
         self.sessions.close()
@@ -165,8 +167,8 @@ class HttpServer:
         refused = {
             "messages": self.sessions.rejected,
             "viser": self._proxy.dropped,
-            "beyond_limits": self._ear.dropped,
-            "cut_off": self._ear.cut_off.count,
+            "beyond_limits": self._reader.dropped,
+            "cut_off": self._reader.cut_off.count,
         }
         body = msgspec.json.encode(
             {"ready": directory.has_live_robot(), "robots": directory.health(), "refused": refused}
@@ -177,7 +179,7 @@ class HttpServer:
 
     async def _serve_viser(self, request: web.Request) -> web.StreamResponse:
         page, principal = self._page_of(request, request.match_info["page"]), principal_of(request)
-        await self._ear.admit(request, principal.key or page)
+        await self._reader.admit(request, principal.key or page)
         return await self._proxy.serve(
             request, page, principal, lambda socket: self._auth.close_on_logout(principal, socket)
         )
@@ -188,7 +190,7 @@ class HttpServer:
             principal_of(request),
         )
         key = principal.key or page
-        await self._ear.admit(request, key)
+        await self._reader.admit(request, key)
         socket = web.WebSocketResponse(
             timeout=_CLOSE_TIMEOUT_S,
             compress=False,
@@ -197,14 +199,14 @@ class HttpServer:
             autoping=False,
         )
         await socket.prepare(request)
-        messages = self._ear.messages(request, socket, TELEOP, key)
+        messages = self._reader.messages(request, socket, TELEOP, key)
         holding = self._auth.close_on_logout(principal, socket)
         await self.sessions.run_session(page, principal, socket, messages, holding)
-        await self._ear.say_goodbye(request, socket)
+        await self._reader.close_cut_off(request, socket)
         return socket
 
     def _page_of(self, request: web.Request, page: str) -> str:
-        """Return the page that a socket is for, unless it is none, or that of another login."""
+        """Return the page id of a socket; refuse an invalid one, or one of another login."""
         if not PAGE_ID.fullmatch(page):
             raise web.HTTPBadRequest(text="A page id is 16 hex digits.")
         owner = self.sessions.principal_of(page)

@@ -43,12 +43,12 @@ class Lease:
         self._zero_timer: asyncio.TimerHandle | None = None
 
     def send_twist(self, twist: Sequence[float], seen: int, frame: str = BASE) -> None:
-        """Send a twist (3,) at once, with the number of the state that its sender has seen."""
+        """Send a twist (3,) at once, with the number of the newest state that the page has seen."""
         self._cancel_zeros()
         self._send_command(twist, seen, frame)
 
     def send_zero(self) -> None:
-        """Send a zero, and again every 20 ms until a status of the robot shows that it counted.
+        """Send a zero, repeated every 20 ms until a status of the robot confirms it.
 
         It is said now, so it counts, whatever the page has seen. The bus may lose any command, and
         the one before the zero would stand until it runs out. The next `drive` ends it, as does the
@@ -76,7 +76,7 @@ class Lease:
             self._zero_timer = None
 
     def _send_command(self, twist: Sequence[float], seen: int, frame: str) -> int:
-        """Send a twist, and return its number; 0 when that was not possible."""
+        """Send a twist, and return its number; 0 when the bus is closed."""
         spatial = np.zeros(6)
         spatial[self._components] = twist
         try:
@@ -91,25 +91,25 @@ class Lease:
         return settled and status.lease.holder != self._holder.operator
 
     async def call_service(self, service: Service) -> Reply:
-        """Ask for what only the holder may."""
+        """Call a service that requires the lease."""
         return await self._executor.call(
             self.link.call_service, service, HolderRequest(self._holder.lease_hex)
         )
 
     async def set_wheel_speed(self, cruise_speed_rpm: float) -> Reply:
-        """Ask for another speed of wheels that always spin."""
+        """Request another speed of wheels that always spin."""
         request = SpeedRequest(self._holder.lease_hex, cruise_speed_rpm)
         return await self._executor.call(self.link.call_service, Service.SPEED, request)
 
     async def renew(self) -> None:
-        """Keep the lease; whether that worked is seen in the status."""
+        """Renew the lease; the status shows the result."""
         await self._executor.call(
             self.link.call_lease_service,
             LeaseRequest(op="renew", operator=self._holder.operator, lease=self._holder.lease_hex),
         )
 
     async def release(self) -> None:
-        """Give the lease back; if that fails, it runs out."""
+        """Release the lease; if that fails, it expires."""
         await self._executor.call(
             self.link.call_lease_service,
             LeaseRequest(
@@ -119,7 +119,7 @@ class Lease:
         self._cancel_zeros()
 
     async def answer_request(self, op: Literal["grant", "deny"], asker: str | None) -> Reply:
-        """Grant control to who asks for it, or keep it."""
+        """Grant or deny the pending request."""
         holder = self._holder
         request = LeaseRequest(op=op, operator=holder.operator, lease=holder.lease_hex, asker=asker)
         reply = await self._executor.call(self.link.call_lease_service, request)
@@ -135,7 +135,7 @@ async def acquire_lease(
     max_age_s: float | None,
     reason: str = "",
 ) -> Lease | str:
-    """Return control of a robot, or why it is refused."""
+    """Return the lease of a robot, or the reason of the refusal."""
     request = LeaseRequest(
         op="acquire", operator=operator, take_over=take_over, max_age_s=max_age_s, reason=reason
     )
@@ -173,7 +173,7 @@ class PendingLeaseRequest:
         self._sent_s = time.monotonic()
 
     async def send(self) -> Reply:
-        """Ask the holder."""
+        """Send the request to the holder."""
         reply = await self._send(LeaseRequest(op="request", operator=self._operator))
         self._sent_s = time.monotonic()
         return reply
@@ -183,7 +183,7 @@ class PendingLeaseRequest:
         return await self._send(LeaseRequest(op="withdraw", operator=self._operator))
 
     def state(self, lease: LeaseStatus) -> LeaseRequestState:
-        """Return what has become of it."""
+        """Return the state of the request."""
         if lease.asked_by == self._operator:
             return LeaseRequestState.WAITING
         if lease.reserved_for == self._operator:
@@ -232,7 +232,7 @@ class LeaseClient:
         self._heartbeat_s = time.monotonic()
 
     def start_request(self, what: str, work: Coroutine[Any, Any, Reply]) -> bool:
-        """Begin `work` and answer with what it returns; False if a request is under way."""
+        """Start `work` and reply with its result; return False if a request is already running."""
         if self._request is not None and not self._request.done():
             work.close()
             self._send_reply(
@@ -272,7 +272,7 @@ class LeaseClient:
     # Requests.
 
     async def acquire(self, link: RobotClient | None, options: LeaseAction) -> Reply:
-        """Take control."""
+        """Acquire the lease."""
         if link is None:
             return Reply(False, "no robot is shown")
         self._release_controls("control is asked for")
@@ -292,7 +292,7 @@ class LeaseClient:
         return Reply(True)
 
     async def request(self, link: RobotClient | None, options: LeaseAction) -> Reply:
-        """Ask the holder for control; `hear` takes it when it is granted."""
+        """Request the lease from its holder; `on_lease_status` acquires it once granted."""
         if link is None:
             return Reply(False, "no robot is shown")
         self._release_controls("control is asked for")
@@ -304,7 +304,7 @@ class LeaseClient:
         return reply
 
     async def withdraw(self) -> Reply:
-        """Ask for control no longer."""
+        """Withdraw the pending request."""
         pending, self._pending = self._pending, None
         if pending is None:
             return Reply(False, "you do not ask for control")
@@ -329,13 +329,13 @@ class LeaseClient:
         return Reply(True)
 
     async def call_service(self, service: Service) -> Reply:
-        """Ask the robot for what only the holder may."""
+        """Call a service that requires the lease."""
         if self.lease is None:
             return Reply(False, "take control first")
         return await self.lease.call_service(service)
 
     async def set_wheel_speed(self, cruise_speed_rpm: float) -> Reply:
-        """Ask the robot to spin its wheels at another speed; its answer says what it can."""
+        """Request another wheel speed; the reply states the range."""
         if self.lease is None:
             return Reply(False, "take control first")
         return await self.lease.set_wheel_speed(cruise_speed_rpm)
@@ -353,7 +353,7 @@ class LeaseClient:
             await control.release()
 
     def forget_lease(self) -> None:
-        """The lease has ended already."""
+        """Forget the lease, which has ended already."""
         self.lease = None
         if self._renewing is not None:
             self._renewing.cancel()

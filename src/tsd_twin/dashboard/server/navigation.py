@@ -45,10 +45,10 @@ class PlanLimits:
     """Limits and kinematics that a plan is timed with."""
 
     limits: Limits
-    gear_rpm: float | None
-    """Of wheels that always spin."""
+    wheel_speed_rpm: float | None
+    """Speed of wheels that always spin; None without such wheels."""
     kinematics: Kinematics[SE2] = field(compare=False)
-    """In that gear."""
+    """Kinematics at that wheel speed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +61,7 @@ class TimedPlan:
     trajectory: Trajectory
 
     def is_valid(self, pose: SE2, limits_used: PlanLimits) -> bool:
-        """Return whether it still begins where the robot is, and is timed to the same terms."""
+        """Return whether it still starts at the robot's pose, and is timed with the same limits."""
         off = pose.xy_heading - self.start.xy_heading
         stands = (
             bool(np.hypot(off[0], off[1]) < _START_TOLERANCE_M)
@@ -74,7 +74,7 @@ class TimedPlan:
         phase: Literal["planned", "going", "arrived", "ended"],
         step: ExecutionStep | None = None,
     ) -> RouteState:
-        """Return what a page is told of it, after a step if there was one."""
+        """Return the route state for the page, after a step if there was one."""
         return RouteState(
             number=self.number,
             phase=phase,
@@ -87,7 +87,7 @@ class TimedPlan:
 
 
 def navigation_goal(request: PlanRequest, points: Array) -> NavigationGoal:
-    """Return what is wished, with the places (n, 2) on the floor that were meant.
+    """Return the navigation goal of a request, with its floor points (n, 2).
 
     Raises:
         PathError: there are none.
@@ -103,7 +103,7 @@ def navigation_goal(request: PlanRequest, points: Array) -> NavigationGoal:
 
 
 def current_limits(link: RobotClient, level: int) -> PlanLimits:
-    """Return what the robot allows now, at a speed level in percent."""
+    """Return the limits in force, at a speed level in percent."""
     limits, snapshot = link.robot.limits, link.snapshot
     status = snapshot.status
     speed, turn = limits.speed_mps, limits.turn_rate_rad_per_s
@@ -122,7 +122,7 @@ def current_limits(link: RobotClient, level: int) -> PlanLimits:
 def plan_trajectory(
     navigation_goal: NavigationGoal, start: SE2, limits_used: PlanLimits
 ) -> Trajectory:
-    """Return the way of an errand, timed within the limits; takes some 50 ms.
+    """Return the path to a goal, timed within the limits; takes some 50 ms.
 
     Raises:
         PathError: there is none.
@@ -145,11 +145,11 @@ _MOVING_MODES = (Mode.DRIVING, Mode.STOPPING)
 
 
 class NavigationSession:
-    """All methods belong to the event loop.
+    """Navigation of one page: planning and path following; event loop only.
 
-    Only `step` moves the robot; it is called while the page reports the button as held. What
-    ends that ends the run: what is left is planned anew from where the robot has come to rest, and
-    has another number, so that a button that is still held does not go on with it.
+    Only `step` moves the robot; it is called while the page reports the button as held. When that
+    ends, the run ends: the remaining path is planned again from the pose at rest with a new number,
+    so that a button that is still held does not continue it.
     """
 
     def __init__(
@@ -188,10 +188,12 @@ class NavigationSession:
         """Whether the button is held and the robot follows the path."""
         return self._follower is not None
 
-    # What the page asks for.
+    # Requests of the page.
 
     def request_plan(self, link: RobotClient, message: PlanRequest) -> None:
-        """Plan a way for a robot that this page has control of; the newest wish counts."""
+        """Plan a path for a robot that this page controls; a new request replaces the previous
+        one.
+        """
         self.clear()
         if link.kinematics.pose_type is not SE2:
             self._reject("this robot goes nowhere")
@@ -216,10 +218,10 @@ class NavigationSession:
             self._task = None
         self._finish(None)
 
-    # What comes of it.
+    # Execution.
 
     def update(self) -> None:
-        """Plan, when there is something to plan and the robot stands."""
+        """Start planning, when a request is pending and the robot is at rest."""
         link, timed_plan = self._link, self._timed_plan
         if link is None:
             return
@@ -243,7 +245,7 @@ class NavigationSession:
             self._start(self._plan(link, self._navigation_goal, SE2(odom.xy_heading), limits))
 
     def pause(self) -> None:
-        """The button has been released: the remaining path is planned again."""
+        """Handle release of the button: the remaining path is planned again."""
         timed_plan, step = self._timed_plan, self._step
         if self._follower is None or timed_plan is None or self._navigation_goal is None:
             return
@@ -255,12 +257,12 @@ class NavigationSession:
         self._started = True
 
     def step(self, link: RobotClient, number: int, max_age_s: float, now_s: float) -> ExecutionStep:
-        """Return what to command while the button is held: the way `number` is going, or arrived.
+        """Return the command while the button is held, and the state of plan `number`.
 
-        `link` is the robot that the command is for; a way of another is none of its.
+        `link` is the robot to command; a plan of another robot is ignored.
 
         Raises:
-            PathError: it cannot be begun, or has come to its end, and why.
+            PathError: it cannot be started, or was aborted, with the reason.
         """
         timed_plan = self._timed_plan
         if timed_plan is None or link is not self._link or timed_plan.number != number:

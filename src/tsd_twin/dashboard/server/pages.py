@@ -35,7 +35,7 @@ _LAST_SCRIPTS = '<script type="module" src="static/overlay.js"></script>'
 
 
 class IndexPage:
-    """viser's client, read once from the installed package."""
+    """Index page: viser's client from the installed package, with our scripts."""
 
     def __init__(self) -> None:
         """Read it.
@@ -94,15 +94,15 @@ def without_blocked_parameters(request: web.Request) -> str:
 _TYPE = "application/x-www-form-urlencoded"
 _FIELDS = ("name", "password")
 READ_S = 10.0
-"""How long a form may take to come."""
+"""Time-out for reading a login form."""
 
 
 class LoginFormError(Exception):
-    """A body that no login page sends; its text is one sentence."""
+    """Invalid body of a login form; its text is one sentence."""
 
 
 async def name_and_password(request: web.Request) -> tuple[str, str]:
-    """Return both fields of the form.
+    """Return name and password from the form of a request.
 
     Raises:
         FormError: this is not the form, it has other fields, or is not in UTF-8.
@@ -172,7 +172,7 @@ class LoginRoutes:
             "Referrer-Policy": "same-origin",
             "Cache-Control": "no-store",
         }
-        # Beside the loop that is between fingers and robots, and never two at once.
+        # On a thread beside the event loop that forwards commands, one at a time.
         self._password_pool = ThreadPoolExecutor(1, "passwords")
         self._pending_checks = 0
 
@@ -183,7 +183,7 @@ class LoginRoutes:
         router.add_post("/logout", self._log_out)
 
     def close(self) -> None:
-        """Stop checking passwords."""
+        """Shut down the thread that checks passwords."""
         self._password_pool.shutdown(wait=False, cancel_futures=True)
 
     async def _show(self, request: web.Request) -> web.StreamResponse:
@@ -258,7 +258,7 @@ class LoginRoutes:
         return response
 
     def _last(self, response: web.Response) -> web.Response:
-        """Return an answer after which the connection ends: the rest of the body is not read."""
+        """Return a response that closes the connection: the rest of the body is not read."""
         response.force_close()
         return response
 
@@ -284,7 +284,7 @@ class LoginRoutes:
 
 
 def _require_origin(request: web.Request) -> None:
-    """Refuse a form that does not say where it comes from; the door has refused foreign ones."""
+    """Refuse a form without an `Origin` header; the middleware has refused foreign origins."""
     if "Origin" not in request.headers:
         raise web.HTTPForbidden(text="A form says where it comes from: send Origin.")
 

@@ -19,7 +19,7 @@ Triple: TypeAlias = tuple[float, float, float]
 
 
 class Message(msgspec.Struct, frozen=True, tag_field="t", kw_only=True):
-    """A JSON object; `t` says which."""
+    """Base class of messages: a JSON object with its type in `t`."""
 
 
 def encode_message(message: Any) -> str:
@@ -36,7 +36,7 @@ MAX_POINTS = 256
 
 
 class DriveCommand(Message, frozen=True, tag="drive"):
-    """Move like this: m/s and rad/s in `frame`; of a ball wx, wy and wz, rad/s, in their place."""
+    """Drive command: twist in m/s and rad/s in `frame`; of a sphere wx, wy and wz, rad/s."""
 
     vx: float
     vy: float
@@ -46,7 +46,7 @@ class DriveCommand(Message, frozen=True, tag="drive"):
 
 
 class PlanRequest(Message, frozen=True, tag="plan"):
-    """Plan a way to a place on the floor, or along a line that was drawn on it."""
+    """Request to plan a path to a point on the floor, or along a drawn line."""
 
     kind: Literal["to", "draw"]
     points: Annotated[
@@ -56,7 +56,7 @@ class PlanRequest(Message, frozen=True, tag="plan"):
     on: Literal["floor", "picture"]
     """Metres in `odom`, or shares of the picture, right and down from its upper left corner."""
     heading: Coordinate | None = None
-    """Where to look on arrival, radians in `odom`; null keeps the heading."""
+    """Heading on arrival, radians in `odom`; null keeps the present one."""
     level: Level = 100
 
 
@@ -71,7 +71,7 @@ class ClearPlan(Message, frozen=True, tag="unplan"):
 
 
 class FollowPlan(Message, frozen=True, tag="go"):
-    """Move along the planned way, like `drive` for as long as it is said."""
+    """Command to follow the planned path; like `drive`, it must be repeated."""
 
     route: Count
     """Number of the way, which is another one after each planning."""
@@ -95,41 +95,41 @@ class PageHeartbeat(Message, frozen=True, tag="beat"):
 
 
 class LeaseAction(Message, frozen=True, tag="lease"):
-    """Take or give up control, ask its holder for it, or answer who asks."""
+    """Lease request: acquire, release, request from the holder, or answer a request."""
 
     op: Literal["acquire", "release", "request", "withdraw", "grant", "deny"]
     take_over: bool = False
     reason: ShortText = ""
     """Why it is taken over."""
     asker: Operator | None = None
-    """Who is answered, by grant and keep."""
+    """Requesting operator, for grant and deny."""
     max_age_s: Annotated[float, Meta(gt=0.0, le=10.0)] | None = None
 
 
 class ArmRequest(Message, frozen=True, tag="arm"):
-    """Spin up."""
+    """Request to arm."""
 
 
 class DisarmRequest(Message, frozen=True, tag="disarm"):
-    """Spin down."""
+    """Request to disarm."""
 
 
 class ResetRequest(Message, frozen=True, tag="reset"):
-    """End a latched stop."""
+    """Request to reset a latched stop or fault."""
 
 
 class SetWheelSpeed(Message, frozen=True, tag="speed"):
-    """Spin wheels that always spin at another speed."""
+    """Request of another speed for wheels that always spin."""
 
     cruise_speed_rpm: float
 
 
 class StopCommand(Message, frozen=True, tag="stop"):
-    """Stop and latch."""
+    """Software stop, latched."""
 
 
 class SelectRobot(Message, frozen=True, tag="robot"):
-    """Watch another robot."""
+    """Request to select another robot."""
 
     id: Annotated[str, Meta(max_length=32)]
 
@@ -168,14 +168,14 @@ def decode_page_message(text: str | bytes) -> PageMessage:
 
 
 class SpeedLimits(msgspec.Struct, frozen=True):
-    """What the description allows."""
+    """Speed limits of the description."""
 
     speed_mps: float
     turn_rate_rad_per_s: float
 
 
 class TwistAxisInfo(msgspec.Struct, frozen=True):
-    """What one of the three numbers of a twist is."""
+    """Component of a twist: name, symbol and unit."""
 
     name: str
     symbol: str
@@ -183,7 +183,7 @@ class TwistAxisInfo(msgspec.Struct, frozen=True):
 
 
 class WheelSpeedLimits(msgspec.Struct, frozen=True):
-    """How fast wheels that always spin may do so, and what follows from it."""
+    """Range of the speed of wheels that always spin, and the resulting limits."""
 
     least_rpm: int
     most_rpm: int
@@ -194,14 +194,14 @@ class WheelSpeedLimits(msgspec.Struct, frozen=True):
 
 
 class RobotInfo(Message, frozen=True, tag="robot"):
-    """What does not change about a robot."""
+    """Constant data of a robot."""
 
     id: str
     title: str
     limits: SpeedLimits
     levels: Sequence[int]
     space: Literal["floor", "ball"]
-    """What moves: the robot over a floor, or a ball that it turns in place."""
+    """Pose type: a robot on a floor, or a sphere that is turned in place."""
     numbers: Sequence[TwistAxisInfo]
     """Of `drive`, `twist` and `commanded`, in this order."""
     twist_scale_m: float
@@ -218,7 +218,7 @@ class RobotInfo(Message, frozen=True, tag="robot"):
     max_rpm: float | None = None
     """Of those wheels."""
     other: str | None = None
-    """What its other estimate is made by, of robots that have two."""
+    """Source of the alternative estimate, of robots that have two."""
 
 
 class GimbalState(msgspec.Struct, frozen=True):
@@ -232,13 +232,13 @@ class GimbalState(msgspec.Struct, frozen=True):
     set_alpha: float
     set_beta: float
     axle: tuple[float, float]
-    """Where the axle leans, seen from above in `base_link`; length 1 is the tilt limit."""
+    """Tilt direction of the axle, seen from above in `base_link`; length 1 is the tilt limit."""
     set_axle: tuple[float, float]
     spinning: bool
 
 
 class WheelState(msgspec.Struct, frozen=True):
-    """One wheel that rolls."""
+    """State of a rolling wheel."""
 
     rpm: float
     set_rpm: float
@@ -250,7 +250,7 @@ class SphereState(msgspec.Struct, frozen=True):
     """A sphere that turns in place; angular velocities in rad/s."""
 
     wxyz: tuple[float, float, float, float]
-    """How it is turned."""
+    """Orientation."""
     ideal: Triple
     """Its angular velocity if each wheel touched half-way between its rows."""
     dual: Triple | None
@@ -264,20 +264,20 @@ class SphereState(msgspec.Struct, frozen=True):
 
 
 class EstimateDifference(msgspec.Struct, frozen=True):
-    """How far the other estimate is from the estimate."""
+    """Difference between the alternative estimate and the estimate."""
 
     metres: float
     degrees: float
 
 
 class RouteState(msgspec.Struct, frozen=True):
-    """The way that this page has planned, and how it goes."""
+    """Planned path of this page, and progress along it."""
 
     number: int
     phase: Literal["planning", "planned", "going", "arrived", "ended"]
     length_m: float
     time_s: float
-    """What it takes at the level that it is planned for."""
+    """Duration at the planned speed level."""
     done_m: float = 0.0
     off_mm: float = 0.0
     """Between the robot and where it should be."""
@@ -286,7 +286,7 @@ class RouteState(msgspec.Struct, frozen=True):
 
 
 class RobotState(Message, frozen=True, tag="state"):
-    """How the robot is."""
+    """State of the robot."""
 
     seen: int
     age_ms: float
@@ -297,7 +297,7 @@ class RobotState(Message, frozen=True, tag="state"):
     robot_ms: float | None
     """Round trip from here to the robot, median of the last ones."""
     robot_jitter_ms: float | None
-    """How much longer one in twenty of them took."""
+    """95th percentile minus median of them."""
     pose: Triple | None
     twist: Triple | None
     commanded: Triple | None
@@ -310,7 +310,7 @@ class RobotState(Message, frozen=True, tag="state"):
 
 
 class RobotName(msgspec.Struct, frozen=True):
-    """A line of the robot menu."""
+    """Entry of the robot menu."""
 
     id: str
     title: str
@@ -322,14 +322,14 @@ class SessionInfo(Message, frozen=True, tag="welcome"):
     operator: str
     role: Role
     user: str | None
-    """Who has logged in; None when no login is required."""
+    """Logged-in user; None when no login is required."""
     may_stop: bool
     robots: Sequence[RobotName]
     robot: str | None
 
 
 class PanelSliders(Message, frozen=True, tag="panel"):
-    """Where the sliders of the viser panel are."""
+    """Positions of the sliders of the viser panel."""
 
     vx: float
     vy: float
@@ -339,7 +339,7 @@ class PanelSliders(Message, frozen=True, tag="panel"):
 
 
 class SphereClick(Message, frozen=True, tag="point"):
-    """A point of a ball was clicked on in the page: it wants to be brought up."""
+    """Click on a point of the sphere, which the operator wants on top."""
 
     robot: str
     at: Triple
@@ -361,7 +361,7 @@ class ActionReply(Message, frozen=True, tag="reply"):
 
 
 class RobotEvent(Message, frozen=True, tag="event"):
-    """Something happened to the robot."""
+    """Event of the robot."""
 
     kind: str
     text: str
@@ -371,11 +371,11 @@ class RobotEvent(Message, frozen=True, tag="event"):
 
     @classmethod
     def of(cls, event: Event, *, past: bool = False) -> RobotEvent:
-        """Return the part of an event that is shown."""
+        """Return the displayed part of an event."""
         return cls(kind=event.kind, text=event.text, robot_s=round(event.robot_s, 3), past=past)
 
 
 class HeartbeatReply(Message, frozen=True, tag="beat"):
-    """Answer to a beat."""
+    """Reply to a heartbeat."""
 
     sent_ms: float

@@ -27,16 +27,16 @@ class RobotClients(Protocol):
 
     @property
     def links(self) -> Mapping[str, RobotClient]:
-        """All robots, by id."""
+        """Clients of all robots, by id."""
         ...
 
     def on_change(self, call: Callable[[], None]) -> None:
-        """Call this, on any thread, when robots have come or gone."""
+        """Register a callback for added or removed robots; it may run on any thread."""
         ...
 
 
 class RobotDirectory:
-    """All methods belong to the event loop."""
+    """Directory of all robots with their newest state and events; event loop only."""
 
     def __init__(self, discovery: RobotClients, executor: RpcExecutor) -> None:
         self._discovery = discovery
@@ -61,7 +61,7 @@ class RobotDirectory:
         return self._telemetry[link.id]
 
     def state(self, robot_id: str | None) -> RobotState | None:
-        """Return the state of a robot, None when it has not said it yet."""
+        """Return the state of a robot; None before its first status."""
         view = self.view(robot_id)
         if view is None:
             return None
@@ -78,7 +78,7 @@ class RobotDirectory:
         )
 
     def add_event(self, robot_id: str, event: Event) -> None:
-        """Remember an event; it may come before its robot is known."""
+        """Store an event, which may arrive before its robot is known."""
         if robot_id not in self._events and len(self._events) >= MAX_ROBOTS:
             return  # Robot ids on the bus are not authenticated.
         self._events.setdefault(robot_id, deque(maxlen=MAX_EVENTS)).append(event)
@@ -88,7 +88,7 @@ class RobotDirectory:
         return list(self._events.get(robot_id, ()))
 
     def health(self) -> dict[str, dict[str, str | float | None]]:
-        """Return mode and age of the state of each robot; null when it has said nothing."""
+        """Return mode and age of the state of each robot; null before its first status."""
         health: dict[str, dict[str, str | float | None]] = {}
         for robot_id, link in list(self._discovery.links.items()):
             status, age_s = link.snapshot.status, _state_age_s(link)
@@ -105,7 +105,7 @@ class RobotDirectory:
         )
 
     async def measure_round_trips(self) -> None:
-        """Measure, four times a second, how long robots take to answer; ends by cancellation."""
+        """Measure the round-trip times of robots four times a second; runs until cancelled."""
         while True:
             await asyncio.sleep(_PING_PERIOD_S)
             self._measuring = {task for task in self._measuring if not task.done()}

@@ -13,7 +13,7 @@ MAX_UNACKNOWLEDGED = 12
 
 
 class Socket(Protocol):
-    """The part of a WebSocket that is needed here."""
+    """Sending part of a WebSocket."""
 
     async def send_str(self, data: str) -> None:
         """Send a text frame; waits while the socket is full."""
@@ -21,7 +21,7 @@ class Socket(Protocol):
 
 
 class SendQueue:
-    """All methods belong to the event loop.
+    """Send queue of one page, which keeps only the newest state; event loop only.
 
     Back pressure of the socket is not enough: the kernel buffers seconds of old states.
     The page confirms the states it has seen, so no more than `MAX_UNACKNOWLEDGED` are ever on the
@@ -36,34 +36,34 @@ class SendQueue:
         self._wake = asyncio.Event()
 
     def put(self, text: str) -> None:
-        """Queue an answer or an event."""
+        """Queue a reply or an event."""
         self._messages.append(text)
         self._wake.set()
 
     def put_panel(self, text: str) -> None:
-        """Send where the sliders are; replaces what still waits."""
+        """Queue the slider positions, in place of waiting ones."""
         self._panel = text
         self._wake.set()
 
     def put_state(self, number: int, text: str) -> None:
-        """Send a state; replaces what still waits."""
+        """Queue a state, in place of a waiting one."""
         self._state = (number, text)
         self._wake.set()
 
     def acknowledge(self, number: int) -> None:
-        """Note that the page has received the state with this number."""
+        """Record that the page has received the state with this number."""
         if number in self._unacknowledged:
             while self._unacknowledged.popleft() != number:
                 pass
             self._wake.set()
 
     def drop_states(self) -> None:
-        """Another robot is selected: its numbers start again."""
+        """Discard waiting states: another robot is selected, and its numbers restart."""
         self._state = None
         self._unacknowledged.clear()
 
     async def run(self, socket: Socket) -> None:
-        """Send what waits, for as long as the socket takes it."""
+        """Send queued messages until the socket is closed."""
         while True:
             await self._wake.wait()
             self._wake.clear()

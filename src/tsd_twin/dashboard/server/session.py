@@ -133,8 +133,8 @@ class Session:
     def receive(self, text: str | bytes) -> None:
         """Handle one message; invalid messages raise nothing and allocate nothing.
 
-        A motion waits until all that has arrived with it is read: the newest replaces those before,
-        and a release or a stop takes them back.
+        A motion command is applied after all messages received with it: the newest replaces earlier
+        ones, and a release or a stop cancels them.
         """
         try:
             message = decode_page_message(text)
@@ -184,7 +184,7 @@ class Session:
             case PageHeartbeat():
                 self._on_heartbeat(message)
             case PanelSlidersReleased():
-                if self._role is not Role.VIEWER:  # Who only watches has no sliders.
+                if self._role is not Role.VIEWER:  # Viewers have no sliders.
                     self._on_released(self.page)
             case StopCommand():
                 self._on_stop()
@@ -211,7 +211,7 @@ class Session:
             )
 
     def release_controls(self, reason: str) -> None:
-        """Stop the motion on behalf of the page, if it holds a control."""
+        """Stop the motion on behalf of the page, if one of its controls is held."""
         if self._teleop.release_controls(reason):
             self._on_released(self.page)
 
@@ -285,7 +285,7 @@ class Session:
     # To the page.
 
     def send_state(self, state: RobotState) -> None:
-        """Send a new state of the robot that is watched."""
+        """Send a new state of the selected robot."""
         control, lease = self._lease_client.lease, state.status.lease
         if control is not None and control.is_lost(state.status):
             self._on_lease_lost(
@@ -307,7 +307,7 @@ class Session:
         self.send_queue.put_state(state.seen, encode_message(state))
 
     def send_event(self, event: Event, *, past: bool = False) -> None:
-        """Send an event of the robot that is watched."""
+        """Send an event of the selected robot."""
         self._send(RobotEvent.of(event, past=past))
 
     def _on_lease_lost(self, reason: str) -> None:

@@ -25,8 +25,8 @@ def _ignore(*_args: str) -> None:
 class SessionManager:
     """Sessions of all connected pages, on one event loop.
 
-    `on_status` and `on_event` belong to that loop; `panel`, `point` and `choose` may be called from
-    any thread.
+    `on_status` and `on_event` belong to that loop; `on_panel`, `on_sphere_click` and
+    `select_robot` may be called from any thread.
     """
 
     def __init__(
@@ -38,9 +38,9 @@ class SessionManager:
     ) -> None:
         """Create it without sessions.
 
-        Called on the event loop: `on_released`, with the page, when the sliders of its panel shall
-        spring back, and `on_chosen`, with page and robot id, when its menu is used. `picture` is
-        what pages point at and draw on.
+        Called on the event loop: `on_released`, with the page, to centre the sliders of its panel,
+        and `on_chosen`, with page and robot id, when its menu is used. `page_scene` is the scene
+        that pages pick from and draw on.
         """
         self._executor = RpcExecutor()
         self.directory = RobotDirectory(discovery, self._executor)
@@ -54,7 +54,7 @@ class SessionManager:
         discovery.on_change(lambda: self._call_soon(self._on_robots_changed))
 
     def open(self) -> None:
-        """Start: accept calls of other threads, on the running event loop."""
+        """Start on the running event loop, and accept calls of other threads."""
         self._loop = asyncio.get_running_loop()
 
     def close(self) -> None:
@@ -78,14 +78,14 @@ class SessionManager:
     # State and events to the pages.
 
     def on_status(self, robot_id: str) -> None:
-        """Send a robot's new state to all pages that watch it."""
+        """Send a robot's new state to all pages that have it selected."""
         # Also without viewers: the directory records since when the robot has been in its mode.
         if (state := self.directory.state(robot_id)) is not None:
             for session in self._sessions_showing(robot_id):
                 session.send_state(state)
 
     def on_event(self, robot_id: str, event: Event) -> None:
-        """Send an event to all pages that watch the robot, and keep it for those to come."""
+        """Send an event to all pages that have the robot selected, and store it for later ones."""
         self.directory.add_event(robot_id, event)
         for session in self._sessions_showing(robot_id):
             session.send_event(event)
@@ -99,9 +99,9 @@ class SessionManager:
         mode: Literal["preview", "drive"],
         latch: bool,
     ) -> None:
-        """Tell a page where the sliders of its panel are, m/s and rad/s; from any thread.
+        """Send a page the slider positions of its panel, m/s and rad/s; thread-safe.
 
-        The page is what streams them, so they obey the same dead man's switch as its stick.
+        The page sends them as commands, under the same dead-man switch as its stick.
         """
         message = PanelSliders(vx=vx, vy=vy, omega=omega, mode=mode, latch=latch)
         self._with_session(
@@ -109,15 +109,15 @@ class SessionManager:
         )
 
     def on_sphere_click(self, page: str, robot_id: str, at: tuple[float, float, float]) -> None:
-        """Tell a page which point of a ball was clicked on; from any thread.
+        """Send a page the clicked point of a sphere; thread-safe.
 
-        The page is what brings it up, under the same dead man's switch as its stick.
+        The page commands the motion, under the same dead-man switch as its stick.
         """
         message = SphereClick(robot=robot_id, at=at)
         self._with_session(page, lambda session: session.send_queue.put(encode_message(message)))
 
     def select_robot(self, page: str, robot_id: str) -> None:
-        """Turn a page to another robot, as its panel asks; from any thread."""
+        """Select a robot on a page, for its panel; thread-safe."""
         self._with_session(page, lambda session: session.select_robot(robot_id))
 
     def _sessions_showing(self, robot_id: str) -> list[Session]:
@@ -142,7 +142,7 @@ class SessionManager:
     # Pages that connect and disconnect.
 
     def robot_of(self, page: str) -> str | None:
-        """Return the id of the robot that a page shows; from any thread."""
+        """Return the id of the robot selected on a page; thread-safe."""
         session = self._sessions.get(page)
         return None if session is None else session.robot_id
 
@@ -161,9 +161,9 @@ class SessionManager:
     ) -> None:
         """Run the session of a page while its socket is open, within `holding`.
 
-        `messages` are what the socket says.
+        `messages` are the messages of the socket.
         """
-        if (before := self._sockets.get(page)) is not None:  # Its connection was lost unnoticed.
+        if (before := self._sockets.get(page)) is not None:  # Lost without notice.
             await before.close(code=1001, message=b"the page has come back")
         session = Session(
             page,

@@ -32,7 +32,7 @@ _SHORT = 64
 
 
 class LimitDecision(Enum):
-    """What becomes of a message."""
+    """Decision of a limiter about a message."""
 
     PASS = auto()
     DROP = auto()
@@ -42,14 +42,14 @@ class LimitDecision(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Quota:
-    """How much is allowed on average, and how much more at once."""
+    """Average rate and burst size of a token bucket."""
 
     per_s: float
     burst: float
 
 
 class Bucket:
-    """A token bucket; time is an argument. It may go into debt, which has to be paid back."""
+    """Token bucket with time as an argument; its level may become negative."""
 
     def __init__(self, quota: Quota) -> None:
         self._quota = quota
@@ -57,7 +57,7 @@ class Bucket:
         self._at_s = 0.0
 
     def take(self, amount: float, now_s: float) -> float:
-        """Take tokens, and return how many are left; below zero is a debt."""
+        """Take tokens, and return the level, which may be negative."""
         refill = max(0.0, now_s - self._at_s) * self._quota.per_s
         self._left = min(self._quota.burst, self._left + refill) - amount
         self._at_s = now_s
@@ -73,7 +73,7 @@ class Bucket:
 
 @dataclass(frozen=True, slots=True)
 class SocketLimits:
-    """What one socket may send."""
+    """Rate and size limits of one socket."""
 
     messages: Quota
     size: Quota
@@ -115,7 +115,7 @@ VISER = SocketLimits(
 
 
 class SocketLimiter:
-    """What one socket has sent lately; a message that is dropped counts as well."""
+    """Rate limiter of one socket; dropped messages count as well."""
 
     def __init__(self, limits: SocketLimits) -> None:
         self._limits = limits
@@ -124,8 +124,8 @@ class SocketLimiter:
         self.dropped = 0
         """Messages that were not looked at."""
 
-    def judge(self, data: str | bytes, now_s: float) -> LimitDecision:
-        """Judge a message by its length and its first characters."""
+    def decide(self, data: str | bytes, now_s: float) -> LimitDecision:
+        """Return the decision about a message, from its length and first characters."""
         kind = _kind_of(data) if isinstance(data, str) else ""
         left = self._messages.take(1.0, now_s) / self._limits.messages.burst
         left = min(left, self._size.take(float(len(data)), now_s) / self._limits.size.burst)
@@ -152,9 +152,9 @@ def _kind_of(text: str) -> str:
 
 
 class SocketCutOff:
-    """Logins and pages whose socket was closed for flooding, and until when they stay out.
+    """Block list of logins and pages whose socket was closed for flooding.
 
-    Who floods again soon after stays out twice as long as the time before.
+    The block time doubles when a client floods again soon.
     """
 
     STAYS_OUT_S = 5.0
@@ -168,25 +168,25 @@ class SocketCutOff:
         """Sockets that were closed so far."""
 
     def __len__(self) -> int:
-        """Return how many are remembered."""
+        """Return the number of entries."""
         return len(self._out)
 
     def note(self, key: str, now_s: float) -> None:
-        """Note that a socket of this login, or this page, flooded."""
+        """Add a login or page whose socket flooded."""
         self.count += 1
         recent = now_s - self.LONGEST_S
         self._out = {who: out for who, out in self._out.items() if out[1] > recent}
         before_s, until_s = self._out.pop(key, (0.0, 0.0))
         while len(self._out) >= self._MOST:
             del self._out[next(iter(self._out))]
-        if until_s > now_s:  # Another socket of the same, which was open already.
+        if until_s > now_s:  # From another socket of the same client, which was open already.
             self._out[key] = (before_s, until_s)
             return
         stays_s = min(max(self.STAYS_OUT_S, 2.0 * before_s), self.LONGEST_S)
         self._out[key] = (stays_s, now_s + stays_s)
 
     def waits_s(self, key: str, now_s: float) -> float:
-        """Return for how much longer no new socket is opened; 0 when one is."""
+        """Return the remaining block time; 0 when a new socket is allowed."""
         return max(0.0, self._out.get(key, (0.0, 0.0))[1] - now_s)
 
 
@@ -197,7 +197,7 @@ TURN = 24
 _IN_A_ROW_S = 0.002
 """Between two messages that were read without waiting in between."""
 _RECEIVE_BYTES = 32 * 2**10
-"""What the kernel holds for one socket, and so what is parsed of it in one turn of the loop."""
+"""Receive buffer of one socket, which bounds the data parsed in one iteration of the loop."""
 _GOODBYE_S = 0.2
 """For the close frame to arrive before the connection is reset."""
 _REFUSED_AFTER_S = 1.0
@@ -207,25 +207,25 @@ _ENDS = (WSMsgType.CLOSE, WSMsgType.CLOSING, WSMsgType.CLOSED, WSMsgType.ERROR)
 
 
 class SocketReader:
-    """Listens to the sockets of all pages; belongs to the event loop."""
+    """Reader of the sockets of all pages; event loop only."""
 
     def __init__(self) -> None:
         self.cut_off = SocketCutOff()
-        """Who flooded."""
+        """Block list of flooding clients."""
         self.dropped = 0
         """Messages beyond what a socket may send."""
         self._says = RateLimiter(0.1)
         self._refusing = 0
 
     async def admit(self, request: web.Request, key: str) -> None:
-        """Refuse a new socket to a login or a page that has just flooded; prepare it otherwise.
+        """Refuse a new socket of a blocked login or page; otherwise prepare it.
 
         Raises:
-            web.HTTPTooManyRequests: it has to wait.
+            web.HTTPTooManyRequests: it is blocked.
         """
         if (wait_s := self.cut_off.waits_s(key, time.monotonic())) > 0.0:
             if self._refusing < _REFUSING:
-                # Who asks again after each answer must not keep the loop busy by that.
+                # A client that retries after each response must not keep the loop busy.
                 self._refusing += 1
                 try:
                     await asyncio.sleep(min(wait_s, _REFUSED_AFTER_S))
@@ -235,16 +235,16 @@ class SocketReader:
                 text=f"Too many messages came from here: wait {wait_s:.0f} s.",
                 headers={"Retry-After": str(int(wait_s) + 1)},
             )
-        hold_little(request)
+        limit_receive_buffer(request)
 
     async def messages(
         self, request: web.Request, socket: web.WebSocketResponse, limits: SocketLimits, key: str
     ) -> AsyncGenerator[WSMessage]:
-        """Yield what a socket may say, until it ends, or floods: then `key` stays out for a while.
+        """Yield the accepted messages of a socket until it closes or floods, which blocks `key`.
 
         `socket` must not answer pings by itself: a flood of them would never come here.
         """
-        allowance = SocketLimiter(limits)
+        limiter = SocketLimiter(limits)
         in_a_row, before_s = 0, 0.0
         while True:
             if in_a_row >= TURN:
@@ -257,12 +257,12 @@ class SocketReader:
             if message.type in _ENDS:
                 return
             data = message.data if isinstance(message.data, str | bytes) else bytes(message.data)
-            verdict = allowance.judge(data, now_s)
-            if verdict is LimitDecision.CUT:
+            decision = limiter.decide(data, now_s)
+            if decision is LimitDecision.CUT:
                 self._note(key)
-                hang_up(request)
+                stop_reading(request)
                 return
-            if verdict is LimitDecision.DROP:
+            if decision is LimitDecision.DROP:
                 self.dropped += 1
             elif message.type is WSMsgType.PING:
                 await socket.pong(data if isinstance(data, bytes) else data.encode())
@@ -275,10 +275,10 @@ class SocketReader:
         if self._says.is_due(now_s):
             _LOG.warning("a page that flooded was cut off, the %d. so far", self.cut_off.count)
 
-    async def say_goodbye(self, request: web.Request, socket: web.WebSocketResponse) -> None:
+    async def close_cut_off(self, request: web.Request, socket: web.WebSocketResponse) -> None:
         """Close a socket that was cut off, with code and reason, without reading on."""
         transport = request.transport
-        if not is_hung_up(request) or transport is None:
+        if not is_cut_off(request) or transport is None:
             return
         payload = POLICY_VIOLATION.to_bytes(2, "big") + TOO_MUCH.encode()
         try:
@@ -294,21 +294,21 @@ class SocketReader:
 _HUNG_UP = web.RequestKey("_HUNG_UP", bool)
 
 
-def hang_up(request: web.Request) -> None:
-    """Read nothing more from the connection of a request."""
+def stop_reading(request: web.Request) -> None:
+    """Stop reading from the connection of a request."""
     request[_HUNG_UP] = True
     transport = request.transport
     if isinstance(transport, asyncio.ReadTransport):
         transport.pause_reading()
 
 
-def is_hung_up(request: web.Request) -> bool:
-    """Tell whether its socket was cut off."""
+def is_cut_off(request: web.Request) -> bool:
+    """Return whether its socket was cut off."""
     return request.get(_HUNG_UP, False)
 
 
-def hold_little(request: web.Request) -> None:
-    """Let the kernel hold little for a socket: what is parsed in one turn delays all others."""
+def limit_receive_buffer(request: web.Request) -> None:
+    """Reduce the receive buffer of a socket: data parsed at once delays all other sockets."""
     connection = request.get_extra_info("socket")
     if connection is not None:
         connection.setsockopt(sockets.SOL_SOCKET, sockets.SO_RCVBUF, _RECEIVE_BYTES)

@@ -41,7 +41,7 @@ _ROUNDING = 1e-6
 
 
 class GimbalTelemetry:
-    """Angles, tilt and leaning axle of each module, as it is and as it should be."""
+    """Telemetry of gimbals: measured and commanded angles, tilt and axle direction."""
 
     def __init__(self, robot: SingularityDescription) -> None:
         self._robot = robot
@@ -52,7 +52,7 @@ class GimbalTelemetry:
         self._base_from_module = np.moveaxis(np.array([[c, -s], [s, c]]), -1, 0)
 
     def info(self) -> dict[str, Any]:
-        """Return what belongs into a card."""
+        """Return the fields of `RobotInfo`."""
         gears = self._robot.wheel_speed_range
         return {
             "panel": "gimbals",
@@ -68,7 +68,7 @@ class GimbalTelemetry:
         }
 
     def state(self, joints: Array, setpoint: Array, _snapshot: Snapshot) -> dict[str, Any]:
-        """Return what belongs into a state."""
+        """Return the fields of `RobotState`."""
         measured, wanted = joints.reshape(-1, 3), setpoint.reshape(-1, 3)
         degrees, wanted_degrees = np.degrees(measured), np.degrees(wanted)
         tilt = np.degrees(self._drive.tilt(joints))
@@ -93,7 +93,9 @@ class GimbalTelemetry:
         return {"modules": modules}
 
     def _axles(self, joints: Array) -> Array:
-        """Return where the axles (k, 2) lean in `base_link`; length 1 is the tilt limit."""
+        """Return the tilt directions (k, 2) of the axles in `base_link`; length 1 is the tilt
+        limit.
+        """
         modules = joints.reshape(-1, 3)
         alpha, beta = modules[:, 0], modules[:, 1]
         axles = np.stack([np.cos(alpha) * np.sin(beta), np.sin(alpha)], axis=-1)
@@ -102,14 +104,14 @@ class GimbalTelemetry:
 
 
 class WheelTelemetry:
-    """Speed of each wheel, as it is and as it should be, and what no motion explains of it."""
+    """Telemetry of wheels: measured and commanded speed, and the consistency residual."""
 
     def __init__(self, robot: OmniDescription) -> None:
         self._drive = robot.kinematics()
         self._trackers = robot.dead_wheels is not None
 
     def info(self) -> dict[str, Any]:
-        """Return what belongs into a card."""
+        """Return the fields of `RobotInfo`."""
         return {
             "panel": "wheels",
             "wheels": self._drive.actuators,
@@ -118,7 +120,7 @@ class WheelTelemetry:
         }
 
     def state(self, joints: Array, setpoint: Array, snapshot: Snapshot) -> dict[str, Any]:
-        """Return what belongs into a state."""
+        """Return the fields of `RobotState`."""
         return {
             "wheels": wheel_states(self._drive, joints, setpoint),
             "apart": _planar_difference(snapshot),
@@ -128,7 +130,7 @@ class WheelTelemetry:
 def wheel_states(
     drive: OmniKinematics | SphereKinematics, joints: Array, setpoint: Array
 ) -> list[WheelState]:
-    """Return the figures of all wheels, from the joint vectors (k,)."""
+    """Return the states of all wheels, from the joint vectors (k,)."""
     residual = drive.forward(joints).residual
     return [
         WheelState(
@@ -156,14 +158,14 @@ _MIN_RATE_RAD_PER_S = 0.02
 
 
 class SphereTelemetry:
-    """Wheels, orientation, and what the two models of the contacts make of the same wheels."""
+    """Telemetry of spheres: wheels, orientation, and angular velocity by both contact models."""
 
     def __init__(self, robot: SphereDescription) -> None:
         self._drive = robot.kinematics()
         self._dual_first = robot.estimate.model == "dual"
 
     def info(self) -> dict[str, Any]:
-        """Return what belongs into a card."""
+        """Return the fields of `RobotInfo`."""
         return {
             "panel": "sphere",
             "wheels": self._drive.actuators,
@@ -172,7 +174,7 @@ class SphereTelemetry:
         }
 
     def state(self, joints: Array, setpoint: Array, snapshot: Snapshot) -> dict[str, Any]:
-        """Return what belongs into a state."""
+        """Return the fields of `RobotState`."""
         return {
             "wheels": wheel_states(self._drive, joints, setpoint),
             "ball": self._ball(snapshot, joints),
@@ -196,7 +198,8 @@ class SphereTelemetry:
         )
 
     def _rows(self, joints: Array, dual: Odometry | None) -> list[int]:
-        """Return which row each wheel stands on, 1 or 2; 0 when its motion does not tell.
+        """Return the row of rollers in contact of each wheel, 1 or 2; 0 when it cannot be
+        determined.
 
         A wheel's speed is (R / r) (cos Omega_i + side sin R_i) . w: what is not explained by the
         ideal contact is the side, -1 on the first row.
@@ -213,7 +216,7 @@ class SphereTelemetry:
 
 
 def _orientation_difference(snapshot: Snapshot) -> EstimateDifference | None:
-    """Return how far the sphere is turned by the other estimate, against the estimate."""
+    """Return the rotation between the alternative estimate and the estimate."""
     odom, other = snapshot.odom, snapshot.alternative
     if odom is None or other is None or odom.wxyz is None or other.wxyz is None:
         return None
@@ -224,7 +227,7 @@ def _orientation_difference(snapshot: Snapshot) -> EstimateDifference | None:
 
 
 def _angle_deg(a: Array, b: Array) -> float | None:
-    """Return the angle between two angular velocities; None when one is too slow to tell."""
+    """Return the angle between two angular velocities; None when one is too small."""
     lengths = float(np.linalg.norm(a)), float(np.linalg.norm(b))
     if min(lengths) < _MIN_RATE_RAD_PER_S:
         return None
@@ -249,19 +252,19 @@ SPEED_LEVELS_PERCENT = (20, 50, 80, 100)
 
 
 class ActuatorTelemetry(Protocol):
-    """What belongs to one kind of robot in cards and states, by the names of their fields."""
+    """Telemetry of one kind of robot: fields of `RobotInfo` and `RobotState`, by name."""
 
     def info(self) -> dict[str, Any]:
-        """Return what belongs into a card."""
+        """Return the fields of `RobotInfo`."""
         ...
 
     def state(self, joints: Array, setpoint: Array, snapshot: Snapshot, /) -> dict[str, Any]:
-        """Return what belongs into a state, from joint vectors (n,)."""
+        """Return the fields of `RobotState`, from joint vectors (n,)."""
         ...
 
 
 class RobotTelemetry:
-    """Description and state of a robot, in the numbers that are shown."""
+    """Telemetry of a robot: `RobotInfo` and `RobotState` of its client."""
 
     def __init__(self, link: RobotClient) -> None:
         self.link = link
@@ -273,7 +276,7 @@ class RobotTelemetry:
         )
 
     def info(self) -> RobotInfo:
-        """Return what does not change."""
+        """Return the constant data."""
         robot = self.link.robot
         return RobotInfo(
             id=self.link.id,
@@ -298,7 +301,7 @@ class RobotTelemetry:
         mode_age_s: float,
         round_trips: RoundTrips,
     ) -> RobotState:
-        """Return the newest of everything; null where the robot has not said it yet."""
+        """Return the newest state; null for messages not yet received."""
         typical_s, jitter_s = round_trips.median_s(), round_trips.jitter_s()
         joints = self._joint_vector(snapshot.joints)
         setpoint = self._joint_vector(snapshot.setpoint)
@@ -329,7 +332,7 @@ class RobotTelemetry:
         return _rounded(self._kinematics.forward(setpoint).twist)
 
     def _planar_pose(self, said: Odometry | None) -> Triple | None:
-        """Return where a robot is that drives; a ball is turned, not anywhere."""
+        """Return the planar pose of a robot; None for a sphere."""
         return None if said is None or said.wxyz is not None else _rounded(said.xy_heading)
 
     def _joint_vector(self, state: JointState | None) -> Array | None:

@@ -51,14 +51,14 @@ class DeadmanSwitch:
         self._commanded_s = 0.0
 
     def on_command(self, now_s: float) -> bool:
-        """Take a motion command, and return whether it may go to the robot."""
+        """Process a motion command, and return whether it may be sent to the robot."""
         if self.state is DeadmanState.MUST_RECENTER:
             return False
         self.state, self._commanded_s = DeadmanState.HELD, now_s
         return True
 
     def on_release(self) -> bool:
-        """The page has centred its controls; return whether they were held."""
+        """Process that the page has centred its controls; return whether they were held."""
         was, self.state = self.state, DeadmanState.FREE
         return was is DeadmanState.HELD
 
@@ -75,7 +75,7 @@ class DeadmanSwitch:
         return was is not DeadmanState.MUST_RECENTER
 
     def silence_s(self, now_s: float) -> float:
-        """Return the time since the newest command; 0 when nothing is held."""
+        """Return the time since the newest command; 0 when no control is held."""
         return now_s - self._commanded_s if self.state is DeadmanState.HELD else 0.0
 
 
@@ -100,7 +100,7 @@ class TeleopController:
         send_message: Callable[[Any], None],
         release_controls: Callable[[str], None],
     ) -> None:
-        """`release_controls`, which calls ours, also tells who else has to know."""
+        """`release_controls` of the session calls ours, and notifies the page and the panel."""
         self.navigation = navigation
         self._lease_client = lease_client
         self._send_queue = send_queue

@@ -38,7 +38,7 @@ _CAMERA_MESSAGE = "ViewerCameraMessage"
 _CONTROL_MESSAGE = "GuiUpdateMessage"
 _CLICK_MESSAGE = "SceneNodeClickMessage"
 _CLICK_TARGET = r"^/w/r/[a-z0-9_-]{1,32}/x\Z"
-"""What can be clicked on: the sphere of a robot."""
+"""Clickable scene nodes: the sphere of a robot."""
 _IGNORED_MESSAGES = frozenset(
     {
         "CommandTriggerMessage",
@@ -60,7 +60,7 @@ _IGNORED_MESSAGES = frozenset(
 )
 """What viser's page could say beside that. Nothing of ours listens."""
 _OFF = 0.1
-"""How far from 1 the length of a quaternion may be."""
+"""Tolerance of the length of a unit quaternion."""
 _LONGEST = 200
 """Characters of a text that a control can have."""
 _DECODER = msgspec.msgpack.Decoder(dict[str, Any])
@@ -82,7 +82,7 @@ _Modifier: TypeAlias = Literal[
 
 
 class _FromBrowser(msgspec.Struct, forbid_unknown_fields=True, frozen=True, tag_field="type"):
-    """One kind of message: each field with its type and range, and no other field."""
+    """Base class of accepted browser messages, with the type and range of each field."""
 
 
 class _Camera(_FromBrowser, frozen=True, tag=_CAMERA_MESSAGE):
@@ -122,10 +122,10 @@ _KINDS: Mapping[str, type[_FromBrowser]] = MappingProxyType(
 
 
 def filter_message(frame: bytes, role: Role) -> bytes | None:
-    """Return what of a frame goes on to viser; None when nothing does.
+    """Return the part of a frame to forward to viser; None when nothing is forwarded.
 
-    Where one looks from is the only thing that a viewer may say. What goes on is put together anew
-    from fields of known types and ranges, so that viser reads what was judged here. A message of a
+    A viewer may send its camera only. Forwarded messages are encoded anew from fields of known
+    types and ranges, so that viser reads exactly the checked values. A message of a
     kind that may pass but with other fields is dropped.
 
     Raises:
@@ -151,7 +151,7 @@ def filter_message(frame: bytes, role: Role) -> bytes | None:
 
 
 def _is_finite(value: Any) -> bool:
-    """Tell whether no number in it is infinite or none at all, and a quaternion turns something."""
+    """Return whether all numbers are finite, and a quaternion has unit length."""
     match value:
         case float():
             return math.isfinite(value)
@@ -177,12 +177,12 @@ _CLOSE_TIMEOUT_S = 0.5
 
 
 class ViserProxy:
-    """Connects each page's `viser/<page>` to the viser server."""
+    """WebSocket proxy from each page's `viser/<page>` to the viser server."""
 
-    def __init__(self, viser_port: int, ear: SocketReader) -> None:
+    def __init__(self, viser_port: int, reader: SocketReader) -> None:
         self.dropped = 0
-        """Messages of pages that were not passed on."""
-        self._ear = ear
+        """Number of messages of pages that were not forwarded."""
+        self._reader = reader
         self._url = f"ws://127.0.0.1:{viser_port}/"
         self._client: ClientSession | None = None
         self._open: set[web.WebSocketResponse] = set()
@@ -239,7 +239,7 @@ class ViserProxy:
             self._open.add(page)
             try:
                 with holding(page):
-                    messages = self._ear.messages(request, page, VISER, principal.key or page_id)
+                    messages = self._reader.messages(request, page, VISER, principal.key or page_id)
                     await self._connect(request, page, viser, messages, principal.identity.role)
             finally:
                 self._open.discard(page)
@@ -264,7 +264,7 @@ class ViserProxy:
             for way in ways:
                 way.cancel()
             await asyncio.gather(*ways, return_exceptions=True)
-            await self._ear.say_goodbye(request, page)
+            await self._reader.close_cut_off(request, page)
             # viser tells a client of another version why it is refused.
             await page.close(code=viser.close_code or 1001)
             with contextlib.suppress(TimeoutError):
@@ -274,7 +274,7 @@ class ViserProxy:
     async def _pass_checked(
         self, messages: AsyncIterator[WSMessage], sink: ClientWebSocketResponse, role: Role
     ) -> None:
-        """Pass on what a page may say, until it says something that no page says."""
+        """Forward allowed messages of a page, until it sends an invalid one."""
         with contextlib.suppress(ConnectionError, MessageError):
             async for message in messages:
                 if message.type is not WSMsgType.BINARY:
@@ -290,7 +290,7 @@ def _display_option(request: web.Request, word: str) -> str:
 
 
 async def _relay_to_page(source: ClientWebSocketResponse, sink: web.WebSocketResponse) -> None:
-    """Pass messages on, one at a time: a slow reader slows its writer, and nothing piles up."""
+    """Forward messages one at a time: a slow reader slows its writer, without a queue."""
     with contextlib.suppress(ConnectionError):
         async for message in source:
             if message.type is WSMsgType.BINARY:

@@ -1,4 +1,4 @@
-// Who is logged in here, and the way out.
+// Account menu: name and role of the login, and logout.
 
 import { Button } from "./button.js";
 import { el, setAttribute, setText } from "./dom.js";

@@ -1,4 +1,4 @@
-// Buttons that say why they cannot be used, instead of being dead.
+// Buttons that show the reason while they are disabled.
 
 import { el, setAttribute, setText } from "./dom.js";
 

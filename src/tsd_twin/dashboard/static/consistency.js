@@ -3,11 +3,11 @@
 import { el, icon, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
 
-// How much the wheels contradict one another: a figure, a bar, and a verdict in words.
+// Consistency meter: residual as a number, a bar, and a result in words.
 const FULL_MPS = 0.1; // End of the bar.
 
 export class ConsistencyMeter {
-  /** `word` is what a suspect is called, before its number. */
+  /** `word` is the kind of actuator, before its number. */
   constructor(word) {
     this._word = word;
     this._residual = el("span", { class: "value" });
@@ -48,8 +48,8 @@ export class ConsistencyMeter {
   }
 }
 
-// A wheel that contradicts the others: said for as long as the robot suspects it, and a while longer,
-// so that it can be read.
+// Warning about the suspected actuator; shown a little longer than the robot reports it, so that it
+// can be read.
 const READ_MS = 4000;
 const SHUT_OFF = new Set(["disarmed", "stopped", "fault"]);
 const OFF_DEG = 0.5; // A gimbal that is this far from where it should be does not follow.

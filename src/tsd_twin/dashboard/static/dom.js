@@ -1,4 +1,4 @@
-// Making elements.
+// Creation of elements.
 /** Return an element; `on…` attributes are listeners, false and null ones are left out. */
 export function el(tag, attributes = {}, ...children) {
   return fill(document.createElement(tag), attributes, children);

@@ -1,4 +1,5 @@
-// From controls to commands. Each source of motion (stick, turn slider, keys, gamepad, panel) has
+// Conversion of controls to commands. Each source of motion (stick, turn slider, keys, gamepad,
+// panel) has
 //   held      whether it is held
 //   cancel()  go back to the centre; moves nothing until it is deliberately used again
 // and either `unit`, {x, y, turn} as shares of what the speed level allows, or `twist`, in m/s and
@@ -60,7 +61,7 @@ export class Drive {
     };
   }
 
-  /** What the controls ask for, each share within 1. */
+  /** Sum of the controls, each share within 1. */
   get unit() {
     let [x, y, turn] = [0, 0, 0];
     for (const { unit } of this._sources) {
@@ -73,7 +74,7 @@ export class Drive {
     return { x: x / length, y: y / length, turn: Math.max(-1, Math.min(1, turn)) };
   }
 
-  /** What is asked of the robot: the three numbers of its twist, m/s and rad/s. */
+  /** Commanded twist: three numbers, m/s and rad/s. */
   get twist() {
     const panel = this._sources.find((source) => source.held && source.twist !== undefined);
     if (panel !== undefined) return { ...panel.twist, frame: "base_link" };
@@ -86,7 +87,7 @@ export class Drive {
     return { vx, vy, omega, frame: this.frame };
   }
 
-  /** A source has changed: begin, go on, or let go. Hands on any control end what is latched. */
+  /** Handle a change of a source: start, continue or release. Any held control ends a latched one. */
   changed() {
     const handControl = this._sources.some((source) => source.held && source.twist === undefined);
     if (handControl) for (const source of this._sources) if (source.twist !== undefined) source.cancel();
@@ -97,7 +98,7 @@ export class Drive {
     this._notify();
   }
 
-  /** Back to the centre with everything; to drive again, a control must be used anew. */
+  /** Release all controls; each must be used anew to drive again. */
   release(message = "", byServer = false) {
     const wasHeld = this.held;
     for (const source of this._sources) source.cancel();

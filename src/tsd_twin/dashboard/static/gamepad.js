@@ -1,4 +1,4 @@
-// The gamepad: left stick drives, right stick turns, B stops.
+// Gamepad: left stick drives, right stick turns, B stops.
 
 const PERIOD_MS = 20;
 const DEAD_ZONE = 0.1;

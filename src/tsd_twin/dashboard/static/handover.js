@@ -1,4 +1,4 @@
-// Control that is asked for: what its holder sees of that, and what the asker sees. The notice never
+// Hand-over of control: notices for the holder and the requester. The notice never
 // takes the focus; it is announced once, and its buttons are in the order of the page.
 
 import { Button } from "./button.js";

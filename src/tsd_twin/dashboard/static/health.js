@@ -1,4 +1,4 @@
-// How well everything works, in figures, and what has happened.
+// Health tab: link quality, hardware status, and the event log.
 
 import { el, isVisible, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
@@ -165,7 +165,7 @@ function line({ kind, text, robot_s: seconds }) {
   return el("li", { "data-kind": kind }, time, el("span", {}, text));
 }
 
-// Whatever a robot says of its hardware: figures in one table, each group of them in one of its own.
+// Hardware section of the status: values in one table, nested groups in tables of their own.
 function tables(title, facts) {
   const rows = Object.entries(facts).map(([name, value]) => [name.replaceAll("_", " "), value]);
   const groups = rows.filter(([, value]) => isGroup(value));

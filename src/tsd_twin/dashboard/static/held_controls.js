@@ -3,7 +3,7 @@
 import { KeyState } from "./key_state.js";
 import { PointerCapture } from "./pointer_capture.js";
 
-// A control that is held with one finger, or with the arrow keys while it has the focus.
+// Spring-centred control, held with one pointer, or with the arrow keys while it has the focus.
 const ARROWS = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] };
 
 export class SpringControl {
@@ -23,7 +23,7 @@ export class SpringControl {
     return this._pointerCapture.down || this._arrows.size > 0;
   }
 
-  /** Spring back; what the finger or the key still does is ignored until it comes down again. */
+  /** Centre the control; the pointer or key is ignored until it is pressed again. */
   cancel() {
     this._pointerCapture.cancel();
     this._arrows.cancel();
@@ -78,7 +78,7 @@ export class HoldToRunButton {
     return this._pointerCapture.down || this._keys.size > 0;
   }
 
-  /** What the finger or the key still does is ignored until it comes down again. */
+  /** Release the button; the pointer or key is ignored until it is pressed again. */
   cancel() {
     this._pointerCapture.cancel();
     this._keys.cancel();

@@ -1,6 +1,6 @@
 // WebSocket to the dashboard server with the newest state of the robot, and the quality of the link.
 
-// How good the link is, measured against the age up to which commands count.
+// Link quality, relative to the maximum age of commands.
 const GOOD = 0.4;
 const FAIR = 0.8;
 const GOOD_LOSS = 0.05;
@@ -26,7 +26,7 @@ export function medianAndJitter(numbers) {
   return { middle: at(0.5), jitter: at(0.95) - at(0.5) };
 }
 
-// The socket to the gateway, and the newest of everything that it has said.
+// WebSocket to the dashboard server, with its newest messages.
 const HEARTBEAT_MS = 100;
 const SERVER_TIMEOUT_MS = 2000; // No echo for this long: the connection is lost, whatever the browser says.
 const RETRY_MS = 500;

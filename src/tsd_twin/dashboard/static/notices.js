@@ -1,4 +1,4 @@
-// Short sentences that come and go, and questions that wait for an answer.
+// Transient notices, and confirmation dialogs.
 
 import { Button } from "./button.js";
 import { el } from "./dom.js";

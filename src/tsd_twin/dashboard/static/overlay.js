@@ -1,4 +1,4 @@
-// The controls that must never be lost, drawn over viser's scene.
+// Overlay of the controls over viser's scene, always visible.
 
 import { Account } from "./account.js";
 import { CanvasFrame } from "./canvas_frame.js";

@@ -1,4 +1,4 @@
-// What cannot be done now, and why: each returns a sentence, or null when it can be done.
+// Permission checks: each returns the reason of a refusal as a sentence, or null.
 
 const MOVABLE = new Set(["ready", "driving"]);
 const LATCHED = new Set(["stopped", "fault"]);

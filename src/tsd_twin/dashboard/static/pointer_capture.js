@@ -18,7 +18,7 @@ export class PointerCapture {
     return this._pointer !== null;
   }
 
-  /** What it still does is ignored until it comes down again. */
+  /** Ignore the pointer until it is pressed again. */
   cancel() {
     const pointer = this._pointer;
     this._pointer = null;

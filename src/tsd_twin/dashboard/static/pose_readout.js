@@ -1,4 +1,4 @@
-// Where the robot believes it is, and how fast it goes.
+// Readout of the estimated pose and speed.
 
 import { el, setText } from "./dom.js";
 import { degrees, fixed } from "./format.js";

@@ -111,17 +111,17 @@ export class WheelSpeed {
   }
 
   _show() {
-    const { wheel_speed: gear } = this._link.state.status;
-    if ((this._link.robot?.gears ?? null) === null || gear === null) return;
+    const { wheel_speed: speed } = this._link.state.status;
+    if ((this._link.robot?.gears ?? null) === null || speed === null) return;
     const reason = notSetWheelSpeed(this._link);
     for (const input of [this._slider, this._rpm, this._top]) input.disabled = reason !== null;
     setText(this._why, reason ?? "");
-    if (this._draft === gear.wanted_rpm || performance.now() > this._keptMs || reason !== null)
+    if (this._draft === speed.wanted_rpm || performance.now() > this._keptMs || reason !== null)
       this._draft = null;
-    const off = gear.spin_rpm - gear.wanted_rpm;
-    const turns = gear.spin_rpm > 1;
+    const off = speed.spin_rpm - speed.wanted_rpm;
+    const turns = speed.spin_rpm > 1;
     const moving = turns && Math.abs(off) > CHANGING_RPM;
-    setText(this._now, moving ? `now ${thousands(gear.spin_rpm)} rpm` : turns ? "" : "wheels stand");
+    setText(this._now, moving ? `now ${thousands(speed.spin_rpm)} rpm` : turns ? "" : "wheels stand");
     if (this._draft === null) this._draw();
   }
 

@@ -60,7 +60,7 @@ def set_pose_vector(
 
 
 def install_fast_pose_setter() -> None:
-    """Let all nodes be moved so from now on; calling it again does nothing."""
+    """Install the fast pose setter for all nodes; idempotent."""
     setattr(_SETTER_MODULE, _SETTER, set_pose_vector)
 
 
@@ -69,14 +69,16 @@ _QUEUE_CLASS = "AsyncMessageBuffer"
 
 
 class LoopEvent(asyncio.Event):
-    """An event that nothing but its own loop sets; what others do to it is left to be repeated."""
+    """Event that only its own loop sets; calls of other threads are ignored, since viser repeats
+    them.
+    """
 
     def __init__(self, home: asyncio.AbstractEventLoop) -> None:
         super().__init__()
         self._home = home
 
     def set(self) -> None:
-        """Wake who waits, when this is the thread of the loop."""
+        """Set the event, when called on the thread of the loop."""
         try:
             here = asyncio.get_running_loop()
         except RuntimeError:
@@ -86,7 +88,7 @@ class LoopEvent(asyncio.Event):
 
 
 class ThreadSafeQueue(AsyncMessageBuffer):
-    """viser's own, but for the event that says that there is something in it."""
+    """viser's message queue with a `LoopEvent`."""
 
     def __init__(self, event_loop: asyncio.AbstractEventLoop, persistent_messages: bool) -> None:
         super().__init__(event_loop, persistent_messages)
@@ -94,12 +96,12 @@ class ThreadSafeQueue(AsyncMessageBuffer):
 
 
 def install_thread_safe_queues() -> None:
-    """Let all queues that viser makes from now on be such ones; calling it again does nothing."""
+    """Make viser create `ThreadSafeQueue`s from now on; idempotent."""
     setattr(_QUEUE_MODULE, _QUEUE_CLASS, ThreadSafeQueue)
 
 
 VISER_VERSION = "1.1.1"
-"""The version whose inside this file knows."""
+"""Version of viser that the patches are written for."""
 
 _BROADCAST = attrgetter("_websock_server._broadcast_buffer")
 _WINDOW_METHOD = "_window_loop"
@@ -115,7 +117,7 @@ def check_viser_version() -> None:
 
 
 def install_bounded_replay(server: viser.ViserServer) -> None:
-    """Let clients that connect from now on be sent what is kept, and the rest be passed over.
+    """Send new clients the kept messages in bounded time, skipping those already replaced.
 
     What is sent, and in which order, stays as it is. Only this server's broadcast changes: the
     queue that each client has besides is new with it, and starts at zero.
@@ -127,7 +129,7 @@ def install_bounded_replay(server: viser.ViserServer) -> None:
 async def message_windows(
     buffer: AsyncMessageBuffer, client_id: int, backlog_id: int, replay_done: Message | None
 ) -> AsyncGenerator[Sequence[Message]]:
-    """Yield what is kept, and then what comes, for one client until the buffer is done.
+    """Yield kept messages, then new ones, for one client until the buffer is done.
 
     Takes the place of `AsyncMessageBuffer._window_loop`. `replay_done` follows `backlog_id`, the
     newest id when the client connected, and goes before anything newer.
@@ -190,7 +192,7 @@ ORIGINAL_UPDATE = getattr(viser.GuiApi, _VALUE_SETTER)
 
 
 async def handle_gui_update(gui: Any, client_id: int, message: Any) -> None:
-    """Do what a client says about a control, if that can be chosen there."""
+    """Apply a client's value of a control, if the control allows it."""
     handle = _CONTROLS_BY_UUID(gui).get(message.uuid)
     value = message.updates.get("value")
     if handle is not None and list(message.updates) == ["value"] and value_fits(handle, value):
@@ -198,7 +200,7 @@ async def handle_gui_update(gui: Any, client_id: int, message: Any) -> None:
 
 
 def value_fits(handle: Any, value: object) -> bool:
-    """Tell whether `value` can be chosen by a hand at a control."""
+    """Return whether a user can choose `value` at a control."""
     if handle.disabled or not handle.visible:
         return False
     now = handle.value
@@ -211,5 +213,5 @@ def value_fits(handle: Any, value: object) -> bool:
 
 
 def install_strict_value_check() -> None:
-    """Let all servers that are made from now on do so; calling it again does nothing."""
+    """Make all new servers check values strictly; idempotent."""
     setattr(viser.GuiApi, _VALUE_SETTER, handle_gui_update)

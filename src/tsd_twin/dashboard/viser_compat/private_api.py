@@ -47,7 +47,7 @@ def has_no_gpu(server: viser.ViserServer, client_id: int) -> bool:
 
 
 def is_viewer(server: viser.ViserServer, client_id: int) -> bool:
-    """Return whether a client is a viewer's, so that nothing that it would say is heard."""
+    """Return whether a client belongs to a viewer, whose input is ignored."""
     return _header_of(server, client_id, ROLE_HEADER) == Role.VIEWER
 
 
@@ -59,7 +59,7 @@ def _header_of(server: viser.ViserServer, client_id: int, name: str) -> str | No
 
 
 def is_disconnected(client: viser.ClientHandle) -> bool:
-    """Return whether a client cannot be sent anything any more; viser says so a little later."""
+    """Return whether a client's connection is closed; viser reports it a little later."""
     return bool(_SOCKET(client).get_message_buffer().done)
 
 
@@ -79,7 +79,7 @@ def scale_instances(client: viser.ClientHandle, name: str, scales: Array) -> Non
 
 
 def rename_tab(tab: viser.GuiTabHandle, label: str) -> None:
-    """Write another word on a tab; it keeps its place and what is in it."""
+    """Rename a tab; it keeps its place and content."""
     if _LABEL(tab) != label:
         setattr(tab, _LABEL_NAME, label)
         _REBUILD_TAB(tab)()

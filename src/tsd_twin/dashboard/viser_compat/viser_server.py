@@ -48,8 +48,7 @@ def has_access_key(request: Request) -> bool:
 
 @contextmanager
 def require_access_key() -> Generator[None]:
-    """Let servers that are started in this context refuse requests without the key, before the
-    upgrade.
+    """Make servers started in this context refuse requests without the key, before the upgrade.
 
     viser names the function that makes its server when it starts, and only then.
     """
@@ -84,7 +83,7 @@ PANEL_WIDTH_PX = 288
 def start_server(title: str, *, dark: bool = True) -> viser.ViserServer:
     """Return a running server on a free port of the loopback; `get_port()` says which.
 
-    viser has no authentication and no check of origins, so the port asks for `viser_key.key()`. A
+    viser has no authentication and no check of origins, so the port requires `access_key()`. A
     port that the system chooses is free, so viser does not go looking for another one.
 
     Raises:
@@ -111,7 +110,7 @@ def start_server(title: str, *, dark: bool = True) -> viser.ViserServer:
 
 
 def set_theme(gui: viser.GuiApi, *, dark: bool) -> None:
-    """Give all clients, or the one whose `gui` this is, dark or light colours."""
+    """Set dark or light colours for all clients, or for the client of `gui`."""
     gui.configure_theme(
         control_width="small",
         dark_mode=dark,
