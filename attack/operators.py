@@ -87,7 +87,7 @@ class Raw:
     def renew(self) -> None:
         """Renew the lease without a command."""
         lease = self.driver.lease_hex
-        self._link.ask_lease(LeaseRequest(op="renew", operator="raw", lease=lease))
+        self._link.call_lease_service(LeaseRequest(op="renew", operator="raw", lease=lease))
 
     def get_ready(self, max_age_s: float) -> None:
         """Take control under a lease, and arm; ask again as long as the robot is not ready.
@@ -97,11 +97,11 @@ class Raw:
         """
         deadline_s = time.monotonic() + PATIENCE_S
         lease = LeaseRequest(op="acquire", operator="raw", take_over=True, max_age_s=max_age_s)
-        reply = self._link.ask_lease(lease)
+        reply = self._link.call_lease_service(lease)
         while not reply.granted or reply.lease is None:
             _check(deadline_s, reply.reason)
             time.sleep(0.1)
-            reply = self._link.ask_lease(lease)
+            reply = self._link.call_lease_service(lease)
         self._driver = LeaseHolder("raw", reply.lease, reply.max_age_s)
         granted_s = time.monotonic()
         renewal = LeaseRequest(op="renew", operator="raw", lease=reply.lease)
@@ -112,8 +112,8 @@ class Raw:
             if status is not None and status.mode == "ready" and status.lease.holder == "raw":
                 return
             if status is not None and status.mode in steps:
-                self._link.ask(steps[status.mode], HolderRequest(reply.lease))
-            self._link.ask_lease(renewal)
+                self._link.call_service(steps[status.mode], HolderRequest(reply.lease))
+            self._link.call_lease_service(renewal)
             _check(deadline_s, f"the robot is {status.mode if status else 'silent'}")
             time.sleep(0.05)
 
@@ -140,7 +140,7 @@ class Raw:
             if self._driver is not None and (x := self._x) is not None:
                 twist = np.zeros(6)
                 twist[self._component] = x
-                self._link.command(self._driver, twist, self._link.snapshot.status_seq)
+                self._link.publish_twist(self._driver, twist, self._link.snapshot.status_seq)
 
 
 class PageBehindGateway:

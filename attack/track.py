@@ -42,9 +42,11 @@ class Odometer:
 
 def _between(before: SE2 | SO3, after: SE2 | SO3) -> Array:
     """Return (2,): metres along the floor, or radians about X and Y of the base of a sphere."""
-    if isinstance(before, SE2):
+    if isinstance(before, SE2) and isinstance(after, SE2):
         return (after.xy_heading - before.xy_heading)[:2]
-    return (after @ before.inverse()).log()[:2]  # pyright: ignore[reportOperatorIssue]
+    if isinstance(before, SO3) and isinstance(after, SO3):
+        return (after @ before.inverse()).log()[:2]
+    raise TypeError("the two poses of a robot are of different kinds")
 
 
 def _is_about(speed_mps: float, wanted_mps: float) -> bool:
@@ -119,7 +121,7 @@ class Witness:
         self.track = Track()
         self.status = Status("disarmed")
         self._odometer = Odometer(drive)
-        self._turning = drive.space is SO3
+        self._turning = drive.pose_type is SO3
         bus.subscribe(topics.TRUTH.key(robot_id), self._on_truth)
         bus.subscribe(topics.STATUS.key(robot_id), self._on_status)
 
