@@ -1,11 +1,12 @@
-"""Safety supervisor: the state machine of arming, driving, stopping and the latched stop; time is
-an argument.
+"""Safety supervisor: modes and their transitions, arming, driving, stopping, the latched stop and
+the heartbeat of the hardware watchdog; time is an argument.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 
@@ -16,7 +17,65 @@ from tsd_twin.messages.status import ArmingStatus
 from tsd_twin.robots import RobotDescription
 from tsd_twin.safety.command_gate import CommandGate
 from tsd_twin.safety.lease import HandOver, Lease, LeaseEvents, LeaseManager, held_by
-from tsd_twin.safety.modes import ARMED, LATCHED, TRANSITIONS, Heartbeat, Mode
+
+
+class Mode(StrEnum):
+    """What a robot is doing; only `driving` moves it."""
+
+    DISARMED = "disarmed"
+    """Gimbals neutral, wheels at rest."""
+    ARMING = "arming"
+    """Neutral tilt is checked, speed controllers see zero throttle, wheels spin up."""
+    READY = "ready"
+    """Wheels spin, tilt is neutral, commands are obeyed."""
+    DRIVING = "driving"
+    """A counted command is obeyed."""
+    STOPPING = "stopping"
+    """Controlled stop at the deceleration limit."""
+    STOPPED = "stopped"
+    """Software stop, latched: neutral tilt at servo speed, zero throttle."""
+    FAULT = "fault"
+    """As stopped, latched, because something is broken."""
+
+
+ARMED = frozenset({Mode.ARMING, Mode.READY, Mode.DRIVING, Mode.STOPPING})
+"""Modes in which the wheels may spin."""
+LATCHED = frozenset({Mode.STOPPED, Mode.FAULT})
+"""Modes that only a reset ends."""
+
+TRANSITIONS: dict[tuple[Mode, Mode], str] = {
+    (Mode.DISARMED, Mode.ARMING): "arm",
+    (Mode.ARMING, Mode.READY): "wheels at speed",
+    (Mode.ARMING, Mode.DISARMED): "disarm, no operator, or not neutral",
+    (Mode.READY, Mode.DRIVING): "counted non-zero command",
+    (Mode.READY, Mode.DISARMED): "disarm, or no operator for 10 s",
+    (Mode.DRIVING, Mode.READY): "counted zero command, and at rest",
+    (Mode.DRIVING, Mode.STOPPING): "no counted command in time, control lost, or disarm",
+    (Mode.STOPPING, Mode.DRIVING): "counted command",
+    (Mode.STOPPING, Mode.READY): "at rest",
+    (Mode.STOPPING, Mode.DISARMED): "at rest, after disarm",
+    (Mode.STOPPED, Mode.DISARMED): "reset",
+    (Mode.FAULT, Mode.DISARMED): "reset",
+    **{(mode, Mode.STOPPED): "stop" for mode in Mode if mode not in LATCHED},
+    **{(mode, Mode.FAULT): "fault" for mode in ARMED},
+}
+"""Every way there is from one mode to another, with what takes it; there is no other."""
+
+
+@dataclass(frozen=True, slots=True)
+class Heartbeat:
+    """What a controller board with a timeout of its own is told beside each set-point."""
+
+    armed: bool
+    """The wheels may spin."""
+    counter: int
+    """Rises as long as an operator stands behind the set-points; what stays the same feeds nobody.
+
+    While the robot moves, only counted commands make it rise, and once the beginning of a
+    controlled stop. While it is at rest with spinning wheels, every step does: that somebody has
+    control, or had it 10 s ago, is watched by the modes.
+    """
+
 
 UNATTENDED_S = 10.0
 """Without a lease for this long, the wheels spin down."""
