@@ -40,14 +40,13 @@ class SocketHardware:
         self._socket = _bound(folder / _NODE)
         self._board = str(folder / _BOARD)
 
-    def read(self, _now_s: float) -> Array | None:
-        """Return the newest measurement (n,) since the last call; None without one."""
+    def read(self, now_s: float) -> Array | None:  # noqa: ARG002  The shape.
+        """Return the newest measurement (n,) that has come since the last call; None: no news."""
         blocks = _waiting(self._socket)
         return _numbers(blocks[-1]) if blocks else None
 
-    def write(self, setpoint: Array, _now_s: float) -> None:
-        """Send a set-point (n,); it is dropped when the board is too slow, and the next one
-        follows."""
+    def write(self, setpoint: Array, now_s: float) -> None:  # noqa: ARG002  The shape.
+        """Send a set-point (n,); a board that is too slow loses it, and the next one follows."""
         with contextlib.suppress(BlockingIOError):
             self._socket.sendto(_block(setpoint), self._board)
 

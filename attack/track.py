@@ -43,9 +43,11 @@ class Odometer:
 
 def _between(before: SE2 | SO3, after: SE2 | SO3) -> Array:
     """Return (2,): metres along the floor, or radians about X and Y of the base of a sphere."""
-    if isinstance(before, SE2):
+    if isinstance(before, SE2) and isinstance(after, SE2):
         return (after.xy_heading - before.xy_heading)[:2]
-    return (after @ before.inverse()).log()[:2]  # pyright: ignore[reportOperatorIssue]
+    if isinstance(before, SO3) and isinstance(after, SO3):
+        return (after @ before.inverse()).log()[:2]
+    raise TypeError("the two poses of a robot are of different kinds")
 
 
 def _is_about(speed_mps: float, wanted_mps: float) -> bool:

@@ -22,6 +22,7 @@ from tsd_twin.messages.status import decode_stamp
 from tsd_twin.messages.topics import QoS, Service
 
 _COMMANDS = 500
+_SMALLEST = 20
 _PERIOD_S = 0.02
 _HALF_CONTROL_PERIOD_MS = 5.0
 
@@ -37,15 +38,16 @@ with Bus(node_config(["tcp/127.0.0.1:0"])) as bus:
 """
 
 
-def rows() -> Iterator[Row]:
+def rows(*, smallest: bool = False) -> Iterator[Row]:
     """Measure at the 50 Hz that a page sends at."""
+    count = _SMALLEST if smallest else _COMMANDS
     with program([sys.executable, "-c", _ECHO]) as endpoint, Bus(client_config([endpoint])) as bus:
-        ping_ms = pings(bus)
+        ping_ms = pings(bus, count)
     mock = [sys.executable, "-m", "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"]
     with program(mock) as endpoint, Bus(client_config([endpoint])) as bus:
-        command_ms = commands(bus)
+        command_ms = commands(bus, count)
     with program(mock) as endpoint, Bus(client_config([endpoint])) as bus:
-        client_ms = client_commands(bus, endpoint)
+        client_ms = client_commands(bus, endpoint, count)
     for name, share, sampling_ms in (
         ("p50", 0.5, _HALF_CONTROL_PERIOD_MS),
         ("p99", 0.99, 2 * _HALF_CONTROL_PERIOD_MS),
@@ -68,7 +70,7 @@ def rows() -> Iterator[Row]:
         )
 
 
-def pings(bus: Bus) -> list[float]:
+def pings(bus: Bus, count: int) -> list[float]:
     """Return round trips of a bare ping, at 50 Hz."""
     came = threading.Event()
     bus.subscribe("bench/pong", lambda _sample: came.set())
@@ -80,26 +82,27 @@ def pings(bus: Bus) -> list[float]:
 
     while not came.wait(0.05):
         send()
-    return paced(send, came)
+    return paced(send, came, count)
 
 
-def commands(bus: Bus) -> list[float]:
+def commands(bus: Bus, count: int) -> list[float]:
     """Return times from the put of a command to the set-point that shows it, at 50 Hz."""
     robot = "tsd"
-    seen = {"status": 0, "mode": ""}
+    seen_seq, seen_mode = 0, ""
     came = watch_setpoint(bus)
 
     def on_status(sample: Sample) -> None:
-        seen["status"] = decode_stamp(sample.attachment)[0]
-        seen["mode"] = json.loads(sample.payload)["mode"]
+        nonlocal seen_seq, seen_mode
+        seen_seq = decode_stamp(sample.attachment)[0]
+        seen_mode = json.loads(sample.payload)["mode"]
 
     bus.subscribe(topics.STATUS.key(robot), on_status)
-    until(lambda: seen["status"] > 0)
+    until(lambda: seen_seq > 0)
     ask = json.dumps({"op": "acquire", "operator": "bench"}).encode()
     lease = json.loads(bus.query(Service.LEASE.key(robot), ask))["lease"]
     bus.query(Service.ARM.key(robot), json.dumps({"lease": lease}).encode())
     renew = json.dumps({"op": "renew", "operator": "bench", "lease": lease}).encode()
-    until(lambda: bool(bus.query(Service.LEASE.key(robot), renew)) and seen["mode"] == "ready")
+    until(lambda: bool(bus.query(Service.LEASE.key(robot), renew)) and seen_mode == "ready")
     out = bus.publisher(topics.twist_key(robot, "bench"), QoS.REAL_TIME, topics.TWIST.type)
     numbers = itertools.count(1)
     # Small steps of speed, which the limiter passes on whole, so that one set-point shows each.
@@ -110,16 +113,16 @@ def commands(bus: Bus) -> list[float]:
         twist = np.array([next(speeds), 0.0, 0.0, 0.0, 0.0, 0.0])
         out.put(
             encode_twist(TwistStamped(BASE, twist)),
-            encode_attachment(next(numbers), bytes.fromhex(lease), seen["status"]),
+            encode_attachment(next(numbers), bytes.fromhex(lease), seen_seq),
         )
 
     for _ in range(25):  # Up to speed first.
         send()
         time.sleep(_PERIOD_S)
-    return paced(send, came)
+    return paced(send, came, count)
 
 
-def client_commands(bus: Bus, endpoint: str) -> list[float]:
+def client_commands(bus: Bus, endpoint: str, count: int) -> list[float]:
     """Return times from `set_velocity` of the client to the set-point that shows it, at 50 Hz."""
     came = watch_setpoint(bus)
     speeds = itertools.cycle([0.40, 0.42])
@@ -132,7 +135,7 @@ def client_commands(bus: Bus, endpoint: str) -> list[float]:
         for _ in range(25):  # Up to speed first.
             send()
             time.sleep(_PERIOD_S)
-        return paced(send, came)
+        return paced(send, came, count)
 
 
 def watch_setpoint(bus: Bus) -> threading.Event:
@@ -150,19 +153,19 @@ def watch_setpoint(bus: Bus) -> threading.Event:
     return came
 
 
-def paced(send: Callable[[], None], came: threading.Event) -> list[float]:
+def paced(send: Callable[[], None], came: threading.Event, count: int) -> list[float]:
     """Return how long each of many answers takes, in ms, at 50 Hz with a phase that wanders."""
     times_ms: list[float] = []
     random = np.random.default_rng(0)
-    for _ in range(_COMMANDS):
+    for _ in range(count):
         start = time.perf_counter()
         send()
         if came.wait(0.5):
             times_ms.append(1000 * (time.perf_counter() - start))
         left_s = _PERIOD_S - (time.perf_counter() - start) + float(random.uniform(0, 0.005))
         time.sleep(max(left_s, 0.0))
-    if len(times_ms) < _COMMANDS - 5:
-        raise RuntimeError(f"{_COMMANDS - len(times_ms)} answers never came")
+    if len(times_ms) < 0.99 * count:
+        raise RuntimeError(f"{count - len(times_ms)} answers never came")
     return times_ms
 
 

@@ -23,34 +23,36 @@ from tests.support.viser_client import CAMERA, decoded
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.viser_compat import viser_server
 
-_SECONDS = 8.0
-_FRAMES = 600
+_SECONDS, _FRAMES = 8.0, 600
+_SMALLEST = 1.0, 30
 _STEP_M = 0.01
 PROTOCOL = Subprotocol("viser-v1.1.1")
 
 
-def rows() -> Iterator[Row]:
+def rows(*, smallest: bool = False) -> Iterator[Row]:
     """Measure the real processes, then the scene alone from set to socket."""
+    seconds, frames = _SMALLEST if smallest else (_SECONDS, _FRAMES)
+    loads = ((1, 15.0), (20, 40.0))[: 1 if smallest else None]
     mock = [sys.executable, "-m", "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"]
-    for viewers, share in ((1, 15.0), (20, 40.0)):
+    for viewers, share in loads:
         with program(mock) as endpoint:
             page = [sys.executable, "-m", "tsd_dashboard", "--port", "0", "--until-eof"]
             served = program([*page, "--connect", endpoint])
             with served as url:
-                cpu, sent = load(served.process.pid, url, viewers)
+                cpu, sent = load(served.process.pid, url, viewers, seconds)
         hz = f"{sent['frames_hz']:.0f} frames a second"
         yield Row(f"dashboard, {viewers} viewer(s), of one core", cpu, share, "%", hz)
         yield Row(f"scene, each of {viewers}", sent["scene_kB_s"], 70, "kB/s", "")
         both = sent["scene_kB_s"] + sent["teleop_kB_s"]
         yield Row(f"scene, numbers and plots, each of {viewers}", both, 100, "kB/s", "")
-    floor_ms, times_ms = latencies()
+    floor_ms, times_ms = latencies(frames)
     beside = f"an empty frame of viser {floor_ms:.1f} ms"
     yield Row("set to socket, p99", percentile(times_ms, 0.99), 12.0, "ms", beside)
 
 
-def load(pid: int, url: str, viewers: int) -> tuple[float, dict[str, float]]:
+def load(pid: int, url: str, viewers: int, seconds: float) -> tuple[float, dict[str, float]]:
     """Return the share of a core, in percent, and what each viewer was sent."""
-    command = [sys.executable, "-m", "bench.viewers", url, str(viewers), str(_SECONDS), "drive"]
+    command = [sys.executable, "-m", "bench.viewers", url, str(viewers), str(seconds), "drive"]
     watching = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert watching.stdout is not None
     watching.stdout.readline()
@@ -62,7 +64,7 @@ def load(pid: int, url: str, viewers: int) -> tuple[float, dict[str, float]]:
     return cpu, sent
 
 
-def latencies() -> tuple[float, list[float]]:
+def latencies(frames: int) -> tuple[float, list[float]]:
     """Return p99 of a bare viser node and all times of our scene, in ms, at 60 Hz."""
     server = viser_server.start_server("bench")
     try:
@@ -72,7 +74,7 @@ def latencies() -> tuple[float, list[float]]:
             bare.position = (x, 0.0, 0.0)
             server.flush()
 
-        floor = timed(server.get_port(), "/bare", move_bare)
+        floor = timed(server.get_port(), "/bare", move_bare, frames)
         feed, scene = RobotFeed(), Scene(server)
         feed.say(pose=np.zeros(3), joints=feed.kinematics.inverse(np.zeros(3)))
         scene.add(feed)
@@ -83,12 +85,12 @@ def latencies() -> tuple[float, list[float]]:
             feed.say(pose=pose, joints=joints, setpoint=joints, truth=pose + 0.01)
             scene.draw()
 
-        return percentile(floor, 0.99), timed(server.get_port(), "/w", move_robot)
+        return percentile(floor, 0.99), timed(server.get_port(), "/w", move_robot, frames)
     finally:
         server.stop()
 
 
-def timed(port: int, node: str, move: Callable[[float], None]) -> list[float]:
+def timed(port: int, node: str, move: Callable[[float], None], frames: int) -> list[float]:
     """Return how long each new position takes from here to a socket in another process, in ms."""
     spawn = mp.get_context("spawn")
     ours, theirs = spawn.Pipe()
@@ -96,7 +98,7 @@ def timed(port: int, node: str, move: Callable[[float], None]) -> list[float]:
     reader.start()
     ours.recv()
     set_s: dict[int, float] = {}
-    for step in range(1, _FRAMES + 1):
+    for step in range(1, frames + 1):
         set_s[step] = time.monotonic()
         move(step * _STEP_M)
         time.sleep(1 / 60)

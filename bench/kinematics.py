@@ -12,24 +12,26 @@ from wpimath.kinematics import ChassisSpeeds, SwerveDrive3Kinematics
 
 from bench.table import Row
 from tsd_twin import robots
+from tsd_twin.robots import SingularityDescription, description_of_kind
 
-_TWISTS = 1_000_000
-_CALLS = 20_000
+_TWISTS, _CALLS = 1_000_000, 20_000
+_SMALLEST = 1_000, 20
 
 
-def rows() -> Iterator[Row]:
+def rows(*, smallest: bool = False) -> Iterator[Row]:
     """Measure a million twists at once, and one at a time."""
-    drive = robots.load_robot("tsd").kinematics()
+    number, calls = _SMALLEST if smallest else (_TWISTS, _CALLS)
+    drive = description_of_kind(robots.load_robot("tsd"), SingularityDescription).kinematics()
     peer = SwerveDrive3Kinematics(*[Translation2d(x, y) for x, y in drive.pivots_m])
-    twists = np.random.default_rng(0).normal(size=(_TWISTS, 3))
+    twists = np.random.default_rng(0).normal(size=(number, 3))
     one = twists[0]
     vx, vy, omega = (float(v) for v in one)
-    peer_us = each_us(lambda: peer.toSwerveModuleStates(ChassisSpeeds(vx, vy, omega)), _CALLS)
+    peer_us = each_us(lambda: peer.toSwerveModuleStates(ChassisSpeeds(vx, vy, omega)), calls)
     drive.inverse(twists)  # Warm-up call, so that the memory pages of the result exist.
-    batch_us = each_us(lambda: drive.inverse(twists), 3) / _TWISTS
-    single_us = each_us(lambda: drive.inverse(one), _CALLS)
+    batch_us = each_us(lambda: drive.inverse(twists), 3) / number
+    single_us = each_us(lambda: drive.inverse(one), calls)
     beside = f"wpimath {peer_us:.2f} us a twist"
-    yield Row("inverse kinematics, 1e6 twists, each", batch_us, peer_us / 2, "us", beside)
+    yield Row(f"inverse kinematics, {number:,} twists, each", batch_us, peer_us / 2, "us", beside)
     yield Row("inverse kinematics, single call", single_us, 8 * peer_us, "us", beside)
 
 

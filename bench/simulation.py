@@ -5,7 +5,8 @@ from __future__ import annotations
 import gc
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from functools import reduce
 from operator import add
 
@@ -29,8 +30,23 @@ from tsd_twin.simulation import SimRobot, simulate
 
 PERIOD_S = 0.01
 _LEASE = bytes(16)
-_ROUNDS, _STEPS = 10, 600
-_HOUR, _MINUTE = 360_000, 6_000
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much is driven."""
+
+    rounds: int = 10
+    steps: int = 600
+    batch: int = 2_000
+    squares: int = 10_000
+    driven_s: float = 3600.0
+    settled_s: float = 60.0
+    """After this, what is left is counted for the first time."""
+
+
+FULL = Size()
+SMALLEST = Size(1, 50, 20, 20, 6.0, 2.0)
 
 
 class VirtualRobot:
@@ -50,7 +66,7 @@ class VirtualRobot:
             self.tick([])
         self.controller.take_events()
 
-    def _serve(self, service: Service, request: dict[str, object]) -> None:
+    def _serve(self, service: Service, request: Mapping[str, object]) -> None:
         self.controller.serve(service, msgspec.json.encode(request), self.now_s)
 
     def tick(self, samples: list[Sample]) -> None:
@@ -70,28 +86,40 @@ class VirtualRobot:
         )
 
 
-def rows() -> Iterator[Row]:
+def rows(*, smallest: bool = False) -> Iterator[Row]:
     """Measure one robot, a batch, the core alone, squares, and what it leaves behind."""
+    size = SMALLEST if smallest else FULL
     robot = VirtualRobot()
     twist = np.array([0.6, 0.1, 0.0, 0.0, 0.0, 0.8])
-    rounds = [drive(robot, twist) for _ in range(_ROUNDS)]
+    rounds = [drive(robot, twist, size.steps) for _ in range(size.rounds)]
     # The best round: noise on a shared machine only ever adds.
     core_s, all_s = (min(times) for times in zip(*rounds, strict=True))
     share = 100 * core_s / PERIOD_S
     yield Row("core step, share of the period", share, 1.0, "%", "10 ms")
     faster = PERIOD_S / all_s
     yield Row("core and plant, one robot", faster, 30, "x", "real time", at_least=True)
-    yield Row("core and plant, batch of 2,000", batch(2000), 1000, "rob s/s", "", at_least=True)
-    yield Row("10,000 open-loop squares, every error", squares(10_000), 60, "s", "")
-    left = growth(robot, twist)
-    yield Row("objects left by an hour of driving", left, 500, "", "those after a minute")
+    yield Row(
+        f"core and plant, batch of {size.batch:,}",
+        batch(size.batch),
+        1000,
+        "rob s/s",
+        "",
+        at_least=True,
+    )
+    yield Row(
+        f"{size.squares:,} open-loop squares, every error", squares(size.squares), 60, "s", ""
+    )
+    left = growth(robot, twist, size)
+    what = f"objects left by {size.driven_s:g} s of driving"
+    beside = f"those after {size.settled_s:g} s"
+    yield Row(what, left, 500, "", beside)
 
 
-def drive(robot: VirtualRobot, twist: Array) -> tuple[float, float]:
+def drive(robot: VirtualRobot, twist: Array, steps: int) -> tuple[float, float]:
     """Return the time of a period in the core alone, and with the plant, in a round of driving."""
     in_core_s = 0.0
     start = time.perf_counter()
-    for step in range(_STEPS):
+    for step in range(steps):
         samples = [robot.command(twist)] if step % 2 == 0 else []  # 50 Hz, as a page sends.
         robot.now_s += PERIOD_S
         measured = robot.io.read(robot.now_s)
@@ -99,7 +127,7 @@ def drive(robot: VirtualRobot, twist: Array) -> tuple[float, float]:
         setpoint = robot.controller.step(robot.now_s, measured, samples)
         in_core_s += time.perf_counter() - before
         robot.io.write(setpoint, robot.now_s)
-    return in_core_s / _STEPS, (time.perf_counter() - start) / _STEPS
+    return in_core_s / steps, (time.perf_counter() - start) / steps
 
 
 def batch(robots_at_once: int) -> float:
@@ -131,13 +159,13 @@ def squares(runs: int) -> float:
     return time.perf_counter() - start
 
 
-def growth(robot: VirtualRobot, twist: Array) -> int:
-    """Return how many objects an hour of driving leaves beyond what a minute leaves."""
+def growth(robot: VirtualRobot, twist: Array, size: Size) -> int:
+    """Return how many objects a long drive leaves beyond what its beginning leaves."""
     early = 0
-    for step in range(_HOUR):
+    for step in range(round(size.driven_s / PERIOD_S)):
         robot.tick([robot.command(twist)] if step % 2 == 0 else [])
         robot.controller.take_events()
-        if step == _MINUTE:
+        if step == round(size.settled_s / PERIOD_S):
             gc.collect()
             early = sys.getallocatedblocks()
     gc.collect()

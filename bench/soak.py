@@ -45,10 +45,10 @@ class CutShortError(Exception):
 class Record:
     """Measurements of a soak run."""
 
-    rss_mb: dict[str, list[float]] = field(default_factory=dict)
-    connects_s: list[float] = field(default_factory=list)
-    last_connects_s: list[float] = field(default_factory=list)
-    drove: list[bool] = field(default_factory=list)
+    rss_mb: dict[str, list[float]] = field(default_factory=dict[str, list[float]])
+    connects_s: list[float] = field(default_factory=list[float])
+    last_connects_s: list[float] = field(default_factory=list[float])
+    drove: list[bool] = field(default_factory=list[bool])
 
 
 def main() -> None:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
+
 import numpy as np
 import pytest
 
+from attack.__main__ import PARTS
 from attack.distances import CAUSES, Result, Task, row
 from attack.track import DistanceLog, Odometer
 from tsd_twin import robots
@@ -58,3 +61,8 @@ def test_a_row_holds_when_every_run_was_measured_and_the_worst_is_within_the_pro
     allowed_m = robots.load_robot("tsd").limits.stop_allowance_m
     result = Result("both", 1.0, [share * allowed_m for share in ways], failure)
     assert row(Task("tsd", 0.25, tuple(CAUSES), len(ways)), result).held is held
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_every_part_can_be_loaded(part: str) -> None:
+    assert callable(importlib.import_module(f"attack.{part}").rows)

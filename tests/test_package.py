@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import os
 import shutil
 import subprocess
 import sys
+import sysconfig
 import tarfile
+import venv
 import zipfile
 from pathlib import Path
 
@@ -71,3 +75,66 @@ def test_what_the_wheel_holds_finds_its_own_files(
         text=True,
     ).stdout
     assert answer.count(str(tmp_path)) == 2
+
+
+@pytest.fixture(scope="module")
+def installed(wheel_through_sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The `bin` of a new environment with the wheel; its dependencies are those of this one.
+
+    They are put on the path as a folder, whose `.pth` files do not count: the editable install of
+    the checkout, which is one of these, is not seen. That the dependencies named in the wheel
+    suffice is not shown.
+    """
+    folder = tmp_path_factory.mktemp("environment")
+    venv.create(folder)
+    python = folder / "bin/python"
+    answer = _run(
+        [str(python), "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"], folder
+    )
+    ours = Path(sysconfig.get_path("purelib"))
+    (Path(answer.strip()) / "dependencies.pth").write_text(f"{ours}\n", "utf-8")
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--python", str(python)]
+    # Without --ignore-installed it would take the checkout for the one that is to be replaced.
+    flags = ["--no-deps", "--no-index", "--ignore-installed"]
+    _run([*pip, "install", *flags, str(wheel_through_sdist)], folder)
+    return folder / "bin"
+
+
+def _run(command: list[str], folder: Path) -> str:
+    """Return what a program prints that is started away from the checkout."""
+    done = subprocess.run(
+        command, cwd=folder, env=_environment(), capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def _environment() -> dict[str, str]:
+    return {name: text for name, text in os.environ.items() if not name.startswith("PYTHON")}
+
+
+@pytest.mark.system
+def test_the_installed_wheel_sees_nothing_of_the_checkout(installed: Path) -> None:
+    modules = "tsd_mock.__file__, tsd_twin.__file__"
+    code = f"import json, sys, tsd_mock, tsd_twin; print(json.dumps([sys.path, {modules}]))"
+    path, *files = json.loads(_run([str(installed / "python"), "-c", code], installed))
+    assert not {str(ROOT), str(ROOT / "src"), str(ROOT / "app")} & set(path)
+    assert all(Path(file).is_relative_to(installed.parent) for file in files)
+
+
+@pytest.mark.system
+def test_the_installed_program_explains_itself_and_runs_a_robot(installed: Path) -> None:
+    mock = str(installed / "tsd-mock")
+    assert "A simulated robot on the bus." in _run([mock, "--help"], installed)
+    pipe = subprocess.PIPE
+    with subprocess.Popen(
+        [mock, "--listen", "tcp/127.0.0.1:0", "--until-eof"],
+        cwd=installed, env=_environment(), stdin=pipe, stdout=pipe, stderr=pipe, text=True,
+    ) as process:  # fmt: skip
+        assert process.stdin is not None
+        assert process.stdout is not None
+        ready = process.stdout.readline()
+        process.stdin.close()
+        assert process.wait(30) == 0
+    assert ready.startswith("ready: ")
+    assert "tcp/127.0.0.1:" in ready

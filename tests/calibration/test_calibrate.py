@@ -11,7 +11,7 @@ import pytest
 
 from tests.support.experiment_runs import is_picture, run
 from tsd_twin import robots
-from tsd_twin.calibration.description_file import edit_description
+from tsd_twin.calibration.report import edit_description
 from tsd_twin.errors import TwinError
 
 TEXT = robots.read_description("tsd")

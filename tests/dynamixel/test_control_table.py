@@ -11,27 +11,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.support.markdown_pages import ROOT
-from tsd_twin.dynamixel import control_table, render
-from tsd_twin.dynamixel.__main__ import main
+from tsd_twin.dynamixel import control_table
+from tsd_twin.dynamixel.__main__ import files, main
 from tsd_twin.dynamixel.blocks import Command, Identity, Setup, Telemetry
 from tsd_twin.dynamixel.control_table import ADDRESS, BLOCKS
 
 BLOCK_TYPES = (Identity, Setup, Command, Telemetry)
 
 
-@pytest.mark.parametrize("name", sorted(render.files()))
+@pytest.mark.parametrize("name", sorted(files()))
 def test_the_committed_files_are_those_that_are_made(name: str) -> None:
-    assert (ROOT / name).read_text("utf-8") == render.files()[name], (
-        "run: python -m tsd_twin.dynamixel"
-    )
+    assert (ROOT / name).read_text("utf-8") == files()[name], "run: python -m tsd_twin.dynamixel"
 
 
 def test_the_program_writes_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--to", str(tmp_path)]) == 0
     printed = capsys.readouterr().out.split()
     written = {path.relative_to(tmp_path).as_posix() for path in map(Path, printed)}
-    assert written == set(render.files())
-    for name, text in render.files().items():
+    assert written == set(files())
+    for name, text in files().items():
         assert (tmp_path / name).read_text("utf-8") == text
 
 

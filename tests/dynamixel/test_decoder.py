@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from tests.support.packet_strategies import PACKETS
@@ -65,7 +65,10 @@ def test_a_packet_that_is_cut_takes_none_with_it(
     decoder = Decoder(protocol)
     frame = protocol.encode(first)
     cut = frame[: data.draw(st.integers(0, len(frame) - 1))]
-    found = decoder.feed(cut + b"".join(protocol.encode(packet) for packet in others), 0.0)
+    sent = cut + b"".join(protocol.encode(packet) for packet in others)
+    # A sum that is cut off and is 0xff is found again in the header that follows.
+    assume(not sent.startswith(frame))
+    found = decoder.feed(sent, 0.0)
     found += decoder.feed(b"", 0.03)
     assert [p for p in found if p in others][-len(others) :] == others
 

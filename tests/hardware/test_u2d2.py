@@ -13,8 +13,7 @@ import pytest
 from tests.hardware.test_mega import AHEAD, PATIENCE_S, REST, ROBOT, wait_until
 from tests.support.faulty_devices import Peer, PretendBoard
 from tests.support.servo_chain import ServoChain
-from tsd_twin.dynamixel import mx64
-from tsd_twin.hardware import HardwareError, ServoCalibration, U2D2Hardware
+from tsd_twin.hardware import HardwareError, ServoCalibration, U2D2Hardware, u2d2
 from tsd_twin.node import HasWatchdog, RobotIO
 from tsd_twin.safety import Heartbeat
 from tsd_twin.simulation import Motors
@@ -86,9 +85,9 @@ def test_servos_are_set_up_once_and_follow_the_set_point(tmp_path: Path) -> None
         assert isinstance(io, HasWatchdog)
         assert it.board.setups[0].servos_expected == 0
         for servo in range(6):
-            assert it.chain.register(servo, mx64.OPERATING_MODE) == mx64.POSITION_MODE
-            assert it.chain.register(servo, mx64.RETURN_DELAY) == 0
-            assert it.chain.register(servo, mx64.TORQUE_ENABLE) == 1
+            assert it.chain.register(servo, u2d2.OPERATING_MODE) == u2d2.POSITION_MODE
+            assert it.chain.register(servo, u2d2.RETURN_DELAY) == 0
+            assert it.chain.register(servo, u2d2.TORQUE_ENABLE) == 1
         there = np.round(AHEAD[ANGLES] * 4096 / (2 * np.pi)) * 2 * np.pi / 4096
         it.until(lambda: np.allclose(it.measured[ANGLES], there, atol=2e-3), AHEAD)
         assert not any(it.board.commands[-1].goal), "the board has no servos"
@@ -115,7 +114,7 @@ def test_the_watchdog_of_the_bus_stops_servos_that_nobody_speaks_to(tmp_path: Pa
     with bench(tmp_path) as it:
         it.connect()
         it.until(lambda: it.measured[0] > 0.02, AHEAD)
-        assert it.chain.register(0, mx64.BUS_WATCHDOG) == 10
+        assert it.chain.register(0, u2d2.BUS_WATCHDOG) == 10
         it.io._keeper._device.cycle = lambda _line: True  # type: ignore[method-assign]
         wait_until(lambda: it.fault, "noticed")
 
@@ -187,4 +186,4 @@ def test_closed_the_wheels_are_off_and_the_gimbals_go_to_neutral(tmp_path: Path)
         it.io.close()
         assert it.board.commands[-1].arm == 0
         wait_until(lambda: it.chain.goals() == [2048] * 6, "neutral")
-        assert it.chain.register(0, mx64.BUS_WATCHDOG) == 0
+        assert it.chain.register(0, u2d2.BUS_WATCHDOG) == 0

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tsd_twin.errors import RobotFileError
 from tsd_twin.models import Material, Part
-from tsd_twin.models.robot_model import masses_kg
+from tsd_twin.models.links import masses_kg
 from tsd_twin.models.urdf import inertia
 from tsd_twin.robots import load_robot
 

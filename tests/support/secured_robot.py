@@ -16,7 +16,7 @@ import zenoh
 
 from tsd_twin import robots, security
 from tsd_twin.bus import Bus, Config, client_config, from_file, node_config
-from tsd_twin.bus.endpoints import sample_of
+from tsd_twin.bus.session import sample_of
 from tsd_twin.dashboard.robot_client import LeaseHolder, RobotClient
 from tsd_twin.messages import topics
 from tsd_twin.messages.commands import Sample

@@ -7,8 +7,9 @@ import numpy as np
 from firmware.simulator.chain import Chain
 from firmware.simulator.mx64 import Mx64
 from tsd_twin import robots
-from tsd_twin.dynamixel import mx64, protocol1, protocol2
+from tsd_twin.dynamixel import protocol1, protocol2
 from tsd_twin.dynamixel.packets import Decoder, Instruction, Packet
+from tsd_twin.hardware import u2d2
 from tsd_twin.simulation import Servos
 
 _LAWS = Servos.of(
@@ -35,7 +36,7 @@ class ServoChain:
 
     def tripped(self) -> bool:
         """Return whether every watchdog has run out."""
-        return all(self.register(i, mx64.BUS_WATCHDOG) == TRIPPED for i in range(6))
+        return all(self.register(i, u2d2.BUS_WATCHDOG) == TRIPPED for i in range(6))
 
     def goals(self) -> list[int]:
         """Return the newest goals."""
@@ -59,7 +60,7 @@ class ServoChain:
             read = [protocol2.read(device, address, length) for device in packet.params[4:]]
             return b"".join(a[0] for a in map(self.chain.answer, read) if a is not None)
         writes_goals = (
-            packet.code == Instruction.SYNC_WRITE and packet.params[0] == mx64.GOAL_POSITION
+            packet.code == Instruction.SYNC_WRITE and packet.params[0] == u2d2.GOAL_POSITION
         )
         if writes_goals and self.tripped():
             self.refused += 1
@@ -69,12 +70,12 @@ class ServoChain:
 
     def _live(self, now_s: float) -> None:
         """Let time pass until now: servos move until their watchdogs run out."""
-        units = self.register(0, mx64.BUS_WATCHDOG)
+        units = self.register(0, u2d2.BUS_WATCHDOG)
         until_s = now_s
-        if 0 < units < TRIPPED and now_s - self._heard_s > units * mx64.BUS_WATCHDOG_S:
-            until_s = self._heard_s + units * mx64.BUS_WATCHDOG_S
+        if 0 < units < TRIPPED and now_s - self._heard_s > units * u2d2.BUS_WATCHDOG_S:
+            until_s = self._heard_s + units * u2d2.BUS_WATCHDOG_S
             for servo in self.servos:
-                servo.write(mx64.BUS_WATCHDOG, bytes([TRIPPED]))
+                servo.write(u2d2.BUS_WATCHDOG, bytes([TRIPPED]))
         goals = (np.array(self.goals()) - 2048) * _LAWS.step_rad
         elapsed_s = max(0.0, until_s - self._moved_s) if units != TRIPPED else 0.0
         self._angles = _LAWS.after(self._angles, goals, np.float64(min(elapsed_s, 1.0)))

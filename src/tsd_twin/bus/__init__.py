@@ -11,8 +11,7 @@ from tsd_twin.bus.config import (
     node_config,
     over_datagrams,
 )
-from tsd_twin.bus.endpoints import Publisher, Queryable, Request, Subscriber, Token
-from tsd_twin.bus.session import Bus
+from tsd_twin.bus.session import Bus, Publisher, Queryable, Request, Subscriber, Token
 
 __all__ = [
     "DEFAULT_ENDPOINT",

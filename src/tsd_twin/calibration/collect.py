@@ -12,7 +12,6 @@ import numpy as np
 
 from tsd_twin import robots
 from tsd_twin.calibration import recording, simulated_runs
-from tsd_twin.calibration.description_file import edit_description
 from tsd_twin.calibration.guided_drive import (
     POSE_TIMEOUT_S,
     CalibrationDriver,
@@ -22,6 +21,7 @@ from tsd_twin.calibration.guided_drive import (
     requested_command_age_s,
 )
 from tsd_twin.calibration.recording import Recording, RobotRecorder, read_recordings
+from tsd_twin.calibration.report import edit_description
 from tsd_twin.calibration.robot_client import CommandPublisher, RobotClient, connect
 from tsd_twin.calibration.simulated_runs import PerturbedRobot, random_robot, spin_ratios
 from tsd_twin.calibration.terminal import KeyWatcher, ask_line, print_line

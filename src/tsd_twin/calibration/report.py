@@ -1,19 +1,72 @@
-"""Calibration report: table of parameters before and after the fit, and its figure."""
+"""Calibration report: table of parameters before and after the fit, its figure, and the edited
+description file.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tomlkit
 from matplotlib.figure import Figure
+from tomlkit.exceptions import TOMLKitError
 
-from tsd_twin import experiment
+from tsd_twin import experiment, robots
 from tsd_twin.calibration.fit import CalibrationFit
 from tsd_twin.calibration.recording import Recording
+from tsd_twin.errors import RobotFileError
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityDescription
+
+TomlTables = Mapping[str, Mapping[str, Any]]
+"""Keys and values by table."""
+
+
+def write_description(file: str, used: str, tables: TomlTables) -> None:
+    """Set keys in the description `file` and keep its comments; a new file starts from `used`.
+
+    The file is replaced as a whole or not at all.
+
+    Raises:
+        RobotFileError: the file is not a valid description of this kind, before or after the
+            change, or cannot be written.
+    """
+    path = Path(file)
+    if path.suffix != ".toml":
+        raise RobotFileError(file, "is no place for a description", "a name that ends in .toml")
+    text = edit_description(robots.read_description(file) if path.exists() else used, file, tables)
+    beside = path.with_name(f".{path.name}.new")
+    try:
+        beside.write_text(text, encoding="utf-8")
+        beside.replace(path)
+    except OSError as error:
+        raise RobotFileError(file, f"cannot be written: {error.strerror}") from error
+
+
+def edit_description(text: str, file: str, tables: TomlTables) -> str:
+    """Return the TOML text of a description with changed values.
+
+    Raises:
+        RobotFileError: as in `write_description`.
+    """
+    robots.description_of_kind(robots.parse_description(text, file), SingularityDescription)
+    try:
+        document: Any = tomlkit.parse(text)
+        for name, values in tables.items():
+            if name not in document:
+                document.add(tomlkit.nl())
+                document.add(name, tomlkit.table())
+            for key, value in values.items():
+                document[name][key] = value
+        changed = tomlkit.dumps(document)
+    except TOMLKitError as error:
+        raise RobotFileError(file, f"cannot be edited: {error}") from error
+    robots.parse_description(changed, file)
+    return changed
+
 
 _WRITTEN_DIGITS = {"deg": 4, "m": 6, "1": 5}
 """Printed symbol of each unit."""

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from tsd_twin import experiment
 from tsd_twin.bus import Bus
-from tsd_twin.calibration.description_file import write_description
+from tsd_twin.calibration.report import write_description
 from tsd_twin.calibration.robot_client import RobotClient, add_bus_flags, connect
 from tsd_twin.calibration.terminal import ask_displacement, ask_line, print_line
 from tsd_twin.errors import MessageError, TwinError

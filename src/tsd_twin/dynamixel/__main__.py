@@ -1,13 +1,184 @@
-"""`python -m tsd_twin.dynamixel`: write the files that are generated from the control table."""
+"""`python -m tsd_twin.dynamixel`: write the C header, the Python structs and the page of the docs
+from the control table.
+"""
 
 from __future__ import annotations
 
 import argparse
 import sys
 from collections.abc import Sequence
+from enum import IntEnum
 from pathlib import Path
 
-from tsd_twin.dynamixel import render
+from tsd_twin.dynamixel import control_table
+from tsd_twin.dynamixel.control_table import (
+    ADDRESS,
+    BLOCKS,
+    TABLE_SIZE,
+    Block,
+    BoardMode,
+    Item,
+    Refusal,
+    ResetCause,
+    Trip,
+    Type,
+)
+
+_BY = "python -m tsd_twin.dynamixel"
+_C_TYPES: dict[Type, str] = {
+    "u8": "uint8_t",
+    "u16": "uint16_t",
+    "u32": "uint32_t",
+    "i16": "int16_t",
+}
+_LETTERS: dict[Type, str] = {"u8": "B", "u16": "H", "u32": "I", "i16": "h"}
+_ACCESS = {"r": "read only", "w": "read and write", "setup": "read; write while disarmed"}
+_CONSTANTS = ("MODEL", "FW_VERSION", "BOARD_ID", "TABLE_VERSION", "SERVOS", "ESCS", "RC_CHANNELS")
+_THROTTLES = ("ZERO_THROTTLE", "FULL_THROTTLE")
+
+
+def files() -> dict[str, str]:
+    """Return what is made, by its path from the root of the project."""
+    return {
+        "firmware/control_table.h": header(),
+        "src/tsd_twin/dynamixel/blocks.py": structs(),
+        "docs/control_table.md": page(),
+    }
+
+
+def header() -> str:
+    """Return the C header: constants, addresses, the packed struct, and one row for each item."""
+    lines = [
+        f"// Made by `{_BY}` from src/tsd_twin/dynamixel/control_table.py; do not edit.",
+        "// The control table: little endian, packed. Error 4: a value beyond its limits; error 7:",
+        "// not writable, or not now.",
+        "#ifndef CONTROL_TABLE_H",
+        "#define CONTROL_TABLE_H",
+        "",
+        "#include <stdint.h>",
+        "",
+        *(f"#define CT_{name} {getattr(control_table, name)}" for name in _CONSTANTS + _THROTTLES),
+        f"#define CT_SIZE {TABLE_SIZE}",
+        "",
+    ]
+    for codes in (BoardMode, Trip, Refusal):
+        lines += [f"typedef enum {{  // {codes.__doc__}"]
+        lines += [f"  {_c_name(codes)}_{code.name} = {code.value}," for code in codes]
+        lines += [f"}} {_c_name(codes).lower()}_code_t;", ""]
+    for block in BLOCKS:
+        upper = block.name.upper()
+        lines += [f"// {block.doc}"]
+        lines += [f"#define CT_{upper} {ADDRESS[block.name]}"]
+        lines += [f"#define CT_{upper}_SIZE {block.size}", ""]
+    lines += ["typedef struct __attribute__((packed)) {"]
+    for block in BLOCKS:
+        lines += [f"  // {block.name}: {_ACCESS[block.access]}"]
+        for item in block.items:
+            array = f"[{item.count}]" if item.count > 1 else ""
+            unit = f" [{item.unit}]" if item.unit else ""
+            lines += [
+                f"  {_C_TYPES[item.type]} {item.name}{array};"
+                f"  // {ADDRESS[item.name]}: {item.doc}{unit}"
+            ]
+    lines += ["} control_table_t;", ""]
+    lines += ['_Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");', ""]
+    lines += ["// X(name, address, type, count, default): every item."]
+    lines += _macro("CT_ITEMS", [(b, i) for b in BLOCKS for i in b.items], limited=False)
+    lines += ["", "// X(name, address, type, count, least, most): every item that can be written."]
+    lines += _macro("CT_WRITABLE", [(b, i) for b in BLOCKS for i in b.items if i.limits], True)
+    return "\n".join([*lines, "", "#endif", ""])
+
+
+def structs() -> str:
+    """Return the Python module: one frozen dataclass for each block."""
+    lines = [
+        f'"""Blocks of the control table as values; made by `{_BY}`, do not edit."""',
+        "",
+        "from __future__ import annotations",
+        "",
+        "from dataclasses import dataclass",
+        "from struct import Struct",
+        "from typing import ClassVar",
+        "",
+        "from tsd_twin.dynamixel.control_table import Packed",
+    ]
+    for block in BLOCKS:
+        lines += ["", "", *_dataclass(block)]
+    return "\n".join([*lines, ""])
+
+
+def page() -> str:
+    """Return the page of the docs."""
+    lines = [
+        "# The control table of the board",
+        "",
+        f"<!-- Made by `{_BY}` from src/tsd_twin/dynamixel/control_table.py; do not edit. -->",
+        "",
+        f"The controller board is device {control_table.BOARD_ID} on its serial line and speaks "
+        f"Dynamixel "
+        "Protocol 2.0: `Ping`, `Read`, `Write`.",
+        f"This is version {control_table.TABLE_VERSION} of its table, {TABLE_SIZE} bytes, little "
+        f"endian, "
+        "without gaps. [bridge.md](bridge.md) says how it is used.",
+        "A value beyond its limits is answered with error 4, a write to what cannot be written (or "
+        "not now) with error 7, other instructions with error 2; such a write has no effect.",
+    ]
+    for block in BLOCKS:
+        lines += ["", f"## {block.name.capitalize()}", ""]
+        lines += [f"{block.doc} {_ACCESS[block.access].capitalize()}; {block.size} bytes.", ""]
+        lines += ["| Address | Name | Type | Unit | Default | Limits | What |"]
+        lines += ["| ---: | --- | --- | --- | ---: | --- | --- |"]
+        for item in block.items:
+            kind = item.type + (f" × {item.count}" if item.count > 1 else "")
+            limits = "{} to {}".format(*item.limits) if item.limits else ""
+            lines += [
+                f"| {ADDRESS[item.name]} | `{item.name}` | {kind} | {item.unit} "
+                f"| {item.default} | {limits} | {item.doc} |"
+            ]
+    lines += ["", "## Codes"]
+    for codes in (BoardMode, Trip, Refusal, ResetCause):
+        lines += ["", f"`{codes.__name__}`: "]
+        lines[-1] += ", ".join(f"{c.value} {c.name}" for c in codes) + "."
+    return "\n".join([*lines, ""])
+
+
+def _c_name(codes: type[IntEnum]) -> str:
+    return "BOARD" if codes is BoardMode else codes.__name__.upper()
+
+
+def _macro(name: str, rows: list[tuple[Block, Item]], limited: bool) -> list[str]:
+    lines = [f"#define {name}(X)"]
+    for _, item in rows:
+        tail = ", {}, {}".format(*item.limits or ()) if limited else f", {item.default}"
+        of = f"{item.name}, {ADDRESS[item.name]}, {_C_TYPES[item.type]}, {item.count}"
+        lines.append(f"  X({of}{tail})")
+    return [f"{line} \\" for line in lines[:-1]] + [lines[-1]]
+
+
+def _dataclass(block: Block) -> list[str]:
+    layout = "<" + "".join(
+        (str(item.count) if item.count > 1 else "") + _LETTERS[item.type] for item in block.items
+    )
+    lines = ["@dataclass(frozen=True, slots=True)", f"class {block.name.capitalize()}(Packed):"]
+    lines += [f'    """{block.doc}"""', ""]
+    lines += [f"    ADDRESS: ClassVar[int] = {ADDRESS[block.name]}"]
+    lines += [f'    LAYOUT: ClassVar[Struct] = Struct("{layout}")', ""]
+    for item in block.items:
+        many = item.count > 1
+        kind = "tuple[int, ...]" if many else "int"
+        default = f"({item.default},) * {item.count}" if many else str(item.default)
+        unit = f" [{item.unit}]" if item.unit else ""
+        lines += [f"    {item.name}: {kind} = {default}"]
+        lines += _docstring(item.doc.removesuffix(".") + unit + ".")
+    return lines
+
+
+def _docstring(text: str) -> list[str]:
+    line = f'    """{text}"""'
+    if len(line) <= 100:
+        return [line]
+    cut = text.rindex(" ", 0, 90)
+    return [f'    """{text[:cut]}', f"    {text[cut + 1 :]}", '    """']
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -15,7 +186,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m tsd_twin.dynamixel", description=__doc__)
     parser.add_argument("--to", type=Path, default=Path(), help="root of the project; default .")
     flags = parser.parse_args(arguments)
-    for name, text in render.files().items():
+    for name, text in files().items():
         path: Path = flags.to / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, "utf-8")

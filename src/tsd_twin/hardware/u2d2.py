@@ -1,5 +1,7 @@
-"""Robot whose servos are on a U2D2 adapter at the computer; the controller board drives the motors
-only.
+"""Robot whose servos, MX-64 with Protocol 2.0, are on a U2D2 adapter at the computer; the
+controller board drives the motors only.
+
+Registers of the servos: https://emanual.robotis.com/docs/en/dxl/mx/mx-64-2/
 """
 
 from __future__ import annotations
@@ -7,12 +9,12 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from struct import Struct
 from typing import Any
 
 import numpy as np
 
-from tsd_twin.dynamixel import mx64, protocol1, protocol2
-from tsd_twin.dynamixel.mx64 import Present
+from tsd_twin.dynamixel import protocol1, protocol2
 from tsd_twin.dynamixel.packets import ALERT, Status
 from tsd_twin.hardware.device_thread import SILENT_S, DeviceThread
 from tsd_twin.hardware.joints import JointCommand, JointConverter, ServoCalibration, ThrottleLaw
@@ -21,6 +23,48 @@ from tsd_twin.hardware.serial_transport import HardwareError, LinkHealth, Serial
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.safety import Heartbeat
+
+RETURN_DELAY = 9
+"""Units of 2 us between question and answer; 250 as it comes."""
+OPERATING_MODE = 11
+POSITION_MODE = 3
+TORQUE_ENABLE = 64
+"""While it is 1, addresses below 64 cannot be written."""
+BUS_WATCHDOG = 98
+"""Units of 20 ms without a request until the servo stops; 255 then, until 0 is written."""
+BUS_WATCHDOG_S = 0.02
+GOAL_POSITION = 116
+GOAL = Struct("<i")
+PRESENT = 126
+_LAYOUT = Struct("<hiiiiHB")
+PRESENT_SIZE = _LAYOUT.size
+_CURRENT_A = 3.36e-3
+_VELOCITY_STEP_PER_S = 0.229 / 60.0 * 4096.0
+
+
+@dataclass(frozen=True, slots=True)
+class Present:
+    """Measurements of a servo."""
+
+    position: int
+    """Steps."""
+    velocity_step_per_s: float
+    current_a: float
+    voltage_v: float
+    temperature_c: int
+
+    @staticmethod
+    def unpack(data: bytes) -> Present:
+        """Return the measurements decoded from the `PRESENT_SIZE` bytes from `PRESENT` on."""
+        current, velocity, position, _, _, voltage, temperature = _LAYOUT.unpack(data)
+        return Present(
+            position,
+            velocity * _VELOCITY_STEP_PER_S,
+            current * _CURRENT_A,
+            voltage / 10.0,
+            temperature,
+        )
+
 
 SERVO_BAUD = 1_000_000
 ALIVE_S = 0.05
@@ -97,10 +141,10 @@ class ServoBus:
         request = b""
         if began_s - self._fed_s > _FEED_S:
             self._fed_s = began_s
-            request += self._all(mx64.BUS_WATCHDOG, [b"\x00"] * len(self._ids))
-            request += self._all(mx64.BUS_WATCHDOG, [bytes([_WATCHDOG])] * len(self._ids))
+            request += self._all(BUS_WATCHDOG, [b"\x00"] * len(self._ids))
+            request += self._all(BUS_WATCHDOG, [bytes([_WATCHDOG])] * len(self._ids))
         request += self._goals(order.setpoint if order.in_force(began_s) else self._rest)
-        request += protocol2.sync_read(self._ids, mx64.PRESENT, mx64.PRESENT_SIZE)
+        request += protocol2.sync_read(self._ids, PRESENT, PRESENT_SIZE)
         answers = line.request(request, len(self._ids), _ANSWER_S)
         now_s = time.monotonic()
         self._take(answers, now_s)
@@ -118,7 +162,7 @@ class ServoBus:
 
     def leave(self, line: SerialTransport) -> None:
         """Send the gimbals to neutral; the servos hold it."""
-        off = self._all(mx64.BUS_WATCHDOG, [b"\x00"] * len(self._ids))
+        off = self._all(BUS_WATCHDOG, [b"\x00"] * len(self._ids))
         line.request(off + self._goals(self._rest), 0, 0.0)
 
     def measured(self, news: ServoReport) -> list[int]:
@@ -130,7 +174,7 @@ class ServoBus:
 
     def _take(self, answers: list[Status], now_s: float) -> None:
         before = self.news or ServoReport({}, {}, 0, now_s)
-        whole = [a for a in answers if a.id in self._ids and len(a.data) == mx64.PRESENT_SIZE]
+        whole = [a for a in answers if a.id in self._ids and len(a.data) == PRESENT_SIZE]
         if whole:
             faults = before.faults
             for answer in whole:
@@ -145,10 +189,10 @@ class ServoBus:
     def _goals(self, setpoint: np.ndarray) -> bytes:
         goals = self._joints.goals(setpoint)
         steps = [
-            mx64.GOAL.pack(neutral + sign * goal)
+            GOAL.pack(neutral + sign * goal)
             for neutral, sign, goal in zip(self._neutral, self._signs, goals, strict=True)
         ]
-        return self._all(mx64.GOAL_POSITION, steps)
+        return self._all(GOAL_POSITION, steps)
 
     def _all(self, address: int, data: list[bytes]) -> bytes:
         return protocol2.sync_write(address, dict(zip(self._ids, data, strict=True)))
@@ -169,18 +213,18 @@ class ServoBus:
         )
 
     def _set_up(self, line: SerialTransport, device: int) -> None:
-        wanted = {mx64.OPERATING_MODE: mx64.POSITION_MODE, mx64.RETURN_DELAY: 0}
+        wanted = {OPERATING_MODE: POSITION_MODE, RETURN_DELAY: 0}
         other = {
             address: value
             for address, value in wanted.items()
             if self._ask(line, device, protocol2.read(device, address, 1)).data != bytes([value])
         }
-        if other:  # Only then: without torque a servo does not hold its gimbal.
-            self._write(line, device, mx64.TORQUE_ENABLE, 0)
+        if other:  # Only then: a servo without torque lets go of its gimbal.
+            self._write(line, device, TORQUE_ENABLE, 0)
             for address, value in other.items():
                 self._write(line, device, address, value)
-        self._write(line, device, mx64.BUS_WATCHDOG, 0)
-        self._write(line, device, mx64.TORQUE_ENABLE, 1)
+        self._write(line, device, BUS_WATCHDOG, 0)
+        self._write(line, device, TORQUE_ENABLE, 1)
 
     def _write(self, line: SerialTransport, device: int, address: int, value: int) -> None:
         self._ask(line, device, protocol2.write(device, address, bytes([value])))

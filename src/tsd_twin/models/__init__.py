@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 from tsd_twin.models.files import glb, load_parts, read_model, shipped_model, write_model
-from tsd_twin.models.links import BASE, JointType, KinematicTree, LinkGroup
-from tsd_twin.models.robot_model import draw_parts, kinematic_tree
+from tsd_twin.models.links import (
+    BASE,
+    JointType,
+    KinematicTree,
+    LinkGroup,
+    draw_parts,
+    kinematic_tree,
+)
 from tsd_twin.models.solids import Link, Material, Part, Parts
 from tsd_twin.models.urdf import urdf
 

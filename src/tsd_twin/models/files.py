@@ -14,7 +14,7 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from tsd_twin.errors import MeshError
-from tsd_twin.models.robot_model import draw_parts, kinematic_tree
+from tsd_twin.models.links import draw_parts, kinematic_tree
 from tsd_twin.models.solids import Link, Material, Part, Parts
 from tsd_twin.models.urdf import urdf
 from tsd_twin.robots import RobotDescription

@@ -1,4 +1,6 @@
-"""Kinematic tree of a robot: groups of equal links, their joints and collision shapes."""
+"""Kinematic tree of a robot: groups of equal links, their joints and collision shapes; and its
+model by kind.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tsd_twin.lie import SO3, Array
-from tsd_twin.models.solids import Link
+from tsd_twin.models.solids import Link, Parts
+from tsd_twin.robots import RobotDescription, implementation, kind_of
 
 BASE = "base_link"
 """The link that all others hang on, and that the parts of kind `chassis` belong to."""
@@ -138,3 +141,32 @@ def roll_pitch_yaw(turn: Array) -> tuple[float, float, float]:
         math.asin(sine),
         math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
     )
+
+
+def _model(robot: RobotDescription) -> Any:
+    """Return the module with the model of this kind of robot."""
+    return implementation(kind_of(robot).model)
+
+
+def draw_parts(robot: RobotDescription) -> Parts:
+    """Return the parts of each kind of link, in the frame of the link, drawn to the description.
+
+    Raises:
+        RobotFileError: there is no room for what the drive needs.
+        MeshError: a drawing does not make a closed solid; a bug.
+    """
+    return _model(robot).draw(robot)
+
+
+def kinematic_tree(robot: RobotDescription) -> KinematicTree:
+    """Return how the links of a robot hang on one another."""
+    return _model(robot).tree(robot)
+
+
+def masses_kg(robot: RobotDescription) -> dict[Link, float]:
+    """Return the mass of each kind of link; the chassis weighs what the others leave.
+
+    Raises:
+        RobotFileError: they leave nothing.
+    """
+    return _model(robot).masses_kg(robot)

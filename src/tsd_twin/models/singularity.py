@@ -1,12 +1,18 @@
-"""Model of a singularity drive: parts, kinematic tree, masses."""
+"""Model of a singularity drive: chassis (decks, ribs, servos of the outer gimbals, equipment),
+kinematic tree, masses.
+"""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
+from manifold3d import CrossSection, Manifold
 
 from tsd_twin.errors import RobotFileError
 from tsd_twin.lie import SO3
-from tsd_twin.models import singularity_chassis, singularity_gimbals
+from tsd_twin.models import equipment, singularity_gimbals, singularity_layout, solids
 from tsd_twin.models.links import (
     JointLimits,
     JointType,
@@ -16,9 +22,177 @@ from tsd_twin.models.links import (
     about_z,
     alike,
 )
-from tsd_twin.models.singularity_layout import Layout
-from tsd_twin.models.solids import Drawing, Link, Parts, drawn
+from tsd_twin.models.singularity_layout import HORN, RIB_IN, RIB_OUT, Decks, Layout
+from tsd_twin.models.solids import (
+    Drawing,
+    Link,
+    Parts,
+    circle,
+    drawn,
+    polygon,
+    rectangle,
+    slab,
+    standing,
+    tube,
+    union,
+)
 from tsd_twin.robots import RPM, SingularityDescription
+from tsd_twin.robots.description import Body
+
+_PROUD = 0.8
+"""How far tabs stand out of the upper deck."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rib:
+    """A piece of sheet; its tabs cut their own slots, so that they always fit."""
+
+    face: CrossSection
+    """Its outline between the decks: X along the rib, Y up."""
+    low: tuple[float, ...]
+    """Where along X tabs go through the lower deck."""
+    high: tuple[float, ...]
+    """Where along X tabs go through the upper deck."""
+    tab: float
+    """Width of a tab."""
+    x: float
+    y: float
+    turn_deg: float
+    """Position of its origin in `base_link`, and turn of its X; the sheet is on its right side."""
+
+    def solid(self, layout: Layout) -> Manifold:
+        """Return the rib with its tabs, in `base_link`."""
+        face = self.face
+        for at in self.low:
+            face += self._tab(at, (layout.floor, layout.deck + 0.5))
+        for at in self.high:
+            face += self._tab(at, (layout.roof - 0.5, layout.top + _PROUD))
+        sheet = standing(face, (-layout.plate, 0.0)).rotate((0.0, 0.0, self.turn_deg))
+        return sheet.translate((self.x, self.y, 0.0))
+
+    def slots(self, layout: Layout, tabs: tuple[float, ...]) -> CrossSection:
+        """Return what `tabs` cut out of a deck, in `base_link`."""
+        cuts = [self._tab(at, (-layout.plate, 0.0)) for at in tabs]
+        return CrossSection.compose(cuts).rotate(self.turn_deg).translate((self.x, self.y))
+
+    def _tab(self, at: float, across: tuple[float, float]) -> CrossSection:
+        return rectangle((at - 0.5 * self.tab, at + 0.5 * self.tab), across)
+
+
+def ribs(layout: Layout, decks: Decks) -> list[Rib]:
+    """Return all ribs: four at each module, one on each lobe between modules."""
+    standing_ribs: list[Rib] = []
+    for azimuth in layout.azimuths_deg:
+        standing_ribs += [_inboard(layout, azimuth), *_outboard(layout, azimuth)]
+    return standing_ribs + [rib for a in layout.lobes_deg for rib in _lobe(layout, decks, a)]
+
+
+def _at_module(layout: Layout, azimuth_deg: float, x: float, y: float) -> tuple[float, float]:
+    """Return a point of a module frame in `base_link`."""
+    c, s = math.cos(math.radians(azimuth_deg)), math.sin(math.radians(azimuth_deg))
+    return (layout.pivot + y) * c + x * s, (layout.pivot + y) * s - x * c
+
+
+def _inboard(layout: Layout, azimuth_deg: float) -> Rib:
+    """Return the rib that a servo is bolted to, as long as its neighbours let it."""
+    m, t = layout.scale, layout.plate
+    inner = layout.pivot - RIB_IN * m - t
+    reach = min(62.0 * m, 0.92 * inner * math.tan(math.radians(layout.half_gap_deg)))
+    width, length, _ = layout.servo
+    face = rectangle((-reach, reach), (layout.deck, layout.roof)) - circle(0.3 * width)
+    # Windows, where the case leaves room for them: its long end is at negative X.
+    for near, side in (((1.0 - HORN) * length, -1.0), (HORN * length, 1.0)):
+        if reach - near > 14.0 * m:
+            span = sorted((side * (near + 3.0 * m), side * (reach - 5.0 * m)))
+            window = (0.7 * layout.deck, 0.7 * layout.roof)
+            face -= rectangle((span[0], span[1]), window, 3.0 * m)
+    tabs = (-0.72 * reach, 0.72 * reach)
+    x, y = _at_module(layout, azimuth_deg, 0.0, -RIB_IN * m)
+    return Rib(face, tabs, tabs, 0.3 * reach, x, y, azimuth_deg - 90.0)
+
+
+def _outboard(layout: Layout, azimuth_deg: float) -> list[Rib]:
+    """Return the bearing block, and the two gussets that hold it upright."""
+    m, t, low = layout.scale, layout.plate, layout.deck
+    foot = 34.0 * m
+    block = CrossSection.batch_hull(
+        [circle(13.0 * m), rectangle((-foot, foot), (low, low + 3.0 * m))]
+    )
+    x, y = _at_module(layout, azimuth_deg, 0.0, RIB_OUT * m + t)
+    bearing = circle(8.0 * m)
+    tabs = (-0.72 * foot, 0.72 * foot)
+    pieces = [Rib(block - bearing, tabs, (), 0.36 * foot, x, y, azimuth_deg - 90.0)]
+    edge = (15.0 * m, low + 3.0 * m)
+    # They go half into the block: sheets that only touched would not make one solid.
+    gusset = polygon(
+        [(-0.5 * t, low), (edge[0], low), edge, (4.0 * m, -3.0 * m), (-0.5 * t, -3.0 * m)]
+    )
+    for side in (-1.0, 1.0):
+        x, y = _at_module(layout, azimuth_deg, side * 13.0 * m - 0.5 * t, RIB_OUT * m + t)
+        pieces.append(Rib(gusset, (8.0 * m,), (), 7.0 * m, x, y, azimuth_deg))
+    return pieces
+
+
+def _lobe(layout: Layout, decks: Decks, lobe_deg: float) -> list[Rib]:
+    """Return the rib along the middle of a lobe, from behind the servos to near its end."""
+    m, t = layout.scale, layout.plate
+    start = math.hypot(layout.core, (1.0 - HORN) * layout.servo[1]) + t
+    span = decks.reach(lobe_deg, 12.0 * m + t) - 14.0 * m - start
+    if span < 30.0 * m:
+        return []
+    window = rectangle((0.0, 0.22 * span), (0.6 * layout.deck, 0.6 * layout.roof), 4.0 * m)
+    face = rectangle((0.0, span), (layout.deck, layout.roof))
+    face -= window.translate((0.2 * span, 0.0)) + window.translate((0.58 * span, 0.0))
+    c, s = math.cos(math.radians(lobe_deg)), math.sin(math.radians(lobe_deg))
+    x, y = start * c - 0.5 * t * s, start * s + 0.5 * t * c
+    tabs = (0.12 * span, 0.88 * span)
+    return [Rib(face, tabs, tabs, 0.14 * span, x, y, lobe_deg)]
+
+
+def chassis_drawings(layout: Layout, body: Body) -> list[Drawing]:
+    """Return the chassis and all that is fixed to it."""
+    decks = Decks.of(layout)
+    standing = ribs(layout, decks)
+    lower, upper = decks.lower, decks.upper
+    for rib in standing:
+        lower -= rib.slots(layout, rib.low)
+        upper -= rib.slots(layout, rib.high)
+    floor, roof = (layout.floor, layout.deck), (layout.roof, layout.top)
+    sheet = solids.acrylic_material(body)
+    return [
+        Drawing("decks", union([slab(lower, floor), slab(upper, roof)]), sheet),
+        Drawing("ribs", union(rib.solid(layout) for rib in standing), sheet),
+        Drawing("bearings", _at_modules(layout, _bearing(layout)), solids.STEEL),
+        Drawing(
+            "servos", _servos(layout, singularity_layout.servo_case(layout.servo)), solids.BLACK
+        ),
+        Drawing(
+            "fittings",
+            _servos(layout, singularity_layout.servo_fittings(layout.servo)),
+            solids.STEEL,
+        ),
+        *equipment.module_equipment_drawings(layout, decks, body),
+    ]
+
+
+def _at_modules(layout: Layout, solid: Manifold) -> Manifold:
+    """Return a `solid` drawn in a module frame, at every module."""
+    return union(layout.in_base(solid, azimuth) for azimuth in layout.azimuths_deg)
+
+
+def _servos(layout: Layout, solid: Manifold) -> Manifold:
+    """Return a drawing of a servo behind every inboard rib, shaft outward, its long end at -X."""
+    turned = solid.rotate((0.0, 0.0, 90.0)).rotate((-90.0, 0.0, 0.0))
+    front = -RIB_IN * layout.scale - layout.plate
+    return _at_modules(layout, turned.translate((0.0, front, 0.0)))
+
+
+def _bearing(layout: Layout) -> Manifold:
+    """Return the bearing in the outboard rib of a module."""
+    m = layout.scale
+    along = (RIB_OUT * m - 0.6, RIB_OUT * m + layout.plate + 0.6)
+    return tube(4.3 * m, 8.0 * m, along, "y")
+
 
 _AXES = {"beta": (0.0, 1.0, 0.0), "alpha": (-1.0, 0.0, 0.0), "wheel": (0.0, 0.0, 1.0)}
 _REACH = 1.6
@@ -37,7 +211,7 @@ def draw(robot: SingularityDescription) -> Parts:
         "inner": singularity_gimbals.inner_gimbal_drawings(body),
         "wheel": singularity_gimbals.wheel_drawings(body),
     }
-    parts: Parts = {"chassis": drawn("chassis", singularity_chassis.chassis_drawings(layout, body))}
+    parts: Parts = {"chassis": drawn("chassis", chassis_drawings(layout, body))}
     m = layout.scale
     for link, drawings in modules.items():
         scaled = [drawing._replace(solid=drawing.solid.scale([m, m, m])) for drawing in drawings]

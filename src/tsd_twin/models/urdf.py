@@ -18,9 +18,10 @@ from tsd_twin.models.links import (
     JointLimits,
     JointType,
     LinkGroup,
+    kinematic_tree,
+    masses_kg,
     roll_pitch_yaw,
 )
-from tsd_twin.models.robot_model import kinematic_tree, masses_kg
 from tsd_twin.models.solids import Link, Part, Parts
 from tsd_twin.robots import RobotDescription
 

@@ -41,8 +41,8 @@ KINDS: tuple[RobotKind, ...] = (
         name="singularity",
         description=SingularityDescription,
         simulations={
-            "kinematic": "tsd_twin.simulation.factory:simulate_singularity",
-            "mujoco": "tsd_twin.simulation.factory:simulate_singularity_mujoco",
+            "kinematic": "tsd_twin.simulation.robot:simulate_singularity",
+            "mujoco": "tsd_twin.simulation.robot:simulate_singularity_mujoco",
         },
         sensor_odometry="tsd_twin.estimation.sensor_odometry:odometry_by_gyro",
         model="tsd_twin.models.singularity",

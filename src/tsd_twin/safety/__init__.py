@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 from tsd_twin.safety.lease import Lease
-from tsd_twin.safety.modes import ARMED, LATCHED, TRANSITIONS, Heartbeat, Mode
-from tsd_twin.safety.supervisor import SafetySupervisor, SupervisorInputs
+from tsd_twin.safety.supervisor import (
+    ARMED,
+    LATCHED,
+    TRANSITIONS,
+    Heartbeat,
+    Mode,
+    SafetySupervisor,
+    SupervisorInputs,
+)
 
 __all__ = [
     "ARMED",

@@ -20,7 +20,7 @@ from tests.support.viser_client import PATIENCE_S, Node, ViserClient, viser_clie
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.viser_compat import viser_server
-from tsd_twin.dashboard.viser_compat.private_api import page_of
+from tsd_twin.dashboard.viser_compat.viser_server import page_of
 from tsd_twin.lie import SE2
 
 PAGE, OTHER_PAGE = "0123456789abcdef", "fedcba9876543210"

@@ -21,8 +21,7 @@ from tsd_twin.dashboard.scene.picking import CameraPose, floor_points, sphere_po
 from tsd_twin.dashboard.scene.robot_overlays import add_wireframe
 from tsd_twin.dashboard.scene.robot_visual import RobotVisual
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.viser_compat.private_api import scale_instances
-from tsd_twin.dashboard.viser_compat.viser_server import CAMERA_OFFSET_M, LOOK_AT_M
+from tsd_twin.dashboard.viser_compat.viser_server import CAMERA_OFFSET_M, LOOK_AT_M, scale_instances
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, Array
 from tsd_twin.models import Link

@@ -10,13 +10,12 @@ from typing import Any, TypeAlias
 import numpy as np
 import viser
 
+from tsd_twin.dashboard.robot_client import FLOOR_AXES, axis_limits, twist_axes_of
 from tsd_twin.dashboard.scene.appearance import Layer
 from tsd_twin.dashboard.scene.client_view import CameraPreset, ClientView, TruePoseDisplay
 from tsd_twin.dashboard.scene.robot_visual import SPIN_SLOWDOWN, RobotVisual
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.twist_axes import FLOOR_AXES, axis_limits, twist_axes_of
-from tsd_twin.dashboard.viser_compat.private_api import rename_tab
-from tsd_twin.dashboard.viser_compat.viser_server import set_theme
+from tsd_twin.dashboard.viser_compat.viser_server import rename_tab, set_theme
 from tsd_twin.lie import Array
 from tsd_twin.motion import TwistLimiter
 from tsd_twin.robots import KINDS, kind_of

@@ -10,14 +10,14 @@ import viser
 
 from tsd_twin.dashboard.scene.panel import Panel, SliderMode
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.viser_compat.private_api import (
+from tsd_twin.dashboard.viser_compat.viser_server import (
     has_no_gpu,
     is_disconnected,
     is_viewer,
     page_of,
     prefers_dark,
+    set_theme,
 )
-from tsd_twin.dashboard.viser_compat.viser_server import set_theme
 from tsd_twin.lie import Array
 
 OnPanelMoved: TypeAlias = Callable[

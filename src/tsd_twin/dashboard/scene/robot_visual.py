@@ -9,13 +9,17 @@ import numpy as np
 import numpy.typing as npt
 import viser
 
-from tsd_twin.dashboard.robot_client import RoundTrips, SentCommand, Snapshot
+from tsd_twin.dashboard.robot_client import (
+    RoundTrips,
+    SentCommand,
+    Snapshot,
+    kinematics_at_reported_speed,
+)
 from tsd_twin.dashboard.scene.appearance import robot_node
 from tsd_twin.dashboard.scene.overlays import RateLimiter
 from tsd_twin.dashboard.scene.prediction import NO_PREDICTION, MotionPredictor, Prediction
 from tsd_twin.dashboard.scene.robot_geometry import JointReader, RobotShape, commanded_joints
 from tsd_twin.dashboard.scene.robot_overlays import RobotOverlays
-from tsd_twin.dashboard.twist_axes import kinematics_at_reported_speed
 from tsd_twin.kinematics import JointKind, Kinematics
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.models import Link

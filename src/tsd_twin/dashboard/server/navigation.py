@@ -14,11 +14,10 @@ from typing import Any, Literal
 import msgspec
 import numpy as np
 
-from tsd_twin.dashboard.robot_client import RobotClient, RpcExecutor
+from tsd_twin.dashboard.robot_client import RobotClient, RpcExecutor, kinematics_at_reported_speed
 from tsd_twin.dashboard.scene.overlays import ROUTE_POINTS
 from tsd_twin.dashboard.scene.picking import PageScene
 from tsd_twin.dashboard.server.protocol import ActionReply, PlanRequest, RouteState
-from tsd_twin.dashboard.twist_axes import kinematics_at_reported_speed
 from tsd_twin.errors import PathError
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array, wrap

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from tsd_twin.dashboard.robot_client import RobotClient, RoundTrips, Snapshot
+from tsd_twin.dashboard.robot_client import RobotClient, RoundTrips, Snapshot, twist_axes_of
 from tsd_twin.dashboard.scene.robot_geometry import commanded_joints
 from tsd_twin.dashboard.server.protocol import (
     EstimateDifference,
@@ -21,7 +21,6 @@ from tsd_twin.dashboard.server.protocol import (
     WheelSpeedLimits,
     WheelState,
 )
-from tsd_twin.dashboard.twist_axes import twist_axes_of
 from tsd_twin.kinematics import JointKind, OmniKinematics, SphereKinematics
 from tsd_twin.lie import SE2, SO3, Array, wrap
 from tsd_twin.messages.ros import JointState, Odometry

@@ -22,13 +22,14 @@ from msgspec import Meta
 
 from tsd_twin.dashboard.server.auth import Principal
 from tsd_twin.dashboard.server.socket_limits import VISER, SocketReader
-from tsd_twin.dashboard.viser_compat.private_api import (
+from tsd_twin.dashboard.viser_compat.viser_server import (
     DARK_HEADER,
+    KEY_HEADER,
     PAGE_HEADER,
     PLAIN_HEADER,
     ROLE_HEADER,
+    access_key,
 )
-from tsd_twin.dashboard.viser_compat.viser_server import KEY_HEADER, access_key
 from tsd_twin.errors import MessageError
 from tsd_twin.security import Role
 
