@@ -1,5 +1,4 @@
-"""Limits of connections: how many there may be, and how long each may take before it is
-authenticated.
+"""Limits of connections: their number, and the time until a request is authenticated.
 
 Connections without an authenticated request share a few places. The one that has waited longest is
 closed for a new one, so no number of them keeps out an operator.
@@ -23,7 +22,7 @@ from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 from aiohttp.typedefs import Handler
 
-from tsd_twin.dashboard.server.auth import subscriber_network, visitor_or_none
+from tsd_twin.dashboard.server.auth import principal_or_none, subscriber_network
 
 _SWEEP_S = 0.5
 _BACKLOG = 1024
@@ -43,37 +42,37 @@ _REFUSAL = (
 
 @dataclass(frozen=True, slots=True)
 class ConnectionLimits:
-    """Numbers of connections, and times that each may take."""
+    """Maximum numbers of connections, and their time-outs."""
 
-    strangers: int = 128
-    """Connections of all who have not logged in."""
+    unauthenticated: int = 128
+    """Maximum number of connections without a login."""
     per_address: int = 32
     """Of these, connections from one address, unless it is that of the proxy."""
     per_user: int = 128
     """Connections of one user, from all browsers; a page has two that stay open."""
     handshake_s: float = 5.0
-    """How long TLS may take to begin."""
+    """Time-out of the TLS handshake."""
     request_s: float = 10.0
-    """How long the first request of a connection may take to come."""
+    """Time-out of the first request of a connection."""
     idle_s: float = 60.0
-    """How long a connection may be open between two requests."""
+    """Time-out of an idle connection between two requests."""
     stall_s: float = 20.0
-    """How long a browser may read nothing of what is sent to it."""
+    """Time-out of a client that does not read."""
 
 
 class _Connection(asyncio.Protocol):
-    """One connection; passes all that happens on to the protocol that reads HTTP."""
+    """One TCP connection; forwards its events to the HTTP protocol object."""
 
     def __init__(
         self, inner: asyncio.Protocol, peer: str, on_lost: Callable[[_Connection], None]
     ) -> None:
         self.peer = peer
         self.user: str | None = None
-        """None: a stranger's."""
+        """User name; None before a login."""
         self.busy = False
         """A request on it is being answered, or it is a websocket."""
         self.known = False
-        """A request on it has passed the door."""
+        """Whether a request on it has been authenticated."""
         self.since_s = time.monotonic()
         """When it came, or when its last request was answered."""
         self.handshake: asyncio.Task[Any] | None = None
@@ -82,7 +81,7 @@ class _Connection(asyncio.Protocol):
         self._on_lost = on_lost
         self._stalled: tuple[int, float] | None = None
 
-    # What the transport calls.
+    # Callbacks of the transport.
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._transport = cast("asyncio.Transport", transport)
@@ -106,10 +105,10 @@ class _Connection(asyncio.Protocol):
         self._on_lost(self)
         self._inner.connection_lost(exc)
 
-    # How long it keeps us waiting.
+    # Time-outs.
 
     def is_over(self, limits: ConnectionLimits, now_s: float) -> bool:
-        """Return whether its time is over."""
+        """Return whether its time-out is over."""
         if self._transport is None:
             return False  # A handshake has a limit of its own.
         if self._stalled is not None:
@@ -124,15 +123,15 @@ class _Connection(asyncio.Protocol):
         return now_s - self.since_s > (limits.idle_s if self.known else limits.request_s)
 
     def drop(self) -> None:
-        """Close it, at once and whatever is left to be sent."""
+        """Abort the connection, discarding unsent data."""
         if self._transport is not None:
-            # Else the system would keep for minutes what such a browser does not read.
+            # Otherwise the system would keep unread data of such a browser for minutes.
             connection = self._transport.get_extra_info("socket")
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET)
             self._transport.abort()
 
     def refuse(self) -> None:
-        """Close it, with a sentence when that can be read."""
+        """Close the connection, with an error message where the client can read one."""
         transport = self._transport
         if transport is None:
             if self.handshake is not None:
@@ -148,10 +147,10 @@ class _Connection(asyncio.Protocol):
 
 
 class ConnectionLimiter:
-    """Listens, and takes as many connections as there is room for."""
+    """Listener that limits the number of connections."""
 
     def __init__(self, is_proxy: Callable[[str], bool]) -> None:
-        """`is_proxy` tells whether an address is that of the proxy in front."""
+        """`is_proxy` returns whether an address is that of the reverse proxy."""
         self._limits = ConnectionLimits()
         self._is_proxy = is_proxy
         self._listeners: list[socket.socket] = []
@@ -160,7 +159,7 @@ class ConnectionLimiter:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
+        """Port it listens on."""
         return self._listeners[0].getsockname()[1]
 
     async def open(
@@ -198,7 +197,7 @@ class ConnectionLimiter:
         self._start(self._sweep())
 
     async def close(self) -> None:
-        """Listen no more; connections that are open stay so."""
+        """Stop listening; open connections stay open."""
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -206,14 +205,14 @@ class ConnectionLimiter:
 
     @web.middleware
     async def admit(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Count a request that has passed the door, or refuse it when its user has too many."""
+        """Count an authenticated request, or refuse it when its user has too many connections."""
         transport = request.transport
         connection = None if transport is None else transport.get_protocol()
         if not isinstance(connection, _Connection):
             raise ConnectionResetError("the connection has gone")
-        visitor = visitor_or_none(request)
-        if visitor is not None:
-            user = visitor.user or ""
+        principal = principal_or_none(request)
+        if principal is not None:
+            user = principal.user or ""
             if connection.user != user:
                 self._make_room_for(user, connection)
             connection.user = user
@@ -225,7 +224,7 @@ class ConnectionLimiter:
             connection.busy = False
             connection.since_s = time.monotonic()
 
-    # Coming.
+    # New connections.
 
     async def _accept(
         self,
@@ -241,12 +240,12 @@ class ConnectionLimiter:
                 await asyncio.sleep(_NO_FILES_S)
                 continue
             peer = str(address[0])
-            crowded = self._make_room(subscriber_network(peer), proxied=self._is_proxy(peer))
+            scarce = self._make_room(subscriber_network(peer), proxied=self._is_proxy(peer))
             connection = _Connection(server(), subscriber_network(peer), self._forget)
             self._open[connection] = None
             self._start(self._receive(connection, accepted, tls))
             # Commands come first: a flood is taken in at a pace, and never in one go.
-            await asyncio.sleep(_PACE_S if crowded else 0.0)
+            await asyncio.sleep(_PACE_S if scarce else 0.0)
 
     async def _receive(
         self, connection: _Connection, accepted: socket.socket, tls: ssl.SSLContext | None
@@ -274,19 +273,19 @@ class ConnectionLimiter:
             connection.handshake = None
 
     def _make_room(self, peer: str, *, proxied: bool) -> bool:
-        """Let strangers give way to one who comes from an address; return whether it is crowded."""
-        strangers = [each for each in self._open if each.user is None]
+        """Close an unauthenticated connection at a limit; return whether few places are left."""
+        unauthenticated = [each for each in self._open if each.user is None]
         if not proxied:
-            own = [each for each in strangers if each.peer == peer]
+            own = [each for each in unauthenticated if each.peer == peer]
             if len(own) >= self._limits.per_address:
                 self._drop_oldest(own)
                 return True
-        if len(strangers) >= self._limits.strangers:
-            self._drop_oldest(strangers)
-        return 2 * len(strangers) > self._limits.strangers
+        if len(unauthenticated) >= self._limits.unauthenticated:
+            self._drop_oldest(unauthenticated)
+        return 2 * len(unauthenticated) > self._limits.unauthenticated
 
     def _make_room_for(self, user: str, connection: _Connection) -> None:
-        """Let an idle connection of a user give way to another one that has a request.
+        """Close an idle connection of a user in favour of one with a request.
 
         Raises:
             web.HTTPServiceUnavailable: none is idle.
@@ -302,7 +301,7 @@ class ConnectionLimiter:
         self._drop_oldest(idle)
 
     def _drop_oldest(self, connections: Iterable[_Connection]) -> None:
-        """Close what waits the longest, and before that what is not being answered."""
+        """Close the oldest waiting connection; those without a request in progress first."""
         oldest = min(connections, key=lambda each: (each.busy, each.since_s))
         self._forget(oldest)
         oldest.refuse()
@@ -329,7 +328,7 @@ class ConnectionLimiter:
 
 
 def allow_many_files() -> None:
-    """Let this process open as many files as the system allows it: a connection is one or more."""
+    """Raise the limit of open files of this process to the maximum: each connection needs some."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = _FILES if hard == resource.RLIM_INFINITY else min(_FILES, hard)
     if soft != resource.RLIM_INFINITY and soft < wanted:
