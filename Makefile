@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench attack soak format lock meshes clean firmware robot-in-a-box avr
+.PHONY: help demo test check bench attack soak format lock docs meshes clean firmware robot-in-a-box avr
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 22
@@ -47,9 +47,13 @@ meshes: .venv/.dev ## Generate meshes and URDF from the descriptions
 	  $(BIN)/python -m tsd_twin.models "$$(basename "$$robot" .toml)"; \
 	done
 
+docs: .venv/.docs ## Build the site of the documentation into build/site; ARGS=serve shows it
+	@scripts/build_docs $(ARGS)
+
 lock: .venv/.dev ## Resolve the versions that set-up installs
 	$(BIN)/python -m pip install --quiet uv
 	$(BIN)/uv pip compile --quiet pyproject.toml --group build $(LOCK) --output-file requirements/run.txt
+	$(BIN)/uv pip compile --quiet pyproject.toml --group build --group docs $(LOCK) --output-file requirements/docs.txt
 	$(BIN)/uv pip compile --quiet pyproject.toml --group dev $(LOCK) --output-file requirements/dev.txt
 LOCK := --universal --generate-hashes --no-emit-index-url --python-version 3.11 --custom-compile-command "make lock"
 
@@ -61,7 +65,7 @@ avr: ## Install compiler and simulator of the firmware when there are none
 	@scripts/ensure_avr
 
 clean: ## Remove what set-up made
-	rm -rf .venv firmware/build
+	rm -rf .venv build firmware/build
 
 .venv/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit("tsd-twin needs Python 3.11 or newer, $(PYTHON) is " + sys.version.split()[0] if sys.version_info < (3, 11) else 0)'
@@ -73,7 +77,12 @@ clean: ## Remove what set-up made
 	$(PIP) install --no-deps --no-build-isolation -e .
 	@touch $@
 
+.venv/.docs: requirements/docs.txt pyproject.toml | .venv/bin/python
+	$(PIP) install --require-hashes -r requirements/docs.txt
+	$(PIP) install --no-deps --no-build-isolation -e .
+	@touch .venv/.run $@
+
 .venv/.dev: requirements/dev.txt pyproject.toml | .venv/bin/python
 	$(PIP) install --require-hashes -r requirements/dev.txt
 	$(PIP) install --no-deps --no-build-isolation -e .
-	@touch .venv/.run $@
+	@touch .venv/.run .venv/.docs $@
