@@ -38,7 +38,8 @@ export class Account {
 
   /** A browser does not say why it has no socket; when it is the login, go there. */
   async _ask() {
-    if (this._leaving || this._link.connected || (this._link.welcome?.user ?? null) === null) return;
+    if (this._leaving || this._link.connected || (this._link.welcome?.user ?? null) === null)
+      return;
     const answer = await fetch("healthz").catch(() => null);
     if (answer?.status === 401) location.assign("login");
     else setTimeout(() => this._ask(), ASK_MS);

@@ -44,7 +44,10 @@ export class ConsistencyMeter {
     setAttribute(this._bar, "aria-valuenow", residual);
     setAttribute(this._bar, "data-suspect", suspect === null ? null : "");
     const number = names.indexOf(suspect) + 1;
-    setText(this._verdict, suspect === null ? peace : `${this._word} ${number} contradicts the others.`);
+    setText(
+      this._verdict,
+      suspect === null ? peace : `${this._word} ${number} contradicts the others.`,
+    );
   }
 }
 
@@ -76,7 +79,10 @@ export class ConsistencyWarning {
     if (suspect === null) return;
     this._untilMs = performance.now() + READ_MS;
     const { word, number, why } = describeSuspect(this._link, suspect);
-    setText(this._what, `${word} ${number} ${why === null ? "contradicts the others" : "does not follow"}`);
+    setText(
+      this._what,
+      `${word} ${number} ${why === null ? "contradicts the others" : "does not follow"}`,
+    );
     setText(this._then, why ?? "It is not where the others say that it must be.");
     setAttribute(this.element, "data-suspect", suspect);
     this.element.hidden = false;
@@ -93,8 +99,7 @@ export class ConsistencyWarning {
 /** Return how a suspect is called in the page, and what can be seen to be wrong with it. */
 export function describeSuspect({ robot, state }, suspect) {
   const number = robot.modules.indexOf(suspect) + 1;
-  if (number === 0)
-    return { word: "Wheel", number: robot.wheels.indexOf(suspect) + 1, why: null };
+  if (number === 0) return { word: "Wheel", number: robot.wheels.indexOf(suspect) + 1, why: null };
   return { word: "Module", number, why: stuck(state.modules[number - 1], state.status.mode) };
 }
 

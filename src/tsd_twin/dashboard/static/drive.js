@@ -89,7 +89,8 @@ export class Drive {
   /** A source has changed: begin, go on, or let go. Hands on any control end what is latched. */
   changed() {
     const handControl = this._sources.some((source) => source.held && source.twist === undefined);
-    if (handControl) for (const source of this._sources) if (source.twist !== undefined) source.cancel();
+    if (handControl)
+      for (const source of this._sources) if (source.twist !== undefined) source.cancel();
     const held = this._sources.some((source) => source.held);
     if (held && !this.held) this._start();
     else if (!held && this.held) this._finish();

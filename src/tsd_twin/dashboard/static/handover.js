@@ -18,8 +18,11 @@ export class HandOver {
     this._then = el("span", { class: "then" });
     this._count = el("span", { class: "number", "aria-hidden": "true" });
     const button = (label, tip, kind, press) => new Button(label, { tips, press, kind, tip });
-    this._grant = button("Hand over", "The robot comes to rest, then they have control", "primary", () =>
-      this._send("grant", { asker: this._asker }),
+    this._grant = button(
+      "Hand over",
+      "The robot comes to rest, then they have control",
+      "primary",
+      () => this._send("grant", { asker: this._asker }),
     );
     this._keep = button("Keep control", "Tell them that you drive on", "", () =>
       this._send("deny", { asker: this._asker }),
@@ -33,7 +36,12 @@ export class HandOver {
     this._buttons = [this._force, this._withdraw, this._keep, this._grant];
     this._card = el(
       "div",
-      { class: "handover surface", role: "group", "aria-label": "Request for control", hidden: true },
+      {
+        class: "handover surface",
+        role: "group",
+        "aria-label": "Request for control",
+        hidden: true,
+      },
       icon("ask"),
       el("div", { class: "what" }, this._text, this._then),
       this._count,

@@ -129,8 +129,10 @@ export class Health {
 
 /** "module2" as a person says it. */
 function called(name) {
-  return name.replace(/^(.)(.*?)(\d+)$/, (_, first, rest, number) =>
-    `${first.toUpperCase()}${rest} ${number}`);
+  return name.replace(
+    /^(.)(.*?)(\d+)$/,
+    (_, first, rest, number) => `${first.toUpperCase()}${rest} ${number}`,
+  );
 }
 
 /** How much more than noise would ever be, in words that stay as wide as they are. */

@@ -14,7 +14,11 @@ export class SpringControl {
     this._place = place;
     this._changed = changed;
     const move = (event) => this._move(event);
-    this._pointerCapture = new PointerCapture(node, { came: move, moved: move, gone: () => this._rest() });
+    this._pointerCapture = new PointerCapture(node, {
+      came: move,
+      moved: move,
+      gone: () => this._rest(),
+    });
     this._arrows = new KeyState();
     node.addEventListener("blur", () => this._dropArrows());
   }

@@ -71,7 +71,10 @@ export class PanelSliders {
     const now = performance.now();
     if (now - this._resetMs < RESET_EVERY_MS) {
       // Once more when they have come to rest, or the last one would stay where it is.
-      this._again ??= setTimeout(() => ((this._again = null), this._requestReset()), RESET_EVERY_MS);
+      this._again ??= setTimeout(
+        () => ((this._again = null), this._requestReset()),
+        RESET_EVERY_MS,
+      );
       return;
     }
     this._requestReset();

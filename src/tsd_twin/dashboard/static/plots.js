@@ -33,7 +33,9 @@ export class Recorder {
   }
 
   newest(channel) {
-    return this.count === 0 ? NaN : (this.rows.get(channel)?.[(this.count - 1) % MAX_SAMPLES] ?? NaN);
+    return this.count === 0
+      ? NaN
+      : (this.rows.get(channel)?.[(this.count - 1) % MAX_SAMPLES] ?? NaN);
   }
 
   _begin(robot) {

@@ -57,7 +57,11 @@ export class Sphere {
       this._rows,
       this._apart.element,
       this._list.element,
-      el("p", { class: "verdict" }, "Click on the sphere to bring that point up, or choose a mark:"),
+      el(
+        "p",
+        { class: "verdict" },
+        "Click on the sphere to bring that point up, or choose a mark:",
+      ),
       el("div", { class: "bring", role: "group", "aria-label": "Bring up" }, ...this._bring),
     );
     this._open = true;

@@ -31,7 +31,10 @@ export class StaleBanner {
     const known = Number.isFinite(ageMs);
     setText(this._text, this._headline(known));
     const seconds = ageMs / 1000;
-    setText(this._count, known ? (seconds < 60 ? `${seconds.toFixed(1)} s` : duration(seconds)) : "");
+    setText(
+      this._count,
+      known ? (seconds < 60 ? `${seconds.toFixed(1)} s` : duration(seconds)) : "",
+    );
     setText(this._then, known ? "What you see is old. The robot stops by itself." : "");
   }
 

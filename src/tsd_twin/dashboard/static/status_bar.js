@@ -147,7 +147,7 @@ export class StatusBar {
     const kept = status?.lease.reserved_for ?? null;
     const waits = this._handOver().waits;
     setText(this._name, you ? "you" : (holder ?? (kept === null ? "no operator" : "kept for")));
-    setText(this._does, you ? "drive" : (holder === null ? kept : null) ?? "drives");
+    setText(this._does, you ? "drive" : ((holder === null ? kept : null) ?? "drives"));
     setAttribute(this._who, "title", you ? null : holder);
     this.control.become(
       ...(you

@@ -147,7 +147,9 @@ export class Waypoints {
     this._number = null; // Of the way that is held.
     this._level = drive.level;
     this._finishedNumber = null; // The way that has come to its end.
-    this.floor = new FloorPicker((points) => this.plan({ points, kind: this._mode, on: "picture" }));
+    this.floor = new FloorPicker((points) =>
+      this.plan({ points, kind: this._mode, on: "picture" }),
+    );
     const choice = (mode, name) =>
       el(
         "button",

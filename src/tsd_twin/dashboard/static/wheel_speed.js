@@ -121,7 +121,10 @@ export class WheelSpeed {
     const off = gear.spin_rpm - gear.wanted_rpm;
     const turns = gear.spin_rpm > 1;
     const moving = turns && Math.abs(off) > CHANGING_RPM;
-    setText(this._now, moving ? `now ${thousands(gear.spin_rpm)} rpm` : turns ? "" : "wheels stand");
+    setText(
+      this._now,
+      moving ? `now ${thousands(gear.spin_rpm)} rpm` : turns ? "" : "wheels stand",
+    );
     if (this._draft === null) this._draw();
   }
 
@@ -141,7 +144,11 @@ export class WheelSpeed {
       const typing = input === focused && this._keptMs === Infinity;
       if (input !== but && !typing && input.value !== text) input.value = text;
     }
-    setAttribute(this._slider, "aria-valuetext", `${thousands(rpm)} rpm, up to ${fixed(top, 1)} m/s`);
+    setAttribute(
+      this._slider,
+      "aria-valuetext",
+      `${thousands(rpm)} rpm, up to ${fixed(top, 1)} m/s`,
+    );
     const rim = this._rim(rpm);
     const step = 1000 * rim * radians(gears.servo_step_deg);
     const lean = degrees(Math.asin(Math.min(1, 1 / rim)));
