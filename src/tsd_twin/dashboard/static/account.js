@@ -2,12 +2,18 @@
 
 import { Button } from "./button.js";
 import { el, setAttribute, setText } from "./dom.js";
+import { known } from "./link.js";
 import { notStop, WATCHES, watches } from "./permission.js";
 
 const ASK_MS = 2000;
 
 export class Account {
-  /** Marks `frame` for logins that only watch. */
+  /**
+   * Marks `frame` for logins that only watch.
+   * @param {Link} link
+   * @param {Tooltip} tips
+   * @param {HTMLElement} frame
+   */
   constructor(link, tips, frame) {
     this._link = link;
     this._frame = frame;
@@ -21,7 +27,7 @@ export class Account {
   }
 
   _draw() {
-    const { user } = this._link.welcome;
+    const { user } = known(this._link.welcome);
     this.element.hidden = user === null;
     setText(this._user, user ?? "");
     setAttribute(this._frame, "data-watches", watches(this._link) ? "" : null);
@@ -32,14 +38,15 @@ export class Account {
 
   async _logOut() {
     this._leaving = true;
-    await fetch("logout", { method: "POST", redirect: "manual" }).catch(() => null);
+    await fetch("logout", { method: "POST", redirect: "manual" }).catch(() => undefined);
     location.assign("login");
   }
 
   /** A browser does not say why it has no socket; when it is the login, go there. */
   async _ask() {
-    if (this._leaving || this._link.connected || (this._link.welcome?.user ?? null) === null) return;
-    const answer = await fetch("healthz").catch(() => null);
+    if (this._leaving || this._link.connected || (this._link.welcome?.user ?? null) === null)
+      return;
+    const answer = await fetch("healthz").catch(() => undefined);
     if (answer?.status === 401) location.assign("login");
     else setTimeout(() => this._ask(), ASK_MS);
   }

@@ -8,12 +8,13 @@ export function addAriaLabels() {
   for (const control of document.querySelectorAll(CONTROLS)) {
     // viser gives its sliders a name that is empty.
     const named = control.getAttribute("aria-label") || control.getAttribute("aria-labelledby");
-    if (named || control.labels?.length > 0) continue;
+    if (named || (control instanceof HTMLInputElement && control.labels?.length)) continue;
     const label = labelOf(control);
     if (label !== null) control.setAttribute("aria-label", label);
   }
 }
 
+/** @param {Element} control */
 function labelOf(control) {
   let row = control.parentElement;
   for (let i = 0; i < NEAR && row !== null; i++, row = row.parentElement) {

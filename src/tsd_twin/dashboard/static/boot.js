@@ -17,6 +17,7 @@
 
   // viser's client reads these from the address once, when it starts.
   const start = new URL(location.href);
+  /** @type {Record<string, string>} */
   const given = { websocket: socket.href };
   if (plain && !start.searchParams.has("fixedDpr")) given.fixedDpr = sharpness().toFixed(2);
   const replaceState = history.replaceState.bind(history);

@@ -5,9 +5,16 @@ import { el, setAttribute, setText } from "./dom.js";
 const HOLD_MS = 1000;
 let count = 0;
 
+/** @typedef {{ tips: Tooltip, press: () => void, tip?: string, kind?: string }} ButtonOptions */
+
 export class Button {
-  /** `press()` is called when it is used, `tip` tells what it does when nothing is in the way. */
+  /**
+   * `press()` is called when it is used, `tip` tells what it does when nothing is in the way.
+   * @param {string} label
+   * @param {ButtonOptions} options
+   */
   constructor(label, { tips, press, tip = "", kind = "" }) {
+    /** @type {string | null} */
     this.reason = null;
     this._tips = tips;
     this._press = press;
@@ -25,13 +32,20 @@ export class Button {
     tips.attach(this.button, () => this.reason ?? this._tip);
   }
 
-  /** Change what it says and does. */
+  /**
+   * Change what it says and does.
+   * @param {string} label
+   * @param {string} tip
+   */
   become(label, tip) {
     setText(this._label, label);
     this._tip = tip;
   }
 
-  /** Let it be used, or not, with the reason. */
+  /**
+   * Let it be used, or not, with the reason.
+   * @param {string | null} reason
+   */
   allow(reason) {
     this.reason = reason;
     setAttribute(this.button, "aria-disabled", reason === null ? null : "true");
@@ -43,16 +57,19 @@ export class Button {
     else this._press();
   }
 
-  _click() {
+  /** @param {MouseEvent} _event */
+  _click(_event) {
     this.use();
   }
 }
 
 /** A button that has to be held for a second, by pointer or key. */
 export class LongPressButton extends Button {
+  /** @param {string} label @param {ButtonOptions} options */
   constructor(label, options) {
     super(label, { ...options, kind: `hold ${options.kind ?? ""}` });
-    this._timer = null;
+    /** @type {number | undefined} */
+    this._timer = undefined;
     this._pointerMs = -Infinity;
     this.button.style.setProperty("--hold", `${HOLD_MS}ms`);
     this.button.addEventListener("pointerdown", (event) => this._begin(event));
@@ -62,7 +79,10 @@ export class LongPressButton extends Button {
     this.button.addEventListener("contextmenu", (event) => event.preventDefault());
   }
 
-  /** Take Enter or the space bar while it has the focus; return whether it was one of them. */
+  /**
+   * Take Enter or the space bar while it has the focus; return whether it was one of them.
+   * @param {KeyboardEvent} event
+   */
   key(event) {
     if (event.code !== "Enter" && event.code !== "Space") return false;
     if (event.type === "keyup") this._end();
@@ -70,6 +90,7 @@ export class LongPressButton extends Button {
     return true;
   }
 
+  /** @param {MouseEvent} event */
   _begin(event) {
     this._pointerMs = event.timeStamp;
     if (event.button === 0) this._start();
@@ -90,11 +111,13 @@ export class LongPressButton extends Button {
 
   _end() {
     clearTimeout(this._timer);
-    this._timer = null;
     setAttribute(this.button, "data-holding", null);
   }
 
-  /** Assistive technology presses without a pointer and cannot hold: that is deliberate enough. */
+  /**
+   * Assistive technology presses without a pointer and cannot hold: that is deliberate enough.
+   * @param {MouseEvent} event
+   */
   _click(event) {
     if (event.timeStamp - this._pointerMs > 2 * HOLD_MS && event.detail === 0) this.use();
   }

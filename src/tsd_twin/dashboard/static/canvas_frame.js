@@ -5,9 +5,12 @@ const CHECK_MS = 250;
 const PHONE = "(max-width: 36em)"; // From here on viser turns its panel into a drawer.
 
 export class CanvasFrame {
+  /** @param {HTMLElement} host */
   constructor(host) {
     this._host = host;
+    /** @type {HTMLCanvasElement | null} */
     this._canvas = null;
+    /** @type {Element | null} */
     this._drawer = null;
     this._shown = "";
     this._watcher = new ResizeObserver(() => this.fit());
@@ -17,21 +20,33 @@ export class CanvasFrame {
     this.fit();
   }
 
-  /** Whether an event is on viser's panel: neither on the scene nor on us. */
+  /**
+   * Whether an event is on viser's panel: neither on the scene nor on us.
+   * @param {Event} event
+   */
   isPanel(event) {
     const path = event.composedPath();
     return (
-      !path.includes(this._host) && !path.includes(this._canvas) && path.includes(document.body)
+      !path.includes(this._host) &&
+      !path.includes(/** @type {EventTarget} */ (this._canvas)) &&
+      path.includes(document.body)
     );
   }
 
-  /** Whether an event is on the scene itself, below all controls. */
+  /**
+   * Whether an event is on the scene itself, below all controls.
+   * @param {Event} event
+   */
   isScene(event) {
     const path = event.composedPath();
     return !path.includes(this._host) && this._canvas !== null && path.includes(this._canvas);
   }
 
-  /** Tell how much room the controls take, so that the drawer opens above them. */
+  /**
+   * Tell how much room the controls take, so that the drawer opens above them.
+   * @param {number} top
+   * @param {number} bottom
+   */
   reserve(top, bottom) {
     document.documentElement.style.setProperty("--tsd-top", `${Math.ceil(top)}px`);
     document.documentElement.style.setProperty("--tsd-bottom", `${Math.ceil(bottom)}px`);
@@ -49,6 +64,7 @@ export class CanvasFrame {
     if (shown !== this._shown) this._host.style.cssText = this._shown = shown;
   }
 
+  /** @param {HTMLCanvasElement | null} canvas */
   _adopt(canvas) {
     this._watcher.disconnect();
     this._canvas = canvas;
@@ -57,14 +73,17 @@ export class CanvasFrame {
 
   /** viser's drawer has no name: it is what is fixed at the bottom beside the canvas. */
   _adoptDrawer() {
-    for (let node = this._canvas; node && node !== document.body; node = node.parentElement) {
+    /** @type {HTMLElement | null} */
+    let node = this._canvas;
+    for (; node && node !== document.body; node = node.parentElement) {
       for (const beside of node.parentElement?.children ?? []) {
         const style = getComputedStyle(beside);
         if (beside !== node && style.position === "fixed" && style.bottom === "0px") {
           this._drawer = beside;
           beside.setAttribute("data-tsd-drawer", "");
           if (beside.getBoundingClientRect().height > 80) {
-            beside.querySelector('[style*="cursor: pointer"]')?.click(); // It starts open, over the scene.
+            const handle = beside.querySelector('[style*="cursor: pointer"]');
+            if (handle instanceof HTMLElement) handle.click(); // It starts open, over the scene.
           }
           return;
         }

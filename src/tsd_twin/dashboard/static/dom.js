@@ -1,36 +1,64 @@
-// Creation of elements.
-/** Return an element; `on…` attributes are listeners, false and null ones are left out. */
+// Making elements.
+/**
+ * Return an element; `on…` attributes are listeners, false and null ones are left out.
+ * @template {keyof HTMLElementTagNameMap} K
+ * @param {K} tag
+ * @param {Attributes} [attributes]
+ * @param {(Node | string | null)[]} children
+ */
 export function el(tag, attributes = {}, ...children) {
   return fill(document.createElement(tag), attributes, children);
 }
 
-/** As `el`, in the SVG namespace. */
+/**
+ * As `el`, in the SVG namespace.
+ * @template {keyof SVGElementTagNameMap} K
+ * @param {K} tag
+ * @param {Attributes} [attributes]
+ * @param {(Node | string | null)[]} children
+ */
 export function svg(tag, attributes = {}, ...children) {
   return fill(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes, children);
 }
 
+/**
+ * @template {Element} E
+ * @param {E} node
+ * @param {Attributes} attributes
+ * @param {(Node | string | null)[]} children
+ */
 function fill(node, attributes, children) {
   for (const [name, value] of Object.entries(attributes)) {
     if (value === false || value === null || value === undefined) continue;
-    if (name.startsWith("on")) node.addEventListener(name.slice(2), value);
-    else node.setAttribute(name, value === true ? "" : value);
+    if (typeof value === "function")
+      node.addEventListener(name.slice(2), /** @type {EventListener} */ (value));
+    else node.setAttribute(name, value === true ? "" : String(value));
   }
   node.append(...children.filter((child) => child !== null));
   return node;
 }
 
-/** Set the text of a node if it is another one: twenty times a second, most of it is not. */
+/**
+ * Set the text of a node if it is another one: twenty times a second, most of it is not.
+ * @param {Element} node
+ * @param {string} text
+ */
 export function setText(node, text) {
   if (node.textContent !== text) node.textContent = text;
 }
 
-/** Set an attribute if its value is another one; null takes it away. */
+/**
+ * Set an attribute if its value is another one; null takes it away.
+ * @param {Element} node
+ * @param {string} name
+ * @param {string | number | null} value
+ */
 export function setAttribute(node, name, value) {
   if (value === null) node.removeAttribute(name);
-  else if (node.getAttribute(name) !== String(value)) node.setAttribute(name, value);
+  else if (node.getAttribute(name) !== String(value)) node.setAttribute(name, String(value));
 }
 
-/** Return an icon drawn in a square of 16 units. */
+/** Return an icon drawn in a square of 16 units. @param {string} name */
 export function icon(name) {
   return svg(
     "svg",
@@ -49,6 +77,7 @@ const LINE = {
 const SOLID = { fill: "currentColor" };
 
 // One shape for each mode, so that none is told by its colour alone.
+/** @type {Record<string, [keyof SVGElementTagNameMap, Attributes][]>} */
 const ICONS = {
   disarmed: [["circle", { cx: 8, cy: 8, r: 5.5, ...LINE }]],
   arming: [
@@ -91,7 +120,10 @@ const ICONS = {
 };
 
 // Visibility of elements.
-/** Whether an element can be seen now: a tab that is not shown takes no room. */
+/** Whether an element can be seen now: a tab that is not shown takes no room. @param {Element} node */
 export function isVisible(node) {
-  return document.visibilityState === "visible" && node.offsetParent !== null;
+  return (
+    document.visibilityState === "visible" &&
+    /** @type {HTMLElement} */ (node).offsetParent !== null
+  );
 }

@@ -1,5 +1,4 @@
-// Conversion of controls to commands. Each source of motion (stick, turn slider, keys, gamepad,
-// panel) has
+// From controls to commands. Each source of motion (stick, turn slider, keys, gamepad, panel) has
 //   held      whether it is held
 //   cancel()  go back to the centre; moves nothing until it is deliberately used again
 // and either `unit`, {x, y, turn} as shares of what the speed level allows, or `twist`, in m/s and
@@ -7,6 +6,7 @@
 // goes out every 20 ms, and sooner when a control moves, but never within 10 ms of the last one: the
 // gateway limits how many a page may send. Nothing is ever queued.
 
+import { known } from "./link.js";
 import { notDrive, notStop } from "./permission.js";
 import { twistMappingOf } from "./twist_mapping.js";
 
@@ -17,17 +17,24 @@ const STOP_CONFIRM_MS = 600;
 const STOP_RETRY_LIMIT_MS = 5000;
 
 export class Drive {
+  /** @param {Link} link */
   constructor(link) {
     this.link = link;
     this.level = 50;
+    /** @type {"base_link" | "odom"} */
     this.frame = "base_link";
+    /** @type {(text: string) => void} */
     this.onMessage = () => {};
+    /** @type {MotionSource[]} */
     this._sources = [];
+    /** @type {(() => void)[]} */
     this._listeners = [];
-    this._timer = null;
+    /** @type {number | undefined} */
+    this._timer = undefined;
     this._sentMs = -Infinity;
+    /** @type {{ sinceMs: number, sentMs: number, doubted: boolean } | null} */
     this._stop = null;
-    link.on("state", () => this._checkState());
+    link.on("state", (state) => this._checkState(state));
     link.on("beat", () => this._retryStop());
     link.on("down", () => this.release("The connection is lost."));
     link.on("released", (message) =>
@@ -39,16 +46,18 @@ export class Drive {
     document.addEventListener("visibilitychange", () => this.release());
   }
 
+  /** @param {MotionSource} source */
   add(source) {
     this._sources.push(source);
   }
 
+  /** @param {() => void} listener */
   onChange(listener) {
     this._listeners.push(listener);
   }
 
   get held() {
-    return this._timer !== null;
+    return this._timer !== undefined;
   }
 
   /** What one unit of a control means now: level times the limits in force. */
@@ -61,7 +70,7 @@ export class Drive {
     };
   }
 
-  /** Sum of the controls, each share within 1. */
+  /** What the controls ask for, each share within 1. */
   get unit() {
     let [x, y, turn] = [0, 0, 0];
     for (const { unit } of this._sources) {
@@ -74,10 +83,13 @@ export class Drive {
     return { x: x / length, y: y / length, turn: Math.max(-1, Math.min(1, turn)) };
   }
 
-  /** Commanded twist: three numbers, m/s and rad/s. */
+  /**
+   * What is asked of the robot: the three numbers of its twist, m/s and rad/s.
+   * @returns {Omit<DriveCommand, "t">}
+   */
   get twist() {
     const panel = this._sources.find((source) => source.held && source.twist !== undefined);
-    if (panel !== undefined) return { ...panel.twist, frame: "base_link" };
+    if (panel?.twist !== undefined) return { ...panel.twist, frame: "base_link" };
     const { unit, scale } = this;
     const [vx, vy, omega] = twistMappingOf(this.link.robot).twist(
       unit.x * scale.speed,
@@ -87,10 +99,11 @@ export class Drive {
     return { vx, vy, omega, frame: this.frame };
   }
 
-  /** Handle a change of a source: start, continue or release. Any held control ends a latched one. */
+  /** A source has changed: begin, go on, or let go. Hands on any control end what is latched. */
   changed() {
     const handControl = this._sources.some((source) => source.held && source.twist === undefined);
-    if (handControl) for (const source of this._sources) if (source.twist !== undefined) source.cancel();
+    if (handControl)
+      for (const source of this._sources) if (source.twist !== undefined) source.cancel();
     const held = this._sources.some((source) => source.held);
     if (held && !this.held) this._start();
     else if (!held && this.held) this._finish();
@@ -98,7 +111,7 @@ export class Drive {
     this._notify();
   }
 
-  /** Release all controls; each must be used anew to drive again. */
+  /** Back to the centre with everything; to drive again, a control must be used anew. */
   release(message = "", byServer = false) {
     const wasHeld = this.held;
     for (const source of this._sources) source.cancel();
@@ -134,7 +147,7 @@ export class Drive {
 
   _finish() {
     clearInterval(this._timer);
-    this._timer = null;
+    this._timer = undefined;
     this.link.send({ t: "release" });
   }
 
@@ -147,18 +160,20 @@ export class Drive {
     const now = performance.now();
     if (now - this._sentMs < LEAST_MS) return;
     this._sentMs = now;
-    this.link.send({ ...this._command, seen: this.link.state.seen });
+    this.link.send({ ...this._command, seen: known(this.link.state).seen });
   }
 
+  /** @returns {DriveCommand | FollowPlan} */
   get _command() {
     const source = this._sources.find(({ held, command }) => held && command !== undefined);
     return source?.command ?? { t: "drive", ...this.twist };
   }
 
-  _checkState() {
+  /** @param {RobotState} state */
+  _checkState(state) {
     const reason = this.held ? notDrive(this.link) : null;
     if (reason !== null) this.release(`${reason} Push again to drive.`);
-    if (this.link.state.status.mode === "stopped") this._stop = null;
+    if (state.status.mode === "stopped") this._stop = null;
     this._notify();
   }
 
@@ -174,6 +189,7 @@ export class Drive {
     if (now - this._stop.sinceMs > STOP_RETRY_LIMIT_MS) this._stop = null;
   }
 
+  /** @param {ActionReply} reply */
   _checkReply({ to, ok }) {
     if (to === "stop" && ok) this._stop = null;
   }

@@ -5,15 +5,18 @@ const DEAD_ZONE = 0.1;
 const STOP_BUTTON = 1;
 
 export class Gamepad {
+  /** @param {Drive} drive @param {() => void} stop */
   constructor(drive, stop) {
     this.unit = { x: 0, y: 0, turn: 0 };
     this.held = false;
     this._drive = drive;
     this._stop = stop;
     this._spent = true; // A pad that is found with its stick held must come to the centre first.
+    /** @type {number | null} */
     this._index = null; // Of the pad that is read.
     this._pressed = false;
-    this._timer = null;
+    /** @type {number | undefined} */
+    this._timer = undefined;
     addEventListener("gamepadconnected", () => this._watch());
     addEventListener("gamepaddisconnected", ({ gamepad }) => {
       if (gamepad.index === this._index) this._change(null); // It may be back before the next look.
@@ -36,7 +39,7 @@ export class Gamepad {
     const pad = navigator.getGamepads().find((each) => each?.connected) ?? null;
     if (pad === null) {
       clearInterval(this._timer);
-      this._timer = null;
+      this._timer = undefined;
     }
     if ((pad?.index ?? null) !== this._index) this._change(pad?.index ?? null);
     const pressed = pad?.buttons[STOP_BUTTON]?.pressed ?? false;
@@ -45,7 +48,10 @@ export class Gamepad {
     if (pad !== null) this._read(pad.axes);
   }
 
-  /** The pad is unplugged, or another takes its place: let go, and begin at the centre. */
+  /**
+   * The pad is unplugged, or another takes its place: let go, and begin at the centre.
+   * @param {number | null} index
+   */
   _change(index) {
     this._index = index;
     const was = this.held;
@@ -55,6 +61,7 @@ export class Gamepad {
     if (was) this._drive.changed();
   }
 
+  /** @param {readonly number[]} axes */
   _read([right = 0, down = 0, turn = 0]) {
     const [y, x] = stick(-right, -down);
     const turned = beyond(-turn);
@@ -67,7 +74,11 @@ export class Gamepad {
   }
 }
 
-/** Return a stick's place with its round dead zone taken out, so that motion begins at zero. */
+/**
+ * Return a stick's place with its round dead zone taken out, so that motion begins at zero.
+ * @param {number} a
+ * @param {number} b
+ */
 function stick(a, b) {
   const length = Math.hypot(a, b);
   const share =
@@ -75,6 +86,7 @@ function stick(a, b) {
   return [a * share, b * share];
 }
 
+/** @param {number} value */
 function beyond(value) {
   return stick(value, 0)[0];
 }

@@ -3,10 +3,12 @@
 import { ConsistencyMeter } from "./consistency.js";
 import { el, isVisible, setAttribute, setText, svg } from "./dom.js";
 import { fixed } from "./format.js";
+import { known } from "./link.js";
 
 const REACH = 40; // Radius of the tilt limit in the drawing.
 
 export class Gimbals {
+  /** @param {Link} link @param {HTMLElement} place */
   constructor(link, place) {
     this._link = link;
     this._list = el("div", { class: "gimbals" });
@@ -28,6 +30,8 @@ export class Gimbals {
       ...this._conflict.elements,
     );
     place.append(this._waiting, this._all);
+    /** @type {Dial[]} */
+    this._dials = [];
     this._open = true;
     link.on("state", () => this._open && isVisible(place) && this._show());
     link.on("robot", () => this._open && this._build());
@@ -48,17 +52,19 @@ export class Gimbals {
   }
 
   _show() {
-    const { modules, status } = this._link.state;
-    const names = this._link.robot.modules;
+    const { modules, status } = known(this._link.state);
+    const names = known(this._link.robot).modules;
     modules.forEach((module, i) =>
-      this._dials?.[i]?.show(module, names[i] === status.consistency.suspect),
+      this._dials[i]?.show(module, names[i] === status.consistency.suspect),
     );
     this._conflict.show(status.consistency, names, "The modules agree.");
   }
 }
 
 class Dial {
+  /** @param {number} number @param {RobotInfo} robot */
   constructor(number, robot) {
+    /** @type {Record<string, Element>} */
     this._cells = {};
     this._set = svg("circle", { class: "ring", r: 5 });
     this._dot = svg("circle", { class: "dot", r: 4 });
@@ -111,6 +117,7 @@ class Dial {
     );
   }
 
+  /** @param {GimbalState} module @param {boolean} suspect */
   show(module, suspect) {
     const cells = this._cells;
     setText(cells.tilt, fixed(module.tilt, 1));
@@ -128,6 +135,7 @@ class Dial {
     setAttribute(this._lean, "y2", y);
   }
 
+  /** @param {string} name @param {string} unit */
   _row(name, unit) {
     const value = el("span", { class: "value" });
     this._cells[name] = value;
@@ -140,13 +148,17 @@ class Dial {
   }
 }
 
+/** @param {Element} node @param {[number, number]} axle */
 function put(node, axle) {
   const [x, y] = place(axle);
   setAttribute(node, "cx", x);
   setAttribute(node, "cy", y);
 }
 
-/** From the robot's axes, x forward and y left, to the drawing's, x right and y down. */
+/**
+ * From the robot's axes, x forward and y left, to the drawing's, x right and y down.
+ * @param {[number, number]} axle
+ */
 function place([x, y]) {
   return [(-y * REACH).toFixed(2), (-x * REACH).toFixed(2)];
 }

@@ -7,19 +7,31 @@ import { el, icon, setAttribute, setText } from "./dom.js";
 const REASON = "urgent";
 
 export class HandOver {
+  /**
+   * @param {Link} link
+   * @param {Tooltip} tips
+   * @param {Notices} notices
+   * @param {{ acquire: (reason: string) => void, wish: () => { max_age_s: number | null } }} control
+   */
   constructor(link, tips, notices, { acquire, wish }) {
     this._link = link;
     this._notices = notices;
     this._acquire = acquire;
     this._wish = wish;
     this._asking = false;
+    /** @type {string | null} */
+    this._asker = null;
     this._said = el("div", { class: "sr", role: "alert" });
     this._text = el("strong");
     this._then = el("span", { class: "then" });
     this._count = el("span", { class: "number", "aria-hidden": "true" });
+    /** @type {(label: string, tip: string, kind: string, press: () => void) => Button} */
     const button = (label, tip, kind, press) => new Button(label, { tips, press, kind, tip });
-    this._grant = button("Hand over", "The robot comes to rest, then they have control", "primary", () =>
-      this._send("grant", { asker: this._asker }),
+    this._grant = button(
+      "Hand over",
+      "The robot comes to rest, then they have control",
+      "primary",
+      () => this._send("grant", { asker: this._asker }),
     );
     this._keep = button("Keep control", "Tell them that you drive on", "", () =>
       this._send("deny", { asker: this._asker }),
@@ -33,14 +45,20 @@ export class HandOver {
     this._buttons = [this._force, this._withdraw, this._keep, this._grant];
     this._card = el(
       "div",
-      { class: "handover surface", role: "group", "aria-label": "Request for control", hidden: true },
+      {
+        class: "handover surface",
+        role: "group",
+        "aria-label": "Request for control",
+        hidden: true,
+      },
       icon("ask"),
       el("div", { class: "what" }, this._text, this._then),
       this._count,
       el("div", { class: "row" }, ...this._buttons.map(({ element }) => element)),
     );
     this.element = el("div", {}, this._said, this._card);
-    for (const type of ["state", "beat", "down"]) link.on(type, () => this._draw());
+    for (const type of /** @type {const} */ (["state", "beat", "down"]))
+      link.on(type, () => this._draw());
     link.on("reply", (reply) => this._checkReply(reply));
   }
 
@@ -72,10 +90,12 @@ export class HandOver {
     );
   }
 
+  /** @param {LeaseAction["op"]} op */
   _send(op, more = {}) {
     this._link.send({ t: "lease", op, ...more });
   }
 
+  /** @param {ActionReply} reply */
   _checkReply({ to, ok, reason }) {
     if (to !== "lease" || !this._asking) return;
     this._asking = false;
@@ -84,13 +104,13 @@ export class HandOver {
 
   _draw() {
     const { state } = this._link;
-    const lease = state?.status.lease ?? {};
-    const asked = this._link.connected && (lease.asked_by ?? null) !== null;
-    const holds = asked && state.you;
+    const lease = state?.status.lease ?? null;
+    const asked = this._link.connected && (lease?.asked_by ?? null) !== null;
+    const holds = asked && state?.you === true;
     const shown = holds || (asked && this.waits);
     this._card.hidden = !shown;
-    this._asker = lease.asked_by;
-    if (!shown) {
+    this._asker = lease?.asked_by ?? null;
+    if (!shown || lease === null) {
       setText(this._said, "");
       return;
     }

@@ -1,8 +1,10 @@
-// Health tab: link quality, hardware status, and the event log.
+// How well everything works, in figures, and what has happened.
 
 import { el, isVisible, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
+import { known } from "./link.js";
 
+/** @type {Record<string, string>} */
 const REASONS = {
   stale: "too old",
   lease: "no lease",
@@ -19,7 +21,10 @@ const REASONS = {
 };
 const LINES = 40;
 
+/** @typedef {Record<string, Record<string, string>>} Sections Rows by the title of their table. */
+
 export class Health {
+  /** @param {Link} link @param {ShadowRoot} place */
   constructor(link, place) {
     this._link = link;
     this._values = new Map();
@@ -45,21 +50,22 @@ export class Health {
   }
 
   _show() {
-    const { status, age_ms: age, robot_ms: robot } = this._link.state;
+    const { status, age_ms: age, robot_ms: robot } = known(this._link.state);
     const { loop, command, lease, limits, consistency: conflict, pose_sensor: outside } = status;
     const suspect = conflict.suspect === null ? "none" : called(conflict.suspect);
+    const wheels = {
+      suspect,
+      residual: `${fixed(1000 * conflict.residual_mps, 1)} mm/s`,
+      evidence: times(conflict.level),
+      ...Object.fromEntries(
+        Object.entries(conflict.explained).map(([name, level]) => [
+          `· ${called(name)} explains`,
+          times(level),
+        ]),
+      ),
+    };
     const sections = {
-      Conflict: {
-        suspect,
-        residual: `${fixed(1000 * conflict.residual_mps, 1)} mm/s`,
-        evidence: times(conflict.level),
-        ...Object.fromEntries(
-          Object.entries(conflict.explained).map(([name, level]) => [
-            `· ${called(name)} explains`,
-            times(level),
-          ]),
-        ),
-      },
+      Conflict: wheels,
       Loop: {
         rate: `${fixed(loop.hz, 1)} Hz`,
         "jitter p99": `${fixed(loop.jitter_p99_ms, 2)} ms`,
@@ -102,13 +108,14 @@ export class Health {
       for (const [name, value] of Object.entries(rows))
         setText(this._values.get(`${title} ${name}`), value);
     }
-    for (const name of Object.keys(sections.Conflict)) {
+    for (const name of Object.keys(wheels)) {
       const accused = name === "suspect" || name.startsWith(`· ${suspect} `);
       const row = this._values.get(`Conflict ${name}`).parentElement;
       setAttribute(row, "data-suspect", accused && conflict.suspect !== null ? "" : null);
     }
   }
 
+  /** @param {string} shape @param {Sections} sections */
   _build(shape, sections) {
     this._shape = shape;
     this._values.clear();
@@ -117,6 +124,7 @@ export class Health {
     );
   }
 
+  /** @param {string} title @param {string[]} names */
   _section(title, names) {
     const lines = names.map((name) => {
       const cell = el("td", { class: "value" });
@@ -127,27 +135,36 @@ export class Health {
   }
 }
 
-/** "module2" as a person says it. */
+/**
+ * "module2" as a person says it.
+ * @param {string} name
+ */
 function called(name) {
-  return name.replace(/^(.)(.*?)(\d+)$/, (_, first, rest, number) =>
-    `${first.toUpperCase()}${rest} ${number}`);
+  return name.replace(
+    /^(.)(.*?)(\d+)$/,
+    (_, first, rest, number) => `${first.toUpperCase()}${rest} ${number}`,
+  );
 }
 
-/** How much more than noise would ever be, in words that stay as wide as they are. */
+/**
+ * How much more than noise would ever be, in words that stay as wide as they are.
+ * @param {number} level
+ */
 function times(level) {
   return `${fixed(level, level < 10 ? 2 : 0)} of the limit`;
 }
 
-/** Pose sensor of the robot, such as a camera. */
+/** Pose sensor of the robot, such as a camera. @param {PoseSensorStatus} sensor */
 function seen({ hz, late_s: late, used, found, dropped }) {
   return {
-    "in use": hz > 0 ? `${fixed(hz, 0)} Hz, ${fixed(1000 * late, 0)} ms late` : "none now",
+    "in use": hz > 0 ? `${fixed(hz, 0)} Hz, ${fixed(1000 * (late ?? NaN), 0)} ms late` : "none now",
     used: String(used),
     "found elsewhere": String(found),
     ...lost(dropped),
   };
 }
 
+/** @param {Record<string, number>} dropped */
 function lost(dropped) {
   const counts = Object.entries(dropped);
   return {
@@ -160,26 +177,41 @@ function lost(dropped) {
   };
 }
 
+/** @param {RobotEvent} event */
 function line({ kind, text, robot_s: seconds }) {
   const time = el("span", { class: "value time" }, seconds > 0 ? `${fixed(seconds, 1)} s` : "now");
   return el("li", { "data-kind": kind }, time, el("span", {}, text));
 }
 
-// Hardware section of the status: values in one table, nested groups in tables of their own.
+// Whatever a robot says of its hardware: figures in one table, each group of them in one of its own.
+/**
+ * @param {string} title
+ * @param {Hardware} facts
+ * @returns {Sections}
+ */
 function tables(title, facts) {
   const rows = Object.entries(facts).map(([name, value]) => [name.replaceAll("_", " "), value]);
   const groups = rows.filter(([, value]) => isGroup(value));
   const figures = rows.filter(([, value]) => !isGroup(value));
   return Object.assign(
     { [title]: Object.fromEntries(figures.map(([name, value]) => [name, written(value)])) },
-    ...groups.map(([name, value]) => tables(`${title}: ${name}`, value)),
+    ...groups.map(([name, value]) => tables(`${title}: ${name}`, /** @type {Hardware} */ (value))),
   );
 }
 
+/**
+ * @param {unknown} value
+ * @returns {value is Hardware}
+ */
 function isGroup(value) {
   return typeof value === "object" && value !== null && !Array.isArray(value);
 }
 
+/**
+ * @param {unknown} value
+ * @param {number} [digits]
+ * @returns {string}
+ */
 function written(value, digits = decimals(value)) {
   if (Array.isArray(value)) {
     const most = Math.max(0, ...value.map(decimals)); // As many for all of them.
@@ -191,6 +223,7 @@ function written(value, digits = decimals(value)) {
 }
 
 // How many decimals a number needs, two at most.
+/** @param {unknown} value */
 function decimals(value) {
   if (typeof value !== "number") return 0;
   return [0, 1].find((digits) => Math.abs(value - Number(value.toFixed(digits))) < 0.005) ?? 2;

@@ -7,14 +7,26 @@ import { PointerCapture } from "./pointer_capture.js";
 const ARROWS = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] };
 
 export class SpringControl {
-  /** `place(x, y)` takes shares of `reach(box)` from the centre, right and up; `changed()` follows. */
+  /**
+   * `place(x, y)` takes shares of `reach(box)` from the centre, right and up; `changed()` follows.
+   * @param {HTMLElement} node
+   * @param {{
+   *   reach: (box: DOMRect) => number,
+   *   place: (right: number, up: number) => void,
+   *   changed: () => void,
+   * }} callbacks
+   */
   constructor(node, { reach, place, changed }) {
     this._node = node;
     this._reach = reach;
     this._place = place;
     this._changed = changed;
-    const move = (event) => this._move(event);
-    this._pointerCapture = new PointerCapture(node, { came: move, moved: move, gone: () => this._rest() });
+    const move = (/** @type {PointerEvent} */ event) => this._move(event);
+    this._pointerCapture = new PointerCapture(node, {
+      came: move,
+      moved: move,
+      gone: () => this._rest(),
+    });
     this._arrows = new KeyState();
     node.addEventListener("blur", () => this._dropArrows());
   }
@@ -30,15 +42,20 @@ export class SpringControl {
     this._place(0, 0);
   }
 
-  /** Take a key event; return whether it was an arrow key. */
+  /**
+   * Take a key event; return whether it was an arrow key.
+   * @param {KeyboardEvent} event
+   */
   key(event) {
     if (!(event.code in ARROWS)) return false;
     if (!this._arrows.take(event)) return true;
-    this._place(...this._arrows.sum(ARROWS, 2));
+    const [right, up] = this._arrows.sum(ARROWS, 2);
+    this._place(right, up);
     this._changed();
     return true;
   }
 
+  /** @param {PointerEvent} event */
   _move(event) {
     const box = this._node.getBoundingClientRect();
     const reach = this._reach(box);
@@ -62,12 +79,17 @@ export class SpringControl {
 
 // A button that counts while a finger or a key is on it.
 export class HoldToRunButton {
-  /** `code` is the key that holds it wherever the focus is; `changed()` follows each change. */
+  /**
+   * `code` is the key that holds it wherever the focus is; `changed()` follows each change.
+   * @param {HTMLElement} node
+   * @param {string} code
+   * @param {() => void} changed
+   */
   constructor(node, code, changed) {
     this._node = node;
     this._code = code;
     this._changed = changed;
-    this._pointerCapture = new PointerCapture(node, { came: changed, gone: changed });
+    this._pointerCapture = new PointerCapture(node, { came: () => changed(), gone: changed });
     this._keys = new KeyState();
     node.addEventListener("blur", () => this._dropKeys());
     // A key comes up wherever the focus has gone meanwhile.
@@ -84,9 +106,13 @@ export class HoldToRunButton {
     this._keys.cancel();
   }
 
-  /** Take a key event; return whether it was for this button. */
+  /**
+   * Take a key event; return whether it was for this button.
+   * @param {KeyboardEvent} event
+   */
   key(event) {
-    const focused = this._node.getRootNode().activeElement === this._node;
+    const focused =
+      /** @type {Document | ShadowRoot} */ (this._node.getRootNode()).activeElement === this._node;
     if (event.code !== this._code && !(event.code === "Enter" && focused)) return false;
     if (this._keys.take(event)) this._changed();
     return true;

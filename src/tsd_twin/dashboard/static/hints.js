@@ -2,11 +2,25 @@
 
 import { Button } from "./button.js";
 import { el, setText } from "./dom.js";
+import { known } from "./link.js";
 
 const KEY = "tsd.hints";
 
+/**
+ * @typedef {object} Step
+ * @property {Element} target
+ * @property {string} text
+ * @property {(state: RobotState) => boolean} when
+ * @property {(state: RobotState) => boolean} done
+ */
+
 export class Hints {
-  /** `steps` have a `target` element, a `text`, `when(state)` it makes sense, and `done(state)`. */
+  /**
+   * `steps` have a `target` element, a `text`, `when(state)` it makes sense, and `done(state)`.
+   * @param {Link} link
+   * @param {Tooltip} tips
+   * @param {Step[]} steps
+   */
   constructor(link, tips, steps) {
     this._steps = steps;
     this._link = link;
@@ -31,6 +45,7 @@ export class Hints {
     link.on("down", () => (this.element.hidden = true));
   }
 
+  /** @param {number} step */
   _go(step) {
     this._at = step;
     if (step >= this._steps.length) remember();
@@ -38,20 +53,20 @@ export class Hints {
   }
 
   _draw() {
-    while (this._at < this._steps.length && this._steps[this._at].done(this._link.state))
-      this._at += 1;
+    const state = known(this._link.state);
+    while (this._at < this._steps.length && this._steps[this._at].done(state)) this._at += 1;
     const step = this._steps[this._at];
     if (step === undefined) remember();
-    this.element.hidden =
-      step === undefined || this._link.isStale() || !step.when(this._link.state);
+    this.element.hidden = step === undefined || this._link.isStale() || !step.when(state);
     if (this.element.hidden) return;
     setText(this._text, step.text);
     setText(this._count, `${this._at + 1} of ${this._steps.length}`);
     this._place(step.target);
   }
 
+  /** @param {Element} target */
   _place(target) {
-    const frame = this.element.parentElement.getBoundingClientRect();
+    const frame = known(this.element.parentElement).getBoundingClientRect();
     const box = target.getBoundingClientRect();
     const own = this.element.getBoundingClientRect();
     const centre = box.left + box.width / 2 - frame.left;

@@ -8,6 +8,7 @@ import { SpringControl } from "./held_controls.js";
 const STICK_KNOB_PX = 22; // Half of it: the knob stays inside.
 
 export class Joystick {
+  /** @param {Drive} drive */
   constructor(drive) {
     this.unit = { x: 0, y: 0, turn: 0 };
     this._asked = el("div", { class: "asked" });
@@ -53,14 +54,22 @@ export class Joystick {
     this._springControl.cancel();
   }
 
+  /** @param {KeyboardEvent} event */
   key(event) {
     return this._springControl.key(event);
   }
 
-  /** Draw what is asked for and what the robot makes of it, as shares of what the level allows. */
+  /**
+   * Draw what is asked for and what the robot makes of it, as shares of what the level allows.
+   * @param {Unit} unit
+   * @param {Unit | null} allowed
+   * @param {number} level
+   * @param {{ speed: number, turn: number }} scale
+   * @param {TwistMapping} space
+   */
   draw(unit, allowed, level, scale, space) {
     placeKnob(this._asked, unit.x, unit.y);
-    this.pad.style.setProperty("--level", level / 100);
+    this.pad.style.setProperty("--level", String(level / 100));
     const [forward, left, word] = space.stick;
     const said = [unit.x, unit.y].map((share) => fixed(share * scale.speed, 2));
     setAttribute(this.pad, "aria-valuetext", `${forward} ${said[0]}, ${left} ${said[1]} ${word}`);
@@ -78,12 +87,14 @@ export class Joystick {
     );
   }
 
+  /** @param {number} right @param {number} up */
   _place(right, up) {
     const length = Math.max(1, Math.hypot(right, up));
     this.unit = { x: up / length, y: -right / length, turn: 0 };
   }
 }
 
+/** @param {HTMLElement} node @param {number} x @param {number} y */
 function placeKnob(node, x, y) {
   node.style.setProperty("--right", (-y).toFixed(4));
   node.style.setProperty("--up", x.toFixed(4));
@@ -93,6 +104,7 @@ function placeKnob(node, x, y) {
 const TURN_KNOB_PX = 28;
 
 export class TurnSlider {
+  /** @param {Drive} drive */
   constructor(drive) {
     this.unit = { x: 0, y: 0, turn: 0 };
     this._asked = el("div", { class: "asked" });
@@ -133,11 +145,17 @@ export class TurnSlider {
     this._springControl.cancel();
   }
 
+  /** @param {KeyboardEvent} event */
   key(event) {
     return this._springControl.key(event);
   }
 
-  /** Draw what is asked for and what the robot makes of it, as shares of what the level allows. */
+  /**
+   * Draw what is asked for and what the robot makes of it, as shares of what the level allows.
+   * @param {number} turn
+   * @param {number | null} allowed
+   * @param {number} omega
+   */
   draw(turn, allowed, omega) {
     this._asked.style.setProperty("--right", (-turn).toFixed(4));
     setAttribute(this._allowed, "hidden", allowed === null ? "" : null);
@@ -149,6 +167,7 @@ export class TurnSlider {
     setAttribute(this.track, "aria-valuetext", `${fixed(Math.abs(omega), 2)} rad/s${way}`);
   }
 
+  /** @param {number} right */
   _place(right) {
     this.unit = { x: 0, y: 0, turn: Math.max(-1, Math.min(1, -right)) };
   }

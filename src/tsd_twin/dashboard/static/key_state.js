@@ -4,7 +4,9 @@
 
 export class KeyState {
   constructor() {
+    /** @type {Set<string>} */
     this._down = new Set();
+    /** @type {Set<string>} */
     this._ignoredUntilUp = new Set();
   }
 
@@ -12,14 +14,21 @@ export class KeyState {
     return this._down.size;
   }
 
-  /** Return the sum of what the keys that are held mean: lists of `length` numbers. */
+  /**
+   * Return the sum of what the keys that are held mean: lists of `length` numbers.
+   * @param {Record<string, number[]>} meanings
+   * @param {number} length
+   */
   sum(meanings, length) {
     const sum = new Array(length).fill(0);
     for (const code of this._down) meanings[code].forEach((value, i) => (sum[i] += value));
     return sum;
   }
 
-  /** Take a key going down or up; return whether that changes what is held. */
+  /**
+   * Take a key going down or up; return whether that changes what is held.
+   * @param {KeyboardEvent} event
+   */
   take({ type, code, repeat }) {
     if (type === "keyup") {
       this._ignoredUntilUp.delete(code);

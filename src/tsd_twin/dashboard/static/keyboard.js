@@ -13,15 +13,18 @@ const DRIVE = {
 };
 
 export class Keyboard {
-  /** `focused(event)` may take a key for the control that has the focus; it returns whether it did. */
+  /**
+   * `focused(event)` may take a key for the control that has the focus; it returns whether it did.
+   * @param {Drive} drive
+   * @param {{ focused: (event: KeyboardEvent) => boolean, stop: () => void }} callbacks
+   */
   constructor(drive, { focused, stop }) {
     this._drive = drive;
     this._focused = focused;
     this._stop = stop;
     this._keys = new KeyState();
-    for (const type of ["keydown", "keyup"]) {
-      addEventListener(type, (event) => this._take(event), { capture: true });
-    }
+    addEventListener("keydown", (event) => this._take(event), { capture: true });
+    addEventListener("keyup", (event) => this._take(event), { capture: true });
   }
 
   get held() {
@@ -38,6 +41,7 @@ export class Keyboard {
     this._keys.cancel();
   }
 
+  /** @param {KeyboardEvent} event */
   _take(event) {
     const target = event.composedPath()[0];
     const up = event.type === "keyup";
@@ -51,12 +55,14 @@ export class Keyboard {
     event.stopImmediatePropagation();
   }
 
+  /** @param {KeyboardEvent} event */
   _takeStop(event) {
     if (event.code !== "Space") return false;
     if (event.type === "keydown" && !event.repeat) this._stop();
     return true;
   }
 
+  /** @param {KeyboardEvent} event */
   _takeDrive(event) {
     if (!(event.code in DRIVE)) return false;
     if (this._keys.take(event)) this._drive.changed();
@@ -64,6 +70,7 @@ export class Keyboard {
   }
 }
 
+/** @param {EventTarget | undefined} target */
 function takesText(target) {
   if (!(target instanceof HTMLElement)) return false;
   if (
@@ -79,8 +86,14 @@ function takesText(target) {
   );
 }
 
-/** A field for a number takes no spaces, so there the space bar stops as everywhere else. */
+/**
+ * A field for a number takes no spaces, so there the space bar stops as everywhere else.
+ * @param {EventTarget | undefined} target
+ */
 function takesSpaces(target) {
-  const numeric = ["numeric", "decimal"].includes(target.inputMode) || target.type === "number";
+  if (!(target instanceof HTMLElement)) return false;
+  const numeric =
+    ["numeric", "decimal"].includes(target.inputMode) ||
+    (target instanceof HTMLInputElement && target.type === "number");
   return takesText(target) && !numeric;
 }

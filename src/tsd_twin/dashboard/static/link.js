@@ -1,6 +1,6 @@
 // WebSocket to the dashboard server with the newest state of the robot, and the quality of the link.
 
-// Link quality, relative to the maximum age of commands.
+// How good the link is, measured against the age up to which commands count.
 const GOOD = 0.4;
 const FAIR = 0.8;
 const GOOD_LOSS = 0.05;
@@ -10,6 +10,7 @@ const FAIR_LOSS = 0.2;
  * Return "good", "fair", "poor" or "none", and the share of the allowed age that a late command
  * uses up: the round trip and its jitter. A command is that old when it arrives, or up to a state's
  * period, 50 ms, older; so beyond four fifths some come too late.
+ * @param {{ tripMs: number | null, jitterMs: number | null, lost: number, allowedMs: number }} link
  */
 export function quality({ tripMs, jitterMs, lost, allowedMs }) {
   if (tripMs === null || !(allowedMs > 0)) return { grade: "none", used: null };
@@ -18,15 +19,31 @@ export function quality({ tripMs, jitterMs, lost, allowedMs }) {
   return { grade: used < FAIR && lost < FAIR_LOSS ? "fair" : "poor", used };
 }
 
-/** Return the median of some numbers, and how much more one in twenty is; null without any. */
+/**
+ * Return the median of some numbers, and how much more one in twenty is; null without any.
+ * @param {number[]} numbers
+ */
 export function medianAndJitter(numbers) {
   if (numbers.length === 0) return { middle: null, jitter: null };
   const sorted = [...numbers].sort((a, b) => a - b);
-  const at = (share) => sorted[Math.max(0, Math.ceil(share * sorted.length) - 1)];
+  const at = (/** @type {number} */ share) =>
+    sorted[Math.max(0, Math.ceil(share * sorted.length) - 1)];
   return { middle: at(0.5), jitter: at(0.95) - at(0.5) };
 }
 
-// WebSocket to the dashboard server, with its newest messages.
+/**
+ * Return a value that is known by now, for example by the order of messages: no state comes before
+ * its robot.
+ * @template T
+ * @param {T | null} value
+ * @throws {TypeError} when it is null
+ */
+export function known(value) {
+  if (value === null) throw new TypeError("a value is missing that the page relies on");
+  return value;
+}
+
+// The socket to the gateway, and the newest of everything that it has said.
 const HEARTBEAT_MS = 100;
 const SERVER_TIMEOUT_MS = 2000; // No echo for this long: the connection is lost, whatever the browser says.
 const RETRY_MS = 500;
@@ -39,28 +56,45 @@ const MAX_STATES = 100;
 const STALE_MS = 300;
 
 export class Link {
+  /** @param {string} page */
   constructor(page) {
     this.page = page;
     this.connected = false;
+    /** @type {SessionInfo | null} */
     this.welcome = null;
+    /** @type {RobotInfo | null} */
     this.robot = null; // What does not change about the robot that is watched.
+    /** @type {string | null} */
     this._requestedRobot = null; // The robot that was chosen, until it is shown.
+    /** @type {RobotState | null} */
     this.state = null;
     this.stateMs = -Infinity; // When it came, on the clock of `performance.now`.
+    /** @type {number | null} */
     this.pageMs = null; // Round trip to the gateway, median of the last few.
+    /** @type {number | null} */
     this.pageJitterMs = null; // How much longer one in twenty takes.
     this.lost = 0; // Share of the states that did not come, of the last few seconds.
+    /** @type {(RobotEvent & { atMs: number })[]} */
     this.history = []; // Events, oldest first.
+    /** @type {Map<string, ((message: never) => void)[]>} */
     this._listeners = new Map();
+    /** @type {number[]} */
     this._trips = [];
+    /** @type {number[]} */
     this._seen = [];
+    /** @type {WebSocket | null} */
     this._socket = null;
+    this._echoMs = -Infinity;
   }
 
-  /** Call `listener` with each message of a type, or for `up`, `down`, `beat`. */
+  /**
+   * Call `listener` with each message of a type, or for `up`, `down`, `beat`.
+   * @template {keyof LinkEvents} K
+   * @param {K} type
+   * @param {(message: LinkEvents[K]) => void} listener
+   */
   on(type, listener) {
-    if (!this._listeners.has(type)) this._listeners.set(type, []);
-    this._listeners.get(type).push(listener);
+    this._listeners.set(type, [...(this._listeners.get(type) ?? []), listener]);
   }
 
   open() {
@@ -68,7 +102,10 @@ export class Link {
     setInterval(() => this._sendHeartbeat(), HEARTBEAT_MS);
   }
 
-  /** Send a message now or never; return whether it went out. */
+  /**
+   * Send a message now or never; return whether it went out.
+   * @param {PageMessage} message
+   */
   send(message) {
     const socket = this._socket;
     if (socket?.readyState !== WebSocket.OPEN) return false;
@@ -77,7 +114,10 @@ export class Link {
     return true;
   }
 
-  /** Turn to another robot, once there is a connection. */
+  /**
+   * Turn to another robot, once there is a connection.
+   * @param {string} id
+   */
   choose(id) {
     this._requestedRobot = id;
     this.send({ t: "robot", id });
@@ -94,15 +134,15 @@ export class Link {
 
   /** Page to robot and back, in ms; null when one of the two is not known. */
   roundTripMs() {
-    if (!this.connected || this.pageMs === null || !Number.isFinite(this.state?.robot_ms ?? NaN))
-      return null;
-    return this.pageMs + this.state.robot_ms;
+    const robotMs = this.state?.robot_ms ?? NaN;
+    if (!this.connected || this.pageMs === null || !Number.isFinite(robotMs)) return null;
+    return this.pageMs + robotMs;
   }
 
   /** How much longer one in twenty round trips takes, in ms; null when it is not known. */
   jitterMs() {
     if (this.roundTripMs() === null) return null;
-    return (this.pageJitterMs ?? 0) + (this.state.robot_jitter_ms ?? 0);
+    return (this.pageJitterMs ?? 0) + (this.state?.robot_jitter_ms ?? 0);
   }
 
   _connect() {
@@ -141,7 +181,7 @@ export class Link {
       if (now - this._echoMs > SERVER_TIMEOUT_MS) {
         const socket = this._socket;
         this._onClose(); // Before closing it: that may take as long as it likes.
-        socket.close();
+        socket?.close();
       } else {
         const focus = window.tsd.hasFocus() && document.visibilityState === "visible";
         this.send({ t: "beat", seen: this.state?.seen ?? 0, sent_ms: now, focus });
@@ -150,6 +190,7 @@ export class Link {
     this._emit("beat");
   }
 
+  /** @param {ServerMessage} message */
   _receive(message) {
     switch (message.t) {
       case "beat":
@@ -181,13 +222,17 @@ export class Link {
     this._emit(message.t, message);
   }
 
-  /** After a new connection, go on with the robot that was watched before. */
+  /**
+   * After a new connection, go on with the robot that was watched before.
+   * @param {SessionInfo} welcome
+   */
   _keepRobot({ robot, robots }) {
     const before = this._requestedRobot ?? this.robot?.id ?? robot;
-    if (before !== robot && robots.some(({ id }) => id === before))
+    if (before !== null && before !== robot && robots.some(({ id }) => id === before))
       this.send({ t: "robot", id: before });
   }
 
+  /** @param {number} sentMs */
   _measure(sentMs) {
     this._echoMs = performance.now();
     this._trips = [...this._trips.slice(1 - MAX_ROUND_TRIPS), this._echoMs - sentMs];
@@ -195,7 +240,10 @@ export class Link {
     this.pageJitterMs = medianAndJitter(this._trips).jitter;
   }
 
-  /** The robot numbers its states, so what is missing is seen. */
+  /**
+   * The robot numbers its states, so what is missing is seen.
+   * @param {number} seen
+   */
   _count(seen) {
     const newest = this._seen.at(-1) ?? -1;
     this._seen = seen < newest ? [seen] : [...this._seen.slice(1 - MAX_STATES), seen];
@@ -203,7 +251,12 @@ export class Link {
     this.lost = Math.max(0, 1 - this._seen.length / sent);
   }
 
+  /**
+   * @param {keyof LinkEvents} type
+   * @param {ServerMessage} [message]
+   */
   _emit(type, message) {
-    for (const listener of this._listeners.get(type) ?? []) listener(message);
+    const told = /** @type {never} */ (message); // Of this type, as `on` promises.
+    for (const listener of this._listeners.get(type) ?? []) listener(told);
   }
 }

@@ -10,7 +10,7 @@ import { HandOver } from "./handover.js";
 import { Hints } from "./hints.js";
 import { Joystick, TurnSlider } from "./joystick.js";
 import { Keyboard } from "./keyboard.js";
-import { Link } from "./link.js";
+import { known, Link } from "./link.js";
 import { isNotable, Notices } from "./notices.js";
 import { PanelSliders } from "./panel_sliders.js";
 import { fillPanelTabs } from "./panel_tabs.js";
@@ -32,6 +32,8 @@ const STYLES = [
   "small",
   "account", // Last: it takes away what others show.
 ];
+
+let stylesLoaded = 0;
 
 const link = new Link(window.tsd.page);
 const drive = new Drive(link);
@@ -94,6 +96,7 @@ const inner = el(
   dock,
   tips.element,
 );
+/** @type {(state: RobotState) => boolean} */
 const isArmed = ({ status }) => ["arming", "ready", "driving"].includes(status.mode);
 const account = new Account(link, tips, inner);
 bar.element.append(account.element);
@@ -124,7 +127,7 @@ const hints = new Hints(link, tips, [
 ]);
 inner.append(hints.element);
 
-const key = (name) => el("kbd", {}, name);
+const key = (/** @type {string} */ name) => el("kbd", {}, name);
 const keysHelp = el(
   "div",
   { class: "keys", "aria-hidden": "true" },
@@ -133,7 +136,7 @@ const keysHelp = el(
 stopButton.element.append(keysHelp);
 stick.element
   .querySelector(".caption")
-  .replaceWith(
+  ?.replaceWith(
     el(
       "div",
       { class: "caption-row" },
@@ -187,6 +190,7 @@ turnAxes("base_link");
 fillPanelTabs(link, going, sphereGoTo);
 link.open();
 
+/** @param {KeyboardEvent} event */
 function keyOfFocused(event) {
   if (going.key(event)) return true;
   const focused = root.activeElement;
@@ -201,19 +205,23 @@ function draw() {
   const space = twistMappingOf(link.robot);
   const byItself = sliders.held || sphereGoTo.held;
   const unit = byItself ? share(space.unit([twist.vx, twist.vy, twist.omega]), scale) : drive.unit;
-  const commanded = refusal === null ? share(inFrame(link.state, space), scale) : null;
+  const commanded = refusal === null ? share(inFrame(known(link.state), space), scale) : null;
   stick.draw(unit, commanded, drive.level, scale, space);
   turn.draw(unit.turn, commanded?.turn ?? null, twist.omega);
   for (const node of [stick.pad, turn.track])
     setAttribute(node, "aria-disabled", refusal === null ? null : "true");
   setText(
-    root.getElementById("stick-help"),
+    known(root.getElementById("stick-help")),
     refusal ?? `Drag, or use the arrow keys. ${space.words}. It springs back.`,
   );
   preview.hidden = !sliders.preview;
 }
 
-/** Return where the controls would be, as shares of what the level allows. */
+/**
+ * Return where the controls would be, as shares of what the level allows.
+ * @param {Unit} unit
+ * @param {{ speed: number, turn: number }} scale
+ */
 function share({ x, y, turn: rate }, { speed, turn: most }) {
   return {
     x: speed > 0 ? x / speed : 0,
@@ -222,7 +230,11 @@ function share({ x, y, turn: rate }, { speed, turn: most }) {
   };
 }
 
-/** Return what is commanded to the joints, along the axes that the stick has. */
+/**
+ * Return what is commanded to the joints, along the axes that the stick has.
+ * @param {RobotState} state
+ * @param {TwistMapping} space
+ */
 function inFrame({ commanded, pose: at }, space) {
   const { x, y, turn: rate } = space.unit(commanded ?? [0, 0, 0]);
   const heading = drive.frame === "odom" ? (at?.[2] ?? 0) : 0;
@@ -230,6 +242,7 @@ function inFrame({ commanded, pose: at }, space) {
   return { x: c * x - s * y, y: s * x + c * y, turn: rate };
 }
 
+/** @param {"base_link" | "odom"} to */
 function turnAxes(to = drive.frame === "odom" ? "base_link" : "odom") {
   drive.release(); // The same push would mean another way.
   drive.frame = to;
@@ -238,10 +251,11 @@ function turnAxes(to = drive.frame === "odom" ? "base_link" : "odom") {
 }
 
 function styled() {
-  styled.count = (styled.count ?? 0) + 1;
-  if (styled.count === STYLES.length) inner.style.removeProperty("visibility");
+  stylesLoaded += 1;
+  if (stylesLoaded === STYLES.length) inner.style.removeProperty("visibility");
 }
 
+/** @param {boolean} folded */
 function fold(folded) {
   setAttribute(inner, "data-folded", folded ? "" : null);
   bar.showFolded(folded);

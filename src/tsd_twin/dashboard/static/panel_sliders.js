@@ -2,24 +2,29 @@
 // seen here: they count while a pointer that came down in the panel is down, or while latched.
 
 const RESET_EVERY_MS = 250;
+/** @type {SliderValues} */
 const AT_ZERO = { vx: 0, vy: 0, omega: 0, mode: "preview", latch: false };
 
 export class PanelSliders {
+  /** @param {Drive} drive @param {Link} link @param {(event: Event) => boolean} isPanel */
   constructor(drive, link, isPanel) {
     this.preview = false; // They pose the gimbals only, and are not at zero.
     this._drive = drive;
     this._link = link;
     this._panel = AT_ZERO;
+    /** @type {number | null} */
+    this._again = null;
+    /** @type {Set<number>} */
     this._pointers = new Set();
     this._touched = false; // By a hand, since they were last let go.
     this._resetMs = -Infinity;
     link.on("panel", (message) => this._take(message));
-    for (const gone of ["released", "down"]) link.on(gone, () => this._show(AT_ZERO));
-    const listen = (type, listener) => addEventListener(type, listener, { capture: true });
-    listen("pointerdown", (event) => isPanel(event) && this._onPointerDown(event));
-    listen("keydown", (event) => isPanel(event) && (this._touched = true));
-    listen("pointerup", (event) => this._onPointerUp(event));
-    listen("pointercancel", (event) => this._onPointerUp(event));
+    link.on("released", () => this._show(AT_ZERO));
+    link.on("down", () => this._show(AT_ZERO));
+    addEventListener("pointerdown", (event) => isPanel(event) && this._onPointerDown(event), true);
+    addEventListener("keydown", (event) => isPanel(event) && (this._touched = true), true);
+    addEventListener("pointerup", (event) => this._onPointerUp(event), true);
+    addEventListener("pointercancel", (event) => this._onPointerUp(event), true);
   }
 
   get held() {
@@ -38,15 +43,18 @@ export class PanelSliders {
     if (this._panel.mode === "drive" && isMoving(this._panel)) this._reset();
   }
 
+  /** @param {SliderValues} panel */
   _isHeld(panel) {
     return this._touched && (panel.latch || this._pointers.size > 0);
   }
 
+  /** @param {PointerEvent} event */
   _onPointerDown(event) {
     this._touched = true;
     this._pointers.add(event.pointerId);
   }
 
+  /** @param {PointerEvent} event */
   _onPointerUp(event) {
     if (!this._pointers.delete(event.pointerId)) return;
     if (this._panel.mode === "drive" && isMoving(this._panel) && !this._isHeld(this._panel))
@@ -54,6 +62,7 @@ export class PanelSliders {
     this._drive.changed();
   }
 
+  /** @param {SliderValues} panel */
   _take(panel) {
     this._show(panel);
     // What viser has held back for a moment comes after the hand has gone.
@@ -61,6 +70,7 @@ export class PanelSliders {
     this._drive.changed();
   }
 
+  /** @param {SliderValues} panel */
   _show(panel) {
     this._panel = panel;
     this.preview = panel.mode === "preview" && isMoving(panel);
@@ -71,7 +81,10 @@ export class PanelSliders {
     const now = performance.now();
     if (now - this._resetMs < RESET_EVERY_MS) {
       // Once more when they have come to rest, or the last one would stay where it is.
-      this._again ??= setTimeout(() => ((this._again = null), this._requestReset()), RESET_EVERY_MS);
+      this._again ??= setTimeout(
+        () => ((this._again = null), this._requestReset()),
+        RESET_EVERY_MS,
+      );
       return;
     }
     this._requestReset();
@@ -83,6 +96,7 @@ export class PanelSliders {
   }
 }
 
+/** @param {{ vx: number, vy: number, omega: number }} panel */
 function isMoving({ vx, vy, omega }) {
   return vx !== 0 || vy !== 0 || omega !== 0;
 }

@@ -14,9 +14,12 @@ import { Wheels } from "./wheels.js";
 const PANELS = { gimbals: Gimbals, wheels: Wheels, sphere: Sphere };
 
 export class ActuatorTab {
+  /** @param {Link} link @param {ShadowRoot} place @param {SphereGoTo} sphereGoTo */
   constructor(link, place, sphereGoTo) {
     this._link = link;
     this._sphereGoTo = sphereGoTo;
+    /** @type {RobotInfo["panel"] | null} */
+    this._kind = null;
     this._place = el("div");
     place.append(this._place);
     this._open = true;
@@ -41,9 +44,15 @@ export class ActuatorTab {
 
 // The tabs of viser's panel that we fill: viser makes empty places, and makes them anew when it
 // connects again.
-/** Fill all places that there are and that will come, and name what viser leaves without a name. */
+/**
+ * Fill all places that there are and that will come, and name what viser leaves without a name.
+ * @param {Link} link
+ * @param {Waypoints} going
+ * @param {SphereGoTo} sphereGoTo
+ */
 export function fillPanelTabs(link, going, sphereGoTo) {
   const recorder = new Recorder(link);
+  /** @type {Record<string, (place: ShadowRoot) => { close(): void }>} */
   const contents = {
     route: (place) => new WaypointForm(link, going, place),
     joints: (place) => new ActuatorTab(link, place, sphereGoTo),
@@ -51,6 +60,7 @@ export function fillPanelTabs(link, going, sphereGoTo) {
     plots: (place) => new Plots(recorder, place),
     health: (place) => new Health(link, place),
   };
+  /** @type {Map<Element, { close(): void }>} */
   const filled = new Map();
   const fill = () => {
     addAriaLabels();
@@ -59,8 +69,10 @@ export function fillPanelTabs(link, going, sphereGoTo) {
       content.close();
       filled.delete(place);
     }
-    for (const place of document.querySelectorAll("[data-tsd]")) {
-      const make = contents[place.dataset.tsd];
+    for (const place of /** @type {NodeListOf<HTMLElement>} */ (
+      document.querySelectorAll("[data-tsd]")
+    )) {
+      const make = contents[place.dataset.tsd ?? ""];
       if (make !== undefined && !filled.has(place)) filled.set(place, make(shadow(place)));
     }
   };
@@ -73,6 +85,7 @@ export function fillPanelTabs(link, going, sphereGoTo) {
   fill();
 }
 
+/** @type {Record<string, string[]>} */
 const STYLES = {
   route: ["waypoint_form"],
   joints: ["gimbals", "wheels"],
@@ -81,9 +94,10 @@ const STYLES = {
   health: ["health"],
 };
 
+/** @param {HTMLElement} place */
 function shadow(place) {
   const root = place.shadowRoot ?? place.attachShadow({ mode: "open" });
-  const styles = ["base", "panel", ...STYLES[place.dataset.tsd]];
+  const styles = ["base", "panel", ...STYLES[place.dataset.tsd ?? ""]];
   root.replaceChildren(
     ...styles.map((name) => el("link", { rel: "stylesheet", href: `static/${name}.css` })),
   );

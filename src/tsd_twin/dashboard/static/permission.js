@@ -1,7 +1,10 @@
 // Permission checks: each returns the reason of a refusal as a sentence, or null.
 
+import { known } from "./link.js";
+
 const MOVABLE = new Set(["ready", "driving"]);
 const LATCHED = new Set(["stopped", "fault"]);
+/** @type {Record<string, string>} */
 const SAID = {
   disarmed: "the robot is disarmed: arm it first",
   arming: "the robot is still arming",
@@ -12,10 +15,12 @@ const SAID = {
 
 export const WATCHES = "You watch: a viewer does not drive.";
 
+/** @param {Link} link */
 export function watches(link) {
   return link.welcome?.role === "viewer";
 }
 
+/** @param {Link} link */
 function notConnected(link) {
   if (!link.connected) return "No connection to the dashboard.";
   if (link.robot === null) return "No robot is on the bus.";
@@ -23,67 +28,78 @@ function notConnected(link) {
   return null;
 }
 
+/** @param {Link} link */
 function notAllowed(link) {
   return notConnected(link) ?? (watches(link) ? WATCHES : null);
 }
 
+/** @param {Link} link */
 export function notHolder(link) {
   const reason = notAllowed(link);
   if (reason !== null) return reason;
-  if (link.state.you) return null;
-  const holder = link.state.status.lease.holder;
+  if (known(link.state).you) return null;
+  const holder = known(link.state).status.lease.holder;
   return holder === null
     ? "The lease is free: take control first."
     : `${holder} drives: ask for control.`;
 }
 
+/** @param {Link} link */
 export function notDrive(link) {
   const reason = notHolder(link);
   if (reason !== null) return reason;
-  const mode = link.state.status.mode;
+  const mode = known(link.state).status.mode;
   return MOVABLE.has(mode) ? null : capital(SAID[mode] ?? `the robot is ${mode}`);
 }
 
+/** @param {Link} link */
 export function notTake(link) {
   const reason = notAllowed(link);
   if (reason !== null) return reason;
-  const { reserved_for: kept } = link.state.status.lease;
+  const { reserved_for: kept } = known(link.state).status.lease;
   const free = (kept ?? null) === null || kept === link.welcome?.operator;
   return free ? null : `Control is kept for ${kept}, for a moment.`;
 }
 
+/** @param {Link} link */
 export function notStop(link) {
   const may = link.welcome?.may_stop ?? true;
   return may ? null : "You watch: a viewer neither drives nor stops.";
 }
 
+/** @param {Link} link */
 export function notArm(link) {
   const reason = notHolder(link);
   if (reason !== null) return reason;
-  const mode = link.state.status.mode;
+  const mode = known(link.state).status.mode;
   if (LATCHED.has(mode)) return capital(SAID[mode]);
   return mode === "disarmed" ? null : `The robot is ${mode} already.`;
 }
 
+/** @param {Link} link */
 export function notSetWheelSpeed(link) {
   const reason = notHolder(link);
   if (reason !== null) return reason;
-  const mode = link.state.status.mode;
+  const mode = known(link.state).status.mode;
   return LATCHED.has(mode) ? capital(SAID[mode]) : null;
 }
 
+/** @param {Link} link */
 export function notPlan(link) {
   return notSetWheelSpeed(link);
 }
 
+/** @param {Link} link */
 export function notDisarm(link) {
   return notHolder(link);
 }
 
+/** @param {Link} link */
 export function notReset(link) {
   return notHolder(link);
 }
 
+/** @param {string} sentence */
 function capital(sentence) {
   return `${sentence[0].toUpperCase()}${sentence.slice(1)}.`;
 }

@@ -2,6 +2,7 @@
 
 import { el, isVisible, setText } from "./dom.js";
 import { fixed } from "./format.js";
+import { known } from "./link.js";
 
 // The last twenty seconds of what is plotted, kept from the moment the page is opened.
 export const SPAN_S = 20;
@@ -9,10 +10,13 @@ const MAX_SAMPLES = 1024;
 const NO_VECTOR = [null, null, null];
 
 export class Recorder {
+  /** @param {Link} link */
   constructor(link) {
     this.times = new Float64Array(MAX_SAMPLES);
+    /** @type {Map<string, Float64Array>} */
     this.rows = new Map(); // Name of a channel to its values, in the same places as the times.
     this.count = 0; // Samples so far; the newest is at (count - 1) modulo the length.
+    /** @type {RobotInfo | null} */
     this.card = null; // Of the robot that is recorded.
     link.on("state", (state) => this._take(state, link));
     link.on("robot", (robot) => this._begin(robot));
@@ -22,7 +26,12 @@ export class Recorder {
     return Math.min(this.count, MAX_SAMPLES);
   }
 
-  /** Call `each(time_s, value)` for a channel, oldest first, from a time on. */
+  /**
+   * Call `each(time_s, value)` for a channel, oldest first, from a time on.
+   * @param {string} channel
+   * @param {number} fromS
+   * @param {(timeS: number, value: number) => void} each
+   */
   each(channel, fromS, each) {
     const values = this.rows.get(channel);
     if (values === undefined) return;
@@ -32,18 +41,22 @@ export class Recorder {
     }
   }
 
+  /** @param {string} channel */
   newest(channel) {
-    return this.count === 0 ? NaN : (this.rows.get(channel)?.[(this.count - 1) % MAX_SAMPLES] ?? NaN);
+    return this.count === 0
+      ? NaN
+      : (this.rows.get(channel)?.[(this.count - 1) % MAX_SAMPLES] ?? NaN);
   }
 
+  /** @param {RobotInfo} robot */
   _begin(robot) {
-    if (this.robot === robot.id) return;
-    this.robot = robot.id;
+    if (this.card?.id === robot.id) return;
     this.card = robot;
     this.count = 0;
     this.rows.clear();
   }
 
+  /** @param {RobotState} state @param {Link} link */
   _take(state, link) {
     if (this.card === null) return;
     const at = this.count % MAX_SAMPLES;
@@ -65,9 +78,11 @@ export class Recorder {
     this.count += 1;
   }
 
+  /** @param {string} channel @param {number} at @param {number | null | undefined} value */
   _put(channel, at, value) {
-    if (!this.rows.has(channel)) this.rows.set(channel, new Float64Array(MAX_SAMPLES).fill(NaN));
-    this.rows.get(channel)[at] = value ?? NaN;
+    const values = this.rows.get(channel) ?? new Float64Array(MAX_SAMPLES).fill(NaN);
+    this.rows.set(channel, values);
+    values[at] = value ?? NaN;
   }
 }
 
@@ -78,8 +93,26 @@ const AXIS_PX = 16;
 const GAP_S = 0.3; // A line is not drawn over what was not seen.
 const STEPS = [1, 2, 5, 10];
 
+/** @typedef {{ channel: string, width: number, swatch: Element }} Line */
+/** @typedef {(value: number) => number} Scale From a time or value to pixels. */
+/**
+ * @typedef {object} Row A chart and its legend.
+ * @property {string} title
+ * @property {string} unit
+ * @property {number} decimals
+ * @property {number} least
+ * @property {[label: string, channel: string][]} series
+ * @property {boolean} [positive]
+ * @property {boolean} [pairs] Whether each channel has a commanded one.
+ */
+
 export class Chart {
-  /** `lines` are `{channel, width, swatch}`; the colour of the swatch is that of the line. */
+  /**
+   * `lines` are `{channel, width, swatch}`; the colour of the swatch is that of the line.
+   * @param {Recorder} recorder
+   * @param {HTMLCanvasElement} canvas
+   * @param {{ lines: Line[], least: number, positive: boolean, axis: boolean }} options
+   */
   constructor(recorder, canvas, { lines, least, positive, axis }) {
     this._recorder = recorder;
     this._canvas = canvas;
@@ -91,6 +124,7 @@ export class Chart {
     canvas.style.height = `${this._height}px`;
   }
 
+  /** @param {number} nowS */
   draw(nowS) {
     const canvas = this._canvas;
     const [width, height, density] = [canvas.clientWidth, this._height, devicePixelRatio || 1];
@@ -100,13 +134,15 @@ export class Chart {
       canvas.height = Math.round(height * density);
     }
     // In plain memory: a graphics card that is busy with the scene would keep this page waiting.
-    const pen = canvas.getContext("2d", { willReadFrequently: true });
+    const pen = known(canvas.getContext("2d", { willReadFrequently: true }));
     pen.setTransform(density, 0, 0, density, 0, 0);
     pen.clearRect(0, 0, width, height);
     const style = getComputedStyle(canvas);
     const top = this._range(nowS);
     const bottom = this._positive ? 0 : -top;
+    /** @type {Scale} */
     const x = (timeS) => GUTTER_PX + ((timeS - nowS + SPAN_S) / SPAN_S) * (width - GUTTER_PX - 1);
+    /** @type {Scale} */
     const y = (value) => 5 + ((top - value) / (top - bottom)) * (HEIGHT_PX - 10);
     this._grid(pen, style, { x, y, top, bottom, width, nowS });
     pen.save();
@@ -117,7 +153,10 @@ export class Chart {
     pen.restore();
   }
 
-  /** Return the end of the value axis: a round number, that shrinks only when there is much room. */
+  /**
+   * Return the end of the value axis: a round number, that shrinks only when there is much room.
+   * @param {number} nowS
+   */
   _range(nowS) {
     let most = this._least;
     for (const { channel } of this._lines) {
@@ -126,11 +165,16 @@ export class Chart {
       });
     }
     const power = 10 ** Math.floor(Math.log10(most));
-    const round = power * STEPS.find((step) => power * step >= most * 0.999);
+    const round = power * (STEPS.find((step) => power * step >= most * 0.999) ?? NaN);
     if (this._top === undefined || round > this._top || most < 0.4 * this._top) this._top = round;
     return this._top;
   }
 
+  /**
+   * @param {CanvasRenderingContext2D} pen
+   * @param {CSSStyleDeclaration} style
+   * @param {{ x: Scale, y: Scale, top: number, bottom: number, width: number, nowS: number }} frame
+   */
   _grid(pen, style, { x, y, top, bottom, width, nowS }) {
     pen.strokeStyle = style.borderTopColor;
     pen.lineWidth = 1;
@@ -160,6 +204,13 @@ export class Chart {
     }
   }
 
+  /**
+   * @param {CanvasRenderingContext2D} pen
+   * @param {Line} line
+   * @param {Scale} x
+   * @param {Scale} y
+   * @param {number} nowS
+   */
   _line(pen, { channel, width, swatch }, x, y, nowS) {
     pen.strokeStyle = getComputedStyle(swatch).color;
     pen.lineWidth = width;
@@ -176,6 +227,7 @@ export class Chart {
   }
 }
 
+/** @param {number} value */
 function tick(value) {
   const text = Number(Math.abs(value).toPrecision(3)).toString();
   return value < 0 ? `\u2212${text}` : text;
@@ -185,6 +237,7 @@ function tick(value) {
 const FRAME_MS = 80;
 const TONES = ["one", "two", "three", "four"];
 
+/** @type {Row} */
 const CONFLICT = {
   title: "Conflict",
   unit: "m/s",
@@ -193,6 +246,7 @@ const CONFLICT = {
   series: [["residual", "conflict"]],
   positive: true,
 };
+/** @type {Record<RobotInfo["panel"], (robot: RobotInfo) => Row[]>} */
 const ACTUATORS = {
   gimbals: ({ modules }) => [
     {
@@ -219,10 +273,16 @@ const ACTUATORS = {
   ],
 };
 
-/** Numbers of the twist, those of one unit in one chart. */
+/**
+ * Numbers of the twist, those of one unit in one chart.
+ * @param {RobotInfo} robot
+ * @returns {Row[]}
+ */
 function motion({ space, numbers }) {
+  /** @type {Record<string, number>} */
   const least = { "m/s": 0.2, "rad/s": 0.5 };
   const units = [...new Set(numbers.map(({ unit }) => unit))];
+  /** @type {Record<string, string>} */
   const titles = { "m/s": "Velocity", "rad/s": space === "ball" ? "Turning" : "Turn rate" };
   return units.map((unit) => ({
     title: titles[unit],
@@ -234,20 +294,27 @@ function motion({ space, numbers }) {
   }));
 }
 
+/**
+ * @param {RobotInfo} robot
+ * @returns {Row}
+ */
 function speeds({ wheels, max_rpm: most }) {
   return {
     title: "Wheels",
     unit: "rpm",
     decimals: 0,
-    least: most / 10,
+    least: (most ?? NaN) / 10,
     series: wheels.map((name, i) => [String(i + 1), name]),
     pairs: true,
   };
 }
 
 export class Plots {
+  /** @param {Recorder} recorder @param {ShadowRoot} place */
   constructor(recorder, place) {
     this._recorder = recorder;
+    /** @type {{ chart: Chart, values: { node: Element, channel: string, decimals: number }[] }[]} */
+    this._rows = [];
     this._place = el("div", { class: "plots" });
     place.append(this._place);
     this._timer = setInterval(() => this._draw(), FRAME_MS);
@@ -269,8 +336,10 @@ export class Plots {
     }
   }
 
+  /** @param {RobotInfo} card */
   _build(card) {
     this._card = card;
+    /** @type {Row[]} */
     const rows = [
       ...motion(card),
       ...ACTUATORS[card.panel](card),
@@ -283,7 +352,8 @@ export class Plots {
         positive: true,
       },
     ];
-    this._rows = rows.map((row, i) => this._row(row, i === rows.length - 1));
+    const shown = rows.map((row, i) => this._row(row, i === rows.length - 1));
+    this._rows = shown;
     this._place.replaceChildren(
       el(
         "p",
@@ -293,10 +363,11 @@ export class Plots {
         el("span", { class: "thick" }),
         "estimated",
       ),
-      ...this._rows.map(({ element }) => element),
+      ...shown.map(({ element }) => element),
     );
   }
 
+  /** @param {Row} row @param {boolean} last */
   _row({ title, unit, decimals, series, pairs, least, positive }, last) {
     const values = series.map(([label, channel], i) => ({
       label,

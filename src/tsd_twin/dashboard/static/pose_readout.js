@@ -4,6 +4,8 @@ import { el, setText } from "./dom.js";
 import { degrees, fixed } from "./format.js";
 
 // What is read of a state for each space: groups of figures with name, unit and value.
+/** @typedef {[string, string, (state: Partial<RobotState>) => string]} Reading */
+/** @type {Record<RobotInfo["space"], Record<string, Reading[]>>} */
 const READINGS = {
   floor: {
     Pose: [
@@ -27,8 +29,13 @@ const READINGS = {
 };
 
 export class PoseReadout {
+  /** @param {Link} link */
   constructor(link) {
     this._link = link;
+    /** @type {RobotInfo["space"] | null} */
+    this._space = null;
+    /** @type {[Element, Reading[2]][]} */
+    this._cells = [];
     this.element = el("div", { class: "pose surface" });
     link.on("beat", () => this._draw()); // Half as often as states arrive.
     link.on("robot", () => this._build());
@@ -53,6 +60,7 @@ export class PoseReadout {
     this._draw();
   }
 
+  /** @param {string} name @param {string} unit @param {Reading[2]} read */
   _figure(name, unit, read) {
     const value = el("span", { class: "value number" });
     this._cells.push([value, read]);
@@ -73,7 +81,10 @@ export class PoseReadout {
   }
 }
 
-/** By how much a ball is turned from where it was built in, degrees. */
+/**
+ * By how much a ball is turned from where it was built in, degrees.
+ * @param {SphereState | null | undefined} ball
+ */
 function turned(ball) {
   if (!ball) return "–";
   const [w, x, y, z] = ball.wxyz;

@@ -8,13 +8,17 @@
   const LOST_MS = 5000; // No frame takes this long: the fence is lost.
 
   const next = window.requestAnimationFrame.bind(window);
+  /** @type {HTMLCanvasElement | null} */
   let canvas = null;
+  /** @type {WebGL2RenderingContext | null} */
   let context = null;
+  /** @type {WebGLSync | null} */
   let fence = null; // Passed when the frame has been drawn.
   let begunMs = 0;
   let slow = false;
   let restUntilMs = 0;
   let number = 0;
+  /** @type {Map<number, FrameRequestCallback>} */
   const wanted = new Map();
   let asked = false;
 
@@ -30,36 +34,42 @@
     asked = true;
   }
 
+  /** @param {number} timeMs */
   function frame(timeMs) {
     asked = false;
     if (mayDraw(performance.now())) draw(timeMs);
     if (wanted.size > 0 || fence !== null) ask();
   }
 
+  /** @param {number} nowMs */
   function mayDraw(nowMs) {
     if (fence !== null && isPassed(nowMs)) {
       const tookMs = nowMs - begunMs;
       slow = tookMs > SLOW_MS;
       restUntilMs = slow ? Math.min(nowMs + tookMs, begunMs + LOST_MS) : 0;
-      context.deleteSync(fence);
+      context?.deleteSync(fence);
       fence = null;
     }
     const late = fence !== null && (slow || nowMs - begunMs > SLOW_MS);
     return !late && nowMs >= restUntilMs;
   }
 
+  /** @param {number} nowMs */
   function isPassed(nowMs) {
     return (
+      context === null ||
+      fence === null ||
       context.isContextLost() ||
       nowMs - begunMs > LOST_MS ||
       context.getSyncParameter(fence, context.SYNC_STATUS) === context.SIGNALED
     );
   }
 
+  /** @param {number} timeMs */
   function draw(timeMs) {
     for (const which of [...wanted.keys()]) {
       const callback = wanted.get(which); // What they ask for meanwhile is the next frame's.
-      if (!wanted.delete(which)) continue; // One before has cancelled it.
+      if (callback === undefined || !wanted.delete(which)) continue; // One before has cancelled it.
       try {
         callback(timeMs);
       } catch (error) {

@@ -6,8 +6,10 @@ import { fixed } from "./format.js";
 const FALLBACK = [20, 50, 80, 100];
 
 export class SpeedLevel {
+  /** @param {Link} link @param {Drive} drive @param {Tooltip} tips */
   constructor(link, drive, tips) {
     this._drive = drive;
+    /** @type {number[]} */
     this._choices = [];
     this._group = el("span", {
       class: "levels",
@@ -26,6 +28,7 @@ export class SpeedLevel {
     this._offer(FALLBACK);
   }
 
+  /** @param {LimitStatus | undefined} limits */
   _explain(limits) {
     const what = "How fast a full stick drives, in percent of the limits.";
     if (limits === undefined) return what;
@@ -35,6 +38,7 @@ export class SpeedLevel {
     );
   }
 
+  /** @param {number[]} levels */
   _offer(levels) {
     if (levels.join() === this._choices.join()) return;
     this._choices = [...levels];
@@ -57,9 +61,10 @@ export class SpeedLevel {
     this._set(levels.includes(this._drive.level) ? this._drive.level : levels[0]);
   }
 
+  /** @param {number} level */
   _set(level) {
     this._drive.level = level;
-    for (const choice of this._group.querySelectorAll("[role=radio]")) {
+    for (const choice of this._group.querySelectorAll("button")) {
       const chosen = choice.dataset.level === String(level);
       setAttribute(choice, "aria-checked", String(chosen));
       choice.tabIndex = chosen ? 0 : -1;
@@ -67,13 +72,16 @@ export class SpeedLevel {
     this._drive.changed();
   }
 
+  /** @param {KeyboardEvent} event */
   _key(event) {
-    const step = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 }[event.key];
+    /** @type {Record<string, number>} */
+    const steps = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 };
+    const step = steps[event.key];
     if (step === undefined) return;
     event.preventDefault();
     event.stopPropagation();
     const at = this._choices.indexOf(this._drive.level) + step;
     this._set(this._choices[Math.max(0, Math.min(this._choices.length - 1, at))]);
-    this._group.querySelector("[aria-checked=true]").focus();
+    /** @type {HTMLElement | null} */ (this._group.querySelector("[aria-checked=true]"))?.focus();
   }
 }

@@ -2,11 +2,13 @@
 
 import { el, isVisible, setAttribute, setText, svg } from "./dom.js";
 import { fixed } from "./format.js";
+import { known } from "./link.js";
 import { notDrive } from "./permission.js";
 import { rotated } from "./twist_mapping.js";
 import { EstimateDifference, WheelList } from "./wheels.js";
 
 const RADIUS = 40; // Of the drawing.
+/** @type {[string, Triple, string][]} */
 const ENDS = [
   ["front", [1, 0, 0], "front"],
   ["plain", [-1, 0, 0], "back"],
@@ -18,6 +20,7 @@ const ENDS = [
 const ROWS = ["–", "first", "second"];
 
 export class Sphere {
+  /** @param {Link} link @param {HTMLElement} place @param {SphereGoTo} sphereGoTo */
   constructor(link, place, sphereGoTo) {
     this._link = link;
     this._marks = ENDS.map(([name]) => svg("circle", { class: name, r: 5 }));
@@ -33,6 +36,7 @@ export class Sphere {
       svg("path", { class: "cross", d: `M0 ${-RADIUS}V${RADIUS}M${-RADIUS} 0H${RADIUS}` }),
       ...this._marks,
     );
+    /** @type {Record<string, Element[]>} */
     this._cells = {};
     const table = el(
       "table",
@@ -57,7 +61,11 @@ export class Sphere {
       this._rows,
       this._apart.element,
       this._list.element,
-      el("p", { class: "verdict" }, "Click on the sphere to bring that point up, or choose a mark:"),
+      el(
+        "p",
+        { class: "verdict" },
+        "Click on the sphere to bring that point up, or choose a mark:",
+      ),
       el("div", { class: "bring", role: "group", "aria-label": "Bring up" }, ...this._bring),
     );
     this._open = true;
@@ -68,6 +76,7 @@ export class Sphere {
     this._open = false;
   }
 
+  /** @param {string} name */
   _line(name) {
     const cells = ["ideal", "dual"].map(() => el("td", { class: "value" }));
     this._cells[name] = cells;
@@ -79,7 +88,7 @@ export class Sphere {
     this._apart.show();
     const refused = notDrive(this._link) === null ? null : "true";
     for (const button of this._bring) setAttribute(button, "aria-disabled", refused);
-    const { ball } = this._link.state;
+    const { ball } = known(this._link.state);
     if (ball === null) return;
     this._marks.forEach((node, i) => put(node, rotated(ball.wxyz, ENDS[i][1])));
     ["ωx", "ωy", "ωz"].forEach((name, i) => {
@@ -95,7 +104,11 @@ export class Sphere {
   }
 }
 
-/** Seen from above, x up and y to the left; what is below is faint. */
+/**
+ * Seen from above, x up and y to the left; what is below is faint.
+ * @param {Element} node
+ * @param {Triple} point
+ */
 function put(node, [x, y, z]) {
   setAttribute(node, "cx", (-y * RADIUS).toFixed(2));
   setAttribute(node, "cy", (-x * RADIUS).toFixed(2));

@@ -9,9 +9,11 @@ const NEAR_RAD = 0.01;
 const APPROACH_PER_S = 2;
 
 export class SphereGoTo {
+  /** @param {Drive} drive @param {Link} link @param {(event: Event) => boolean} isScene */
   constructor(drive, link, isScene) {
     this._drive = drive;
     this._link = link;
+    /** @type {{ at: Triple, untilMs: number } | null} */
     this._goal = null;
     this._clickedMs = -Infinity;
     addEventListener(
@@ -38,7 +40,10 @@ export class SphereGoTo {
     return { vx: rate * way.axis[0], vy: rate * way.axis[1], omega: 0 };
   }
 
-  /** Bring a point up: a unit vector along the axes that are painted on the sphere. */
+  /**
+   * Bring a point up: a unit vector along the axes that are painted on the sphere.
+   * @param {Triple} at
+   */
   bring(at) {
     this._goal = { at, untilMs: performance.now() + TIMEOUT_MS };
     this._drive.changed();
@@ -48,6 +53,7 @@ export class SphereGoTo {
     this._goal = null;
   }
 
+  /** @param {SphereClick} click */
   _take({ robot, at }) {
     const now = performance.now();
     const asked = now - this._clickedMs < CLICK_MS;

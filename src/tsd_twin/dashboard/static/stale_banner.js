@@ -4,6 +4,7 @@ import { el, icon, setText } from "./dom.js";
 import { duration } from "./format.js";
 
 export class StaleBanner {
+  /** @param {Link} link */
   constructor(link) {
     this._link = link;
     this.veil = el("div", { class: "veil", hidden: true });
@@ -18,7 +19,8 @@ export class StaleBanner {
       this._count,
       this._then,
     );
-    for (const type of ["beat", "state", "down"]) link.on(type, () => this._draw());
+    for (const type of /** @type {const} */ (["beat", "state", "down"]))
+      link.on(type, () => this._draw());
   }
 
   _draw() {
@@ -31,10 +33,14 @@ export class StaleBanner {
     const known = Number.isFinite(ageMs);
     setText(this._text, this._headline(known));
     const seconds = ageMs / 1000;
-    setText(this._count, known ? (seconds < 60 ? `${seconds.toFixed(1)} s` : duration(seconds)) : "");
+    setText(
+      this._count,
+      known ? (seconds < 60 ? `${seconds.toFixed(1)} s` : duration(seconds)) : "",
+    );
     setText(this._then, known ? "What you see is old. The robot stops by itself." : "");
   }
 
+  /** @param {boolean} known */
   _headline(known) {
     if (!this._link.connected) return "No connection to the dashboard";
     if (this._link.robot === null) return "Waiting for a robot";

@@ -3,17 +3,28 @@
 import { Button } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
-import { quality } from "./link.js";
+import { known, quality } from "./link.js";
 import { notArm, notDisarm, notTake } from "./permission.js";
 
 const AT_REST = new Set(["disarmed", "stopped", "fault"]);
+/** @type {Record<string, string>} */
 const WORDS = { good: "good", fair: "fair", poor: "poor", none: "" };
 const FAR_MS = 120; // From here on commands would be late too often for the usual age limit.
 
 export class StatusBar {
+  /**
+   * @param {Link} link
+   * @param {Tooltip} tips
+   * @param {{ handOver: () => import("./handover.js").HandOver, fold: () => void }} callbacks
+   */
   constructor(link, tips, { handOver, fold }) {
     this._link = link;
     this._handOver = handOver;
+    /** @type {boolean} */
+    this._armed = false;
+    /** @type {string | null} */
+    this._shownMode = null;
+    this._shownGrade = "";
     this._robots = el("select", { "aria-label": "Robot", onchange: () => this._choose() });
     this._modeIcon = el("span", { class: "shape" });
     this._modeWord = el("span");
@@ -60,7 +71,7 @@ export class StatusBar {
       el("span", { class: "group facts" }, this._linkStatus, this._battery),
       el("span", { class: "group last" }, this.level, this._fold.element),
     );
-    for (const type of ["state", "welcome", "robot", "beat", "down"])
+    for (const type of /** @type {const} */ (["state", "welcome", "robot", "beat", "down"]))
       link.on(type, () => this._draw());
     this._draw();
   }
@@ -72,12 +83,16 @@ export class StatusBar {
     return { max_age_s: trip !== null && trip > FAR_MS ? (2 * trip + 100) / 1000 : null };
   }
 
-  /** Acquire control of the robot that is watched; with a reason, also from who has it. */
+  /**
+   * Acquire control of the robot that is watched; with a reason, also from who has it.
+   * @param {string | null} reason
+   */
   take(reason = null) {
     const over = reason === null ? {} : { take_over: true, reason };
     this._link.send({ t: "lease", op: "acquire", ...this.wish(), ...over });
   }
 
+  /** @param {boolean} folded */
   showFolded(folded) {
     this._fold.become(
       folded ? "Unfold" : "Fold",
@@ -87,7 +102,7 @@ export class StatusBar {
   }
 
   _pressControl() {
-    const { you, status } = this._link.state;
+    const { you, status } = known(this._link.state);
     if (you) this._link.send({ t: "lease", op: "release" });
     else if (this._handOver().waits) this._handOver().withdraw();
     else if (status.lease.holder !== null) this._handOver().ask();
@@ -108,7 +123,7 @@ export class StatusBar {
     this._drawLink();
     const volts = status?.hardware.battery_v;
     this._battery.hidden = typeof volts !== "number";
-    setText(this._volts, `${fixed(volts, 1)} V`);
+    if (typeof volts === "number") setText(this._volts, `${fixed(volts, 1)} V`);
   }
 
   _drawRobots() {
@@ -124,6 +139,7 @@ export class StatusBar {
     if (this._link.robot !== null) this._robots.value = this._link.robot.id;
   }
 
+  /** @param {string | null} mode */
   _drawMode(mode) {
     const word = mode ?? (this._link.robot === null ? "no robot" : "no signal");
     if (mode !== this._shownMode || this._modeIcon.childElementCount === 0) {
@@ -141,23 +157,24 @@ export class StatusBar {
     setAttribute(this.arm.button, "data-quiet", this._armed ? "" : null);
   }
 
+  /** @param {Status | null} status */
   _drawControl(status) {
     const you = this._link.state?.you ?? false;
     const holder = status?.lease.holder ?? null;
     const kept = status?.lease.reserved_for ?? null;
     const waits = this._handOver().waits;
     setText(this._name, you ? "you" : (holder ?? (kept === null ? "no operator" : "kept for")));
-    setText(this._does, you ? "drive" : (holder === null ? kept : null) ?? "drives");
+    setText(this._does, you ? "drive" : ((holder === null ? kept : null) ?? "drives"));
     setAttribute(this._who, "title", you ? null : holder);
-    this.control.become(
-      ...(you
-        ? ["Release control", "Give control back; the robot comes to rest"]
-        : waits
-          ? ["Withdraw request", "Ask for control no longer"]
-          : holder === null
-            ? ["Take control", "Ask for the right to drive; one at a time has it"]
-            : ["Ask for control", `${holder} drives, is asked, and can hand over or keep control`]),
-    );
+    /** @type {[string, string]} */
+    const [label, tip] = you
+      ? ["Release control", "Give control back; the robot comes to rest"]
+      : waits
+        ? ["Withdraw request", "Ask for control no longer"]
+        : holder === null
+          ? ["Take control", "Ask for the right to drive; one at a time has it"]
+          : ["Ask for control", `${holder} drives, is asked, and can hand over or keep control`];
+    this.control.become(label, tip);
     this.control.allow(notTake(this._link));
     setAttribute(this.control.button, "data-quiet", you || waits ? "" : null);
   }

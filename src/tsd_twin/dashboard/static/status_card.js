@@ -6,20 +6,27 @@ import { clock, duration } from "./format.js";
 import { notReset } from "./permission.js";
 
 const PHASES = ["neutral", "hold", "spin_up"];
+/** @type {Record<string, string>} */
 const DOING = {
   neutral: "Bringing the gimbals to neutral tilt",
   hold: "Speed controllers at zero throttle",
   spin_up: "Spinning the wheels up",
 };
+/** @type {Record<string, string>} */
 const TITLES = { arming: "Arming", stopped: "Stopped", fault: "Fault" };
 
 export class StatusCard {
+  /** @param {Link} link @param {Tooltip} tips */
   constructor(link, tips) {
     this._link = link;
+    /** @type {string | null} */
+    this._mode = null;
     this._shape = el("span", { class: "shape" });
     this._title = el("h2");
     this._text = el("p", { class: "why", "aria-live": "polite" });
     this._since = el("p", { class: "since number" });
+    this._hold = el("div");
+    this._spinUp = el("div");
     this._bar = el(
       "div",
       {
@@ -29,8 +36,8 @@ export class StatusCard {
         "aria-valuemin": "0",
         "aria-valuemax": "100",
       },
-      el("div"),
-      el("div"),
+      this._hold,
+      this._spinUp,
     );
     this._next = el("p", { class: "next" });
     this.reset = new LongPressButton("Reset stop", {
@@ -48,43 +55,44 @@ export class StatusCard {
       this._bar,
       this._action,
     );
-    for (const type of ["state", "beat", "down"]) link.on(type, () => this._draw());
+    for (const type of /** @type {const} */ (["state", "beat", "down"]))
+      link.on(type, () => this._draw());
   }
 
   /** Whether the stop can be reset now, so that keys on the button belong to it. */
   get latched() {
-    return ["stopped", "fault"].includes(this._mode);
+    return this._mode === "stopped" || this._mode === "fault";
   }
 
   _draw() {
     const state = this._link.state;
-    this._mode = state === null || this._link.isStale() ? null : state.status.mode;
-    const shown = this._mode in TITLES;
-    this.element.hidden = !shown;
-    if (!shown) return;
-    if (this.element.dataset.mode !== this._mode) {
-      this.element.dataset.mode = this._mode;
-      this._shape.replaceChildren(icon(this._mode));
-      setText(this._title, TITLES[this._mode]);
+    const mode = state === null || this._link.isStale() ? null : state.status.mode;
+    this._mode = mode;
+    this.element.hidden = mode === null || !(mode in TITLES);
+    if (state === null || mode === null || this.element.hidden) return;
+    if (this.element.dataset.mode !== mode) {
+      this.element.dataset.mode = mode;
+      this._shape.replaceChildren(icon(mode));
+      setText(this._title, TITLES[mode]);
     }
-    this._bar.hidden = this._mode !== "arming";
-    this._action.hidden = this._mode === "arming";
+    this._bar.hidden = mode !== "arming";
+    this._action.hidden = mode === "arming";
     const sinceMs = Date.now() - 1000 * state.mode_age_s;
     setText(
       this._since,
-      this._mode === "arming" ? "" : `since ${clock(sinceMs)}, ${duration(state.mode_age_s)}`,
+      mode === "arming" ? "" : `since ${clock(sinceMs)}, ${duration(state.mode_age_s)}`,
     );
-    if (this._mode === "arming") this._drawArming(state.status.arming);
+    if (mode === "arming") this._drawArming(state.status.arming);
     else this._drawLatched(state.status);
   }
 
+  /** @param {ArmingStatus | null} arming */
   _drawArming(arming) {
     const phase = PHASES.indexOf(arming?.phase ?? "hold");
     const progress = arming?.progress ?? 0;
     setText(this._text, `${DOING[PHASES[phase]] ?? "Working"}.`);
-    const [hold, spin] = this._bar.children;
-    hold.style.setProperty("--done", phase > 1 ? 1 : progress);
-    spin.style.setProperty("--done", phase > 1 ? progress : 0);
+    this._hold.style.setProperty("--done", String(phase > 1 ? 1 : progress));
+    this._spinUp.style.setProperty("--done", String(phase > 1 ? progress : 0));
     setAttribute(
       this._bar,
       "aria-valuenow",
@@ -92,6 +100,7 @@ export class StatusCard {
     );
   }
 
+  /** @param {Status} status */
   _drawLatched(status) {
     const reason = status.stop_reason || "no reason given";
     setText(this._text, `${reason[0].toUpperCase()}${reason.slice(1)}.`);

@@ -3,6 +3,7 @@
 import { el, icon, setAttribute } from "./dom.js";
 
 export class StopButton {
+  /** @param {Link} link @param {Tooltip} tips @param {() => void} stop */
   constructor(link, tips, stop) {
     this.button = el(
       "button",

@@ -1,6 +1,7 @@
 // The one tooltip: what a control does, or why it cannot be used now.
 
 import { el, setText } from "./dom.js";
+import { known } from "./link.js";
 
 const GAP_PX = 8;
 const DELAY_MS = 400;
@@ -8,11 +9,17 @@ const DELAY_MS = 400;
 export class Tooltip {
   constructor() {
     this.element = el("div", { class: "tip", hidden: true, "aria-hidden": "true" });
+    /** @type {Element | null} */
     this._node = null;
-    this._timer = null;
+    /** @type {number | undefined} */
+    this._timer = undefined;
   }
 
-  /** Show `text()` while the pointer or the focus is on a node. */
+  /**
+   * Show `text()` while the pointer or the focus is on a node.
+   * @param {HTMLElement} node
+   * @param {() => string} text
+   */
   attach(node, text) {
     const show = () => this.show(node, text);
     const hide = () => this._hide();
@@ -25,7 +32,11 @@ export class Tooltip {
     node.addEventListener("keydown", (event) => event.key === "Escape" && hide());
   }
 
-  /** Show `text()` beside a node, within the overlay, and keep it true. */
+  /**
+   * Show `text()` beside a node, within the overlay, and keep it true.
+   * @param {HTMLElement} node
+   * @param {() => string} text
+   */
   show(node, text) {
     this._hide();
     if (!text()) return;
@@ -35,10 +46,11 @@ export class Tooltip {
     this._timer = setInterval(() => this._write(text), DELAY_MS);
   }
 
+  /** @param {() => string} text */
   _write(text) {
     setText(this.element, text());
-    const frame = this.element.parentElement.getBoundingClientRect();
-    const target = this._node.getBoundingClientRect();
+    const frame = known(this.element.parentElement).getBoundingClientRect();
+    const target = known(this._node).getBoundingClientRect();
     const own = this.element.getBoundingClientRect();
     const left = target.left + target.width / 2 - own.width / 2 - frame.left;
     const above = target.top - frame.top - own.height - GAP_PX;

@@ -4,6 +4,7 @@ import { el, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
 import { notPlan } from "./permission.js";
 
+/** @type {[string, string, string][]} */
 const FIELDS = [
   ["x", "x (m)", "Forward of the origin"],
   ["y", "y (m)", "Left of the origin"],
@@ -13,9 +14,11 @@ const FIELDS = [
 const MOST = 10000; // What a message may have.
 
 export class WaypointForm {
+  /** @param {Link} link @param {Waypoints} going @param {ShadowRoot} place */
   constructor(link, going, place) {
     this._link = link;
     this._going = going;
+    /** @type {Record<string, HTMLInputElement>} */
     this._fields = {};
     this._why = el("p", { class: "muted", role: "status", "aria-label": "Go to" });
     this._button = el("button", { class: "button" }, "Plan");
@@ -43,6 +46,7 @@ export class WaypointForm {
     this._open = false;
   }
 
+  /** @param {string} name @param {string} label @param {string} hint */
   _field(name, label, hint) {
     const input = el("input", {
       type: "number",
@@ -73,10 +77,12 @@ export class WaypointForm {
     );
   }
 
+  /** @param {Event} event */
   _plan(event) {
     event.preventDefault();
     const pose = this._link.state?.pose;
     if (!pose || !this._form.reportValidity()) return; // The browser says what is no such number.
+    /** @type {<T>(name: string, missing: T) => number | T} */
     const number = (name, missing) => {
       const { value } = this._fields[name];
       return value === "" ? missing : Number(value);

@@ -13,12 +13,19 @@ const MODE_HINTS = {
   draw: "Draw on the floor",
 };
 
-/** Return whether it has come to its end, good or bad. */
+/**
+ * Return whether it has come to its end, good or bad.
+ * @param {RouteState | null | undefined} route
+ */
 export function isFinished(route) {
-  return FINISHED_PHASES.has(route?.phase);
+  return route != null && FINISHED_PHASES.has(route.phase);
 }
 
-/** Return the status text of a route, or without one the instruction of the mode. */
+/**
+ * Return the status text of a route, or without one the instruction of the mode.
+ * @param {RouteState | null | undefined} route
+ * @param {"to" | "draw" | null} mode
+ */
 export function statusOf(route, mode) {
   switch (route?.phase) {
     case "planning":
@@ -32,7 +39,7 @@ export function statusOf(route, mode) {
     case "ended":
       return `Ended: ${route.reason}`;
   }
-  return MODE_HINTS[mode] ?? "";
+  return mode === null ? "" : MODE_HINTS[mode];
 }
 
 // The floor under a finger: a layer over the scene, below all controls, that takes a click or a
@@ -42,11 +49,17 @@ const MAX_POINTS = 200; // A message has room for a few more.
 const STROKE_SHOWN_MS = 600;
 
 export class FloorPicker {
-  /** `take(points)` gets shares of the picture, right and down. */
+  /**
+   * `take(points)` gets shares of the picture, right and down.
+   * @param {(points: [number, number][]) => void} take
+   */
   constructor(take) {
     this._take = take;
+    /** @type {"to" | "draw" | null} */
     this._mode = null;
+    /** @type {number | null} */
     this._pointer = null;
+    /** @type {[number, number][]} */
     this._points = [];
     this._line = svg("polyline", { class: "stroke" });
     this._dot = svg("circle", { class: "goal", r: 7 });
@@ -55,27 +68,36 @@ export class FloorPicker {
       { class: "floor", hidden: true, "aria-hidden": "true" },
       svg("svg", {}, this._line, this._dot),
     );
-    const on = (type, listener) => this.element.addEventListener(type, listener);
-    on("pointerdown", (event) => this._begin(event));
-    on("pointermove", (event) => this._move(event));
-    on("pointerup", (event) => this._finish(event));
-    for (const end of ["pointercancel", "lostpointercapture"])
-      on(end, (event) => event.pointerId === this._pointer && this._clear());
-    on("contextmenu", (event) => event.preventDefault());
+    this.element.addEventListener("pointerdown", (event) => this._begin(event));
+    this.element.addEventListener("pointermove", (event) => this._move(event));
+    this.element.addEventListener("pointerup", (event) => this._finish(event));
+    for (const end of /** @type {const} */ (["pointercancel", "lostpointercapture"]))
+      this.element.addEventListener(
+        end,
+        (event) => event.pointerId === this._pointer && this._clear(),
+      );
+    this.element.addEventListener("contextmenu", (event) => event.preventDefault());
   }
 
-  /** Take clicks (`to`), strokes (`draw`), or nothing: then the scene has them. */
+  /**
+   * Take clicks (`to`), strokes (`draw`), or nothing: then the scene has them.
+   * @param {"to" | "draw" | null} mode
+   */
   open(mode) {
     this._mode = mode;
     this.element.hidden = mode === null;
     this._clear();
   }
 
-  /** While the robot goes, the scene has the clicks. */
+  /**
+   * While the robot goes, the scene has the clicks.
+   * @param {boolean} going
+   */
   rest(going) {
     this.element.style.pointerEvents = going ? "none" : "";
   }
 
+  /** @param {PointerEvent} event */
   _begin(event) {
     if (this._pointer !== null || event.button !== 0) return;
     event.preventDefault();
@@ -86,20 +108,23 @@ export class FloorPicker {
     this._draw();
   }
 
+  /** @param {PointerEvent} event */
   _move(event) {
     if (event.pointerId !== this._pointer) return;
     const here = this._place(event);
-    const [x, y] = this._points.at(-1);
+    const [x, y] = this._points[this._points.length - 1];
     if (Math.hypot(here[0] - x, here[1] - y) < MIN_STEP_PX && this._points.length > 1) return;
     if (this._mode === "to") this._points.length = 1;
     this._points.push(here);
     this._draw();
   }
 
+  /** @param {PointerEvent} event */
   _finish(event) {
     if (event.pointerId !== this._pointer) return;
     this._pointer = null;
     const { width, height } = this.element.getBoundingClientRect();
+    /** @type {[number, number][]} */
     const points = thinned(this._points).map(([x, y]) => [share(x / width), share(y / height)]);
     this._take(points);
     this._timer = setTimeout(() => this._clear(), STROKE_SHOWN_MS);
@@ -111,6 +136,10 @@ export class FloorPicker {
     this._draw();
   }
 
+  /**
+   * @param {PointerEvent} event
+   * @returns {[number, number]}
+   */
   _place(event) {
     const box = this.element.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
@@ -121,18 +150,22 @@ export class FloorPicker {
     const at = this._mode === "to" ? this._points[0] : this._points.at(-1);
     this._dot.setAttribute("visibility", at ? "visible" : "hidden");
     if (!at) return;
-    this._dot.setAttribute("cx", at[0]);
-    this._dot.setAttribute("cy", at[1]);
+    this._dot.setAttribute("cx", String(at[0]));
+    this._dot.setAttribute("cy", String(at[1]));
   }
 }
 
-/** Return every second point, again and again until they are few; ends stay. */
+/**
+ * Return every second point, again and again until they are few; ends stay.
+ * @param {[number, number][]} points
+ */
 function thinned(points) {
   while (points.length > MAX_POINTS)
     points = points.filter((_, i) => i % 2 === 0 || i === points.length - 1);
   return points;
 }
 
+/** @param {number} value */
 function share(value) {
   return Number(Math.max(0, Math.min(1, value)).toFixed(5));
 }
@@ -140,14 +173,21 @@ function share(value) {
 // Waypoint controls. On release, or when another control is used, the robot stops.
 const NO_TWIST = { vx: 0, vy: 0, omega: 0 };
 export class Waypoints {
+  /** @param {Drive} drive @param {Link} link @param {Tooltip} tips */
   constructor(drive, link, tips) {
     this._drive = drive;
     this._link = link;
+    /** @type {"to" | "draw" | null} */
     this._mode = null;
+    /** @type {number | null} */
     this._number = null; // Of the way that is held.
     this._level = drive.level;
+    /** @type {number | null} */
     this._finishedNumber = null; // The way that has come to its end.
-    this.floor = new FloorPicker((points) => this.plan({ points, kind: this._mode, on: "picture" }));
+    this.floor = new FloorPicker((points) => {
+      if (this._mode !== null) this.plan({ points, kind: this._mode, on: "picture" });
+    });
+    /** @type {(mode: "to" | "draw", name: string) => HTMLButtonElement} */
     const choice = (mode, name) =>
       el(
         "button",
@@ -205,6 +245,7 @@ export class Waypoints {
     return this._number !== null;
   }
 
+  /** @returns {FollowPlan} */
   get command() {
     return { t: "go", route: this._number };
   }
@@ -222,7 +263,10 @@ export class Waypoints {
 
   // What is wished.
 
-  /** Ask for a way; return why that cannot be, or null. */
+  /**
+   * Ask for a way; return why that cannot be, or null.
+   * @param {PlanRequest} wish
+   */
   plan(wish) {
     const reason = notPlan(this._link);
     if (reason !== null) this._drive.onMessage(reason);
@@ -237,7 +281,10 @@ export class Waypoints {
     this._choose(null);
   }
 
-  /** Take a key: G, or Enter on the button, holds it; Escape forgets the way. */
+  /**
+   * Take a key: G, or Enter on the button, holds it; Escape forgets the way.
+   * @param {KeyboardEvent} event
+   */
   key(event) {
     if (this.element.hidden) return false;
     if (event.code === "Escape" && (this._mode !== null || this.route !== null)) {
@@ -247,6 +294,7 @@ export class Waypoints {
     return this._hold.key(event);
   }
 
+  /** @param {"to" | "draw" | null} mode */
   _choose(mode) {
     this._mode = mode;
     for (const [name, button] of Object.entries(this._choices))
@@ -267,7 +315,7 @@ export class Waypoints {
         this._drive.onMessage(reason);
         return;
       }
-      this._number = this.route.number;
+      this._number = this.route?.number ?? null;
       this._drive.changed();
     }
     this._show();
@@ -277,7 +325,7 @@ export class Waypoints {
     const reason = notDrive(this._link);
     if (reason !== null) return reason;
     if (this.held) return null;
-    if (this._drive.held || this._link.state.status.mode === "driving")
+    if (this._drive.held || this._link.state?.status.mode === "driving")
       return "The robot still moves: let go of the other controls.";
     return this.route?.phase === "planned" ? null : "There is no path: click on the floor first.";
   }
@@ -289,7 +337,7 @@ export class Waypoints {
       this.cancel();
       this._drive.changed();
     }
-    const over = isFinished(route) ? route.number : null;
+    const over = route !== null && isFinished(route) ? route.number : null;
     const news = over !== this._finishedNumber;
     this._finishedNumber = over;
     if (news && over !== null) this._choose(null); // What came of it is said; the camera turns again.

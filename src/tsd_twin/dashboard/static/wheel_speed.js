@@ -2,6 +2,7 @@
 
 import { el, isVisible, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
+import { known } from "./link.js";
 import { notSetWheelSpeed } from "./permission.js";
 
 const STEP_RPM = 50;
@@ -9,11 +10,14 @@ const KEPT_MS = 1500; // What was chosen is shown until the robot says so, or th
 const CHANGING_RPM = 15;
 
 export class WheelSpeed {
+  /** @param {Link} link @param {ShadowRoot} place */
   constructor(link, place) {
     this._link = link;
+    /** @type {number | null} */
     this._draft = null; // What a hand is at, or has chosen a moment ago.
     this._keptMs = -Infinity;
     this._asking = false;
+    /** @type {number | null} */
     this._next = null;
     this._slider = this._input("range", STEP_RPM, "Drive speed");
     this._rpm = this._input("number", 1, "Drive speed, rpm");
@@ -45,7 +49,8 @@ export class WheelSpeed {
     link.on("robot", () => this._open && this._build());
     link.on("state", () => this._open && isVisible(place.host) && this._show());
     link.on("reply", ({ to }) => this._open && to === "speed" && this._answered());
-    for (const gone of ["down", "welcome"]) link.on(gone, () => (this._asking = false));
+    for (const gone of /** @type {const} */ (["down", "welcome"]))
+      link.on(gone, () => (this._asking = false));
     this._build();
   }
 
@@ -53,16 +58,21 @@ export class WheelSpeed {
     this._open = false;
   }
 
+  /** @param {string} type @param {number} step @param {string} label */
   _input(type, step, label) {
     return el("input", { type, step, "aria-label": label, disabled: true });
   }
 
-  /** Show what a hand is at, and ask for it when it has come to rest. */
+  /**
+   * Show what a hand is at, and ask for it when it has come to rest.
+   * @param {HTMLInputElement} input
+   * @param {(value: number) => number} rpmOf
+   */
   _listen(input, rpmOf) {
     const take = () => {
       const rpm = rpmOf(Number(input.value));
       if (input.value === "" || !Number.isFinite(rpm)) return null;
-      const { least_rpm: least, most_rpm: most } = this._link.robot.gears;
+      const { least_rpm: least, most_rpm: most } = known(known(this._link.robot).gears);
       return Math.round(Math.max(least, Math.min(most, rpm)));
     };
     input.addEventListener("input", () => {
@@ -81,6 +91,7 @@ export class WheelSpeed {
     });
   }
 
+  /** @param {number} rpm */
   _ask(rpm) {
     if (this._asking) {
       this._next = rpm; // One at a time; what comes meanwhile is overtaken by what comes last.
@@ -102,8 +113,8 @@ export class WheelSpeed {
     this._draft = null;
     if (gears === null) return;
     for (const input of [this._slider, this._rpm]) {
-      input.min = gears.least_rpm;
-      input.max = gears.most_rpm;
+      input.min = String(gears.least_rpm);
+      input.max = String(gears.most_rpm);
     }
     this._top.min = fixed(Math.floor(10 * this._topSpeed(gears.least_rpm)) / 10, 1);
     this._top.max = fixed(Math.ceil(10 * this._topSpeed(gears.most_rpm)) / 10, 1);
@@ -111,37 +122,48 @@ export class WheelSpeed {
   }
 
   _show() {
-    const { wheel_speed: speed } = this._link.state.status;
-    if ((this._link.robot?.gears ?? null) === null || speed === null) return;
+    const { wheel_speed: gear } = known(this._link.state).status;
+    if ((this._link.robot?.gears ?? null) === null || gear === null) return;
     const reason = notSetWheelSpeed(this._link);
     for (const input of [this._slider, this._rpm, this._top]) input.disabled = reason !== null;
     setText(this._why, reason ?? "");
-    if (this._draft === speed.wanted_rpm || performance.now() > this._keptMs || reason !== null)
+    if (this._draft === gear.wanted_rpm || performance.now() > this._keptMs || reason !== null)
       this._draft = null;
-    const off = speed.spin_rpm - speed.wanted_rpm;
-    const turns = speed.spin_rpm > 1;
+    const off = gear.spin_rpm - gear.wanted_rpm;
+    const turns = gear.spin_rpm > 1;
     const moving = turns && Math.abs(off) > CHANGING_RPM;
-    setText(this._now, moving ? `now ${thousands(speed.spin_rpm)} rpm` : turns ? "" : "wheels stand");
+    setText(
+      this._now,
+      moving ? `now ${thousands(gear.spin_rpm)} rpm` : turns ? "" : "wheels stand",
+    );
     if (this._draft === null) this._draw();
   }
 
-  /** Show the figures of the speed, in all fields but the one that a hand is at. */
+  /**
+   * Show the figures of the speed, in all fields but the one that a hand is at.
+   * @param {HTMLInputElement | null} but
+   */
   _draw(but = null) {
-    const { gears, limits, max_tilt_deg: tilt } = this._link.robot ?? {};
-    if (!gears) return;
+    if (!this._link.robot?.gears) return;
+    const { gears, limits, max_tilt_deg: tilt } = this._link.robot;
     const rpm = this._draft ?? this._link.state?.status.wheel_speed?.wanted_rpm ?? gears.usual_rpm;
     const top = this._topSpeed(rpm);
+    /** @type {[HTMLInputElement, string][]} */
     const shown = [
       [this._slider, String(Math.round(rpm))],
       [this._rpm, String(Math.round(rpm))],
       [this._top, top.toFixed(1)],
     ];
-    const focused = this._all.getRootNode().activeElement;
+    const focused = /** @type {ShadowRoot} */ (this._all.getRootNode()).activeElement;
     for (const [input, text] of shown) {
       const typing = input === focused && this._keptMs === Infinity;
       if (input !== but && !typing && input.value !== text) input.value = text;
     }
-    setAttribute(this._slider, "aria-valuetext", `${thousands(rpm)} rpm, up to ${fixed(top, 1)} m/s`);
+    setAttribute(
+      this._slider,
+      "aria-valuetext",
+      `${thousands(rpm)} rpm, up to ${fixed(top, 1)} m/s`,
+    );
     const rim = this._rim(rpm);
     const step = 1000 * rim * radians(gears.servo_step_deg);
     const lean = degrees(Math.asin(Math.min(1, 1 / rim)));
@@ -158,25 +180,34 @@ export class WheelSpeed {
     );
   }
 
-  /** Speed of the rim of a wheel, m/s. */
+  /**
+   * Speed of the rim of a wheel, m/s.
+   * @param {number} rpm
+   */
   _rim(rpm) {
-    return (this._link.robot.gears.wheel_radius_m * rpm * Math.PI) / 30;
+    return (known(known(this._link.robot).gears).wheel_radius_m * rpm * Math.PI) / 30;
   }
 
-  /** Speed over the ground at the tilt limit, m/s. */
+  /**
+   * Speed over the ground at the tilt limit, m/s.
+   * @param {number} rpm
+   */
   _topSpeed(rpm) {
-    return this._rim(rpm) * Math.sin(radians(this._link.robot.max_tilt_deg));
+    return this._rim(rpm) * Math.sin(radians(known(known(this._link.robot).max_tilt_deg)));
   }
 }
 
+/** @param {number} angle */
 function radians(angle) {
   return (angle * Math.PI) / 180;
 }
 
+/** @param {number} angle */
 function degrees(angle) {
   return (angle * 180) / Math.PI;
 }
 
+/** @param {number} number */
 function thousands(number) {
   return String(Math.round(number)).replace(/\B(?=(\d{3})+$)/g, ",");
 }

@@ -3,8 +3,10 @@
 import { ConsistencyMeter } from "./consistency.js";
 import { el, isVisible, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
+import { known } from "./link.js";
 
 export class Wheels {
+  /** @param {Link} link @param {HTMLElement} place */
   constructor(link, place) {
     this._link = link;
     this._list = new WheelList(link);
@@ -20,8 +22,8 @@ export class Wheels {
   }
 
   _show() {
-    const { consistency: conflict } = this._link.state.status;
-    const { wheels } = this._link.robot;
+    const { consistency: conflict } = known(this._link.state).status;
+    const { wheels } = known(this._link.robot);
     this._list.show(conflict.suspect);
     this._apart.show();
     const alone = wheels.length < 4;
@@ -32,9 +34,12 @@ export class Wheels {
 
 /** A row for each wheel, with a bar from the middle: to the right it turns forward. */
 export class WheelList {
+  /** @param {Link} link */
   constructor(link) {
     this._link = link;
+    /** @type {RobotInfo | null} */
     this._built = null;
+    /** @type {((wheel: WheelState, suspect: boolean) => void)[]} */
     this._rows = [];
     this._bars = el("div", { class: "wheels" });
     this.element = el(
@@ -53,15 +58,17 @@ export class WheelList {
     );
   }
 
+  /** @param {string | null} suspect */
   show(suspect) {
-    const { robot, state } = this._link;
+    const [robot, state] = [known(this._link.robot), known(this._link.state)];
     if (this._built !== robot) this._build(robot);
     state.wheels.forEach((wheel, i) => this._rows[i]?.(wheel, robot.wheels[i] === suspect));
   }
 
+  /** @param {RobotInfo} robot */
   _build(robot) {
     this._built = robot;
-    const rows = robot.wheels.map((_, i) => row(i + 1, robot.max_rpm));
+    const rows = robot.wheels.map((_, i) => row(i + 1, known(robot.max_rpm)));
     this._rows = rows.map(({ show }) => show);
     this._bars.replaceChildren(...rows.map(({ element }) => element));
   }
@@ -69,6 +76,7 @@ export class WheelList {
 
 /** How far the other estimate is off, of robots that have two. */
 export class EstimateDifference {
+  /** @param {Link} link */
   constructor(link) {
     this._link = link;
     this._text = el("p", { class: "verdict" });
@@ -86,15 +94,16 @@ export class EstimateDifference {
   }
 
   show() {
-    const { robot, state } = this._link;
+    const [robot, state] = [known(this._link.robot), known(this._link.state)];
     this.element.hidden = !robot.other || !state.apart;
-    if (this.element.hidden) return;
+    if (!robot.other || !state.apart) return;
     const { metres, degrees } = state.apart;
     const by = robot.space === "ball" ? "" : `${fixed(metres, 3)} m and `;
     setText(this._text, `By its ${robot.other} it is ${by}${fixed(degrees, 1)}° elsewhere.`);
   }
 }
 
+/** @param {number} number @param {number} most */
 function row(number, most) {
   const bar = el("div", { class: "bar" });
   const tick = el("div", { class: "tick" });
@@ -118,6 +127,7 @@ function row(number, most) {
     el("span", { class: "figure" }, speed, el("span", { class: "unit" }, " rpm")),
     track,
   );
+  /** @type {(wheel: WheelState, suspect: boolean) => void} */
   const show = ({ rpm, set_rpm: set }, suspect) => {
     setText(speed, fixed(rpm, 0));
     bar.style.transform = `scaleX(${clamp(rpm / most).toFixed(4)})`;
@@ -128,6 +138,7 @@ function row(number, most) {
   return { element, show };
 }
 
+/** @param {number} share */
 function clamp(share) {
   return Math.max(-1, Math.min(1, share));
 }
