@@ -33,6 +33,11 @@ class Publisher:
         except zenoh.ZError as error:
             raise BusError(reason(error)) from error
 
+    @property
+    def has_subscribers(self) -> bool:
+        """Whether a subscriber matches now: a put without one goes nowhere."""
+        return bool(self._publisher.matching_status.matching)
+
     def close(self) -> None:
         """Take the key back."""
         self._publisher.undeclare()

@@ -76,6 +76,7 @@ class JointOdometry(Generic[PoseT]):
         self._kinematics = kinematics
         self._noise = JointNoise(kinematics, noise)
         self._previous: Array | None = None
+        self._solved_for = b""
         self._until_refresh = 0
         self._growth_per_s: Array = np.zeros((3, 3))
         self.pose: PoseT = kinematics.pose_type.identity()
@@ -97,13 +98,20 @@ class JointOdometry(Generic[PoseT]):
         step = joints - previous
         middle = previous + 0.5 * step
         self.motion = motion = self._forward(middle, step / dt_s, dt_s)
-        moved = self._kinematics.integrate(self.pose, motion.twist, dt_s)
+        moved = self.pose
+        if motion.twist.any():
+            moved = self._kinematics.integrate(self.pose, motion.twist, dt_s)
         self._spread(moved, middle, dt_s)
         self.pose = moved
         return motion
 
     def _forward(self, joints: Array, rates: Array, dt_s: float) -> TwistSolution:  # noqa: ARG002  The shape.
         """Return the motion over a step of `dt_s`, from the joints (n,) half-way through it."""
+        # Of a robot that stands, the same equations need not be solved again.
+        same = joints.tobytes() + rates.tobytes()
+        if same == self._solved_for:
+            return self.motion
+        self._solved_for = same
         return self._kinematics.forward(joints, rates)
 
     def _spread(self, moved: PoseT, joints: Array, dt_s: float) -> None:

@@ -235,6 +235,9 @@ class RobotWithStuckJoint(SimRobot):
 
     def write(self, setpoint: Array, now_s: float) -> None:
         """Give the actuators their set-points (n,), those that stick the one that they are at."""
+        if not self._leans:
+            super().write(setpoint, now_s)
+            return
         joints = self.truth(now_s).joints
         for place, lean_rad in self._leans.items():
             if abs(joints[place]) >= lean_rad:

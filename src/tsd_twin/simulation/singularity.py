@@ -87,6 +87,8 @@ class SingularitySimulation:
     def advance(self, dt_s: float) -> None:
         """Let `dt_s` seconds pass: in short steps while joints move, in one when all are still."""
         self.actuation.controllers.advance(dt_s)
+        if self.actuation.stands(self.joints):
+            return  # A step would leave everything as it is, to the bit.
         left_s = dt_s
         while left_s > 0.0:
             steps = np.ceil(left_s / _LONGEST_STEP_S)
@@ -117,3 +119,4 @@ class SingularitySimulation:
         nodes[1:] = self.actuation.after(self.joints, dt_s * self._halves)
         self.pose = self._plant.integrate(self.pose, self.actuation.surface.roll(nodes), dt_s)
         self.joints = nodes[2]
+        self.actuation.come_to_rest(self.joints)
