@@ -180,8 +180,10 @@ class UpdateLoop:
         for robot_id, link in self._discovery.links.items():
             link.set_streaming(self._active)
             # The page hears of a status first: its number is on the clock already.
-            if link.poll(now_s):
-                self._on_status(robot_id)
+            before = link.snapshot
+            news = link.poll(now_s)
+            if news or (before.odom is None and link.snapshot.odom is not None):
+                self._on_status(robot_id)  # Also with the first pose: a page waits for it.
             if not self._active:
                 continue
             stale = now_s - link.snapshot.received_s > STALE_S

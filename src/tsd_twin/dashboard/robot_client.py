@@ -31,6 +31,7 @@ from tsd_twin.messages.ros import (
     decode_joints,
     decode_odometry,
     encode_twist,
+    warm_up,
 )
 from tsd_twin.messages.services import (
     Description,
@@ -160,6 +161,7 @@ class RobotClient:
         decode_pose = partial(decode_odometry, turning=self.kinematics.pose_type is SO3)
         self.round_trips = RoundTrips()
         """How long the robot takes to answer, as far as it has been measured."""
+        warm_up()  # On this thread: the first page shall not wait for it.
         self._streams: dict[str, tuple[topics.Topic, Callable[[bytes], Any]]] = {
             "joints": (topics.JOINTS, decode_joints),
             "setpoint": (topics.SETPOINT, decode_joints),

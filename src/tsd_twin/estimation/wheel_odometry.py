@@ -77,6 +77,8 @@ class JointOdometry(Generic[PoseT]):
         self._noise = JointNoise(kinematics, noise)
         self._previous: Array | None = None
         self._solved_for = b""
+        self._refreshed_for: tuple[object, object] = (None, None)
+        self._grows = False
         self._until_refresh = 0
         self._growth_per_s: Array = np.zeros((3, 3))
         self.pose: PoseT = kinematics.pose_type.identity()
@@ -116,10 +118,18 @@ class JointOdometry(Generic[PoseT]):
 
     def _spread(self, moved: PoseT, joints: Array, dt_s: float) -> None:
         """Grow the covariances: first-order error propagation along the step."""
+        if self._refreshed_for[0] is self.motion and self._refreshed_for[1] is moved:
+            # It stands where it was: nothing is carried, and a refresh would find the same.
+            self._until_refresh = (self._until_refresh + 1) % _REFRESH_EVERY
+            if self._grows:
+                self.pose_covariance = self.pose_covariance + dt_s * self._growth_per_s
+            return
         if self._until_refresh == 0:
+            self._refreshed_for = (self.motion, moved)
             self.twist_covariance = self._twist_covariance(joints)
             turn = self._axes(moved)
             self._growth_per_s = turn @ self.twist_covariance @ turn.T * CORRELATION_S
+            self._grows = bool(self._growth_per_s.any())
         self._until_refresh = (self._until_refresh + 1) % _REFRESH_EVERY
         carry = self._carry(moved, dt_s)
         carried = carry @ self.pose_covariance @ carry.T

@@ -20,7 +20,7 @@ from tsd_twin.control import RobotController
 from tsd_twin.errors import BusError
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages import topics
-from tsd_twin.messages.ros import Odometry, encode_joints, encode_odometry
+from tsd_twin.messages.ros import Odometry, encode_joints, encode_odometry, warm_up
 from tsd_twin.messages.services import Description, Event, duplicate_id_text
 from tsd_twin.messages.status import LoopStatus, encode_stamp, encode_status
 from tsd_twin.messages.topics import QoS, Service
@@ -125,6 +125,7 @@ PERIOD_S = 0.01
 _EXACT = np.zeros((3, 3))
 _STATE_EVERY = 2  # 50 Hz
 _STATUS_EVERY = 5  # 20 Hz
+_LOOP_STATUS_EVERY = 20  # 5 Hz
 _COMMANDS_KEPT = 64
 """More than operators that may send within a period; a flood makes the oldest give way."""
 
@@ -158,6 +159,7 @@ class RobotNode:
             raise BusError(
                 f"a robot with the id '{robot_id}' is on the bus already: choose another"
             )
+        warm_up()  # The control loop must not wait for it when the first subscriber comes.
         self._bus = bus
         self._id = robot_id
         self._io = io
@@ -181,6 +183,7 @@ class RobotNode:
         self._event_publishers: dict[str, Publisher] = {}
         self._numbers = dict.fromkeys(states, 0)
         self._mode = self._controller.supervisor.mode
+        self._loop_status = LoopStatus()
         self._duplicate_ids = DuplicateIdMonitor(bus, robot_id)
         # Last: who hears of the robot may ask it at once.
         self._token = bus.declare_token(alive)
@@ -256,7 +259,9 @@ class RobotNode:
             self._put_event(met)
         if tick % _STATUS_EVERY == 0 or controller.supervisor.mode is not self._mode:
             self._mode = controller.supervisor.mode
-            status = controller.status(now_s, rate.status(), self._io.hardware())
+            if tick % _LOOP_STATUS_EVERY == 0:
+                self._loop_status = rate.status()
+            status = controller.status(now_s, self._loop_status, self._io.hardware())
             self._numbers[topics.STATUS] += 1
             self._put(topics.STATUS, encode_status(status), now_s)
             controller.record_status_sent(self._numbers[topics.STATUS], now_s)
