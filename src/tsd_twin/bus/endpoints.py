@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, cast
 
 import zenoh
 import zenoh.ext
@@ -35,8 +35,11 @@ class Publisher:
 
     @property
     def has_subscribers(self) -> bool:
-        """Whether a subscriber matches now: a put without one goes nowhere."""
-        return bool(self._publisher.matching_status.matching)
+        """Whether a put has a subscriber now; where puts are kept for late joiners, always."""
+        if not isinstance(self._publisher, zenoh.Publisher):
+            return True
+        status = cast("zenoh.MatchingStatus", self._publisher.matching_status)
+        return status.matching
 
     def close(self) -> None:
         """Take the key back."""
