@@ -6,7 +6,17 @@ import argparse
 import importlib
 import sys
 
-PARTS = ("kinematics", "simulation", "firmware", "bus", "bridge", "dashboard", "page", "start")
+PARTS = (
+    "kinematics",
+    "simulation",
+    "firmware",
+    "bus",
+    "bridge",
+    "dashboard",
+    "page",
+    "start",
+    "idle",
+)
 
 
 def main() -> None:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import struct
+import subprocess
+import sys
+import time
 from collections import defaultdict
 from collections.abc import Generator
 from typing import Any
@@ -62,6 +65,31 @@ def test_every_stream_has_its_encoding_its_rate_and_a_rising_stamp(robot: Runnin
         # A loop that has to wait for the processor skips periods, it never hurries.
         assert np.median(np.diff(times_ns)) * 1e-9 == pytest.approx(period_s, rel=0.3)
     assert set(heard) - set(STREAMS) <= {"event/drop"}
+
+
+@pytest.mark.parametrize("stream", STREAMS)
+def test_a_late_subscriber_gets_each_stream_within_two_periods(
+    robot: RunningNode, stream: str
+) -> None:
+    """Messages without a subscriber are not made, but counted: the numbers show the gap."""
+    period_s = STREAMS[stream][1]
+    took_s: list[float] = []
+    heard: list[tuple[int, int]] = []
+    with robot.client() as client:
+        for _ in range(5):  # A machine that is busy is late now and then; the rule is not.
+            box, start_s = Mailbox(), time.monotonic()
+            subscriber = client._session.declare_subscriber(f"twin/tsd/{stream}", box)
+            stamp = box.next().attachment.to_bytes()
+            took_s.append(time.monotonic() - start_s)
+            subscriber.undeclare()
+            heard.append(struct.unpack("<Qq", stamp))
+            time.sleep(5 * period_s)
+    assert min(took_s) < 2.0 * period_s, took_s
+    numbers, times_ns = np.array(heard).T
+    assert (np.diff(numbers) >= 3).all()
+    np.testing.assert_allclose(
+        np.diff(numbers).sum() * period_s, (times_ns[-1] - times_ns[0]) * 1e-9, rtol=0.5
+    )
 
 
 def test_any_reader_of_ros_messages_reads_them(alice: BusOperator) -> None:
@@ -174,3 +202,16 @@ def test_what_happened_before_is_told_to_those_who_come_later(robot: RunningNode
         carol.wait_until(lambda: any("not stopped" in text for text in carol.texts))
         fields: Any = Event.__struct_fields__
         assert all(set(event) == set(fields) for event in carol.events)
+
+
+def test_the_first_subscriber_does_not_hold_up_the_loop() -> None:
+    """What the first message of a process needs is made before the loop begins."""
+    code = """
+from tests.support.robot_node import running
+from tsd_twin.messages import ros
+assert ros._store.cache_info().currsize == 0
+with running():
+    print(ros._store.cache_info().currsize)
+"""
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout.strip() == "1"

@@ -9,7 +9,7 @@ import json
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import zenoh
 import zenoh.ext
@@ -36,6 +36,14 @@ class Publisher:
             self._publisher.put(payload, attachment=attachment or None)
         except zenoh.ZError as error:
             raise BusError(reason(error)) from error
+
+    @property
+    def has_subscribers(self) -> bool:
+        """Whether a put has a subscriber now; where puts are kept for late joiners, always."""
+        if not isinstance(self._publisher, zenoh.Publisher):
+            return True
+        status = cast("zenoh.MatchingStatus", self._publisher.matching_status)
+        return status.matching
 
     def close(self) -> None:
         """Undeclare the publisher."""

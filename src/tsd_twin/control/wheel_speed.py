@@ -43,6 +43,8 @@ class WheelSpeedController:
         self._usual = self._requested = self._commanded = self._at = usual
         self._chosen_by: bytes | None = None
         self._was_armed = False
+        self._at_rest = (self.kinematics, self.kinematics.inverse(np.zeros(3)))
+        """Joints (n,) of the twist zero, and the kinematics that they were computed with."""
 
     def choose(self, spin_rpm: float, lease: bytes) -> str:
         """Set the wheel speed for the holder of `lease`; return the reason of a refusal, or ""."""
@@ -83,7 +85,12 @@ class WheelSpeedController:
 
     def inverse(self, twist: Array) -> Array:
         """Return the joints (n,) that move the robot by `twist` (3,)."""
-        joints = self.kinematics.inverse(twist)
+        if twist.any():
+            joints = self.kinematics.inverse(twist)
+        else:
+            if self._at_rest[0] is not self.kinematics:
+                self._at_rest = (self.kinematics, self.kinematics.inverse(np.zeros(3)))
+            joints = self._at_rest[1].copy()
         if self._range is not None:
             joints[self._wheels] = self._commanded * self._range.kinematics.spin_ratio
         return joints

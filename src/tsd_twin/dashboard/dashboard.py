@@ -1,10 +1,11 @@
-"""Dashboard process: robot discovery, scene, panels and HTTP server, and the 60 Hz update loop."""
+"""Dashboard process: robot discovery, scene, panels and HTTP server, and the update loop."""
 
 from __future__ import annotations
 
 import asyncio
 import ctypes
 import logging
+import math
 import sys
 import threading
 import time
@@ -92,6 +93,10 @@ _LOG = logging.getLogger(__name__)
 RATE_HZ = 60.0
 STALE_S = 0.3
 """An older state must not look live."""
+IDLE_PERIOD_S = 0.2
+"""Time between two polls of the statuses while no page is open."""
+LINGER_S = 10.0
+"""The picture goes on for so long after the last page has closed: a page that reloads finds it."""
 
 
 class RobotDisplay(Protocol):
@@ -111,7 +116,9 @@ class RobotDisplay(Protocol):
 
 
 class UpdateLoop:
-    """Polls all robots at 60 Hz on a thread of its own."""
+    """Polls all robots on a thread of its own: at 60 Hz while it is watched, else five times a
+    second and their statuses only.
+    """
 
     def __init__(
         self,
@@ -119,19 +126,36 @@ class UpdateLoop:
         display: RobotDisplay,
         on_status: Callable[[str], None],
         on_event: Callable[[str, Event], None],
+        is_watched: Callable[[], bool] = lambda: True,
     ) -> None:
-        """`on_status` and `on_event` are called on the thread of the loop and must not block."""
+        """`on_status` and `on_event` are called on the thread of the loop and must not block.
+
+        `is_watched` says whether a page is open; call `wake` when one opens.
+        """
         self._discovery = discovery
         self._display = display
         self._on_status = on_status
         self._on_event = on_event
+        self._is_watched = is_watched
+        self._watched_s = -math.inf
+        self._active = False
+        self._wake = threading.Event()
         self._stale: dict[str, bool] = {}
+
+    def wake(self) -> None:
+        """Look at once whether a page is open, or whether to end; from any thread."""
+        self._wake.set()
 
     def run(self, stop: threading.Event) -> None:
         """Run until `stop` is set."""
         # New meshes take a second to draw: robots already shown are polled meanwhile.
         with ThreadPoolExecutor(1, "canvas") as drawing:
-            while not stop.wait(1.0 / RATE_HZ):
+            while not stop.is_set():
+                if self._active:
+                    stop.wait(1.0 / RATE_HZ)
+                else:
+                    self._wake.wait(IDLE_PERIOD_S)
+                    self._wake.clear()
                 try:
                     self._tick(time.monotonic(), drawing)
                 except Exception:  # A frame that fails must not end the display for all pages.
@@ -146,20 +170,29 @@ class UpdateLoop:
         self._stale.pop(link.id, None)  # A new robot in the scene looks live.
 
     def _tick(self, now_s: float, drawing: Executor) -> None:
+        if self._is_watched():
+            self._watched_s = now_s
+        self._active = now_s - self._watched_s < LINGER_S
         for robot_id in self._discovery.refresh():
             drawing.submit(self._add, self._discovery.links[robot_id])
         for robot_id, event in self._discovery.take_events():
             self._on_event(robot_id, event)
         for robot_id, link in self._discovery.links.items():
+            link.set_streaming(self._active)
             # Pages receive a status before the scene does: its number is already in use for
             # commands.
-            if link.poll(now_s):
-                self._on_status(robot_id)
+            before = link.snapshot
+            news = link.poll(now_s)
+            if news or (before.odom is None and link.snapshot.odom is not None):
+                self._on_status(robot_id)  # Also with the first pose: a page waits for it.
+            if not self._active:
+                continue
             stale = now_s - link.snapshot.received_s > STALE_S
             if stale is not self._stale.get(robot_id):
                 self._stale[robot_id] = stale
                 self._display.set_stale(robot_id, stale)
-        self._display.draw()
+        if self._active:
+            self._display.draw()
 
 
 TITLE = "tsd-twin"
@@ -201,7 +234,9 @@ async def run(
         scene = Scene(server)
         # The two know each other by callbacks only: neither waits for the other's thread.
         scene_executor = _SceneExecutor(worker, scene, lambda: panels)
-        sessions = SessionManager(discovery, on_released, on_chosen, scene_executor)
+        sessions = SessionManager(
+            discovery, on_released, on_chosen, scene_executor, on_opened=lambda: ticker.wake()
+        )
         gateway = HttpServer(sessions, server.get_port(), auth=AuthMiddleware(rules))
         panels = PanelManager(
             server,
@@ -218,9 +253,19 @@ async def run(
         def on_event(robot_id: str, event: Event) -> None:
             loop.call_soon_threadsafe(sessions.on_event, robot_id, event)
 
-        await gateway.start(host, port)
+        async def on_client(_client: object) -> None:
+            ticker.wake()
+
         ended = threading.Event()
-        ticker = UpdateLoop(discovery, scene, on_status, on_event)
+        ticker = UpdateLoop(
+            discovery,
+            scene,
+            on_status,
+            on_event,
+            is_watched=lambda: sessions.any_open or bool(server.get_clients()),
+        )
+        server.on_client_connect(on_client)
+        await gateway.start(host, port)
         thread = threading.Thread(target=ticker.run, args=(ended,), name="ticker")
         thread.start()
         try:
@@ -230,6 +275,7 @@ async def run(
         finally:
             await gateway.stop()
             ended.set()
+            ticker.wake()
             await asyncio.to_thread(thread.join)
     finally:
         worker.close()

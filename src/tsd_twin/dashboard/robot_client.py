@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 
 from tsd_twin import robots
-from tsd_twin.bus import Bus, Publisher
+from tsd_twin.bus import Bus, Publisher, Subscriber
 from tsd_twin.errors import BusError, MessageError
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SO3, Array
@@ -34,6 +34,7 @@ from tsd_twin.messages.ros import (
     decode_joints,
     decode_odometry,
     encode_twist,
+    warm_up,
 )
 from tsd_twin.messages.services import (
     Description,
@@ -129,7 +130,7 @@ class SentCommand:
 class RobotClient:
     """Client of one robot on the bus: description, newest state, services and commands.
 
-    `poll` belongs to one thread; all else may be called from any.
+    `poll` and `set_streaming` belong to one thread; all else may be called from any.
     """
 
     def __init__(self, bus: Bus, robot_id: str, answer: bytes | None = None) -> None:
@@ -165,13 +166,16 @@ class RobotClient:
         decode_pose = partial(decode_odometry, turning=self.kinematics.pose_type is SO3)
         self.round_trips = RoundTrips()
         """Measured round-trip times."""
-        self._subscribers = {
-            "joints": (bus.subscriber(topics.JOINTS.key(robot_id), 1), decode_joints),
-            "setpoint": (bus.subscriber(topics.SETPOINT.key(robot_id), 1), decode_joints),
-            "odom": (bus.subscriber(topics.ODOM.key(robot_id), 1), decode_pose),
-            "alternative": (bus.subscriber(topics.ODOM_ALTERNATIVE.key(robot_id), 1), decode_pose),
-            "truth": (bus.subscriber(topics.TRUTH.key(robot_id), 1), decode_pose),
+        warm_up()  # On this thread: the first page shall not wait for it.
+        self._streams: dict[str, tuple[topics.Topic, Callable[[bytes], Any]]] = {
+            "joints": (topics.JOINTS, decode_joints),
+            "setpoint": (topics.SETPOINT, decode_joints),
+            "odom": (topics.ODOM, decode_pose),
+            "alternative": (topics.ODOM_ALTERNATIVE, decode_pose),
+            "truth": (topics.TRUTH, decode_pose),
         }
+        self._subscribers: dict[str, Subscriber] = {}
+        self.set_streaming(True)
         self._status = bus.subscriber(topics.STATUS.key(robot_id), 1)
         self._stop = bus.publisher(Service.STOP.key(robot_id), QoS.REAL_TIME)
         self._twists: dict[str, Publisher] = {}
@@ -186,7 +190,7 @@ class RobotClient:
 
     def close(self) -> None:
         """Close all subscriptions."""
-        for reader, _ in self._subscribers.values():
+        for reader in self._subscribers.values():
             reader.close()
         self._status.close()
         self._stop.close()
@@ -194,6 +198,29 @@ class RobotClient:
             for publisher in self._twists.values():
                 publisher.close()
             self._twists.clear()
+
+    def set_streaming(self, on: bool) -> None:
+        """Subscribe to all that is drawn, or to the status only; belongs to the thread of `poll`.
+
+        A robot does not even make messages that have no subscriber. What was drawn before is
+        forgotten then: it must not look like news to the page that opens next.
+        """
+        if on == bool(self._subscribers):
+            return
+        if on:
+            self._subscribers = {
+                name: self._bus.subscriber(topic.key(self.id), 1)
+                for name, (topic, _) in self._streams.items()
+            }
+            return
+        for reader in self._subscribers.values():
+            reader.close()
+        self._subscribers = {}
+        self.snapshot = Snapshot(
+            status=self.snapshot.status,
+            status_seq=self.snapshot.status_seq,
+            received_s=self.snapshot.received_s,
+        )
 
     def poll(self, now_s: float) -> bool:
         """Process received messages, and return whether there is a new status.
@@ -222,10 +249,10 @@ class RobotClient:
         return {"status": self._frozen, "status_seq": self.snapshot.status_seq + 1}
 
     def _poll_streams(self, fresh: dict[str, Any], now_s: float) -> bool:
-        for name, (reader, decode) in self._subscribers.items():
+        for name, reader in self._subscribers.items():
             if (sample := reader.newest()) is not None:
                 try:
-                    fresh[name] = decode(sample.payload)
+                    fresh[name] = self._streams[name][1](sample.payload)
                 except MessageError:
                     continue  # Invalid sample; the age of the state shows it.
         if "odom" in fresh:

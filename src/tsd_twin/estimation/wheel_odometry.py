@@ -76,6 +76,9 @@ class JointOdometry(Generic[PoseT]):
         self._kinematics = kinematics
         self._noise = JointNoise(kinematics, noise)
         self._previous: Array | None = None
+        self._solved_for = b""
+        self._refreshed_for: tuple[object, object] = (None, None)
+        self._grows = False
         self._until_refresh = 0
         self._growth_per_s: Array = np.zeros((3, 3))
         self.pose: PoseT = kinematics.pose_type.identity()
@@ -97,21 +100,36 @@ class JointOdometry(Generic[PoseT]):
         step = joints - previous
         middle = previous + 0.5 * step
         self.motion = motion = self._forward(middle, step / dt_s, dt_s)
-        moved = self._kinematics.integrate(self.pose, motion.twist, dt_s)
+        moved = self.pose
+        if motion.twist.any():
+            moved = self._kinematics.integrate(self.pose, motion.twist, dt_s)
         self._spread(moved, middle, dt_s)
         self.pose = moved
         return motion
 
     def _forward(self, joints: Array, rates: Array, dt_s: float) -> TwistSolution:  # noqa: ARG002  The shape.
         """Return the motion over a step of `dt_s`, from the joints (n,) half-way through it."""
+        # Of a robot that stands, the same equations need not be solved again.
+        same = joints.tobytes() + rates.tobytes()
+        if same == self._solved_for:
+            return self.motion
+        self._solved_for = same
         return self._kinematics.forward(joints, rates)
 
     def _spread(self, moved: PoseT, joints: Array, dt_s: float) -> None:
         """Grow the covariances: first-order error propagation along the step."""
+        if self._refreshed_for[0] is self.motion and self._refreshed_for[1] is moved:
+            # It stands where it was: nothing is carried, and a refresh would find the same.
+            self._until_refresh = (self._until_refresh + 1) % _REFRESH_EVERY
+            if self._grows:
+                self.pose_covariance = self.pose_covariance + dt_s * self._growth_per_s
+            return
         if self._until_refresh == 0:
+            self._refreshed_for = (self.motion, moved)
             self.twist_covariance = self._twist_covariance(joints)
             turn = self._axes(moved)
             self._growth_per_s = turn @ self.twist_covariance @ turn.T * CORRELATION_S
+            self._grows = bool(self._growth_per_s.any())
         self._until_refresh = (self._until_refresh + 1) % _REFRESH_EVERY
         carry = self._carry(moved, dt_s)
         carried = carry @ self.pose_covariance @ carry.T

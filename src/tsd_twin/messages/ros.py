@@ -252,6 +252,15 @@ def decode_odometry(payload: bytes, *, turning: bool = False) -> Odometry:
     )
 
 
+@functools.cache
+def warm_up() -> None:
+    """Make type store and codecs of all messages, which their first use would wait 0.1 s for."""
+    three, square = np.zeros(3), np.zeros((3, 3))
+    decode_twist(encode_twist(TwistStamped(BASE, np.zeros(6))))
+    decode_joints(encode_joints(JointState(("joint",), np.zeros(1), np.zeros(1))))
+    decode_odometry(encode_odometry(Odometry(three, three, square, square)))
+
+
 def _spatial(covariance: Array, rows: tuple[int, int, int]) -> Array:
     """Return the row-major (36,) spatial covariance of a (3, 3) one."""
     spatial = np.zeros((6, 6))

@@ -10,6 +10,7 @@ import secrets
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 
 import msgspec
 import numpy as np
@@ -19,7 +20,7 @@ from tsd_twin.control import RobotController
 from tsd_twin.errors import BusError
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages import topics
-from tsd_twin.messages.ros import Odometry, encode_joints, encode_odometry
+from tsd_twin.messages.ros import Odometry, encode_joints, encode_odometry, warm_up
 from tsd_twin.messages.services import Description, Event, duplicate_id_text
 from tsd_twin.messages.status import LoopStatus, encode_stamp, encode_status
 from tsd_twin.messages.topics import QoS, Service
@@ -27,6 +28,7 @@ from tsd_twin.node.hardware_interface import HasTruth, HasWatchdog, RobotIO
 from tsd_twin.robots import RobotDescription
 
 _REMEMBERED = 500
+_SLEEP_S = 0.02
 
 
 class RateKeeper:
@@ -43,8 +45,11 @@ class RateKeeper:
         """Wait for the next period, or for `stop`, and return the monotonic time."""
         self._next_s += self._period_s
         ahead_s = self._next_s - time.monotonic()
-        if ahead_s > 0.0:
+        if ahead_s > _SLEEP_S:
             stop.wait(ahead_s)
+        elif ahead_s > 0.0:
+            # Half the work of waiting for an event; `stop` is seen this much later at most.
+            time.sleep(ahead_s)
         elif ahead_s < -self._period_s:
             self._overruns += 1
             self._next_s = time.monotonic()
@@ -57,10 +62,11 @@ class RateKeeper:
         """Return rate, overruns and jitter of the loop."""
         if not self._periods_s:
             return LoopStatus()
-        periods = sorted(abs(p - self._period_s) for p in self._periods_s)
-        p99 = periods[min(len(periods) - 1, math.ceil(0.99 * len(periods)))]
-        mean_s = sum(self._periods_s) / len(self._periods_s)
-        return LoopStatus(round(1.0 / mean_s, 1), self._overruns, round(1000.0 * p99, 2))
+        periods_s = np.array(self._periods_s)
+        place = min(len(periods_s) - 1, math.ceil(0.99 * len(periods_s)))
+        p99_s = float(np.partition(np.abs(periods_s - self._period_s), place)[place])
+        hz = 1.0 / float(periods_s.mean())
+        return LoopStatus(round(hz, 1), self._overruns, round(1000.0 * p99_s, 2))
 
 
 class DuplicateIdMonitor:
@@ -119,6 +125,7 @@ PERIOD_S = 0.01
 _EXACT = np.zeros((3, 3))
 _STATE_EVERY = 2  # 50 Hz
 _STATUS_EVERY = 5  # 20 Hz
+_LOOP_STATUS_EVERY = 20  # 5 Hz
 _COMMANDS_KEPT = 64
 """Queue depth for commands: above the number of operators; in a flood the oldest are dropped."""
 
@@ -152,10 +159,13 @@ class RobotNode:
             raise BusError(
                 f"a robot with the id '{robot_id}' is on the bus already: choose another"
             )
+        warm_up()  # The control loop must not wait for it when the first subscriber comes.
         self._bus = bus
         self._id = robot_id
         self._io = io
+        # Looked at once: a look at a protocol takes as long as a message.
         self._watchdog = io if isinstance(io, HasWatchdog) else None
+        self._truth_io = io if isinstance(io, HasTruth) else None
         self._controller = RobotController(robot, lambda: secrets.token_bytes(16), pose=pose)
         self._description = msgspec.json.encode(description)
         self._commands = bus.subscriber(topics.TWIST.key(robot_id), _COMMANDS_KEPT)
@@ -173,6 +183,7 @@ class RobotNode:
         self._event_publishers: dict[str, Publisher] = {}
         self._numbers = dict.fromkeys(states, 0)
         self._mode = self._controller.supervisor.mode
+        self._loop_status = LoopStatus()
         self._duplicate_ids = DuplicateIdMonitor(bus, robot_id)
         # Last: clients that discover the robot may send requests at once.
         self._token = bus.declare_token(alive)
@@ -234,9 +245,13 @@ class RobotNode:
         state_due = tick % _STATE_EVERY == 0
         # A new command is published in the set-point at once: half a period sooner on average.
         if state_due or commanded:
-            self._put(topics.SETPOINT, encode_joints(controller.setpoint_state(stamp_ns)), now_s)
+            self._put_if_matched(
+                topics.SETPOINT, lambda: encode_joints(controller.setpoint_state(stamp_ns)), now_s
+            )
         if state_due:
-            self._put(topics.JOINTS, encode_joints(controller.joint_state(stamp_ns)), now_s)
+            self._put_if_matched(
+                topics.JOINTS, lambda: encode_joints(controller.joint_state(stamp_ns)), now_s
+            )
             self._publish_poses(now_s, stamp_ns)
         for event in controller.take_events():
             self._put_event(event)
@@ -244,25 +259,40 @@ class RobotNode:
             self._put_event(met)
         if tick % _STATUS_EVERY == 0 or controller.supervisor.mode is not self._mode:
             self._mode = controller.supervisor.mode
-            status = controller.status(now_s, rate.status(), self._io.hardware())
-            number = self._put(topics.STATUS, encode_status(status), now_s)
-            controller.record_status_sent(number, now_s)
+            if tick % _LOOP_STATUS_EVERY == 0:
+                self._loop_status = rate.status()
+            status = controller.status(now_s, self._loop_status, self._io.hardware())
+            self._numbers[topics.STATUS] += 1
+            self._put(topics.STATUS, encode_status(status), now_s)
+            controller.record_status_sent(self._numbers[topics.STATUS], now_s)
 
     def _publish_poses(self, now_s: float, stamp_ns: int) -> None:
-        self._put(topics.ODOM, encode_odometry(self._controller.odometry(stamp_ns)), now_s)
-        other = self._controller.alternative_odometry(stamp_ns)
-        if other is not None:
-            self._put(topics.ODOM_ALTERNATIVE, encode_odometry(other), now_s)
-        if isinstance(self._io, HasTruth):
-            truth = self._io.truth(now_s)
-            message = Odometry.of(truth.pose, truth.twist, _EXACT, _EXACT, stamp_ns)
-            self._put(topics.TRUTH, encode_odometry(message), now_s)
+        controller, io = self._controller, self._truth_io
+        self._put_if_matched(
+            topics.ODOM, lambda: encode_odometry(controller.odometry(stamp_ns)), now_s
+        )
+        if self._publishers[topics.ODOM_ALTERNATIVE].has_subscribers:
+            other = controller.alternative_odometry(stamp_ns)
+            if other is not None:
+                self._numbers[topics.ODOM_ALTERNATIVE] += 1
+                self._put(topics.ODOM_ALTERNATIVE, encode_odometry(other), now_s)
+        if io is not None:
+            self._put_if_matched(topics.TRUTH, lambda: _encode_truth(io, now_s, stamp_ns), now_s)
 
-    def _put(self, topic: topics.Topic, payload: bytes, now_s: float) -> int:
+    def _put_if_matched(
+        self, topic: topics.Topic, encode: Callable[[], bytes], now_s: float
+    ) -> None:
+        """Send what `encode` returns to those who subscribe; for none it is not even made.
+
+        It is counted all the same: a gap in the numbers shows what a subscriber has missed.
+        """
         self._numbers[topic] += 1
-        number = self._numbers[topic]
-        self._publishers[topic].put(payload, encode_stamp(number, int(now_s * 1e9)))
-        return number
+        if self._publishers[topic].has_subscribers:
+            self._put(topic, encode(), now_s)
+
+    def _put(self, topic: topics.Topic, payload: bytes, now_s: float) -> None:
+        stamp = encode_stamp(self._numbers[topic], int(now_s * 1e9))
+        self._publishers[topic].put(payload, stamp)
 
     def _put_event(self, event: Event) -> None:
         if event.kind not in self._event_publishers:
@@ -270,3 +300,8 @@ class RobotNode:
             self._event_publishers[event.kind] = self._bus.publisher(key, QoS.EVENT)
         self._event_publishers[event.kind].put(msgspec.json.encode(event))
         _LOG.info("%s: %s", self._id, event.text)
+
+
+def _encode_truth(io: HasTruth, now_s: float, stamp_ns: int) -> bytes:
+    truth = io.truth(now_s)
+    return encode_odometry(Odometry.of(truth.pose, truth.twist, _EXACT, _EXACT, stamp_ns))

@@ -30,6 +30,8 @@ class SpeedControllers:
         self._holding = np.zeros(shape, dtype=bool)
         self._held_s = np.zeros(shape)
         self._was_armed = np.zeros(shape, dtype=bool)
+        self._has_held = False
+        """Whether all have held for long enough: more time changes nothing."""
         self.signal: Array = np.full(shape, zero_throttle)
         """Newest signal commanded."""
 
@@ -38,17 +40,26 @@ class SpeedControllers:
         """Controllers that pass their signal on."""
         return self._was_armed | (self._holding & (self._held_s >= self._hold_s))
 
+    @property
+    def all_holding(self) -> bool:
+        """Whether the newest signal of all is zero throttle."""
+        return bool(self._holding.all())
+
     def command(self, signal: Array) -> Array:
         """Take a new throttle signal; return the one that reaches the motors until the next."""
         self._was_armed = self.armed
         self.signal = signal
         self._holding = signal <= self._zero_throttle
         self._held_s *= self._holding
+        self._has_held = False
         return np.where(self._was_armed, signal, self._zero_throttle)
 
     def advance(self, dt_s: float) -> None:
         """Advance by `dt_s` seconds."""
+        if self._has_held:
+            return
         self._held_s += dt_s * self._holding
+        self._has_held = bool((self._holding & (self._held_s >= self._hold_s)).all())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -299,19 +310,27 @@ class Actuation:
         """(..., k): steady-state speeds of the motors, rad/s."""
         self.play_rad: Array = np.zeros_like(self.goals)
         """(..., 2k): how far the motor of each servo is ahead of its gimbal."""
+        self._standstill: tuple[tuple[int, ...], bytes] | None = None
+        """The newest set-point, when it is zero throttle for all wheels."""
 
-    def command(self, setpoint: Array) -> None:
-        """Give all actuators new set-points, (..., n) in the order of `drive.joints`.
+    def command(self, setpoint: Array) -> bool:
+        """Give all actuators new set-points, (..., n); return whether that can change anything.
 
         Wheels turn one way only; a speed of zero or less is zero throttle.
 
         Raises:
             ValueError: as `checked`.
         """
+        # Zero throttle that is given again changes nothing: speed controllers that hold go on.
+        same = (np.shape(setpoint), np.asarray(setpoint, dtype=float).tobytes())
+        if same == self._standstill:
+            return False
         told = self._offsets.to_actuators(self.checked(setpoint))
         self.goals[...] = self.zero_rad + self.servos.goal(told[..., self.angles])
         signal = self.controllers.command(self.motors.signal(told[..., self.wheels]))
         self.speed_goals[...] = self.motors.speed(signal) * self._speed_share
+        self._standstill = same if self.controllers.all_holding else None
+        return True
 
     def checked(self, setpoint: Array) -> Array:
         """Return set-points (..., n), one for each robot.
@@ -343,6 +362,30 @@ class Actuation:
         touches = np.abs(np.copysign(edge_rad, speed) - self.play_rad) <= 1e-12
         rates[..., self.angles] = speed * touches
         return rates
+
+    def come_to_rest(self, joints: Array) -> None:
+        """Put joints (..., n) that are all but at rest there: of modules with motors shut off."""
+        off = self.speed_goals == 0.0
+        if not off.any():
+            return
+        speeds, angles = joints[..., self.wheels], joints[..., self.angles]
+        slow = off & (np.abs(speeds) < _SETTLED)
+        near = np.repeat(slow, 2, axis=-1) & (np.abs(angles - self.goals) < _SETTLED)
+        joints[..., self.wheels] = np.where(slow, 0.0, speeds)
+        joints[..., self.angles] = np.where(near, self.goals, angles)
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether what is measured has no noise."""
+        return self._angle_noise_rad <= 0.0
+
+    def stands(self, joints: Array) -> bool:
+        """Return whether all wheels stand and all gimbals are exactly at their goals."""
+        return not (
+            self.speed_goals.any()
+            or joints[..., self.wheels].any()
+            or (joints[..., self.angles] != self.goals).any()
+        )
 
     def settled(self, joints: Array) -> bool:
         """Return whether nothing changes any more."""

@@ -297,6 +297,9 @@ class RobotWithStuckJoint(SimRobot):
 
     def write(self, setpoint: Array, now_s: float) -> None:
         """Write set-points (n,); a blocked joint keeps its present angle."""
+        if not self._leans:
+            super().write(setpoint, now_s)
+            return
         joints = self.truth(now_s).joints
         for place, lean_rad in self._leans.items():
             if abs(joints[place]) >= lean_rad:

@@ -78,15 +78,21 @@ class SingularitySimulation:
         self.joints: Array = np.zeros((*batch, len(self.kinematics.joints)))
         """(..., n): true joint vector."""
         self.joints[..., self.actuation.angles] = self.actuation.zero_rad
+        self._stands = False
+        self._measured: Array | None = None
+        """What is measured while everything stands, if that has no noise."""
         self._halves = np.array([0.5, 1.0]).reshape(2, *(1,) * (len(batch) + 1))
 
     def command(self, setpoint: Array) -> None:
         """Give all actuators new set-points, as `Actuation.command` takes them."""
-        self.actuation.command(setpoint)
+        if self.actuation.command(setpoint):
+            self._stands, self._measured = False, None
 
     def advance(self, dt_s: float) -> None:
         """Let `dt_s` seconds pass: in short steps while joints move, in one when all are still."""
         self.actuation.controllers.advance(dt_s)
+        if self._stands:
+            return  # A step would leave everything as it is, to the bit.
         left_s = dt_s
         while left_s > 0.0:
             steps = np.ceil(left_s / _LONGEST_STEP_S)
@@ -97,10 +103,16 @@ class SingularitySimulation:
             )
             self._step(step_s)
             left_s -= step_s
+        self._stands = self.actuation.stands(self.joints)
 
     def measure(self) -> Array:
         """Return the joint vector (..., n) as `Actuation.measure` has it."""
-        return self.actuation.measure(self.joints)
+        if self._measured is not None:
+            return self._measured.copy()
+        measured = self.actuation.measure(self.joints)
+        if self._stands and self.actuation.is_exact:
+            self._measured = measured.copy()
+        return measured
 
     def twist(self) -> Array:
         """Return the true twist (..., 3) in the body frame."""
@@ -117,3 +129,4 @@ class SingularitySimulation:
         nodes[1:] = self.actuation.after(self.joints, dt_s * self._halves)
         self.pose = self._plant.integrate(self.pose, self.actuation.surface.roll(nodes), dt_s)
         self.joints = nodes[2]
+        self.actuation.come_to_rest(self.joints)

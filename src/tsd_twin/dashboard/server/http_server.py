@@ -144,7 +144,9 @@ class HttpServer:
         self.port = self._connection_limiter.port
         self._auth.set_address(host, self.port)
         self._runner = runner
-        watching = (self.sessions.directory.measure_round_trips(), self._auth.expire_logins())
+        sessions = self.sessions
+        measuring = sessions.directory.measure_round_trips(lambda: sessions.any_open)
+        watching = (measuring, self._auth.expire_logins())
         self._background_tasks = [asyncio.create_task(work) for work in watching]
 
     async def stop(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import math
 import time
 from collections import deque
@@ -20,6 +21,8 @@ MAX_EVENTS = 30
 LIVE_TIMEOUT_S = 1.0
 """A robot without a state for longer is not live."""
 _PING_PERIOD_S = 0.25
+_IDLE_PINGS = 4
+"""Periods from one measurement to the next while no page is open."""
 
 
 class RobotClients(Protocol):
@@ -104,10 +107,21 @@ class RobotDirectory:
             _state_age_s(link) < LIVE_TIMEOUT_S for link in list(self._discovery.links.values())
         )
 
-    async def measure_round_trips(self) -> None:
-        """Measure the round-trip times of robots four times a second; runs until cancelled."""
-        while True:
+    def note_mode(self, robot_id: str) -> None:
+        """Record since when a robot has been in its mode, which no page sees now."""
+        link = self._discovery.links.get(robot_id)
+        if link is not None and link.snapshot.status is not None:
+            self._mode_since_s(robot_id, link.snapshot.status.mode)
+
+    async def measure_round_trips(self, is_watched: Callable[[], bool] = lambda: True) -> None:
+        """Measure the round-trip times of robots; runs until cancelled.
+
+        Four times a second, or once while there is no page, as `is_watched` says.
+        """
+        for period in itertools.count():
             await asyncio.sleep(_PING_PERIOD_S)
+            if period % _IDLE_PINGS and not is_watched():
+                continue
             self._measuring = {task for task in self._measuring if not task.done()}
             busy = {task.get_name() for task in self._measuring}
             for link in list(self._discovery.links.values()):

@@ -35,17 +35,20 @@ class SessionManager:
         on_released: Callable[[str], None] = _ignore,
         on_chosen: Callable[[str, str], None] = _ignore,
         page_scene: PageScene | None = None,
+        *,
+        on_opened: Callable[[], None] = _ignore,
     ) -> None:
         """Create it without sessions.
 
         Called on the event loop: `on_released`, with the page, to centre the sliders of its panel,
-        and `on_chosen`, with page and robot id, when its menu is used. `page_scene` is the scene
-        that pages pick from and draw on.
+        and `on_chosen`, with page and robot id, when its menu is used; `on_opened` when a page has
+        connected. `page_scene` is the scene that pages pick from and draw on.
         """
         self._executor = RpcExecutor()
         self.directory = RobotDirectory(discovery, self._executor)
         """The robots that there are to see."""
         self._on_released, self._on_chosen = on_released, on_chosen
+        self._on_opened = on_opened
         self._page_scene: PageScene = EmptyPageScene() if page_scene is None else page_scene
         self._sessions: dict[str, Session] = {}
         self._sockets: dict[str, web.WebSocketResponse] = {}
@@ -71,6 +74,11 @@ class SessionManager:
         await asyncio.gather(*goodbyes)
 
     @property
+    def any_open(self) -> bool:
+        """Whether there is a page; from any thread."""
+        return bool(self._sessions)
+
+    @property
     def rejected(self) -> int:
         """Number of invalid messages from pages."""
         return self._rejected + sum(session.rejected for session in self._sessions.values())
@@ -79,9 +87,10 @@ class SessionManager:
 
     def on_status(self, robot_id: str) -> None:
         """Send a robot's new state to all pages that have it selected."""
-        # Also without viewers: the directory records since when the robot has been in its mode.
-        if (state := self.directory.state(robot_id)) is not None:
-            for session in self._sessions_showing(robot_id):
+        if not (sessions := self._sessions_showing(robot_id)):
+            self.directory.note_mode(robot_id)
+        elif (state := self.directory.state(robot_id)) is not None:
+            for session in sessions:
                 session.send_state(state)
 
     def on_event(self, robot_id: str, event: Event) -> None:
@@ -175,6 +184,7 @@ class SessionManager:
             page_scene=self._page_scene,
         )
         self._sessions[page], self._sockets[page] = session, socket
+        self._on_opened()
         delivering = asyncio.create_task(session.send_queue.run(socket))
         try:
             with holding:

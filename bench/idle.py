@@ -1,0 +1,53 @@
+"""What a robot and a dashboard cost while no one needs them."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+
+import psutil
+
+from bench.bus import program
+from bench.table import Row
+
+_SETTLE_S = 3.0
+_SECONDS = 10.0
+
+_FLOOR = """
+import sys, threading, time
+from tsd_twin.bus import Bus, node_config
+def loop():
+    while True:
+        time.sleep(0.01)
+with Bus(node_config(["tcp/127.0.0.1:0"])) as bus:
+    threading.Thread(target=loop, daemon=True).start()
+    print("ready:", bus.endpoints()[0], flush=True)
+    sys.stdin.read()
+"""
+
+
+def rows() -> Iterator[Row]:
+    """Measure a robot alone, then a dashboard beside it that has no page open."""
+    bare = program([sys.executable, "-c", _FLOOR])
+    with bare:
+        floor = share_of_a_core(bare.process.pid)
+    beside = f"a bare loop at 100 Hz with a session {floor:.1f} %"
+    run = [sys.executable, "-m"]
+    mock = program([*run, "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"])
+    with mock as endpoint:
+        idle = share_of_a_core(mock.process.pid)
+        yield Row("node idle, disarmed, of one core", idle, 4.0, "%", beside)
+        page = program([*run, "tsd_dashboard", "--port", "0", "--until-eof", "--connect", endpoint])
+        with page:
+            unwatched = share_of_a_core(page.process.pid)
+            yield Row("dashboard without viewers, of one core", unwatched, 2.0, "%", beside)
+
+
+def share_of_a_core(pid: int) -> float:
+    """Return what a process takes of one core, in percent, once it has settled."""
+    process = psutil.Process(pid)
+    time.sleep(_SETTLE_S)
+    process.cpu_percent()
+    time.sleep(_SECONDS)
+    return process.cpu_percent()
