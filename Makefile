@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench attack soak format lock meshes clean firmware robot-in-a-box avr
+.PHONY: help demo test quick check bench attack soak format lock meshes clean firmware robot-in-a-box avr
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 22
@@ -15,6 +15,9 @@ demo: .venv/.run ## Drive the simulated robot in the browser
 
 test: check browser avr ## Check, then run all tests
 	@scripts/run_tests $(ARGS)
+
+quick: .venv/.dev ## Check, beside the quick ones of the tests that only compute; aims at 90 s
+	@scripts/run_quick $(ARGS)
 
 check: .venv/.dev ## Format, lint, types, layers
 	$(BIN)/ruff format --check --quiet .
