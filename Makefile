@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench attack soak format lock docs meshes clean firmware robot-in-a-box avr
+.PHONY: help demo test quick check bench attack soak format lock docs meshes clean firmware robot-in-a-box avr
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 22
@@ -18,6 +18,9 @@ test: check browser avr ## Check, then run all tests
 	@scripts/run_tests $(ARGS)
 # The page's scripts name no type: a browser knows that they are modules, Node.js finds out.
 NODE_TEST := --disable-warning=MODULE_TYPELESS_PACKAGE_JSON --test-reporter=dot --test
+
+quick: .venv/.dev .venv/.js ## Check, beside the quick ones of the tests that only compute; aims at 90 s
+	@scripts/run_quick $(ARGS)
 
 check: .venv/.dev .venv/.js ## Format, lint, types, layers
 	$(BIN)/ruff format --check --quiet .

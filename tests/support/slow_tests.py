@@ -1,0 +1,50 @@
+"""Tests that only compute, and long: `make quick` leaves them out.
+
+`python -m tests.support.slow_tests` runs all tests that only compute, which takes minutes, and
+writes the list anew from how long each took.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+TESTS = Path(__file__).parents[1]
+FILE = TESTS / "slow_tests.txt"
+LIMIT_S = 0.5
+"""Beyond this a test is slow, all its cases together."""
+_DURATION = re.compile(r"^([\d.]+)s (?:setup|call|teardown) +tests/([^\[\s]+)", re.MULTILINE)
+
+
+def listed() -> frozenset[str]:
+    """Return the slow tests, as `folder/file::test`."""
+    return frozenset(FILE.read_text("ascii").split())
+
+
+def name_of(node_id: str) -> str:
+    """Return the name under which a test is listed, whatever its case."""
+    return node_id.split("[")[0].removeprefix("tests/")
+
+
+def slow(report: str) -> list[str]:
+    """Return the slow tests of the output of `pytest --durations=0`."""
+    took_s: Counter[str] = Counter()
+    for seconds, name in _DURATION.findall(report):
+        took_s[name] += float(seconds)
+    return sorted(name for name, seconds in took_s.items() if seconds > LIMIT_S)
+
+
+def main() -> None:
+    """Measure, and write the list."""
+    command = [sys.executable, "-m", "pytest", "-m", "not timed", "--durations=0"]
+    done = subprocess.run([*command, "--durations-min=0.005"], capture_output=True, text=True)
+    if done.returncode != 0:
+        sys.exit(done.stdout + done.stderr)
+    FILE.write_text("".join(f"{name}\n" for name in slow(done.stdout)), "ascii")
+
+
+if __name__ == "__main__":
+    main()
