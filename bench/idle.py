@@ -1,4 +1,4 @@
-"""What a robot and a dashboard cost while no one needs them."""
+"""Processor load of an idle node, and of a dashboard without viewers."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from bench.table import Row
 
 _SETTLE_S = 3.0
 _SECONDS = 10.0
+_SMALLEST_S = 0.3
 
 _FLOOR = """
 import sys, threading, time
@@ -27,27 +28,28 @@ with Bus(node_config(["tcp/127.0.0.1:0"])) as bus:
 """
 
 
-def rows() -> Iterator[Row]:
+def rows(*, smallest: bool = False) -> Iterator[Row]:
     """Measure a robot alone, then a dashboard beside it that has no page open."""
+    times_s = (_SMALLEST_S, _SMALLEST_S) if smallest else (_SETTLE_S, _SECONDS)
     bare = program([sys.executable, "-c", _FLOOR])
     with bare:
-        floor = share_of_a_core(bare.process.pid)
+        floor = share_of_a_core(bare.process.pid, *times_s)
     beside = f"a bare loop at 100 Hz with a session {floor:.1f} %"
     run = [sys.executable, "-m"]
     mock = program([*run, "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"])
     with mock as endpoint:
-        idle = share_of_a_core(mock.process.pid)
+        idle = share_of_a_core(mock.process.pid, *times_s)
         yield Row("node idle, disarmed, of one core", idle, 4.0, "%", beside)
         page = program([*run, "tsd_dashboard", "--port", "0", "--until-eof", "--connect", endpoint])
         with page:
-            unwatched = share_of_a_core(page.process.pid)
+            unwatched = share_of_a_core(page.process.pid, *times_s)
             yield Row("dashboard without viewers, of one core", unwatched, 2.0, "%", beside)
 
 
-def share_of_a_core(pid: int) -> float:
-    """Return what a process takes of one core, in percent, once it has settled."""
+def share_of_a_core(pid: int, settle_s: float, seconds: float) -> float:
+    """Processor time of a process in percent of one core, measured once it has settled."""
     process = psutil.Process(pid)
-    time.sleep(_SETTLE_S)
+    time.sleep(settle_s)
     process.cpu_percent()
-    time.sleep(_SECONDS)
+    time.sleep(seconds)
     return process.cpu_percent()

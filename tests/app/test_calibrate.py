@@ -31,7 +31,8 @@ BUILT = re.sub(r"zero_deg = \S+", "zero_deg = 0.3", PATIENT)
 """And one whose gimbals are off by more than thumbs would leave."""
 
 TOO_BUSY = (
-    "held up|off its path|left its area|been heard|no command|fault|said nothing|seen it|disagree"
+    "held up|off its path|left its area|no command|fault|has sent no status|no odometry|"
+    "no pose measurement|makes no progress|disagree|echo no status"
 )
 
 

@@ -87,9 +87,9 @@ def test_a_recorded_log_says_what_the_drive_itself_said_also_when_clocks_disagre
     with (tmp_path / "log.csv").open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([names, *rows, *seen])
     lines = run(tmp_path, "calibrate", "--log", str(tmp_path / "log.csv"))
-    (told,) = [line.split() for line in lines if line.startswith("joints tell")]
+    (lag,) = [line.split() for line in lines if line.startswith("the joints lag the camera by")]
     # The delay of the description's errors is 5 ms.
-    assert float(told[2]) == pytest.approx(35.0, abs=5.0 * float(told[4]))
+    assert float(lag[6]) == pytest.approx(35.0, abs=5.0 * float(lag[8]))
     again, first = figures(tmp_path), figures(machine.folder)
     for name, row in first.items():
         assert again[name]["found"] == pytest.approx(row["found"], abs=row["sigma"]), name

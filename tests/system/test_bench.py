@@ -22,6 +22,7 @@ ROWS = {
     "dashboard": 4,
     "page": 2,
     "start": 1,
+    "idle": 2,
 }
 ROW = re.compile(r"^(\S.+?) +([-+.e\d]+) .*[<>]= .* (ok  |MISS)")
 """What is measured, how much, and whether that reaches what it is to reach."""

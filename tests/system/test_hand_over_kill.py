@@ -101,7 +101,9 @@ def press(page: Page, op: str, **fields: Any) -> dict[str, Any]:
 
 def takes_control_within(page: Page, since_s: float, limit_s: float) -> None:
     """Fail unless a page gets control that is free, without a take-over, within the time."""
-    page.until(lambda: page.take()["ok"])
+    while not page.take()["ok"]:
+        assert time.monotonic() - since_s <= limit_s + SLACK_S
+        time.sleep(0.2)  # More requests than that are a flood, and are dropped.
     assert time.monotonic() - since_s <= limit_s + SLACK_S
 
 

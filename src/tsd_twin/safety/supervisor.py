@@ -357,7 +357,8 @@ class SafetySupervisor:
         self._report("mode", text, TRANSITIONS[before, mode], now_s)
 
     def _why_no_command_stands(self, lease: Lease, now_s: float) -> str:
-        if self._stale_s > self.command_s:
+        # A command that was nearly too old on arrival stands for a moment only.
+        if self._stale_s > self.command_s or now_s - self.command_s < 0.5 * lease.timeout_s:
             return f"commands echo no status of the last {lease.max_age_s * 1000:.0f} ms"
         return f"no command for {(now_s - self.command_s) * 1000:.0f} ms"
 
