@@ -22,15 +22,15 @@ class ClientError(TwinError):
     """Base class of the errors of the client library."""
 
 
-class NoRobotFound(ClientError):  # noqa: N818
+class NoRobotFound(ClientError):  # noqa: N818  Reads as what happened.
     """No robot answers."""
 
 
-class SeveralRobotsFound(ClientError):  # noqa: N818
+class SeveralRobotsFound(ClientError):  # noqa: N818  Reads as what happened.
     """More than one robot is on the bus, and none was named."""
 
 
-class ControlDenied(ClientError):  # noqa: N818
+class ControlDenied(ClientError):  # noqa: N818  Reads as what happened.
     """The robot does not grant the lease."""
 
     def __init__(self, robot: str, reason: str, holder: str | None = None) -> None:
@@ -41,11 +41,11 @@ class ControlDenied(ClientError):  # noqa: N818
         """The operator who has control, if any."""
 
 
-class ControlLost(ClientError):  # noqa: N818
+class ControlLost(ClientError):  # noqa: N818  Reads as what happened.
     """The lease ended before it was released."""
 
 
-class RequestRefused(ClientError):  # noqa: N818
+class RequestRefused(ClientError):  # noqa: N818  Reads as what happened.
     """The robot refused a request."""
 
     def __init__(self, robot: str, what: str, reason: str) -> None:
@@ -54,13 +54,13 @@ class RequestRefused(ClientError):  # noqa: N818
         """The robot's own sentence."""
 
 
-class RobotStopped(ClientError):  # noqa: N818
+class RobotStopped(ClientError):  # noqa: N818  Reads as what happened.
     """The robot is stopped or faulty, is not armed, or began to stop by itself."""
 
 
-class RobotSilent(ClientError):  # noqa: N818
+class RobotSilent(ClientError):  # noqa: N818  Reads as what happened.
     """The robot does not answer, or has sent no status for a second."""
 
 
-class MotionFailed(ClientError):  # noqa: N818
+class MotionFailed(ClientError):  # noqa: N818  Reads as what happened.
     """The robot did not reach the goal of a motion; it was brought to rest."""

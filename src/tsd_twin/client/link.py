@@ -283,7 +283,7 @@ class BusLink:
         """Return the newest state."""
         with self.lock:
             assert self._status is not None  # noqa: S101  The constructor has waited for both.
-            assert self._odometry is not None  # noqa: S101
+            assert self._odometry is not None  # noqa: S101  As above.
             return self._snapshot(self._status, self._odometry)
 
     def _snapshot(self, status: Status, odometry: Odometry) -> RobotState:
