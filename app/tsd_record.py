@@ -1,0 +1,127 @@
+"""`tsd-record`: recorder of all robots on a bus, and export of what it has recorded."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+
+from tsd_twin import program
+from tsd_twin.errors import TwinError
+from tsd_twin.recording import ALLOWED, EVERYTHING, Recorder, RecordingFolder, export
+
+GB = 1_000_000_000
+LEAST_GB = 0.01
+
+PARSER = program.parser(
+    "tsd-record",
+    "Record all messages of all robots on a bus as MCAP: streams, commands, requests, events.",
+    [
+        "tsd-record                                    the robots on this machine",
+        "tsd-record --dir drives --keep-gb 20          into a folder of yours",
+        "tsd-record --connect tcp/127.0.0.1:7448       a robot at another endpoint",
+        "kill -USR1 PID                                begin a new file",
+        "tsd-record export FILE --out part.mcap --from 10 --to 70    one minute, without lease ids",
+        "tsd-record export FILE --csv tables           each stream as a CSV file",
+    ],
+)
+
+
+def default_folder() -> Path:
+    """Return the folder for recordings of this user."""
+    return Path(os.environ.get("XDG_DATA_HOME") or "~/.local/share").expanduser() / "tsd-twin"
+
+
+def record(args: argparse.Namespace) -> None:
+    """Record until a signal.
+
+    Raises:
+        TwinError: the folder cannot be used.
+    """
+    if not args.keep_gb >= LEAST_GB:
+        raise TwinError(f"--keep-gb: {args.keep_gb:g} is too little, {LEAST_GB:g} is the least")
+    stop = program.stop_event(args)
+    folder = RecordingFolder(Path(args.dir), round(args.keep_gb * GB))
+    for path in folder.complete_cut_files():
+        print(f"completed {path}", flush=True)
+    folder.remove_oldest()
+    keys = ALLOWED if args.zenoh_config else EVERYTHING
+    with program.client_bus(args) as bus:
+        try:
+            recorder = Recorder(bus, folder, keys=keys, notify=notify)
+        except OSError as error:
+            raise TwinError(f"{args.dir} cannot be written to: {error.strerror}") from error
+        signal.signal(signal.SIGUSR1, lambda _number, _frame: recorder.new_file())
+        program.say_ready(f"tsd-record into {recorder.file.path}")
+        recorder.run(stop)
+
+
+def notify(text: str) -> None:
+    """Print a notice."""
+    print(f"{datetime.now(UTC):%H:%M:%SZ} {text}", file=sys.stderr, flush=True)
+
+
+def export_file(args: argparse.Namespace) -> None:
+    """Write parts of a recording.
+
+    Raises:
+        TwinError: nothing was asked for.
+    """
+    if not (args.out or args.csv):
+        raise TwinError("export: --out FILE.mcap or --csv FOLDER is needed")
+    part = export.Part(Path(args.file), args.start_s, args.end_s, args.robot)
+    if args.out:
+        print(export.to_mcap(part, Path(args.out)))
+    if args.csv:
+        for line in export.to_csv(part, Path(args.csv)):
+            print(line)
+
+
+def main() -> None:
+    """Read the flags and run."""
+    program.add_client_flags(PARSER)
+    PARSER.add_argument(
+        "--dir",
+        default=str(default_folder()),
+        metavar="FOLDER",
+        help=f"folder of the recordings; default {default_folder()}".replace(
+            str(Path.home()), "~"
+        ),
+    )
+    PARSER.add_argument(
+        "--keep-gb",
+        type=float,
+        default=5.0,
+        metavar="GB",
+        help="limit of the folder, the oldest files are removed; default 5",
+    )
+    PARSER.set_defaults(body=record)
+    commands = PARSER.add_subparsers(metavar="export")
+    parser = commands.add_parser(
+        "export",
+        help="write a part of a recording as MCAP without lease ids, or as CSV",
+        description="Write a part of a recording as MCAP without lease ids, or as CSV.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog="examples:\n"
+        "  tsd-record export FILE --out part.mcap --from 10 --to 70\n"
+        "  tsd-record export FILE --csv tables --robot tsd",
+    )
+    parser.add_argument("file", metavar="FILE", help="a recording")
+    parser.add_argument(
+        "--from", dest="start_s", type=float, default=0.0, metavar="S", help="start, in seconds"
+    )
+    parser.add_argument(
+        "--to", dest="end_s", type=float, metavar="S", help="end, in seconds; default: the end"
+    )
+    parser.add_argument("--robot", metavar="ID", help="one robot; default: all")
+    parser.add_argument("--out", metavar="FILE", help="MCAP file to write")
+    parser.add_argument("--csv", metavar="FOLDER", help="folder for CSV files, one for a stream")
+    parser.set_defaults(body=export_file)
+    program.run(PARSER, lambda args: args.body(args))
+
+
+if __name__ == "__main__":
+    main()
