@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import signal
 import sys
 from datetime import UTC, datetime
@@ -12,6 +11,7 @@ from pathlib import Path
 from tsd_twin import program
 from tsd_twin.errors import TwinError
 from tsd_twin.recording import ALLOWED, EVERYTHING, Recorder, RecordingFolder, export
+from tsd_twin.recording.folder import DEFAULT_GB, default_folder
 
 GB = 1_000_000_000
 LEAST_GB = 0.01
@@ -30,11 +30,6 @@ PARSER = program.parser(
 )
 
 
-def default_folder() -> Path:
-    """Return the folder for recordings of this user."""
-    return Path(os.environ.get("XDG_DATA_HOME") or "~/.local/share").expanduser() / "tsd-twin"
-
-
 def record(args: argparse.Namespace) -> None:
     """Record until a signal.
 
@@ -44,7 +39,7 @@ def record(args: argparse.Namespace) -> None:
     if not args.keep_gb >= LEAST_GB:
         raise TwinError(f"--keep-gb: {args.keep_gb:g} is too little, {LEAST_GB:g} is the least")
     stop = program.stop_event(args)
-    folder = RecordingFolder(Path(args.dir), round(args.keep_gb * GB))
+    folder = RecordingFolder(args.dir, round(args.keep_gb * GB))
     for path in folder.complete_cut_files():
         print(f"completed {path}", flush=True)
     folder.remove_oldest()
@@ -85,18 +80,17 @@ def main() -> None:
     program.add_client_flags(PARSER)
     PARSER.add_argument(
         "--dir",
-        default=str(default_folder()),
+        type=Path,
+        default=default_folder(),
         metavar="FOLDER",
-        help=f"folder of the recordings; default {default_folder()}".replace(
-            str(Path.home()), "~"
-        ),
+        help=f"folder of the recordings; default {default_folder(Path('~'))}",
     )
     PARSER.add_argument(
         "--keep-gb",
         type=float,
-        default=5.0,
+        default=DEFAULT_GB,
         metavar="GB",
-        help="limit of the folder, the oldest files are removed; default 5",
+        help=f"limit of the folder, the oldest files are removed; default {DEFAULT_GB:g}",
     )
     PARSER.set_defaults(body=record)
     commands = PARSER.add_subparsers(metavar="export")

@@ -71,9 +71,7 @@ class LoggedController(RobotController):
             estimate, covariance = estimate_numbers(self.odometry(0))
             raw = None if measured is None else np.asarray(measured, dtype="<f8").tobytes()
             self._calls.append(
-                StepCall(
-                    now_s, raw, list(samples), fault, setpoint.tobytes(), estimate, covariance
-                )
+                StepCall(now_s, raw, list(samples), fault, setpoint.tobytes(), estimate, covariance)
             )
         return setpoint
 

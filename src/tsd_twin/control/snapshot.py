@@ -43,6 +43,7 @@ class LeaseIds:
         self.drawn: list[bytes] = []
 
     def __call__(self) -> bytes:
+        """Return a new id."""
         lease_id = self.draw()
         self.drawn.append(lease_id)
         return lease_id
@@ -81,7 +82,9 @@ def load(state: bytes, draw: Callable[[], bytes]) -> RobotController:
     return controller
 
 
-class _Reader(pickle.Unpickler):  # noqa: S301  Restricted to classes without I/O.
+class _Reader(pickle.Unpickler):
+    """Reader that makes only objects of classes without I/O."""
+
     def find_class(self, module_name: str, global_name: str) -> Any:
         package = module_name.split(".")[:2]
         if (module_name, global_name) in _OTHERS:

@@ -77,9 +77,7 @@ class SentCall(msgspec.Struct, frozen=True, array_like=True, tag="sent"):
     now_s: float
 
 
-Call: TypeAlias = (
-    LeaseDrawn | StopCall | ServeCall | PosesCall | StepCall | StatusCall | SentCall
-)
+Call: TypeAlias = LeaseDrawn | StopCall | ServeCall | PosesCall | StepCall | StatusCall | SentCall
 
 
 class Snapshot(msgspec.Struct, frozen=True):

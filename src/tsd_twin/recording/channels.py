@@ -73,15 +73,16 @@ class EntryMaker:
         """Yield the entries of one message."""
         topic = topic_of(sample.key)
         encoding, ros_type = encoding_of(topic)
-        sequence, publish_ns, rest = self._stamp(sample, topic, log_ns)
+        sequence, publish_ns, fits = self._stamp(sample, topic, log_ns)
         whole = sample.is_put and is_readable(topic, sample.payload)
         if whole:
             yield Entry(
                 sample.key, encoding, ros_type, log_ns, publish_ns, sequence, sample.payload
             )
-        if rest or not whole:
+        if not (fits and whole):
             payload = None if whole else base64.b64encode(sample.payload).decode()
-            raw = msgspec.json.encode(RawMessage(rest.hex(), payload, sample.is_put))
+            message = RawMessage(sample.attachment.hex(), payload, sample.is_put)
+            raw = msgspec.json.encode(message)
             yield Entry(sample.key + RAW, JSON, "", log_ns, publish_ns, sequence, raw)
         if topic is topics.INPUTS and whole:
             yield from self._requests(sample, log_ns)
@@ -91,8 +92,8 @@ class EntryMaker:
         sequence = next(self._numbers[topic]) & _SEQUENCE
         return Entry(topic, JSON, "", log_ns, log_ns, sequence, msgspec.json.encode(value))
 
-    def _stamp(self, sample: Sample, topic: Topic | None, log_ns: int) -> tuple[int, int, bytes]:
-        """Return number, time, and what of the attachment is not in these."""
+    def _stamp(self, sample: Sample, topic: Topic | None, log_ns: int) -> tuple[int, int, bool]:
+        """Return number, time, and whether these say all that is in the attachment."""
         if topic is not None and topic.path.startswith("state/"):
             try:
                 sequence, robot_ns = decode_stamp(sample.attachment)
@@ -100,8 +101,9 @@ class EntryMaker:
                 pass
             else:
                 if sequence <= _SEQUENCE and robot_ns >= 0:
-                    return sequence, robot_ns, b""
-        return next(self._numbers[sample.key]) & _SEQUENCE, log_ns, sample.attachment
+                    return sequence, robot_ns, True
+        number = next(self._numbers[sample.key]) & _SEQUENCE
+        return number, log_ns, not sample.attachment
 
     def _requests(self, sample: Sample, log_ns: int) -> Iterator[Entry]:
         topic = sample.key.removesuffix(topics.INPUTS.path) + REQUESTS
@@ -151,7 +153,7 @@ def is_readable(topic: Topic | None, payload: bytes) -> bool:
     try:
         if topic is topics.INPUTS:
             decode_batch(payload)
-        elif topic in _FROM_CLIENTS and topic is not None:
+        elif topic is not None and topic in _FROM_CLIENTS:
             if topic.type == JSON:
                 msgspec.json.decode(payload)
             else:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from operator import attrgetter
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, cast
 
 import msgspec
 import numpy as np
@@ -16,12 +16,15 @@ from numpy.typing import NDArray
 from tsd_twin.errors import MessageError
 from tsd_twin.lie import Array
 from tsd_twin.messages.ros import decode_cdr
+from tsd_twin.messages.services import Description
+from tsd_twin.messages.topics import Service
 from tsd_twin.recording import reading
 from tsd_twin.recording.channels import CDR, JSON, MSGPACK, RAW, Entry, robot_of
 from tsd_twin.recording.reading import RecordingError
 
 Column: TypeAlias = NDArray[Any]
 _STATE = "/state/"
+_EXACT = 1 << 63
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -173,9 +176,11 @@ class Recording:
         Raises:
             RecordingError: it is not in the file.
         """
-        for message in self.messages("desc", robot=robot):
-            if isinstance(message.value, dict) and isinstance(message.value.get("robot"), str):
-                return message.value["robot"]
+        for message in self.messages(Service.DESC, robot=robot):
+            try:
+                return msgspec.convert(message.value, Description).robot
+            except msgspec.ValidationError:
+                continue  # Not of a robot of ours.
         raise RecordingError(f"{self.path} has no description of the robot")
 
     def _key(self, topic: str, robot: str | None) -> str:
@@ -277,8 +282,7 @@ def _paths(message: Any, above: str = "") -> Iterator[str]:
 
 def _flat(value: Any, above: str = "") -> Iterator[tuple[str, Any]]:
     if isinstance(value, dict) and value:
-        inside: dict[str, Any] = value
-        for name, part in inside.items():
+        for name, part in cast("dict[str, Any]", value).items():
             yield from _flat(part, f"{above}.{name}" if above else name)
     else:
         yield above or "value", value
@@ -286,6 +290,8 @@ def _flat(value: Any, above: str = "") -> Iterator[tuple[str, Any]]:
 
 def _column(values: list[Any]) -> Column:
     """Return one column: numbers where all are numbers or missing, objects otherwise."""
+    if all(type(value) is int and abs(value) < _EXACT for value in values):
+        return np.array(values, dtype=np.int64)
     if all(value is None or isinstance(value, int | float) for value in values):
         return np.array([math.nan if value is None else float(value) for value in values])
     if all(isinstance(value, np.ndarray | list) for value in values):

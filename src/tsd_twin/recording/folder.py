@@ -22,6 +22,18 @@ _NEW_S = 10.0
 _LOG = logging.getLogger(__name__)
 
 
+DEFAULT_GB = 5.0
+"""Usual limit of a folder."""
+
+
+def default_folder(home: Path | None = None) -> Path:
+    """Return the folder for recordings of this user, or below another `home` than theirs."""
+    data = os.environ.get("XDG_DATA_HOME")
+    if home is None and data:
+        return Path(data) / "tsd-twin"
+    return (home or Path.home()) / ".local/share/tsd-twin"
+
+
 class RecordingFolder:
     """Folder of recordings with a limit of its size."""
 

@@ -120,9 +120,7 @@ def _streamed(
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
     wanted = _wanted(topics, from_ns, until_ns)
-    records = StreamReader(
-        file, validate_crcs=True, record_size_limit=_LONGEST_RECORD
-    ).records
+    records = StreamReader(file, validate_crcs=True, record_size_limit=_LONGEST_RECORD).records
     while True:
         try:
             record: Any = next(records)

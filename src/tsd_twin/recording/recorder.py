@@ -25,7 +25,7 @@ EVERYTHING = ("twin/**",)
 ALLOWED = (
     "twin/*/state/**",
     "twin/*/event/**",
-    "twin/*/log/**",
+    topics.INPUTS.key("*"),
     topics.TWIST.key("*"),
     topics.SENSOR_POSE.key("*"),
     topics.STOP.key("*"),

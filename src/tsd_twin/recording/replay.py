@@ -143,7 +143,7 @@ def play(
 
 def _description(recording: Recording, robot: str) -> bytes:
     for message in recording.messages(Service.DESC, robot=robot):
-        if isinstance(message.value, dict):
+        if message.value is not None:
             return msgspec.json.encode(message.value)
     raise RecordingError(f"{recording.path} has no description of '{robot}'")
 
@@ -151,7 +151,7 @@ def _description(recording: Recording, robot: str) -> bytes:
 def _marked(status: bytes) -> bytes:
     """Return a status that says that it is of a recording."""
     try:
-        value: Any = msgspec.json.decode(status)
+        value = msgspec.json.decode(status, type=dict[str, Any])
         value["hardware"] = {**value.get("hardware", {}), "kind": HARDWARE}
     except (msgspec.DecodeError, TypeError, AttributeError):
         return status

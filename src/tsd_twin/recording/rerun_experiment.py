@@ -134,9 +134,7 @@ def with_value(text: str, assignment: str) -> str:
             table = table[name]
         table[key] = tomlkit.value(value.strip())
     except (KeyError, TypeError, TOMLKitError) as error:
-        raise TwinError(
-            f"--set: '{assignment}' is not like limits.acceleration_mps2=1"
-        ) from error
+        raise TwinError(f"--set: '{assignment}' is not like limits.acceleration_mps2=1") from error
     if not equals:
         raise TwinError(f"--set: '{assignment}' has no value")
     return tomlkit.dumps(document)
