@@ -5,10 +5,13 @@ from __future__ import annotations
 import argparse
 import signal
 import sys
+import threading
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
 from tsd_twin import program
+from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, Config, client_config, clients_of, from_file
 from tsd_twin.errors import TwinError
 from tsd_twin.recording import ALLOWED, EVERYTHING, Recorder, RecordingFolder, export
 from tsd_twin.recording.folder import DEFAULT_GB, default_folder
@@ -43,15 +46,58 @@ def record(args: argparse.Namespace) -> None:
     for path in folder.complete_cut_files():
         print(f"completed {path}", flush=True)
     folder.remove_oldest()
+    configs = sessions(args)
+    try:
+        recorder = Recorder(folder, notify=notify)
+    except OSError as error:
+        raise TwinError(f"{args.dir} cannot be written to: {error.strerror}") from error
+    signal.signal(signal.SIGUSR1, lambda _number, _frame: recorder.new_file())
     keys = ALLOWED if args.zenoh_config else EVERYTHING
-    with program.client_bus(args) as bus:
+    taps = [Tap(recorder, config, keys, stop) for config in configs]
+    program.say_ready(f"tsd-record into {recorder.file.path}")
+    recorder.run(stop)
+    for tap in taps:
+        tap.close()
+    for tap in taps:
+        if tap.error is not None:
+            raise tap.error
+
+
+def sessions(args: argparse.Namespace) -> list[Config]:
+    """Return the configuration of a session for each robot.
+
+    Raises:
+        TwinError: a configuration cannot be used.
+    """
+    if args.zenoh_config:
+        return clients_of(from_file(args.zenoh_config))
+    return clients_of(client_config(args.connect or [DEFAULT_ENDPOINT]))
+
+
+class Tap:
+    """Session with one robot, which is opened when the robot is there."""
+
+    def __init__(
+        self, recorder: Recorder, config: Config, keys: Sequence[str], stop: threading.Event
+    ) -> None:
+        self._recorder, self._config, self._keys, self._stop = recorder, config, keys, stop
+        self._bus: Bus | None = None
+        self.error: TwinError | None = None
+        """Why it cannot be opened; it has set `stop` then."""
+        threading.Thread(target=self._open, daemon=True).start()
+
+    def _open(self) -> None:
         try:
-            recorder = Recorder(bus, folder, keys=keys, notify=notify)
-        except OSError as error:
-            raise TwinError(f"{args.dir} cannot be written to: {error.strerror}") from error
-        signal.signal(signal.SIGUSR1, lambda _number, _frame: recorder.new_file())
-        program.say_ready(f"tsd-record into {recorder.file.path}")
-        recorder.run(stop)
+            self._bus = Bus(self._config)
+            self._recorder.listen(self._bus, self._keys)
+        except TwinError as error:
+            self.error = error
+            self._stop.set()
+
+    def close(self) -> None:
+        """Close the session, if it was opened."""
+        if self._bus is not None:
+            self._bus.close()
 
 
 def notify(text: str) -> None:

@@ -108,6 +108,37 @@ def as_client(config: Config, patience_s: float) -> Config:
     )
 
 
+def clients_of(config: Config) -> list[Config]:
+    """Return a client configuration for each endpoint that a configuration connects to.
+
+    Such a session opens when the robot is there, however long that takes, comes back to it after a
+    loss, and sees all its peers.
+
+    Raises:
+        BusError: Zenoh cannot read the configuration.
+    """
+    try:
+        found = json.loads(config.parsed().get_json("connect/endpoints"))
+    except zenoh.ZError as error:
+        raise BusError(f"{config.where}: {reason(error)}") from error
+    if isinstance(found, dict):  # One list for each mode.
+        by_mode = cast("dict[str, list[str]]", found)
+        found = [endpoint for group in by_mode.values() for endpoint in group]
+    return [
+        replace(
+            config,
+            where=endpoint,
+            others={
+                "mode": '"client"',
+                "connect/endpoints": json.dumps([endpoint]),
+                "connect/timeout_ms": "-1",
+                "connect/exit_on_failure": "false",
+            },
+        )
+        for endpoint in cast("list[str]", found or [])
+    ]
+
+
 def from_file(path: str) -> Config:
     """Return the configuration of a JSON5 file, for TLS and access control.
 

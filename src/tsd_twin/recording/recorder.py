@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import logging
 import threading
@@ -44,32 +45,27 @@ _LOG = logging.getLogger(__name__)
 
 
 class Recorder:
-    """Recorder of all robots on a bus.
+    """Recorder of all robots on one bus or several.
 
-    Callbacks of the bus only queue; one thread, which calls `run`, converts and writes.
+    Callbacks of a bus only queue; one thread, which calls `run`, converts and writes.
     """
 
     def __init__(
-        self,
-        bus: Bus,
-        folder: RecordingFolder,
-        *,
-        keys: Sequence[str] = EVERYTHING,
-        notify: Callable[[str], None] = _LOG.warning,
+        self, folder: RecordingFolder, *, notify: Callable[[str], None] = _LOG.warning
     ) -> None:
-        """Subscribe to `keys`, and open the first file.
+        """Open the first file.
 
         `notify` gets one sentence when the disk is full, and when it is no longer.
 
         Raises:
             OSError: the file cannot be created.
         """
-        self._bus, self._folder, self._notify = bus, folder, notify
+        self._folder, self._notify = folder, notify
         self._make = EntryMaker()
         self._queue: deque[tuple[int, Sample | tuple[str, Any]]] = deque()
         self._dropped = 0
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
-        self._alive: dict[str, bool] = {}
+        self._alive: dict[str, Bus] = {}
         self._descriptions: dict[str, Any] = {}
         self._described_s = time.monotonic()
         self._events: dict[str, Publisher] = {}
@@ -78,10 +74,16 @@ class Recorder:
         self.file = folder.new_file()
         """File that is being written."""
         self._opened_s = time.monotonic()
+
+    def listen(self, bus: Bus, keys: Sequence[str] = EVERYTHING) -> None:
+        """Record what is put on `keys` of a bus.
+
+        It has to be a client session: peers of a robot do not see what other peers put.
+        """
         for key in keys:
-            bus.subscribe(key, self._receive)
+            bus.subscribe(key, self._put)
         for key in (topics.alive_key("*"), topics.instance_key("*", "*")):
-            bus.subscribe_liveliness(key, self._receive_life)
+            bus.subscribe_liveliness(key, functools.partial(self._receive_life, bus))
 
     def new_file(self) -> None:
         """Begin a new file soon; may be called from a signal handler."""
@@ -106,16 +108,15 @@ class Recorder:
         # The wall clock as it was at the start: a clock that is set must not turn times round.
         return self._epoch_ns + time.monotonic_ns()
 
-    def _receive(self, sample: Sample) -> None:
-        self._put(sample)
-
-    def _receive_life(self, key: str, lives: bool) -> None:
+    def _receive_life(self, bus: Bus, key: str, lives: bool) -> None:
         self._put((key, {"alive": lives}))
         if key.endswith("/alive"):
             robot = robot_of(key)
-            self._alive[robot] = lives
             if lives:  # It may have been started again, with another description.
-                self._describe(robot)
+                self._alive[robot] = bus
+                self._describe(robot, bus)
+            else:
+                self._alive.pop(robot, None)
 
     def _put(self, item: Sample | tuple[str, Any]) -> None:
         if len(self._queue) < _QUEUE:
@@ -123,7 +124,7 @@ class Recorder:
         else:
             self._dropped += 1
 
-    def _describe(self, robot: str) -> None:
+    def _describe(self, robot: str, bus: Bus) -> None:
         """Ask a robot for its description, which every file needs."""
 
         def take(answer: bytes | None) -> None:
@@ -138,7 +139,7 @@ class Recorder:
                 self._put((Service.DESC.key(robot), description))
 
         try:
-            self._bus.request(Service.DESC.key(robot), b"", take, _DESCRIBE_S)
+            bus.request(Service.DESC.key(robot), b"", take, _DESCRIBE_S)
         except BusError:  # The session is being closed.
             return
 
@@ -147,9 +148,9 @@ class Recorder:
         now_s = time.monotonic()
         if now_s - self._described_s > _DESCRIBE_S:
             self._described_s = now_s
-            for robot, lives in list(self._alive.items()):
-                if lives and robot not in self._descriptions:
-                    self._describe(robot)
+            for robot, bus in list(self._alive.items()):
+                if robot not in self._descriptions:
+                    self._describe(robot, bus)
 
     # On the thread that writes.
 
@@ -185,11 +186,11 @@ class Recorder:
         """Tell the terminal, and the pages of all robots."""
         self._notify(text)
         event = Event("record", text, rule="recording")
-        for robot in [robot for robot, lives in list(self._alive.items()) if lives]:
+        for robot, bus in list(self._alive.items()):
             try:
                 if robot not in self._events:
                     key = topics.event_key(robot, event.kind)
-                    self._events[robot] = self._bus.publisher(key, QoS.EVENT)
+                    self._events[robot] = bus.publisher(key, QoS.EVENT)
                 self._events[robot].put(json.dumps(_fields(event)).encode())
             except BusError:
                 return
@@ -210,8 +211,8 @@ class Recorder:
         self._close(self.file)
         self.file, self._opened_s = following, time.monotonic()
         now_ns = self._now_ns()
-        for robot, lives in list(self._alive.items()):
-            self.file.add(self._make.of_json(topics.alive_key(robot), {"alive": lives}, now_ns))
+        for robot in list(self._alive):
+            self.file.add(self._make.of_json(topics.alive_key(robot), {"alive": True}, now_ns))
         for robot, description in list(self._descriptions.items()):
             self.file.add(self._make.of_json(Service.DESC.key(robot), description, now_ns))
         self._folder.remove_oldest()
