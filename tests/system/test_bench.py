@@ -23,6 +23,7 @@ ROWS = {
     "page": 2,
     "start": 1,
     "idle": 2,
+    "recording": 2,
 }
 ROW = re.compile(r"^(\S.+?) +([-+.e\d]+) .*[<>]= .* (ok  |MISS)")
 """What is measured, how much, and whether that reaches what it is to reach."""
