@@ -7,6 +7,7 @@ points. Formulas as in Sola, Deray, Atchuthan, "A micro Lie theory for state est
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -22,6 +23,18 @@ def sinc(x: Array) -> Array:
     # The function is even; the added number avoids 0 / 0 and changes no other value.
     away = np.abs(x) + 1e-200
     return np.sin(away) / away
+
+
+def _arc(vx: float, vy: float, half: float, middle: float) -> tuple[float, float]:
+    """Return the displacement of a twist in unit time, in plain floats: for one pose, they are
+    faster than numpy, and give the same bits.
+
+    `half` is half of the angle turned through, `middle` the heading half-way.
+    """
+    away = abs(half) + 1e-200
+    chord = math.sin(away) / away
+    c, s = chord * math.cos(middle), chord * math.sin(middle)
+    return c * vx - s * vy, s * vx + c * vy
 
 
 def wrap(angle: Array) -> Array:
@@ -49,6 +62,9 @@ class SE2:
     @staticmethod
     def exp(tangent: Array) -> SE2:
         """Return the pose that constant twist `tangent` (..., 3) reaches in unit time; Eq. 156."""
+        if tangent.ndim == 1 and math.isfinite(tangent[2]):
+            vx, vy, omega = tangent.tolist()
+            return SE2(np.array([*_arc(vx, vy, 0.5 * omega, 0.5 * omega), omega]))
         half = 0.5 * tangent[..., 2]
         # The left Jacobian is a turn by half the angle, shortened by sinc: no branch near zero.
         chord = sinc(half)
@@ -81,6 +97,11 @@ class SE2:
 
     def __matmul__(self, other: SE2) -> SE2:
         """Compose: T_ac = T_ab @ T_bc."""
+        if self.xy_heading.ndim == other.xy_heading.ndim == 1 and math.isfinite(self.xy_heading[2]):
+            x, y, angle = self.xy_heading.tolist()
+            dx, dy, turned = other.xy_heading.tolist()
+            c, s = math.cos(angle), math.sin(angle)
+            return SE2(np.array([c * dx - s * dy + x, s * dx + c * dy + y, angle + turned]))
         heading = self.xy_heading[..., 2] + other.xy_heading[..., 2]
         out = np.empty((*np.shape(heading), 3))
         out[..., :2] = self.transform(other.xy_heading[..., :2])
@@ -92,6 +113,12 @@ class SE2:
 
         The same as `self @ SE2.exp(tangent)`, in one turn by the sum of the two angles.
         """
+        if self.xy_heading.ndim == tangent.ndim == 1:
+            x, y, heading = self.xy_heading.tolist()
+            vx, vy, omega = tangent.tolist()
+            if math.isfinite(heading + omega):
+                dx, dy = _arc(vx, vy, 0.5 * omega, heading + 0.5 * omega)
+                return SE2(np.array([dx + x, dy + y, omega + heading]))
         half = 0.5 * tangent[..., 2]
         chord, middle = sinc(half), self.xy_heading[..., 2] + half
         c, s = chord * np.cos(middle), chord * np.sin(middle)

@@ -102,7 +102,7 @@ class FollowingErrorMonitor:
         while self._commanded and now_s - self._commanded[0][0] > REMEMBERED_S:
             self._commanded.popleft()
         self._commanded.append((now_s, commanded))
-        if not any(np.abs(measured - commanded) > ASIDE_RAD):
+        if not any(abs(off) > ASIDE_RAD for off in (measured - commanded).tolist()):
             self._since_s = None
             return ""
         lately = np.array([angles for _, angles in self._commanded])

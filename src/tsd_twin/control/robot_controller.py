@@ -130,6 +130,8 @@ class RobotController:
         self._states = JointStateEncoder(robot)
         self._wheels = np.flatnonzero(~self._estimator.is_angle)
         self._limiter = TwistLimiter(self.kinematics, robot.limits)
+        self._capped: tuple[tuple[bytes, float], Array] | None = None
+        """Newest request and share, and what `_limiter` makes of them."""
         self._components = np.array(self.kinematics.twist_axes)
         self._now_s = -math.inf
         self._saturation = SaturationMonitor()
@@ -204,6 +206,7 @@ class RobotController:
             ramps=armed and mode is not Mode.ARMING,
         ):
             self._limiter = TwistLimiter(self.kinematics, self.robot.limits)
+            self._capped = None
             # Slower wheels saturate earlier: scale the whole twist, not each gimbal.
             self.twist = self.twist / max(1.0, float(self.kinematics.joint_utilization(self.twist)))
 
@@ -215,7 +218,7 @@ class RobotController:
             if supervisor.command is not None and lease is not None:
                 request = self._request()
                 share = lease.speed_cap_mps / self.robot.limits.speed_mps
-                goal = self._limiter.cap(request, share)
+                goal = self._cap(request, share)
             if dt_s > 0.0:
                 # After a delayed period the speed must not rise in one step; it may fall in one,
                 # since the robot has kept driving meanwhile.
@@ -229,6 +232,13 @@ class RobotController:
         self.setpoint = self._wheel_speed.inverse(self.twist)
         if not supervisor.wheels_spin:
             self.setpoint[self._wheels] = 0.0
+
+    def _cap(self, request: Array, share: float) -> Array:
+        """Return a request (3,) within the limits; mostly it is the one of the last period."""
+        asked = (request.tobytes(), share)
+        if self._capped is None or self._capped[0] != asked:
+            self._capped = (asked, self._limiter.cap(request, share))
+        return self._capped[1]
 
     def _request(self) -> Array:
         """Return the commanded twist (3,) in the base frame."""

@@ -180,14 +180,13 @@ class StateEstimator:
         of the joints during the step.
         """
         spin = self._spin.advance(setpoint[self._wheels], dt_s)
-        if measured is not None and np.isfinite(measured[self._needed]).all():
+        if measured is not None and all(map(math.isfinite, measured[self._needed].tolist())):
             self.measured_s = now_s
             joints = measured[: len(self.joints)].copy()
             others = measured[len(joints) :]
             self.sensors = others.copy() if len(others) else self._unmeasured
             speeds = joints[self._wheels]
-            np.copyto(speeds, spin, where=~np.isfinite(speeds))
-            joints[self._wheels] = speeds
+            joints[self._wheels] = np.where(np.isfinite(speeds), speeds, spin)
         elif math.isfinite(self.measured_s):
             # Without a measurement gimbals keep their angles; wheels that are shut off run down.
             joints = self.joints.copy()

@@ -4,6 +4,7 @@ pose sensor.
 
 from __future__ import annotations
 
+import functools
 import math
 import struct
 from dataclasses import dataclass
@@ -13,9 +14,10 @@ import numpy as np
 from tsd_twin.errors import MessageError
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages import ros
-from tsd_twin.messages.ros import BASE, ODOM, decode_twist
+from tsd_twin.messages.ros import BASE, ODOM, TwistStamped, decode_twist
 
 _ATTACHMENT = struct.Struct("<Q16sQ")
+_PAYLOADS_KEPT = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,12 +63,20 @@ def decode_command(sample: Sample) -> Command:
         seq, lease, status_seq = _ATTACHMENT.unpack(sample.attachment)
     except struct.error as error:
         raise MessageError("shape", f"attachment: {error}") from error
-    message = decode_twist(sample.payload)
+    message = _checked_twist(sample.payload)
+    return Command(parts[3], seq, lease, status_seq, message.frame, message.twist)
+
+
+@functools.lru_cache(maxsize=_PAYLOADS_KEPT)
+def _checked_twist(payload: bytes) -> TwistStamped:
+    """Return the twist in a payload, which nothing can change: a motion repeats it at 50 Hz."""
+    message = decode_twist(payload)
     if message.frame not in (BASE, ODOM):
         raise MessageError("shape", f"frame_id must be {BASE} or {ODOM}")
     if not np.isfinite(message.twist).all():
         raise MessageError("nonfinite", "a twist must be finite numbers")
-    return Command(parts[3], seq, lease, status_seq, message.frame, message.twist)
+    message.twist.setflags(write=False)
+    return message
 
 
 _TYPE = "geometry_msgs/msg/PoseStamped"

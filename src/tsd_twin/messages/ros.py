@@ -19,6 +19,8 @@ from tsd_twin.errors import MessageError
 from tsd_twin.lie import SE2, SO3, Array
 
 _LARGEST = 4096  # Bytes; messages of this project have fewer than 800.
+_COMMANDS_KEPT = 16
+"""Commands whose encoding is kept: more than one process sends at a time."""
 
 
 def make_message(type_name: str, **fields: Any) -> Any:
@@ -153,9 +155,15 @@ class Odometry:
 
 def encode_twist(message: TwistStamped) -> bytes:
     """Return the CDR of a `geometry_msgs/msg/TwistStamped`."""
-    header = make_header(message.stamp_ns, message.frame)
-    twist = make_twist(message.twist)
-    return encode_cdr(make_message("geometry_msgs/msg/TwistStamped", header=header, twist=twist))
+    return _twist_cdr(message.frame, np.asarray(message.twist, float).tobytes(), message.stamp_ns)
+
+
+@functools.lru_cache(maxsize=_COMMANDS_KEPT)
+def _twist_cdr(frame: str, twist: bytes, stamp_ns: int) -> bytes:
+    # A motion repeats its command at 50 Hz.
+    header = make_header(stamp_ns, frame)
+    numbers = make_twist(np.frombuffer(twist))
+    return encode_cdr(make_message("geometry_msgs/msg/TwistStamped", header=header, twist=numbers))
 
 
 def decode_twist(payload: bytes) -> TwistStamped:

@@ -4,6 +4,7 @@ surface.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,8 +31,8 @@ class SpeedControllers:
         self._holding = np.zeros(shape, dtype=bool)
         self._held_s = np.zeros(shape)
         self._was_armed = np.zeros(shape, dtype=bool)
-        self._has_held = False
-        """Whether all have held for long enough: more time changes nothing."""
+        self._is_idle = False
+        """Whether more time changes nothing: all that hold have held for long enough."""
         self.signal: Array = np.full(shape, zero_throttle)
         """Newest signal commanded."""
 
@@ -41,9 +42,12 @@ class SpeedControllers:
         return self._was_armed | (self._holding & (self._held_s >= self._hold_s))
 
     @property
-    def all_holding(self) -> bool:
-        """Whether the newest signal of all is zero throttle."""
-        return bool(self._holding.all())
+    def is_repeatable(self) -> bool:
+        """Whether the newest signals change nothing when they are given again.
+
+        So it is when all pass theirs on, and when zero throttle is the newest signal of all.
+        """
+        return bool(self._was_armed.all() or self._holding.all())
 
     def command(self, signal: Array) -> Array:
         """Take a new throttle signal; return the one that reaches the motors until the next."""
@@ -51,15 +55,15 @@ class SpeedControllers:
         self.signal = signal
         self._holding = signal <= self._zero_throttle
         self._held_s *= self._holding
-        self._has_held = False
+        self._is_idle = False
         return np.where(self._was_armed, signal, self._zero_throttle)
 
     def advance(self, dt_s: float) -> None:
         """Advance by `dt_s` seconds."""
-        if self._has_held:
+        if self._is_idle:
             return
         self._held_s += dt_s * self._holding
-        self._has_held = bool((self._holding & (self._held_s >= self._hold_s)).all())
+        self._is_idle = bool((~self._holding | (self._held_s >= self._hold_s)).all())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,14 +162,19 @@ class Servos:
             backlash_rad=float(np.radians(robot.errors.backlash_deg)),
         )
 
+    @property
+    def are_ideal(self) -> bool:
+        """Whether they have neither a dead band nor play."""
+        return self.dead_band_rad == 0.0 and self.backlash_rad == 0.0
+
     def quantise(self, angle: Array) -> Array:
         """Return `angle`, radians, at the nearest step."""
         return np.round(angle / self.step_rad) * self.step_rad
 
     def goal(self, setpoint: Array) -> Array:
         """Return the goal angle of a servo for `setpoint`, quantised and limited, radians."""
-        last = np.floor(self.angle_limit_rad / self.step_rad) * self.step_rad
-        return np.clip(self.quantise(setpoint), -last, last)
+        last = math.floor(self.angle_limit_rad / self.step_rad) * self.step_rad
+        return np.minimum(np.maximum(self.quantise(setpoint), -last), last)
 
     def rate(self, angle: Array, goal: Array) -> Array:
         """Return the speed, rad/s, of motors whose gimbals are at `angle` on the way to `goal`."""
@@ -182,11 +191,16 @@ class Servos:
         error = goal - angle
         distance = np.abs(error)
         limit, rate = self.speed_limit_rad_per_s, self.approach_rate_per_s
-        near = np.minimum(distance, limit / rate)
-        at_top_speed_s = np.minimum(elapsed_s, (distance - near) / limit)
-        left = distance - limit * at_top_speed_s
-        left += near * np.expm1(-rate * (elapsed_s - at_top_speed_s))
-        left = np.maximum(left, np.minimum(distance, self.dead_band_rad))
+        near_rad = limit / rate
+        if (distance <= near_rad).all():
+            left = distance + distance * np.expm1(-rate * elapsed_s)
+        else:
+            near = np.minimum(distance, near_rad)
+            at_top_speed_s = np.minimum(elapsed_s, (distance - near) / limit)
+            left = distance - limit * at_top_speed_s
+            left += near * np.expm1(-rate * (elapsed_s - at_top_speed_s))
+        if self.dead_band_rad > 0.0:
+            left = np.maximum(left, np.minimum(distance, self.dead_band_rad))
         return goal - np.copysign(left, error)
 
     def cross(
@@ -284,6 +298,7 @@ class Actuation:
         given = nominal_v * (1.0 + off) if battery_v is None else battery_v
         self.battery_v: Array = np.broadcast_to(given, off.shape)
         """(..., 1): voltage, of each robot."""
+        self._mean_battery_v = float(self.battery_v.mean())
         self.surface = WheelSurface.of(self.kinematics, robot.errors.layer_m, built, shape)
         self.servos = Servos.of(robot, self.battery_v)
         self.motors = Motors.of(robot)
@@ -310,8 +325,12 @@ class Actuation:
         """(..., k): steady-state speeds of the motors, rad/s."""
         self.play_rad: Array = np.zeros_like(self.goals)
         """(..., 2k): how far the motor of each servo is ahead of its gimbal."""
-        self._standstill: tuple[tuple[int, ...], bytes] | None = None
-        """The newest set-point, when it is zero throttle for all wheels."""
+        self._all_on = False
+        """Whether no motor is shut off."""
+        self._repeatable: tuple[tuple[int, ...], bytes] | None = None
+        """The newest set-point, if it changes nothing when it is given again."""
+        self._wheels_told = b""
+        """The newest speeds told to the motors, if they change nothing when they are told again."""
 
     def command(self, setpoint: Array) -> bool:
         """Give all actuators new set-points, (..., n); return whether that can change anything.
@@ -321,16 +340,24 @@ class Actuation:
         Raises:
             ValueError: as `checked`.
         """
-        # Zero throttle that is given again changes nothing: speed controllers that hold go on.
         same = (np.shape(setpoint), np.asarray(setpoint, dtype=float).tobytes())
-        if same == self._standstill:
+        if same == self._repeatable:
             return False
         told = self._offsets.to_actuators(self.checked(setpoint))
         self.goals[...] = self.zero_rad + self.servos.goal(told[..., self.angles])
-        signal = self.controllers.command(self.motors.signal(told[..., self.wheels]))
-        self.speed_goals[...] = self.motors.speed(signal) * self._speed_share
-        self._standstill = same if self.controllers.all_holding else None
+        self._tell_motors(told[..., self.wheels])
+        self._repeatable = same if self._wheels_told else None
         return True
+
+    def _tell_motors(self, speeds: Array) -> None:
+        """Give the motors new speeds (..., k)."""
+        wheels_told = speeds.tobytes()
+        if wheels_told == self._wheels_told:
+            return
+        signal = self.controllers.command(self.motors.signal(speeds))
+        self.speed_goals[...] = self.motors.speed(signal) * self._speed_share
+        self._all_on = bool(self.speed_goals.all())
+        self._wheels_told = wheels_told if self.controllers.is_repeatable else b""
 
     def checked(self, setpoint: Array) -> Array:
         """Return set-points (..., n), one for each robot.
@@ -340,18 +367,22 @@ class Actuation:
         """
         if not np.isfinite(setpoint).all():
             raise ValueError(f"set-points must be finite, these are {setpoint}")
-        joints = len(self.angles) + len(self.wheels)
-        return np.broadcast_to(setpoint, (*self.goals.shape[:-1], joints))
+        shape = (*self.goals.shape[:-1], len(self.angles) + len(self.wheels))
+        return setpoint if np.shape(setpoint) == shape else np.broadcast_to(setpoint, shape)
 
     def after(self, joints: Array, elapsed_s: Array) -> Array:
         """Return joints without load at times (m, ..., 1) from now, which the last one becomes."""
         angles, goals = joints[..., self.angles], self.goals
-        turning_s, play = self.servos.cross(angles, goals, self.play_rad, elapsed_s)
-        self.play_rad = play[-1]
+        turning_s = elapsed_s
+        if not self.servos.are_ideal:
+            turning_s, play = self.servos.cross(angles, goals, self.play_rad, elapsed_s)
+            self.play_rad = play[-1]
         later = np.empty((len(elapsed_s), *joints.shape))
-        later[..., self.angles] = self.servos.after(angles, goals, turning_s)
+        modules = later.reshape(*later.shape[:-1], len(self.wheels), 3)
+        turned = self.servos.after(angles, goals, turning_s)
+        modules[..., :2] = turned.reshape(*turned.shape[:-1], len(self.wheels), 2)
         speeds = joints[..., self.wheels]
-        later[..., self.wheels] = self.motors.after(speeds, self.speed_goals, elapsed_s)
+        modules[..., 2] = self.motors.after(speeds, self.speed_goals, elapsed_s)
         return later
 
     def rates(self, joints: Array) -> Array:
@@ -365,9 +396,9 @@ class Actuation:
 
     def come_to_rest(self, joints: Array) -> None:
         """Put joints (..., n) that are all but at rest there: of modules with motors shut off."""
-        off = self.speed_goals == 0.0
-        if not off.any():
+        if self._all_on:
             return
+        off = self.speed_goals == 0.0
         speeds, angles = joints[..., self.wheels], joints[..., self.angles]
         slow = off & (np.abs(speeds) < _SETTLED)
         near = np.repeat(slow, 2, axis=-1) & (np.abs(angles - self.goals) < _SETTLED)
@@ -382,7 +413,8 @@ class Actuation:
     def stands(self, joints: Array) -> bool:
         """Return whether all wheels stand and all gimbals are exactly at their goals."""
         return not (
-            self.speed_goals.any()
+            self._all_on
+            or self.speed_goals.any()
             or joints[..., self.wheels].any()
             or (joints[..., self.angles] != self.goals).any()
         )
@@ -409,7 +441,7 @@ class Actuation:
     def hardware_status(self) -> dict[str, object]:
         """Return voltage, whether the speed controllers are armed, and what pulses they get."""
         return {
-            "battery_v": float(self.battery_v.mean()),
+            "battery_v": self._mean_battery_v,
             "esc_armed": bool(self.controllers.armed.all()),
             "pulse_us": self.motors.pulse_us(self.controllers.signal).tolist(),
         }
