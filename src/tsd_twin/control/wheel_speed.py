@@ -46,10 +46,17 @@ class WheelSpeedController:
         self._at_rest = (self.kinematics, self.kinematics.inverse(np.zeros(3)))
         """Joints (n,) of the twist zero, and the kinematics that they were computed with."""
 
+    @property
+    def refusal(self) -> str:
+        """Reason why no wheel speed can be set, or ""."""
+        if self._range is not None:
+            return ""
+        return "the wheels of this robot stand when it does, so they have no speed to choose"
+
     def choose(self, spin_rpm: float, lease: bytes) -> str:
         """Set the wheel speed for the holder of `lease`; return the reason of a refusal, or ""."""
         if self._range is None:
-            return "the wheels of this robot stand when it does, so they have no speed to choose"
+            return self.refusal
         if refusal := self._range.refusal(spin_rpm * RPM):
             return refusal
         self._requested, self._chosen_by = spin_rpm * RPM, lease
