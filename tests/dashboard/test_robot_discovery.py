@@ -196,13 +196,14 @@ def test_two_robots_with_one_id_are_shown_as_a_fault_without_flicker() -> None:
         assert link.snapshot.status.mode == "ready"
         tokens.append(bus.declare_token(topics.instance_key("tsd", "b" * 16)))
         until(lambda: fleet.refresh() == [] and link.has_duplicate)
-        shown: set[tuple[str, str]] = set()
+        shown: set[tuple[str, str, str]] = set()
         sequence: list[int] = []
         for mode in ("driving", "disarmed", "stopped") * 5:
             until(lambda mode=mode: hears(mode))
-            shown.add((link.snapshot.status.mode, link.snapshot.status.stop_reason))
+            status_now = link.snapshot.status
+            shown.add((status_now.mode, status_now.stop_reason, status_now.no_drive_reason))
             sequence.append(link.snapshot.status_seq)
-        assert shown == {("fault", duplicate_id_text("tsd"))}
+        assert shown == {("fault", duplicate_id_text("tsd"), duplicate_id_text("tsd"))}
         assert sequence == sorted(set(sequence))
         tokens.pop().close()
         until(lambda: hears("ready") and link.snapshot.status.mode == "ready")

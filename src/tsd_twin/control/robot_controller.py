@@ -307,6 +307,7 @@ class RobotController:
             stops=supervisor.stops,
             arming=supervisor.arming(now_s),
             lease=lease_status(supervisor, lease, now_s),
+            refusals=self._services.refusals(now_s),
             command=command_status(supervisor, now_s),
             limits=limit_status(self.robot, lease, self._saturation.share),
             consistency=consistency,

@@ -24,8 +24,9 @@ from tsd_twin.messages.services import (
     StopRequest,
     decode_request,
 )
+from tsd_twin.messages.status import Refusals
 from tsd_twin.messages.topics import Service
-from tsd_twin.safety import LATCHED, Mode, SafetySupervisor
+from tsd_twin.safety import Mode, SafetySupervisor
 
 
 class PoseCodec(Protocol, Generic[PoseT]):
@@ -142,28 +143,53 @@ class ServiceHandler:
             request = StopRequest()
         return self._supervisor.stop(request, now_s)
 
-    def _set_pose(self, request: SetPoseRequest | SetOrientationRequest, now_s: float) -> Reply:
-        pose = self._pose_codec.decode(request)
-        if not self._supervisor.holds(request.lease, now_s):
-            return self._refused(Service.SET_POSE, "take control first", now_s)
-        if pose is None:
-            return self._refused(Service.SET_POSE, "a pose must be finite numbers", now_s)
+    def refusals(self, now_s: float) -> Refusals:
+        """Return the part of the status that shows which requests would be refused now."""
+        supervisor, lease = self._supervisor, self._supervisor.lease_in_force(now_s)
+        lease_hex = lease.id.hex() if lease else ""
+        return Refusals(
+            lease=supervisor.lease_refusal(None, now_s) or None,
+            without_lease=supervisor.holder_refusal("", now_s),
+            arm=supervisor.arm_refusal(lease_hex, now_s) or None,
+            disarm=supervisor.holder_refusal(lease_hex, now_s) or None,
+            reset=supervisor.reset_refusal(lease_hex, now_s) or None,
+            drive=supervisor.drive_refusal(lease_hex, now_s) or None,
+            set_pose=self._set_pose_refusal(lease_hex, now_s) or None,
+            speed=self._speed_refusal(lease_hex, now_s) or None,
+        )
+
+    def _set_pose_refusal(self, lease_hex: str, now_s: float) -> str:
+        if refusal := self._supervisor.holder_refusal(lease_hex, now_s):
+            return refusal
         if self._supervisor.mode in (Mode.DRIVING, Mode.STOPPING):
             # A command in the world's axes would turn with the heading.
-            return self._refused(Service.SET_POSE, "the pose can be set at rest only", now_s)
+            return "the pose can be set at rest only"
+        return ""
+
+    def _speed_refusal(self, lease_hex: str, now_s: float) -> str:
+        supervisor = self._supervisor
+        return (
+            supervisor.holder_refusal(lease_hex, now_s)
+            or supervisor.latched_refusal
+            or self._wheel_speed.refusal
+        )
+
+    def _set_pose(self, request: SetPoseRequest | SetOrientationRequest, now_s: float) -> Reply:
+        pose = self._pose_codec.decode(request)
+        if refusal := self._set_pose_refusal(request.lease, now_s):
+            return self._refused(Service.SET_POSE, refusal, now_s)
+        if pose is None:
+            return self._refused(Service.SET_POSE, "a pose must be finite numbers", now_s)
         self._estimator.set_pose(pose)
         return Reply(True)
 
     def _choose_speed(self, request: SpeedRequest, now_s: float) -> Reply:
-        supervisor, lease = self._supervisor, request.lease
-        if not supervisor.holds(lease, now_s):
-            refusal = "take control first"
-        elif supervisor.mode in LATCHED:
-            refusal = f"the robot is {supervisor.mode}: reset first"
-        else:
-            refusal = self._wheel_speed.choose(request.cruise_speed_rpm, bytes.fromhex(lease))
+        lease_hex = request.lease
+        refusal = self._speed_refusal(lease_hex, now_s) or self._wheel_speed.choose(
+            request.cruise_speed_rpm, bytes.fromhex(lease_hex)
+        )
         if refusal:
-            return supervisor.refuse("change the drive speed", refusal, now_s)
+            return self._supervisor.refuse("change the drive speed", refusal, now_s)
         return Reply(True)
 
     def _refused(self, service: Service, reason: str, now_s: float) -> Reply:

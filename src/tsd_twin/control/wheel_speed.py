@@ -48,10 +48,17 @@ class WheelSpeedController:
         """Newest kinematics, twist and joints (n,) of `inverse`: while a robot stands or drives
         steadily, the same ones are asked for again."""
 
+    @property
+    def refusal(self) -> str:
+        """Reason why no wheel speed can be set, or ""."""
+        if self._range is not None:
+            return ""
+        return "the wheels of this robot stand when it does, so they have no speed to choose"
+
     def choose(self, spin_rpm: float, lease: bytes) -> str:
         """Set the wheel speed for the holder of `lease`; return the reason of a refusal, or ""."""
         if self._range is None:
-            return "the wheels of this robot stand when it does, so they have no speed to choose"
+            return self.refusal
         if refusal := self._range.refusal(spin_rpm * RPM):
             return refusal
         self._requested, self._chosen_by = spin_rpm * RPM, lease

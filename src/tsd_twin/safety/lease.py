@@ -192,6 +192,18 @@ class LeaseManager:
         refusal = self.hand_over.ask(request.operator, now_s)
         return self._done(lease, refusal, f"{lease.holder} is asked")
 
+    def acquire_refusal(self, operator: str | None, now_s: float, *, take_over: bool) -> str:
+        """Return why `operator` cannot acquire the lease now, or "".
+
+        None is an operator for whom no lease is reserved.
+        """
+        reserved, lease = self.hand_over.reserved(now_s), self.current(now_s)
+        if reserved is not None and reserved.operator != operator:
+            return f"control is kept for {reserved.operator}, for a moment"
+        if lease is not None and not take_over:
+            return f"{lease.holder} drives; ask for control or take over"
+        return ""
+
     def _end(self) -> None:
         self._lease = None
         self.hand_over.end()
@@ -202,11 +214,8 @@ class LeaseManager:
             self._lease.expires_s = now_s + TTL_S
 
     def _acquire(self, request: LeaseRequest, lease: Lease | None, now_s: float) -> LeaseReply:
-        reserved = self.hand_over.reserved(now_s)
-        if reserved is not None and reserved.operator != request.operator:
-            return self._refuse(lease, f"control is kept for {reserved.operator}, for a moment")
-        if lease is not None and not request.take_over:
-            return self._refuse(lease, f"{lease.holder} drives; ask for control or take over")
+        if refusal := self.acquire_refusal(request.operator, now_s, take_over=request.take_over):
+            return self._refuse(lease, refusal)
         limits = self._robot.limits
         wanted = limits.max_command_age_s if request.max_age_s is None else request.max_age_s
         if not math.isfinite(wanted):
