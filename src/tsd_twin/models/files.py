@@ -41,12 +41,12 @@ def _shaded(part: Part) -> trimesh.Trimesh:
     )
     drawn: Any = solid.calculate_normals(0, _CREASE_DEG).to_mesh()
     corners = np.asarray(drawn.vert_properties, np.float64)
-    r, g, b, opacity = part.rgba
+    r, g, b, opacity = part.material.rgba
     material = PBRMaterial(
         name=part.name,
         baseColorFactor=[round(255 * c) for c in (*(_linear(c) for c in (r, g, b)), opacity)],
-        metallicFactor=part.metallic,
-        roughnessFactor=part.roughness,
+        metallicFactor=part.material.metallic,
+        roughnessFactor=part.material.roughness,
         alphaMode="BLEND" if opacity < 1.0 else "OPAQUE",
     )
     return trimesh.Trimesh(
@@ -110,7 +110,7 @@ def read_model(folder: Path, kinds: Sequence[Link]) -> Parts:
             )
         material = Material(entry.rgba, entry.metallic, entry.roughness, entry.density_kg_per_m3)
         path = folder / f"{entry.link}_{entry.name}.stl"
-        found[entry.link].append(Part.of(entry.name, entry.link, _load(path), material))
+        found[entry.link].append(Part(entry.name, entry.link, _load(path), material))
     bare = [link for link, several in found.items() if not several]
     if bare:
         raise MeshError(f"{folder / _LIST} has no part for {', '.join(bare)}")
@@ -124,22 +124,16 @@ def write_model(robot: RobotDescription, folder: Path) -> None:
         RobotFileError: there is no room for what the drive needs, or the masses do not add up.
         MeshError: as in `parts`.
     """
-    look = load_parts(robot)
-    text = urdf(robot, look)
+    parts = load_parts(robot)
+    text = urdf(robot, parts)
     folder.mkdir(parents=True, exist_ok=True)
     entries: list[_Entry] = []
-    for part in (part for several in look.values() for part in several):
+    for part in (part for several in parts.values() for part in several):
         mesh: Any = part.mesh
         (folder / part.file).write_bytes(mesh.export(file_type="stl"))
+        of = part.material
         entries.append(
-            _Entry(
-                part.link,
-                part.name,
-                part.rgba,
-                part.metallic,
-                part.roughness,
-                part.density_kg_per_m3,
-            )
+            _Entry(part.link, part.name, of.rgba, of.metallic, of.roughness, of.density_kg_per_m3)
         )
     (folder / _LIST).write_bytes(
         msgspec.json.format(msgspec.json.encode(entries), indent=1) + b"\n"

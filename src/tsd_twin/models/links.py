@@ -12,6 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from tsd_twin.errors import RobotFileError
 from tsd_twin.lie import SO3, Array
 from tsd_twin.models.solids import Link, Parts
 from tsd_twin.robots import RobotDescription, implementation, kind_of
@@ -103,17 +104,15 @@ class KinematicTree:
     @property
     def kinds(self) -> tuple[Link, ...]:
         """All kinds of links, the chassis first."""
-        return ("chassis", *(link_groups.kind for link_groups in self.link_groups))
+        return ("chassis", *(group.kind for group in self.link_groups))
 
     def count(self, kind: Link) -> int:
         """Return how many links of a kind there are."""
-        return next(
-            (link_groups.count for link_groups in self.link_groups if link_groups.kind == kind), 1
-        )
+        return next((group.count for group in self.link_groups if group.kind == kind), 1)
 
     def link_group(self, kind: Link) -> LinkGroup:
         """Return the links of a kind; not the chassis."""
-        return next(link_groups for link_groups in self.link_groups if link_groups.kind == kind)
+        return next(group for group in self.link_groups if group.kind == kind)
 
 
 def alike(axis: tuple[float, float, float], k: int) -> Array:
@@ -141,6 +140,23 @@ def roll_pitch_yaw(turn: Array) -> tuple[float, float, float]:
         math.asin(sine),
         math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
     )
+
+
+def chassis_mass_kg(
+    robot: RobotDescription, total_kg: float, others_kg: float, others: str, needed: str
+) -> float:
+    """Mass of the chassis: what the other links leave of the total.
+
+    Raises:
+        RobotFileError: nothing; the text names the `others`, and the keys that are `needed`.
+    """
+    if others_kg >= total_kg:
+        raise RobotFileError(
+            robot.name,
+            f"mass.total_kg is {total_kg:g}, the {others} alone weigh {others_kg:g}",
+            f"more than {needed}",
+        )
+    return total_kg - others_kg
 
 
 def _model(robot: RobotDescription) -> Any:

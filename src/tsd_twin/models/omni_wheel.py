@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from manifold3d import CrossSection, Manifold
@@ -196,16 +196,16 @@ def _mark(plan: WheelPlan) -> Manifold:
     return slab(sector, (face, face + 0.008 * r))
 
 
-class GearMotor(NamedTuple):
-    """Solids of one motor."""
+def motor_drawings(
+    radius: float, length: float, at_wheels: Callable[[Manifold], Manifold]
+) -> list[Drawing]:
+    """Motors with gearbox and encoder, one for each wheel.
 
-    motor: Manifold
-    gearbox: Manifold
-    encoder: Manifold
-
-
-def gear_motor(radius: float, length: float) -> GearMotor:
-    """Return a motor of a radius whose parts together have a length."""
+    Args:
+        radius: of a motor.
+        length: of its parts together.
+        at_wheels: copies a solid to its place at each wheel.
+    """
     gearbox, motor = 0.3 * length, 0.58 * length
     square = 0.92 * radius
     face = rectangle((-square, square), (-square, square), 0.3 * radius)
@@ -226,9 +226,11 @@ def gear_motor(radius: float, length: float) -> GearMotor:
     cap = rod(0.72 * radius, (-length, -gearbox - motor + 0.5)) - rod(
         0.2 * radius, (-length - 1.0, -length + 1.0)
     )
-    return GearMotor(
-        *(
-            solid.rotate((-90.0, 0.0, 0.0))
-            for solid in (union([can - fins, box_end]), union([box - rim, bolts]), cap)
+    return [
+        Drawing(name, at_wheels(solid.rotate((-90.0, 0.0, 0.0))), material)
+        for name, solid, material in (
+            ("motors", union([can - fins, box_end]), solids.BLACK),
+            ("gearboxes", union([box - rim, bolts]), solids.STEEL),
+            ("encoders", cap, solids.BLUE),
         )
-    )
+    ]

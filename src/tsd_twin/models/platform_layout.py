@@ -10,7 +10,7 @@ from typing import Any
 from manifold3d import CrossSection, Manifold
 
 from tsd_twin.models.omni_wheel import WheelPlan
-from tsd_twin.models.solids import circle, rectangle, softened
+from tsd_twin.models.solids import circle, rectangle, softened, strip_reach
 
 NOMINAL_WHEEL = 76.2
 """Wheel radius that motors are drawn for: 6 inch wheels; other sizes are the same, scaled."""
@@ -101,9 +101,7 @@ class PlatformLayout:
 
     def reach(self, direction_deg: float, width: float = 8.0) -> float:
         """Return how far a straight strip from the middle stays on the decks."""
-        strip = rectangle((0.0, 1e4), (-0.5 * width, 0.5 * width))
-        pieces: list[Any] = (self.outline.rotate(-direction_deg) ^ strip).decompose()
-        return min((piece.bounds()[0], piece.bounds()[2]) for piece in pieces)[1]
+        return strip_reach(self.outline, direction_deg, width)
 
 
 def _outline(mounts: Sequence[Mount], scale: float) -> CrossSection:

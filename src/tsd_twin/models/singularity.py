@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from manifold3d import CrossSection, Manifold
 
-from tsd_twin.errors import RobotFileError
 from tsd_twin.lie import SO3
 from tsd_twin.models import equipment, singularity_gimbals, singularity_layout, solids
 from tsd_twin.models.links import (
@@ -21,6 +20,7 @@ from tsd_twin.models.links import (
     Sphere,
     about_z,
     alike,
+    chassis_mass_kg,
 )
 from tsd_twin.models.singularity_layout import HORN, RIB_IN, RIB_OUT, Decks, Layout
 from tsd_twin.models.solids import (
@@ -235,7 +235,7 @@ def tree(robot: SingularityDescription) -> KinematicTree:
         robot.servo.stall_torque_nm,
     )
 
-    def link_groups(kind: Link, joint: str, parent: Link, hinge: JointType) -> LinkGroup:
+    def group(kind: Link, joint: str, parent: Link, hinge: JointType) -> LinkGroup:
         own = parent == "chassis"
         return LinkGroup(
             kind,
@@ -254,9 +254,9 @@ def tree(robot: SingularityDescription) -> KinematicTree:
     return KinematicTree(
         g.wheel_radius_m,
         (
-            link_groups("outer", "beta", "chassis", JointType.ANGLE),
-            link_groups("inner", "alpha", "outer", JointType.ANGLE),
-            link_groups("wheel", "wheel", "inner", JointType.SPIN),
+            group("outer", "beta", "chassis", JointType.ANGLE),
+            group("inner", "alpha", "outer", JointType.ANGLE),
+            group("wheel", "wheel", "inner", JointType.SPIN),
         ),
         max(0.0, inside),
     )
@@ -270,14 +270,9 @@ def masses_kg(robot: SingularityDescription) -> dict[Link, float]:
     """
     mass = robot.mass
     modules = robot.drive.modules * (mass.wheel_kg + 2.0 * mass.gimbal_kg)
-    if modules >= mass.total_kg:
-        raise RobotFileError(
-            robot.name,
-            f"mass.total_kg is {mass.total_kg:g}, the modules alone weigh {modules:g}",
-            "more than mass.wheel_kg and twice mass.gimbal_kg for each wheel",
-        )
+    needed = "mass.wheel_kg and twice mass.gimbal_kg for each wheel"
     return {
-        "chassis": mass.total_kg - modules,
+        "chassis": chassis_mass_kg(robot, mass.total_kg, modules, "modules", needed),
         "outer": mass.gimbal_kg,
         "inner": mass.gimbal_kg,
         "wheel": mass.wheel_kg,

@@ -60,6 +60,13 @@ def softened(outline: CrossSection, corner: float) -> CrossSection:
     return grown(grown(grown(outline, -corner), 2.0 * corner), -corner)
 
 
+def strip_reach(outline: CrossSection, direction_deg: float, width: float) -> float:
+    """Distance to which a straight strip from the origin stays within `outline`."""
+    strip = rectangle((0.0, 1e4), (-0.5 * width, 0.5 * width))
+    pieces: list[Any] = (outline.rotate(-direction_deg) ^ strip).decompose()
+    return min((piece.bounds()[0], piece.bounds()[2]) for piece in pieces)[1]
+
+
 def slab(outline: CrossSection, z: Span) -> Manifold:
     """Return `outline` raised between two heights."""
     return outline.extrude(z[1] - z[0]).translate((0.0, 0.0, z[0]))
@@ -116,6 +123,17 @@ def around(solid: Manifold, count: int, start_deg: float = 0.0) -> Manifold:
     return union(solid.rotate((0.0, 0.0, start_deg + 360.0 * i / count)) for i in range(count))
 
 
+def gaps_deg(directions_deg: Sequence[float]) -> list[tuple[float, float]]:
+    """Directions in increasing order, from 0 to 360 degrees, each with the angle to the next."""
+    turned = sorted(a % 360.0 for a in directions_deg)
+    return [(a, b - a) for a, b in zip(turned, [*turned[1:], turned[0] + 360.0], strict=True)]
+
+
+def halfway_deg(directions_deg: Sequence[float]) -> tuple[float, ...]:
+    """Directions half-way between neighbours, one after each of `directions_deg`."""
+    return tuple(a + 0.5 * gap for a, gap in gaps_deg(directions_deg))
+
+
 Link: TypeAlias = str
 """A kind of link: `chassis`, `wheel`, ...; links of one kind are alike and share their parts."""
 Parts: TypeAlias = dict[Link, tuple["Part", ...]]
@@ -153,31 +171,18 @@ class Part:
     """Kind of link it belongs to."""
     mesh: trimesh.Trimesh
     """Metres, in the frame of the link; watertight."""
-    rgba: tuple[float, float, float, float]
-    metallic: float
-    roughness: float
-    density_kg_per_m3: float
+    material: Material
 
-    @classmethod
-    def of(cls, name: str, link: Link, mesh: trimesh.Trimesh, material: Material) -> Part:
-        """Return the part.
+    def __post_init__(self) -> None:
+        """Check the mesh.
 
         Raises:
-            MeshError: the mesh is empty or not a closed solid.
+            MeshError: it is empty or not a closed solid.
         """
-        if not mesh.is_volume or mesh.volume <= 0.0:
-            raise MeshError(f"{link}_{name} is not a closed solid: it has holes or no volume")
-        m = material
-        return cls(name, link, mesh, m.rgba, m.metallic, m.roughness, m.density_kg_per_m3)
-
-    @classmethod
-    def drawn(cls, link: Link, drawing: Drawing) -> Part:
-        """Return the part of a drawing.
-
-        Raises:
-            MeshError: the drawing does not make a closed solid.
-        """
-        return cls.of(drawing.name, link, _mesh(drawing.solid), drawing.material)
+        if not self.mesh.is_volume or self.mesh.volume <= 0.0:
+            raise MeshError(
+                f"{self.link}_{self.name} is not a closed solid: it has holes or no volume"
+            )
 
     @property
     def file(self) -> str:
@@ -208,7 +213,11 @@ def drawn(link: Link, drawings: Iterable[Drawing]) -> tuple[Part, ...]:
     Raises:
         MeshError: a drawing does not make a closed solid.
     """
-    return tuple(Part.drawn(link, one) for one in drawings if not one.solid.is_empty())
+    return tuple(
+        Part(one.name, link, _mesh(one.solid), one.material)
+        for one in drawings
+        if not one.solid.is_empty()
+    )
 
 
 STEEL = Material((0.62, 0.64, 0.67, 1.0), 0.85, 0.34, 7800.0)

@@ -46,7 +46,7 @@ class ThrustArrows:
 
     def __init__(self, scene: viser.SceneApi, name: str, skeleton: Skeleton) -> None:
         self._skeleton = skeleton
-        wheels = sum(link_groups.count for link_groups in skeleton.wheels)
+        wheels = sum(group.count for group in skeleton.wheels)
         self._rate = RateLimiter(12.0)
         self._drawn = np.zeros((wheels, 3))
         self._handle = scene.add_arrows(
