@@ -12,15 +12,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tsd_twin.kinematics.base import Joint, JointKind, TwistSolution
-from tsd_twin.lie import SE2, Array
+from tsd_twin.kinematics.base import (
+    Joint,
+    JointKind,
+    PlanarMotion,
+    TwistSolution,
+    set_matrices,
+)
+from tsd_twin.lie import Array
 
 _BLOCK = 4096
 """Batch size: its arrays fit into the processor's cache, which is 15 times as fast."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SingularityKinematics:
+class SingularityKinematics(PlanarMotion):
     """Kinematics of any number of spinning hemispheres on gimbals, three in the thesis.
 
     Module frame `W_i` (in each pivot): `Y_W` radially outward, `Z_W` up, `X_W = Y_W x Z_W`, so it
@@ -70,18 +76,17 @@ class SingularityKinematics:
         projection = np.eye(len(flat)) - flat @ np.linalg.pinv(flat)
         blocks = projection.reshape(len(h), 2, len(h), 2)
         own_blocks = np.stack([blocks[i, :, i] for i in range(len(h))])
-        for name, value in (
-            ("azimuths_rad", azimuths),
-            ("spin_ratio", ratio),
-            ("contact_from_twist", h),
-            ("twist_from_contacts", np.linalg.pinv(flat)),
-            ("_axles_by_part", axles),
+        matrices = {
+            "azimuths_rad": azimuths,
+            "spin_ratio": ratio,
+            "contact_from_twist": h,
+            "twist_from_contacts": np.linalg.pinv(flat),
+            "_axles_by_part": axles,
             # With two modules, one alone measures one direction only: its block has rank one, and
             # what rounding leaves of the other direction must not be inverted.
-            ("_leave_one_out_gain", np.linalg.pinv(own_blocks, 1e-9, hermitian=True)),
-        ):
-            value.setflags(write=False)
-            object.__setattr__(self, name, value)
+            "_leave_one_out_gain": np.linalg.pinv(own_blocks, 1e-9, hermitian=True),
+        }
+        set_matrices(self, matrices)
 
     @property
     def modules(self) -> int:
@@ -106,21 +111,6 @@ class SingularityKinematics:
     def actuators(self) -> tuple[str, ...]:
         """`module1`, `module2`, ..."""
         return tuple(f"module{i + 1}" for i in range(self.modules))
-
-    @property
-    def twist_axes(self) -> tuple[int, int, int]:
-        """The motion is planar: vx, vy, omega."""
-        return (0, 1, 5)
-
-    @property
-    def pose_type(self) -> type[SE2]:
-        """Poses are planar."""
-        return SE2
-
-    @property
-    def twist_scale_m(self) -> float:
-        """Twists are in metres a second."""
-        return 1.0
 
     @property
     def pivots_m(self) -> Array:
@@ -242,7 +232,3 @@ class SingularityKinematics:
     def effective_radius_m(self, joints: Array) -> Array:
         """Return the effective wheel radius (..., k): ground by wheel speed, r_w sin(tilt)."""
         return self.wheel_radius_m * np.sin(self.tilt(joints))
-
-    def integrate(self, pose: SE2, twist: Array, dt_s: float) -> SE2:
-        """Return `pose` after `dt_s` seconds of constant body `twist` (..., 3)."""
-        return pose.plus(twist * dt_s)

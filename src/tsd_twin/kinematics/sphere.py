@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tsd_twin.kinematics.base import WheelKinematics, leave_one_out_gain
+from tsd_twin.kinematics.base import WheelKinematics
 from tsd_twin.lie import SO3, Array
 
 _SINGULAR = 1e-3
@@ -35,23 +35,12 @@ class SphereKinematics(WheelKinematics):
     actuations: Array
     """(k, 3): unit vectors of the driving directions at the contacts: v_i (Eq. 23)."""
     sphere_radius_m: float
-    wheel_radius_m: float
     row_offset_rad: float
     """Offset of a row's contact from half-way: arcsin d / (2 (R + r_r)) (Eq. 12); 0 is ideal."""
     row_rad: float
     """Angle that a wheel turns through on one row: pi / N with N rollers in each (Eq. 8 to 11)."""
-    max_speed_rad_per_s: float
-    """Speed limit of a wheel."""
-    max_acceleration_rad_per_s2: float
-    """Acceleration limit of a wheel that carries the sphere."""
     axes: Array = field(init=False)
     """(k, 3): axes that each wheel turns the sphere about: Omega_i = R_i x v_i (Eq. 5)."""
-    speeds_from_twist: Array = field(init=False)
-    """(k, 3): ideal wheel speeds from the twist: (R / r) Omega_i (Eq. 26)."""
-    twist_from_speeds: Array = field(init=False)
-    """(3, k): its pseudo-inverse."""
-    _leave_one_out_gain: Array = field(init=False, repr=False)
-    """(k,): inverse of each wheel's own part of the residual projection; 0 where it has none."""
 
     def __post_init__(self) -> None:
         """Build the matrices.
@@ -63,16 +52,8 @@ class SphereKinematics(WheelKinematics):
         if problem:
             raise ValueError(problem)
         axes = np.cross(self.contacts, self.actuations)
-        rows = self.sphere_radius_m / self.wheel_radius_m * axes
-        back: Array = np.asarray(np.linalg.pinv(rows), dtype=float)
-        for name, value in (
-            ("axes", axes),
-            ("speeds_from_twist", rows),
-            ("twist_from_speeds", back),
-            ("_leave_one_out_gain", leave_one_out_gain(rows, back)),
-        ):
-            value.setflags(write=False)
-            object.__setattr__(self, name, value)
+        # Ideal: (R / r) Omega_i (Eq. 26).
+        self._set_wheel_matrices(self.sphere_radius_m / self.wheel_radius_m * axes, axes=axes)
 
     @property
     def twist_axes(self) -> tuple[int, int, int]:
