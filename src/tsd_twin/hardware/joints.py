@@ -63,7 +63,7 @@ class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         except (OSError, msgspec.MsgspecError) as error:
             raise HardwareError(f"{file} cannot be used as a calibration: {error}") from error
 
-    def check(self, names: Sequence[str]) -> None:
+    def check_joint_names(self, names: Sequence[str]) -> None:
         """Check that every joint named in the file exists.
 
         Raises:
@@ -151,8 +151,8 @@ class JointConverter:
 
     def throttles(self, setpoint: Array) -> tuple[int, ...]:
         """Return the pulse for each wheel, in half microseconds; a speed of 0 is zero throttle."""
-        told = self._offsets.to_actuators(setpoint)[self._wheels]
-        pulses = self._throttle.pulse_us(self._throttle.signal(told))
+        actuators = self._offsets.to_actuators(setpoint)[self._wheels]
+        pulses = self._throttle.pulse_us(self._throttle.signal(actuators))
         return _ints(np.clip(np.rint(_PULSES_PER_US * pulses), ZERO_THROTTLE, FULL_THROTTLE))
 
     def measured(self, steps: Sequence[int], alive: int) -> Array:
