@@ -155,7 +155,9 @@ class Board:
         """Reset it by its pin, or as power does that comes back."""
         self._lib.board_reset(self._board, power)
 
-    def ask(self, cases: Sequence[bytes], ping: bytes, answer: bytes, patience_s: float) -> int:
+    def count_answered(
+        self, cases: Sequence[bytes], ping: bytes, answer: bytes, patience_s: float
+    ) -> int:
         """Send each case and `ping` behind it; return how many were followed by `answer` in time.
 
         It ends with the first that was not.
