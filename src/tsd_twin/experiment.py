@@ -150,10 +150,6 @@ def add_legend(axes: Axes, **where: Any) -> None:
 _SPINE = "#8a94a3"
 
 
-def _no_flags(_parser: argparse.ArgumentParser) -> None:
-    """Add nothing."""
-
-
 @dataclass(frozen=True, slots=True)
 class Experiment:
     """One subcommand of `tsd-lab`."""
@@ -163,5 +159,25 @@ class Experiment:
     """One sentence, for the list and for its own help."""
     run: Callable[[argparse.Namespace, Output], list[str]]
     """Writes pictures and tables to the output; returns the lines to print."""
-    examples: Sequence[str] = ()
-    add_flags: Callable[[argparse.ArgumentParser], None] = _no_flags
+    examples: Sequence[str]
+    robot: str | None = None
+    """Default of `--robot`; None without that flag."""
+    noise: bool = False
+    """Whether it has the flag `--noise`."""
+    seed_of: str = ""
+    """Meaning of `--seed`; empty without that flag."""
+    add_own_flags: Callable[[argparse.ArgumentParser], None] | None = None
+
+    def add_flags(self, parser: argparse.ArgumentParser) -> None:
+        """Add the common flags and its own."""
+        if self.robot:
+            default = f"default {self.robot}"
+            parser.add_argument("--robot", default=self.robot, metavar="NAME|FILE", help=default)
+        if self.seed_of:
+            parser.add_argument("--seed", type=int, default=0, help=f"of {self.seed_of}; default 0")
+        if self.noise:
+            parser.add_argument(
+                "--noise", type=float, default=1.0, metavar="SCALE", help="times [noise]; default 1"
+            )
+        if self.add_own_flags:
+            self.add_own_flags(parser)

@@ -133,9 +133,6 @@ def _flags(parser: argparse.ArgumentParser) -> None:
         help="default tsd; a robot on the bus sends its own description",
     )
     parser.add_argument(
-        "--seed", type=int, default=0, help="of the simulated robot and its noise; default 0"
-    )
-    parser.add_argument(
         "--errors",
         type=float,
         default=1.0,
@@ -172,5 +169,6 @@ EXPERIMENT = Experiment(
         "tsd-lab calibrate --drive --log lab/calibrate_log.csv    and add to earlier recordings",
         "tsd-lab calibrate --log run.csv --robot my.toml --write-to my.toml     write the result",
     ],
-    add_flags=_flags,
+    seed_of="the simulated robot and its noise",
+    add_own_flags=_flags,
 )

@@ -39,8 +39,8 @@ NEXT_DESCRIPTION = "calibrate_next.toml"
 
 def spin_ratio_of(run: Recording) -> Array:
     """Return the wheel-speed set-points (k,) of a run, relative to the slowest."""
-    told = np.median(run.commanded_rad_per_s, axis=0)
-    return (told / told.min()).round(3)
+    speeds = np.median(run.commanded_rad_per_s, axis=0)
+    return (speeds / speeds.min()).round(3)
 
 
 def missing_spin_ratios(recordings: Sequence[Recording]) -> list[list[float]]:
@@ -149,16 +149,16 @@ class _RobotSubscriber:
 
     def poll(self) -> None:
         """Process the samples since the last call."""
-        for sample in self._joints.take():
+        for sample in self._joints.take_samples():
             self.recorder.add_joints(sample)
-        for sample in self._setpoints.take():
+        for sample in self._setpoints.take_samples():
             self.recorder.add_setpoint(sample)
-        for sample in self._poses.take():
+        for sample in self._poses.take_samples():
             seen = self.recorder.add_pose(sample)
             if seen is not None:
                 self.poses += 1
                 self._driver.add_pose(*seen)
-        for sample in self._odometry.take():
+        for sample in self._odometry.take_samples():
             try:
                 now_s = decode_stamp(sample.attachment)[1] * 1e-9
                 twist = decode_odometry(sample.payload).twist

@@ -287,8 +287,8 @@ def _make_fit(
     covariance: Array = np.linalg.inv(jacobian.T @ jacobian)[:count, :count].astype(float)
     covariance = covariance * np.outer(problem.prior, problem.prior)
     data, free = jacobian[:-count, :count], jacobian[:-count, count:]
-    told = data - free @ np.linalg.lstsq(free, data, rcond=None)[0]
-    _, strengths, directions = np.linalg.svd(told, full_matrices=False)
+    observed = data - free @ np.linalg.lstsq(free, data, rcond=None)[0]
+    _, strengths, directions = np.linalg.svd(observed, full_matrices=False)
     unseen = [
         _combination(direction, problem.names)
         for strength, direction in zip(strengths, directions, strict=True)

@@ -151,7 +151,7 @@ def simulate_run(
     at_voltage = voltage_share(robot)
     camera = Camera(CameraNoise(), random)
     measured: list[Array] = []
-    told: list[Array] = []
+    commanded: list[Array] = []
     speeds: list[Array] = []
     frames: list[Frame] = []
     start_s, t_s = robot.now_s, np.empty(0)
@@ -159,7 +159,7 @@ def simulate_run(
         now_s = robot.now_s - start_s
         t_s = np.append(t_s, now_s)
         measured.append(robot.controller.joints.reshape(-1, 3)[:, :2].ravel())
-        told.append(at_voltage * robot.controller.setpoint[2::3])
+        commanded.append(at_voltage * robot.controller.setpoint[2::3])
         speeds.append(machine.truth(robot.now_s).joints[2::3])
         frames += camera.watch(now_s, robot.truth)
         robot.drive(twist)
@@ -167,7 +167,7 @@ def simulate_run(
     return Recording(
         t_s,
         np.array(measured),
-        np.array(told),
+        np.array(commanded),
         spin if tachometer else np.full(spin.shape, np.nan),
         np.array([frame.taken_s for frame in frames]),
         np.array([frame.pose for frame in frames]),

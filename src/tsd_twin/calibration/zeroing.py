@@ -47,13 +47,13 @@ class PoseTracker:
 
     def poll(self) -> None:
         """Process the samples since the last call."""
-        for sample in self._poses.take():
+        for sample in self._poses.take_samples():
             try:
                 pose, stamp_ns = decode_pose_measurement(sample)
                 self._by_camera.append((stamp_ns * 1e-9, pose.xy_heading))
             except MessageError as error:
                 self.refused = str(error)
-        for sample in self._truths.take():
+        for sample in self._truths.take_samples():
             try:
                 at_s = decode_stamp(sample.attachment)[1] * 1e-9
                 pose_there = np.array(decode_odometry(sample.payload).xy_heading)
@@ -216,7 +216,7 @@ def corrective_steps(
 
 def draw_drift(t_s: Array, poses: Array, drift: ZeroOffsetDrift) -> Figure:
     """Draw poses (n, 3) relative to the start, from above and against time."""
-    figure: Any = experiment.new_figure(9.5, 4.4, "Creep of a robot that is told to stand")
+    figure: Any = experiment.new_figure(9.5, 4.4, "Creep of a robot that is commanded to stand")
     left, right = figure.subplots(1, 2)
     millimetres = 1000.0 * poses[:, :2]
     turn = np.linspace(0.0, 2.0 * np.pi, 100)
@@ -386,5 +386,5 @@ EXPERIMENT = Experiment(
         "tsd-lab zero --write-to my.toml         and put better zeros into its description",
         "tsd-lab zero --id left --seconds 5      one of several, when it creeps far",
     ],
-    add_flags=_flags,
+    add_own_flags=_flags,
 )

@@ -140,7 +140,6 @@ def _draw_effect(robot: SphereDescription, effect: RowEffect, out: Output) -> No
 
 
 def _flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--robot", default="atlas", metavar="NAME|FILE", help="default atlas")
     parser.add_argument(
         "--row-distance-mm",
         type=float,
@@ -154,5 +153,6 @@ EXPERIMENT = Experiment(
     purpose="Fig. 7 of the Atlas paper: ideal against dual-row kinematics over 13 seconds.",
     run=run,
     examples=["tsd-lab atlas --out lab", "tsd-lab atlas --row-distance-mm 0"],
-    add_flags=_flags,
+    robot="atlas",
+    add_own_flags=_flags,
 )

@@ -104,14 +104,14 @@ def drive_open_loop(
     slip = Slip(robot, (runs,)) if errors.slip > 0.0 else None
     steps = round((trajectory.duration_s + _SETTLE_S) / STEP_S)
     t_s: Array = STEP_S * np.arange(steps, dtype=np.float64)
-    told = drive.inverse(trajectory.at(t_s + 0.5 * STEP_S).twist)
-    goals = told[:, is_angle]
+    setpoints = drive.inverse(trajectory.at(t_s + 0.5 * STEP_S).twist)
+    goals = setpoints[:, is_angle]
     if errors.step_rad > 0.0:
         goals = np.round(goals / errors.step_rad) * errors.step_rad
     # The model is time-invariant: a delayed robot has the state of the earlier time.
     shall = trajectory.at(t_s + STEP_S + errors.delay_s).pose[:, :2]
     nodes = np.empty((3, runs, len(is_angle)))
-    nodes[..., ~is_angle] = told[0, ~is_angle] * (1.0 + errors.spin_share)
+    nodes[..., ~is_angle] = setpoints[0, ~is_angle] * (1.0 + errors.spin_share)
     play = np.zeros_like(errors.zero_rad)
     angles, pose = errors.zero_rad.copy(), SE2(np.tile(trajectory.at(0.0).pose, (runs, 1)))
     squared, worst, off = np.zeros(runs), np.zeros(runs), np.zeros(runs)
@@ -364,8 +364,6 @@ def _draw_budget(
 
 
 def _flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--robot", default="tsd", metavar="NAME|FILE", help="default tsd")
-    parser.add_argument("--seed", type=int, default=0, help="of all errors; default 0")
     parser.add_argument(
         "--runs", type=int, default=10_000, help="with all errors together; default 10,000"
     )
@@ -376,5 +374,7 @@ EXPERIMENT = Experiment(
     purpose="Which error costs how much on the open-loop square: one at a time, and together.",
     run=run,
     examples=["tsd-lab budget --out lab", "tsd-lab budget --runs 1000 --seed 1"],
-    add_flags=_flags,
+    robot="tsd",
+    seed_of="all errors",
+    add_own_flags=_flags,
 )

@@ -64,23 +64,18 @@ def _draw(
     out.figure("follow", figure)
 
 
-def add_run_flags(parser: argparse.ArgumentParser, loop: Loop) -> None:
-    """Add the flags common to all experiments with a simulated run."""
-    parser.add_argument("--robot", default="tsd", metavar="NAME|FILE", help="default tsd")
+def add_loop_flag(parser: argparse.ArgumentParser, loop: Loop) -> None:
+    """Add the flag that chooses the feedback."""
     parser.add_argument(
         "--loop",
         choices=[kind.value for kind in Loop],
         default=loop.value,
         help=f"feedback of the controller; each adds to the one before it; default {loop.value}",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of all noise; default 0")
-    parser.add_argument(
-        "--noise", type=float, default=1.0, metavar="SCALE", help="times [noise]; default 1"
-    )
 
 
 def _flags(parser: argparse.ArgumentParser) -> None:
-    add_run_flags(parser, Loop.GYRO)
+    add_loop_flag(parser, Loop.GYRO)
     parser.add_argument(
         "--path",
         default="square",
@@ -113,5 +108,8 @@ EXPERIMENT = Experiment(
         "tsd-lab follow --path square --cut 0.2 --loop camera",
         "tsd-lab follow --points 0,0 1,0 1,0.5 2,0.5 --smooth --loop open --noise 0",
     ],
-    add_flags=_flags,
+    robot="tsd",
+    noise=True,
+    seed_of="all noise",
+    add_own_flags=_flags,
 )

@@ -144,14 +144,10 @@ def _draw(
     out.figure("motors", figure)
 
 
-def _flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--robot", default="tsd", metavar="NAME|FILE", help="default tsd")
-
-
 EXPERIMENT = Experiment(
     name="motors",
     purpose="Lines through the motor table: Table 1 of the thesis to its Table 2, and better.",
     run=run,
     examples=["tsd-lab motors --out lab", "tsd-lab motors --robot my.toml"],
-    add_flags=_flags,
+    robot="tsd",
 )

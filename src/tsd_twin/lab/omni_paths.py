@@ -65,16 +65,12 @@ def _draw(robot: OmniDescription, records: Mapping[str, TrackingRecord], out: Ou
     out.figure("omni-paths", figure)
 
 
-def _flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--robot", default="omni4", metavar="NAME|FILE", help="default omni4")
-    parser.add_argument("--noise", type=float, default=1.0, metavar="SCALE", help="default 1")
-    parser.add_argument("--seed", type=int, default=0, help="of the noise; default 0")
-
-
 EXPERIMENT = Experiment(
     name="omni-paths",
     purpose="Line, parabola, sine and circle under PID with noise: error figures of each.",
     run=run,
     examples=["tsd-lab omni-paths --out lab", "tsd-lab omni-paths --robot kiwi --noise 0"],
-    add_flags=_flags,
+    robot="omni4",
+    noise=True,
+    seed_of="the noise",
 )

@@ -206,10 +206,10 @@ def _draw(
         )
         experiment.add_legend(on)
     _plot_speed(
-        last, spin["t_s"], spin["rim_mps"], experiment.ESTIMATE_COLOUR, "what its wheels say", ":"
+        last, spin["t_s"], spin["rim_mps"], experiment.ESTIMATE_COLOUR, "by its wheels", ":"
     )
     _plot_speed(last, spin["t_s"], spin["true_mps"], experiment.TRUTH_COLOUR, "robot")
-    experiment.label_axes(last, "time (s)", "speed (m/s)", "told at once: wheels spin")
+    experiment.label_axes(last, "time (s)", "speed (m/s)", "step without limits: wheels spin")
     experiment.add_legend(last)
     out.figure("omni-step", figure)
 
@@ -221,12 +221,10 @@ def _plot_speed(
 
 
 def _flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--robot", default="omni4", metavar="NAME|FILE", help="default omni4")
     parser.add_argument("--speed", type=float, default=5.0, metavar="M/S", help="default 5")
     parser.add_argument(
         "--acceleration", type=float, default=2.5, metavar="M/S2", help="either way; default 2.5"
     )
-    parser.add_argument("--noise", type=float, default=1.0, metavar="SCALE", help="default 1")
 
 
 EXPERIMENT = Experiment(
@@ -234,5 +232,7 @@ EXPERIMENT = Experiment(
     purpose="5 m/s and stop at half-way: velocity against the ideal triangle and trapezoid.",
     run=run,
     examples=["tsd-lab omni-step --out lab", "tsd-lab omni-step --robot mecanum --speed 1.5"],
-    add_flags=_flags,
+    robot="omni4",
+    noise=True,
+    add_own_flags=_flags,
 )

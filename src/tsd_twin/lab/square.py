@@ -23,7 +23,7 @@ from tsd_twin.errors import TwinError
 from tsd_twin.estimation import Slip
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.lab import tracking
-from tsd_twin.lab.follow import add_run_flags
+from tsd_twin.lab.follow import add_loop_flag
 from tsd_twin.lab.observer import Loop, PoseObserver, make_observer
 from tsd_twin.lab.tracking import TrackingErrors, TrackingRecord, follow_trajectory
 from tsd_twin.lie import SE2, Array
@@ -57,15 +57,15 @@ class SlipFeedforward:
         steps = int(np.ceil(trajectory.duration_s / _FEEDFORWARD_STEP_S)) + 1
         self._at_s: Array = _FEEDFORWARD_STEP_S * (0.5 + np.arange(steps, dtype=np.float64))
         shall = trajectory.at(self._at_s)
-        told: list[Array] = [
+        twists: list[Array] = [
             self._push(slip, shall.twist[i], shall.twist_rate[i]) for i in range(steps)
         ]
-        self._told: Array = np.stack(told)
+        self._twists: Array = np.stack(twists)
 
     def __call__(self, t_s: float) -> Array:
         """Return the twist (3,) to command for the time `t_s` of the trajectory."""
-        told = self._told
-        return np.array([float(np.interp(t_s, self._at_s, told[:, i])) for i in range(3)])
+        twists = self._twists
+        return np.array([float(np.interp(t_s, self._at_s, twists[:, i])) for i in range(3)])
 
     def _push(self, slip: Slip, twist: Array, rate: Array) -> Array:
         """Return the compensated twist for `twist` and its `rate`; advances `slip` by a step."""
@@ -323,7 +323,7 @@ def _draw_square(loop: Loop, record: TrackingRecord, frames: list[Frame], out: O
 
 
 def _flags(parser: argparse.ArgumentParser) -> None:
-    add_run_flags(parser, Loop.OPEN)
+    add_loop_flag(parser, Loop.OPEN)
     parser.add_argument(
         "--seeds",
         type=int,
@@ -371,5 +371,8 @@ EXPERIMENT = Experiment(
         "tsd-lab square --loop gyro --plant mujoco --seeds 20     by 20 robots",
         "tsd-lab square --errors 0 --noise 0      a perfect robot",
     ],
-    add_flags=_flags,
+    robot="tsd",
+    noise=True,
+    seed_of="all noise",
+    add_own_flags=_flags,
 )
