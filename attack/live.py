@@ -130,7 +130,7 @@ class ForgedRobots:
 
         def serve() -> None:
             while not self._ends.wait(0.005):
-                for request in server.take():
+                for request in server.take_requests():
                     request.reply(answer)
 
         thread = threading.Thread(target=serve)

@@ -364,7 +364,7 @@ def _loaded(port: int, host: str, cookie: str, trusting: ssl.SSLContext) -> Gene
     """Ask for a script on a few connections, again and again; yield how often on each."""
     done, ended = [0] * _CLIENTS, threading.Event()
 
-    def ask(client: int) -> None:
+    def request_scripts(client: int) -> None:
         with closing(http.client.HTTPSConnection("localhost", port, context=trusting)) as asked:
             headers = {"Host": host, "Cookie": cookie}
             next_s = time.monotonic() + client / _LOAD_PER_S
@@ -375,7 +375,7 @@ def _loaded(port: int, host: str, cookie: str, trusting: ssl.SSLContext) -> Gene
 
     with ThreadPoolExecutor(_CLIENTS) as pool:
         for client in range(_CLIENTS):
-            pool.submit(ask, client)
+            pool.submit(request_scripts, client)
         try:
             yield done
         finally:

@@ -64,8 +64,8 @@ class JointStateEncoder:
 
 def lease_status(supervisor: SafetySupervisor, lease: Lease | None, now_s: float) -> LeaseStatus:
     """Return the lease part of the status: holder, pending request and reservation."""
-    asked = supervisor.hand_over.asked(now_s) if lease else None
-    reserved = supervisor.hand_over.reserved(now_s)
+    asked = supervisor.hand_over.pending_request(now_s) if lease else None
+    reserved = supervisor.hand_over.reservation(now_s)
     return LeaseStatus(
         holder=lease.holder if lease else None,
         remaining_s=round(lease.expires_s - now_s, 3) if lease else 0.0,

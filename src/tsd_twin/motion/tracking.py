@@ -79,21 +79,21 @@ class TrackingController:
         self,
         trajectory: Trajectory,
         settings: TrackingSettings | None = None,
-        told: Callable[[float], Array] | None = None,
+        feed_forward: Callable[[float], Array] | None = None,
     ) -> None:
-        """`told` maps a time to the twist (3,) for a robot without lag.
+        """`feed_forward` maps a time to the twist (3,) for a robot without lag.
 
         The default is the twist of the trajectory.
         """
         settings = settings or TrackingSettings()
         self.trajectory = trajectory
         self._lag_s = settings.lag_s
-        self._told = told or self._shall
+        self._twist_at = feed_forward or self._shall
         self._pid = Pid(settings.along, settings.across, settings.heading)
 
     def feed_forward(self, t_s: float) -> Array:
         """Return the open-loop body twist (3,) to command at `t_s`."""
-        return self._told(t_s + self._lag_s)
+        return self._twist_at(t_s + self._lag_s)
 
     def advance(self, t_s: float, pose: SE2, dt_s: float, ahead_s: float = 0.0) -> Array:
         """Return the body twist (..., 3) to command when the robot is at `pose` (...) at `t_s`.

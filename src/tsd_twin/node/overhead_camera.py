@@ -46,7 +46,7 @@ class OverheadCamera:
     def _run(self) -> None:
         start_ns = None
         while not self._stop.wait(_LOOK_S):
-            for sample in self._truths.take():
+            for sample in self._truths.take_samples():
                 truth = decode_odometry(sample.payload)
                 start_ns = truth.stamp_ns if start_ns is None else start_ns
                 now_s = (truth.stamp_ns - start_ns) * 1e-9

@@ -211,11 +211,11 @@ class RobotNode:
 
     def _tick(self, now_s: float, tick: int, rate: RateKeeper) -> None:
         measured = self._io.read(now_s)
-        for sample in self._stops.take():
+        for sample in self._stops.take_samples():
             self._controller.stop(sample.payload, now_s)
         self._serve(now_s)
-        commands = self._commands.take()
-        if poses := self._poses.take():
+        commands = self._commands.take_samples()
+        if poses := self._poses.take_samples():
             self._controller.add_pose_measurements(poses, now_s, time.time_ns())
         self._write(self._controller.step(now_s, measured, commands, self._fault(now_s)), now_s)
         self._publish(now_s, tick, bool(commands), rate)
@@ -233,7 +233,7 @@ class RobotNode:
 
     def _serve(self, now_s: float) -> None:
         for service, server in self._servers.items():
-            for request in server.take():
+            for request in server.take_requests():
                 if service is Service.DESC:
                     request.reply(self._description)
                 else:

@@ -251,13 +251,13 @@ class ActuatorOffsets:
         """Convert joint set-points (..., n) to actuator set-points (..., n)."""
         return (joints - self.offset) / self.scale
 
-    def from_actuators(self, told: Array) -> Array:
-        """Convert actuator set-points `told` (..., n) to joint values (..., n)."""
-        return told * self.scale + self.offset
+    def from_actuators(self, setpoints: Array) -> Array:
+        """Convert actuator set-points (..., n) to joint values (..., n)."""
+        return setpoints * self.scale + self.offset
 
-    def from_servos(self, said: Array) -> Array:
+    def from_servos(self, measured: Array) -> Array:
         """Convert measured servo angles to joints (..., n); wheel speeds are measured directly."""
-        return said + self.offset
+        return measured + self.offset
 
     def to_servos(self, joints: Array) -> Array:
         """Convert `joints` (..., n) to measured servo angles (..., n); inverse of `from_servos`."""

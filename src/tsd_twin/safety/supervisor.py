@@ -216,7 +216,7 @@ class SafetySupervisor:
     def receive(self, sample: Sample, now_s: float) -> None:
         """Process one command sample from the bus: accept it, or drop and count it."""
         lease = self._leases.current(now_s)
-        outcome = self.gate.check(sample, lease, now_s)
+        outcome = self.gate.validate(sample, lease, now_s)
         if isinstance(outcome, MessageError):
             if outcome.reason == "stale":
                 self._stale_s = now_s

@@ -117,7 +117,7 @@ class KeyFolder:
         file, key_file = self.certificate_file(AUTHORITY), self.key_file(AUTHORITY)
         if not file.exists() and not key_file.exists():
             authority = CertificateAuthority.new(self.key(AUTHORITY), now)
-            self.keep(AUTHORITY, authority.certificate)
+            self.write_certificate(AUTHORITY, authority.certificate)
             return authority
         for needed in (file, key_file):
             if not needed.exists():
@@ -141,12 +141,12 @@ class KeyFolder:
         self.made.append(file)
         return key
 
-    def keep(self, name: str, certificate: certificates.Certificate) -> None:
+    def write_certificate(self, name: str, certificate: certificates.Certificate) -> None:
         """Write a certificate."""
         certificates.write_certificate(self.certificate_file(name), certificate)
         self.made.append(self.certificate_file(name))
 
-    def keep_settings(self, name: str, head: str, settings: Mapping[str, Any]) -> None:
+    def write_settings(self, name: str, head: str, settings: Mapping[str, Any]) -> None:
         """Write a configuration below a head of comments, unless it is so already."""
         if self.settings(name) != settings:
             text = head + json.dumps(settings, indent=2) + "\n"
@@ -223,16 +223,18 @@ def provision(
     folder.make()
     if hosts != before:
         authority, key = folder.authority(now), folder.key(ROBOT)
-        folder.keep(ROBOT, authority.issue_robot(key, hosts, now, order.days))
+        folder.write_certificate(ROBOT, authority.issue_robot(key, hosts, now, order.days))
     for person in identities:
         if not folder.certificate_file(person.name).exists():
             authority, key = folder.authority(now), folder.key(person.name)
-            folder.keep(person.name, authority.issue_client(key, person, now, order.days))
-    folder.keep_settings(ROBOT, _ROBOT_HEAD, settings)
+            folder.write_certificate(
+                person.name, authority.issue_client(key, person, now, order.days)
+            )
+    folder.write_settings(ROBOT, _ROBOT_HEAD, settings)
     for person in identities:
         if not folder.settings_file(person.name).exists():
             mine = client_settings(client_base(where), person.name)
-            folder.keep_settings(person.name, _CLIENT_HEAD.format(name=person.name), mine)
+            folder.write_settings(person.name, _CLIENT_HEAD.format(name=person.name), mine)
 
 
 def _robot_settings(

@@ -218,8 +218,8 @@ class LoginRateLimiter:
         record = self._records.get(key)
         return 0.0 if record is None else max(0.0, record.until_s - now_s)
 
-    def note(self, key: str, now_s: float) -> None:
-        """Count a try."""
+    def count_attempt(self, key: str, now_s: float) -> None:
+        """Count an attempt."""
         record = self._records.get(key)
         if record is None or now_s - record.last_s > CALM_S:
             self._make_room(key, now_s)
@@ -271,8 +271,8 @@ class LoginTokenBucket:
         self._refill(now_s)
         return max(0.0, 1.0 - self._left) * self._every_s
 
-    def note(self, now_s: float) -> None:
-        """Count a try."""
+    def count_attempt(self, now_s: float) -> None:
+        """Count an attempt."""
         self._refill(now_s)
         self._left -= 1.0
 
@@ -325,15 +325,15 @@ class Logins:
         """Return how long to wait before the next try; 0 counts the try, until it is `right`."""
         wait_s = max(self._wait_of_all_s(address, now_s), self._names.wait_s(name, now_s))
         if wait_s <= 0.0:
-            self._note(address, now_s)
-            self._names.note(name, now_s)
+            self._count_attempt(address, now_s)
+            self._names.count_attempt(name, now_s)
         return wait_s
 
     def wait_nameless_s(self, address: str, now_s: float) -> float:
         """Return how long to wait before the next try; 0 counts one that has no name."""
         wait_s = self._wait_of_all_s(address, now_s)
         if wait_s <= 0.0:
-            self._note(address, now_s)
+            self._count_attempt(address, now_s)
         return wait_s
 
     def right(self, address: str, name: str) -> None:
@@ -345,9 +345,9 @@ class Logins:
     def _wait_of_all_s(self, address: str, now_s: float) -> float:
         return max(self._addresses.wait_s(address, now_s), self._all.wait_s(now_s))
 
-    def _note(self, address: str, now_s: float) -> None:
-        self._all.note(now_s)
-        self._addresses.note(address, now_s)
+    def _count_attempt(self, address: str, now_s: float) -> None:
+        self._all.count_attempt(now_s)
+        self._addresses.count_attempt(address, now_s)
 
     # Being logged in.
 

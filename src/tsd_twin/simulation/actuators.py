@@ -325,9 +325,9 @@ class Actuation:
         same = (np.shape(setpoint), np.asarray(setpoint, dtype=float).tobytes())
         if same == self._standstill:
             return False
-        told = self._offsets.to_actuators(self.checked(setpoint))
-        self.goals[...] = self.zero_rad + self.servos.goal(told[..., self.angles])
-        signal = self.controllers.command(self.motors.signal(told[..., self.wheels]))
+        actuators = self._offsets.to_actuators(self.checked(setpoint))
+        self.goals[...] = self.zero_rad + self.servos.goal(actuators[..., self.angles])
+        signal = self.controllers.command(self.motors.signal(actuators[..., self.wheels]))
         self.speed_goals[...] = self.motors.speed(signal) * self._speed_share
         self._standstill = same if self.controllers.all_holding else None
         return True

@@ -150,9 +150,9 @@ class DriveTab:
 
 
 _LAYER_HINTS = {
-    Layer.SETPOINT: "Cyan rings: where the gimbals are told to be",
+    Layer.SETPOINT: "Cyan rings: set-points of the gimbals",
     Layer.TRAIL: "Blue line: where the robot believes it was, the last 40 m",
-    Layer.ROUTE: "Violet line: the path that is planned, for everybody to see",
+    Layer.ROUTE: "Violet line: the planned path, in all open pages",
     Layer.OTHER: "Rose cage: where the robot is by its other estimate, of robots that have two",
     Layer.ARROWS: "Yellow: direction and speed that each wheel gives the robot, or the ball on it",
     Layer.ELLIPSE: "Blue ellipse: where the robot is with 86 % certainty, two sigma",
