@@ -123,12 +123,14 @@ def _tls(folder: Path) -> list[str]:
 
 
 def _open_bus(site: _Site) -> Row:
-    said = [line for line in site.dashboard.errors if "WARNING" in line and site.endpoint in line]
+    warnings = [
+        line for line in site.dashboard.errors if "WARNING" in line and site.endpoint in line
+    ]
     return Row(
         "--users beside a bus without certificates",
         "a warning before `ready:`",
-        f"{len(said)} warning",
-        len(said) == 1,
+        f"{len(warnings)} warning",
+        len(warnings) == 1,
     )
 
 

@@ -34,9 +34,13 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
         ):
             share, status = _watch(*bridge, _SMALLEST_S if smallest else _MEASURED_S)
     link = status.hardware["link"]
-    beside = f"{link['missed']} of {link['cycles']} cycles without an answer"
-    yield Row("write and read of the board, p50", link["round_trip_ms"], _MEDIAN_MS, "ms", beside)
-    yield Row("write and read of the board, p99", link["round_trip_p99_ms"], _P99_MS, "ms", beside)
+    comparison = f"{link['missed']} of {link['cycles']} cycles without an answer"
+    yield Row(
+        "write and read of the board, p50", link["round_trip_ms"], _MEDIAN_MS, "ms", comparison
+    )
+    yield Row(
+        "write and read of the board, p99", link["round_trip_p99_ms"], _P99_MS, "ms", comparison
+    )
     yield Row("bridge at 100 Hz", share, _SHARE, "% core", "node, bus and line together")
 
 

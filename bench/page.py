@@ -60,9 +60,9 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
             driving.wait()
             driving.stdout.close()
     for share in (0.5, 0.95):
-        beside = f"without the scene {percentile(alone_ms, share):.0f} ms"
+        comparison = f"without the scene {percentile(alone_ms, share):.0f} ms"
         what = f"status to the screen of a browser, p{100 * share:.0f}"
-        yield Row(what, percentile(with_scene_ms, share), _TO_REACH_MS, "ms", beside)
+        yield Row(what, percentile(with_scene_ms, share), _TO_REACH_MS, "ms", comparison)
 
 
 def delays_ms(endpoint: str, url: str, seconds: float) -> tuple[list[float], list[float]]:

@@ -111,8 +111,8 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
     )
     left = growth(robot, twist, size)
     what = f"objects left by {size.driven_s:g} s of driving"
-    beside = f"those after {size.settled_s:g} s"
-    yield Row(what, left, 500, "", beside)
+    comparison = f"those after {size.settled_s:g} s"
+    yield Row(what, left, 500, "", comparison)
 
 
 def drive(robot: VirtualRobot, twist: Array, steps: int) -> tuple[float, float]:

@@ -109,14 +109,14 @@ def drive_open_loop(
     if errors.step_rad > 0.0:
         goals = np.round(goals / errors.step_rad) * errors.step_rad
     # The model is time-invariant: a delayed robot has the state of the earlier time.
-    shall = trajectory.at(t_s + STEP_S + errors.delay_s).pose[:, :2]
+    references = trajectory.at(t_s + STEP_S + errors.delay_s).pose[:, :2]
     nodes = np.empty((3, runs, len(is_angle)))
     nodes[..., ~is_angle] = setpoints[0, ~is_angle] * (1.0 + errors.spin_share)
     play = np.zeros_like(errors.zero_rad)
     angles, pose = errors.zero_rad.copy(), SE2(np.tile(trajectory.at(0.0).pose, (runs, 1)))
-    squared, worst, off = np.zeros(runs), np.zeros(runs), np.zeros(runs)
+    squared, worst, error_m = np.zeros(runs), np.zeros(runs), np.zeros(runs)
     halves = np.array([0.5, 1.0])[:, None, None] * STEP_S
-    for goal, here in zip(goals, shall, strict=True):
+    for goal, reference_xy in zip(goals, references, strict=True):
         aim = goal + errors.zero_rad
         if servos is None:
             nodes[:, :, is_angle] = aim
@@ -131,11 +131,11 @@ def drive_open_loop(
             before = slip.twist
             tangent = 0.5 * STEP_S * (before + slip.advance(tangent / STEP_S, STEP_S, 2))
         pose = pose @ SE2.exp(tangent)
-        apart = pose.xy_heading[:, :2] - here
-        off = np.hypot(apart[:, 0], apart[:, 1])
-        squared += off * off
-        worst = np.maximum(worst, off)
-    return OpenLoopErrors(np.sqrt(squared / steps), worst, off)
+        error = pose.xy_heading[:, :2] - reference_xy
+        error_m = np.hypot(error[:, 0], error[:, 1])
+        squared += error_m * error_m
+        worst = np.maximum(worst, error_m)
+    return OpenLoopErrors(np.sqrt(squared / steps), worst, error_m)
 
 
 def _servos_with(robot: SingularityDescription, errors: ErrorSet) -> Servos | None:

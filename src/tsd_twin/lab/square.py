@@ -56,9 +56,9 @@ class SlipFeedforward:
         self._aside_mps_per_n = drive.wheel_radius_m**2 * drive.spin_rad_per_s / stiffness_nm
         steps = int(np.ceil(trajectory.duration_s / _FEEDFORWARD_STEP_S)) + 1
         self._at_s: Array = _FEEDFORWARD_STEP_S * (0.5 + np.arange(steps, dtype=np.float64))
-        shall = trajectory.at(self._at_s)
+        reference = trajectory.at(self._at_s)
         twists: list[Array] = [
-            self._push(slip, shall.twist[i], shall.twist_rate[i]) for i in range(steps)
+            self._push(slip, reference.twist[i], reference.twist_rate[i]) for i in range(steps)
         ]
         self._twists: Array = np.stack(twists)
 

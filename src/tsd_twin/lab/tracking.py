@@ -94,13 +94,13 @@ def tracking_errors(xy: Array, reference_xy: Array, path_xy: Array) -> TrackingE
 
     `path_xy` (m, 2) are points along the path, close together.
     """
-    apart = xy - reference_xy
-    off = np.hypot(apart[:, 0], apart[:, 1])
+    error = xy - reference_xy
+    error_m = np.hypot(error[:, 0], error[:, 1])
     return TrackingErrors(
-        rms_m=float(np.sqrt(np.mean(np.square(off)))),
-        worst_m=float(off.max()),
+        rms_m=float(np.sqrt(np.mean(np.square(error_m)))),
+        worst_m=float(error_m.max()),
         cross_track_m=float(_distances(xy, path_xy).max()),
-        closure_m=float(off[-1]),
+        closure_m=float(error_m[-1]),
         size_m=float(np.ptp(path_xy, axis=0).max()),
     )
 
@@ -111,9 +111,9 @@ def _distances(xy: Array, path_xy: Array) -> Array:
     squared = np.maximum(np.square(legs).sum(axis=1), 1e-300)
     nearest: list[Array] = []
     for at in range(0, len(xy), _BLOCK):
-        off = xy[at : at + _BLOCK, None] - start
-        share = np.clip((off * legs).sum(axis=2) / squared, 0.0, 1.0)
-        away = off - share[..., None] * legs
+        offset = xy[at : at + _BLOCK, None] - start
+        share = np.clip((offset * legs).sum(axis=2) / squared, 0.0, 1.0)
+        away = offset - share[..., None] * legs
         nearest.append(np.sqrt(np.square(away).sum(axis=2).min(axis=1)))
     return np.concatenate(nearest)
 
@@ -255,8 +255,8 @@ def draw_errors(axes: Axes, record: TrackingRecord, title: str) -> None:
         (record.truth, experiment.TRUTH_COLOUR, "-", "robot"),
         (record.estimate, experiment.ESTIMATE_COLOUR, "--", "as it estimates"),
     ):
-        off = np.hypot(*(poses - record.reference)[:, :2].T)
-        axes.plot(record.t_s, 1000 * off, style, color=colour, linewidth=1.3, label=name)
+        error_m = np.hypot(*(poses - record.reference)[:, :2].T)
+        axes.plot(record.t_s, 1000 * error_m, style, color=colour, linewidth=1.3, label=name)
     experiment.label_axes(axes, "time (s)", "error (mm)", title)
     axes.set_ylim(bottom=0.0)
     experiment.add_legend(axes, loc="best")

@@ -247,12 +247,6 @@ def _bezier(points: Array) -> Any:
     return BPoly(points[:, None, :], _UNIT)
 
 
-def deviation_m(cut_m: float, turn_rad: float) -> float:
-    """Return how far a blend that leaves the legs `cut_m` before a corner passes from it."""
-    middle = (1.0 + 5.0 * _STEEP + 10.0 * _FLAT) / 16.0
-    return cut_m * middle * math.sin(0.5 * abs(turn_rad))
-
-
 _GAP_M = 1e-6
 _CORNER_RAD = 1e-6
 

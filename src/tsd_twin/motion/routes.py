@@ -163,8 +163,8 @@ class Route:
         """Return the points at arc lengths `s_m` (...)."""
         points = self.path.at(s_m)
         heading = self.heading.at(s_m, points)
-        off = points.direction - heading.heading
-        c, s = np.cos(off), np.sin(off)
+        sideslip = points.direction - heading.heading
+        c, s = np.cos(sideslip), np.sin(sideslip)
         off_per_m = points.curvature - heading.per_m
         return RoutePoints(
             pose=np.concatenate([points.xy, heading.heading[..., None]], axis=-1),

@@ -88,7 +88,7 @@ class TrackingController:
         settings = settings or TrackingSettings()
         self.trajectory = trajectory
         self._lag_s = settings.lag_s
-        self._twist_at = feed_forward or self._shall
+        self._twist_at = feed_forward or self._reference_twist
         self._pid = Pid(settings.along, settings.across, settings.heading)
 
     def feed_forward(self, t_s: float) -> Array:
@@ -112,7 +112,7 @@ class TrackingController:
         out[..., 2] = ahead[2] + correction[..., 2]
         return out
 
-    def _shall(self, t_s: float) -> Array:
+    def _reference_twist(self, t_s: float) -> Array:
         return self.trajectory.at(t_s).twist
 
 
@@ -121,13 +121,13 @@ def tracking_errors(reference: Reference, pose: SE2) -> Array:
 
     The cross-track error is positive when the path lies to the left of the robot.
     """
-    off = reference.pose - pose.xy_heading
+    error = reference.pose - pose.xy_heading
     c, s = np.cos(reference.direction), np.sin(reference.direction)
     return np.stack(
         [
-            c * off[..., 0] + s * off[..., 1],
-            c * off[..., 1] - s * off[..., 0],
-            wrap(off[..., 2]),
+            c * error[..., 0] + s * error[..., 1],
+            c * error[..., 1] - s * error[..., 0],
+            wrap(error[..., 2]),
         ],
         axis=-1,
     )

@@ -137,44 +137,6 @@ class SpeedProfile:
         return cell, t_s - self.at_s[cell]
 
 
-def time_optimal(
-    route: Route,
-    kinematics: Kinematics[SE2],
-    limits: Limits,
-    *,
-    share: float = 1.0,
-    speed_mps: float | None = None,
-    cell_m: float = 0.005,
-) -> SpeedProfile:
-    """Return the fastest profile from rest to rest, with a stop at each of `route.stops_m`.
-
-    Kept are the limits of speed, turn rate, acceleration, deceleration and angular acceleration,
-    and those of the joints by `joint_utilization` and `rate_utilization` of the kinematics.
-    Accelerations are limited twice: over the ground, where friction bounds them, and in the body's
-    axes, where the control loop limits them. `share` in (0, 1] lowers all limits except speed, as a
-    margin for the correction; `speed_mps` lowers that of speed.
-
-    Raises:
-        PathError: the share is out of range, or the route cannot be followed at any speed.
-    """
-    if not 0.0 < share <= 1.0 or not cell_m > 0.0:
-        raise PathError(f"the share of the limits must be in (0, 1], not {share}")
-    ends = [0.0, *route.breaks_m, route.length_m]
-    pieces = [_graded(a, b, cell_m) for a, b in itertools.pairwise(ends)]
-    s = np.concatenate([*pieces, [route.length_m]])
-    top = limits.speed_mps if speed_mps is None else min(speed_mps, limits.speed_mps)
-    cells = PathConstraints(route, kinematics, limits, s, share)
-    cap = np.square(np.minimum(top, cells.highest_speeds()))
-    cap[np.isin(s, [0.0, *route.stops_m, route.length_m])] = 0.0
-    squared, acceleration = _forward(cells, *_backward(cells, cap))
-    speed = np.sqrt(squared)
-    mean = 0.5 * (speed[:-1] + speed[1:])
-    if not mean.min() > 0.0:
-        raise PathError(f"the route cannot be followed at {s[int(mean.argmin())]:.3f} m")
-    at_s = np.concatenate([[0.0], np.cumsum(np.diff(s) / mean)])
-    return SpeedProfile(s, speed, acceleration, at_s)
-
-
 def _graded(start_m: float, end_m: float, cell_m: float) -> Array:
     """Return the starts of the cells of a piece, shorter near its ends, where speed changes."""
     cells = max(_LEAST_CELLS, math.ceil(0.5 * math.pi * (end_m - start_m) / cell_m))
@@ -346,14 +308,32 @@ def plan(
     cell_m: float = 0.005,
     smooth_s: float = 0.0,
 ) -> Trajectory:
-    """Plan the time-optimal trajectory of `route`, as in `time_optimal`.
+    """Plan the time-optimal trajectory from rest to rest, with a stop at each of `route.stops_m`.
 
-    Jumps of acceleration become ramps of `smooth_s`; see `smoothed`.
+    Kept are the limits of speed, turn rate, acceleration, deceleration and angular acceleration,
+    and those of the joints by `joint_utilization` and `rate_utilization` of the kinematics.
+    Accelerations are limited twice: over the ground, where friction bounds them, and in the body's
+    axes, where the control loop limits them. `share` in (0, 1] lowers all limits except speed, as a
+    margin for the correction; `speed_mps` lowers that of speed. Jumps of acceleration become ramps
+    of `smooth_s`; see `smoothed`.
 
     Raises:
-        PathError: as in `time_optimal`.
+        PathError: the share is out of range, or the route cannot be followed at any speed.
     """
-    profile = time_optimal(
-        route, kinematics, limits, share=share, speed_mps=speed_mps, cell_m=cell_m
-    )
+    if not 0.0 < share <= 1.0 or not cell_m > 0.0:
+        raise PathError(f"the share of the limits must be in (0, 1], not {share}")
+    ends = [0.0, *route.breaks_m, route.length_m]
+    pieces = [_graded(a, b, cell_m) for a, b in itertools.pairwise(ends)]
+    s = np.concatenate([*pieces, [route.length_m]])
+    top = limits.speed_mps if speed_mps is None else min(speed_mps, limits.speed_mps)
+    cells = PathConstraints(route, kinematics, limits, s, share)
+    cap = np.square(np.minimum(top, cells.highest_speeds()))
+    cap[np.isin(s, [0.0, *route.stops_m, route.length_m])] = 0.0
+    squared, acceleration = _forward(cells, *_backward(cells, cap))
+    speed = np.sqrt(squared)
+    mean = 0.5 * (speed[:-1] + speed[1:])
+    if not mean.min() > 0.0:
+        raise PathError(f"the route cannot be followed at {s[int(mean.argmin())]:.3f} m")
+    at_s = np.concatenate([[0.0], np.cumsum(np.diff(s) / mean)])
+    profile = SpeedProfile(s, speed, acceleration, at_s)
     return Trajectory(route, smoothed(profile, smooth_s))

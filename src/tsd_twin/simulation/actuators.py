@@ -5,6 +5,7 @@ surface.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypedDict
 
 import numpy as np
 import numpy.typing as npt
@@ -252,6 +253,15 @@ _SETTLED = 1e-9
 """Radians and rad/s from the goal at which joints count as being there: some 10 nm/s."""
 
 
+class SimulationOptions(TypedDict, total=False):
+    """Options of all simulations; by default seed 0, no noise and the nominal battery voltage."""
+
+    seed: int | None
+    noise: float
+    """Factor on the standard deviations of the description."""
+    battery_v: float | None
+
+
 class Actuation:
     """Turns set-points into goals of servos and motors, and joints into measurements.
 
@@ -265,9 +275,9 @@ class Actuation:
         self,
         robot: SingularityDescription,
         batch: tuple[int, ...],
-        seed: int | None,
-        noise: float,
-        battery_v: float | None,
+        seed: int | None = 0,
+        noise: float = 0.0,
+        battery_v: float | None = None,
     ) -> None:
         self.kinematics: SingularityKinematics = robot.kinematics()
         kinds = [joint.kind for joint in self.kinematics.joints]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import importlib
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ import numpy.typing as npt
 from tsd_twin.errors import MissingExtraError
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import RPM, SingularityDescription
-from tsd_twin.simulation.actuators import Actuation
+from tsd_twin.simulation.actuators import Actuation, SimulationOptions
 
 
 def load_mujoco() -> Any:
@@ -179,15 +179,13 @@ class MujocoSimulation:
         robot: SingularityDescription,
         batch: tuple[int, ...] = (),
         *,
-        seed: int | None = 0,
-        noise: float = 0.0,
-        battery_v: float | None = None,
         pose: SE2 | None = None,
         patch: ContactPatch | None = None,
+        **options: Unpack[SimulationOptions],
     ) -> None:
         if batch:
             raise ValueError(f"rigid bodies are simulated one robot at a time, not {batch}")
-        self.actuation = Actuation(robot, batch, seed, noise, battery_v)
+        self.actuation = Actuation(robot, batch, **options)
         self.kinematics = self.actuation.kinematics
         floor = robot.floor
         self._patch = patch or ContactPatch(floor.friction, floor.patch_radius_m)

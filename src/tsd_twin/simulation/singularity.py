@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Unpack
 
 import numpy as np
 
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import SingularityDescription
-from tsd_twin.simulation.actuators import Actuation
+from tsd_twin.simulation.actuators import Actuation, SimulationOptions
 
 _SLOPES = np.array([[-3.0, 4.0, -1.0], [-1.0, 0.0, 1.0], [1.0, -4.0, 3.0]])
 """Slopes at the start, middle and end of the parabola through three values there, times dt."""
@@ -65,12 +66,10 @@ class SingularitySimulation:
         robot: SingularityDescription,
         batch: tuple[int, ...] = (),
         *,
-        seed: int | None = 0,
-        noise: float = 0.0,
-        battery_v: float | None = None,
         pose: SE2 | None = None,
+        **options: Unpack[SimulationOptions],
     ) -> None:
-        self.actuation = Actuation(robot, batch, seed, noise, battery_v)
+        self.actuation = Actuation(robot, batch, **options)
         self.kinematics = self.actuation.kinematics
         self._plant = KinematicPlant(self.kinematics)
         self.pose = SE2(np.zeros((*batch, 3)) + (0.0 if pose is None else pose.xy_heading))

@@ -6,12 +6,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import Unpack
 
 import numpy as np
 
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.robots import OmniDescription, SphereDescription
 from tsd_twin.robots.description import GearedMotor, GearedMotorDescription
+from tsd_twin.simulation.actuators import SimulationOptions
 from tsd_twin.simulation.sensors import DeadWheelSensors
 
 
@@ -65,9 +67,9 @@ class GearedSimulation(ABC):
         shape: tuple[int, ...],
         inertia_kg_m2: float,
         *,
-        seed: int | None,
-        noise: float,
-        battery_v: float | None,
+        seed: int | None = 0,
+        noise: float = 0.0,
+        battery_v: float | None = None,
     ) -> None:
         """Create wheels of `shape` (..., k); each drives an inertia."""
         self.battery_v = robot.battery.nominal_v if battery_v is None else battery_v
@@ -135,14 +137,12 @@ class OmniSimulation(GearedSimulation):
         robot: OmniDescription,
         batch: tuple[int, ...] = (),
         *,
-        seed: int | None = 0,
-        noise: float = 0.0,
-        battery_v: float | None = None,
         pose: SE2 | None = None,
+        **options: Unpack[SimulationOptions],
     ) -> None:
         self.kinematics = kinematics = robot.kinematics()
         shape, inertia = (*batch, kinematics.wheels), robot.driven_inertia_kg_m2(kinematics)
-        super().__init__(robot, shape, inertia, seed=seed, noise=noise, battery_v=battery_v)
+        super().__init__(robot, shape, inertia, **options)
         self.pose = SE2(np.zeros((*batch, 3)) + (0.0 if pose is None else pose.xy_heading))
         """True pose in the world."""
         self._twist = np.zeros((*batch, 3))
@@ -156,6 +156,7 @@ class OmniSimulation(GearedSimulation):
         self._friction_n = robot.drive.friction * mass.total_kg * _GRAVITY_MPS2 / kinematics.wheels
         self._sensors = None
         if robot.dead_wheels is not None:
+            noise = options.get("noise", 0.0)
             self._sensors = DeadWheelSensors(robot.dead_wheels, batch, self._random, noise)
 
     def measure(self) -> Array:
@@ -259,15 +260,13 @@ class SphereSimulation(GearedSimulation):
         robot: SphereDescription,
         batch: tuple[int, ...] = (),
         *,
-        seed: int | None = 0,
-        noise: float = 0.0,
-        battery_v: float | None = None,
         pose: SO3 | None = None,
+        **options: Unpack[SimulationOptions],
     ) -> None:
         self.kinematics = kinematics = robot.kinematics()
         self._inertia = robot.driven_inertia_kg_m2(kinematics)
         shape = (*batch, kinematics.wheels)
-        super().__init__(robot, shape, self._inertia, seed=seed, noise=noise, battery_v=battery_v)
+        super().__init__(robot, shape, self._inertia, **options)
         self.pose = SO3.identity(batch) if pose is None else SO3.identity(batch) @ pose
         """True orientation of the sphere in the world."""
         self.angles_rad: Array = np.zeros_like(self.joints)

@@ -106,9 +106,9 @@ class BatchedRobotMeshes:
                 )
 
     def _is_new(self, kind: Link, what: str, values: npt.NDArray[np.float32]) -> bool:
-        said = values.tobytes()
-        new = self._shown.get((kind, what)) != said
-        self._shown[kind, what] = said
+        data = values.tobytes()
+        new = self._shown.get((kind, what)) != data
+        self._shown[kind, what] = data
         return new
 
     def _clear(self) -> None:
