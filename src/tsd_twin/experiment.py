@@ -155,10 +155,11 @@ class Experiment:
     """One subcommand of `tsd-lab`."""
 
     name: str
-    purpose: str
-    """One sentence, for the list and for its own help."""
     run: Callable[[argparse.Namespace, Output], list[str]]
-    """Writes pictures and tables to the output; returns the lines to print."""
+    """Writes pictures and tables to the output, and returns the lines to print.
+
+    The first line of its docstring is the purpose in the help.
+    """
     examples: Sequence[str]
     robot: str | None = None
     """Default of `--robot`; None without that flag."""
@@ -167,6 +168,11 @@ class Experiment:
     seed_of: str = ""
     """Meaning of `--seed`; empty without that flag."""
     add_own_flags: Callable[[argparse.ArgumentParser], None] | None = None
+
+    @property
+    def purpose(self) -> str:
+        """One sentence, for the list of experiments and for its own help."""
+        return (self.run.__doc__ or "").partition("\n")[0]
 
     def add_flags(self, parser: argparse.ArgumentParser) -> None:
         """Add the common flags and its own."""

@@ -33,7 +33,7 @@ from tsd_twin.virtual_robot import VOLT_STEP
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Collect drives, fit the calibration, report it, and optionally write it to a description."""
+    """Calibrate gimbal zeros, radii and spins of one robot from squares seen by a camera."""
     drives = collect(args, out)
     robot, recordings = drives.robot, drives.recordings
     volt_share = VOLT_STEP / math.sqrt(12.0) / robot.battery.nominal_v
@@ -158,10 +158,9 @@ def _flags(parser: argparse.ArgumentParser) -> None:
 
 
 EXPERIMENT = Experiment(
-    name="calibrate",
-    purpose="Calibrate gimbal zeros, radii and spins of one robot from squares seen by a camera.",
-    run=run,
-    examples=[
+    "calibrate",
+    run,
+    [
         "tsd-lab calibrate --seed 1                      a simulated robot, with its true values",
         "tsd-lab calibrate --no-tachometer               without measured wheel speeds",
         "tsd-lab calibrate --same-speed                  what is unobservable at one speed",

@@ -259,7 +259,7 @@ _SHORTEST_S = 1.0
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Run the zeroing procedure; report whether the gimbals are zeroed, and better zeros."""
+    """Zero the gimbals of a robot on the bus: it may creep an inch in 30 s at 2,500 rpm."""
     if not _SHORTEST_S <= args.seconds <= 300.0:
         raise TwinError(f"--seconds must be {_SHORTEST_S:g} to 300, not {args.seconds:g}")
     with connect(args) as client:
@@ -378,10 +378,9 @@ def _flags(parser: argparse.ArgumentParser) -> None:
 
 
 EXPERIMENT = Experiment(
-    name="zero",
-    purpose="Zero the gimbals of a robot on the bus: it may creep an inch in 30 s at 2,500 rpm.",
-    run=run,
-    examples=[
+    "zero",
+    run,
+    [
         "tsd-lab zero                            the robot of this machine, mock or not",
         "tsd-lab zero --write-to my.toml         and put better zeros into its description",
         "tsd-lab zero --id left --seconds 5      one of several, when it creeps far",

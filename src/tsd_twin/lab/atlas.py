@@ -94,7 +94,7 @@ _ROUNDING = 1e-6
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Compute and draw both error curves, and return their peaks as text."""
+    """Fig. 7 of the Atlas paper: ideal against dual-row kinematics over 13 seconds."""
     robot = description_of_kind(robots.load_robot(args.robot), SphereDescription)
     if args.row_distance_mm is not None:
         distance_m = max(0.0, args.row_distance_mm / 1000.0)
@@ -149,10 +149,9 @@ def _flags(parser: argparse.ArgumentParser) -> None:
 
 
 EXPERIMENT = Experiment(
-    name="atlas",
-    purpose="Fig. 7 of the Atlas paper: ideal against dual-row kinematics over 13 seconds.",
-    run=run,
-    examples=["tsd-lab atlas --out lab", "tsd-lab atlas --row-distance-mm 0"],
+    "atlas",
+    run,
+    ["tsd-lab atlas --out lab", "tsd-lab atlas --row-distance-mm 0"],
     robot="atlas",
     add_own_flags=_flags,
 )

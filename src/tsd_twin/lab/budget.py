@@ -268,7 +268,7 @@ BATCH = 1000
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Simulate the square with each error alone and with all together, and draw the budget."""
+    """Which error costs how much on the open-loop square: one at a time, and together."""
     if args.runs < 1:
         raise TwinError(f"--runs must be 1 or more, not {args.runs}")
     robot = description_of_kind(robots.load_robot(args.robot), SingularityDescription)
@@ -370,10 +370,9 @@ def _flags(parser: argparse.ArgumentParser) -> None:
 
 
 EXPERIMENT = Experiment(
-    name="budget",
-    purpose="Which error costs how much on the open-loop square: one at a time, and together.",
-    run=run,
-    examples=["tsd-lab budget --out lab", "tsd-lab budget --runs 1000 --seed 1"],
+    "budget",
+    run,
+    ["tsd-lab budget --out lab", "tsd-lab budget --runs 1000 --seed 1"],
     robot="tsd",
     seed_of="all errors",
     add_own_flags=_flags,

@@ -22,7 +22,7 @@ SHARE = 0.8
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Time and follow the path, and return the tracking errors as text."""
+    """A path, timed to the limits, on the simulated robot in virtual time."""
     robot = robots.load_robot(args.robot)
     heading: HeadingProfile = TangentHeading() if args.heading == "tangent" else FixedHeading()
     route = Route(_path(args), heading)
@@ -100,10 +100,9 @@ def _flags(parser: argparse.ArgumentParser) -> None:
 
 
 EXPERIMENT = Experiment(
-    name="follow",
-    purpose="A path, timed to the limits, on the simulated robot in virtual time.",
-    run=run,
-    examples=[
+    "follow",
+    run,
+    [
         "tsd-lab follow --path eight --heading tangent --out lab",
         "tsd-lab follow --path square --cut 0.2 --loop camera",
         "tsd-lab follow --points 0,0 1,0 1,0.5 2,0.5 --smooth --loop open --noise 0",

@@ -52,7 +52,7 @@ def fit_lines(signal: Array, rpm: Array, used: RowMask) -> MotorLines:
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Fit and draw both lines, and report which predicts better."""
+    """Lines through the motor table: Table 1 of the thesis to its Table 2, and better."""
     robot = description_of_kind(robots.load_robot(args.robot), SingularityDescription)
     signal, rpm = np.array(robot.motor.signal), np.array(robot.motor.speed_rpm)
     turning: RowMask = np.asarray((rpm > 0.0).all(axis=0))
@@ -145,9 +145,8 @@ def _draw(
 
 
 EXPERIMENT = Experiment(
-    name="motors",
-    purpose="Lines through the motor table: Table 1 of the thesis to its Table 2, and better.",
-    run=run,
-    examples=["tsd-lab motors --out lab", "tsd-lab motors --robot my.toml"],
+    "motors",
+    run,
+    ["tsd-lab motors --out lab", "tsd-lab motors --robot my.toml"],
     robot="tsd",
 )

@@ -31,7 +31,7 @@ _SHARE = 0.8
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Follow each path by the robot's own estimate, and draw and report the tracking errors."""
+    """Line, parabola, sine and circle under PID with noise: error figures of each."""
     robot = description_of_kind(robots.load_robot(args.robot), OmniDescription)
     records: dict[str, TrackingRecord] = {}
     for name, heading in out.progress(HEADING_PROFILES.items(), "driving", len(HEADING_PROFILES)):
@@ -66,10 +66,9 @@ def _draw(robot: OmniDescription, records: Mapping[str, TrackingRecord], out: Ou
 
 
 EXPERIMENT = Experiment(
-    name="omni-paths",
-    purpose="Line, parabola, sine and circle under PID with noise: error figures of each.",
-    run=run,
-    examples=["tsd-lab omni-paths --out lab", "tsd-lab omni-paths --robot kiwi --noise 0"],
+    "omni-paths",
+    run,
+    ["tsd-lab omni-paths --out lab", "tsd-lab omni-paths --robot kiwi --noise 0"],
     robot="omni4",
     noise=True,
     seed_of="the noise",

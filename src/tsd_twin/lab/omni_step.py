@@ -129,7 +129,7 @@ def run_profile(robot: VirtualRobot, profile: PointToPointProfile) -> ProfileRun
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Simulate and draw a triangle, a trapezoid, and a step beyond the friction limit."""
+    """5 m/s and stop at half-way: velocity against the ideal triangle and trapezoid."""
     robot = description_of_kind(robots.load_robot(args.robot), OmniDescription)
     if not (0.0 < args.speed < math.inf and 0.0 < args.acceleration < math.inf):
         raise TwinError("--speed and --acceleration must be above zero, and finite")
@@ -228,10 +228,9 @@ def _flags(parser: argparse.ArgumentParser) -> None:
 
 
 EXPERIMENT = Experiment(
-    name="omni-step",
-    purpose="5 m/s and stop at half-way: velocity against the ideal triangle and trapezoid.",
-    run=run,
-    examples=["tsd-lab omni-step --out lab", "tsd-lab omni-step --robot mecanum --speed 1.5"],
+    "omni-step",
+    run,
+    ["tsd-lab omni-step --out lab", "tsd-lab omni-step --robot mecanum --speed 1.5"],
     robot="omni4",
     noise=True,
     add_own_flags=_flags,

@@ -273,7 +273,7 @@ def _draw_errors(percent: Array, title: str, out: Output) -> None:
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Simulate the square, and report the three errors, or their spread over many seeds."""
+    """The experiment of the thesis: a square of 1 m at 1 m/s, seen by a camera."""
     if args.seeds < 1:
         raise TwinError(f"--seeds must be 1 or more, not {args.seeds}")
     if not args.believed_friction > 0.0:
@@ -360,10 +360,9 @@ def _flags(parser: argparse.ArgumentParser) -> None:
 
 
 EXPERIMENT = Experiment(
-    name="square",
-    purpose="The experiment of the thesis: a square of 1 m at 1 m/s, seen by a camera.",
-    run=run,
-    examples=[
+    "square",
+    run,
+    [
         "tsd-lab square --out lab                 open loop, as in the thesis",
         "tsd-lab square --loop gyro               closed by wheels and gyro",
         "tsd-lab square --loop camera --seed 7    and by the camera above",
