@@ -44,7 +44,7 @@ def rows() -> Iterator[Row]:
 
 
 def _late_command(endpoint: str, name: str) -> tuple[float, float]:
-    """Return the travel after the late command, and the time from STOP until it was sent."""
+    """Travel after the late command, and the time from STOP until it was sent."""
     drive = robots.load_robot(name).kinematics()
     raw = UncheckedOperator(endpoint, name)
     bus = Bus(client_config([endpoint]))

@@ -204,7 +204,7 @@ def stop_s(page: Page) -> float:
 
 
 def malformed(dice: random.Random) -> bytes:
-    """Return a malformed camera message, a different one each time."""
+    """Malformed camera message, a different one each time."""
     wild: list[Any] = [
         "x" * dice.randrange(4000),
         [dice.random()] * dice.randrange(4, 400),

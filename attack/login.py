@@ -63,7 +63,7 @@ class _Site:
         return int(urlsplit(self.url).port or 0)
 
     def memory_mb(self) -> float:
-        """Return the memory of the dashboard, MB."""
+        """Memory of the dashboard, MB."""
         status = Path(f"/proc/{self.dashboard.process.pid}/status").read_text()
         return int(re.findall(r"VmRSS:\s+(\d+)", status)[0]) / 1000.0
 

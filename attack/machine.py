@@ -41,7 +41,7 @@ class SocketHardware:
         self._board = str(folder / _BOARD)
 
     def read(self, now_s: float) -> Array | None:  # noqa: ARG002  The shape.
-        """Return the newest measurement (n,) that has come since the last call; None: no news."""
+        """Newest measurement (n,) that has come since the last call; None: no news."""
         blocks = _waiting(self._socket)
         return _numbers(blocks[-1]) if blocks else None
 
@@ -51,7 +51,7 @@ class SocketHardware:
             self._socket.sendto(_block(setpoint), self._board)
 
     def hardware(self) -> Mapping[str, Any]:
-        """Return the hardware section of the status."""
+        """Hardware section of the status."""
         return {"kind": "board in a process of its own"}
 
     def close(self) -> None:

@@ -45,7 +45,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
 
 
 def _watch(pid: int, endpoint: str, measured_s: float) -> tuple[float, Status]:
-    """Return the share of a core that a bridge takes, and its newest status."""
+    """Share of a core that a bridge takes, and its newest status."""
     latest: list[bytes] = []
     with Bus(client_config([endpoint])) as bus:
         bus.subscribe(topics.STATUS.key("tsd"), lambda sample: latest.append(sample.payload))

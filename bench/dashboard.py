@@ -51,7 +51,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
 
 
 def load(pid: int, url: str, viewers: int, seconds: float) -> tuple[float, dict[str, float]]:
-    """Return the share of a core, in percent, and what each viewer was sent."""
+    """Share of a core, in percent, and what each viewer was sent."""
     command = [sys.executable, "-m", "bench.viewers", url, str(viewers), str(seconds), "drive"]
     watching = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert watching.stdout is not None

@@ -38,7 +38,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
 
 
 def each_us(call: Callable[[], object], times: int) -> float:
-    """Return the time of a call, the best of five rounds: noise only ever adds."""
+    """Time of a call, the best of five rounds: noise only ever adds."""
     best = math.inf
     for _ in range(5):
         start = time.perf_counter()

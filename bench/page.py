@@ -66,7 +66,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
 
 
 def delays_ms(endpoint: str, url: str, seconds: float) -> tuple[list[float], list[float]]:
-    """Return the latency of each state from the bus to the screen, with the scene and without."""
+    """Latency of each state from the bus to the screen, with the scene and without."""
     sent_ms: dict[int, float] = {}
 
     def on_status(sample: Sample) -> None:
@@ -87,7 +87,7 @@ def delays_ms(endpoint: str, url: str, seconds: float) -> tuple[list[float], lis
 
 
 def watch(page: Page, sent_ms: dict[int, float], seconds: float) -> list[float]:
-    """Return the delays of all states that were said within some seconds and shown at all."""
+    """Delays of all states that were said within some seconds and shown at all."""
     page.wait_for_timeout(_SETTLED_MS)
     page.evaluate("window.shownMs = {}")
     page.wait_for_timeout(1000.0 * seconds)

@@ -149,7 +149,7 @@ def verdict(record: Record, warm_up: float) -> Iterator[Row]:
 
 
 def start_and_end(sizes: Sequence[float], warm_up: float) -> tuple[float, float]:
-    """Return the least of the first and of the last quarter of what follows the warm-up.
+    """Least of the first and of the last quarter of what follows the warm-up.
 
     The least is what is held; what is more waits to be collected.
     """

@@ -34,5 +34,5 @@ class Row:
 
 
 def percentile(values: Sequence[float], share: float) -> float:
-    """Return a percentile of many values."""
+    """Percentile of many values."""
     return statistics.quantiles(values, n=1000, method="inclusive")[round(share * 1000) - 1]

@@ -62,7 +62,7 @@ class FirmwareSimulation:
         self._move()
 
     def pulses_us(self) -> list[float]:
-        """Return the widths of the pulses to the speed controllers."""
+        """Widths of the pulses to the speed controllers."""
         return [self.board.pulse(i).us for i in range(3)]
 
     def set_battery(self, volts: float) -> None:

@@ -121,7 +121,7 @@ _INK, _GRID = "#1f2933", "#d9dee5"
 
 
 def new_figure(width_in: float, height_in: float, title: str) -> Figure:
-    """Return an empty figure with a title and automatic layout."""
+    """Empty figure with a title and automatic layout."""
     made: Any = Figure(figsize=(width_in, height_in), layout="constrained", facecolor="white")
     made.suptitle(title, fontsize=13, color=_INK, x=0.01, ha="left", weight="bold")
     return made

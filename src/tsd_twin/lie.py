@@ -43,12 +43,12 @@ class SE2:
 
     @staticmethod
     def identity(batch: tuple[int, ...] = ()) -> SE2:
-        """Return the identity, with batch dimensions `batch`."""
+        """Identity, with batch dimensions `batch`."""
         return SE2(np.zeros((*batch, 3)))
 
     @staticmethod
     def exp(tangent: Array) -> SE2:
-        """Return the pose that constant twist `tangent` (..., 3) reaches in unit time; Eq. 156."""
+        """Pose that constant twist `tangent` (..., 3) reaches in unit time; Eq. 156."""
         half = 0.5 * tangent[..., 2]
         # The left Jacobian is a turn by half the angle, shortened by sinc: no branch near zero.
         chord = sinc(half)
@@ -60,7 +60,7 @@ class SE2:
         return SE2(out)
 
     def log(self) -> Array:
-        """Return the tangent (..., 3) whose `exp` is this pose; heading in (-2 pi, 2 pi)."""
+        """Tangent (..., 3) whose `exp` is this pose; heading in (-2 pi, 2 pi)."""
         half = 0.5 * self.xy_heading[..., 2]
         chord = sinc(half)
         c, s = np.cos(half) / chord, np.sin(half) / chord
@@ -71,7 +71,7 @@ class SE2:
         return out
 
     def inverse(self) -> SE2:
-        """Return the pose of the parent in the local frame."""
+        """Pose of the parent in the local frame."""
         c, s = np.cos(self.xy_heading[..., 2]), np.sin(self.xy_heading[..., 2])
         out = np.empty(np.shape(self.xy_heading))
         out[..., 0] = -c * self.xy_heading[..., 0] - s * self.xy_heading[..., 1]
@@ -88,7 +88,7 @@ class SE2:
         return SE2(out)
 
     def plus(self, tangent: Array) -> SE2:
-        """Return the pose that constant twist `tangent` (..., 3) leads to from here; Eq. 25.
+        """Pose that constant twist `tangent` (..., 3) leads to from here; Eq. 25.
 
         The same as `self @ SE2.exp(tangent)`, in one turn by the sum of the two angles.
         """
@@ -129,14 +129,14 @@ class SO3:
 
     @staticmethod
     def identity(batch: tuple[int, ...] = ()) -> SO3:
-        """Return the identity, with batch dimensions `batch`."""
+        """Identity, with batch dimensions `batch`."""
         wxyz = np.zeros((*batch, 4))
         wxyz[..., 0] = 1.0
         return SO3(wxyz)
 
     @staticmethod
     def exp(tangent: Array) -> SO3:
-        """Return the rotation about `tangent` (..., 3) by its length; Eq. 101."""
+        """Rotation about `tangent` (..., 3) by its length; Eq. 101."""
         half = 0.5 * np.sqrt(np.add.reduce(np.square(tangent), axis=-1))
         wxyz = np.empty((*np.shape(tangent)[:-1], 4))
         wxyz[..., 0] = np.cos(half)
@@ -144,7 +144,7 @@ class SO3:
         return SO3(wxyz)
 
     def log(self) -> Array:
-        """Return the shortest rotation vector (..., 3) whose `exp` is this rotation; Eq. 105."""
+        """Shortest rotation vector (..., 3) whose `exp` is this rotation; Eq. 105."""
         # q and -q are one rotation: take the one with w >= 0, so that the angle is at most pi.
         wxyz = np.where(self.wxyz[..., :1] < 0.0, -self.wxyz, self.wxyz)
         w, xyz = wxyz[..., 0], wxyz[..., 1:]
@@ -152,7 +152,7 @@ class SO3:
         return 2.0 * xyz / sinc(half)[..., None]
 
     def inverse(self) -> SO3:
-        """Return the opposite rotation."""
+        """Opposite rotation."""
         return SO3(self.wxyz * np.array([1.0, -1.0, -1.0, -1.0]))
 
     def __matmul__(self, other: SO3) -> SO3:
@@ -174,7 +174,7 @@ class SO3:
         return np.asarray((self.as_matrix() @ vectors[..., None])[..., 0], dtype=float)
 
     def as_matrix(self) -> Array:
-        """Return the rotation matrices (..., 3, 3)."""
+        """Rotation matrices (..., 3, 3)."""
         q = self.wxyz
         w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
         out = np.empty((*np.shape(w), 3, 3))

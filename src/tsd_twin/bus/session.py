@@ -58,11 +58,11 @@ class Subscriber:
         self._depth = depth
 
     def take_samples(self) -> list[Sample]:
-        """Return the samples since the last call, oldest first, without waiting."""
+        """Samples since the last call, oldest first, without waiting."""
         return [sample_of(sample) for sample in _drain(self._subscriber, self._depth)]
 
     def newest(self) -> Sample | None:
-        """Return the newest sample since the last call."""
+        """Newest sample since the last call."""
         samples = self.take_samples()
         return samples[-1] if samples else None
 
@@ -105,7 +105,7 @@ class Queryable:
         self._patterns = patterns
 
     def take_requests(self) -> list[Request]:
-        """Return the requests that came in since the last call, without waiting."""
+        """Requests that came in since the last call, without waiting."""
         taken: list[Request] = []
         for query in _drain(self._queryable, self._depth):
             if self._patterns or str(query.key_expr) == self._key:
@@ -207,7 +207,7 @@ class Bus:
             return
 
     def endpoints(self) -> list[str]:
-        """Return the listening endpoints, with the ports chosen for `:0`."""
+        """Listening endpoints, with the ports chosen for `:0`."""
         replies = self._session.get(f"@/{self._session.zid()}/router", timeout=2.0)
         for reply in replies:
             if reply.ok is not None:
@@ -226,7 +226,7 @@ class Bus:
             listener.undeclare()
 
     def publisher(self, key: str, qos: QoS, type_name: str = "json") -> Publisher:
-        """Return a publisher; `type_name` is `json` or the ROS 2 type of a CDR payload."""
+        """Publisher; `type_name` is `json` or the ROS 2 type of a CDR payload."""
         encoding = zenoh.Encoding.APPLICATION_JSON
         if type_name != "json":
             encoding = zenoh.Encoding.APPLICATION_CDR.with_schema(type_name)
@@ -243,12 +243,12 @@ class Bus:
         return Publisher(self._session.declare_publisher(key, encoding=encoding, **_QOS[qos]))
 
     def subscriber(self, key: str, depth: int) -> Subscriber:
-        """Return a subscriber that queues at most `depth` samples of a key expression."""
+        """Subscriber that queues at most `depth` samples of a key expression."""
         ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(depth)
         return Subscriber(self._session.declare_subscriber(key, ring), depth)
 
     def queryable(self, key: str, depth: int = 64, *, patterns: bool = False) -> Queryable:
-        """Return a queryable for `key` that queues at most `depth` requests, the newest.
+        """Queryable for `key` that queues at most `depth` requests, the newest.
 
         With `patterns`, queries to patterns that match the key are served too; for services without
         side effects only.
@@ -323,7 +323,7 @@ class Bus:
         return Token(token)
 
     def living_tokens(self, key: str, timeout_s: float = 0.5) -> list[str]:
-        """Return the keys of the liveliness tokens that match `key`.
+        """Keys of the liveliness tokens that match `key`.
 
         A session connects in the background and receives tokens a moment later, some 0.1 s between
         routers: a new session waits for the first token, or until the timeout.

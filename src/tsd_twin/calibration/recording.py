@@ -45,7 +45,7 @@ class Recording:
         return self.commanded_rad_per_s.shape[1]
 
     def part(self, first_s: float, last_s: float) -> Recording:
-        """Return the part between two times."""
+        """Part between two times."""
         rows = (self.t_s >= first_s) & (self.t_s <= last_s)
         t_s = self.t_s[rows]
         frames = (self.camera_s >= t_s[0]) & (self.camera_s <= t_s[-1])
@@ -60,7 +60,7 @@ class Recording:
 
 
 def recording_columns(recordings: Sequence[Recording]) -> dict[str, Array]:
-    """Return the recordings as a table; joints and poses of one time share a row."""
+    """Recordings as a table; joints and poses of one time share a row."""
     table: dict[str, list[Array]] = {}
     for number, run in enumerate(recordings):
         t_s = np.union1d(run.t_s, run.camera_s)
@@ -82,7 +82,7 @@ def recording_columns(recordings: Sequence[Recording]) -> dict[str, Array]:
 
 
 def angle_columns(modules: int) -> list[str]:
-    """Return the columns of the gimbals."""
+    """Columns of the gimbals."""
     return [f"module{i + 1}_{part}_rad" for i in range(modules) for part in ("alpha", "beta")]
 
 
@@ -199,7 +199,7 @@ class RobotRecorder:
         return pose, seen_s
 
     def recording(self, first_s: float, last_s: float, battery_v: float | None) -> Recording:
-        """Return the recording between two times; `battery_v` is the battery voltage, if known.
+        """Recording between two times; `battery_v` is the battery voltage, if known.
 
         Raises:
             TwinError: there are too few samples, or the robot's wall clock was set meanwhile.
@@ -228,11 +228,11 @@ class RobotRecorder:
         return Recording(t_s - t_s[0], angles, share * commanded[last], spin, seen_s - t_s[0], seen)
 
     def _clock_offset_s(self) -> float:
-        """Return the offset of the wall clock from the monotonic one, from the newest joints."""
+        """Offset of the wall clock from the monotonic one, from the newest joints."""
         return float(np.median(self._clock_offsets_s[-_CLOCK_SAMPLES:]))
 
     def _row(self, sample: Sample) -> tuple[float, int, Array] | None:
-        """Return the robot's time, its wall clock, and angles and speeds (n,) of all joints."""
+        """Robot's time, its wall clock, and angles and speeds (n,) of all joints."""
         try:
             _, robot_ns = decode_stamp(sample.attachment)
             state = decode_joints(sample.payload)

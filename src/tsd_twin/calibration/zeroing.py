@@ -130,7 +130,7 @@ class ZeroOffsetDrift:
         return LIMIT_RPM / self.spin_rpm
 
     def sentence(self) -> str:
-        """Return a text of the drift in 30 s at 2,500 rpm."""
+        """Text of the drift in 30 s at 2,500 rpm."""
         vx, vy, _ = self.twist
         toward = np.degrees(np.arctan2(vy, vx))
         return (
@@ -168,12 +168,12 @@ def drift_of(t_s: Array, poses: Array, spin_rpm: float) -> ZeroOffsetDrift:
 def drift_by_hand(
     moved_m: Array, turned_rad: float, seconds: float, spin_rpm: float
 ) -> ZeroOffsetDrift:
-    """Return the constant twist of a displacement `moved_m` (2,), start frame, and a turn."""
+    """Constant twist of a displacement `moved_m` (2,), start frame, and a turn."""
     return ZeroOffsetDrift(SE2(np.append(moved_m, turned_rad)).log() / seconds, spin_rpm)
 
 
 def twist_by_zero_offsets(robot: SingularityDescription) -> Array:
-    """Return the Jacobian (3, 2k) of the twist of a robot at zero command by its gimbal angles.
+    """Jacobian (3, 2k) of the twist of a robot at zero command by its gimbal angles.
 
     Contact velocities of upright wheels are r_w spin (alpha, -beta).
     """
@@ -183,7 +183,7 @@ def twist_by_zero_offsets(robot: SingularityDescription) -> Array:
 
 
 def spin_rpm(robot: SingularityDescription) -> float:
-    """Return the mean speed of the wheels when the robot is ready."""
+    """Mean speed of the wheels when the robot is ready."""
     drive = robot.kinematics()
     return float(np.mean(drive.spin_rad_per_s * drive.spin_ratio)) / RPM
 

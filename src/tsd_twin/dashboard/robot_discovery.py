@@ -118,7 +118,7 @@ class RobotConnector:
                 self._changed.wait(None if next_s is None else next_s - now_s)
 
     def _answer(self) -> tuple[str, bytes] | None:
-        """Return a received response of a pending robot, and schedule retries of the others."""
+        """Received response of a pending robot, and schedule retries of the others."""
         while self._answers:
             robot_id, number, answer = self._answers.popleft()
             turn = self._pending.get(robot_id)

@@ -96,11 +96,11 @@ class Framing(Protocol):
         ...
 
     def decode(self, frame: bytes) -> Packet | None:
-        """Return the packet in a whole frame; None: the sum is wrong."""
+        """Packet in a whole frame; None: the sum is wrong."""
         ...
 
     def as_status(self, packet: Packet) -> Status | None:
-        """Return the answer that a packet is; None: it is none."""
+        """Answer that a packet is; None: it is none."""
         ...
 
 

@@ -87,7 +87,7 @@ class ArmSwitch:
         """Reason why it is off although it should be on; else empty."""
 
     def turn(self, wanted: bool) -> int:
-        """Return the value to write for a robot that is armed or disarmed."""
+        """Value to write for a robot that is armed or disarmed."""
         if not wanted:
             self._state, self.lost = _State.OFF, ""
         elif self._state is _State.OFF:
@@ -312,7 +312,7 @@ class ControllerBoard:
 
 
 def _telemetry(answers: list[Status]) -> Telemetry | None:
-    """Return the telemetry if the responses are those of one write and one read."""
+    """Telemetry if the responses are those of one write and one read."""
     if [len(answer.data) for answer in answers] != [0, Telemetry.LAYOUT.size]:
         return None
     return Telemetry.unpack(answers[1].data)
@@ -369,7 +369,7 @@ class MegaHardware:
         self._thread = DeviceThread(port, self._board)
 
     def read(self, now_s: float) -> Array | None:
-        """Return the measured joints (n,), NaN where not measured; None without a new
+        """Measured joints (n,), NaN where not measured; None without a new
         measurement.
         """
         report = self._board.report
@@ -392,13 +392,13 @@ class MegaHardware:
         self._heartbeat = heartbeat
 
     def fault(self, now_s: float) -> str:
-        """Return the fault of the board or its devices; empty without one."""
+        """Fault of the board or its devices; empty without one."""
         report = self._board.report
         fault = connection_fault(self._board, report and report.heard_s, now_s)
         return fault or ("" if report is None else self._board_fault(report.telemetry, report.lost))
 
     def hardware(self) -> dict[str, Any]:
-        """Return the hardware section of the status, JSON-serializable."""
+        """Hardware section of the status, JSON-serializable."""
         board, report = self._board, self._board.report
         status: dict[str, Any] = {"kind": "mega", "connected": report is not None}
         if report is not None:

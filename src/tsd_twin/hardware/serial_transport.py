@@ -169,7 +169,7 @@ def open_port(name: str, baud: int, timeout_s: float) -> Port:
 
 
 def persistent_name(name: str, links: Path = _BY_ID) -> str:
-    """Return a name that stays with the device: its link in /dev/serial/by-id if there is one.
+    """Name that stays with the device: its link in /dev/serial/by-id if there is one.
 
     A device that is plugged in again may be ttyACM1 where it was ttyACM0.
     """
@@ -211,7 +211,7 @@ def _open_error(name: str, error: BaseException) -> str:
 
 
 def _number(error: BaseException | None) -> int | None:
-    """Return the errno of an error, or of the one that it was raised for; pyserial drops some."""
+    """Errno of an error, or of the one that it was raised for; pyserial drops some."""
     while error is not None:
         number = getattr(error, "errno", None) or next(iter(error.args), None)
         if isinstance(number, int):

@@ -55,7 +55,7 @@ class Present:
 
     @staticmethod
     def unpack(data: bytes) -> Present:
-        """Return the measurements decoded from the `PRESENT_SIZE` bytes from `PRESENT` on."""
+        """Measurements decoded from the `PRESENT_SIZE` bytes from `PRESENT` on."""
         current, velocity, position, _, _, voltage, temperature = _LAYOUT.unpack(data)
         return Present(
             position,
@@ -90,7 +90,7 @@ class ServoReport:
     newest_s: float
 
     def alive(self, now_s: float) -> int:
-        """Return the mask of servos that answered within `ALIVE_S`."""
+        """Mask of servos that answered within `ALIVE_S`."""
         return sum(1 << i for i, at_s in self.heard_s.items() if now_s - at_s <= ALIVE_S)
 
 
@@ -275,7 +275,7 @@ class U2D2Hardware:
             raise
 
     def read(self, now_s: float) -> Array | None:
-        """Return the measured joints (n,), NaN where not measured; None without a new
+        """Measured joints (n,), NaN where not measured; None without a new
         measurement.
         """
         report = self._bus.report
@@ -300,11 +300,11 @@ class U2D2Hardware:
         self._wheels.set_heartbeat(heartbeat)
 
     def fault(self, now_s: float) -> str:
-        """Return the fault of the board, the servos or the lines; empty without one."""
+        """Fault of the board, the servos or the lines; empty without one."""
         return self._wheels.fault(now_s) or self._servo_fault(now_s)
 
     def hardware(self) -> dict[str, Any]:
-        """Return the hardware section of the status, JSON-serializable."""
+        """Hardware section of the status, JSON-serializable."""
         status = self._wheels.hardware() | {"kind": "u2d2"}
         report = self._bus.report
         if report is not None:

@@ -81,23 +81,23 @@ class Kinematics(Protocol, Generic[PoseT]):
         ...
 
     def inverse(self, twist: Array) -> Array:
-        """Return the joint vector (..., n) that moves the robot by `twist` (..., 3)."""
+        """Joint vector (..., n) that moves the robot by `twist` (..., 3)."""
         ...
 
     def forward(self, joints: Array, rates: Array | None = None) -> TwistSolution:
-        """Return the motion produced by `joints` (..., n) that change at `rates` (..., n)."""
+        """Motion produced by `joints` (..., n) that change at `rates` (..., n)."""
         ...
 
     def fault_contribution(self, residual: Array) -> Array:
-        """Return the share of the squared residual (..., m) due to each actuator, (..., k)."""
+        """Share of the squared residual (..., m) due to each actuator, (..., k)."""
         ...
 
     def joint_utilization(self, twist: Array) -> Array:
-        """Return the largest joint value for `twist` (..., 3) as a share of its limit, (...)."""
+        """Largest joint value for `twist` (..., 3) as a share of its limit, (...)."""
         ...
 
     def rate_utilization(self, step: Array, dt_s: float) -> Array:
-        """Return the largest joint rate for a twist `step` in `dt_s` over its limit, (...)."""
+        """Largest joint rate for a twist `step` in `dt_s` over its limit, (...)."""
         ...
 
     def integrate(self, pose: PoseT, twist: Array, dt_s: float) -> PoseT:
@@ -181,24 +181,24 @@ class WheelKinematics:
         return tuple(f"wheel{i + 1}" for i in range(self.wheels))
 
     def joint_utilization(self, twist: Array) -> Array:
-        """Return the speed of the fastest wheel over its limit, (...); 1 is at the limit."""
+        """Speed of the fastest wheel over its limit, (...); 1 is at the limit."""
         return self._largest_speed(twist) / self.max_speed_rad_per_s
 
     def rate_utilization(self, step: Array, dt_s: float) -> Array:
-        """Return the acceleration of the worst wheel over its limit, (...), for a twist `step`."""
+        """Acceleration of the worst wheel over its limit, (...), for a twist `step`."""
         return self._largest_speed(step) / (self.max_acceleration_rad_per_s2 * dt_s)
 
     def _largest_speed(self, twist: Array) -> Array:
         return np.maximum.reduce(np.abs(twist @ self.speeds_from_twist.T), axis=-1)
 
     def inverse(self, twist: Array) -> Array:
-        """Return the wheel speeds (..., k) for `twist` (..., 3), scaled to the speed limit."""
+        """Wheel speeds (..., k) for `twist` (..., 3), scaled to the speed limit."""
         speeds = twist @ self.speeds_from_twist.T
         worst = np.maximum.reduce(np.abs(speeds), axis=-1, keepdims=True)
         return speeds * (self.max_speed_rad_per_s / np.maximum(worst, self.max_speed_rad_per_s))
 
     def forward(self, joints: Array, rates: Array | None = None) -> TwistSolution:  # noqa: ARG002  The shape.
-        """Return the least-squares twist, and the residual (..., k) in m/s that no twist explains.
+        """Least-squares twist, and the residual (..., k) in m/s that no twist explains.
 
         The residual is zero when the wheels agree; three wheels always do. Equal slip of all wheels
         is not observable. Rates of wheel speeds do not affect the twist.
@@ -208,7 +208,7 @@ class WheelKinematics:
         return TwistSolution(twist, self.wheel_radius_m * left)
 
     def fault_contribution(self, residual: Array) -> Array:
-        """Return the share of the squared `residual` (..., k) due to each wheel alone, (..., k).
+        """Share of the squared `residual` (..., k) due to each wheel alone, (..., k).
 
         The drop of the squared residual when the equation of a wheel is left out.
         """

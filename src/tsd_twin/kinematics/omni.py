@@ -54,7 +54,7 @@ class OmniKinematics(PlanarMotion, WheelKinematics):
 
 
 def layout_problem(positions_m: Array, directions_rad: Array, rollers_rad: Array) -> str:
-    """Return a text that names the missing motion or the faulty wheel of a layout; "" if valid.
+    """Text that names the missing motion or the faulty wheel of a layout; "" if valid.
 
     An omnidirectional platform needs a matrix of full rank: a twist that turns no wheel can neither
     be driven nor held.
@@ -77,7 +77,7 @@ def layout_problem(positions_m: Array, directions_rad: Array, rollers_rad: Array
 
 
 def _grip(positions_m: Array, directions_rad: Array, rollers_rad: Array) -> Array:
-    """Return the velocities (k, 3) over the ground along the rollers' axles, from the twist.
+    """Velocities (k, 3) over the ground along the rollers' axles, from the twist.
 
     Eq. 4, left side: the axle of the roller is at lambda + alpha + psi - 90 degrees, and
     -l cos(alpha + psi) is what turning moves the wheel along it.

@@ -132,7 +132,7 @@ class SingularityKinematics(PlanarMotion):
         return geared
 
     def axles(self, twist: Array) -> Array:
-        """Return the horizontal parts (..., k, 2) of the unit axles for `twist` (..., 3).
+        """Horizontal parts (..., k, 2) of the unit axles for `twist` (..., 3).
 
         Linear in the twist, also beyond the tilt limit. No steer angle is formed: Eq. 14, 17, 18,
         27 and 28 are singular at zero tilt, this is not.
@@ -145,7 +145,7 @@ class SingularityKinematics(PlanarMotion):
         return self._worst_sine(twist) / math.sin(self.max_tilt_rad)
 
     def rate_utilization(self, step: Array, dt_s: float) -> Array:
-        """Return the tilt rate of the fastest gimbal over its limit, (...), for a twist `step`.
+        """Tilt rate of the fastest gimbal over its limit, (...), for a twist `step`.
 
         The worst case over all tilts within the limit. There the axle's horizontal part l moves
         beta by (l_x' + l_x l_y l_y' / (1 - l_y^2)) / l_z, at most |l'| (1 + c^2) / (2 c^2) with
@@ -167,7 +167,7 @@ class SingularityKinematics(PlanarMotion):
         return twist / np.maximum(1.0, self.joint_utilization(twist))[..., None]
 
     def inverse(self, twist: Array) -> Array:
-        """Return the joints (..., 3k) for body `twist` (..., 3), scaled to the tilt limit.
+        """Joints (..., 3k) for body `twist` (..., 3), scaled to the tilt limit.
 
         alpha = asin(l_y), beta = atan2(l_x, l_z) = asin(l_x / cos(alpha)): Eq. 24 and 25 solved for
         the gimbal angles.
@@ -187,7 +187,7 @@ class SingularityKinematics(PlanarMotion):
         return joints.reshape(*twist.shape[:-1], 3 * k)
 
     def contacts(self, joints: Array, rates: Array | None = None) -> Array:
-        """Return the velocity (..., k, 2) of each pivot over the ground, in `W_i`, by rolling.
+        """Velocity (..., k, 2) of each pivot over the ground, in `W_i`, by rolling.
 
         v = r_w Omega x z with Omega = spin l + gimbal rate and
         l = (cos a sin b, sin a, cos a cos b). The thesis lacks the terms in the gimbal rates.
@@ -204,7 +204,7 @@ class SingularityKinematics(PlanarMotion):
         return v
 
     def forward(self, joints: Array, rates: Array | None = None) -> TwistSolution:
-        """Return the least-squares twist, and the residual (..., 2k) in m/s that no twist explains.
+        """Least-squares twist, and the residual (..., 2k) in m/s that no twist explains.
 
         The residual is zero when the modules agree and grows when one conflicts with the others.
         Slip of a wheel on the floor and an equal droop of all spins are not observable.
@@ -215,7 +215,7 @@ class SingularityKinematics(PlanarMotion):
         return TwistSolution(twist, flat - twist @ self.contact_from_twist.reshape(-1, 3).T)
 
     def fault_contribution(self, residual: Array) -> Array:
-        """Return the share of the squared `residual` (..., 2k) due to each module alone, (..., k).
+        """Share of the squared `residual` (..., 2k) due to each module alone, (..., k).
 
         The drop of the squared residual when the two equations of a module are left out.
         """
@@ -223,12 +223,12 @@ class SingularityKinematics(PlanarMotion):
         return (own @ self._leave_one_out_gain @ np.swapaxes(own, -1, -2))[..., 0, 0]
 
     def tilt(self, joints: Array) -> Array:
-        """Return the tilt (..., k) of each axle from upright, radians, accurate near zero."""
+        """Tilt (..., k) of each axle from upright, radians, accurate near zero."""
         modules = joints.reshape(*joints.shape[:-1], self.modules, 3)
         alpha, beta = modules[..., 0], modules[..., 1]
         sine = np.hypot(np.cos(alpha) * np.sin(beta), np.sin(alpha))
         return np.arctan2(sine, np.cos(alpha) * np.cos(beta))
 
     def effective_radius_m(self, joints: Array) -> Array:
-        """Return the effective wheel radius (..., k): ground by wheel speed, r_w sin(tilt)."""
+        """Effective wheel radius (..., k): ground by wheel speed, r_w sin(tilt)."""
         return self.wheel_radius_m * np.sin(self.tilt(joints))

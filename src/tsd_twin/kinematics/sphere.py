@@ -85,18 +85,18 @@ class SphereKinematics(WheelKinematics):
         return 2.0 * np.mod(np.floor(angles_rad / self.row_rad), 2.0) - 1.0
 
     def mean_side(self, before_rad: Array, after_rad: Array) -> Array:
-        """Return the exact mean of `side` between two wheel angles (..., k)."""
+        """Exact mean of `side` between two wheel angles (..., k)."""
         way = after_rad - before_rad
         hops = self.row_rad * (self._fold(after_rad) - self._fold(before_rad))
         still = np.abs(way) < 1e-9 * self.row_rad
         return np.where(still, self.side(before_rad), hops / np.where(still, 1.0, way))
 
     def _fold(self, angles_rad: Array) -> Array:
-        """Return the integral of `side` over N phi / pi: a triangle wave from 0 to -1 and back."""
+        """Integral of `side` over N phi / pi: a triangle wave from 0 to -1 and back."""
         return np.abs(np.mod(angles_rad / self.row_rad, 2.0) - 1.0) - 1.0
 
     def true_rows(self, side: Array) -> Array:
-        """Return the wheel speeds from the twist (..., k, 3) with the contacts on `side` (..., k).
+        """Wheel speeds from the twist (..., k, 3) with the contacts on `side` (..., k).
 
         (R / r) (cos dtheta Omega_i + side sin dtheta R_i): the contact R_i moved by dtheta towards
         or from Omega_i, crossed with v_i. That is Eq. 25 with the cosine that Eq. 29 drops, in any
@@ -107,11 +107,11 @@ class SphereKinematics(WheelKinematics):
         return ratio * (math.cos(self.row_offset_rad) * self.axes + offset)
 
     def true_inverse(self, twist: Array, side: Array) -> Array:
-        """Return the wheel speeds (..., k) that give the sphere `twist` (..., 3)."""
+        """Wheel speeds (..., k) that give the sphere `twist` (..., 3)."""
         return (self.true_rows(side) @ twist[..., None])[..., 0]
 
     def true_twist(self, joints: Array, side: Array) -> Array:
-        """Return the twist (..., 3) that wheel speeds `joints` (..., k) give the sphere."""
+        """Twist (..., 3) that wheel speeds `joints` (..., k) give the sphere."""
         rows = self.true_rows(side)
         back = np.linalg.inv(rows) if self.wheels == 3 else np.linalg.pinv(rows)
         return np.asarray((back @ joints[..., None])[..., 0], dtype=float)
@@ -135,7 +135,7 @@ def contacts_and_directions(
 
 
 def layout_problem(contacts: Array, actuations: Array) -> str:
-    """Return a text that names a turn wheels (k, 3) cannot make; "" if there is none."""
+    """Text that names a turn wheels (k, 3) cannot make; "" if there is none."""
     if len(contacts) < 3:
         return f"{len(contacts)} wheels cannot turn a sphere about all three axes"
     _, strengths, turns = np.linalg.svd(np.cross(contacts, actuations))

@@ -64,7 +64,7 @@ class RowEffect:
         return np.where(true > 0.0, 1.0 - ideal / np.where(true > 0.0, true, 1.0), 0.0)
 
     def columns(self) -> dict[str, Array]:
-        """Return the columns of a table."""
+        """Columns of a table."""
         table = {"t_s": self.t_s}
         for i in range(self.speeds.shape[1]):
             table[f"wheel{i + 1}_rad_per_s"] = self.speeds[:, i]
@@ -77,7 +77,7 @@ class RowEffect:
 def row_effect(
     drive: SphereKinematics, table: Array = TABLE_1, step_s: float = STEP_S
 ) -> RowEffect:
-    """Return the dual-row effect for wheel speeds (r, 1 + k) that are linear between times."""
+    """Dual-row effect for wheel speeds (r, 1 + k) that are linear between times."""
     start, end = float(table[0, 0]), float(table[-1, 0])
     t: Array = np.linspace(start, end, round((end - start) / step_s) + 1)
     columns = [np.interp(t, table[:, 0], table[:, i]) for i in range(1, table.shape[1])]
@@ -113,7 +113,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 
 
 def _peak_text(values: Array, t_s: Array, unit: str) -> str:
-    """Return a text of the largest of `values` and its time, without the time for rounding."""
+    """Text of the largest of `values` and its time, without the time for rounding."""
     peak = float(values.max())
     when = f" at {t_s[values.argmax()]:.2f} s" if peak > _ROUNDING else ""
     return f"{peak:.2f} {unit}{when}"

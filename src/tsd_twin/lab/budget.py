@@ -59,11 +59,11 @@ class ErrorSet:
     """1: wheels slip with the friction of the description; 0: pure rolling."""
 
     def __add__(self, other: ErrorSet) -> ErrorSet:
-        """Return the sum of two error sets."""
+        """Sum of two error sets."""
         return ErrorSet(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(ErrorSet)))
 
     def part(self, rows: slice) -> ErrorSet:
-        """Return the errors of a slice of the robots."""
+        """Errors of a slice of the robots."""
         phase = self.phase_rad
         phase = phase[rows] if isinstance(phase, np.ndarray) else phase
         return replace(
@@ -139,7 +139,7 @@ def drive_open_loop(
 
 
 def _servos_with(robot: SingularityDescription, errors: ErrorSet) -> Servos | None:
-    """Return the servo model with these errors; None for gimbals without lag."""
+    """Servo model with these errors; None for gimbals without lag."""
     play = {"dead_band_rad": errors.dead_band_rad, "backlash_rad": errors.backlash_rad}
     servos = replace(Servos.of(robot, robot.battery.nominal_v), **play)
     if errors.lag > 0.0:
@@ -168,7 +168,7 @@ def _no_errors(robot: SingularityDescription, runs: int) -> ErrorSet:
 
 
 def _same_for_all(given: Callable[[SingularityDescription], dict[str, float]]) -> DrawErrors:
-    """Return a generator of errors that are equal for all robots of one description."""
+    """Generator of errors that are equal for all robots of one description."""
     return lambda robot, _random, runs: replace(_no_errors(robot, runs), **given(robot))
 
 
@@ -203,7 +203,7 @@ def _draw_layers(robot: SingularityDescription, random: np.random.Generator, run
 
 
 def spin_error_of_line(robot: SingularityDescription) -> Array:
-    """Return the relative speed error (k,) of motors driven by the line of Table 2.
+    """Relative speed error (k,) of motors driven by the line of Table 2.
 
     The signal follows from the line through all rows, as in the thesis, the speed from the table.
     """
@@ -315,7 +315,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 
 
 def _runs(args: argparse.Namespace, used: list[ErrorSource]) -> int:
-    """Return the number of runs: a tenth for one error alone."""
+    """Number of runs: a tenth for one error alone."""
     return int(args.runs) if len(used) > 1 else max(1, int(args.runs) // 10)
 
 

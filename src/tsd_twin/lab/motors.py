@@ -33,17 +33,17 @@ class MotorLines:
     """(r,): mask of the fitted rows of the table."""
 
     def rpm(self, signal: Array) -> Array:
-        """Return the speeds (k, ...) at `signal` (...)."""
+        """Speeds (k, ...) at `signal` (...)."""
         return np.multiply.outer(self.slope, signal) + self.offset.reshape(-1, *[1] * signal.ndim)
 
     def error_rpm(self, signal: Array, rpm: Array, where: RowMask) -> Array:
-        """Return the root mean square errors (k,) over the rows `where` (r,) of a table."""
+        """Root mean square errors (k,) over the rows `where` (r,) of a table."""
         off = (self.rpm(signal) - rpm)[:, where]
         return np.sqrt(np.mean(np.square(off), axis=-1))
 
 
 def fit_lines(signal: Array, rpm: Array, used: RowMask) -> MotorLines:
-    """Return the lines through the rows `used` (r,) of signal (r,) and rpm (k, r)."""
+    """Lines through the rows `used` (r,) of signal (r,) and rpm (k, r)."""
     x: Array = signal[used]
     y: Array = rpm[:, used]
     slope: Array = ((x - x.mean()) * (y - y.mean(axis=1, keepdims=True))).sum(axis=1)
@@ -84,7 +84,7 @@ def _line_summary(lines: MotorLines, signal: Array, rpm: Array, turning: RowMask
 
 
 def round_half_up(value: float, digits: int) -> str:
-    """Return a number as the thesis rounds: halves away from zero."""
+    """Number as the thesis rounds: halves away from zero."""
     return f"{value + math.copysign(1e-9, value):.{digits}f}"
 
 

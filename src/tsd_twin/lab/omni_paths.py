@@ -44,7 +44,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 def run_path(
     robot: OmniDescription, name: str, heading: HeadingProfile, noise: float, seed: int
 ) -> TrackingRecord:
-    """Return the record of one path under feed-forward and PID."""
+    """Record of one path under feed-forward and PID."""
     virtual = VirtualRobot(robot, SimRobot(robot, seed=seed, noise=noise))
     drive = robot.kinematics()
     trajectory = plan(Route(named_path(name), heading), drive, robot.limits, share=_SHARE)

@@ -39,7 +39,7 @@ class PointToPointProfile:
 
     @staticmethod
     def of(distance_m: float, limits: Limits) -> PointToPointProfile:
-        """Return the profile over `distance_m` within these limits."""
+        """Profile over `distance_m` within these limits."""
         a, d = limits.acceleration_mps2, limits.deceleration_mps2
         return PointToPointProfile(distance_m, limits.speed_mps, a, d)
 
@@ -67,7 +67,7 @@ class PointToPointProfile:
         return up + down + held_m / self.peak_mps
 
     def speed(self, t_s: Array) -> Array:
-        """Return the speed at times `t_s` (...), m/s."""
+        """Speed at times `t_s` (...), m/s."""
         rising = self.acceleration_mps2 * t_s
         falling = self.deceleration_mps2 * (self.duration_s - t_s)
         return np.clip(np.minimum(rising, falling), 0.0, self.peak_mps)
@@ -89,7 +89,7 @@ class ProfileRun:
         return float(self.distance_m[-1]) - self.profile.distance_m
 
     def columns(self) -> dict[str, Array]:
-        """Return the columns of a table."""
+        """Columns of a table."""
         return {
             "t_s": self.t_s,
             "commanded_mps": self.commanded_mps,
@@ -164,7 +164,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 def unlimited_step(
     robot: OmniDescription, speed_mps: float, seconds: float = 1.5
 ) -> dict[str, Array]:
-    """Return the response of a robot to a step of wheel speed without limits."""
+    """Response of a robot to a step of wheel speed without limits."""
     simulation = simulate(robot)
     drive = simulation.kinematics
     full = np.array([speed_mps, 0.0, 0.0])

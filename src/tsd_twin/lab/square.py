@@ -63,7 +63,7 @@ class SlipFeedforward:
         self._twists: Array = np.stack(twists)
 
     def __call__(self, t_s: float) -> Array:
-        """Return the twist (3,) to command for the time `t_s` of the trajectory."""
+        """Twist (3,) to command for the time `t_s` of the trajectory."""
         twists = self._twists
         return np.array([float(np.interp(t_s, self._at_s, twists[:, i])) for i in range(3)])
 
@@ -115,7 +115,7 @@ class Square:
 
     @staticmethod
     def of(args: argparse.Namespace, seed: int) -> Square:
-        """Return the settings of `args`, with another seed."""
+        """Settings of `args`, with another seed."""
         return Square(
             robot=args.robot,
             loop=Loop(args.loop),
@@ -158,7 +158,7 @@ class Square:
         return trajectory, follow_trajectory(virtual, trajectory, tracker, watching, periods)
 
     def _slip(self, robot: RobotDescription) -> Slip:
-        """Return the slip model with the friction that the robot assumes."""
+        """Slip model with the friction that the robot assumes."""
         known = description_of_kind(robot, SingularityDescription)
         friction = self.believed_friction * known.floor.friction
         floor = msgspec.structs.replace(known.floor, friction=friction)
@@ -181,7 +181,7 @@ class Square:
 
 
 def unlimited_trajectory(route: Route) -> Trajectory:
-    """Return the reference of the thesis: constant speed, with instantaneous corners."""
+    """Reference of the thesis: constant speed, with instantaneous corners."""
     s_m = np.array([0.0, *route.breaks_m, route.length_m])
     speed = np.full(len(s_m), SPEED_MPS)
     profile = SpeedProfile(s_m, speed, np.zeros(len(s_m) - 1), s_m / SPEED_MPS)
@@ -191,7 +191,7 @@ def unlimited_trajectory(route: Route) -> Trajectory:
 def _with_limits(
     robot: RobotDescription, acceleration_mps2: float, deceleration_mps2: float
 ) -> RobotDescription:
-    """Return the robot with other acceleration limits, and a margin above the speed."""
+    """Robot with other acceleration limits, and a margin above the speed."""
     limits = msgspec.structs.replace(
         robot.limits,
         speed_mps=max(robot.limits.speed_mps, _SPEED_MARGIN * SPEED_MPS),
@@ -306,7 +306,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 
 
 def camera_frames(record: TrackingRecord, seed: int) -> list[Frame]:
-    """Return the frames of an overhead camera for a run, at 24 frames a second."""
+    """Frames of an overhead camera for a run, at 24 frames a second."""
     camera = Camera(CameraNoise(late_s=0.0), np.random.default_rng(seed))
     start = SE2(record.reference[0]).inverse()
     poses = (start @ SE2(record.truth)).xy_heading

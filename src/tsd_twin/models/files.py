@@ -33,7 +33,7 @@ def glb(parts: Iterable[Part]) -> bytes:
 
 
 def _shaded(part: Part) -> trimesh.Trimesh:
-    """Return the mesh with a normal for each corner, vertices split where edges are sharp."""
+    """Mesh with a normal for each corner, vertices split where edges are sharp."""
     solid = Manifold(
         Mesh(
             np.asarray(1e3 * part.mesh.vertices, np.float32), np.asarray(part.mesh.faces, np.uint32)
@@ -59,7 +59,7 @@ def _shaded(part: Part) -> trimesh.Trimesh:
 
 
 def _linear(srgb: float) -> float:
-    """Return a colour channel as glTF wants it; IEC 61966-2-1."""
+    """Colour channel as glTF wants it; IEC 61966-2-1."""
     return srgb / 12.92 if srgb <= 0.04045 else ((srgb + 0.055) / 1.055) ** 2.4
 
 
@@ -79,7 +79,7 @@ class _Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def load_parts(robot: RobotDescription) -> Parts:
-    """Return the parts of each kind of link: those in the folder `body.meshes`, or else drawn.
+    """Parts of each kind of link: those in the folder `body.meshes`, or else drawn.
 
     Raises:
         RobotFileError: there is no room for what the drive needs.
@@ -91,7 +91,7 @@ def load_parts(robot: RobotDescription) -> Parts:
 
 
 def read_model(folder: Path, kinds: Sequence[Link]) -> Parts:
-    """Return the parts in a folder, for a robot with these kinds of links.
+    """Parts in a folder, for a robot with these kinds of links.
 
     Raises:
         MeshError: a file is missing or unreadable, a mesh is not a closed solid, a link is bare, or
@@ -142,7 +142,7 @@ def write_model(robot: RobotDescription, folder: Path) -> None:
 
 
 def shipped_model(name: str) -> Path:
-    """Return the folder of the generated files of a shipped robot.
+    """Folder of the generated files of a shipped robot.
 
     An installed package has them inside; an editable install beside its sources.
 

@@ -111,7 +111,7 @@ class KinematicTree:
         return next((group.count for group in self.link_groups if group.kind == kind), 1)
 
     def link_group(self, kind: Link) -> LinkGroup:
-        """Return the links of a kind; not the chassis."""
+        """Links of a kind; not the chassis."""
         return next(group for group in self.link_groups if group.kind == kind)
 
 
@@ -121,18 +121,18 @@ def alike(axis: tuple[float, float, float], k: int) -> Array:
 
 
 def about_z(angles_rad: Array) -> SO3:
-    """Return the turns (k, 4) about Z by `angles_rad` (k,)."""
+    """Turns (k, 4) about Z by `angles_rad` (k,)."""
     return SO3.exp(angles_rad[:, None] * np.array([0.0, 0.0, 1.0]))
 
 
 def from_axes(x: Array, y: Array, z: Array) -> SO3:
-    """Return the turns (k, 4) whose frames have unit axes `x`, `y`, `z` (k, 3), right-handed."""
+    """Turns (k, 4) whose frames have unit axes `x`, `y`, `z` (k, 3), right-handed."""
     matrices: Any = Rotation.from_matrix(np.stack([x, y, z], axis=-1))
     return SO3(np.asarray(matrices.as_quat(scalar_first=True), np.float64))
 
 
 def roll_pitch_yaw(turn: Array) -> tuple[float, float, float]:
-    """Return the angles about fixed X, Y, Z, in this order, that make a turn (4,), radians."""
+    """Angles about fixed X, Y, Z, in this order, that make a turn (4,), radians."""
     w, x, y, z = (float(q) for q in turn)
     sine = max(-1.0, min(1.0, 2.0 * (w * y - x * z)))
     return (
@@ -160,12 +160,12 @@ def chassis_mass_kg(
 
 
 def _model(robot: RobotDescription) -> Any:
-    """Return the module with the model of this kind of robot."""
+    """Module with the model of this kind of robot."""
     return implementation(kind_of(robot).model)
 
 
 def draw_parts(robot: RobotDescription) -> Parts:
-    """Return the parts of each kind of link, in the frame of the link, drawn to the description.
+    """Parts of each kind of link, in the frame of the link, drawn to the description.
 
     Raises:
         RobotFileError: there is no room for what the drive needs.

@@ -54,7 +54,7 @@ class Tracker(NamedTuple):
 def platform_drawings(
     layout: PlatformLayout, body: Body, trackers: Sequence[Tracker] = ()
 ) -> list[Drawing]:
-    """Return the chassis and all that is fixed to it.
+    """Chassis and all that is fixed to it.
 
     Args:
         layout: where things go.
@@ -97,7 +97,7 @@ def _holes(layout: PlatformLayout, trackers: Sequence[Tracker]) -> CrossSection:
 
 
 def _bracket(layout: PlatformLayout, mount: Mount) -> Manifold:
-    """Return the plate between a wheel and its gearbox, with its feet and gussets on the deck."""
+    """Plate between a wheel and its gearbox, with its feet and gussets on the deck."""
     m, face = layout.scale, layout.face(mount)
     half = 1.25 * MOTOR * m
     plate = rectangle((-half, half), (layout.deck + 0.3 * m, layout.roof), 4.0 * m)
@@ -116,12 +116,12 @@ def _bracket(layout: PlatformLayout, mount: Mount) -> Manifold:
 
 
 def _span(a: float, b: float) -> tuple[float, float]:
-    """Return the two in order."""
+    """Two in order."""
     return min(a, b), max(a, b)
 
 
 def _gusset(side: float, half: float, face: float, layout: PlatformLayout) -> Manifold:
-    """Return the triangle between a bracket and its foot."""
+    """Triangle between a bracket and its foot."""
     m = layout.scale
     outline = CrossSection.batch_hull(
         [
@@ -138,7 +138,7 @@ def _gusset(side: float, half: float, face: float, layout: PlatformLayout) -> Ma
 
 
 def _standoffs(layout: PlatformLayout) -> Manifold:
-    """Return the hexagonal spacers between the decks, one at each corner, with their screws."""
+    """Hexagonal spacers between the decks, one at each corner, with their screws."""
     m = layout.scale
     one = spacer(layout, 4.0, 4.2, 2.4)
     spots: list[tuple[float, float]] = []
@@ -191,7 +191,7 @@ def _tracker(layout: PlatformLayout, body: Body, one: Tracker) -> list[Drawing]:
 
 
 def draw(robot: OmniDescription) -> Parts:
-    """Return the parts; wheels whose rollers slant alike are alike."""
+    """Parts; wheels whose rollers slant alike are alike."""
     layout = PlatformLayout.of(_mounts(robot), 1e3 * robot.body.plate_thickness_m)
     dead = robot.dead_wheels
     trackers = (
@@ -254,7 +254,7 @@ def masses_kg(robot: OmniDescription) -> dict[Link, float]:
 
 
 def _kinds(robot: OmniDescription) -> dict[Link, list[int]]:
-    """Return the kinds of wheels, and which wheels are of each: one kind for each roller angle."""
+    """Kinds of wheels, and which wheels are of each: one kind for each roller angle."""
     angles = list(dict.fromkeys(wheel.roller_deg for wheel in robot.drive.wheels))
     return {
         "wheel" if number == 0 else f"wheel_{chr(ord('a') + number)}": [

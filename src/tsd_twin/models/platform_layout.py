@@ -38,7 +38,7 @@ class Mount:
         return solid.rotate((0.0, 0.0, self.axle_deg - 90.0)).translate((self.x, self.y, 0.0))
 
     def outline_in_base(self, outline: CrossSection) -> CrossSection:
-        """Return an outline that is drawn in X and Y of the frame of the wheel."""
+        """Outline that is drawn in X and Y of the frame of the wheel."""
         return outline.rotate(self.axle_deg - 90.0).translate((self.x, self.y))
 
 
@@ -105,7 +105,7 @@ class PlatformLayout:
 
 
 def _outline(mounts: Sequence[Mount], scale: float) -> CrossSection:
-    """Return a polygon along the inboard faces of the wheels, which stand outside or in a notch."""
+    """Polygon along the inboard faces of the wheels, which stand outside or in a notch."""
     corners: list[CrossSection] = []
     notches: list[CrossSection] = []
     corner = circle(9.0 * scale)

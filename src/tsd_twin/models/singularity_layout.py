@@ -165,7 +165,7 @@ class Decks:
 
     @classmethod
     def of(cls, layout: Layout) -> Decks:
-        """Return the outlines of the decks of a robot."""
+        """Outlines of the decks of a robot."""
         m = layout.scale
         corners = [layout.outline_in_base(circle(RIM * m), a) for a in layout.azimuths_deg]
         # Three modules need no more than a triangle; two, or uneven ones, also need a middle.
@@ -217,7 +217,7 @@ def servo_case(size: Point) -> Manifold:
 
 
 def servo_fittings(size: Point) -> Manifold:
-    """Return the bright parts on the back of a case of `size`: screws, and the idler's bearing."""
+    """Bright parts on the back of a case of `size`: screws, and the idler's bearing."""
     width, _, depth = size
     x, y = _plan(size)
     back = (-depth - 0.6, -depth + 1.0)
@@ -230,6 +230,6 @@ def servo_fittings(size: Point) -> Manifold:
 
 
 def _plan(size: Point) -> tuple[Span, Span]:
-    """Return the bounds of the case along X and Y."""
+    """Bounds of the case along X and Y."""
     width, length, _ = size
     return (-0.5 * width, 0.5 * width), (-HORN * length, (1.0 - HORN) * length)

@@ -34,19 +34,19 @@ def sides(radius: float) -> int:
 
 
 def circle(radius: float, at: tuple[float, float] = (0.0, 0.0)) -> CrossSection:
-    """Return a circle about `at`."""
+    """Circle about `at`."""
     return CrossSection.circle(radius, sides(radius)).translate(at)
 
 
 def rectangle(x: Span, y: Span, corner: float = 0.0) -> CrossSection:
-    """Return a rectangle, its corners rounded."""
+    """Rectangle, its corners rounded."""
     plain = CrossSection.square((x[1] - x[0] - 2.0 * corner, y[1] - y[0] - 2.0 * corner))
     plain = plain.translate((x[0] + corner, y[0] + corner))
     return grown(plain, corner) if corner else plain
 
 
 def polygon(points: Sequence[tuple[float, float]]) -> CrossSection:
-    """Return the outline through `points`, counter-clockwise."""
+    """Outline through `points`, counter-clockwise."""
     return CrossSection([np.array(points, dtype=np.float64)])
 
 
@@ -83,7 +83,7 @@ def sideways(outline: CrossSection, x: Span) -> Manifold:
 
 
 def box(x: Span, y: Span, z: Span) -> Manifold:
-    """Return the box between bounds."""
+    """Box between bounds."""
     return Manifold.cube((x[1] - x[0], y[1] - y[0], z[1] - z[0])).translate((x[0], y[0], z[0]))
 
 
@@ -96,19 +96,19 @@ def rod(
     tip: float | None = None,
     corners: int = 0,
 ) -> Manifold:
-    """Return a cylinder about `axis` through `at`, a cone with `tip`, a prism with `corners`."""
+    """Cylinder about `axis` through `at`, a cone with `tip`, a prism with `corners`."""
     end = radius if tip is None else tip
     solid = Manifold.cylinder(along[1] - along[0], radius, end, corners or sides(radius))
     return solid.translate((0.0, 0.0, along[0])).rotate(_FROM_Z[axis]).translate(at)
 
 
 def tube(inner: float, outer: float, along: Span, axis: str = "z") -> Manifold:
-    """Return a hollow cylinder about `axis`."""
+    """Hollow cylinder about `axis`."""
     return slab(circle(outer) - circle(inner), along).rotate(_FROM_Z[axis])
 
 
 def wire(points: Sequence[Point], radius: float) -> Manifold:
-    """Return a round wire through `points`."""
+    """Round wire through `points`."""
     balls = [Manifold.sphere(radius, 4).translate(point) for point in points]
     return union(Manifold.batch_hull([a, b]) for a, b in itertools.pairwise(balls))
 
@@ -191,7 +191,7 @@ class Part:
 
 
 def _mesh(solid: Manifold) -> trimesh.Trimesh:
-    """Return a drawing in metres, rounded, in an order that depends on nothing but the shape.
+    """Drawing in metres, rounded, in an order that depends on nothing but the shape.
 
     Corners that rounding moves to the same place stay two: sheets that touch are not welded.
     """
@@ -208,7 +208,7 @@ def _mesh(solid: Manifold) -> trimesh.Trimesh:
 
 
 def drawn(link: Link, drawings: Iterable[Drawing]) -> tuple[Part, ...]:
-    """Return the parts of a kind of link, without what there was no room for.
+    """Parts of a kind of link, without what there was no room for.
 
     Raises:
         MeshError: a drawing does not make a closed solid.
@@ -234,20 +234,20 @@ BLUE = Material((0.08, 0.32, 0.80, 1.0), 0.0, 0.5, 1300.0)
 
 
 def acrylic_material(body: Body) -> Material:
-    """Return the sheet that decks and ribs are cut from."""
+    """Sheet that decks and ribs are cut from."""
     return Material(body.acrylic_rgba, 0.0, 0.12, 1180.0)
 
 
 def frame_material(body: Body) -> Material:
-    """Return the aluminium of the gimbal frames."""
+    """Aluminium of the gimbal frames."""
     return Material(body.frame_rgba, 0.8, 0.36, 2700.0)
 
 
 def shell_material(body: Body) -> Material:
-    """Return the plastic of the wheels."""
+    """Plastic of the wheels."""
     return Material(body.wheel_rgba, 0.0, 0.45, 1200.0)
 
 
 def front_material(body: Body) -> Material:
-    """Return the material of the arrow."""
+    """Material of the arrow."""
     return Material(body.front_rgba, 0.0, 0.5, 1200.0)

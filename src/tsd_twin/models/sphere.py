@@ -55,7 +55,7 @@ _THICK = 0.06
 
 
 def sphere_drawings(radius: float, body: Body) -> list[Drawing]:
-    """Return the shell of a sphere, in pieces that fill it."""
+    """Shell of a sphere, in pieces that fill it."""
     shell = Manifold.sphere(radius, _SEGMENTS) - Manifold.sphere((1.0 - _THICK) * radius, 24)
     far, thin = 2.0 * radius, _BAND * radius
     bands = union(
@@ -85,7 +85,7 @@ def sphere_drawings(radius: float, body: Body) -> list[Drawing]:
 
 
 def _octant(x: int, y: int, z: int, far: float) -> Manifold:
-    """Return the octant on the sides of the axes that have the signs."""
+    """Octant on the sides of the axes that have the signs."""
     spans = [(0.0, far) if side > 0 else (-far, 0.0) for side in (x, y, z)]
     return box(spans[0], spans[1], spans[2])
 
@@ -165,7 +165,7 @@ class StandLayout:
 
 
 def stand_drawings(stand: StandLayout, body: Body) -> list[Drawing]:
-    """Return the stand and all that is fixed to it."""
+    """Stand and all that is fixed to it."""
     radius, deck, reach = stand.plan.radius, stand.deck, stand.reach
     hole = circle(0.3 * reach) - rectangle((-reach, reach), (-0.1 * reach, 0.1 * reach))
     plate = slab(circle(reach) - hole, (deck - 6.0, deck))
@@ -200,7 +200,7 @@ def _behind_brackets(stand: StandLayout, solid: Manifold) -> Manifold:
 
 
 def _bracket(stand: StandLayout, lean: WheelMount) -> Manifold:
-    """Return the plate that the gearbox is bolted to, and its legs straight down to the stand."""
+    """Plate that the gearbox is bolted to, and its legs straight down to the stand."""
     m, thick = _STAND_MOTOR * stand.plan.radius, stand.thick
     near = stand.bracket if lean.side > 0.0 else -stand.bracket - thick
     y = (near, near + thick)
@@ -217,7 +217,7 @@ def _bracket(stand: StandLayout, lean: WheelMount) -> Manifold:
 
 
 def _electronics(stand: StandLayout) -> list[Drawing]:
-    """Return the board in the middle of the plate, and a driver between every two wheels."""
+    """Board in the middle of the plate, and a driver between every two wheels."""
     deck, reach = stand.deck, stand.reach
     directions = [math.degrees(math.atan2(lean.at[1], lean.at[0])) for lean in stand.leans]
     wires = [
@@ -233,7 +233,7 @@ def _electronics(stand: StandLayout) -> list[Drawing]:
 
 
 def draw(robot: SphereDescription) -> Parts:
-    """Return the parts of stand, sphere and wheel."""
+    """Parts of stand, sphere and wheel."""
     plan = _plan(robot)
     return {
         "chassis": drawn("chassis", stand_drawings(_stand(robot), robot.body)),
@@ -243,7 +243,7 @@ def draw(robot: SphereDescription) -> Parts:
 
 
 def tree(robot: SphereDescription) -> KinematicTree:
-    """Return a sphere about the origin of the base, and wheels on it: Z away from the sphere.
+    """Sphere about the origin of the base, and wheels on it: Z away from the sphere.
 
     A wheel and the sphere turn against each other, like two gears: the wheel about -Omega_i, which
     is its Y. Sphere and wheels collide as what they are, the stand not at all.
@@ -298,7 +298,7 @@ def masses_kg(robot: SphereDescription) -> dict[Link, float]:
 
 
 def _plan(robot: SphereDescription) -> WheelPlan:
-    """Return the wheels as described; those of one row are drawn as two that touch."""
+    """Wheels as described; those of one row are drawn as two that touch."""
     g = robot.drive
     apart = 500.0 * max(g.row_distance_m, 2.0 * g.roller_radius_m)
     return WheelPlan(

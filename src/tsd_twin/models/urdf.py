@@ -38,7 +38,7 @@ class Inertia:
 
 
 def inertia(parts: Iterable[Part], mass_kg: float) -> Inertia:
-    """Return the inertia of `parts` that are rigidly connected and together weigh `mass_kg`.
+    """Inertia of `parts` that are rigidly connected and together weigh `mass_kg`.
 
     Densities only say how the mass is shared out: parts are solid here that are hollow in truth.
     """
@@ -66,7 +66,7 @@ _RING_KG, _RING_KG_M2 = 1e-6, 1e-9
 
 
 def urdf(robot: RobotDescription, parts: Parts, mesh_uri: str = "") -> str:
-    """Return the URDF text.
+    """URDF text.
 
     Args:
         robot: its description.
@@ -214,5 +214,5 @@ def _origin(
 
 
 def _text(value: float) -> str:
-    """Return a number with the digits that matter, and without minus zero."""
+    """Number with the digits that matter, and without minus zero."""
     return f"{round(float(value), 12) + 0.0:.9g}"

@@ -42,11 +42,11 @@ class TwistLimiter:
     def advance(
         self, current: Array, request: Array, dt_s: float, share: Array | float = 1.0
     ) -> Array:
-        """Return the twist (..., 3) that follows `current` after `dt_s` on the way to `request`."""
+        """Twist (..., 3) that follows `current` after `dt_s` on the way to `request`."""
         return self.approach(current, self.cap(request, share), dt_s)
 
     def approach(self, current: Array, goal: Array, dt_s: float) -> Array:
-        """Return the twist (..., 3) that follows `current` after `dt_s` on the way to `goal`.
+        """Twist (..., 3) that follows `current` after `dt_s` on the way to `goal`.
 
         The goal is within the limits already. A goal within reach is reached exactly, so that a
         stop ends at zero.
@@ -68,7 +68,7 @@ class TwistLimiter:
 
 
 def _most(speed: Array, turn: Array, kinematics: Array) -> Array:
-    """Return the largest utilization of three limits (...), at least 1: (..., 1)."""
+    """Largest utilization of three limits (...), at least 1: (..., 1)."""
     shares = np.ones((*np.shape(speed), 4))
     shares[..., 0], shares[..., 1], shares[..., 2] = speed, turn, kinematics
     return np.maximum.reduce(shares, axis=-1, keepdims=True)

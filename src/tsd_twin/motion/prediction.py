@@ -101,7 +101,7 @@ class Predictor(Generic[PoseT]):
         commands: Sequence[PendingCommand],
         share: float = 1.0,
     ) -> PoseT:
-        """Return the pose after `ahead_s`, rounded to a step."""
+        """Pose after `ahead_s`, rounded to a step."""
         for moment in self.moments(pose, twist, commands, share):
             pose = moment.pose
             if moment.after_s >= ahead_s - 0.5 * self._step_s:
@@ -111,7 +111,7 @@ class Predictor(Generic[PoseT]):
     def until_rest(
         self, pose: PoseT, twist: Array, commands: Sequence[PendingCommand], share: float = 1.0
     ) -> list[PoseT]:
-        """Return the predicted poses until the last command holds and the robot is at rest."""
+        """Predicted poses until the last command holds and the robot is at rest."""
         path: list[PoseT] = []
         last_s = commands[-1].after_s if commands else 0.0
         for moment in self.moments(pose, twist, commands, share):

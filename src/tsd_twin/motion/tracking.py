@@ -38,7 +38,7 @@ class Pid:
         self._previous: Array | None = None
 
     def advance(self, error: Array, dt_s: float) -> Array:
-        """Return the correcting speeds (..., k) for `error` (..., k), `dt_s` after the last one."""
+        """Correcting speeds (..., k) for `error` (..., k), `dt_s` after the last one."""
         previous = error if self._previous is None or dt_s <= 0.0 else self._previous
         self._previous = np.array(error)
         summed = self._integral + self._i * error * dt_s
@@ -92,11 +92,11 @@ class TrackingController:
         self._pid = Pid(settings.along, settings.across, settings.heading)
 
     def feed_forward(self, t_s: float) -> Array:
-        """Return the open-loop body twist (3,) to command at `t_s`."""
+        """Open-loop body twist (3,) to command at `t_s`."""
         return self._twist_at(t_s + self._lag_s)
 
     def advance(self, t_s: float, pose: SE2, dt_s: float, ahead_s: float = 0.0) -> Array:
-        """Return the body twist (..., 3) to command when the robot is at `pose` (...) at `t_s`.
+        """Body twist (..., 3) to command when the robot is at `pose` (...) at `t_s`.
 
         `dt_s` is the time since the last call; the command is meant for `ahead_s` later.
         """
@@ -117,7 +117,7 @@ class TrackingController:
 
 
 def tracking_errors(reference: Reference, pose: SE2) -> Array:
-    """Return the errors to the reference (..., 3): along-track, cross-track and heading.
+    """Errors to the reference (..., 3): along-track, cross-track and heading.
 
     The cross-track error is positive when the path lies to the left of the robot.
     """
@@ -214,7 +214,7 @@ class TrajectoryExecutor:
         self._stuck_s = 0.0
 
     def advance(self, now_s: float, pose: SE2) -> ExecutionStep:
-        """Return the step for `now_s`; `pose` is the newest one the robot has reported."""
+        """Step for `now_s`; `pose` is the newest one the robot has reported."""
         if not np.isfinite(pose.xy_heading).all():
             return self._step(ExecutionPhase.LOST, 0.0, math.inf, math.inf, "the pose is no number")
         dt_s = 0.0 if self._last_s is None else min(max(now_s - self._last_s, 0.0), _GAP_S)

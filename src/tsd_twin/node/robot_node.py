@@ -101,7 +101,7 @@ class DuplicateIdMonitor:
         return fault
 
     def take_event(self) -> Event | None:
-        """Return an event when another robot with this id appears, or the last one has gone."""
+        """Event when another robot with this id appears, or the last one has gone."""
         event, self._event = self._event, None
         return event
 

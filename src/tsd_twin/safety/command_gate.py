@@ -54,7 +54,7 @@ class CommandGate:
             self._sent_s.popitem(last=False)
 
     def validate(self, sample: Sample, lease: Lease | None, now_s: float) -> Command | MessageError:
-        """Return the command if it counts, else why it does not."""
+        """Command if it counts, else why it does not."""
         try:
             command = decode_command(sample)
             self._validate(command, lease, now_s)

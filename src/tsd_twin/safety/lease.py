@@ -42,12 +42,12 @@ class HandOver:
         self._denied: TimedClaim | None = None
 
     def pending_request(self, now_s: float) -> TimedClaim | None:
-        """Return the pending request for control, if there is one."""
+        """Pending request for control, if there is one."""
         self._pending = _still_valid(self._pending, now_s)
         return self._pending
 
     def reservation(self, now_s: float) -> TimedClaim | None:
-        """Return the reservation of the next lease, if there is one."""
+        """Reservation of the next lease, if there is one."""
         self._reserved = _still_valid(self._reserved, now_s)
         return self._reserved
 
@@ -138,13 +138,13 @@ class LeaseManager:
         self.hand_over = HandOver()
 
     def current(self, now_s: float) -> Lease | None:
-        """Return the lease in force, if any; an expired one ends here."""
+        """Lease in force, if any; an expired one ends here."""
         if self._lease is not None and now_s >= self._lease.expires_s:
             self._end()
         return self._lease
 
     def answer(self, request: LeaseRequest, now_s: float) -> LeaseReply:
-        """Return the answer to a request, and act on it."""
+        """Answer to a request, and act on it."""
         lease = self.current(now_s)
         match request.op:
             case "acquire":
@@ -227,7 +227,7 @@ class LeaseManager:
         return LeaseReply(True, lease.id.hex(), lease.holder, TTL_S, "", lease.max_age_s, done=True)
 
     def _done(self, lease: Lease | None, refusal: str, what: str) -> LeaseReply:
-        """Return the reply to a request that does not grant a lease."""
+        """Reply to a request that does not grant a lease."""
         if refusal:
             return self._refuse(lease, refusal)
         return LeaseReply(False, holder=lease.holder if lease else None, reason=what, done=True)
@@ -277,7 +277,7 @@ class LeaseEvents:
         self._reserved: TimedClaim | None = None
 
     def after(self, request: LeaseRequest, before: Lease | None, now_s: float) -> str:
-        """Return the event text of a request, empty when it changed nothing."""
+        """Event text of a request, empty when it changed nothing."""
         asked, after = self._pending, self._leases.current(now_s)
         self._note(now_s)
         if after is not before:
@@ -291,7 +291,7 @@ class LeaseEvents:
         return ""
 
     def run_out(self, now_s: float) -> str:
-        """Return the event text of a lease or claim that has expired, empty when none has."""
+        """Event text of a lease or claim that has expired, empty when none has."""
         holder, asked, reserved = self._holder, self._pending, self._reserved
         self._note(now_s)
         if holder and not self._holder:

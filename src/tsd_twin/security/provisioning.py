@@ -51,7 +51,7 @@ class KeyFolder:
         return self.path / f"{name}.json5"
 
     def files_of(self, name: str) -> list[Path]:
-        """Return the files for the machine of the robot or of a client; no others may be copied
+        """Files for the machine of the robot or of a client; no others may be copied
         there.
         """
         own = [self.certificate_file(name), self.key_file(name), self.settings_file(name)]
@@ -60,7 +60,7 @@ class KeyFolder:
     # Reading.
 
     def identities(self) -> list[Identity]:
-        """Return the identities with a certificate in the folder, by name.
+        """Identities with a certificate in the folder, by name.
 
         Raises:
             TwinError: a certificate is none of ours.
@@ -69,7 +69,7 @@ class KeyFolder:
         return [p for p in map(certificate_identity, files) if p.role is not Role.ROBOT]
 
     def hosts(self) -> list[str]:
-        """Return the names and addresses in the certificate of the robot, if there is one."""
+        """Names and addresses in the certificate of the robot, if there is one."""
         file = self.certificate_file(ROBOT)
         return certificates.hosts_of(certificates.read_certificate(file)) if file.exists() else []
 
@@ -78,7 +78,7 @@ class KeyFolder:
         return certificates.read_certificate(self.certificate_file(name)).not_valid_after_utc
 
     def settings(self, name: str) -> dict[str, Any] | None:
-        """Return the configuration of the robot or of a client, if there is one.
+        """Configuration of the robot or of a client, if there is one.
 
         Raises:
             TwinError: it is not JSON below lines of comment.
@@ -132,7 +132,7 @@ class KeyFolder:
         return authority
 
     def key(self, name: str) -> certificates.Key:
-        """Return the existing key, so that a certificate alone can be renewed, or a new one."""
+        """Existing key, so that a certificate alone can be renewed, or a new one."""
         file = self.key_file(name)
         if file.exists():
             return certificates.read_key(file)
@@ -155,7 +155,7 @@ class KeyFolder:
 
 
 def certificate_identity(file: Path) -> Identity:
-    """Return the identity of the certificate in a file.
+    """Identity of the certificate in a file.
 
     Raises:
         TwinError: it cannot be read, or is none of ours.

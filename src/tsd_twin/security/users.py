@@ -111,13 +111,13 @@ class Users:
         return sorted(self._entries)
 
     def user(self, name: str) -> User:
-        """Return a user by name; KeyError when there is none."""
+        """User by name; KeyError when there is none."""
         entry = self._entries[name]
         role = Role(entry.role)
         return User(name, role, role is Role.OPERATOR or bool(entry.may_stop))
 
     def check(self, name: str, password: str) -> User | None:
-        """Return the user whose name and password these are.
+        """User whose name and password these are.
 
         Takes about 50 ms of processor time and 64 MiB for every name: do not call it on an event
         loop.
@@ -362,7 +362,7 @@ class Logins:
         return secret
 
     def find(self, secret: str | None, now_s: float) -> Login | None:
-        """Return the login that a cookie belongs to, if it is good, and note that it is used."""
+        """Login that a cookie belongs to, if it is good, and note that it is used."""
         # Digests are looked up, so how long it takes says nothing about the secrets.
         login = None if secret is None else self._logins.get(_digest(secret))
         if login is None or self._is_over(login, now_s):

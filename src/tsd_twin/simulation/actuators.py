@@ -80,7 +80,7 @@ class Motors:
 
     @staticmethod
     def of(robot: SingularityDescription) -> Motors:
-        """Return the motors of `robot`, as measured at its nominal voltage."""
+        """Motors of `robot`, as measured at its nominal voltage."""
         motor = robot.motor
         return Motors(
             signals=np.array(motor.signal),
@@ -92,7 +92,7 @@ class Motors:
         )
 
     def signal(self, speed_rad_per_s: Array) -> Array:
-        """Return the throttle signal that makes each motor turn at `speed_rad_per_s` (..., k).
+        """Throttle signal that makes each motor turn at `speed_rad_per_s` (..., k).
 
         The inverse of the measured curve, kept within the table. Zero and below is zero throttle.
         """
@@ -103,7 +103,7 @@ class Motors:
         return np.where(speed_rad_per_s > 0.0, signal, self.signals[0])
 
     def speed(self, signal: Array) -> Array:
-        """Return the speed, rad/s, that each motor settles at for its `signal` (..., k)."""
+        """Speed, rad/s, that each motor settles at for its `signal` (..., k)."""
         speed = np.empty(np.shape(signal))
         for i, curve in enumerate(self.speeds_rad_per_s):
             speed[..., i] = np.interp(signal[..., i], self.signals, curve)
@@ -112,13 +112,13 @@ class Motors:
         return np.where(speed < start, 0.0, speed)
 
     def pulse_us(self, signal: Array) -> Array:
-        """Return the pulse width, microseconds, of `signal`."""
+        """Pulse width, microseconds, of `signal`."""
         first, last = self.signals[0], self.signals[-1]
         low, high = self.pulses_us
         return low + (signal - first) / (last - first) * (high - low)
 
     def after(self, speed: Array, goal: Array, elapsed_s: Array) -> Array:
-        """Return the speed `elapsed_s` later of motors that settle at `goal`, exactly; rad/s."""
+        """Speed `elapsed_s` later of motors that settle at `goal`, exactly; rad/s."""
         up_s, down_s = self.time_constant_up_s, self.time_constant_down_s
         time_constant_s = np.where(goal > speed, up_s, down_s)
         return goal + (speed - goal) * np.exp(-elapsed_s / time_constant_s)
@@ -164,19 +164,19 @@ class Servos:
         return np.round(angle / self.step_rad) * self.step_rad
 
     def goal(self, setpoint: Array) -> Array:
-        """Return the goal angle of a servo for `setpoint`, quantised and limited, radians."""
+        """Goal angle of a servo for `setpoint`, quantised and limited, radians."""
         last = np.floor(self.angle_limit_rad / self.step_rad) * self.step_rad
         return np.clip(self.quantise(setpoint), -last, last)
 
     def rate(self, angle: Array, goal: Array) -> Array:
-        """Return the speed, rad/s, of motors whose gimbals are at `angle` on the way to `goal`."""
+        """Speed, rad/s, of motors whose gimbals are at `angle` on the way to `goal`."""
         limit, error = self.speed_limit_rad_per_s, goal - angle
         # A servo stops right at the edge of the dead band, give or take a rounding.
         moves = np.abs(error) > self.dead_band_rad * (1.0 + 1e-9)
         return np.clip(self.approach_rate_per_s * error * moves, -limit, limit)
 
     def after(self, angle: Array, goal: Array, elapsed_s: Array) -> Array:
-        """Return the angle `elapsed_s` later, exactly: top speed first, then exponential.
+        """Angle `elapsed_s` later, exactly: top speed first, then exponential.
 
         Without play; see `cross`.
         """
@@ -193,7 +193,7 @@ class Servos:
     def cross(
         self, angle: Array, goal: Array, play: Array, elapsed_s: Array
     ) -> tuple[Array, Array]:
-        """Return the remainder of `elapsed_s` after the motor has crossed its play, and the play.
+        """Remainder of `elapsed_s` after the motor has crossed its play, and the play.
 
         `play`, radians, is how far the motor is ahead of its gimbal, at most half the backlash on
         either side. The gimbal stands meanwhile, so the motor turns evenly.
@@ -405,7 +405,7 @@ class Actuation:
         return bool(turning.max() < slowest and off.max() < _SETTLED)
 
     def measure(self, joints: Array) -> Array:
-        """Return the joint vector (..., n), its angles as the servos report them: in whole steps.
+        """Joint vector (..., n), its angles as the servos report them: in whole steps.
 
         Wheel speeds are exact here; whether a robot measures them is for the caller to say.
         """

@@ -19,7 +19,7 @@ from tsd_twin.simulation.actuators import Actuation, SimulationOptions
 
 
 def load_mujoco() -> Any:
-    """Return the module `mujoco`.
+    """Module `mujoco`.
 
     Raises:
         MissingExtraError: it is not installed.
@@ -86,12 +86,12 @@ _FREE = {"contype": 0, "conaffinity": 0}
 
 
 def wheel_name(i: int) -> str:
-    """Return the name of wheel `i`, its body and its shape, counted from 0."""
+    """Name of wheel `i`, its body and its shape, counted from 0."""
     return f"wheel{i + 1}"
 
 
 def build_mujoco_model(robot: SingularityDescription) -> Any:
-    """Return the solid bodies of `robot` on a level floor.
+    """Solid bodies of `robot` on a level floor.
 
     The chassis is a disc of the size of the pivot circle, each gimbal frame a rod from bearing to
     bearing, each wheel half a hollow sphere. Joints have the names of the drive's joints; servos
@@ -243,16 +243,16 @@ class MujocoSimulation:
             self._step(timestep_s)
 
     def measure(self) -> Array:
-        """Return the joint vector (n,) as `Actuation.measure` has it."""
+        """Joint vector (n,) as `Actuation.measure` has it."""
         return self.actuation.measure(self.joints)
 
     def twist(self) -> Array:
-        """Return the true twist (3,) in the body frame."""
+        """True twist (3,) in the body frame."""
         velocity = self.pose.inverse().rotate(self._data.qvel[:2].copy())
         return np.array([*velocity, self._data.qvel[5]])
 
     def hardware_status(self) -> dict[str, object]:
-        """Return the actuator status and the friction parameters of the floor."""
+        """Actuator status and the friction parameters of the floor."""
         return self.actuation.hardware_status() | {
             "plant": "mujoco",
             "friction": self._patch.friction,
@@ -285,7 +285,7 @@ class MujocoSimulation:
         self._mujoco.mj_step(self._model, data)
 
     def _through_play(self, voltage: Array, dt_s: float) -> Array:
-        """Return the servo voltages; zero for a servo whose motor is inside its backlash.
+        """Servo voltages; zero for a servo whose motor is inside its backlash.
 
         A motor that touches nothing turns at the speed its voltage gives, at once.
         """
@@ -310,7 +310,7 @@ class MujocoSimulation:
         data.xfrc_applied[bodies, 5] += torque
 
     def _loads(self) -> Array:
-        """Return the normal force on each wheel (k,), newtons; 0 in the air."""
+        """Normal force on each wheel (k,), newtons; 0 in the air."""
         contact, loads = self._data.contact, np.zeros(len(self._bodies))
         bears = contact.efc_address >= 0
         wheels = self._wheel_of_geom[contact.geom2[bears]]

@@ -21,7 +21,7 @@ from tsd_twin.simulation.singularity import SingularitySimulation
 
 
 def _singularity(plant: Callable[..., Actuated]) -> Callable[..., Simulation]:
-    """Return the simulation of a robot that `plant` moves: behind its bus, and with its gyro."""
+    """Simulation of a robot that `plant` moves: behind its bus, and with its gyro."""
 
     def make(
         robot: SingularityDescription,
@@ -162,7 +162,7 @@ class SimRobot:
         self._simulation.command(setpoint)
 
     def truth(self, now_s: float) -> Truth:
-        """Return the true state."""
+        """True state."""
         self._advance(now_s)
         simulation = self._simulation
         return Truth(simulation.pose, simulation.twist(), simulation.joints.copy())
@@ -206,7 +206,7 @@ class BoardModel:
         self.tripped = False
 
     def read(self, now_s: float) -> Array | None:
-        """Return the measured joints (n,); None once it has tripped."""
+        """Measured joints (n,); None once it has tripped."""
         self._look_at_the_clock(now_s)
         measured = self._simulated.read(now_s)
         return None if self.tripped else measured
@@ -225,7 +225,7 @@ class BoardModel:
             self._obeyed, self._fed_s = setpoint.copy(), now_s
 
     def truth(self, now_s: float) -> Truth:
-        """Return the true state."""
+        """True state."""
         self._look_at_the_clock(now_s)
         return self._simulated.truth(now_s)
 

@@ -24,7 +24,7 @@ class KinematicPlant:
     kinematics: Kinematics[SE2]
 
     def tangent(self, joints: Array, dt_s: float) -> Array:
-        """Return the tangent (..., 3) of the motion over a step of `dt_s` seconds.
+        """Tangent (..., 3) of the motion over a step of `dt_s` seconds.
 
         `joints` (3, ..., n) are the true joint vectors at its start, middle and end. Rates of the
         gimbals come from the parabola through them, so that Simpson's rule adds up to the angle
@@ -46,7 +46,7 @@ class KinematicPlant:
         return tangent
 
     def integrate(self, pose: SE2, joints: Array, dt_s: float) -> SE2:
-        """Return the pose after a step of `dt_s` seconds; `joints` as in `tangent`."""
+        """Pose after a step of `dt_s` seconds; `joints` as in `tangent`."""
         return pose @ SE2.exp(self.tangent(joints, dt_s))
 
 
@@ -105,7 +105,7 @@ class SingularitySimulation:
         self._stands = self.actuation.stands(self.joints)
 
     def measure(self) -> Array:
-        """Return the joint vector (..., n) as `Actuation.measure` has it."""
+        """Joint vector (..., n) as `Actuation.measure` has it."""
         if self._measured is not None:
             return self._measured.copy()
         measured = self.actuation.measure(self.joints)
@@ -114,12 +114,12 @@ class SingularitySimulation:
         return measured
 
     def twist(self) -> Array:
-        """Return the true twist (..., 3) in the body frame."""
+        """True twist (..., 3) in the body frame."""
         rates = self.actuation.rates(self.joints)
         return self.kinematics.forward(self.actuation.surface.roll(self.joints), rates).twist
 
     def hardware_status(self) -> dict[str, object]:
-        """Return the actuator status."""
+        """Actuator status."""
         return self.actuation.hardware_status()
 
     def _step(self, dt_s: float) -> None:

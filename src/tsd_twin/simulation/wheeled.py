@@ -35,7 +35,7 @@ class GearedMotors:
 
     @staticmethod
     def of(motor: GearedMotor, inertia_kg_m2: float, voltage_share: float) -> GearedMotors:
-        """Return the motors of wheels that feel `inertia_kg_m2`, at a share of nominal voltage."""
+        """Motors of wheels that feel `inertia_kg_m2`, at a share of nominal voltage."""
         return GearedMotors(
             stall_torque_nm=motor.stall_torque_nm * voltage_share,
             top_speed_rad_per_s=motor.top_speed_rad_per_s * voltage_share,
@@ -44,7 +44,7 @@ class GearedMotors:
         )
 
     def bounds(self, speed: Array) -> tuple[Array, Array]:
-        """Return the least and the most torque there is at wheel speeds `speed`, rad/s."""
+        """Least and the most torque there is at wheel speeds `speed`, rad/s."""
         share = speed / self.top_speed_rad_per_s
         limit = self.torque_limit_nm
         low = np.maximum(-self.stall_torque_nm * (1.0 + share), -limit)
@@ -100,7 +100,7 @@ class GearedSimulation(ABC):
             self._step(dt_s / steps)
 
     def measure(self) -> Array:
-        """Return the wheel speeds (..., k)."""
+        """Wheel speeds (..., k)."""
         return self.joints * self._scale
 
     def _rests(self) -> bool:
@@ -160,14 +160,14 @@ class OmniSimulation(GearedSimulation):
             self._sensors = DeadWheelSensors(robot.dead_wheels, batch, self._random, noise)
 
     def measure(self) -> Array:
-        """Return the wheel speeds, and what dead wheels and gyro say, (..., k + s)."""
+        """Wheel speeds, and what dead wheels and gyro say, (..., k + s)."""
         speeds = super().measure()
         if self._sensors is None:
             return speeds
         return np.concatenate([speeds, self._sensors.measure(self._twist)], axis=-1)
 
     def twist(self) -> Array:
-        """Return the true twist (..., 3) in the body frame."""
+        """True twist (..., 3) in the body frame."""
         return self._twist.copy()
 
     def slipping(self) -> Array:
@@ -175,7 +175,7 @@ class OmniSimulation(GearedSimulation):
         return self._arm_m * self.joints - self._twist @ self._grip.T
 
     def hardware_status(self) -> dict[str, object]:
-        """Return the voltage, and how fast the wheels slip."""
+        """Voltage, and how fast the wheels slip."""
         return {
             "battery_v": self.battery_v,
             "slip_mps": np.round(self.slipping(), 4).tolist(),
@@ -274,11 +274,11 @@ class SphereSimulation(GearedSimulation):
         self._time_constant_s = robot.motor.time_constant_s
 
     def twist(self) -> Array:
-        """Return the true angular velocity (..., 3) in the base frame, on the rows of now."""
+        """True angular velocity (..., 3) in the base frame, on the rows of now."""
         return self.kinematics.true_twist(self.joints, self.kinematics.side(self.angles_rad))
 
     def hardware_status(self) -> dict[str, object]:
-        """Return the voltage, and which row of each wheel carries: 1 or 2."""
+        """Voltage, and which row of each wheel carries: 1 or 2."""
         rows = 1.5 + 0.5 * self.kinematics.side(self.angles_rad)
         return {"battery_v": self.battery_v, "rows": rows.astype(int).tolist()}
 

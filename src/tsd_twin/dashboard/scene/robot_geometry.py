@@ -45,7 +45,7 @@ _PRODUCT = _HAMILTON.reshape(16, 4)
 
 
 def quaternion_product(a: Array, b: Array) -> Array:
-    """Return the turns a b (..., 4): b first, then a."""
+    """Turns a b (..., 4): b first, then a."""
     return pairwise_products(a, b) @ _PRODUCT
 
 
@@ -92,7 +92,7 @@ class Skeleton:
         ]
 
     def poses(self, base: SE2, ball: SO3, angles: Array) -> dict[Link, LinkPoses]:
-        """Return the poses of all links above the floor, by their kind.
+        """Poses of all links above the floor, by their kind.
 
         `base` (...) is where `base_link` stands, `ball` (...) how a ball in it is turned, which
         means nothing to a robot without one. `angles` (..., n) are those of the joints of the
@@ -146,7 +146,7 @@ class Skeleton:
         return any(group.joint_type is JointType.BALL for group in self.tree.link_groups)
 
     def _at_rest(self, joints: Array) -> Array:
-        """Return the joints as angles, wheels as they were built in."""
+        """Joints as angles, wheels as they were built in."""
         angles = joints.copy()
         for group in self.wheels:
             angles[self._columns[group.kind]] = 0.0
@@ -195,7 +195,7 @@ class JointReader:
         self._rows: list[int] | None = None
 
     def vector(self, state: JointState) -> Array | None:
-        """Return the joint vector (n,) in a message, or None when it lacks one of our joints.
+        """Joint vector (n,) in a message, or None when it lacks one of our joints.
 
         What the message leaves open, like speeds in set-points of angles, is zero.
         """
@@ -213,7 +213,7 @@ class JointReader:
 
 
 def commanded_joints(drive: Kinematics[Any], setpoint: Array, joints: Array) -> Array:
-    """Return the joints (n,) that the commanded twist is in, from set-point and measured ones.
+    """Joints (n,) that the commanded twist is in, from set-point and measured ones.
 
     Gimbals are told what they need at the speed that their wheels have: while that changes, it is
     not the one that the wheels are told. Wheels that are shut off give nothing.
@@ -243,7 +243,7 @@ class Surface(NamedTuple):
 
     @classmethod
     def of(cls, solid: Any) -> Surface:
-        """Return the surface of a Manifold, as copies: a view would keep the solid alive."""
+        """Surface of a Manifold, as copies: a view would keep the solid alive."""
         mesh = solid.to_mesh()
         return cls(
             np.array(mesh.vert_properties[:, :3], np.float32), np.array(mesh.tri_verts, np.uint32)
@@ -273,7 +273,7 @@ class RobotShape:
         return len(self._poses[kind].wxyz)
 
     def tinted(self, kind: Link, colour: Rgb) -> bytes:
-        """Return the binary glTF of a kind of link, all its parts tinted."""
+        """Binary glTF of a kind of link, all its parts tinted."""
         return glb(_tinted(self._parts[kind], colour))
 
     @property

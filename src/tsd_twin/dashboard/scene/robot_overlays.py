@@ -160,7 +160,7 @@ def add_wireframe(
 
 
 def _box_edges(shape: RobotShape) -> Array:
-    """Return the edges (n, 2, 3) around a robot that stands on the floor."""
+    """Edges (n, 2, 3) around a robot that stands on the floor."""
     foot = shape.footprint
     low, high = (np.insert(foot, 2, z, axis=1) for z in (0.003, shape.height_m))
     rims = [np.stack([rim, np.roll(rim, -1, axis=0)], axis=1) for rim in (low, high)]
@@ -178,7 +178,7 @@ def _great_circles(radius_m: float) -> Array:
 
 
 def _ring_mesh(wheel_radius_m: float) -> Surface:
-    """Return a ring about the wheel and a pointer along its axle, in the frame of the wheel."""
+    """Ring about the wheel and a pointer along its axle, in the frame of the wheel."""
     thin = 0.025 * wheel_radius_m
     ring = CrossSection.circle(thin, 6).translate((1.62 * wheel_radius_m, 0.0))
     length = 2.0 * wheel_radius_m

@@ -51,7 +51,7 @@ class BatchedRobotMeshes:
         return tuple(self._ids)
 
     def node(self, kind: Link) -> str:
-        """Return the name of the node that has all links of a kind."""
+        """Name of the node that has all links of a kind."""
         return f"{robot_node(self._ids[0])}/m{kind}"
 
     def add(self, robot_id: str) -> None:
