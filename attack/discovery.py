@@ -131,7 +131,7 @@ def _descriptions(hostile: ForgedRobots, port: int) -> Iterator[Row]:
 
 
 def _folder(hostile: ForgedRobots, port: int) -> Row:
-    """Have `body.meshes` name a pipe: it tells whether it was opened."""
+    """Let `body.meshes` name a pipe, which shows whether it was opened."""
     with tempfile.TemporaryDirectory() as folder:
         pipe = Path(folder, "parts.json")
         os.mkfifo(pipe)

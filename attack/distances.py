@@ -161,7 +161,7 @@ class Result:
 
 
 def measure(task: Task) -> list[Result]:
-    """Do all runs of a task; after a failure what is left is not measured, and says so."""
+    """Do all runs of a task; rows after a failure are marked as not measured."""
     robot, text = _description(task.robot)
     kind = CAUSES[task.causes[0]].operator
     opened = with_board if kind == "node" else on_a_link

@@ -58,7 +58,7 @@ def _watch(pid: int, endpoint: str, measured_s: float) -> tuple[float, Status]:
 
 @contextlib.contextmanager
 def _started(*arguments: str) -> Generator[tuple[int, str]]:
-    """Run a program; yield its pid, and where its `ready:` line says that it is."""
+    """Run a program; yield its pid and the address in its `ready:` line."""
     command = [sys.executable, "-m", *arguments]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None

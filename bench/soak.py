@@ -38,7 +38,7 @@ Processes = dict[str, subprocess.Popen[str]]
 
 
 class CutShortError(Exception):
-    """The soak cannot go on; the text says why."""
+    """The soak cannot continue; the text gives the reason."""
 
 
 @dataclass

@@ -21,7 +21,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
 
 
 def until_ready() -> float:
-    """Time until the demo says that it is ready."""
+    """Time until the demo prints that it is ready."""
     start = time.perf_counter()
     demo = subprocess.Popen(
         [sys.executable, "-m", "tsd_demo", "--no-browser", "--until-eof"],

@@ -84,7 +84,7 @@ class RealTimeSimulation:
         return also in ready
 
     def _catch_up(self) -> None:
-        # Not for ever: a machine too busy to keep up has to hear the line all the same.
+        # Bounded: a computer too busy to keep up still has to read the port.
         for _ in range(_AT_ONCE):
             if self._due_s > time.monotonic():
                 return

@@ -147,7 +147,7 @@ def _wait_for_eof(stop: threading.Event) -> None:
 
 
 def say_ready(what: str) -> None:
-    """Print the line `ready: ...`, which says that the program is in service, and where."""
+    """Print the line `ready: ...` with the address of the program in service."""
     print(f"ready: {what}", flush=True)  # noqa: T201  The line is the interface of a program.
 
 

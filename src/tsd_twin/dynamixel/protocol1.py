@@ -1,4 +1,4 @@
-"""Dynamixel Protocol 1.0, which an MX-64 of 2014 speaks as it comes.
+"""Dynamixel Protocol 1.0, the factory protocol of an MX-64 of 2014.
 
 Frame: FF FF, id, length (of what follows), instruction or error, parameters, inverted sum.
 https://emanual.robotis.com/docs/en/dxl/protocol1/
@@ -36,7 +36,7 @@ def decode(frame: bytes) -> Packet | None:
 
 
 def as_status(packet: Packet) -> Status | None:
-    """Packet as an answer: nothing in it says whether it is one."""
+    """Packet as a status; Protocol 1.0 does not mark status packets."""
     return Status(packet.id, packet.code, packet.params)
 
 

@@ -115,7 +115,7 @@ class LinkHealth:
 _LOG = logging.getLogger(__name__)
 _BY_ID = Path("/dev/serial/by-id")
 _WRITE_TIMEOUT_S = 0.1
-"""Write time-out; without it a write blocks for ever when the other end does not read."""
+"""Write time-out; without it a write blocks as long as the other end does not read."""
 
 GONE = (serial.SerialException, OSError, termios.error, TypeError)
 """Exceptions of pyserial 3.5 when a device is unplugged: `read` and `write` the first, `in_waiting`

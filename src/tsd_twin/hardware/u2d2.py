@@ -220,7 +220,7 @@ class ServoBus:
             if self._request(transport, device, protocol2.read(device, address, 1)).data
             != bytes([value])
         }
-        if other:  # Only then: a servo without torque lets go of its gimbal.
+        if other:  # Only then: a servo without torque does not hold its gimbal.
             self._write(transport, device, TORQUE_ENABLE, 0)
             for address, value in other.items():
                 self._write(transport, device, address, value)

@@ -59,7 +59,7 @@ def _shaded(part: Part) -> trimesh.Trimesh:
 
 
 def _linear(srgb: float) -> float:
-    """Colour channel as glTF wants it; IEC 61966-2-1."""
+    """Linear colour channel of an sRGB one, for glTF; IEC 61966-2-1."""
     return srgb / 12.92 if srgb <= 0.04045 else ((srgb + 0.055) / 1.055) ** 2.4
 
 

@@ -30,7 +30,7 @@ class JointType(StrEnum):
     SPIN = "continuous"
     """A velocity joint: it turns without end, and its angle is not measured."""
     BALL = "ball"
-    """It turns in every direction; the pose of the robot says how."""
+    """A ball joint; its orientation is the pose of the robot."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -62,7 +62,7 @@ def inertia(parts: Iterable[Part], mass_kg: float) -> Inertia:
 _RINGS = (("yaw", "0 0 1"), ("pitch", "0 1 0"), ("roll", "1 0 0"))
 """Rings of a ball joint: turns about Z, then the new Y, then the new X."""
 _RING_KG, _RING_KG_M2 = 1e-6, 1e-9
-"""Of a ring, which is not there: readers want every link that moves to weigh something."""
+"""Mass and inertia of a virtual ring: URDF readers require them of every moving link."""
 
 
 def urdf(robot: RobotDescription, parts: Parts, mesh_uri: str = "") -> str:
@@ -157,7 +157,7 @@ def _inertial(link: ET.Element, body: Inertia) -> None:
 
 def _visuals(link: ET.Element, parts: Iterable[Part], mesh_uri: str) -> None:
     for part in parts:
-        # MuJoCo wants names that are unique in the whole file.
+        # MuJoCo requires names that are unique in the whole file.
         visual = ET.SubElement(link, "visual", name=f"{link.get('name')}_{part.name}")
         geometry = ET.SubElement(visual, "geometry")
         ET.SubElement(geometry, "mesh", filename=mesh_uri + part.file)

@@ -282,7 +282,7 @@ class RobotNode:
     def _put_if_matched(
         self, topic: topics.Topic, encode: Callable[[], bytes], now_s: float
     ) -> None:
-        """Send what `encode` returns to those who subscribe; for none it is not even made.
+        """Publish the result of `encode`; without subscribers it is not computed.
 
         It is counted all the same: a gap in the numbers shows what a subscriber has missed.
         """

@@ -140,7 +140,7 @@ EVERYBODY = (
 OPERATORS = (
     Rule("holder-ask", "ingress", ("query",), HOLDER),
     Rule("holder", "egress", ("declare_queryable", "reply"), HOLDER),
-    # Without this the session of an operator never hears of a reader, and sends nothing.
+    # Without this the session of an operator learns of no subscriber, and sends nothing.
     Rule("drive", "egress", ("declare_subscriber",), TWIST),
     Rule("outside-ask", "ingress", ("declare_subscriber",), SENSOR_POSE),
     Rule("outside-see", "egress", ("put",), SENSOR_POSE),

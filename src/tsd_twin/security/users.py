@@ -363,7 +363,7 @@ class Logins:
 
     def find(self, secret: str | None, now_s: float) -> Login | None:
         """Login that a cookie belongs to, if it is good, and note that it is used."""
-        # Digests are looked up, so how long it takes says nothing about the secrets.
+        # Digests are looked up, so timing reveals nothing about the secrets.
         login = None if secret is None else self._logins.get(_digest(secret))
         if login is None or self._is_over(login, now_s):
             return None

@@ -34,7 +34,7 @@ class Prediction:
     arrival_pose: Array | None
     """(3,): where it will be when a command that is sent now arrives; None when that is now."""
     path: Array | None
-    """(n, 3): where it goes if it hears nothing from now on, until it rests; None at rest."""
+    """(n, 3): path to rest without further messages; None at rest."""
 
 
 NO_PREDICTION = Prediction(None, None)

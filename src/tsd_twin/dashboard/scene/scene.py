@@ -64,7 +64,7 @@ _LETTERS = {
 
 
 def text_lines(text: str, at_m: tuple[float, float], height_m: float) -> Array:
-    """Lines (n, 2, 2) of a word on the floor, upright for who looks along +X.
+    """Lines (n, 2, 2) of a word on the floor, upright when seen along +X.
 
     It starts to the right of `at_m` and stands on it. Letters are digits, minus, m, x and y.
     """

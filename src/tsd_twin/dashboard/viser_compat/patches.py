@@ -137,7 +137,7 @@ async def message_windows(
     cursors, sent_id = buffer.generator_cursors, -1
     flushed = asyncio.ensure_future(buffer.flush_event.wait())
     try:
-        # viser forgets a removal only once all who are listed here have been sent it.
+        # viser forgets a removal only once it was sent to all clients in this list.
         cursors[client_id] = sent_id
         while not buffer.done:
             newest_id = buffer.message_counter - 1 if replay_done is None else backlog_id

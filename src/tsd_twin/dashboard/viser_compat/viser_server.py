@@ -157,7 +157,7 @@ PANEL_WIDTH_PX = 288
 
 
 def start_server(title: str, *, dark: bool = True) -> viser.ViserServer:
-    """Running server on a free port of the loopback; `get_port()` says which.
+    """Running server on a free port of the loopback; `get_port()` returns it.
 
     viser has no authentication and no check of origins, so the port requires `access_key()`. A
     port that the system chooses is free, so viser does not go looking for another one.
