@@ -310,7 +310,9 @@ class UdpRelay(Relay[Datagram]):
     """Listens for clients; each gets a socket of its own towards the target, as behind a NAT."""
 
     _loop: asyncio.AbstractEventLoop = field(init=False, default_factory=asyncio.get_running_loop)
-    _mappings: dict[Address, _Mapping] = field(init=False, default_factory=dict)
+    _mappings: dict[Address, _Mapping] = field(
+        init=False, default_factory=dict[Address, "_Mapping"]
+    )
 
     async def open(self) -> int:
         """Listen, and return the port.
