@@ -51,7 +51,7 @@ def test_who_turns_out_right_does_not_wait_but_what_was_wrong_stays_counted() ->
     throttle = made()
     for _ in range(5):
         throttle.count_attempt("a", 0.0)
-    throttle.forgive("a")
+    throttle.refund("a")
     assert throttle.wait_s("a", 0.0) == 0.0
     throttle.count_attempt("a", 0.0)
     assert throttle.wait_s("a", 0.0) > 0.0
@@ -106,5 +106,5 @@ def test_a_right_try_costs_nothing_of_what_all_have() -> None:
     for _ in range(100):
         assert bucket.wait_s(0.0) == 0.0
         bucket.count_attempt(0.0)
-        bucket.forgive()
+        bucket.refund()
     assert bucket.wait_s(0.0) == 0.0

@@ -144,7 +144,7 @@ class Whitening:
         sigma = np.array([camera.sigma_m, camera.sigma_m, camera.sigma_rad])
         self._frames = len(run.camera_s)
         self._each = -(-self._frames // _MAX_MEANS)
-        walk = self._means(self._walk(drive, run, joints.angle_rad))
+        walk = self._means(self._random_walk_effect(drive, run, joints.angle_rad))
         own = np.tile(np.square(sigma) / self._each, len(walk) // 3)
         covariance = walk @ walk.T + np.diag(own)
         self._unmix = np.linalg.inv(np.linalg.cholesky(covariance))
@@ -160,7 +160,9 @@ class Whitening:
         by_frame = used.reshape(many, self._each, 3, *values.shape[1:])
         return by_frame.mean(axis=1).reshape(3 * many, *values.shape[1:])
 
-    def _walk(self, drive: SingularityKinematics, run: Recording, angle_rad: float) -> Array:
+    def _random_walk_effect(
+        self, drive: SingularityKinematics, run: Recording, angle_rad: float
+    ) -> Array:
         """Effect (3 m, 3 g) on the poses of unit-variance steps at each of g knots."""
         knots = np.arange(run.t_s[0], run.t_s[-1], _KNOT_SPACING_S)
         here = np.column_stack(

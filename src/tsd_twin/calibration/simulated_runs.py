@@ -161,7 +161,7 @@ def simulate_run(
         measured.append(robot.controller.joints.reshape(-1, 3)[:, :2].ravel())
         commanded.append(at_voltage * robot.controller.setpoint[2::3])
         speeds.append(machine.truth(robot.now_s).joints[2::3])
-        frames += camera.watch(now_s, robot.truth)
+        frames += camera.capture(now_s, robot.truth)
         robot.drive(twist)
     spin = np.array(speeds) * (1.0 + TACHOMETER_SHARE * random.standard_normal(np.shape(speeds)))
     return Recording(

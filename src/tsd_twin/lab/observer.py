@@ -128,7 +128,7 @@ class PoseObserver:
             return
         noise = self._camera.noise
         spread = np.diag([noise.sigma_m, noise.sigma_m, noise.sigma_rad]) ** 2
-        for frame in self._camera.watch(now_s, robot.truth):
+        for frame in self._camera.capture(now_s, robot.truth):
             self.frames.append(frame)
             self._filter.fuse_pose(SE2(frame.pose), spread, frame.taken_s)
 

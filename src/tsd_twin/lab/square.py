@@ -310,7 +310,7 @@ def camera_frames(record: TrackingRecord, seed: int) -> list[Frame]:
     camera = Camera(CameraNoise(late_s=0.0), np.random.default_rng(seed))
     start = SE2(record.reference[0]).inverse()
     poses = (start @ SE2(record.truth)).xy_heading
-    seen = (camera.watch(i * PERIOD_S, SE2(pose)) for i, pose in enumerate(poses))
+    seen = (camera.capture(i * PERIOD_S, SE2(pose)) for i, pose in enumerate(poses))
     return list(itertools.chain.from_iterable(seen))
 
 

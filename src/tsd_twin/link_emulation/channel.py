@@ -79,9 +79,9 @@ class LinkChannel(Generic[Packet]):
             self._lost(packet)
         self.step()
 
-    def mend(self) -> None:
+    def restore(self) -> None:
         """End the cut."""
-        self.link.mend()
+        self.link.restore()
         self.step()
 
     def change(self, spec: LinkSpec) -> None:

@@ -195,7 +195,7 @@ class Link(Generic[Packet]):
         self._straight_s = 0.0  # A lost packet delays no other.
         return lost
 
-    def mend(self) -> None:
+    def restore(self) -> None:
         """End the cut."""
         self._is_cut = False
 

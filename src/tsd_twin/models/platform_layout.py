@@ -64,7 +64,7 @@ class PlatformLayout:
             (
                 share * _TRAIN * scale
                 for share in (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4)
-                if _apart(mounts, scale, share * _TRAIN * scale)
+                if _motors_fit(mounts, scale, share * _TRAIN * scale)
             ),
             0.3 * _TRAIN * scale,
         )
@@ -125,7 +125,7 @@ def _outline(mounts: Sequence[Mount], scale: float) -> CrossSection:
     return max(pieces, key=lambda piece: piece.area())
 
 
-def _apart(mounts: Sequence[Mount], scale: float, train: float) -> bool:
+def _motors_fit(mounts: Sequence[Mount], scale: float, train: float) -> bool:
     """Return whether motors of a length do not overlap."""
     prints: list[CrossSection] = []
     half = (MOTOR + 2.0) * scale

@@ -102,13 +102,13 @@ def urdf(robot: RobotDescription, parts: Parts, mesh_uri: str = "") -> str:
             above = BASE if group.parent == "chassis" else tree.link_group(group.parent).names[i]
             if group.joint_type is JointType.BALL:
                 above = _rings(root, group, i, above)
-            _hang(root, group, i, above)
+            _add_joint(root, group, i, above)
     ET.indent(root)
     # No encoding in the declaration: parsers refuse to take one from a text.
     return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _hang(root: ET.Element, group: LinkGroup, i: int, above: str) -> None:
+def _add_joint(root: ET.Element, group: LinkGroup, i: int, above: str) -> None:
     """Add the joint of a link; the innermost ring of a ball joint has a fixed one."""
     kind = "fixed" if group.joint_type is JointType.BALL else str(group.joint_type)
     joint = _joint(root, group.joints[i], kind, (above, group.names[i]))

@@ -50,7 +50,7 @@ class OverheadCamera:
                 truth = decode_odometry(sample.payload)
                 start_ns = truth.stamp_ns if start_ns is None else start_ns
                 now_s = (truth.stamp_ns - start_ns) * 1e-9
-                for frame in self._camera.watch(now_s, SE2(truth.xy_heading)):
+                for frame in self._camera.capture(now_s, SE2(truth.xy_heading)):
                     stamp_ns = start_ns + round(frame.taken_s * 1e9)
                     message = PoseStamped.planar(SE2(frame.pose), stamp_ns)
                     self._poses.put(encode_pose(message))

@@ -85,7 +85,7 @@ class DuplicateIdMonitor:
         """Text of the fault, as a part of a sentence; "" while no other robot has this id."""
         self._event: Event | None = None
         self._token = bus.declare_token(self._own)
-        bus.subscribe_liveliness(topics.instance_key(robot_id, "*"), self._note)
+        bus.subscribe_liveliness(topics.instance_key(robot_id, "*"), self._on_token)
 
     def step(self, now_s: float) -> str:
         """Check the tokens of other nodes, and return the `fault`."""
@@ -109,7 +109,7 @@ class DuplicateIdMonitor:
         """Undeclare the token."""
         self._token.close()
 
-    def _note(self, key: str, lives: bool) -> None:
+    def _on_token(self, key: str, lives: bool) -> None:
         # On the thread of the bus; the loop only checks whether the set is empty.
         if key == self._own:
             return
@@ -197,9 +197,9 @@ class RobotNode:
                 self._tick(rate.wait(stop), tick, rate)
                 tick += 1
         finally:
-            self._leave()
+            self._shut_down()
 
-    def _leave(self) -> None:
+    def _shut_down(self) -> None:
         now_s = time.monotonic()
         self._controller.stop(b'{"reason": "the node ended"}', now_s)
         try:

@@ -279,7 +279,7 @@ class LeaseEvents:
     def after(self, request: LeaseRequest, before: Lease | None, now_s: float) -> str:
         """Event text of a request, empty when it changed nothing."""
         asked, after = self._pending, self._leases.current(now_s)
-        self._note(now_s)
+        self._update(now_s)
         if after is not before:
             return self._of_change(request, before, after)
         if request.op == "deny" and asked is not None and self._pending is None:
@@ -293,7 +293,7 @@ class LeaseEvents:
     def run_out(self, now_s: float) -> str:
         """Event text of a lease or claim that has expired, empty when none has."""
         holder, asked, reserved = self._holder, self._pending, self._reserved
-        self._note(now_s)
+        self._update(now_s)
         if holder and not self._holder:
             return f"Control of {holder} has run out."
         if asked is not None and self._pending is None:
@@ -302,7 +302,7 @@ class LeaseEvents:
             return f"Control was kept for {reserved.operator}, who did not take it."
         return ""
 
-    def _note(self, now_s: float) -> None:
+    def _update(self, now_s: float) -> None:
         lease = self._leases.current(now_s)
         self._holder = lease.holder if lease else ""
         self._pending = self._leases.hand_over.pending_request(now_s)

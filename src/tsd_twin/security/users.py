@@ -232,7 +232,7 @@ class LoginRateLimiter:
             wait_s = min(self._longest_s, self._first_s * 2.0 ** min(over, 32))
             record.until_s = now_s + wait_s
 
-    def forgive(self, key: str) -> None:
+    def refund(self, key: str) -> None:
         """Forget one try, which was right after all, and the wait that it began."""
         record = self._records.get(key)
         if record is not None:
@@ -276,7 +276,7 @@ class LoginTokenBucket:
         self._refill(now_s)
         self._left -= 1.0
 
-    def forgive(self) -> None:
+    def refund(self) -> None:
         """Forget one try, which was right after all."""
         self._left = min(self._at_once, self._left + 1.0)
 
@@ -338,8 +338,8 @@ class Logins:
 
     def right(self, address: str, name: str) -> None:
         """Note that a try was right. Other tries from the address stay counted."""
-        self._all.forgive()
-        self._addresses.forgive(address)
+        self._all.refund()
+        self._addresses.refund(address)
         self._names.forget(name)
 
     def _wait_of_all_s(self, address: str, now_s: float) -> float:

@@ -281,7 +281,7 @@ class MujocoSimulation:
         speeds = data.qvel[self._wheels_v]
         wanted = actuation.motors.after(speeds, actuation.speed_goals, np.array(dt_s)) - speeds
         data.qfrc_applied[self._wheels_v] = self._spin_inertia * wanted / dt_s
-        self._rub()
+        self._apply_friction()
         self._mujoco.mj_step(self._model, data)
 
     def _through_play(self, voltage: Array, dt_s: float) -> Array:
@@ -294,7 +294,7 @@ class MujocoSimulation:
         actuation.play_rad = np.clip(actuation.play_rad + ahead * dt_s, -edge_rad, edge_rad)
         return voltage * (np.copysign(edge_rad, voltage) == actuation.play_rad)
 
-    def _rub(self) -> None:
+    def _apply_friction(self) -> None:
         """Apply the friction of the floor to the wheels, under the load of the last step."""
         data, bodies = self._data, self._bodies
         velocity, turning = data.cvel[bodies, 3:], data.cvel[bodies, :3]

@@ -191,7 +191,7 @@ class Camera:
         self._next_s = 0.0
         self._coming: deque[Frame] = deque()
 
-    def watch(self, now_s: float, pose: SE2) -> list[Frame]:
+    def capture(self, now_s: float, pose: SE2) -> list[Frame]:
         """Measure a robot at `pose` (3,), and return the frames whose processing has finished."""
         if now_s >= self._next_s - 1e-9:
             # Frames missed between two calls are not produced later.
