@@ -48,7 +48,7 @@ def describing(bus: Bus, robot_id: str, toml: str) -> Callable[[], None]:
 
     def serve() -> None:
         while not stop.wait(0.005):
-            for request in server.take():
+            for request in server.take_requests():
                 request.reply(answer)
 
     thread = threading.Thread(target=serve)
@@ -137,7 +137,7 @@ def test_an_answer_that_is_no_json_or_too_long_hides_no_other() -> None:
         answered = 0
         while answered < len(answers):
             for server, answer in zip(servers, answers, strict=True):
-                for request in server.take():
+                for request in server.take_requests():
                     request.reply(answer)
                     answered += 1
             time.sleep(0.005)

@@ -33,11 +33,11 @@ class PoseCodec(Protocol, Generic[PoseT]):
     """Decoder of poses for one pose type, and rotation of twists from `odom` to `base_link`."""
 
     def request_type(self) -> type[SetPoseRequest] | type[SetOrientationRequest]:
-        """Return the request type of `srv/set_pose`."""
+        """Request type of `srv/set_pose`."""
         ...
 
     def decode(self, request: Any) -> PoseT | None:
-        """Return the requested pose; None when it is not finite or not a valid pose."""
+        """Requested pose; None when it is not finite or not a valid pose."""
         ...
 
     def to_base_frame(self, pose: PoseT, twist: Array) -> Array:
@@ -49,11 +49,11 @@ class PlanarPoseCodec:
     """Planar poses: x, y, heading."""
 
     def request_type(self) -> type[SetPoseRequest]:
-        """Return the request with x, y and heading."""
+        """Request with x, y and heading."""
         return SetPoseRequest
 
     def decode(self, request: SetPoseRequest) -> SE2 | None:
-        """Return the planar pose, when it is finite."""
+        """Planar pose, when it is finite."""
         pose = np.array([request.x_m, request.y_m, request.heading_rad])
         return SE2(pose) if np.isfinite(pose).all() else None
 
@@ -68,11 +68,11 @@ class OrientationCodec:
     """Orientations of a sphere on a fixed base."""
 
     def request_type(self) -> type[SetOrientationRequest]:
-        """Return the request with a quaternion."""
+        """Request with a quaternion."""
         return SetOrientationRequest
 
     def decode(self, request: SetOrientationRequest) -> SO3 | None:
-        """Return the orientation, when the four numbers can be made a unit quaternion."""
+        """Orientation, when the four numbers can be made a unit quaternion."""
         x, y, z, w = request.xyzw
         wxyz = np.array([w, x, y, z])
         largest = float(np.max(np.abs(wxyz)))
@@ -82,7 +82,7 @@ class OrientationCodec:
         return SO3(wxyz / np.linalg.norm(wxyz))
 
     def to_base_frame(self, pose: SO3, twist: Array) -> Array:  # noqa: ARG002  The shape.
-        """Return the twist unchanged: the base is fixed in the world."""
+        """Twist unchanged: the base is fixed in the world."""
         return twist
 
 
@@ -106,7 +106,7 @@ class ServiceHandler:
         self._pose_codec = pose_codec
 
     def serve(self, service: Service, payload: bytes, now_s: float) -> LeaseReply | Reply:
-        """Return the reply to a request; a malformed request gets a refusal."""
+        """Reply to a request; a malformed request gets a refusal."""
         try:
             match service:
                 case Service.LEASE:
@@ -144,7 +144,7 @@ class ServiceHandler:
         return self._supervisor.stop(request, now_s)
 
     def refusals(self, now_s: float) -> Refusals:
-        """Return the part of the status that shows which requests would be refused now."""
+        """Part of the status that shows which requests would be refused now."""
         supervisor, lease = self._supervisor, self._supervisor.lease_in_force(now_s)
         lease_hex = lease.id.hex() if lease else ""
         return Refusals(

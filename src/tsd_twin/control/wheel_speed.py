@@ -93,7 +93,7 @@ class WheelSpeedController:
         return self._update_wheel_speed(mean / self._mean_ratio)
 
     def inverse(self, twist: Array) -> Array:
-        """Return the joints (n,) that move the robot by `twist` (3,)."""
+        """Joints (n,) that move the robot by `twist` (3,)."""
         if not any(twist.tolist()):
             twist = _REST  # A negative zero would be another twist.
         kinematics, asked, joints = self._solution
@@ -106,7 +106,7 @@ class WheelSpeedController:
         return joints
 
     def status(self, spin_rad_per_s: float) -> WheelSpeedStatus | None:
-        """Return the wheel-speed part of the status, for a mean spin of `spin_rad_per_s`."""
+        """Wheel-speed part of the status, for a mean spin of `spin_rad_per_s`."""
         if self._range is None:
             return None
         spin = spin_rad_per_s / self._mean_ratio

@@ -181,12 +181,12 @@ class Status(msgspec.Struct, frozen=True):
 
 
 def encode_status(status: Status) -> bytes:
-    """Return the JSON of a status."""
+    """JSON of a status."""
     return msgspec.json.encode(status)
 
 
 def decode_status(payload: bytes) -> Status:
-    """Return the status in a JSON payload; unknown fields are ignored.
+    """Status in a JSON payload; unknown fields are ignored.
 
     Raises:
         MessageError: `shape`, when this is no status.
@@ -198,7 +198,7 @@ def decode_status(payload: bytes) -> Status:
 
 
 def encode_stamp(seq: int, robot_ns: int) -> bytes:
-    """Return the attachment of a `state/*` message: its number and the robot's monotonic time."""
+    """Attachment of a `state/*` message: its number and the robot's monotonic time."""
     return _STAMP.pack(seq, robot_ns)
 
 

@@ -258,7 +258,7 @@ class SafetySupervisor:
     def receive(self, sample: Sample, now_s: float) -> None:
         """Process one command sample from the bus: accept it, or drop and count it."""
         lease = self._leases.current(now_s)
-        outcome = self.gate.check(sample, lease, now_s)
+        outcome = self.gate.validate(sample, lease, now_s)
         if isinstance(outcome, MessageError):
             if outcome.reason == "stale":
                 self._stale_s = now_s
@@ -307,7 +307,7 @@ class SafetySupervisor:
             self._heartbeat_count += 1
 
     def arming(self, now_s: float) -> ArmingStatus | None:
-        """Return the progress of arming, None in other modes."""
+        """Progress of arming, None in other modes."""
         if self.mode is not Mode.ARMING:
             return None
         if self._spin_up_s is not None:
@@ -327,7 +327,7 @@ class SafetySupervisor:
         return Heartbeat(self.mode in ARMED, self._heartbeat_count)
 
     def lease_in_force(self, now_s: float) -> Lease | None:
-        """Return the lease in force, if any."""
+        """Lease in force, if any."""
         return self._leases.current(now_s)
 
     @property
@@ -336,7 +336,7 @@ class SafetySupervisor:
         return self._leases.hand_over
 
     def take_events(self) -> list[Event]:
-        """Return the events since the last call."""
+        """Events since the last call."""
         events, self._events = self._events, []
         return events
 
