@@ -78,7 +78,7 @@ class VirtualRobot:
         self.io.write(setpoint, self.now_s)
 
     def command(self, twist: Array) -> Sample:
-        """Return a command that counts now."""
+        """Command that counts now."""
         self.seq += 1
         self.controller.record_status_sent(self.seq, self.now_s)
         return Sample(
@@ -116,12 +116,12 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
     )
     left = growth(robot, twist, size)
     what = f"objects left by {size.driven_s:g} s of driving"
-    beside = f"those after {size.settled_s:g} s"
-    yield Row(what, left, 500, "", beside)
+    comparison = f"those after {size.settled_s:g} s"
+    yield Row(what, left, 500, "", comparison)
 
 
 def drive(robot: VirtualRobot, twist: Array, steps: int) -> tuple[float, float]:
-    """Return the time of a period in the core alone, and with the plant, in a round of driving."""
+    """Time of a period in the core alone, and with the plant, in a round of driving."""
     in_core_s = 0.0
     start = time.perf_counter()
     for step in range(steps):
@@ -198,7 +198,7 @@ def batch(robots_at_once: int) -> float:
 
 
 def squares(runs: int) -> float:
-    """Return the seconds that so many squares take, as `tsd-lab budget` drives them."""
+    """Seconds that so many squares take, as `tsd-lab budget` drives them."""
     robot = description_of_kind(robots.load_robot("tsd"), SingularityDescription)
     random = np.random.default_rng(0)
     reference = unlimited_trajectory(Route(named_path("square")))

@@ -19,14 +19,14 @@ Array: TypeAlias = npt.NDArray[np.float64]
 
 
 def sinc(x: Array) -> Array:
-    """Return sin(x) / x, exact at and near zero; the same shape as `x`, in radians."""
+    """Sin(x) / x, exact at and near zero; the same shape as `x`, in radians."""
     # The function is even; the added number avoids 0 / 0 and changes no other value.
     away = np.abs(x) + 1e-200
     return np.sin(away) / away
 
 
 def _arc(vx: float, vy: float, half: float, middle: float) -> tuple[float, float]:
-    """Return the displacement of a twist in unit time, in plain floats: for one pose, they are
+    """Displacement of a twist in unit time, in plain floats: for one pose, they are
     faster than numpy, and give the same bits.
 
     `half` is half of the angle turned through, `middle` the heading half-way.
@@ -56,12 +56,12 @@ class SE2:
 
     @staticmethod
     def identity(batch: tuple[int, ...] = ()) -> SE2:
-        """Return the identity, with batch dimensions `batch`."""
+        """Identity, with batch dimensions `batch`."""
         return SE2(np.zeros((*batch, 3)))
 
     @staticmethod
     def exp(tangent: Array) -> SE2:
-        """Return the pose that constant twist `tangent` (..., 3) reaches in unit time; Eq. 156."""
+        """Pose that constant twist `tangent` (..., 3) reaches in unit time; Eq. 156."""
         if tangent.ndim == 1 and math.isfinite(tangent[2]):
             vx, vy, omega = tangent.tolist()
             return SE2(np.array([*_arc(vx, vy, 0.5 * omega, 0.5 * omega), omega]))
@@ -76,7 +76,7 @@ class SE2:
         return SE2(out)
 
     def log(self) -> Array:
-        """Return the tangent (..., 3) whose `exp` is this pose; heading in (-2 pi, 2 pi)."""
+        """Tangent (..., 3) whose `exp` is this pose; heading in (-2 pi, 2 pi)."""
         half = 0.5 * self.xy_heading[..., 2]
         chord = sinc(half)
         c, s = np.cos(half) / chord, np.sin(half) / chord
@@ -87,7 +87,7 @@ class SE2:
         return out
 
     def inverse(self) -> SE2:
-        """Return the pose of the parent in the local frame."""
+        """Pose of the parent in the local frame."""
         c, s = np.cos(self.xy_heading[..., 2]), np.sin(self.xy_heading[..., 2])
         out = np.empty(np.shape(self.xy_heading))
         out[..., 0] = -c * self.xy_heading[..., 0] - s * self.xy_heading[..., 1]
@@ -109,7 +109,7 @@ class SE2:
         return SE2(out)
 
     def plus(self, tangent: Array) -> SE2:
-        """Return the pose that constant twist `tangent` (..., 3) leads to from here; Eq. 25.
+        """Pose that constant twist `tangent` (..., 3) leads to from here; Eq. 25.
 
         The same as `self @ SE2.exp(tangent)`, in one turn by the sum of the two angles.
         """
@@ -156,14 +156,14 @@ class SO3:
 
     @staticmethod
     def identity(batch: tuple[int, ...] = ()) -> SO3:
-        """Return the identity, with batch dimensions `batch`."""
+        """Identity, with batch dimensions `batch`."""
         wxyz = np.zeros((*batch, 4))
         wxyz[..., 0] = 1.0
         return SO3(wxyz)
 
     @staticmethod
     def exp(tangent: Array) -> SO3:
-        """Return the rotation about `tangent` (..., 3) by its length; Eq. 101."""
+        """Rotation about `tangent` (..., 3) by its length; Eq. 101."""
         half = 0.5 * np.sqrt(np.add.reduce(np.square(tangent), axis=-1))
         wxyz = np.empty((*np.shape(tangent)[:-1], 4))
         wxyz[..., 0] = np.cos(half)
@@ -171,7 +171,7 @@ class SO3:
         return SO3(wxyz)
 
     def log(self) -> Array:
-        """Return the shortest rotation vector (..., 3) whose `exp` is this rotation; Eq. 105."""
+        """Shortest rotation vector (..., 3) whose `exp` is this rotation; Eq. 105."""
         # q and -q are one rotation: take the one with w >= 0, so that the angle is at most pi.
         wxyz = np.where(self.wxyz[..., :1] < 0.0, -self.wxyz, self.wxyz)
         w, xyz = wxyz[..., 0], wxyz[..., 1:]
@@ -179,7 +179,7 @@ class SO3:
         return 2.0 * xyz / sinc(half)[..., None]
 
     def inverse(self) -> SO3:
-        """Return the opposite rotation."""
+        """Opposite rotation."""
         return SO3(self.wxyz * np.array([1.0, -1.0, -1.0, -1.0]))
 
     def __matmul__(self, other: SO3) -> SO3:
@@ -201,7 +201,7 @@ class SO3:
         return np.asarray((self.as_matrix() @ vectors[..., None])[..., 0], dtype=float)
 
     def as_matrix(self) -> Array:
-        """Return the rotation matrices (..., 3, 3)."""
+        """Rotation matrices (..., 3, 3)."""
         q = self.wxyz
         w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
         out = np.empty((*np.shape(w), 3, 3))

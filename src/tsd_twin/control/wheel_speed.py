@@ -48,10 +48,17 @@ class WheelSpeedController:
         """Newest kinematics, twist and joints (n,) of `inverse`: while a robot stands or drives
         steadily, the same ones are asked for again."""
 
+    @property
+    def refusal(self) -> str:
+        """Reason why no wheel speed can be set, or ""."""
+        if self._range is not None:
+            return ""
+        return "the wheels of this robot stand when it does, so they have no speed to choose"
+
     def choose(self, spin_rpm: float, lease: bytes) -> str:
         """Set the wheel speed for the holder of `lease`; return the reason of a refusal, or ""."""
         if self._range is None:
-            return "the wheels of this robot stand when it does, so they have no speed to choose"
+            return self.refusal
         if refusal := self._range.refusal(spin_rpm * RPM):
             return refusal
         self._requested, self._chosen_by = spin_rpm * RPM, lease
@@ -86,7 +93,7 @@ class WheelSpeedController:
         return self._update_wheel_speed(mean / self._mean_ratio)
 
     def inverse(self, twist: Array) -> Array:
-        """Return the joints (n,) that move the robot by `twist` (3,)."""
+        """Joints (n,) that move the robot by `twist` (3,)."""
         if not any(twist.tolist()):
             twist = _REST  # A negative zero would be another twist.
         kinematics, asked, joints = self._solution
@@ -99,7 +106,7 @@ class WheelSpeedController:
         return joints
 
     def status(self, spin_rad_per_s: float) -> WheelSpeedStatus | None:
-        """Return the wheel-speed part of the status, for a mean spin of `spin_rad_per_s`."""
+        """Wheel-speed part of the status, for a mean spin of `spin_rad_per_s`."""
         if self._range is None:
             return None
         spin = spin_rad_per_s / self._mean_ratio

@@ -24,7 +24,7 @@ _COMMANDS_KEPT = 16
 
 
 def make_message(type_name: str, **fields: Any) -> Any:
-    """Return a ROS 2 message."""
+    """ROS 2 message."""
     return _store().types[type_name](**fields)
 
 
@@ -58,17 +58,17 @@ def make_twist(numbers: Iterable[float]) -> Any:
 
 
 def stamp_ns(raw: Any) -> int:
-    """Return the time in the header of a message."""
+    """Time in the header of a message."""
     return raw.header.stamp.sec * 1_000_000_000 + raw.header.stamp.nanosec
 
 
 def encode_cdr(message: Any) -> bytes:
-    """Return the CDR of a message."""
+    """CDR of a message."""
     return bytes(_store().serialize_cdr(message, message.__msgtype__))
 
 
 def decode_cdr(payload: bytes, type_name: str) -> Any:
-    """Return the message in a CDR payload.
+    """Message in a CDR payload.
 
     Raises:
         MessageError: `shape`, when there is none of this type in it.
@@ -83,7 +83,7 @@ def decode_cdr(payload: bytes, type_name: str) -> Any:
 
 @functools.cache
 def _store() -> Any:
-    """Return the type store; made at first use, since it takes a tenth of a second."""
+    """Type store; made at first use, since it takes a tenth of a second."""
     return get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -146,7 +146,7 @@ class Odometry:
         twist_covariance: Array,
         stamp_ns: int = 0,
     ) -> Odometry:
-        """Return the message for a planar pose or an orientation."""
+        """Message for a planar pose or an orientation."""
         xy_heading, wxyz = (
             (pose.xy_heading, None) if isinstance(pose, SE2) else (np.zeros(3), pose.wxyz)
         )
@@ -154,7 +154,7 @@ class Odometry:
 
 
 def encode_twist(message: TwistStamped) -> bytes:
-    """Return the CDR of a `geometry_msgs/msg/TwistStamped`."""
+    """The CDR of a `geometry_msgs/msg/TwistStamped`."""
     return _twist_cdr(message.frame, np.asarray(message.twist, float).tobytes(), message.stamp_ns)
 
 
@@ -167,7 +167,7 @@ def _twist_cdr(frame: str, twist: bytes, stamp_ns: int) -> bytes:
 
 
 def decode_twist(payload: bytes) -> TwistStamped:
-    """Return the twist in a CDR payload; numbers may be anything, also NaN.
+    """Twist in a CDR payload; numbers may be anything, also NaN.
 
     Raises:
         MessageError: `shape`, when this is no `geometry_msgs/msg/TwistStamped`.
@@ -182,7 +182,7 @@ def decode_twist(payload: bytes) -> TwistStamped:
 
 
 def encode_joints(message: JointState) -> bytes:
-    """Return the CDR of a `sensor_msgs/msg/JointState`."""
+    """CDR of a `sensor_msgs/msg/JointState`."""
     return encode_cdr(
         make_message(
             "sensor_msgs/msg/JointState",
@@ -196,7 +196,7 @@ def encode_joints(message: JointState) -> bytes:
 
 
 def decode_joints(payload: bytes) -> JointState:
-    """Return the joints in a CDR payload.
+    """Joints in a CDR payload.
 
     Raises:
         MessageError: `shape`, when this is no `sensor_msgs/msg/JointState`.
@@ -208,7 +208,7 @@ def decode_joints(payload: bytes) -> JointState:
 
 
 def encode_odometry(message: Odometry) -> bytes:
-    """Return the CDR of a `nav_msgs/msg/Odometry`."""
+    """CDR of a `nav_msgs/msg/Odometry`."""
     x, y, heading = (float(v) for v in message.xy_heading)
     if message.wxyz is None:
         rows = PLANAR
@@ -238,7 +238,7 @@ def encode_odometry(message: Odometry) -> bytes:
 
 
 def decode_odometry(payload: bytes, *, turning: bool = False) -> Odometry:
-    """Return the planar part of the odometry in a CDR payload; heading in [-2 pi, 2 pi].
+    """Planar part of the odometry in a CDR payload; heading in [-2 pi, 2 pi].
 
     With `turning`, return the orientation and the angular velocity of a sphere.
 
@@ -270,7 +270,7 @@ def warm_up() -> None:
 
 
 def _spatial(covariance: Array, rows: tuple[int, int, int]) -> Array:
-    """Return the row-major (36,) spatial covariance of a (3, 3) one."""
+    """Row-major (36,) spatial covariance of a (3, 3) one."""
     spatial = np.zeros((6, 6))
     spatial[np.ix_(rows, rows)] = covariance
     return spatial.reshape(36)

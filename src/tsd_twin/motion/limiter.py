@@ -44,11 +44,11 @@ class TwistLimiter:
     def advance(
         self, current: Array, request: Array, dt_s: float, share: Array | float = 1.0
     ) -> Array:
-        """Return the twist (..., 3) that follows `current` after `dt_s` on the way to `request`."""
+        """Twist (..., 3) that follows `current` after `dt_s` on the way to `request`."""
         return self.approach(current, self.cap(request, share), dt_s)
 
     def approach(self, current: Array, goal: Array, dt_s: float) -> Array:
-        """Return the twist (..., 3) that follows `current` after `dt_s` on the way to `goal`.
+        """Twist (..., 3) that follows `current` after `dt_s` on the way to `goal`.
 
         The goal is within the limits already. A goal within reach is reached exactly, so that a
         stop ends at zero.
@@ -77,14 +77,14 @@ class TwistLimiter:
 
 
 def _components(twist: Array) -> Any:
-    """Return the three components (...) of `twist` (..., 3): plain floats of one twist, which are
+    """Three components (...) of `twist` (..., 3): plain floats of one twist, which are
     faster than arrays of one number.
     """
     return twist.tolist() if twist.ndim == 1 else np.moveaxis(twist, -1, 0)
 
 
 def _most(speed: Any, turn: Any, kinematics: Any) -> Any:
-    """Return the largest utilization of three limits (...), at least 1: (..., 1), or a number."""
+    """Largest utilization of three limits (...), at least 1: (..., 1), or a number."""
     if isinstance(speed, float) and isinstance(turn, float) and isinstance(kinematics, float):
         # A limit that is not a number allows none, as in the reduction below.
         unknown = math.isnan(speed + turn + kinematics)

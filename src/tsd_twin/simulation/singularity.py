@@ -5,13 +5,14 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
+from typing import Unpack
 
 import numpy as np
 
 from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import SingularityDescription
-from tsd_twin.simulation.actuators import Actuation
+from tsd_twin.simulation.actuators import Actuation, SimulationOptions
 
 _SLOPES = np.array([[-3.0, 4.0, -1.0], [-1.0, 0.0, 1.0], [1.0, -4.0, 3.0]])
 """Slopes at the start, middle and end of the parabola through three values there, times dt."""
@@ -22,7 +23,7 @@ _REMEMBERED = 16
 
 @functools.lru_cache(maxsize=_REMEMBERED)
 def _step_rules(dt_s: float) -> tuple[Array, Array]:
-    """Return the matrices for the slopes, and for the integral, over a step of `dt_s` seconds."""
+    """Matrices for the slopes, and for the integral, over a step of `dt_s` seconds."""
     return _SLOPES / dt_s, dt_s * _SIMPSON
 
 
@@ -33,7 +34,7 @@ class KinematicPlant:
     kinematics: SingularityKinematics
 
     def tangent(self, joints: Array, dt_s: float) -> Array:
-        """Return the tangent (..., 3) of the motion over a step of `dt_s` seconds.
+        """Tangent (..., 3) of the motion over a step of `dt_s` seconds.
 
         `joints` (3, ..., n) are the true joint vectors at its start, middle and end. Rates of the
         gimbals come from the parabola through them, so that Simpson's rule adds up to the angle
@@ -56,7 +57,7 @@ class KinematicPlant:
         return tangent
 
     def displacement(self, joints: Array, dt_s: float) -> SE2:
-        """Return the pose after a step, in the frame at its start; `joints` as in `tangent`."""
+        """Pose after a step, in the frame at its start; `joints` as in `tangent`."""
         return SE2.exp(self.tangent(joints, dt_s))
 
 
@@ -76,12 +77,10 @@ class SingularitySimulation:
         robot: SingularityDescription,
         batch: tuple[int, ...] = (),
         *,
-        seed: int | None = 0,
-        noise: float = 0.0,
-        battery_v: float | None = None,
         pose: SE2 | None = None,
+        **options: Unpack[SimulationOptions],
     ) -> None:
-        self.actuation = Actuation(robot, batch, seed, noise, battery_v)
+        self.actuation = Actuation(robot, batch, **options)
         self.kinematics = self.actuation.kinematics
         self._plant = KinematicPlant(self.kinematics)
         self.pose = SE2(np.zeros((*batch, 3)) + (0.0 if pose is None else pose.xy_heading))
@@ -117,7 +116,7 @@ class SingularitySimulation:
         self._stands = self.actuation.stands(self.joints)
 
     def measure(self) -> Array:
-        """Return the joint vector (..., n) as `Actuation.measure` has it."""
+        """Joint vector (..., n) as `Actuation.measure` has it."""
         if self._measured is not None:
             return self._measured.copy()
         measured = self.actuation.measure(self.joints)
@@ -126,12 +125,12 @@ class SingularitySimulation:
         return measured
 
     def twist(self) -> Array:
-        """Return the true twist (..., 3) in the body frame."""
+        """True twist (..., 3) in the body frame."""
         rates = self.actuation.rates(self.joints)
         return self.kinematics.twist(self.actuation.surface.roll(self.joints), rates)
 
     def hardware_status(self) -> dict[str, object]:
-        """Return the actuator status."""
+        """Actuator status."""
         return self.actuation.hardware_status()
 
     def _step(self, dt_s: float) -> None:
