@@ -127,7 +127,7 @@ export function field(properties = {}) {
 
 const { Link } = await import("../../src/tsd_twin/dashboard/static/link.js");
 
-const ROBOT = { t: "robot", id: "tsd", space: "floor", twist_scale_m: 1 };
+const ROBOT = { t: "robot", id: "tsd", panel: "gimbals", twist_scale_m: 1 };
 const STATE = {
   t: "state",
   seen: 1,
@@ -153,7 +153,7 @@ export function connect() {
   state();
   /** Return the messages of these types since the last call, without heartbeats. */
   const take = (...types) => {
-    const taken = socket.sent.filter(({ t }) => t !== "beat");
+    const taken = socket.sent.filter(({ t }) => t !== "heartbeat");
     socket.sent = [];
     return types.length === 0 ? taken : taken.filter(({ t }) => types.includes(t));
   };

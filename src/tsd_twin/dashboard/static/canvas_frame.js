@@ -20,10 +20,7 @@ export class CanvasFrame {
     this.fit();
   }
 
-  /**
-   * Whether an event is on viser's panel: neither on the scene nor on us.
-   * @param {Event} event
-   */
+  /** Whether an event is on viser's panel: neither on the scene nor on us. @param {Event} event */
   isPanel(event) {
     const path = event.composedPath();
     return (
@@ -33,10 +30,7 @@ export class CanvasFrame {
     );
   }
 
-  /**
-   * Whether an event is on the scene itself, below all controls.
-   * @param {Event} event
-   */
+  /** Whether an event is on the scene itself, below all controls. @param {Event} event */
   isScene(event) {
     const path = event.composedPath();
     return !path.includes(this._host) && this._canvas !== null && path.includes(this._canvas);
@@ -44,8 +38,7 @@ export class CanvasFrame {
 
   /**
    * Tell how much room the controls take, so that the drawer opens above them.
-   * @param {number} top
-   * @param {number} bottom
+   * @param {number} top @param {number} bottom
    */
   reserve(top, bottom) {
     document.documentElement.style.setProperty("--tsd-top", `${Math.ceil(top)}px`);

@@ -6,9 +6,9 @@
 // goes out every 20 ms, and sooner when a control moves, but never within 10 ms of the last one: the
 // gateway limits how many a page may send. Nothing is ever queued.
 
+import { kindOf } from "./kinds.js";
 import { known } from "./link.js";
 import { notDrive, notStop } from "./permission.js";
-import { twistMappingOf } from "./twist_mapping.js";
 
 const PERIOD_MS = 20;
 const LEAST_MS = 9.5; // Timers are some tenths of a millisecond early now and then.
@@ -29,8 +29,7 @@ export class Drive {
     this._sources = [];
     /** @type {(() => void)[]} */
     this._listeners = [];
-    /** @type {number | undefined} */
-    this._timer = undefined;
+    this._timer = 0; // None while nothing is held.
     this._sentMs = -Infinity;
     /** @type {{ sinceMs: number, sentMs: number, doubted: boolean } | null} */
     this._stop = null;
@@ -57,7 +56,7 @@ export class Drive {
   }
 
   get held() {
-    return this._timer !== undefined;
+    return this._timer !== 0;
   }
 
   /** What one unit of a control means now: level times the limits in force. */
@@ -91,7 +90,7 @@ export class Drive {
     const panel = this._sources.find((source) => source.held && source.twist !== undefined);
     if (panel?.twist !== undefined) return { ...panel.twist, frame: "base_link" };
     const { unit, scale } = this;
-    const [vx, vy, omega] = twistMappingOf(this.link.robot).twist(
+    const [vx, vy, omega] = kindOf(this.link.robot).controls.twist(
       unit.x * scale.speed,
       unit.y * scale.speed,
       unit.turn * scale.turn,
@@ -147,7 +146,7 @@ export class Drive {
 
   _finish() {
     clearInterval(this._timer);
-    this._timer = undefined;
+    this._timer = 0;
     this.link.send({ t: "release" });
   }
 

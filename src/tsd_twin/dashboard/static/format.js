@@ -2,8 +2,7 @@
 
 /**
  * Return a number with fixed decimals; a dash when there is none.
- * @param {number | null | undefined} value
- * @param {number} decimals
+ * @param {number | null | undefined} value @param {number} decimals
  */
 export function fixed(value, decimals) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
@@ -21,20 +20,14 @@ export function degrees(radians) {
   return fixed(turned > 180 ? turned - 360 : turned <= -180 ? turned + 360 : turned, 0);
 }
 
-/**
- * Return seconds as a person says them.
- * @param {number} seconds
- */
+/** Return seconds as a person says them. @param {number} seconds */
 export function duration(seconds) {
   if (seconds < 60) return `${Math.floor(seconds)} s`;
   if (seconds < 3600) return `${Math.floor(seconds / 60)} min ${Math.floor(seconds % 60)} s`;
   return `${Math.floor(seconds / 3600)} h ${Math.floor((seconds % 3600) / 60)} min`;
 }
 
-/**
- * Return the time of day of a moment, in ms since 1970.
- * @param {number} ms
- */
+/** Return the time of day of a moment, in ms since 1970. @param {number} ms */
 export function clock(ms) {
   return new Date(ms).toLocaleTimeString([], {
     hour: "2-digit",
@@ -42,4 +35,9 @@ export function clock(ms) {
     second: "2-digit",
     hour12: false,
   });
+}
+
+/** Return a text with a capital and a full stop. @param {string} text */
+export function sentence(text) {
+  return `${text[0].toUpperCase()}${text.slice(1)}.`;
 }

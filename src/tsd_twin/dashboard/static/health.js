@@ -1,6 +1,6 @@
 // How well everything works, in figures, and what has happened.
 
-import { el, isVisible, setAttribute, setText } from "./dom.js";
+import { el, isVisible, setText } from "./dom.js";
 import { fixed } from "./format.js";
 import { known } from "./link.js";
 
@@ -24,29 +24,29 @@ const LINES = 40;
 /** @typedef {Record<string, Record<string, string>>} Sections Rows by the title of their table. */
 
 export class Health {
-  /** @param {Link} link @param {ShadowRoot} place */
-  constructor(link, place) {
+  /** @param {Link} link @param {ShadowRoot} place @param {AbortSignal} signal */
+  constructor(link, place, signal) {
     this._link = link;
     this._values = new Map();
-    this._table = el("div", { class: "tables" });
-    this._log = el("ol", {
-      class: "log",
+    this._table = el("div.tables");
+    this._log = el("ol.log", {
       role: "log",
       "aria-live": "polite",
       "aria-label": "Events",
       tabindex: "0",
     });
-    place.append(this._table, el("div", { class: "head" }, el("strong", {}, "Events")), this._log);
-    this._open = true;
-    link.on("state", () => this._open && isVisible(place.host) && this._show());
-    link.on("event", (event) => this._open && this._log.prepend(line(event)));
-    link.on("event", () => this._log.children[LINES]?.remove());
-    link.on("robot", () => this._log.replaceChildren());
-    this._log.append(...link.history.slice(-LINES).reverse().map(line));
+    place.append(this._table, el("div.head", el("strong", "Events")), this._log);
+    link.on("state", () => isVisible(place.host) && this._show(), signal);
+    link.on("event", (event) => this._add(event), signal);
+    link.on("robot", () => this._log.replaceChildren(), signal);
+    for (const event of link.history) this._add(event);
   }
 
-  close() {
-    this._open = false;
+  /** @param {RobotEvent} event */
+  _add({ kind, text, robot_s: seconds }) {
+    const time = el("span.value.time", seconds > 0 ? `${fixed(seconds, 1)} s` : "now");
+    this._log.prepend(el("li", { "data-kind": kind }, time, el("span", text)));
+    this._log.children[LINES]?.remove();
   }
 
   _show() {
@@ -80,13 +80,8 @@ export class Health {
       },
       Commands: {
         accepted: String(command.accepted),
-        "there and back": command.echo_s === null ? "–" : `${fixed(1000 * command.echo_s, 0)} ms`,
-        "age of the newest":
-          command.age_s === null
-            ? "–"
-            : command.age_s < 10
-              ? `${fixed(1000 * command.age_s, 0)} ms`
-              : "over 10 s",
+        "there and back": milliseconds(command.echo_s),
+        "age of the newest": (command.age_s ?? 0) < 10 ? milliseconds(command.age_s) : "over 10 s",
         ...lost(command.dropped),
       },
       Control: {
@@ -94,7 +89,7 @@ export class Health {
         "lease ends in": lease.holder === null ? "–" : `${fixed(lease.remaining_s, 1)} s`,
         "speed limit": `${fixed(limits.speed_mps, 2)} m/s`,
         "let through": `${fixed(100 * limits.applied, 0)} %`,
-        "oldest command": `${fixed(1000 * limits.max_command_age_s, 0)} ms`,
+        "oldest command": milliseconds(limits.max_command_age_s),
         "stops without link in": `${fixed(limits.stop_allowance_m, 2)} m`,
       },
       ...(outside ? { "Outside poses": seen(outside) } : {}),
@@ -111,7 +106,7 @@ export class Health {
     for (const name of Object.keys(wheels)) {
       const accused = name === "suspect" || name.startsWith(`· ${suspect} `);
       const row = this._values.get(`Conflict ${name}`).parentElement;
-      setAttribute(row, "data-suspect", accused && conflict.suspect !== null ? "" : null);
+      row.toggleAttribute("data-suspect", accused && conflict.suspect !== null);
     }
   }
 
@@ -127,18 +122,15 @@ export class Health {
   /** @param {string} title @param {string[]} names */
   _section(title, names) {
     const lines = names.map((name) => {
-      const cell = el("td", { class: "value" });
+      const cell = el("td.value");
       this._values.set(`${title} ${name}`, cell);
-      return el("tr", {}, el("th", { scope: "row" }, name), cell);
+      return el("tr", el("th", { scope: "row" }, name), cell);
     });
-    return el("table", {}, el("caption", {}, title), el("tbody", {}, ...lines));
+    return el("table", el("caption", title), el("tbody", ...lines));
   }
 }
 
-/**
- * "module2" as a person says it.
- * @param {string} name
- */
+/** "module2" as a person says it. @param {string} name */
 function called(name) {
   return name.replace(
     /^(.)(.*?)(\d+)$/,
@@ -177,14 +169,13 @@ function lost(dropped) {
   };
 }
 
-/** @param {RobotEvent} event */
-function line({ kind, text, robot_s: seconds }) {
-  const time = el("span", { class: "value time" }, seconds > 0 ? `${fixed(seconds, 1)} s` : "now");
-  return el("li", { "data-kind": kind }, time, el("span", {}, text));
+/** @param {number | null} seconds */
+function milliseconds(seconds) {
+  return seconds === null ? "–" : `${fixed(1000 * seconds, 0)} ms`;
 }
 
-// Whatever a robot says of its hardware: figures in one table, each group of them in one of its own.
 /**
+ * Return what a robot says of its hardware: figures in one table, each group in one of its own.
  * @param {string} title
  * @param {Hardware} facts
  * @returns {Sections}
@@ -199,19 +190,12 @@ function tables(title, facts) {
   );
 }
 
-/**
- * @param {unknown} value
- * @returns {value is Hardware}
- */
+/** @param {unknown} value @returns {value is Hardware} */
 function isGroup(value) {
   return typeof value === "object" && value !== null && !Array.isArray(value);
 }
 
-/**
- * @param {unknown} value
- * @param {number} [digits]
- * @returns {string}
- */
+/** @param {unknown} value @param {number} [digits] @returns {string} */
 function written(value, digits = decimals(value)) {
   if (Array.isArray(value)) {
     const most = Math.max(0, ...value.map(decimals)); // As many for all of them.

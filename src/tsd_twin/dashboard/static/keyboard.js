@@ -1,7 +1,7 @@
 // The keyboard: W A S D and Q E drive, the space bar stops. Listeners run before those of viser,
 // whose camera would move with the same keys.
 
-import { KeyState } from "./key_state.js";
+import { KeyState } from "./held_controls.js";
 
 const DRIVE = {
   KeyW: [1, 0, 0],

@@ -76,7 +76,7 @@ export class Link {
     this.lost = 0; // Share of the states that did not come, of the last few seconds.
     /** @type {(RobotEvent & { atMs: number })[]} */
     this.history = []; // Events, oldest first.
-    /** @type {Map<string, ((message: never) => void)[]>} */
+    /** @type {Map<string, Set<(message: never) => void>>} */
     this._listeners = new Map();
     /** @type {number[]} */
     this._trips = [];
@@ -88,13 +88,18 @@ export class Link {
   }
 
   /**
-   * Call `listener` with each message of a type, or for `up`, `down`, `beat`.
+   * Call `listener` with each message of some types, or for `up`, `down`, `beat`, until `signal`.
    * @template {keyof LinkEvents} K
-   * @param {K} type
+   * @param {K | K[]} types
    * @param {(message: LinkEvents[K]) => void} listener
+   * @param {AbortSignal} [signal]
    */
-  on(type, listener) {
-    this._listeners.set(type, [...(this._listeners.get(type) ?? []), listener]);
+  on(types, listener, signal) {
+    for (const type of [types].flat()) {
+      const listeners = this._listeners.get(type) ?? new Set();
+      this._listeners.set(type, listeners.add(listener));
+      signal?.addEventListener("abort", () => listeners.delete(listener));
+    }
   }
 
   open() {
@@ -102,10 +107,7 @@ export class Link {
     setInterval(() => this._sendHeartbeat(), HEARTBEAT_MS);
   }
 
-  /**
-   * Send a message now or never; return whether it went out.
-   * @param {PageMessage} message
-   */
+  /** Send a message now or never; return whether it went out. @param {PageMessage} message */
   send(message) {
     const socket = this._socket;
     if (socket?.readyState !== WebSocket.OPEN) return false;
@@ -114,10 +116,7 @@ export class Link {
     return true;
   }
 
-  /**
-   * Turn to another robot, once there is a connection.
-   * @param {string} id
-   */
+  /** Turn to another robot, once there is a connection. @param {string} id */
   choose(id) {
     this._requestedRobot = id;
     this.send({ t: "robot", id });
@@ -184,7 +183,7 @@ export class Link {
         socket?.close();
       } else {
         const focus = window.tsd.hasFocus() && document.visibilityState === "visible";
-        this.send({ t: "beat", seen: this.state?.seen ?? 0, sent_ms: now, focus });
+        this.send({ t: "heartbeat", seen: this.state?.seen ?? 0, sent_ms: now, focus });
       }
     }
     this._emit("beat");
@@ -193,7 +192,7 @@ export class Link {
   /** @param {ServerMessage} message */
   _receive(message) {
     switch (message.t) {
-      case "beat":
+      case "heartbeat":
         this._measure(message.sent_ms);
         return;
       case "state":
@@ -240,10 +239,7 @@ export class Link {
     this.pageJitterMs = medianAndJitter(this._trips).jitter;
   }
 
-  /**
-   * The robot numbers its states, so what is missing is seen.
-   * @param {number} seen
-   */
+  /** The robot numbers its states, so what is missing is seen. @param {number} seen */
   _count(seen) {
     const newest = this._seen.at(-1) ?? -1;
     this._seen = seen < newest ? [seen] : [...this._seen.slice(1 - MAX_STATES), seen];
@@ -251,12 +247,11 @@ export class Link {
     this.lost = Math.max(0, 1 - this._seen.length / sent);
   }
 
-  /**
-   * @param {keyof LinkEvents} type
-   * @param {ServerMessage} [message]
-   */
+  /** @param {keyof LinkEvents} type @param {ServerMessage} [message] */
   _emit(type, message) {
     const told = /** @type {never} */ (message); // Of this type, as `on` promises.
-    for (const listener of this._listeners.get(type) ?? []) listener(told);
+    const listeners = this._listeners.get(type) ?? new Set();
+    // Those that a listener adds are for the next message.
+    for (const listener of [...listeners]) if (listeners.has(listener)) listener(told);
   }
 }

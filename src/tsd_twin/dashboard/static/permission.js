@@ -1,5 +1,7 @@
-// Permission checks: each returns the reason of a refusal as a sentence, or null.
+// Permission checks: each returns the reason of a refusal as a sentence, or null. What needs control
+// only, as to disarm and to reset, asks `notHolder`.
 
+import { sentence } from "./format.js";
 import { known } from "./link.js";
 
 const MOVABLE = new Set(["ready", "driving"]);
@@ -49,7 +51,7 @@ export function notDrive(link) {
   const reason = notHolder(link);
   if (reason !== null) return reason;
   const mode = known(link.state).status.mode;
-  return MOVABLE.has(mode) ? null : capital(SAID[mode] ?? `the robot is ${mode}`);
+  return MOVABLE.has(mode) ? null : sentence(SAID[mode] ?? `the robot is ${mode}`);
 }
 
 /** @param {Link} link */
@@ -72,34 +74,14 @@ export function notArm(link) {
   const reason = notHolder(link);
   if (reason !== null) return reason;
   const mode = known(link.state).status.mode;
-  if (LATCHED.has(mode)) return capital(SAID[mode]);
+  if (LATCHED.has(mode)) return sentence(SAID[mode]);
   return mode === "disarmed" ? null : `The robot is ${mode} already.`;
 }
 
-/** @param {Link} link */
-export function notSetWheelSpeed(link) {
+/** For what is set or planned, but does not move the robot by itself. @param {Link} link */
+export function notPrepare(link) {
   const reason = notHolder(link);
   if (reason !== null) return reason;
   const mode = known(link.state).status.mode;
-  return LATCHED.has(mode) ? capital(SAID[mode]) : null;
-}
-
-/** @param {Link} link */
-export function notPlan(link) {
-  return notSetWheelSpeed(link);
-}
-
-/** @param {Link} link */
-export function notDisarm(link) {
-  return notHolder(link);
-}
-
-/** @param {Link} link */
-export function notReset(link) {
-  return notHolder(link);
-}
-
-/** @param {string} sentence */
-function capital(sentence) {
-  return `${sentence[0].toUpperCase()}${sentence.slice(1)}.`;
+  return LATCHED.has(mode) ? sentence(SAID[mode]) : null;
 }
