@@ -8,9 +8,7 @@ export class CanvasFrame {
   /** @param {HTMLElement} host */
   constructor(host) {
     this._host = host;
-    /** @type {HTMLCanvasElement | null} */
     this._canvas = null;
-    /** @type {Element | null} */
     this._drawer = null;
     this._shown = "";
     this._watcher = new ResizeObserver(() => this.fit());

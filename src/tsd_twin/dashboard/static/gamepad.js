@@ -12,7 +12,6 @@ export class Gamepad {
     this._drive = drive;
     this._stop = stop;
     this._spent = true; // A pad that is found with its stick held must come to the centre first.
-    /** @type {number | null} */
     this._index = null; // Of the pad that is read.
     this._pressed = false;
     this._timer = 0; // None without a pad.

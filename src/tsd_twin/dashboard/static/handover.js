@@ -13,7 +13,6 @@ export class HandOver {
     this._link = link;
     this._notices = notices;
     this._asking = false;
-    /** @type {string | null} */
     this._asker = null;
     this._said = el("div.sr", { role: "alert" });
     this._text = el("strong");

@@ -264,7 +264,6 @@ export class Plots {
   /** @param {Recorder} recorder @param {ShadowRoot} place @param {AbortSignal} signal */
   constructor(recorder, place, signal) {
     this._recorder = recorder;
-    /** @type {RobotInfo | null} */
     this._robot = null;
     /** @type {{ chart: Chart, values: { node: Element, channel: string, decimals: number }[] }[]} */
     this._rows = [];

@@ -7,7 +7,6 @@ export class PoseReadout {
   /** @param {Link} link */
   constructor(link) {
     this._link = link;
-    /** @type {Kind["readings"] | null} */
     this._readings = null;
     /** @type {[Element, Reading[2]][]} */
     this._cells = [];

@@ -18,7 +18,6 @@ export class StatusCard {
   /** @param {Link} link @param {Tooltip} tips */
   constructor(link, tips) {
     this._link = link;
-    /** @type {string | null} */
     this._mode = null;
     this._shape = el("span.shape");
     this._title = el("h2");

@@ -54,7 +54,6 @@ class FloorPicker {
   constructor(take) {
     this._take = take;
     this._timer = 0;
-    /** @type {"to" | "draw" | null} */
     this._mode = null;
     /** @type {[number, number][]} */
     this._points = [];
@@ -155,12 +154,9 @@ export class Waypoints {
   constructor(drive, link, tips) {
     this._drive = drive;
     this._link = link;
-    /** @type {"to" | "draw" | null} */
     this._mode = null;
-    /** @type {number | null} */
     this._number = null; // Of the way that is held.
     this._level = drive.level;
-    /** @type {number | null} */
     this._finishedNumber = null; // The way that has come to its end.
     this.floor = new FloorPicker((points) => {
       if (this._mode !== null) this.plan({ points, kind: this._mode, on: "picture" });

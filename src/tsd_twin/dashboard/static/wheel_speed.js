@@ -13,11 +13,9 @@ export class WheelSpeed {
   /** @param {Link} link @param {ShadowRoot} place @param {AbortSignal} signal */
   constructor(link, place, signal) {
     this._link = link;
-    /** @type {number | null} */
     this._draft = null; // What a hand is at, or has chosen a moment ago.
     this._keptMs = -Infinity;
     this._asking = false;
-    /** @type {number | null} */
     this._next = null;
     this._slider = this._input("range", STEP_RPM, "Drive speed");
     this._rpm = this._input("number", 1, "Drive speed, rpm");

@@ -34,7 +34,6 @@ export class WheelList {
   /** @param {Link} link */
   constructor(link) {
     this._link = link;
-    /** @type {RobotInfo | null} */
     this._built = null;
     /** @type {((wheel: WheelState, suspect: boolean) => void)[]} */
     this._rows = [];
