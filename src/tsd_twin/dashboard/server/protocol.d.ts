@@ -316,7 +316,6 @@ interface Window {
 
 type Link = import("../static/link.js").Link;
 type Drive = import("../static/drive.js").Drive;
-type Tooltip = import("../static/button.js").Tooltip;
 type Notices = import("../static/notices.js").Notices;
 type HandOver = import("../static/handover.js").HandOver;
 type Waypoints = import("../static/waypoints.js").Waypoints;
@@ -336,9 +335,42 @@ interface PlotRow {
   /** Least end of the value axis. */
   least: number;
   series: [label: string, channel: string][];
-  positive?: boolean;
-  /** Whether each channel has a commanded one. */
-  pairs?: boolean;
+  /** Whether each channel has a commanded one, and a sign. */
+  commanded?: boolean;
+}
+
+/** A line of a plot; it has the colour of its swatch. */
+interface PlotLine {
+  channel: string;
+  width: number;
+  swatch: Element;
+}
+
+/** From a time or value to pixels. */
+type PixelScale = (value: number) => number;
+
+interface PlotFrame {
+  x: PixelScale;
+  y: PixelScale;
+  top: number;
+  bottom: number;
+  width: number;
+  nowS: number;
+}
+
+/** What follows a pointer on a control; `gone` comes when it has left by itself. */
+interface PointerCallbacks {
+  came: (event: PointerEvent) => void;
+  moved?: (event: PointerEvent) => void;
+  gone: (event: PointerEvent) => void;
+}
+
+/** A hint for the first visit: shown at `target` when it makes sense, until it has been followed. */
+interface Hint {
+  readonly target: Element;
+  readonly text: string;
+  when: (state: RobotState) => boolean;
+  done: (state: RobotState) => boolean;
 }
 
 /** What the page has for robots of a kind. */

@@ -10,14 +10,14 @@ const ASK_MS = 2000;
 export class Account {
   /**
    * Marks `frame` for logins that only watch.
-   * @param {Link} link @param {Tooltip} tips @param {HTMLElement} frame
+   * @param {Link} link @param {HTMLElement} frame
    */
-  constructor(link, tips, frame) {
+  constructor(link, frame) {
     this._link = link;
     this._frame = frame;
     this._leaving = false;
     this._user = el("span.user");
-    const out = new Button("Log out", { tips, press: () => this._logOut(), kind: "quiet" });
+    const out = new Button("Log out", { press: () => this._logOut(), kind: "quiet" });
     this.element = el("span.group.account", { hidden: true }, this._user, out.element);
     this.watching = el("p.watching", { hidden: true });
     link.on("welcome", () => this._draw());

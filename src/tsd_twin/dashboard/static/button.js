@@ -9,7 +9,7 @@ const HOLD_MS = 1000;
 let count = 0;
 
 /** The one tooltip: what a control does, or why it cannot be used now. */
-export class Tooltip {
+class Tooltip {
   constructor() {
     this.element = el("div.tip", { hidden: true, "aria-hidden": "true" });
     this._delay = 0; // Until it is shown to a pointer that rests.
@@ -66,30 +66,28 @@ export class Tooltip {
   }
 }
 
-/** @typedef {{ tips: Tooltip, press: () => void, tip?: string, kind?: string }} ButtonOptions */
+export const tooltip = new Tooltip();
+
+/** @typedef {{ press: () => void, tip?: string, kind?: string }} ButtonOptions */
 
 export class Button {
   /**
    * `press()` is called when it is used, `tip` tells what it does when nothing is in the way.
    * @param {string} label @param {ButtonOptions} options
    */
-  constructor(label, { tips, press, tip = "", kind = "" }) {
+  constructor(label, { press, tip = "", kind = "" }) {
     /** @type {string | null} */
     this.reason = null;
-    this._tips = tips;
     this._press = press;
     this._tip = tip;
     const id = `why-${(count += 1)}`;
     this._why = el("span.sr", { id }, tip);
     this._label = el("span.label", label);
-    this.button = el(
-      "button",
-      { type: "button", class: `button ${kind}`, "aria-describedby": id },
-      this._label,
-    );
+    const attributes = { type: "button", class: `button ${kind}`, "aria-describedby": id };
+    this.button = el("button", attributes, this._label);
     this.element = el("span.holder", this.button, this._why);
     this.button.addEventListener("click", (event) => this._click(event));
-    tips.attach(this.button, () => this.reason ?? this._tip);
+    tooltip.attach(this.button, () => this.reason ?? this._tip);
   }
 
   /** Change what it says and does. @param {string} label @param {string} tip */
@@ -107,7 +105,7 @@ export class Button {
   }
 
   use() {
-    if (this.reason !== null) this._tips.show(this.button, () => this.reason ?? "");
+    if (this.reason !== null) tooltip.show(this.button, () => this.reason ?? "");
     else this._press();
   }
 

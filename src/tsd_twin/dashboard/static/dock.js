@@ -1,5 +1,6 @@
 // The controls at hand: drive stick, turn slider, speed level and STOP.
 
+import { tooltip } from "./button.js";
 import { el, icon, setAttribute } from "./dom.js";
 import { fixed } from "./format.js";
 import { SpringControl } from "./held_controls.js";
@@ -31,6 +32,7 @@ export class Joystick extends SpringControl {
     this.help = el("span.sr", { id: "stick-help" });
     this.caption = el("div.caption", { "aria-hidden": "true" }, "Drive");
     this.element = el("div.control.stick", this.caption, pad, this.help);
+    this._drive = drive;
     this._asked = asked;
     this._allowed = allowed;
     this._gap = gap;
@@ -44,13 +46,10 @@ export class Joystick extends SpringControl {
 
   /**
    * Draw what is asked for and what the robot makes of it, as shares of what the level allows.
-   * @param {Unit} unit
-   * @param {Unit | null} allowed
-   * @param {number} level
-   * @param {{ speed: number, turn: number }} scale
-   * @param {StickLabels} labels
+   * @param {Unit} unit @param {Unit | null} allowed @param {StickLabels} labels
    */
-  draw(unit, allowed, level, scale, [forward, left, word]) {
+  draw(unit, allowed, [forward, left, word]) {
+    const { level, scale } = this._drive;
     placeKnob(this._asked, unit.x, unit.y);
     this.pad.style.setProperty("--level", String(level / 100));
     const said = [unit.x, unit.y].map((share) => fixed(share * scale.speed, 2));
@@ -119,8 +118,8 @@ export class TurnSlider extends SpringControl {
 
 /** What a full stick means, in percent of the robot's limits. */
 export class SpeedLevel {
-  /** @param {Link} link @param {Drive} drive @param {Tooltip} tips */
-  constructor(link, drive, tips) {
+  /** @param {Link} link @param {Drive} drive */
+  constructor(link, drive) {
     this._drive = drive;
     /** @type {number[]} */
     this._levels = [];
@@ -134,7 +133,7 @@ export class SpeedLevel {
       el("span.caption", { "aria-hidden": "true" }, "Level"),
       this._group,
     );
-    tips.attach(this._group, () => explainLevel(link.state?.status.limits));
+    tooltip.attach(this._group, () => explainLevel(link.state?.status.limits));
     link.on("robot", (robot) => this._offer(robot.levels));
     this._offer(FALLBACK_LEVELS);
   }
@@ -190,8 +189,8 @@ function explainLevel(limits) {
 
 /** STOP: the one control that works in every state, for everyone. */
 export class StopButton {
-  /** @param {Link} link @param {Tooltip} tips @param {() => void} stop */
-  constructor(link, tips, stop) {
+  /** @param {Link} link @param {() => void} stop */
+  constructor(link, stop) {
     this.button = el(
       "button.stop",
       { type: "button", "aria-label": "STOP", "aria-describedby": "stop-help" },
@@ -214,7 +213,7 @@ export class StopButton {
       this.button,
       el("span.sr", { id: "stop-help" }, help),
     );
-    tips.attach(
+    tooltip.attach(
       this.button,
       () => "Software stop (space bar). It does not replace an emergency stop that cuts the power.",
     );

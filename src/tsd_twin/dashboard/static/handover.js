@@ -8,8 +8,8 @@ const REASON = "urgent";
 const FAR_MS = 120; // From here on commands would be late too often for the usual age limit.
 
 export class HandOver {
-  /** @param {Link} link @param {Tooltip} tips @param {Notices} notices */
-  constructor(link, tips, notices) {
+  /** @param {Link} link @param {Notices} notices */
+  constructor(link, notices) {
     this._link = link;
     this._notices = notices;
     this._asking = false;
@@ -19,23 +19,19 @@ export class HandOver {
     this._then = el("span.then");
     this._count = el("span.number", { "aria-hidden": "true" });
     this._grant = new Button("Hand over", {
-      tips,
       press: () => this._send("grant", { asker: this._asker }),
       tip: "The robot comes to rest, then they have control",
       kind: "primary",
     });
     this._keep = new Button("Keep control", {
-      tips,
       press: () => this._send("deny", { asker: this._asker }),
       tip: "Tell them that you drive on",
     });
     this._withdraw = new Button("Withdraw", {
-      tips,
       press: () => this.withdraw(),
       tip: "Ask for control no longer",
     });
     this._force = new Button("Take over…", {
-      tips,
       press: () => this.takeOver(),
       tip: "Take control without waiting, and say why",
       kind: "quiet",

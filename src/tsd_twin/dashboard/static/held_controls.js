@@ -53,15 +53,7 @@ const POINTER_ENDS = ["pointerup", "pointercancel", "lostpointercapture"];
 
 /** One pointer on a control, from pointerdown until it is released, cancelled or lost. */
 export class PointerCapture {
-  /**
-   * `came` and `moved` follow it; `gone` comes when it has left by itself, with the reason's event.
-   * @param {HTMLElement} node
-   * @param {{
-   *   came: (event: PointerEvent) => void,
-   *   moved?: (event: PointerEvent) => void,
-   *   gone: (event: PointerEvent) => void,
-   * }} callbacks
-   */
+  /** @param {HTMLElement} node @param {PointerCallbacks} callbacks */
   constructor(node, { came, moved = () => {}, gone }) {
     this._node = node;
     this._onDown = came;

@@ -6,27 +6,16 @@ import { known } from "./link.js";
 
 const KEY = "tsd.hints";
 
-/**
- * @typedef {object} Step
- * @property {Element} target
- * @property {string} text
- * @property {(state: RobotState) => boolean} when
- * @property {(state: RobotState) => boolean} done
- */
-
 export class Hints {
-  /**
-   * `steps` have a `target` element, a `text`, `when(state)` it makes sense, and `done(state)`.
-   * @param {Link} link @param {Tooltip} tips @param {Step[]} steps
-   */
-  constructor(link, tips, steps) {
+  /** @param {Link} link @param {Hint[]} steps */
+  constructor(link, steps) {
     this._steps = steps;
     this._link = link;
     this._at = 0;
     this._text = el("p");
     this._count = el("span.number");
-    const next = new Button("Next", { tips, press: () => this._go(this._at + 1), kind: "quiet" });
-    const skip = new Button("Skip", { tips, press: () => this._go(steps.length), kind: "quiet" });
+    const next = new Button("Next", { press: () => this._go(this._at + 1), kind: "quiet" });
+    const skip = new Button("Skip", { press: () => this._go(steps.length), kind: "quiet" });
     this.element = el(
       "div.hint",
       { hidden: true, role: "note", "aria-label": "Hint" },

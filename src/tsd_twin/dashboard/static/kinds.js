@@ -41,7 +41,6 @@ const RESIDUAL_PLOT = {
   decimals: 3,
   least: 0.02,
   series: [["residual", "residual"]],
-  positive: true,
 };
 
 /** @type {(robot: RobotInfo) => PlotRow} */
@@ -51,7 +50,7 @@ const wheelPlot = ({ wheels, max_rpm: most }) => ({
   decimals: 0,
   least: (most ?? NaN) / 10,
   series: wheels.map((name, i) => [String(i + 1), name]),
-  pairs: true,
+  commanded: true,
 });
 
 /** @type {Record<RobotInfo["panel"], Kind>} */
@@ -69,7 +68,6 @@ const KINDS = {
         decimals: 1,
         least: 5,
         series: modules.map((name, i) => [String(i + 1), `tilt ${name}`]),
-        positive: true,
       },
       RESIDUAL_PLOT,
     ],
@@ -107,7 +105,6 @@ const KINDS = {
         decimals: 1,
         least: 4,
         series: [["ideal to dual", "models"]],
-        positive: true,
       },
     ],
   },

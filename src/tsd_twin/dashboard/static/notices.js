@@ -8,9 +8,7 @@ const SHOWN_MS = 6000;
 const AT_ONCE = 3;
 
 export class Notices {
-  /** @param {Tooltip} tips */
-  constructor(tips) {
-    this._tips = tips;
+  constructor() {
     /** @type {WeakMap<Element, number>} */
     this._timers = new WeakMap();
     this._list = el("div.toasts", { role: "log", "aria-live": "polite", "aria-label": "Messages" });
@@ -23,30 +21,25 @@ export class Notices {
     const same = [...this._list.children].find((child) => child.textContent === text);
     const toast = same ?? el("div.toast.surface", text);
     clearTimeout(this._timers.get(toast));
-    this._timers.set(
-      toast,
-      setTimeout(() => toast.remove(), SHOWN_MS),
-    );
+    const timer = setTimeout(() => toast.remove(), SHOWN_MS);
+    this._timers.set(toast, timer);
     if (same) return;
     while (this._list.childElementCount >= AT_ONCE) this._list.firstElementChild?.remove();
     this._list.append(toast);
   }
 
   /**
-   * Ask for a yes and a word; a new question takes the place of the old one.
-   * @param {string} text
-   * @param {string} label Of the button to agree.
-   * @param {{ label: string, value: string }} field
-   * @param {(word: string) => void} yes Gets the word.
+   * Ask for a yes, and a word for `yes`; a new question takes the place of the old one.
+   * @param {string} text @param {string} label @param {{ label: string, value: string }} field
+   * @param {(word: string) => void} yes
    */
   ask(text, label, field, yes) {
-    const tips = this._tips;
     const done = () => this._question.replaceChildren();
     const onkeydown = (/** @type {KeyboardEvent} */ { key }) => key === "Enter" && agree.use();
     const entry = el("input", { type: "text", maxlength: 120, value: field.value, onkeydown });
     const press = () => (done(), yes(entry.value.trim()));
-    const agree = new Button(label, { tips, press, kind: "primary" });
-    const refuse = new Button("Cancel", { tips, press: done, kind: "quiet" });
+    const agree = new Button(label, { press, kind: "primary" });
+    const refuse = new Button("Cancel", { press: done, kind: "quiet" });
     const dialog = el(
       "div.dialog.surface",
       { role: "alertdialog", "aria-label": label },

@@ -1,7 +1,7 @@
 // Overlay of the controls over viser's scene, always visible.
 
 import { Account } from "./account.js";
-import { Tooltip } from "./button.js";
+import { tooltip } from "./button.js";
 import { CanvasFrame } from "./canvas_frame.js";
 import { ConsistencyWarning } from "./consistency.js";
 import { el, setAttribute, setText } from "./dom.js";
@@ -32,22 +32,21 @@ const drive = new Drive(link);
 const host = el("div", { id: "tsd-overlay" });
 const root = host.attachShadow({ mode: "open" });
 const frame = new CanvasFrame(host);
-const tips = new Tooltip();
-const notices = new Notices(tips);
+const notices = new Notices();
 const stop = () => drive.stop();
 
-const handOver = new HandOver(link, tips, notices);
-const bar = new StatusBar(link, tips, handOver, () => fold(!inner.hasAttribute("data-folded")));
-const level = new SpeedLevel(link, drive, tips);
+const handOver = new HandOver(link, notices);
+const bar = new StatusBar(link, handOver, () => fold(!inner.hasAttribute("data-folded")));
+const level = new SpeedLevel(link, drive);
 const stale = new StaleBanner(link);
 const conflict = new ConsistencyWarning(link);
-const card = new StatusCard(link, tips);
+const card = new StatusCard(link);
 const stick = new Joystick(drive);
 const turn = new TurnSlider(drive);
-const stopButton = new StopButton(link, tips, stop);
+const stopButton = new StopButton(link, stop);
 const sliders = new PanelSliders(drive, link, (event) => frame.isPanel(event));
 const sphereGoTo = new SphereGoTo(drive, link, (event) => frame.isScene(event));
-const waypoints = new Waypoints(drive, link, tips);
+const waypoints = new Waypoints(drive, link);
 const preview = el(
   "div.preview",
   { hidden: true },
@@ -78,14 +77,14 @@ const inner = el(
   card.element,
   pose.element,
   dock,
-  tips.element,
+  tooltip.element,
 );
 /** @type {(state: RobotState) => boolean} */
 const isArmed = ({ status }) => ["arming", "ready", "driving"].includes(status.mode);
-const account = new Account(link, tips, inner);
+const account = new Account(link, inner);
 bar.element.append(account.element);
 stopButton.element.append(account.watching);
-const hints = new Hints(link, tips, [
+const hints = new Hints(link, [
   {
     target: bar.control.button,
     text: "Take control: one person drives at a time.",
@@ -135,9 +134,9 @@ link.on("robot", (robot) => {
   axes.hidden = !kindOf(robot).onFloor; // Its base and the world are one.
   if (axes.hidden && drive.frame !== "base_link") turnAxes("base_link");
 });
-tips.attach(stick.pad, () => notDrive(link) ?? kindOf(link.robot).controls.help);
-tips.attach(turn.track, () => notDrive(link) ?? "Left turns left");
-tips.attach(axes, () => "Up on the stick: forward of the robot, or along x of the world");
+tooltip.attach(stick.pad, () => notDrive(link) ?? kindOf(link.robot).controls.help);
+tooltip.attach(turn.track, () => notDrive(link) ?? "Left turns left");
+tooltip.attach(axes, () => "Up on the stick: forward of the robot, or along x of the world");
 
 inner.style.visibility = "hidden"; // Until it has its styles.
 let missing = STYLES.length;
@@ -179,7 +178,7 @@ function draw() {
     ? share(controls.unit([twist.vx, twist.vy, twist.omega]), scale)
     : drive.unit;
   const commanded = refusal === null ? share(commandedUnit(known(link.state)), scale) : null;
-  stick.draw(unit, commanded, drive.level, scale, controls.labels);
+  stick.draw(unit, commanded, controls.labels);
   turn.draw(unit.turn, commanded?.turn ?? null, twist.omega);
   for (const node of [stick.pad, turn.track])
     setAttribute(node, "aria-disabled", refusal === null ? null : "true");

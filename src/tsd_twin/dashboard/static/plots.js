@@ -44,9 +44,7 @@ export class Recorder {
 
   /** @param {string} channel */
   newest(channel) {
-    return this.count === 0
-      ? NaN
-      : (this.rows.get(channel)?.[(this.count - 1) % MAX_SAMPLES] ?? NaN);
+    return this.rows.get(channel)?.[(this.count - 1) % MAX_SAMPLES] ?? NaN;
   }
 
   /** @param {RobotInfo} robot */
@@ -95,22 +93,17 @@ const AXIS_PX = 16;
 const GAP_S = 0.3; // A line is not drawn over what was not seen.
 const STEPS = [1, 2, 5, 10];
 
-/** @typedef {{ channel: string, width: number, swatch: Element }} Line */
-/** @typedef {(value: number) => number} Scale From a time or value to pixels. */
-
 class Chart {
   /**
-   * `lines` are `{channel, width, swatch}`; the colour of the swatch is that of the line.
-   * @param {Recorder} recorder
-   * @param {HTMLCanvasElement} canvas
-   * @param {{ lines: Line[], least: number, positive: boolean, axis: boolean }} options
+   * @param {Recorder} recorder @param {HTMLCanvasElement} canvas
+   * @param {{ lines: PlotLine[], least: number, isSigned: boolean, axis: boolean }} options
    */
-  constructor(recorder, canvas, { lines, least, positive, axis }) {
+  constructor(recorder, canvas, { lines, least, isSigned, axis }) {
     this._recorder = recorder;
     this._canvas = canvas;
     this._lines = lines;
     this._least = least;
-    this._positive = positive;
+    this._isSigned = isSigned;
     this._axis = axis;
     this._height = HEIGHT_PX + (axis ? AXIS_PX : 0);
     canvas.style.height = `${this._height}px`;
@@ -129,19 +122,19 @@ class Chart {
     const pen = known(canvas.getContext("2d", { willReadFrequently: true }));
     pen.setTransform(density, 0, 0, density, 0, 0);
     pen.clearRect(0, 0, width, height);
-    const style = getComputedStyle(canvas);
     const top = this._range(nowS);
-    const bottom = this._positive ? 0 : -top;
-    /** @type {Scale} */
+    const bottom = this._isSigned ? -top : 0;
+    /** @type {PixelScale} */
     const x = (timeS) => GUTTER_PX + ((timeS - nowS + SPAN_S) / SPAN_S) * (width - GUTTER_PX - 1);
-    /** @type {Scale} */
+    /** @type {PixelScale} */
     const y = (value) => 5 + ((top - value) / (top - bottom)) * (HEIGHT_PX - 10);
-    this._grid(pen, style, { x, y, top, bottom, width, nowS });
+    const frame = { x, y, top, bottom, width, nowS };
+    this._grid(pen, frame);
     pen.save();
     pen.beginPath();
     pen.rect(GUTTER_PX, 0, width - GUTTER_PX, HEIGHT_PX);
     pen.clip();
-    for (const line of this._lines) this._line(pen, line, x, y, nowS);
+    for (const line of this._lines) this._line(pen, line, frame);
     pen.restore();
   }
 
@@ -162,12 +155,9 @@ class Chart {
     return this._top;
   }
 
-  /**
-   * @param {CanvasRenderingContext2D} pen
-   * @param {CSSStyleDeclaration} style
-   * @param {{ x: Scale, y: Scale, top: number, bottom: number, width: number, nowS: number }} frame
-   */
-  _grid(pen, style, { x, y, top, bottom, width, nowS }) {
+  /** @param {CanvasRenderingContext2D} pen @param {PlotFrame} frame */
+  _grid(pen, { x, y, top, bottom, width, nowS }) {
+    const style = getComputedStyle(this._canvas);
     pen.strokeStyle = style.borderTopColor;
     pen.lineWidth = 1;
     pen.beginPath();
@@ -196,14 +186,8 @@ class Chart {
     }
   }
 
-  /**
-   * @param {CanvasRenderingContext2D} pen
-   * @param {Line} line
-   * @param {Scale} x
-   * @param {Scale} y
-   * @param {number} nowS
-   */
-  _line(pen, { channel, width, swatch }, x, y, nowS) {
+  /** @param {CanvasRenderingContext2D} pen @param {PlotLine} line @param {PlotFrame} frame */
+  _line(pen, { channel, width, swatch }, { x, y, nowS }) {
     pen.strokeStyle = getComputedStyle(swatch).color;
     pen.lineWidth = width;
     pen.lineJoin = "round";
@@ -238,14 +222,9 @@ const ROUND_TRIP = {
   decimals: 0,
   least: 20,
   series: [["page to robot", "latency"]],
-  positive: true,
 };
 
-/**
- * Return plots of the twist: the components of one unit in one chart.
- * @param {RobotInfo} robot
- * @returns {PlotRow[]}
- */
+/** Plots of a twist, the components of one unit in one. @type {(robot: RobotInfo) => PlotRow[]} */
 function twistPlots({ twist_axes: axes }) {
   return [...new Set(axes.map(({ unit }) => unit))].map((unit) => {
     const own = axes.filter((axis) => axis.unit === unit);
@@ -255,7 +234,7 @@ function twistPlots({ twist_axes: axes }) {
       decimals: 2,
       least: LEAST[unit],
       series: own.map(({ symbol, name }) => [symbol, name]),
-      pairs: true,
+      commanded: true,
     };
   });
 }
@@ -298,7 +277,7 @@ export class Plots {
   }
 
   /** @param {PlotRow} row @param {boolean} last */
-  _row({ title, unit, decimals, series, pairs, least, positive = false }, last) {
+  _row({ title, unit, decimals, series, commanded = false, least }, last) {
     const values = series.map(([, channel]) => ({ channel, decimals, node: el("span.value") }));
     const legend = values.map(({ node }, i) =>
       el("span", { class: `series ${TONES[i % TONES.length]}` }, el("i"), series[i][0], " ", node),
@@ -306,10 +285,11 @@ export class Plots {
     const label = `${title} over the last 20 seconds, ${unit}`;
     const canvas = el("canvas", { role: "img", "aria-label": label });
     const lines = values.flatMap(({ channel }, i) => [
-      ...(pairs ? [{ channel: `set ${channel}`, width: 1, swatch: legend[i] }] : []),
+      ...(commanded ? [{ channel: `set ${channel}`, width: 1, swatch: legend[i] }] : []),
       { channel, width: 2.25, swatch: legend[i] },
     ]);
-    const chart = new Chart(this._recorder, canvas, { lines, least, positive, axis: last });
+    const options = { lines, least, isSigned: commanded, axis: last };
+    const chart = new Chart(this._recorder, canvas, options);
     const key = el("span.legend", ...legend);
     const head = el("div.head", el("strong", title), el("span.unit", unit), key);
     return { element: el("figure.chart", head, canvas), chart, values };

@@ -1,6 +1,6 @@
 // Status bar: robot, mode, lease holder and link quality.
 
-import { Button } from "./button.js";
+import { Button, tooltip } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
 import { kindOf } from "./kinds.js";
@@ -10,8 +10,8 @@ import { notArm, notHolder, notTake } from "./permission.js";
 const AT_REST = new Set(["disarmed", "stopped", "fault"]);
 
 export class StatusBar {
-  /** @param {Link} link @param {Tooltip} tips @param {HandOver} handOver @param {() => void} fold */
-  constructor(link, tips, handOver, fold) {
+  /** @param {Link} link @param {HandOver} handOver @param {() => void} fold */
+  constructor(link, handOver, fold) {
     this._link = link;
     this._handOver = handOver;
     /** @type {boolean} */
@@ -40,14 +40,13 @@ export class StatusBar {
     this._volts = el("span.number");
     this._battery = el("span.battery", { hidden: true }, icon("battery"), this._volts);
     this.arm = new Button("Arm", {
-      tips,
       press: () => link.send({ t: this._armed ? "disarm" : "arm" }),
       kind: "primary",
     });
     const press = () => this._pressControl();
-    this.control = new Button("Take control", { tips, press, kind: "primary" });
-    this._fold = new Button("Fold", { tips, press: fold, kind: "quiet" });
-    tips.attach(this._linkStatus, () => this._explainLink());
+    this.control = new Button("Take control", { press, kind: "primary" });
+    this._fold = new Button("Fold", { press: fold, kind: "quiet" });
+    tooltip.attach(this._linkStatus, () => this._explainLink());
     this.level = el("span.slot");
     this.element = el(
       "header.bar.surface",

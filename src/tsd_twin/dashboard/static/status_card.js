@@ -15,8 +15,8 @@ const PHASES = {
 const TITLES = { arming: "Arming", stopped: "Stopped", fault: "Fault" };
 
 export class StatusCard {
-  /** @param {Link} link @param {Tooltip} tips */
-  constructor(link, tips) {
+  /** @param {Link} link */
+  constructor(link) {
     this._link = link;
     this._mode = null;
     this._shape = el("span.shape");
@@ -33,7 +33,6 @@ export class StatusCard {
     );
     this._next = el("p.next");
     this.reset = new LongPressButton("Reset stop", {
-      tips,
       press: () => link.send({ t: "reset" }),
       tip: "Hold for one second. It leads to disarmed, never to motion.",
       kind: "primary",

@@ -1,6 +1,7 @@
 // Waypoints: click a goal or draw a path on the floor, see the plan, hold the button to follow it.
 // The server plans and steers. This page reports that the button is held; on release the robot stops.
 
+import { tooltip } from "./button.js";
 import { el, icon, setAttribute, setText, svg } from "./dom.js";
 import { fixed } from "./format.js";
 import { HoldToRunButton, PointerCapture } from "./held_controls.js";
@@ -150,8 +151,8 @@ function clamped(value) {
 
 /** The controls of paths. On release, or when another control is used, the robot stops. */
 export class Waypoints {
-  /** @param {Drive} drive @param {Link} link @param {Tooltip} tips */
-  constructor(drive, link, tips) {
+  /** @param {Drive} drive @param {Link} link */
+  constructor(drive, link) {
     this._drive = drive;
     this._link = link;
     this._mode = null;
@@ -185,10 +186,13 @@ export class Waypoints {
       el("div.choices", this._choices.to, this._choices.draw),
       this._row,
     );
-    tips.attach(this._choices.to, () => "Drive to a place that you click on");
-    tips.attach(this._choices.draw, () => "Drive along a line that you draw");
-    tips.attach(this.button, () => this._notGo() ?? "Hold, or hold G. Let go and the robot stops.");
-    tips.attach(this._close, () => "Forget the path (Esc)");
+    tooltip.attach(this._choices.to, () => "Drive to a place that you click on");
+    tooltip.attach(this._choices.draw, () => "Drive along a line that you draw");
+    tooltip.attach(
+      this.button,
+      () => this._notGo() ?? "Hold, or hold G. Let go and the robot stops.",
+    );
+    tooltip.attach(this._close, () => "Forget the path (Esc)");
     this._hold = new HoldToRunButton(this.button, "KeyG", () => this._pressed());
     drive.onChange(() => this._checkLevel());
     link.on("state", () => this._check());

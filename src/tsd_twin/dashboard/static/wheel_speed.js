@@ -8,6 +8,7 @@ import { notPrepare } from "./permission.js";
 const STEP_RPM = 50;
 const KEPT_MS = 1500; // What was chosen is shown until the robot says so, or this long.
 const CHANGING_RPM = 15;
+const DEGREE = Math.PI / 180;
 
 export class WheelSpeed {
   /** @param {Link} link @param {ShadowRoot} place @param {AbortSignal} signal */
@@ -152,8 +153,8 @@ export class WheelSpeed {
     const summary = `${thousands(rpm)} rpm, up to ${fixed(top, 1)} m/s`;
     setAttribute(this._slider, "aria-valuetext", summary);
     const rim = this._rim(rpm);
-    const step = 1000 * rim * radians(range.servo_step_deg);
-    const lean = degrees(Math.asin(Math.min(1, 1 / rim)));
+    const step = 1000 * rim * range.servo_step_deg * DEGREE;
+    const lean = Math.asin(Math.min(1, 1 / rim)) / DEGREE;
     const capped =
       limits.speed_mps < top
         ? ` The speed limit stays ${fixed(limits.speed_mps, 1)} m/s.`
@@ -174,21 +175,11 @@ export class WheelSpeed {
 
   /** Speed over the ground at the tilt limit, m/s. @param {number} rpm */
   _topSpeed(rpm) {
-    return this._rim(rpm) * Math.sin(radians(known(known(this._link.robot).max_tilt_deg)));
+    return this._rim(rpm) * Math.sin(known(known(this._link.robot).max_tilt_deg) * DEGREE);
   }
-}
-
-/** @param {number} angle */
-function radians(angle) {
-  return (angle * Math.PI) / 180;
-}
-
-/** @param {number} angle */
-function degrees(angle) {
-  return (angle * 180) / Math.PI;
 }
 
 /** @param {number} number */
 function thousands(number) {
-  return String(Math.round(number)).replace(/\B(?=(\d{3})+$)/g, ",");
+  return Math.round(number).toLocaleString("en");
 }
