@@ -27,16 +27,13 @@ export class Health {
   /** @param {Link} link @param {ShadowRoot} place @param {AbortSignal} signal */
   constructor(link, place, signal) {
     this._link = link;
-    this._values = new Map();
-    this._table = el("div.tables");
-    this._log = el("ol.log", {
-      role: "log",
-      "aria-live": "polite",
-      "aria-label": "Events",
-      tabindex: "0",
-    });
-    place.append(this._table, el("div.head", el("strong", "Events")), this._log);
-    link.on("state", () => isVisible(place.host) && this._show(), signal);
+    /** @type {Map<string, HTMLElement>} */
+    this._cells = new Map(); // By title and name of their rows.
+    this._tables = el("div.tables");
+    const attributes = { role: "log", "aria-live": "polite", "aria-label": "Events", tabindex: 0 };
+    this._log = el("ol.log", attributes);
+    place.append(this._tables, el("div.head", el("strong", "Events")), this._log);
+    link.on("state", (state) => isVisible(place.host) && this._show(state), signal);
     link.on("event", (event) => this._add(event), signal);
     link.on("robot", () => this._log.replaceChildren(), signal);
     for (const event of link.history) this._add(event);
@@ -49,93 +46,88 @@ export class Health {
     this._log.children[LINES]?.remove();
   }
 
-  _show() {
-    const { status, age_ms: age, robot_ms: robot } = known(this._link.state);
-    const { loop, command, lease, limits, consistency: conflict, pose_sensor: outside } = status;
-    const suspect = conflict.suspect === null ? "none" : called(conflict.suspect);
-    const wheels = {
-      suspect,
-      residual: `${fixed(1000 * conflict.residual_mps, 1)} mm/s`,
-      evidence: times(conflict.level),
-      ...Object.fromEntries(
-        Object.entries(conflict.explained).map(([name, level]) => [
-          `· ${called(name)} explains`,
-          times(level),
-        ]),
-      ),
-    };
-    const sections = {
-      Conflict: wheels,
-      Loop: {
-        rate: `${fixed(loop.hz, 1)} Hz`,
-        "jitter p99": `${fixed(loop.jitter_p99_ms, 2)} ms`,
-        overruns: String(loop.overruns),
-      },
-      Link: {
-        "page to dashboard": `${fixed(this._link.pageMs, 1)} ms`,
-        "dashboard to robot": `${fixed(robot, 1)} ms`,
-        jitter: `${fixed(this._link.jitterMs(), 1)} ms`,
-        "states lost": `${fixed(100 * this._link.lost, 1)} %`,
-        "age of the picture": `${fixed(age, 0)} ms`,
-      },
-      Commands: {
-        accepted: String(command.accepted),
-        "there and back": milliseconds(command.echo_s),
-        "age of the newest": (command.age_s ?? 0) < 10 ? milliseconds(command.age_s) : "over 10 s",
-        ...lost(command.dropped),
-      },
-      Control: {
-        holder: lease.holder ?? "none",
-        "lease ends in": lease.holder === null ? "–" : `${fixed(lease.remaining_s, 1)} s`,
-        "speed limit": `${fixed(limits.speed_mps, 2)} m/s`,
-        "let through": `${fixed(100 * limits.applied, 0)} %`,
-        "oldest command": milliseconds(limits.max_command_age_s),
-        "stops without link in": `${fixed(limits.stop_allowance_m, 2)} m`,
-      },
-      ...(outside ? { "Outside poses": seen(outside) } : {}),
-      ...tables("Hardware", status.hardware),
-    };
-    const shape = JSON.stringify(
-      Object.entries(sections).map(([title, rows]) => [title, Object.keys(rows)]),
+  /** @param {RobotState} state */
+  _show(state) {
+    const suspect = called(state.status.consistency.suspect);
+    const tables = Object.entries(sections(this._link, state));
+    const keys = tables.flatMap(([title, rows]) =>
+      Object.keys(rows).map((row) => `${title} ${row}`),
     );
-    if (shape !== this._shape) this._build(shape, sections);
-    for (const [title, rows] of Object.entries(sections)) {
-      for (const [name, value] of Object.entries(rows))
-        setText(this._values.get(`${title} ${name}`), value);
+    if (keys.join() !== [...this._cells.keys()].join()) {
+      this._cells.clear();
+      this._tables.replaceChildren(...tables.map(([title, rows]) => this._table(title, rows)));
     }
-    for (const name of Object.keys(wheels)) {
-      const accused = name === "suspect" || name.startsWith(`· ${suspect} `);
-      const row = this._values.get(`Conflict ${name}`).parentElement;
-      row.toggleAttribute("data-suspect", accused && conflict.suspect !== null);
+    for (const [title, rows] of tables) {
+      for (const [name, value] of Object.entries(rows)) {
+        const cell = known(this._cells.get(`${title} ${name}`) ?? null);
+        setText(cell, value);
+        const isAccused = name === "suspect" || name.startsWith(`· ${suspect} `);
+        const isMarked = title === "Conflict" && suspect !== "none" && isAccused;
+        cell.parentElement?.toggleAttribute("data-suspect", isMarked);
+      }
     }
   }
 
-  /** @param {string} shape @param {Sections} sections */
-  _build(shape, sections) {
-    this._shape = shape;
-    this._values.clear();
-    this._table.replaceChildren(
-      ...Object.entries(sections).map(([title, rows]) => this._section(title, Object.keys(rows))),
-    );
-  }
-
-  /** @param {string} title @param {string[]} names */
-  _section(title, names) {
-    const lines = names.map((name) => {
+  /** @param {string} title @param {Record<string, string>} rows */
+  _table(title, rows) {
+    const lines = Object.keys(rows).map((name) => {
       const cell = el("td.value");
-      this._values.set(`${title} ${name}`, cell);
+      this._cells.set(`${title} ${name}`, cell);
       return el("tr", el("th", { scope: "row" }, name), cell);
     });
     return el("table", el("caption", title), el("tbody", ...lines));
   }
 }
 
-/** "module2" as a person says it. @param {string} name */
+/** @type {(link: Link, state: RobotState) => Sections} */
+function sections(link, { status, age_ms: age, robot_ms: robot }) {
+  const { loop, command, lease, limits, consistency, pose_sensor: poses } = status;
+  const explained = Object.entries(consistency.explained).map(([name, level]) => [
+    `· ${called(name)} explains`,
+    times(level),
+  ]);
+  return {
+    Conflict: {
+      suspect: called(consistency.suspect),
+      residual: `${fixed(1000 * consistency.residual_mps, 1)} mm/s`,
+      evidence: times(consistency.level),
+      ...Object.fromEntries(explained),
+    },
+    Loop: {
+      rate: `${fixed(loop.hz, 1)} Hz`,
+      "jitter p99": `${fixed(loop.jitter_p99_ms, 2)} ms`,
+      overruns: String(loop.overruns),
+    },
+    Link: {
+      "page to dashboard": `${fixed(link.pageMs, 1)} ms`,
+      "dashboard to robot": `${fixed(robot, 1)} ms`,
+      jitter: `${fixed(link.jitterMs(), 1)} ms`,
+      "states lost": `${fixed(100 * link.lost, 1)} %`,
+      "age of the picture": `${fixed(age, 0)} ms`,
+    },
+    Commands: {
+      accepted: String(command.accepted),
+      "there and back": milliseconds(command.echo_s),
+      "age of the newest": (command.age_s ?? 0) < 10 ? milliseconds(command.age_s) : "over 10 s",
+      ...lost(command.dropped),
+    },
+    Control: {
+      holder: lease.holder ?? "none",
+      "lease ends in": lease.holder === null ? "–" : `${fixed(lease.remaining_s, 1)} s`,
+      "speed limit": `${fixed(limits.speed_mps, 2)} m/s`,
+      "let through": `${fixed(100 * limits.applied, 0)} %`,
+      "oldest command": milliseconds(limits.max_command_age_s),
+      "stops without link in": `${fixed(limits.stop_allowance_m, 2)} m`,
+    },
+    ...(poses ? { "Outside poses": seen(poses) } : {}),
+    ...tables("Hardware", status.hardware),
+  };
+}
+
+/** Return "module2" as a person says it. @param {string | null} name */
 function called(name) {
-  return name.replace(
-    /^(.)(.*?)(\d+)$/,
-    (_, first, rest, number) => `${first.toUpperCase()}${rest} ${number}`,
-  );
+  const [, first, rest, number] = /^(.)(.*?)(\d+)$/.exec(name ?? "") ?? [];
+  return number === undefined ? (name ?? "none") : `${first.toUpperCase()}${rest} ${number}`;
 }
 
 /**

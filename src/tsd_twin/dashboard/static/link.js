@@ -7,23 +7,10 @@ const GOOD_LOSS = 0.05;
 const FAIR_LOSS = 0.2;
 
 /**
- * Return "good", "fair", "poor" or "none", and the share of the allowed age that a late command
- * uses up: the round trip and its jitter. A command is that old when it arrives, or up to a state's
- * period, 50 ms, older; so beyond four fifths some come too late.
- * @param {{ tripMs: number | null, jitterMs: number | null, lost: number, allowedMs: number }} link
- */
-export function quality({ tripMs, jitterMs, lost, allowedMs }) {
-  if (tripMs === null || !(allowedMs > 0)) return { grade: "none", used: null };
-  const used = (tripMs + (jitterMs ?? 0)) / allowedMs;
-  if (used < GOOD && lost < GOOD_LOSS) return { grade: "good", used };
-  return { grade: used < FAIR && lost < FAIR_LOSS ? "fair" : "poor", used };
-}
-
-/**
  * Return the median of some numbers, and how much more one in twenty is; null without any.
  * @param {number[]} numbers
  */
-export function medianAndJitter(numbers) {
+function medianAndJitter(numbers) {
   if (numbers.length === 0) return { middle: null, jitter: null };
   const sorted = [...numbers].sort((a, b) => a - b);
   const at = (/** @type {number} */ share) =>
@@ -142,6 +129,20 @@ export class Link {
   jitterMs() {
     if (this.roundTripMs() === null) return null;
     return (this.pageJitterMs ?? 0) + (this.state?.robot_jitter_ms ?? 0);
+  }
+
+  /**
+   * Return "good", "fair", "poor" or "none", and the share of the allowed age that a late command
+   * uses up: the round trip and its jitter. A command is that old when it arrives, or up to a
+   * state's period, 50 ms, older; so beyond four fifths some come too late.
+   */
+  quality() {
+    const tripMs = this.isStale() ? null : this.roundTripMs();
+    const allowedMs = 1000 * (this.state?.status.limits.max_command_age_s ?? 0);
+    if (tripMs === null || allowedMs <= 0) return { grade: "none", used: null };
+    const used = (tripMs + (this.jitterMs() ?? 0)) / allowedMs;
+    if (used < GOOD && this.lost < GOOD_LOSS) return { grade: "good", used };
+    return { grade: used < FAIR && this.lost < FAIR_LOSS ? "fair" : "poor", used };
   }
 
   _connect() {

@@ -23,44 +23,30 @@ export function watches(link) {
 }
 
 /** @param {Link} link */
-function notConnected(link) {
+function notAllowed(link) {
   if (!link.connected) return "No connection to the dashboard.";
   if (link.robot === null) return "No robot is on the bus.";
   if (link.isStale()) return "The robot has gone silent.";
-  return null;
-}
-
-/** @param {Link} link */
-function notAllowed(link) {
-  return notConnected(link) ?? (watches(link) ? WATCHES : null);
+  return watches(link) ? WATCHES : null;
 }
 
 /** @param {Link} link */
 export function notHolder(link) {
-  const reason = notAllowed(link);
-  if (reason !== null) return reason;
-  if (known(link.state).you) return null;
-  const holder = known(link.state).status.lease.holder;
-  return holder === null
-    ? "The lease is free: take control first."
-    : `${holder} drives: ask for control.`;
+  return notAllowed(link) ?? notHeld(known(link.state));
 }
 
-/** @param {Link} link */
-export function notDrive(link) {
-  const reason = notHolder(link);
-  if (reason !== null) return reason;
-  const mode = known(link.state).status.mode;
-  return MOVABLE.has(mode) ? null : sentence(SAID[mode] ?? `the robot is ${mode}`);
+/** @param {RobotState} state */
+function notHeld({ you, status: { lease } }) {
+  if (you) return null;
+  if (lease.holder === null) return "The lease is free: take control first.";
+  return `${lease.holder} drives: ask for control.`;
 }
 
 /** @param {Link} link */
 export function notTake(link) {
-  const reason = notAllowed(link);
-  if (reason !== null) return reason;
-  const { reserved_for: kept } = known(link.state).status.lease;
-  const free = (kept ?? null) === null || kept === link.welcome?.operator;
-  return free ? null : `Control is kept for ${kept}, for a moment.`;
+  const kept = link.state?.status.lease.reserved_for ?? null;
+  const free = kept === null || kept === link.welcome?.operator;
+  return notAllowed(link) ?? (free ? null : `Control is kept for ${kept}, for a moment.`);
 }
 
 /** @param {Link} link */
@@ -70,18 +56,21 @@ export function notStop(link) {
 }
 
 /** @param {Link} link */
+export function notDrive(link) {
+  const mode = link.state?.status.mode ?? "";
+  const reason = sentence(SAID[mode] ?? `the robot is ${mode}`);
+  return notHolder(link) ?? (MOVABLE.has(mode) ? null : reason);
+}
+
+/** @param {Link} link */
 export function notArm(link) {
-  const reason = notHolder(link);
-  if (reason !== null) return reason;
-  const mode = known(link.state).status.mode;
-  if (LATCHED.has(mode)) return sentence(SAID[mode]);
-  return mode === "disarmed" ? null : `The robot is ${mode} already.`;
+  const mode = link.state?.status.mode ?? "";
+  const reason = mode === "disarmed" ? null : `The robot is ${mode} already.`;
+  return notPrepare(link) ?? reason;
 }
 
 /** For what is set or planned, but does not move the robot by itself. @param {Link} link */
 export function notPrepare(link) {
-  const reason = notHolder(link);
-  if (reason !== null) return reason;
-  const mode = known(link.state).status.mode;
-  return LATCHED.has(mode) ? sentence(SAID[mode]) : null;
+  const mode = link.state?.status.mode ?? "";
+  return notHolder(link) ?? (LATCHED.has(mode) ? sentence(SAID[mode]) : null);
 }

@@ -4,7 +4,7 @@ import { Button, tooltip } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
 import { kindOf } from "./kinds.js";
-import { known, quality } from "./link.js";
+import { known } from "./link.js";
 import { notArm, notHolder, notTake } from "./permission.js";
 
 const AT_REST = new Set(["disarmed", "stopped", "fault"]);
@@ -125,15 +125,15 @@ export class StatusBar {
     setText(this._name, you ? "you" : (holder ?? (kept === null ? "no operator" : "kept for")));
     setText(this._does, you ? "drive" : ((holder === null ? kept : null) ?? "drives"));
     setAttribute(this._who, "title", you ? null : holder);
-    /** @type {[string, string]} */
-    const [label, tip] = you
-      ? ["Release control", "Give control back; the robot comes to rest"]
-      : waits
-        ? ["Withdraw request", "Ask for control no longer"]
-        : holder === null
-          ? ["Take control", "Ask for the right to drive; one at a time has it"]
-          : ["Ask for control", `${holder} drives, is asked, and can hand over or keep control`];
-    this.control.become(label, tip);
+    if (you) this.control.become("Release control", "Give control back; the robot comes to rest");
+    else if (waits) this.control.become("Withdraw request", "Ask for control no longer");
+    else if (holder === null)
+      this.control.become("Take control", "Ask for the right to drive; one at a time has it");
+    else
+      this.control.become(
+        "Ask for control",
+        `${holder} drives, is asked, and can hand over or keep control`,
+      );
     this.control.allow(notTake(this._link));
     this.control.button.toggleAttribute("data-quiet", you || waits);
   }
@@ -141,7 +141,7 @@ export class StatusBar {
   _drawLink() {
     const lost = this._link.isStale();
     const trip = this._link.roundTripMs();
-    const { grade } = this._quality();
+    const { grade } = this._link.quality();
     if (grade !== this._shownGrade) this._dot.replaceChildren(icon(grade));
     this._shownGrade = grade;
     setAttribute(this._linkStatus, "data-grade", grade);
@@ -149,20 +149,10 @@ export class StatusBar {
     setText(this._ms, lost ? "no link" : `${trip === null ? "–" : Math.round(trip)} ms`);
   }
 
-  _quality() {
-    const link = this._link;
-    return quality({
-      tripMs: link.isStale() ? null : link.roundTripMs(),
-      jitterMs: link.jitterMs(),
-      lost: link.lost,
-      allowedMs: 1000 * (link.state?.status.limits.max_command_age_s ?? 0),
-    });
-  }
-
   _explainLink() {
     const { connected, pageMs, pageJitterMs, lost, state } = this._link;
     if (!connected) return "No connection to the dashboard.";
-    const { used } = this._quality();
+    const { used } = this._link.quality();
     const allowed = 1000 * (state?.status.limits.max_command_age_s ?? NaN);
     return (
       `There and back: page to dashboard ${fixed(pageMs, 0)} ms, dashboard to robot ${fixed(state?.robot_ms, 0)} ms. ` +

@@ -28,19 +28,15 @@ function isFinished(route) {
  * @param {"to" | "draw" | null} mode
  */
 function statusOf(route, mode) {
-  switch (route?.phase) {
-    case "planning":
-      return "Planning…";
-    case "planned":
-      return `${fixed(route.length_m, 2)} m, ${fixed(route.time_s, 1)} s`;
-    case "going":
-      return `${fixed(route.done_m, 2)} of ${fixed(route.length_m, 2)} m`;
-    case "arrived":
-      return `Arrived, ${fixed(route.off_mm, 0)} mm off`;
-    case "ended":
-      return `Ended: ${route.reason}`;
-  }
-  return mode === null ? "" : MODE_HINTS[mode];
+  if (route === null) return mode === null ? "" : MODE_HINTS[mode];
+  const length = `${fixed(route.length_m, 2)} m`;
+  return {
+    planning: "Planning…",
+    planned: `${length}, ${fixed(route.time_s, 1)} s`,
+    going: `${fixed(route.done_m, 2)} of ${length}`,
+    arrived: `Arrived, ${fixed(route.off_mm, 0)} mm off`,
+    ended: `Ended: ${route.reason}`,
+  }[route.phase];
 }
 
 /**
