@@ -8,16 +8,13 @@ import { notStop, WATCHES, watches } from "./permission.js";
 const ASK_MS = 2000;
 
 export class Account {
-  /**
-   * Marks `frame` for logins that only watch.
-   * @param {Link} link @param {HTMLElement} frame
-   */
+  /** Marks `frame` for viewers. @param {Link} link @param {HTMLElement} frame */
   constructor(link, frame) {
     this._link = link;
     this._frame = frame;
     this._leaving = false;
     this._user = el("span.user");
-    const out = new Button("Log out", { press: () => this._logOut(), kind: "quiet" });
+    const out = new Button("Log out", () => this._logOut(), { kind: "quiet" });
     this.element = el("span.group.account", { hidden: true }, this._user, out.element);
     this.watching = el("p.watching", { hidden: true });
     link.on("welcome", () => this._draw());

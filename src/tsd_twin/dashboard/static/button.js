@@ -16,10 +16,7 @@ class Tooltip {
     this._refresh = 0; // While it is shown.
   }
 
-  /**
-   * Show `text()` while the pointer or the focus is on a node.
-   * @param {HTMLElement} node @param {() => string} text
-   */
+  /** @param {HTMLElement} node @param {() => string} text */
   attach(node, text) {
     const show = () => this.show(node, text);
     const hide = () => this._hide();
@@ -33,10 +30,7 @@ class Tooltip {
     node.addEventListener("keydown", (event) => event.key === "Escape" && hide());
   }
 
-  /**
-   * Show `text()` beside a node, within the overlay, and keep it true.
-   * @param {HTMLElement} node @param {() => string} text
-   */
+  /** @param {HTMLElement} node @param {() => string} text */
   show(node, text) {
     this._hide();
     if (!text()) return;
@@ -68,14 +62,14 @@ class Tooltip {
 
 export const tooltip = new Tooltip();
 
-/** @typedef {{ press: () => void, tip?: string, kind?: string }} ButtonOptions */
+/** @typedef {{ tip?: string, kind?: string }} ButtonOptions */
 
 export class Button {
   /**
    * `press()` is called when it is used, `tip` tells what it does when nothing is in the way.
-   * @param {string} label @param {ButtonOptions} options
+   * @param {string} label @param {() => void} press @param {ButtonOptions} [options]
    */
-  constructor(label, { press, tip = "", kind = "" }) {
+  constructor(label, press, { tip = "", kind = "" } = {}) {
     /** @type {string | null} */
     this.reason = null;
     this._press = press;
@@ -117,9 +111,9 @@ export class Button {
 
 /** A button that has to be held for a second, by pointer or key. */
 export class LongPressButton extends Button {
-  /** @param {string} label @param {ButtonOptions} options */
-  constructor(label, options) {
-    super(label, { ...options, kind: `hold ${options.kind ?? ""}` });
+  /** @param {string} label @param {() => void} press @param {ButtonOptions} options */
+  constructor(label, press, options) {
+    super(label, press, { ...options, kind: `hold ${options.kind ?? ""}` });
     this._timer = 0;
     this._pointerMs = -Infinity;
     this.button.style.setProperty("--hold", `${HOLD_MS}ms`);
@@ -129,10 +123,7 @@ export class LongPressButton extends Button {
     this.button.addEventListener("contextmenu", (event) => event.preventDefault());
   }
 
-  /**
-   * Take Enter or the space bar while it has the focus; return whether it was one of them.
-   * @param {KeyboardEvent} event
-   */
+  /** Return whether it was a key of this button. @param {KeyboardEvent} event */
   key(event) {
     if (event.code !== "Enter" && event.code !== "Space") return false;
     if (event.type === "keyup") this._end();

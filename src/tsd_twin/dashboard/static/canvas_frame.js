@@ -34,10 +34,7 @@ export class CanvasFrame {
     return !path.includes(this._host) && this._canvas !== null && path.includes(this._canvas);
   }
 
-  /**
-   * Tell how much room the controls take, so that the drawer opens above them.
-   * @param {number} top @param {number} bottom
-   */
+  /** Let viser's drawer open above the controls. @param {number} top @param {number} bottom */
   reserve(top, bottom) {
     document.documentElement.style.setProperty("--tsd-top", `${Math.ceil(top)}px`);
     document.documentElement.style.setProperty("--tsd-bottom", `${Math.ceil(bottom)}px`);

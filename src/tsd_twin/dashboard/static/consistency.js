@@ -25,8 +25,7 @@ export class ConsistencyMeter {
 
   /**
    * Show the consistency of a state; `names` are all that it may suspect.
-   * @param {ConsistencyStatus} consistency
-   * @param {string[]} names
+   * @param {ConsistencyStatus} consistency @param {string[]} names
    * @param {string} agreement The verdict without a suspect.
    */
   show({ residual_mps: residual, suspect }, names, agreement) {

@@ -50,18 +50,12 @@ function assign(node, name, value) {
     node.setAttribute(name, String(value));
 }
 
-/**
- * Set the text of a node if it is another one: twenty times a second, most of it is not.
- * @param {Element} node @param {string} text
- */
+/** Set a text that has changed. @param {Element} node @param {string} text */
 export function setText(node, text) {
   if (node.textContent !== text) node.textContent = text;
 }
 
-/**
- * Set an attribute if its value is another one; null takes it away.
- * @param {Element} node @param {string} name @param {string | number | null} value
- */
+/** @param {Element} node @param {string} name @param {string | number | null} value */
 export function setAttribute(node, name, value) {
   if (value === null) node.removeAttribute(name);
   else if (node.getAttribute(name) !== String(value)) node.setAttribute(name, String(value));
@@ -69,8 +63,7 @@ export function setAttribute(node, name, value) {
 
 /**
  * Return the key to a drawing of set-points and measured values.
- * @param {string} mark Class of the mark of a set-point.
- * @param {string} note
+ * @param {string} mark Class of the mark of a set-point. @param {string} note
  */
 export function legend(mark, note) {
   const marks = [el(`i.${mark}`), "set-point", el("i.dot"), "measured"];

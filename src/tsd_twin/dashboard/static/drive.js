@@ -36,10 +36,12 @@ export class Drive {
     link.on("state", (state) => this._checkState(state));
     link.on("beat", () => this._retryStop());
     link.on("down", () => this.release("The connection is lost."));
-    link.on("released", (message) =>
-      this.release(`Let go: ${message.reason}. Push again to drive.`, true),
+    link.on("released", ({ reason }) =>
+      this.release(`Let go: ${reason}. Push again to drive.`, true),
     );
-    link.on("reply", (message) => this._checkReply(message));
+    link.on("reply", ({ to, ok }) => {
+      if (to === "stop" && ok) this._stop = null;
+    });
     addEventListener("blur", () => this.release());
     addEventListener("pagehide", () => this.release());
     document.addEventListener("visibilitychange", () => this.release());
@@ -186,11 +188,6 @@ export class Drive {
       this.onMessage("The stop is not confirmed. Use the hardware stop.");
     }
     if (now - this._stop.sinceMs > STOP_RETRY_LIMIT_MS) this._stop = null;
-  }
-
-  /** @param {ActionReply} reply */
-  _checkReply({ to, ok }) {
-    if (to === "stop" && ok) this._stop = null;
   }
 
   _notify() {

@@ -1,19 +1,13 @@
 // Numbers as they are shown: fixed decimals, a true minus sign, never "-0.00".
 
-/**
- * Return a number with fixed decimals; a dash when there is none.
- * @param {number | null | undefined} value @param {number} decimals
- */
+/** @param {number | null | undefined} value @param {number} decimals */
 export function fixed(value, decimals) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const text = Math.abs(value).toFixed(decimals);
   return value < 0 && Number(text) !== 0 ? `\u2212${text}` : text;
 }
 
-/**
- * Return whole degrees from radians, within (-180, 180].
- * @param {number | null | undefined} radians
- */
+/** Whole degrees, in (-180, 180]. @param {number | null | undefined} radians */
 export function degrees(radians) {
   if (radians === null || radians === undefined) return "–";
   const turned = Math.round((radians * 180) / Math.PI) % 360;
@@ -29,12 +23,7 @@ export function duration(seconds) {
 
 /** Return the time of day of a moment, in ms since 1970. @param {number} ms */
 export function clock(ms) {
-  return new Date(ms).toLocaleTimeString([], {
-    hour: "2-digit",
-    minute: "2-digit",
-    second: "2-digit",
-    hour12: false,
-  });
+  return new Date(ms).toLocaleTimeString([], { timeStyle: "medium", hour12: false });
 }
 
 /** Return a text with a capital and a full stop. @param {string} text */

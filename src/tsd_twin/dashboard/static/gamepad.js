@@ -46,10 +46,7 @@ export class Gamepad {
     if (pad !== null) this._read(pad.axes);
   }
 
-  /**
-   * The pad is unplugged, or another takes its place: let go, and begin at the centre.
-   * @param {number | null} index
-   */
+  /** No pad, or another one: let go, and begin at the centre. @param {number | null} index */
   _change(index) {
     this._index = index;
     const was = this.held;

@@ -18,21 +18,17 @@ export class HandOver {
     this._text = el("strong");
     this._then = el("span.then");
     this._count = el("span.number", { "aria-hidden": "true" });
-    this._grant = new Button("Hand over", {
-      press: () => this._send("grant", { asker: this._asker }),
+    this._grant = new Button("Hand over", () => this._send("grant", { asker: this._asker }), {
       tip: "The robot comes to rest, then they have control",
       kind: "primary",
     });
-    this._keep = new Button("Keep control", {
-      press: () => this._send("deny", { asker: this._asker }),
+    this._keep = new Button("Keep control", () => this._send("deny", { asker: this._asker }), {
       tip: "Tell them that you drive on",
     });
-    this._withdraw = new Button("Withdraw", {
-      press: () => this.withdraw(),
+    this._withdraw = new Button("Withdraw", () => this.withdraw(), {
       tip: "Ask for control no longer",
     });
-    this._force = new Button("Take over…", {
-      press: () => this.takeOver(),
+    this._force = new Button("Take over…", () => this.takeOver(), {
       tip: "Take control without waiting, and say why",
       kind: "quiet",
     });
@@ -47,7 +43,11 @@ export class HandOver {
     );
     this.element = el("div", this._said, this._card);
     link.on(["state", "beat", "down"], () => this._draw());
-    link.on("reply", (reply) => this._checkReply(reply));
+    link.on("reply", ({ to, ok, reason }) => {
+      if (to !== "lease" || !this._asking) return;
+      this._asking = false;
+      if (!ok) this.takeOver(`You cannot ask now: ${reason}. `);
+    });
     link.on("down", () => (this._asking = false));
   }
 
@@ -98,13 +98,6 @@ export class HandOver {
   /** @param {LeaseAction["op"]} op */
   _send(op, more = {}) {
     this._link.send({ t: "lease", op, ...more });
-  }
-
-  /** @param {ActionReply} reply */
-  _checkReply({ to, ok, reason }) {
-    if (to !== "lease" || !this._asking) return;
-    this._asking = false;
-    if (!ok) this.takeOver(`You cannot ask now: ${reason}. `);
   }
 
   _draw() {

@@ -130,10 +130,7 @@ function called(name) {
   return number === undefined ? (name ?? "none") : `${first.toUpperCase()}${rest} ${number}`;
 }
 
-/**
- * How much more than noise would ever be, in words that stay as wide as they are.
- * @param {number} level
- */
+/** How much more than noise would ever be. @param {number} level */
 function times(level) {
   return `${fixed(level, level < 10 ? 2 : 0)} of the limit`;
 }
@@ -168,8 +165,7 @@ function milliseconds(seconds) {
 
 /**
  * Return what a robot says of its hardware: figures in one table, each group in one of its own.
- * @param {string} title
- * @param {Hardware} facts
+ * @param {string} title @param {Hardware} facts
  * @returns {Sections}
  */
 function tables(title, facts) {

@@ -18,20 +18,14 @@ export class KeyState {
     return this._down.size;
   }
 
-  /**
-   * Return the sum of what the keys that are held mean: lists of `length` numbers.
-   * @param {Record<string, number[]>} meanings @param {number} length
-   */
+  /** @param {Record<string, number[]>} meanings @param {number} length */
   sum(meanings, length) {
     const sum = new Array(length).fill(0);
     for (const code of this._down) meanings[code].forEach((value, i) => (sum[i] += value));
     return sum;
   }
 
-  /**
-   * Take a key going down or up; return whether that changes what is held.
-   * @param {KeyboardEvent} event
-   */
+  /** Return whether it changes what is held. @param {KeyboardEvent} event */
   take({ type, code, repeat }) {
     if (type === "keyup") {
       this._ignoredUntilUp.delete(code);
@@ -42,9 +36,12 @@ export class KeyState {
     return true;
   }
 
+  /** Let go of all keys until they come up; return whether any was held. */
   cancel() {
+    const wasHeld = this.size > 0;
     for (const code of this._down) this._ignoredUntilUp.add(code);
     this._down.clear();
+    return wasHeld;
   }
 }
 
@@ -117,13 +114,10 @@ export class SpringControl {
     const gone = () => this._rest();
     this._pointer = new PointerCapture(node, { came: follow, moved: follow, gone });
     this._arrows = new KeyState();
-    node.addEventListener("blur", () => this._dropArrows());
+    node.addEventListener("blur", () => this._arrows.cancel() && this._rest());
   }
 
-  /**
-   * Take the place of the knob, in shares of the way from the centre to the side; for subclasses.
-   * @param {number} _right @param {number} _up
-   */
+  /** For subclasses: shares of the way to the side. @param {number} _right @param {number} _up */
   place(_right, _up) {}
 
   get held() {
@@ -161,12 +155,6 @@ export class SpringControl {
     this.place(0, 0);
     this._changed();
   }
-
-  _dropArrows() {
-    if (this._arrows.size === 0) return;
-    this._arrows.cancel();
-    this._rest();
-  }
 }
 
 /** A button that counts while a finger or a key is on it. */
@@ -181,7 +169,7 @@ export class HoldToRunButton {
     this._changed = changed;
     this._pointer = new PointerCapture(node, { came: () => changed(), gone: () => changed() });
     this._keys = new KeyState();
-    node.addEventListener("blur", () => this._dropKeys());
+    node.addEventListener("blur", () => this._keys.cancel() && changed());
     // A key comes up wherever the focus has gone meanwhile.
     addEventListener("keyup", (event) => this._keys.take(event) && changed(), { capture: true });
   }
@@ -203,11 +191,5 @@ export class HoldToRunButton {
     if (event.code !== this._code && !(event.code === "Enter" && focused)) return false;
     if (this._keys.take(event)) this._changed();
     return true;
-  }
-
-  _dropKeys() {
-    if (this._keys.size === 0) return;
-    this._keys.cancel();
-    this._changed();
   }
 }

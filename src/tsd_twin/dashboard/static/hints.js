@@ -14,8 +14,8 @@ export class Hints {
     this._at = 0;
     this._text = el("p");
     this._count = el("span.number");
-    const next = new Button("Next", { press: () => this._go(this._at + 1), kind: "quiet" });
-    const skip = new Button("Skip", { press: () => this._go(steps.length), kind: "quiet" });
+    const next = new Button("Next", () => this._go(this._at + 1), { kind: "quiet" });
+    const skip = new Button("Skip", () => this._go(steps.length), { kind: "quiet" });
     this.element = el(
       "div.hint",
       { hidden: true, role: "note", "aria-label": "Hint" },

@@ -86,10 +86,7 @@ function takesText(target) {
   );
 }
 
-/**
- * A field for a number takes no spaces, so there the space bar stops as everywhere else.
- * @param {EventTarget | undefined} target
- */
+/** The space bar stops from a field for a number, too. @param {EventTarget | undefined} target */
 function takesSpaces(target) {
   if (!(target instanceof HTMLElement)) return false;
   const numeric =

@@ -115,10 +115,7 @@ export function kindOf(robot) {
   return KINDS[robot?.panel ?? "gimbals"];
 }
 
-/**
- * Return by how much a sphere is turned from where it was built in, degrees.
- * @param {SphereState | null | undefined} sphere
- */
+/** Degrees from where it was built in. @param {SphereState | null | undefined} sphere */
 function turnedBy(sphere) {
   if (!sphere) return "–";
   const [w, x, y, z] = sphere.wxyz;

@@ -222,10 +222,7 @@ export class Link {
     this._emit(message.t, message);
   }
 
-  /**
-   * After a new connection, go on with the robot that was watched before.
-   * @param {SessionInfo} welcome
-   */
+  /** After a new connection, go on with the robot as before. @param {SessionInfo} welcome */
   _keepRobot({ robot, robots }) {
     const before = this._requestedRobot ?? this.robot?.id ?? robot;
     if (before !== null && before !== robot && robots.some(({ id }) => id === before))

@@ -38,8 +38,8 @@ export class Notices {
     const onkeydown = (/** @type {KeyboardEvent} */ { key }) => key === "Enter" && agree.use();
     const entry = el("input", { type: "text", maxlength: 120, value: field.value, onkeydown });
     const press = () => (done(), yes(entry.value.trim()));
-    const agree = new Button(label, { press, kind: "primary" });
-    const refuse = new Button("Cancel", { press: done, kind: "quiet" });
+    const agree = new Button(label, press, { kind: "primary" });
+    const refuse = new Button("Cancel", done, { kind: "quiet" });
     const dialog = el(
       "div.dialog.surface",
       { role: "alertdialog", "aria-label": label },

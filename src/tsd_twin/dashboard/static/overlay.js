@@ -187,10 +187,7 @@ function draw() {
   preview.hidden = !sliders.preview;
 }
 
-/**
- * Return where the controls would be, as shares of what the level allows.
- * @param {Unit} unit @param {{ speed: number, turn: number }} scale
- */
+/** @param {Unit} unit @param {{ speed: number, turn: number }} scale */
 function share({ x, y, turn: rate }, { speed, turn: most }) {
   return {
     x: speed > 0 ? x / speed : 0,

@@ -64,9 +64,7 @@ export function fillPanelTabs(link, waypoints, sphereGoTo) {
 
 /**
  * Fill the tab of the actuators, again when a robot of another kind is shown.
- * @param {Link} link
- * @param {ShadowRoot} place
- * @param {AbortSignal} signal
+ * @param {Link} link @param {ShadowRoot} place @param {AbortSignal} signal
  * @param {SphereGoTo} sphereGoTo
  */
 function fillActuatorTab(link, place, signal, sphereGoTo) {

@@ -29,8 +29,7 @@ export class Recorder {
 
   /**
    * Call `each(time_s, value)` for a channel, oldest first, from a time on.
-   * @param {string} channel
-   * @param {number} fromS
+   * @param {string} channel @param {number} fromS
    * @param {(timeS: number, value: number) => void} each
    */
   each(channel, fromS, each) {

@@ -27,9 +27,7 @@ const APPROACH_PER_S = 2;
 
 export class Sphere {
   /**
-   * @param {Link} link
-   * @param {HTMLElement} place
-   * @param {AbortSignal} signal
+   * @param {Link} link @param {HTMLElement} place @param {AbortSignal} signal
    * @param {SphereGoTo} sphereGoTo
    */
   constructor(link, place, signal, sphereGoTo) {
@@ -134,10 +132,7 @@ export class SphereGoTo {
     return { vx: rate * way.axis[0], vy: rate * way.axis[1], omega: 0 };
   }
 
-  /**
-   * Bring a point up: a unit vector along the axes that are painted on the sphere.
-   * @param {Triple} at
-   */
+  /** Bring a point up, along the painted axes. @param {Triple} at */
   bring(at) {
     this._goal = { at, untilMs: performance.now() + TIMEOUT_MS };
     this._drive.changed();
@@ -177,8 +172,7 @@ export class SphereGoTo {
 
 /**
  * Return a vector turned by a unit quaternion w, x, y, z.
- * @param {Quaternion} turn
- * @param {Triple} vector
+ * @param {Quaternion} turn @param {Triple} vector
  * @returns {Triple}
  */
 function rotated([w, x, y, z], [a, b, c]) {

@@ -39,13 +39,12 @@ export class StatusBar {
     );
     this._volts = el("span.number");
     this._battery = el("span.battery", { hidden: true }, icon("battery"), this._volts);
-    this.arm = new Button("Arm", {
-      press: () => link.send({ t: this._armed ? "disarm" : "arm" }),
+    this.arm = new Button("Arm", () => link.send({ t: this._armed ? "disarm" : "arm" }), {
       kind: "primary",
     });
     const press = () => this._pressControl();
-    this.control = new Button("Take control", { press, kind: "primary" });
-    this._fold = new Button("Fold", { press: fold, kind: "quiet" });
+    this.control = new Button("Take control", press, { kind: "primary" });
+    this._fold = new Button("Fold", fold, { kind: "quiet" });
     tooltip.attach(this._linkStatus, () => this._explainLink());
     this.level = el("span.slot");
     this.element = el(

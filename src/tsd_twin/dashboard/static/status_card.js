@@ -32,8 +32,7 @@ export class StatusCard {
       this._spinUp,
     );
     this._next = el("p.next");
-    this.reset = new LongPressButton("Reset stop", {
-      press: () => link.send({ t: "reset" }),
+    this.reset = new LongPressButton("Reset stop", () => link.send({ t: "reset" }), {
       tip: "Hold for one second. It leads to disarmed, never to motion.",
       kind: "primary",
     });

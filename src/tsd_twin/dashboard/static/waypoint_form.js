@@ -16,9 +16,7 @@ const MOST = 10000; // What a message may have.
 
 export class WaypointForm {
   /**
-   * @param {Link} link
-   * @param {ShadowRoot} place
-   * @param {AbortSignal} signal
+   * @param {Link} link @param {ShadowRoot} place @param {AbortSignal} signal
    * @param {Waypoints} waypoints
    */
   constructor(link, place, signal, waypoints) {

@@ -24,8 +24,7 @@ function isFinished(route) {
 
 /**
  * Return the status text of a path, or without one the instruction of the mode.
- * @param {RouteState | null} route
- * @param {"to" | "draw" | null} mode
+ * @param {RouteState | null} route @param {"to" | "draw" | null} mode
  */
 function statusOf(route, mode) {
   if (route === null) return mode === null ? "" : MODE_HINTS[mode];
@@ -44,10 +43,7 @@ function statusOf(route, mode) {
  * it until the path that is planned from it is seen.
  */
 class FloorPicker {
-  /**
-   * `take(points)` gets shares of the picture, right and down.
-   * @param {(points: [number, number][]) => void} take
-   */
+  /** It gets shares of the picture. @param {(points: [number, number][]) => void} take */
   constructor(take) {
     this._take = take;
     this._timer = 0;
@@ -65,10 +61,7 @@ class FloorPicker {
     });
   }
 
-  /**
-   * Take clicks (`to`), strokes (`draw`), or nothing: then the scene has them.
-   * @param {"to" | "draw" | null} mode
-   */
+  /** Take clicks, strokes or nothing. @param {"to" | "draw" | null} mode */
   open(mode) {
     this._mode = mode;
     this.element.hidden = mode === null;
@@ -130,10 +123,7 @@ class FloorPicker {
   }
 }
 
-/**
- * Return every second point, again and again until they are few; ends stay.
- * @param {[number, number][]} points
- */
+/** Every second point, until they are few; ends stay. @param {[number, number][]} points */
 function thinned(points) {
   while (points.length > MAX_POINTS)
     points = points.filter((_, i) => i % 2 === 0 || i === points.length - 1);
@@ -235,10 +225,7 @@ export class Waypoints {
     this._choose(null);
   }
 
-  /**
-   * Take a key: G, or Enter on the button, holds it; Escape forgets the way.
-   * @param {KeyboardEvent} event
-   */
+  /** @param {KeyboardEvent} event */
   key(event) {
     if (this.element.hidden) return false;
     if (event.code === "Escape" && (this._mode !== null || this.route !== null)) {

@@ -56,10 +56,7 @@ export class WheelSpeed {
     return el("input", { type, step, "aria-label": label, disabled: true });
   }
 
-  /**
-   * Show what a hand is at, and ask for it when it has come to rest.
-   * @param {HTMLInputElement} input @param {(value: number) => number} rpmOf
-   */
+  /** @param {HTMLInputElement} input @param {(value: number) => number} rpmOf */
   _listen(input, rpmOf) {
     const take = () => {
       const rpm = rpmOf(Number(input.value));
@@ -130,10 +127,7 @@ export class WheelSpeed {
     if (this._draft === null) this._draw();
   }
 
-  /**
-   * Show the figures of the speed, in all fields but the one that a hand is at.
-   * @param {HTMLInputElement | null} but
-   */
+  /** In all fields but the one a hand is at. @param {HTMLInputElement | null} but */
   _draw(but = null) {
     if (!this._link.robot?.wheel_speed_limits) return;
     const { wheel_speed_limits: range, limits, max_tilt_deg: tilt } = this._link.robot;
