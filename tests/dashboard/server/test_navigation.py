@@ -277,7 +277,11 @@ def test_what_cannot_be_planned_is_refused_with_a_reason(
 )
 def test_wishes_that_are_none_are_counted(served: Site, garbage: dict[str, Any]) -> None:
     wish = {"t": "plan", "kind": "to", "points": [[0.5, 0.5]], "on": "floor"} | garbage
-    raw = [json.dumps(wish), json.dumps(wish).replace("1e5", "NaN"), '{"t": "follow_plan", "route": 1}']
+    raw = [
+        json.dumps(wish),
+        json.dumps(wish).replace("1e5", "NaN"),
+        '{"t": "follow_plan", "route": 1}',
+    ]
     with served.page() as page:
         page.until(lambda: page.state)
         before = served.sessions.rejected
