@@ -30,8 +30,8 @@ export class Joystick extends SpringControl {
     this.unit = { x: 0, y: 0, turn: 0 };
     this.pad = pad;
     this.help = el("span.sr", { id: "stick-help" });
-    this.caption = el("div.caption", { "aria-hidden": "true" }, "Drive");
-    this.element = el("div.control.stick", this.caption, pad, this.help);
+    this.head = el("div.caption-row", el("div.caption", { "aria-hidden": "true" }, "Drive"));
+    this.element = el("div.control.stick", this.head, pad, this.help);
     this._drive = drive;
     this._asked = asked;
     this._allowed = allowed;

@@ -115,9 +115,7 @@ const keysHelp = el(
   ...[key("W A S D"), " · ", key("Q E"), " · gamepad \u2003 ", key("space"), " = stop"],
 );
 stopButton.element.append(keysHelp);
-const captionRow = el("div.caption-row");
-stick.caption.replaceWith(captionRow);
-captionRow.append(stick.caption, axes);
+stick.head.append(axes);
 
 const keys = new Keyboard(drive, { focused: keyOfFocused, stop });
 for (const source of [stick, turn, keys, new Gamepad(drive, stop), sliders, sphereGoTo, waypoints])
