@@ -50,7 +50,7 @@ function assign(node, name, value) {
     node.setAttribute(name, String(value));
 }
 
-/** Set a text that has changed. @param {Element} node @param {string} text */
+/** Set a text, if it changes: mostly it does not. @param {Element} node @param {string} text */
 export function setText(node, text) {
   if (node.textContent !== text) node.textContent = text;
 }

@@ -217,17 +217,23 @@ function fold(folded) {
   if (folded) drive.release();
 }
 
+function isNarrow() {
+  return host.clientWidth <= NARROW_PX;
+}
+
 function layOut() {
-  (host.clientWidth <= NARROW_PX ? right : bar.level).prepend(level.element);
-  if (host.clientWidth <= NARROW_PX) dock.before(waypoints.element);
-  else stopButton.element.prepend(waypoints.element);
+  // An element that moves loses focus and pointer, so it moves only when it has to.
+  const [levelPlace, path] = isNarrow() ? [right, inner] : [bar.level, stopButton.element];
+  if (level.element.parentElement !== levelPlace) levelPlace.prepend(level.element);
+  if (waypoints.element.parentElement !== path)
+    path.insertBefore(waypoints.element, isNarrow() ? dock : path.firstChild);
   inner.toggleAttribute("data-drawer", frame.phone.matches);
   reserve();
 }
 
 function reserve() {
   const box = host.getBoundingClientRect();
-  const lowest = host.clientWidth <= NARROW_PX ? pose.element : bar.element;
+  const lowest = isNarrow() ? pose.element : bar.element;
   const top = lowest.getBoundingClientRect().bottom - box.top;
   const beside = dock.previousElementSibling === waypoints.element && !waypoints.element.hidden;
   const bottom = box.bottom - (beside ? waypoints.element : dock).getBoundingClientRect().top;

@@ -41,14 +41,8 @@ export class WaypointForm {
 
   /** @param {string} name @param {string} label @param {string} hint */
   _field(name, label, hint) {
-    const input = el("input", {
-      type: "number",
-      step: "any",
-      min: -MOST,
-      max: MOST,
-      inputmode: "decimal",
-      title: hint,
-    });
+    const range = { step: "any", min: -MOST, max: MOST };
+    const input = el("input", { type: "number", inputmode: "decimal", title: hint, ...range });
     this._fields[name] = input;
     return el("label", label, input);
   }

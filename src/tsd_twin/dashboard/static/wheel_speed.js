@@ -26,7 +26,7 @@ export class WheelSpeed {
     this._why = el("p.muted");
     const unit = (/** @type {string} */ name) => el("span.unit", name);
     this._all = el(
-      "section.gear",
+      "section.wheel-speed",
       { "aria-label": "Drive speed" },
       el("div.head", el("strong", "Drive speed"), this._now),
       this._slider,
