@@ -138,11 +138,8 @@ export class LongPressButton extends Button {
   }
 
   _start() {
+    if (this.reason !== null) this.use(); // Show the reason; the hold decides when it ends.
     this._end();
-    if (this.reason !== null) {
-      this.use(); // Says why not.
-      return;
-    }
     this.button.toggleAttribute("data-holding", true);
     this._timer = setTimeout(() => {
       this._end();

@@ -4,8 +4,7 @@
  * Return an element: `div.head` is a div of class head; what follows are attributes and children.
  * Attributes `on…` are listeners; false and null are left out.
  * @template {keyof HTMLElementTagNameMap} K
- * @param {K | `${K}.${string}`} selector
- * @param {Content[]} content
+ * @param {K | `${K}.${string}`} selector @param {Content[]} content
  * @returns {HTMLElementTagNameMap[K]}
  */
 export function el(selector, ...content) {
@@ -16,8 +15,7 @@ export function el(selector, ...content) {
 /**
  * As `el`, in the SVG namespace.
  * @template {keyof SVGElementTagNameMap} K
- * @param {K | `${K}.${string}`} selector
- * @param {Content[]} content
+ * @param {K | `${K}.${string}`} selector @param {Content[]} content
  * @returns {SVGElementTagNameMap[K]}
  */
 export function svg(selector, ...content) {
@@ -28,9 +26,7 @@ export function svg(selector, ...content) {
 
 /**
  * @template {Element} E
- * @param {E} node
- * @param {string[]} classes
- * @param {Content[]} content
+ * @param {E} node @param {string[]} classes @param {Content[]} content
  */
 function fill(node, classes, content) {
   node.classList.add(...classes);

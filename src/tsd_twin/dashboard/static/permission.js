@@ -1,19 +1,11 @@
-// Permission checks: each returns the reason of a refusal as a sentence, or null. What needs control
-// only, as to disarm and to reset, asks `notHolder`.
+// Permission checks: each returns the reason of a refusal as a sentence, or null. The robot's status
+// has the reasons of the robot; the page adds the link, the role and that it is not in control.
 
 import { sentence } from "./format.js";
 import { known } from "./link.js";
 
 const MOVABLE = new Set(["ready", "driving"]);
 const LATCHED = new Set(["stopped", "fault"]);
-/** @type {Record<string, string>} */
-const SAID = {
-  disarmed: "the robot is disarmed: arm it first",
-  arming: "the robot is still arming",
-  stopping: "the robot is coming to rest",
-  stopped: "the robot is stopped: reset the stop first",
-  fault: "the robot has a fault: reset it first",
-};
 
 export const WATCHES = "You watch: a viewer does not drive.";
 
@@ -30,23 +22,37 @@ function notAllowed(link) {
   return watches(link) ? WATCHES : null;
 }
 
-/** @param {Link} link */
-export function notHolder(link) {
-  return notAllowed(link) ?? notHeld(known(link.state));
+/** Null also for robots that send no reasons. @param {Link} link @param {keyof Refusals} request */
+function robotRefusal(link, request) {
+  const reason = known(link.state).status.refusals?.[request];
+  return reason ? sentence(reason) : null;
 }
 
-/** @param {RobotState} state */
-function notHeld({ you, status: { lease } }) {
-  if (you) return null;
-  if (lease.holder === null) return "The lease is free: take control first.";
-  return `${lease.holder} drives: ask for control.`;
+/** For what requires control. @param {Link} link @param {keyof Refusals} request */
+function notNow(link, request) {
+  const reason = notAllowed(link);
+  if (reason !== null) return reason;
+  if (known(link.state).you) return robotRefusal(link, request);
+  return robotRefusal(link, "without_lease") ?? "You are not in control.";
+}
+
+/** @param {Link} link */
+export function notDrive(link) {
+  const reason = notNow(link, "drive");
+  if (reason !== null) return reason;
+  // A control that is held while the robot comes to rest moves it only when it is used anew.
+  const mode = known(link.state).status.mode;
+  return MOVABLE.has(mode) ? null : sentence(`the robot is ${mode}`);
 }
 
 /** @param {Link} link */
 export function notTake(link) {
-  const kept = link.state?.status.lease.reserved_for ?? null;
-  const free = kept === null || kept === link.welcome?.operator;
-  return notAllowed(link) ?? (free ? null : `Control is kept for ${kept}, for a moment.`);
+  const reason = notAllowed(link);
+  if (reason !== null) return reason;
+  const { holder, reserved_for: reserved } = known(link.state).status.lease;
+  // Who is in control can release it, and others can ask the holder.
+  if (holder !== null || reserved === link.welcome?.operator) return null;
+  return robotRefusal(link, "lease");
 }
 
 /** @param {Link} link */
@@ -56,21 +62,29 @@ export function notStop(link) {
 }
 
 /** @param {Link} link */
-export function notDrive(link) {
-  const mode = link.state?.status.mode ?? "";
-  const reason = sentence(SAID[mode] ?? `the robot is ${mode}`);
-  return notHolder(link) ?? (MOVABLE.has(mode) ? null : reason);
+export function notArm(link) {
+  return notNow(link, "arm");
 }
 
 /** @param {Link} link */
-export function notArm(link) {
-  const mode = link.state?.status.mode ?? "";
-  const reason = mode === "disarmed" ? null : `The robot is ${mode} already.`;
-  return notPrepare(link) ?? reason;
+export function notSetWheelSpeed(link) {
+  return notNow(link, "speed");
 }
 
-/** For what is set or planned, but does not move the robot by itself. @param {Link} link */
-export function notPrepare(link) {
-  const mode = link.state?.status.mode ?? "";
-  return notHolder(link) ?? (LATCHED.has(mode) ? sentence(SAID[mode]) : null);
+/** @param {Link} link */
+export function notPlan(link) {
+  const reason = notNow(link, "disarm");
+  if (reason !== null) return reason;
+  // A path can be planned before the robot is armed; a latched stop ends it.
+  return LATCHED.has(known(link.state).status.mode) ? notDrive(link) : null;
+}
+
+/** @param {Link} link */
+export function notDisarm(link) {
+  return notNow(link, "disarm");
+}
+
+/** @param {Link} link */
+export function notReset(link) {
+  return notNow(link, "reset");
 }

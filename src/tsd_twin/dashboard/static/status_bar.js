@@ -5,7 +5,7 @@ import { el, icon, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
 import { kindOf } from "./kinds.js";
 import { known } from "./link.js";
-import { notArm, notHolder, notTake } from "./permission.js";
+import { notArm, notDisarm, notTake } from "./permission.js";
 
 const AT_REST = new Set(["disarmed", "stopped", "fault"]);
 
@@ -111,7 +111,7 @@ export class StatusBar {
     this._armed = mode !== null && !AT_REST.has(mode);
     const { arm, disarm } = kindOf(this._link.robot);
     this.arm.become(this._armed ? "Disarm" : "Arm", this._armed ? disarm : arm);
-    this.arm.allow(this._armed ? notHolder(this._link) : notArm(this._link));
+    this.arm.allow(this._armed ? notDisarm(this._link) : notArm(this._link));
     this.arm.button.toggleAttribute("data-quiet", this._armed);
   }
 

@@ -3,7 +3,7 @@
 import { LongPressButton } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
 import { clock, duration, sentence } from "./format.js";
-import { notHolder } from "./permission.js";
+import { notReset } from "./permission.js";
 
 /** @type {Record<string, string>} */
 const PHASES = {
@@ -86,7 +86,7 @@ export class StatusCard {
   /** @param {Status} status */
   _drawLatched(status) {
     setText(this._text, sentence(status.stop_reason || "no reason given"));
-    const refusal = notHolder(this._link);
+    const refusal = notReset(this._link);
     this.reset.allow(refusal);
     setText(this._next, refusal ?? "Hold for one second, then arm.");
   }

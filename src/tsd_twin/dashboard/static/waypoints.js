@@ -6,7 +6,7 @@ import { el, icon, setAttribute, setText, svg } from "./dom.js";
 import { fixed } from "./format.js";
 import { HoldToRunButton, PointerCapture } from "./held_controls.js";
 import { kindOf } from "./kinds.js";
-import { notDrive, notPrepare } from "./permission.js";
+import { notDrive, notPlan } from "./permission.js";
 
 const MODE_HINTS = {
   to: "Click on the floor, drag to say where to look",
@@ -213,7 +213,7 @@ export class Waypoints {
 
   /** Ask for a path. @param {PlanRequest} wish */
   plan(wish) {
-    const reason = notPrepare(this._link);
+    const reason = notPlan(this._link);
     if (reason !== null) this._drive.onMessage(reason);
     else this._link.send({ t: "plan", ...wish, level: this._drive.level });
   }

@@ -3,7 +3,7 @@
 import { el, isVisible, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
 import { known } from "./link.js";
-import { notPrepare } from "./permission.js";
+import { notSetWheelSpeed } from "./permission.js";
 
 const STEP_RPM = 50;
 const KEPT_MS = 1500; // What was chosen is shown until the robot says so, or this long.
@@ -115,7 +115,7 @@ export class WheelSpeed {
   _show() {
     const { wheel_speed: speed } = known(this._link.state).status;
     if (this._all.hidden || speed === null) return;
-    const reason = notPrepare(this._link);
+    const reason = notSetWheelSpeed(this._link);
     for (const input of [this._slider, this._rpm, this._top]) input.disabled = reason !== null;
     setText(this._why, reason ?? "");
     if (this._draft === speed.wanted_rpm || performance.now() > this._keptMs || reason !== null)
