@@ -29,7 +29,7 @@ export function svg(selector, ...content) {
  * @param {E} node @param {string[]} classes @param {Content[]} content
  */
 function fill(node, classes, content) {
-  node.classList.add(...classes);
+  if (classes.length > 0) node.classList.add(...classes);
   for (const item of content) {
     if (typeof item === "string" || item instanceof Node) node.append(item);
     else for (const [name, value] of Object.entries(item ?? {})) assign(node, name, value);
