@@ -26,7 +26,7 @@ FLOODS: tuple[tuple[Opcode, bytes], ...] = (
     (Opcode.TEXT, b'{"t":"panel_released"}'),
     (Opcode.TEXT, b'{"t":"panel_released"}'),
     (Opcode.TEXT, b'{"t":"panel_released"}'),
-    (Opcode.TEXT, b'{"t":"beat","seen":0,"sent_ms":1.0,"focus":true}'),
+    (Opcode.TEXT, b'{"t":"heartbeat","seen":0,"sent_ms":1.0,"focus":true}'),
     (Opcode.TEXT, b'{"t":"robot","id":"unknown"}'),
     (Opcode.TEXT, b'{"t":"drive","vx":1,"vy":0,"omega":0,"seen":0}'),
     (Opcode.TEXT, b'{"t":"lease","op":"acquire"}'),

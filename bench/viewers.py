@@ -122,7 +122,7 @@ async def send_commands(
     """Send a beat ten times a second, and commands fifty times."""
     for tick in itertools.count():
         if tick % 5 == 0:
-            await send(t="beat", seen=seen["seen"], sent_ms=0.0, focus=True)
+            await send(t="heartbeat", seen=seen["seen"], sent_ms=0.0, focus=True)
         if drives and seen["you"] and seen["mode"] in ("ready", "driving"):
             await send(t="drive", vx=0.4, vy=0.1, omega=0.8, seen=seen["seen"])
         await asyncio.sleep(0.02)

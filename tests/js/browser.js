@@ -38,8 +38,14 @@ class MadeElement extends FakeElement {
   attributes = new Map();
   textContent = "";
   style = { setProperty() {} };
+  classList = { add() {} };
 
   append() {}
+
+  toggleAttribute(name, force) {
+    if (force) this.setAttribute(name, "");
+    else this.removeAttribute(name);
+  }
 
   setAttribute(name, value) {
     this.attributes.set(name, value);
@@ -86,6 +92,7 @@ Object.assign(globalThis, {
   window: { tsd: { hasFocus: () => true } },
   location: { href: "http://localhost/", protocol: "http:" },
   WebSocket: Socket,
+  Node: FakeElement,
   HTMLElement: FakeElement,
   HTMLInputElement: Field,
   HTMLTextAreaElement: class extends FakeElement {},
@@ -151,7 +158,7 @@ export function field(properties = {}) {
 
 const { Link } = await import("../../src/tsd_twin/dashboard/static/link.js");
 
-const ROBOT = { t: "robot", id: "tsd", space: "floor", twist_scale_m: 1 };
+const ROBOT = { t: "robot", id: "tsd", panel: "gimbals", twist_scale_m: 1 };
 const STATE = {
   t: "state",
   seen: 1,
@@ -177,7 +184,7 @@ export function connect() {
   state();
   /** Return the messages of these types since the last call, without heartbeats. */
   const take = (...types) => {
-    const taken = socket.sent.filter(({ t }) => t !== "beat");
+    const taken = socket.sent.filter(({ t }) => t !== "heartbeat");
     socket.sent = [];
     return types.length === 0 ? taken : taken.filter(({ t }) => types.includes(t));
   };

@@ -1,15 +1,16 @@
 import assert from "node:assert/strict";
-import { test } from "node:test";
+import { mock, test } from "node:test";
 
 import { fire, openPage, pass } from "./browser.js";
 
-const { LongPressButton } = await import("../../src/tsd_twin/dashboard/static/button.js");
+openPage();
+const { LongPressButton, tooltip } = await import("../../src/tsd_twin/dashboard/static/button.js");
 
 function made() {
   openPage();
   const calls = [];
-  const tips = { attach() {}, show: (_, text) => calls.push(text()) };
-  const button = new LongPressButton("Reset", { tips, press: () => calls.push("pressed") });
+  mock.method(tooltip, "show", (_, text) => calls.push(text()));
+  const button = new LongPressButton("Reset", () => calls.push("pressed"), {});
   return { button, calls, node: button.button };
 }
 

@@ -1,6 +1,7 @@
 // Permission checks: each returns the reason of a refusal as a sentence, or null. The robot's status
 // has the reasons of the robot; the page adds the link, the role and that it is not in control.
 
+import { sentence } from "./format.js";
 import { known } from "./link.js";
 
 const MOVABLE = new Set(["ready", "driving"]);
@@ -14,33 +15,20 @@ export function watches(link) {
 }
 
 /** @param {Link} link */
-function notConnected(link) {
+function notAllowed(link) {
   if (!link.connected) return "No connection to the dashboard.";
   if (link.robot === null) return "No robot is on the bus.";
   if (link.isStale()) return "The robot has gone silent.";
-  return null;
+  return watches(link) ? WATCHES : null;
 }
 
-/** @param {Link} link */
-function notAllowed(link) {
-  return notConnected(link) ?? (watches(link) ? WATCHES : null);
-}
-
-/**
- * The reason of the robot; null also for robots that send none.
- * @param {Link} link
- * @param {keyof Refusals} request
- */
+/** Null also for robots that send no reasons. @param {Link} link @param {keyof Refusals} request */
 function robotRefusal(link, request) {
   const reason = known(link.state).status.refusals?.[request];
-  return reason ? capital(reason) : null;
+  return reason ? sentence(reason) : null;
 }
 
-/**
- * The reason why this page cannot request what requires control.
- * @param {Link} link
- * @param {keyof Refusals} request
- */
+/** For what requires control. @param {Link} link @param {keyof Refusals} request */
 function notNow(link, request) {
   const reason = notAllowed(link);
   if (reason !== null) return reason;
@@ -54,7 +42,7 @@ export function notDrive(link) {
   if (reason !== null) return reason;
   // A control that is held while the robot comes to rest moves it only when it is used anew.
   const mode = known(link.state).status.mode;
-  return MOVABLE.has(mode) ? null : capital(`the robot is ${mode}`);
+  return MOVABLE.has(mode) ? null : sentence(`the robot is ${mode}`);
 }
 
 /** @param {Link} link */
@@ -99,9 +87,4 @@ export function notDisarm(link) {
 /** @param {Link} link */
 export function notReset(link) {
   return notNow(link, "reset");
-}
-
-/** @param {string} sentence */
-function capital(sentence) {
-  return `${sentence[0].toUpperCase()}${sentence.slice(1)}.`;
 }
