@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ipaddress
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -72,8 +73,11 @@ def node_config(listen: Sequence[str], connect: Sequence[str] = ()) -> Config:
     """Return the configuration of a robot node: it listens, and routes between its peers.
 
     Raises:
-        BusError: an endpoint is reachable by other machines without TLS and access control.
+        BusError: an endpoint is written wrongly, or is reachable by other machines without TLS and
+            access control.
     """
+    for endpoint in (*listen, *connect):
+        _check_endpoint(endpoint)
     for endpoint in listen:
         _refuse_open_door(endpoint, guarded=False)
     settings = _common("router", connect, listen)
@@ -87,7 +91,12 @@ def client_config(connect: Sequence[str]) -> Config:
     """Return the configuration of a dashboard or a tool: it connects, and listens nowhere.
 
     It is a peer, not a client: a peer connects in the background, also when the robot comes later.
+
+    Raises:
+        BusError: an endpoint is written wrongly.
     """
+    for endpoint in connect:
+        _check_endpoint(endpoint)
     settings = _common("peer", connect)
     settings["listen"] = {"endpoints": []}
     return Config(json.dumps(settings), ", ".join(connect))
@@ -213,6 +222,23 @@ def _common(mode: str, connect: Sequence[str], listen: Sequence[str] = ()) -> di
             }
         ],
     }
+
+
+_WITH_PORT = re.compile(r"(?:tcp|udp|tls|quic|ws)/(?:\[[^\]/]+\]|[^\[\]/:]+):(\d{1,5})")
+
+
+def _check_endpoint(endpoint: str) -> None:
+    """Refuse an endpoint that no session can use: one that connects in the background only waits.
+
+    Raises:
+        BusError: it lacks protocol, host or port, or the port is none.
+    """
+    protocol, slash, _ = endpoint.partition("/")
+    if slash and protocol in ("unixsock-stream", "serial", "vsock", "unixpipe"):
+        return
+    match = _WITH_PORT.fullmatch(re.split(r"[?#]", endpoint)[0])
+    if match is None or int(match[1]) > 65_535:
+        raise BusError(f"'{endpoint}' is no endpoint: write it as {DEFAULT_ENDPOINT}")
 
 
 def _refuse_open_door(endpoint: str, *, guarded: bool) -> None:

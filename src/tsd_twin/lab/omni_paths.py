@@ -7,7 +7,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 
-from tsd_twin import experiment, robots
+from tsd_twin import experiment, flag_types, robots
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.lab import tracking
 from tsd_twin.lab.tracking import TrackingRecord, follow_trajectory, named_path
@@ -67,8 +67,10 @@ def _draw(robot: OmniDescription, records: Mapping[str, TrackingRecord], out: Ou
 
 def _flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--robot", default="omni4", metavar="NAME|FILE", help="default omni4")
-    parser.add_argument("--noise", type=float, default=1.0, metavar="SCALE", help="default 1")
-    parser.add_argument("--seed", type=int, default=0, help="of the noise; default 0")
+    parser.add_argument(
+        "--noise", type=flag_types.SCALE, default=1.0, metavar="SCALE", help="default 1"
+    )
+    parser.add_argument("--seed", type=flag_types.SEED, default=0, help="of the noise; default 0")
 
 
 EXPERIMENT = Experiment(
