@@ -107,6 +107,7 @@ def add_access_flags() -> None:
     made.add_argument("--tls-key", type=Path, metavar="FILE", help="its private key")
     made.add_argument(
         "--allow-host",
+        type=flag_types.host_name,
         action="append",
         default=[],
         metavar="NAME[:PORT]",

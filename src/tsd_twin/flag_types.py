@@ -1,4 +1,4 @@
-"""Types of command-line flags: numbers within a range.
+"""Types of command-line flags: numbers within a range, and host names.
 
 Each is a function for `type=` of argparse, which turns any other text into one sentence and exit
 code 2.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 from collections.abc import Callable
 
 
@@ -52,6 +53,24 @@ SCALE = number(0.0)
 """Factor on standard deviations; 0 is none."""
 POSITIVE = number(above=0.0)
 """A quantity that cannot be zero."""
+
+
+_HOST_NAME = re.compile(
+    r"(?:[A-Za-z0-9](?:[A-Za-z0-9._-]*[A-Za-z0-9])?|\[[0-9A-Fa-f:.]+\])(?::[1-9]\d{0,4})?", re.ASCII
+)
+
+
+def host_name(text: str) -> str:
+    """Return a host name or address, with or without a port, as browsers send it.
+
+    Raises:
+        argparse.ArgumentTypeError: it is written otherwise, as with a protocol or a path.
+    """
+    if not _HOST_NAME.fullmatch(text):
+        raise argparse.ArgumentTypeError(
+            f"'{text}' is not a host: write it as robot.example or robot.example:8443"
+        )
+    return text
 
 
 def _refusal(text: str, kind: str, least: float, most: float, above: float = -math.inf) -> str:

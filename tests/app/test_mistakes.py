@@ -18,6 +18,8 @@ FLAGS: dict[str, str] = {
         --port -1
         --port http
         --prot 8080
+        --allow-host bad/name
+        --allow-host https://robot.example
         --verbos extra
     """,
     "tsd_mock": """
@@ -109,7 +111,6 @@ OTHERS: dict[str, str] = {
         --tls-cert text --tls-key nowhere
         --tls-cert folder --tls-key folder
         --users nowhere.toml --behind-proxy nonsense
-        --allow-host bad/name
     """,
     "tsd_mock": """
         --robot nobody

@@ -171,6 +171,9 @@ def is_loopback(endpoint: str) -> bool:
         return False
 
 
+_JSON5_ERROR = re.compile(r"--> (\d+):(\d+).*= (expected .*)", re.DOTALL)
+
+
 def reason(error: Exception) -> str:
     """Return the reason in an error of Zenoh, without source locations."""
     text = str(error).split(" at /")[0].strip()
@@ -179,7 +182,9 @@ def reason(error: Exception) -> str:
     for known in ("Address already in use", "Cannot assign requested address"):
         if known in text:
             return known.lower()
-    return text.rstrip(".")
+    if syntax := _JSON5_ERROR.search(text):
+        return f"line {syntax[1]}, column {syntax[2]}: {syntax[3]}"
+    return " ".join(text.split()).rstrip(".")
 
 
 def _files(settings: zenoh.Config, folder: Path) -> dict[str, Path]:
