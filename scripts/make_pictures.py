@@ -85,14 +85,21 @@ def demo(*flags: str) -> Generator[str]:
 
 
 @contextlib.contextmanager
-def opened(browser: Browser, address: str, **settings: Any) -> Generator[Page]:
-    """Context manager that opens the page, with its hints closed."""
+def opened(
+    browser: Browser, address: str, sharpness: float = 1.0, **settings: Any
+) -> Generator[Page]:
+    """Context manager that opens the page, with its hints closed.
+
+    `sharpness` is the number of pixels of the scene for one of the page.
+    """
     context = browser.new_context(
         **{"viewport": {"width": 1280, "height": 720}, "color_scheme": "dark"} | settings
     )
     page = context.new_page()
     page.add_init_script("localStorage.setItem('tsd.hints', 'seen')")
-    page.goto(address)
+    page.goto(f"{address}?fixedDpr={sharpness:g}")
+    # The warning of viser that there is no graphics card.
+    page.add_style_tag(content="[class*='Notifications-root'] { display: none }")
     yield page
     context.close()
 
@@ -127,12 +134,14 @@ def photograph_drive(browser: Browser, to: Path) -> None:
     """Record the page while the robot drives a circle, and write a moving picture."""
     with (
         demo() as address,
-        opened(browser, address, viewport={"width": 1120, "height": 630}) as page,
+        opened(browser, address, 0.6) as page,
     ):
         take_control_and_arm(page)
         show_tab(page, "Gimbals")
         page.wait_for_timeout(2000)
         for _ in range(_TRIES):
+            page.wait_for_timeout(5000)  # Messages of the last try fade.
+            push_stick(page, 0.0, 0.9)
             frames = record(page, lambda: drive_circle(page))
             # A page that was too slow is let go, and the robot stands: not this time.
             moving = page.get_by_role("status", name="Speed", exact=True).inner_text()
@@ -145,8 +154,7 @@ def photograph_drive(browser: Browser, to: Path) -> None:
 
 
 def drive_circle(page: Page) -> None:
-    """Push the stick forward, then round."""
-    push_stick(page, 0.0, 0.9)
+    """Move the held stick from forward round to the left."""
     x, y, half = centre(page, "region", "Drive stick")
     start_s = time.monotonic()
     while (passed_s := time.monotonic() - start_s) < DRIVE_S:

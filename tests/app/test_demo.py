@@ -69,11 +69,14 @@ def test_when_the_robot_dies_the_demo_ends(start: Start) -> None:
 
 def test_usual_ports_that_are_taken_are_replaced(start: Start) -> None:
     """And that is said: programs that look at the usual port would find another robot there."""
-    demos = [start("tsd_demo", *QUIET), start("tsd_demo", *QUIET)]
-    urls = {demo: address(demo.ready()) for demo in demos}
-    buses = {demo: re.findall(r"bus at (\S+?);", demo.ready())[0] for demo in demos}
+    urls: dict[Program, str] = {}
+    buses: dict[Program, str] = {}
+    for _ in range(2):
+        demo = start("tsd_demo", *QUIET)
+        urls[demo] = address(demo.ready())
+        buses[demo] = re.findall(r"bus at (\S+?);", demo.ready())[0]
     assert len(set(urls.values())) == len(set(buses.values())) == 2
-    for demo in demos:
+    for demo in urls:
         assert health(urls[demo])["ready"] is True
         page = urlsplit(urls[demo]).port
         said_of_page = f"port 8080 is in use, so the page is at port {page}" in demo.output
