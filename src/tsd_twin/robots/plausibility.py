@@ -15,7 +15,7 @@ from tsd_twin.robots.description import Problem
 
 RANGES: dict[str, tuple[float, float]] = {
     "limits.speed_mps": (0.001, 50.0),
-    "limits.turn_rate_rad_per_s": (0.001, 60.0),
+    "limits.turn_rate_rad_per_s": (0.001, 100.0),
     "limits.acceleration_mps2": (0.001, 200.0),
     "limits.deceleration_mps2": (0.001, 200.0),
     "limits.angular_acceleration_rad_per_s2": (0.001, 2000.0),
