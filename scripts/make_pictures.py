@@ -12,6 +12,7 @@ import base64
 import contextlib
 import io
 import math
+import os
 import re
 import shutil
 import subprocess
@@ -63,6 +64,15 @@ LAB = {
 WIDTH_PX, FRAMES_PER_S, MOST_BYTES = 800, 10, 3_000_000
 DRIVE_S = 7.0
 _TRIES = 8
+MESSAGES_MS = 8000
+"""Time after which the messages of the page are gone."""
+MOVING = re.compile("[1-9]")
+"""In the text of a speed."""
+FONTS = """<?xml version="1.0"?><!DOCTYPE fontconfig SYSTEM "fonts.dtd">
+<fontconfig><include>/etc/fonts/fonts.conf</include>
+<match target="pattern"><edit name="family" mode="prepend" binding="strong">
+<string>DejaVu Sans Condensed</string></edit></match></fontconfig>"""
+"""As wide as the fonts of most desktops; a bare system has a wider one only."""
 
 
 @contextlib.contextmanager
@@ -122,12 +132,33 @@ def push_stick(page: Page, right: float, up: float) -> None:
         page.mouse.down()
         page.mouse.move(x + right * half, y - up * half)
         try:
-            expect(speed).to_contain_text(re.compile(r"0\.[1-9]"), timeout=4000)
+            expect(speed).to_contain_text(MOVING, timeout=4000)
         except AssertionError:
             page.mouse.up()
+            page.wait_for_timeout(MESSAGES_MS)
             continue
         return
     raise SystemExit("the robot was not moved: is this machine busy?")
+
+
+def is_held(page: Page) -> bool:
+    """Return whether the robot still obeys the stick: a page that was too slow is let go."""
+    speed = page.get_by_role("status", name="Speed", exact=True).inner_text()
+    return bool(MOVING.search(speed)) and page.get_by_text("Push again").count() == 0
+
+
+def photograph_after_drive(page: Page, file: Path, *pushes: tuple[float, float]) -> None:
+    """Drive a little with the stick, and photograph the page when its messages are gone.
+
+    A page that draws each pixel on the processor is too slow to be photographed while driving.
+    """
+    for right, up in pushes:
+        push_stick(page, right, up)
+        page.wait_for_timeout(1000)
+        page.mouse.up()
+        page.wait_for_timeout(500)
+    page.wait_for_timeout(MESSAGES_MS)
+    page.screenshot(path=file)
 
 
 def photograph_drive(browser: Browser, to: Path) -> None:
@@ -140,14 +171,13 @@ def photograph_drive(browser: Browser, to: Path) -> None:
         show_tab(page, "Gimbals")
         page.wait_for_timeout(2000)
         for _ in range(_TRIES):
-            page.wait_for_timeout(5000)  # Messages of the last try fade.
             push_stick(page, 0.0, 0.9)
             frames = record(page, lambda: drive_circle(page))
-            # A page that was too slow is let go, and the robot stands: not this time.
-            moving = page.get_by_role("status", name="Speed", exact=True).inner_text()
+            held = is_held(page)
             page.mouse.up()
-            if re.search(r"0\.[1-9]", moving):
+            if held:
                 break
+            page.wait_for_timeout(MESSAGES_MS)
         else:
             raise SystemExit("the drive was interrupted each time: is this machine busy?")
     write_animation(frames, to / "drive.webp")
@@ -208,7 +238,7 @@ def write_animation(frames: list[tuple[float, bytes]], file: Path) -> None:
 
 
 def photograph_page(browser: Browser, to: Path) -> None:
-    """Photograph the page while driving, its plots, a drawn path, and the page on a phone."""
+    """Photograph a drawn path, the plots of a drive, and the page on a phone."""
     with demo() as address:
         with opened(browser, address) as page:
             show_tab(page, "Drive")
@@ -218,29 +248,14 @@ def photograph_page(browser: Browser, to: Path) -> None:
             page.screenshot(path=to / "path.png")
         with opened(browser, address) as page:
             take_control_and_arm(page)
-            show_tab(page, "Gimbals")
-            push_stick(page, 0.0, 0.9)
-            page.wait_for_timeout(1500)
-            page.screenshot(path=to / "dashboard.png")
-            page.mouse.up()
             show_tab(page, "Plots")
-            for right, up in ((0.0, 0.9), (0.7, 0.6), (-0.8, 0.3), (0.3, 0.9)):
-                push_stick(page, right, up)
-                page.wait_for_timeout(2000)
-                if up < 0.9 or right == 0.0:
-                    page.mouse.up()
-                    page.wait_for_timeout(1000)
-            page.screenshot(path=to / "plots.png")
-            page.mouse.up()
+            photograph_after_drive(page, to / "plots.png", (0.0, 0.9), (-0.8, 0.3), (0.3, 0.9))
             press(page, "Disarm")
             press(page, "Release control")
         phone = {"viewport": {"width": 390, "height": 844}, "color_scheme": "light"}
         with opened(browser, address, **phone) as page:
             take_control_and_arm(page)
-            push_stick(page, 0.3, 0.8)
-            page.wait_for_timeout(1000)
-            page.screenshot(path=to / "phone.png")
-            page.mouse.up()
+            photograph_after_drive(page, to / "phone.png", (0.3, 0.8))
 
 
 def draw_line(page: Page) -> None:
@@ -254,19 +269,16 @@ def draw_line(page: Page) -> None:
     page.mouse.up()
     path = page.get_by_role("status", name="Path")
     expect(path).to_contain_text(re.compile(r"\d m"), timeout=PATIENCE_MS)
-    page.wait_for_timeout(1500)
+    page.wait_for_timeout(4000)  # Until the scene has drawn it.
 
 
 def photograph_robots(browser: Browser, to: Path) -> None:
-    """Photograph each shipped robot while it drives, with the tab of its joints."""
+    """Photograph each shipped robot after a drive, with the tab of its joints."""
     for name, tab in ROBOTS.items():
         with demo("--robot", name) as address, opened(browser, address) as page:
             take_control_and_arm(page)
             show_tab(page, tab)
-            push_stick(page, 0.3, 0.8)
-            page.wait_for_timeout(1200)
-            page.screenshot(path=to / f"{name}.png")
-            page.mouse.up()
+            photograph_after_drive(page, to / f"{name}.png", (0.3, 0.8))
         print(f"  {name}")
 
 
@@ -307,10 +319,15 @@ def main() -> None:
         parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(parts)}")
     args.to.mkdir(parents=True, exist_ok=True)
     chosen = args.part or parts
-    with sync_playwright() as playwright:
+    with sync_playwright() as playwright, tempfile.NamedTemporaryFile("w", suffix=".conf") as fonts:
+        fonts.write(FONTS)
+        fonts.flush()
+        environment: dict[str, Any] = {**os.environ, "FONTCONFIG_FILE": fonts.name}
         for part in (part for part in PAGES if part in chosen):
             print(part, flush=True)
-            browser = playwright.chromium.launch(executable_path=executable(), args=list(FLAGS))
+            browser = playwright.chromium.launch(
+                executable_path=executable(), args=list(FLAGS), env=environment
+            )
             PAGES[part](browser, args.to)
             browser.close()
     for part in (part for part in OTHERS if part in chosen):
