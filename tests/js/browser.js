@@ -33,6 +33,27 @@ export class FakeElement extends EventTarget {
   }
 }
 
+/** An element that was made by a script of the page: attributes, text and style. */
+class MadeElement extends FakeElement {
+  attributes = new Map();
+  textContent = "";
+  style = { setProperty() {} };
+
+  append() {}
+
+  setAttribute(name, value) {
+    this.attributes.set(name, value);
+  }
+
+  getAttribute(name) {
+    return this.attributes.get(name) ?? null;
+  }
+
+  removeAttribute(name) {
+    this.attributes.delete(name);
+  }
+}
+
 class Field extends FakeElement {
   type = "text";
   inputMode = "";
@@ -75,9 +96,12 @@ Object.defineProperty(globalThis, "navigator", { value: { getGamepads: () => pad
 mock.method(performance, "now", () => nowMs);
 
 /** Open a new page: no listeners, timers or gamepads are left of the last one. */
-function openPage() {
+export function openPage() {
   page = new EventTarget();
-  globalThis.document = Object.assign(new EventTarget(), { visibilityState: "visible" });
+  globalThis.document = Object.assign(new EventTarget(), {
+    visibilityState: "visible",
+    createElement: () => new MadeElement(),
+  });
   pads = [];
   mock.timers.reset();
   mock.timers.enable({ apis: ["setInterval", "setTimeout"] });

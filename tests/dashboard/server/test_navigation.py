@@ -29,7 +29,7 @@ from tsd_twin.dashboard.server.navigation import NavigationSession
 from tsd_twin.dashboard.server.protocol import MAX_POINTS, ActionReply, PlanRequest
 from tsd_twin.errors import PathError
 from tsd_twin.lie import SO3
-from tsd_twin.messages.status import Status, WheelSpeedStatus
+from tsd_twin.messages.status import Refusals, Status, WheelSpeedStatus
 from tsd_twin.motion.tracking import ExecutionPhase, ExecutionStep
 
 THERE_M = 0.05
@@ -302,8 +302,15 @@ class Desk:
         """Hold the button, for the robot that control is had of."""
         return self.going.step(cast(RobotClient, feed or self.feed), number, 0.25, now_s)
 
-    def say(self, x: float, odom_s: float, mode: str = "ready", rpm: float = 2500.0) -> None:
-        status = Status(mode, wheel_speed=WheelSpeedStatus(rpm, rpm))
+    def say(
+        self,
+        x: float,
+        odom_s: float,
+        mode: str = "ready",
+        rpm: float = 2500.0,
+        refusals: Refusals | None = None,
+    ) -> None:
+        status = Status(mode, refusals=refusals, wheel_speed=WheelSpeedStatus(rpm, rpm))
         self.feed.say(pose=np.array([x, 0.0, 0.0]), status=status)
         self.feed.snapshot = replace(self.feed.snapshot, odom_received_s=odom_s)
 
@@ -388,9 +395,10 @@ def test_a_stop_by_anybody_ends_the_way_and_until_the_reset_there_is_no_other(
             desk.step(number, 100.4)
         desk.say(0.0, 100.5, mode)
         desk.request_plan()
-        assert desk.answers[-1] == ActionReply(
-            to="plan", ok=False, reason=f"the robot is {mode}: reset first"
-        )
+        assert desk.answers[-1] == ActionReply(to="plan", ok=False, reason=f"the robot is {mode}")
+        desk.say(0.0, 100.6, mode, refusals=Refusals(drive="the wheels are loose"))
+        desk.request_plan()
+        assert desk.answers[-1] == ActionReply(to="plan", ok=False, reason="the wheels are loose")
         assert desk.going.route_state is None
 
     asyncio.run(run())

@@ -13,6 +13,17 @@ interface LeaseStatus {
   reserved_s: number;
 }
 
+interface Refusals {
+  lease: string | null;
+  without_lease: string;
+  arm: string | null;
+  disarm: string | null;
+  reset: string | null;
+  drive: string | null;
+  set_pose: string | null;
+  speed: string | null;
+}
+
 interface CommandStatus {
   seq: number;
   age_s: number | null;
@@ -68,6 +79,7 @@ interface Status {
   stops: number;
   arming: ArmingStatus | null;
   lease: LeaseStatus;
+  refusals: Refusals | null;
   command: CommandStatus;
   limits: LimitStatus;
   consistency: ConsistencyStatus;

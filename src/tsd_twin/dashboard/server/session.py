@@ -294,7 +294,7 @@ class Session:
             control = None
         self._lease_client.on_lease_status(lease)
         if state.status.mode not in DRIVABLE_MODES:
-            self.release_controls(f"the robot is {state.status.mode}")
+            self.release_controls(state.status.no_drive_reason)
         if self._stop_count not in (None, state.status.stops):
             # A stop can be shorter than the time between two states.
             self.release_controls("the robot has stopped by itself")

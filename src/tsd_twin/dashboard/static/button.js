@@ -97,10 +97,7 @@ export class LongPressButton extends Button {
   }
 
   _start() {
-    if (this.reason !== null) {
-      this.use();
-      return;
-    }
+    if (this.reason !== null) this.use(); // Show the reason; the hold decides when it ends.
     this._end();
     setAttribute(this.button, "data-holding", "");
     this._timer = setTimeout(() => {
