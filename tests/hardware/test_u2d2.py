@@ -110,7 +110,7 @@ def test_turned_servos_and_other_neutrals_are_counted_in(tmp_path: Path) -> None
         it.until(lambda: np.allclose(it.measured[ANGLES], there, atol=2e-3), AHEAD)
 
 
-def test_the_watchdog_of_the_bus_stops_servos_that_nobody_speaks_to(tmp_path: Path) -> None:
+def test_the_watchdog_of_the_bus_stops_servos_without_requests(tmp_path: Path) -> None:
     with bench(tmp_path) as it:
         it.connect()
         it.until(lambda: it.measured[0] > 0.02, AHEAD)
