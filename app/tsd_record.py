@@ -10,14 +10,13 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from tsd_twin import program
+from tsd_twin import flag_types, program
 from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, Config, client_config, clients_of, from_file
 from tsd_twin.errors import TwinError
 from tsd_twin.recording import ALLOWED, EVERYTHING, Recorder, RecordingFolder, export
-from tsd_twin.recording.folder import DEFAULT_GB, default_folder
+from tsd_twin.recording.folder import DEFAULT_GB, LEAST_GB, default_folder
 
 GB = 1_000_000_000
-LEAST_GB = 0.01
 
 PARSER = program.parser(
     "tsd-record",
@@ -39,8 +38,6 @@ def record(args: argparse.Namespace) -> None:
     Raises:
         TwinError: the folder cannot be used.
     """
-    if not args.keep_gb >= LEAST_GB:
-        raise TwinError(f"--keep-gb: {args.keep_gb:g} is too little, {LEAST_GB:g} is the least")
     stop = program.stop_event(args)
     folder = RecordingFolder(args.dir, round(args.keep_gb * GB))
     for path in folder.complete_cut_files():
@@ -133,7 +130,7 @@ def main() -> None:
     )
     PARSER.add_argument(
         "--keep-gb",
-        type=float,
+        type=flag_types.number(LEAST_GB),
         default=DEFAULT_GB,
         metavar="GB",
         help=f"limit of the folder, the oldest files are removed; default {DEFAULT_GB:g}",
@@ -151,10 +148,19 @@ def main() -> None:
     )
     parser.add_argument("file", metavar="FILE", help="a recording")
     parser.add_argument(
-        "--from", dest="start_s", type=float, default=0.0, metavar="S", help="start, in seconds"
+        "--from",
+        dest="start_s",
+        type=flag_types.number(0.0),
+        default=0.0,
+        metavar="S",
+        help="start, in seconds",
     )
     parser.add_argument(
-        "--to", dest="end_s", type=float, metavar="S", help="end, in seconds; default: the end"
+        "--to",
+        dest="end_s",
+        type=flag_types.POSITIVE,
+        metavar="S",
+        help="end, in seconds; default: the end",
     )
     parser.add_argument("--robot", metavar="ID", help="one robot; default: all")
     parser.add_argument("--out", metavar="FILE", help="MCAP file to write")

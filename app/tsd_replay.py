@@ -6,7 +6,7 @@ import argparse
 import contextlib
 from pathlib import Path
 
-from tsd_twin import program
+from tsd_twin import flag_types, program
 from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, as_client, client_config, node_config
 from tsd_twin.errors import TwinError
 from tsd_twin.recording import Recording, Replay, open_recording, play
@@ -73,7 +73,11 @@ def main() -> None:
     PARSER.add_argument("--robot", metavar="ID", help="robot in the recording, when it has several")
     PARSER.add_argument("--id", help=f"id on the bus; default: that of the robot and {SUFFIX}")
     PARSER.add_argument(
-        "--speed", type=float, default=1.0, metavar="FACTOR", help="1 is as it was; default 1"
+        "--speed",
+        type=flag_types.POSITIVE,
+        default=1.0,
+        metavar="FACTOR",
+        help="1 is as it was; default 1",
     )
     PARSER.add_argument("--loop", action="store_true", help="begin again at the end")
     PARSER.add_argument(

@@ -22,8 +22,8 @@ _NEW_S = 10.0
 _LOG = logging.getLogger(__name__)
 
 
-DEFAULT_GB = 5.0
-"""Usual limit of a folder."""
+LEAST_GB, DEFAULT_GB = 0.01, 5.0
+"""Smallest and usual limit of a folder."""
 
 
 def default_folder(home: Path | None = None) -> Path:

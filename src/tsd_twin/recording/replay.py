@@ -5,13 +5,13 @@ from __future__ import annotations
 import secrets
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import msgspec
 
 from tsd_twin.bus import Bus, Publisher, Request
-from tsd_twin.errors import BusError, TwinError
+from tsd_twin.errors import BusError
 from tsd_twin.messages import topics
 from tsd_twin.messages.services import LeaseReply, Reply
 from tsd_twin.messages.status import encode_stamp
@@ -119,24 +119,10 @@ class Replay:
         self._publishers[path].put(data, attachment)
 
 
-def play(
-    replay: Replay,
-    stop: threading.Event,
-    speed: float,
-    *,
-    loop: bool = False,
-    at_end: Callable[[], None] = lambda: None,
-) -> None:
-    """Run a replay once, or again and again with `loop`; `at_end` is called after each round.
-
-    Raises:
-        TwinError: the speed is not positive.
-    """
-    if not 0.0 < speed < 1e6:
-        raise TwinError(f"--speed: {speed:g} is no speed: 1 is as it was, 2 twice as fast")
+def play(replay: Replay, stop: threading.Event, speed: float, *, loop: bool = False) -> None:
+    """Run a replay once, or again and again with `loop`."""
     while not stop.is_set():
         replay.run(stop, speed)
-        at_end()
         if not loop:
             return
 

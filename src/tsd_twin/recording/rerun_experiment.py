@@ -12,7 +12,7 @@ import numpy as np
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from tsd_twin import robots
+from tsd_twin import flag_types, robots
 from tsd_twin.errors import TwinError
 from tsd_twin.experiment import (
     ESTIMATE_COLOUR,
@@ -176,7 +176,7 @@ def _add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--robot", metavar="NAME|FILE", help="what if: another description")
     parser.add_argument(
         "--tolerance",
-        type=float,
+        type=flag_types.SCALE,
         default=0.0,
         help="largest difference that counts as none; default 0, bit for bit. Another processor "
         "or another numpy needs 1e-9",

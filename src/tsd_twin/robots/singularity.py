@@ -27,6 +27,7 @@ from tsd_twin.robots.description import (
     Table,
     WheelSpeedRange,
 )
+from tsd_twin.robots.plausibility import proportion_problems
 
 
 class SingularityGeometry(Table, frozen=True, tag="singularity", tag_field="kind"):
@@ -144,7 +145,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         return () if self.gyro is None else (Joint("gyro", JointKind.VELOCITY),)
 
     def kinematics(self) -> SingularityKinematics:
-        """Return the kinematics at cruise speed."""
+        """Kinematics at cruise speed."""
         g = self.drive
         return SingularityKinematics(
             azimuths_rad=np.radians(g.azimuths_deg),
@@ -157,7 +158,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         )
 
     def actuator_offsets(self) -> ActuatorOffsets:
-        """Return the calibration between joints and actuators."""
+        """Calibration between joints and actuators."""
         found, modules = self.calibration, self.drive.modules
         offset = np.zeros((modules, 3))
         offset[:, :2] = np.radians(found.tilt_offset_deg or np.zeros((modules, 2)))
@@ -171,11 +172,11 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         return self.errors.delay_s
 
     def with_errors(self, scale: float) -> Self:
-        """Return the robot with its `[errors]` multiplied by `scale`."""
+        """Robot with its `[errors]` multiplied by `scale`."""
         return msgspec.structs.replace(self, errors=self.errors.scaled(scale))
 
     def joint_errors(self) -> JointErrors:
-        """Return the noise of gimbal angles and wheel speeds."""
+        """Noise of gimbal angles and wheel speeds."""
         return JointErrors(math.radians(self.noise.gimbal_angle_deg), self.noise.spin_share)
 
     def spin_up(self) -> SpinUp:
@@ -220,6 +221,11 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
                     f"{key} has {len(values)} entries for {self.drive.modules} modules",
                     "one for each of drive.azimuths_deg, or none",
                 )
+        yield from proportion_problems(
+            ("drive.wheel_radius_m", self.drive.wheel_radius_m),
+            ("drive.pivot_radius_m", self.drive.pivot_radius_m),
+            self.mass.total_kg,
+        )
         yield from self._calibration_problems()
         yield from self._motor_problems()
 

@@ -202,7 +202,7 @@ class Session:
     ) -> None:
         if isinstance(message, SetWheelSpeed):
             self._lease_client.start_request(
-                "speed", self._lease_client.set_wheel_speed(message.cruise_speed_rpm)
+                "wheel_speed", self._lease_client.set_wheel_speed(message.cruise_speed_rpm)
             )
         else:
             service = _HOLDER_SERVICES[type(message)]
@@ -294,7 +294,7 @@ class Session:
             control = None
         self._lease_client.on_lease_status(lease)
         if state.status.mode not in DRIVABLE_MODES:
-            self.release_controls(f"the robot is {state.status.mode}")
+            self.release_controls(state.status.no_drive_reason)
         if self._stop_count not in (None, state.status.stops):
             # A stop can be shorter than the time between two states.
             self.release_controls("the robot has stopped by itself")

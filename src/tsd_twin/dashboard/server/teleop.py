@@ -80,6 +80,9 @@ class DeadmanSwitch:
 
 
 DRIVABLE_MODES = (Mode.READY, Mode.DRIVING)
+"""Modes in which a held control moves the robot; in others the dashboard releases it. A robot that
+comes to rest would drive on, but here only a control that is used anew moves it.
+"""
 
 TeleopMessage: TypeAlias = (
     DriveCommand | FollowPlan | ReleaseControls | PlanRequest | SetSpeedLevel | ClearPlan
@@ -203,7 +206,7 @@ class TeleopController:
         status = control.link.snapshot.status
         if status is None or status.mode not in DRIVABLE_MODES:
             # A control held while the robot becomes ready must not start motion.
-            self._release_controls(f"the robot is {status.mode if status else 'silent'}")
+            self._release_controls(status.no_drive_reason if status else "the robot is silent")
             return None
         return control
 
