@@ -51,7 +51,6 @@ def demonstrate(args: argparse.Namespace) -> None:
     stop = program.stop_event(args)
     link = LinkSpec.parse(args.link) if args.link else None
     chosen = cast_of(args.robot or ["tsd"], args.id, camera=args.camera)
-    folder = None if args.no_record else record_folder(args.record_dir)
     # Over TCP, whatever a bad link loses holds up all that comes after it.
     protocol, kind = ("udp", socket.SOCK_DGRAM) if link else ("tcp", socket.SOCK_STREAM)
     bus_ports = [
@@ -59,6 +58,7 @@ def demonstrate(args: argparse.Namespace) -> None:
         *(free_port(0, 0, kind) for _ in chosen[1:]),
     ]
     page_port = free_port(args.port, PAGE_PORT)
+    folder = None if args.no_record else record_folder(args.record_dir)
     endpoints = [f"{protocol}/127.0.0.1:{port}" for port in bus_ports]
     if args.bus_port is None and bus_ports[0] != BUS_PORT:
         print(

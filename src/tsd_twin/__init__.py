@@ -37,9 +37,9 @@ if TYPE_CHECKING:
         connect,
         connect_async,
     )
-    from tsd_twin.errors import TwinError
+    from tsd_twin.errors import RecordingError, TwinError
     from tsd_twin.lie import SE2, SO3
-    from tsd_twin.recording import Recording, RecordingError, open_recording
+    from tsd_twin.recording import Recording, open_recording
     from tsd_twin.robots import load_robot
     from tsd_twin.simulation import simulate
 
@@ -50,7 +50,7 @@ _HOMES = {
     "SO3": ("tsd_twin.lie", "SO3"),
     "TwinError": ("tsd_twin.errors", "TwinError"),
     "Recording": ("tsd_twin.recording", "Recording"),
-    "RecordingError": ("tsd_twin.recording", "RecordingError"),
+    "RecordingError": ("tsd_twin.errors", "RecordingError"),
     "load_robot": ("tsd_twin.robots", "load_robot"),
     "open_recording": ("tsd_twin.recording", "open_recording"),
     "simulate": ("tsd_twin.simulation", "simulate"),

@@ -313,29 +313,6 @@ def test_a_new_file_on_demand_stands_for_itself(start: Start, tmp_path: Path) ->
     assert following[0] == last[-1] + 1
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said", "code"),
-    [
-        (("tsd_record", "--keep-gb", "0"), "--keep-gb: '0' is not a number of 0.01 or more", 2),
-        (("tsd_replay", "x.mcap", "--speed", "0"), "--speed: '0' is not a number above 0", 2),
-        (("tsd_record", "--dir", "/dev/null/x"), "cannot be a folder of recordings", 1),
-        (("tsd_record", "--connect", "nonsense", "--dir", "HERE"), "nonsense", 1),
-        (("tsd_record", "export", "/nowhere.mcap", "--csv", "x"), "cannot be read", 1),
-        (("tsd_record", "export", "/nowhere.mcap"), "--out FILE.mcap or --csv FOLDER is needed", 1),
-        (("tsd_replay", "/nowhere.mcap"), "cannot be read", 1),
-        (("tsd_lab", "rerun", "/nowhere.mcap"), "cannot be read", 1),
-        (("tsd_demo", "--no-browser", "--record-dir", "/dev/null/x"), "cannot be written to", 1),
-    ],
-)
-def test_a_mistake_is_one_sentence(
-    start: Start, arguments: tuple[str, ...], said: str, code: int, tmp_path: Path
-) -> None:
-    program = start(*(word.replace("HERE", str(tmp_path)) for word in arguments))
-    assert program.wait() == code
-    assert said in program.sentence
-    assert len(program.errors) == 1
-
-
 def test_the_demo_records_and_goes_on_without_its_recorder(start: Start, tmp_path: Path) -> None:
     demo = start(
         "tsd_demo", "--no-browser", "--until-eof", "--port", "0", "--bus-port", "0",

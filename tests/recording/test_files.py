@@ -18,9 +18,9 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 import tsd_twin
-from tsd_twin.errors import TwinError
+from tsd_twin.errors import RecordingError, TwinError
 from tsd_twin.messages.ros import Odometry, encode_odometry
-from tsd_twin.recording import RecordingError, RecordingFolder
+from tsd_twin.recording import RecordingFolder
 from tsd_twin.recording.channels import CDR, JSON, Entry
 from tsd_twin.recording.file import RecordingFile
 from tsd_twin.recording.reading import entries, is_whole

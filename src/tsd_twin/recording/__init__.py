@@ -8,7 +8,6 @@ from tsd_twin.recording.data import (
     open_recording,
 )
 from tsd_twin.recording.folder import RecordingFolder
-from tsd_twin.recording.reading import RecordingError
 from tsd_twin.recording.recorder import ALLOWED, EVERYTHING, Recorder
 from tsd_twin.recording.replay import Replay, play
 
@@ -18,7 +17,6 @@ __all__ = [
     "RecordedMessage",
     "Recorder",
     "Recording",
-    "RecordingError",
     "RecordingFolder",
     "Replay",
     "Series",

@@ -13,14 +13,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from tsd_twin.errors import MessageError
+from tsd_twin.errors import MessageError, RecordingError
 from tsd_twin.lie import Array
 from tsd_twin.messages.ros import decode_cdr
 from tsd_twin.messages.services import Description
 from tsd_twin.messages.topics import Service
 from tsd_twin.recording import reading
 from tsd_twin.recording.channels import CDR, JSON, MSGPACK, RAW, Entry, robot_of
-from tsd_twin.recording.reading import RecordingError
 
 Column: TypeAlias = NDArray[Any]
 _STATE = "/state/"

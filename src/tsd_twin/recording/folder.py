@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 
-from tsd_twin.errors import TwinError
+from tsd_twin.errors import RecordingError, TwinError
 from tsd_twin.recording.file import McapWriter, RecordingFile
-from tsd_twin.recording.reading import RecordingError, entries, is_whole
+from tsd_twin.recording.reading import entries, is_whole
 
 _PATTERN = "tsd-*.mcap"
 """Only files with such a name are completed or removed: a folder may have others."""

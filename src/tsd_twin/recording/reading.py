@@ -10,16 +10,12 @@ from mcap.reader import make_reader
 from mcap.records import Channel, Message, Schema
 from mcap.stream_reader import StreamReader
 
-from tsd_twin.errors import TwinError
+from tsd_twin.errors import RecordingError
 from tsd_twin.recording.channels import Entry
 
 _MAGIC = b"\x89MCAP0\r\n"
 _LONGEST_RECORD = 1 << 28
 """A longer one is no record but a damaged length."""
-
-
-class RecordingError(TwinError):
-    """A recording cannot be read."""
 
 
 def is_whole(path: Path) -> bool:

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from tsd_twin.bus import Bus, Publisher, Request
-from tsd_twin.errors import BusError
+from tsd_twin.errors import BusError, RecordingError
 from tsd_twin.messages import topics
 from tsd_twin.messages.services import LeaseReply, Reply
 from tsd_twin.messages.status import encode_stamp
@@ -19,7 +19,6 @@ from tsd_twin.messages.topics import Service
 from tsd_twin.recording import reading
 from tsd_twin.recording.channels import RAW, Entry, topic_of
 from tsd_twin.recording.data import Recording
-from tsd_twin.recording.reading import RecordingError
 
 _PREFIXES = ("state/", "event/", "sensor/")
 """What is replayed. Commands are not: no gate would judge them, and their leases are over."""

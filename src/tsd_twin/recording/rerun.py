@@ -16,7 +16,7 @@ from tsd_twin import robots
 from tsd_twin.control import RobotController
 from tsd_twin.control.logged_controller import estimate_numbers
 from tsd_twin.control.snapshot import load
-from tsd_twin.errors import MessageError, TwinError
+from tsd_twin.errors import MessageError, RecordingError, TwinError
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages import topics
 from tsd_twin.messages.input_log import (
@@ -35,7 +35,6 @@ from tsd_twin.messages.status import LoopStatus
 from tsd_twin.messages.topics import Service
 from tsd_twin.recording import reading
 from tsd_twin.recording.data import Recording
-from tsd_twin.recording.reading import RecordingError
 from tsd_twin.robots import RobotDescription
 from tsd_twin.safety import Mode
 

@@ -43,7 +43,7 @@ _LABELS: dict[type[Any], tuple[str, str, str]] = {
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Run the recorded inputs again.
+    """Today's controller on the inputs of a recording, compared bit for bit.
 
     Raises:
         TwinError: the file has no inputs, or the same description gives other numbers.
@@ -185,12 +185,11 @@ def _add_flags(parser: argparse.ArgumentParser) -> None:
 
 EXPERIMENT = Experiment(
     "rerun",
-    "Run today's controller on the inputs of a recording, and compare bit for bit.",
     run,
-    (
+    [
         "tsd-lab rerun run.mcap",
         "tsd-lab rerun run.mcap --set limits.acceleration_mps2=1",
         "tsd-lab rerun run.mcap --robot my.toml --out other",
-    ),
-    _add_flags,
+    ],
+    add_own_flags=_add_flags,
 )
