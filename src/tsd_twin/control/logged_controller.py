@@ -68,10 +68,10 @@ class LoggedController(RobotController):
         """Run one period, as `RobotController.step`."""
         setpoint = super().step(now_s, measured, samples, fault)
         if self.logs:
-            estimate, covariance = estimate_numbers(self.odometry(0))
+            estimate, others = estimate_numbers(self)
             raw = None if measured is None else np.asarray(measured, dtype="<f8").tobytes()
             self._calls.append(
-                StepCall(now_s, raw, list(samples), fault, setpoint.tobytes(), estimate, covariance)
+                StepCall(now_s, raw, list(samples), fault, setpoint.tobytes(), estimate, others)
             )
         return setpoint
 
@@ -141,8 +141,15 @@ def pose_numbers(pose: SE2 | SO3) -> list[float]:
     return (pose.xy_heading if isinstance(pose, SE2) else pose.wxyz).tolist()
 
 
-def estimate_numbers(odometry: Odometry) -> tuple[bytes, int]:
-    """Return an estimate as it is logged: pose and twist, and a CRC-32 of both covariances."""
+def estimate_numbers(controller: RobotController) -> tuple[bytes, int]:
+    """Return the estimate as it is logged: pose and twist, and a CRC-32 of all else."""
+    best, second = controller.odometry(0), controller.alternative_odometry(0)
+    others = best.pose_covariance.tobytes() + best.twist_covariance.tobytes()
+    if second is not None:
+        others += _numbers(second) + second.pose_covariance.tobytes()
+    return _numbers(best), zlib.crc32(others)
+
+
+def _numbers(odometry: Odometry) -> bytes:
     pose = odometry.xy_heading if odometry.wxyz is None else odometry.wxyz
-    covariances = odometry.pose_covariance.tobytes() + odometry.twist_covariance.tobytes()
-    return pose.tobytes() + odometry.twist.tobytes(), zlib.crc32(covariances)
+    return pose.tobytes() + odometry.twist.tobytes()

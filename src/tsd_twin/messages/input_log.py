@@ -58,8 +58,8 @@ class StepCall(msgspec.Struct, frozen=True, array_like=True, tag="step"):
     """(n,): what it returned."""
     estimate: bytes = b""
     """Pose, (3,) or of a sphere (4,), and twist (3,), afterwards."""
-    covariance: int = 0
-    """CRC-32 of the covariances of pose and twist."""
+    others: int = 0
+    """CRC-32 of the covariances of pose and twist, and of the second estimate if there is one."""
 
 
 class StatusCall(msgspec.Struct, frozen=True, array_like=True, tag="status"):

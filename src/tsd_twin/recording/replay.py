@@ -92,7 +92,7 @@ class Replay:
 
     def _serve(self) -> None:
         for service, server in self._servers.items():
-            for request in server.take():
+            for request in server.take_requests():
                 self._answer(service, request)
 
     def _answer(self, service: Service, request: Request) -> None:

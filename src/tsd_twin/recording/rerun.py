@@ -206,7 +206,7 @@ class Rerun:
         measured = None if call.measured is None else np.frombuffer(call.measured, "<f8").copy()
         setpoint = controller.step(call.now_s, measured, call.samples, call.fault)
         controller.take_events()
-        estimate, covariance = estimate_numbers(controller.odometry(0))
+        estimate, others = estimate_numbers(controller)
         recorded = np.frombuffer(call.setpoint, "<f8")
         recorded_estimate, here = (np.frombuffer(each, "<f8") for each in (call.estimate, estimate))
         result.t_s.append(call.now_s - self._start_s)
@@ -219,8 +219,9 @@ class Rerun:
             self._compare_numbers("the set-point of", names, recorded, setpoint, call)
             parts = _ESTIMATE[len(here)]
             self._compare_numbers("the estimate of", parts, recorded_estimate, here, call)
-            if covariance != call.covariance and self._tolerance == 0.0:
-                self._differs(call.now_s, "the covariance of the estimate differs", call)
+            if others != call.others and self._tolerance == 0.0:
+                what = "the covariance of the estimate, or the second estimate, differs"
+                self._differs(call.now_s, what, call)
         self._requests.clear()
 
     def _compare(self, what: str, recorded: bytes, now: bytes, call: Any) -> None:
