@@ -205,6 +205,7 @@ print(failed)
 """
 
 
+@pytest.mark.system
 def test_nothing_is_lost_while_a_disk_is_full_for_some_time(tmp_path: Path) -> None:
     """A limit of the size of files stands for the disk: the same calls fail."""
     ran = subprocess.run(
@@ -228,6 +229,7 @@ for i in range(100_000):
 """
 
 
+@pytest.mark.system
 def test_a_process_that_is_killed_has_lost_nothing_that_was_flushed(tmp_path: Path) -> None:
     for seed in range(4):
         folder = RecordingFolder(tmp_path / str(seed), 1 << 40)
