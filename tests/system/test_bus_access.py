@@ -280,7 +280,7 @@ def test_nobody_reads_the_books_of_the_robots_own_session(robot: SecuredRobot, a
 def test_a_recorder_reads_all_that_is_sent_and_others_no_lease_ids(
     robot: SecuredRobot, alice: Bus, guest: Bus
 ) -> None:
-    """By the keys that `tsd-record` subscribes to with a certificate: a rule denies none of them."""
+    """By the keys that `tsd-record` subscribes to with a certificate: no rule denies one."""
     (config,) = clients_of(robot.config("tape"))
     inputs = topics.INPUTS.key(ID)
     with Bus(config) as tape, listening(tape, *ALLOWED) as recorded:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import logging
 import platform
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from tsd_twin.bus import Bus
 from tsd_twin.control import LoggedController
 from tsd_twin.messages import topics
 from tsd_twin.messages.input_log import InputBatch, encode_batch
+
+_LOG = logging.getLogger(__name__)
 
 _BATCH = 20
 """Periods in a message: five messages a second."""
@@ -37,15 +40,24 @@ class InputLogPublisher:
         self._early: list[InputBatch] | None = []
         self._periods = 0
         self._batches = 0
+        self._failed = False
 
     def step(self) -> None:
         """Send what was logged, once in a while; called at the end of each period."""
         self._periods += 1
-        if self._periods % _BATCH == 0:
+        if self._periods % _BATCH == 0 and not self._failed:
             self.flush()
 
     def flush(self) -> None:
-        """Send what was logged since the last message."""
+        """Send what was logged since the last message; an error ends the log, not the robot."""
+        try:
+            self._flush()
+        except Exception:
+            _LOG.exception("the inputs of the controller are logged no longer")
+            self._failed = True
+            self._controller.end_log()
+
+    def _flush(self) -> None:
         controller, wanted = self._controller, self._publisher.has_subscribers
         if controller.logs:
             self._batches += 1
