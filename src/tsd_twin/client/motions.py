@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from tsd_twin.client.errors import ClientError, MotionFailed
-from tsd_twin.client.protocol import COMMAND_PERIOD_S, REST, ControlProtocol, kinematics_in_force
+from tsd_twin.client.protocol import COMMAND_PERIOD_S, REST, ControlProtocol
 from tsd_twin.client.steps import Compute, Procedure, Send, Sleep
 from tsd_twin.errors import PathError
 from tsd_twin.kinematics import Kinematics
@@ -23,7 +23,7 @@ from tsd_twin.motion.routes import NavigationGoal
 from tsd_twin.motion.tracking import ExecutionPhase, ExecutionStep, TrajectoryExecutor
 from tsd_twin.motion.trajectory import Trajectory
 from tsd_twin.motion.trajectory import plan as time_parameterize
-from tsd_twin.robots import RobotDescription
+from tsd_twin.robots import RPM, RobotDescription
 from tsd_twin.robots.description import Limits
 
 TwistSource = Callable[[float], Sequence[float] | Array | None]
@@ -73,6 +73,17 @@ class PlanLimits:
     def cap(self, twist: Array) -> Array:
         """Return a twist, scaled as a whole to these limits."""
         return TwistLimiter(self.kinematics, self.limits).cap(twist)
+
+
+def kinematics_in_force(
+    robot: RobotDescription, kinematics: Kinematics[Any], status: Status | None
+) -> Kinematics[Any]:
+    """Return the described kinematics at the wheel speed that a status shows."""
+    speeds = robot.wheel_speed_range
+    if speeds is None or status is None or status.wheel_speed is None:
+        return kinematics
+    spin = status.wheel_speed.wanted_rpm * RPM
+    return kinematics if speeds.refusal(spin) else speeds.kinematics.with_spin(spin)
 
 
 def goal_at(x_m: float, y_m: float, heading_rad: float | None) -> NavigationGoal:

@@ -25,7 +25,7 @@ from tsd_twin.messages.commands import encode_attachment
 from tsd_twin.messages.ros import BASE, ODOM, Odometry, TwistStamped, encode_twist
 from tsd_twin.messages.services import LeaseReply, LeaseRequest, decode_json
 from tsd_twin.messages.status import Status
-from tsd_twin.robots import RPM, RobotDescription
+from tsd_twin.robots import RobotDescription
 from tsd_twin.safety import LATCHED, Mode
 
 COMMAND_PERIOD_S = 0.02
@@ -44,6 +44,8 @@ _REORDERED = 20
 """A status number that is lower by up to this is an old message; by more, the robot restarted."""
 _NUMBERS_APART = 1000
 """Between the numbers of two leases: more than a previous holder can have under way."""
+_MOST_NUMBERS = 2**53
+"""Beyond this, a number that the robot shows is not continued: it may be the last that fits."""
 _ROUND_TRIPS = 8
 _STILL_MPS, _STILL_RAD_PER_S = 0.02, 0.05
 REST = (0.0, 0.0, 0.0)
@@ -160,7 +162,7 @@ class ControlProtocol:
         # Numbers go on rising from those that the robot has shown, so that a status which shows
         # one of them was sent after the robot had counted it.
         counted = 0 if self.status is None else self.status.command.seq
-        self._seq = max(self._seq, counted) + _NUMBERS_APART
+        self._seq = max(self._seq, counted if counted < _MOST_NUMBERS else 0) + _NUMBERS_APART
 
     def release(self) -> None:
         """Record that the lease was released or handed over."""
@@ -433,17 +435,6 @@ class ControlProtocol:
         else:
             text = f"{self.robot_id} is {self.status.mode}"
         return f"{text}: {self.status.stop_reason}" if self.status.stop_reason else text
-
-
-def kinematics_in_force(
-    robot: RobotDescription, kinematics: Kinematics[Any], status: Status | None
-) -> Kinematics[Any]:
-    """Return the described kinematics at the wheel speed that a status shows."""
-    speeds = robot.wheel_speed_range
-    if speeds is None or status is None or status.wheel_speed is None:
-        return kinematics
-    spin = status.wheel_speed.wanted_rpm * RPM
-    return kinematics if speeds.refusal(spin) else speeds.kinematics.with_spin(spin)
 
 
 def _checked(twist: Sequence[float] | Array, frame: str) -> Array:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import viser
 
 from tsd_twin.client.connection import RoundTrips, SentCommand, Snapshot
-from tsd_twin.client.protocol import kinematics_in_force
+from tsd_twin.client.motions import kinematics_in_force
 from tsd_twin.dashboard.scene.appearance import robot_node
 from tsd_twin.dashboard.scene.overlays import RateLimiter
 from tsd_twin.dashboard.scene.prediction import NO_PREDICTION, MotionPredictor, Prediction
