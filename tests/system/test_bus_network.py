@@ -82,7 +82,7 @@ def test_a_page_of_an_operator_drives(robot: SecuredRobot, alice: Bus) -> None:
 def test_a_viewer_sees_the_robot_with_its_description_and_its_state(guest: Bus) -> None:
     assert set(guest.living_tokens(topics.alive_key("*"))) == {topics.alive_key(ID)}
     link = RobotMonitor(guest, ID)
-    assert link.urdf == DESCRIPTION.urdf
+    assert link.description.urdf == DESCRIPTION.urdf
     link.close()
     for topic in (topics.JOINTS, topics.SETPOINT, topics.ODOM, topics.TRUTH, topics.STATUS):
         for key in (topic.key("*"), topic.key(ID), "twin/*/state/**"):
