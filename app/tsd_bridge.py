@@ -32,7 +32,7 @@ PARSER = program.parser(
 
 
 def joints(robot: RobotDescription, args: argparse.Namespace) -> RobotIO:
-    """Return the connected hardware interface."""
+    """Connected hardware interface."""
     if not args.port:
         raise HardwareError("--port is missing: 'tsd-bridge --list' shows what ports there are")
     calibration = (

@@ -50,7 +50,7 @@ def make(args: argparse.Namespace) -> None:
 
 
 def report(folder: KeyFolder, now: datetime) -> list[str]:
-    """Return the report: new files, identities, and the files to copy to each machine."""
+    """Report: new files, identities, and the files to copy to each machine."""
     lines = [f"made {shown(folder.made)}" if folder.made else "everything is there already"]
     lines += ["", f"robot {', '.join(folder.hosts())}{term(folder, ROBOT, now)}"]
     lines += copying(folder, ROBOT, "tsd-mock")
@@ -67,7 +67,7 @@ def report(folder: KeyFolder, now: datetime) -> list[str]:
 
 
 def term(folder: KeyFolder, name: str, now: datetime) -> str:
-    """Return the expiry of a certificate, with a remedy when it is near."""
+    """Expiry of a certificate, with a remedy when it is near."""
     end = folder.end_of(name)
     text = f", until {end:%F}"
     if end - now < SOON:
@@ -76,7 +76,7 @@ def term(folder: KeyFolder, name: str, now: datetime) -> str:
 
 
 def copying(folder: KeyFolder, name: str, command: str) -> list[str]:
-    """Return the files to copy to one machine, and the command to run there."""
+    """Files to copy to one machine, and the command to run there."""
     settings = folder.settings_file(name)
     return [
         f"  copy to its machine  {shown(folder.files_of(name))}",

@@ -56,7 +56,7 @@ def serve(args: argparse.Namespace) -> None:
 
 
 def rules_of(args: argparse.Namespace) -> AccessSettings:
-    """Return the access settings from the flags.
+    """Access settings from the flags.
 
     Raises:
         TwinError: one flag needs another, or a file cannot be used.
@@ -81,7 +81,7 @@ def rules_of(args: argparse.Namespace) -> AccessSettings:
 
 
 def open_bus(args: argparse.Namespace) -> str:
-    """Return the warning that the bus is open to every program, although the page has a login."""
+    """Warning that the bus is open to every program, although the page has a login."""
     where = args.zenoh_config or ", ".join(args.connect or [DEFAULT_ENDPOINT])
     return (
         f"WARNING: --users guards this page only. The bus at {where} has no certificates: any "
@@ -91,7 +91,7 @@ def open_bus(args: argparse.Namespace) -> str:
 
 
 def url(args: argparse.Namespace, rules: AccessSettings, port: int) -> str:
-    """Return the URL of the page on this machine."""
+    """URL of the page on this machine."""
     scheme = "http" if rules.tls is None else "https"
     host = f"[{args.host}]" if ":" in args.host else args.host
     return f"{scheme}://{host}:{port}/"

@@ -126,7 +126,7 @@ def free_places(drives: list[bool]) -> list[str]:
 
 
 def spot(number: int) -> str:
-    """Return a place on a line across the robots' way: the middle, left, right, farther left..."""
+    """Place on a line across the robots' way: the middle, left, right, farther left..."""
     side = (number + 1) // 2 * (1 if number % 2 else -1)
     return f"0,{SPACING_M * side:g},0" if number else ""
 

@@ -34,7 +34,7 @@ PARSER = program.parser(
 
 
 def joints(robot: RobotDescription, args: argparse.Namespace) -> RobotIO:
-    """Return the simulated joints, behind a simulated board."""
+    """Simulated joints, behind a simulated board."""
     pose = pose_at(robot, args)
     jams = [StuckJoint.parse(text, robot) for text in args.jam]
     simulated = RobotWithStuckJoint(
@@ -50,12 +50,12 @@ def joints(robot: RobotDescription, args: argparse.Namespace) -> RobotIO:
 
 
 def pose_at(robot: RobotDescription, args: argparse.Namespace) -> SE2 | None:
-    """Return the start pose from `--at`, if given."""
+    """Start pose from `--at`, if given."""
     return start_pose(args.at, robot) if args.at else None
 
 
 def start_pose(text: str, robot: RobotDescription) -> SE2:
-    """Return the pose that `--at` asks for.
+    """Pose that `--at` asks for.
 
     Raises:
         TwinError: it is no x, y and heading, or the robot has no such pose.
@@ -74,7 +74,7 @@ def start_pose(text: str, robot: RobotDescription) -> SE2:
 def companion(
     bus: Bus, robot_id: str, robot: RobotDescription, args: argparse.Namespace
 ) -> Companion:
-    """Return the simulated camera of `--camera`.
+    """Simulated camera of `--camera`.
 
     Raises:
         TwinError: there is nothing that it could see move.

@@ -44,7 +44,7 @@ def rows() -> Iterator[Row]:
 
 
 def _late_command(endpoint: str, name: str) -> tuple[float, float]:
-    """Return the travel after the late command, and the time from STOP until it was sent."""
+    """Travel after the late command, and the time from STOP until it was sent."""
     drive = robots.load_robot(name).kinematics()
     raw = UncheckedOperator(endpoint, name)
     bus = Bus(client_config([endpoint]))
@@ -71,11 +71,11 @@ def _late_command(endpoint: str, name: str) -> tuple[float, float]:
                 raise TimeoutError(f"{name} does not become ready")
             time.sleep(0.005)
             raw.renew()
-        before = _top(truths.take()[-1].payload, name)
+        before = _top(truths.take_samples()[-1].payload, name)
         late_s = time.monotonic() - stopped_s
         commands.put(encode_twist(TwistStamped(BASE, twist)), late)
         time.sleep(WATCHED_S)
-        after = _top(truths.take()[-1].payload, name)
+        after = _top(truths.take_samples()[-1].payload, name)
         return math.dist(before, after), late_s
     finally:
         raw.close()

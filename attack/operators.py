@@ -218,7 +218,7 @@ class PageBehindGateway:
 
 
 def _linked(bus: Bus, robot_id: str) -> RobotMonitor:
-    """Return a link to a robot, as soon as it is known to be there."""
+    """Link to a robot, as soon as it is known to be there."""
     deadline_s = time.monotonic() + PATIENCE_S
     while True:
         try:

@@ -22,7 +22,7 @@ _PATIENCE_S = 2.0
 
 
 def parser(prog: str, purpose: str, examples: Sequence[str]) -> argparse.ArgumentParser:
-    """Return an argument parser whose help ends with `examples`."""
+    """Argument parser whose help ends with `examples`."""
     made = argparse.ArgumentParser(
         prog=prog,
         description=purpose,
@@ -121,13 +121,13 @@ def client_bus(args: argparse.Namespace) -> Bus:
 
 
 def certificate(args: argparse.Namespace) -> Identity | None:
-    """Return the identity in the certificate of `--zenoh-config`, None without a certificate."""
+    """Identity in the certificate of `--zenoh-config`, None without a certificate."""
     file = from_file(args.zenoh_config).certificate if args.zenoh_config else None
     return None if file is None else certificate_identity(file)
 
 
 def stop_event(args: argparse.Namespace) -> threading.Event:
-    """Return an event that SIGINT and SIGTERM set, and with `--until-eof` the end of the input."""
+    """Event that SIGINT and SIGTERM set, and with `--until-eof` the end of the input."""
     stop = threading.Event()
 
     def handle(_signal: int, _frame: FrameType | None) -> None:
@@ -147,7 +147,7 @@ def _wait_for_eof(stop: threading.Event) -> None:
 
 
 def say_ready(what: str) -> None:
-    """Print the line `ready: ...`, which says that the program is in service, and where."""
+    """Print the line `ready: ...` with the address of the program in service."""
     print(f"ready: {what}", flush=True)  # noqa: T201  The line is the interface of a program.
 
 

@@ -159,6 +159,21 @@ def test_any_exit_brings_the_robot_to_rest_disarms_and_releases() -> None:
             base.drive(vx_mps=0.1, duration_s=0.1)
 
 
+def test_the_state_says_what_the_robot_would_refuse() -> None:
+    with SimulatedRobot("tsd") as robot:
+        free = robot.state.status.refusals
+        assert free is not None
+        assert free.arm == free.without_lease == "take control first"
+        with robot.control("alice") as base:
+            held = robot.state.status.refusals
+            assert held is not None
+            assert (held.drive, held.disarm) == (None, None)
+            assert held.without_lease == "alice has control"
+            assert held.reset is not None
+            with pytest.raises(RequestRefused, match=held.reset):
+                base.reset()
+
+
 def test_refusals_have_the_sentence_of_the_robot() -> None:
     with SimulatedRobot("tsd") as robot, robot.control("alice") as base:
         with pytest.raises(ControlDenied, match="alice drives") as denied:

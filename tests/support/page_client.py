@@ -160,7 +160,7 @@ class Page:
                 if self.holds is not None:
                     self.send(**({"t": "drive", "seen": seen} | self.holds))
                 if self.beats and count % BEATS == 0:
-                    self.send(t="beat", seen=seen, sent_ms=1.0, focus=self.focus)
+                    self.send(t="heartbeat", seen=seen, sent_ms=1.0, focus=self.focus)
             except ConnectionClosed:
                 return
             count += 1

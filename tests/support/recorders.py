@@ -20,7 +20,7 @@ class CommandRecorder:
         self.take()
 
     def take(self) -> list[Command]:
-        return [decode_command(sample) for sample in self._reader.take()]
+        return [decode_command(sample) for sample in self._reader.take_samples()]
 
 
 def zeros_at_the_end(commands: list[Command]) -> int:

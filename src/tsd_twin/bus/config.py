@@ -55,7 +55,7 @@ class Config:
         return self.files.get(f"{_TLS}/connect_certificate")
 
     def parsed(self) -> zenoh.Config:
-        """Return the configuration object of Zenoh.
+        """Configuration object of Zenoh.
 
         Raises:
             zenoh.ZError: a key is unknown to Zenoh.
@@ -69,7 +69,7 @@ class Config:
 
 
 def node_config(listen: Sequence[str], connect: Sequence[str] = ()) -> Config:
-    """Return the configuration of a robot node: it listens, and routes between its peers.
+    """Configuration of a robot node: it listens, and routes between its peers.
 
     Raises:
         BusError: an endpoint is reachable by other machines without TLS and access control.
@@ -84,7 +84,7 @@ def node_config(listen: Sequence[str], connect: Sequence[str] = ()) -> Config:
 
 
 def client_config(connect: Sequence[str]) -> Config:
-    """Return the configuration of a dashboard or a tool: it connects, and listens nowhere.
+    """Configuration of a dashboard or a tool: it connects, and listens nowhere.
 
     It is a peer, not a client: a peer connects in the background, also when the robot comes later.
     """
@@ -94,7 +94,7 @@ def client_config(connect: Sequence[str]) -> Config:
 
 
 def as_client(config: Config, patience_s: float) -> Config:
-    """Return a client configuration: one connection, within a timeout, that sees all peers.
+    """Client configuration: one connection, within a timeout, that sees all peers.
 
     Peers connected to the same robot see the robot and clients, but not each other.
     """
@@ -109,7 +109,7 @@ def as_client(config: Config, patience_s: float) -> Config:
 
 
 def from_file(path: str) -> Config:
-    """Return the configuration of a JSON5 file, for TLS and access control.
+    """Configuration of a JSON5 file, for TLS and access control.
 
     Relative file names in it are resolved from its own folder, so that a folder can be moved.
 
@@ -163,7 +163,7 @@ def is_loopback(endpoint: str) -> bool:
 
 
 def reason(error: Exception) -> str:
-    """Return the reason in an error of Zenoh, without source locations."""
+    """Reason in an error of Zenoh, without source locations."""
     text = str(error).split(" at /")[0].strip()
     if "Unable to connect to any" in text:
         return "no answer from that address"

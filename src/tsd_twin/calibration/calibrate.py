@@ -33,7 +33,7 @@ from tsd_twin.virtual_robot import VOLT_STEP
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Collect drives, fit the calibration, report it, and optionally write it to a description."""
+    """Calibrate gimbal zeros, radii and spins of one robot from squares seen by a camera."""
     drives = collect(args, out)
     robot, recordings = drives.robot, drives.recordings
     volt_share = VOLT_STEP / math.sqrt(12.0) / robot.battery.nominal_v
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 
 
 def _camera(robot: SingularityDescription) -> CameraNoise:
-    """Return the pose-sensor noise of the description."""
+    """Pose-sensor noise of the description."""
     seen = robot.pose_sensor
     return CameraNoise(sigma_m=seen.sigma_m, sigma_rad=math.radians(seen.sigma_deg))
 
@@ -133,9 +133,6 @@ def _flags(parser: argparse.ArgumentParser) -> None:
         help="default tsd; a robot on the bus sends its own description",
     )
     parser.add_argument(
-        "--seed", type=int, default=0, help="of the simulated robot and its noise; default 0"
-    )
-    parser.add_argument(
         "--errors",
         type=float,
         default=1.0,
@@ -161,10 +158,9 @@ def _flags(parser: argparse.ArgumentParser) -> None:
 
 
 EXPERIMENT = Experiment(
-    name="calibrate",
-    purpose="Calibrate gimbal zeros, radii and spins of one robot from squares seen by a camera.",
-    run=run,
-    examples=[
+    "calibrate",
+    run,
+    [
         "tsd-lab calibrate --seed 1                      a simulated robot, with its true values",
         "tsd-lab calibrate --no-tachometer               without measured wheel speeds",
         "tsd-lab calibrate --same-speed                  what is unobservable at one speed",
@@ -172,5 +168,6 @@ EXPERIMENT = Experiment(
         "tsd-lab calibrate --drive --log lab/calibrate_log.csv    and add to earlier recordings",
         "tsd-lab calibrate --log run.csv --robot my.toml --write-to my.toml     write the result",
     ],
-    add_flags=_flags,
+    seed_of="the simulated robot and its noise",
+    add_own_flags=_flags,
 )

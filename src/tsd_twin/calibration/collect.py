@@ -44,13 +44,13 @@ NEXT_DESCRIPTION = "calibrate_next.toml"
 
 
 def spin_ratio_of(run: Recording) -> Array:
-    """Return the wheel-speed set-points (k,) of a run, relative to the slowest."""
-    told = np.median(run.commanded_rad_per_s, axis=0)
-    return (told / told.min()).round(3)
+    """Wheel-speed set-points (k,) of a run, relative to the slowest."""
+    speeds = np.median(run.commanded_rad_per_s, axis=0)
+    return (speeds / speeds.min()).round(3)
 
 
 def missing_spin_ratios(recordings: Sequence[Recording]) -> list[list[float]]:
-    """Return the spin ratios that are missing in the recordings."""
+    """Spin ratios that are missing in the recordings."""
     driven = [spin_ratio_of(run) for run in recordings]
     return [
         ratio
@@ -155,16 +155,16 @@ class _RobotSubscriber:
 
     def poll(self) -> None:
         """Process the samples since the last call."""
-        for sample in self._joints.take():
+        for sample in self._joints.take_samples():
             self.recorder.add_joints(sample)
-        for sample in self._setpoints.take():
+        for sample in self._setpoints.take_samples():
             self.recorder.add_setpoint(sample)
-        for sample in self._poses.take():
+        for sample in self._poses.take_samples():
             seen = self.recorder.add_pose(sample)
             if seen is not None:
                 self.poses += 1
                 self._driver.add_pose(*seen)
-        for sample in self._odometry.take():
+        for sample in self._odometry.take_samples():
             try:
                 now_s = decode_stamp(sample.attachment)[1] * 1e-9
                 twist = decode_odometry(sample.payload).twist
@@ -203,7 +203,7 @@ class _RobotSubscriber:
         return twist
 
     def recording(self) -> Recording:
-        """Return the recording of the drive."""
+        """Recording of the drive."""
         return self.recorder.recording(self._first_s, self._now_s, self._battery_v)
 
 
@@ -248,7 +248,7 @@ def _confirm(args: argparse.Namespace, robot_id: str, route: CalibrationRoute) -
 
 
 def _battery_v(status: Status) -> float | None:
-    """Return the reported battery voltage, None when there is none."""
+    """Reported battery voltage, None when there is none."""
     volts = status.hardware.get("battery_v")
     return float(volts) if isinstance(volts, int | float) and 0.0 < volts < np.inf else None
 
@@ -273,7 +273,7 @@ class CalibrationData:
 
 
 def collect(args: argparse.Namespace, out: Output) -> CalibrationData:
-    """Return the calibration data selected by the flags; new drives are written to a file."""
+    """Calibration data selected by the flags; new drives are written to a file."""
     found = _from_bus(args, out) if args.drive else _without_bus(args, out)
     if args.drive or not args.log:
         out.table(LOG_TABLE, recording.recording_columns(found.recordings))

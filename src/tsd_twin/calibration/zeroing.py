@@ -48,13 +48,13 @@ class PoseTracker:
 
     def poll(self) -> None:
         """Process the samples since the last call."""
-        for sample in self._poses.take():
+        for sample in self._poses.take_samples():
             try:
                 pose, stamp_ns = decode_pose_measurement(sample)
                 self._by_camera.append((stamp_ns * 1e-9, pose.xy_heading))
             except MessageError as error:
                 self.refused = str(error)
-        for sample in self._truths.take():
+        for sample in self._truths.take_samples():
             try:
                 at_s = decode_stamp(sample.attachment)[1] * 1e-9
                 pose_there = np.array(decode_odometry(sample.payload).xy_heading)
@@ -131,7 +131,7 @@ class ZeroOffsetDrift:
         return LIMIT_RPM / self.spin_rpm
 
     def sentence(self) -> str:
-        """Return a text of the drift in 30 s at 2,500 rpm."""
+        """Text of the drift in 30 s at 2,500 rpm."""
         vx, vy, _ = self.twist
         toward = np.degrees(np.arctan2(vy, vx))
         return (
@@ -169,12 +169,12 @@ def drift_of(t_s: Array, poses: Array, spin_rpm: float) -> ZeroOffsetDrift:
 def drift_by_hand(
     moved_m: Array, turned_rad: float, seconds: float, spin_rpm: float
 ) -> ZeroOffsetDrift:
-    """Return the constant twist of a displacement `moved_m` (2,), start frame, and a turn."""
+    """Constant twist of a displacement `moved_m` (2,), start frame, and a turn."""
     return ZeroOffsetDrift(SE2(np.append(moved_m, turned_rad)).log() / seconds, spin_rpm)
 
 
 def twist_by_zero_offsets(robot: SingularityDescription) -> Array:
-    """Return the Jacobian (3, 2k) of the twist of a robot at zero command by its gimbal angles.
+    """Jacobian (3, 2k) of the twist of a robot at zero command by its gimbal angles.
 
     Contact velocities of upright wheels are r_w spin (alpha, -beta).
     """
@@ -184,7 +184,7 @@ def twist_by_zero_offsets(robot: SingularityDescription) -> Array:
 
 
 def spin_rpm(robot: SingularityDescription) -> float:
-    """Return the mean speed of the wheels when the robot is ready."""
+    """Mean speed of the wheels when the robot is ready."""
     drive = robot.kinematics()
     return float(np.mean(drive.spin_rad_per_s * drive.spin_ratio)) / RPM
 
@@ -217,7 +217,7 @@ def corrective_steps(
 
 def draw_drift(t_s: Array, poses: Array, drift: ZeroOffsetDrift) -> Figure:
     """Draw poses (n, 3) relative to the start, from above and against time."""
-    figure: Any = experiment.new_figure(9.5, 4.4, "Creep of a robot that is told to stand")
+    figure: Any = experiment.new_figure(9.5, 4.4, "Creep of a robot that is commanded to stand")
     left, right = figure.subplots(1, 2)
     millimetres = 1000.0 * poses[:, :2]
     turn = np.linspace(0.0, 2.0 * np.pi, 100)
@@ -260,7 +260,7 @@ _SHORTEST_S = 1.0
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Run the zeroing procedure; report whether the gimbals are zeroed, and better zeros."""
+    """Zero the gimbals of a robot on the bus: it may creep an inch in 30 s at 2,500 rpm."""
     if not _SHORTEST_S <= args.seconds <= 300.0:
         raise TwinError(f"--seconds must be {_SHORTEST_S:g} to 300, not {args.seconds:g}")
     with connect(args) as client:
@@ -380,13 +380,12 @@ def _flags(parser: argparse.ArgumentParser) -> None:
 
 
 EXPERIMENT = Experiment(
-    name="zero",
-    purpose="Zero the gimbals of a robot on the bus: it may creep an inch in 30 s at 2,500 rpm.",
-    run=run,
-    examples=[
+    "zero",
+    run,
+    [
         "tsd-lab zero                            the robot of this machine, mock or not",
         "tsd-lab zero --write-to my.toml         and put better zeros into its description",
         "tsd-lab zero --id left --seconds 5      one of several, when it creeps far",
     ],
-    add_flags=_flags,
+    add_own_flags=_flags,
 )

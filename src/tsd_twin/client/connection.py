@@ -28,7 +28,7 @@ from tsd_twin.messages import topics
 from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.ros import JointState, Odometry, decode_joints, decode_odometry, warm_up
 from tsd_twin.messages.services import Description, decode_json, duplicate_id_text
-from tsd_twin.messages.status import Status, decode_stamp, decode_status
+from tsd_twin.messages.status import Refusals, Status, decode_stamp, decode_status
 from tsd_twin.messages.topics import QoS, Service, Topic
 from tsd_twin.robots import RobotDescription
 
@@ -315,11 +315,13 @@ class RobotMonitor(RobotConnection):
 
     def _of_two(self, fresh: dict[str, Any]) -> dict[str, Any]:
         if self._frozen is None:
+            reason = duplicate_id_text(self.id)
             self._frozen = msgspec.structs.replace(
                 self.snapshot.status or fresh["status"],
                 mode="fault",
-                stop_reason=duplicate_id_text(self.id),
+                stop_reason=reason,
                 arming=None,
+                refusals=Refusals(arm=reason, drive=reason, set_pose=reason, speed=reason),
             )
         return {"status": self._frozen, "status_seq": self.snapshot.status_seq + 1}
 

@@ -291,7 +291,7 @@ class _SceneExecutor:
         self._worker, self._scene, self._panels = worker, scene, panels
 
     def pick_floor(self, page: str, shares: Array) -> Future[Array]:
-        """Return the floor points (m, 2) in `odom` at screen positions `shares` of a page."""
+        """Floor points (m, 2) in `odom` at screen positions `shares` of a page."""
         return self._worker.submit(lambda: self._panels().pick_floor(page, shares))
 
     def show_route(self, robot_id: str, poses: Array | None) -> None:

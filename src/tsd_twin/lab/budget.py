@@ -59,11 +59,11 @@ class ErrorSet:
     """1: wheels slip with the friction of the description; 0: pure rolling."""
 
     def __add__(self, other: ErrorSet) -> ErrorSet:
-        """Return the sum of two error sets."""
+        """Sum of two error sets."""
         return ErrorSet(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(ErrorSet)))
 
     def part(self, rows: slice) -> ErrorSet:
-        """Return the errors of a slice of the robots."""
+        """Errors of a slice of the robots."""
         phase = self.phase_rad
         phase = phase[rows] if isinstance(phase, np.ndarray) else phase
         return replace(
@@ -104,19 +104,19 @@ def drive_open_loop(
     slip = Slip(robot, (runs,)) if errors.slip > 0.0 else None
     steps = round((trajectory.duration_s + _SETTLE_S) / STEP_S)
     t_s: Array = STEP_S * np.arange(steps, dtype=np.float64)
-    told = drive.inverse(trajectory.at(t_s + 0.5 * STEP_S).twist)
-    goals = told[:, is_angle]
+    setpoints = drive.inverse(trajectory.at(t_s + 0.5 * STEP_S).twist)
+    goals = setpoints[:, is_angle]
     if errors.step_rad > 0.0:
         goals = np.round(goals / errors.step_rad) * errors.step_rad
     # The model is time-invariant: a delayed robot has the state of the earlier time.
-    shall = trajectory.at(t_s + STEP_S + errors.delay_s).pose[:, :2]
+    references = trajectory.at(t_s + STEP_S + errors.delay_s).pose[:, :2]
     nodes = np.empty((3, runs, len(is_angle)))
-    nodes[..., ~is_angle] = told[0, ~is_angle] * (1.0 + errors.spin_share)
+    nodes[..., ~is_angle] = setpoints[0, ~is_angle] * (1.0 + errors.spin_share)
     play = np.zeros_like(errors.zero_rad)
     angles, pose = errors.zero_rad.copy(), SE2(np.tile(trajectory.at(0.0).pose, (runs, 1)))
-    squared, worst, off = np.zeros(runs), np.zeros(runs), np.zeros(runs)
+    squared, worst, error_m = np.zeros(runs), np.zeros(runs), np.zeros(runs)
     halves = np.array([0.5, 1.0])[:, None, None] * STEP_S
-    for goal, here in zip(goals, shall, strict=True):
+    for goal, reference_xy in zip(goals, references, strict=True):
         aim = goal + errors.zero_rad
         if servos is None:
             nodes[:, :, is_angle] = aim
@@ -131,15 +131,15 @@ def drive_open_loop(
             before = slip.twist
             tangent = 0.5 * STEP_S * (before + slip.advance(tangent / STEP_S, STEP_S, 2))
         pose = pose @ SE2.exp(tangent)
-        apart = pose.xy_heading[:, :2] - here
-        off = np.hypot(apart[:, 0], apart[:, 1])
-        squared += off * off
-        worst = np.maximum(worst, off)
-    return OpenLoopErrors(np.sqrt(squared / steps), worst, off)
+        error = pose.xy_heading[:, :2] - reference_xy
+        error_m = np.hypot(error[:, 0], error[:, 1])
+        squared += error_m * error_m
+        worst = np.maximum(worst, error_m)
+    return OpenLoopErrors(np.sqrt(squared / steps), worst, error_m)
 
 
 def _servos_with(robot: SingularityDescription, errors: ErrorSet) -> Servos | None:
-    """Return the servo model with these errors; None for gimbals without lag."""
+    """Servo model with these errors; None for gimbals without lag."""
     play = {"dead_band_rad": errors.dead_band_rad, "backlash_rad": errors.backlash_rad}
     servos = replace(Servos.of(robot, robot.battery.nominal_v), **play)
     if errors.lag > 0.0:
@@ -168,7 +168,7 @@ def _no_errors(robot: SingularityDescription, runs: int) -> ErrorSet:
 
 
 def _same_for_all(given: Callable[[SingularityDescription], dict[str, float]]) -> DrawErrors:
-    """Return a generator of errors that are equal for all robots of one description."""
+    """Generator of errors that are equal for all robots of one description."""
     return lambda robot, _random, runs: replace(_no_errors(robot, runs), **given(robot))
 
 
@@ -203,7 +203,7 @@ def _draw_layers(robot: SingularityDescription, random: np.random.Generator, run
 
 
 def spin_error_of_line(robot: SingularityDescription) -> Array:
-    """Return the relative speed error (k,) of motors driven by the line of Table 2.
+    """Relative speed error (k,) of motors driven by the line of Table 2.
 
     The signal follows from the line through all rows, as in the thesis, the speed from the table.
     """
@@ -268,7 +268,7 @@ BATCH = 1000
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Simulate the square with each error alone and with all together, and draw the budget."""
+    """Which error costs how much on the open-loop square: one at a time, and together."""
     if args.runs < 1:
         raise TwinError(f"--runs must be 1 or more, not {args.runs}")
     robot = description_of_kind(robots.load_robot(args.robot), SingularityDescription)
@@ -315,7 +315,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 
 
 def _runs(args: argparse.Namespace, used: list[ErrorSource]) -> int:
-    """Return the number of runs: a tenth for one error alone."""
+    """Number of runs: a tenth for one error alone."""
     return int(args.runs) if len(used) > 1 else max(1, int(args.runs) // 10)
 
 
@@ -364,17 +364,16 @@ def _draw_budget(
 
 
 def _flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--robot", default="tsd", metavar="NAME|FILE", help="default tsd")
-    parser.add_argument("--seed", type=int, default=0, help="of all errors; default 0")
     parser.add_argument(
         "--runs", type=int, default=10_000, help="with all errors together; default 10,000"
     )
 
 
 EXPERIMENT = Experiment(
-    name="budget",
-    purpose="Which error costs how much on the open-loop square: one at a time, and together.",
-    run=run,
-    examples=["tsd-lab budget --out lab", "tsd-lab budget --runs 1000 --seed 1"],
-    add_flags=_flags,
+    "budget",
+    run,
+    ["tsd-lab budget --out lab", "tsd-lab budget --runs 1000 --seed 1"],
+    robot="tsd",
+    seed_of="all errors",
+    add_own_flags=_flags,
 )

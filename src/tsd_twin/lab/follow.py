@@ -22,7 +22,7 @@ SHARE = 0.8
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Time and follow the path, and return the tracking errors as text."""
+    """A path, timed to the limits, on the simulated robot in virtual time."""
     robot = robots.load_robot(args.robot)
     heading: HeadingProfile = TangentHeading() if args.heading == "tangent" else FixedHeading()
     route = Route(_path(args), heading)
@@ -64,23 +64,18 @@ def _draw(
     out.figure("follow", figure)
 
 
-def add_run_flags(parser: argparse.ArgumentParser, loop: Loop) -> None:
-    """Add the flags common to all experiments with a simulated run."""
-    parser.add_argument("--robot", default="tsd", metavar="NAME|FILE", help="default tsd")
+def add_loop_flag(parser: argparse.ArgumentParser, loop: Loop) -> None:
+    """Add the flag that chooses the feedback."""
     parser.add_argument(
         "--loop",
         choices=[kind.value for kind in Loop],
         default=loop.value,
         help=f"feedback of the controller; each adds to the one before it; default {loop.value}",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of all noise; default 0")
-    parser.add_argument(
-        "--noise", type=float, default=1.0, metavar="SCALE", help="times [noise]; default 1"
-    )
 
 
 def _flags(parser: argparse.ArgumentParser) -> None:
-    add_run_flags(parser, Loop.GYRO)
+    add_loop_flag(parser, Loop.GYRO)
     parser.add_argument(
         "--path",
         default="square",
@@ -105,13 +100,15 @@ def _flags(parser: argparse.ArgumentParser) -> None:
 
 
 EXPERIMENT = Experiment(
-    name="follow",
-    purpose="A path, timed to the limits, on the simulated robot in virtual time.",
-    run=run,
-    examples=[
+    "follow",
+    run,
+    [
         "tsd-lab follow --path eight --heading tangent --out lab",
         "tsd-lab follow --path square --cut 0.2 --loop camera",
         "tsd-lab follow --points 0,0 1,0 1,0.5 2,0.5 --smooth --loop open --noise 0",
     ],
-    add_flags=_flags,
+    robot="tsd",
+    noise=True,
+    seed_of="all noise",
+    add_own_flags=_flags,
 )

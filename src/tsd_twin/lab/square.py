@@ -23,7 +23,7 @@ from tsd_twin.errors import TwinError
 from tsd_twin.estimation import Slip
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.lab import tracking
-from tsd_twin.lab.follow import add_run_flags
+from tsd_twin.lab.follow import add_loop_flag
 from tsd_twin.lab.observer import Loop, PoseObserver, make_observer
 from tsd_twin.lab.tracking import TrackingErrors, TrackingRecord, follow_trajectory
 from tsd_twin.lie import SE2, Array
@@ -56,16 +56,16 @@ class SlipFeedforward:
         self._aside_mps_per_n = drive.wheel_radius_m**2 * drive.spin_rad_per_s / stiffness_nm
         steps = int(np.ceil(trajectory.duration_s / _FEEDFORWARD_STEP_S)) + 1
         self._at_s: Array = _FEEDFORWARD_STEP_S * (0.5 + np.arange(steps, dtype=np.float64))
-        shall = trajectory.at(self._at_s)
-        told: list[Array] = [
-            self._push(slip, shall.twist[i], shall.twist_rate[i]) for i in range(steps)
+        reference = trajectory.at(self._at_s)
+        twists: list[Array] = [
+            self._push(slip, reference.twist[i], reference.twist_rate[i]) for i in range(steps)
         ]
-        self._told: Array = np.stack(told)
+        self._twists: Array = np.stack(twists)
 
     def __call__(self, t_s: float) -> Array:
-        """Return the twist (3,) to command for the time `t_s` of the trajectory."""
-        told = self._told
-        return np.array([float(np.interp(t_s, self._at_s, told[:, i])) for i in range(3)])
+        """Twist (3,) to command for the time `t_s` of the trajectory."""
+        twists = self._twists
+        return np.array([float(np.interp(t_s, self._at_s, twists[:, i])) for i in range(3)])
 
     def _push(self, slip: Slip, twist: Array, rate: Array) -> Array:
         """Return the compensated twist for `twist` and its `rate`; advances `slip` by a step."""
@@ -115,7 +115,7 @@ class Square:
 
     @staticmethod
     def of(args: argparse.Namespace, seed: int) -> Square:
-        """Return the settings of `args`, with another seed."""
+        """Settings of `args`, with another seed."""
         return Square(
             robot=args.robot,
             loop=Loop(args.loop),
@@ -158,7 +158,7 @@ class Square:
         return trajectory, follow_trajectory(virtual, trajectory, tracker, watching, periods)
 
     def _slip(self, robot: RobotDescription) -> Slip:
-        """Return the slip model with the friction that the robot assumes."""
+        """Slip model with the friction that the robot assumes."""
         known = description_of_kind(robot, SingularityDescription)
         friction = self.believed_friction * known.floor.friction
         floor = msgspec.structs.replace(known.floor, friction=friction)
@@ -181,7 +181,7 @@ class Square:
 
 
 def unlimited_trajectory(route: Route) -> Trajectory:
-    """Return the reference of the thesis: constant speed, with instantaneous corners."""
+    """Reference of the thesis: constant speed, with instantaneous corners."""
     s_m = np.array([0.0, *route.breaks_m, route.length_m])
     speed = np.full(len(s_m), SPEED_MPS)
     profile = SpeedProfile(s_m, speed, np.zeros(len(s_m) - 1), s_m / SPEED_MPS)
@@ -191,7 +191,7 @@ def unlimited_trajectory(route: Route) -> Trajectory:
 def _with_limits(
     robot: RobotDescription, acceleration_mps2: float, deceleration_mps2: float
 ) -> RobotDescription:
-    """Return the robot with other acceleration limits, and a margin above the speed."""
+    """Robot with other acceleration limits, and a margin above the speed."""
     limits = msgspec.structs.replace(
         robot.limits,
         speed_mps=max(robot.limits.speed_mps, _SPEED_MARGIN * SPEED_MPS),
@@ -273,7 +273,7 @@ def _draw_errors(percent: Array, title: str, out: Output) -> None:
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Simulate the square, and report the three errors, or their spread over many seeds."""
+    """The experiment of the thesis: a square of 1 m at 1 m/s, seen by a camera."""
     if args.seeds < 1:
         raise TwinError(f"--seeds must be 1 or more, not {args.seeds}")
     if not args.believed_friction > 0.0:
@@ -306,11 +306,11 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 
 
 def camera_frames(record: TrackingRecord, seed: int) -> list[Frame]:
-    """Return the frames of an overhead camera for a run, at 24 frames a second."""
+    """Frames of an overhead camera for a run, at 24 frames a second."""
     camera = Camera(CameraNoise(late_s=0.0), np.random.default_rng(seed))
     start = SE2(record.reference[0]).inverse()
     poses = (start @ SE2(record.truth)).xy_heading
-    seen = (camera.watch(i * PERIOD_S, SE2(pose)) for i, pose in enumerate(poses))
+    seen = (camera.capture(i * PERIOD_S, SE2(pose)) for i, pose in enumerate(poses))
     return list(itertools.chain.from_iterable(seen))
 
 
@@ -323,7 +323,7 @@ def _draw_square(loop: Loop, record: TrackingRecord, frames: list[Frame], out: O
 
 
 def _flags(parser: argparse.ArgumentParser) -> None:
-    add_run_flags(parser, Loop.OPEN)
+    add_loop_flag(parser, Loop.OPEN)
     parser.add_argument(
         "--seeds",
         type=int,
@@ -360,10 +360,9 @@ def _flags(parser: argparse.ArgumentParser) -> None:
 
 
 EXPERIMENT = Experiment(
-    name="square",
-    purpose="The experiment of the thesis: a square of 1 m at 1 m/s, seen by a camera.",
-    run=run,
-    examples=[
+    "square",
+    run,
+    [
         "tsd-lab square --out lab                 open loop, as in the thesis",
         "tsd-lab square --loop gyro               closed by wheels and gyro",
         "tsd-lab square --loop camera --seed 7    and by the camera above",
@@ -371,5 +370,8 @@ EXPERIMENT = Experiment(
         "tsd-lab square --loop gyro --plant mujoco --seeds 20     by 20 robots",
         "tsd-lab square --errors 0 --noise 0      a perfect robot",
     ],
-    add_flags=_flags,
+    robot="tsd",
+    noise=True,
+    seed_of="all noise",
+    add_own_flags=_flags,
 )

@@ -73,7 +73,7 @@ class DeadWheels(Table, frozen=True):
     """Drift of the gyro in an hour at rest."""
 
     def rows(self) -> tuple[tuple[float, float, float], ...]:
-        """Return the velocity over the ground that each wheel measures, from the body twist."""
+        """Velocity over the ground that each wheel measures, from the body twist."""
         angles = [np.radians(wheel.direction_deg) for wheel in self.wheels]
         return tuple(
             (float(np.cos(a)), float(np.sin(a)), float(w.x_m * np.sin(a) - w.y_m * np.cos(a)))
@@ -100,7 +100,7 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
         )
 
     def kinematics(self) -> OmniKinematics:
-        """Return the kinematics."""
+        """Kinematics."""
         positions, directions, rollers = self._layout()
         drive = OmniKinematics(
             positions_m=positions,
@@ -122,7 +122,7 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
         return rim + self.motor.rotor_at_wheel_kg_m2
 
     def driven_inertia_kg_m2(self, drive: OmniKinematics) -> float:
-        """Return the largest inertia at a wheel: its own and its share of the robot."""
+        """Largest inertia at a wheel: its own and its share of the robot."""
         mass = self.mass
         body = np.array([mass.total_kg, mass.total_kg, mass.yaw_inertia_kg_m2])
         return self.wheel_inertia_kg_m2 + carried_kg_m2(drive.twist_from_speeds, body)

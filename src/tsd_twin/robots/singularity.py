@@ -144,7 +144,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         return () if self.gyro is None else (Joint("gyro", JointKind.VELOCITY),)
 
     def kinematics(self) -> SingularityKinematics:
-        """Return the kinematics at cruise speed."""
+        """Kinematics at cruise speed."""
         g = self.drive
         return SingularityKinematics(
             azimuths_rad=np.radians(g.azimuths_deg),
@@ -157,7 +157,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         )
 
     def actuator_offsets(self) -> ActuatorOffsets:
-        """Return the calibration between joints and actuators."""
+        """Calibration between joints and actuators."""
         found, modules = self.calibration, self.drive.modules
         offset = np.zeros((modules, 3))
         offset[:, :2] = np.radians(found.tilt_offset_deg or np.zeros((modules, 2)))
@@ -171,11 +171,11 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         return self.errors.delay_s
 
     def with_errors(self, scale: float) -> Self:
-        """Return the robot with its `[errors]` multiplied by `scale`."""
+        """Robot with its `[errors]` multiplied by `scale`."""
         return msgspec.structs.replace(self, errors=self.errors.scaled(scale))
 
     def joint_errors(self) -> JointErrors:
-        """Return the noise of gimbal angles and wheel speeds."""
+        """Noise of gimbal angles and wheel speeds."""
         return JointErrors(math.radians(self.noise.gimbal_angle_deg), self.noise.spin_share)
 
     def spin_up(self) -> SpinUp:

@@ -71,7 +71,7 @@ class SphereDescription(GearedMotorDescription, frozen=True, kw_only=True):
     estimate: Estimate = Estimate()
 
     def kinematics(self) -> SphereKinematics:
-        """Return the kinematics."""
+        """Kinematics."""
         g = self.drive
         contacts, actuations = self._mounting()
         drive = SphereKinematics(
@@ -90,7 +90,7 @@ class SphereDescription(GearedMotorDescription, frozen=True, kw_only=True):
         )
 
     def driven_inertia_kg_m2(self, drive: SphereKinematics) -> float:
-        """Return the largest inertia at a wheel: its own and its share of a solid sphere."""
+        """Largest inertia at a wheel: its own and its share of a solid sphere."""
         mass, g = self.mass, self.drive
         sphere = np.full(3, 0.4 * mass.sphere_kg * g.sphere_radius_m**2)
         rim = 0.5 * mass.wheel_kg * g.wheel_radius_m**2

@@ -45,7 +45,9 @@ def at_once(page: Page, *texts: str | bytes) -> None:
     page.send_together(b"".join(frames))
 
 
-@pytest.mark.parametrize("text", [FLOOD, "[" * 30, '{"t":"beat","seen":0,"sent_ms":1}', b"ping"])
+@pytest.mark.parametrize(
+    "text", [FLOOD, "[" * 30, '{"t":"heartbeat","seen":0,"sent_ms":1}', b"ping"]
+)
 def test_a_page_that_floods_is_cut_off_and_stays_out_for_a_while(
     guarded: Site, text: str | bytes
 ) -> None:

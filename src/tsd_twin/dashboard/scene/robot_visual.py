@@ -47,7 +47,7 @@ class BatchedRobotMeshes:
         return tuple(self._ids)
 
     def node(self, kind: Link) -> str:
-        """Return the name of the node that has all links of a kind."""
+        """Name of the node that has all links of a kind."""
         return f"{robot_node(self._ids[0])}/m{kind}"
 
     def add(self, robot_id: str) -> None:
@@ -102,9 +102,9 @@ class BatchedRobotMeshes:
                 )
 
     def _is_new(self, kind: Link, what: str, values: npt.NDArray[np.float32]) -> bool:
-        said = values.tobytes()
-        new = self._shown.get((kind, what)) != said
-        self._shown[kind, what] = said
+        data = values.tobytes()
+        new = self._shown.get((kind, what)) != data
+        self._shown[kind, what] = data
         return new
 
     def _clear(self) -> None:

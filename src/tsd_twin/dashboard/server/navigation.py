@@ -151,7 +151,7 @@ class NavigationSession:
             return
         status = link.snapshot.status
         if status is not None and status.mode in LATCHED:
-            self._reject(f"the robot is {status.mode}: reset first")
+            self._reject(status.no_drive_reason)
             return
         self._link, self._speed_level_percent = link, message.level
         self._start(self._set_goal(message))

@@ -286,7 +286,7 @@ class Session:
     ) -> None:
         if isinstance(message, SetWheelSpeed):
             self._lease_client.start_request(
-                "speed", self._lease_client.set_wheel_speed(message.cruise_speed_rpm)
+                "wheel_speed", self._lease_client.set_wheel_speed(message.cruise_speed_rpm)
             )
         else:
             service = _HOLDER_SERVICES[type(message)]

@@ -88,6 +88,9 @@ class DeadmanSwitch:
 
 
 DRIVABLE_MODES = (Mode.READY, Mode.DRIVING)
+"""Modes in which a held control moves the robot; in others the dashboard releases it. A robot that
+comes to rest would drive on, but here only a control that is used anew moves it.
+"""
 
 TeleopMessage: TypeAlias = (
     DriveCommand | FollowPlan | ReleaseControls | PlanRequest | SetSpeedLevel | ClearPlan
@@ -157,7 +160,7 @@ class TeleopController:
     def decide(self, robot_id: str, status: Status) -> None:
         """Act on a new status of the robot: release when it moves no more, and plan at rest."""
         if status.mode not in DRIVABLE_MODES:
-            self.release(f"the robot is {status.mode}")
+            self.release(status.no_drive_reason)
         if self._stops[0] == robot_id and self._stops[1] != status.stops:
             # A stop can be shorter than the time between two states.
             self.release("the robot has stopped by itself")
@@ -258,7 +261,7 @@ class TeleopController:
         status = lease.link.snapshot.status
         if status is None or status.mode not in DRIVABLE_MODES:
             # A control held while the robot becomes ready must not start motion.
-            self.release(f"the robot is {status.mode if status else 'silent'}")
+            self.release(status.no_drive_reason if status else "the robot is silent")
             return None
         return lease
 
