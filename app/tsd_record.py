@@ -11,12 +11,23 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from tsd_twin import flag_types, program
-from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, Config, client_config, clients_of, from_file
+from tsd_twin.bus import (
+    DEFAULT_ENDPOINT,
+    NO_ANSWER,
+    Bus,
+    Config,
+    client_config,
+    clients_of,
+    from_file,
+)
 from tsd_twin.errors import TwinError
 from tsd_twin.recording import ALLOWED, EVERYTHING, Recorder, RecordingFolder, export
 from tsd_twin.recording.folder import DEFAULT_GB, LEAST_GB, default_folder
 
 GB = 1_000_000_000
+
+PATIENCE_S = 3.0
+"""Timeout of one attempt to reach a robot."""
 
 PARSER = program.parser(
     "tsd-record",
@@ -67,8 +78,8 @@ def sessions(args: argparse.Namespace) -> list[Config]:
         TwinError: a configuration cannot be used.
     """
     if args.zenoh_config:
-        return clients_of(from_file(args.zenoh_config))
-    return clients_of(client_config(args.connect or [DEFAULT_ENDPOINT]))
+        return clients_of(from_file(args.zenoh_config), PATIENCE_S)
+    return clients_of(client_config(args.connect or [DEFAULT_ENDPOINT]), PATIENCE_S)
 
 
 class Tap:
@@ -81,18 +92,22 @@ class Tap:
         self._bus: Bus | None = None
         self.error: TwinError | None = None
         """Why it cannot be opened; it has set `stop` then."""
-        threading.Thread(target=self._open, daemon=True).start()
+        self._thread = threading.Thread(target=self._open)
+        self._thread.start()
 
     def _open(self) -> None:
-        try:
-            self._bus = Bus(self._config)
-            self._recorder.listen(self._bus, self._keys)
-        except TwinError as error:
-            self.error = error
-            self._stop.set()
+        while self._bus is None and not self._stop.is_set():
+            try:
+                self._bus = Bus(self._config)
+                self._recorder.listen(self._bus, self._keys)
+            except TwinError as error:
+                if not str(error).endswith(NO_ANSWER):
+                    self.error = error
+                    self._stop.set()
 
     def close(self) -> None:
-        """Close the session, if it was opened."""
+        """Close the session; one that is being opened is waited for."""
+        self._thread.join()
         if self._bus is not None:
             self._bus.close()
 

@@ -22,7 +22,7 @@ _SMALLEST_S = 0.5
 _FLOOR = """
 import sys
 from tsd_twin.bus import Bus, client_config, clients_of
-with Bus(clients_of(client_config([sys.argv[1]]))[0]) as bus:
+with Bus(clients_of(client_config([sys.argv[1]]), 3.0)[0]) as bus:
     bus.subscribe("twin/**", lambda sample: None)
     print("ready:", sys.argv[1], flush=True)
     sys.stdin.read()

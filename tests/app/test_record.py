@@ -271,6 +271,26 @@ def test_a_recorder_that_is_killed_loses_less_than_a_second(start: Start, tmp_pa
     assert recorder.end() == 0
 
 
+def test_a_recorder_waits_for_its_robot_and_comes_back_to_it(start: Start, tmp_path: Path) -> None:
+    """It ends in good order while it waits, and after the robot was started again."""
+    absent = "tcp/127.0.0.1:1"
+    waiting = record(start, absent, tmp_path / "a")
+    assert waiting.end() == 0
+    assert waiting.sentence == ""
+    program = start("tsd_mock", "--listen", "tcp/127.0.0.1:0")
+    endpoint = program.ready().split()[-1]
+    recorder = record(start, endpoint, tmp_path / "b")
+    path = file_of(recorder)
+    until(lambda: size_of(path) > 3000, "nothing is recorded")
+    assert program.end() == 0
+    start("tsd_mock", "--listen", endpoint).ready()
+    size = size_of(path)
+    until(lambda: size_of(path) > size + 8000, "it does not come back")
+    assert recorder.end() == 0
+    lives = [message.value["alive"] for message in tsd_twin.open_recording(path).messages("alive")]
+    assert lives[:3] == [True, False, True]
+
+
 def test_a_full_disk_is_told_once_and_the_recorder_goes_on(start: Start, tmp_path: Path) -> None:
     endpoint = mock(start)
     with small_disk(tmp_path / "disk") as disk, Bus(client_config([endpoint])) as bus:

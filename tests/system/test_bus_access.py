@@ -282,7 +282,7 @@ def test_a_recorder_reads_all_that_is_sent_and_others_no_lease_ids(
     robot: SecuredRobot, alice: Bus, guest: Bus
 ) -> None:
     """By the keys that `tsd-record` subscribes to with a certificate: no rule denies one."""
-    (config,) = clients_of(robot.config("tape"))
+    (config,) = clients_of(robot.config("tape"), PATIENCE_S)
     inputs = topics.INPUTS.key(ID)
     with Bus(config) as tape, listening(tape, *ALLOWED) as recorded:
         with listening(guest, inputs, "twin/*/log/**", "twin/**", STATUS) as seen:

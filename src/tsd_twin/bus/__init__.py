@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from tsd_twin.bus.config import (
     DEFAULT_ENDPOINT,
+    NO_ANSWER,
     Config,
     as_client,
     client_config,
@@ -16,6 +17,7 @@ from tsd_twin.bus.session import Bus, Publisher, Queryable, Request, Subscriber,
 
 __all__ = [
     "DEFAULT_ENDPOINT",
+    "NO_ANSWER",
     "Bus",
     "Config",
     "Publisher",
