@@ -132,7 +132,7 @@ def main() -> None:
     )
     PARSER.add_argument(
         "--days",
-        type=flag_types.whole(1, 36_500),
+        type=flag_types.whole(1, 3_650),
         default=365,
         help="how long new certificates are good; default 365",
     )

@@ -15,7 +15,7 @@ from bench.__main__ import PARTS
 ROOT = Path(__file__).parents[2]
 ROWS = {
     "kinematics": 2,
-    "simulation": 5,
+    "simulation": 7,
     "firmware": 1,
     "bus": 4,
     "bridge": 3,
