@@ -136,6 +136,11 @@ class PoseSensor(Table, frozen=True):
     """Standard deviation of x, and of y."""
     sigma_deg: Positive = 1.15
     """Standard deviation of the heading."""
+    mounting_m: NotNegative = 0.01
+    """Standard deviation of a constant error of x, and of y: the sensor is not where it is said to
+    be."""
+    mounting_deg: NotNegative = 0.5
+    """Standard deviation of a constant error of the heading."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,9 +148,13 @@ class JointErrors:
     """Standard deviations of measured joints."""
 
     angle_rad: float = 0.0
-    """Standard deviation of a position joint."""
+    """Standard deviation of a position joint, new in each sample."""
     spin_share: float = 0.0
-    """Standard deviation of a velocity joint, as a share of its speed."""
+    """Standard deviation of a velocity joint, as a share of its speed; constant."""
+    common_spin_share: float = 0.0
+    """Standard deviation of a share that is the same for all velocity joints; constant."""
+    zero_rad: float = 0.0
+    """Standard deviation of the zero of a position joint; constant."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,6 +29,11 @@ from tsd_twin.robots.description import (
 )
 
 
+_GRAVITY_MPS2 = 9.81
+_MEAN_LEVER = 3.0 * math.pi / 16.0
+"""Lever of the friction of a patch that only spins, in radii."""
+
+
 class SingularityGeometry(Table, frozen=True, tag="singularity", tag_field="kind"):
     """`[drive]` of a singularity drive."""
 
@@ -175,8 +180,33 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         return msgspec.structs.replace(self, errors=self.errors.scaled(scale))
 
     def joint_errors(self) -> JointErrors:
-        """Return the noise of gimbal angles and wheel speeds."""
-        return JointErrors(math.radians(self.noise.gimbal_angle_deg), self.noise.spin_share)
+        """Return the errors of gimbal angles and wheel speeds, of `[noise]` and `[errors]`.
+
+        The radius of a printed wheel is a sine of its tilt, so its error has the same effect as one
+        of the wheel's speed. The battery and the floor slow down all wheels alike.
+        """
+        noise, errors = self.noise, self.errors
+        layer_share = 0.5 * errors.layer_m / math.sqrt(2.0) / self.drive.wheel_radius_m
+        return JointErrors(
+            angle_rad=math.radians(noise.gimbal_angle_deg),
+            spin_share=math.hypot(noise.spin_share, layer_share),
+            common_spin_share=math.hypot(errors.battery_share, self.spin_friction_share),
+            zero_rad=math.radians(errors.zero_deg),
+        )
+
+    @property
+    def spin_friction_share(self) -> float:
+        """Share of the wheel speed that the floor's friction takes from a wheel at rest.
+
+        The torque of a patch that only spins, under the pressure of Hertz, against a motor whose
+        stiffness follows from its time constant; see `docs/physics.md`.
+        """
+        drive, mass = self.drive, self.mass
+        load_n = mass.total_kg * _GRAVITY_MPS2 / drive.modules
+        torque_nm = self.floor.friction * load_n * _MEAN_LEVER * self.floor.patch_radius_m
+        inertia_kg_m2 = mass.wheel_kg * drive.wheel_radius_m**2 * 2.0 / 3.0
+        stiffness_nm_s = inertia_kg_m2 / self.motor.time_constant_up_s
+        return torque_nm / (stiffness_nm_s * drive.cruise_speed_rpm * RPM)
 
     def spin_up(self) -> SpinUp:
         """Return how the drive motors spin up and run down."""
