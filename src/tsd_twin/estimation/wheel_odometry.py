@@ -24,11 +24,18 @@ class JointNoise:
         is_angle = np.array([joint.kind is JointKind.POSITION for joint in kinematics.joints])
         self._angle = is_angle * noise.angle_rad
         self._share = ~is_angle * noise.spin_share
+        self._is_speed = ~is_angle
+        self._walk_rad = noise.walk_rad
 
     @property
     def white(self) -> Array:
         """(n,): standard deviations of what is new in each sample."""
         return self._angle
+
+    def walk(self, joints: Array) -> Array:
+        """Return the standard deviations (n,) of the ways of joints in a second, radians."""
+        turns = self._walk_rad > 0.0 and bool(joints[self._is_speed].any())
+        return self._is_speed * (self._walk_rad if turns else 0.0)
 
     def sigma(self, joints: Array) -> Array:
         """Return the standard deviations (..., n) of `joints` (..., n), radians and rad/s."""
@@ -200,11 +207,10 @@ class JointOdometry(Generic[PoseT]):
         doubt = self._doubt(float(explained))
         by_constants = np.zeros_like(self.errors.by_constants)
         by_constants[:, : self._constants.count] = math.sqrt(doubt) * (slopes @ constant)
-        noise = math.sqrt(doubt) * slopes * white
-        covariance = noise @ noise.T
-        return TwistErrors(
-            by_constants, dt_s * covariance, covariance + by_constants @ by_constants.T
-        )
+        noise, walk = math.sqrt(doubt) * slopes * white, slopes * self._noise.walk(joints)
+        white_per_s = dt_s * noise @ noise.T + walk @ walk.T
+        covariance = white_per_s / dt_s + by_constants @ by_constants.T
+        return TwistErrors(by_constants, white_per_s, covariance)
 
     def _doubt(self, explained: float) -> float:
         """Return the Birge ratio, or 1 if the residual is no larger than errors make it.

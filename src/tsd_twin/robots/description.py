@@ -155,6 +155,9 @@ class JointErrors:
     """Standard deviation of a share that is the same for all velocity joints; constant."""
     zero_rad: float = 0.0
     """Standard deviation of the zero of a position joint; constant."""
+    walk_rad: float = 0.0
+    """Standard deviation of the way of each velocity joint in a second, while any of them turns; it
+    grows with the square root of the time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -378,6 +381,9 @@ class WheelNoise(Table, frozen=True):
 
     spin_share: NotNegative = 0.0
     """Standard deviation of a measured wheel speed."""
+    creep_m: NotNegative = 0.0002
+    """Standard deviation of the distance that each contact creeps in a second, while wheels
+    turn."""
 
 
 class GearedMotorDescription(RobotDescription, frozen=True, kw_only=True):
@@ -386,9 +392,17 @@ class GearedMotorDescription(RobotDescription, frozen=True, kw_only=True):
     motor: GearedMotor
     noise: WheelNoise = WheelNoise()
 
+    @property
+    def wheel_radius_m(self) -> float:
+        """Radius of the wheels."""
+        raise NotImplementedError
+
     def joint_errors(self) -> JointErrors:
-        """Return the noise of the wheel speeds."""
-        return JointErrors(spin_share=self.noise.spin_share)
+        """Return the errors of the wheel speeds."""
+        noise = self.noise
+        return JointErrors(
+            spin_share=noise.spin_share, walk_rad=noise.creep_m / self.wheel_radius_m
+        )
 
     def spin_up(self) -> SpinUp:
         """Return the first-order model of the wheel speeds."""

@@ -106,6 +106,11 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
             Joint("gyro", JointKind.VELOCITY),
         )
 
+    @property
+    def wheel_radius_m(self) -> float:
+        """Radius of the driven wheels."""
+        return self.drive.wheel_radius_m
+
     def kinematics(self) -> OmniKinematics:
         """Return the kinematics."""
         positions, directions, rollers = self._layout()
