@@ -198,9 +198,7 @@ class FusedEstimate:
         first, *others = steps
         made = self._new_filter(first.pose, self.inner.spread.errors_at(first.spread), first.end_s)
         for past in others:
-            made.advance(
-                past.end_s, past.twist, past.errors.white_per_s, past.errors.by_constants
-            )
+            made.advance(past.end_s, past.twist, past.errors.white_per_s, past.errors.by_constants)
         return made
 
     def _new_filter(self, pose: SE2, errors: PoseErrors, now_s: float) -> PoseFilter:

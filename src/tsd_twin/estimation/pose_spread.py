@@ -299,7 +299,10 @@ class TurningSpread(PoseSpread[SO3, TurningState]):
         self._by_twist = turn @ self._by_twist + dt_s * np.eye(3)
 
     def _ended(self, rates: Array) -> TurningState:
-        gained, carried = SO3.exp(rates @ self._by_twist.T), SO3.exp(self._state.off @ self._carry.T)
+        gained, carried = (
+            SO3.exp(rates @ self._by_twist.T),
+            SO3.exp(self._state.off @ self._carry.T),
+        )
         rest = self._carry @ self._state.rest @ self._carry.T
         rest = rest + self._elapsed_s * self._errors.white_per_s
         return TurningState((gained @ carried).log(), rest)

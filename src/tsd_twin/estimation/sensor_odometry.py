@@ -13,7 +13,7 @@ import numpy as np
 from tsd_twin.estimation.pose_spread import PoseErrors, PoseSpread, TwistErrors
 from tsd_twin.estimation.wheel_odometry import OrientationOdometry, PlanarOdometry
 from tsd_twin.kinematics import SphereKinematics, TwistSolution
-from tsd_twin.lie import SE2, Array
+from tsd_twin.lie import Array
 from tsd_twin.robots import (
     OmniDescription,
     RobotDescription,

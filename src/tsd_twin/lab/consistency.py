@@ -93,7 +93,7 @@ class _Recorder(SimRobot):
 
 
 @functools.lru_cache(maxsize=4)
-def _setpoints(robot_name: str, manoeuvre_name: str) -> tuple[Array, int]:
+def _setpoints(robot_name: str, manoeuvre_name: str, seconds: float) -> tuple[Array, int]:
     """Return the set-points (p, n) of a run from power-up, and at which of them the robot starts.
 
     They are those of the control loop with all its limits, for commands in the frame of the robot:
@@ -104,7 +104,7 @@ def _setpoints(robot_name: str, manoeuvre_name: str) -> tuple[Array, int]:
     virtual = VirtualRobot(robot, recorder)
     start = len(recorder.setpoints)
     usual_rpm = getattr(robot.drive, "cruise_speed_rpm", 0.0)  # pyright: ignore
-    for i in range(round(TIMES_S[-1] / PERIOD_S)):
+    for i in range(round(seconds / PERIOD_S)):
         t_s = i * PERIOD_S
         if manoeuvre.drive_speeds and t_s % _SPEED_S < 0.5 * PERIOD_S:
             speeds = manoeuvre.drive_speeds
@@ -130,6 +130,8 @@ class Case:
     seeds: int = 40
     first: int = 0
     """Seed of the first robot."""
+    times_s: tuple[float, ...] = TIMES_S
+    """When estimates are compared with the truth, seconds from the start."""
 
     @property
     def described(self) -> RobotDescription:
@@ -169,9 +171,7 @@ class Consistency:
 
 def band(seeds: int) -> tuple[float, float]:
     """Return the interval that holds 95 % of the means of `seeds` robots that claim right."""
-    low, high = (
-        2.0 * float(gammaincinv(1.5 * seeds, share)) / seeds for share in (0.025, 0.975)
-    )
+    low, high = (2.0 * float(gammaincinv(1.5 * seeds, share)) / seeds for share in (0.025, 0.975))
     return low, high
 
 
@@ -185,19 +185,20 @@ def run_case(case: Case) -> Consistency:
         # Rigid bodies are simulated one robot at a time.
         seeds = range(case.first, case.first + case.seeds)
         driven = [_drive(case, robot, make((), seed=seed), seed) for seed in seeds]
-    return Consistency(case, *(np.concatenate(parts, axis=-1) for parts in zip(*driven)))
+    nees, inside = zip(*driven, strict=True)
+    return Consistency(case, np.concatenate(nees, axis=-1), np.concatenate(inside, axis=-1))
 
 
 def _drive(
     case: Case, robot: RobotDescription, simulation: Simulation, seed: int
 ) -> tuple[Array, Array]:
     """Drive one robot or a batch; return squared errors and coverage, (times, robots) each."""
-    setpoints, start = _setpoints(case.robot, case.manoeuvre)
+    setpoints, start = _setpoints(case.robot, case.manoeuvre, case.times_s[-1])
     estimators = [StateEstimator(robot) for _ in np.atleast_2d(simulation.joints)]
     cameras = _Cameras(case, robot, len(estimators), seed)
     unmeasured = _unmeasured(robot)
     marks = SE2.identity()
-    ends = {start + round(t_s / PERIOD_S) for t_s in TIMES_S}
+    ends = {start + round(t_s / PERIOD_S) for t_s in case.times_s}
     results: list[tuple[Array, Array]] = []
     for i in range(max(ends) + 1):
         now_s = (i + 1) * PERIOD_S
@@ -262,9 +263,7 @@ class _Cameras:
                 mounting_m=sensor.mounting_m,
                 mounting_rad=math.radians(sensor.mounting_deg),
             )
-        self._cameras = [
-            Camera(noise, np.random.default_rng([seed + i, 3])) for i in range(count)
-        ]
+        self._cameras = [Camera(noise, np.random.default_rng([seed + i, 3])) for i in range(count)]
         if not case.camera:
             self._cameras = []
         self._off: Array = np.zeros((count, 3))

@@ -28,7 +28,6 @@ from tsd_twin.robots.description import (
     WheelSpeedRange,
 )
 
-
 _GRAVITY_MPS2 = 9.81
 _MEAN_LEVER = 3.0 * math.pi / 16.0
 """Lever of the friction of a patch that only spins, in radii."""
