@@ -231,6 +231,11 @@ class StateEstimator:
         """The pose in `odom`, of the kinematics' pose type."""
         return self._best.pose
 
+    @property
+    def mean_twist(self) -> Array:
+        """(3,): mean twist during the last step, which moved the pose."""
+        return self._inner.motion.twist
+
     def set_pose(self, pose: SE2 | SO3) -> None:
         """Set the estimate to `pose`, with zero covariance."""
         self._plain.set_pose(pose)
@@ -239,7 +244,7 @@ class StateEstimator:
         self._best.set_pose(pose)
 
     def odometry(self, stamp_ns: int) -> Odometry:
-        """Return pose in `odom` and twist in `base_link`, with covariances."""
+        """Return pose in `odom` and twist in `base_link` at this time, with covariances."""
         return _message(self._best, stamp_ns)
 
     def alternative_odometry(self, stamp_ns: int) -> Odometry | None:

@@ -51,6 +51,8 @@ class _Step:
     """(..., 3, m): what the constants add to the pose."""
     rest: Array
     """(..., 3, 3): covariance of the pose, but for the constants."""
+    cautious: Array
+    """(..., 3, 3): covariance of the pose if the constants of the twist were new each second."""
     measured: list[_Measurement] = field(default_factory=list[_Measurement])
 
     def correct(self) -> None:
@@ -71,9 +73,11 @@ class PoseFilter:
     and rise from twist to twist.
 
     Constants are independent, standard normal numbers that twists and measurements may depend on.
-    The filter considers them: it carries their effect on the pose, which the weights account for,
-    and does not estimate them. Source: Schmidt, "Application of state-space methods to navigation
-    problems" (1966).
+    The filter considers them: it carries their effect on the pose, and does not estimate them.
+    Source: Schmidt, "Application of state-space methods to navigation problems" (1966). It weighs
+    measurements as if the constants of the twist were new each second and measurements had none:
+    so it also corrects errors that are larger than described, or not constant. The covariance is
+    that of these weights.
     """
 
     def __init__(
@@ -95,7 +99,8 @@ class PoseFilter:
         by = np.zeros((*start.shape, 0)) if by_constants is None else np.array(by_constants)
         self._none: Array = np.zeros_like(by)
         growth = np.zeros((*start.shape, 3))
-        self._steps = [_Step(now_s, none, none, growth, self._none, start, by, spread)]
+        cautious = spread + by @ _transposed(by)
+        self._steps = [_Step(now_s, none, none, growth, self._none, start, by, spread, cautious)]
         self._still = SE2.identity(start.shape[:-1])
 
     @property
@@ -190,9 +195,9 @@ class PoseFilter:
     ) -> Array:
         """Return the squared Mahalanobis distance (...) of measured poses from the prediction.
 
-        It has a chi-square distribution of three dimensions when the covariances are right. The
-        filter does not change. `measured_s` must be within the memory, `by_constants` is as in
-        `fuse_pose`.
+        It is the shorter one by the covariance of the filter and by that of its weights, so at most
+        one with a chi-square distribution of three dimensions. The filter does not change.
+        `measured_s` must be within the memory, `by_constants` is as in `fuse_pose`.
         """
         index = self._index(min(measured_s, self.now_s))
         step = self._steps[index]
@@ -202,9 +207,10 @@ class PoseFilter:
             _carry(self._steps[index], [step])
         off = exponential_error(SE2(step.pose), pose)
         by = step.by_constants if by_constants is None else step.by_constants + by_constants
-        expected = step.rest + by @ _transposed(by) + covariance
-        weighed = np.asarray(np.linalg.solve(expected, off[..., None]), dtype=float)
-        return (off * weighed[..., 0]).sum(axis=-1)
+        claimed = step.rest + by @ _transposed(by)
+        expected = np.stack([claimed, step.cautious]) + covariance
+        weighed = np.asarray(np.linalg.solve(expected, off[None, ..., None]), dtype=float)
+        return (off * weighed[..., 0]).sum(axis=-1).min(axis=0)
 
     def _index(self, at_s: float) -> int:
         """Return the last step that ends at `at_s` or before."""
@@ -243,7 +249,7 @@ class PoseFilter:
     ) -> _Step:
         """Return a step from the end of another, not yet run."""
         moved = self._kinematics.integrate(self._still, twist, end_s - before.end_s).xy_heading
-        state = (before.pose, before.by_constants, before.rest)
+        state = (before.pose, before.by_constants, before.rest, before.cautious)
         return _Step(end_s, twist, moved, growth_per_s, twist_by, *state)
 
     def _run(self, index: int) -> None:
@@ -255,6 +261,12 @@ class PoseFilter:
             _carry(self._steps[index - 1], self._steps[index:end])
             self._steps[end - 1].correct()
             index = end
+
+
+_PERSIST_S = 1.0
+"""Time over which weights take an error of the twist for constant."""
+_CAUTION = 0.01
+"""Share of the twist by which weights take it to be wrong, beside the described errors."""
 
 
 def _carry(before: _Step, steps: Sequence[_Step]) -> None:
@@ -282,37 +294,43 @@ def _carry(before: _Step, steps: Sequence[_Step]) -> None:
     shift = back @ turn
     ends_s = np.array([before.end_s, *(step.end_s for step in steps)])
     dt_s = np.diff(ends_s).reshape(-1, *(1,) * (growth.ndim - 1))
-    grown = before.rest + (dt_s * (shift @ growth @ _transposed(shift))).cumsum(axis=0)
+    grown = (dt_s * (shift @ growth @ _transposed(shift))).cumsum(axis=0)
     carry = 2.0 * _POSE - back
-    rest = carry @ grown @ _transposed(carry)
-    by_constants = [before.by_constants] * len(steps)
+    rest = carry @ (before.rest + grown) @ _transposed(carry)
+    by_constants, cautious = [before.by_constants] * len(steps), rest
     if before.by_constants.shape[-1]:
-        twist_by = np.stack([step.twist_by_constants for step in steps])
-        by_constants = carry @ (before.by_constants + (dt_s * (shift @ twist_by)).cumsum(axis=0))
+        twist_by = shift @ np.stack([step.twist_by_constants for step in steps])
+        by_constants = carry @ (before.by_constants + (dt_s * twist_by).cumsum(axis=0))
+        twist = np.stack([step.twist for step in steps])
+        square = np.square(_CAUTION * twist)
+        square[..., :2] = square[..., :1] + square[..., 1:2]
+        doubt = twist_by @ _transposed(twist_by) + (shift * square[..., None, :]) @ _transposed(
+            shift
+        )
+        grown = grown + _PERSIST_S * (dt_s * doubt).cumsum(axis=0)
+        cautious = carry @ (before.cautious + grown) @ _transposed(carry)
     for i, step in enumerate(steps):
-        step.pose, step.by_constants, step.rest = pose[i], by_constants[i], rest[i]
+        step.pose, step.by_constants = pose[i], by_constants[i]
+        step.rest, step.cautious = rest[i], cautious[i]
 
 
 def _correct(step: _Step, measurement: _Measurement) -> None:
     """Correct the state at the end of a step; Joseph form, which stays symmetric.
 
-    The weights minimize the covariance of the pose. The constants keep their prior, so the errors
-    stay a part linear in them and a rest.
+    The constants keep their prior, so the errors stay a part linear in them and a rest.
     """
     rows, pose = measurement.rows, step.pose
     off = measurement.value - pose @ rows.T
     heading = rows[:, 2] != 0.0
     off[..., heading] = wrap(off[..., heading])
-    seen_by = rows @ step.by_constants + measurement.by_constants
-    innovation: Array = rows @ step.rest @ rows.T + measurement.covariance
-    innovation = innovation + seen_by @ _transposed(seen_by)
-    together = rows @ step.rest + seen_by @ _transposed(step.by_constants)
-    gain = _transposed(np.asarray(np.linalg.solve(innovation, together), dtype=float))
+    innovation: Array = rows @ step.cautious @ rows.T + measurement.covariance
+    gain = _transposed(np.asarray(np.linalg.solve(innovation, rows @ step.cautious), dtype=float))
     keep = np.eye(3) - gain @ rows
+    noise = gain @ measurement.covariance @ _transposed(gain)
     step.pose = pose + (gain @ off[..., None])[..., 0]
-    step.by_constants = step.by_constants - gain @ seen_by
-    step.rest = keep @ step.rest @ _transposed(keep)
-    step.rest = step.rest + gain @ measurement.covariance @ _transposed(gain)
+    step.by_constants = keep @ step.by_constants - gain @ measurement.by_constants
+    step.rest = keep @ step.rest @ _transposed(keep) + noise
+    step.cautious = keep @ step.cautious @ _transposed(keep) + noise
 
 
 def _transposed(matrices: Array) -> Array:

@@ -196,7 +196,8 @@ class FusedEstimate:
         if not steps:
             return None
         first, *others = steps
-        made = self._new_filter(first.pose, self.inner.spread.errors_at(first.spread), first.end_s)
+        errors = self.inner.spread.errors_at(first.spread)
+        made = self._new_filter(first.pose, errors, first.end_s)
         for past in others:
             made.advance(past.end_s, past.twist, past.errors.white_per_s, past.errors.by_constants)
         return made

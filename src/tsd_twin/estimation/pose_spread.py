@@ -126,9 +126,15 @@ class PoseSpread(ABC, Generic[PoseT, StateT]):
     def covariance(self) -> Array:
         """(3, 3): covariance of the pose error."""
         if self._covariance is None:
-            state = self._ended(self._rates) if self._elapsed_s > 0.0 else self._state
-            errors = self._coordinates(state)
-            self._covariance = errors.T @ errors / len(errors) + state.rest
+            if self._began is None:
+                self._began = self._coordinates(self._state)
+            errors, rest = self._began, self._state.rest
+            if self._elapsed_s > 0.0:
+                # Within a block, to first order in what it adds.
+                carry, by_twist = self._linear()
+                errors = errors @ carry.T + self._rates @ by_twist.T
+                rest = self._ended_rest(carry)
+            self._covariance = errors.T @ errors / len(errors) + rest
         return self._covariance
 
     def errors_at(self, state: StateT) -> PoseErrors:
@@ -165,6 +171,8 @@ class PoseSpread(ABC, Generic[PoseT, StateT]):
         """Begin a block of steps."""
         self._elapsed_s = 0.0
         self._covariance: Array | None = None
+        self._began: Array | None = None
+        """(n, 3): errors at the start of the block, in exponential coordinates."""
         self._clear()
 
     @abstractmethod
@@ -174,6 +182,14 @@ class PoseSpread(ABC, Generic[PoseT, StateT]):
     @abstractmethod
     def _advance(self, before: PoseT, after: PoseT, twist: Array, dt_s: float) -> None:
         """Add a step to the block."""
+
+    @abstractmethod
+    def _linear(self) -> tuple[Array, Array]:
+        """Return the Jacobians (3, 3) of the errors by those at the start, and by the twist."""
+
+    @abstractmethod
+    def _ended_rest(self, carry: Array) -> Array:
+        """Return the covariance (3, 3) of the white noise at the end of the block."""
 
     @abstractmethod
     def _ended(self, rates: Array) -> StateT:
@@ -226,21 +242,27 @@ class PlanarSpread(PoseSpread[SE2, PlanarState]):
         self._heading_s += dt_s * middle
 
     def _ended(self, rates: Array) -> PlanarState:
-        off, turned, rest = self._state
+        off, turned, _ = self._state
         error = self._by_velocity * (rates[:, 0] + 1j * rates[:, 1])
         error += self._by_turn_rate * rates[:, 2]
         # A sample that is turned already drives its way turned.
         off = off + np.exp(1j * turned) * (self._way + error) - self._way
-        return PlanarState(off, turned + self._elapsed_s * rates[:, 2], self._ended_rest(rest))
+        turned = turned + self._elapsed_s * rates[:, 2]
+        return PlanarState(off, turned, self._ended_rest(self._linear()[0]))
 
-    def _ended_rest(self, rest: Array) -> Array:
-        carry = np.eye(3)
-        carry[0, 2], carry[1, 2] = -self._way.imag, self._way.real
+    def _linear(self) -> tuple[Array, Array]:
+        x, y = self._way.real, self._way.imag
+        c, s = self._by_velocity.real, self._by_velocity.imag
+        far, left = self._by_turn_rate.real, self._by_turn_rate.imag
+        carry = np.array([[1.0, 0.0, -y], [0.0, 1.0, x], [0.0, 0.0, 1.0]])
+        return carry, np.array([[c, -s, far], [s, c, left], [0.0, 0.0, self._elapsed_s]])
+
+    def _ended_rest(self, carry: Array) -> Array:
         heading = self._heading_s / self._elapsed_s
         c, s = math.cos(heading), math.sin(heading)
         axes = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        grown = axes @ self._errors.white_per_s @ axes.T
-        return carry @ rest @ carry.T + self._elapsed_s * grown
+        grown = axes @ (self._elapsed_s * self._errors.white_per_s) @ axes.T
+        return carry @ self._state.rest @ carry.T + grown
 
     def _exact(self) -> PlanarState:
         samples = len(self._units)
@@ -303,9 +325,13 @@ class TurningSpread(PoseSpread[SO3, TurningState]):
             SO3.exp(rates @ self._by_twist.T),
             SO3.exp(self._state.off @ self._carry.T),
         )
-        rest = self._carry @ self._state.rest @ self._carry.T
-        rest = rest + self._elapsed_s * self._errors.white_per_s
-        return TurningState((gained @ carried).log(), rest)
+        return TurningState((gained @ carried).log(), self._ended_rest(self._carry))
+
+    def _linear(self) -> tuple[Array, Array]:
+        return self._carry, self._by_twist
+
+    def _ended_rest(self, carry: Array) -> Array:
+        return carry @ self._state.rest @ carry.T + self._elapsed_s * self._errors.white_per_s
 
     def _exact(self) -> TurningState:
         return TurningState(np.zeros((len(self._units), 3)), np.zeros((3, 3)))

@@ -16,7 +16,7 @@ from tsd_twin.virtual_robot import PERIOD_S, VirtualRobot, voltage_share
 
 def twist_from_wheels(robot: VirtualRobot, slip: Slip | None) -> Array:
     """Return the twist (3,) from the wheels after one period, with the slip model if given."""
-    twist = robot.spin_share * robot.odometry().twist
+    twist = robot.spin_share * robot.controller.mean_twist
     return twist if slip is None else slip.advance(twist / slip.rest_share, PERIOD_S)
 
 
