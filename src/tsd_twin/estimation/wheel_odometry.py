@@ -80,14 +80,24 @@ class ConstantErrors:
         shares = noise.spin_share * np.eye(joints)[~is_angle]
         shares = np.vstack([shares, noise.common_spin_share * ~is_angle])
         self._shares = shares[shares.any(axis=1)]
+        self._is_speed = ~is_angle
+        self._turn_rad_per_s = noise.turn_rad_per_s
 
     @property
     def count(self) -> int:
         """Number of constants, m."""
-        return len(self._zeros) + len(self._shares)
+        return len(self._zeros) + len(self._shares) + (self._turn_rad_per_s > 0.0)
 
-    def by_constants(self, joints: Array) -> Array:
-        """Return the errors (n, m) of `joints` (n,), one column for each constant."""
+    def of_twist(self, joints: Array, slopes: Array) -> Array:
+        """Return the errors (3, m) of the twist at `joints` (n,), with its `slopes` (3, n)."""
+        by_constants = slopes @ self.of_joints(joints)
+        if self._turn_rad_per_s > 0.0:
+            turn = self._turn_rad_per_s * float(joints[self._is_speed].any())
+            by_constants = np.column_stack([by_constants, [0.0, 0.0, turn]])
+        return by_constants
+
+    def of_joints(self, joints: Array) -> Array:
+        """Return the errors (n, m) of `joints` (n,), but for constants that no joint shows."""
         return np.concatenate([self._zeros, self._shares * joints]).T
 
 
@@ -202,11 +212,12 @@ class JointOdometry(Generic[PoseT]):
         motion = self._kinematics.forward(nudged)
         slopes = ((motion.twist[1:] - motion.twist[0]) / steps[:, None]).T
         left = ((motion.residual[1:] - motion.residual[0]) / steps[:, None]).T
-        constant, white = self._constants.by_constants(joints), self._noise.white
+        constant, white = self._constants.of_joints(joints), self._noise.white
         explained = np.square(left @ constant).sum() + np.square(left * white).sum()
         doubt = self._doubt(float(explained))
         by_constants = np.zeros_like(self.errors.by_constants)
-        by_constants[:, : self._constants.count] = math.sqrt(doubt) * (slopes @ constant)
+        own = self._constants.of_twist(joints, slopes)
+        by_constants[:, : self._constants.count] = math.sqrt(doubt) * own
         noise, walk = math.sqrt(doubt) * slopes * white, slopes * self._noise.walk(joints)
         white_per_s = dt_s * noise @ noise.T + walk @ walk.T
         covariance = white_per_s / dt_s + by_constants @ by_constants.T

@@ -155,6 +155,9 @@ class JointErrors:
     """Standard deviation of a share that is the same for all velocity joints; constant."""
     zero_rad: float = 0.0
     """Standard deviation of the zero of a position joint; constant."""
+    turn_rad_per_s: float = 0.0
+    """Standard deviation of a turn rate that no joint shows, while velocity joints turn;
+    constant."""
     walk_rad: float = 0.0
     """Standard deviation of the way of each velocity joint in a second, while any of them turns; it
     grows with the square root of the time."""

@@ -31,6 +31,8 @@ from tsd_twin.robots.description import (
 _GRAVITY_MPS2 = 9.81
 _MEAN_LEVER = 3.0 * math.pi / 16.0
 """Lever of the friction of a patch that only spins, in radii."""
+_SPIN_IN_SLIP = 8.0 / (3.0 * math.pi)
+"""Weight of the rim speed of a contact patch relative to its slip (Zhuravlev 1998)."""
 
 
 class SingularityGeometry(Table, frozen=True, tag="singularity", tag_field="kind"):
@@ -191,21 +193,49 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
             spin_share=math.hypot(noise.spin_share, layer_share),
             common_spin_share=math.hypot(errors.battery_share, self.spin_friction_share),
             zero_rad=math.radians(errors.zero_deg),
+            turn_rad_per_s=self.floor_turn_rad_per_s,
         )
 
     @property
     def spin_friction_share(self) -> float:
         """Share of the wheel speed that the floor's friction takes from a wheel at rest.
 
-        The torque of a patch that only spins, under the pressure of Hertz, against a motor whose
-        stiffness follows from its time constant; see `docs/physics.md`.
+        The motor's stiffness follows from its time constant.
         """
-        drive, mass = self.drive, self.mass
-        load_n = mass.total_kg * _GRAVITY_MPS2 / drive.modules
-        torque_nm = self.floor.friction * load_n * _MEAN_LEVER * self.floor.patch_radius_m
-        inertia_kg_m2 = mass.wheel_kg * drive.wheel_radius_m**2 * 2.0 / 3.0
+        inertia_kg_m2 = self.mass.wheel_kg * self.drive.wheel_radius_m**2 * 2.0 / 3.0
         stiffness_nm_s = inertia_kg_m2 / self.motor.time_constant_up_s
-        return torque_nm / (stiffness_nm_s * drive.cruise_speed_rpm * RPM)
+        return self._spin_torque_nm / (stiffness_nm_s * self.drive.cruise_speed_rpm * RPM)
+
+    @property
+    def floor_turn_rad_per_s(self) -> float:
+        """Turn rate of a robot that stands, since the floor brakes all wheels in one direction.
+
+        Forces along the pivot circle hold the robot against these torques. For them wheels slide,
+        and gimbals give way by less than a step; see `docs/physics.md` for the friction.
+        """
+        drive, floor = self.drive, self.floor
+        if floor.friction == 0.0:
+            return 0.0
+        force_n = self._spin_torque_nm / drive.pivot_radius_m
+        spin_rad_per_s = drive.cruise_speed_rpm * RPM
+        share = force_n / (floor.friction * self._load_n)
+        slip_mps = share * _SPIN_IN_SLIP * floor.patch_radius_m * spin_rad_per_s
+        servo = self.servo
+        stiffness_nm = servo.stall_torque_nm * servo.approach_rate_per_s
+        stiffness_nm /= servo.no_load_speed_rpm * RPM
+        lean_rad = force_n * drive.wheel_radius_m / stiffness_nm
+        return (slip_mps + drive.wheel_radius_m * spin_rad_per_s * lean_rad) / drive.pivot_radius_m
+
+    @property
+    def _load_n(self) -> float:
+        """Weight on a wheel."""
+        return self.mass.total_kg * _GRAVITY_MPS2 / self.drive.modules
+
+    @property
+    def _spin_torque_nm(self) -> float:
+        """Friction torque of a contact patch that only spins, under the pressure of Hertz."""
+        floor = self.floor
+        return floor.friction * self._load_n * _MEAN_LEVER * floor.patch_radius_m
 
     def spin_up(self) -> SpinUp:
         """Return how the drive motors spin up and run down."""
