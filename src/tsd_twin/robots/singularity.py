@@ -31,6 +31,9 @@ from tsd_twin.robots.description import (
 _GRAVITY_MPS2 = 9.81
 _MEAN_LEVER = 3.0 * math.pi / 16.0
 """Lever of the friction of a patch that only spins, in radii."""
+_UNKNOWN_FRICTION = 1.0 / math.sqrt(3.0)
+"""Root mean square of a friction that is anything between none and the described one, as a share of
+that."""
 _SPIN_IN_SLIP = 8.0 / (3.0 * math.pi)
 """Weight of the rim speed of a contact patch relative to its slip (Zhuravlev 1998)."""
 
@@ -191,9 +194,11 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         return JointErrors(
             angle_rad=math.radians(noise.gimbal_angle_deg),
             spin_share=math.hypot(noise.spin_share, layer_share),
-            common_spin_share=math.hypot(errors.battery_share, self.spin_friction_share),
+            common_spin_share=math.hypot(
+                errors.battery_share, self.spin_friction_share * _UNKNOWN_FRICTION
+            ),
             zero_rad=math.radians(errors.zero_deg),
-            turn_rad_per_s=self.floor_turn_rad_per_s,
+            turn_rad_per_s=self.floor_turn_rad_per_s * _UNKNOWN_FRICTION,
         )
 
     @property
