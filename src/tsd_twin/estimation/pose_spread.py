@@ -284,7 +284,7 @@ def _chord(turned: Array) -> _Complex:
     Beyond half a turn, where exponential coordinates lose their meaning, it is that of half a turn.
     """
     half = np.clip(0.5 * turned, -0.5 * np.pi, 0.5 * np.pi)
-    return sinc(half) * np.exp(1j * half)
+    return np.asarray(sinc(half) * np.exp(1j * half), dtype=complex)
 
 
 def exponential_error(estimate: SE2, true: SE2) -> Array:

@@ -82,19 +82,26 @@ class ConstantErrors:
         self._shares = shares[shares.any(axis=1)]
         self._is_speed = ~is_angle
         self._turn_rad_per_s = noise.turn_rad_per_s
+        self._slip_lag_s = noise.slip_lag_s
 
     @property
     def count(self) -> int:
         """Number of constants, m."""
-        return len(self._zeros) + len(self._shares) + (self._turn_rad_per_s > 0.0)
+        floor = (self._turn_rad_per_s > 0.0) + (self._slip_lag_s > 0.0)
+        return len(self._zeros) + len(self._shares) + floor
 
-    def of_twist(self, joints: Array, slopes: Array) -> Array:
-        """Return the errors (3, m) of the twist at `joints` (n,), with its `slopes` (3, n)."""
-        by_constants = slopes @ self.of_joints(joints)
+    def of_twist(self, joints: Array, slopes: Array, acceleration: Array) -> Array:
+        """Return the errors (3, m) of the twist at `joints` (n,), with its `slopes` (3, n).
+
+        `acceleration` (3,) is that over the ground, in the axes of the base.
+        """
+        columns = [slopes @ self.of_joints(joints)]
         if self._turn_rad_per_s > 0.0:
             turn = self._turn_rad_per_s * float(joints[self._is_speed].any())
-            by_constants = np.column_stack([by_constants, [0.0, 0.0, turn]])
-        return by_constants
+            columns.append(np.array([[0.0], [0.0], [turn]]))
+        if self._slip_lag_s > 0.0:
+            columns.append(self._slip_lag_s * acceleration[:, None])
+        return np.concatenate(columns, axis=1)
 
     def of_joints(self, joints: Array) -> Array:
         """Return the errors (n, m) of `joints` (n,), but for constants that no joint shows."""
@@ -131,6 +138,7 @@ class JointOdometry(Generic[PoseT]):
         self._solved_for = b""
         self._refreshed_for: tuple[object, object] = (None, None)
         self._until_refresh = 0
+        self._refreshed_twist: Array = np.zeros(3)
         self._means: tuple[Array | None, Array] = (None, np.zeros(3))
         """Mean twists of the last two steps."""
         self._moved = False
@@ -216,12 +224,20 @@ class JointOdometry(Generic[PoseT]):
         explained = np.square(left @ constant).sum() + np.square(left * white).sum()
         doubt = self._doubt(float(explained))
         by_constants = np.zeros_like(self.errors.by_constants)
-        own = self._constants.of_twist(joints, slopes)
+        own = self._constants.of_twist(joints, slopes, self._acceleration(dt_s))
         by_constants[:, : self._constants.count] = math.sqrt(doubt) * own
         noise, walk = math.sqrt(doubt) * slopes * white, slopes * self._noise.walk(joints)
         white_per_s = dt_s * noise @ noise.T + walk @ walk.T
         covariance = white_per_s / dt_s + by_constants @ by_constants.T
         return TwistErrors(by_constants, white_per_s, covariance)
+
+    def _acceleration(self, dt_s: float) -> Array:
+        """Return the acceleration (3,) over the ground since the last refresh, in base axes."""
+        twist, before = self.motion.twist, self._refreshed_twist
+        self._refreshed_twist = twist
+        vx, vy, omega = twist.tolist()
+        turned = np.array([-omega * vy, omega * vx, 0.0])
+        return (twist - before) / (_REFRESH_EVERY * dt_s) + turned
 
     def _doubt(self, explained: float) -> float:
         """Return the Birge ratio, or 1 if the residual is no larger than errors make it.

@@ -36,6 +36,7 @@ REGION_SHARE = 1.0 - math.exp(-0.5 * REGION_SIGMAS**2)
 MOUNTED, CONSTANT = "mounted", "2 cm off"
 """Cameras: mounted as exactly as described, or off by a constant distance."""
 _CONSTANT_M = 0.02
+_POINT_M = 1e-9
 
 # Manoeuvres.
 
@@ -137,8 +138,14 @@ class Case:
     def described(self) -> RobotDescription:
         """The robot, as it is described to simulator and estimator."""
         robot = robots.load_robot(self.robot).with_errors(self.errors)
-        if self.gyro and isinstance(robot, SingularityDescription):
+        if not isinstance(robot, SingularityDescription):
+            return robot
+        if self.gyro:
             robot = msgspec.structs.replace(robot, gyro=Gyro())
+        if self.plant == "kinematic":
+            # This plant has no friction: a point that touches the floor does not slide.
+            floor = msgspec.structs.replace(robot.floor, patch_radius_m=_POINT_M)
+            robot = msgspec.structs.replace(robot, floor=floor)
         return robot
 
     @property
@@ -224,12 +231,12 @@ def _drive(
     return np.array(nees), np.array(inside)
 
 
-def _unmeasured(robot: RobotDescription) -> Array:
+def _unmeasured(robot: RobotDescription) -> list[int]:
     """Return the indices of the joints that the robot does not measure."""
-    joints = robot.kinematics().joints
-    return np.flatnonzero(
-        [joint.kind is JointKind.VELOCITY and not robot.measures_spin for joint in joints]
-    )
+    if robot.measures_spin:
+        return []
+    joints = enumerate(robot.kinematics().joints)
+    return [i for i, joint in joints if joint.kind is JointKind.VELOCITY]
 
 
 _LEAST_M = 1e-5
@@ -241,9 +248,8 @@ def _compared(estimators: Sequence[StateEstimator], truths: SE2) -> tuple[Array,
     messages = [estimator.odometry(0) for estimator in estimators]
     errors = exponential_error(SE2(np.array([each.xy_heading for each in messages])), truths)
     covariances = np.array([each.pose_covariance for each in messages]) + _LEAST_M**2 * np.eye(3)
-    return _squared(errors, covariances), (
-        _squared(errors[:, :2], covariances[:, :2, :2]) <= REGION_SIGMAS**2
-    )
+    inside = _squared(errors[:, :2], covariances[:, :2, :2]) <= REGION_SIGMAS**2
+    return _squared(errors, covariances), inside.astype(float)
 
 
 def _squared(errors: Array, covariances: Array) -> Array:

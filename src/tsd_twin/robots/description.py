@@ -158,6 +158,8 @@ class JointErrors:
     turn_rad_per_s: float = 0.0
     """Standard deviation of a turn rate that no joint shows, while velocity joints turn;
     constant."""
+    slip_lag_s: float = 0.0
+    """Standard deviation of the time by which the motion is behind the joints; constant."""
     walk_rad: float = 0.0
     """Standard deviation of the way of each velocity joint in a second, while any of them turns; it
     grows with the square root of the time."""

@@ -199,6 +199,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
             ),
             zero_rad=math.radians(errors.zero_deg),
             turn_rad_per_s=self.floor_turn_rad_per_s * _UNKNOWN_FRICTION,
+            slip_lag_s=self.slip_lag_s * _UNKNOWN_FRICTION,
         )
 
     @property
@@ -223,13 +224,21 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
             return 0.0
         force_n = self._spin_torque_nm / drive.pivot_radius_m
         spin_rad_per_s = drive.cruise_speed_rpm * RPM
-        share = force_n / (floor.friction * self._load_n)
-        slip_mps = share * _SPIN_IN_SLIP * floor.patch_radius_m * spin_rad_per_s
+        slip_mps = force_n / self._load_n * _GRAVITY_MPS2 * self.slip_lag_s
         servo = self.servo
         stiffness_nm = servo.stall_torque_nm * servo.approach_rate_per_s
         stiffness_nm /= servo.no_load_speed_rpm * RPM
         lean_rad = force_n * drive.wheel_radius_m / stiffness_nm
         return (slip_mps + drive.wheel_radius_m * spin_rad_per_s * lean_rad) / drive.pivot_radius_m
+
+    @property
+    def slip_lag_s(self) -> float:
+        """Time constant with which the body follows its wheels: they push by sliding a little."""
+        floor = self.floor
+        if floor.friction == 0.0:
+            return 0.0
+        rim_mps = floor.patch_radius_m * self.drive.cruise_speed_rpm * RPM
+        return _SPIN_IN_SLIP * rim_mps / (floor.friction * _GRAVITY_MPS2)
 
     @property
     def _load_n(self) -> float:
