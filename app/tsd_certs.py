@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from tsd_twin import program, security
+from tsd_twin import flag_types, program, security
 from tsd_twin.bus import client_config, from_file, node_config
 from tsd_twin.security import AUTHORITY, ROBOT, CertificateRequest, KeyFolder, Role
 
@@ -50,7 +50,7 @@ def make(args: argparse.Namespace) -> None:
 
 
 def report(folder: KeyFolder, now: datetime) -> list[str]:
-    """Return the report: new files, identities, and the files to copy to each machine."""
+    """Report: new files, identities, and the files to copy to each machine."""
     lines = [f"made {shown(folder.made)}" if folder.made else "everything is there already"]
     lines += ["", f"robot {', '.join(folder.hosts())}{term(folder, ROBOT, now)}"]
     lines += copying(folder, ROBOT, "tsd-mock")
@@ -67,7 +67,7 @@ def report(folder: KeyFolder, now: datetime) -> list[str]:
 
 
 def term(folder: KeyFolder, name: str, now: datetime) -> str:
-    """Return the expiry of a certificate, with a remedy when it is near."""
+    """Expiry of a certificate, with a remedy when it is near."""
     end = folder.end_of(name)
     text = f", until {end:%F}"
     if end - now < SOON:
@@ -76,7 +76,7 @@ def term(folder: KeyFolder, name: str, now: datetime) -> str:
 
 
 def copying(folder: KeyFolder, name: str, command: str) -> list[str]:
-    """Return the files to copy to one machine, and the command to run there."""
+    """Files to copy to one machine, and the command to run there."""
     settings = folder.settings_file(name)
     return [
         f"  copy to its machine  {shown(folder.files_of(name))}",
@@ -121,7 +121,10 @@ def main() -> None:
         help="a camera or the like, which tells robots where they are; may be repeated",
     )
     PARSER.add_argument(
-        "--days", type=int, default=365, help="how long new certificates are good; default 365"
+        "--days",
+        type=flag_types.whole(1, 36_500),
+        default=365,
+        help="how long new certificates are good; default 365",
     )
     PARSER.add_argument(
         "--listen",

@@ -7,7 +7,7 @@ import asyncio
 import logging
 from pathlib import Path
 
-from tsd_twin import program
+from tsd_twin import flag_types, program
 from tsd_twin.bus import DEFAULT_ENDPOINT
 from tsd_twin.dashboard import dashboard
 from tsd_twin.dashboard.dashboard import tune_malloc
@@ -56,7 +56,7 @@ def serve(args: argparse.Namespace) -> None:
 
 
 def rules_of(args: argparse.Namespace) -> AccessSettings:
-    """Return the access settings from the flags.
+    """Access settings from the flags.
 
     Raises:
         TwinError: one flag needs another, or a file cannot be used.
@@ -81,7 +81,7 @@ def rules_of(args: argparse.Namespace) -> AccessSettings:
 
 
 def open_bus(args: argparse.Namespace) -> str:
-    """Return the warning that the bus is open to every program, although the page has a login."""
+    """Warning that the bus is open to every program, although the page has a login."""
     where = args.zenoh_config or ", ".join(args.connect or [DEFAULT_ENDPOINT])
     return (
         f"WARNING: --users guards this page only. The bus at {where} has no certificates: any "
@@ -91,7 +91,7 @@ def open_bus(args: argparse.Namespace) -> str:
 
 
 def url(args: argparse.Namespace, rules: AccessSettings, port: int) -> str:
-    """Return the URL of the page on this machine."""
+    """URL of the page on this machine."""
     scheme = "http" if rules.tls is None else "https"
     host = f"[{args.host}]" if ":" in args.host else args.host
     return f"{scheme}://{host}:{port}/"
@@ -107,6 +107,7 @@ def add_access_flags() -> None:
     made.add_argument("--tls-key", type=Path, metavar="FILE", help="its private key")
     made.add_argument(
         "--allow-host",
+        type=flag_types.host_name,
         action="append",
         default=[],
         metavar="NAME[:PORT]",
@@ -127,7 +128,12 @@ def main() -> None:
     PARSER.add_argument(
         "--host", default="127.0.0.1", help="address to listen on; default 127.0.0.1"
     )
-    PARSER.add_argument("--port", type=int, default=PORT, help=f"default {PORT}; 0 is a free one")
+    PARSER.add_argument(
+        "--port",
+        type=flag_types.PORT,
+        default=PORT,
+        help=f"of the page; default {PORT}; 0 is a free one",
+    )
     add_access_flags()
     program.run(PARSER, serve)
 

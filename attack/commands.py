@@ -44,7 +44,7 @@ def rows() -> Iterator[Row]:
 
 
 def _late_command(endpoint: str, name: str) -> tuple[float, float]:
-    """Return the travel after the late command, and the time from STOP until it was sent."""
+    """Travel after the late command, and the time from STOP until it was sent."""
     drive = robots.load_robot(name).kinematics()
     raw = UncheckedOperator(endpoint, name)
     bus = Bus(client_config([endpoint]))
@@ -62,20 +62,20 @@ def _late_command(endpoint: str, name: str) -> tuple[float, float]:
         late = encode_attachment(10**9, lease, link.snapshot.status_seq)
         raw.release()
         stopped_s = time.monotonic()
-        link.call_service(Service.STOP, StopRequest("bob"))
+        raw.call(Service.STOP, StopRequest("bob"))
         time.sleep(0.52)
-        link.call_service(Service.RESET, HolderRequest(driver.lease_hex))
-        link.call_service(Service.ARM, HolderRequest(driver.lease_hex))
+        raw.call(Service.RESET, HolderRequest(driver.lease_hex))
+        raw.call(Service.ARM, HolderRequest(driver.lease_hex))
         while (status := raw.status) is None or status.mode != "ready":
             if time.monotonic() - stopped_s > 10.0:
                 raise TimeoutError(f"{name} does not become ready")
             time.sleep(0.005)
             raw.renew()
-        before = _top(truths.take()[-1].payload, name)
+        before = _top(truths.take_samples()[-1].payload, name)
         late_s = time.monotonic() - stopped_s
         commands.put(encode_twist(TwistStamped(BASE, twist)), late)
         time.sleep(WATCHED_S)
-        after = _top(truths.take()[-1].payload, name)
+        after = _top(truths.take_samples()[-1].payload, name)
         return math.dist(before, after), late_s
     finally:
         raw.close()

@@ -131,7 +131,7 @@ def _descriptions(hostile: ForgedRobots, port: int) -> Iterator[Row]:
 
 
 def _folder(hostile: ForgedRobots, port: int) -> Row:
-    """Have `body.meshes` name a pipe: it tells whether it was opened."""
+    """Let `body.meshes` name a pipe, which shows whether it was opened."""
     with tempfile.TemporaryDirectory() as folder:
         pipe = Path(folder, "parts.json")
         os.mkfifo(pipe)
@@ -333,7 +333,7 @@ def _duplicate_ids() -> Iterator[Row]:
             alice.wait_for("fault")
             bob.wait_for("fault")
             took_s = time.monotonic() - start_s
-            said = {alice.status.stop_reason, bob.status.stop_reason}
+            reasons = {alice.status.stop_reason, bob.status.stop_reason}
             with dashboard(one.endpoint) as (_, port):
                 page = Page(port, PAGE)
                 page.until(lambda: page.state)
@@ -348,7 +348,7 @@ def _duplicate_ids() -> Iterator[Row]:
         "two robots with one id; their networks are joined later",
         "both stop and say why, within 2 s",
         f"{took_s:.2f} s",
-        took_s < 2.0 and said == {words},
+        took_s < 2.0 and reasons == {words},
     )
     yield Row(
         "the page of a dashboard beside them, for 2 s",

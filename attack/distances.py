@@ -60,7 +60,7 @@ class Cause:
 
 
 def stalled(*directions: Direction) -> Fault:
-    """Return the fault of a link that stalls and then delivers all held packets."""
+    """Fault of a link that stalls and then delivers all held packets."""
 
     def fault(scene: Scene) -> tuple[float, float]:
         assert scene.link is not None
@@ -77,7 +77,7 @@ def stalled(*directions: Direction) -> Fault:
 
 
 def killed(pid: Callable[[Scene], int]) -> Fault:
-    """Return the fault of a process that is killed."""
+    """Fault of a process that is killed."""
 
     def fault(scene: Scene) -> tuple[float, float]:
         at_s = time.monotonic()
@@ -89,7 +89,7 @@ def killed(pid: Callable[[Scene], int]) -> Fault:
 
 
 def hung(pid: Callable[[Scene], int], length_s: float | None = None) -> Fault:
-    """Return the fault of a process that hangs and then resumes."""
+    """Fault of a process that hangs and then resumes."""
 
     def fault(scene: Scene) -> tuple[float, float]:
         one = pid(scene)
@@ -161,7 +161,7 @@ class Result:
 
 
 def measure(task: Task) -> list[Result]:
-    """Do all runs of a task; after a failure what is left is not measured, and says so."""
+    """Do all runs of a task; rows after a failure are marked as not measured."""
     robot, text = _description(task.robot)
     kind = CAUSES[task.causes[0]].operator
     opened = with_board if kind == "node" else on_a_link
@@ -224,7 +224,7 @@ def _get_fast(scene: Scene, twist_scale_m: float) -> float:
 
 
 def _description(name: str) -> tuple[RobotDescription, str]:
-    """Return a shipped robot whose speed controllers arm at once, and its text."""
+    """Shipped robot whose speed controllers arm at once, and its text."""
     text = robots.read_description(name)
     if robots.parse_description(text, name).arming_hold_s > 0.1:
         text = text.replace("[motor]", "[motor]\narming_hold_s = 0.1", 1)
@@ -260,7 +260,7 @@ def rows(
 
 
 def row(task: Task, result: Result) -> Row:
-    """Return the worst of all runs beside the promise in the description of the robot."""
+    """Worst of all runs beside the promise in the description of the robot."""
     allowed_m = robots.load_robot(task.robot).limits.stop_allowance_m
     cause = CAUSES[result.cause].text
     text = f"{task.robot} at {result.speed_mps:.2f} m/s, lease {task.max_age_s:g} s: {cause}"

@@ -26,7 +26,7 @@ FLOODS: tuple[tuple[Opcode, bytes], ...] = (
     (Opcode.TEXT, b'{"t":"panel_released"}'),
     (Opcode.TEXT, b'{"t":"panel_released"}'),
     (Opcode.TEXT, b'{"t":"panel_released"}'),
-    (Opcode.TEXT, b'{"t":"beat","seen":0,"sent_ms":1.0,"focus":true}'),
+    (Opcode.TEXT, b'{"t":"heartbeat","seen":0,"sent_ms":1.0,"focus":true}'),
     (Opcode.TEXT, b'{"t":"robot","id":"unknown"}'),
     (Opcode.TEXT, b'{"t":"drive","vx":1,"vy":0,"omega":0,"seen":0}'),
     (Opcode.TEXT, b'{"t":"lease","op":"acquire"}'),
@@ -34,7 +34,7 @@ FLOODS: tuple[tuple[Opcode, bytes], ...] = (
     (Opcode.TEXT, b'{"t":"plan","kind":"to","points":[[0.5,0.5]],"on":"picture"}'),
     (Opcode.PING, b"x"),
 )
-"""What the viewers say, one each."""
+"""Messages of the viewers, one each."""
 
 
 def flood(port: int, cookie: str, number: int, end_s: float, counts: Counter[str]) -> None:
@@ -66,7 +66,7 @@ def flood(port: int, cookie: str, number: int, end_s: float, counts: Counter[str
 
 def main(port: int, seconds: float, cookies: list[str]) -> None:
     """Flood with all of them at once."""
-    logging.getLogger("websockets").setLevel(logging.CRITICAL)  # Being cut off is no news.
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)  # Disconnections are expected.
     os.nice(19)  # They represent other machines, which use no processor time of this one.
     counts: Counter[str] = Counter()
     end_s = time.monotonic() + seconds

@@ -204,7 +204,7 @@ def stop_s(page: Page) -> float:
 
 
 def malformed(dice: random.Random) -> bytes:
-    """Return a malformed camera message, a different one each time."""
+    """Malformed camera message, a different one each time."""
     wild: list[Any] = [
         "x" * dice.randrange(4000),
         [dice.random()] * dice.randrange(4, 400),
@@ -227,12 +227,12 @@ def unreadable(scene: Scene, guests: list[str]) -> Generator[Row]:
     rss_mb, stderr = scene.rss_mb, scene.stderr_bytes
     cameras(scene, guests, dice, CAMERAS)
     time.sleep(1.0)
-    grown, said = scene.rss_mb - rss_mb, scene.stderr_bytes - stderr
+    grown, logged = scene.rss_mb - rss_mb, scene.stderr_bytes - stderr
     yield Row(
         f"{CAMERAS} malformed camera messages by viewers",
         f"<= {GROWTH_MB:g} MB, 10 kB",
-        f"{grown:.1f} MB, {said} bytes",
-        grown <= GROWTH_MB and said <= 10_000,
+        f"{grown:.1f} MB, {logged} bytes",
+        grown <= GROWTH_MB and logged <= 10_000,
     )
 
 

@@ -59,7 +59,7 @@ def mock(*flags: str, preload: str = "") -> Generator[RunningNode]:
 
 
 def behind(endpoint: str, robot_id: str = "tsd") -> RunningNode:
-    """Return the connection data of a robot that is reached at an endpoint."""
+    """Connection data of a robot that is reached at an endpoint."""
     nothing = cast("Any", None)
     return RunningNode(
         robot_id,
@@ -81,7 +81,7 @@ def dashboard(endpoint: str, preload: str = "") -> Generator[tuple[Program, int]
 
 
 def shown(port: int) -> set[str]:
-    """Return the robots that a dashboard knows."""
+    """Robots that a dashboard knows."""
     with urllib.request.urlopen(f"http://127.0.0.1:{port}/healthz", timeout=5.0) as answer:
         return set(json.load(answer)["robots"])
 
@@ -95,7 +95,7 @@ def threads_of(started: Program) -> int:
 
 @contextmanager
 def operator(node: RunningNode, name: str = "alice") -> Generator[BusOperator]:
-    """Return an operator whose robot is armed and ready."""
+    """Operator whose robot is armed and ready."""
     with BusOperator(node, name) as pilot:
         pilot.get_ready()
         yield pilot
@@ -130,7 +130,7 @@ class ForgedRobots:
 
         def serve() -> None:
             while not self._ends.wait(0.005):
-                for request in server.take():
+                for request in server.take_requests():
                     request.reply(answer)
 
         thread = threading.Thread(target=serve)

@@ -63,7 +63,7 @@ class _Site:
         return int(urlsplit(self.url).port or 0)
 
     def memory_mb(self) -> float:
-        """Return the memory of the dashboard, MB."""
+        """Memory of the dashboard, MB."""
         status = Path(f"/proc/{self.dashboard.process.pid}/status").read_text()
         return int(re.findall(r"VmRSS:\s+(\d+)", status)[0]) / 1000.0
 
@@ -123,12 +123,14 @@ def _tls(folder: Path) -> list[str]:
 
 
 def _open_bus(site: _Site) -> Row:
-    said = [line for line in site.dashboard.errors if "WARNING" in line and site.endpoint in line]
+    warnings = [
+        line for line in site.dashboard.errors if "WARNING" in line and site.endpoint in line
+    ]
     return Row(
         "--users beside a bus without certificates",
         "a warning before `ready:`",
-        f"{len(said)} warning",
-        len(said) == 1,
+        f"{len(warnings)} warning",
+        len(warnings) == 1,
     )
 
 
@@ -364,7 +366,7 @@ def _loaded(port: int, host: str, cookie: str, trusting: ssl.SSLContext) -> Gene
     """Ask for a script on a few connections, again and again; yield how often on each."""
     done, ended = [0] * _CLIENTS, threading.Event()
 
-    def ask(client: int) -> None:
+    def request_scripts(client: int) -> None:
         with closing(http.client.HTTPSConnection("localhost", port, context=trusting)) as asked:
             headers = {"Host": host, "Cookie": cookie}
             next_s = time.monotonic() + client / _LOAD_PER_S
@@ -375,7 +377,7 @@ def _loaded(port: int, host: str, cookie: str, trusting: ssl.SSLContext) -> Gene
 
     with ThreadPoolExecutor(_CLIENTS) as pool:
         for client in range(_CLIENTS):
-            pool.submit(ask, client)
+            pool.submit(request_scripts, client)
         try:
             yield done
         finally:

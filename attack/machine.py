@@ -41,7 +41,7 @@ class SocketHardware:
         self._board = str(folder / _BOARD)
 
     def read(self, now_s: float) -> Array | None:  # noqa: ARG002  The shape.
-        """Return the newest measurement (n,) that has come since the last call; None: no news."""
+        """Newest measurement (n,) that has come since the last call; None without one."""
         blocks = _waiting(self._socket)
         return _numbers(blocks[-1]) if blocks else None
 
@@ -51,7 +51,7 @@ class SocketHardware:
             self._socket.sendto(_block(setpoint), self._board)
 
     def hardware(self) -> Mapping[str, Any]:
-        """Return the hardware section of the status."""
+        """Hardware section of the status."""
         return {"kind": "board in a process of its own"}
 
     def close(self) -> None:
@@ -61,17 +61,17 @@ class SocketHardware:
 
 def run_board(robot: RobotDescription, folder: Path) -> None:
     """Simulate the robot and its board at 100 Hz until standard input ends."""
-    board, line = BoardModel(robot, SimRobot(robot)), _bound(folder / _BOARD)
+    board, link = BoardModel(robot, SimRobot(robot)), _bound(folder / _BOARD)
     odometer = Odometer(robot.kinematics())
     print("ready: the board", flush=True)
     next_s = time.monotonic()
     while True:
         left_s = max(0.0, next_s - time.monotonic())
-        readable = select.select([line, sys.stdin], [], [], left_s)[0]
+        readable = select.select([link, sys.stdin], [], [], left_s)[0]
         if sys.stdin in readable:
             return
         now_s = time.monotonic()
-        for block in _waiting(line):
+        for block in _waiting(link):
             board.write(_numbers(block), now_s)
         if now_s >= next_s:
             next_s = max(next_s + PERIOD_S, now_s)
@@ -79,7 +79,7 @@ def run_board(robot: RobotDescription, folder: Path) -> None:
             if measured is not None:
                 # There may be no node, or a new one that has not opened its end yet.
                 with contextlib.suppress(OSError):
-                    line.sendto(_block(measured), str(folder / _NODE))
+                    link.sendto(_block(measured), str(folder / _NODE))
             way_m, speed_mps = odometer.update(truth.pose, truth.twist)
             print(f"at {now_s:.6f} {way_m:.6f} {speed_mps:.6f}", flush=True)
 
@@ -108,11 +108,11 @@ def _bound(path: Path) -> socket.socket:
     return bound
 
 
-def _waiting(line: socket.socket) -> list[bytes]:
+def _waiting(link: socket.socket) -> list[bytes]:
     blocks: list[bytes] = []
     with contextlib.suppress(BlockingIOError):
         while True:
-            blocks.append(line.recv(4096))
+            blocks.append(link.recv(4096))
     return blocks
 
 

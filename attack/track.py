@@ -106,7 +106,7 @@ class DistanceLog:
             return _is_about(self._speeds_mps[i - 1], speed_mps)
 
     def distance_since(self, time_s: float) -> float:
-        """Return the distance since a time, m, with linear interpolation between samples."""
+        """Distance since a time, m, with linear interpolation between samples."""
         with self._news:
             times_s, ways_m = self._times_s, self._ways_m
             i = max(1, bisect_left(times_s, time_s))

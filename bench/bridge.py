@@ -34,14 +34,18 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
         ):
             share, status = _watch(*bridge, _SMALLEST_S if smallest else _MEASURED_S)
     link = status.hardware["link"]
-    beside = f"{link['missed']} of {link['cycles']} cycles without an answer"
-    yield Row("write and read of the board, p50", link["round_trip_ms"], _MEDIAN_MS, "ms", beside)
-    yield Row("write and read of the board, p99", link["round_trip_p99_ms"], _P99_MS, "ms", beside)
+    comparison = f"{link['missed']} of {link['cycles']} cycles without an answer"
+    yield Row(
+        "write and read of the board, p50", link["round_trip_ms"], _MEDIAN_MS, "ms", comparison
+    )
+    yield Row(
+        "write and read of the board, p99", link["round_trip_p99_ms"], _P99_MS, "ms", comparison
+    )
     yield Row("bridge at 100 Hz", share, _SHARE, "% core", "node, bus and line together")
 
 
 def _watch(pid: int, endpoint: str, measured_s: float) -> tuple[float, Status]:
-    """Return the share of a core that a bridge takes, and its newest status."""
+    """Share of a core that a bridge takes, and its newest status."""
     latest: list[bytes] = []
     with Bus(client_config([endpoint])) as bus:
         bus.subscribe(topics.STATUS.key("tsd"), lambda sample: latest.append(sample.payload))
@@ -54,7 +58,7 @@ def _watch(pid: int, endpoint: str, measured_s: float) -> tuple[float, Status]:
 
 @contextlib.contextmanager
 def _started(*arguments: str) -> Generator[tuple[int, str]]:
-    """Run a program; yield its pid, and where its `ready:` line says that it is."""
+    """Run a program; yield its pid and the address in its `ready:` line."""
     command = [sys.executable, "-m", *arguments]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None

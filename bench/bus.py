@@ -139,7 +139,7 @@ def client_commands(bus: Bus, endpoint: str, count: int) -> list[float]:
 
 
 def watch_setpoint(bus: Bus) -> threading.Event:
-    """Return an event that is set when the set-point moves: each command asks for another speed."""
+    """Event that is set when the set-point moves: each command asks for another speed."""
     came = threading.Event()
     last = [0.0]
 

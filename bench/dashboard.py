@@ -46,12 +46,12 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
         both = sent["scene_kB_s"] + sent["teleop_kB_s"]
         yield Row(f"scene, numbers and plots, each of {viewers}", both, 100, "kB/s", "")
     floor_ms, times_ms = latencies(frames)
-    beside = f"an empty frame of viser {floor_ms:.1f} ms"
-    yield Row("set to socket, p99", percentile(times_ms, 0.99), 12.0, "ms", beside)
+    comparison = f"an empty frame of viser {floor_ms:.1f} ms"
+    yield Row("set to socket, p99", percentile(times_ms, 0.99), 12.0, "ms", comparison)
 
 
 def load(pid: int, url: str, viewers: int, seconds: float) -> tuple[float, dict[str, float]]:
-    """Return the share of a core, in percent, and what each viewer was sent."""
+    """Share of a core, in percent, and what each viewer was sent."""
     command = [sys.executable, "-m", "bench.viewers", url, str(viewers), str(seconds), "drive"]
     watching = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     assert watching.stdout is not None

@@ -34,16 +34,16 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
     bare = program([sys.executable, "-c", _FLOOR])
     with bare:
         floor = share_of_a_core(bare.process.pid, *times_s)
-    beside = f"a bare loop at 100 Hz with a session {floor:.1f} %"
+    comparison = f"a bare loop at 100 Hz with a session {floor:.1f} %"
     run = [sys.executable, "-m"]
     mock = program([*run, "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"])
     with mock as endpoint:
         idle = share_of_a_core(mock.process.pid, *times_s)
-        yield Row("node idle, disarmed, of one core", idle, 4.0, "%", beside)
+        yield Row("node idle, disarmed, of one core", idle, 4.0, "%", comparison)
         page = program([*run, "tsd_dashboard", "--port", "0", "--until-eof", "--connect", endpoint])
         with page:
             unwatched = share_of_a_core(page.process.pid, *times_s)
-            yield Row("dashboard without viewers, of one core", unwatched, 2.0, "%", beside)
+            yield Row("dashboard without viewers, of one core", unwatched, 2.0, "%", comparison)
 
 
 def share_of_a_core(pid: int, settle_s: float, seconds: float) -> float:

@@ -30,13 +30,15 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
     drive.inverse(twists)  # Warm-up call, so that the memory pages of the result exist.
     batch_us = each_us(lambda: drive.inverse(twists), 3) / number
     single_us = each_us(lambda: drive.inverse(one), calls)
-    beside = f"wpimath {peer_us:.2f} us a twist"
-    yield Row(f"inverse kinematics, {number:,} twists, each", batch_us, peer_us / 2, "us", beside)
-    yield Row("inverse kinematics, single call", single_us, 8 * peer_us, "us", beside)
+    comparison = f"wpimath {peer_us:.2f} us a twist"
+    yield Row(
+        f"inverse kinematics, {number:,} twists, each", batch_us, peer_us / 2, "us", comparison
+    )
+    yield Row("inverse kinematics, single call", single_us, 8 * peer_us, "us", comparison)
 
 
 def each_us(call: Callable[[], object], times: int) -> float:
-    """Return the time of a call, the best of five rounds: noise only ever adds."""
+    """Time of a call, the best of five rounds: noise only ever adds."""
     best = math.inf
     for _ in range(5):
         start = time.perf_counter()

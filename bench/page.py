@@ -60,36 +60,36 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
             driving.wait()
             driving.stdout.close()
     for share in (0.5, 0.95):
-        beside = f"without the scene {percentile(alone_ms, share):.0f} ms"
+        comparison = f"without the scene {percentile(alone_ms, share):.0f} ms"
         what = f"status to the screen of a browser, p{100 * share:.0f}"
-        yield Row(what, percentile(with_scene_ms, share), _TO_REACH_MS, "ms", beside)
+        yield Row(what, percentile(with_scene_ms, share), _TO_REACH_MS, "ms", comparison)
 
 
 def delays_ms(endpoint: str, url: str, seconds: float) -> tuple[list[float], list[float]]:
-    """Return the latency of each state from the bus to the screen, with the scene and without."""
-    said_ms: dict[int, float] = {}
+    """Latency of each state from the bus to the screen, with the scene and without."""
+    sent_ms: dict[int, float] = {}
 
-    def hear(sample: Sample) -> None:
-        said_ms[decode_stamp(sample.attachment)[0]] = 1e3 * time.time()
+    def on_status(sample: Sample) -> None:
+        sent_ms[decode_stamp(sample.attachment)[0]] = 1e3 * time.time()
 
     with Bus(client_config([endpoint])) as bus, sync_playwright() as playwright:
-        bus.subscribe(topics.STATUS.key("tsd"), hear)
+        bus.subscribe(topics.STATUS.key("tsd"), on_status)
         browser = playwright.chromium.launch(executable_path=executable(), args=list(FLAGS))
         page = browser.new_page(viewport=_SIZE)
         page.add_init_script(_NOTES)
         page.goto(url)
         page.wait_for_selector("canvas[data-engine]", timeout=PATIENCE_MS)
-        with_scene_ms = watch(page, said_ms, seconds)
+        with_scene_ms = watch(page, sent_ms, seconds)
         page.evaluate(_HIDE)
-        alone_ms = watch(page, said_ms, seconds)
+        alone_ms = watch(page, sent_ms, seconds)
         browser.close()
     return with_scene_ms, alone_ms
 
 
-def watch(page: Page, said_ms: dict[int, float], seconds: float) -> list[float]:
-    """Return the delays of all states that were said within some seconds and shown at all."""
+def watch(page: Page, sent_ms: dict[int, float], seconds: float) -> list[float]:
+    """Delays of all states that were said within some seconds and shown at all."""
     page.wait_for_timeout(_SETTLED_MS)
     page.evaluate("window.shownMs = {}")
     page.wait_for_timeout(1000.0 * seconds)
     shown_ms: dict[str, float] = page.evaluate("window.shownMs")
-    return [at - said_ms[int(seen)] for seen, at in shown_ms.items() if int(seen) in said_ms]
+    return [at - sent_ms[int(seen)] for seen, at in shown_ms.items() if int(seen) in sent_ms]

@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from bench.table import Row
-from tsd_twin import robots
+from tsd_twin import SimulatedRobot, robots
 from tsd_twin.control import RobotController
 from tsd_twin.lab.budget import BATCH, ERROR_SOURCES, drive_open_loop
 from tsd_twin.lab.square import unlimited_trajectory
@@ -40,13 +40,15 @@ class Size:
     steps: int = 600
     batch: int = 2_000
     squares: int = 10_000
+    drives: int = 60
+    idle_s: float = 120.0
     driven_s: float = 3600.0
     settled_s: float = 60.0
     """After this, what is left is counted for the first time."""
 
 
 FULL = Size()
-SMALLEST = Size(1, 50, 20, 20, 6.0, 2.0)
+SMALLEST = Size(1, 50, 20, 20, 1, 0.1, 6.0, 2.0)
 
 
 class VirtualRobot:
@@ -76,7 +78,7 @@ class VirtualRobot:
         self.io.write(setpoint, self.now_s)
 
     def command(self, twist: Array) -> Sample:
-        """Return a command that counts now."""
+        """Command that counts now."""
         self.seq += 1
         self.controller.record_status_sent(self.seq, self.now_s)
         return Sample(
@@ -97,7 +99,10 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
     share = 100 * core_s / PERIOD_S
     yield Row("core step, share of the period", share, 1.0, "%", "10 ms")
     faster = PERIOD_S / all_s
-    yield Row("core and plant, one robot", faster, 30, "x", "real time", at_least=True)
+    yield Row("core and plant, one robot", faster, 60, "x", "real time", at_least=True)
+    alone = f"the plant alone {plant_alone(size.drives):.0f} x"
+    yield Row("SimulatedRobot, drives of 2 s", driven(size.drives), 80, "x", alone, at_least=True)
+    yield Row("SimulatedRobot, idle", idle(size.idle_s), 300, "x", alone, at_least=True)
     yield Row(
         f"core and plant, batch of {size.batch:,}",
         batch(size.batch),
@@ -111,12 +116,12 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
     )
     left = growth(robot, twist, size)
     what = f"objects left by {size.driven_s:g} s of driving"
-    beside = f"those after {size.settled_s:g} s"
-    yield Row(what, left, 500, "", beside)
+    comparison = f"those after {size.settled_s:g} s"
+    yield Row(what, left, 500, "", comparison)
 
 
 def drive(robot: VirtualRobot, twist: Array, steps: int) -> tuple[float, float]:
-    """Return the time of a period in the core alone, and with the plant, in a round of driving."""
+    """Time of a period in the core alone, and with the plant, in a round of driving."""
     in_core_s = 0.0
     start = time.perf_counter()
     for step in range(steps):
@@ -128,6 +133,51 @@ def drive(robot: VirtualRobot, twist: Array, steps: int) -> tuple[float, float]:
         in_core_s += time.perf_counter() - before
         robot.io.write(setpoint, robot.now_s)
     return in_core_s / steps, (time.perf_counter() - start) / steps
+
+
+_DRIVE_S = 2.0
+
+
+def twists(drives: int) -> list[list[float]]:
+    """Return twists of drives of which most are within the limits."""
+    return (
+        np.random.default_rng(0).uniform([-0.5, -0.5, -1.5], [0.5, 0.5, 1.5], (drives, 3)).tolist()
+    )
+
+
+def driven(drives: int) -> float:
+    """Return how many times faster than the clock `SimulatedRobot` drives, in drives of 2 s.
+
+    By processor time, like `idle` and `plant_alone`: none of them waits for anything.
+    """
+    with SimulatedRobot("tsd") as robot, robot.control("bench") as base:
+        began_s, start = robot.time_s, time.process_time()
+        for vx, vy, omega in twists(drives):
+            base.drive(vx_mps=vx, vy_mps=vy, omega_rad_per_s=omega, duration_s=_DRIVE_S)
+        return (robot.time_s - began_s) / (time.process_time() - start)
+
+
+def idle(duration_s: float) -> float:
+    """Return how many times faster than the clock a `SimulatedRobot` is that is not armed."""
+    with SimulatedRobot("tsd") as robot:
+        start = time.process_time()
+        robot.sleep(duration_s)
+        return duration_s / (time.process_time() - start)
+
+
+def plant_alone(drives: int) -> float:
+    """Return the same for simulated joints that follow such twists without a controller."""
+    robot = VirtualRobot()  # Its wheels spin: they are armed.
+    simulated, kinematics = robot.io, robot.controller.kinematics
+    periods = round(_DRIVE_S / PERIOD_S)
+    start = time.process_time()
+    for twist in twists(drives):
+        setpoint = kinematics.inverse(np.array(twist))
+        for _ in range(periods):
+            robot.now_s += PERIOD_S
+            simulated.read(robot.now_s)
+            simulated.write(setpoint, robot.now_s)
+    return drives * _DRIVE_S / (time.process_time() - start)
 
 
 def batch(robots_at_once: int) -> float:
@@ -148,7 +198,7 @@ def batch(robots_at_once: int) -> float:
 
 
 def squares(runs: int) -> float:
-    """Return the seconds that so many squares take, as `tsd-lab budget` drives them."""
+    """Seconds that so many squares take, as `tsd-lab budget` drives them."""
     robot = description_of_kind(robots.load_robot("tsd"), SingularityDescription)
     random = np.random.default_rng(0)
     reference = unlimited_trajectory(Route(named_path("square")))

@@ -38,7 +38,7 @@ Processes = dict[str, subprocess.Popen[str]]
 
 
 class CutShortError(Exception):
-    """The soak cannot go on; the text says why."""
+    """The soak cannot continue; the text gives the reason."""
 
 
 @dataclass
@@ -137,19 +137,19 @@ def verdict(record: Record, warm_up: float) -> Iterator[Row]:
     """
     for name, sizes_mb in record.rss_mb.items():
         start_mb, end_mb = start_and_end(sizes_mb, warm_up)
-        beside = f"{start_mb:.0f} MB after warm-up, {end_mb:.0f} MB at the end"
-        yield Row(f"{name}, growth", end_mb - start_mb, SLACK_MB, "MB", beside)
+        comparison = f"{start_mb:.0f} MB after warm-up, {end_mb:.0f} MB at the end"
+        yield Row(f"{name}, growth", end_mb - start_mb, SLACK_MB, "MB", comparison)
     before_s = statistics.median(record.connects_s)
-    beside = f"{len(record.connects_s)} visits before, {before_s:.3f} s"
+    comparison = f"{len(record.connects_s)} visits before, {before_s:.3f} s"
     last_s = statistics.median(record.last_connects_s)
-    yield Row("a page sees all there is, at the end", last_s, CONNECT_S, "s", beside)
+    yield Row("a page sees all there is, at the end", last_s, CONNECT_S, "s", comparison)
     share = 100 * sum(record.drove) / len(record.drove)
-    beside = f"{sum(record.drove)} of {len(record.drove)}"
-    yield Row("drivers who got to drive", share, 90.0, "%", beside, at_least=True)
+    comparison = f"{sum(record.drove)} of {len(record.drove)}"
+    yield Row("drivers who got to drive", share, 90.0, "%", comparison, at_least=True)
 
 
 def start_and_end(sizes: Sequence[float], warm_up: float) -> tuple[float, float]:
-    """Return the least of the first and of the last quarter of what follows the warm-up.
+    """Least of the first and of the last quarter of what follows the warm-up.
 
     The least is what is held; what is more waits to be collected.
     """

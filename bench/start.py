@@ -11,7 +11,7 @@ from bench.table import Row
 
 
 def rows(*, smallest: bool = False) -> Iterator[Row]:
-    """Measure `tsd-demo` on a warm install, beside a bare interpreter that imports the same."""
+    """Measure `tsd-demo` on a warm install, comparison a bare interpreter that imports the same."""
     demo_s = min(until_ready() for _ in range(1 if smallest else 3))
     code = "import viser, zenoh, aiohttp, trimesh, rosbags.typesys"
     start = time.perf_counter()
@@ -21,7 +21,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
 
 
 def until_ready() -> float:
-    """Return the time until the demo says that it is ready."""
+    """Time until the demo prints that it is ready."""
     start = time.perf_counter()
     demo = subprocess.Popen(
         [sys.executable, "-m", "tsd_demo", "--no-browser", "--until-eof"],

@@ -15,7 +15,7 @@ class Row:
     measured: float
     limit: float
     unit: str
-    beside: str
+    comparison: str
     """Peer or lower bound that the limit comes from, measured in the same run."""
     at_least: bool = False
 
@@ -29,10 +29,10 @@ class Row:
         share = self.measured / self.limit
         return (
             f"{self.what:<52} {self.measured:>9.3g} {self.unit:<6} {word} {self.limit:>8.3g}"
-            f"  {share:>6.2f}x  {'ok  ' if self.met else 'MISS'}  {self.beside}"
+            f"  {share:>6.2f}x  {'ok  ' if self.met else 'MISS'}  {self.comparison}"
         )
 
 
 def percentile(values: Sequence[float], share: float) -> float:
-    """Return a percentile of many values."""
+    """Percentile of many values."""
     return statistics.quantiles(values, n=1000, method="inclusive")[round(share * 1000) - 1]

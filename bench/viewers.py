@@ -89,21 +89,21 @@ async def watch(scene: ClientConnection, tally: Tally) -> None:
 async def operate(
     teleop: ClientConnection, tally: Tally, driving: asyncio.Event, *, drives: bool
 ) -> None:
-    """Send beats as a page does, and drive a circle if so told."""
+    """Send beats as a page does, and drive a circle if `drives`."""
     seen: dict[str, Any] = {"seen": 0, "mode": "", "you": False}
     asked: set[str] = set()
 
-    async def say(**message: Any) -> None:
+    async def send(**message: Any) -> None:
         await teleop.send(json.dumps(message))
 
-    speaking = asyncio.create_task(speak(say, seen, drives=drives))
+    sending = asyncio.create_task(send_commands(send, seen, drives=drives))
     try:
         async for text in teleop:
             if tally.counting:
                 tally.teleop += len(text)
             message = json.loads(text)
             if message["t"] == "released":
-                await say(t="release")  # As a page does whose controls have sprung back.
+                await send(t="release")  # As a page does whose controls have sprung back.
             if message["t"] != "state":
                 continue
             seen["seen"], seen["mode"] = message["seen"], message["status"]["mode"]
@@ -111,18 +111,20 @@ async def operate(
             if seen["mode"] == "driving":
                 driving.set()
             elif drives and (request := next_request(message, asked)) is not None:
-                await say(**request)
+                await send(**request)
     finally:
-        speaking.cancel()
+        sending.cancel()
 
 
-async def speak(say: Callable[..., Awaitable[None]], seen: dict[str, Any], *, drives: bool) -> None:
+async def send_commands(
+    send: Callable[..., Awaitable[None]], seen: dict[str, Any], *, drives: bool
+) -> None:
     """Send a beat ten times a second, and commands fifty times."""
     for tick in itertools.count():
         if tick % 5 == 0:
-            await say(t="beat", seen=seen["seen"], sent_ms=0.0, focus=True)
+            await send(t="heartbeat", seen=seen["seen"], sent_ms=0.0, focus=True)
         if drives and seen["you"] and seen["mode"] in ("ready", "driving"):
-            await say(t="drive", vx=0.4, vy=0.1, omega=0.8, seen=seen["seen"])
+            await send(t="drive", vx=0.4, vy=0.1, omega=0.8, seen=seen["seen"])
         await asyncio.sleep(0.02)
 
 

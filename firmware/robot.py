@@ -15,7 +15,7 @@ from tsd_twin.simulation import Motors
 
 
 def header() -> str:
-    """Return the text of `robot.h`, made from the description `tsd`."""
+    """Text of `robot.h`, made from the description `tsd`."""
     robot = description_of_kind(load_robot("tsd"), SingularityDescription)
     drive = robot.kinematics()
     motors = Motors.of(robot)

@@ -27,9 +27,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         timed = not TIMED.isdisjoint(folders) and not item.get_closest_marker("computes")
         if timed or item.get_closest_marker("system"):
             item.add_marker("timed")
+            if "app" in folders and not item.get_closest_marker("busy"):
+                item.add_marker("programs")
         elif name_of(item.nodeid) in slow:
             item.add_marker("slow")
-    items.sort(key=lambda item: item.get_closest_marker("system") is not None)
+    items.sort(key=_order)
+
+
+def _order(item: pytest.Item) -> tuple[bool, bool]:
+    """Sort key: quick tests first, programs last."""
+    marks = {mark.name for mark in item.iter_markers()}
+    return "system" in marks, "programs" in marks
 
 
 @pytest.fixture

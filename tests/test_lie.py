@@ -238,3 +238,29 @@ def test_sinc_is_sine_over_its_argument(x: float, scale: float) -> None:
     assert value * x == pytest.approx(np.sin(x), rel=1e-15, abs=DENORMAL)
     if abs(x) < 1e-8:
         assert value == 1.0
+
+
+@unhurried
+@given(pose=tangents(30.0), other=tangents(30.0))
+def test_one_planar_pose_is_the_member_of_a_batch_to_the_bit(pose: Array, other: Array) -> None:
+    one, many = SE2(pose), SE2(np.stack([pose, pose]))
+    others = np.stack([other, other])
+    for single, batch in (
+        (SE2.exp(other), SE2.exp(others)),
+        (one.plus(other), many.plus(others)),
+        (one @ SE2(other), many @ SE2(others)),
+    ):
+        np.testing.assert_array_equal(single.xy_heading, batch.xy_heading[0])
+
+
+@pytest.mark.parametrize("bad", [np.inf, -np.inf, np.nan, 1e308])
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning", "ignore:overflow")
+def test_a_heading_that_is_no_number_is_no_exception(bad: float) -> None:
+    turned, here = np.array([1.0, 2.0, bad]), np.array([0.5, 0.0, np.copysign(1e308, bad)])
+    many = np.stack([turned, turned]), np.stack([here, here])
+    for single, batch in (
+        (SE2.exp(turned), SE2.exp(many[0])),
+        (SE2(here).plus(turned), SE2(many[1]).plus(many[0])),
+        (SE2(turned) @ SE2(here), SE2(many[0]) @ SE2(many[1])),
+    ):
+        np.testing.assert_array_equal(single.xy_heading, batch.xy_heading[0])

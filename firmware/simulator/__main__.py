@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The robot in a box: the real firmware in real time behind a pseudo-terminal.
+"""Robot in a box: the compiled firmware, simulated in real time behind a pseudo-terminal.
 
-Start it, then point the bridge at the path that it prints. Commands on standard input do things to
-it: hang, reset, freeze 1, unplug 2, garbage 100, dead 3, alive 3, battery 11.2, kill on, manual on,
-sticks 0.5 0 0 1, lose, show. The end of the input is no end of it; SIGINT and SIGTERM are.
+Start it, then start the bridge with the printed path. Commands on standard input inject faults:
+hang, reset, freeze 1, unplug 2, garbage 100, dead 3, alive 3, battery 11.2, kill on, manual on,
+sticks 0.5 0 0 1, lose, show. It runs on after the end of the input, until SIGINT or SIGTERM.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from firmware.simulator.box import Box
-from firmware.simulator.faults import Faults
-from firmware.simulator.rig import Rig
+from firmware.simulator.faults import FaultCommands
+from firmware.simulator.real_time import RealTimeSimulation
+from firmware.simulator.simulation import FirmwareSimulation
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -31,29 +31,31 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--protocol", type=int, choices=(1, 2), default=2, help="of the servos")
     parser.add_argument("--no-receiver", action="store_true", help="without a radio control")
     flags = parser.parse_args(arguments)
-    box = Box(Rig(flags.protocol, receiver=not flags.no_receiver), flags.link)
+    robot = RealTimeSimulation(
+        FirmwareSimulation(flags.protocol, receiver=not flags.no_receiver), flags.link
+    )
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    print(f"ready: {box.path}", flush=True)  # noqa: T201
+    print(f"ready: {robot.path}", flush=True)  # noqa: T201
     try:
-        _run(box, Faults(box))
+        _run(robot, FaultCommands(robot))
     except KeyboardInterrupt:
         return 0
     finally:
-        box.close()
+        robot.close()
 
 
-def _run(box: Box, faults: Faults) -> None:
+def _run(robot: RealTimeSimulation, faults: FaultCommands) -> None:
     source: int | None = sys.stdin.fileno()
     pending = b""
     while True:
-        if not box.step(source) or source is None:
+        if not robot.step(source) or source is None:
             continue
         data = os.read(source, 4096)
         if not data:
             source = None
         *lines, pending = (pending + data).split(b"\n")
         for line in lines:
-            faults.obey(line.decode(errors="replace"))
+            faults.run(line.decode(errors="replace"))
 
 
 if __name__ == "__main__":

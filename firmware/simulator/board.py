@@ -25,7 +25,7 @@ def build() -> Path:
 
 
 def symbol(elf: Path, name: str) -> int:
-    """Return the address of a variable in memory."""
+    """Address of a variable in memory."""
     run = ["avr-nm", str(elf)]
     listing = subprocess.run(run, check=True, capture_output=True, text=True).stdout  # noqa: S603
     found = [line.split()[0] for line in listing.splitlines() if line.split()[-1] == name]
@@ -136,7 +136,7 @@ class Board:
         self._lib.board_set_adc(self._board, channel, round(1000.0 * volts))
 
     def peek(self, address: int) -> int:
-        """Return a byte of memory."""
+        """Byte of memory."""
         return self._lib.board_peek(self._board, address)
 
     def poke(self, address: int, value: int) -> None:
@@ -155,7 +155,9 @@ class Board:
         """Reset it by its pin, or as power does that comes back."""
         self._lib.board_reset(self._board, power)
 
-    def ask(self, cases: Sequence[bytes], ping: bytes, answer: bytes, patience_s: float) -> int:
+    def count_answered(
+        self, cases: Sequence[bytes], ping: bytes, answer: bytes, patience_s: float
+    ) -> int:
         """Send each case and `ping` behind it; return how many were followed by `answer` in time.
 
         It ends with the first that was not.

@@ -94,12 +94,12 @@ class Mx64:
         return bytes(self._memory[address : address + length])
 
     def status(self, data: bytes = b"") -> bytes:
-        """Return an answer of this servo."""
+        """Answer of this servo."""
         registers = self.registers
         return registers.protocol.status(self.number, data, registers.fault if self.fault else 0)
 
     def answer_to_ping(self) -> bytes:
-        """Return the answer, which has model and version with the newer firmware only."""
+        """Answer, which has model and version with the newer firmware only."""
         if self.registers.protocol is protocol1:
             return self.status()
         return self.status(self.registers.model.to_bytes(2, "little") + b"\x29")

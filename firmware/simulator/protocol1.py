@@ -22,6 +22,6 @@ def fields(parameters: bytes) -> tuple[int, bytes]:
 
 
 def status(servo: int, data: bytes, error: int = 0) -> bytes:
-    """Return the status packet of a servo."""
+    """Status packet of a servo."""
     body = bytes([servo, len(data) + 2, error]) + data
     return b"\xff\xff" + body + bytes([~sum(body) & 0xFF])

@@ -20,7 +20,7 @@ _ROWS = [_row(byte) for byte in range(256)]
 
 
 def crc(data: bytes) -> bytes:
-    """Return the sum of a packet: polynomial 0x8005, most significant bit first."""
+    """Sum of a packet: polynomial 0x8005, most significant bit first."""
     total = 0
     for byte in data:
         total = (total << 8 & 0xFFFF) ^ _ROWS[total >> 8 ^ byte]
@@ -28,7 +28,7 @@ def crc(data: bytes) -> bytes:
 
 
 def packet(ident: int, instruction: int, parameters: bytes = b"") -> bytes:
-    """Return a whole packet."""
+    """Whole packet."""
     body = (bytes([instruction]) + parameters).replace(_HEADER, _STUFFED)
     data = _START + bytes([ident]) + (len(body) + 2).to_bytes(2, "little") + body
     return data + crc(data)
@@ -52,5 +52,5 @@ def fields(parameters: bytes) -> tuple[int, bytes]:
 
 
 def status(servo: int, data: bytes, error: int = 0) -> bytes:
-    """Return the status packet of a servo."""
+    """Status packet of a servo."""
     return packet(servo, STATUS, bytes([error]) + data)

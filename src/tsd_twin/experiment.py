@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.progress import track
 
+from tsd_twin import flag_types
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import Array
 
@@ -121,7 +122,7 @@ _INK, _GRID = "#1f2933", "#d9dee5"
 
 
 def new_figure(width_in: float, height_in: float, title: str) -> Figure:
-    """Return an empty figure with a title and automatic layout."""
+    """Empty figure with a title and automatic layout."""
     made: Any = Figure(figsize=(width_in, height_in), layout="constrained", facecolor="white")
     made.suptitle(title, fontsize=13, color=_INK, x=0.01, ha="left", weight="bold")
     return made
@@ -150,18 +151,46 @@ def add_legend(axes: Axes, **where: Any) -> None:
 _SPINE = "#8a94a3"
 
 
-def _no_flags(_parser: argparse.ArgumentParser) -> None:
-    """Add nothing."""
-
-
 @dataclass(frozen=True, slots=True)
 class Experiment:
     """One subcommand of `tsd-lab`."""
 
     name: str
-    purpose: str
-    """One sentence, for the list and for its own help."""
     run: Callable[[argparse.Namespace, Output], list[str]]
-    """Writes pictures and tables to the output; returns the lines to print."""
-    examples: Sequence[str] = ()
-    add_flags: Callable[[argparse.ArgumentParser], None] = _no_flags
+    """Writes pictures and tables to the output, and returns the lines to print.
+
+    The first line of its docstring is the purpose in the help.
+    """
+    examples: Sequence[str]
+    robot: str | None = None
+    """Default of `--robot`; None without that flag."""
+    noise: bool = False
+    """Whether it has the flag `--noise`."""
+    seed_of: str = ""
+    """Meaning of `--seed`; empty without that flag."""
+    add_own_flags: Callable[[argparse.ArgumentParser], None] | None = None
+
+    @property
+    def purpose(self) -> str:
+        """One sentence, for the list of experiments and for its own help."""
+        return (self.run.__doc__ or "").partition("\n")[0]
+
+    def add_flags(self, parser: argparse.ArgumentParser) -> None:
+        """Add the common flags and its own."""
+        if self.robot:
+            default = f"default {self.robot}"
+            parser.add_argument("--robot", default=self.robot, metavar="NAME|FILE", help=default)
+        if self.seed_of:
+            parser.add_argument(
+                "--seed", type=flag_types.SEED, default=0, help=f"of {self.seed_of}; default 0"
+            )
+        if self.noise:
+            parser.add_argument(
+                "--noise",
+                type=flag_types.SCALE,
+                default=1.0,
+                metavar="SCALE",
+                help="times [noise]; default 1",
+            )
+        if self.add_own_flags:
+            self.add_own_flags(parser)

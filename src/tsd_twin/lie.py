@@ -7,6 +7,7 @@ points. Formulas as in Sola, Deray, Atchuthan, "A micro Lie theory for state est
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -18,10 +19,22 @@ Array: TypeAlias = npt.NDArray[np.float64]
 
 
 def sinc(x: Array) -> Array:
-    """Return sin(x) / x, exact at and near zero; the same shape as `x`, in radians."""
+    """Sin(x) / x, exact at and near zero; the same shape as `x`, in radians."""
     # The function is even; the added number avoids 0 / 0 and changes no other value.
     away = np.abs(x) + 1e-200
     return np.sin(away) / away
+
+
+def _arc(vx: float, vy: float, half: float, middle: float) -> tuple[float, float]:
+    """Displacement of a twist in unit time, in plain floats: for one pose, they are
+    faster than numpy, and give the same bits.
+
+    `half` is half of the angle turned through, `middle` the heading half-way.
+    """
+    away = abs(half) + 1e-200
+    chord = math.sin(away) / away
+    c, s = chord * math.cos(middle), chord * math.sin(middle)
+    return c * vx - s * vy, s * vx + c * vy
 
 
 def wrap(angle: Array) -> Array:
@@ -43,12 +56,15 @@ class SE2:
 
     @staticmethod
     def identity(batch: tuple[int, ...] = ()) -> SE2:
-        """Return the identity, with batch dimensions `batch`."""
+        """Identity, with batch dimensions `batch`."""
         return SE2(np.zeros((*batch, 3)))
 
     @staticmethod
     def exp(tangent: Array) -> SE2:
-        """Return the pose that constant twist `tangent` (..., 3) reaches in unit time; Eq. 156."""
+        """Pose that constant twist `tangent` (..., 3) reaches in unit time; Eq. 156."""
+        if tangent.ndim == 1 and math.isfinite(tangent[2]):
+            vx, vy, omega = tangent.tolist()
+            return SE2(np.array([*_arc(vx, vy, 0.5 * omega, 0.5 * omega), omega]))
         half = 0.5 * tangent[..., 2]
         # The left Jacobian is a turn by half the angle, shortened by sinc: no branch near zero.
         chord = sinc(half)
@@ -60,7 +76,7 @@ class SE2:
         return SE2(out)
 
     def log(self) -> Array:
-        """Return the tangent (..., 3) whose `exp` is this pose; heading in (-2 pi, 2 pi)."""
+        """Tangent (..., 3) whose `exp` is this pose; heading in (-2 pi, 2 pi)."""
         half = 0.5 * self.xy_heading[..., 2]
         chord = sinc(half)
         c, s = np.cos(half) / chord, np.sin(half) / chord
@@ -71,7 +87,7 @@ class SE2:
         return out
 
     def inverse(self) -> SE2:
-        """Return the pose of the parent in the local frame."""
+        """Pose of the parent in the local frame."""
         c, s = np.cos(self.xy_heading[..., 2]), np.sin(self.xy_heading[..., 2])
         out = np.empty(np.shape(self.xy_heading))
         out[..., 0] = -c * self.xy_heading[..., 0] - s * self.xy_heading[..., 1]
@@ -81,6 +97,11 @@ class SE2:
 
     def __matmul__(self, other: SE2) -> SE2:
         """Compose: T_ac = T_ab @ T_bc."""
+        if self.xy_heading.ndim == other.xy_heading.ndim == 1 and math.isfinite(self.xy_heading[2]):
+            x, y, angle = self.xy_heading.tolist()
+            dx, dy, turned = other.xy_heading.tolist()
+            c, s = math.cos(angle), math.sin(angle)
+            return SE2(np.array([c * dx - s * dy + x, s * dx + c * dy + y, angle + turned]))
         heading = self.xy_heading[..., 2] + other.xy_heading[..., 2]
         out = np.empty((*np.shape(heading), 3))
         out[..., :2] = self.transform(other.xy_heading[..., :2])
@@ -88,10 +109,16 @@ class SE2:
         return SE2(out)
 
     def plus(self, tangent: Array) -> SE2:
-        """Return the pose that constant twist `tangent` (..., 3) leads to from here; Eq. 25.
+        """Pose that constant twist `tangent` (..., 3) leads to from here; Eq. 25.
 
         The same as `self @ SE2.exp(tangent)`, in one turn by the sum of the two angles.
         """
+        if self.xy_heading.ndim == tangent.ndim == 1:
+            x, y, heading = self.xy_heading.tolist()
+            vx, vy, omega = tangent.tolist()
+            if math.isfinite(heading + omega):
+                dx, dy = _arc(vx, vy, 0.5 * omega, heading + 0.5 * omega)
+                return SE2(np.array([dx + x, dy + y, omega + heading]))
         half = 0.5 * tangent[..., 2]
         chord, middle = sinc(half), self.xy_heading[..., 2] + half
         c, s = chord * np.cos(middle), chord * np.sin(middle)
@@ -129,14 +156,14 @@ class SO3:
 
     @staticmethod
     def identity(batch: tuple[int, ...] = ()) -> SO3:
-        """Return the identity, with batch dimensions `batch`."""
+        """Identity, with batch dimensions `batch`."""
         wxyz = np.zeros((*batch, 4))
         wxyz[..., 0] = 1.0
         return SO3(wxyz)
 
     @staticmethod
     def exp(tangent: Array) -> SO3:
-        """Return the rotation about `tangent` (..., 3) by its length; Eq. 101."""
+        """Rotation about `tangent` (..., 3) by its length; Eq. 101."""
         half = 0.5 * np.sqrt(np.add.reduce(np.square(tangent), axis=-1))
         wxyz = np.empty((*np.shape(tangent)[:-1], 4))
         wxyz[..., 0] = np.cos(half)
@@ -144,7 +171,7 @@ class SO3:
         return SO3(wxyz)
 
     def log(self) -> Array:
-        """Return the shortest rotation vector (..., 3) whose `exp` is this rotation; Eq. 105."""
+        """Shortest rotation vector (..., 3) whose `exp` is this rotation; Eq. 105."""
         # q and -q are one rotation: take the one with w >= 0, so that the angle is at most pi.
         wxyz = np.where(self.wxyz[..., :1] < 0.0, -self.wxyz, self.wxyz)
         w, xyz = wxyz[..., 0], wxyz[..., 1:]
@@ -152,7 +179,7 @@ class SO3:
         return 2.0 * xyz / sinc(half)[..., None]
 
     def inverse(self) -> SO3:
-        """Return the opposite rotation."""
+        """Opposite rotation."""
         return SO3(self.wxyz * np.array([1.0, -1.0, -1.0, -1.0]))
 
     def __matmul__(self, other: SO3) -> SO3:
@@ -174,7 +201,7 @@ class SO3:
         return np.asarray((self.as_matrix() @ vectors[..., None])[..., 0], dtype=float)
 
     def as_matrix(self) -> Array:
-        """Return the rotation matrices (..., 3, 3)."""
+        """Rotation matrices (..., 3, 3)."""
         q = self.wxyz
         w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
         out = np.empty((*np.shape(w), 3, 3))

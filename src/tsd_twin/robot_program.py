@@ -23,7 +23,7 @@ def _unknown(_robot: RobotDescription, _args: Flags) -> Pose | None:
     return None
 
 
-def _alone(_bus: Bus, _robot_id: str, _robot: RobotDescription, _args: Flags) -> Companion:
+def _no_companion(_bus: Bus, _robot_id: str, _robot: RobotDescription, _args: Flags) -> Companion:
     return contextlib.nullcontext()
 
 
@@ -31,7 +31,7 @@ def serve(
     made: argparse.ArgumentParser,
     joints: Callable[[RobotDescription, Flags], RobotIO],
     pose: Callable[[RobotDescription, Flags], Pose | None] = _unknown,
-    companion: Callable[[Bus, str, RobotDescription, Flags], Companion] = _alone,
+    companion: Callable[[Bus, str, RobotDescription, Flags], Companion] = _no_companion,
 ) -> None:
     """Add the flags of a node to the parser `made`, parse them, and run the node until a signal.
 

@@ -79,7 +79,7 @@ def start_program(arguments: list[str], stop: threading.Event) -> Generator[Subp
 
 
 def free_port(chosen: int | None, usual: int, kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
-    """Return the chosen port if it is free; when none was chosen the usual one, or any free one.
+    """Chosen port if it is free; when none was chosen the usual one, or any free one.
 
     Raises:
         TwinError: the chosen port is in use, or is none.

@@ -91,11 +91,11 @@ class VirtualRobot:
         return self.simulated.truth(self.now_s).twist
 
     def odometry(self) -> Odometry:
-        """Return the robot's own odometry, relative to the mark."""
+        """Robot's own odometry, relative to the mark."""
         return self.controller.odometry(round(self.now_s * 1e9))
 
     def status(self) -> Status:
-        """Return the status."""
+        """Status."""
         return self.controller.status(self.now_s, LoopStatus(), {})
 
     def _true_pose(self) -> SE2:
@@ -153,7 +153,7 @@ def _xyh(x_m: float, y_m: float, heading_rad: float) -> dict[str, object]:
 
 
 def voltage_share(robot: VirtualRobot) -> float:
-    """Return the wheel speed relative to nominal voltage, from the voltage that servos report."""
+    """Wheel speed relative to nominal voltage, from the voltage that servos report."""
     nominal_v = robot.controller.robot.battery.nominal_v
     battery_v = robot.simulated.hardware().get("battery_v")
     if not isinstance(battery_v, float):

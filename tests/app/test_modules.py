@@ -141,7 +141,7 @@ def test_an_operator_chooses_the_drive_speed_and_is_told_which_module_sticks(
         slider = page.get_by_role("slider", name="Drive speed")
         expect(slider).to_be_visible(timeout=PATIENCE_MS)
         expect(slider).to_be_disabled()
-        expect(page.get_by_text("The lease is free: take control first.").last).to_be_visible()
+        expect(page.get_by_text("Take control first.").last).to_be_visible()
         take_control_and_arm(page)
         choose_speed(page, watcher)
         notice = page.get_by_role("alert").filter(has_text="Module 2 does not follow")

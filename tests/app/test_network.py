@@ -61,7 +61,7 @@ def test_the_dashboard_of_an_operator_drives_under_her_name(start: Start, keys: 
         asked = set[str]()
         for _ in range(_STATES):
             state = hear(page, "state")
-            say(page, t="beat", seen=state["seen"], sent_ms=0.0)
+            say(page, t="heartbeat", seen=state["seen"], sent_ms=0.0)
             if not state["you"] and "lease" not in asked:
                 asked.add("lease")
                 say(page, t="lease", op="acquire")

@@ -72,6 +72,10 @@ def test_every_robot_is_driven(browser: Browser, name: str) -> None:
 def drive(page: Page, name: str) -> None:
     """Push the stick, and let it go."""
     take_control_and_arm(page)
+    spins = isinstance(robots.load_robot(name), robots.SingularityDescription)
+    expect(page.get_by_role("button", name="Disarm")).to_have_accessible_description(
+        "Spin the wheels down" if spins else "Switch the motors off"
+    )
     speed = page.get_by_role("status", name="Speed", exact=True)
     x, y, half = centre(page, "region", "Drive stick")
     for _ in range(20):

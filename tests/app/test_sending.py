@@ -28,7 +28,7 @@ MADE = """async () => {
   };
   link.connected = true;
   link.welcome = { role: "operator", may_stop: true };
-  link.robot = { space: "floor", twist_scale_m: 1 };
+  link.robot = { panel: "gimbals", twist_scale_m: 1 };
   const status = { mode: "ready", limits: { speed_mps: 1, turn_rate_rad_per_s: 1 } };
   link.state = { you: true, seen: 1, age_ms: 0, status };
   setInterval(() => (link.stateMs = performance.now()), 5);
@@ -60,7 +60,7 @@ def test_a_release_and_a_stop_go_out_when_the_browser_holds_back_what_came_befor
           drive.changed();
           link._socket.bufferedAmount = 1e6;
           drive.changed();
-          link.send({ t: "beat" });
+          link.send({ t: "heartbeat" });
           stick.held = false;
           drive.changed();
           drive.stop();

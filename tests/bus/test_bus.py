@@ -85,8 +85,8 @@ def test_a_reader_keeps_the_newest(robot: Bus, connect: Callable[[], Bus]) -> No
         publisher.put(str(i).encode())
     while box.next().payload != b"9":
         pass
-    assert [sample.payload for sample in reader.take()] == [b"7", b"8", b"9"]
-    assert reader.take() == []
+    assert [sample.payload for sample in reader.take_samples()] == [b"7", b"8", b"9"]
+    assert reader.take_samples() == []
     assert reader.newest() is None
 
 
@@ -106,7 +106,7 @@ def test_a_flood_never_holds_up_who_reads(robot: Bus) -> None:
     reader, full = robot.subscriber(KEY, 16), []
     with subprocess.Popen([sys.executable, "-c", FLOOD, *robot.endpoints(), KEY]) as flood:
         while len(full) < 100:
-            if (size := len(reader.take())) >= 16:
+            if (size := len(reader.take_samples())) >= 16:
                 full.append(size)
         flood.kill()
     assert full == [16] * 100
@@ -129,7 +129,7 @@ def test_a_closed_session_is_used_in_vain_and_says_so(robot: Bus) -> None:
     server = bus.queryable("twin/r1/srv/arm")
     bus.close()
     bus.close()
-    for use in (lambda: publisher.put(b"x"), reader.take, server.take):
+    for use in (lambda: publisher.put(b"x"), reader.take_samples, server.take_requests):
         with pytest.raises(BusError):
             use()
 

@@ -24,7 +24,7 @@ def answering(bus: Bus, key: str, payload: bytes, *, patterns: bool = False) -> 
 
     def serve() -> None:
         while not stop.wait(0.005):
-            for request in server.take():
+            for request in server.take_requests():
                 request.reply(payload + request.payload)
 
     thread = threading.Thread(target=serve)
@@ -94,7 +94,7 @@ def test_a_query_to_a_pattern_is_no_request(robot: Bus, connect: Callable[[], Bu
     taken: list[bytes] = []
     end_s = time.monotonic() + PATIENCE_S
     while not taken and time.monotonic() < end_s:
-        for request in server.take():
+        for request in server.take_requests():
             taken.append(request.payload)
             request.reply(b"yes")
         time.sleep(0.005)

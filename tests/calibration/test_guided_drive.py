@@ -66,7 +66,7 @@ class Stage:
         while not self.guide.finished:
             now_s = self.robot.now_s - start
             assert now_s < longest_s
-            for frame in self.camera.watch(now_s, WHERE @ self.robot.truth):
+            for frame in self.camera.capture(now_s, WHERE @ self.robot.truth):
                 seen = self.view(frame.pose, now_s)
                 if seen is not None:
                     self.frames.append((frame.taken_s, seen))

@@ -51,7 +51,7 @@ def dropped(rig: ControllerHarness) -> dict[str, int]:
 
 def watch(rig: ControllerHarness, camera: Camera, waiting: deque[Sample]) -> None:
     """Let a camera look, and the robot hear of what it has seen by now."""
-    for frame in camera.watch(rig.now_s, SE2(rig.truth())):
+    for frame in camera.capture(rig.now_s, SE2(rig.truth())):
         waiting.append(sample(frame.pose, frame.taken_s))
     send(rig, *waiting)
     waiting.clear()

@@ -176,7 +176,7 @@ def test_only_the_holder_chooses_and_a_late_request_of_another_lease_does_nothin
     alice = rig.get_ready()
     bob = rig.acquire("bob", take_over=True)
     late = rig.ask(Service.SPEED, lease=alice.lease, cruise_speed_rpm=5000.0)
-    assert (late.ok, late.reason) == (False, "take control first")
+    assert (late.ok, late.reason) == (False, "bob has control")
     choose(rig, bob, 3000.0)
     choose(rig, bob, 3000.0)  # Twice is once.
     rig.drive(bob, (0, 0, 0), 2.0)

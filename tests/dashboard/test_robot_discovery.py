@@ -48,7 +48,7 @@ def describing(bus: Bus, robot_id: str, toml: str) -> Callable[[], None]:
 
     def serve() -> None:
         while not stop.wait(0.005):
-            for request in server.take():
+            for request in server.take_requests():
                 request.reply(answer)
 
     thread = threading.Thread(target=serve)
@@ -137,7 +137,7 @@ def test_an_answer_that_is_no_json_or_too_long_hides_no_other() -> None:
         answered = 0
         while answered < len(answers):
             for server, answer in zip(servers, answers, strict=True):
-                for request in server.take():
+                for request in server.take_requests():
                     request.reply(answer)
                     answered += 1
             time.sleep(0.005)
@@ -196,13 +196,14 @@ def test_two_robots_with_one_id_are_shown_as_a_fault_without_flicker() -> None:
         assert link.snapshot.status.mode == "ready"
         tokens.append(bus.declare_token(topics.instance_key("tsd", "b" * 16)))
         until(lambda: fleet.refresh() == [] and link.has_duplicate)
-        shown: set[tuple[str, str]] = set()
+        shown: set[tuple[str, str, str]] = set()
         sequence: list[int] = []
         for mode in ("driving", "disarmed", "stopped") * 5:
             until(lambda mode=mode: hears(mode))
-            shown.add((link.snapshot.status.mode, link.snapshot.status.stop_reason))
+            status_now = link.snapshot.status
+            shown.add((status_now.mode, status_now.stop_reason, status_now.no_drive_reason))
             sequence.append(link.snapshot.status_seq)
-        assert shown == {("fault", duplicate_id_text("tsd"))}
+        assert shown == {("fault", duplicate_id_text("tsd"), duplicate_id_text("tsd"))}
         assert sequence == sorted(set(sequence))
         tokens.pop().close()
         until(lambda: hears("ready") and link.snapshot.status.mode == "ready")

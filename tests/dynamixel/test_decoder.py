@@ -66,8 +66,9 @@ def test_a_packet_that_is_cut_takes_none_with_it(
     frame = protocol.encode(first)
     cut = frame[: data.draw(st.integers(0, len(frame) - 1))]
     sent = cut + b"".join(protocol.encode(packet) for packet in others)
-    # A sum that is cut off and is 0xff is found again in the header that follows.
-    assume(not sent.startswith(frame))
+    # By chance, bytes that follow complete the cut packet with a sum that is right: one in 256.
+    size = protocol.size(sent[:12])
+    assume(not cut or not size or protocol.decode(sent[:size]) is None)
     found = decoder.feed(sent, 0.0)
     found += decoder.feed(b"", 0.03)
     assert [p for p in found if p in others][-len(others) :] == others

@@ -59,3 +59,17 @@ def test_wheels_speed_up_and_run_down_with_their_own_time_constants() -> None:
     model.advance(np.array([CRUISE]), 100.0)
     down = model.advance(np.array([0.0]), MOTOR.time_constant_down_s)[0]
     assert down == pytest.approx(CRUISE * np.exp(-1.0))
+
+
+def test_speeds_that_are_settled_are_predicted_anew_for_another_set_point_or_time() -> None:
+    model = SpinModel(LAW, 1)
+    set_point, other = np.array([300.0]), np.array([250.0])
+    for _ in range(2000):
+        model.advance(set_point, 0.01)
+    settled = model.after(set_point, 0.05)
+    assert settled == pytest.approx(300.0)
+    slower, slowest = model.after(other, 0.05), model.after(other, 0.5)
+    assert 250.0 < slowest[0] < slower[0] < 300.0
+    model.advance(other, 0.05)
+    assert model.spin_rad_per_s == pytest.approx(slower)
+    assert model.after(other, 0.05)[0] < slower[0]

@@ -35,7 +35,7 @@ def test_a_minute_at_100_hertz_without_a_trip_and_gimbals_follow(bench: Bench) -
     assert (seen.crc_errors, seen.rx_errors, seen.servo_errors) == (0, 0, 0)
     # With the return delay that servos come with, and eleven bits to a byte, it is a near thing.
     assert seen.overruns < 10
-    assert (pilot.rig.chain.nonsense, seen.trips, seen.resets) == (0, 0, 0)
+    assert (pilot.simulation.servo_bus.nonsense, seen.trips, seen.resets) == (0, 0, 0)
     # The servos need 1 / 32 s to follow, the bus two cycles more to tell and to be told.
     fastest = 80 * 2 * math.pi * 0.7
     assert (behind < fastest * (1 / 32 + 3 * CYCLE_S)).all()
@@ -56,7 +56,7 @@ def test_servos_of_either_protocol_are_found_told_and_read(
     versions = [version] * 6 if isinstance(version, int) else version
     assert seen.servo_protocol == sum(1 << i for i in range(6) if versions[i] == 2)
     assert seen.position == goal
-    assert pilot.rig.body.gimbals == pytest.approx(np.array(goal) * STEP_RAD, abs=STEP_RAD)
+    assert pilot.simulation.plant.gimbals == pytest.approx(np.array(goal) * STEP_RAD, abs=STEP_RAD)
     assert seen.voltage == (120,) * 6
     assert seen.temperature == (35,) * 6
     assert seen.current == (0,) * 6
@@ -83,9 +83,9 @@ def test_the_pose_is_that_of_the_mock_with_the_same_commands(bench: Bench) -> No
     goal = [round(angle / STEP_RAD) for angle in gimbals]
     assert pilot.arm().mode == BoardMode.ARMED
     pilot.drive(2.0)
-    start = pilot.rig.body.pose
+    start = pilot.simulation.plant.pose
     pilot.drive(2.0, goal=goal)
-    moved = start.inverse() @ pilot.rig.body.pose
+    moved = start.inverse() @ pilot.simulation.plant.pose
     mock = SingularitySimulation(robot.with_errors(0.0))
     spin = np.zeros(9)
     spin[[2, 5, 8]] = robot.drive.cruise_speed_rpm * RPM
@@ -106,12 +106,12 @@ def test_throttles_are_put_out_to_half_a_microsecond(bench: Bench) -> None:
         (2256, 2512, 2768),
     ):
         assert pilot.drive(0.1, throttle=throttle).throttle_out == throttle
-        assert pilot.rig.pulses_us() == pytest.approx([t / 2 for t in throttle], abs=0.3)
+        assert pilot.simulation.pulses_us() == pytest.approx([t / 2 for t in throttle], abs=0.3)
 
 
 def test_a_board_that_gets_power_says_who_it_is(bench: Bench) -> None:
     pilot = bench.pilot()
-    pilot.rig.run(0.01)
+    pilot.simulation.run(0.01)
     seen = Identity.unpack(pilot.ask(read_block(Identity))[1])
     assert seen == Identity(fw=FW_VERSION)
     assert Setup.unpack(pilot.ask(read_block(Setup))[1]) == Setup()
@@ -126,9 +126,9 @@ def read_block(block: type[Identity | Setup | Command | Telemetry]) -> bytes:
 def test_battery_and_receiver_are_measured(bench: Bench) -> None:
     pilot = bench.pilot(receiver=True)
     for volts in (9.5, 12.6, 14.8):
-        pilot.rig.set_battery(volts)
-        pilot.rig.set_sticks(volts / 20, -volts / 20, 0.0, 0.25)
-        pilot.rig.run(0.2)
+        pilot.simulation.set_battery(volts)
+        pilot.simulation.set_sticks(volts / 20, -volts / 20, 0.0, 0.25)
+        pilot.simulation.run(0.2)
         seen = pilot.telemetry()
         assert seen.battery_mv == pytest.approx(1000 * volts, rel=0.005)
         sticks = [1500 + 20 * volts, 1500 - 20 * volts, 1500, 1300, 1900, 1100]
@@ -137,8 +137,8 @@ def test_battery_and_receiver_are_measured(bench: Bench) -> None:
 
 def test_the_radio_control_drives_by_the_kinematics_of_the_drive(bench: Bench) -> None:
     pilot = bench.pilot(receiver=True).get_ready()
-    pilot.rig.set_switches(manual=True)
-    pilot.rig.run(0.1)
+    pilot.simulation.set_switches(manual=True)
+    pilot.simulation.run(0.1)
     assert pilot.mode() == BoardMode.RC
     robot = description_of_kind(load_robot("tsd"), SingularityDescription)
     drive = robot.kinematics()
@@ -149,20 +149,20 @@ def test_the_radio_control_drives_by_the_kinematics_of_the_drive(bench: Bench) -
         (0.5, 0.5, -0.5),
         (1.0, 1.0, 1.0),
     ):
-        pilot.rig.set_sticks(forward, left, turn, 1.0)
-        pilot.rig.run(1.0)
+        pilot.simulation.set_sticks(forward, left, turn, 1.0)
+        pilot.simulation.run(1.0)
         translation = np.array([dead(forward), dead(left)])
         translation /= max(1.0, float(np.hypot(*translation)))
         twist = np.array([*translation, robot.limits.turn_rate_rad_per_s * dead(turn)])
         gimbals = drive.inverse(twist).reshape(3, 3)[:, :2].ravel()
-        goals = [servo.goal - 2048 for servo in pilot.rig.servos]
+        goals = [servo.goal - 2048 for servo in pilot.simulation.servos]
         # A stick is measured to 0.3 %, and a goal is a whole step.
         assert goals == pytest.approx(gimbals / STEP_RAD, abs=2.0)
     assert pilot.telemetry().throttle_out == CRUISE
-    before = pilot.rig.body.pose
-    pilot.rig.set_sticks(1.0, 0.0, 0.0, 1.0)
-    pilot.rig.run(1.0)
-    x, y, heading = (before.inverse() @ pilot.rig.body.pose).xy_heading
+    before = pilot.simulation.plant.pose
+    pilot.simulation.set_sticks(1.0, 0.0, 0.0, 1.0)
+    pilot.simulation.run(1.0)
+    x, y, heading = (before.inverse() @ pilot.simulation.plant.pose).xy_heading
     assert np.hypot(x, y) > 0.7
     assert abs(heading) < 0.5
 
@@ -174,15 +174,15 @@ def dead(stick: float) -> float:
 
 def test_sticks_that_jump_are_approached_within_the_acceleration(bench: Bench) -> None:
     pilot = bench.pilot(receiver=True).get_ready()
-    pilot.rig.set_switches(manual=True)
-    pilot.rig.run(0.1)
-    pilot.rig.set_sticks(1.0, 0.0, 0.0, 1.0)
+    pilot.simulation.set_switches(manual=True)
+    pilot.simulation.run(0.1)
+    pilot.simulation.set_sticks(1.0, 0.0, 0.0, 1.0)
     robot = description_of_kind(load_robot("tsd"), SingularityDescription)
     most = robot.kinematics().inverse(np.array([1.0, 0.0, 0.0]))
     full = [round(angle / STEP_RAD) for angle in most.reshape(3, 3)[:, :2].ravel()]
-    started_s = pilot.rig.board.now_s
-    while [servo.goal - 2048 for servo in pilot.rig.servos] != full:
-        pilot.rig.run(0.01)
-        assert pilot.rig.board.now_s < started_s + 2.0
-    took_s = pilot.rig.board.now_s - started_s
+    started_s = pilot.simulation.board.now_s
+    while [servo.goal - 2048 for servo in pilot.simulation.servos] != full:
+        pilot.simulation.run(0.01)
+        assert pilot.simulation.board.now_s < started_s + 2.0
+    took_s = pilot.simulation.board.now_s - started_s
     assert took_s == pytest.approx(1.0 / robot.limits.acceleration_mps2, abs=0.08)

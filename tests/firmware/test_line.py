@@ -61,26 +61,26 @@ def test_a_hundred_thousand_broken_packets_are_each_followed_by_an_answered_ping
     bench: Bench,
 ) -> None:
     pilot = bench.pilot()
-    pilot.rig.chain.servos.clear()
-    pilot.rig.run(0.3)
+    pilot.simulation.servo_bus.servos.clear()
+    pilot.simulation.run(0.3)
     random = np.random.default_rng(7)
     for start in range(0, CASES, BATCH):
         cases = [KINDS[(start + i) % len(KINDS)](random) for i in range(BATCH)]
-        answered = pilot.rig.board.ask(cases, PING, ANSWER, 0.05)
+        answered = pilot.simulation.board.count_answered(cases, PING, ANSWER, 0.05)
         assert answered == BATCH, cases[answered].hex()
     seen = pilot.telemetry()
     assert seen.mode == BoardMode.DISARMED
     assert seen.crc_errors + seen.rx_errors > 0
-    assert pilot.rig.board.resets == 0
+    assert pilot.simulation.board.resets == 0
 
 
 def test_an_armed_board_drives_on_among_garbage(bench: Bench) -> None:
     pilot = bench.pilot().get_driving()
     random = np.random.default_rng(8)
     for i in range(300):
-        pilot.rig.board.send(KINDS[i % len(KINDS)](random)[:20])
-        pilot.rig.run(0.012)
-        pilot.rig.board.receive()
+        pilot.simulation.board.send(KINDS[i % len(KINDS)](random)[:20])
+        pilot.simulation.run(0.012)
+        pilot.simulation.board.receive()
         pilot.cycle(1, (2414, 2411, 2417))
     seen = pilot.telemetry()
     assert seen.throttle_out == (2414, 2411, 2417)
@@ -90,7 +90,7 @@ def test_an_armed_board_drives_on_among_garbage(bench: Bench) -> None:
 
 def test_every_length_of_read_is_answered_with_what_stands_there(bench: Bench) -> None:
     pilot = bench.pilot()
-    pilot.rig.run(0.2)
+    pilot.simulation.run(0.2)
     size = Telemetry.ADDRESS + Telemetry.LAYOUT.size
     for length in range(1, size + 1):
         request = protocol2.packet(
@@ -126,9 +126,9 @@ def test_what_looks_like_a_header_inside_a_packet_is_stuffed_both_ways(bench: Be
 
 def test_others_are_not_answered_for_and_a_broadcast_ping_is(bench: Bench) -> None:
     pilot = bench.pilot()
-    pilot.rig.run(0.05)
-    pilot.rig.board.send(protocol2.packet(1, protocol2.PING) + protocol2.status(1, b"\1"))
-    pilot.rig.run(0.05)
-    assert pilot.rig.board.receive() == b""
+    pilot.simulation.run(0.05)
+    pilot.simulation.board.send(protocol2.packet(1, protocol2.PING) + protocol2.status(1, b"\1"))
+    pilot.simulation.run(0.05)
+    assert pilot.simulation.board.receive() == b""
     assert pilot.ask(protocol2.packet(protocol2.BROADCAST, protocol2.PING))[0] == 0
     assert pilot.ask(protocol2.packet(BOARD_ID, 0x99)) == (2, b"")

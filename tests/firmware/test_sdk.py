@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import dynamixel_sdk as sdk
 
-from firmware.simulator.rig import Rig
+from firmware.simulator.simulation import FirmwareSimulation
 from tests.support.firmware_host import Bench
 from tsd_twin.dynamixel.blocks import Setup
 from tsd_twin.dynamixel.control_table import ADDRESS, BOARD_ID, FW_VERSION, MODEL
 
 
-class RigPort:
-    """A rig as what the SDK calls a port; its time passes while the SDK waits."""
+class SimulationPort:
+    """A simulation as what the SDK calls a port; its time passes while the SDK waits."""
 
-    def __init__(self, rig: Rig) -> None:
+    def __init__(self, simulation: FirmwareSimulation) -> None:
         self.is_using = False
-        self._rig = rig
+        self._simulation = simulation
         self._received = b""
         self._deadline_s = 0.0
 
@@ -23,26 +23,26 @@ class RigPort:
         self._received = b""
 
     def writePort(self, packet: list[int]) -> int:  # noqa: N802
-        self._rig.board.send(bytes(packet))
+        self._simulation.board.send(bytes(packet))
         return len(packet)
 
     def readPort(self, length: int) -> bytes:  # noqa: N802
-        self._rig.run(0.0005)
-        self._received += self._rig.board.receive()
+        self._simulation.run(0.0005)
+        self._received += self._simulation.board.receive()
         taken, self._received = self._received[:length], self._received[length:]
         return taken
 
     def setPacketTimeout(self, length: int) -> None:  # noqa: N802
-        self._deadline_s = self._rig.board.now_s + 0.02 + length * 1e-5
+        self._deadline_s = self._simulation.board.now_s + 0.02 + length * 1e-5
 
     def isPacketTimeout(self) -> bool:  # noqa: N802
-        return self._rig.board.now_s > self._deadline_s
+        return self._simulation.board.now_s > self._deadline_s
 
 
 def test_the_makers_software_pings_reads_and_writes(bench: Bench) -> None:
     pilot = bench.pilot()
-    pilot.rig.run(0.05)
-    port, handler = RigPort(pilot.rig), sdk.Protocol2PacketHandler()
+    pilot.simulation.run(0.05)
+    port, handler = SimulationPort(pilot.simulation), sdk.Protocol2PacketHandler()
     assert handler.ping(port, BOARD_ID) == (MODEL, sdk.COMM_SUCCESS, 0)
     assert handler.read1ByteTxRx(port, BOARD_ID, ADDRESS["fw"]) == (FW_VERSION, 0, 0)
     assert handler.read4ByteTxRx(port, BOARD_ID, ADDRESS["host_baud"]) == (1_000_000, 0, 0)

@@ -71,7 +71,7 @@ class Walk:
 
     def __init__(self, pilot: FirmwareHost, seed: int) -> None:
         self.pilot = pilot
-        self.rig = pilot.rig
+        self.simulation = pilot.simulation
         self.oracle = Oracle()
         self.driven = 0
         self._random = np.random.default_rng(seed)
@@ -96,21 +96,21 @@ class Walk:
         """Take away what keeps the robot from driving."""
         self._kill(on=False)
         self._manual(on=False)
-        for servo in self.rig.servos:
+        for servo in self.simulation.servos:
             servo.dead = False
         self.oracle.obstacles.clear()
         self._let(0.3)
 
     def _now_s(self) -> float:
-        return self.rig.board.now_s
+        return self.simulation.board.now_s
 
     def _let(self, seconds: float) -> None:
         for _ in range(round(seconds / CYCLE_S)):
-            self.rig.run(CYCLE_S)
+            self.simulation.run(CYCLE_S)
             self._look()
 
     def _look(self) -> None:
-        if max(self.rig.pulses_us()) > 1001.0:
+        if max(self.simulation.pulses_us()) > 1001.0:
             self.driven += 1
             assert self.oracle.allows(self._now_s()), f"driven at {self._now_s():.3f} s"
 
@@ -139,13 +139,13 @@ class Walk:
             self._cycle(1, CRUISE, fresh=False)
 
     def _garbage(self) -> None:
-        self.rig.board.send(self._random.bytes(int(self._random.integers(1, 3000))))
+        self.simulation.board.send(self._random.bytes(int(self._random.integers(1, 3000))))
         self._let(0.05)
-        self.rig.board.receive()
+        self.simulation.board.receive()
 
     def _reset(self) -> None:
         power = bool(self._random.integers(2))
-        self.rig.board.reset(power=power)
+        self.simulation.board.reset(power=power)
         self.oracle.restarted(self._now_s())
         if power:  # A board without a receiver needs none, and this one never heard of it.
             self.oracle.obstacles.discard("lost")
@@ -154,16 +154,16 @@ class Walk:
     def _hang(self) -> None:
         if self._random.random() < 0.7:
             return
-        before = self.rig.board.resets
-        self.rig.board.hang()
-        self.rig.run(0.28)
-        assert self.rig.board.resets == before + 1
+        before = self.simulation.board.resets
+        self.simulation.board.hang()
+        self.simulation.run(0.28)
+        assert self.simulation.board.resets == before + 1
         self.oracle.restarted(self._now_s() - GRACE_S + 0.02)
         self._let(float(self._random.choice([0.05, 2.2])))
 
     def _switches(self) -> None:
         kill = "kill" in self.oracle.obstacles
-        self.rig.set_switches(kill=kill, manual=self.oracle.manual)
+        self.simulation.set_switches(kill=kill, manual=self.oracle.manual)
 
     def _kill(self, *, on: bool | None = None) -> None:
         self.oracle.obstacles.discard("lost")
@@ -182,20 +182,20 @@ class Walk:
         if on != self.oracle.manual:
             self.oracle.event(self._now_s())
         self.oracle.manual = on
-        self.rig.set_sticks(0.0, 0.0, 0.0, 0.0)
+        self.simulation.set_sticks(0.0, 0.0, 0.0, 0.0)
         self._switches()
         self._let(0.1)
-        self.rig.set_sticks(0.3, 0.0, -0.2, float(self._random.random()))
+        self.simulation.set_sticks(0.3, 0.0, -0.2, float(self._random.random()))
         self._let(0.1)
 
     def _lose(self) -> None:
         self.oracle.obstacles.add("lost")
         self.oracle.event(self._now_s())
-        self.rig.lose_receiver()
+        self.simulation.lose_receiver()
         self._let(0.3)
 
     def _servo(self) -> None:
-        servo = self.rig.servos[self._random.integers(6)]
+        servo = self.simulation.servos[self._random.integers(6)]
         servo.dead = True
         self.oracle.obstacles.add("servo")
         self.oracle.event(self._now_s())

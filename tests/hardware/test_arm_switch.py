@@ -16,14 +16,14 @@ ON = Telemetry(mode=BoardMode.ARMED)
 def armed() -> ArmSwitch:
     switch = ArmSwitch()
     assert switch.turn(True) == 1
-    switch.note(ON)
+    switch.update(ON)
     return switch
 
 
 def test_a_robot_that_is_not_armed_asks_for_nothing() -> None:
     switch = ArmSwitch()
     assert switch.turn(False) == 0
-    switch.note(OFF)
+    switch.update(OFF)
     assert switch.lost == ""
 
 
@@ -31,18 +31,18 @@ def test_it_stays_on_while_the_board_is() -> None:
     switch = armed()
     for _ in range(100):
         assert switch.turn(True) == 1
-        switch.note(ON)
+        switch.update(ON)
     assert switch.lost == ""
     assert switch.turn(False) == 0
 
 
 def test_a_board_that_trips_is_not_asked_again_until_the_robot_was_disarmed() -> None:
     switch = armed()
-    switch.note(Telemetry(trip=Trip.HEARTBEAT))
+    switch.update(Telemetry(trip=Trip.HEARTBEAT))
     assert switch.lost == "the board disarmed itself: no word of an operator came in time"
     for _ in range(100):
         assert switch.turn(True) == 0
-        switch.note(ON)
+        switch.update(ON)
     assert switch.turn(False) == 0
     assert switch.lost == ""
     assert switch.turn(True) == 1
@@ -53,19 +53,19 @@ def test_a_refusal_is_said_once_there_was_time_for_an_answer() -> None:
     switch.turn(True)
     refused = Telemetry(refusal=Refusal.SERVO)
     for _ in range(ANSWERS - 1):
-        switch.note(refused)
+        switch.update(refused)
         assert switch.lost == ""
-    switch.note(refused)
+    switch.update(refused)
     assert switch.lost == "the board does not arm: a servo does not answer or has an error"
     assert switch.turn(True) == 0
 
 
 def test_a_board_that_is_lost_while_off_is_no_loss() -> None:
     switch = ArmSwitch()
-    switch.lose("unplugged")
+    switch.mark_lost("unplugged")
     assert switch.lost == ""
     assert switch.turn(True) == 1
-    switch.lose("unplugged")
+    switch.mark_lost("unplugged")
     assert switch.lost == "unplugged"
     assert switch.turn(True) == 0
 
@@ -74,7 +74,7 @@ def test_every_code_has_its_words_and_an_unknown_one_is_no_error() -> None:
     assert set(TRIPS) == set(Trip)
     assert set(REFUSALS) == set(Refusal)
     switch = armed()
-    switch.note(Telemetry(trip=77))
+    switch.update(Telemetry(trip=77))
     assert switch.lost.endswith("trip 77")
 
 
@@ -90,9 +90,9 @@ def test_between_two_times_off_it_is_asked_for_on_at_most_once(events: list[str]
         if event in ("arm", "disarm"):
             wanted = event == "arm"
         elif event in ("on", "off"):
-            switch.note(ON if event == "on" else OFF)
+            switch.update(ON if event == "on" else OFF)
         elif event == "lose":
-            switch.lose("lost")
+            switch.mark_lost("lost")
         written = switch.turn(wanted)
         if not wanted:
             assert written == 0

@@ -27,9 +27,9 @@ def lived_through(
         now_ms += took_ms
         if spoilt:
             spoilt_ms.append(now_ms)
-        noise.note(spoilt, now_ms / 1000.0)
+        noise.add_cycle(spoilt, now_ms / 1000.0)
         copy = PacketErrorMonitor("")
-        copy.spoilt, copy.suspicion, copy.fault = noise.spoilt, noise.suspicion, noise.fault
+        copy.corrupt, copy.suspicion, copy.fault = noise.corrupt, noise.suspicion, noise.fault
         window = [at for at in spoilt_ms if at > now_ms - 1000 * WINDOW_S]
         seen.append((now_ms, window, copy))
     return seen
@@ -61,7 +61,7 @@ def test_what_it_says_stays_the_same_while_it_lasts_and_counts_what_there_was(
         elif noise.fault:
             assert noise.fault == before
         before = noise.fault
-    assert noise.spoilt == sum(spoilt for _, spoilt in cycles)
+    assert noise.corrupt == sum(spoilt for _, spoilt in cycles)
 
 
 @given(st.lists(st.integers(round(1000 * WINDOW_S / (LIMIT - 1)) + 1, 5000), max_size=200))
@@ -69,5 +69,5 @@ def test_one_now_and_then_stops_nobody(pauses_ms: list[int]) -> None:
     noise, now_s = PacketErrorMonitor("the wire"), 0.0
     for pause_ms in pauses_ms:
         now_s += pause_ms / 1000.0
-        noise.note(True, now_s)
+        noise.add_cycle(True, now_s)
         assert not noise.fault

@@ -14,7 +14,7 @@ import pytest
 import serial
 
 from tsd_twin.hardware import PortError
-from tsd_twin.hardware.serial_transport import _sentence, open_port, persistent_name
+from tsd_twin.hardware.serial_transport import _open_error, open_port, persistent_name
 
 
 @pytest.fixture
@@ -71,7 +71,7 @@ def test_without_permission_it_says_what_group_to_join() -> None:
     try:
         raise serial.SerialException(errno.EACCES, "could not open port x: Permission denied")
     except serial.SerialException as error:
-        sentence = _sentence("/dev/ttyACM0", error)
+        sentence = _open_error("/dev/ttyACM0", error)
     assert "no permission to open /dev/ttyACM0" in sentence
     assert "dialout" in sentence
 

@@ -21,7 +21,7 @@ def test_a_file_names_joints(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text('reversed = ["module1_beta"]\n[neutral_step]\nmodule1_alpha = 2100\n')
     calibration = ServoCalibration.read(str(file))
-    calibration.check(NAMES)
+    calibration.check_joint_names(NAMES)
     assert calibration.neutral(NAMES) == [2100, 2048]
     assert calibration.signs(NAMES) == [1, -1]
 
@@ -45,4 +45,4 @@ def test_a_mistake_is_named_with_the_file(tmp_path: Path, text: str, words: str)
 
 def test_a_joint_that_is_none_is_named_with_those_there_are() -> None:
     with pytest.raises(HardwareError, match="'module9_alpha': there are module1_alpha, module1_b"):
-        ServoCalibration(neutral_step={"module9_alpha": 1}).check(NAMES)
+        ServoCalibration(neutral_step={"module9_alpha": 1}).check_joint_names(NAMES)

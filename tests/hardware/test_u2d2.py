@@ -110,12 +110,12 @@ def test_turned_servos_and_other_neutrals_are_counted_in(tmp_path: Path) -> None
         it.until(lambda: np.allclose(it.measured[ANGLES], there, atol=2e-3), AHEAD)
 
 
-def test_the_watchdog_of_the_bus_stops_servos_that_nobody_speaks_to(tmp_path: Path) -> None:
+def test_the_watchdog_of_the_bus_stops_servos_without_requests(tmp_path: Path) -> None:
     with bench(tmp_path) as it:
         it.connect()
         it.until(lambda: it.measured[0] > 0.02, AHEAD)
         assert it.chain.register(0, u2d2.BUS_WATCHDOG) == 10
-        it.io._keeper._device.cycle = lambda _line: True  # type: ignore[method-assign]
+        it.io._thread._device.cycle = lambda _transport: True  # type: ignore[method-assign]
         wait_until(lambda: it.fault, "noticed")
 
         def out() -> bool:
@@ -124,7 +124,7 @@ def test_the_watchdog_of_the_bus_stops_servos_that_nobody_speaks_to(tmp_path: Pa
 
         wait_until(out, "the watchdog has run out")
         there = [servo.position for servo in it.chain.servos]
-        del it.io._keeper._device.cycle  # It speaks again: the watchdog is cleared first.
+        del it.io._thread._device.cycle  # It speaks again: the watchdog is cleared first.
         it.until(lambda: not it.chain.tripped() and not it.fault)
         it.until(lambda: it.chain.goals() == [2048] * 6)
         assert there != [2048] * 6
@@ -156,7 +156,7 @@ def test_an_adapter_that_is_unplugged_shuts_off_the_wheels_and_comes_back(tmp_pa
         it.connect()
         it.until(lambda: it.board.commands[-1].arm == 1 and it.measured[0] > 0.02, AHEAD)
         it.line.unplug()
-        it.until(lambda: "the servos are not connected" in it.fault)
+        it.until(lambda: "the servo bus is not connected" in it.fault)
         it.until(lambda: it.board.commands[-1].arm == 0)
         it.line.plug_in()
         it.until(lambda: not it.fault)

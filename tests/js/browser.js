@@ -33,6 +33,33 @@ export class FakeElement extends EventTarget {
   }
 }
 
+/** An element that was made by a script of the page: attributes, text and style. */
+class MadeElement extends FakeElement {
+  attributes = new Map();
+  textContent = "";
+  style = { setProperty() {} };
+  classList = { add() {} };
+
+  append() {}
+
+  toggleAttribute(name, force) {
+    if (force) this.setAttribute(name, "");
+    else this.removeAttribute(name);
+  }
+
+  setAttribute(name, value) {
+    this.attributes.set(name, value);
+  }
+
+  getAttribute(name) {
+    return this.attributes.get(name) ?? null;
+  }
+
+  removeAttribute(name) {
+    this.attributes.delete(name);
+  }
+}
+
 class Field extends FakeElement {
   type = "text";
   inputMode = "";
@@ -65,6 +92,7 @@ Object.assign(globalThis, {
   window: { tsd: { hasFocus: () => true } },
   location: { href: "http://localhost/", protocol: "http:" },
   WebSocket: Socket,
+  Node: FakeElement,
   HTMLElement: FakeElement,
   HTMLInputElement: Field,
   HTMLTextAreaElement: class extends FakeElement {},
@@ -75,9 +103,12 @@ Object.defineProperty(globalThis, "navigator", { value: { getGamepads: () => pad
 mock.method(performance, "now", () => nowMs);
 
 /** Open a new page: no listeners, timers or gamepads are left of the last one. */
-function openPage() {
+export function openPage() {
   page = new EventTarget();
-  globalThis.document = Object.assign(new EventTarget(), { visibilityState: "visible" });
+  globalThis.document = Object.assign(new EventTarget(), {
+    visibilityState: "visible",
+    createElement: () => new MadeElement(),
+  });
   pads = [];
   mock.timers.reset();
   mock.timers.enable({ apis: ["setInterval", "setTimeout"] });
@@ -127,7 +158,7 @@ export function field(properties = {}) {
 
 const { Link } = await import("../../src/tsd_twin/dashboard/static/link.js");
 
-const ROBOT = { t: "robot", id: "tsd", space: "floor", twist_scale_m: 1 };
+const ROBOT = { t: "robot", id: "tsd", panel: "gimbals", twist_scale_m: 1 };
 const STATE = {
   t: "state",
   seen: 1,
@@ -153,7 +184,7 @@ export function connect() {
   state();
   /** Return the messages of these types since the last call, without heartbeats. */
   const take = (...types) => {
-    const taken = socket.sent.filter(({ t }) => t !== "beat");
+    const taken = socket.sent.filter(({ t }) => t !== "heartbeat");
     socket.sent = [];
     return types.length === 0 ? taken : taken.filter(({ t }) => types.includes(t));
   };

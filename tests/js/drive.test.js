@@ -172,7 +172,7 @@ test("no command goes out when no state has come for 300 ms", () => {
 
 test("a control cannot begin while the robot is disarmed", () => {
   const { drive, push, stick, state, said, take } = driven();
-  state({ mode: "disarmed" });
+  state({ mode: "disarmed", refusals: { drive: "the robot is disarmed: arm it first" } });
   push(1);
   assert.equal(drive.held, false);
   assert.equal(stick.held, false);

@@ -3,9 +3,60 @@ import { test } from "node:test";
 
 import { FakeElement, fire, keyUp } from "./browser.js";
 
-const { HoldToRunButton, SpringControl } =
+const { HoldToRunButton, KeyState, PointerCapture, SpringControl } =
   await import("../../src/tsd_twin/dashboard/static/held_controls.js");
-const { PointerCapture } = await import("../../src/tsd_twin/dashboard/static/pointer_capture.js");
+
+const down = (code, repeat = false) => ({ type: "keydown", code, repeat });
+const up = (code) => ({ type: "keyup", code, repeat: false });
+const MEANINGS = { KeyW: [1, 0], KeyS: [-1, 0], KeyA: [0, 1] };
+
+test("a key is held from its first key-down event to its key-up event", () => {
+  const keys = new KeyState();
+  assert.equal(keys.take(down("KeyW")), true);
+  assert.equal(keys.take(down("KeyW", true)), false);
+  assert.equal(keys.take(down("KeyW")), false);
+  assert.equal(keys.size, 1);
+  assert.equal(keys.take(up("KeyW")), true);
+  assert.equal(keys.take(up("KeyW")), false);
+  assert.equal(keys.size, 0);
+});
+
+test("a repeat does not begin a hold", () => {
+  const keys = new KeyState();
+  assert.equal(keys.take(down("KeyW", true)), false);
+  assert.equal(keys.size, 0);
+});
+
+test("a key that the page released counts only after its key-up event, also without a repeat mark", () => {
+  const keys = new KeyState();
+  keys.take(down("KeyW"));
+  keys.cancel();
+  assert.equal(keys.size, 0);
+  assert.equal(keys.take(down("KeyW", true)), false);
+  assert.equal(keys.take(down("KeyW")), false);
+  assert.equal(keys.size, 0);
+  assert.equal(keys.take(up("KeyW")), false);
+  assert.equal(keys.take(down("KeyW")), true);
+});
+
+test("a key that was not held when the page released the others counts at once", () => {
+  const keys = new KeyState();
+  keys.take(down("KeyW"));
+  keys.cancel();
+  assert.equal(keys.take(down("KeyA")), true);
+});
+
+test("opposite keys cancel each other, keys of two directions add up", () => {
+  const keys = new KeyState();
+  assert.deepEqual(keys.sum(MEANINGS, 2), [0, 0]);
+  keys.take(down("KeyW"));
+  keys.take(down("KeyA"));
+  assert.deepEqual(keys.sum(MEANINGS, 2), [1, 1]);
+  keys.take(down("KeyS"));
+  assert.deepEqual(keys.sum(MEANINGS, 2), [0, 1]);
+  keys.take(up("KeyW"));
+  assert.deepEqual(keys.sum(MEANINGS, 2), [-1, 1]);
+});
 
 const FINGER = { pointerId: 7, button: 0, clientX: 50, clientY: 25 };
 
@@ -68,11 +119,12 @@ function spring() {
   const node = new FakeElement();
   const at = [0, 0];
   let changes = 0;
-  const control = new SpringControl(node, {
-    reach: (box) => box.width / 2,
-    place: (right, up) => at.splice(0, 2, right, up),
-    changed: () => (changes += 1),
-  });
+  class Spring extends SpringControl {
+    place(right, up) {
+      at.splice(0, 2, right, up);
+    }
+  }
+  const control = new Spring(node, 0, () => (changes += 1));
   return { node, at, control, changes: () => changes };
 }
 

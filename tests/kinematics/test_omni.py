@@ -17,6 +17,11 @@ from tsd_twin.lie import Array
 
 calm = settings(deadline=None, max_examples=60)
 Z = np.array([0.0, 0.0, 1.0])
+WHEELS = {
+    "wheel_radius_m": 0.05,
+    "max_speed_rad_per_s": 50.0,
+    "max_acceleration_rad_per_s2": 100.0,
+}
 
 
 def flat(angle: float) -> Array:
@@ -115,7 +120,7 @@ def test_layouts_that_cannot_work_are_refused_with_what_they_cannot_do(
     arguments = positions, np.radians(wheels), np.radians(rollers)
     assert says in layout_problem(*arguments)
     with pytest.raises(ValueError, match=says[:20]):
-        OmniKinematics(*arguments, 0.05, 50.0, 100.0)
+        OmniKinematics(*arguments, **WHEELS)
 
 
 @pytest.mark.parametrize(("layout", "towards"), [(PARALLEL, 90.0), (WRONG_MECANUM, 135.0)])
@@ -132,7 +137,7 @@ def test_a_wheel_that_disagrees_with_three_others_is_blamed() -> None:
     """With four wheels all are equally suspect; a fifth tells them apart."""
     angles = np.arange(5) * 2.0 * np.pi / 5
     positions = 0.2 * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
-    kinematics = OmniKinematics(positions, angles + np.pi / 2, 0.0 * angles, 0.05, 50.0, 100.0)
+    kinematics = OmniKinematics(positions, angles + np.pi / 2, 0.0 * angles, **WHEELS)
     for guilty in range(5):
         speeds = kinematics.inverse(np.array([0.3, -0.2, 0.5]))
         speeds[guilty] += 1.0

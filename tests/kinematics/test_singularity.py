@@ -9,7 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.support.random_kinematics import directions, drive_of, drives, shares, size, within_limit
+from tests.support.random_kinematics import (
+    directions,
+    drive_of,
+    drives,
+    joint_vectors,
+    shares,
+    size,
+    within_limit,
+)
 from tests.support.rigid_wheels import gimbals, in_robot_frame, pivots
 from tsd_twin.kinematics import JointKind, SingularityKinematics
 from tsd_twin.lie import SE2, Array
@@ -216,3 +224,43 @@ def test_a_drive_does_not_change() -> None:
     ):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
+
+
+@given(data=st.data(), kinematics=drives())
+def test_one_joint_vector_is_the_member_of_a_batch_to_the_bit(
+    data: st.DataObject, kinematics: SingularityKinematics
+) -> None:
+    joints = data.draw(joint_vectors(kinematics)).reshape(-1)
+    rates = data.draw(joint_vectors(kinematics)).reshape(-1)
+    many, turning = np.tile(joints, (10, 1)), np.tile(rates, (10, 1))
+    for one, batch in (
+        (kinematics.contacts(joints), kinematics.contacts(many)),
+        (kinematics.contacts(joints, rates), kinematics.contacts(many, turning)),
+    ):
+        np.testing.assert_array_equal(one, batch[0])
+    np.testing.assert_array_equal(
+        kinematics.twist(joints, rates), kinematics.forward(joints, rates).twist
+    )
+
+
+@given(kinematics=drives(), direction=directions(), factor=st.floats(0.0, 1e9))
+def test_one_twist_is_the_member_of_a_batch(
+    kinematics: SingularityKinematics, direction: Array, factor: float
+) -> None:
+    twist = factor * direction
+    many = np.stack([twist, -twist])
+    close = {"rtol": 1e-12, "atol": 1e-15}
+    np.testing.assert_allclose(kinematics.inverse(twist), kinematics.inverse(many)[0], **close)
+    np.testing.assert_allclose(
+        kinematics.joint_utilization(twist), kinematics.joint_utilization(many)[0], **close
+    )
+
+
+@pytest.mark.parametrize("bad", [np.inf, np.nan, 1e308])
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning", "ignore:overflow")
+def test_a_joint_that_is_no_number_is_no_exception(bad: float) -> None:
+    kinematics = drive_of([0.0, 2.0, 4.0])
+    joints = np.array([0.1, bad, 260.0, bad, 0.0, bad, 0.0, 0.0, 260.0])
+    np.testing.assert_array_equal(
+        kinematics.contacts(joints), kinematics.contacts(np.tile(joints, (4, 1)))[0]
+    )

@@ -18,6 +18,11 @@ from tsd_twin.lie import SO3, Array
 
 calm = settings(deadline=None, max_examples=60)
 ATLAS = robots.load_robot("atlas").kinematics()
+WHEELS = {
+    "wheel_radius_m": 0.025,
+    "max_speed_rad_per_s": 50.0,
+    "max_acceleration_rad_per_s2": 100.0,
+}
 
 
 def test_the_ideal_rows_are_those_of_the_paper() -> None:
@@ -116,7 +121,7 @@ def test_the_orthogonal_mounting_turns_about_three_axes_at_right_angles() -> Non
     """Eq. 19, 20: on the sphere's own axes each wheel turns it about an axis of its own."""
     contacts = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]])
     actuations = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, 0.0, 0.0]])
-    kinematics = SphereKinematics(contacts, actuations, 0.15, 0.025, 0.04, np.pi / 8, 50.0, 100.0)
+    kinematics = SphereKinematics(contacts, actuations, 0.15, 0.04, np.pi / 8, **WHEELS)
     rows = kinematics.speeds_from_twist
     np.testing.assert_allclose(rows @ rows.T, 36.0 * np.eye(3), atol=1e-12)
     np.testing.assert_allclose(kinematics.inverse(np.array([0.0, 0.0, 1.0])), [6.0, 0.0, 0.0])
@@ -165,7 +170,7 @@ def test_wheels_that_share_a_plane_of_axes_are_refused() -> None:
     said = layout_problem(contacts, actuations)
     assert said.startswith("no wheel can turn the sphere about the axis")
     with pytest.raises(ValueError, match="about the axis"):
-        SphereKinematics(contacts, actuations, 0.15, 0.025, 0.04, np.pi / 8, 50.0, 100.0)
+        SphereKinematics(contacts, actuations, 0.15, 0.04, np.pi / 8, **WHEELS)
 
 
 def test_it_moves_by_turning_about_the_axes_of_the_base() -> None:

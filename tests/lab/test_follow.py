@@ -91,7 +91,7 @@ def test_a_camera_is_late_and_keeps_its_frame_rate() -> None:
     known = []
     for i in range(200):
         now_s = 0.01 * i
-        for frame in camera.watch(now_s, SE2(np.array([now_s, 0.0, 0.0]))):
+        for frame in camera.capture(now_s, SE2(np.array([now_s, 0.0, 0.0]))):
             assert now_s - frame.taken_s >= 0.08 - 1e-9
             assert frame.pose[0] == frame.taken_s
             known.append(frame.taken_s)

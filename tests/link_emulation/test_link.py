@@ -223,7 +223,7 @@ def test_a_cut_loses_what_is_on_its_way_and_what_comes_until_it_is_mended(
     assert not tried.send(Sent(-1, 100, cut_s), 100, cut_s)
     assert tried.next_s() is None
     assert tried.counters.lost == len(lost) + 1
-    tried.mend()
+    tried.restore()
     afterwards = travel(tried, [Sent(-2, 100, cut_s + 10.0)])
     assert [packet.number for packet, _ in afterwards] == [-2]
 
@@ -232,7 +232,7 @@ def test_what_is_lost_in_a_cut_holds_up_nobody_afterwards() -> None:
     tried = link(LinkSpec(delay_s=100.0))
     tried.send(Sent(0, 100, 0.0), 100, 0.0)
     tried.cut()
-    tried.mend()
+    tried.restore()
     tried.change(LinkSpec(delay_s=1.0), 1.0)
     assert travel(tried, [Sent(1, 100, 1.0)]) == [(Sent(1, 100, 1.0), 2.0)]
 

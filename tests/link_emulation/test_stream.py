@@ -117,7 +117,7 @@ def test_a_lost_segment_holds_up_all_behind_it_and_then_all_are_there_at_once() 
     connection.run_until(second.at_s)
     connection.link.cut()
     connection.send(second)
-    connection.link.mend()
+    connection.link.restore()
     for packet in rest:
         connection.send(packet)
     connection.run_until(10.0)
@@ -144,7 +144,7 @@ def test_after_a_cut_all_arrives_with_the_first_time_out_that_ends_after_it(
         connection.send(packet)
     connection.run_until(cut_s)
     assert connection.released == []
-    connection.link.mend()
+    connection.link.restore()
     connection.run_until(cut_s + 1000.0)
     assert [packet.number for packet, _ in connection.released] == [p.number for p in lost]
     overdue = [at_s for packet, at_s in connection.released if packet.at_s + timeout_s <= tries_s]
@@ -161,7 +161,7 @@ def test_what_was_on_its_way_when_the_link_was_cut_arrives_too() -> None:
     connection.send(Sent(0, 100, 0.0))
     connection.run_until(0.5)
     connection.cut()
-    connection.link.mend()
+    connection.link.restore()
     connection.run_until(100.0)
     assert connection.released == [(Sent(0, 100, 0.0), pytest.approx(4.0 + 1.0))]
 
@@ -171,12 +171,12 @@ def test_progress_takes_the_time_out_back_to_the_first() -> None:
     connection.link.cut()
     connection.send(Sent(0, 100, 0.0))
     connection.run_until(2.0)
-    connection.link.mend()
+    connection.link.restore()
     connection.run_until(10.0)
     assert len(connection.released) == 1
     connection.link.cut()
     connection.send(Sent(1, 100, 10.0))
-    connection.link.mend()
+    connection.link.restore()
     connection.run_until(20.0)
     assert connection.released[1][1] == pytest.approx(10.2)
 
@@ -201,7 +201,7 @@ def test_streams_on_one_link_share_its_bandwidth_and_not_their_losses() -> None:
     other = Stream(shared, lambda payload: released.append(("other", payload)))
     shared.cut()
     one.send(0, 100, 0.0)
-    shared.mend()
+    shared.restore()
     one.send(1, 100, 0.0)
     other.send(0, 100, 0.0)
     assert shared.next_s() == pytest.approx(0.1)

@@ -192,7 +192,7 @@ def test_a_cut_link_delivers_nothing_and_a_mended_one_all() -> None:
         with pytest.raises(BlockingIOError):
             target.recv(1)
         target.settimeout(PATIENCE_S)
-        simulator.mend()
+        simulator.restore()
         assert read_all(target, 13) == b"into the void"
 
 
@@ -203,7 +203,7 @@ def test_a_client_that_gives_up_while_the_link_is_cut_is_forgotten() -> None:
         client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET)
         client.close()
         eventually(lambda: simulator.up.packets > 0)
-        simulator.mend()
+        simulator.restore()
         server.settimeout(0.5)  # Longer than the time-out after which it would call again.
         with pytest.raises(TimeoutError):
             server.accept()

@@ -158,7 +158,7 @@ def test_a_cut_loses_datagrams_for_good(target: socket.socket, client: socket.so
         simulator.cut()
         client.sendto(b"into the void", address(simulator))
         eventually(lambda: simulator.up.lost == 2)
-        simulator.mend()
+        simulator.restore()
         client.sendto(b"after", address(simulator))
         assert target.recv(100) == b"after"
 

@@ -152,7 +152,7 @@ def test_a_cut_over_tcp_within_the_lease_ends_with_the_next_retransmission() -> 
         drive.simulator.cut()
         drive.send_for(length_s)
         assert drive.received.empty()
-        drive.simulator.mend()
+        drive.simulator.restore()
         arrived = drive.arrive()
         assert [number for number, _ in arrived] == list(range(first, first + len(arrived)))
         assert arrived[0][1] >= 0.6 - 0.001  # 0.2 s, and then 0.4 s.

@@ -102,3 +102,17 @@ def test_a_sample_is_a_finite_command_or_has_one_of_three_reasons(
     else:
         assert np.isfinite(command.twist).all()
         assert command.twist.shape == (6,)
+
+
+@given(
+    twists=st.lists(st.sampled_from([0.0, -0.0, 0.1, 0.2]), min_size=2, max_size=6),
+    frame=st.sampled_from(["base_link", "odom"]),
+)
+def test_commands_that_come_again_are_the_same_to_the_bit(twists: list[float], frame: str) -> None:
+    for vx in [*twists, *twists]:
+        twist = np.array([vx, 0.0, 0.0, 0.0, 0.0, -vx])
+        command = decode_command(Sample(KEY, payload(twist, frame), ATTACHMENT))
+        assert command.twist.tobytes() == twist.tobytes()
+        assert command.frame == frame
+        with pytest.raises(ValueError, match="read-only"):
+            command.twist[0] = 1.0

@@ -18,6 +18,7 @@ from tsd_twin.messages.status import (
     LeaseStatus,
     LimitStatus,
     LoopStatus,
+    Refusals,
     Status,
     decode_stamp,
     decode_status,
@@ -34,6 +35,7 @@ statuses = st.builds(
     stop_reason=texts,
     arming=st.none() | st.builds(ArmingStatus, texts, finite),
     lease=st.builds(LeaseStatus, st.none() | texts, finite),
+    refusals=st.none() | st.builds(Refusals, st.none() | texts, texts, *[st.none() | texts] * 6),
     command=st.builds(
         CommandStatus,
         seq=counts,
@@ -93,6 +95,29 @@ def test_a_status_has_the_fields_that_others_rely_on() -> None:
 def test_fields_of_a_later_version_are_ignored() -> None:
     plain = json.loads(encode_status(Status("ready"))) | {"new": {"a": 1}}
     assert decode_status(json.dumps(plain).encode()) == Status("ready")
+
+
+def test_a_status_says_why_each_request_is_refused() -> None:
+    status = Status("ready", refusals=Refusals(arm="the robot is ready already"))
+    plain = json.loads(encode_status(status))
+    assert plain["refusals"] == {
+        "lease": None,
+        "without_lease": "",
+        "arm": "the robot is ready already",
+        "disarm": None,
+        "reset": None,
+        "drive": None,
+        "set_pose": None,
+        "speed": None,
+    }
+
+
+def test_the_refusals_of_a_robot_that_sends_none_are_unknown() -> None:
+    plain = json.loads(encode_status(Status("disarmed")))
+    del plain["refusals"]
+    status = decode_status(json.dumps(plain).encode())
+    assert status.refusals is None
+    assert status.no_drive_reason == "the robot is disarmed"
 
 
 @pytest.mark.parametrize("payload", [b"", b"[]", b"{}", b'{"mode": 1}', b'{"mode": "\xff"}'])

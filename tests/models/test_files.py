@@ -55,9 +55,7 @@ def test_what_was_written_is_read(tmp_path: Path) -> None:
     assert tuple(back) == TSD
     for link in TSD:
         for a, b in zip(drawn[link], back[link], strict=True):
-            assert (a.name, a.link, a.rgba) == (b.name, b.link, b.rgba)
-            assert (a.metallic, a.roughness) == (b.metallic, b.roughness)
-            assert a.density_kg_per_m3 == b.density_kg_per_m3
+            assert (a.name, a.link, a.material) == (b.name, b.link, b.material)
             assert b.mesh.volume == pytest.approx(a.mesh.volume, rel=1e-4)
             np.testing.assert_allclose(b.mesh.bounds, a.mesh.bounds, atol=1e-7)
 

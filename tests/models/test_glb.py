@@ -45,17 +45,17 @@ def test_materials_are_those_of_the_parts() -> None:
     for part in PARTS["chassis"]:
         (material,) = header(glb([part]))["materials"]
         surface = material["pbrMetallicRoughness"]
-        assert surface.get("metallicFactor", 1.0) == pytest.approx(part.metallic)
-        assert surface.get("roughnessFactor", 1.0) == pytest.approx(part.roughness)
-        translucent = part.rgba[3] < 1.0
+        assert surface.get("metallicFactor", 1.0) == pytest.approx(part.material.metallic)
+        assert surface.get("roughnessFactor", 1.0) == pytest.approx(part.material.roughness)
+        translucent = part.material.rgba[3] < 1.0
         assert material.get("alphaMode", "OPAQUE") == ("BLEND" if translucent else "OPAQUE")
-        assert surface["baseColorFactor"][3] == pytest.approx(part.rgba[3], abs=1 / 255)
+        assert surface["baseColorFactor"][3] == pytest.approx(part.material.rgba[3], abs=1 / 255)
 
 
 def test_colours_are_linear_in_gltf() -> None:
     """Mid grey of sRGB, 188 of 255, reflects half of the light."""
     material = Material((188 / 255, 0.0, 1.0, 1.0), 0.0, 1.0, 1000.0)
-    part = Part.of("box", "wheel", trimesh.creation.box(), material)
+    part = Part("box", "wheel", trimesh.creation.box(), material)
     factor = header(glb([part]))["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"]
     np.testing.assert_allclose(factor, [0.5, 0.0, 1.0, 1.0], atol=0.006)
 
@@ -77,7 +77,7 @@ def test_curved_surfaces_are_shaded_as_the_sphere_they_stand_for() -> None:
 
 def test_flat_faces_are_shaded_flat() -> None:
     """On a box, and on the decks, every corner has the normal of the face it belongs to."""
-    box = Part.of("box", "wheel", trimesh.creation.box((0.1, 0.2, 0.3)), GREY)
+    box = Part("box", "wheel", trimesh.creation.box((0.1, 0.2, 0.3)), GREY)
     decks = next(part for part in PARTS["chassis"] if part.name == "decks")
     for part in (box, decks):
         mesh = opened(glb([part]))[part.name]

@@ -21,7 +21,7 @@ places = st.floats(-1.0, 1.0)
 
 def brick(size: tuple[float, float, float], at: tuple[float, float, float], density: float) -> Part:
     mesh = trimesh.creation.box(size, transform=trimesh.transformations.translation_matrix(at))
-    return Part.of("brick", "chassis", mesh, Material((1.0, 1.0, 1.0, 1.0), 0.0, 1.0, density))
+    return Part("brick", "chassis", mesh, Material((1.0, 1.0, 1.0, 1.0), 0.0, 1.0, density))
 
 
 def of_brick(size: tuple[float, float, float], mass: float) -> np.ndarray:

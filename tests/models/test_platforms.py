@@ -59,9 +59,9 @@ class Machine:
     def wheels(self) -> list[tuple[str, str]]:
         """Return kind and name of each wheel link, in the order of the joints."""
         found = {
-            joint: (link_groups.kind, name)
-            for link_groups in self.tree.link_groups
-            for joint, name in zip(link_groups.joints, link_groups.names, strict=True)
+            joint: (group.kind, name)
+            for group in self.tree.link_groups
+            for joint, name in zip(group.joints, group.names, strict=True)
         }
         return [found[joint.name] for joint in self.drive.joints]
 

@@ -111,7 +111,7 @@ def test_colours_come_from_the_description() -> None:
         front_rgba=(0.4, 0.5, 0.6, 1.0),
     )
     parts = draw_parts(msgspec.structs.replace(TSD, body=body))
-    rgba = {part.file: part.rgba for link in parts for part in parts[link]}
+    rgba = {part.file: part.material.rgba for link in parts for part in parts[link]}
     assert rgba["chassis_decks.stl"] == rgba["chassis_ribs.stl"] == body.acrylic_rgba
     assert rgba["outer_frame.stl"] == rgba["inner_frame.stl"] == body.frame_rgba
     assert rgba["wheel_shell.stl"] == body.wheel_rgba

@@ -246,3 +246,30 @@ def test_turning_and_driving_stop_together() -> None:
     moving = path[path[:, 0] > 0.0]
     np.testing.assert_allclose(moving[:, 2] / moving[:, 0], 2.0 / 0.6)
     assert not path[-1].any()
+
+
+@given(case=cases(), current=twists(largest=3.0), request=twists(), share=st.floats(0.1, 1.0))
+def test_one_twist_is_the_member_of_a_batch(
+    case: Case, current: Array, request: Array, share: float
+) -> None:
+    limiter, close = case.limiter, {"rtol": 1e-12, "atol": 1e-300}
+    goals = limiter.cap(np.stack([request, current]), share)
+    np.testing.assert_allclose(limiter.cap(request, share), goals[0], **close)
+    start = limiter.cap(current)
+    steps = limiter.approach(np.stack([start, start]), goals, DT_S)
+    np.testing.assert_allclose(limiter.approach(start, goals[0], DT_S), steps[0], **close)
+
+
+def test_a_limit_that_is_no_number_lets_no_twist_through() -> None:
+    unknown = dataclasses.replace(ROBOT.kinematics(), max_tilt_rad=np.nan)
+    limiter = TwistLimiter(unknown, ROBOT.limits)
+    wish = np.array([0.3, 0.0, 0.0])
+    assert np.isnan(limiter.cap(wish)).all()
+
+
+def test_what_is_returned_belongs_to_the_caller() -> None:
+    limiter, goal = TwistLimiter(ROBOT.kinematics(), ROBOT.limits), np.array([0.1, 0.0, 0.0])
+    for current in (np.zeros(3), goal):
+        limiter.approach(current, goal, 1.0)[:] = 9.0
+    limiter.cap(goal)[:] = 9.0
+    np.testing.assert_array_equal(goal, [0.1, 0.0, 0.0])

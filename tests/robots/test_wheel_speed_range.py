@@ -21,6 +21,6 @@ def test_figures_worked_by_hand(rpm: float, top_mps: float) -> None:
     assert GEARS.top_speed_mps(rpm * RPM) == pytest.approx(top_mps, abs=0.005)
 
 
-def test_robots_whose_wheels_stand_when_they_do_have_no_gears() -> None:
+def test_robots_whose_wheels_stand_when_they_do_have_no_wheel_speed_range() -> None:
     for name in ("omni4", "kiwi", "mecanum", "atlas"):
         assert robots.load_robot(name).wheel_speed_range is None

@@ -149,6 +149,6 @@ def test_an_operator_who_only_renews_keeps_the_wheels_turning(stage: SupervisorH
 def test_commands_renew_the_lease(stage: SupervisorHarness) -> None:
     stage.bring_to(Mode.READY)
     stage.hold(5.0)
-    assert stage.supervisor.holds(stage.lease, stage.now_s)
+    assert stage.supervisor.holder_refusal(stage.lease, stage.now_s) == ""
     stage.wait(2.1)
-    assert not stage.supervisor.holds(stage.lease, stage.now_s)
+    assert stage.supervisor.holder_refusal(stage.lease, stage.now_s) == "take control first"

@@ -62,7 +62,7 @@ def counts(gate: CommandGate) -> dict[str, int]:
 def drop(gate: CommandGate, bad: Sample, of: Lease | None, now_s: float = NOW_S) -> str:
     """Return the reason for which a sample is dropped."""
     before, accepted = counts(gate), gate.accepted
-    outcome = gate.check(bad, of, now_s)
+    outcome = gate.validate(bad, of, now_s)
     assert isinstance(outcome, MessageError)
     assert gate.accepted == accepted
     after = counts(gate)
@@ -73,7 +73,7 @@ def drop(gate: CommandGate, bad: Sample, of: Lease | None, now_s: float = NOW_S)
 
 def test_a_command_that_keeps_all_rules_counts() -> None:
     gate = new_gate()
-    outcome = gate.check(sample(), lease(), NOW_S)
+    outcome = gate.validate(sample(), lease(), NOW_S)
     assert isinstance(outcome, Command)
     assert (outcome.operator, outcome.seq, outcome.twist[0]) == ("alice", 1, 0.5)
     assert gate.accepted == 1
@@ -115,24 +115,24 @@ def test_the_lease_of_another_operator_does_not_help() -> None:
 
 def test_a_command_that_is_sent_again_does_not_count_again() -> None:
     gate, first = new_gate(), sample(5)
-    assert isinstance(gate.check(first, lease(), NOW_S), Command)
+    assert isinstance(gate.validate(first, lease(), NOW_S), Command)
     assert drop(gate, first, lease()) == "order"
     assert drop(gate, sample(4), lease()) == "order"
-    assert isinstance(gate.check(sample(6), lease(), NOW_S), Command)
+    assert isinstance(gate.validate(sample(6), lease(), NOW_S), Command)
 
 
 def test_a_dropped_command_does_not_use_up_its_number() -> None:
     gate = new_gate()
     assert drop(gate, sample(9, status_seq=OLD), lease()) == "stale"
     assert drop(gate, sample(10, lease_id=b"M" * 16), lease()) == "lease"
-    assert isinstance(gate.check(sample(1), lease(), NOW_S), Command)
+    assert isinstance(gate.validate(sample(1), lease(), NOW_S), Command)
 
 
 def test_a_new_lease_restarts_the_numbers() -> None:
     gate = new_gate()
-    gate.check(sample(1000), lease(), NOW_S)
+    gate.validate(sample(1000), lease(), NOW_S)
     renewed = lease(id_=b"N" * 16)
-    assert isinstance(gate.check(sample(1, lease_id=b"N" * 16), renewed, NOW_S), Command)
+    assert isinstance(gate.validate(sample(1, lease_id=b"N" * 16), renewed, NOW_S), Command)
     assert drop(gate, sample(1001), renewed) == "lease"
 
 
@@ -140,7 +140,7 @@ def test_a_new_lease_restarts_the_numbers() -> None:
 def test_the_age_is_counted_from_when_the_echoed_status_was_sent(max_age_s: float) -> None:
     gate = new_gate()
     granted = lease(max_age_s=max_age_s)
-    assert isinstance(gate.check(sample(1), granted, NOW_S + max_age_s - 1e-3), Command)
+    assert isinstance(gate.validate(sample(1), granted, NOW_S + max_age_s - 1e-3), Command)
     assert drop(gate, sample(2), granted, NOW_S + max_age_s + 1e-3) == "stale"
 
 
@@ -152,7 +152,7 @@ def test_a_burst_of_stale_commands_has_no_effect() -> None:
         gate.record_status(next(numbers), NOW_S + 0.02 * i)
         sent.append(sample(i, status_seq=i + 1))
     now_s = NOW_S + 0.02 * 365
-    outcomes = [gate.check(late, lease(max_age_s=0.25), now_s) for late in sent]
+    outcomes = [gate.validate(late, lease(max_age_s=0.25), now_s) for late in sent]
     counted = [o.seq for o in outcomes if isinstance(o, Command)]
     assert counted == list(range(353, 365))  # Those of the last quarter of a second.
     assert counts(gate) == {"stale": 353}
@@ -161,11 +161,11 @@ def test_a_burst_of_stale_commands_has_no_effect() -> None:
 def test_a_command_sent_before_a_stop_was_seen_does_not_count_after_it() -> None:
     """It is young enough, but its sender may have released the stick since, under any lease."""
     gate, patient = new_gate(), lease(max_age_s=1.0)
-    assert isinstance(gate.check(sample(0), patient, NOW_S), Command)
+    assert isinstance(gate.validate(sample(0), patient, NOW_S), Command)
     gate.reject_sent_before(NOW_S + 0.2)
     gate.record_status(FRESH + 1, NOW_S + 0.2)
     assert drop(gate, sample(1), patient, NOW_S + 0.3) == "stale"
-    assert isinstance(gate.check(sample(2, status_seq=FRESH + 1), patient, NOW_S + 0.3), Command)
+    assert isinstance(gate.validate(sample(2, status_seq=FRESH + 1), patient, NOW_S + 0.3), Command)
     other = lease("bob", b"N" * 16, max_age_s=1.0)
     assert drop(gate, sample(1, b"N" * 16, operator="bob"), other, NOW_S + 0.3) == "stale"
 
@@ -173,10 +173,10 @@ def test_a_command_sent_before_a_stop_was_seen_does_not_count_after_it() -> None
 @pytest.mark.parametrize("status_seq", [OLD, FRESH + 1, 0])
 def test_a_zero_in_order_counts_however_old_it_is(status_seq: int) -> None:
     gate = new_gate()
-    assert isinstance(gate.check(sample(5), lease(), NOW_S), Command)
+    assert isinstance(gate.validate(sample(5), lease(), NOW_S), Command)
     gate.reject_sent_before(NOW_S + 0.1)
     zero = sample(6, status_seq=status_seq, vx=0.0)
-    assert isinstance(gate.check(zero, lease(), NOW_S + 0.5), Command)
+    assert isinstance(gate.validate(zero, lease(), NOW_S + 0.5), Command)
     assert gate.is_late
     assert drop(gate, sample(6), lease()) == "order", "what was sent before the zero is over"
     assert drop(gate, sample(7, vx=0.0), None) == "lease"
@@ -188,7 +188,7 @@ def test_only_a_bounded_number_of_status_is_remembered() -> None:
     for number in range(10_000):
         gate.record_status(number, NOW_S)
     assert len(gate._sent_s) < 1000
-    assert isinstance(gate.check(sample(status_seq=9_999), lease(), NOW_S), Command)
+    assert isinstance(gate.validate(sample(status_seq=9_999), lease(), NOW_S), Command)
     assert drop(gate, sample(2, status_seq=1), lease()) == "stale"
 
 
@@ -209,7 +209,7 @@ def test_every_sample_is_counted_exactly_once(script: list[Sample], holder: str 
     of = lease(holder) if holder else None
     numbers = []
     for one in script:
-        outcome: Any = gate.check(one, of, NOW_S)
+        outcome: Any = gate.validate(one, of, NOW_S)
         if isinstance(outcome, Command):
             numbers.append(outcome.seq)
             assert outcome.operator == holder
@@ -225,7 +225,7 @@ def test_a_flood_out_of_order_counts_only_what_rises() -> None:
     random.Random(1).shuffle(numbers)  # noqa: S311  No secret depends on it.
     highest, rising = -1, 0
     for number in numbers:
-        gate.check(sample(number), lease(), NOW_S)
+        gate.validate(sample(number), lease(), NOW_S)
         rising += number > highest
         highest = max(highest, number)
     assert (gate.accepted, counts(gate)) == (rising, {"order": 200 - rising})

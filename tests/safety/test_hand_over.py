@@ -9,7 +9,7 @@ import pytest
 from tests.support.supervisor_harness import SupervisorHarness
 from tsd_twin.messages.services import LeaseReply
 from tsd_twin.safety import Mode
-from tsd_twin.safety.lease import ASK_S, KEPT_S, RESERVE_S
+from tsd_twin.safety.lease import DENIED_S, REQUEST_TIMEOUT_S, RESERVATION_S
 
 
 def texts(stage: SupervisorHarness) -> list[str]:
@@ -38,7 +38,7 @@ def asked(stage: SupervisorHarness) -> SupervisorHarness:
 
 def test_a_request_is_told_to_all_and_the_holder_drives_on(asked: SupervisorHarness) -> None:
     assert texts(asked) == ["bob asks alice for control."]
-    claim = asked.supervisor.hand_over.asked(asked.now_s)
+    claim = asked.supervisor.hand_over.pending_request(asked.now_s)
     assert claim is not None
     assert claim.operator == "bob"
     asked.hold(1.0, 1.0)
@@ -57,7 +57,7 @@ def test_a_grant_stops_the_robot_and_only_the_asker_gets_control(asked: Supervis
             assert not reply.granted
             assert "kept for bob" in reply.reason
     assert asked.ask("acquire", "bob").granted
-    assert asked.supervisor.hand_over.reserved(asked.now_s) is None
+    assert asked.supervisor.hand_over.reservation(asked.now_s) is None
 
 
 def test_the_asker_drives_from_standstill_on(asked: SupervisorHarness) -> None:
@@ -73,7 +73,7 @@ def test_the_asker_drives_from_standstill_on(asked: SupervisorHarness) -> None:
 
 def test_what_is_kept_for_the_asker_is_free_again_when_not_taken(asked: SupervisorHarness) -> None:
     answer(asked, "grant")
-    asked.wait(RESERVE_S - 0.02)
+    asked.wait(RESERVATION_S - 0.02)
     assert not asked.ask("acquire", "alice").granted
     asked.wait(0.03)
     assert "bob, who did not take it" in texts(asked)[-1]
@@ -100,15 +100,15 @@ def test_control_that_is_kept_stays_and_the_asker_waits_before_asking_again(
     assert "control was kept" in asked.ask("request", "bob").reason
     assert asked.ask("request", "carol").done, "another may ask"
     asked.ask("withdraw", "carol")
-    hold_on(asked, KEPT_S + 0.5)
+    hold_on(asked, DENIED_S + 0.5)
     assert asked.ask("request", "bob").done
 
 
 def test_a_request_without_an_answer_ends(asked: SupervisorHarness) -> None:
-    hold_on(asked, ASK_S - 0.5)
-    assert asked.supervisor.hand_over.asked(asked.now_s) is not None
+    hold_on(asked, REQUEST_TIMEOUT_S - 0.5)
+    assert asked.supervisor.hand_over.pending_request(asked.now_s) is not None
     hold_on(asked, 1.0)
-    assert asked.supervisor.hand_over.asked(asked.now_s) is None
+    assert asked.supervisor.hand_over.pending_request(asked.now_s) is None
     assert "alice has given no answer to bob" in texts(asked)[-1]
     assert answer(asked, "grant").reason == "no operator has requested control"
 
@@ -122,10 +122,10 @@ def test_a_request_is_withdrawn_by_who_made_it(asked: SupervisorHarness) -> None
 
 def test_one_asks_at_a_time_and_asking_twice_is_asking_once(asked: SupervisorHarness) -> None:
     assert asked.ask("request", "carol").reason == "bob asks already"
-    first = asked.supervisor.hand_over.asked(asked.now_s)
+    first = asked.supervisor.hand_over.pending_request(asked.now_s)
     asked.wait(0.1)
     assert asked.ask("request", "bob").done
-    assert asked.supervisor.hand_over.asked(asked.now_s) == first
+    assert asked.supervisor.hand_over.pending_request(asked.now_s) == first
 
 
 def test_who_is_asked_and_releases_hands_over(asked: SupervisorHarness) -> None:
@@ -136,11 +136,11 @@ def test_who_is_asked_and_releases_hands_over(asked: SupervisorHarness) -> None:
 
 def test_a_request_ends_with_the_lease_that_it_asks_for(asked: SupervisorHarness) -> None:
     asked.acquire("carol", take_over=True)
-    assert asked.supervisor.hand_over.asked(asked.now_s) is None
+    assert asked.supervisor.hand_over.pending_request(asked.now_s) is None
     assert not asked.ask("grant", "carol", lease=asked.lease, asker="bob").done
     asked.ask("request", "bob")
     asked.wait(2.1)
-    assert asked.supervisor.hand_over.asked(asked.now_s) is None
+    assert asked.supervisor.hand_over.pending_request(asked.now_s) is None
     assert asked.ask("acquire", "alice").granted, "nothing is kept for who asked the one before"
 
 
@@ -154,7 +154,7 @@ def test_only_the_holder_answers_and_only_who_has_asked(asked: SupervisorHarness
     ):
         assert not asked.ask(op, operator, lease=lease, asker=asker).done
     assert asked.mode is Mode.DRIVING
-    assert asked.supervisor.hand_over.asked(asked.now_s) is not None
+    assert asked.supervisor.hand_over.pending_request(asked.now_s) is not None
 
 
 def test_nobody_asks_for_what_is_free_or_theirs(stage: SupervisorHarness) -> None:

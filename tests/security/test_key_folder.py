@@ -24,12 +24,6 @@ from tsd_twin.errors import BusError, TwinError
 from tsd_twin.security import CertificateRequest, KeyFolder, certificate_identity, certificates
 
 
-@pytest.fixture
-def keys(tmp_path: Path) -> Path:
-    provision_folder(tmp_path / "keys", FIRST)
-    return tmp_path / "keys"
-
-
 def test_keys_are_for_their_owner_alone(keys: Path) -> None:
     assert keys.stat().st_mode & 0o077 == 0
     for file in keys.glob("*.key"):

@@ -17,7 +17,7 @@ def made() -> LoginRateLimiter:
 def test_a_few_tries_are_free_and_then_each_wait_is_twice_the_last() -> None:
     throttle, now_s, waits = made(), 0.0, list[float]()
     for _ in range(14):
-        throttle.note("a", now_s)
+        throttle.count_attempt("a", now_s)
         waits.append(throttle.wait_s("a", now_s))
         now_s += waits[-1]
     assert waits == [0.0] * 4 + [5.0, 10.0, 20.0, 40.0, 80.0, 160.0, 320.0, 640.0, 900.0, 900.0]
@@ -33,7 +33,7 @@ def test_however_tries_are_spaced_no_more_than_a_hundred_fit_into_a_day_beyond_t
         if now_s > DAY_S:
             break
         if throttle.wait_s("a", now_s) == 0.0:
-            throttle.note("a", now_s)
+            throttle.count_attempt("a", now_s)
             tries += 1
     assert tries <= 5 + 8 + DAY_S / 900.0
 
@@ -42,7 +42,7 @@ def test_tries_at_one_instant_count_before_any_is_known_to_be_wrong() -> None:
     throttle = made()
     let = 0
     while throttle.wait_s("a", 0.0) == 0.0:
-        throttle.note("a", 0.0)
+        throttle.count_attempt("a", 0.0)
         let += 1
     assert let == 5
 
@@ -50,28 +50,28 @@ def test_tries_at_one_instant_count_before_any_is_known_to_be_wrong() -> None:
 def test_who_turns_out_right_does_not_wait_but_what_was_wrong_stays_counted() -> None:
     throttle = made()
     for _ in range(5):
-        throttle.note("a", 0.0)
-    throttle.forgive("a")
+        throttle.count_attempt("a", 0.0)
+    throttle.refund("a")
     assert throttle.wait_s("a", 0.0) == 0.0
-    throttle.note("a", 0.0)
+    throttle.count_attempt("a", 0.0)
     assert throttle.wait_s("a", 0.0) > 0.0
 
 
 def test_keys_do_not_know_of_each_other_and_an_hour_of_calm_is_a_new_start() -> None:
     throttle = made()
     for _ in range(9):
-        throttle.note("a", 0.0)
+        throttle.count_attempt("a", 0.0)
     assert throttle.wait_s("b", 0.0) == 0.0
-    throttle.note("a", CALM_S + 1.0)
+    throttle.count_attempt("a", CALM_S + 1.0)
     assert throttle.wait_s("a", CALM_S + 1.0) == 0.0
 
 
 def test_a_flood_of_made_up_keys_neither_grows_nor_frees_the_one_that_waits() -> None:
     throttle = made()
     for _ in range(9):
-        throttle.note("alice", 0.0)
+        throttle.count_attempt("alice", 0.0)
     for number in range(3 * KEYS):
-        throttle.note(f"x{number}", 1.0)
+        throttle.count_attempt(f"x{number}", 1.0)
     assert throttle.wait_s("alice", 1.0) > 0.0
     assert len(throttle._records) <= KEYS
 
@@ -79,10 +79,10 @@ def test_a_flood_of_made_up_keys_neither_grows_nor_frees_the_one_that_waits() ->
 def test_many_made_up_keys_do_not_give_new_tries_to_one_that_has_nearly_none_left() -> None:
     throttle = made()
     for _ in range(4):
-        throttle.note("alice", 0.0)
+        throttle.count_attempt("alice", 0.0)
     for number in range(3 * KEYS):
-        throttle.note(f"x{number}", 1.0)
-    throttle.note("alice", 2.0)
+        throttle.count_attempt(f"x{number}", 1.0)
+    throttle.count_attempt("alice", 2.0)
     assert throttle.wait_s("alice", 2.0) > 0.0
 
 
@@ -94,7 +94,7 @@ def test_all_keys_together_have_so_many_tries_and_then_one_every_so_often(
     for pause_s in pauses:
         now_s += pause_s
         while bucket.wait_s(now_s) == 0.0:
-            bucket.note(now_s)
+            bucket.count_attempt(now_s)
             tries += 1
     assert tries <= 60 + (now_s - 1e5) / 5.0 + 1e-6
     assert 0.0 < bucket.wait_s(now_s) <= 5.0
@@ -105,6 +105,6 @@ def test_a_right_try_costs_nothing_of_what_all_have() -> None:
     bucket = LoginTokenBucket(at_once=3, every_s=5.0)
     for _ in range(100):
         assert bucket.wait_s(0.0) == 0.0
-        bucket.note(0.0)
-        bucket.forgive()
+        bucket.count_attempt(0.0)
+        bucket.refund()
     assert bucket.wait_s(0.0) == 0.0

@@ -27,12 +27,6 @@ from tsd_twin.errors import TwinError
 from tsd_twin.security import CertificateRequest, KeyFolder, Role
 
 
-@pytest.fixture
-def keys(tmp_path: Path) -> Path:
-    provision_folder(tmp_path / "keys", FIRST)
-    return tmp_path / "keys"
-
-
 def test_one_order_makes_all_that_robot_and_people_need(keys: Path) -> None:
     kinds = {"pem", "key", "json5"}
     identities = {f"{n}.{kind}" for n in ("robot", "alice", "guest") for kind in kinds}

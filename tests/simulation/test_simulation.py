@@ -249,3 +249,27 @@ def test_another_number_of_wheels_is_another_description_and_nothing_else() -> N
     simulation.command(drive.inverse(np.array([0.0, 1.0, 0.0])))
     simulation.advance(1.0)
     np.testing.assert_allclose(simulation.twist(), [0.0, 1.0, 0.0], atol=0.008)
+
+
+@pytest.mark.parametrize("errors", [0.0, 1.0])
+@pytest.mark.parametrize("times_s", [(0.01,), (0.01, 0.0101, 0.03, 0.2)])
+def test_a_set_point_that_is_withdrawn_at_once_changes_nothing(
+    errors: float, times_s: tuple[float, ...]
+) -> None:
+    # Steps that change no joint are remembered; one of the two robots has to forget them.
+    robot = ROBOT.with_errors(errors)
+    steady, disturbed = spun_up(robot), spun_up(robot)
+    setpoint, other = command([0.2, 0.1, 0.5]), command([-0.2, 0.3, 0.0])
+    for step in range(1500):
+        dt_s = times_s[step % len(times_s)]
+        steady.command(setpoint)
+        disturbed.command(other)
+        disturbed.command(setpoint)
+        steady.advance(dt_s)
+        disturbed.advance(dt_s)
+    np.testing.assert_array_equal(steady.joints, disturbed.joints)
+    np.testing.assert_array_equal(steady.pose.xy_heading, disturbed.pose.xy_heading)
+    np.testing.assert_array_equal(steady.measure(), disturbed.measure())
+    steady.command(other)
+    steady.advance(0.1)
+    assert np.abs(steady.joints - disturbed.joints).max() > 1e-3, "it obeys as before"

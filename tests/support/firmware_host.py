@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from firmware.simulator import protocol2
-from firmware.simulator.rig import Rig
+from firmware.simulator.simulation import FirmwareSimulation
 from tsd_twin.dynamixel.blocks import Command, Setup, Telemetry
 from tsd_twin.dynamixel.control_table import BOARD_ID, ZERO_THROTTLE, BoardMode
 
@@ -49,18 +49,18 @@ def packets(data: bytes) -> list[bytes]:
 class FirmwareHost:
     """Simulated robot with the host of its board."""
 
-    def __init__(self, rig: Rig) -> None:
-        self.rig = rig
+    def __init__(self, simulation: FirmwareSimulation) -> None:
+        self.simulation = simulation
         self.beat = 0
         self.missed = 0
         """Cycles without both answers."""
 
     def ask(self, request: bytes) -> tuple[int, bytes]:
         """Send one packet; return error and data of the answer."""
-        self.rig.board.receive()
-        self.rig.board.send(request)
-        self.rig.run(0.005)
-        answer = protocol2.parse(self.rig.board.receive())
+        self.simulation.board.receive()
+        self.simulation.board.send(request)
+        self.simulation.run(0.005)
+        answer = protocol2.parse(self.simulation.board.receive())
         assert answer is not None, "no answer"
         ident, instruction, parameters = answer
         assert (ident, instruction) == (BOARD_ID, protocol2.STATUS)
@@ -104,9 +104,9 @@ class FirmwareHost:
     ) -> Telemetry | None:
         """Write and read as a bridge does in one cycle; None when an answer is missing."""
         command = self.command(arm, throttle, goal, torque=torque, fresh=fresh)
-        self.rig.board.send(command + READ_TELEMETRY)
-        self.rig.run(CYCLE_S)
-        answers = packets(self.rig.board.receive())
+        self.simulation.board.send(command + READ_TELEMETRY)
+        self.simulation.run(CYCLE_S)
+        answers = packets(self.simulation.board.receive())
         parsed = protocol2.parse(answers[1]) if len(answers) == 2 else None
         if parsed is None:
             self.missed += 1
@@ -129,9 +129,9 @@ class FirmwareHost:
 
     def get_ready(self, setup: Setup | None = None) -> FirmwareHost:
         """Set up, and wait until arming is possible."""
-        self.rig.run(CYCLE_S)
+        self.simulation.run(CYCLE_S)
         assert self.set_up(setup) == 0
-        self.rig.run(HOLD_S)
+        self.simulation.run(HOLD_S)
         return self
 
     def arm(self) -> Telemetry:
@@ -145,21 +145,21 @@ class FirmwareHost:
         self.get_ready()
         assert self.arm().mode == BoardMode.ARMED
         assert self.drive(0.2, goal=goal).mode == BoardMode.ARMED
-        assert min(self.rig.pulses_us()) > 1200.0
+        assert min(self.simulation.pulses_us()) > 1200.0
         return self
 
     def until_quiet(self, patience_s: float) -> float:
         """Return after how many seconds all pulses are zero throttle; nothing is sent."""
-        start_s = self.rig.board.now_s
-        while max(self.rig.pulses_us()) > 1001.0:
-            self.rig.run(0.001)
-            assert self.rig.board.now_s - start_s < patience_s, "the pulses go on"
-        return self.rig.board.now_s - start_s
+        start_s = self.simulation.board.now_s
+        while max(self.simulation.pulses_us()) > 1001.0:
+            self.simulation.run(0.001)
+            assert self.simulation.board.now_s - start_s < patience_s, "the pulses go on"
+        return self.simulation.board.now_s - start_s
 
     def finish(self) -> None:
         """Check the invariants of the whole run."""
-        widest = max(self.rig.board.pulse(i).unarmed_us for i in range(3))
-        faults = self.rig.board.bus_faults()
+        widest = max(self.simulation.board.pulse(i).unarmed_us for i in range(3))
+        faults = self.simulation.board.bus_faults()
         assert widest < 1001.0, f"a pulse of {widest} us in disarmed mode"
         assert faults == (0, 0, 0), "the servo bus was not kept clean"
 
@@ -172,8 +172,8 @@ class Bench:
         self._pilots: list[FirmwareHost] = []
 
     def pilot(self, version: int | Sequence[int] = 2, **more: object) -> FirmwareHost:
-        """Power up a robot; arguments as of `Rig`."""
-        pilot = FirmwareHost(Rig(version, elf=self._elf, **more))  # type: ignore[arg-type]
+        """Power up a robot; arguments as of `FirmwareSimulation`."""
+        pilot = FirmwareHost(FirmwareSimulation(version, elf=self._elf, **more))  # type: ignore[arg-type]
         self._pilots.append(pilot)
         return pilot
 
@@ -185,4 +185,4 @@ class Bench:
     def close(self) -> None:
         """Free all rigs."""
         for pilot in self._pilots:
-            pilot.rig.close()
+            pilot.simulation.close()

@@ -15,9 +15,9 @@ NEUTRAL_GOALS = [2048] * 6
 
 
 def zero_throttle_from_the_first_millisecond(bench: Bench) -> None:
-    rig = bench.pilot().rig
-    rig.run(1.01)
-    for pulse in map(rig.board.pulse, range(3)):
+    simulation = bench.pilot().simulation
+    simulation.run(1.01)
+    for pulse in map(simulation.board.pulse, range(3)):
         assert pulse.first_s < 0.001
         assert pulse.count in (50, 51)
         assert 999.5 < pulse.unarmed_us < 1000.5
@@ -26,14 +26,14 @@ def zero_throttle_from_the_first_millisecond(bench: Bench) -> None:
 
 def silence_stops(bench: Bench) -> None:
     pilot = bench.pilot().get_driving(TILTED)
-    pilot.rig.run(0.4)
+    pilot.simulation.run(0.4)
     assert pilot.mode() == BoardMode.ARMED, "it has half a second"
     # 0.405 s have passed, and 0.005 s since the last beat before.
     assert 0.405 + pilot.until_quiet(0.2) < 0.55
-    pilot.rig.run(2.5)
+    pilot.simulation.run(2.5)
     seen = pilot.telemetry()
     assert (seen.mode, seen.trip, seen.trips) == (BoardMode.DISARMED, Trip.HEARTBEAT, 1)
-    assert [servo.goal for servo in pilot.rig.servos] == NEUTRAL_GOALS
+    assert [servo.goal for servo in pilot.simulation.servos] == NEUTRAL_GOALS
     assert max(map(abs, seen.position)) <= 1
 
 
@@ -41,8 +41,8 @@ def reading_and_old_beats_do_not_keep_it_going(bench: Bench) -> None:
     pilot = bench.pilot().get_driving()
     old = pilot.command(1, CRUISE, fresh=False)
     for _ in range(55):
-        pilot.rig.board.send(old)
-        pilot.rig.run(CYCLE_S)
+        pilot.simulation.board.send(old)
+        pilot.simulation.run(CYCLE_S)
     seen = pilot.telemetry()
     assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.HEARTBEAT)
 
@@ -52,24 +52,24 @@ def a_heartbeat_without_its_command_is_none(bench: Bench) -> None:
     for beat in range(55):
         error, _ = pilot.ask(write(Command.ADDRESS, (1000 + beat).to_bytes(2, "little")))
         assert error == 5
-        pilot.rig.run(0.005)
+        pilot.simulation.run(0.005)
     assert pilot.mode() == BoardMode.DISARMED
 
 
 def after_a_trip_only_a_new_arming_arms(bench: Bench) -> None:
     pilot = bench.pilot().get_driving()
-    pilot.rig.run(0.6)
+    pilot.simulation.run(0.6)
     assert pilot.drive(0.5).mode == BoardMode.DISARMED, "1 again and again"
     assert pilot.drive(0.5, throttle=ZERO).mode == BoardMode.DISARMED
-    assert max(pilot.rig.pulses_us()) < 1001.0
+    assert max(pilot.simulation.pulses_us()) < 1001.0
     seen = pilot.arm()
     assert (seen.mode, seen.trip) == (BoardMode.ARMED, Trip.NONE)
 
 
 def after_a_reset_only_a_new_arming_arms(bench: Bench) -> None:
     pilot = bench.pilot().get_driving()
-    pilot.rig.board.reset()
-    pilot.rig.run(2.5)
+    pilot.simulation.board.reset()
+    pilot.simulation.run(2.5)
     assert pilot.drive(0.3, throttle=ZERO).mode == BoardMode.DISARMED
     assert pilot.telemetry().reset_cause == ResetCause.EXTERNAL
     assert pilot.arm().mode == BoardMode.ARMED
@@ -77,13 +77,13 @@ def after_a_reset_only_a_new_arming_arms(bench: Bench) -> None:
 
 def a_hang_ends_in_a_reset_and_standstill(bench: Bench) -> None:
     pilot = bench.pilot().get_driving(TILTED)
-    pilot.rig.board.hang()
-    pilot.rig.run(0.01)
-    assert max(pilot.rig.pulses_us()) > 1200.0, "the pulses go on by themselves"
-    assert pilot.rig.board.resets == 0
-    pilot.rig.run(0.29)
-    assert pilot.rig.board.resets == 1
-    assert max(pilot.rig.pulses_us()) < 1001.0
+    pilot.simulation.board.hang()
+    pilot.simulation.run(0.01)
+    assert max(pilot.simulation.pulses_us()) > 1200.0, "the pulses go on by themselves"
+    assert pilot.simulation.board.resets == 0
+    pilot.simulation.run(0.29)
+    assert pilot.simulation.board.resets == 1
+    assert max(pilot.simulation.pulses_us()) < 1001.0
     seen = pilot.drive(2.5, throttle=ZERO)
     assert pilot.missed == 0
     assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.WATCHDOG)
@@ -93,25 +93,27 @@ def a_hang_ends_in_a_reset_and_standstill(bench: Bench) -> None:
 
 def a_lost_tick_ends_in_a_reset(bench: Bench) -> None:
     pilot = bench.pilot().get_driving()
-    pilot.rig.board.poke(0x70, 0)  # TIMSK2: the tick of a millisecond ceases, all else goes on.
+    pilot.simulation.board.poke(
+        0x70, 0
+    )  # TIMSK2: the tick of a millisecond ceases, all else goes on.
     for _ in range(30):
         pilot.cycle(1, CRUISE)
-    assert pilot.rig.board.resets == 1
-    assert max(pilot.rig.pulses_us()) < 1001.0
+    assert pilot.simulation.board.resets == 1
+    assert max(pilot.simulation.pulses_us()) < 1001.0
 
 
 def the_hold_of_the_speed_controllers_is_kept(bench: Bench) -> None:
     pilot = bench.pilot()
-    pilot.rig.run(CYCLE_S)
+    pilot.simulation.run(CYCLE_S)
     assert pilot.set_up() == 0
-    pilot.rig.run(1.9)
+    pilot.simulation.run(1.9)
     seen = pilot.arm()
     assert (seen.mode, seen.refusal, seen.esc_ready) == (
         BoardMode.DISARMED,
         Refusal.ESC_HOLD,
         0,
     )
-    pilot.rig.run(0.2)
+    pilot.simulation.run(0.2)
     assert pilot.drive(0.1, throttle=ZERO).mode == BoardMode.DISARMED
     seen = pilot.arm()
     assert (seen.mode, seen.refusal, seen.esc_ready) == (BoardMode.ARMED, Refusal.NONE, 1)
@@ -141,22 +143,22 @@ def arming_wants_a_fresh_command(bench: Bench) -> None:
 
 def arming_wants_neutral_gimbals(bench: Bench) -> None:
     pilot = bench.pilot().get_driving(TILTED)
-    pilot.rig.servos[1].jammed = True
+    pilot.simulation.servos[1].jammed = True
     pilot.drive(0.5, arm=0, throttle=ZERO)
     seen = pilot.arm()
     assert abs(seen.position[1]) > Identity().neutral_band
     assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.NOT_NEUTRAL)
-    pilot.rig.servos[1].jammed = False
-    pilot.rig.run(0.3)
+    pilot.simulation.servos[1].jammed = False
+    pilot.simulation.run(0.3)
     assert pilot.arm().mode == BoardMode.ARMED
 
 
 def without_a_setup_nothing_moves(bench: Bench) -> None:
     pilot = bench.pilot()
-    pilot.rig.run(2.1)
+    pilot.simulation.run(2.1)
     seen = pilot.arm()
     assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.SETUP)
-    assert not any(servo.torque for servo in pilot.rig.servos)
+    assert not any(servo.torque for servo in pilot.simulation.servos)
 
 
 def a_setup_is_kept_over_resets(bench: Bench) -> None:
@@ -165,43 +167,43 @@ def a_setup_is_kept_over_resets(bench: Bench) -> None:
     pilot = bench.pilot(neutral=neutral, reverse=reverse)
     pilot.get_ready(Setup(neutral=neutral, reverse=0b101))
     for power in (False, True):
-        pilot.rig.board.reset(power=power)
-        pilot.rig.run(0.5)
+        pilot.simulation.board.reset(power=power)
+        pilot.simulation.run(0.5)
         assert pilot.telemetry().position == (0,) * 6
-        assert [servo.goal for servo in pilot.rig.servos] == list(neutral)
-        assert all(servo.torque for servo in pilot.rig.servos)
-    pilot.rig.run(2.0)
+        assert [servo.goal for servo in pilot.simulation.servos] == list(neutral)
+        assert all(servo.torque for servo in pilot.simulation.servos)
+    pilot.simulation.run(2.0)
     assert pilot.arm().mode == BoardMode.ARMED
 
 
 def a_setup_that_was_spoilt_is_none(bench: Bench) -> None:
     pilot = bench.pilot().get_ready()
-    pilot.rig.board.poke_eeprom(3, 0x55)
-    pilot.rig.board.reset(power=True)
-    pilot.rig.run(2.1)
+    pilot.simulation.board.poke_eeprom(3, 0x55)
+    pilot.simulation.board.reset(power=True)
+    pilot.simulation.run(2.1)
     assert pilot.arm().refusal == Refusal.SETUP
     assert pilot.telemetry().position == (0,) * 6
 
 
 def a_servo_that_dies_stops_and_is_named(bench: Bench) -> None:
     pilot = bench.pilot().get_driving()
-    pilot.rig.servos[3].dead = True
+    pilot.simulation.servos[3].dead = True
     seen = pilot.drive(0.1)
     assert (seen.mode, seen.trip, seen.servo_alive) == (BoardMode.DISARMED, Trip.SERVO, 0b110111)
-    assert max(pilot.rig.pulses_us()) < 1001.0
+    assert max(pilot.simulation.pulses_us()) < 1001.0
     seen = pilot.arm()
     assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.SERVO)
-    pilot.rig.run(0.3)
+    pilot.simulation.run(0.3)
     assert pilot.telemetry().servo_found == 0b110111
-    pilot.rig.servos[3].dead = False
-    pilot.rig.run(0.3)
+    pilot.simulation.servos[3].dead = False
+    pilot.simulation.run(0.3)
     assert pilot.arm().mode == BoardMode.ARMED, "it is found again"
 
 
 def a_servo_in_trouble_stops(bench: Bench) -> None:
     for version in (1, 2):
         pilot = bench.pilot(version).get_driving()
-        pilot.rig.servos[0].fault = True
+        pilot.simulation.servos[0].fault = True
         seen = pilot.drive(0.1)
         assert (seen.mode, seen.trip, seen.servo_fault) == (BoardMode.DISARMED, Trip.SERVO, 1)
         assert pilot.arm().refusal == Refusal.SERVO
@@ -211,7 +213,7 @@ def who_is_disarmed_moves_nothing(bench: Bench) -> None:
     pilot = bench.pilot().get_ready()
     seen = pilot.drive(0.5, arm=0, throttle=CRUISE, goal=TILTED)
     assert seen.throttle_out == ZERO
-    assert [servo.goal for servo in pilot.rig.servos] == NEUTRAL_GOALS
+    assert [servo.goal for servo in pilot.simulation.servos] == NEUTRAL_GOALS
     assert max(map(abs, seen.position)) <= 1
 
 
@@ -227,11 +229,11 @@ def a_flood_does_not_keep_the_rules_waiting(bench: Bench) -> None:
     pilot = bench.pilot().get_driving()
     random = np.random.default_rng(9)
     for _ in range(11):
-        pilot.rig.board.send(random.bytes(5000))
-        pilot.rig.run(0.05)
-    assert max(pilot.rig.pulses_us()) < 1001.0
-    assert pilot.rig.board.resets == 0, "the watchdog had to end it"
-    pilot.rig.run(0.2)
+        pilot.simulation.board.send(random.bytes(5000))
+        pilot.simulation.run(0.05)
+    assert max(pilot.simulation.pulses_us()) < 1001.0
+    assert pilot.simulation.board.resets == 0, "the watchdog had to end it"
+    pilot.simulation.run(0.2)
     seen = pilot.telemetry()
     assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.HEARTBEAT)
 
@@ -268,114 +270,114 @@ def goals_end_at_their_limit(bench: Bench) -> None:
     assert pilot.arm().mode == BoardMode.ARMED
     pilot.drive(0.2, goal=(1023, -1023, 51, -51, 50, -50))
     expected = [2098, 1998, 2098, 1998, 2098, 1998]
-    assert [servo.goal for servo in pilot.rig.servos] == expected
+    assert [servo.goal for servo in pilot.simulation.servos] == expected
 
 
 def servos_hold_while_armed(bench: Bench) -> None:
     pilot = bench.pilot().get_driving()
     for _ in range(30):
         pilot.cycle(1, CRUISE, torque=0)
-    assert all(servo.torque for servo in pilot.rig.servos)
+    assert all(servo.torque for servo in pilot.simulation.servos)
     for _ in range(30):
         pilot.cycle(0, torque=0)
-    assert not any(servo.torque for servo in pilot.rig.servos)
+    assert not any(servo.torque for servo in pilot.simulation.servos)
 
 
 def the_kill_switch_stops(bench: Bench) -> None:
     pilot = bench.pilot(receiver=True).get_driving()
-    pilot.rig.set_switches(kill=True)
+    pilot.simulation.set_switches(kill=True)
     seen = pilot.drive(0.1)
     assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.KILL)
-    assert max(pilot.rig.pulses_us()) < 1001.0
+    assert max(pilot.simulation.pulses_us()) < 1001.0
     assert pilot.arm().refusal == Refusal.KILL
-    pilot.rig.set_switches()
+    pilot.simulation.set_switches()
     assert pilot.drive(0.3, throttle=ZERO).mode == BoardMode.DISARMED
     assert pilot.arm().mode == BoardMode.ARMED
 
 
 def a_lost_radio_control_stops(bench: Bench) -> None:
     pilot = bench.pilot(receiver=True).get_driving()
-    pilot.rig.lose_receiver()
+    pilot.simulation.lose_receiver()
     seen = pilot.drive(0.2)
     assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.RC_LOST)
-    assert max(pilot.rig.pulses_us()) < 1001.0
+    assert max(pilot.simulation.pulses_us()) < 1001.0
     assert pilot.arm().refusal == Refusal.KILL
 
 
 def a_wire_of_the_receiver_that_is_off_stops(bench: Bench) -> None:
     for channel in range(6):
         pilot = bench.pilot(receiver=True).get_driving()
-        pilot.rig.lose_receiver(channel)
+        pilot.simulation.lose_receiver(channel)
         assert pilot.drive(0.2).trip == Trip.RC_LOST
-        assert max(pilot.rig.pulses_us()) < 1001.0
+        assert max(pilot.simulation.pulses_us()) < 1001.0
     pilot = bench.pilot()
-    pilot.rig.lose_receiver(0, 1, 2, 3, 5)
+    pilot.simulation.lose_receiver(0, 1, 2, 3, 5)
     assert pilot.get_ready().arm().refusal == Refusal.KILL, "the kill switch alone is no receiver"
 
 
 def a_lost_radio_control_is_missed_after_a_reset_too(bench: Bench) -> None:
     pilot = bench.pilot(receiver=True).get_driving()
-    pilot.rig.lose_receiver()
-    pilot.rig.board.reset()
-    pilot.rig.run(2.1)
+    pilot.simulation.lose_receiver()
+    pilot.simulation.board.reset()
+    pilot.simulation.run(2.1)
     assert pilot.arm().refusal == Refusal.KILL
 
 
 def the_radio_control_takes_over_and_gives_back(bench: Bench) -> None:
     pilot = bench.pilot(receiver=True).get_driving()
-    pilot.rig.set_switches(manual=True)
+    pilot.simulation.set_switches(manual=True)
     seen = pilot.drive(0.1, goal=TILTED)
     assert seen.mode == BoardMode.RC
     assert seen.throttle_out == ZERO, "its stick for the speed is at zero"
-    assert [servo.goal for servo in pilot.rig.servos] == NEUTRAL_GOALS
+    assert [servo.goal for servo in pilot.simulation.servos] == NEUTRAL_GOALS
     assert pilot.arm().mode == BoardMode.RC
-    pilot.rig.set_sticks(0.0, 0.0, 0.0, 1.0)
+    pilot.simulation.set_sticks(0.0, 0.0, 0.0, 1.0)
     assert pilot.drive(0.1).throttle_out == CRUISE
-    pilot.rig.set_switches()
+    pilot.simulation.set_switches()
     seen = pilot.drive(0.1)
     assert (seen.mode, seen.trips) == (BoardMode.DISARMED, 1)
-    assert max(pilot.rig.pulses_us()) < 1001.0
+    assert max(pilot.simulation.pulses_us()) < 1001.0
 
 
 def the_radio_control_begins_with_its_switch_and_no_speed(bench: Bench) -> None:
     pilot = bench.pilot().get_ready()
-    pilot.rig.set_switches(manual=True)
-    pilot.rig.run(0.3)
+    pilot.simulation.set_switches(manual=True)
+    pilot.simulation.run(0.3)
     assert pilot.mode() == BoardMode.DISARMED, "the switch was on before"
     assert pilot.arm().refusal == Refusal.RC
-    pilot.rig.set_switches()
-    pilot.rig.set_sticks(0.0, 0.0, 0.0, 0.5)
-    pilot.rig.run(0.1)
-    pilot.rig.set_switches(manual=True)
-    pilot.rig.run(0.1)
+    pilot.simulation.set_switches()
+    pilot.simulation.set_sticks(0.0, 0.0, 0.0, 0.5)
+    pilot.simulation.run(0.1)
+    pilot.simulation.set_switches(manual=True)
+    pilot.simulation.run(0.1)
     seen = pilot.telemetry()
     assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.THROTTLE)
-    pilot.rig.set_sticks(0.0, 0.0, 0.0, 0.0)
-    pilot.rig.run(0.1)
+    pilot.simulation.set_sticks(0.0, 0.0, 0.0, 0.0)
+    pilot.simulation.run(0.1)
     assert pilot.mode() == BoardMode.DISARMED, "it has to be asked again"
-    pilot.rig.set_switches()
-    pilot.rig.run(0.1)
-    pilot.rig.set_switches(manual=True)
-    pilot.rig.run(0.1)
+    pilot.simulation.set_switches()
+    pilot.simulation.run(0.1)
+    pilot.simulation.set_switches(manual=True)
+    pilot.simulation.run(0.1)
     assert pilot.mode() == BoardMode.RC
 
 
 def the_radio_control_is_stopped_like_the_pc(bench: Bench) -> None:
     for kill, trip in ((True, Trip.KILL), (False, Trip.RC_LOST)):
         pilot = bench.pilot(receiver=True).get_ready()
-        pilot.rig.set_switches(manual=True)
-        pilot.rig.run(0.1)
-        pilot.rig.set_sticks(0.0, 0.0, 0.0, 1.0)
-        pilot.rig.run(0.1)
-        assert min(pilot.rig.pulses_us()) > 1200.0
+        pilot.simulation.set_switches(manual=True)
+        pilot.simulation.run(0.1)
+        pilot.simulation.set_sticks(0.0, 0.0, 0.0, 1.0)
+        pilot.simulation.run(0.1)
+        assert min(pilot.simulation.pulses_us()) > 1200.0
         if kill:
-            pilot.rig.set_switches(kill=True, manual=True)
+            pilot.simulation.set_switches(kill=True, manual=True)
         else:
-            pilot.rig.lose_receiver()
-        pilot.rig.run(0.2)
+            pilot.simulation.lose_receiver()
+        pilot.simulation.run(0.2)
         seen = pilot.telemetry()
         assert (seen.mode, seen.trip) == (BoardMode.DISARMED, trip)
-        assert max(pilot.rig.pulses_us()) < 1001.0
+        assert max(pilot.simulation.pulses_us()) < 1001.0
 
 
 Law = Callable[[Bench], None]

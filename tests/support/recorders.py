@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tests.support.page_client import Page, Site
-from tsd_twin.dashboard.server.lease import ZERO_REPEATS
+from tsd_twin.dashboard.server.teleop import ZERO_REPEATS
 from tsd_twin.messages import topics
 from tsd_twin.messages.commands import Command, decode_command
 
@@ -20,7 +20,7 @@ class CommandRecorder:
         self.take()
 
     def take(self) -> list[Command]:
-        return [decode_command(sample) for sample in self._reader.take()]
+        return [decode_command(sample) for sample in self._reader.take_samples()]
 
 
 def zeros_at_the_end(commands: list[Command]) -> int:

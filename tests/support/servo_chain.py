@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from firmware.simulator.chain import Chain
 from firmware.simulator.mx64 import Mx64
+from firmware.simulator.servo_bus import ServoBusSimulation
 from tsd_twin import robots
 from tsd_twin.dynamixel import protocol1, protocol2
 from tsd_twin.dynamixel.packets import Decoder, Instruction, Packet
@@ -23,7 +23,7 @@ class ServoChain:
 
     def __init__(self, protocols: tuple[int, ...] = (2,) * 6) -> None:
         self.servos = [Mx64(i + 1, version) for i, version in enumerate(protocols)]
-        self.chain = Chain(self.servos)
+        self.bus = ServoBusSimulation(self.servos)
         self.refused = 0
         """Goals that a tripped watchdog kept away."""
         self._decoders = (Decoder(protocol2), Decoder(protocol1))
@@ -49,7 +49,7 @@ class ServoChain:
         two, one = (decoder.feed(data, now_s) for decoder in self._decoders)
         out = b"".join(self._obey(packet) for packet in two)
         for packet in one:
-            answer = self.chain.answer(protocol1.encode(packet))
+            answer = self.bus.answer(protocol1.encode(packet))
             out += answer[0] if answer else b""
         return out
 
@@ -58,14 +58,14 @@ class ServoChain:
             address = int.from_bytes(packet.params[:2], "little")
             length = int.from_bytes(packet.params[2:4], "little")
             read = [protocol2.read(device, address, length) for device in packet.params[4:]]
-            return b"".join(a[0] for a in map(self.chain.answer, read) if a is not None)
+            return b"".join(a[0] for a in map(self.bus.answer, read) if a is not None)
         writes_goals = (
             packet.code == Instruction.SYNC_WRITE and packet.params[0] == u2d2.GOAL_POSITION
         )
         if writes_goals and self.tripped():
             self.refused += 1
             return b""
-        answer = self.chain.answer(protocol2.encode(packet))
+        answer = self.bus.answer(protocol2.encode(packet))
         return answer[0] if answer else b""
 
     def _live(self, now_s: float) -> None:

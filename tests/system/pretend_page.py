@@ -63,7 +63,7 @@ class Page:
     async def _speak(self) -> None:
         for tick in itertools.count():
             if tick % _BEAT_EVERY == 0:
-                await self._say(t="beat", seen=self._seen, sent_ms=0.0, focus=True)
+                await self._say(t="heartbeat", seen=self._seen, sent_ms=0.0, focus=True)
             if (vx := self._hand.vx) is not None:
                 await self._say(t="drive", vx=vx, vy=0.0, omega=0.0, seen=self._seen)
             await asyncio.sleep(PERIOD_S)

@@ -16,7 +16,7 @@ from tests.app.conftest import Program
 from tests.support.fault_stage import FaultStage, fault_stage, send_signal
 from tests.support.page_client import Page
 from tests.support.result_table import stands_still
-from tsd_twin.safety.lease import RESERVE_S, TTL_S
+from tsd_twin.safety.lease import RESERVATION_S, TTL_S
 
 pytestmark = pytest.mark.system
 
@@ -154,7 +154,7 @@ def test_the_asker_s_dies_and_the_holder_drives_on_and_what_was_granted_to_it_is
     two.kept_for_bob()
     two.stood_still_since(granted_s)
     assert "kept for" in two.alice.take()["reason"]
-    takes_control_within(two.alice, granted_s, RESERVE_S)
+    takes_control_within(two.alice, granted_s, RESERVATION_S)
     two.stood_still_since(granted_s)
     drives(two, two.alice)
 
@@ -167,7 +167,7 @@ def test_the_former_holder_s_dies_while_control_is_kept_and_the_asker_takes_it(t
     two.here.signal(signal.SIGKILL)
     two.there.signal(signal.SIGCONT)
     two.bob.until(lambda: two.bob.state["you"])
-    assert time.monotonic() - granted_s <= RESERVE_S
+    assert time.monotonic() - granted_s <= RESERVATION_S
     two.stood_still_since(granted_s)
     drives(two, two.bob)
 
@@ -177,7 +177,7 @@ def test_the_asker_s_dies_while_control_is_kept_for_it_and_others_get_it_soon(tw
     granted_s = two.grant()
     two.kept_for_bob()
     two.there.signal(signal.SIGKILL)
-    takes_control_within(two.alice, granted_s, RESERVE_S)
+    takes_control_within(two.alice, granted_s, RESERVATION_S)
     two.stood_still_since(granted_s)
     drives(two, two.alice)
 

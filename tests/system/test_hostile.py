@@ -147,7 +147,7 @@ def teleop_garbage(dice: random.Random) -> str | bytes:
             "[" * 2000,
             '{"t": "drive"}',
             f'{{"t": "drive", "vx": {number}, "vy": 0, "omega": 0, "seen": 0}}',
-            f'{{"t": "beat", "seen": {number}, "sent_ms": "{number}"}}',
+            f'{{"t": "heartbeat", "seen": {number}, "sent_ms": "{number}"}}',
             f'{{"t": "lease", "op": {number}}}',
             '{"t": "lease", "op": "acquire"}',
             '{"t": "arm"}',
@@ -170,7 +170,7 @@ def bombard_teleop(url: str, count: int) -> int:
             for beat in range(1, 1 + ROUND // ECHO_EVERY):
                 for _ in range(ECHO_EVERY):
                     socket.send(teleop_garbage(dice))
-                socket.send(f'{{"t": "beat", "seen": 0, "sent_ms": {beat}}}')
+                socket.send(f'{{"t": "heartbeat", "seen": 0, "sent_ms": {beat}}}')
                 answers += until_echo(socket, beat)
             sent += ROUND
             socket.send("x" * (1 << 14) + "x")  # More than any message of a page.
@@ -184,7 +184,7 @@ def until_echo(socket: ClientConnection, beat: int) -> int:
     while True:
         message = json.loads(socket.recv(timeout=PATIENCE_S))
         answers += message["t"] == "reply" and not message["ok"]
-        if message["t"] == "beat" and message["sent_ms"] == beat:
+        if message["t"] == "heartbeat" and message["sent_ms"] == beat:
             return answers
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ipaddress
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -55,7 +56,7 @@ class Config:
         return self.files.get(f"{_TLS}/connect_certificate")
 
     def parsed(self) -> zenoh.Config:
-        """Return the configuration object of Zenoh.
+        """Configuration object of Zenoh.
 
         Raises:
             zenoh.ZError: a key is unknown to Zenoh.
@@ -69,11 +70,14 @@ class Config:
 
 
 def node_config(listen: Sequence[str], connect: Sequence[str] = ()) -> Config:
-    """Return the configuration of a robot node: it listens, and routes between its peers.
+    """Configuration of a robot node: it listens, and routes between its peers.
 
     Raises:
-        BusError: an endpoint is reachable by other machines without TLS and access control.
+        BusError: an endpoint is written wrongly, or is reachable by other machines without TLS and
+            access control.
     """
+    for endpoint in (*listen, *connect):
+        _check_endpoint(endpoint)
     for endpoint in listen:
         _refuse_open_door(endpoint, guarded=False)
     settings = _common("router", connect, listen)
@@ -84,17 +88,22 @@ def node_config(listen: Sequence[str], connect: Sequence[str] = ()) -> Config:
 
 
 def client_config(connect: Sequence[str]) -> Config:
-    """Return the configuration of a dashboard or a tool: it connects, and listens nowhere.
+    """Configuration of a dashboard or a tool: it connects, and listens nowhere.
 
     It is a peer, not a client: a peer connects in the background, also when the robot comes later.
+
+    Raises:
+        BusError: an endpoint is written wrongly.
     """
+    for endpoint in connect:
+        _check_endpoint(endpoint)
     settings = _common("peer", connect)
     settings["listen"] = {"endpoints": []}
     return Config(json.dumps(settings), ", ".join(connect))
 
 
 def as_client(config: Config, patience_s: float) -> Config:
-    """Return a client configuration: one connection, within a timeout, that sees all peers.
+    """Client configuration: one connection, within a timeout, that sees all peers.
 
     Peers connected to the same robot see the robot and clients, but not each other.
     """
@@ -109,7 +118,7 @@ def as_client(config: Config, patience_s: float) -> Config:
 
 
 def from_file(path: str) -> Config:
-    """Return the configuration of a JSON5 file, for TLS and access control.
+    """Configuration of a JSON5 file, for TLS and access control.
 
     Relative file names in it are resolved from its own folder, so that a folder can be moved.
 
@@ -162,15 +171,20 @@ def is_loopback(endpoint: str) -> bool:
         return False
 
 
+_JSON5_ERROR = re.compile(r"--> (\d+):(\d+).*= (expected .*)", re.DOTALL)
+
+
 def reason(error: Exception) -> str:
-    """Return the reason in an error of Zenoh, without source locations."""
+    """Reason in an error of Zenoh, without source locations."""
     text = str(error).split(" at /")[0].strip()
     if "Unable to connect to any" in text:
         return "no answer from that address"
     for known in ("Address already in use", "Cannot assign requested address"):
         if known in text:
             return known.lower()
-    return text.rstrip(".")
+    if syntax := _JSON5_ERROR.search(text):
+        return f"line {syntax[1]}, column {syntax[2]}: {syntax[3]}"
+    return " ".join(text.split()).rstrip(".")
 
 
 def _files(settings: zenoh.Config, folder: Path) -> dict[str, Path]:
@@ -213,6 +227,23 @@ def _common(mode: str, connect: Sequence[str], listen: Sequence[str] = ()) -> di
             }
         ],
     }
+
+
+_WITH_PORT = re.compile(r"(?:tcp|udp|tls|quic|ws)/(?:\[[^\]/]+\]|[^\[\]/:]+):(\d{1,5})")
+
+
+def _check_endpoint(endpoint: str) -> None:
+    """Refuse an endpoint that no session can use: one that connects in the background only waits.
+
+    Raises:
+        BusError: it lacks protocol, host or port, or the port is none.
+    """
+    protocol, slash, _ = endpoint.partition("/")
+    if slash and protocol in ("unixsock-stream", "serial", "vsock", "unixpipe"):
+        return
+    match = _WITH_PORT.fullmatch(re.split(r"[?#]", endpoint)[0])
+    if match is None or int(match[1]) > 65_535:
+        raise BusError(f"'{endpoint}' is no endpoint: write it as {DEFAULT_ENDPOINT}")
 
 
 def _refuse_open_door(endpoint: str, *, guarded: bool) -> None:

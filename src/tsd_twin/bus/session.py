@@ -57,13 +57,13 @@ class Subscriber:
         self._subscriber = subscriber
         self._depth = depth
 
-    def take(self) -> list[Sample]:
-        """Return the samples since the last call, oldest first, without waiting."""
+    def take_samples(self) -> list[Sample]:
+        """Samples since the last call, oldest first, without waiting."""
         return [sample_of(sample) for sample in _drain(self._subscriber, self._depth)]
 
     def newest(self) -> Sample | None:
-        """Return the newest sample since the last call."""
-        samples = self.take()
+        """Newest sample since the last call."""
+        samples = self.take_samples()
         return samples[-1] if samples else None
 
     def close(self) -> None:
@@ -104,8 +104,8 @@ class Queryable:
         self._depth = depth
         self._patterns = patterns
 
-    def take(self) -> list[Request]:
-        """Return the requests that came in since the last call, without waiting."""
+    def take_requests(self) -> list[Request]:
+        """Requests that came in since the last call, without waiting."""
         taken: list[Request] = []
         for query in _drain(self._queryable, self._depth):
             if self._patterns or str(query.key_expr) == self._key:
@@ -207,7 +207,7 @@ class Bus:
             return
 
     def endpoints(self) -> list[str]:
-        """Return the listening endpoints, with the ports chosen for `:0`."""
+        """Listening endpoints, with the ports chosen for `:0`."""
         replies = self._session.get(f"@/{self._session.zid()}/router", timeout=2.0)
         for reply in replies:
             if reply.ok is not None:
@@ -226,7 +226,7 @@ class Bus:
             listener.undeclare()
 
     def publisher(self, key: str, qos: QoS, type_name: str = "json") -> Publisher:
-        """Return a publisher; `type_name` is `json` or the ROS 2 type of a CDR payload."""
+        """Publisher; `type_name` is `json` or the ROS 2 type of a CDR payload."""
         encoding = zenoh.Encoding.APPLICATION_JSON
         if type_name != "json":
             encoding = zenoh.Encoding.APPLICATION_CDR.with_schema(type_name)
@@ -243,12 +243,12 @@ class Bus:
         return Publisher(self._session.declare_publisher(key, encoding=encoding, **_QOS[qos]))
 
     def subscriber(self, key: str, depth: int) -> Subscriber:
-        """Return a subscriber that queues at most `depth` samples of a key expression."""
+        """Subscriber that queues at most `depth` samples of a key expression."""
         ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(depth)
         return Subscriber(self._session.declare_subscriber(key, ring), depth)
 
     def queryable(self, key: str, depth: int = 64, *, patterns: bool = False) -> Queryable:
-        """Return a queryable for `key` that queues at most `depth` requests, the newest.
+        """Queryable for `key` that queues at most `depth` requests, the newest.
 
         With `patterns`, queries to patterns that match the key are served too; for services without
         side effects only.
@@ -257,19 +257,19 @@ class Bus:
         queryable = self._session.declare_queryable(key, ring)
         return Queryable(key, queryable, depth, patterns=patterns)
 
-    def subscribe(self, key: str, take: Callable[[Sample], None]) -> None:
-        """Call `take` with every sample of a key expression."""
+    def subscribe(self, key: str, on_sample: Callable[[Sample], None]) -> None:
+        """Call `on_sample` with every sample of a key expression."""
         self._kept.append(
-            self._session.declare_subscriber(key, lambda sample: take(sample_of(sample)))
+            self._session.declare_subscriber(key, lambda sample: on_sample(sample_of(sample)))
         )
 
-    def subscribe_events(self, key: str, take: Callable[[Sample], None]) -> None:
-        """Call `take` with every event of a key expression, also those sent before."""
+    def subscribe_events(self, key: str, on_sample: Callable[[Sample], None]) -> None:
+        """Call `on_sample` with every event of a key expression, also those sent before."""
         self._kept.append(
             zenoh.ext.declare_advanced_subscriber(
                 self._session,
                 key,
-                lambda sample: take(sample_of(sample)),
+                lambda sample: on_sample(sample_of(sample)),
                 history=zenoh.ext.HistoryConfig(detect_late_publishers=True),
             )
         )
@@ -323,7 +323,7 @@ class Bus:
         return Token(token)
 
     def living_tokens(self, key: str, timeout_s: float = 0.5) -> list[str]:
-        """Return the keys of the liveliness tokens that match `key`.
+        """Keys of the liveliness tokens that match `key`.
 
         A session connects in the background and receives tokens a moment later, some 0.1 s between
         routers: a new session waits for the first token, or until the timeout.
@@ -331,33 +331,33 @@ class Bus:
         keys: list[str] = []
         complete = threading.Event()
 
-        def take(reply: zenoh.Reply) -> None:
+        def add_key(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
                 keys.append(str(reply.ok.key_expr))
 
         # With the default queue of 256, a session that owns more tokens deadlocks.
         # Direct: otherwise the end may be reported before the last replies.
-        handler = zenoh.handlers.Callback(take, complete.set, indirect=False)
+        handler = zenoh.handlers.Callback(add_key, complete.set, indirect=False)
         self._session.liveliness().get(key, handler, timeout=timeout_s)
         complete.wait(timeout_s + _SLACK_S)
         if self._joins and not keys:
             found = threading.Event()
 
-            def note(sample: zenoh.Sample) -> None:
+            def add_token(sample: zenoh.Sample) -> None:
                 keys.append(str(sample.key_expr))
                 found.set()
 
-            with self._session.liveliness().declare_subscriber(key, note, history=True):
+            with self._session.liveliness().declare_subscriber(key, add_token, history=True):
                 if found.wait(timeout_s):
                     time.sleep(_SETTLE_S)
         return list(keys)
 
-    def subscribe_liveliness(self, key: str, take: Callable[[str, bool], None]) -> None:
-        """Call `take` with a key and True or False, for present, new and removed tokens."""
+    def subscribe_liveliness(self, key: str, on_change: Callable[[str, bool], None]) -> None:
+        """Call `on_change` with a key and True or False, for present, new and removed tokens."""
         self._kept.append(
             self._session.liveliness().declare_subscriber(
                 key,
-                lambda sample: take(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT),
+                lambda sample: on_change(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT),
                 history=True,
             )
         )

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from tsd_twin import flag_types
 from tsd_twin.calibration import report
 from tsd_twin.calibration.collect import (
     LOG_TABLE,
@@ -21,9 +22,9 @@ from tsd_twin.calibration.collect import (
     next_run_advice,
     spin_ratio_of,
 )
+from tsd_twin.calibration.control import add_bus_flags
 from tsd_twin.calibration.fit import CalibrationFit, fit_calibration
 from tsd_twin.calibration.report import write_description
-from tsd_twin.calibration.robot_client import add_bus_flags
 from tsd_twin.calibration.terminal import ask_yes, print_line
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.lie import Array
@@ -33,7 +34,7 @@ from tsd_twin.virtual_robot import VOLT_STEP
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Collect drives, fit the calibration, report it, and optionally write it to a description."""
+    """Calibrate gimbal zeros, radii and spins of one robot from squares seen by a camera."""
     drives = collect(args, out)
     robot, recordings = drives.robot, drives.recordings
     volt_share = VOLT_STEP / math.sqrt(12.0) / robot.battery.nominal_v
@@ -58,7 +59,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 
 
 def _camera(robot: SingularityDescription) -> CameraNoise:
-    """Return the pose-sensor noise of the description."""
+    """Pose-sensor noise of the description."""
     seen = robot.pose_sensor
     return CameraNoise(sigma_m=seen.sigma_m, sigma_rad=math.radians(seen.sigma_deg))
 
@@ -112,13 +113,17 @@ def _flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--room",
-        type=float,
+        type=flag_types.POSITIVE,
         default=1.0,
         metavar="METRES",
         help="free floor on all sides of its centre, beyond its own size; default 1",
     )
     parser.add_argument(
-        "--speed", type=float, default=0.5, metavar="MPS", help="at most, m/s; default 0.5"
+        "--speed",
+        type=flag_types.POSITIVE,
+        default=0.5,
+        metavar="MPS",
+        help="at most, m/s; default 0.5",
     )
     add_bus_flags(parser)
     parser.add_argument(
@@ -133,11 +138,8 @@ def _flags(parser: argparse.ArgumentParser) -> None:
         help="default tsd; a robot on the bus sends its own description",
     )
     parser.add_argument(
-        "--seed", type=int, default=0, help="of the simulated robot and its noise; default 0"
-    )
-    parser.add_argument(
         "--errors",
-        type=float,
+        type=flag_types.SCALE,
         default=1.0,
         metavar="SCALE",
         help="factor on [errors], further model errors of the simulated robot; default 1",
@@ -161,10 +163,9 @@ def _flags(parser: argparse.ArgumentParser) -> None:
 
 
 EXPERIMENT = Experiment(
-    name="calibrate",
-    purpose="Calibrate gimbal zeros, radii and spins of one robot from squares seen by a camera.",
-    run=run,
-    examples=[
+    "calibrate",
+    run,
+    [
         "tsd-lab calibrate --seed 1                      a simulated robot, with its true values",
         "tsd-lab calibrate --no-tachometer               without measured wheel speeds",
         "tsd-lab calibrate --same-speed                  what is unobservable at one speed",
@@ -172,5 +173,6 @@ EXPERIMENT = Experiment(
         "tsd-lab calibrate --drive --log lab/calibrate_log.csv    and add to earlier recordings",
         "tsd-lab calibrate --log run.csv --robot my.toml --write-to my.toml     write the result",
     ],
-    add_flags=_flags,
+    seed_of="the simulated robot and its noise",
+    add_own_flags=_flags,
 )

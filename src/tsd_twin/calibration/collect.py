@@ -12,6 +12,12 @@ import numpy as np
 
 from tsd_twin import robots
 from tsd_twin.calibration import recording, simulated_runs
+from tsd_twin.calibration.control import (
+    CalibratedRobot,
+    connect,
+    interruptible,
+    longest_pause_s,
+)
 from tsd_twin.calibration.guided_drive import (
     POSE_TIMEOUT_S,
     CalibrationDriver,
@@ -22,9 +28,9 @@ from tsd_twin.calibration.guided_drive import (
 )
 from tsd_twin.calibration.recording import Recording, RobotRecorder, read_recordings
 from tsd_twin.calibration.report import edit_description
-from tsd_twin.calibration.robot_client import CommandPublisher, RobotClient, connect
 from tsd_twin.calibration.simulated_runs import PerturbedRobot, random_robot, spin_ratios
 from tsd_twin.calibration.terminal import KeyWatcher, ask_line, print_line
+from tsd_twin.client import RobotControl
 from tsd_twin.errors import MessageError, TwinError
 from tsd_twin.experiment import PERCENT_STEPS, Output, in_percent_steps
 from tsd_twin.lie import Array
@@ -38,13 +44,13 @@ NEXT_DESCRIPTION = "calibrate_next.toml"
 
 
 def spin_ratio_of(run: Recording) -> Array:
-    """Return the wheel-speed set-points (k,) of a run, relative to the slowest."""
-    told = np.median(run.commanded_rad_per_s, axis=0)
-    return (told / told.min()).round(3)
+    """Wheel-speed set-points (k,) of a run, relative to the slowest."""
+    speeds = np.median(run.commanded_rad_per_s, axis=0)
+    return (speeds / speeds.min()).round(3)
 
 
 def missing_spin_ratios(recordings: Sequence[Recording]) -> list[list[float]]:
-    """Return the spin ratios that are missing in the recordings."""
+    """Spin ratios that are missing in the recordings."""
     driven = [spin_ratio_of(run) for run in recordings]
     return [
         ratio
@@ -103,16 +109,17 @@ def drive_on_bus(args: argparse.Namespace, out: Output) -> DrivenData:
         subscriber = _RobotSubscriber(client, robot, CalibrationDriver(robot, route))
         _wait_for_camera(subscriber, client.id)
         _confirm(args, client.id, route)
-        client.max_age_s = requested_command_age_s(robot, args.speed)
-        with KeyWatcher() as keys, client:
-            spin_up = _stop_on_key(client.arm(), keys)
+        max_age_s = requested_command_age_s(robot, args.speed)
+        with KeyWatcher() as keys, client.control(max_age_s) as control:
+            spin_up = _stop_on_key(control.arming(), keys)
             for _ in out.progress(
                 in_percent_steps(spin_up, 1.0), "spinning up, any key stops", PERCENT_STEPS
             ):
                 pass
             # Discard earlier poses: the robot may have been carried since.
             subscriber.set_driver(CalibrationDriver(robot, route))
-            drive = subscriber.drive(CommandPublisher(client, keys))
+            pause_s = longest_pause_s(robot.limits, max_age_s)
+            drive = subscriber.drive(control, keys, pause_s)
             for _ in out.progress(
                 in_percent_steps(drive, 1.0), "driving, any key stops", PERCENT_STEPS
             ):
@@ -126,15 +133,14 @@ class _RobotSubscriber:
     """Subscribes to the robot; feeds the recorder and the driver."""
 
     def __init__(
-        self, client: RobotClient, robot: SingularityDescription, driver: CalibrationDriver
+        self, client: CalibratedRobot, robot: SingularityDescription, driver: CalibrationDriver
     ) -> None:
         self._client, self._driver = client, driver
         self.recorder = RobotRecorder(robot)
-        bus, robot_id = client.bus, client.id
-        self._joints = bus.subscriber(topics.JOINTS.key(robot_id), 256)
-        self._setpoints = bus.subscriber(topics.SETPOINT.key(robot_id), 512)
-        self._odometry = bus.subscriber(topics.ODOM.key(robot_id), 256)
-        self._poses = bus.subscriber(topics.SENSOR_POSE.key(robot_id), 256)
+        self._joints = client.link.subscriber(topics.JOINTS, 256)
+        self._setpoints = client.link.subscriber(topics.SETPOINT, 512)
+        self._odometry = client.link.subscriber(topics.ODOM, 256)
+        self._poses = client.link.subscriber(topics.SENSOR_POSE, 256)
         self.poses = 0
         self._now_s = -np.inf
         self._first_s = np.inf
@@ -149,16 +155,16 @@ class _RobotSubscriber:
 
     def poll(self) -> None:
         """Process the samples since the last call."""
-        for sample in self._joints.take():
+        for sample in self._joints.take_samples():
             self.recorder.add_joints(sample)
-        for sample in self._setpoints.take():
+        for sample in self._setpoints.take_samples():
             self.recorder.add_setpoint(sample)
-        for sample in self._poses.take():
+        for sample in self._poses.take_samples():
             seen = self.recorder.add_pose(sample)
             if seen is not None:
                 self.poses += 1
                 self._driver.add_pose(*seen)
-        for sample in self._odometry.take():
+        for sample in self._odometry.take_samples():
             try:
                 now_s = decode_stamp(sample.attachment)[1] * 1e-9
                 twist = decode_odometry(sample.payload).twist
@@ -168,18 +174,18 @@ class _RobotSubscriber:
                 self._now_s, self._odometry_received_s = now_s, time.monotonic()
                 self._driver.add_twist(now_s, twist)
 
-    def drive(self, publisher: CommandPublisher) -> Iterator[float]:
+    def drive(self, control: RobotControl, keys: KeyWatcher, pause_s: float) -> Iterator[float]:
         """Drive the route, wait for the last delayed poses, and yield the progress."""
-        self._wait_for_a_pose()
+        self._wait_for_a_pose(control)
         self._first_s = self._now_s
-        for _ in publisher.run(self._step):
+        for _ in control.driving(interruptible(self._step, keys, pause_s)):
             yield self._driver.progress
-        self._battery_v = _battery_v(self._client.status())
+        self._battery_v = _battery_v(self._client.client.state.status)
 
-    def _wait_for_a_pose(self) -> None:
-        """Command standstill until a pose measurement of the robot at rest has arrived."""
+    def _wait_for_a_pose(self, control: RobotControl) -> None:
+        """Stand still until a pose measurement of the robot at rest has arrived."""
         before = self.poses
-        for _ in self._client.hold(POSE_TIMEOUT_S):
+        for _ in control.staying_ready(POSE_TIMEOUT_S):
             self.poll()
             if self.poses > before:
                 return
@@ -197,7 +203,7 @@ class _RobotSubscriber:
         return twist
 
     def recording(self) -> Recording:
-        """Return the recording of the drive."""
+        """Recording of the drive."""
         return self.recorder.recording(self._first_s, self._now_s, self._battery_v)
 
 
@@ -242,7 +248,7 @@ def _confirm(args: argparse.Namespace, robot_id: str, route: CalibrationRoute) -
 
 
 def _battery_v(status: Status) -> float | None:
-    """Return the reported battery voltage, None when there is none."""
+    """Reported battery voltage, None when there is none."""
     volts = status.hardware.get("battery_v")
     return float(volts) if isinstance(volts, int | float) and 0.0 < volts < np.inf else None
 
@@ -267,7 +273,7 @@ class CalibrationData:
 
 
 def collect(args: argparse.Namespace, out: Output) -> CalibrationData:
-    """Return the calibration data selected by the flags; new drives are written to a file."""
+    """Calibration data selected by the flags; new drives are written to a file."""
     found = _from_bus(args, out) if args.drive else _without_bus(args, out)
     if args.drive or not args.log:
         out.table(LOG_TABLE, recording.recording_columns(found.recordings))

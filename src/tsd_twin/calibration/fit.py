@@ -62,7 +62,7 @@ class CalibrationProblem:
         self.names += ["lateness of the joints"]
 
     def corrections(self, unknowns: Array) -> Corrections:
-        """Return the corrections of a vector (u,) of unknowns."""
+        """Corrections of a vector (u,) of unknowns."""
         k = self.modules
         spin = 1.0 + self._spins @ unknowns[2 * k + 2 : -1]
         offset = unknowns[: 2 * k].reshape(k, 2)
@@ -70,7 +70,7 @@ class CalibrationProblem:
         return Corrections(offset, float(radii[0]), float(radii[1]), spin, float(unknowns[-1]))
 
     def sigma(self, covariance: Array) -> Corrections:
-        """Return the standard deviation of each correction, from the covariance (u, u)."""
+        """Standard deviation of each correction, from the covariance (u, u)."""
         k = self.modules
         own = np.sqrt(np.diag(covariance))
         spins = covariance[2 * k + 2 : -1, 2 * k + 2 : -1]
@@ -81,11 +81,11 @@ class CalibrationProblem:
         )
 
     def residual(self, run: Recording, unknowns: Array, start: Array) -> Array:
-        """Return the residuals (m, 3): camera poses minus predicted poses."""
+        """Residuals (m, 3): camera poses minus predicted poses."""
         return run.camera_poses - self.poses(run, unknowns, start)
 
     def poses(self, run: Recording, unknowns: Array, start: Array) -> Array:
-        """Return the predicted poses (m, 3) at the times of the camera."""
+        """Predicted poses (m, 3) at the times of the camera."""
         right = self.corrections(unknowns)
         drive = self._with_pivots(right.pivot_radius)
         speeds = run.spin_rad_per_s if self.measured else run.commanded_rad_per_s * right.spin
@@ -107,7 +107,7 @@ class CalibrationProblem:
         return there
 
     def by_unknowns(self, run: Recording, unknowns: Array, start: Array) -> Array:
-        """Return the Jacobian (m, 3, u + 3) of the residuals by scaled unknowns and the start."""
+        """Jacobian (m, 3, u + 3) of the residuals by scaled unknowns and the start."""
         here = self.poses(run, unknowns, start)
         changes = np.zeros((*here.shape, len(unknowns) + 3))
         for i, step in enumerate(_STEP * self.prior):
@@ -118,7 +118,7 @@ class CalibrationProblem:
         return changes
 
     def _with_pivots(self, factor: float) -> SingularityKinematics:
-        """Return the kinematics with another pivot radius, from a cache."""
+        """Kinematics with another pivot radius, from a cache."""
         if factor not in self._drives:
             pivot_radius_m = self.drive.pivot_radius_m * factor
             self._drives = {factor: replace(self.drive, pivot_radius_m=pivot_radius_m)}
@@ -144,7 +144,7 @@ class Whitening:
         sigma = np.array([camera.sigma_m, camera.sigma_m, camera.sigma_rad])
         self._frames = len(run.camera_s)
         self._each = -(-self._frames // _MAX_MEANS)
-        walk = self._means(self._walk(drive, run, joints.angle_rad))
+        walk = self._means(self._random_walk_effect(drive, run, joints.angle_rad))
         own = np.tile(np.square(sigma) / self._each, len(walk) // 3)
         covariance = walk @ walk.T + np.diag(own)
         self._unmix = np.linalg.inv(np.linalg.cholesky(covariance))
@@ -160,8 +160,10 @@ class Whitening:
         by_frame = used.reshape(many, self._each, 3, *values.shape[1:])
         return by_frame.mean(axis=1).reshape(3 * many, *values.shape[1:])
 
-    def _walk(self, drive: SingularityKinematics, run: Recording, angle_rad: float) -> Array:
-        """Return the effect (3 m, 3 g) on the poses of unit-variance steps at each of g knots."""
+    def _random_walk_effect(
+        self, drive: SingularityKinematics, run: Recording, angle_rad: float
+    ) -> Array:
+        """Effect (3 m, 3 g) on the poses of unit-variance steps at each of g knots."""
         knots = np.arange(run.t_s[0], run.t_s[-1], _KNOT_SPACING_S)
         here = np.column_stack(
             [np.interp(knots, run.camera_s, run.camera_poses[:, i]) for i in (0, 1)]
@@ -287,8 +289,8 @@ def _make_fit(
     covariance: Array = np.linalg.inv(jacobian.T @ jacobian)[:count, :count].astype(float)
     covariance = covariance * np.outer(problem.prior, problem.prior)
     data, free = jacobian[:-count, :count], jacobian[:-count, count:]
-    told = data - free @ np.linalg.lstsq(free, data, rcond=None)[0]
-    _, strengths, directions = np.linalg.svd(told, full_matrices=False)
+    observed = data - free @ np.linalg.lstsq(free, data, rcond=None)[0]
+    _, strengths, directions = np.linalg.svd(observed, full_matrices=False)
     unseen = [
         _combination(direction, problem.names)
         for strength, direction in zip(strengths, directions, strict=True)
@@ -310,7 +312,7 @@ def _make_fit(
 
 
 def _with_speed_share(fit: CalibrationFit, share: float) -> Corrections:
-    """Return the standard deviations with a common error `share` of all wheel speeds added."""
+    """Standard deviations with a common error `share` of all wheel speeds added."""
     if fit.common_spin_known:
         return replace(fit.sigma, spin=np.hypot(fit.sigma.spin, share))
     return replace(fit.sigma, wheel_radius=float(np.hypot(fit.sigma.wheel_radius, share)))
@@ -333,7 +335,7 @@ def _with_measured_spin(
 
 
 def _combination(direction: Array, names: Sequence[str]) -> str:
-    """Return a text of the largest components of a direction."""
+    """Text of the largest components of a direction."""
     sign = np.sign(direction[np.argmax(np.abs(direction))])
     parts = [
         f"{sign * part:+.1f} {name}"

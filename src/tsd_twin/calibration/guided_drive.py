@@ -71,7 +71,7 @@ class OdometryConsistency:
         )
 
     def _at(self, seen_s: float) -> SE2 | None:
-        """Return the odometry pose at a time, None before the memory begins."""
+        """Odometry pose at a time, None before the memory begins."""
         index = bisect_right(self._odometry, seen_s, key=lambda each: each[0])
         if index == 0:
             return None
@@ -172,7 +172,7 @@ def requested_command_age_s(robot: RobotDescription, speed_mps: float) -> float 
 
 
 def _square_route(half_m: float, way: float) -> Route:
-    """Return a square around the start with a fixed heading; `way` is its sense of rotation."""
+    """Square around the start with a fixed heading; `way` is its sense of rotation."""
     corners: Array = half_m * np.array(
         [[0, 0], [1, 0], [1, way], [-1, way], [-1, -way], [1, -way], [1, 0], [0, 0]], dtype=float
     )
@@ -241,7 +241,7 @@ class CalibrationDriver:
             self._filter.advance(now_s, twist, _TWIST_COVARIANCE_PER_S)
 
     def advance(self, now_s: float) -> Array:
-        """Return the body twist (3,) to command now.
+        """Body twist (3,) to command now.
 
         Raises:
             TwinError: a stop condition holds; the text is its reason.

@@ -45,7 +45,7 @@ class Recording:
         return self.commanded_rad_per_s.shape[1]
 
     def part(self, first_s: float, last_s: float) -> Recording:
-        """Return the part between two times."""
+        """Part between two times."""
         rows = (self.t_s >= first_s) & (self.t_s <= last_s)
         t_s = self.t_s[rows]
         frames = (self.camera_s >= t_s[0]) & (self.camera_s <= t_s[-1])
@@ -60,7 +60,7 @@ class Recording:
 
 
 def recording_columns(recordings: Sequence[Recording]) -> dict[str, Array]:
-    """Return the recordings as a table; joints and poses of one time share a row."""
+    """Recordings as a table; joints and poses of one time share a row."""
     table: dict[str, list[Array]] = {}
     for number, run in enumerate(recordings):
         t_s = np.union1d(run.t_s, run.camera_s)
@@ -82,7 +82,7 @@ def recording_columns(recordings: Sequence[Recording]) -> dict[str, Array]:
 
 
 def angle_columns(modules: int) -> list[str]:
-    """Return the columns of the gimbals."""
+    """Columns of the gimbals."""
     return [f"module{i + 1}_{part}_rad" for i in range(modules) for part in ("alpha", "beta")]
 
 
@@ -117,10 +117,12 @@ def read_recordings(file: str, modules: int) -> list[Recording]:
 def _parse_recording(rows: list[_Row], modules: int, file: str) -> Recording:
     rows = sorted(rows, key=lambda row: row["t_s"])
     joints = _columns_as_array(rows, angle_columns(modules))
-    told = _columns_as_array(rows, [f"module{i + 1}_wheel_told_rad_per_s" for i in range(modules)])
+    commanded = _columns_as_array(
+        rows, [f"module{i + 1}_wheel_told_rad_per_s" for i in range(modules)]
+    )
     spin = _columns_as_array(rows, [f"module{i + 1}_wheel_rad_per_s" for i in range(modules)])
     poses, t_s = _columns_as_array(rows, _POSE_COLUMNS), np.array([row["t_s"] for row in rows])
-    have = np.isfinite(np.column_stack([t_s, joints, told])).all(axis=1)
+    have = np.isfinite(np.column_stack([t_s, joints, commanded])).all(axis=1)
     if have.sum() < 2:
         raise TwinError(f"{file}: a run needs two rows with joints or more")
     first_s, last_s = t_s[have][[0, -1]]
@@ -128,7 +130,7 @@ def _parse_recording(rows: list[_Row], modules: int, file: str) -> Recording:
     if seen.sum() < 2:
         raise TwinError(f"{file}: a run needs two poses or more between its joints")
     poses[seen, 2] = np.unwrap(poses[seen, 2])
-    return Recording(t_s[have], joints[have], told[have], spin[have], t_s[seen], poses[seen])
+    return Recording(t_s[have], joints[have], commanded[have], spin[have], t_s[seen], poses[seen])
 
 
 def _columns_as_array(rows: list[_Row], names: Sequence[str]) -> Array:
@@ -197,7 +199,7 @@ class RobotRecorder:
         return pose, seen_s
 
     def recording(self, first_s: float, last_s: float, battery_v: float | None) -> Recording:
-        """Return the recording between two times; `battery_v` is the battery voltage, if known.
+        """Recording between two times; `battery_v` is the battery voltage, if known.
 
         Raises:
             TwinError: there are too few samples, or the robot's wall clock was set meanwhile.
@@ -217,20 +219,20 @@ class RobotRecorder:
             raise TwinError("the clock of the robot was set during the drive: drive again")
         t_s, rows = _times_and_rows(joints)
         share = 1.0 if battery_v is None else battery_v / self._nominal_v
-        told_s, told = _times_and_rows(self._commanded)
-        last = np.clip(np.searchsorted(told_s, t_s, side="right") - 1, 0, None)
+        commanded_s, commanded = _times_and_rows(self._commanded)
+        last = np.clip(np.searchsorted(commanded_s, t_s, side="right") - 1, 0, None)
         spin = rows[:, 2::3] if self._measures_spin else np.full((len(t_s), self._modules), np.nan)
         angles = rows.reshape(len(rows), -1, 3)[:, :, :2].reshape(len(rows), -1)
         seen_s, seen = _times_and_rows(poses)
         seen[:, 2] = np.unwrap(seen[:, 2])
-        return Recording(t_s - t_s[0], angles, share * told[last], spin, seen_s - t_s[0], seen)
+        return Recording(t_s - t_s[0], angles, share * commanded[last], spin, seen_s - t_s[0], seen)
 
     def _clock_offset_s(self) -> float:
-        """Return the offset of the wall clock from the monotonic one, from the newest joints."""
+        """Offset of the wall clock from the monotonic one, from the newest joints."""
         return float(np.median(self._clock_offsets_s[-_CLOCK_SAMPLES:]))
 
     def _row(self, sample: Sample) -> tuple[float, int, Array] | None:
-        """Return the robot's time, its wall clock, and angles and speeds (n,) of all joints."""
+        """Robot's time, its wall clock, and angles and speeds (n,) of all joints."""
         try:
             _, robot_ns = decode_stamp(sample.attachment)
             state = decode_joints(sample.payload)

@@ -47,7 +47,7 @@ def write_description(file: str, used: str, tables: TomlTables) -> None:
 
 
 def edit_description(text: str, file: str, tables: TomlTables) -> str:
-    """Return the TOML text of a description with changed values.
+    """TOML text of a description with changed values.
 
     Raises:
         RobotFileError: as in `write_description`.
@@ -89,7 +89,7 @@ class ParameterRow:
 def parameter_table(
     robot: SingularityDescription, found: CalibrationFit, true: SingularityDescription | None
 ) -> list[ParameterRow]:
-    """Return the table of parameters: described, fitted and, if known, true values."""
+    """Table of parameters: described, fitted and, if known, true values."""
     before, by, sigma = _parameters(robot), found.found, found.sigma
     after = before.copy()
     angles = 2 * robot.drive.modules
@@ -112,7 +112,7 @@ def parameter_table(
 
 
 def _parameters(robot: SingularityDescription) -> Array:
-    """Return the zeros (2k) in degrees, both radii, and the spins (k)."""
+    """Zeros (2k) in degrees, both radii, and the spins (k)."""
     trim, drive = robot.actuator_offsets(), robot.drive
     offset = np.degrees(trim.offset).reshape(-1, 3)[:, :2]
     radii = [drive.wheel_radius_m, drive.pivot_radius_m]
@@ -120,7 +120,7 @@ def _parameters(robot: SingularityDescription) -> Array:
 
 
 def description_changes(rows: list[ParameterRow]) -> dict[str, dict[str, Any]]:
-    """Return the description keys with the fitted values."""
+    """Description keys with the fitted values."""
     values = {row.name: round(row.found, _WRITTEN_DIGITS[row.unit]) for row in rows}
     by_unit = {
         unit: [values[row.name] for row in rows if row.unit == unit] for unit in _WRITTEN_DIGITS
@@ -139,7 +139,7 @@ def description_changes(rows: list[ParameterRow]) -> dict[str, dict[str, Any]]:
 
 
 def parameter_columns(rows: Sequence[ParameterRow]) -> dict[str, list[Any]]:
-    """Return the columns of a table."""
+    """Columns of a table."""
     names = ("name", "unit", "before", "found", "sigma", "true")
     return {
         name: ["" if (value := getattr(row, name)) is None else value for row in rows]
@@ -148,7 +148,7 @@ def parameter_columns(rows: Sequence[ParameterRow]) -> dict[str, list[Any]]:
 
 
 def parameter_lines(rows: Sequence[ParameterRow]) -> list[str]:
-    """Return the rows to print."""
+    """Rows to print."""
     known = rows[0].true is not None
     heads = ("before", "found", "+-", *(("true",) if known else ()))
     shown = [f"{'':19}" + "".join(f"{head:>9}" for head in heads)]
@@ -163,7 +163,7 @@ def parameter_lines(rows: Sequence[ParameterRow]) -> list[str]:
 def draw_calibration(
     recordings: Sequence[Recording], found: CalibrationFit, rows: Sequence[ParameterRow]
 ) -> Figure:
-    """Return the figure of the calibration."""
+    """Figure of the calibration."""
     figure: Any = experiment.new_figure(11.0, 4.6, "Calibration from driven squares")
     left, middle, right = figure.subplots(1, 3, width_ratios=[1.2, 1.0, 1.0])
     for residuals, colour, style, name in (

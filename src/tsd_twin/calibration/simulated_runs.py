@@ -41,7 +41,7 @@ class PerturbedRobot(SimRobot):
         self._believed, self._true = believed.actuator_offsets(), true.actuator_offsets()
 
     def read(self, now_s: float) -> Array:
-        """Return the measurement (n,), in joints of the description `believed`."""
+        """Measurement (n,), in joints of the description `believed`."""
         return self._believed.from_servos(self._true.to_servos(super().read(now_s)))
 
     def write(self, setpoint: Array, now_s: float) -> None:
@@ -52,7 +52,7 @@ class PerturbedRobot(SimRobot):
 def random_robot(
     believed: SingularityDescription, random: np.random.Generator
 ) -> SingularityDescription:
-    """Return a random robot as it may be built from a description, with parameter errors.
+    """Random robot as it may be built from a description, with parameter errors.
 
     The errors of zeros and spins in `[errors]` and `[noise]` are set to zero: they are drawn into
     `[calibration]` instead, where they can be compared with the fit.
@@ -85,7 +85,7 @@ def with_calibration(
     wheel_radius_m: float,
     pivot_radius_m: float,
 ) -> SingularityDescription:
-    """Return the robot with other radii, zeros `offset_deg` (k, 2) and spins `scale` (k,)."""
+    """Robot with other radii, zeros `offset_deg` (k, 2) and spins `scale` (k,)."""
     pairs = [(float(alpha), float(beta)) for alpha, beta in offset_deg]
     return msgspec.structs.replace(
         robot,
@@ -108,7 +108,7 @@ _REST_S = 0.5
 
 
 def spin_ratios(modules: int) -> list[list[float]]:
-    """Return the wheel speeds of each run relative to cruise speed: all alike, then one faster.
+    """Wheel speeds of each run relative to cruise speed: all alike, then one faster.
 
     At equal speeds only three combinations of the gimbal zeros are observable; the others only
     press the wheels against each other. A faster wheel weights its own zeros more, which makes all
@@ -121,7 +121,7 @@ def spin_ratios(modules: int) -> list[list[float]]:
 
 
 def excitation_twists() -> Array:
-    """Return the twists (n, 3) of a run for each period: squares and turns, both ways."""
+    """Twists (n, 3) of a run for each period: squares and turns, both ways."""
     sides = SPEED_MPS * np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
     legs: list[tuple[Array, float]] = [(np.zeros(3), _REST_S)]
     for way, corners in ((1.0, sides), (-1.0, sides[::-1])):
@@ -151,7 +151,7 @@ def simulate_run(
     at_voltage = voltage_share(robot)
     camera = Camera(CameraNoise(), random)
     measured: list[Array] = []
-    told: list[Array] = []
+    commanded: list[Array] = []
     speeds: list[Array] = []
     frames: list[Frame] = []
     start_s, t_s = robot.now_s, np.empty(0)
@@ -159,15 +159,15 @@ def simulate_run(
         now_s = robot.now_s - start_s
         t_s = np.append(t_s, now_s)
         measured.append(robot.controller.joints.reshape(-1, 3)[:, :2].ravel())
-        told.append(at_voltage * robot.controller.setpoint[2::3])
+        commanded.append(at_voltage * robot.controller.setpoint[2::3])
         speeds.append(machine.truth(robot.now_s).joints[2::3])
-        frames += camera.watch(now_s, robot.truth)
+        frames += camera.capture(now_s, robot.truth)
         robot.drive(twist)
     spin = np.array(speeds) * (1.0 + TACHOMETER_SHARE * random.standard_normal(np.shape(speeds)))
     return Recording(
         t_s,
         np.array(measured),
-        np.array(told),
+        np.array(commanded),
         spin if tachometer else np.full(spin.shape, np.nan),
         np.array([frame.taken_s for frame in frames]),
         np.array([frame.pose for frame in frames]),

@@ -64,7 +64,7 @@ class FaultReporter:
         self._reported_s = -math.inf
 
     def step(self, suspect: str | None, now_s: float) -> Event | None:
-        """Return an event when the suspected actuator changes, or None."""
+        """Event when the suspected actuator changes, or None."""
         if suspect in (None, self._last) or now_s - self._reported_s < _REPORT_S:
             return None
         self._last, self._reported_s = suspect, now_s
@@ -95,14 +95,14 @@ class FollowingErrorMonitor:
         self._since_s = None
 
     def step(self, now_s: float, commanded: Array, measured: Array) -> str:
-        """Return a text with the joint whose error lasts too long and its size; "" if none does.
+        """Text with the joint whose error lasts too long and its size; "" if none does.
 
         `commanded` (k,) and `measured` (k,) are angles in radians; values not finite are ignored.
         """
         while self._commanded and now_s - self._commanded[0][0] > REMEMBERED_S:
             self._commanded.popleft()
         self._commanded.append((now_s, commanded))
-        if not any(np.abs(measured - commanded) > ASIDE_RAD):
+        if not any(abs(off) > ASIDE_RAD for off in (measured - commanded).tolist()):
             self._since_s = None
             return ""
         lately = np.array([angles for _, angles in self._commanded])
@@ -139,7 +139,7 @@ class JointFaultMonitor:
         return now_s - self._estimator.measured_s > SILENT_S
 
     def step(self, now_s: float, setpoint: Array, supervisor: SafetySupervisor, fault: str) -> str:
-        """Return the text of the fault, "" if there is none; `fault` is the one the board reports.
+        """Text of the fault, "" if there is none; `fault` is the one the board reports.
 
         `setpoint` (n,) is the last one commanded to the joints.
         """

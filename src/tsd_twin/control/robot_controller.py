@@ -63,9 +63,9 @@ class JointStateEncoder:
 
 
 def lease_status(supervisor: SafetySupervisor, lease: Lease | None, now_s: float) -> LeaseStatus:
-    """Return the lease part of the status: holder, pending request and reservation."""
-    asked = supervisor.hand_over.asked(now_s) if lease else None
-    reserved = supervisor.hand_over.reserved(now_s)
+    """Lease part of the status: holder, pending request and reservation."""
+    asked = supervisor.hand_over.pending_request(now_s) if lease else None
+    reserved = supervisor.hand_over.reservation(now_s)
     return LeaseStatus(
         holder=lease.holder if lease else None,
         remaining_s=round(lease.expires_s - now_s, 3) if lease else 0.0,
@@ -130,6 +130,8 @@ class RobotController:
         self._states = JointStateEncoder(robot)
         self._wheels = np.flatnonzero(~self._estimator.is_angle)
         self._limiter = TwistLimiter(self.kinematics, robot.limits)
+        self._capped: tuple[tuple[bytes, float], Array] | None = None
+        """Newest request and share, and what `_limiter` makes of them."""
         self._components = np.array(self.kinematics.twist_axes)
         self._now_s = -math.inf
         self._saturation = SaturationMonitor()
@@ -151,7 +153,7 @@ class RobotController:
     def step(
         self, now_s: float, measured: Array | None, samples: Sequence[Sample], fault: str = ""
     ) -> Array:
-        """Return the set-point (n,) for the period that begins at `now_s`.
+        """Set-point (n,) for the period that begins at `now_s`.
 
         `measured` (n + s,) are the joints and then the sensors of the robot, NaN where a number is
         not measured; None when there is no measurement. `samples` are all that arrived on the
@@ -204,6 +206,7 @@ class RobotController:
             ramps=armed and mode is not Mode.ARMING,
         ):
             self._limiter = TwistLimiter(self.kinematics, self.robot.limits)
+            self._capped = None
             # Slower wheels saturate earlier: scale the whole twist, not each gimbal.
             self.twist = self.twist / max(1.0, float(self.kinematics.joint_utilization(self.twist)))
 
@@ -215,7 +218,7 @@ class RobotController:
             if supervisor.command is not None and lease is not None:
                 request = self._request()
                 share = lease.speed_cap_mps / self.robot.limits.speed_mps
-                goal = self._limiter.cap(request, share)
+                goal = self._cap(request, share)
             if dt_s > 0.0:
                 # After a delayed period the speed must not rise in one step; it may fall in one,
                 # since the robot has kept driving meanwhile.
@@ -230,8 +233,15 @@ class RobotController:
         if not supervisor.wheels_spin:
             self.setpoint[self._wheels] = 0.0
 
+    def _cap(self, request: Array, share: float) -> Array:
+        """Return a request (3,) within the limits; mostly it is the one of the last period."""
+        asked = (request.tobytes(), share)
+        if self._capped is None or self._capped[0] != asked:
+            self._capped = (asked, self._limiter.cap(request, share))
+        return self._capped[1]
+
     def _request(self) -> Array:
-        """Return the commanded twist (3,) in the base frame."""
+        """Commanded twist (3,) in the base frame."""
         command = self.supervisor.command
         assert command is not None  # noqa: S101  The caller has checked it.
         twist = command.twist[self._components]
@@ -242,7 +252,7 @@ class RobotController:
     # Requests of operators.
 
     def serve(self, service: Service, payload: bytes, now_s: float) -> LeaseReply | Reply:
-        """Return the reply to a request; a malformed request gets a refusal."""
+        """Reply to a request; a malformed request gets a refusal."""
         return self._services.serve(service, payload, now_s)
 
     def stop(self, payload: bytes, now_s: float) -> Reply:
@@ -256,7 +266,7 @@ class RobotController:
         self.supervisor.gate.record_status(seq, now_s)
 
     def take_events(self) -> list[Event]:
-        """Return the events since the last call."""
+        """Events since the last call."""
         events = self.supervisor.take_events() + self._events
         self._events = []
         return events
@@ -272,16 +282,16 @@ class RobotController:
         return self._estimator.joints
 
     def joint_state(self, stamp_ns: int) -> JointState:
-        """Return the measured joints, followed by the other sensors."""
+        """Measured joints, followed by the other sensors."""
         estimator = self._estimator
         return self._states.measured(estimator.joints, estimator.rates, estimator.sensors, stamp_ns)
 
     def setpoint_state(self, stamp_ns: int) -> JointState:
-        """Return the commanded joints."""
+        """Commanded joints."""
         return self._states.commanded(self.setpoint, stamp_ns)
 
     def odometry(self, stamp_ns: int) -> Odometry:
-        """Return the estimate: pose in `odom`, twist in `base_link`, with covariances."""
+        """Estimate: pose in `odom`, twist in `base_link`, with covariances."""
         return self._estimator.odometry(stamp_ns)
 
     def alternative_odometry(self, stamp_ns: int) -> Odometry | None:
@@ -289,7 +299,7 @@ class RobotController:
         return self._estimator.alternative_odometry(stamp_ns)
 
     def status(self, now_s: float, loop: LoopStatus, hardware: Mapping[str, Any]) -> Status:
-        """Return the message of `state/status`."""
+        """Message of `state/status`."""
         supervisor = self.supervisor
         consistency = self._faults.evidence or self._estimator.consistency(
             wheels_spin=supervisor.wheels_spin
@@ -302,6 +312,7 @@ class RobotController:
             stops=supervisor.stops,
             arming=supervisor.arming(now_s),
             lease=lease_status(supervisor, lease, now_s),
+            refusals=self._services.refusals(now_s),
             command=command_status(supervisor, now_s),
             limits=limit_status(self.robot, lease, self._saturation.share),
             consistency=consistency,

@@ -24,19 +24,20 @@ from tsd_twin.messages.services import (
     StopRequest,
     decode_request,
 )
+from tsd_twin.messages.status import Refusals
 from tsd_twin.messages.topics import Service
-from tsd_twin.safety import LATCHED, Mode, SafetySupervisor
+from tsd_twin.safety import Mode, SafetySupervisor
 
 
 class PoseCodec(Protocol, Generic[PoseT]):
     """Decoder of poses for one pose type, and rotation of twists from `odom` to `base_link`."""
 
     def request_type(self) -> type[SetPoseRequest] | type[SetOrientationRequest]:
-        """Return the request type of `srv/set_pose`."""
+        """Request type of `srv/set_pose`."""
         ...
 
     def decode(self, request: Any) -> PoseT | None:
-        """Return the requested pose; None when it is not finite or not a valid pose."""
+        """Requested pose; None when it is not finite or not a valid pose."""
         ...
 
     def to_base_frame(self, pose: PoseT, twist: Array) -> Array:
@@ -48,11 +49,11 @@ class PlanarPoseCodec:
     """Planar poses: x, y, heading."""
 
     def request_type(self) -> type[SetPoseRequest]:
-        """Return the request with x, y and heading."""
+        """Request with x, y and heading."""
         return SetPoseRequest
 
     def decode(self, request: SetPoseRequest) -> SE2 | None:
-        """Return the planar pose, when it is finite."""
+        """Planar pose, when it is finite."""
         pose = np.array([request.x_m, request.y_m, request.heading_rad])
         return SE2(pose) if np.isfinite(pose).all() else None
 
@@ -67,11 +68,11 @@ class OrientationCodec:
     """Orientations of a sphere on a fixed base."""
 
     def request_type(self) -> type[SetOrientationRequest]:
-        """Return the request with a quaternion."""
+        """Request with a quaternion."""
         return SetOrientationRequest
 
     def decode(self, request: SetOrientationRequest) -> SO3 | None:
-        """Return the orientation, when the four numbers can be made a unit quaternion."""
+        """Orientation, when the four numbers can be made a unit quaternion."""
         x, y, z, w = request.xyzw
         wxyz = np.array([w, x, y, z])
         largest = float(np.max(np.abs(wxyz)))
@@ -81,7 +82,7 @@ class OrientationCodec:
         return SO3(wxyz / np.linalg.norm(wxyz))
 
     def to_base_frame(self, pose: SO3, twist: Array) -> Array:  # noqa: ARG002  The shape.
-        """Return the twist unchanged: the base is fixed in the world."""
+        """Twist unchanged: the base is fixed in the world."""
         return twist
 
 
@@ -105,7 +106,7 @@ class ServiceHandler:
         self._pose_codec = pose_codec
 
     def serve(self, service: Service, payload: bytes, now_s: float) -> LeaseReply | Reply:
-        """Return the reply to a request; a malformed request gets a refusal."""
+        """Reply to a request; a malformed request gets a refusal."""
         try:
             match service:
                 case Service.LEASE:
@@ -142,28 +143,53 @@ class ServiceHandler:
             request = StopRequest()
         return self._supervisor.stop(request, now_s)
 
-    def _set_pose(self, request: SetPoseRequest | SetOrientationRequest, now_s: float) -> Reply:
-        pose = self._pose_codec.decode(request)
-        if not self._supervisor.holds(request.lease, now_s):
-            return self._refused(Service.SET_POSE, "take control first", now_s)
-        if pose is None:
-            return self._refused(Service.SET_POSE, "a pose must be finite numbers", now_s)
+    def refusals(self, now_s: float) -> Refusals:
+        """Part of the status that shows which requests would be refused now."""
+        supervisor, lease = self._supervisor, self._supervisor.lease_in_force(now_s)
+        lease_hex = lease.id.hex() if lease else ""
+        return Refusals(
+            lease=supervisor.lease_refusal(None, now_s) or None,
+            without_lease=supervisor.holder_refusal("", now_s),
+            arm=supervisor.arm_refusal(lease_hex, now_s) or None,
+            disarm=supervisor.holder_refusal(lease_hex, now_s) or None,
+            reset=supervisor.reset_refusal(lease_hex, now_s) or None,
+            drive=supervisor.drive_refusal(lease_hex, now_s) or None,
+            set_pose=self._set_pose_refusal(lease_hex, now_s) or None,
+            speed=self._speed_refusal(lease_hex, now_s) or None,
+        )
+
+    def _set_pose_refusal(self, lease_hex: str, now_s: float) -> str:
+        if refusal := self._supervisor.holder_refusal(lease_hex, now_s):
+            return refusal
         if self._supervisor.mode in (Mode.DRIVING, Mode.STOPPING):
             # A command in the world's axes would turn with the heading.
-            return self._refused(Service.SET_POSE, "the pose can be set at rest only", now_s)
+            return "the pose can be set at rest only"
+        return ""
+
+    def _speed_refusal(self, lease_hex: str, now_s: float) -> str:
+        supervisor = self._supervisor
+        return (
+            supervisor.holder_refusal(lease_hex, now_s)
+            or supervisor.latched_refusal
+            or self._wheel_speed.refusal
+        )
+
+    def _set_pose(self, request: SetPoseRequest | SetOrientationRequest, now_s: float) -> Reply:
+        pose = self._pose_codec.decode(request)
+        if refusal := self._set_pose_refusal(request.lease, now_s):
+            return self._refused(Service.SET_POSE, refusal, now_s)
+        if pose is None:
+            return self._refused(Service.SET_POSE, "a pose must be finite numbers", now_s)
         self._estimator.set_pose(pose)
         return Reply(True)
 
     def _choose_speed(self, request: SpeedRequest, now_s: float) -> Reply:
-        supervisor, lease = self._supervisor, request.lease
-        if not supervisor.holds(lease, now_s):
-            refusal = "take control first"
-        elif supervisor.mode in LATCHED:
-            refusal = f"the robot is {supervisor.mode}: reset first"
-        else:
-            refusal = self._wheel_speed.choose(request.cruise_speed_rpm, bytes.fromhex(lease))
+        lease_hex = request.lease
+        refusal = self._speed_refusal(lease_hex, now_s) or self._wheel_speed.choose(
+            request.cruise_speed_rpm, bytes.fromhex(lease_hex)
+        )
         if refusal:
-            return supervisor.refuse("change the drive speed", refusal, now_s)
+            return self._supervisor.refuse("change the drive speed", refusal, now_s)
         return Reply(True)
 
     def _refused(self, service: Service, reason: str, now_s: float) -> Reply:

@@ -103,7 +103,7 @@ class PoseMeasurements:
         return event
 
     def status(self, now_s: float) -> PoseSensorStatus | None:
-        """Return the counts for the status; None until a first measurement has arrived."""
+        """Counts for the status; None until a first measurement has arrived."""
         if not self._any:
             return None
         while self._used_s and now_s - self._used_s[0] > 0.999:
@@ -181,14 +181,13 @@ class StateEstimator:
         of the joints during the step.
         """
         spin = self._spin.advance(setpoint[self._wheels], dt_s)
-        if measured is not None and np.isfinite(measured[self._needed]).all():
+        if measured is not None and all(map(math.isfinite, measured[self._needed].tolist())):
             self.measured_s = now_s
             joints = measured[: len(self.joints)].copy()
             others = measured[len(joints) :]
             self.sensors = others.copy() if len(others) else self._unmeasured
             speeds = joints[self._wheels]
-            np.copyto(speeds, spin, where=~np.isfinite(speeds))
-            joints[self._wheels] = speeds
+            joints[self._wheels] = np.where(np.isfinite(speeds), speeds, spin)
         elif math.isfinite(self.measured_s):
             # Without a measurement gimbals keep their angles; wheels that are shut off run down.
             joints = self.joints.copy()
@@ -220,7 +219,7 @@ class StateEstimator:
         return bool(near[self._angles].all()), bool(near[self._wheels].all())
 
     def spin_after(self, speeds: Array, dt_s: float) -> float:
-        """Return the mean speed that the motor model predicts after `dt_s` at `speeds` (m,).
+        """Mean speed that the motor model predicts after `dt_s` at `speeds` (m,).
 
         The model is used also where speeds are measured: a failed sensor must not change the tilt.
         """
@@ -248,7 +247,7 @@ class StateEstimator:
         return _message(self._best, stamp_ns)
 
     def alternative_odometry(self, stamp_ns: int) -> Odometry | None:
-        """Return the second estimate where there are two, else None.
+        """Second estimate where there are two, else None.
 
         It is the one that pose measurements do not correct.
         """
@@ -258,7 +257,7 @@ class StateEstimator:
         return _message(self._plain, stamp_ns) if corrected else None
 
     def consistency(self, *, wheels_spin: bool) -> ConsistencyStatus:
-        """Return the consistency of the joints; wheels at rest carry no information on gimbals."""
+        """Consistency of the joints; wheels at rest carry no information on gimbals."""
         verdict, names = self._consistency.judge(self.joints), self.kinematics.actuators
         level = verdict.level if wheels_spin else 0.0
         suspect = verdict.suspect if wheels_spin else None

@@ -13,6 +13,7 @@ from tsd_twin.lie import Array
 from tsd_twin.messages.status import WheelSpeedStatus
 from tsd_twin.robots import RPM, RobotDescription, WheelSpeedRange
 
+_REST = np.zeros(3)
 _SAME = 1e-9
 """Relative tolerance within which two wheel speeds are equal."""
 
@@ -43,13 +44,21 @@ class WheelSpeedController:
         self._usual = self._requested = self._commanded = self._at = usual
         self._chosen_by: bytes | None = None
         self._was_armed = False
-        self._at_rest = (self.kinematics, self.kinematics.inverse(np.zeros(3)))
-        """Joints (n,) of the twist zero, and the kinematics that they were computed with."""
+        self._solution = (self.kinematics, b"", np.zeros(0))
+        """Newest kinematics, twist and joints (n,) of `inverse`: while a robot stands or drives
+        steadily, the same ones are asked for again."""
+
+    @property
+    def refusal(self) -> str:
+        """Reason why no wheel speed can be set, or ""."""
+        if self._range is not None:
+            return ""
+        return "the wheels of this robot stand when it does, so they have no speed to choose"
 
     def choose(self, spin_rpm: float, lease: bytes) -> str:
         """Set the wheel speed for the holder of `lease`; return the reason of a refusal, or ""."""
         if self._range is None:
-            return "the wheels of this robot stand when it does, so they have no speed to choose"
+            return self.refusal
         if refusal := self._range.refusal(spin_rpm * RPM):
             return refusal
         self._requested, self._chosen_by = spin_rpm * RPM, lease
@@ -84,19 +93,20 @@ class WheelSpeedController:
         return self._update_wheel_speed(mean / self._mean_ratio)
 
     def inverse(self, twist: Array) -> Array:
-        """Return the joints (n,) that move the robot by `twist` (3,)."""
-        if twist.any():
+        """Joints (n,) that move the robot by `twist` (3,)."""
+        if not any(twist.tolist()):
+            twist = _REST  # A negative zero would be another twist.
+        kinematics, asked, joints = self._solution
+        if kinematics is not self.kinematics or asked != twist.tobytes():
             joints = self.kinematics.inverse(twist)
-        else:
-            if self._at_rest[0] is not self.kinematics:
-                self._at_rest = (self.kinematics, self.kinematics.inverse(np.zeros(3)))
-            joints = self._at_rest[1].copy()
+            self._solution = (self.kinematics, twist.tobytes(), joints)
+        joints = joints.copy()
         if self._range is not None:
             joints[self._wheels] = self._commanded * self._range.kinematics.spin_ratio
         return joints
 
     def status(self, spin_rad_per_s: float) -> WheelSpeedStatus | None:
-        """Return the wheel-speed part of the status, for a mean spin of `spin_rad_per_s`."""
+        """Wheel-speed part of the status, for a mean spin of `spin_rad_per_s`."""
         if self._range is None:
             return None
         spin = spin_rad_per_s / self._mean_ratio

@@ -14,7 +14,7 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from typing import Protocol, TypeVar
 
 from tsd_twin.bus import Bus
-from tsd_twin.dashboard.robot_client import RobotClient
+from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.dashboard.robot_discovery import RobotDiscovery
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
@@ -102,7 +102,7 @@ LINGER_S = 10.0
 class RobotDisplay(Protocol):
     """Interface of a display of robots, such as the scene."""
 
-    def add(self, link: RobotClient) -> None:
+    def add(self, link: RobotMonitor) -> None:
         """Add a robot."""
         ...
 
@@ -162,7 +162,7 @@ class UpdateLoop:
                     _LOG.exception("a frame was lost")
             drawing.shutdown(wait=False, cancel_futures=True)
 
-    def _add(self, link: RobotClient) -> None:
+    def _add(self, link: RobotMonitor) -> None:
         try:
             self._display.add(link)
         except Exception:  # Descriptions come from the bus; the others are drawn all the same.
@@ -291,7 +291,7 @@ class _SceneExecutor:
         self._worker, self._scene, self._panels = worker, scene, panels
 
     def pick_floor(self, page: str, shares: Array) -> Future[Array]:
-        """Return the floor points (m, 2) in `odom` at screen positions `shares` of a page."""
+        """Floor points (m, 2) in `odom` at screen positions `shares` of a page."""
         return self._worker.submit(lambda: self._panels().pick_floor(page, shares))
 
     def show_route(self, robot_id: str, poses: Array | None) -> None:

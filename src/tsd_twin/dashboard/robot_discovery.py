@@ -13,7 +13,7 @@ from functools import partial
 from types import MappingProxyType
 
 from tsd_twin.bus import Bus
-from tsd_twin.dashboard.robot_client import RobotClient
+from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.dashboard.server.telemetry import RobotTelemetry
 from tsd_twin.errors import BusError, MessageError, TwinError
 from tsd_twin.messages import topics
@@ -118,7 +118,7 @@ class RobotConnector:
                 self._changed.wait(None if next_s is None else next_s - now_s)
 
     def _answer(self) -> tuple[str, bytes] | None:
-        """Return a received response of a pending robot, and schedule retries of the others."""
+        """Received response of a pending robot, and schedule retries of the others."""
         while self._answers:
             robot_id, number, answer = self._answers.popleft()
             turn = self._pending.get(robot_id)
@@ -156,20 +156,20 @@ class RobotDiscovery:
 
     def __init__(self, bus: Bus) -> None:
         self._bus = bus
-        self._links: dict[str, RobotClient] = {}
-        self._fetched: queue.SimpleQueue[RobotClient] = queue.SimpleQueue()
+        self._links: dict[str, RobotMonitor] = {}
+        self._fetched: queue.SimpleQueue[RobotMonitor] = queue.SimpleQueue()
         self._events: deque[tuple[str, Event]] = deque(maxlen=_EVENTS)
         self._on_change: list[Callable[[], None]] = []
         self._named: set[str] = set()
         self._instances: dict[str, set[str]] = {}
         self._instance_count = 0
-        self._coming = RobotConnector(self._ask, self._fetch_descriptions)
+        self._coming = RobotConnector(self._request_description, self._fetch_descriptions)
         bus.subscribe_liveliness(topics.alive_key("*"), self._on_liveliness)
         bus.subscribe_liveliness(topics.instance_key("*", "*"), self._note_instance)
         bus.subscribe_events(topics.EVENT.key("*"), self._on_event)
 
     @property
-    def links(self) -> MappingProxyType[str, RobotClient]:
+    def links(self) -> MappingProxyType[str, RobotMonitor]:
         """All robots seen so far, by id."""
         return MappingProxyType(self._links)
 
@@ -196,11 +196,11 @@ class RobotDiscovery:
                 call()
         return came
 
-    def _ask(self, robot_id: str, take: TakeReply) -> None:
+    def _request_description(self, robot_id: str, on_reply: TakeReply) -> None:
         try:
-            self._bus.request(Service.DESC.key(robot_id), b"", take)
+            self._bus.request(Service.DESC.key(robot_id), b"", on_reply)
         except BusError:
-            take(None)  # The session is closed: the dashboard ends.
+            on_reply(None)  # The session is closed: the dashboard ends.
 
     def _fetch_descriptions(self, robot_id: str, answer: bytes) -> None:
         """Create the client of a robot from its description, unless it cannot be shown.
@@ -208,22 +208,22 @@ class RobotDiscovery:
         An invalid one is requested again after a restart of the robot: until then it is the same.
         """
         if robot_id not in self._links and len(self._links) >= MOST_ROBOTS:
-            self._say_once(robot_id, f"{MOST_ROBOTS} robots are shown already")
+            self._log_once(robot_id, f"{MOST_ROBOTS} robots are shown already")
             return
         try:
-            link = RobotClient(self._bus, robot_id, answer)
+            link = RobotMonitor(self._bus, robot_id, answer)
             RobotTelemetry(link).info()  # Fails here rather than in a page.
         except TwinError as error:
-            self._say_once(robot_id, str(error))
+            self._log_once(robot_id, str(error))
         except Exception as error:  # Descriptions come from the bus and are not trusted.
-            self._say_once(robot_id, f"{type(error).__name__}: {error}")
+            self._log_once(robot_id, f"{type(error).__name__}: {error}")
         else:
             if link.ignored:
                 event = Event("description", link.ignored, robot_s=time.monotonic())
                 self._events.append((robot_id, event))
             self._fetched.put(link)
 
-    def _say_once(self, robot_id: str, reason: str) -> None:
+    def _log_once(self, robot_id: str, reason: str) -> None:
         if robot_id not in self._named and len(self._named) < _NAMED:
             self._named.add(robot_id)
             _LOG.warning("robot %s cannot be shown: %s", robot_id, reason[:_LOGGED])

@@ -47,7 +47,7 @@ def files() -> dict[str, str]:
 
 
 def header() -> str:
-    """Return the C header: constants, addresses, the packed struct, and one row for each item."""
+    """C header: constants, addresses, the packed struct, and one row for each item."""
     lines = [
         f"// Made by `{_BY}` from src/tsd_twin/dynamixel/control_table.py; do not edit.",
         "// The control table: little endian, packed. Error 4: a value beyond its limits; error 7:",
@@ -90,7 +90,7 @@ def header() -> str:
 
 
 def structs() -> str:
-    """Return the Python module: one frozen dataclass for each block."""
+    """Python module: one frozen dataclass for each block."""
     lines = [
         f'"""Blocks of the control table as values; made by `{_BY}`, do not edit."""',
         "",
@@ -108,7 +108,7 @@ def structs() -> str:
 
 
 def page() -> str:
-    """Return the page of the docs."""
+    """Page of the docs."""
     lines = [
         "# The control table of the board",
         "",

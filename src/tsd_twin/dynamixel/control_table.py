@@ -283,7 +283,7 @@ class Packed:
     LAYOUT: ClassVar[Struct]
 
     def pack(self) -> bytes:
-        """Return the bytes of the block."""
+        """Bytes of the block."""
         numbers: list[int] = []
         for field in fields(self):
             value: int | tuple[int, ...] = getattr(self, field.name)
@@ -292,7 +292,7 @@ class Packed:
 
     @classmethod
     def unpack(cls, data: bytes) -> Self:
-        """Return the block in these bytes."""
+        """Block in these bytes."""
         numbers = iter(cls.LAYOUT.unpack(data))
         values: dict[str, Any] = {}
         for field in fields(cls):

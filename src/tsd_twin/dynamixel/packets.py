@@ -96,11 +96,11 @@ class Framing(Protocol):
         ...
 
     def decode(self, frame: bytes) -> Packet | None:
-        """Return the packet in a whole frame; None: the sum is wrong."""
+        """Packet in a whole frame; None: the sum is wrong."""
         ...
 
     def as_status(self, packet: Packet) -> Status | None:
-        """Return the answer that a packet is; None: it is none."""
+        """Answer that a packet is; None: it is none."""
         ...
 
 
@@ -132,21 +132,21 @@ class Decoder:
         if self._kept and now_s - self._heard_s > self._timeout_s:
             # One frame at a time: what stood behind it may be whole, or cut as well.
             while self._kept:
-                self._take(packets)
+                self._append_packets(packets)
                 if self._kept:
                     self.cut += self._kept.startswith(self._header)
                     self._skip(1)
         if data:
             self._heard_s = now_s
             self._kept += data
-        self._take(packets)
+        self._append_packets(packets)
         return packets
 
     def clear(self) -> None:
         """Discard buffered bytes, as after the port was opened again."""
         self._kept.clear()
 
-    def _take(self, packets: list[Packet]) -> None:
+    def _append_packets(self, packets: list[Packet]) -> None:
         while self._find_header():
             size = self.framing.size(bytes(self._kept[: len(self._header) + 8]))
             if size is None:

@@ -1,4 +1,4 @@
-"""Dynamixel Protocol 1.0, which an MX-64 of 2014 speaks as it comes.
+"""Dynamixel Protocol 1.0, the factory protocol of an MX-64 of 2014.
 
 Frame: FF FF, id, length (of what follows), instruction or error, parameters, inverted sum.
 https://emanual.robotis.com/docs/en/dxl/protocol1/
@@ -16,7 +16,7 @@ OVERHEAD = 6
 
 
 def encode(packet: Packet) -> bytes:
-    """Return the frame of a packet."""
+    """Frame of a packet."""
     inner = bytes([packet.id, len(packet.params) + 2, packet.code]) + packet.params
     return HEADER + inner + bytes([_sum(inner)])
 
@@ -29,19 +29,19 @@ def size(head: bytes) -> int | None:
 
 
 def decode(frame: bytes) -> Packet | None:
-    """Return the packet in a whole frame; None: the sum is wrong."""
+    """Packet in a whole frame; None: the sum is wrong."""
     if _sum(frame[2:-1]) != frame[-1]:
         return None
     return Packet(frame[2], frame[4], frame[5:-1])
 
 
 def as_status(packet: Packet) -> Status | None:
-    """Return the packet as an answer: nothing in it says whether it is one."""
+    """Packet as a status; Protocol 1.0 does not mark status packets."""
     return Status(packet.id, packet.code, packet.params)
 
 
 def status(device: int, error: int, data: bytes = b"") -> bytes:
-    """Return the frame of an answer."""
+    """Frame of an answer."""
     return encode(Packet(device, error, data))
 
 

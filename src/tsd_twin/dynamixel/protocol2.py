@@ -22,7 +22,7 @@ _SUM = 2
 
 
 def encode(packet: Packet) -> bytes:
-    """Return the frame of a packet."""
+    """Frame of a packet."""
     # The pattern does not overlap with itself: one pass finds every place.
     body = (bytes([packet.code]) + packet.params).replace(_LIKE_HEADER, _STUFFED)
     frame = HEADER + pack("<BH", packet.id, len(body) + _SUM) + body
@@ -38,7 +38,7 @@ def size(head: bytes) -> int | None:
 
 
 def decode(frame: bytes) -> Packet | None:
-    """Return the packet in a whole frame; None: the sum is wrong."""
+    """Packet in a whole frame; None: the sum is wrong."""
     if crc16(frame[:-_SUM]) != unpack_from("<H", frame, len(frame) - _SUM)[0]:
         return None
     body = frame[_BODY:-_SUM].replace(_STUFFED, _LIKE_HEADER)
@@ -46,14 +46,14 @@ def decode(frame: bytes) -> Packet | None:
 
 
 def as_status(packet: Packet) -> Status | None:
-    """Return the answer that a packet is; None: it is none."""
+    """Answer that a packet is; None: it is none."""
     if packet.code != Instruction.STATUS or not packet.params:
         return None
     return Status(packet.id, packet.params[0], packet.params[1:])
 
 
 def status(device: int, error: int, data: bytes = b"") -> bytes:
-    """Return the frame of an answer."""
+    """Frame of an answer."""
     return encode(Packet(device, Instruction.STATUS, bytes([error]) + data))
 
 

@@ -143,6 +143,8 @@ class ConsistencyMonitor:
         self._noise = JointNoise(kinematics, noise)
         self._owners = [_owner(joint.name, kinematics.actuators) for joint in kinematics.joints]
         self._residual: Array | None = None
+        self._test: tuple[bytes, ParityTest] | None = None
+        """Newest joints, and the test around them: joints that stay have the same one."""
 
     def advance(self, residual: Array, dt_s: float) -> None:
         """Update with the residual (m,) of one period."""
@@ -157,7 +159,7 @@ class ConsistencyMonitor:
         squared = 0.0 if residual is None else float(residual @ residual)
         if residual is None or squared == 0.0:
             return ConsistencyResult(0.0, 0.0, np.zeros(len(self._kinematics.actuators)), None)
-        test = ParityTest.at(self._kinematics, joints, self._noise.sigma(joints))
+        test = self._test_at(joints)
         level = float(test.statistic(residual)) / test.threshold
         shares = np.clip(self._kinematics.fault_contribution(residual) / squared, 0.0, 1.0)
         suspect = None
@@ -165,6 +167,13 @@ class ConsistencyMonitor:
             joint, enough = test.single_fault(residual)
             suspect = self._owners[int(joint)] if enough else int(shares.argmax())
         return ConsistencyResult(math.sqrt(squared / len(residual)), level, shares, suspect)
+
+    def _test_at(self, joints: Array) -> ParityTest:
+        key = joints.tobytes()
+        if self._test is None or self._test[0] != key:
+            test = ParityTest.at(self._kinematics, joints, self._noise.sigma(joints))
+            self._test = (key, test)
+        return self._test[1]
 
 
 def _owner(joint: str, actuators: tuple[str, ...]) -> int:

@@ -42,6 +42,9 @@ class JointNoise:
         return self._angle + self._share * np.abs(joints)
 
 
+_PREDICTIONS_KEPT = 16
+
+
 class SpinModel:
     """First-order model of unmeasured wheel speeds that follow their set-points."""
 
@@ -49,24 +52,41 @@ class SpinModel:
         self._spin_up = spin_up
         self.spin_rad_per_s: Array = np.zeros(joints)
         """(m,): modelled speeds."""
+        self._predictions: dict[tuple[bytes, float], Array] = {}
+        """Results of `after`, by its arguments, while the modelled speeds are the same."""
 
     def advance(self, setpoint_rad_per_s: Array, dt_s: float) -> Array:
         """Return the speeds (m,) after `dt_s` of a set-point (m,)."""
-        self.spin_rad_per_s = self.after(setpoint_rad_per_s, dt_s)
-        return self.spin_rad_per_s
+        speeds = self.after(setpoint_rad_per_s, dt_s)
+        if speeds.tobytes() != self.spin_rad_per_s.tobytes():
+            self._predictions.clear()
+        self.spin_rad_per_s = speeds
+        return speeds
 
     def after(self, setpoint_rad_per_s: Array, dt_s: float) -> Array:
         """Predict the speeds (m,) after `dt_s` of a set-point (m,), without changing the state."""
+        key = (setpoint_rad_per_s.tobytes(), dt_s)
+        found = self._predictions.get(key)
+        if found is None:
+            found = self._predicted(setpoint_rad_per_s, dt_s)
+            if len(self._predictions) >= _PREDICTIONS_KEPT:
+                self._predictions.clear()
+            self._predictions[key] = found
+        return found
+
+    def _predicted(self, setpoint_rad_per_s: Array, dt_s: float) -> Array:
         law = self._spin_up
         up, down = math.exp(-dt_s / law.up_s), math.exp(-dt_s / law.down_s)
 
-        def one(told: float, spin: float) -> float:
-            goal = told if abs(told) >= law.start_speed_rad_per_s else 0.0
-            return goal + (spin - goal) * (up if abs(goal) > abs(spin) else down)
-
-        # One by one: for a few wheels, numpy would take four times as long.
-        told, spins = setpoint_rad_per_s.tolist(), self.spin_rad_per_s.tolist()
-        return np.array([one(*pair) for pair in zip(told, spins, strict=True)])
+        # In plain floats: for a few wheels, numpy would take four times as long.
+        start, told = law.start_speed_rad_per_s, setpoint_rad_per_s.tolist()
+        goals = [speed if abs(speed) >= start else 0.0 for speed in told]
+        pairs = zip(goals, self.spin_rad_per_s.tolist(), strict=True)
+        speeds = np.array(
+            [goal + (spin - goal) * (up if abs(goal) > abs(spin) else down) for goal, spin in pairs]
+        )
+        speeds.setflags(write=False)
+        return speeds
 
 
 class ConstantErrors:
@@ -196,7 +216,7 @@ class JointOdometry(Generic[PoseT]):
         self._means = (self._means[1] if self._moved else None, twist)
         self._moved = True
         self.motion = motion
-        if twist.any():
+        if any(twist.tolist()):
             self.pose = self._kinematics.integrate(before, twist, dt_s)
         self.spread.step(before, self.pose, twist, dt_s)
         if self._until_refresh == 0:

@@ -27,19 +27,16 @@ SILENT_S = 0.1
 """Maximum age of a report."""
 
 
-def silence_fault(name: str) -> str:
-    """Return the fault message for a device that has stopped responding."""
-    return f"{name} has not answered for {SILENT_S * 1000:.0f} ms"
-
-
 class Device(Protocol):
     """Device on a serial port, as `DeviceThread` uses it; only that thread calls it."""
 
     name: str
     baud: int
     health: LinkHealth
+    disconnect_reason: str
+    """Reason of a lost connection; else empty."""
 
-    def connect(self, line: SerialTransport) -> None:
+    def connect(self, transport: SerialTransport) -> None:
         """Identify and configure the device.
 
         Raises:
@@ -47,17 +44,30 @@ class Device(Protocol):
         """
         ...
 
-    def cycle(self, line: SerialTransport) -> bool:
+    def cycle(self, transport: SerialTransport) -> bool:
         """Exchange data once; return whether all responses came."""
         ...
 
-    def lose(self, reason: str) -> None:
+    def disconnected(self, reason: str) -> None:
         """Record that the connection is lost, and why."""
         ...
 
-    def leave(self, line: SerialTransport) -> None:
+    def rest(self, transport: SerialTransport) -> None:
         """Put the device into its rest state; the last call."""
         ...
+
+
+def connection_fault(device: Device, reported_s: float | None, now_s: float) -> str:
+    """Fault of the connection to a device; empty while its reports are recent and its line clean.
+
+    `reported_s` is the time of its newest report, None while it is not connected.
+    """
+    if reported_s is None:
+        return f"{device.name} is not connected: {device.disconnect_reason}"
+    errors = device.health.packet_errors
+    if errors.fault or now_s - reported_s <= SILENT_S:
+        return errors.fault
+    return errors.suspicion or f"{device.name} has not answered for {SILENT_S * 1000:.0f} ms"
 
 
 class DeviceThread:
@@ -72,87 +82,80 @@ class DeviceThread:
         self._device = device
         self._port = persistent_name(port)
         self._stopping = threading.Event()
-        self._wanted = threading.Event()
-        self._decided = threading.Event()
-        self._refused: HardwareError | None = None
+        self._cycle_requested = threading.Event()
+        self._first_attempt = threading.Event()
+        self._connect_error: HardwareError | None = None
         self._thread = threading.Thread(target=self._run, name=device.name, daemon=True)
         self._thread.start()
-        self._decided.wait()
-        if self._refused is not None:
-            raise self._refused
+        self._first_attempt.wait()
+        if self._connect_error is not None:
+            raise self._connect_error
 
     def cycle(self) -> None:
         """Request a cycle now, without waiting for it."""
-        self._wanted.set()
+        self._cycle_requested.set()
 
     def close(self) -> None:
         """Put the device into its rest state and close the port."""
         self._stopping.set()
-        self._wanted.set()
+        self._cycle_requested.set()
         self._thread.join(_LEAVE_S)
 
     def _run(self) -> None:
         try:
-            line = self._connect()
+            transport = self._connect()
         except HardwareError as error:
-            self._refused = error
+            self._connect_error = error
             return
         finally:
-            self._decided.set()
-        while line is not None:
+            self._first_attempt.set()
+        while transport is not None:
             try:
-                self._serve(line)
-                self._device.leave(line)
-                line.close()
+                self._run_cycles(transport)
+                self._device.rest(transport)
+                transport.close()
                 return
             except HardwareError as error:
                 _LOG.warning("%s", error)
-                self._device.lose(str(error))
-            line.close()
-            line = self._reconnect()
+                self._device.disconnected(str(error))
+            transport.close()
+            transport = self._reconnect()
 
-    def _serve(self, line: SerialTransport) -> None:
+    def _run_cycles(self, transport: SerialTransport) -> None:
         heard_s = time.monotonic()
-        told = ""
+        logged = ""
         while not self._stopping.is_set():
-            self._wanted.wait(_IDLE_S)
-            self._wanted.clear()
-            if self._device.cycle(line):
+            self._cycle_requested.wait(_IDLE_S)
+            self._cycle_requested.clear()
+            if self._device.cycle(transport):
                 heard_s = time.monotonic()
             elif time.monotonic() - heard_s > _GIVE_UP_S:
                 raise HardwareError(f"{self._device.name} has been silent for {_GIVE_UP_S:g} s")
-            told = self._tell(told, time.monotonic() - heard_s)
-
-    def _tell(self, told: str, silent_s: float) -> str:
-        """Log when communication fails and when it recovers; return the message that now holds."""
-        noise = self._device.health.noise
-        trouble = noise.fault
-        if silent_s > SILENT_S:
-            trouble = noise.suspicion or silence_fault(self._device.name)
-        if bool(trouble) != bool(told):
-            _LOG.warning("%s", trouble or f"{self._device.name} answers again, over a clean line")
-        return trouble
+            fault = connection_fault(self._device, heard_s, time.monotonic())
+            if bool(fault) != bool(logged):
+                _LOG.warning("%s", fault or f"{self._device.name} answers again, over a clean line")
+            logged = fault
 
     def _connect(self) -> SerialTransport:
-        line = SerialTransport(self._port, self._device.baud)
+        transport = SerialTransport(self._port, self._device.baud)
         try:
-            self._device.connect(line)
+            self._device.connect(transport)
         except HardwareError:
-            line.close()
+            transport.close()
             raise
-        return line
+        return transport
 
     def _reconnect(self) -> SerialTransport | None:
-        told = ""
+        logged = ""
         while not self._stopping.wait(_RETRY_S):
             try:
-                line = self._connect()
+                transport = self._connect()
             except HardwareError as error:
-                self._device.lose(str(error))
-                if str(error) != told:
+                self._device.disconnected(str(error))
+                if str(error) != logged:
                     _LOG.info("%s", error)
-                told = str(error)
+                logged = str(error)
             else:
                 _LOG.warning("%s is back", self._device.name)
-                return line
+                return transport
         return None

@@ -53,17 +53,17 @@ class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @staticmethod
     def read(file: str) -> ServoCalibration:
-        """Return the calibration read from a file.
+        """Calibration read from a file.
 
         Raises:
             HardwareError: it cannot be read, or is not a calibration.
         """
         try:
             return msgspec.toml.decode(Path(file).read_bytes(), type=ServoCalibration)
-        except (OSError, msgspec.MsgspecError) as error:
+        except (OSError, msgspec.MsgspecError, UnicodeError) as error:
             raise HardwareError(f"{file} cannot be used as a calibration: {error}") from error
 
-    def check(self, names: Sequence[str]) -> None:
+    def check_joint_names(self, names: Sequence[str]) -> None:
         """Check that every joint named in the file exists.
 
         Raises:
@@ -76,7 +76,7 @@ class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 )
 
     def neutral(self, names: Sequence[str]) -> list[int]:
-        """Return the neutral step of each joint."""
+        """Neutral step of each joint."""
         return [self.neutral_step.get(name, CENTRE) for name in names]
 
     def signs(self, names: Sequence[str]) -> list[int]:
@@ -91,11 +91,11 @@ class ThrottleLaw(Protocol):
     """Throttle curve of the motors: signal for a speed; `simulation.actuators.Motors` is one."""
 
     def signal(self, speed_rad_per_s: Array) -> Array:
-        """Return the throttle signal that makes each motor turn at its speed."""
+        """Throttle signal that makes each motor turn at its speed."""
         ...
 
     def pulse_us(self, signal: Array) -> Array:
-        """Return the pulse width, microseconds, of a signal."""
+        """Pulse width, microseconds, of a signal."""
         ...
 
 
@@ -135,7 +135,7 @@ class JointConverter:
         """Steps from neutral that no goal exceeds."""
 
     def checked(self, setpoint: Array) -> Array:
-        """Return a validated copy of a set-point (n,).
+        """Validated copy of a set-point (n,).
 
         Raises:
             ValueError: a number is not finite, or there is not one for each joint.
@@ -150,9 +150,9 @@ class JointConverter:
         return _ints(np.clip(steps, self._least, self._most))
 
     def throttles(self, setpoint: Array) -> tuple[int, ...]:
-        """Return the pulse for each wheel, in half microseconds; a speed of 0 is zero throttle."""
-        told = self._offsets.to_actuators(setpoint)[self._wheels]
-        pulses = self._throttle.pulse_us(self._throttle.signal(told))
+        """Pulse for each wheel, in half microseconds; a speed of 0 is zero throttle."""
+        actuators = self._offsets.to_actuators(setpoint)[self._wheels]
+        pulses = self._throttle.pulse_us(self._throttle.signal(actuators))
         return _ints(np.clip(np.rint(_PULSES_PER_US * pulses), ZERO_THROTTLE, FULL_THROTTLE))
 
     def measured(self, steps: Sequence[int], alive: int) -> Array:
@@ -168,7 +168,7 @@ class JointConverter:
         return self._offsets.from_servos(joints)
 
     def named(self, mask: int) -> str:
-        """Return the servos in a mask by number and joint."""
+        """Servos in a mask by number and joint."""
         here = [f"{i + 1} ({name})" for i, name in enumerate(self.names) if mask >> i & 1]
         return ("servo " if len(here) == 1 else "servos ") + ", ".join(here)
 

@@ -28,7 +28,7 @@ from tsd_twin.dynamixel.control_table import (
     Trip,
 )
 from tsd_twin.dynamixel.packets import ALERT, Fault, Status
-from tsd_twin.hardware.device_thread import SILENT_S, DeviceThread, silence_fault
+from tsd_twin.hardware.device_thread import SILENT_S, DeviceThread, connection_fault
 from tsd_twin.hardware.joints import (
     CENTRE,
     JointCommand,
@@ -63,7 +63,7 @@ REFUSALS: dict[int, str] = {
     Refusal.NOT_NEUTRAL: "the gimbals are not at neutral tilt",
     Refusal.KILL: "the kill switch of the radio control is on",
     Refusal.RC: "the radio control has the robot",
-    Refusal.SETUP: "it was never told where neutral is",
+    Refusal.SETUP: "its set-up was not written: neutral positions are unknown",
 }
 
 
@@ -87,14 +87,14 @@ class ArmSwitch:
         """Reason why it is off although it should be on; else empty."""
 
     def turn(self, wanted: bool) -> int:
-        """Return the value to write for a robot that is armed or disarmed."""
+        """Value to write for a robot that is armed or disarmed."""
         if not wanted:
             self._state, self.lost = _State.OFF, ""
         elif self._state is _State.OFF:
             self._state, self._answers = _State.ASKED, 0
         return int(self._state in (_State.ASKED, _State.ON))
 
-    def note(self, telemetry: Telemetry) -> None:
+    def update(self, telemetry: Telemetry) -> None:
         """Update with the telemetry of the board."""
         armed = telemetry.mode == BoardMode.ARMED
         if self._state is _State.ASKED:
@@ -103,12 +103,12 @@ class ArmSwitch:
                 self._state = _State.ON
             elif self._answers >= ANSWERS:
                 why = REFUSALS.get(telemetry.refusal, f"refusal {telemetry.refusal}")
-                self.lose(f"the board does not arm: {why}")
+                self.mark_lost(f"the board does not arm: {why}")
         elif self._state is _State.ON and not armed:
             why = TRIPS.get(telemetry.trip, f"trip {telemetry.trip}")
-            self.lose(f"the board disarmed itself: {why}")
+            self.mark_lost(f"the board disarmed itself: {why}")
 
-    def lose(self, reason: str) -> None:
+    def mark_lost(self, reason: str) -> None:
         """Record that the board has lost its armed state; does nothing while it is off."""
         if self._state in (_State.ASKED, _State.ON):
             self._state, self.lost = _State.LOST, reason
@@ -125,61 +125,61 @@ _TRY_S = 0.3
 _TRIES = 3
 
 
-def handshake(line: SerialTransport, setup: Setup, baud: int) -> Telemetry:
+def handshake(transport: SerialTransport, setup: Setup, baud: int) -> Telemetry:
     """Disarm and configure a board; return its telemetry.
 
     Raises:
         HardwareError: it is missing, another device, or refuses.
     """
-    _wait_for_answer(line, baud)
+    _wait_for_answer(transport, baud)
     size = Identity.LAYOUT.size
     read = protocol2.read(BOARD_ID, Identity.ADDRESS, size)
-    identity = Identity.unpack(_need(line, read, size))
+    identity = Identity.unpack(_request_data(transport, read, size))
     if identity.model != MODEL or identity.table_version != TABLE_VERSION:
         raise HardwareError(
-            f"the device at {line.name} is model {identity.model} with control table "
+            f"the device at {transport.name} is model {identity.model} with control table "
             f"{identity.table_version}: this program needs model {MODEL} with table "
             f"{TABLE_VERSION}; flash the firmware that comes with it"
         )
     # A board that was not reset may still be armed, which would refuse the set-up.
-    _need(line, protocol2.write(BOARD_ID, Command.ADDRESS, REST_COMMAND.pack()))
-    said = Telemetry.unpack(_need(line, READ_DELAY, Telemetry.LAYOUT.size))
+    _request_data(transport, protocol2.write(BOARD_ID, Command.ADDRESS, REST_COMMAND.pack()))
+    telemetry = Telemetry.unpack(_request_data(transport, READ_DELAY, Telemetry.LAYOUT.size))
     size = Setup.LAYOUT.size
-    has = _need(line, protocol2.read(BOARD_ID, Setup.ADDRESS, size), size)
-    # While the radio control drives it cannot be written. Else it is written though it be the
-    # same: a board that was never told does not arm.
-    if said.mode != BoardMode.RC or has != setup.pack():
-        _need(line, protocol2.write(BOARD_ID, Setup.ADDRESS, setup.pack()))
-    return said
+    has = _request_data(transport, protocol2.read(BOARD_ID, Setup.ADDRESS, size), size)
+    # While the radio control drives it cannot be written. Else it is written even if it is the
+    # same: a board without a written set-up does not arm.
+    if telemetry.mode != BoardMode.RC or has != setup.pack():
+        _request_data(transport, protocol2.write(BOARD_ID, Setup.ADDRESS, setup.pack()))
+    return telemetry
 
 
-def _wait_for_answer(line: SerialTransport, baud: int) -> None:
+def _wait_for_answer(transport: SerialTransport, baud: int) -> None:
     end_s = time.monotonic() + _BOOT_S
-    while not any(answer.data for answer in line.request(protocol2.ping(BOARD_ID), 1, _TRY_S)):
+    while not any(answer.data for answer in transport.request(protocol2.ping(BOARD_ID), 1, _TRY_S)):
         if time.monotonic() > end_s:
             raise HardwareError(
-                f"nothing at {line.name} answers as a controller board at {baud} Bd: "
+                f"nothing at {transport.name} answers as a controller board at {baud} Bd: "
                 "is its firmware flashed, and is it the right port?"
             )
-    line.drain(SETTLE_S)
+    transport.drain(SETTLE_S)
 
 
-def _need(line: SerialTransport, request: bytes, size: int = 0) -> bytes:
+def _request_data(transport: SerialTransport, request: bytes, size: int = 0) -> bytes:
     """Return the `size` bytes of the response; the request is repeated until one comes."""
     for _ in range(_TRIES):
-        for answer in line.request(request, 1, _TRY_S):
+        for answer in transport.request(request, 1, _TRY_S):
             if (error := answer.error & ~ALERT) == Fault.ACCESS:
                 raise HardwareError(
-                    f"the controller board at {line.name} cannot be set up while the radio "
+                    f"the controller board at {transport.name} cannot be set up while the radio "
                     "control has the robot: switch manual off"
                 )
             if error:
                 raise HardwareError(
-                    f"the controller board at {line.name} refuses its set-up: error {error}"
+                    f"the controller board at {transport.name} refuses its set-up: error {error}"
                 )
             if len(answer.data) == size:  # Otherwise the response belongs to an older request.
                 return answer.data
-    raise HardwareError(f"the controller board at {line.name} does not answer as it should")
+    raise HardwareError(f"the controller board at {transport.name} does not answer as it should")
 
 
 _LOG = logging.getLogger(__name__)
@@ -202,8 +202,8 @@ class BoardReport:
 class ControllerBoard:
     """Controller board as the device of a `DeviceThread`.
 
-    Other threads write `order` and read `news` and `gone`. Each is replaced as a whole, so that no
-    thread reads a partial update.
+    Other threads write `command`, and read `report` and `disconnect_reason`. Each is replaced as a
+    whole, so that no thread reads a partial update.
     """
 
     name = "the controller board"
@@ -219,9 +219,9 @@ class ControllerBoard:
         """Configure for a board that drives the servos too, or the speed controllers only."""
         self.baud = baud
         self.health = LinkHealth("the serial line")
-        self.order = JointCommand(np.zeros(joints.count), Heartbeat(False, 0), 0.0)
-        self.news: BoardReport | None = None
-        self.gone = ""
+        self.command = JointCommand(np.zeros(joints.count), Heartbeat(False, 0), 0.0)
+        self.report: BoardReport | None = None
+        self.disconnect_reason = ""
         """Reason of a lost connection; else empty."""
         self._joints = joints
         self._servos = servos
@@ -234,17 +234,17 @@ class ControllerBoard:
             joints.servos if servos else 0,
         )
 
-    def connect(self, line: SerialTransport) -> None:
+    def connect(self, transport: SerialTransport) -> None:
         """Check model and version of the control table, and configure the board.
 
         Raises:
             HardwareError: it is another device, or does not answer.
         """
-        said = handshake(line, self._setup, self.baud)
-        self.news = BoardReport(said, time.monotonic(), self._switch.lost)
-        self.gone = ""
+        telemetry = handshake(transport, self._setup, self.baud)
+        self.report = BoardReport(telemetry, time.monotonic(), self._switch.lost)
+        self.disconnect_reason = ""
 
-    def cycle(self, line: SerialTransport) -> bool:
+    def cycle(self, transport: SerialTransport) -> bool:
         """Write the command and read the telemetry in one exchange; return whether it answered.
 
         The echo of the heartbeat shows that the response belongs to this request.
@@ -253,65 +253,66 @@ class ControllerBoard:
             HardwareError: the port is gone, or the board restarted and failed the handshake.
         """
         began_s = time.monotonic()
-        before, broken = self.news, line.broken
-        command = self._command(self.order, began_s)
+        before, broken = self.report, transport.broken
+        command = self._board_command(self.command, began_s)
         request = protocol2.write(BOARD_ID, Command.ADDRESS, command.pack()) + READ_DELAY
-        answers = line.request(request, 2, ANSWER_S)
+        answers = transport.request(request, 2, ANSWER_S)
         now_s = time.monotonic()
-        telemetry, spoilt = _telemetry(answers), line.broken > broken
+        telemetry, corrupt = _telemetry(answers), transport.broken > broken
         if telemetry is None or telemetry.beat != command.heartbeat:
-            self.health.miss()
-            self._note(spoilt, now_s)
+            self.health.add_timeout()
+            self._add_cycle(corrupt, now_s)
             # Responses to an older request: all later ones would be late as well.
-            if answers and not spoilt:
-                line.drain(SETTLE_S)
+            if answers and not corrupt:
+                transport.drain(SETTLE_S)
             return False
-        self.health.note(now_s - began_s)
+        self.health.add_round_trip(now_s - began_s)
         if before is not None and _restarted(before.telemetry, telemetry):
             _LOG.warning("the controller board has restarted")
-            self._switch.lose("the controller board has restarted")
-            self.connect(line)
+            self._switch.mark_lost("the controller board has restarted")
+            self.connect(transport)
         elif before is not None:
-            spoilt = spoilt or _misheard(before.telemetry, telemetry)
-        self._note(spoilt, now_s)
-        self._switch.note(telemetry)
-        self.news = BoardReport(telemetry, now_s, self._switch.lost)
+            corrupt = corrupt or _has_receive_errors(before.telemetry, telemetry)
+        self._add_cycle(corrupt, now_s)
+        self._switch.update(telemetry)
+        self.report = BoardReport(telemetry, now_s, self._switch.lost)
         return True
 
-    def lose(self, reason: str) -> None:
+    def disconnected(self, reason: str) -> None:
         """Record that the connection is lost: the board stays disarmed after it returns."""
-        self._switch.lose("the controller board was lost")
-        self.news, self.gone = None, reason
+        self._switch.mark_lost("the controller board was lost")
+        self.report, self.disconnect_reason = None, reason
         self.health.reconnects += 1
 
-    def leave(self, line: SerialTransport) -> None:
+    def rest(self, transport: SerialTransport) -> None:
         """Disarm the board, repeatedly if it does not answer."""
         for _ in range(_LEAVING):
             request = protocol2.write(BOARD_ID, Command.ADDRESS, REST_COMMAND.pack())
-            if line.request(request, 1, ANSWER_S):
+            if transport.request(request, 1, ANSWER_S):
                 return
 
-    def _note(self, spoilt: bool, now_s: float) -> None:
-        self.health.noise.note(spoilt, now_s)
-        if self.health.noise.fault:
-            self._switch.lose(self.health.noise.fault)
+    def _add_cycle(self, corrupt: bool, now_s: float) -> None:
+        errors = self.health.packet_errors
+        errors.add_cycle(corrupt, now_s)
+        if errors.fault:
+            self._switch.mark_lost(errors.fault)
 
-    def _command(self, order: JointCommand, now_s: float) -> Command:
-        if not order.in_force(now_s):
-            self._switch.lose("the robot node hangs")
+    def _board_command(self, wanted: JointCommand, now_s: float) -> Command:
+        if not wanted.in_force(now_s):
+            self._switch.mark_lost("the robot node hangs")
             return REST_COMMAND
-        arm = self._switch.turn(order.heartbeat.armed)
-        goals = self._joints.goals(order.setpoint) if self._servos else ()
+        arm = self._switch.turn(wanted.heartbeat.armed)
+        goals = self._joints.goals(wanted.setpoint) if self._servos else ()
         return Command(
-            heartbeat=order.heartbeat.counter & 0xFFFF,
+            heartbeat=wanted.heartbeat.counter & 0xFFFF,
             arm=arm,
-            throttle=padded(self._joints.throttles(order.setpoint), ESCS, ZERO_THROTTLE),
+            throttle=padded(self._joints.throttles(wanted.setpoint), ESCS, ZERO_THROTTLE),
             goal=padded(goals, SERVOS, 0),
         )
 
 
 def _telemetry(answers: list[Status]) -> Telemetry | None:
-    """Return the telemetry if the responses are those of one write and one read."""
+    """Telemetry if the responses are those of one write and one read."""
     if [len(answer.data) for answer in answers] != [0, Telemetry.LAYOUT.size]:
         return None
     return Telemetry.unpack(answers[1].data)
@@ -323,11 +324,12 @@ def _restarted(before: Telemetry, after: Telemetry) -> bool:
     return after.resets != before.resets or 0 < back_ms < 1 << 31
 
 
-def _misheard(before: Telemetry, after: Telemetry) -> bool:
+def _has_receive_errors(before: Telemetry, after: Telemetry) -> bool:
     """Return whether the board counted receive errors since the last cycle."""
     return (before.crc_errors, before.rx_errors) != (after.crc_errors, after.rx_errors)
 
 
+_COUNTERS = ("crc_errors", "rx_errors", "servo_errors", "overruns", "trips", "resets")
 MODES: dict[int, str] = {
     BoardMode.DISARMED: "disarmed",
     BoardMode.ARMED: "armed",
@@ -359,22 +361,22 @@ class MegaHardware:
         """
         self._joints = JointConverter(robot, throttle)
         calibration = calibration or ServoCalibration()
-        calibration.check(self._joints.names)
+        calibration.check_joint_names(self._joints.names)
         self._board = ControllerBoard(self._joints, calibration, servos=servos, baud=baud)
         self._expected = self._joints.servos if servos else 0
         self._heartbeat = Heartbeat(False, 0)
         self._read_s = 0.0
-        self._keeper = DeviceThread(port, self._board)
+        self._thread = DeviceThread(port, self._board)
 
     def read(self, now_s: float) -> Array | None:
-        """Return the measured joints (n,), NaN where not measured; None without a new
+        """Measured joints (n,), NaN where not measured; None without a new
         measurement.
         """
-        news = self._board.news
-        if news is None or news.heard_s <= self._read_s or now_s - news.heard_s > SILENT_S:
+        report = self._board.report
+        if report is None or report.heard_s <= self._read_s or now_s - report.heard_s > SILENT_S:
             return None
-        self._read_s = news.heard_s
-        return self._joints.measured(news.telemetry.position, news.telemetry.servo_alive)
+        self._read_s = report.heard_s
+        return self._joints.measured(report.telemetry.position, report.telemetry.servo_alive)
 
     def write(self, setpoint: Array, now_s: float) -> None:
         """Pass the newest set-point (n,) to the I/O thread.
@@ -382,78 +384,64 @@ class MegaHardware:
         Raises:
             ValueError: a number is not finite, or there is not one for each joint.
         """
-        self._board.order = JointCommand(self._joints.checked(setpoint), self._heartbeat, now_s)
-        self._keeper.cycle()
+        self._board.command = JointCommand(self._joints.checked(setpoint), self._heartbeat, now_s)
+        self._thread.cycle()
 
     def set_heartbeat(self, heartbeat: Heartbeat) -> None:
         """Set the heartbeat under which the next set-point is sent."""
         self._heartbeat = heartbeat
 
     def fault(self, now_s: float) -> str:
-        """Return the fault of the board or its devices; empty without one."""
-        news = self._board.news
-        if news is None:
-            return f"the controller board is not connected: {self._board.gone}"
-        noise = self._board.health.noise
-        if noise.fault:
-            return noise.fault
-        if now_s - news.heard_s > SILENT_S:
-            return noise.suspicion or silence_fault(self._board.name)
-        return self._objection(news.telemetry, news.lost)
+        """Fault of the board or its devices; empty without one."""
+        report = self._board.report
+        fault = connection_fault(self._board, report and report.heard_s, now_s)
+        return fault or ("" if report is None else self._board_fault(report.telemetry, report.lost))
 
     def hardware(self) -> dict[str, Any]:
-        """Return the hardware section of the status, JSON-serializable."""
-        board, news = self._board, self._board.news
-        facts: dict[str, Any] = {"kind": "mega", "connected": news is not None}
-        if news is not None:
-            facts |= self._facts(news.telemetry)
-            facts["age_ms"] = round(1000.0 * (time.monotonic() - news.heard_s), 1)
-        return facts | {"link": board.health.status()}
+        """Hardware section of the status, JSON-serializable."""
+        board, report = self._board, self._board.report
+        status: dict[str, Any] = {"kind": "mega", "connected": report is not None}
+        if report is not None:
+            status |= self._status(report.telemetry)
+            status["age_ms"] = round(1000.0 * (time.monotonic() - report.heard_s), 1)
+        return status | {"link": board.health.status()}
 
     def close(self) -> None:
         """Disarm the board and close the line."""
-        self._keeper.close()
+        self._thread.close()
 
-    def _objection(self, said: Telemetry, lost: str) -> str:
-        if said.mode == BoardMode.RC:
+    def _board_fault(self, board: Telemetry, lost: str) -> str:
+        if board.mode == BoardMode.RC:
             return "the radio control has the robot"
-        if dead := self._expected & ~said.servo_alive:
+        if dead := self._expected & ~board.servo_alive:
             return f"{self._joints.named(dead)}: no answer"
-        if broken := self._expected & said.servo_fault:
+        if broken := self._expected & board.servo_fault:
             return f"{self._joints.named(broken)}: hardware error"
         if lost:
             return lost
-        if not said.esc_ready:
+        if not board.esc_ready:
             return "the speed controllers have not had zero throttle for 2 s yet"
-        if 0 < said.rc[RcChannel.KILL] <= SWITCH_US:
+        if 0 < board.rc[RcChannel.KILL] <= SWITCH_US:
             return REFUSALS[Refusal.KILL]
-        if said.rc[RcChannel.MANUAL] > SWITCH_US:
-            return "the radio control is switched to manual"
-        return ""
+        manual = board.rc[RcChannel.MANUAL] > SWITCH_US
+        return "the radio control is switched to manual" if manual else ""
 
-    def _facts(self, said: Telemetry) -> dict[str, Any]:
-        facts: dict[str, Any] = {
-            "board": MODES.get(said.mode, said.mode),
-            "last_trip": TRIPS.get(said.trip, said.trip) if said.trip else "none",
-            "battery_v": round(said.battery_mv / 1000.0, 2),
-            "esc_armed": bool(said.esc_ready),
-            "pulse_us": [pulse / 2.0 for pulse in said.throttle_out],
-            "rc_us": list(said.rc),
-            "counters": {
-                "crc_errors": said.crc_errors,
-                "rx_errors": said.rx_errors,
-                "servo_errors": said.servo_errors,
-                "overruns": said.overruns,
-                "trips": said.trips,
-                "resets": said.resets,
-            },
+    def _status(self, board: Telemetry) -> dict[str, Any]:
+        status: dict[str, Any] = {
+            "board": MODES.get(board.mode, board.mode),
+            "last_trip": TRIPS.get(board.trip, board.trip) if board.trip else "none",
+            "battery_v": round(board.battery_mv / 1000.0, 2),
+            "esc_armed": bool(board.esc_ready),
+            "pulse_us": [pulse / 2.0 for pulse in board.throttle_out],
+            "rc_us": list(board.rc),
+            "counters": {name: getattr(board, name) for name in _COUNTERS},
         }
         if self._expected:
             count = len(self._joints.names)
-            facts["servos"] = {
-                "alive": [bool(said.servo_alive >> i & 1) for i in range(count)],
-                "voltage_v": [v / 10.0 for v in said.voltage[:count]],
-                "temperature_c": list(said.temperature[:count]),
-                "current_a": [round(i / 1000.0, 2) for i in said.current[:count]],
+            status["servos"] = {
+                "alive": [bool(board.servo_alive >> i & 1) for i in range(count)],
+                "voltage_v": [v / 10.0 for v in board.voltage[:count]],
+                "temperature_c": list(board.temperature[:count]),
+                "current_a": [round(i / 1000.0, 2) for i in board.current[:count]],
             }
-        return facts
+        return status

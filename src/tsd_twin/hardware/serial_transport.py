@@ -46,31 +46,31 @@ class PacketErrorMonitor:
     them.
     """
 
-    def __init__(self, line: str) -> None:
-        """`line` is the name of the line in messages."""
-        self.spoilt = 0
+    def __init__(self, name: str) -> None:
+        """`name` is the name of the line in messages."""
+        self.corrupt = 0
         """Total number of cycles with a corrupt packet."""
         self.suspicion = ""
         """Message about recent corrupt packets, two or more; a likely cause of missing
         responses."""
         self.fault = ""
         """Fault message while the error rate is above the limit; else empty."""
-        self._line = line
-        self._spoilt_s: list[float] = []
+        self._name = name
+        self._corrupt_s: list[float] = []
 
-    def note(self, spoilt: bool, now_s: float) -> None:
+    def add_cycle(self, corrupt: bool, now_s: float) -> None:
         """Record a finished cycle, and whether a packet in it was corrupt."""
-        self._spoilt_s = [at_s for at_s in self._spoilt_s if now_s - at_s < WINDOW_S]
-        if spoilt:
-            self.spoilt += 1
-            self._spoilt_s.append(now_s)
-        count = len(self._spoilt_s)
+        self._corrupt_s = [at_s for at_s in self._corrupt_s if now_s - at_s < WINDOW_S]
+        if corrupt:
+            self.corrupt += 1
+            self._corrupt_s.append(now_s)
+        count = len(self._corrupt_s)
         if not count:
             self.suspicion = self.fault = ""
             return
-        lately_s = now_s - self._spoilt_s[0]
+        lately_s = now_s - self._corrupt_s[0]
         if count > 1:
-            self.suspicion = f"garbage on {self._line}: {count} broken packets in {lately_s:.2f} s"
+            self.suspicion = f"garbage on {self._name}: {count} broken packets in {lately_s:.2f} s"
         if count >= LIMIT and not self.fault:
             self.fault = self.suspicion
 
@@ -81,20 +81,20 @@ _REMEMBERED = 500
 class LinkHealth:
     """Statistics of a serial line: round trips, missed responses and packet errors."""
 
-    def __init__(self, line: str) -> None:
-        """`line` is the name of the line in messages."""
-        self.noise = PacketErrorMonitor(line)
+    def __init__(self, name: str) -> None:
+        """`name` is the name of the line in messages."""
+        self.packet_errors = PacketErrorMonitor(name)
         self._trips_ms: deque[float] = deque(maxlen=_REMEMBERED)
         self.cycles = 0
         self.missed = 0
         self.reconnects = 0
 
-    def note(self, trip_s: float) -> None:
+    def add_round_trip(self, trip_s: float) -> None:
         """Record a cycle that was answered after `trip_s`."""
         self.cycles += 1
         self._trips_ms.append(1000.0 * trip_s)
 
-    def miss(self) -> None:
+    def add_timeout(self) -> None:
         """Record a cycle without a complete response."""
         self.cycles += 1
         self.missed += 1
@@ -104,7 +104,7 @@ class LinkHealth:
         # Copied first: another thread may add to it.
         trips = sorted(self._trips_ms.copy())
         figures: dict[str, object] = {"cycles": self.cycles, "missed": self.missed}
-        figures["broken"] = self.noise.spoilt
+        figures["broken"] = self.packet_errors.corrupt
         figures["reconnects"] = self.reconnects
         if trips:
             figures["round_trip_ms"] = round(trips[len(trips) // 2], 2)
@@ -115,7 +115,7 @@ class LinkHealth:
 _LOG = logging.getLogger(__name__)
 _BY_ID = Path("/dev/serial/by-id")
 _WRITE_TIMEOUT_S = 0.1
-"""Write time-out; without it a write blocks for ever when the other end does not read."""
+"""Write time-out; without it a write blocks as long as the other end does not read."""
 
 GONE = (serial.SerialException, OSError, termios.error, TypeError)
 """Exceptions of pyserial 3.5 when a device is unplugged: `read` and `write` the first, `in_waiting`
@@ -159,7 +159,7 @@ def open_port(name: str, baud: int, timeout_s: float) -> Port:
             name, baud, timeout=timeout_s, write_timeout=_WRITE_TIMEOUT_S, exclusive=True
         )
     except (*GONE, ValueError) as error:
-        raise PortError(_sentence(name, error)) from error
+        raise PortError(_open_error(name, error)) from error
     try:
         port.set_low_latency_mode(True)
     except (*GONE, ValueError, AttributeError, NotImplementedError) as error:
@@ -169,7 +169,7 @@ def open_port(name: str, baud: int, timeout_s: float) -> Port:
 
 
 def persistent_name(name: str, links: Path = _BY_ID) -> str:
-    """Return a name that stays with the device: its link in /dev/serial/by-id if there is one.
+    """Name that stays with the device: its link in /dev/serial/by-id if there is one.
 
     A device that is plugged in again may be ttyACM1 where it was ttyACM0.
     """
@@ -191,7 +191,7 @@ def serial_ports() -> list[str]:
     return [f"{persistent_name(port.device)}  {port.device}: {port.description}" for port in found]
 
 
-def _sentence(name: str, error: BaseException) -> str:
+def _open_error(name: str, error: BaseException) -> str:
     match _number(error):
         case errno.ENOENT:
             return f"{name} is not there: plug it in, or choose one that 'tsd-bridge --list' shows"
@@ -211,7 +211,7 @@ def _sentence(name: str, error: BaseException) -> str:
 
 
 def _number(error: BaseException | None) -> int | None:
-    """Return the errno of an error, or of the one that it was raised for; pyserial drops some."""
+    """Errno of an error, or of the one that it was raised for; pyserial drops some."""
     while error is not None:
         number = getattr(error, "errno", None) or next(iter(error.args), None)
         if isinstance(number, int):

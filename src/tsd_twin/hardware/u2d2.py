@@ -16,7 +16,7 @@ import numpy as np
 
 from tsd_twin.dynamixel import protocol1, protocol2
 from tsd_twin.dynamixel.packets import ALERT, Status
-from tsd_twin.hardware.device_thread import SILENT_S, DeviceThread
+from tsd_twin.hardware.device_thread import SILENT_S, DeviceThread, connection_fault
 from tsd_twin.hardware.joints import JointCommand, JointConverter, ServoCalibration, ThrottleLaw
 from tsd_twin.hardware.mega import BAUD, MegaHardware
 from tsd_twin.hardware.serial_transport import HardwareError, LinkHealth, SerialTransport
@@ -55,7 +55,7 @@ class Present:
 
     @staticmethod
     def unpack(data: bytes) -> Present:
-        """Return the measurements decoded from the `PRESENT_SIZE` bytes from `PRESENT` on."""
+        """Measurements decoded from the `PRESENT_SIZE` bytes from `PRESENT` on."""
         current, velocity, position, _, _, voltage, temperature = _LAYOUT.unpack(data)
         return Present(
             position,
@@ -90,16 +90,16 @@ class ServoReport:
     newest_s: float
 
     def alive(self, now_s: float) -> int:
-        """Return the mask of servos that answered within `ALIVE_S`."""
+        """Mask of servos that answered within `ALIVE_S`."""
         return sum(1 << i for i, at_s in self.heard_s.items() if now_s - at_s <= ALIVE_S)
 
 
 class ServoBus:
     """Servo bus as the device of a `DeviceThread`.
 
-    Other threads write `order` and read `news` and `gone`. Servo i + 1 is gimbal i. When this
-    program dies, the servos hold their position; the board stops the robot by shutting off the
-    wheels.
+    Other threads write `command`, and read `report` and `disconnect_reason`. Servo i + 1 is gimbal
+    i. When this program dies, the servos hold their position; the board stops the robot by shutting
+    off the wheels.
     """
 
     name = "the servo bus"
@@ -107,9 +107,9 @@ class ServoBus:
 
     def __init__(self, joints: JointConverter, calibration: ServoCalibration) -> None:
         self.health = LinkHealth("the serial line of the servos")
-        self.order = JointCommand(np.zeros(joints.count), Heartbeat(False, 0), 0.0)
-        self.news: ServoReport | None = None
-        self.gone = ""
+        self.command = JointCommand(np.zeros(joints.count), Heartbeat(False, 0), 0.0)
+        self.report: ServoReport | None = None
+        self.disconnect_reason = ""
         """Reason of a lost connection; else empty."""
         self._joints = joints
         self._ids = range(1, len(joints.names) + 1)
@@ -118,62 +118,62 @@ class ServoBus:
         self._rest = np.zeros(joints.count)
         self._fed_s = 0.0
 
-    def connect(self, line: SerialTransport) -> None:
+    def connect(self, transport: SerialTransport) -> None:
         """Find all servos, and configure those that need it.
 
         Raises:
             HardwareError: one does not answer, or speaks Protocol 1.0; the text names it.
         """
         for device in self._ids:
-            self._find(line, device)
-            self._set_up(line, device)
+            self._find(transport, device)
+            self._set_up(transport, device)
         self._fed_s = 0.0
-        self.gone = ""
+        self.disconnect_reason = ""
 
-    def cycle(self, line: SerialTransport) -> bool:
+    def cycle(self, transport: SerialTransport) -> bool:
         """Write goals and read measurements in one exchange; return whether all servos answered.
 
         Raises:
             HardwareError: the port is gone.
         """
-        began_s, broken = time.monotonic(), line.broken
-        order = self.order
+        began_s, broken = time.monotonic(), transport.broken
+        command = self.command
         request = b""
         if began_s - self._fed_s > _FEED_S:
             self._fed_s = began_s
             request += self._all(BUS_WATCHDOG, [b"\x00"] * len(self._ids))
             request += self._all(BUS_WATCHDOG, [bytes([_WATCHDOG])] * len(self._ids))
-        request += self._goals(order.setpoint if order.in_force(began_s) else self._rest)
+        request += self._goals(command.setpoint if command.in_force(began_s) else self._rest)
         request += protocol2.sync_read(self._ids, PRESENT, PRESENT_SIZE)
-        answers = line.request(request, len(self._ids), _ANSWER_S)
+        answers = transport.request(request, len(self._ids), _ANSWER_S)
         now_s = time.monotonic()
-        self._take(answers, now_s)
-        self.health.noise.note(line.broken > broken, now_s)
+        self._add_responses(answers, now_s)
+        self.health.packet_errors.add_cycle(transport.broken > broken, now_s)
         if len(answers) < len(self._ids):
-            self.health.miss()
+            self.health.add_timeout()
         else:
-            self.health.note(now_s - began_s)
+            self.health.add_round_trip(now_s - began_s)
         return bool(answers)
 
-    def lose(self, reason: str) -> None:
+    def disconnected(self, reason: str) -> None:
         """Record that the connection to the adapter is lost."""
-        self.news, self.gone = None, reason
+        self.report, self.disconnect_reason = None, reason
         self.health.reconnects += 1
 
-    def leave(self, line: SerialTransport) -> None:
+    def rest(self, transport: SerialTransport) -> None:
         """Send the gimbals to neutral; the servos hold it."""
         off = self._all(BUS_WATCHDOG, [b"\x00"] * len(self._ids))
-        line.request(off + self._goals(self._rest), 0, 0.0)
+        transport.request(off + self._goals(self._rest), 0, 0.0)
 
-    def measured(self, news: ServoReport) -> list[int]:
+    def measured(self, report: ServoReport) -> list[int]:
         """Return steps from neutral, as the joints are drawn; 0 where nothing was measured."""
         return [
-            sign * (news.present[i].position - neutral) if i in news.present else 0
+            sign * (report.present[i].position - neutral) if i in report.present else 0
             for i, (sign, neutral) in enumerate(zip(self._signs, self._neutral, strict=True))
         ]
 
-    def _take(self, answers: list[Status], now_s: float) -> None:
-        before = self.news or ServoReport({}, {}, 0, now_s)
+    def _add_responses(self, answers: list[Status], now_s: float) -> None:
+        before = self.report or ServoReport({}, {}, 0, now_s)
         whole = [a for a in answers if a.id in self._ids and len(a.data) == PRESENT_SIZE]
         if whole:
             faults = before.faults
@@ -182,7 +182,7 @@ class ServoBus:
                 faults = faults | bit if answer.error & ALERT else faults & ~bit
             present = {a.id - 1: Present.unpack(a.data) for a in whole}
             heard_s = dict.fromkeys(present, now_s)
-            self.news = ServoReport(
+            self.report = ServoReport(
                 {**before.present, **present}, {**before.heard_s, **heard_s}, faults, now_s
             )
 
@@ -197,41 +197,42 @@ class ServoBus:
     def _all(self, address: int, data: list[bytes]) -> bytes:
         return protocol2.sync_write(address, dict(zip(self._ids, data, strict=True)))
 
-    def _find(self, line: SerialTransport, device: int) -> None:
+    def _find(self, transport: SerialTransport, device: int) -> None:
         for _ in range(_SERVO_TRIES):
-            if line.request(protocol2.ping(device), 1, _SERVO_TRY_S):
+            if transport.request(protocol2.ping(device), 1, _SERVO_TRY_S):
                 return
         servo = self._joints.named(1 << device - 1)
-        if line.request(protocol1.ping(device), 1, _SERVO_TRY_S, protocol1):
+        if transport.request(protocol1.ping(device), 1, _SERVO_TRY_S, protocol1):
             raise HardwareError(
                 f"{servo} speaks Protocol 1.0: bring its firmware to 2.0 with the recovery of "
                 "Dynamixel Wizard 2.0, or connect the servos to the board, which speaks both"
             )
         raise HardwareError(
-            f"{servo} does not answer at {line.name} at {self.baud} Bd: "
+            f"{servo} does not answer at {transport.name} at {self.baud} Bd: "
             "has it power, this id and this rate?"
         )
 
-    def _set_up(self, line: SerialTransport, device: int) -> None:
+    def _set_up(self, transport: SerialTransport, device: int) -> None:
         wanted = {OPERATING_MODE: POSITION_MODE, RETURN_DELAY: 0}
         other = {
             address: value
             for address, value in wanted.items()
-            if self._ask(line, device, protocol2.read(device, address, 1)).data != bytes([value])
+            if self._request(transport, device, protocol2.read(device, address, 1)).data
+            != bytes([value])
         }
-        if other:  # Only then: a servo without torque lets go of its gimbal.
-            self._write(line, device, TORQUE_ENABLE, 0)
+        if other:  # Only then: a servo without torque does not hold its gimbal.
+            self._write(transport, device, TORQUE_ENABLE, 0)
             for address, value in other.items():
-                self._write(line, device, address, value)
-        self._write(line, device, BUS_WATCHDOG, 0)
-        self._write(line, device, TORQUE_ENABLE, 1)
+                self._write(transport, device, address, value)
+        self._write(transport, device, BUS_WATCHDOG, 0)
+        self._write(transport, device, TORQUE_ENABLE, 1)
 
-    def _write(self, line: SerialTransport, device: int, address: int, value: int) -> None:
-        self._ask(line, device, protocol2.write(device, address, bytes([value])))
+    def _write(self, transport: SerialTransport, device: int, address: int, value: int) -> None:
+        self._request(transport, device, protocol2.write(device, address, bytes([value])))
 
-    def _ask(self, line: SerialTransport, device: int, request: bytes) -> Status:
+    def _request(self, transport: SerialTransport, device: int, request: bytes) -> Status:
         for _ in range(_SERVO_TRIES):
-            for answer in line.request(request, 1, _SERVO_TRY_S):
+            for answer in transport.request(request, 1, _SERVO_TRY_S):
                 if answer.error & ~ALERT:
                     raise HardwareError(
                         f"{self._joints.named(1 << device - 1)} refuses its set-up: "
@@ -268,20 +269,20 @@ class U2D2Hardware:
         self._heartbeat = Heartbeat(False, 0)
         self._read_s = 0.0
         try:
-            self._keeper = DeviceThread(servo_port, self._bus)
+            self._thread = DeviceThread(servo_port, self._bus)
         except Exception:
             self._wheels.close()
             raise
 
     def read(self, now_s: float) -> Array | None:
-        """Return the measured joints (n,), NaN where not measured; None without a new
+        """Measured joints (n,), NaN where not measured; None without a new
         measurement.
         """
-        news = self._bus.news
-        if news is None or news.newest_s <= self._read_s or now_s - news.newest_s > SILENT_S:
+        report = self._bus.report
+        if report is None or report.newest_s <= self._read_s or now_s - report.newest_s > SILENT_S:
             return None
-        self._read_s = news.newest_s
-        return self._joints.measured(self._bus.measured(news), news.alive(now_s))
+        self._read_s = report.newest_s
+        return self._joints.measured(self._bus.measured(report), report.alive(now_s))
 
     def write(self, setpoint: Array, now_s: float) -> None:
         """Pass the newest set-point (n,) to both I/O threads.
@@ -290,8 +291,8 @@ class U2D2Hardware:
             ValueError: a number is not finite, or there is not one for each joint.
         """
         self._wheels.write(setpoint, now_s)
-        self._bus.order = JointCommand(self._joints.checked(setpoint), self._heartbeat, now_s)
-        self._keeper.cycle()
+        self._bus.command = JointCommand(self._joints.checked(setpoint), self._heartbeat, now_s)
+        self._thread.cycle()
 
     def set_heartbeat(self, heartbeat: Heartbeat) -> None:
         """Set the heartbeat under which the next set-point is sent."""
@@ -299,40 +300,36 @@ class U2D2Hardware:
         self._wheels.set_heartbeat(heartbeat)
 
     def fault(self, now_s: float) -> str:
-        """Return the fault of the board, the servos or the lines; empty without one."""
+        """Fault of the board, the servos or the lines; empty without one."""
         return self._wheels.fault(now_s) or self._servo_fault(now_s)
 
     def hardware(self) -> dict[str, Any]:
-        """Return the hardware section of the status, JSON-serializable."""
-        facts = self._wheels.hardware() | {"kind": "u2d2"}
-        news = self._bus.news
-        if news is not None:
-            facts["servos"] = self._facts(news)
-        return facts | {"servo_link": self._bus.health.status()}
+        """Hardware section of the status, JSON-serializable."""
+        status = self._wheels.hardware() | {"kind": "u2d2"}
+        report = self._bus.report
+        if report is not None:
+            status["servos"] = self._status(report)
+        return status | {"servo_link": self._bus.health.status()}
 
     def close(self) -> None:
         """Shut off the wheels first, then send the gimbals to neutral."""
         self._wheels.close()
-        self._keeper.close()
+        self._thread.close()
 
     def _servo_fault(self, now_s: float) -> str:
-        news = self._bus.news
-        if news is None:
-            return f"the servos are not connected: {self._bus.gone}"
-        noise = self._bus.health.noise
-        if noise.fault:
-            return noise.fault
-        if now_s - news.newest_s > SILENT_S:
-            return noise.suspicion or f"the servos have not answered for {SILENT_S * 1000:.0f} ms"
-        if dead := self._joints.servos & ~news.alive(now_s):
+        report = self._bus.report
+        fault = connection_fault(self._bus, report and report.newest_s, now_s)
+        if fault or report is None:
+            return fault
+        if dead := self._joints.servos & ~report.alive(now_s):
             return f"{self._joints.named(dead)}: no answer"
-        if news.faults:
-            return f"{self._joints.named(news.faults)}: hardware error"
+        if report.faults:
+            return f"{self._joints.named(report.faults)}: hardware error"
         return ""
 
-    def _facts(self, news: ServoReport) -> dict[str, Any]:
-        alive = news.alive(time.monotonic())
-        present = [news.present[i] for i in sorted(news.present)]
+    def _status(self, report: ServoReport) -> dict[str, Any]:
+        alive = report.alive(time.monotonic())
+        present = [report.present[i] for i in sorted(report.present)]
         return {
             "alive": [bool(alive >> i & 1) for i in range(len(self._joints.names))],
             "voltage_v": [round(p.voltage_v, 1) for p in present],

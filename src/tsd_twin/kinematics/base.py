@@ -4,11 +4,13 @@ in the twist.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from tsd_twin.lie import SE2, SO3, Array
 
@@ -79,23 +81,23 @@ class Kinematics(Protocol, Generic[PoseT]):
         ...
 
     def inverse(self, twist: Array) -> Array:
-        """Return the joint vector (..., n) that moves the robot by `twist` (..., 3)."""
+        """Joint vector (..., n) that moves the robot by `twist` (..., 3)."""
         ...
 
     def forward(self, joints: Array, rates: Array | None = None) -> TwistSolution:
-        """Return the motion produced by `joints` (..., n) that change at `rates` (..., n)."""
+        """Motion produced by `joints` (..., n) that change at `rates` (..., n)."""
         ...
 
     def fault_contribution(self, residual: Array) -> Array:
-        """Return the share of the squared residual (..., m) due to each actuator, (..., k)."""
+        """Share of the squared residual (..., m) due to each actuator, (..., k)."""
         ...
 
     def joint_utilization(self, twist: Array) -> Array:
-        """Return the largest joint value for `twist` (..., 3) as a share of its limit, (...)."""
+        """Largest joint value for `twist` (..., 3) as a share of its limit, (...)."""
         ...
 
     def rate_utilization(self, step: Array, dt_s: float) -> Array:
-        """Return the largest joint rate for a twist `step` in `dt_s` over its limit, (...)."""
+        """Largest joint rate for a twist `step` in `dt_s` over its limit, (...)."""
         ...
 
     def integrate(self, pose: PoseT, twist: Array, dt_s: float) -> PoseT:
@@ -103,25 +105,65 @@ class Kinematics(Protocol, Generic[PoseT]):
         ...
 
 
+def set_matrices(kinematics: object, matrices: Mapping[str, npt.NDArray[Any]]) -> None:
+    """Set computed fields of frozen kinematics to read-only arrays."""
+    for name, value in matrices.items():
+        value.setflags(write=False)
+        object.__setattr__(kinematics, name, value)
+
+
+class PlanarMotion:
+    """Motion on a floor: the part of `Kinematics` that all planar robots share."""
+
+    __slots__ = ()
+
+    @property
+    def twist_axes(self) -> tuple[int, int, int]:
+        """The motion is planar: vx, vy, omega."""
+        return (0, 1, 5)
+
+    @property
+    def pose_type(self) -> type[SE2]:
+        """Poses are planar."""
+        return SE2
+
+    @property
+    def twist_scale_m(self) -> float:
+        """Twists are in metres a second."""
+        return 1.0
+
+    def integrate(self, pose: SE2, twist: Array, dt_s: float) -> SE2:
+        """Return `pose` after `dt_s` seconds of constant body `twist` (..., 3)."""
+        return pose.plus(twist * dt_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class WheelKinematics:
     """Kinematics of wheels that are linear in the twist: limits, inverse and least-squares forward.
 
-    Subclasses define these attributes as fields.
+    Subclasses call `_set_wheel_matrices` at their end of construction.
     """
-
-    __slots__ = ()
 
     wheel_radius_m: float
     max_speed_rad_per_s: float
     """Speed limit of a wheel."""
     max_acceleration_rad_per_s2: float
     """Acceleration limit of a wheel that carries the robot."""
-    speeds_from_twist: Array
+    speeds_from_twist: Array = field(init=False)
     """(k, 3): wheel speeds from the twist."""
-    twist_from_speeds: Array
+    twist_from_speeds: Array = field(init=False)
     """(3, k): its pseudo-inverse."""
-    _leave_one_out_gain: Array
+    _leave_one_out_gain: Array = field(init=False, repr=False)
     """(k,): inverse of each wheel's own part of the residual projection; 0 where it has none."""
+
+    def _set_wheel_matrices(self, speeds_from_twist: Array, **others: Array) -> None:
+        """Set the matrices of the wheels, and `others` of the subclass."""
+        back: Array = np.asarray(np.linalg.pinv(speeds_from_twist), dtype=float)
+        own = 1.0 - np.einsum("ij,ji->i", speeds_from_twist, back)
+        # A wheel without redundancy leaves no residual.
+        gain = np.where(own > 1e-9, 1.0 / np.maximum(own, 1e-9), 0.0)
+        matrices = {"speeds_from_twist": speeds_from_twist, "twist_from_speeds": back}
+        set_matrices(self, matrices | {"_leave_one_out_gain": gain} | others)
 
     @property
     def wheels(self) -> int:
@@ -139,24 +181,24 @@ class WheelKinematics:
         return tuple(f"wheel{i + 1}" for i in range(self.wheels))
 
     def joint_utilization(self, twist: Array) -> Array:
-        """Return the speed of the fastest wheel over its limit, (...); 1 is at the limit."""
+        """Speed of the fastest wheel over its limit, (...); 1 is at the limit."""
         return self._largest_speed(twist) / self.max_speed_rad_per_s
 
     def rate_utilization(self, step: Array, dt_s: float) -> Array:
-        """Return the acceleration of the worst wheel over its limit, (...), for a twist `step`."""
+        """Acceleration of the worst wheel over its limit, (...), for a twist `step`."""
         return self._largest_speed(step) / (self.max_acceleration_rad_per_s2 * dt_s)
 
     def _largest_speed(self, twist: Array) -> Array:
         return np.maximum.reduce(np.abs(twist @ self.speeds_from_twist.T), axis=-1)
 
     def inverse(self, twist: Array) -> Array:
-        """Return the wheel speeds (..., k) for `twist` (..., 3), scaled to the speed limit."""
+        """Wheel speeds (..., k) for `twist` (..., 3), scaled to the speed limit."""
         speeds = twist @ self.speeds_from_twist.T
         worst = np.maximum.reduce(np.abs(speeds), axis=-1, keepdims=True)
         return speeds * (self.max_speed_rad_per_s / np.maximum(worst, self.max_speed_rad_per_s))
 
     def forward(self, joints: Array, rates: Array | None = None) -> TwistSolution:  # noqa: ARG002  The shape.
-        """Return the least-squares twist, and the residual (..., k) in m/s that no twist explains.
+        """Least-squares twist, and the residual (..., k) in m/s that no twist explains.
 
         The residual is zero when the wheels agree; three wheels always do. Equal slip of all wheels
         is not observable. Rates of wheel speeds do not affect the twist.
@@ -166,17 +208,8 @@ class WheelKinematics:
         return TwistSolution(twist, self.wheel_radius_m * left)
 
     def fault_contribution(self, residual: Array) -> Array:
-        """Return the share of the squared `residual` (..., k) due to each wheel alone, (..., k).
+        """Share of the squared `residual` (..., k) due to each wheel alone, (..., k).
 
         The drop of the squared residual when the equation of a wheel is left out.
         """
         return residual * residual * self._leave_one_out_gain
-
-
-def leave_one_out_gain(rows: Array, back: Array) -> Array:
-    """Return `_leave_one_out_gain` (k,) of wheels with the matrix `rows` (k, 3) and its
-    pseudo-inverse.
-    """
-    own = 1.0 - np.einsum("ij,ji->i", rows, back)
-    # A wheel without redundancy leaves no residual.
-    return np.where(own > 1e-9, 1.0 / np.maximum(own, 1e-9), 0.0)

@@ -11,15 +11,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tsd_twin.kinematics.base import WheelKinematics, leave_one_out_gain
-from tsd_twin.lie import SE2, Array
+from tsd_twin.kinematics.base import PlanarMotion, WheelKinematics
+from tsd_twin.lie import Array
 
 _SINGULAR = 1e-3
 """Smallest ratio of singular values of a layout; below this a motion counts as impossible."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class OmniKinematics(WheelKinematics):
+class OmniKinematics(PlanarMotion, WheelKinematics):
     """Kinematics of three or more driven wheels with rollers.
 
     A wheel turns forward towards its `direction`. The axle of the roller on the floor lies in that
@@ -35,19 +35,8 @@ class OmniKinematics(WheelKinematics):
     """(k,): driving direction of each wheel, from X towards Y."""
     rollers_rad: Array
     """(k,): axle of the roller on the floor, relative to the direction of the wheel."""
-    wheel_radius_m: float
-    max_speed_rad_per_s: float
-    """Speed limit of a wheel."""
-    max_acceleration_rad_per_s2: float
-    """Acceleration limit of a wheel that carries the robot."""
     grip_from_twist: Array = field(init=False)
     """(k, 3): velocity of each wheel over the ground along the axle of its roller."""
-    speeds_from_twist: Array = field(init=False)
-    """(k, 3): wheel speeds from the body twist, Eq. 4 divided by r cos psi."""
-    twist_from_speeds: Array = field(init=False)
-    """(3, k): its pseudo-inverse."""
-    _leave_one_out_gain: Array = field(init=False, repr=False)
-    """(k,): inverse of each wheel's own part of the residual projection; 0 where it has none."""
 
     def __post_init__(self) -> None:
         """Build the matrices.
@@ -59,39 +48,13 @@ class OmniKinematics(WheelKinematics):
         if problem:
             raise ValueError(problem)
         grip = _grip(self.positions_m, self.directions_rad, self.rollers_rad)
+        # Eq. 4 divided by r cos psi.
         rows = grip / (self.wheel_radius_m * np.cos(self.rollers_rad))[:, None]
-        back: Array = np.asarray(np.linalg.pinv(rows), dtype=float)
-        for name, value in (
-            ("grip_from_twist", grip),
-            ("speeds_from_twist", rows),
-            ("twist_from_speeds", back),
-            ("_leave_one_out_gain", leave_one_out_gain(rows, back)),
-        ):
-            value.setflags(write=False)
-            object.__setattr__(self, name, value)
-
-    @property
-    def twist_axes(self) -> tuple[int, int, int]:
-        """The motion is planar: vx, vy, omega."""
-        return (0, 1, 5)
-
-    @property
-    def pose_type(self) -> type[SE2]:
-        """Poses are planar."""
-        return SE2
-
-    @property
-    def twist_scale_m(self) -> float:
-        """Twists are in metres a second."""
-        return 1.0
-
-    def integrate(self, pose: SE2, twist: Array, dt_s: float) -> SE2:
-        """Return `pose` after `dt_s` seconds of constant body `twist` (..., 3)."""
-        return pose.plus(twist * dt_s)
+        self._set_wheel_matrices(rows, grip_from_twist=grip)
 
 
 def layout_problem(positions_m: Array, directions_rad: Array, rollers_rad: Array) -> str:
-    """Return a text that names the missing motion or the faulty wheel of a layout; "" if valid.
+    """Text that names the missing motion or the faulty wheel of a layout; "" if valid.
 
     An omnidirectional platform needs a matrix of full rank: a twist that turns no wheel can neither
     be driven nor held.
@@ -114,7 +77,7 @@ def layout_problem(positions_m: Array, directions_rad: Array, rollers_rad: Array
 
 
 def _grip(positions_m: Array, directions_rad: Array, rollers_rad: Array) -> Array:
-    """Return the velocities (k, 3) over the ground along the rollers' axles, from the twist.
+    """Velocities (k, 3) over the ground along the rollers' axles, from the twist.
 
     Eq. 4, left side: the axle of the roller is at lambda + alpha + psi - 90 degrees, and
     -l cos(alpha + psi) is what turning moves the wheel along it.

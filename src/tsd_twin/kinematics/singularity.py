@@ -12,15 +12,23 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tsd_twin.kinematics.base import Joint, JointKind, TwistSolution
-from tsd_twin.lie import SE2, Array
+from tsd_twin.kinematics.base import (
+    Joint,
+    JointKind,
+    PlanarMotion,
+    TwistSolution,
+    set_matrices,
+)
+from tsd_twin.lie import Array
 
 _BLOCK = 4096
 """Batch size: its arrays fit into the processor's cache, which is 15 times as fast."""
+_FEW = 27
+"""Up to so many joint values, plain floats are faster than numpy: nine modules."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SingularityKinematics:
+class SingularityKinematics(PlanarMotion):
     """Kinematics of any number of spinning hemispheres on gimbals, three in the thesis.
 
     Module frame `W_i` (in each pivot): `Y_W` radially outward, `Z_W` up, `X_W = Y_W x Z_W`, so it
@@ -70,18 +78,17 @@ class SingularityKinematics:
         projection = np.eye(len(flat)) - flat @ np.linalg.pinv(flat)
         blocks = projection.reshape(len(h), 2, len(h), 2)
         own_blocks = np.stack([blocks[i, :, i] for i in range(len(h))])
-        for name, value in (
-            ("azimuths_rad", azimuths),
-            ("spin_ratio", ratio),
-            ("contact_from_twist", h),
-            ("twist_from_contacts", np.linalg.pinv(flat)),
-            ("_axles_by_part", axles),
+        matrices = {
+            "azimuths_rad": azimuths,
+            "spin_ratio": ratio,
+            "contact_from_twist": h,
+            "twist_from_contacts": np.linalg.pinv(flat),
+            "_axles_by_part": axles,
             # With two modules, one alone measures one direction only: its block has rank one, and
             # what rounding leaves of the other direction must not be inverted.
-            ("_leave_one_out_gain", np.linalg.pinv(own_blocks, 1e-9, hermitian=True)),
-        ):
-            value.setflags(write=False)
-            object.__setattr__(self, name, value)
+            "_leave_one_out_gain": np.linalg.pinv(own_blocks, 1e-9, hermitian=True),
+        }
+        set_matrices(self, matrices)
 
     @property
     def modules(self) -> int:
@@ -108,21 +115,6 @@ class SingularityKinematics:
         return tuple(f"module{i + 1}" for i in range(self.modules))
 
     @property
-    def twist_axes(self) -> tuple[int, int, int]:
-        """The motion is planar: vx, vy, omega."""
-        return (0, 1, 5)
-
-    @property
-    def pose_type(self) -> type[SE2]:
-        """Poses are planar."""
-        return SE2
-
-    @property
-    def twist_scale_m(self) -> float:
-        """Twists are in metres a second."""
-        return 1.0
-
-    @property
     def pivots_m(self) -> Array:
         """(k, 2): positions of the pivots in the robot frame."""
         return self.pivot_radius_m * np.stack(
@@ -130,7 +122,7 @@ class SingularityKinematics:
         )
 
     def with_spin(self, spin_rad_per_s: float) -> SingularityKinematics:
-        """Return these kinematics at another wheel speed; fast enough for every control period.
+        """These kinematics at another wheel speed; fast enough for every control period.
 
         Only the axles depend on the spin; they scale with its inverse.
         """
@@ -142,7 +134,7 @@ class SingularityKinematics:
         return geared
 
     def axles(self, twist: Array) -> Array:
-        """Return the horizontal parts (..., k, 2) of the unit axles for `twist` (..., 3).
+        """Horizontal parts (..., k, 2) of the unit axles for `twist` (..., 3).
 
         Linear in the twist, also beyond the tilt limit. No steer angle is formed: Eq. 14, 17, 18,
         27 and 28 are singular at zero tilt, this is not.
@@ -151,11 +143,11 @@ class SingularityKinematics:
         return np.swapaxes(by_part.reshape(*by_part.shape[:-1], 2, self.modules), -1, -2)
 
     def joint_utilization(self, twist: Array) -> Array:
-        """Return sin(tilt) of the most tilted module over its limit, (...); 1 is at the limit."""
+        """Sin(tilt) of the most tilted module over its limit, (...); 1 is at the limit."""
         return self._worst_sine(twist) / math.sin(self.max_tilt_rad)
 
     def rate_utilization(self, step: Array, dt_s: float) -> Array:
-        """Return the tilt rate of the fastest gimbal over its limit, (...), for a twist `step`.
+        """Tilt rate of the fastest gimbal over its limit, (...), for a twist `step`.
 
         The worst case over all tilts within the limit. There the axle's horizontal part l moves
         beta by (l_x' + l_x l_y l_y' / (1 - l_y^2)) / l_z, at most |l'| (1 + c^2) / (2 c^2) with
@@ -166,10 +158,14 @@ class SingularityKinematics:
         return self._worst_sine(step) * (growth / (self.max_tilt_rate_rad_per_s * dt_s))
 
     def _worst_sine(self, twist: Array) -> Array:
-        """Return sin(tilt) of the most tilted module, (...), for `twist` (..., 3)."""
+        """Sin(tilt) of the most tilted module, (...), for `twist` (..., 3)."""
         axles = twist @ self._axles_by_part.T
-        squared = axles * axles
         k = self.modules
+        if axles.ndim == 1:
+            numbers = axles.tolist()
+            pairs = zip(numbers[:k], numbers[k:], strict=True)
+            return np.sqrt(max(x * x + y * y for x, y in pairs))
+        squared = axles * axles
         return np.sqrt(np.maximum.reduce(squared[..., :k] + squared[..., k:], axis=-1))
 
     def limit(self, twist: Array) -> Array:
@@ -177,13 +173,15 @@ class SingularityKinematics:
         return twist / np.maximum(1.0, self.joint_utilization(twist))[..., None]
 
     def inverse(self, twist: Array) -> Array:
-        """Return the joints (..., 3k) for body `twist` (..., 3), scaled to the tilt limit.
+        """Joints (..., 3k) for body `twist` (..., 3), scaled to the tilt limit.
 
         alpha = asin(l_y), beta = atan2(l_x, l_z) = asin(l_x / cos(alpha)): Eq. 24 and 25 solved for
         the gimbal angles.
         """
         k, limit = self.modules, math.sin(self.max_tilt_rad)
         flat = twist.reshape(-1, 3)
+        if len(flat) == 1:
+            return self._inverse_of_one(flat, limit).reshape(*twist.shape[:-1], 3 * k)
         joints = np.empty((len(flat), k, 3))
         joints[..., 2] = self.spin_rad_per_s * self.spin_ratio
         for start in range(0, len(flat), _BLOCK):
@@ -196,12 +194,32 @@ class SingularityKinematics:
             block[..., 1] = np.arcsin(lx / np.sqrt(1.0 - ly * ly)).T
         return joints.reshape(*twist.shape[:-1], 3 * k)
 
+    def _inverse_of_one(self, twist: Array, limit: float) -> Array:
+        """Joints (k, 3) for one `twist` (1, 3): `inverse` in plain floats."""
+        k = self.modules
+        axles = (self._axles_by_part @ twist.T).ravel().tolist()
+        worst = math.sqrt(max(x * x + y * y for x, y in zip(axles[:k], axles[k:], strict=True)))
+        scale = limit / max(worst, limit)
+        ly = [y * scale for y in axles[k:]]
+        lx = [x * scale for x in axles[:k]]
+        across = [x / math.sqrt(1.0 - y * y) for x, y in zip(lx, ly, strict=True)]
+        joints = np.empty((k, 3))
+        joints[:, :2] = np.arcsin(np.array(ly + across)).reshape(2, k).T
+        joints[:, 2] = self.spin_rad_per_s * self.spin_ratio
+        return joints
+
     def contacts(self, joints: Array, rates: Array | None = None) -> Array:
-        """Return the velocity (..., k, 2) of each pivot over the ground, in `W_i`, by rolling.
+        """Velocity (..., k, 2) of each pivot over the ground, in `W_i`, by rolling.
 
         v = r_w Omega x z with Omega = spin l + gimbal rate and
         l = (cos a sin b, sin a, cos a cos b). The thesis lacks the terms in the gimbal rates.
         """
+        if joints.size <= _FEW:
+            numbers = joints.ravel().tolist()
+            if math.isfinite(sum(numbers)):  # The sine of an infinite angle would be an exception.
+                turning = None if rates is None else rates.ravel().tolist()
+                v = np.array(self._few_contacts(numbers, turning))
+                return v.reshape(*joints.shape[:-1], self.modules, 2)
         alpha, beta, spin = joints[..., 0::3], joints[..., 1::3], joints[..., 2::3]
         v_x = spin * np.sin(alpha)
         v_y = -spin * np.cos(alpha) * np.sin(beta)
@@ -213,19 +231,40 @@ class SingularityKinematics:
         v *= self.wheel_radius_m
         return v
 
+    def _few_contacts(self, joints: list[float], rates: list[float] | None) -> list[float]:
+        """Return `contacts` in plain floats: for a few modules in less time, and the same bits."""
+        radius_m, v = self.wheel_radius_m, list[float]()
+        for at in range(0, len(joints), 3):
+            alpha, beta, spin = joints[at : at + 3]
+            v_x = spin * math.sin(alpha)
+            v_y = -spin * math.cos(alpha) * math.sin(beta)
+            if rates is not None:
+                v_x += rates[at + 1]
+                v_y += rates[at] * math.cos(beta)
+            v += (v_x * radius_m, v_y * radius_m)
+        return v
+
     def forward(self, joints: Array, rates: Array | None = None) -> TwistSolution:
-        """Return the least-squares twist, and the residual (..., 2k) in m/s that no twist explains.
+        """Least-squares twist, and the residual (..., 2k) in m/s that no twist explains.
 
         The residual is zero when the modules agree and grows when one conflicts with the others.
         Slip of a wheel on the floor and an equal droop of all spins are not observable.
         """
-        v = self.contacts(joints, rates)
-        flat = v.reshape(*v.shape[:-2], 2 * self.modules)
+        flat = self._flat_contacts(joints, rates)
         twist = flat @ self.twist_from_contacts.T
         return TwistSolution(twist, flat - twist @ self.contact_from_twist.reshape(-1, 3).T)
 
+    def twist(self, joints: Array, rates: Array | None = None) -> Array:
+        """Twist (..., 3) of `forward` without its residual."""
+        return self._flat_contacts(joints, rates) @ self.twist_from_contacts.T
+
+    def _flat_contacts(self, joints: Array, rates: Array | None) -> Array:
+        """Return `contacts` as one vector for all modules, (..., 2k)."""
+        v = self.contacts(joints, rates)
+        return v.reshape(*v.shape[:-2], 2 * self.modules)
+
     def fault_contribution(self, residual: Array) -> Array:
-        """Return the share of the squared `residual` (..., 2k) due to each module alone, (..., k).
+        """Share of the squared `residual` (..., 2k) due to each module alone, (..., k).
 
         The drop of the squared residual when the two equations of a module are left out.
         """
@@ -233,16 +272,12 @@ class SingularityKinematics:
         return (own @ self._leave_one_out_gain @ np.swapaxes(own, -1, -2))[..., 0, 0]
 
     def tilt(self, joints: Array) -> Array:
-        """Return the tilt (..., k) of each axle from upright, radians, accurate near zero."""
+        """Tilt (..., k) of each axle from upright, radians, accurate near zero."""
         modules = joints.reshape(*joints.shape[:-1], self.modules, 3)
         alpha, beta = modules[..., 0], modules[..., 1]
         sine = np.hypot(np.cos(alpha) * np.sin(beta), np.sin(alpha))
         return np.arctan2(sine, np.cos(alpha) * np.cos(beta))
 
     def effective_radius_m(self, joints: Array) -> Array:
-        """Return the effective wheel radius (..., k): ground by wheel speed, r_w sin(tilt)."""
+        """Effective wheel radius (..., k): ground by wheel speed, r_w sin(tilt)."""
         return self.wheel_radius_m * np.sin(self.tilt(joints))
-
-    def integrate(self, pose: SE2, twist: Array, dt_s: float) -> SE2:
-        """Return `pose` after `dt_s` seconds of constant body `twist` (..., 3)."""
-        return pose.plus(twist * dt_s)

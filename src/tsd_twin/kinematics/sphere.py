@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tsd_twin.kinematics.base import WheelKinematics, leave_one_out_gain
+from tsd_twin.kinematics.base import WheelKinematics
 from tsd_twin.lie import SO3, Array
 
 _SINGULAR = 1e-3
@@ -35,23 +35,12 @@ class SphereKinematics(WheelKinematics):
     actuations: Array
     """(k, 3): unit vectors of the driving directions at the contacts: v_i (Eq. 23)."""
     sphere_radius_m: float
-    wheel_radius_m: float
     row_offset_rad: float
     """Offset of a row's contact from half-way: arcsin d / (2 (R + r_r)) (Eq. 12); 0 is ideal."""
     row_rad: float
     """Angle that a wheel turns through on one row: pi / N with N rollers in each (Eq. 8 to 11)."""
-    max_speed_rad_per_s: float
-    """Speed limit of a wheel."""
-    max_acceleration_rad_per_s2: float
-    """Acceleration limit of a wheel that carries the sphere."""
     axes: Array = field(init=False)
     """(k, 3): axes that each wheel turns the sphere about: Omega_i = R_i x v_i (Eq. 5)."""
-    speeds_from_twist: Array = field(init=False)
-    """(k, 3): ideal wheel speeds from the twist: (R / r) Omega_i (Eq. 26)."""
-    twist_from_speeds: Array = field(init=False)
-    """(3, k): its pseudo-inverse."""
-    _leave_one_out_gain: Array = field(init=False, repr=False)
-    """(k,): inverse of each wheel's own part of the residual projection; 0 where it has none."""
 
     def __post_init__(self) -> None:
         """Build the matrices.
@@ -63,16 +52,8 @@ class SphereKinematics(WheelKinematics):
         if problem:
             raise ValueError(problem)
         axes = np.cross(self.contacts, self.actuations)
-        rows = self.sphere_radius_m / self.wheel_radius_m * axes
-        back: Array = np.asarray(np.linalg.pinv(rows), dtype=float)
-        for name, value in (
-            ("axes", axes),
-            ("speeds_from_twist", rows),
-            ("twist_from_speeds", back),
-            ("_leave_one_out_gain", leave_one_out_gain(rows, back)),
-        ):
-            value.setflags(write=False)
-            object.__setattr__(self, name, value)
+        # Ideal: (R / r) Omega_i (Eq. 26).
+        self._set_wheel_matrices(self.sphere_radius_m / self.wheel_radius_m * axes, axes=axes)
 
     @property
     def twist_axes(self) -> tuple[int, int, int]:
@@ -104,18 +85,18 @@ class SphereKinematics(WheelKinematics):
         return 2.0 * np.mod(np.floor(angles_rad / self.row_rad), 2.0) - 1.0
 
     def mean_side(self, before_rad: Array, after_rad: Array) -> Array:
-        """Return the exact mean of `side` between two wheel angles (..., k)."""
+        """Exact mean of `side` between two wheel angles (..., k)."""
         way = after_rad - before_rad
         hops = self.row_rad * (self._fold(after_rad) - self._fold(before_rad))
         still = np.abs(way) < 1e-9 * self.row_rad
         return np.where(still, self.side(before_rad), hops / np.where(still, 1.0, way))
 
     def _fold(self, angles_rad: Array) -> Array:
-        """Return the integral of `side` over N phi / pi: a triangle wave from 0 to -1 and back."""
+        """Integral of `side` over N phi / pi: a triangle wave from 0 to -1 and back."""
         return np.abs(np.mod(angles_rad / self.row_rad, 2.0) - 1.0) - 1.0
 
     def true_rows(self, side: Array) -> Array:
-        """Return the wheel speeds from the twist (..., k, 3) with the contacts on `side` (..., k).
+        """Wheel speeds from the twist (..., k, 3) with the contacts on `side` (..., k).
 
         (R / r) (cos dtheta Omega_i + side sin dtheta R_i): the contact R_i moved by dtheta towards
         or from Omega_i, crossed with v_i. That is Eq. 25 with the cosine that Eq. 29 drops, in any
@@ -126,11 +107,11 @@ class SphereKinematics(WheelKinematics):
         return ratio * (math.cos(self.row_offset_rad) * self.axes + offset)
 
     def true_inverse(self, twist: Array, side: Array) -> Array:
-        """Return the wheel speeds (..., k) that give the sphere `twist` (..., 3)."""
+        """Wheel speeds (..., k) that give the sphere `twist` (..., 3)."""
         return (self.true_rows(side) @ twist[..., None])[..., 0]
 
     def true_twist(self, joints: Array, side: Array) -> Array:
-        """Return the twist (..., 3) that wheel speeds `joints` (..., k) give the sphere."""
+        """Twist (..., 3) that wheel speeds `joints` (..., k) give the sphere."""
         rows = self.true_rows(side)
         back = np.linalg.inv(rows) if self.wheels == 3 else np.linalg.pinv(rows)
         return np.asarray((back @ joints[..., None])[..., 0], dtype=float)
@@ -139,7 +120,7 @@ class SphereKinematics(WheelKinematics):
 def contacts_and_directions(
     azimuths_rad: Array, below_equator_rad: Array, turns_rad: Array
 ) -> tuple[Array, Array]:
-    """Return contacts R_i and actuations v_i, (k, 3) each, of wheels given by angles (k,).
+    """Contacts R_i and actuations v_i, (k, 3) each, of wheels given by angles (k,).
 
     Contact by azimuth and angle below the equator (Eq. 21); a wheel pushes horizontally and
     counter-clockwise seen from above (Eq. 23), turned about the outward normal by its turn.
@@ -154,7 +135,7 @@ def contacts_and_directions(
 
 
 def layout_problem(contacts: Array, actuations: Array) -> str:
-    """Return a text that names a turn wheels (k, 3) cannot make; "" if there is none."""
+    """Text that names a turn wheels (k, 3) cannot make; "" if there is none."""
     if len(contacts) < 3:
         return f"{len(contacts)} wheels cannot turn a sphere about all three axes"
     _, strengths, turns = np.linalg.svd(np.cross(contacts, actuations))

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from tsd_twin import experiment, robots
+from tsd_twin import experiment, flag_types, robots
+from tsd_twin.errors import TwinError
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.kinematics import SphereKinematics
 from tsd_twin.lie import Array
@@ -64,7 +65,7 @@ class RowEffect:
         return np.where(true > 0.0, 1.0 - ideal / np.where(true > 0.0, true, 1.0), 0.0)
 
     def columns(self) -> dict[str, Array]:
-        """Return the columns of a table."""
+        """Columns of a table."""
         table = {"t_s": self.t_s}
         for i in range(self.speeds.shape[1]):
             table[f"wheel{i + 1}_rad_per_s"] = self.speeds[:, i]
@@ -77,7 +78,7 @@ class RowEffect:
 def row_effect(
     drive: SphereKinematics, table: Array = TABLE_1, step_s: float = STEP_S
 ) -> RowEffect:
-    """Return the dual-row effect for wheel speeds (r, 1 + k) that are linear between times."""
+    """Dual-row effect for wheel speeds (r, 1 + k) that are linear between times."""
     start, end = float(table[0, 0]), float(table[-1, 0])
     t: Array = np.linspace(start, end, round((end - start) / step_s) + 1)
     columns = [np.interp(t, table[:, 0], table[:, i]) for i in range(1, table.shape[1])]
@@ -94,12 +95,14 @@ _ROUNDING = 1e-6
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Compute and draw both error curves, and return their peaks as text."""
+    """Fig. 7 of the Atlas paper: ideal against dual-row kinematics over 13 seconds."""
     robot = description_of_kind(robots.load_robot(args.robot), SphereDescription)
     if args.row_distance_mm is not None:
-        distance_m = max(0.0, args.row_distance_mm / 1000.0)
+        distance_m = args.row_distance_mm / 1000.0
         geometry = msgspec.structs.replace(robot.drive, row_distance_m=distance_m)
         robot = msgspec.structs.replace(robot, drive=geometry)
+        for problem, _ in robot.problems():
+            raise TwinError(f"--row-distance-mm {args.row_distance_mm:g}: {problem}")
     effect = row_effect(robot.kinematics())
     out.table("atlas", effect.columns())
     _draw_effect(robot, effect, out)
@@ -113,7 +116,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 
 
 def _peak_text(values: Array, t_s: Array, unit: str) -> str:
-    """Return a text of the largest of `values` and its time, without the time for rounding."""
+    """Text of the largest of `values` and its time, without the time for rounding."""
     peak = float(values.max())
     when = f" at {t_s[values.argmax()]:.2f} s" if peak > _ROUNDING else ""
     return f"{peak:.2f} {unit}{when}"
@@ -140,19 +143,18 @@ def _draw_effect(robot: SphereDescription, effect: RowEffect, out: Output) -> No
 
 
 def _flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--robot", default="atlas", metavar="NAME|FILE", help="default atlas")
     parser.add_argument(
         "--row-distance-mm",
-        type=float,
+        type=flag_types.number(0.0),
         metavar="D",
         help="distance of the two rows, instead of that of the file; 0 is an ideal wheel",
     )
 
 
 EXPERIMENT = Experiment(
-    name="atlas",
-    purpose="Fig. 7 of the Atlas paper: ideal against dual-row kinematics over 13 seconds.",
-    run=run,
-    examples=["tsd-lab atlas --out lab", "tsd-lab atlas --row-distance-mm 0"],
-    add_flags=_flags,
+    "atlas",
+    run,
+    ["tsd-lab atlas --out lab", "tsd-lab atlas --row-distance-mm 0"],
+    robot="atlas",
+    add_own_flags=_flags,
 )

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from scipy.special import gammaincinv  # pyright: ignore
 
-from tsd_twin import experiment, robots
+from tsd_twin import experiment, flag_types, robots
 from tsd_twin.control.state_estimator import StateEstimator
 from tsd_twin.errors import TwinError
 from tsd_twin.estimation import exponential_error
@@ -283,7 +283,7 @@ class _Cameras:
         if not self._cameras:
             return
         heard: list[Sample] = []
-        for frame in self._cameras[i].watch(now_s, true):
+        for frame in self._cameras[i].capture(now_s, true):
             seen = PoseStamped.planar(SE2(frame.pose + self._off[i]), _ns(frame.taken_s))
             heard.append(Sample(self._key, encode_pose(seen), b""))
         estimator.pose_sensor.receive(heard, now_s, _ns(now_s))
@@ -311,7 +311,7 @@ def cases(args: argparse.Namespace) -> list[Case]:
         for manoeuvre in args.manoeuvres or BY_NAME:
             if manoeuvre not in BY_NAME:
                 raise TwinError(f"there is no manoeuvre '{manoeuvre}': {', '.join(BY_NAME)}")
-            case = Case(name, manoeuvre, plant=args.plant, seeds=args.seeds, first=args.first)
+            case = Case(name, manoeuvre, plant=args.plant, seeds=args.seeds, first=args.seed)
             made.extend(case for case in _variants(case, robot) if _applies(case))
     return made
 
@@ -336,7 +336,7 @@ def _applies(case: Case) -> bool:
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Run all cases, and return the table as text."""
+    """Whether estimates are as exact as their covariances say: the NEES of many robots."""
     rows = cases(args)
     jobs = min(args.jobs or os.cpu_count() or 1, len(rows))
     if jobs > 1:
@@ -418,22 +418,26 @@ def _flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--manoeuvres", nargs="+", metavar="NAME", help=f"of {', '.join(BY_NAME)}; default all"
     )
-    parser.add_argument("--seeds", type=int, default=40, help="robots of each row; default 40")
-    parser.add_argument("--first", type=int, default=0, help="seed of the first one; default 0")
+    parser.add_argument(
+        "--seeds", type=flag_types.whole(1), default=40, help="robots of each row; default 40"
+    )
     parser.add_argument("--plant", choices=PLANTS, default="kinematic", help="default kinematic")
     parser.add_argument(
-        "--jobs", type=int, default=0, help="worker processes; default one for each core"
+        "--jobs",
+        type=flag_types.whole(0),
+        default=0,
+        help="worker processes; default one for each core",
     )
 
 
 EXPERIMENT = Experiment(
-    name="consistency",
-    purpose="Whether estimates are as exact as their covariances say: the NEES of many robots.",
-    run=run,
-    examples=[
+    "consistency",
+    run,
+    [
         "tsd-lab consistency",
         "tsd-lab consistency --robots tsd kiwi --manoeuvres circle wander --seeds 10",
         "tsd-lab consistency --robots tsd --plant mujoco --seeds 10 --jobs 1",
     ],
-    add_flags=_flags,
+    seed_of="the first robot of a row",
+    add_own_flags=_flags,
 )

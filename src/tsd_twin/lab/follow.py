@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from tsd_twin import experiment, robots
+from tsd_twin import experiment, flag_types, robots
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.lab import tracking
 from tsd_twin.lab.observer import Loop, make_observer
@@ -22,7 +22,7 @@ SHARE = 0.8
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Time and follow the path, and return the tracking errors as text."""
+    """A path, timed to the limits, on the simulated robot in virtual time."""
     robot = robots.load_robot(args.robot)
     heading: HeadingProfile = TangentHeading() if args.heading == "tangent" else FixedHeading()
     route = Route(_path(args), heading)
@@ -64,23 +64,18 @@ def _draw(
     out.figure("follow", figure)
 
 
-def add_run_flags(parser: argparse.ArgumentParser, loop: Loop) -> None:
-    """Add the flags common to all experiments with a simulated run."""
-    parser.add_argument("--robot", default="tsd", metavar="NAME|FILE", help="default tsd")
+def add_loop_flag(parser: argparse.ArgumentParser, loop: Loop) -> None:
+    """Add the flag that chooses the feedback."""
     parser.add_argument(
         "--loop",
         choices=[kind.value for kind in Loop],
         default=loop.value,
         help=f"feedback of the controller; each adds to the one before it; default {loop.value}",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of all noise; default 0")
-    parser.add_argument(
-        "--noise", type=float, default=1.0, metavar="SCALE", help="times [noise]; default 1"
-    )
 
 
 def _flags(parser: argparse.ArgumentParser) -> None:
-    add_run_flags(parser, Loop.GYRO)
+    add_loop_flag(parser, Loop.GYRO)
     parser.add_argument(
         "--path",
         default="square",
@@ -92,26 +87,34 @@ def _flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--smooth", action="store_true", help="a spline through the points")
     parser.add_argument(
-        "--cut", type=float, default=0.0, metavar="M", help="round corners, from so far before"
+        "--cut",
+        type=flag_types.number(0.0),
+        default=0.0,
+        metavar="M",
+        help="round corners, from so far before",
     )
     parser.add_argument("--heading", choices=["fixed", "tangent"], default="fixed")
-    parser.add_argument("--speed", type=float, metavar="MPS", help="a lower limit of speed")
+    parser.add_argument(
+        "--speed", type=flag_types.POSITIVE, metavar="MPS", help="a lower limit of speed"
+    )
     parser.add_argument(
         "--share",
-        type=float,
+        type=flag_types.number(most=1.0, above=0.0),
         default=SHARE,
         help=f"of the limits that the timing uses; default {SHARE}",
     )
 
 
 EXPERIMENT = Experiment(
-    name="follow",
-    purpose="A path, timed to the limits, on the simulated robot in virtual time.",
-    run=run,
-    examples=[
+    "follow",
+    run,
+    [
         "tsd-lab follow --path eight --heading tangent --out lab",
         "tsd-lab follow --path square --cut 0.2 --loop camera",
         "tsd-lab follow --points 0,0 1,0 1,0.5 2,0.5 --smooth --loop open --noise 0",
     ],
-    add_flags=_flags,
+    robot="tsd",
+    noise=True,
+    seed_of="all noise",
+    add_own_flags=_flags,
 )

@@ -33,17 +33,17 @@ class MotorLines:
     """(r,): mask of the fitted rows of the table."""
 
     def rpm(self, signal: Array) -> Array:
-        """Return the speeds (k, ...) at `signal` (...)."""
+        """Speeds (k, ...) at `signal` (...)."""
         return np.multiply.outer(self.slope, signal) + self.offset.reshape(-1, *[1] * signal.ndim)
 
     def error_rpm(self, signal: Array, rpm: Array, where: RowMask) -> Array:
-        """Return the root mean square errors (k,) over the rows `where` (r,) of a table."""
+        """Root mean square errors (k,) over the rows `where` (r,) of a table."""
         off = (self.rpm(signal) - rpm)[:, where]
         return np.sqrt(np.mean(np.square(off), axis=-1))
 
 
 def fit_lines(signal: Array, rpm: Array, used: RowMask) -> MotorLines:
-    """Return the lines through the rows `used` (r,) of signal (r,) and rpm (k, r)."""
+    """Lines through the rows `used` (r,) of signal (r,) and rpm (k, r)."""
     x: Array = signal[used]
     y: Array = rpm[:, used]
     slope: Array = ((x - x.mean()) * (y - y.mean(axis=1, keepdims=True))).sum(axis=1)
@@ -52,7 +52,7 @@ def fit_lines(signal: Array, rpm: Array, used: RowMask) -> MotorLines:
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Fit and draw both lines, and report which predicts better."""
+    """Lines through the motor table: Table 1 of the thesis to its Table 2, and better."""
     robot = description_of_kind(robots.load_robot(args.robot), SingularityDescription)
     signal, rpm = np.array(robot.motor.signal), np.array(robot.motor.speed_rpm)
     turning: RowMask = np.asarray((rpm > 0.0).all(axis=0))
@@ -84,7 +84,7 @@ def _line_summary(lines: MotorLines, signal: Array, rpm: Array, turning: RowMask
 
 
 def round_half_up(value: float, digits: int) -> str:
-    """Return a number as the thesis rounds: halves away from zero."""
+    """Number as the thesis rounds: halves away from zero."""
     return f"{value + math.copysign(1e-9, value):.{digits}f}"
 
 
@@ -144,14 +144,9 @@ def _draw(
     out.figure("motors", figure)
 
 
-def _flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--robot", default="tsd", metavar="NAME|FILE", help="default tsd")
-
-
 EXPERIMENT = Experiment(
-    name="motors",
-    purpose="Lines through the motor table: Table 1 of the thesis to its Table 2, and better.",
-    run=run,
-    examples=["tsd-lab motors --out lab", "tsd-lab motors --robot my.toml"],
-    add_flags=_flags,
+    "motors",
+    run,
+    ["tsd-lab motors --out lab", "tsd-lab motors --robot my.toml"],
+    robot="tsd",
 )

@@ -104,7 +104,7 @@ class PoseObserver:
         """Camera frames; times since the start."""
 
     def __call__(self, robot: VirtualRobot) -> SE2:
-        """Return the pose after the newest measurement."""
+        """Pose after the newest measurement."""
         now_s = robot.now_s - self._start_s
         before, self._twist = self._twist, twist_from_wheels(robot, self.slip)
         # Pure rolling gives the mean twist of the step; the slip model gives the twist at its end.
@@ -142,7 +142,7 @@ class PoseObserver:
             return
         noise = self._camera.noise
         spread = np.diag([noise.sigma_m, noise.sigma_m, noise.sigma_rad]) ** 2
-        for frame in self._camera.watch(now_s, robot.truth):
+        for frame in self._camera.capture(now_s, robot.truth):
             self.frames.append(frame)
             self._filter.fuse_pose(SE2(frame.pose), spread, frame.taken_s)
 
@@ -159,7 +159,7 @@ class Loop(StrEnum):
 def make_observer(
     loop: Loop, robot: VirtualRobot, seed: int, slip: Slip | None = None, *, turns: bool = False
 ) -> PoseObserver | None:
-    """Return the observer of a robot at its start pose; None when the loop is open.
+    """Observer of a robot at its start pose; None when the loop is open.
 
     `slip` is for a plant whose wheels slide. With `turns`, a robot with a gyro first turns in place
     to measure its spin and slip, and its mark is set afterwards.

@@ -31,7 +31,7 @@ _SHARE = 0.8
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Follow each path by the robot's own estimate, and draw and report the tracking errors."""
+    """Line, parabola, sine and circle under PID with noise: error figures of each."""
     robot = description_of_kind(robots.load_robot(args.robot), OmniDescription)
     records: dict[str, TrackingRecord] = {}
     for name, heading in out.progress(HEADING_PROFILES.items(), "driving", len(HEADING_PROFILES)):
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 def run_path(
     robot: OmniDescription, name: str, heading: HeadingProfile, noise: float, seed: int
 ) -> TrackingRecord:
-    """Return the record of one path under feed-forward and PID."""
+    """Record of one path under feed-forward and PID."""
     virtual = VirtualRobot(robot, SimRobot(robot, seed=seed, noise=noise))
     drive = robot.kinematics()
     trajectory = plan(Route(named_path(name), heading), drive, robot.limits, share=_SHARE)
@@ -65,16 +65,11 @@ def _draw(robot: OmniDescription, records: Mapping[str, TrackingRecord], out: Ou
     out.figure("omni-paths", figure)
 
 
-def _flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--robot", default="omni4", metavar="NAME|FILE", help="default omni4")
-    parser.add_argument("--noise", type=float, default=1.0, metavar="SCALE", help="default 1")
-    parser.add_argument("--seed", type=int, default=0, help="of the noise; default 0")
-
-
 EXPERIMENT = Experiment(
-    name="omni-paths",
-    purpose="Line, parabola, sine and circle under PID with noise: error figures of each.",
-    run=run,
-    examples=["tsd-lab omni-paths --out lab", "tsd-lab omni-paths --robot kiwi --noise 0"],
-    add_flags=_flags,
+    "omni-paths",
+    run,
+    ["tsd-lab omni-paths --out lab", "tsd-lab omni-paths --robot kiwi --noise 0"],
+    robot="omni4",
+    noise=True,
+    seed_of="the noise",
 )

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from tsd_twin import experiment, robots
-from tsd_twin.errors import TwinError
+from tsd_twin import experiment, flag_types, robots
 from tsd_twin.experiment import Axes, Experiment, Output
 from tsd_twin.lie import Array
 from tsd_twin.robots import OmniDescription, description_of_kind
@@ -39,7 +38,7 @@ class PointToPointProfile:
 
     @staticmethod
     def of(distance_m: float, limits: Limits) -> PointToPointProfile:
-        """Return the profile over `distance_m` within these limits."""
+        """Profile over `distance_m` within these limits."""
         a, d = limits.acceleration_mps2, limits.deceleration_mps2
         return PointToPointProfile(distance_m, limits.speed_mps, a, d)
 
@@ -67,7 +66,7 @@ class PointToPointProfile:
         return up + down + held_m / self.peak_mps
 
     def speed(self, t_s: Array) -> Array:
-        """Return the speed at times `t_s` (...), m/s."""
+        """Speed at times `t_s` (...), m/s."""
         rising = self.acceleration_mps2 * t_s
         falling = self.deceleration_mps2 * (self.duration_s - t_s)
         return np.clip(np.minimum(rising, falling), 0.0, self.peak_mps)
@@ -89,7 +88,7 @@ class ProfileRun:
         return float(self.distance_m[-1]) - self.profile.distance_m
 
     def columns(self) -> dict[str, Array]:
-        """Return the columns of a table."""
+        """Columns of a table."""
         return {
             "t_s": self.t_s,
             "commanded_mps": self.commanded_mps,
@@ -129,10 +128,8 @@ def run_profile(robot: VirtualRobot, profile: PointToPointProfile) -> ProfileRun
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Simulate and draw a triangle, a trapezoid, and a step beyond the friction limit."""
+    """5 m/s and stop at half-way: velocity against the ideal triangle and trapezoid."""
     robot = description_of_kind(robots.load_robot(args.robot), OmniDescription)
-    if not (0.0 < args.speed < math.inf and 0.0 < args.acceleration < math.inf):
-        raise TwinError("--speed and --acceleration must be above zero, and finite")
     limits = msgspec.structs.replace(
         robot.limits,
         speed_mps=args.speed,
@@ -164,7 +161,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 def unlimited_step(
     robot: OmniDescription, speed_mps: float, seconds: float = 1.5
 ) -> dict[str, Array]:
-    """Return the response of a robot to a step of wheel speed without limits."""
+    """Response of a robot to a step of wheel speed without limits."""
     simulation = simulate(robot)
     drive = simulation.kinematics
     full = np.array([speed_mps, 0.0, 0.0])
@@ -206,10 +203,10 @@ def _draw(
         )
         experiment.add_legend(on)
     _plot_speed(
-        last, spin["t_s"], spin["rim_mps"], experiment.ESTIMATE_COLOUR, "what its wheels say", ":"
+        last, spin["t_s"], spin["rim_mps"], experiment.ESTIMATE_COLOUR, "by its wheels", ":"
     )
     _plot_speed(last, spin["t_s"], spin["true_mps"], experiment.TRUTH_COLOUR, "robot")
-    experiment.label_axes(last, "time (s)", "speed (m/s)", "told at once: wheels spin")
+    experiment.label_axes(last, "time (s)", "speed (m/s)", "step without limits: wheels spin")
     experiment.add_legend(last)
     out.figure("omni-step", figure)
 
@@ -221,18 +218,23 @@ def _plot_speed(
 
 
 def _flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--robot", default="omni4", metavar="NAME|FILE", help="default omni4")
-    parser.add_argument("--speed", type=float, default=5.0, metavar="M/S", help="default 5")
     parser.add_argument(
-        "--acceleration", type=float, default=2.5, metavar="M/S2", help="either way; default 2.5"
+        "--speed", type=flag_types.POSITIVE, default=5.0, metavar="M/S", help="default 5"
     )
-    parser.add_argument("--noise", type=float, default=1.0, metavar="SCALE", help="default 1")
+    parser.add_argument(
+        "--acceleration",
+        type=flag_types.POSITIVE,
+        default=2.5,
+        metavar="M/S2",
+        help="either way; default 2.5",
+    )
 
 
 EXPERIMENT = Experiment(
-    name="omni-step",
-    purpose="5 m/s and stop at half-way: velocity against the ideal triangle and trapezoid.",
-    run=run,
-    examples=["tsd-lab omni-step --out lab", "tsd-lab omni-step --robot mecanum --speed 1.5"],
-    add_flags=_flags,
+    "omni-step",
+    run,
+    ["tsd-lab omni-step --out lab", "tsd-lab omni-step --robot mecanum --speed 1.5"],
+    robot="omni4",
+    noise=True,
+    add_own_flags=_flags,
 )

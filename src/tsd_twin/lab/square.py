@@ -18,12 +18,11 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from tsd_twin import experiment, robots
-from tsd_twin.errors import TwinError
+from tsd_twin import experiment, flag_types, robots
 from tsd_twin.estimation import Slip
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.lab import tracking
-from tsd_twin.lab.follow import add_run_flags
+from tsd_twin.lab.follow import add_loop_flag
 from tsd_twin.lab.observer import Loop, PoseObserver, make_observer
 from tsd_twin.lab.tracking import TrackingErrors, TrackingRecord, follow_trajectory
 from tsd_twin.lie import SE2, Array
@@ -56,16 +55,16 @@ class SlipFeedforward:
         self._aside_mps_per_n = drive.wheel_radius_m**2 * drive.spin_rad_per_s / stiffness_nm
         steps = int(np.ceil(trajectory.duration_s / _FEEDFORWARD_STEP_S)) + 1
         self._at_s: Array = _FEEDFORWARD_STEP_S * (0.5 + np.arange(steps, dtype=np.float64))
-        shall = trajectory.at(self._at_s)
-        told: list[Array] = [
-            self._push(slip, shall.twist[i], shall.twist_rate[i]) for i in range(steps)
+        reference = trajectory.at(self._at_s)
+        twists: list[Array] = [
+            self._push(slip, reference.twist[i], reference.twist_rate[i]) for i in range(steps)
         ]
-        self._told: Array = np.stack(told)
+        self._twists: Array = np.stack(twists)
 
     def __call__(self, t_s: float) -> Array:
-        """Return the twist (3,) to command for the time `t_s` of the trajectory."""
-        told = self._told
-        return np.array([float(np.interp(t_s, self._at_s, told[:, i])) for i in range(3)])
+        """Twist (3,) to command for the time `t_s` of the trajectory."""
+        twists = self._twists
+        return np.array([float(np.interp(t_s, self._at_s, twists[:, i])) for i in range(3)])
 
     def _push(self, slip: Slip, twist: Array, rate: Array) -> Array:
         """Return the compensated twist for `twist` and its `rate`; advances `slip` by a step."""
@@ -92,6 +91,7 @@ _PLAY_LAG_S = 0.01
 """Additional lag under load of a robot with the errors of `tsd`: while the motor of a servo crosses
 its backlash, the floor turns the gimbal. Measured in MuJoCo, as the only figure here; the rest of
 the lag is in the description."""
+THESIS_ROBOT = "tsd"
 THESIS_SHARE = 0.16
 """Largest position error reported in the thesis, as a share of the side."""
 _NO_LIMIT_MPS2 = 1000.0
@@ -115,7 +115,7 @@ class Square:
 
     @staticmethod
     def of(args: argparse.Namespace, seed: int) -> Square:
-        """Return the settings of `args`, with another seed."""
+        """Settings of `args`, with another seed."""
         return Square(
             robot=args.robot,
             loop=Loop(args.loop),
@@ -158,7 +158,7 @@ class Square:
         return trajectory, follow_trajectory(virtual, trajectory, tracker, watching, periods)
 
     def _slip(self, robot: RobotDescription) -> Slip:
-        """Return the slip model with the friction that the robot assumes."""
+        """Slip model with the friction that the robot assumes."""
         known = description_of_kind(robot, SingularityDescription)
         friction = self.believed_friction * known.floor.friction
         floor = msgspec.structs.replace(known.floor, friction=friction)
@@ -181,7 +181,7 @@ class Square:
 
 
 def unlimited_trajectory(route: Route) -> Trajectory:
-    """Return the reference of the thesis: constant speed, with instantaneous corners."""
+    """Reference of the thesis: constant speed, with instantaneous corners."""
     s_m = np.array([0.0, *route.breaks_m, route.length_m])
     speed = np.full(len(s_m), SPEED_MPS)
     profile = SpeedProfile(s_m, speed, np.zeros(len(s_m) - 1), s_m / SPEED_MPS)
@@ -191,7 +191,7 @@ def unlimited_trajectory(route: Route) -> Trajectory:
 def _with_limits(
     robot: RobotDescription, acceleration_mps2: float, deceleration_mps2: float
 ) -> RobotDescription:
-    """Return the robot with other acceleration limits, and a margin above the speed."""
+    """Robot with other acceleration limits, and a margin above the speed."""
     limits = msgspec.structs.replace(
         robot.limits,
         speed_mps=max(robot.limits.speed_mps, _SPEED_MARGIN * SPEED_MPS),
@@ -273,11 +273,7 @@ def _draw_errors(percent: Array, title: str, out: Output) -> None:
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
-    """Simulate the square, and report the three errors, or their spread over many seeds."""
-    if args.seeds < 1:
-        raise TwinError(f"--seeds must be 1 or more, not {args.seeds}")
-    if not args.believed_friction > 0.0:
-        raise TwinError(f"--believed-friction must be above 0, not {args.believed_friction:g}")
+    """The experiment of the thesis: a square of 1 m at 1 m/s, seen by a camera."""
     if args.seeds > 1:
         return run_seeds([Square.of(args, args.seed + i) for i in range(args.seeds)], out)
     loop = Loop(args.loop)
@@ -294,46 +290,51 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
             for i, axis in enumerate(("x", "y"))
         },
     )
-    _draw_square(loop, record, frames, out)
+    of_thesis = args.robot == THESIS_ROBOT
+    _draw_square(loop, record, frames, out, of_thesis=of_thesis)
     errors = record.errors()
     of_side = 100.0 * errors.worst_m / errors.size_m
+    reported = f"; the thesis reports at most {100 * THESIS_SHARE:.0f} %, open loop"
     return [
         f"square of 1 m in {trajectory.duration_s:.2f} s, loop: {loop}",
         errors.sentence(),
-        f"largest error of position {of_side:.1f} % of the side; "
-        f"the thesis reports at most {100 * THESIS_SHARE:.0f} %, open loop",
+        f"largest error of position {of_side:.1f} % of the side" + (reported if of_thesis else ""),
     ]
 
 
 def camera_frames(record: TrackingRecord, seed: int) -> list[Frame]:
-    """Return the frames of an overhead camera for a run, at 24 frames a second."""
+    """Frames of an overhead camera for a run, at 24 frames a second."""
     camera = Camera(CameraNoise(late_s=0.0), np.random.default_rng(seed))
     start = SE2(record.reference[0]).inverse()
     poses = (start @ SE2(record.truth)).xy_heading
-    seen = (camera.watch(i * PERIOD_S, SE2(pose)) for i, pose in enumerate(poses))
+    seen = (camera.capture(i * PERIOD_S, SE2(pose)) for i, pose in enumerate(poses))
     return list(itertools.chain.from_iterable(seen))
 
 
-def _draw_square(loop: Loop, record: TrackingRecord, frames: list[Frame], out: Output) -> None:
+def _draw_square(
+    loop: Loop, record: TrackingRecord, frames: list[Frame], out: Output, *, of_thesis: bool
+) -> None:
     figure = experiment.new_figure(10.5, 4.6, f"Square of 1 m at 1 m/s, loop: {loop}")
     left, right = figure.subplots(1, 2)
-    tracking.draw_positions(left, record, frames, "position, as Figure 13 of the thesis")
-    tracking.draw_speeds(right, record, frames, "speed, as Figure 14 of the thesis")
+    figures = (", as Figure 13 of the thesis", ", as Figure 14 of the thesis")
+    positions, speeds = figures if of_thesis else ("", "")
+    tracking.draw_positions(left, record, frames, f"position{positions}")
+    tracking.draw_speeds(right, record, frames, f"speed{speeds}")
     out.figure("square", figure)
 
 
 def _flags(parser: argparse.ArgumentParser) -> None:
-    add_run_flags(parser, Loop.OPEN)
+    add_loop_flag(parser, Loop.OPEN)
     parser.add_argument(
         "--seeds",
-        type=int,
+        type=flag_types.whole(1),
         default=1,
         metavar="N",
         help="number of squares, from --seed on, to report the spread of their errors; default 1",
     )
     parser.add_argument(
         "--errors",
-        type=float,
+        type=flag_types.SCALE,
         default=1.0,
         metavar="SCALE",
         help="factor on [errors], the model errors of a built robot; default 1",
@@ -342,11 +343,12 @@ def _flags(parser: argparse.ArgumentParser) -> None:
         "--plant",
         choices=list(PLANTS),
         default="kinematic",
-        help="plant: rolling by the equations (default), or rigid bodies that slide in MuJoCo",
+        help="plant: rolling by the equations (default), or rigid bodies that slide in MuJoCo, "
+        "which is an optional package: docs/install.md",
     )
     parser.add_argument(
         "--believed-friction",
-        type=float,
+        type=flag_types.POSITIVE,
         default=1.0,
         metavar="SHARE",
         help="friction of the floor assumed by the robot, relative to the true one; default 1",
@@ -360,16 +362,18 @@ def _flags(parser: argparse.ArgumentParser) -> None:
 
 
 EXPERIMENT = Experiment(
-    name="square",
-    purpose="The experiment of the thesis: a square of 1 m at 1 m/s, seen by a camera.",
-    run=run,
-    examples=[
+    "square",
+    run,
+    [
         "tsd-lab square --out lab                 open loop, as in the thesis",
         "tsd-lab square --loop gyro               closed by wheels and gyro",
         "tsd-lab square --loop camera --seed 7    and by the camera above",
-        "tsd-lab square --loop camera --plant mujoco      on a floor with friction",
-        "tsd-lab square --loop gyro --plant mujoco --seeds 20     by 20 robots",
+        "tsd-lab square --loop camera --plant mujoco      on a floor with friction; needs MuJoCo",
+        "tsd-lab square --loop gyro --plant mujoco --seeds 20     by 20 robots; needs MuJoCo",
         "tsd-lab square --errors 0 --noise 0      a perfect robot",
     ],
-    add_flags=_flags,
+    robot="tsd",
+    noise=True,
+    seed_of="all noise",
+    add_own_flags=_flags,
 )

@@ -32,7 +32,7 @@ NAMED_PATHS: dict[str, Callable[[float], Path]] = {
 
 
 def named_path(name: str, cut_m: float = 0.0) -> Path:
-    """Return a path by its name.
+    """Path by its name.
 
     Raises:
         PathError: no path has that name.
@@ -42,11 +42,14 @@ def named_path(name: str, cut_m: float = 0.0) -> Path:
     return NAMED_PATHS[name](cut_m)
 
 
+_FARTHEST_M = 1000.0
+
+
 def path_through(points: Sequence[str], cut_m: float = 0.0, *, smooth: bool = False) -> Path:
-    """Return the path through points written as `x,y`, metres: straight legs, or a spline.
+    """Path through points written as `x,y`, metres: straight legs, or a spline.
 
     Raises:
-        PathError: a point cannot be read, or there are too few.
+        PathError: a point cannot be read or is too far away, or there are too few.
     """
     numbers: list[list[float]] = []
     for point in points:
@@ -54,6 +57,8 @@ def path_through(points: Sequence[str], cut_m: float = 0.0, *, smooth: bool = Fa
             x, y = (float(part) for part in point.split(","))
         except ValueError:
             raise PathError(f"a point is two numbers, x,y in metres, not '{point}'") from None
+        if not max(abs(x), abs(y)) <= _FARTHEST_M:
+            raise PathError(f"a point is within {_FARTHEST_M:g} m of the start, not '{point}'")
         numbers.append([x, y])
     return spline(numbers) if smooth else polyline(numbers, cut_m)
 
@@ -77,7 +82,7 @@ class TrackingErrors:
     """Larger side of the bounding box of the path, the unit of the percentages."""
 
     def sentence(self) -> str:
-        """Return a text of three errors in millimetres and in per cent of the size."""
+        """Text of three errors in millimetres and in per cent of the size."""
         parts = [
             f"{name} {1000 * value:.1f} mm ({100 * value / self.size_m:.2f} %)"
             for name, value in (
@@ -90,30 +95,30 @@ class TrackingErrors:
 
 
 def tracking_errors(xy: Array, reference_xy: Array, path_xy: Array) -> TrackingErrors:
-    """Return the errors of positions `xy` (n, 2) against those at the same times, and a path.
+    """Errors of positions `xy` (n, 2) against those at the same times, and a path.
 
     `path_xy` (m, 2) are points along the path, close together.
     """
-    apart = xy - reference_xy
-    off = np.hypot(apart[:, 0], apart[:, 1])
+    error = xy - reference_xy
+    error_m = np.hypot(error[:, 0], error[:, 1])
     return TrackingErrors(
-        rms_m=float(np.sqrt(np.mean(np.square(off)))),
-        worst_m=float(off.max()),
+        rms_m=float(np.sqrt(np.mean(np.square(error_m)))),
+        worst_m=float(error_m.max()),
         cross_track_m=float(_distances(xy, path_xy).max()),
-        closure_m=float(off[-1]),
+        closure_m=float(error_m[-1]),
         size_m=float(np.ptp(path_xy, axis=0).max()),
     )
 
 
 def _distances(xy: Array, path_xy: Array) -> Array:
-    """Return the distance of each of `xy` (n, 2) to the nearest leg between points (m, 2)."""
+    """Distance of each of `xy` (n, 2) to the nearest leg between points (m, 2)."""
     start, legs = path_xy[:-1], np.diff(path_xy, axis=0)
     squared = np.maximum(np.square(legs).sum(axis=1), 1e-300)
     nearest: list[Array] = []
     for at in range(0, len(xy), _BLOCK):
-        off = xy[at : at + _BLOCK, None] - start
-        share = np.clip((off * legs).sum(axis=2) / squared, 0.0, 1.0)
-        away = off - share[..., None] * legs
+        offset = xy[at : at + _BLOCK, None] - start
+        share = np.clip((offset * legs).sum(axis=2) / squared, 0.0, 1.0)
+        away = offset - share[..., None] * legs
         nearest.append(np.sqrt(np.square(away).sum(axis=2).min(axis=1)))
     return np.concatenate(nearest)
 
@@ -143,11 +148,11 @@ class TrackingRecord:
     """(m, 2): points close together along the path."""
 
     def errors(self) -> TrackingErrors:
-        """Return the three errors of the true positions."""
+        """Three errors of the true positions."""
         return tracking_errors(self.truth[:, :2], self.reference[:, :2], self.path_xy)
 
     def columns(self) -> dict[str, Array]:
-        """Return the columns of a table."""
+        """Columns of a table."""
         table = {"t_s": self.t_s}
         for name, poses in (
             ("reference", self.reference),
@@ -255,14 +260,14 @@ def draw_errors(axes: Axes, record: TrackingRecord, title: str) -> None:
         (record.truth, experiment.TRUTH_COLOUR, "-", "robot"),
         (record.estimate, experiment.ESTIMATE_COLOUR, "--", "as it estimates"),
     ):
-        off = np.hypot(*(poses - record.reference)[:, :2].T)
-        axes.plot(record.t_s, 1000 * off, style, color=colour, linewidth=1.3, label=name)
+        error_m = np.hypot(*(poses - record.reference)[:, :2].T)
+        axes.plot(record.t_s, 1000 * error_m, style, color=colour, linewidth=1.3, label=name)
     experiment.label_axes(axes, "time (s)", "error (mm)", title)
     axes.set_ylim(bottom=0.0)
     experiment.add_legend(axes, loc="best")
 
 
 def camera_xy(record: TrackingRecord, frames: list[Frame]) -> Array:
-    """Return the positions (n, 2) in the camera frames, in the axes of the path."""
+    """Positions (n, 2) in the camera frames, in the axes of the path."""
     start = SE2(record.reference[0])
     return start.transform(np.array([frame.pose[:2] for frame in frames]))

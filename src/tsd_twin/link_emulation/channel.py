@@ -79,9 +79,9 @@ class LinkChannel(Generic[Packet]):
             self._lost(packet)
         self.step()
 
-    def mend(self) -> None:
+    def restore(self) -> None:
         """End the cut."""
-        self.link.mend()
+        self.link.restore()
         self.step()
 
     def change(self, spec: LinkSpec) -> None:
@@ -112,7 +112,7 @@ _AT_A_TIME = 64  # So that one client that floods cannot hold up the loop.
 
 
 def bound(endpoint: Endpoint) -> socket.socket:
-    """Return a socket bound to an endpoint.
+    """Socket bound to an endpoint.
 
     Raises:
         LinkError: the port is in use, or the host is unknown or not of this machine.

@@ -123,9 +123,9 @@ class LinkEmulator:
         """Lose all packets from now on, including those in transit."""
         self._do(lambda channel: channel.cut())
 
-    def mend(self) -> None:
+    def restore(self) -> None:
         """End the cut."""
-        self._do(lambda channel: channel.mend())
+        self._do(lambda channel: channel.restore())
 
     def set(self, spec: LinkSpec) -> None:
         """Change the specification from now on; the seed has effect at the start only."""

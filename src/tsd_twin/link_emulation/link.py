@@ -84,7 +84,7 @@ class StallClock:
         return self._start_s + ran_s + stalled_s
 
     def _ran(self, at_s: float) -> float:
-        """Return the running time since the start without stalls on request."""
+        """Running time since the start without stalls on request."""
         since_start_s = at_s - self._start_s
         if self._stall is None or since_start_s < self._stall.period_s:
             return since_start_s
@@ -164,7 +164,7 @@ class Link(Generic[Packet]):
         return True
 
     def receive(self, now_s: float) -> list[Packet]:
-        """Return the packets that have arrived, in the order of their arrival."""
+        """Packets that have arrived, in the order of their arrival."""
         ran_s = self._stopwatch.read(now_s)
         arrived: list[Packet] = []
         if self._stopwatch.stands(now_s):
@@ -195,7 +195,7 @@ class Link(Generic[Packet]):
         self._straight_s = 0.0  # A lost packet delays no other.
         return lost
 
-    def mend(self) -> None:
+    def restore(self) -> None:
         """End the cut."""
         self._is_cut = False
 

@@ -10,12 +10,14 @@ import logging
 import socket
 import struct
 from collections.abc import Callable, Iterator
-from typing import NamedTuple, TypeAlias, cast
+from dataclasses import dataclass, field
+from typing import Generic, NamedTuple, TypeAlias, TypeVar, cast
 
 from tsd_twin.link_emulation.channel import Address, LinkChannel, bound, datagrams, resolved
 from tsd_twin.link_emulation.link import Segment, Stream
 from tsd_twin.link_emulation.spec import Endpoint
 
+T = TypeVar("T")
 SEGMENT_BYTES = 1400
 """Most data in a segment: an Ethernet frame, less headers, options and a tunnel."""
 TCP_HEADER_BYTES = 40
@@ -247,21 +249,22 @@ class TargetSocket(RelaySocket):
                 self.carry(Mark.RESET)
 
 
-class TcpRelay:
+@dataclass(eq=False)
+class Relay(Generic[T]):
+    """Relay between clients at `listen` and a target, over an emulated link."""
+
+    listen: Endpoint
+    target: Endpoint
+    up: LinkChannel[T]
+    """From the clients to the target."""
+    down: LinkChannel[T]
+
+
+@dataclass(eq=False)
+class TcpRelay(Relay[TcpSegment]):
     """Accepts connections, and opens one to the target for each."""
 
-    def __init__(
-        self,
-        listen: Endpoint,
-        target: Endpoint,
-        up: LinkChannel[TcpSegment],
-        down: LinkChannel[TcpSegment],
-    ) -> None:
-        self._listen = listen
-        self._target = target
-        self._up = up
-        self._down = down
-        self._sides: set[RelaySocket] = set()
+    _sides: set[RelaySocket] = field(init=False, default_factory=set[RelaySocket])
 
     async def open(self) -> int:
         """Listen, and return the port.
@@ -269,7 +272,7 @@ class TcpRelay:
         Raises:
             LinkError: it cannot listen there.
         """
-        listening = bound(self._listen)
+        listening = bound(self.listen)
         loop = asyncio.get_running_loop()
         self._server = await loop.create_server(self._accept, sock=listening)
         return listening.getsockname()[1]
@@ -283,8 +286,8 @@ class TcpRelay:
         await self._server.wait_closed()
 
     def _accept(self) -> ClientSocket:
-        near = ClientSocket(self._up, self._sides)
-        near.other = TargetSocket(self._down, self._sides, near, self._target)
+        near = ClientSocket(self.up, self._sides)
+        near.other = TargetSocket(self.down, self._sides, near, self.target)
         return near
 
 
@@ -302,22 +305,14 @@ class Datagram(NamedTuple):
     forward: Callable[[bytes], object]
 
 
-class UdpRelay:
+@dataclass(eq=False)
+class UdpRelay(Relay[Datagram]):
     """Listens for clients; each gets a socket of its own towards the target, as behind a NAT."""
 
-    def __init__(
-        self,
-        listen: Endpoint,
-        target: Endpoint,
-        up: LinkChannel[Datagram],
-        down: LinkChannel[Datagram],
-    ) -> None:
-        self._listen = listen
-        self._target = target
-        self._up = up
-        self._down = down
-        self._loop = asyncio.get_running_loop()
-        self._mappings: dict[Address, _Mapping] = {}
+    _loop: asyncio.AbstractEventLoop = field(init=False, default_factory=asyncio.get_running_loop)
+    _mappings: dict[Address, _Mapping] = field(
+        init=False, default_factory=dict[Address, "_Mapping"]
+    )
 
     async def open(self) -> int:
         """Listen, and return the port.
@@ -325,8 +320,8 @@ class UdpRelay:
         Raises:
             LinkError: it cannot listen there, or the host of the target cannot be resolved.
         """
-        self._family, self._address = resolved(self._target)
-        self._socket = bound(self._listen)
+        self._family, self._address = resolved(self.target)
+        self._socket = bound(self.listen)
         self._loop.add_reader(self._socket, self._from_clients)
         return self._socket.getsockname()[1]
 
@@ -340,7 +335,7 @@ class UdpRelay:
         for data, client in datagrams(self._socket):
             mapping = self._mappings.get(client) or self._map(client)
             mapping.used_s = self._loop.time()
-            self._up.send(Datagram(data, mapping.socket.send), len(data) + HEADER_BYTES)
+            self.up.send(Datagram(data, mapping.socket.send), len(data) + HEADER_BYTES)
 
     def _from_target(self, mapping: _Mapping, client: Address) -> None:
         def answer(data: bytes) -> None:
@@ -348,7 +343,7 @@ class UdpRelay:
 
         for data, _ in datagrams(mapping.socket):
             mapping.used_s = self._loop.time()
-            self._down.send(Datagram(data, answer), len(data) + HEADER_BYTES)
+            self.down.send(Datagram(data, answer), len(data) + HEADER_BYTES)
 
     def _map(self, client: Address) -> _Mapping:
         self._forget(before_s=self._loop.time() - _IDLE_S)

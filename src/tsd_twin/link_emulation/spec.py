@@ -40,7 +40,7 @@ class Endpoint:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Return the endpoint of a text such as `tcp/127.0.0.1:7447`.
+        """Endpoint of a text such as `tcp/127.0.0.1:7447`.
 
         Raises:
             LinkError: it is written otherwise, or of another protocol.
@@ -79,7 +79,7 @@ class Quantity:
     example: str
 
     def parse(self, text: str) -> float:
-        """Return the value in the base unit.
+        """Value in the base unit.
 
         Raises:
             LinkError: it is no number, or has no unit or a wrong one.
@@ -94,7 +94,7 @@ class Quantity:
         return float(Decimal(match["number"]).scaleb(self.powers[match["unit"]]))
 
     def write(self, value: float) -> str:
-        """Return the value in the largest unit that leaves at least one before the point."""
+        """Value in the largest unit that leaves at least one before the point."""
         exact = Decimal(repr(float(value)))
         fitting = [unit for unit, power in self.powers.items() if exact >= Decimal(10) ** power]
         units = list(self.powers)
@@ -132,7 +132,7 @@ class Stall:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Return the stall of a text such as `2s@10s`.
+        """Stall of a text such as `2s@10s`.
 
         Raises:
             LinkError: it is written otherwise, or lasts as long as its period.
@@ -186,7 +186,7 @@ class LinkSpec:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Return the specification of a text such as `delay=150ms,stall=2s@10s`.
+        """Specification of a text such as `delay=150ms,stall=2s@10s`.
 
         Raises:
             LinkError: it names the word that is wrong, and what is valid.

@@ -4,6 +4,7 @@ pose sensor.
 
 from __future__ import annotations
 
+import functools
 import math
 import struct
 from dataclasses import dataclass
@@ -13,9 +14,10 @@ import numpy as np
 from tsd_twin.errors import MessageError
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages import ros
-from tsd_twin.messages.ros import BASE, ODOM, decode_twist
+from tsd_twin.messages.ros import BASE, ODOM, TwistStamped, decode_twist
 
 _ATTACHMENT = struct.Struct("<Q16sQ")
+_PAYLOADS_KEPT = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,12 +46,12 @@ class Command:
 
 
 def encode_attachment(seq: int, lease: bytes, status_seq: int) -> bytes:
-    """Return the attachment of a command: its number, its lease, the newest received status."""
+    """Attachment of a command: its number, its lease, the newest received status."""
     return _ATTACHMENT.pack(seq, lease, status_seq)
 
 
 def decode_command(sample: Sample) -> Command:
-    """Return the command in a sample of `twin/<robot>/cmd/<operator>/twist`.
+    """Command in a sample of `twin/<robot>/cmd/<operator>/twist`.
 
     Raises:
         MessageError: the reason is one of `key`, `shape` and `nonfinite`.
@@ -61,12 +63,20 @@ def decode_command(sample: Sample) -> Command:
         seq, lease, status_seq = _ATTACHMENT.unpack(sample.attachment)
     except struct.error as error:
         raise MessageError("shape", f"attachment: {error}") from error
-    message = decode_twist(sample.payload)
+    message = _checked_twist(sample.payload)
+    return Command(parts[3], seq, lease, status_seq, message.frame, message.twist)
+
+
+@functools.lru_cache(maxsize=_PAYLOADS_KEPT)
+def _checked_twist(payload: bytes) -> TwistStamped:
+    """Return the twist in a payload, which nothing can change: a motion repeats it at 50 Hz."""
+    message = decode_twist(payload)
     if message.frame not in (BASE, ODOM):
         raise MessageError("shape", f"frame_id must be {BASE} or {ODOM}")
     if not np.isfinite(message.twist).all():
         raise MessageError("nonfinite", "a twist must be finite numbers")
-    return Command(parts[3], seq, lease, status_seq, message.frame, message.twist)
+    message.twist.setflags(write=False)
+    return message
 
 
 _TYPE = "geometry_msgs/msg/PoseStamped"
@@ -89,21 +99,21 @@ class PoseStamped:
 
     @staticmethod
     def planar(pose: SE2, stamp_ns: int) -> PoseStamped:
-        """Return the message of a planar pose in `odom`."""
+        """Message of a planar pose in `odom`."""
         x, y, heading = pose.xy_heading.tolist()
         turn = [math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading)]
         return PoseStamped(ODOM, np.array([x, y, 0.0]), np.array(turn), stamp_ns)
 
 
 def encode_pose(message: PoseStamped) -> bytes:
-    """Return the CDR of a pose."""
+    """CDR of a pose."""
     pose = ros.make_pose(message.position_m, message.wxyz)
     header = ros.make_header(message.stamp_ns, message.frame)
     return ros.encode_cdr(ros.make_message(_TYPE, header=header, pose=pose))
 
 
 def decode_pose(payload: bytes) -> PoseStamped:
-    """Return the pose in a CDR payload; numbers may be anything, also NaN.
+    """Pose in a CDR payload; numbers may be anything, also NaN.
 
     Raises:
         MessageError: `shape`, when this is no `geometry_msgs/msg/PoseStamped`.
@@ -119,7 +129,7 @@ def decode_pose(payload: bytes) -> PoseStamped:
 
 
 def decode_pose_measurement(sample: Sample) -> tuple[SE2, int]:
-    """Return the pose on the floor, and its stamp, in a sample of `twin/<robot>/sensor/pose`.
+    """Pose on the floor, and its stamp, in a sample of `twin/<robot>/sensor/pose`.
 
     Heading in [-pi, pi]; height and a small lean are left out.
 

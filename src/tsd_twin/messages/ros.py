@@ -19,10 +19,12 @@ from tsd_twin.errors import MessageError
 from tsd_twin.lie import SE2, SO3, Array
 
 _LARGEST = 4096  # Bytes; messages of this project have fewer than 800.
+_COMMANDS_KEPT = 16
+"""Commands whose encoding is kept: more than one process sends at a time."""
 
 
 def make_message(type_name: str, **fields: Any) -> Any:
-    """Return a ROS 2 message."""
+    """ROS 2 message."""
     return _store().types[type_name](**fields)
 
 
@@ -56,17 +58,17 @@ def make_twist(numbers: Iterable[float]) -> Any:
 
 
 def stamp_ns(raw: Any) -> int:
-    """Return the time in the header of a message."""
+    """Time in the header of a message."""
     return raw.header.stamp.sec * 1_000_000_000 + raw.header.stamp.nanosec
 
 
 def encode_cdr(message: Any) -> bytes:
-    """Return the CDR of a message."""
+    """CDR of a message."""
     return bytes(_store().serialize_cdr(message, message.__msgtype__))
 
 
 def decode_cdr(payload: bytes, type_name: str) -> Any:
-    """Return the message in a CDR payload.
+    """Message in a CDR payload.
 
     Raises:
         MessageError: `shape`, when there is none of this type in it.
@@ -81,7 +83,7 @@ def decode_cdr(payload: bytes, type_name: str) -> Any:
 
 @functools.cache
 def _store() -> Any:
-    """Return the type store; made at first use, since it takes a tenth of a second."""
+    """Type store; made at first use, since it takes a tenth of a second."""
     return get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -144,7 +146,7 @@ class Odometry:
         twist_covariance: Array,
         stamp_ns: int = 0,
     ) -> Odometry:
-        """Return the message for a planar pose or an orientation."""
+        """Message for a planar pose or an orientation."""
         xy_heading, wxyz = (
             (pose.xy_heading, None) if isinstance(pose, SE2) else (np.zeros(3), pose.wxyz)
         )
@@ -152,14 +154,20 @@ class Odometry:
 
 
 def encode_twist(message: TwistStamped) -> bytes:
-    """Return the CDR of a `geometry_msgs/msg/TwistStamped`."""
-    header = make_header(message.stamp_ns, message.frame)
-    twist = make_twist(message.twist)
-    return encode_cdr(make_message("geometry_msgs/msg/TwistStamped", header=header, twist=twist))
+    """The CDR of a `geometry_msgs/msg/TwistStamped`."""
+    return _twist_cdr(message.frame, np.asarray(message.twist, float).tobytes(), message.stamp_ns)
+
+
+@functools.lru_cache(maxsize=_COMMANDS_KEPT)
+def _twist_cdr(frame: str, twist: bytes, stamp_ns: int) -> bytes:
+    # A motion repeats its command at 50 Hz.
+    header = make_header(stamp_ns, frame)
+    numbers = make_twist(np.frombuffer(twist))
+    return encode_cdr(make_message("geometry_msgs/msg/TwistStamped", header=header, twist=numbers))
 
 
 def decode_twist(payload: bytes) -> TwistStamped:
-    """Return the twist in a CDR payload; numbers may be anything, also NaN.
+    """Twist in a CDR payload; numbers may be anything, also NaN.
 
     Raises:
         MessageError: `shape`, when this is no `geometry_msgs/msg/TwistStamped`.
@@ -174,7 +182,7 @@ def decode_twist(payload: bytes) -> TwistStamped:
 
 
 def encode_joints(message: JointState) -> bytes:
-    """Return the CDR of a `sensor_msgs/msg/JointState`."""
+    """CDR of a `sensor_msgs/msg/JointState`."""
     return encode_cdr(
         make_message(
             "sensor_msgs/msg/JointState",
@@ -188,7 +196,7 @@ def encode_joints(message: JointState) -> bytes:
 
 
 def decode_joints(payload: bytes) -> JointState:
-    """Return the joints in a CDR payload.
+    """Joints in a CDR payload.
 
     Raises:
         MessageError: `shape`, when this is no `sensor_msgs/msg/JointState`.
@@ -200,7 +208,7 @@ def decode_joints(payload: bytes) -> JointState:
 
 
 def encode_odometry(message: Odometry) -> bytes:
-    """Return the CDR of a `nav_msgs/msg/Odometry`."""
+    """CDR of a `nav_msgs/msg/Odometry`."""
     x, y, heading = (float(v) for v in message.xy_heading)
     if message.wxyz is None:
         rows = PLANAR
@@ -230,7 +238,7 @@ def encode_odometry(message: Odometry) -> bytes:
 
 
 def decode_odometry(payload: bytes, *, turning: bool = False) -> Odometry:
-    """Return the planar part of the odometry in a CDR payload; heading in [-2 pi, 2 pi].
+    """Planar part of the odometry in a CDR payload; heading in [-2 pi, 2 pi].
 
     With `turning`, return the orientation and the angular velocity of a sphere.
 
@@ -262,7 +270,7 @@ def warm_up() -> None:
 
 
 def _spatial(covariance: Array, rows: tuple[int, int, int]) -> Array:
-    """Return the row-major (36,) spatial covariance of a (3, 3) one."""
+    """Row-major (36,) spatial covariance of a (3, 3) one."""
     spatial = np.zeros((6, 6))
     spatial[np.ix_(rows, rows)] = covariance
     return spatial.reshape(36)

@@ -125,7 +125,7 @@ class Description(msgspec.Struct, frozen=True):
 
 
 def decode_request(payload: bytes, kind: type[RequestT]) -> RequestT:
-    """Return the request in a payload.
+    """Request in a payload.
 
     Raises:
         MessageError: `shape`, with what is missing or wrong.
@@ -147,10 +147,10 @@ def decode_json(payload: bytes, kind: type[StructT], what: str) -> StructT:
 
 
 def duplicate_id_text(robot_id: str) -> str:
-    """Return the error text for several robots with one id."""
+    """Error text for several robots with one id."""
     return f"another robot with the id '{robot_id}' is on the bus: end one, or choose another id"
 
 
 def to_builtins(message: msgspec.Struct) -> Mapping[str, Any]:
-    """Return a message as plain dicts and lists."""
+    """Message as plain dicts and lists."""
     return msgspec.to_builtins(message)

@@ -33,6 +33,27 @@ class LeaseStatus(msgspec.Struct, frozen=True):
     """Remaining time of the reservation."""
 
 
+class Refusals(msgspec.Struct, frozen=True):
+    """Which requests the robot would refuse now, each with the reason that it answers with.
+
+    Null is accepted. The reasons are those for the holder of the lease; without a lease, for all
+    operators.
+    """
+
+    lease: str | None = None
+    """Of acquiring the lease without a take-over, for operators without a reservation."""
+    without_lease: str = ""
+    """Of each request below, for an operator who does not hold the lease; never accepted."""
+    arm: str | None = None
+    disarm: str | None = None
+    reset: str | None = None
+    drive: str | None = None
+    """Why a fresh non-zero command would not move the robot; a command gets no answer."""
+    set_pose: str | None = None
+    speed: str | None = None
+    """Of choosing the speed of wheels that always spin."""
+
+
 class DropCounts(msgspec.Struct):
     """Counts of dropped commands, each under exactly one reason."""
 
@@ -140,6 +161,8 @@ class Status(msgspec.Struct, frozen=True):
     """Number of controlled stops started by the robot; the count reveals also the shortest."""
     arming: ArmingStatus | None = None
     lease: LeaseStatus = LeaseStatus()
+    refusals: Refusals | None = None
+    """Null from robots that do not send it."""
     command: CommandStatus = CommandStatus()
     limits: LimitStatus = LimitStatus()
     consistency: ConsistencyStatus = ConsistencyStatus()
@@ -150,14 +173,20 @@ class Status(msgspec.Struct, frozen=True):
     loop: LoopStatus = LoopStatus()
     hardware: Mapping[str, Any] = {}
 
+    @property
+    def no_drive_reason(self) -> str:
+        """The robot's reason why it does not move; its mode when it gives none."""
+        reason = self.refusals.drive if self.refusals else None
+        return reason or f"the robot is {self.mode}"
+
 
 def encode_status(status: Status) -> bytes:
-    """Return the JSON of a status."""
+    """JSON of a status."""
     return msgspec.json.encode(status)
 
 
 def decode_status(payload: bytes) -> Status:
-    """Return the status in a JSON payload; unknown fields are ignored.
+    """Status in a JSON payload; unknown fields are ignored.
 
     Raises:
         MessageError: `shape`, when this is no status.
@@ -169,7 +198,7 @@ def decode_status(payload: bytes) -> Status:
 
 
 def encode_stamp(seq: int, robot_ns: int) -> bytes:
-    """Return the attachment of a `state/*` message: its number and the robot's monotonic time."""
+    """Attachment of a `state/*` message: its number and the robot's monotonic time."""
     return _STAMP.pack(seq, robot_ns)
 
 

@@ -35,7 +35,7 @@ class Topic:
     """Rate while it is published, Hz."""
 
     def key(self, robot: str) -> str:
-        """Return the key of this topic for a robot id; `*` stands for all robots."""
+        """Key of this topic for a robot id; `*` stands for all robots."""
         return f"twin/{robot if robot == '*' else checked(robot)}/{self.path}"
 
 
@@ -66,12 +66,12 @@ class Service(StrEnum):
     DESC = "desc"
 
     def key(self, robot: str) -> str:
-        """Return the key of this service for a robot id."""
+        """Key of this service for a robot id."""
         return f"twin/{checked(robot)}/{self.value}"
 
 
 def checked(name: str) -> str:
-    """Return a robot or operator id that may be part of a key.
+    """Robot or operator id that may be part of a key.
 
     Raises:
         BusError: it does not match `[a-z0-9_-]{1,32}`.
@@ -82,28 +82,28 @@ def checked(name: str) -> str:
 
 
 def twist_key(robot: str, operator: str) -> str:
-    """Return the key of the velocity commands of `operator` to `robot`."""
+    """Key of the velocity commands of `operator` to `robot`."""
     return TWIST.key(robot).replace("*", checked(operator))
 
 
 def event_key(robot: str, kind: str) -> str:
-    """Return the key of one kind of event."""
+    """Key of one kind of event."""
     return EVENT.key(robot).replace("*", checked(kind))
 
 
 def alive_key(robot: str) -> str:
-    """Return the key of the liveliness token of a robot; `*` stands for all robots."""
+    """Key of the liveliness token of a robot; `*` stands for all robots."""
     return f"twin/{robot if robot == '*' else checked(robot)}/alive"
 
 
 def instance_key(robot: str, instance: str) -> str:
-    """Return the key of the liveliness token of one running node; `*` stands for all."""
+    """Key of the liveliness token of one running node; `*` stands for all."""
     name = robot if robot == "*" else checked(robot)
     return f"twin/{name}/instance/{instance if instance == '*' else checked(instance)}"
 
 
 def robot_of(key: str) -> str:
-    """Return the robot id in a key of this table.
+    """Robot id in a key of this table.
 
     Raises:
         BusError: the key is not below `twin/<robot>/`.

@@ -33,7 +33,7 @@ def glb(parts: Iterable[Part]) -> bytes:
 
 
 def _shaded(part: Part) -> trimesh.Trimesh:
-    """Return the mesh with a normal for each corner, vertices split where edges are sharp."""
+    """Mesh with a normal for each corner, vertices split where edges are sharp."""
     solid = Manifold(
         Mesh(
             np.asarray(1e3 * part.mesh.vertices, np.float32), np.asarray(part.mesh.faces, np.uint32)
@@ -41,12 +41,12 @@ def _shaded(part: Part) -> trimesh.Trimesh:
     )
     drawn: Any = solid.calculate_normals(0, _CREASE_DEG).to_mesh()
     corners = np.asarray(drawn.vert_properties, np.float64)
-    r, g, b, opacity = part.rgba
+    r, g, b, opacity = part.material.rgba
     material = PBRMaterial(
         name=part.name,
         baseColorFactor=[round(255 * c) for c in (*(_linear(c) for c in (r, g, b)), opacity)],
-        metallicFactor=part.metallic,
-        roughnessFactor=part.roughness,
+        metallicFactor=part.material.metallic,
+        roughnessFactor=part.material.roughness,
         alphaMode="BLEND" if opacity < 1.0 else "OPAQUE",
     )
     return trimesh.Trimesh(
@@ -59,7 +59,7 @@ def _shaded(part: Part) -> trimesh.Trimesh:
 
 
 def _linear(srgb: float) -> float:
-    """Return a colour channel as glTF wants it; IEC 61966-2-1."""
+    """Linear colour channel of an sRGB one, for glTF; IEC 61966-2-1."""
     return srgb / 12.92 if srgb <= 0.04045 else ((srgb + 0.055) / 1.055) ** 2.4
 
 
@@ -79,7 +79,7 @@ class _Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def load_parts(robot: RobotDescription) -> Parts:
-    """Return the parts of each kind of link: those in the folder `body.meshes`, or else drawn.
+    """Parts of each kind of link: those in the folder `body.meshes`, or else drawn.
 
     Raises:
         RobotFileError: there is no room for what the drive needs.
@@ -91,7 +91,7 @@ def load_parts(robot: RobotDescription) -> Parts:
 
 
 def read_model(folder: Path, kinds: Sequence[Link]) -> Parts:
-    """Return the parts in a folder, for a robot with these kinds of links.
+    """Parts in a folder, for a robot with these kinds of links.
 
     Raises:
         MeshError: a file is missing or unreadable, a mesh is not a closed solid, a link is bare, or
@@ -110,7 +110,7 @@ def read_model(folder: Path, kinds: Sequence[Link]) -> Parts:
             )
         material = Material(entry.rgba, entry.metallic, entry.roughness, entry.density_kg_per_m3)
         path = folder / f"{entry.link}_{entry.name}.stl"
-        found[entry.link].append(Part.of(entry.name, entry.link, _load(path), material))
+        found[entry.link].append(Part(entry.name, entry.link, _load(path), material))
     bare = [link for link, several in found.items() if not several]
     if bare:
         raise MeshError(f"{folder / _LIST} has no part for {', '.join(bare)}")
@@ -124,22 +124,16 @@ def write_model(robot: RobotDescription, folder: Path) -> None:
         RobotFileError: there is no room for what the drive needs, or the masses do not add up.
         MeshError: as in `parts`.
     """
-    look = load_parts(robot)
-    text = urdf(robot, look)
+    parts = load_parts(robot)
+    text = urdf(robot, parts)
     folder.mkdir(parents=True, exist_ok=True)
     entries: list[_Entry] = []
-    for part in (part for several in look.values() for part in several):
+    for part in (part for several in parts.values() for part in several):
         mesh: Any = part.mesh
         (folder / part.file).write_bytes(mesh.export(file_type="stl"))
+        of = part.material
         entries.append(
-            _Entry(
-                part.link,
-                part.name,
-                part.rgba,
-                part.metallic,
-                part.roughness,
-                part.density_kg_per_m3,
-            )
+            _Entry(part.link, part.name, of.rgba, of.metallic, of.roughness, of.density_kg_per_m3)
         )
     (folder / _LIST).write_bytes(
         msgspec.json.format(msgspec.json.encode(entries), indent=1) + b"\n"
@@ -148,7 +142,7 @@ def write_model(robot: RobotDescription, folder: Path) -> None:
 
 
 def shipped_model(name: str) -> Path:
-    """Return the folder of the generated files of a shipped robot.
+    """Folder of the generated files of a shipped robot.
 
     An installed package has them inside; an editable install beside its sources.
 

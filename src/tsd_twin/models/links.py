@@ -12,6 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from tsd_twin.errors import RobotFileError
 from tsd_twin.lie import SO3, Array
 from tsd_twin.models.solids import Link, Parts
 from tsd_twin.robots import RobotDescription, implementation, kind_of
@@ -29,7 +30,7 @@ class JointType(StrEnum):
     SPIN = "continuous"
     """A velocity joint: it turns without end, and its angle is not measured."""
     BALL = "ball"
-    """It turns in every direction; the pose of the robot says how."""
+    """A ball joint; its orientation is the pose of the robot."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,17 +104,15 @@ class KinematicTree:
     @property
     def kinds(self) -> tuple[Link, ...]:
         """All kinds of links, the chassis first."""
-        return ("chassis", *(link_groups.kind for link_groups in self.link_groups))
+        return ("chassis", *(group.kind for group in self.link_groups))
 
     def count(self, kind: Link) -> int:
         """Return how many links of a kind there are."""
-        return next(
-            (link_groups.count for link_groups in self.link_groups if link_groups.kind == kind), 1
-        )
+        return next((group.count for group in self.link_groups if group.kind == kind), 1)
 
     def link_group(self, kind: Link) -> LinkGroup:
-        """Return the links of a kind; not the chassis."""
-        return next(link_groups for link_groups in self.link_groups if link_groups.kind == kind)
+        """Links of a kind; not the chassis."""
+        return next(group for group in self.link_groups if group.kind == kind)
 
 
 def alike(axis: tuple[float, float, float], k: int) -> Array:
@@ -122,18 +121,18 @@ def alike(axis: tuple[float, float, float], k: int) -> Array:
 
 
 def about_z(angles_rad: Array) -> SO3:
-    """Return the turns (k, 4) about Z by `angles_rad` (k,)."""
+    """Turns (k, 4) about Z by `angles_rad` (k,)."""
     return SO3.exp(angles_rad[:, None] * np.array([0.0, 0.0, 1.0]))
 
 
 def from_axes(x: Array, y: Array, z: Array) -> SO3:
-    """Return the turns (k, 4) whose frames have unit axes `x`, `y`, `z` (k, 3), right-handed."""
+    """Turns (k, 4) whose frames have unit axes `x`, `y`, `z` (k, 3), right-handed."""
     matrices: Any = Rotation.from_matrix(np.stack([x, y, z], axis=-1))
     return SO3(np.asarray(matrices.as_quat(scalar_first=True), np.float64))
 
 
 def roll_pitch_yaw(turn: Array) -> tuple[float, float, float]:
-    """Return the angles about fixed X, Y, Z, in this order, that make a turn (4,), radians."""
+    """Angles about fixed X, Y, Z, in this order, that make a turn (4,), radians."""
     w, x, y, z = (float(q) for q in turn)
     sine = max(-1.0, min(1.0, 2.0 * (w * y - x * z)))
     return (
@@ -143,13 +142,30 @@ def roll_pitch_yaw(turn: Array) -> tuple[float, float, float]:
     )
 
 
+def chassis_mass_kg(
+    robot: RobotDescription, total_kg: float, others_kg: float, others: str, needed: str
+) -> float:
+    """Mass of the chassis: what the other links leave of the total.
+
+    Raises:
+        RobotFileError: nothing; the text names the `others`, and the keys that are `needed`.
+    """
+    if others_kg >= total_kg:
+        raise RobotFileError(
+            robot.name,
+            f"mass.total_kg is {total_kg:g}, the {others} alone weigh {others_kg:g}",
+            f"more than {needed}",
+        )
+    return total_kg - others_kg
+
+
 def _model(robot: RobotDescription) -> Any:
-    """Return the module with the model of this kind of robot."""
+    """Module with the model of this kind of robot."""
     return implementation(kind_of(robot).model)
 
 
 def draw_parts(robot: RobotDescription) -> Parts:
-    """Return the parts of each kind of link, in the frame of the link, drawn to the description.
+    """Parts of each kind of link, in the frame of the link, drawn to the description.
 
     Raises:
         RobotFileError: there is no room for what the drive needs.

@@ -5,16 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from manifold3d import CrossSection, Manifold, OpType
 
-from tsd_twin.errors import RobotFileError
 from tsd_twin.models import omni_wheel, solids
-from tsd_twin.models.equipment import platform_equipment_drawings
-from tsd_twin.models.links import Cylinder, JointType, KinematicTree, LinkGroup, about_z
-from tsd_twin.models.omni_wheel import WheelPlan, gear_motor
+from tsd_twin.models.equipment import platform_equipment_drawings, spacer
+from tsd_twin.models.links import (
+    Cylinder,
+    JointType,
+    KinematicTree,
+    LinkGroup,
+    about_z,
+    chassis_mass_kg,
+)
+from tsd_twin.models.omni_wheel import WheelPlan, motor_drawings
 from tsd_twin.models.platform_layout import MOTOR, Mount, PlatformLayout
 from tsd_twin.models.solids import (
     Drawing,
@@ -25,6 +32,7 @@ from tsd_twin.models.solids import (
     drawn,
     rectangle,
     rod,
+    sideways,
     slab,
     standing,
     union,
@@ -46,23 +54,20 @@ class Tracker(NamedTuple):
 def platform_drawings(
     layout: PlatformLayout, body: Body, trackers: Sequence[Tracker] = ()
 ) -> list[Drawing]:
-    """Return the chassis and all that is fixed to it.
+    """Chassis and all that is fixed to it.
 
     Args:
         layout: where things go.
         body: colours.
         trackers: the wheels that only measure, below the lower deck.
     """
-    one = gear_motor(MOTOR * layout.scale, layout.train)
     decks = [
         slab(layout.outline - _holes(layout, trackers), (layout.deck - layout.plate, layout.deck)),
         slab(layout.outline, (layout.roof, layout.top)),
     ]
     parts = [
         Drawing("decks", union(decks), solids.acrylic_material(body)),
-        Drawing("motors", _each(layout, one.motor), solids.BLACK),
-        Drawing("gearboxes", _each(layout, one.gearbox), solids.STEEL),
-        Drawing("encoders", _each(layout, one.encoder), solids.BLUE),
+        *motor_drawings(MOTOR * layout.scale, layout.train, partial(_behind_brackets, layout)),
         Drawing(
             "brackets",
             union(m.in_base(_bracket(layout, m)) for m in layout.mounts),
@@ -74,8 +79,8 @@ def platform_drawings(
     return parts + (_trackers(layout, body, trackers) if trackers else [])
 
 
-def _each(layout: PlatformLayout, solid: Manifold) -> Manifold:
-    """Return a drawing of a motor behind the bracket of every wheel."""
+def _behind_brackets(layout: PlatformLayout, solid: Manifold) -> Manifold:
+    """Copies of a motor, behind the bracket of every wheel."""
     return union(m.in_base(solid.translate((0.0, layout.face(m), 0.0))) for m in layout.mounts)
 
 
@@ -92,7 +97,7 @@ def _holes(layout: PlatformLayout, trackers: Sequence[Tracker]) -> CrossSection:
 
 
 def _bracket(layout: PlatformLayout, mount: Mount) -> Manifold:
-    """Return the plate between a wheel and its gearbox, with its feet and gussets on the deck."""
+    """Plate between a wheel and its gearbox, with its feet and gussets on the deck."""
     m, face = layout.scale, layout.face(mount)
     half = 1.25 * MOTOR * m
     plate = rectangle((-half, half), (layout.deck + 0.3 * m, layout.roof), 4.0 * m)
@@ -111,12 +116,12 @@ def _bracket(layout: PlatformLayout, mount: Mount) -> Manifold:
 
 
 def _span(a: float, b: float) -> tuple[float, float]:
-    """Return the two in order."""
+    """Two in order."""
     return min(a, b), max(a, b)
 
 
 def _gusset(side: float, half: float, face: float, layout: PlatformLayout) -> Manifold:
-    """Return the triangle between a bracket and its foot."""
+    """Triangle between a bracket and its foot."""
     m = layout.scale
     outline = CrossSection.batch_hull(
         [
@@ -129,18 +134,13 @@ def _gusset(side: float, half: float, face: float, layout: PlatformLayout) -> Ma
         ]
     )
     x = _span(side * (half - 1.2 * m), side * (half - 4.6 * m))
-    return slab(outline, x).rotate((90.0, 0.0, 90.0))
+    return sideways(outline, x)
 
 
 def _standoffs(layout: PlatformLayout) -> Manifold:
-    """Return the hexagonal spacers between the decks, one at each corner, with their screws."""
+    """Hexagonal spacers between the decks, one at each corner, with their screws."""
     m = layout.scale
-    spacer = union(
-        [
-            rod(4.0 * m, (layout.deck, layout.roof), corners=6),
-            rod(4.2 * m, (layout.top, layout.top + 2.4 * m), corners=8),
-        ]
-    )
+    one = spacer(layout, 4.0, 4.2, 2.4)
     spots: list[tuple[float, float]] = []
     for mount in layout.mounts:
         turn = math.radians(mount.axle_deg - 90.0)
@@ -153,7 +153,7 @@ def _standoffs(layout: PlatformLayout) -> Manifold:
                 )
             )
     there = [spot for spot in spots if (circle(6.0 * m, spot) - layout.outline).area() < 1e-6]
-    return union(spacer.translate((x, y, 0.0)) for x, y in there)
+    return union(one.translate((x, y, 0.0)) for x, y in there)
 
 
 def _trackers(layout: PlatformLayout, body: Body, trackers: Sequence[Tracker]) -> list[Drawing]:
@@ -191,7 +191,7 @@ def _tracker(layout: PlatformLayout, body: Body, one: Tracker) -> list[Drawing]:
 
 
 def draw(robot: OmniDescription) -> Parts:
-    """Return the parts; wheels whose rollers slant alike are alike."""
+    """Parts; wheels whose rollers slant alike are alike."""
     layout = PlatformLayout.of(_mounts(robot), 1e3 * robot.body.plate_thickness_m)
     dead = robot.dead_wheels
     trackers = (
@@ -217,11 +217,11 @@ def tree(robot: OmniDescription) -> KinematicTree:
     """
     mounts = _mounts(robot)
     radius_m = robot.drive.wheel_radius_m
-    link_groups: list[LinkGroup] = []
+    groups: list[LinkGroup] = []
     for kind, rows in _kinds(robot).items():
         own = [mounts[row] for row in rows]
         names = tuple(f"wheel{row + 1}" for row in rows)
-        link_groups.append(
+        groups.append(
             LinkGroup(
                 kind,
                 tuple(f"{name}_link" for name in names),
@@ -236,7 +236,7 @@ def tree(robot: OmniDescription) -> KinematicTree:
         )
     inside = min(math.hypot(mount.x, mount.y) - mount.plan.half_width for mount in mounts)
     return KinematicTree(
-        radius_m, tuple(link_groups), max(0.0, 1e-3 * 0.7 * (inside - mounts[0].plan.radius))
+        radius_m, tuple(groups), max(0.0, 1e-3 * 0.7 * (inside - mounts[0].plan.radius))
     )
 
 
@@ -246,21 +246,15 @@ def masses_kg(robot: OmniDescription) -> dict[Link, float]:
     Raises:
         RobotFileError: the wheels alone are heavier than the robot.
     """
-    mass, count = robot.mass, len(robot.drive.wheels)
-    if count * mass.wheel_kg >= mass.total_kg:
-        raise RobotFileError(
-            robot.name,
-            f"mass.total_kg is {mass.total_kg:g}, the wheels alone weigh {count * mass.wheel_kg:g}",
-            "more than mass.wheel_kg for each wheel",
-        )
-    return {
-        "chassis": mass.total_kg - count * mass.wheel_kg,
-        **dict.fromkeys(_kinds(robot), mass.wheel_kg),
-    }
+    mass, wheels_kg = robot.mass, len(robot.drive.wheels) * robot.mass.wheel_kg
+    chassis_kg = chassis_mass_kg(
+        robot, mass.total_kg, wheels_kg, "wheels", "mass.wheel_kg for each wheel"
+    )
+    return {"chassis": chassis_kg, **dict.fromkeys(_kinds(robot), mass.wheel_kg)}
 
 
 def _kinds(robot: OmniDescription) -> dict[Link, list[int]]:
-    """Return the kinds of wheels, and which wheels are of each: one kind for each roller angle."""
+    """Kinds of wheels, and which wheels are of each: one kind for each roller angle."""
     angles = list(dict.fromkeys(wheel.roller_deg for wheel in robot.drive.wheels))
     return {
         "wheel" if number == 0 else f"wheel_{chr(ord('a') + number)}": [

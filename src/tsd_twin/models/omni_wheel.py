@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from manifold3d import CrossSection, Manifold
@@ -49,7 +49,7 @@ class WheelPlan:
 
     @classmethod
     def usual(cls, radius: float, roller_angle: float = 0.0) -> WheelPlan:
-        """Return a wheel as they are sold, which covers its whole rim with rollers."""
+        """Wheel as they are sold, which covers its whole rim with rollers."""
         if abs(roller_angle) < _STRAIGHT_RAD:
             thick = 0.135 * radius
             return cls(radius, roller_angle, 8, thick, (-1.15 * thick, 1.15 * thick))
@@ -88,7 +88,7 @@ class WheelPlan:
 
 
 def omni_wheel_drawings(plan: WheelPlan, body: Body) -> list[Drawing]:
-    """Return the wheel."""
+    """Wheel."""
     hub = _straight_hub(plan) if len(plan.rows) > 1 else _slanting_hub(plan)
     wide = plan.half_width
     bore = rod(0.09 * plan.radius, (-2.0 * wide, 2.0 * wide))
@@ -120,7 +120,7 @@ def roller_profile(plan: WheelPlan, stations: int) -> Array:
 
 
 def _roller(plan: WheelPlan, grown: float, stations: int) -> Manifold:
-    """Return a roller along Z, its surface farther out by `grown`."""
+    """Roller along Z, its surface farther out by `grown`."""
     surface = roller_profile(plan, stations)
     surface[:, 0] += grown
     surface[[0, -1], 1] += (-grown, grown)
@@ -141,7 +141,7 @@ def _at_rollers(plan: WheelPlan, roller: Manifold) -> Manifold:
 
 
 def _pins(plan: WheelPlan) -> Manifold:
-    """Return the visible ends of the roller pins."""
+    """Visible ends of the roller pins."""
     thin, end = 0.26 * plan.roller_radius, float(roller_profile(plan, 3)[-1, 1])
     ends = [
         rod(thin, (end, end + 0.5 * plan.roller_radius)),
@@ -151,7 +151,7 @@ def _pins(plan: WheelPlan) -> Manifold:
 
 
 def _straight_hub(plan: WheelPlan) -> Manifold:
-    """Return a disc for each row, with pockets that the rollers turn in, and spokes."""
+    """Disc for each row, with pockets that the rollers turn in, and spokes."""
     gap = _GAP * plan.roller_radius
     pocket = _roller(plan, 2.0 * gap, 3)
     thick = 0.62 * plan.roller_radius
@@ -175,20 +175,20 @@ def _slanting_hub(plan: WheelPlan) -> Manifold:
 
 
 def _windows(plan: WheelPlan) -> CrossSection:
-    """Return the holes that make a disc lighter."""
+    """Holes that make a disc lighter."""
     window = circle(0.13 * plan.radius, (0.0, 0.45 * plan.radius))
     return CrossSection.compose([window.rotate(60.0 * i) for i in range(6)])
 
 
 def _shaft(plan: WheelPlan) -> Manifold:
-    """Return the shaft, which reaches inboard to the gearbox, and the nut outboard."""
+    """Shaft, which reaches inboard to the gearbox, and the nut outboard."""
     wide, thin = plan.half_width, 0.085 * plan.radius
     nut = rod(1.9 * thin, (wide + 0.025 * plan.radius, wide + 0.1 * plan.radius), corners=6)
     return union([rod(thin, (-wide - 0.16 * plan.radius, wide + 0.06 * plan.radius)), nut])
 
 
 def _mark(plan: WheelPlan) -> Manifold:
-    """Return a painted sector on the outboard face, by which the turning is seen."""
+    """Painted sector on the outboard face, by which the turning is seen."""
     r = plan.radius
     face = plan.half_width if len(plan.rows) == 1 else max(plan.rows) + 0.62 * plan.roller_radius
     near, far = (0.32 * r, -0.04 * r), (0.72 * r, -0.09 * r)
@@ -196,16 +196,16 @@ def _mark(plan: WheelPlan) -> Manifold:
     return slab(sector, (face, face + 0.008 * r))
 
 
-class GearMotor(NamedTuple):
-    """Solids of one motor."""
+def motor_drawings(
+    radius: float, length: float, at_wheels: Callable[[Manifold], Manifold]
+) -> list[Drawing]:
+    """Motors with gearbox and encoder, one for each wheel.
 
-    motor: Manifold
-    gearbox: Manifold
-    encoder: Manifold
-
-
-def gear_motor(radius: float, length: float) -> GearMotor:
-    """Return a motor of a radius whose parts together have a length."""
+    Args:
+        radius: of a motor.
+        length: of its parts together.
+        at_wheels: copies a solid to its place at each wheel.
+    """
     gearbox, motor = 0.3 * length, 0.58 * length
     square = 0.92 * radius
     face = rectangle((-square, square), (-square, square), 0.3 * radius)
@@ -226,9 +226,11 @@ def gear_motor(radius: float, length: float) -> GearMotor:
     cap = rod(0.72 * radius, (-length, -gearbox - motor + 0.5)) - rod(
         0.2 * radius, (-length - 1.0, -length + 1.0)
     )
-    return GearMotor(
-        *(
-            solid.rotate((-90.0, 0.0, 0.0))
-            for solid in (union([can - fins, box_end]), union([box - rim, bolts]), cap)
+    return [
+        Drawing(name, at_wheels(solid.rotate((-90.0, 0.0, 0.0))), material)
+        for name, solid, material in (
+            ("motors", union([can - fins, box_end]), solids.BLACK),
+            ("gearboxes", union([box - rim, bolts]), solids.STEEL),
+            ("encoders", cap, solids.BLUE),
         )
-    )
+    ]

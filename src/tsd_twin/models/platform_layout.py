@@ -10,7 +10,7 @@ from typing import Any
 from manifold3d import CrossSection, Manifold
 
 from tsd_twin.models.omni_wheel import WheelPlan
-from tsd_twin.models.solids import circle, rectangle, softened
+from tsd_twin.models.solids import circle, rectangle, softened, strip_reach
 
 NOMINAL_WHEEL = 76.2
 """Wheel radius that motors are drawn for: 6 inch wheels; other sizes are the same, scaled."""
@@ -38,7 +38,7 @@ class Mount:
         return solid.rotate((0.0, 0.0, self.axle_deg - 90.0)).translate((self.x, self.y, 0.0))
 
     def outline_in_base(self, outline: CrossSection) -> CrossSection:
-        """Return an outline that is drawn in X and Y of the frame of the wheel."""
+        """Outline that is drawn in X and Y of the frame of the wheel."""
         return outline.rotate(self.axle_deg - 90.0).translate((self.x, self.y))
 
 
@@ -64,7 +64,7 @@ class PlatformLayout:
             (
                 share * _TRAIN * scale
                 for share in (1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4)
-                if _apart(mounts, scale, share * _TRAIN * scale)
+                if _motors_fit(mounts, scale, share * _TRAIN * scale)
             ),
             0.3 * _TRAIN * scale,
         )
@@ -101,13 +101,11 @@ class PlatformLayout:
 
     def reach(self, direction_deg: float, width: float = 8.0) -> float:
         """Return how far a straight strip from the middle stays on the decks."""
-        strip = rectangle((0.0, 1e4), (-0.5 * width, 0.5 * width))
-        pieces: list[Any] = (self.outline.rotate(-direction_deg) ^ strip).decompose()
-        return min((piece.bounds()[0], piece.bounds()[2]) for piece in pieces)[1]
+        return strip_reach(self.outline, direction_deg, width)
 
 
 def _outline(mounts: Sequence[Mount], scale: float) -> CrossSection:
-    """Return a polygon along the inboard faces of the wheels, which stand outside or in a notch."""
+    """Polygon along the inboard faces of the wheels, which stand outside or in a notch."""
     corners: list[CrossSection] = []
     notches: list[CrossSection] = []
     corner = circle(9.0 * scale)
@@ -127,7 +125,7 @@ def _outline(mounts: Sequence[Mount], scale: float) -> CrossSection:
     return max(pieces, key=lambda piece: piece.area())
 
 
-def _apart(mounts: Sequence[Mount], scale: float, train: float) -> bool:
+def _motors_fit(mounts: Sequence[Mount], scale: float, train: float) -> bool:
     """Return whether motors of a length do not overlap."""
     prints: list[CrossSection] = []
     half = (MOTOR + 2.0) * scale

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from manifold3d import CrossSection, Manifold
 
-from tsd_twin.errors import RobotFileError
 from tsd_twin.lie import SO3
 from tsd_twin.models import equipment, singularity_gimbals, singularity_layout, solids
 from tsd_twin.models.links import (
@@ -21,6 +20,7 @@ from tsd_twin.models.links import (
     Sphere,
     about_z,
     alike,
+    chassis_mass_kg,
 )
 from tsd_twin.models.singularity_layout import HORN, RIB_IN, RIB_OUT, Decks, Layout
 from tsd_twin.models.solids import (
@@ -61,7 +61,7 @@ class Rib:
     """Position of its origin in `base_link`, and turn of its X; the sheet is on its right side."""
 
     def solid(self, layout: Layout) -> Manifold:
-        """Return the rib with its tabs, in `base_link`."""
+        """Rib with its tabs, in `base_link`."""
         face = self.face
         for at in self.low:
             face += self._tab(at, (layout.floor, layout.deck + 0.5))
@@ -88,13 +88,13 @@ def ribs(layout: Layout, decks: Decks) -> list[Rib]:
 
 
 def _at_module(layout: Layout, azimuth_deg: float, x: float, y: float) -> tuple[float, float]:
-    """Return a point of a module frame in `base_link`."""
+    """Point of a module frame in `base_link`."""
     c, s = math.cos(math.radians(azimuth_deg)), math.sin(math.radians(azimuth_deg))
     return (layout.pivot + y) * c + x * s, (layout.pivot + y) * s - x * c
 
 
 def _inboard(layout: Layout, azimuth_deg: float) -> Rib:
-    """Return the rib that a servo is bolted to, as long as its neighbours let it."""
+    """Rib that a servo is bolted to, as long as its neighbours let it."""
     m, t = layout.scale, layout.plate
     inner = layout.pivot - RIB_IN * m - t
     reach = min(62.0 * m, 0.92 * inner * math.tan(math.radians(layout.half_gap_deg)))
@@ -112,7 +112,7 @@ def _inboard(layout: Layout, azimuth_deg: float) -> Rib:
 
 
 def _outboard(layout: Layout, azimuth_deg: float) -> list[Rib]:
-    """Return the bearing block, and the two gussets that hold it upright."""
+    """Bearing block, and the two gussets that hold it upright."""
     m, t, low = layout.scale, layout.plate, layout.deck
     foot = 34.0 * m
     block = CrossSection.batch_hull(
@@ -134,7 +134,7 @@ def _outboard(layout: Layout, azimuth_deg: float) -> list[Rib]:
 
 
 def _lobe(layout: Layout, decks: Decks, lobe_deg: float) -> list[Rib]:
-    """Return the rib along the middle of a lobe, from behind the servos to near its end."""
+    """Rib along the middle of a lobe, from behind the servos to near its end."""
     m, t = layout.scale, layout.plate
     start = math.hypot(layout.core, (1.0 - HORN) * layout.servo[1]) + t
     span = decks.reach(lobe_deg, 12.0 * m + t) - 14.0 * m - start
@@ -150,7 +150,7 @@ def _lobe(layout: Layout, decks: Decks, lobe_deg: float) -> list[Rib]:
 
 
 def chassis_drawings(layout: Layout, body: Body) -> list[Drawing]:
-    """Return the chassis and all that is fixed to it."""
+    """Chassis and all that is fixed to it."""
     decks = Decks.of(layout)
     standing = ribs(layout, decks)
     lower, upper = decks.lower, decks.upper
@@ -181,14 +181,14 @@ def _at_modules(layout: Layout, solid: Manifold) -> Manifold:
 
 
 def _servos(layout: Layout, solid: Manifold) -> Manifold:
-    """Return a drawing of a servo behind every inboard rib, shaft outward, its long end at -X."""
+    """Drawing of a servo behind every inboard rib, shaft outward, its long end at -X."""
     turned = solid.rotate((0.0, 0.0, 90.0)).rotate((-90.0, 0.0, 0.0))
     front = -RIB_IN * layout.scale - layout.plate
     return _at_modules(layout, turned.translate((0.0, front, 0.0)))
 
 
 def _bearing(layout: Layout) -> Manifold:
-    """Return the bearing in the outboard rib of a module."""
+    """Bearing in the outboard rib of a module."""
     m = layout.scale
     along = (RIB_OUT * m - 0.6, RIB_OUT * m + layout.plate + 0.6)
     return tube(4.3 * m, 8.0 * m, along, "y")
@@ -200,7 +200,7 @@ _REACH = 1.6
 
 
 def draw(robot: SingularityDescription) -> Parts:
-    """Return the parts; modules are alike, so `outer`, `inner` and `wheel` are there once.
+    """Parts; modules are alike, so `outer`, `inner` and `wheel` are there once.
 
     Raises:
         RobotFileError: there is no room for the modules.
@@ -235,7 +235,7 @@ def tree(robot: SingularityDescription) -> KinematicTree:
         robot.servo.stall_torque_nm,
     )
 
-    def link_groups(kind: Link, joint: str, parent: Link, hinge: JointType) -> LinkGroup:
+    def group(kind: Link, joint: str, parent: Link, hinge: JointType) -> LinkGroup:
         own = parent == "chassis"
         return LinkGroup(
             kind,
@@ -254,9 +254,9 @@ def tree(robot: SingularityDescription) -> KinematicTree:
     return KinematicTree(
         g.wheel_radius_m,
         (
-            link_groups("outer", "beta", "chassis", JointType.ANGLE),
-            link_groups("inner", "alpha", "outer", JointType.ANGLE),
-            link_groups("wheel", "wheel", "inner", JointType.SPIN),
+            group("outer", "beta", "chassis", JointType.ANGLE),
+            group("inner", "alpha", "outer", JointType.ANGLE),
+            group("wheel", "wheel", "inner", JointType.SPIN),
         ),
         max(0.0, inside),
     )
@@ -270,14 +270,9 @@ def masses_kg(robot: SingularityDescription) -> dict[Link, float]:
     """
     mass = robot.mass
     modules = robot.drive.modules * (mass.wheel_kg + 2.0 * mass.gimbal_kg)
-    if modules >= mass.total_kg:
-        raise RobotFileError(
-            robot.name,
-            f"mass.total_kg is {mass.total_kg:g}, the modules alone weigh {modules:g}",
-            "more than mass.wheel_kg and twice mass.gimbal_kg for each wheel",
-        )
+    needed = "mass.wheel_kg and twice mass.gimbal_kg for each wheel"
     return {
-        "chassis": mass.total_kg - modules,
+        "chassis": chassis_mass_kg(robot, mass.total_kg, modules, "modules", needed),
         "outer": mass.gimbal_kg,
         "inner": mass.gimbal_kg,
         "wheel": mass.wheel_kg,

@@ -44,7 +44,7 @@ _BELL = (13.0, 26.0)
 
 
 def wheel_drawings(body: Body) -> list[Drawing]:
-    """Return the wheel."""
+    """Wheel."""
     plain, stripes = _shell()
     return [
         Drawing("shell", plain, solids.shell_material(body)),
@@ -57,7 +57,7 @@ def wheel_drawings(body: Body) -> list[Drawing]:
 
 
 def _shell() -> tuple[Manifold, Manifold]:
-    """Return the shell without its stripes, and the stripes: the two fill the hemisphere."""
+    """Shell without its stripes, and the stripes: the two fill the hemisphere."""
     wall = CrossSection.circle(NOMINAL_WHEEL, 40) - CrossSection.circle(_WHEEL_INSIDE, 20)
     lip = rectangle((34.5, 38.0), (-2.4, 0.0))
     whole = ((wall + lip) ^ rectangle((0.0, 50.0), (-50.0, 0.0))).revolve(_SEGMENTS)
@@ -76,7 +76,7 @@ def _shell() -> tuple[Manifold, Manifold]:
 
 
 def _spider() -> Manifold:
-    """Return the hub, and the struts that hold the shell."""
+    """Hub, and the struts that hold the shell."""
     web = rectangle((0.0, _WHEEL_INSIDE), (-31.0, -5.0)) ^ circle(_WHEEL_INSIDE - 0.05)
     window = grown(polygon([(29.0, -11.0), (14.0, -11.0), (14.0, -22.0), (24.0, -18.0)]), 2.0)
     struts = around(standing(web - window, (-1.2, 1.2)), _STRUTS, 30.0)
@@ -85,14 +85,14 @@ def _spider() -> Manifold:
 
 
 def _shaft() -> Manifold:
-    """Return the shaft, with the nut that holds the bell."""
+    """Shaft, with the nut that holds the bell."""
     return union(
         [rod(2.0, (-6.0, _BELL[1] + 4.0)), rod(4.0, (_BELL[1] + 0.02, _BELL[1] + 2.6), corners=6)]
     )
 
 
 def _bell() -> Manifold:
-    """Return the bell of the motor, slots in its face."""
+    """Bell of the motor, slots in its face."""
     low, high = _BELL
     slot = grown(polygon([(8.5, -0.8), (11.8, -1.8), (11.8, 1.8), (8.5, 0.8)]), 1.0)
     slots = CrossSection.compose([slot.rotate(60.0 * turn) for turn in range(6)])
@@ -101,7 +101,7 @@ def _bell() -> Manifold:
 
 
 def _mark() -> Manifold:
-    """Return a painted sector on the bell, by which the turning is seen."""
+    """Painted sector on the bell, by which the turning is seen."""
     sector = polygon([(4.6, -0.5), (16.2, -3.4), (16.2, 3.4), (4.6, 0.5)]).rotate(30.0)
     return slab(sector, (_BELL[1], _BELL[1] + 0.3))
 
@@ -117,7 +117,7 @@ _ARMS: Span = (3.5, 8.5)
 
 
 def inner_gimbal_drawings(body: Body) -> list[Drawing]:
-    """Return the inner frame, and what of the motor does not spin."""
+    """Inner frame, and what of the motor does not spin."""
     return [
         Drawing("frame", _inner_frame(), solids.frame_material(body)),
         Drawing("pins", _pins(), solids.STEEL),
@@ -141,7 +141,7 @@ def _inner_frame() -> Manifold:
 
 
 def _pins() -> Manifold:
-    """Return the pins with cap and nut, the driven pulley, and the screws of the motor."""
+    """Pins with cap and nut, the driven pulley, and the screws of the motor."""
     spots = [
         (4.9 * math.cos(0.5 * math.pi * i), 4.9 * math.sin(0.5 * math.pi * i)) for i in range(4)
     ]
@@ -159,13 +159,13 @@ def _pins() -> Manifold:
 
 
 def _stator() -> Manifold:
-    """Return the base of the motor, below the bell."""
+    """Base of the motor, below the bell."""
     foot = around(slab(rectangle((-3.0, 12.5), (-3.0, 3.0), 2.5), (_ARMS[1], 10.0)), 4)
     return union([foot, rod(8.0, (_ARMS[1], 12.2))]) - rod(2.4, (0.0, 20.0))
 
 
 def _windings() -> Manifold:
-    """Return the copper, which is seen through the slots of the bell and below it."""
+    """Copper, which is seen through the slots of the bell and below it."""
     tooth = rectangle((6.0, 15.0), (-2.2, 2.2), 1.0)
     plan = CrossSection.compose([circle(9.0), *(tooth.rotate(40.0 * turn) for turn in range(9))])
     return slab(plan - circle(2.4), (12.2, 23.0))
@@ -190,17 +190,17 @@ class _Seat:
 
     @classmethod
     def of(cls, layout: Layout) -> _Seat:
-        """Return the seat, in the units of this drawing."""
+        """Seat, in the units of this drawing."""
         width, length, depth = (side / layout.scale for side in layout.servo)
         return cls((width, length, depth), (HORN - 0.5) * length, _SERVO_LOW + 0.5 * width)
 
     def place(self, solid: Manifold) -> Manifold:
-        """Return a drawing of the servo, in its place."""
+        """Drawing of the servo, in its place."""
         return solid.rotate((0.0, 90.0, 0.0)).translate((_INSIDE, self.y, self.z))
 
 
 def outer_gimbal_drawings(layout: Layout, body: Body) -> list[Drawing]:
-    """Return the outer frame and what it carries."""
+    """Outer frame and what it carries."""
     seat = _Seat.of(layout)
     return [
         Drawing("frame", _outer_frame(seat), solids.frame_material(body)),
@@ -211,7 +211,7 @@ def outer_gimbal_drawings(layout: Layout, body: Body) -> list[Drawing]:
 
 
 def _outer_frame(seat: _Seat) -> Manifold:
-    """Return the square with its seats and hubs, and the side that carries the servo."""
+    """Square with its seats and hubs, and the side that carries the servo."""
     plan = rectangle((-_OUTSIDE, _OUTSIDE), (-_OUTSIDE, _OUTSIDE), 32.0)
     plan -= rectangle((-_INSIDE, _INSIDE), (-_INSIDE, _INSIDE), 28.0)
     crown, waist = seat.z + 0.5 * seat.size[0], 16.0
@@ -256,7 +256,7 @@ def _steel(seat: _Seat, plate: float) -> Manifold:
 
 
 def _belt(seat: _Seat) -> Manifold:
-    """Return the toothed belt from the servo down to the inner frame."""
+    """Toothed belt from the servo down to the inner frame."""
     ends = [circle(PULLEY + 1.4), circle(PULLEY + 0.3)]
     runs = [CrossSection.batch_hull([end, end.translate((seat.y, seat.z))]) for end in ends]
     return sideways(runs[0] - runs[1], (BELT[0] + 0.4, BELT[1] - 0.4))

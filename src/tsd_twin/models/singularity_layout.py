@@ -5,13 +5,26 @@ servo.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from manifold3d import CrossSection, Manifold
 
 from tsd_twin.errors import RobotFileError
-from tsd_twin.models.solids import Point, Span, box, circle, rectangle, rod, slab, softened, union
+from tsd_twin.models.solids import (
+    Point,
+    Span,
+    box,
+    circle,
+    gaps_deg,
+    halfway_deg,
+    rectangle,
+    rod,
+    slab,
+    softened,
+    strip_reach,
+    union,
+)
 from tsd_twin.robots import SingularityDescription
 
 NOMINAL_WHEEL = 40.0
@@ -114,7 +127,7 @@ class Layout:
     @property
     def lobes_deg(self) -> tuple[float, ...]:
         """Directions half-way between neighbouring modules, one after each module."""
-        return tuple(a + 0.5 * gap for a, gap in _gaps_deg(self.azimuths_deg))
+        return halfway_deg(self.azimuths_deg)
 
     def in_base(self, solid: Manifold, azimuth_deg: float) -> Manifold:
         """Return a `solid` drawn in a module frame, in `base_link`."""
@@ -125,15 +138,8 @@ class Layout:
         return outline.translate((0.0, self.pivot)).rotate(azimuth_deg - 90.0)
 
 
-def _gaps_deg(azimuths_deg: list[float] | tuple[float, ...]) -> list[tuple[float, float]]:
-    """Return each azimuth, sorted, and the angle to the next."""
-    turned = sorted(a % 360.0 for a in azimuths_deg)
-    after = [*turned[1:], turned[0] + 360.0]
-    return [(a, b - a) for a, b in zip(turned, after, strict=True)]
-
-
-def _half_gap_deg(azimuths_deg: list[float] | tuple[float, ...]) -> float:
-    return min(75.0, *(0.5 * gap for _, gap in _gaps_deg(azimuths_deg)))
+def _half_gap_deg(azimuths_deg: Sequence[float]) -> float:
+    return min(75.0, *(0.5 * gap for _, gap in gaps_deg(azimuths_deg)))
 
 
 RIM = 84.0
@@ -159,7 +165,7 @@ class Decks:
 
     @classmethod
     def of(cls, layout: Layout) -> Decks:
-        """Return the outlines of the decks of a robot."""
+        """Outlines of the decks of a robot."""
         m = layout.scale
         corners = [layout.outline_in_base(circle(RIM * m), a) for a in layout.azimuths_deg]
         # Three modules need no more than a triangle; two, or uneven ones, also need a middle.
@@ -179,10 +185,7 @@ class Decks:
 
     def reach(self, direction_deg: float, width: float) -> float:
         """Return how far a straight strip from the middle stays on the upper deck."""
-        strip = rectangle((0.0, 1e4), (-0.5 * width, 0.5 * width))
-        pieces: list[Any] = (self.upper.rotate(-direction_deg) ^ strip).decompose()
-        near_far = [(bounds[0], bounds[2]) for bounds in (piece.bounds() for piece in pieces)]
-        return min(near_far)[1]
+        return strip_reach(self.upper, direction_deg, width)
 
     def carries(self, footprint: CrossSection) -> bool:
         """Return whether a footprint lies completely on the upper deck."""
@@ -214,7 +217,7 @@ def servo_case(size: Point) -> Manifold:
 
 
 def servo_fittings(size: Point) -> Manifold:
-    """Return the bright parts on the back of a case of `size`: screws, and the idler's bearing."""
+    """Bright parts on the back of a case of `size`: screws, and the idler's bearing."""
     width, _, depth = size
     x, y = _plan(size)
     back = (-depth - 0.6, -depth + 1.0)
@@ -227,6 +230,6 @@ def servo_fittings(size: Point) -> Manifold:
 
 
 def _plan(size: Point) -> tuple[Span, Span]:
-    """Return the bounds of the case along X and Y."""
+    """Bounds of the case along X and Y."""
     width, length, _ = size
     return (-0.5 * width, 0.5 * width), (-HORN * length, (1.0 - HORN) * length)

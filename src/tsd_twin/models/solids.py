@@ -34,19 +34,19 @@ def sides(radius: float) -> int:
 
 
 def circle(radius: float, at: tuple[float, float] = (0.0, 0.0)) -> CrossSection:
-    """Return a circle about `at`."""
+    """Circle about `at`."""
     return CrossSection.circle(radius, sides(radius)).translate(at)
 
 
 def rectangle(x: Span, y: Span, corner: float = 0.0) -> CrossSection:
-    """Return a rectangle, its corners rounded."""
+    """Rectangle, its corners rounded."""
     plain = CrossSection.square((x[1] - x[0] - 2.0 * corner, y[1] - y[0] - 2.0 * corner))
     plain = plain.translate((x[0] + corner, y[0] + corner))
     return grown(plain, corner) if corner else plain
 
 
 def polygon(points: Sequence[tuple[float, float]]) -> CrossSection:
-    """Return the outline through `points`, counter-clockwise."""
+    """Outline through `points`, counter-clockwise."""
     return CrossSection([np.array(points, dtype=np.float64)])
 
 
@@ -58,6 +58,13 @@ def grown(outline: CrossSection, by: float) -> CrossSection:
 def softened(outline: CrossSection, corner: float) -> CrossSection:
     """Return `outline` with all corners rounded; what is narrower than two `corner` is gone."""
     return grown(grown(grown(outline, -corner), 2.0 * corner), -corner)
+
+
+def strip_reach(outline: CrossSection, direction_deg: float, width: float) -> float:
+    """Distance to which a straight strip from the origin stays within `outline`."""
+    strip = rectangle((0.0, 1e4), (-0.5 * width, 0.5 * width))
+    pieces: list[Any] = (outline.rotate(-direction_deg) ^ strip).decompose()
+    return min((piece.bounds()[0], piece.bounds()[2]) for piece in pieces)[1]
 
 
 def slab(outline: CrossSection, z: Span) -> Manifold:
@@ -76,7 +83,7 @@ def sideways(outline: CrossSection, x: Span) -> Manifold:
 
 
 def box(x: Span, y: Span, z: Span) -> Manifold:
-    """Return the box between bounds."""
+    """Box between bounds."""
     return Manifold.cube((x[1] - x[0], y[1] - y[0], z[1] - z[0])).translate((x[0], y[0], z[0]))
 
 
@@ -89,19 +96,19 @@ def rod(
     tip: float | None = None,
     corners: int = 0,
 ) -> Manifold:
-    """Return a cylinder about `axis` through `at`, a cone with `tip`, a prism with `corners`."""
+    """Cylinder about `axis` through `at`, a cone with `tip`, a prism with `corners`."""
     end = radius if tip is None else tip
     solid = Manifold.cylinder(along[1] - along[0], radius, end, corners or sides(radius))
     return solid.translate((0.0, 0.0, along[0])).rotate(_FROM_Z[axis]).translate(at)
 
 
 def tube(inner: float, outer: float, along: Span, axis: str = "z") -> Manifold:
-    """Return a hollow cylinder about `axis`."""
+    """Hollow cylinder about `axis`."""
     return slab(circle(outer) - circle(inner), along).rotate(_FROM_Z[axis])
 
 
 def wire(points: Sequence[Point], radius: float) -> Manifold:
-    """Return a round wire through `points`."""
+    """Round wire through `points`."""
     balls = [Manifold.sphere(radius, 4).translate(point) for point in points]
     return union(Manifold.batch_hull([a, b]) for a, b in itertools.pairwise(balls))
 
@@ -114,6 +121,17 @@ def union(solids: Iterable[Manifold]) -> Manifold:
 def around(solid: Manifold, count: int, start_deg: float = 0.0) -> Manifold:
     """Return `count` copies of `solid`, evenly spaced about Z."""
     return union(solid.rotate((0.0, 0.0, start_deg + 360.0 * i / count)) for i in range(count))
+
+
+def gaps_deg(directions_deg: Sequence[float]) -> list[tuple[float, float]]:
+    """Directions in increasing order, from 0 to 360 degrees, each with the angle to the next."""
+    turned = sorted(a % 360.0 for a in directions_deg)
+    return [(a, b - a) for a, b in zip(turned, [*turned[1:], turned[0] + 360.0], strict=True)]
+
+
+def halfway_deg(directions_deg: Sequence[float]) -> tuple[float, ...]:
+    """Directions half-way between neighbours, one after each of `directions_deg`."""
+    return tuple(a + 0.5 * gap for a, gap in gaps_deg(directions_deg))
 
 
 Link: TypeAlias = str
@@ -153,31 +171,18 @@ class Part:
     """Kind of link it belongs to."""
     mesh: trimesh.Trimesh
     """Metres, in the frame of the link; watertight."""
-    rgba: tuple[float, float, float, float]
-    metallic: float
-    roughness: float
-    density_kg_per_m3: float
+    material: Material
 
-    @classmethod
-    def of(cls, name: str, link: Link, mesh: trimesh.Trimesh, material: Material) -> Part:
-        """Return the part.
+    def __post_init__(self) -> None:
+        """Check the mesh.
 
         Raises:
-            MeshError: the mesh is empty or not a closed solid.
+            MeshError: it is empty or not a closed solid.
         """
-        if not mesh.is_volume or mesh.volume <= 0.0:
-            raise MeshError(f"{link}_{name} is not a closed solid: it has holes or no volume")
-        m = material
-        return cls(name, link, mesh, m.rgba, m.metallic, m.roughness, m.density_kg_per_m3)
-
-    @classmethod
-    def drawn(cls, link: Link, drawing: Drawing) -> Part:
-        """Return the part of a drawing.
-
-        Raises:
-            MeshError: the drawing does not make a closed solid.
-        """
-        return cls.of(drawing.name, link, _mesh(drawing.solid), drawing.material)
+        if not self.mesh.is_volume or self.mesh.volume <= 0.0:
+            raise MeshError(
+                f"{self.link}_{self.name} is not a closed solid: it has holes or no volume"
+            )
 
     @property
     def file(self) -> str:
@@ -186,7 +191,7 @@ class Part:
 
 
 def _mesh(solid: Manifold) -> trimesh.Trimesh:
-    """Return a drawing in metres, rounded, in an order that depends on nothing but the shape.
+    """Drawing in metres, rounded, in an order that depends on nothing but the shape.
 
     Corners that rounding moves to the same place stay two: sheets that touch are not welded.
     """
@@ -203,12 +208,16 @@ def _mesh(solid: Manifold) -> trimesh.Trimesh:
 
 
 def drawn(link: Link, drawings: Iterable[Drawing]) -> tuple[Part, ...]:
-    """Return the parts of a kind of link, without what there was no room for.
+    """Parts of a kind of link, without what there was no room for.
 
     Raises:
         MeshError: a drawing does not make a closed solid.
     """
-    return tuple(Part.drawn(link, one) for one in drawings if not one.solid.is_empty())
+    return tuple(
+        Part(one.name, link, _mesh(one.solid), one.material)
+        for one in drawings
+        if not one.solid.is_empty()
+    )
 
 
 STEEL = Material((0.62, 0.64, 0.67, 1.0), 0.85, 0.34, 7800.0)
@@ -225,20 +234,20 @@ BLUE = Material((0.08, 0.32, 0.80, 1.0), 0.0, 0.5, 1300.0)
 
 
 def acrylic_material(body: Body) -> Material:
-    """Return the sheet that decks and ribs are cut from."""
+    """Sheet that decks and ribs are cut from."""
     return Material(body.acrylic_rgba, 0.0, 0.12, 1180.0)
 
 
 def frame_material(body: Body) -> Material:
-    """Return the aluminium of the gimbal frames."""
+    """Aluminium of the gimbal frames."""
     return Material(body.frame_rgba, 0.8, 0.36, 2700.0)
 
 
 def shell_material(body: Body) -> Material:
-    """Return the plastic of the wheels."""
+    """Plastic of the wheels."""
     return Material(body.wheel_rgba, 0.0, 0.45, 1200.0)
 
 
 def front_material(body: Body) -> Material:
-    """Return the material of the arrow."""
+    """Material of the arrow."""
     return Material(body.front_rgba, 0.0, 0.5, 1200.0)

@@ -6,13 +6,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from manifold3d import Manifold
 
-from tsd_twin.errors import RobotFileError
 from tsd_twin.lie import SO3, Array
-from tsd_twin.models import equipment, omni_wheel, solids
+from tsd_twin.models import omni_wheel, solids
+from tsd_twin.models.equipment import Place, board_drawings, copies, driver_case, heading_arrow
 from tsd_twin.models.links import (
     Cylinder,
     JointType,
@@ -20,9 +21,10 @@ from tsd_twin.models.links import (
     LinkGroup,
     Sphere,
     alike,
+    chassis_mass_kg,
     from_axes,
 )
-from tsd_twin.models.omni_wheel import WheelPlan, gear_motor
+from tsd_twin.models.omni_wheel import WheelPlan, motor_drawings
 from tsd_twin.models.solids import (
     Drawing,
     Link,
@@ -32,10 +34,11 @@ from tsd_twin.models.solids import (
     circle,
     drawn,
     grown,
-    polygon,
+    halfway_deg,
     rectangle,
     rod,
     slab,
+    standing,
     union,
     wire,
 )
@@ -52,7 +55,7 @@ _THICK = 0.06
 
 
 def sphere_drawings(radius: float, body: Body) -> list[Drawing]:
-    """Return the shell of a sphere, in pieces that fill it."""
+    """Shell of a sphere, in pieces that fill it."""
     shell = Manifold.sphere(radius, _SEGMENTS) - Manifold.sphere((1.0 - _THICK) * radius, 24)
     far, thin = 2.0 * radius, _BAND * radius
     bands = union(
@@ -82,7 +85,7 @@ def sphere_drawings(radius: float, body: Body) -> list[Drawing]:
 
 
 def _octant(x: int, y: int, z: int, far: float) -> Manifold:
-    """Return the octant on the sides of the axes that have the signs."""
+    """Octant on the sides of the axes that have the signs."""
     spans = [(0.0, far) if side > 0 else (-far, 0.0) for side in (x, y, z)]
     return box(spans[0], spans[1], spans[2])
 
@@ -162,9 +165,8 @@ class StandLayout:
 
 
 def stand_drawings(stand: StandLayout, body: Body) -> list[Drawing]:
-    """Return the stand and all that is fixed to it."""
+    """Stand and all that is fixed to it."""
     radius, deck, reach = stand.plan.radius, stand.deck, stand.reach
-    one = gear_motor(_STAND_MOTOR * radius, stand.train)
     hole = circle(0.3 * reach) - rectangle((-reach, reach), (-0.1 * reach, 0.1 * reach))
     plate = slab(circle(reach) - hole, (deck - 6.0, deck))
     lip = slab(circle(reach) - circle(reach - 4.0), (deck - 6.0, deck + 5.0))
@@ -177,16 +179,18 @@ def stand_drawings(stand: StandLayout, body: Body) -> list[Drawing]:
             union(_bracket(stand, lean) for lean in stand.leans),
             solids.frame_material(body),
         ),
-        Drawing("motors", _each(stand, one.motor), solids.BLACK),
-        Drawing("gearboxes", _each(stand, one.gearbox), solids.STEEL),
-        Drawing("encoders", _each(stand, one.encoder), solids.BLUE),
+        *motor_drawings(_STAND_MOTOR * radius, stand.train, partial(_behind_brackets, stand)),
         *_electronics(stand),
-        Drawing("arrow", _arrow(stand), solids.front_material(body)),
+        Drawing(
+            "arrow",
+            heading_arrow((reach - 6.0, 0.0, deck), reach / 150.0, (24.0, 15.0, 17.0, 3.0), 0.0),
+            solids.front_material(body),
+        ),
     ]
 
 
-def _each(stand: StandLayout, solid: Manifold) -> Manifold:
-    """Return a drawing of a motor behind every bracket."""
+def _behind_brackets(stand: StandLayout, solid: Manifold) -> Manifold:
+    """Copies of a motor, behind every bracket."""
     behind = stand.bracket + stand.thick
     placed: list[Manifold] = []
     for lean in stand.leans:
@@ -196,12 +200,12 @@ def _each(stand: StandLayout, solid: Manifold) -> Manifold:
 
 
 def _bracket(stand: StandLayout, lean: WheelMount) -> Manifold:
-    """Return the plate that the gearbox is bolted to, and its legs straight down to the stand."""
+    """Plate that the gearbox is bolted to, and its legs straight down to the stand."""
     m, thick = _STAND_MOTOR * stand.plan.radius, stand.thick
     near = stand.bracket if lean.side > 0.0 else -stand.bracket - thick
     y = (near, near + thick)
     face = rectangle((-1.32 * m, 1.32 * m), (-m, m), 0.3 * m) - circle(0.4 * m)
-    pieces = [lean.in_base(slab(face, (-y[1], -y[0])).rotate((90.0, 0.0, 0.0)))]
+    pieces = [lean.in_base(standing(face, y))]
     for x in ((-1.3 * m, -1.07 * m), (1.07 * m, 1.3 * m)):
         inside = (y[0] + 0.1 * thick, y[1] - 0.1 * thick)
         shoulder = lean.in_base(box(x, inside, (-0.5 * m, 0.5 * m)))
@@ -213,47 +217,23 @@ def _bracket(stand: StandLayout, lean: WheelMount) -> Manifold:
 
 
 def _electronics(stand: StandLayout) -> list[Drawing]:
-    """Return the board in the middle of the plate, and a driver between every two wheels."""
-    deck, reach, m = stand.deck, stand.reach, stand.reach / 150.0
-    directions = sorted(math.degrees(math.atan2(lean.at[1], lean.at[0])) for lean in stand.leans)
-    gaps = [
-        b - a for a, b in zip(directions, [*directions[1:], directions[0] + 360.0], strict=True)
-    ]
-    lobes = [a + 0.5 * gap for a, gap in zip(directions, gaps, strict=True)]
-    case = slab(rectangle((-16.0, 16.0), (-26.0, 26.0), 3.0), (0.3, 15.0))
-    fins = union(
-        slab(rectangle((x, x + 2.0), (-25.0, 25.0)), (10.0, 16.0)) for x in (-11.0, -5.0, 3.0, 9.0)
-    )
+    """Board in the middle of the plate, and a driver between every two wheels."""
+    deck, reach = stand.deck, stand.reach
+    directions = [math.degrees(math.atan2(lean.at[1], lean.at[0])) for lean in stand.leans]
     wires = [
         wire([(-9.0, y, 0.4), (-18.0, y, 7.0), (-15.0, y, 8.0)], 1.4) for y in (-16.0, -10.0, -4.0)
     ]
-    one = {
-        "drivers": (case - fins, solids.ANODISED),
-        "supply": (union(wires[:1]), solids.RED),
+    driver = {
+        "drivers": (driver_case(16.0, 26.0, 15.0), solids.ANODISED),
+        "supply": (wires[0], solids.RED),
         "phases": (union(wires[1:]), solids.BLUE),
     }
-    place = (0.7 * reach, 0.0, deck)
-    parts = [
-        Drawing(
-            name,
-            union(solid.scale([m] * 3).translate(place).rotate((0.0, 0.0, lobe)) for lobe in lobes),
-            material,
-        )
-        for name, (solid, material) in one.items()
-    ]
-    return [*equipment.board_drawings(deck, 0.3 * reach), *parts]
-
-
-def _arrow(stand: StandLayout) -> Manifold:
-    """Return the arrow on the rim of the plate that points along X."""
-    m = stand.reach / 150.0
-    shape = polygon([(-24.0, -15.0), (0.0, 0.0), (-24.0, 15.0), (-17.0, 0.0)])
-    tip = (stand.reach - 6.0, 0.0, stand.deck)
-    return slab(shape, (0.1, 3.0)).scale([m] * 3).translate(tip)
+    places = [Place(at, 0.7 * reach, reach / 150.0) for at in halfway_deg(directions)]
+    return [*board_drawings(deck, 0.3 * reach), *copies(driver, places, deck)]
 
 
 def draw(robot: SphereDescription) -> Parts:
-    """Return the parts of stand, sphere and wheel."""
+    """Parts of stand, sphere and wheel."""
     plan = _plan(robot)
     return {
         "chassis": drawn("chassis", stand_drawings(_stand(robot), robot.body)),
@@ -263,7 +243,7 @@ def draw(robot: SphereDescription) -> Parts:
 
 
 def tree(robot: SphereDescription) -> KinematicTree:
-    """Return a sphere about the origin of the base, and wheels on it: Z away from the sphere.
+    """Sphere about the origin of the base, and wheels on it: Z away from the sphere.
 
     A wheel and the sphere turn against each other, like two gears: the wheel about -Omega_i, which
     is its Y. Sphere and wheels collide as what they are, the stand not at all.
@@ -309,21 +289,16 @@ def masses_kg(robot: SphereDescription) -> dict[Link, float]:
     """
     mass = robot.mass
     others = mass.sphere_kg + len(robot.drive.wheels) * mass.wheel_kg
-    if others >= mass.total_kg:
-        raise RobotFileError(
-            robot.name,
-            f"mass.total_kg is {mass.total_kg:g}, sphere and wheels alone weigh {others:g}",
-            "more than mass.sphere_kg, and mass.wheel_kg for each wheel",
-        )
+    needed = "mass.sphere_kg, and mass.wheel_kg for each wheel"
     return {
-        "chassis": mass.total_kg - others,
+        "chassis": chassis_mass_kg(robot, mass.total_kg, others, "sphere and wheels", needed),
         "sphere": mass.sphere_kg,
         "wheel": mass.wheel_kg,
     }
 
 
 def _plan(robot: SphereDescription) -> WheelPlan:
-    """Return the wheels as described; those of one row are drawn as two that touch."""
+    """Wheels as described; those of one row are drawn as two that touch."""
     g = robot.drive
     apart = 500.0 * max(g.row_distance_m, 2.0 * g.roller_radius_m)
     return WheelPlan(

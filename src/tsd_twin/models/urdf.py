@@ -38,14 +38,14 @@ class Inertia:
 
 
 def inertia(parts: Iterable[Part], mass_kg: float) -> Inertia:
-    """Return the inertia of `parts` that are rigidly connected and together weigh `mass_kg`.
+    """Inertia of `parts` that are rigidly connected and together weigh `mass_kg`.
 
     Densities only say how the mass is shared out: parts are solid here that are hollow in truth.
     """
     bodies: list[tuple[float, Array, Array]] = []
     for part in parts:
         mesh: Any = part.mesh
-        density = part.density_kg_per_m3
+        density = part.material.density_kg_per_m3
         bodies.append(
             (density * mesh.volume, np.array(mesh.center_mass), density * mesh.moment_inertia)
         )
@@ -62,15 +62,15 @@ def inertia(parts: Iterable[Part], mass_kg: float) -> Inertia:
 _RINGS = (("yaw", "0 0 1"), ("pitch", "0 1 0"), ("roll", "1 0 0"))
 """Rings of a ball joint: turns about Z, then the new Y, then the new X."""
 _RING_KG, _RING_KG_M2 = 1e-6, 1e-9
-"""Of a ring, which is not there: readers want every link that moves to weigh something."""
+"""Mass and inertia of a virtual ring: URDF readers require them of every moving link."""
 
 
 def urdf(robot: RobotDescription, parts: Parts, mesh_uri: str = "") -> str:
-    """Return the URDF text.
+    """URDF text.
 
     Args:
         robot: its description.
-        parts: its look, of each kind of link; also gives the inertias.
+        parts: of each kind of link; they also give the inertias.
         mesh_uri: what goes before the name of each mesh file, for example
             `package://tsd_description/meshes/tsd/`. Nothing means beside the URDF.
 
@@ -78,7 +78,7 @@ def urdf(robot: RobotDescription, parts: Parts, mesh_uri: str = "") -> str:
         RobotFileError: the masses do not add up.
     """
     inertias = {kind: inertia(parts[kind], mass) for kind, mass in masses_kg(robot).items()}
-    hung = kinematic_tree(robot)
+    tree = kinematic_tree(robot)
     root = ET.Element("robot", name=robot.name)
     # MuJoCo alone reads this: show visuals, keep base_link, and look for meshes beside the file.
     extension = ET.SubElement(root, "mujoco")
@@ -93,51 +93,45 @@ def urdf(robot: RobotDescription, parts: Parts, mesh_uri: str = "") -> str:
         return element
 
     ET.SubElement(root, "link", name="base_footprint")
-    _collision_core(link(BASE, "chassis"), hung.core_m, parts["chassis"])
+    _collision_core(link(BASE, "chassis"), tree.core_m, parts["chassis"])
     footprint = _joint(root, "base_joint", "fixed", ("base_footprint", BASE))
-    _origin(footprint, (0.0, 0.0, hung.height_m))
-    for i in range(max(link_groups.count for link_groups in hung.link_groups)):
-        for link_groups in (
-            link_groups for link_groups in hung.link_groups if i < link_groups.count
-        ):
-            _collision(link(link_groups.names[i], link_groups.kind), link_groups.collision)
-            above = (
-                BASE
-                if link_groups.parent == "chassis"
-                else hung.link_group(link_groups.parent).names[i]
-            )
-            if link_groups.joint_type is JointType.BALL:
-                above = _rings(root, link_groups, i, above)
-            _hang(root, link_groups, i, above)
+    _origin(footprint, (0.0, 0.0, tree.height_m))
+    for i in range(max(group.count for group in tree.link_groups)):
+        for group in (group for group in tree.link_groups if i < group.count):
+            _collision(link(group.names[i], group.kind), group.collision)
+            above = BASE if group.parent == "chassis" else tree.link_group(group.parent).names[i]
+            if group.joint_type is JointType.BALL:
+                above = _rings(root, group, i, above)
+            _add_joint(root, group, i, above)
     ET.indent(root)
     # No encoding in the declaration: parsers refuse to take one from a text.
     return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _hang(root: ET.Element, link_groups: LinkGroup, i: int, above: str) -> None:
+def _add_joint(root: ET.Element, group: LinkGroup, i: int, above: str) -> None:
     """Add the joint of a link; the innermost ring of a ball joint has a fixed one."""
-    kind = "fixed" if link_groups.joint_type is JointType.BALL else str(link_groups.joint_type)
-    joint = _joint(root, link_groups.joints[i], kind, (above, link_groups.names[i]))
-    if link_groups.joint_type is not JointType.BALL:
-        _origin(joint, link_groups.at_m[i], roll_pitch_yaw(link_groups.turn.wxyz[i]))
-    if link_groups.joint_type in (JointType.ANGLE, JointType.SPIN):
-        ET.SubElement(joint, "axis", xyz=" ".join(_text(part) for part in link_groups.axes[i]))
-    if link_groups.range is not None:
-        _limit(joint, link_groups.range)
+    kind = "fixed" if group.joint_type is JointType.BALL else str(group.joint_type)
+    joint = _joint(root, group.joints[i], kind, (above, group.names[i]))
+    if group.joint_type is not JointType.BALL:
+        _origin(joint, group.at_m[i], roll_pitch_yaw(group.turn.wxyz[i]))
+    if group.joint_type in (JointType.ANGLE, JointType.SPIN):
+        ET.SubElement(joint, "axis", xyz=" ".join(_text(part) for part in group.axes[i]))
+    if group.range is not None:
+        _limit(joint, group.range)
 
 
-def _rings(root: ET.Element, link_groups: LinkGroup, i: int, above: str) -> str:
+def _rings(root: ET.Element, group: LinkGroup, i: int, above: str) -> str:
     """Add the gimbal rings that represent a ball joint, and return the innermost."""
     for number, (name, axis) in enumerate(_RINGS):
-        ring = f"{link_groups.names[i]}_{name}"
+        ring = f"{group.names[i]}_{name}"
         element = ET.SubElement(ET.SubElement(root, "link", name=ring), "inertial")
         _origin(element, (0.0, 0.0, 0.0))
         ET.SubElement(element, "mass", value=_text(_RING_KG))
         moments = {at: _text(_RING_KG_M2) for at in ("ixx", "iyy", "izz")}
         ET.SubElement(element, "inertia", ixy="0", ixz="0", iyz="0", attrib=moments)
-        joint = _joint(root, f"{link_groups.joints[i]}_{name}", str(JointType.SPIN), (above, ring))
+        joint = _joint(root, f"{group.joints[i]}_{name}", str(JointType.SPIN), (above, ring))
         if number == 0:
-            _origin(joint, link_groups.at_m[i], roll_pitch_yaw(link_groups.turn.wxyz[i]))
+            _origin(joint, group.at_m[i], roll_pitch_yaw(group.turn.wxyz[i]))
         ET.SubElement(joint, "axis", xyz=axis)
         above = ring
     return above
@@ -163,12 +157,12 @@ def _inertial(link: ET.Element, body: Inertia) -> None:
 
 def _visuals(link: ET.Element, parts: Iterable[Part], mesh_uri: str) -> None:
     for part in parts:
-        # MuJoCo wants names that are unique in the whole file.
+        # MuJoCo requires names that are unique in the whole file.
         visual = ET.SubElement(link, "visual", name=f"{link.get('name')}_{part.name}")
         geometry = ET.SubElement(visual, "geometry")
         ET.SubElement(geometry, "mesh", filename=mesh_uri + part.file)
         material = ET.SubElement(visual, "material", name=f"{part.link}_{part.name}")
-        ET.SubElement(material, "color", rgba=" ".join(_text(c) for c in part.rgba))
+        ET.SubElement(material, "color", rgba=" ".join(_text(c) for c in part.material.rgba))
 
 
 def _collision(link: ET.Element, shape: CollisionShape) -> None:
@@ -220,5 +214,5 @@ def _origin(
 
 
 def _text(value: float) -> str:
-    """Return a number with the digits that matter, and without minus zero."""
+    """Number with the digits that matter, and without minus zero."""
     return f"{round(float(value), 12) + 0.0:.9g}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -33,42 +34,61 @@ class TwistLimiter:
         """
         limits = self._limits
         twist = clip_to_finite(twist)
+        _, _, turn_rate = _components(twist)
         return twist / _most(
             np.sqrt(self._speed_squared(twist)) / (limits.speed_mps * share),
-            np.abs(twist[..., 2]) / (limits.turn_rate_rad_per_s * share),
+            abs(turn_rate) / (limits.turn_rate_rad_per_s * share),
             self._kinematics.joint_utilization(twist),
         )
 
     def advance(
         self, current: Array, request: Array, dt_s: float, share: Array | float = 1.0
     ) -> Array:
-        """Return the twist (..., 3) that follows `current` after `dt_s` on the way to `request`."""
+        """Twist (..., 3) that follows `current` after `dt_s` on the way to `request`."""
         return self.approach(current, self.cap(request, share), dt_s)
 
     def approach(self, current: Array, goal: Array, dt_s: float) -> Array:
-        """Return the twist (..., 3) that follows `current` after `dt_s` on the way to `goal`.
+        """Twist (..., 3) that follows `current` after `dt_s` on the way to `goal`.
 
         The goal is within the limits already. A goal within reach is reached exactly, so that a
         stop ends at zero.
         """
         limits = self._limits
         step = goal - current
+        if step.ndim == 1 and not any(step.tolist()):
+            return goal.copy()
+        _, _, turn_rate = _components(step)
         slower = self._speed_squared(goal) < self._speed_squared(current)
-        acceleration = np.where(slower, limits.deceleration_mps2, limits.acceleration_mps2)
+        either = limits.deceleration_mps2, limits.acceleration_mps2
+        # Of one twist, `slower` is a truth value, and this is quicker than an array of one number.
+        acceleration = either[not slower] if step.ndim == 1 else np.where(slower, *either)
         over = _most(
             np.sqrt(self._speed_squared(step)) / (acceleration * dt_s),
-            np.abs(step[..., 2]) / (limits.angular_acceleration_rad_per_s2 * dt_s),
+            abs(turn_rate) / (limits.angular_acceleration_rad_per_s2 * dt_s),
             self._kinematics.rate_utilization(step, dt_s),
         )
+        if isinstance(over, float):
+            return goal.copy() if over <= 1.0 else current + step / over
         return np.where(over <= 1.0, goal, current + step / over)
 
-    def _speed_squared(self, twist: Array) -> Array:
-        squared = twist[..., 0] * twist[..., 0] + twist[..., 1] * twist[..., 1]
-        return self._squared_lever * squared
+    def _speed_squared(self, twist: Array) -> Any:
+        x, y, _ = _components(twist)
+        return self._squared_lever * (x * x + y * y)
 
 
-def _most(speed: Array, turn: Array, kinematics: Array) -> Array:
-    """Return the largest utilization of three limits (...), at least 1: (..., 1)."""
+def _components(twist: Array) -> Any:
+    """Three components (...) of `twist` (..., 3): plain floats of one twist, which are
+    faster than arrays of one number.
+    """
+    return twist.tolist() if twist.ndim == 1 else np.moveaxis(twist, -1, 0)
+
+
+def _most(speed: Any, turn: Any, kinematics: Any) -> Any:
+    """Largest utilization of three limits (...), at least 1: (..., 1), or a number."""
+    if isinstance(speed, float) and isinstance(turn, float) and isinstance(kinematics, float):
+        # A limit that is not a number allows none, as in the reduction below.
+        unknown = math.isnan(speed + turn + kinematics)
+        return math.nan if unknown else float(max(1.0, speed, turn, kinematics))
     shares = np.ones((*np.shape(speed), 4))
     shares[..., 0], shares[..., 1], shares[..., 2] = speed, turn, kinematics
     return np.maximum.reduce(shares, axis=-1, keepdims=True)
@@ -76,5 +96,7 @@ def _most(speed: Array, turn: Array, kinematics: Array) -> Array:
 
 def clip_to_finite(twist: Array) -> Array:
     """Return `twist` (..., 3), finite, scaled so that its numbers can be squared and added."""
+    if twist.ndim == 1 and all(abs(number) <= _LARGEST for number in twist.tolist()):
+        return twist.copy()
     largest = np.maximum.reduce(np.abs(twist), axis=-1, keepdims=True)
     return twist / np.maximum(1.0, largest / _LARGEST)

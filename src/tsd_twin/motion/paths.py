@@ -54,7 +54,7 @@ class Path(Protocol):
         ...
 
     def at(self, s_m: Array) -> PathPoints:
-        """Return the points at arc lengths `s_m` (...); at a corner, those that follow it."""
+        """Points at arc lengths `s_m` (...); at a corner, those that follow it."""
         ...
 
 
@@ -77,7 +77,7 @@ class Arc:
             raise PathError(f"a line or arc needs finite numbers and a length above zero: {self}")
 
     def at(self, s_m: Array) -> PathPoints:
-        """Return the points at arc lengths `s_m` (...)."""
+        """Points at arc lengths `s_m` (...)."""
         s = np.asarray(s_m, dtype=float)
         half = 0.5 * self.curvature_per_m * s
         # The chord of an arc is turned by half its angle, and shortened by sinc.
@@ -92,13 +92,13 @@ class Arc:
 
 
 def line(start_m: Sequence[float], end_m: Sequence[float]) -> Arc:
-    """Return the straight way from one point to another, metres."""
+    """Straight way from one point to another, metres."""
     dx, dy = end_m[0] - start_m[0], end_m[1] - start_m[1]
     return Arc((start_m[0], start_m[1]), math.atan2(dy, dx), 0.0, math.hypot(dx, dy))
 
 
 def arc(start_m: Sequence[float], direction_rad: float, radius_m: float, angle_rad: float) -> Arc:
-    """Return the arc that turns by `angle_rad`, left positive, at `radius_m` above zero."""
+    """Arc that turns by `angle_rad`, left positive, at `radius_m` above zero."""
     if not radius_m > 0.0:
         raise PathError(f"the radius of an arc must be above zero, not {radius_m}")
     curvature = math.copysign(1.0 / radius_m, angle_rad)
@@ -147,7 +147,7 @@ class Curve:
         return float(self._s[-1])
 
     def at(self, s_m: Array) -> PathPoints:
-        """Return the points at arc lengths `s_m` (...)."""
+        """Points at arc lengths `s_m` (...)."""
         u, row = self._parameter(np.asarray(s_m, dtype=float))
         xy, first, second, third = (self._derivative(n, u) for n in range(4))
         (dx, dy), (ddx, ddy) = np.moveaxis(first, -1, 0), np.moveaxis(second, -1, 0)
@@ -169,14 +169,14 @@ class Curve:
         return np.asarray(self._by_order[order](u), dtype=float)
 
     def _lengths(self, start: Array, end: Array) -> Array:
-        """Return the arc lengths between parameters, by Gauss and Legendre on eight nodes."""
+        """Arc lengths between parameters, by Gauss and Legendre on eight nodes."""
         half = 0.5 * (end - start)
         u = (start + half)[..., None] + half[..., None] * _NODES
         first = self._derivative(1, u)
         return half * (np.hypot(first[..., 0], first[..., 1]) @ _WEIGHTS)
 
     def _parameter(self, s: Array) -> tuple[Array, Any]:
-        """Return the parameters at arc lengths, and their rows in the table, by Newton's method."""
+        """Parameters at arc lengths, and their rows in the table, by Newton's method."""
         s = np.clip(s, 0.0, self._s[-1])
         row = np.clip(np.searchsorted(self._s, s, side="right") - 1, 0, len(self._s) - 2)
         start, end = self._u[row], self._u[row + 1]
@@ -189,7 +189,7 @@ class Curve:
 
 
 def spline(points_m: Array | Sequence[Sequence[float]]) -> Curve:
-    """Return the cubic spline through `points_m` (n, 2), n above 2, metres; closed if they are."""
+    """Cubic spline through `points_m` (n, 2), n above 2, metres; closed if they are."""
     points = np.asarray(points_m, dtype=float)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
         raise PathError(f"a spline needs three points (x, y) or more, not {points.shape}")
@@ -235,7 +235,7 @@ def parabola(a_per_m: float, b: float, c_m: float, start_x_m: float, end_x_m: fl
 
 
 def blend(start_m: Array, corner_m: Array, end_m: Array) -> Curve:
-    """Return a rounded corner: a quintic Bezier curve with zero curvature at its ends."""
+    """Rounded corner: a quintic Bezier curve with zero curvature at its ends."""
     near, far = 1.0 - _STEEP, 1.0 - _FLAT
     into, out = corner_m - start_m, end_m - corner_m
     points = [start_m, start_m + near * into, start_m + far * into]
@@ -245,12 +245,6 @@ def blend(start_m: Array, corner_m: Array, end_m: Array) -> Curve:
 
 def _bezier(points: Array) -> Any:
     return BPoly(points[:, None, :], _UNIT)
-
-
-def deviation_m(cut_m: float, turn_rad: float) -> float:
-    """Return how far a blend that leaves the legs `cut_m` before a corner passes from it."""
-    middle = (1.0 + 5.0 * _STEEP + 10.0 * _FLAT) / 16.0
-    return cut_m * middle * math.sin(0.5 * abs(turn_rad))
 
 
 _GAP_M = 1e-6
@@ -295,7 +289,7 @@ class CompositePath:
         return float(self._starts[-1])
 
     def at(self, s_m: Array) -> PathPoints:
-        """Return the points at arc lengths `s_m` (...); at a joint, those that follow it."""
+        """Points at arc lengths `s_m` (...); at a joint, those that follow it."""
         s = np.asarray(s_m, dtype=float)
         part = np.clip(np.searchsorted(self._starts, s, side="right") - 1, 0, len(self._paths) - 1)
         out = PathPoints(np.empty((*s.shape, 2)), *(np.empty(s.shape) for _ in range(3)))
@@ -310,7 +304,7 @@ class CompositePath:
 
 
 def polyline(points_m: Array | Sequence[Sequence[float]], cut_m: float = 0.0) -> CompositePath:
-    """Return the path of straight legs through `points_m` (n, 2), n above 1, metres.
+    """Path of straight legs through `points_m` (n, 2), n above 1, metres.
 
     Corners are sharp, so the robot stops there; with `cut_m` it leaves a leg that far before a
     corner, at most half a leg, and rounds it by a smooth curve.

@@ -65,7 +65,7 @@ class Predictor(Generic[PoseT]):
         # Share of the difference between set-point and motion that remains after a step.
         self._left = math.exp(-step_s / lag_s) if lag_s > 0.0 else 0.0
 
-    def moments(
+    def predicted_states(
         self, pose: PoseT, twist: Array, commands: Sequence[PendingCommand], share: float = 1.0
     ) -> Iterator[PredictedState[PoseT]]:
         """Yield state after state, from `pose` with `twist` (3,) commanded to the joints.
@@ -79,10 +79,10 @@ class Predictor(Generic[PoseT]):
         for step in range(round(LONGEST_S / step_s) + 1):
             after_s = step * step_s
             yield PredictedState(after_s, pose, moving)
-            heard = newest
+            before = newest
             while waiting and waiting[0].after_s <= after_s + 1e-9:
                 newest = waiting.pop(0)
-            if newest is not None and (newest is not heard or newest.to_base is not None):
+            if newest is not None and (newest is not before or newest.to_base is not None):
                 wanted = newest.request
                 if newest.to_base is not None:
                     wanted = newest.to_base(pose, wanted)
@@ -101,21 +101,21 @@ class Predictor(Generic[PoseT]):
         commands: Sequence[PendingCommand],
         share: float = 1.0,
     ) -> PoseT:
-        """Return the pose after `ahead_s`, rounded to a step."""
-        for moment in self.moments(pose, twist, commands, share):
-            pose = moment.pose
-            if moment.after_s >= ahead_s - 0.5 * self._step_s:
+        """Pose after `ahead_s`, rounded to a step."""
+        for state in self.predicted_states(pose, twist, commands, share):
+            pose = state.pose
+            if state.after_s >= ahead_s - 0.5 * self._step_s:
                 break
         return pose
 
     def until_rest(
         self, pose: PoseT, twist: Array, commands: Sequence[PendingCommand], share: float = 1.0
     ) -> list[PoseT]:
-        """Return the predicted poses until the last command holds and the robot is at rest."""
+        """Predicted poses until the last command holds and the robot is at rest."""
         path: list[PoseT] = []
         last_s = commands[-1].after_s if commands else 0.0
-        for moment in self.moments(pose, twist, commands, share):
-            path.append(moment.pose)
-            if moment.after_s > last_s and np.abs(moment.moving).max() < AT_REST:
+        for state in self.predicted_states(pose, twist, commands, share):
+            path.append(state.pose)
+            if state.after_s > last_s and np.abs(state.moving).max() < AT_REST:
                 break
         return path

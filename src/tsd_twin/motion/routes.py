@@ -35,11 +35,11 @@ class HeadingProfile(Protocol):
     """Heading as a function of the arc length."""
 
     def stops_m(self, path: Path) -> tuple[float, ...]:
-        """Return the arc lengths at which the heading cannot be followed without a stop."""
+        """Arc lengths at which the heading cannot be followed without a stop."""
         ...
 
     def at(self, s_m: Array, points: PathPoints) -> Headings:
-        """Return the headings at arc lengths `s_m` (...), where the path has `points`."""
+        """Headings at arc lengths `s_m` (...), where the path has `points`."""
         ...
 
 
@@ -54,7 +54,7 @@ class FixedHeading:
         return ()
 
     def at(self, s_m: Array, points: PathPoints) -> Headings:  # noqa: ARG002  The law's shape.
-        """Return the heading for each of `s_m`."""
+        """Heading for each of `s_m`."""
         zero = np.zeros(np.shape(s_m))
         return Headings(zero + self.heading_rad, zero, zero)
 
@@ -70,7 +70,7 @@ class TangentHeading:
     offset_rad: float = 0.0
 
     def stops_m(self, path: Path) -> tuple[float, ...]:
-        """Return the arc lengths where the curvature jumps, since the turn rate would jump too."""
+        """Arc lengths where the curvature jumps, since the turn rate would jump too."""
         if path.corners_m:
             raise PathError(
                 f"a tangent heading cannot follow the sharp corner at {path.corners_m[0]:.3f} m: "
@@ -104,7 +104,7 @@ class SampledHeading:
         return ()
 
     def at(self, s_m: Array, points: PathPoints) -> Headings:  # noqa: ARG002  The law's shape.
-        """Return the headings at `s_m`; beyond the ends, those of the ends."""
+        """Headings at `s_m`; beyond the ends, those of the ends."""
         s = np.clip(s_m, *self._ends)
         inside = (s_m >= self._ends[0]) & (s_m <= self._ends[1])
         heading, per_m, per_m2 = (np.asarray(order(s), dtype=float) for order in self._by_order)
@@ -127,7 +127,7 @@ class RoutePoints:
     """(...): curvature of the path, 1/m."""
 
     def twist(self, speed_mps: Array) -> Array:
-        """Return the body twist (..., 3) at `speed_mps` (...)."""
+        """Body twist (..., 3) at `speed_mps` (...)."""
         return self.per_m * speed_mps[..., None]
 
     def twist_rate(self, speed_mps: Array, acceleration_mps2: Array) -> Array:
@@ -160,11 +160,11 @@ class Route:
         return tuple(sorted({*self.stops_m, *self.path.knots_m}))
 
     def at(self, s_m: Array) -> RoutePoints:
-        """Return the points at arc lengths `s_m` (...)."""
+        """Points at arc lengths `s_m` (...)."""
         points = self.path.at(s_m)
         heading = self.heading.at(s_m, points)
-        off = points.direction - heading.heading
-        c, s = np.cos(off), np.sin(off)
+        sideslip = points.direction - heading.heading
+        c, s = np.cos(sideslip), np.sin(sideslip)
         off_per_m = points.curvature - heading.per_m
         return RoutePoints(
             pose=np.concatenate([points.xy, heading.heading[..., None]], axis=-1),
@@ -237,7 +237,7 @@ class NavigationGoal:
         return bool(np.hypot(*np.diff(way, axis=0).T).sum() < THERE_M and abs(turn) < _THERE_RAD)
 
     def remaining(self, path: Path, done_m: float) -> NavigationGoal:
-        """Return the remaining goal after `done_m` of the path planned for it."""
+        """Remaining goal after `done_m` of the path planned for it."""
         if len(self.points) == 1:
             return self
         left_m: Array = np.linspace(min(done_m, path.length_m), path.length_m, len(self.points) + 1)
@@ -245,7 +245,7 @@ class NavigationGoal:
 
 
 def _smooth(points: Array) -> Path:
-    """Return a smooth curve from the first to the last of `points` (n, 2), close to the others."""
+    """Smooth curve from the first to the last of `points` (n, 2), close to the others."""
     steps = np.hypot(*np.diff(points, axis=0).T)
     along = np.concatenate([[0.0], np.cumsum(steps)])
     count = int(np.clip(np.ceil(along[-1] / _STEP_M), 8, _MOST_STEPS))

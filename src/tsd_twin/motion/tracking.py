@@ -38,7 +38,7 @@ class Pid:
         self._previous: Array | None = None
 
     def advance(self, error: Array, dt_s: float) -> Array:
-        """Return the correcting speeds (..., k) for `error` (..., k), `dt_s` after the last one."""
+        """Correcting speeds (..., k) for `error` (..., k), `dt_s` after the last one."""
         previous = error if self._previous is None or dt_s <= 0.0 else self._previous
         self._previous = np.array(error)
         summed = self._integral + self._i * error * dt_s
@@ -79,24 +79,24 @@ class TrackingController:
         self,
         trajectory: Trajectory,
         settings: TrackingSettings | None = None,
-        told: Callable[[float], Array] | None = None,
+        feed_forward: Callable[[float], Array] | None = None,
     ) -> None:
-        """`told` maps a time to the twist (3,) for a robot without lag.
+        """`feed_forward` maps a time to the twist (3,) for a robot without lag.
 
         The default is the twist of the trajectory.
         """
         settings = settings or TrackingSettings()
         self.trajectory = trajectory
         self._lag_s = settings.lag_s
-        self._told = told or self._shall
+        self._twist_at = feed_forward or self._reference_twist
         self._pid = Pid(settings.along, settings.across, settings.heading)
 
     def feed_forward(self, t_s: float) -> Array:
-        """Return the open-loop body twist (3,) to command at `t_s`."""
-        return self._told(t_s + self._lag_s)
+        """Open-loop body twist (3,) to command at `t_s`."""
+        return self._twist_at(t_s + self._lag_s)
 
     def advance(self, t_s: float, pose: SE2, dt_s: float, ahead_s: float = 0.0) -> Array:
-        """Return the body twist (..., 3) to command when the robot is at `pose` (...) at `t_s`.
+        """Body twist (..., 3) to command when the robot is at `pose` (...) at `t_s`.
 
         `dt_s` is the time since the last call; the command is meant for `ahead_s` later.
         """
@@ -112,22 +112,22 @@ class TrackingController:
         out[..., 2] = ahead[2] + correction[..., 2]
         return out
 
-    def _shall(self, t_s: float) -> Array:
+    def _reference_twist(self, t_s: float) -> Array:
         return self.trajectory.at(t_s).twist
 
 
 def tracking_errors(reference: Reference, pose: SE2) -> Array:
-    """Return the errors to the reference (..., 3): along-track, cross-track and heading.
+    """Errors to the reference (..., 3): along-track, cross-track and heading.
 
     The cross-track error is positive when the path lies to the left of the robot.
     """
-    off = reference.pose - pose.xy_heading
+    error = reference.pose - pose.xy_heading
     c, s = np.cos(reference.direction), np.sin(reference.direction)
     return np.stack(
         [
-            c * off[..., 0] + s * off[..., 1],
-            c * off[..., 1] - s * off[..., 0],
-            wrap(off[..., 2]),
+            c * error[..., 0] + s * error[..., 1],
+            c * error[..., 1] - s * error[..., 0],
+            wrap(error[..., 2]),
         ],
         axis=-1,
     )
@@ -214,7 +214,7 @@ class TrajectoryExecutor:
         self._stuck_s = 0.0
 
     def advance(self, now_s: float, pose: SE2) -> ExecutionStep:
-        """Return the step for `now_s`; `pose` is the newest one the robot has reported."""
+        """Step for `now_s`; `pose` is the newest one the robot has reported."""
         if not np.isfinite(pose.xy_heading).all():
             return self._step(ExecutionPhase.LOST, 0.0, math.inf, math.inf, "the pose is no number")
         dt_s = 0.0 if self._last_s is None else min(max(now_s - self._last_s, 0.0), _GAP_S)

@@ -41,7 +41,7 @@ class PathConstraints:
         """(n,): lowest a / u, at which a cell ends at rest."""
 
     def highest_speeds(self) -> Array:
-        """Return the highest speed (n + 1,) at each end of the cells, m/s."""
+        """Highest speed (n + 1,) at each end of the cells, m/s."""
         per_m = self._points.per_m
         with np.errstate(divide="ignore", over="ignore"):
             turning = self._limits.turn_rate_rad_per_s / np.abs(per_m[..., 2])
@@ -51,7 +51,7 @@ class PathConstraints:
         return np.concatenate([both[:1, 0], inner, both[-1:, 1]])
 
     def usage(self, cell: Any, a: Array, u: Array) -> Array:
-        """Return the utilization of the acceleration limits by (a, u) at both ends of `cell`.
+        """Utilization of the acceleration limits by (a, u) at both ends of `cell`.
 
         `cell` is an index; a and u have its shape, or one more dimension after it.
         """
@@ -75,7 +75,7 @@ class PathConstraints:
         return np.maximum(used, np.maximum(turn, joints)) / self._share
 
     def max_velocity_curve(self) -> tuple[Array, Array]:
-        """Return the highest u (n,) at the start of each cell, and the a it goes with.
+        """Highest u (n,) at the start of each cell, and the a it goes with.
 
         The least of a convex function of a / u, by golden sections in all cells at once.
         """
@@ -97,7 +97,7 @@ class PathConstraints:
         return u, slope
 
     def _widest(self) -> Array:
-        """Return a bound (n,) of |a / u| where the usage is least: beyond, `a` alone uses more."""
+        """Bound (n,) of |a / u| where the usage is least: beyond, `a` alone uses more."""
         bends = np.abs(self._points.bend).max(axis=(1, 2)) + np.abs(self._points.curvature).max(1)
         return 1e-6 + 1e3 * bends
 
@@ -123,7 +123,7 @@ class SpeedProfile:
     """(n + 1,): when each end is reached, seconds."""
 
     def place_m(self, t_s: Array) -> Array:
-        """Return the arc lengths (...) at times `t_s` (...) from start to end."""
+        """Arc lengths (...) at times `t_s` (...) from start to end."""
         cell, since = self.since(t_s)
         s = self.s_m[cell] + since * (
             self.speed_mps[cell] + 0.5 * since * self.acceleration_mps2[cell]
@@ -131,59 +131,21 @@ class SpeedProfile:
         return np.minimum(s, self.s_m[cell + 1])
 
     def since(self, t_s: Array) -> tuple[npt.NDArray[np.intp], Array]:
-        """Return the cell at each of `t_s` (...), and the time since it was entered."""
+        """Cell at each of `t_s` (...), and the time since it was entered."""
         last = len(self.acceleration_mps2) - 1
         cell = np.clip(np.searchsorted(self.at_s, t_s, side="right") - 1, 0, last)
         return cell, t_s - self.at_s[cell]
 
 
-def time_optimal(
-    route: Route,
-    kinematics: Kinematics[SE2],
-    limits: Limits,
-    *,
-    share: float = 1.0,
-    speed_mps: float | None = None,
-    cell_m: float = 0.005,
-) -> SpeedProfile:
-    """Return the fastest profile from rest to rest, with a stop at each of `route.stops_m`.
-
-    Kept are the limits of speed, turn rate, acceleration, deceleration and angular acceleration,
-    and those of the joints by `joint_utilization` and `rate_utilization` of the kinematics.
-    Accelerations are limited twice: over the ground, where friction bounds them, and in the body's
-    axes, where the control loop limits them. `share` in (0, 1] lowers all limits except speed, as a
-    margin for the correction; `speed_mps` lowers that of speed.
-
-    Raises:
-        PathError: the share is out of range, or the route cannot be followed at any speed.
-    """
-    if not 0.0 < share <= 1.0 or not cell_m > 0.0:
-        raise PathError(f"the share of the limits must be in (0, 1], not {share}")
-    ends = [0.0, *route.breaks_m, route.length_m]
-    pieces = [_graded(a, b, cell_m) for a, b in itertools.pairwise(ends)]
-    s = np.concatenate([*pieces, [route.length_m]])
-    top = limits.speed_mps if speed_mps is None else min(speed_mps, limits.speed_mps)
-    cells = PathConstraints(route, kinematics, limits, s, share)
-    cap = np.square(np.minimum(top, cells.highest_speeds()))
-    cap[np.isin(s, [0.0, *route.stops_m, route.length_m])] = 0.0
-    squared, acceleration = _forward(cells, *_backward(cells, cap))
-    speed = np.sqrt(squared)
-    mean = 0.5 * (speed[:-1] + speed[1:])
-    if not mean.min() > 0.0:
-        raise PathError(f"the route cannot be followed at {s[int(mean.argmin())]:.3f} m")
-    at_s = np.concatenate([[0.0], np.cumsum(np.diff(s) / mean)])
-    return SpeedProfile(s, speed, acceleration, at_s)
-
-
 def _graded(start_m: float, end_m: float, cell_m: float) -> Array:
-    """Return the starts of the cells of a piece, shorter near its ends, where speed changes."""
+    """Starts of the cells of a piece, shorter near its ends, where speed changes."""
     cells = max(_LEAST_CELLS, math.ceil(0.5 * math.pi * (end_m - start_m) / cell_m))
     share = 0.5 - 0.5 * np.cos(np.pi * np.arange(cells) / cells)
     return start_m + (end_m - start_m) * share
 
 
 def _backward(cells: PathConstraints, cap: Array) -> tuple[Array, Array]:
-    """Return the highest u (n + 1,) from which the end can be reached, and the a (n,) for it."""
+    """Highest u (n + 1,) from which the end can be reached, and the a (n,) for it."""
     crest, slope = cells.max_velocity_curve()
     u_top = np.minimum(cap[:-1], crest)
     a_top = slope * u_top
@@ -236,7 +198,7 @@ def _last(
     outside: float,
     point: Callable[[Array], tuple[Array, Array]],
 ) -> float:
-    """Return the last number from `inside` to `outside` at which the limits of a cell hold.
+    """Last number from `inside` to `outside` at which the limits of a cell hold.
 
     `point` maps numbers to (a, u). The set is convex, so the feasible numbers are an interval.
     """
@@ -317,7 +279,7 @@ class Trajectory:
         return self.route.length_m
 
     def at(self, t_s: Array | float) -> Reference:
-        """Return the reference at times `t_s` (...), seconds after the start."""
+        """Reference at times `t_s` (...), seconds after the start."""
         profile = self.profile
         t = np.asarray(t_s, dtype=float)
         moving = (t > 0.0) & (t < self.duration_s)
@@ -346,14 +308,32 @@ def plan(
     cell_m: float = 0.005,
     smooth_s: float = 0.0,
 ) -> Trajectory:
-    """Plan the time-optimal trajectory of `route`, as in `time_optimal`.
+    """Plan the time-optimal trajectory from rest to rest, with a stop at each of `route.stops_m`.
 
-    Jumps of acceleration become ramps of `smooth_s`; see `smoothed`.
+    Kept are the limits of speed, turn rate, acceleration, deceleration and angular acceleration,
+    and those of the joints by `joint_utilization` and `rate_utilization` of the kinematics.
+    Accelerations are limited twice: over the ground, where friction bounds them, and in the body's
+    axes, where the control loop limits them. `share` in (0, 1] lowers all limits except speed, as a
+    margin for the correction; `speed_mps` lowers that of speed. Jumps of acceleration become ramps
+    of `smooth_s`; see `smoothed`.
 
     Raises:
-        PathError: as in `time_optimal`.
+        PathError: the share is out of range, or the route cannot be followed at any speed.
     """
-    profile = time_optimal(
-        route, kinematics, limits, share=share, speed_mps=speed_mps, cell_m=cell_m
-    )
+    if not 0.0 < share <= 1.0 or not cell_m > 0.0:
+        raise PathError(f"the share of the limits must be in (0, 1], not {share}")
+    ends = [0.0, *route.breaks_m, route.length_m]
+    pieces = [_graded(a, b, cell_m) for a, b in itertools.pairwise(ends)]
+    s = np.concatenate([*pieces, [route.length_m]])
+    top = limits.speed_mps if speed_mps is None else min(speed_mps, limits.speed_mps)
+    cells = PathConstraints(route, kinematics, limits, s, share)
+    cap = np.square(np.minimum(top, cells.highest_speeds()))
+    cap[np.isin(s, [0.0, *route.stops_m, route.length_m])] = 0.0
+    squared, acceleration = _forward(cells, *_backward(cells, cap))
+    speed = np.sqrt(squared)
+    mean = 0.5 * (speed[:-1] + speed[1:])
+    if not mean.min() > 0.0:
+        raise PathError(f"the route cannot be followed at {s[int(mean.argmin())]:.3f} m")
+    at_s = np.concatenate([[0.0], np.cumsum(np.diff(s) / mean)])
+    profile = SpeedProfile(s, speed, acceleration, at_s)
     return Trajectory(route, smoothed(profile, smooth_s))

@@ -13,7 +13,7 @@ class RobotIO(Protocol):
     """Hardware interface to the joints of a robot; all calls come from one thread."""
 
     def read(self, now_s: float) -> Array | None:
-        """Return a new measurement, NaN where a value is missing; None when there is none.
+        """New measurement, NaN where a value is missing; None when there is none.
 
         (n + s,): the joints of the drive, then `robot.sensors`, which may be omitted.
         """
@@ -24,7 +24,7 @@ class RobotIO(Protocol):
         ...
 
     def hardware(self) -> Mapping[str, Any]:
-        """Return the hardware part of the status: `kind`, and diagnostics of the hardware."""
+        """Hardware part of the status: `kind`, and diagnostics of the hardware."""
         ...
 
     def close(self) -> None:
@@ -37,7 +37,7 @@ class HasWatchdog(Protocol):
     """Hardware with its own command watchdog."""
 
     def fault(self, now_s: float) -> str:
-        """Return the fault that the board reports, as a part of a sentence; "" without a fault."""
+        """Fault that the board reports, as a part of a sentence; "" without a fault."""
         ...
 
     def set_heartbeat(self, heartbeat: Heartbeat) -> None:
@@ -64,5 +64,5 @@ class HasTruth(Protocol):
     """Simulated hardware, whose true motion is known."""
 
     def truth(self, now_s: float) -> Truth:
-        """Return the true pose and twist at `now_s`."""
+        """True pose and twist at `now_s`."""
         ...

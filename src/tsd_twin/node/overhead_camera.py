@@ -46,11 +46,11 @@ class OverheadCamera:
     def _run(self) -> None:
         start_ns = None
         while not self._stop.wait(_LOOK_S):
-            for sample in self._truths.take():
+            for sample in self._truths.take_samples():
                 truth = decode_odometry(sample.payload)
                 start_ns = truth.stamp_ns if start_ns is None else start_ns
                 now_s = (truth.stamp_ns - start_ns) * 1e-9
-                for frame in self._camera.watch(now_s, SE2(truth.xy_heading)):
+                for frame in self._camera.capture(now_s, SE2(truth.xy_heading)):
                     stamp_ns = start_ns + round(frame.taken_s * 1e9)
                     message = PoseStamped.planar(SE2(frame.pose), stamp_ns)
                     self._poses.put(encode_pose(message))

@@ -85,7 +85,7 @@ class DuplicateIdMonitor:
         """Text of the fault, as a part of a sentence; "" while no other robot has this id."""
         self._event: Event | None = None
         self._token = bus.declare_token(self._own)
-        bus.subscribe_liveliness(topics.instance_key(robot_id, "*"), self._note)
+        bus.subscribe_liveliness(topics.instance_key(robot_id, "*"), self._on_token)
 
     def step(self, now_s: float) -> str:
         """Check the tokens of other nodes, and return the `fault`."""
@@ -101,7 +101,7 @@ class DuplicateIdMonitor:
         return fault
 
     def take_event(self) -> Event | None:
-        """Return an event when another robot with this id appears, or the last one has gone."""
+        """Event when another robot with this id appears, or the last one has gone."""
         event, self._event = self._event, None
         return event
 
@@ -109,7 +109,7 @@ class DuplicateIdMonitor:
         """Undeclare the token."""
         self._token.close()
 
-    def _note(self, key: str, lives: bool) -> None:
+    def _on_token(self, key: str, lives: bool) -> None:
         # On the thread of the bus; the loop only checks whether the set is empty.
         if key == self._own:
             return
@@ -197,9 +197,9 @@ class RobotNode:
                 self._tick(rate.wait(stop), tick, rate)
                 tick += 1
         finally:
-            self._leave()
+            self._shut_down()
 
-    def _leave(self) -> None:
+    def _shut_down(self) -> None:
         now_s = time.monotonic()
         self._controller.stop(b'{"reason": "the node ended"}', now_s)
         try:
@@ -211,11 +211,11 @@ class RobotNode:
 
     def _tick(self, now_s: float, tick: int, rate: RateKeeper) -> None:
         measured = self._io.read(now_s)
-        for sample in self._stops.take():
+        for sample in self._stops.take_samples():
             self._controller.stop(sample.payload, now_s)
         self._serve(now_s)
-        commands = self._commands.take()
-        if poses := self._poses.take():
+        commands = self._commands.take_samples()
+        if poses := self._poses.take_samples():
             self._controller.add_pose_measurements(poses, now_s, time.time_ns())
         self._write(self._controller.step(now_s, measured, commands, self._fault(now_s)), now_s)
         self._publish(now_s, tick, bool(commands), rate)
@@ -233,7 +233,7 @@ class RobotNode:
 
     def _serve(self, now_s: float) -> None:
         for service, server in self._servers.items():
-            for request in server.take():
+            for request in server.take_requests():
                 if service is Service.DESC:
                     request.reply(self._description)
                 else:
@@ -282,7 +282,7 @@ class RobotNode:
     def _put_if_matched(
         self, topic: topics.Topic, encode: Callable[[], bytes], now_s: float
     ) -> None:
-        """Send what `encode` returns to those who subscribe; for none it is not even made.
+        """Publish the result of `encode`; without subscribers it is not computed.
 
         It is counted all the same: a gap in the numbers shows what a subscriber has missed.
         """

@@ -45,7 +45,7 @@ class WheelSpeedRange:
     servo_step_rad: float
 
     def top_speed_mps(self, spin_rad_per_s: float) -> float:
-        """Return the speed of a wheel over the ground at the tilt limit."""
+        """Speed of a wheel over the ground at the tilt limit."""
         rim_mps = self.kinematics.wheel_radius_m * spin_rad_per_s
         return rim_mps * math.sin(self.kinematics.max_tilt_rad)
 
@@ -60,7 +60,7 @@ class WheelSpeedRange:
     def rate_rad_per_s2(
         self, spin_rad_per_s: float, time_constant_s: float, deceleration_mps2: float
     ) -> float:
-        """Return the rate limit of the spin while the robot drives.
+        """Rate limit of the spin while the robot drives.
 
         The motors follow to within a tenth, and the top speed falls no faster than the robot brakes
         within its limits.
@@ -210,7 +210,7 @@ class RobotDescription(Table, frozen=True, kw_only=True):
         return ()
 
     def kinematics(self) -> Kinematics[Any]:
-        """Return the kinematics."""
+        """Kinematics."""
         raise NotImplementedError
 
     @property
@@ -219,15 +219,15 @@ class RobotDescription(Table, frozen=True, kw_only=True):
         return 0.0
 
     def with_errors(self, scale: float) -> Self:  # noqa: ARG002  The shape.
-        """Return the robot with `scale` times its `[errors]`, which not every kind has."""
+        """Robot with `scale` times its `[errors]`, which not every kind has."""
         return self
 
     def joint_errors(self) -> JointErrors:
-        """Return the noise of the measured joints."""
+        """Noise of the measured joints."""
         raise NotImplementedError
 
     def spin_up(self) -> SpinUp:
-        """Return the first-order model of the wheel speeds."""
+        """First-order model of the wheel speeds."""
         raise NotImplementedError
 
     @property
@@ -268,13 +268,13 @@ class ActuatorOffsets:
         """Convert joint set-points (..., n) to actuator set-points (..., n)."""
         return (joints - self.offset) / self.scale
 
-    def from_actuators(self, told: Array) -> Array:
-        """Convert actuator set-points `told` (..., n) to joint values (..., n)."""
-        return told * self.scale + self.offset
+    def from_actuators(self, setpoints: Array) -> Array:
+        """Convert actuator set-points (..., n) to joint values (..., n)."""
+        return setpoints * self.scale + self.offset
 
-    def from_servos(self, said: Array) -> Array:
+    def from_servos(self, measured: Array) -> Array:
         """Convert measured servo angles to joints (..., n); wheel speeds are measured directly."""
-        return said + self.offset
+        return measured + self.offset
 
     def to_servos(self, joints: Array) -> Array:
         """Convert `joints` (..., n) to measured servo angles (..., n); inverse of `from_servos`."""
@@ -364,16 +364,16 @@ class GearedMotor(Table, frozen=True):
         return self.rotor_inertia_kg_m2 * self.gear_ratio**2
 
     def acceleration_rad_per_s2(self, inertia_kg_m2: float) -> float:
-        """Return the acceleration of a wheel with this inertia from rest."""
+        """Acceleration of a wheel with this inertia from rest."""
         return self.stall_torque_nm * min(1.0, self.current_limit) / inertia_kg_m2
 
     def spin_up(self) -> SpinUp:
-        """Return the first-order model of a wheel speed, valid while torque and grip suffice."""
+        """First-order model of a wheel speed, valid while torque and grip suffice."""
         return SpinUp(0.0, self.time_constant_s, self.time_constant_s)
 
 
 def carried_kg_m2(twist_from_speeds: Array, body: Array) -> float:
-    """Return the largest inertia that a body with masses and inertias `body` (3,) puts on a wheel.
+    """Largest inertia that a body with masses and inertias `body` (3,) puts on a wheel.
 
     The largest over all motions: the kinetic energy of the body in terms of the wheel speeds.
     """
@@ -410,5 +410,5 @@ class GearedMotorDescription(RobotDescription, frozen=True, kw_only=True):
         )
 
     def spin_up(self) -> SpinUp:
-        """Return the first-order model of the wheel speeds."""
+        """First-order model of the wheel speeds."""
         return self.motor.spin_up()

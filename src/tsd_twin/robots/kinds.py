@@ -75,7 +75,7 @@ _BY_DESCRIPTION = {kind.description: kind for kind in KINDS}
 
 
 def kind_of(robot: RobotDescription) -> RobotKind:
-    """Return the kind of a robot."""
+    """Kind of a robot."""
     return _BY_DESCRIPTION[type(robot)]
 
 

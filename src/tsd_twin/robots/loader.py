@@ -18,6 +18,7 @@ import msgspec
 from tsd_twin.errors import RobotFileError
 from tsd_twin.robots.description import Problem, RobotDescription, Table
 from tsd_twin.robots.kinds import DESCRIPTIONS
+from tsd_twin.robots.plausibility import range_problems
 from tsd_twin.robots.singularity import SingularityDescription
 
 _PACKAGE = "tsd_twin.robots"
@@ -31,13 +32,13 @@ RobotT = TypeVar("RobotT", bound=RobotDescription)
 
 
 def robot_names() -> list[str]:
-    """Return the names of the shipped robots, sorted."""
+    """Names of the shipped robots, sorted."""
     files = resources.files(_PACKAGE).iterdir()
     return sorted(Path(f.name).stem for f in files if f.name.endswith(".toml"))
 
 
 def read_description(name_or_path: str) -> str:
-    """Return the TOML text of a shipped robot or of a file.
+    """TOML text of a shipped robot or of a file.
 
     Raises:
         RobotFileError: no such robot or file; the message lists the shipped ones.
@@ -61,7 +62,7 @@ def read_description(name_or_path: str) -> str:
 
 
 def load_robot(name_or_path: str) -> RobotDescription:
-    """Return a shipped robot by name, or the robot of a TOML file by path.
+    """Shipped robot by name, or the robot of a TOML file by path.
 
     Raises:
         RobotFileError: the file is missing, misspelt or impossible; the message names file and key.
@@ -85,7 +86,7 @@ def description_of_kind(robot: RobotDescription, kind: type[RobotT]) -> RobotT:
 
 
 def parse_description(toml: str, file: str) -> RobotDescription:
-    """Return the robot of a TOML text; `file` is its name in error messages.
+    """Robot of a TOML text; `file` is its name in error messages.
 
     Raises:
         RobotFileError: as in `load_robot`.
@@ -109,7 +110,7 @@ def parse_description(toml: str, file: str) -> RobotDescription:
 
 
 def _kind(tables: Any, file: str) -> type[RobotDescription]:
-    """Return the description class of a file; other errors are found when it is parsed."""
+    """Description class of a file; other errors are found when it is parsed."""
     table = tables.get("drive")
     if not isinstance(table, dict):
         return SingularityDescription
@@ -132,9 +133,12 @@ def _kind(tables: Any, file: str) -> type[RobotDescription]:
 
 def _check(robot: RobotDescription, file: str) -> None:
     """Check the rules between values, and raise for a violation."""
-    for path, number in _numbers(msgspec.to_builtins(robot)):
+    numbers = list(_numbers(msgspec.to_builtins(robot)))
+    for path, number in numbers:
         if not math.isfinite(number):
             raise RobotFileError(file, f"{path}: {number} is not a finite number")
+    for problem, valid in range_problems(numbers):
+        raise RobotFileError(file, problem, valid)
     limits = robot.limits
     if limits.max_command_age_s > limits.max_command_age_ceiling_s:
         raise RobotFileError(
@@ -177,7 +181,7 @@ def _explain(message: str, kind: type[RobotDescription]) -> Problem:
 
 
 def _keys(path: str, kind: type[RobotDescription]) -> list[str]:
-    """Return the keys that are valid in the table at `path` of such a robot."""
+    """Keys that are valid in the table at `path` of such a robot."""
     table: Any = kind
     for part in filter(None, path.split(".")):
         table = _table(typing.get_type_hints(table).get(re.sub(r"\[.*", "", part)))
@@ -186,7 +190,7 @@ def _keys(path: str, kind: type[RobotDescription]) -> list[str]:
 
 
 def _table(hint: Any) -> Any:
-    """Return the table class in a type hint: itself, or the one inside a list or an optional."""
+    """Table class in a type hint: itself, or the one inside a list or an optional."""
     if isinstance(hint, type) and issubclass(hint, Table):
         return hint
     inside = (_table(part) for part in typing.get_args(hint))

@@ -21,6 +21,7 @@ from tsd_twin.robots.description import (
     Table,
     carried_kg_m2,
 )
+from tsd_twin.robots.plausibility import proportion_problems
 
 
 class OmniWheel(Table, frozen=True):
@@ -112,7 +113,7 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
         return self.drive.wheel_radius_m
 
     def kinematics(self) -> OmniKinematics:
-        """Return the kinematics."""
+        """Kinematics."""
         positions, directions, rollers = self._layout()
         drive = OmniKinematics(
             positions_m=positions,
@@ -134,7 +135,7 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
         return rim + self.motor.rotor_at_wheel_kg_m2
 
     def driven_inertia_kg_m2(self, drive: OmniKinematics) -> float:
-        """Return the largest inertia at a wheel: its own and its share of the robot."""
+        """Largest inertia at a wheel: its own and its share of the robot."""
         mass = self.mass
         body = np.array([mass.total_kg, mass.total_kg, mass.yaw_inertia_kg_m2])
         return self.wheel_inertia_kg_m2 + carried_kg_m2(drive.twist_from_speeds, body)
@@ -146,6 +147,11 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
                 f"drive.wheels: {problem}",
                 "three or more wheels that do not all drive along lines through one point",
             )
+        yield from proportion_problems(
+            ("drive.wheel_radius_m", self.drive.wheel_radius_m),
+            ("drive.wheels", max(math.hypot(wheel.x_m, wheel.y_m) for wheel in self.drive.wheels)),
+            self.mass.total_kg,
+        )
         if self.dead_wheels is not None:
             (ax, ay, _), (bx, by, _) = self.dead_wheels.rows()
             if abs(ax * by - ay * bx) < 0.1:

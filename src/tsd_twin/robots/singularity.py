@@ -27,6 +27,7 @@ from tsd_twin.robots.description import (
     Table,
     WheelSpeedRange,
 )
+from tsd_twin.robots.plausibility import proportion_problems
 
 _GRAVITY_MPS2 = 9.81
 _MEAN_LEVER = 3.0 * math.pi / 16.0
@@ -153,7 +154,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         return () if self.gyro is None else (Joint("gyro", JointKind.VELOCITY),)
 
     def kinematics(self) -> SingularityKinematics:
-        """Return the kinematics at cruise speed."""
+        """Kinematics at cruise speed."""
         g = self.drive
         return SingularityKinematics(
             azimuths_rad=np.radians(g.azimuths_deg),
@@ -166,7 +167,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         )
 
     def actuator_offsets(self) -> ActuatorOffsets:
-        """Return the calibration between joints and actuators."""
+        """Calibration between joints and actuators."""
         found, modules = self.calibration, self.drive.modules
         offset = np.zeros((modules, 3))
         offset[:, :2] = np.radians(found.tilt_offset_deg or np.zeros((modules, 2)))
@@ -180,7 +181,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         return self.errors.delay_s
 
     def with_errors(self, scale: float) -> Self:
-        """Return the robot with its `[errors]` multiplied by `scale`."""
+        """Robot with its `[errors]` multiplied by `scale`."""
         return msgspec.structs.replace(self, errors=self.errors.scaled(scale))
 
     def joint_errors(self) -> JointErrors:
@@ -293,6 +294,11 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
                     f"{key} has {len(values)} entries for {self.drive.modules} modules",
                     "one for each of drive.azimuths_deg, or none",
                 )
+        yield from proportion_problems(
+            ("drive.wheel_radius_m", self.drive.wheel_radius_m),
+            ("drive.pivot_radius_m", self.drive.pivot_radius_m),
+            self.mass.total_kg,
+        )
         yield from self._calibration_problems()
         yield from self._motor_problems()
 

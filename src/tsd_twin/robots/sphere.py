@@ -21,6 +21,7 @@ from tsd_twin.robots.description import (
     Table,
     carried_kg_m2,
 )
+from tsd_twin.robots.plausibility import proportion_problems
 
 
 class SphereWheel(Table, frozen=True):
@@ -76,7 +77,7 @@ class SphereDescription(GearedMotorDescription, frozen=True, kw_only=True):
         return self.drive.wheel_radius_m
 
     def kinematics(self) -> SphereKinematics:
-        """Return the kinematics."""
+        """Kinematics."""
         g = self.drive
         contacts, actuations = self._mounting()
         drive = SphereKinematics(
@@ -95,7 +96,7 @@ class SphereDescription(GearedMotorDescription, frozen=True, kw_only=True):
         )
 
     def driven_inertia_kg_m2(self, drive: SphereKinematics) -> float:
-        """Return the largest inertia at a wheel: its own and its share of a solid sphere."""
+        """Largest inertia at a wheel: its own and its share of a solid sphere."""
         mass, g = self.mass, self.drive
         sphere = np.full(3, 0.4 * mass.sphere_kg * g.sphere_radius_m**2)
         rim = 0.5 * mass.wheel_kg * g.wheel_radius_m**2
@@ -109,6 +110,11 @@ class SphereDescription(GearedMotorDescription, frozen=True, kw_only=True):
         if self.drive.row_distance_m >= 2.0 * self._roller_circle_m:
             yield "drive.row_distance_m: the rows are farther apart than the sphere is wide", ""
             return
+        yield from proportion_problems(
+            ("drive.wheel_radius_m", self.drive.wheel_radius_m),
+            ("drive.sphere_radius_m", self.drive.sphere_radius_m),
+            self.mass.total_kg,
+        )
         if problem := layout_problem(*self._mounting()):
             yield (
                 f"drive.wheels: {problem}",

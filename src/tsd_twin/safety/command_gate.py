@@ -53,11 +53,11 @@ class CommandGate:
         while len(self._sent_s) > _REMEMBERED:
             self._sent_s.popitem(last=False)
 
-    def check(self, sample: Sample, lease: Lease | None, now_s: float) -> Command | MessageError:
-        """Return the command if it counts, else why it does not."""
+    def validate(self, sample: Sample, lease: Lease | None, now_s: float) -> Command | MessageError:
+        """Command if it counts, else why it does not."""
         try:
             command = decode_command(sample)
-            self._check(command, lease, now_s)
+            self._validate(command, lease, now_s)
         except MessageError as error:
             setattr(self.dropped, error.reason, getattr(self.dropped, error.reason) + 1)
             return error
@@ -65,7 +65,7 @@ class CommandGate:
         self.accepted += 1
         return command
 
-    def _check(self, command: Command, lease: Lease | None, now_s: float) -> None:
+    def _validate(self, command: Command, lease: Lease | None, now_s: float) -> None:
         if lease is None or command.operator != lease.holder or command.lease != lease.id:
             holder = "no operator holds" if lease is None else f"{lease.holder} holds"
             raise MessageError("lease", f"{command.operator} sent a command, {holder} the lease")

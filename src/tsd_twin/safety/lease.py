@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from tsd_twin.messages.services import LeaseReply, LeaseRequest
 from tsd_twin.robots import RobotDescription
 
-ASK_S = 15.0
+REQUEST_TIMEOUT_S = 15.0
 """An unanswered request for the lease expires after this time."""
-RESERVE_S = 3.0
+RESERVATION_S = 3.0
 """Time after a grant during which the lease is reserved for the operator who requested it."""
-KEPT_S = 5.0
+DENIED_S = 5.0
 """Minimum time between a denied request and the next one of the same operator."""
 
 
@@ -37,37 +37,37 @@ class HandOver:
     """
 
     def __init__(self) -> None:
-        self._asked: TimedClaim | None = None
+        self._pending: TimedClaim | None = None
         self._reserved: TimedClaim | None = None
-        self._kept: TimedClaim | None = None
+        self._denied: TimedClaim | None = None
 
-    def asked(self, now_s: float) -> TimedClaim | None:
-        """Return the pending request for control, if there is one."""
-        self._asked = _still_valid(self._asked, now_s)
-        return self._asked
+    def pending_request(self, now_s: float) -> TimedClaim | None:
+        """Pending request for control, if there is one."""
+        self._pending = _still_valid(self._pending, now_s)
+        return self._pending
 
-    def reserved(self, now_s: float) -> TimedClaim | None:
-        """Return the reservation of the next lease, if there is one."""
+    def reservation(self, now_s: float) -> TimedClaim | None:
+        """Reservation of the next lease, if there is one."""
         self._reserved = _still_valid(self._reserved, now_s)
         return self._reserved
 
-    def ask(self, operator: str, now_s: float) -> str:
+    def request_control(self, operator: str, now_s: float) -> str:
         """Request control; return the reason of a refusal, or "". Requests are idempotent."""
-        asked = self.asked(now_s)
-        self._kept = _still_valid(self._kept, now_s)
-        if self._kept is not None and self._kept.operator == operator:
-            return f"control was kept: ask again in {self._kept.until_s - now_s:.0f} s"
+        asked = self.pending_request(now_s)
+        self._denied = _still_valid(self._denied, now_s)
+        if self._denied is not None and self._denied.operator == operator:
+            return f"control was kept: ask again in {self._denied.until_s - now_s:.0f} s"
         if asked is not None and asked.operator != operator:
             return f"{asked.operator} asks already"
         if asked is None:
-            self._asked = TimedClaim(operator, now_s, now_s + ASK_S)
+            self._pending = TimedClaim(operator, now_s, now_s + REQUEST_TIMEOUT_S)
         return ""
 
     def withdraw(self, operator: str, now_s: float) -> str:
         """Withdraw a request or a reservation; return the reason of a refusal, or ""."""
-        asked, reserved = self.asked(now_s), self.reserved(now_s)
+        asked, reserved = self.pending_request(now_s), self.reservation(now_s)
         if asked is not None and asked.operator == operator:
-            self._asked = None
+            self._pending = None
         elif reserved is not None and reserved.operator == operator:
             # The grant crossed the withdrawal: free the reservation for other operators.
             self._reserved = None
@@ -79,22 +79,22 @@ class HandOver:
         """Deny the request of `asker`; return the reason of a refusal, or ""."""
         if refusal := self._not_asked_by(asker, now_s):
             return refusal
-        self._asked, self._kept = None, TimedClaim(asker or "", now_s, now_s + KEPT_S)
+        self._pending, self._denied = None, TimedClaim(asker or "", now_s, now_s + DENIED_S)
         return ""
 
     def grant(self, asker: str | None, now_s: float) -> str:
         """Reserve the next lease for `asker`; return the reason of a refusal, or ""."""
         if refusal := self._not_asked_by(asker, now_s):
             return refusal
-        self._asked, self._reserved = None, TimedClaim(asker or "", now_s, now_s + RESERVE_S)
+        self._pending, self._reserved = None, TimedClaim(asker or "", now_s, now_s + RESERVATION_S)
         return ""
 
     def end(self) -> None:
         """Clear request and reservation: the requested lease has ended, or there is a new one."""
-        self._asked = self._reserved = self._kept = None
+        self._pending = self._reserved = self._denied = None
 
     def _not_asked_by(self, asker: str | None, now_s: float) -> str:
-        asked = self.asked(now_s)
+        asked = self.pending_request(now_s)
         if asked is None:
             return "no operator has requested control"
         # Another operator may have requested since the holder answered the first.
@@ -138,13 +138,13 @@ class LeaseManager:
         self.hand_over = HandOver()
 
     def current(self, now_s: float) -> Lease | None:
-        """Return the lease in force, if any; an expired one ends here."""
+        """Lease in force, if any; an expired one ends here."""
         if self._lease is not None and now_s >= self._lease.expires_s:
             self._end()
         return self._lease
 
     def answer(self, request: LeaseRequest, now_s: float) -> LeaseReply:
-        """Return the answer to a request, and act on it."""
+        """Answer to a request, and act on it."""
         lease = self.current(now_s)
         match request.op:
             case "acquire":
@@ -167,7 +167,7 @@ class LeaseManager:
         match request.op:
             case "release":
                 # A release by the holder grants the pending request.
-                if (asked := hand_over.asked(now_s)) is not None:
+                if (asked := hand_over.pending_request(now_s)) is not None:
                     hand_over.grant(asked.operator, now_s)
                     self._lease = None
                 else:
@@ -189,8 +189,20 @@ class LeaseManager:
             return self._refuse(lease, "the robot has no operator: acquire control")
         if lease.holder == request.operator:
             return self._refuse(lease, f"{lease.holder} has control already")
-        refusal = self.hand_over.ask(request.operator, now_s)
+        refusal = self.hand_over.request_control(request.operator, now_s)
         return self._done(lease, refusal, f"{lease.holder} is asked")
+
+    def acquire_refusal(self, operator: str | None, now_s: float, *, take_over: bool) -> str:
+        """Why `operator` cannot acquire the lease now, or "".
+
+        None is an operator for whom no lease is reserved.
+        """
+        reserved, lease = self.hand_over.reservation(now_s), self.current(now_s)
+        if reserved is not None and reserved.operator != operator:
+            return f"control is kept for {reserved.operator}, for a moment"
+        if lease is not None and not take_over:
+            return f"{lease.holder} drives; ask for control or take over"
+        return ""
 
     def _end(self) -> None:
         self._lease = None
@@ -202,11 +214,8 @@ class LeaseManager:
             self._lease.expires_s = now_s + TTL_S
 
     def _acquire(self, request: LeaseRequest, lease: Lease | None, now_s: float) -> LeaseReply:
-        reserved = self.hand_over.reserved(now_s)
-        if reserved is not None and reserved.operator != request.operator:
-            return self._refuse(lease, f"control is kept for {reserved.operator}, for a moment")
-        if lease is not None and not request.take_over:
-            return self._refuse(lease, f"{lease.holder} drives; ask for control or take over")
+        if refusal := self.acquire_refusal(request.operator, now_s, take_over=request.take_over):
+            return self._refuse(lease, refusal)
         limits = self._robot.limits
         wanted = limits.max_command_age_s if request.max_age_s is None else request.max_age_s
         if not math.isfinite(wanted):
@@ -227,7 +236,7 @@ class LeaseManager:
         return LeaseReply(True, lease.id.hex(), lease.holder, TTL_S, "", lease.max_age_s, done=True)
 
     def _done(self, lease: Lease | None, refusal: str, what: str) -> LeaseReply:
-        """Return the reply to a request that does not grant a lease."""
+        """Reply to a request that does not grant a lease."""
         if refusal:
             return self._refuse(lease, refusal)
         return LeaseReply(False, holder=lease.holder if lease else None, reason=what, done=True)
@@ -237,7 +246,7 @@ class LeaseManager:
 
 
 def held_by(lease: Lease | None, operator: str | None, lease_hex: str | None) -> bool:
-    """Return whether this operator (any, when None) holds exactly this lease."""
+    """Whether this operator (any, when None) holds exactly this lease."""
     return (
         lease is not None
         and lease_hex is not None
@@ -273,40 +282,40 @@ class LeaseEvents:
     def __init__(self, leases: LeaseManager) -> None:
         self._leases = leases
         self._holder = ""
-        self._asked: TimedClaim | None = None
+        self._pending: TimedClaim | None = None
         self._reserved: TimedClaim | None = None
 
     def after(self, request: LeaseRequest, before: Lease | None, now_s: float) -> str:
-        """Return the event text of a request, empty when it changed nothing."""
-        asked, after = self._asked, self._leases.current(now_s)
-        self._note(now_s)
+        """Event text of a request, empty when it changed nothing."""
+        asked, after = self._pending, self._leases.current(now_s)
+        self._update(now_s)
         if after is not before:
             return self._of_change(request, before, after)
-        if request.op == "deny" and asked is not None and self._asked is None:
+        if request.op == "deny" and asked is not None and self._pending is None:
             return f"{request.operator} keeps control, for which {asked.operator} has asked."
-        if request.op == "withdraw" and asked is not None and self._asked is None:
+        if request.op == "withdraw" and asked is not None and self._pending is None:
             return f"{asked.operator} asks for control no longer."
-        if self._asked is not None and self._asked is not asked:
-            return f"{self._asked.operator} asks {self._holder} for control."
+        if self._pending is not None and self._pending is not asked:
+            return f"{self._pending.operator} asks {self._holder} for control."
         return ""
 
     def run_out(self, now_s: float) -> str:
-        """Return the event text of a lease or claim that has expired, empty when none has."""
-        holder, asked, reserved = self._holder, self._asked, self._reserved
-        self._note(now_s)
+        """Event text of a lease or claim that has expired, empty when none has."""
+        holder, asked, reserved = self._holder, self._pending, self._reserved
+        self._update(now_s)
         if holder and not self._holder:
             return f"Control of {holder} has run out."
-        if asked is not None and self._asked is None:
+        if asked is not None and self._pending is None:
             return f"{holder} has given no answer to {asked.operator}, who asked for control."
         if reserved is not None and self._reserved is None:
             return f"Control was kept for {reserved.operator}, who did not take it."
         return ""
 
-    def _note(self, now_s: float) -> None:
+    def _update(self, now_s: float) -> None:
         lease = self._leases.current(now_s)
         self._holder = lease.holder if lease else ""
-        self._asked = self._leases.hand_over.asked(now_s)
-        self._reserved = self._leases.hand_over.reserved(now_s)
+        self._pending = self._leases.hand_over.pending_request(now_s)
+        self._reserved = self._leases.hand_over.reservation(now_s)
 
     def _of_change(self, request: LeaseRequest, before: Lease | None, after: Lease | None) -> str:
         if after is None:

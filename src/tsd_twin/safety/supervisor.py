@@ -85,6 +85,14 @@ NEUTRAL_S = 1.0
 """Timeout of arming for the gimbals to reach neutral tilt."""
 SPIN_UP_S = 5.0
 """Timeout of arming for the wheels to reach their speed."""
+_NOT_DRIVABLE = {
+    Mode.DISARMED: "the robot is disarmed: arm it first",
+    Mode.ARMING: "the robot is still arming",
+    Mode.STOPPING: "the robot is coming to rest",
+    Mode.STOPPED: "the robot is stopped: reset first",
+    Mode.FAULT: "the robot is in a fault: reset first",
+}
+"""Reasons why the robot does not move in the other modes."""
 _LOST = "the operator gave up or lost control"
 _REPORT_S = 0.2
 """Minimum time between two events of one rule about drops or refusals; limits the event rate."""
@@ -159,20 +167,14 @@ class SafetySupervisor:
 
     def arm(self, lease_hex: str, now_s: float) -> Reply:
         """Begin arming; allowed to the holder of the lease only, from `disarmed` only."""
-        if refusal := self._refusal(lease_hex, now_s):
+        if refusal := self.arm_refusal(lease_hex, now_s):
             return self.refuse("arm", refusal, now_s)
-        if self.mode in LATCHED:
-            return self.refuse("arm", f"the robot is {self.mode}: reset first", now_s)
-        if self.mode is not Mode.DISARMED:
-            return self.refuse("arm", f"the robot is {self.mode} already", now_s)
-        if self._fault:
-            return self.refuse("arm", self._fault, now_s)
         self._transition(Mode.ARMING, "armed by the operator", now_s)
         return Reply(True)
 
     def disarm(self, lease_hex: str, now_s: float) -> Reply:
         """Spin down: at once when at rest, after a controlled stop when driving."""
-        if refusal := self._refusal(lease_hex, now_s):
+        if refusal := self.holder_refusal(lease_hex, now_s):
             return self.refuse("disarm", refusal, now_s)
         reason = "disarmed by the operator"
         if self.mode in (Mode.ARMING, Mode.READY):
@@ -192,12 +194,8 @@ class SafetySupervisor:
 
     def reset(self, lease_hex: str, now_s: float) -> Reply:
         """Clear a latched stop or fault; the next mode is `disarmed`, never motion."""
-        if refusal := self._refusal(lease_hex, now_s):
+        if refusal := self.reset_refusal(lease_hex, now_s):
             return self.refuse("reset", refusal, now_s)
-        if self.mode not in LATCHED:
-            return self.refuse("reset", f"the robot is {self.mode}, not stopped", now_s)
-        if now_s - self._pushed_s < QUIET_BEFORE_RESET_S:
-            return self.refuse("reset", "let go of the stick first", now_s)
         self._transition(Mode.DISARMED, "reset by the operator", now_s)
         return Reply(True)
 
@@ -207,16 +205,60 @@ class SafetySupervisor:
         self._report_now_and_then("refusal", text, what, now_s)
         return Reply(False, reason)
 
-    def holds(self, lease_hex: str, now_s: float) -> bool:
-        """Return whether this is the lease in force."""
-        return held_by(self._leases.current(now_s), None, lease_hex)
+    # Refusals. Requests are decided by these functions, and the status shows their results, so that
+    # both agree. Each returns the reason of the refusal of a request made now, or "".
+
+    def lease_refusal(self, operator: str | None, now_s: float) -> str:
+        """Refusal of acquiring the lease without a take-over, as `operator`.
+
+        None is an operator for whom no lease is reserved.
+        """
+        return self._leases.acquire_refusal(operator, now_s, take_over=False)
+
+    def holder_refusal(self, lease_hex: str, now_s: float) -> str:
+        """Refusal of any request that requires the lease in force, and of disarming."""
+        lease = self._leases.current(now_s)
+        if held_by(lease, None, lease_hex):
+            return ""
+        return f"{lease.holder} has control" if lease else "take control first"
+
+    def arm_refusal(self, lease_hex: str, now_s: float) -> str:
+        """Refusal of arming."""
+        if refusal := self.holder_refusal(lease_hex, now_s) or self.latched_refusal:
+            return refusal
+        return self._fault if self.mode is Mode.DISARMED else f"the robot is {self.mode} already"
+
+    def reset_refusal(self, lease_hex: str, now_s: float) -> str:
+        """Refusal of a reset."""
+        if refusal := self.holder_refusal(lease_hex, now_s):
+            return refusal
+        if self.mode not in LATCHED:
+            return f"the robot is {self.mode}, not stopped"
+        if now_s - self._pushed_s < QUIET_BEFORE_RESET_S:
+            return "let go of the stick first"
+        return ""
+
+    def drive_refusal(self, lease_hex: str, now_s: float) -> str:
+        """Refusal of motion: a counted non-zero command does not move the robot."""
+        if refusal := self.holder_refusal(lease_hex, now_s):
+            return refusal
+        if self.mode in (Mode.READY, Mode.DRIVING):
+            return ""
+        # A new holder of the lease starts from standstill, not out of the motion of another.
+        goes_on = self.mode is Mode.STOPPING and lease_hex == self._drove.hex()
+        return "" if goes_on and not self._disarm_at_rest else _NOT_DRIVABLE[self.mode]
+
+    @property
+    def latched_refusal(self) -> str:
+        """Refusal of all that requires a reset first."""
+        return _NOT_DRIVABLE[self.mode] if self.mode in LATCHED else ""
 
     # Called by the control loop.
 
     def receive(self, sample: Sample, now_s: float) -> None:
         """Process one command sample from the bus: accept it, or drop and count it."""
         lease = self._leases.current(now_s)
-        outcome = self.gate.check(sample, lease, now_s)
+        outcome = self.gate.validate(sample, lease, now_s)
         if isinstance(outcome, MessageError):
             if outcome.reason == "stale":
                 self._stale_s = now_s
@@ -231,14 +273,11 @@ class SafetySupervisor:
             oldest_s = self.gate.echoed_s + lease.max_age_s
             self._stands_until_s = min(now_s + lease.timeout_s, oldest_s)
         self.command_s, self.command_seq = now_s, outcome.seq
-        pushes = bool(outcome.twist.any())
-        if pushes:
+        if outcome.twist.any():
             self._pushed_s = now_s
-        # A new holder of the lease starts from standstill, not out of the motion of another.
-        goes_on = self.mode is Mode.STOPPING and outcome.lease == self._drove
-        obeys = self.mode is Mode.READY or (goes_on and not self._disarm_at_rest)
-        if pushes and obeys:
-            self._transition(Mode.DRIVING, "", now_s)
+            refusal = self.drive_refusal(outcome.lease.hex(), now_s)
+            if self.mode is not Mode.DRIVING and not refusal:
+                self._transition(Mode.DRIVING, "", now_s)
         if self.mode is Mode.DRIVING:
             self.command = outcome
 
@@ -268,7 +307,7 @@ class SafetySupervisor:
             self._heartbeat_count += 1
 
     def arming(self, now_s: float) -> ArmingStatus | None:
-        """Return the progress of arming, None in other modes."""
+        """Progress of arming, None in other modes."""
         if self.mode is not Mode.ARMING:
             return None
         if self._spin_up_s is not None:
@@ -288,7 +327,7 @@ class SafetySupervisor:
         return Heartbeat(self.mode in ARMED, self._heartbeat_count)
 
     def lease_in_force(self, now_s: float) -> Lease | None:
-        """Return the lease in force, if any."""
+        """Lease in force, if any."""
         return self._leases.current(now_s)
 
     @property
@@ -297,7 +336,7 @@ class SafetySupervisor:
         return self._leases.hand_over
 
     def take_events(self) -> list[Event]:
-        """Return the events since the last call."""
+        """Events since the last call."""
         events, self._events = self._events, []
         return events
 
@@ -361,12 +400,6 @@ class SafetySupervisor:
         if self._stale_s > self.command_s or now_s - self.command_s < 0.5 * lease.timeout_s:
             return f"commands echo no status of the last {lease.max_age_s * 1000:.0f} ms"
         return f"no command for {(now_s - self.command_s) * 1000:.0f} ms"
-
-    def _refusal(self, lease_hex: str, now_s: float) -> str:
-        if self.holds(lease_hex, now_s):
-            return ""
-        lease = self._leases.current(now_s)
-        return f"{lease.holder} has control" if lease else "take control first"
 
     def _report_now_and_then(self, kind: str, text: str, rule: str, now_s: float) -> None:
         if now_s - self._reported_s.get((kind, rule), -np.inf) >= _REPORT_S:

@@ -42,7 +42,7 @@ class Identity:
 
 
 def client(name: str, role: Role) -> Identity:
-    """Return the identity of an operator, a viewer or a sensor.
+    """Identity of an operator, a viewer or a sensor.
 
     Raises:
         TwinError: the name cannot be part of a key, leaves no room for pages, or is not for people.
@@ -140,7 +140,7 @@ EVERYBODY = (
 OPERATORS = (
     Rule("holder-ask", "ingress", ("query",), HOLDER),
     Rule("holder", "egress", ("declare_queryable", "reply"), HOLDER),
-    # Without this the session of an operator never hears of a reader, and sends nothing.
+    # Without this the session of an operator learns of no subscriber, and sends nothing.
     Rule("drive", "egress", ("declare_subscriber",), TWIST),
     Rule("outside-ask", "ingress", ("declare_subscriber",), SENSOR_POSE),
     Rule("outside-see", "egress", ("put",), SENSOR_POSE),
@@ -156,7 +156,7 @@ SENSORS = (
 
 
 def drive_rule(name: str) -> Rule:
-    """Return the rule that lets one operator, and its pages, send commands on its own keys.
+    """Rule that lets one operator, and its pages, send commands on its own keys.
 
     `name-$*` is any chunk that begins so: each page of a dashboard has a key of its own.
     """
@@ -167,7 +167,7 @@ def drive_rule(name: str) -> Rule:
 
 
 def access_control(identities: Sequence[Identity]) -> dict[str, Any]:
-    """Return the section `access_control` of a robot's Zenoh configuration.
+    """Section `access_control` of a robot's Zenoh configuration.
 
     Subjects are the common names of client certificates; other names have no rights.
     """
@@ -210,7 +210,7 @@ _PORT = re.compile(r"^tls/.*?:(\d+)(?:[?#].*)?$")
 def robot_settings(
     base: Mapping[str, Any], listen: str, identities: Sequence[Identity]
 ) -> dict[str, Any]:
-    """Return the settings of a robot node that other machines can reach.
+    """Settings of a robot node that other machines can reach.
 
     `base` are the settings of one that listens nowhere; files are named relative to the
     configuration itself.
@@ -232,7 +232,7 @@ def robot_settings(
 
 
 def client_settings(base: Mapping[str, Any], name: str) -> dict[str, Any]:
-    """Return the settings of a dashboard or a tool; `base` are those of one without TLS."""
+    """Settings of a dashboard or a tool; `base` are those of one without TLS."""
     return _with_tls(
         base,
         {

@@ -24,7 +24,7 @@ Certificate = x509.Certificate
 
 
 def read_certificate(file: Path) -> Certificate:
-    """Return the certificate in a file.
+    """Certificate in a file.
 
     Raises:
         TwinError: there is none.
@@ -36,7 +36,7 @@ def read_certificate(file: Path) -> Certificate:
 
 
 def read_key(file: Path) -> Key:
-    """Return the private key in a file.
+    """Private key in a file.
 
     Raises:
         TwinError: there is none, it has a passphrase, or it is of another kind.
@@ -103,7 +103,7 @@ _HOST = re.compile(r"([a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?\.)*[a-z]([a-z0-9-]{0,61
 
 
 def new_key() -> Key:
-    """Return a new private key."""
+    """New private key."""
     return ec.generate_private_key(ec.SECP256R1())
 
 
@@ -116,7 +116,7 @@ class CertificateAuthority:
 
     @classmethod
     def new(cls, key: Key, now: datetime) -> Self:
-        """Return a new authority, good for ten years from `now` (UTC)."""
+        """New authority, good for ten years from `now` (UTC)."""
         name = _name("tsd-twin private authority", "authority")
         signs = x509.KeyUsage(
             digital_signature=False,
@@ -146,7 +146,7 @@ class CertificateAuthority:
     def issue_robot(
         self, key: Key, hosts: Sequence[str], now: datetime, days: int
     ) -> x509.Certificate:
-        """Return a server certificate for host names and addresses.
+        """Server certificate for host names and addresses.
 
         Raises:
             TwinError: a host is neither, or the certificate would outlive the authority.
@@ -159,7 +159,7 @@ class CertificateAuthority:
     def issue_client(
         self, key: Key, person: Identity, now: datetime, days: int
     ) -> x509.Certificate:
-        """Return a client certificate, which is not valid for servers.
+        """Client certificate, which is not valid for servers.
 
         Raises:
             TwinError: the certificate would outlive the authority.
@@ -191,7 +191,7 @@ class CertificateAuthority:
 
 
 def identity_of(certificate: x509.Certificate) -> Identity:
-    """Return the identity that a certificate was issued to.
+    """Identity that a certificate was issued to.
 
     Raises:
         TwinError: it lacks the fields of such a certificate.
@@ -206,13 +206,13 @@ def identity_of(certificate: x509.Certificate) -> Identity:
 
 
 def hosts_of(certificate: x509.Certificate) -> list[str]:
-    """Return the names and addresses that a server certificate is good for, in order."""
+    """Names and addresses that a server certificate is good for, in order."""
     extension = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName)
     return [str(name.value) for name in extension.value]
 
 
 def checked_host(host: str) -> str:
-    """Return a host name or address as certificates have it.
+    """Host name or address as certificates have it.
 
     Raises:
         TwinError: it is neither.

@@ -51,7 +51,7 @@ class KeyFolder:
         return self.path / f"{name}.json5"
 
     def files_of(self, name: str) -> list[Path]:
-        """Return the files for the machine of the robot or of a client; no others may be copied
+        """Files for the machine of the robot or of a client; no others may be copied
         there.
         """
         own = [self.certificate_file(name), self.key_file(name), self.settings_file(name)]
@@ -60,7 +60,7 @@ class KeyFolder:
     # Reading.
 
     def identities(self) -> list[Identity]:
-        """Return the identities with a certificate in the folder, by name.
+        """Identities with a certificate in the folder, by name.
 
         Raises:
             TwinError: a certificate is none of ours.
@@ -69,7 +69,7 @@ class KeyFolder:
         return [p for p in map(certificate_identity, files) if p.role is not Role.ROBOT]
 
     def hosts(self) -> list[str]:
-        """Return the names and addresses in the certificate of the robot, if there is one."""
+        """Names and addresses in the certificate of the robot, if there is one."""
         file = self.certificate_file(ROBOT)
         return certificates.hosts_of(certificates.read_certificate(file)) if file.exists() else []
 
@@ -78,7 +78,7 @@ class KeyFolder:
         return certificates.read_certificate(self.certificate_file(name)).not_valid_after_utc
 
     def settings(self, name: str) -> dict[str, Any] | None:
-        """Return the configuration of the robot or of a client, if there is one.
+        """Configuration of the robot or of a client, if there is one.
 
         Raises:
             TwinError: it is not JSON below lines of comment.
@@ -117,7 +117,7 @@ class KeyFolder:
         file, key_file = self.certificate_file(AUTHORITY), self.key_file(AUTHORITY)
         if not file.exists() and not key_file.exists():
             authority = CertificateAuthority.new(self.key(AUTHORITY), now)
-            self.keep(AUTHORITY, authority.certificate)
+            self.write_certificate(AUTHORITY, authority.certificate)
             return authority
         for needed in (file, key_file):
             if not needed.exists():
@@ -132,7 +132,7 @@ class KeyFolder:
         return authority
 
     def key(self, name: str) -> certificates.Key:
-        """Return the existing key, so that a certificate alone can be renewed, or a new one."""
+        """Existing key, so that a certificate alone can be renewed, or a new one."""
         file = self.key_file(name)
         if file.exists():
             return certificates.read_key(file)
@@ -141,12 +141,12 @@ class KeyFolder:
         self.made.append(file)
         return key
 
-    def keep(self, name: str, certificate: certificates.Certificate) -> None:
+    def write_certificate(self, name: str, certificate: certificates.Certificate) -> None:
         """Write a certificate."""
         certificates.write_certificate(self.certificate_file(name), certificate)
         self.made.append(self.certificate_file(name))
 
-    def keep_settings(self, name: str, head: str, settings: Mapping[str, Any]) -> None:
+    def write_settings(self, name: str, head: str, settings: Mapping[str, Any]) -> None:
         """Write a configuration below a head of comments, unless it is so already."""
         if self.settings(name) != settings:
             text = head + json.dumps(settings, indent=2) + "\n"
@@ -155,7 +155,7 @@ class KeyFolder:
 
 
 def certificate_identity(file: Path) -> Identity:
-    """Return the identity of the certificate in a file.
+    """Identity of the certificate in a file.
 
     Raises:
         TwinError: it cannot be read, or is none of ours.
@@ -223,16 +223,18 @@ def provision(
     folder.make()
     if hosts != before:
         authority, key = folder.authority(now), folder.key(ROBOT)
-        folder.keep(ROBOT, authority.issue_robot(key, hosts, now, order.days))
+        folder.write_certificate(ROBOT, authority.issue_robot(key, hosts, now, order.days))
     for person in identities:
         if not folder.certificate_file(person.name).exists():
             authority, key = folder.authority(now), folder.key(person.name)
-            folder.keep(person.name, authority.issue_client(key, person, now, order.days))
-    folder.keep_settings(ROBOT, _ROBOT_HEAD, settings)
+            folder.write_certificate(
+                person.name, authority.issue_client(key, person, now, order.days)
+            )
+    folder.write_settings(ROBOT, _ROBOT_HEAD, settings)
     for person in identities:
         if not folder.settings_file(person.name).exists():
             mine = client_settings(client_base(where), person.name)
-            folder.keep_settings(person.name, _CLIENT_HEAD.format(name=person.name), mine)
+            folder.write_settings(person.name, _CLIENT_HEAD.format(name=person.name), mine)
 
 
 def _robot_settings(

@@ -111,13 +111,13 @@ class Users:
         return sorted(self._entries)
 
     def user(self, name: str) -> User:
-        """Return a user by name; KeyError when there is none."""
+        """User by name; KeyError when there is none."""
         entry = self._entries[name]
         role = Role(entry.role)
         return User(name, role, role is Role.OPERATOR or bool(entry.may_stop))
 
     def check(self, name: str, password: str) -> User | None:
-        """Return the user whose name and password these are.
+        """User whose name and password these are.
 
         Takes about 50 ms of processor time and 64 MiB for every name: do not call it on an event
         loop.
@@ -218,8 +218,8 @@ class LoginRateLimiter:
         record = self._records.get(key)
         return 0.0 if record is None else max(0.0, record.until_s - now_s)
 
-    def note(self, key: str, now_s: float) -> None:
-        """Count a try."""
+    def count_attempt(self, key: str, now_s: float) -> None:
+        """Count an attempt."""
         record = self._records.get(key)
         if record is None or now_s - record.last_s > CALM_S:
             self._make_room(key, now_s)
@@ -232,7 +232,7 @@ class LoginRateLimiter:
             wait_s = min(self._longest_s, self._first_s * 2.0 ** min(over, 32))
             record.until_s = now_s + wait_s
 
-    def forgive(self, key: str) -> None:
+    def refund(self, key: str) -> None:
         """Forget one try, which was right after all, and the wait that it began."""
         record = self._records.get(key)
         if record is not None:
@@ -271,12 +271,12 @@ class LoginTokenBucket:
         self._refill(now_s)
         return max(0.0, 1.0 - self._left) * self._every_s
 
-    def note(self, now_s: float) -> None:
-        """Count a try."""
+    def count_attempt(self, now_s: float) -> None:
+        """Count an attempt."""
         self._refill(now_s)
         self._left -= 1.0
 
-    def forgive(self) -> None:
+    def refund(self) -> None:
         """Forget one try, which was right after all."""
         self._left = min(self._at_once, self._left + 1.0)
 
@@ -325,29 +325,29 @@ class Logins:
         """Return how long to wait before the next try; 0 counts the try, until it is `right`."""
         wait_s = max(self._wait_of_all_s(address, now_s), self._names.wait_s(name, now_s))
         if wait_s <= 0.0:
-            self._note(address, now_s)
-            self._names.note(name, now_s)
+            self._count_attempt(address, now_s)
+            self._names.count_attempt(name, now_s)
         return wait_s
 
     def wait_nameless_s(self, address: str, now_s: float) -> float:
         """Return how long to wait before the next try; 0 counts one that has no name."""
         wait_s = self._wait_of_all_s(address, now_s)
         if wait_s <= 0.0:
-            self._note(address, now_s)
+            self._count_attempt(address, now_s)
         return wait_s
 
     def right(self, address: str, name: str) -> None:
         """Note that a try was right. Other tries from the address stay counted."""
-        self._all.forgive()
-        self._addresses.forgive(address)
+        self._all.refund()
+        self._addresses.refund(address)
         self._names.forget(name)
 
     def _wait_of_all_s(self, address: str, now_s: float) -> float:
         return max(self._addresses.wait_s(address, now_s), self._all.wait_s(now_s))
 
-    def _note(self, address: str, now_s: float) -> None:
-        self._all.note(now_s)
-        self._addresses.note(address, now_s)
+    def _count_attempt(self, address: str, now_s: float) -> None:
+        self._all.count_attempt(now_s)
+        self._addresses.count_attempt(address, now_s)
 
     # Being logged in.
 
@@ -362,8 +362,8 @@ class Logins:
         return secret
 
     def find(self, secret: str | None, now_s: float) -> Login | None:
-        """Return the login that a cookie belongs to, if it is good, and note that it is used."""
-        # Digests are looked up, so how long it takes says nothing about the secrets.
+        """Login that a cookie belongs to, if it is good, and note that it is used."""
+        # Digests are looked up, so timing reveals nothing about the secrets.
         login = None if secret is None else self._logins.get(_digest(secret))
         if login is None or self._is_over(login, now_s):
             return None

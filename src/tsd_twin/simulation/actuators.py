@@ -4,7 +4,9 @@ surface.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import TypedDict
 
 import numpy as np
 import numpy.typing as npt
@@ -30,8 +32,8 @@ class SpeedControllers:
         self._holding = np.zeros(shape, dtype=bool)
         self._held_s = np.zeros(shape)
         self._was_armed = np.zeros(shape, dtype=bool)
-        self._has_held = False
-        """Whether all have held for long enough: more time changes nothing."""
+        self._is_idle = False
+        """Whether more time changes nothing: all that hold have held for long enough."""
         self.signal: Array = np.full(shape, zero_throttle)
         """Newest signal commanded."""
 
@@ -41,9 +43,12 @@ class SpeedControllers:
         return self._was_armed | (self._holding & (self._held_s >= self._hold_s))
 
     @property
-    def all_holding(self) -> bool:
-        """Whether the newest signal of all is zero throttle."""
-        return bool(self._holding.all())
+    def is_repeatable(self) -> bool:
+        """Whether the newest signals change nothing when they are given again.
+
+        So it is when all pass theirs on, and when zero throttle is the newest signal of all.
+        """
+        return bool(self._was_armed.all() or self._holding.all())
 
     def command(self, signal: Array) -> Array:
         """Take a new throttle signal; return the one that reaches the motors until the next."""
@@ -51,15 +56,15 @@ class SpeedControllers:
         self.signal = signal
         self._holding = signal <= self._zero_throttle
         self._held_s *= self._holding
-        self._has_held = False
+        self._is_idle = False
         return np.where(self._was_armed, signal, self._zero_throttle)
 
     def advance(self, dt_s: float) -> None:
         """Advance by `dt_s` seconds."""
-        if self._has_held:
+        if self._is_idle:
             return
         self._held_s += dt_s * self._holding
-        self._has_held = bool((self._holding & (self._held_s >= self._hold_s)).all())
+        self._is_idle = bool((~self._holding | (self._held_s >= self._hold_s)).all())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +84,7 @@ class Motors:
 
     @staticmethod
     def of(robot: SingularityDescription) -> Motors:
-        """Return the motors of `robot`, as measured at its nominal voltage."""
+        """Motors of `robot`, as measured at its nominal voltage."""
         motor = robot.motor
         return Motors(
             signals=np.array(motor.signal),
@@ -91,7 +96,7 @@ class Motors:
         )
 
     def signal(self, speed_rad_per_s: Array) -> Array:
-        """Return the throttle signal that makes each motor turn at `speed_rad_per_s` (..., k).
+        """Throttle signal that makes each motor turn at `speed_rad_per_s` (..., k).
 
         The inverse of the measured curve, kept within the table. Zero and below is zero throttle.
         """
@@ -102,7 +107,7 @@ class Motors:
         return np.where(speed_rad_per_s > 0.0, signal, self.signals[0])
 
     def speed(self, signal: Array) -> Array:
-        """Return the speed, rad/s, that each motor settles at for its `signal` (..., k)."""
+        """Speed, rad/s, that each motor settles at for its `signal` (..., k)."""
         speed = np.empty(np.shape(signal))
         for i, curve in enumerate(self.speeds_rad_per_s):
             speed[..., i] = np.interp(signal[..., i], self.signals, curve)
@@ -111,13 +116,13 @@ class Motors:
         return np.where(speed < start, 0.0, speed)
 
     def pulse_us(self, signal: Array) -> Array:
-        """Return the pulse width, microseconds, of `signal`."""
+        """Pulse width, microseconds, of `signal`."""
         first, last = self.signals[0], self.signals[-1]
         low, high = self.pulses_us
         return low + (signal - first) / (last - first) * (high - low)
 
     def after(self, speed: Array, goal: Array, elapsed_s: Array) -> Array:
-        """Return the speed `elapsed_s` later of motors that settle at `goal`, exactly; rad/s."""
+        """Speed `elapsed_s` later of motors that settle at `goal`, exactly; rad/s."""
         up_s, down_s = self.time_constant_up_s, self.time_constant_down_s
         time_constant_s = np.where(goal > speed, up_s, down_s)
         return goal + (speed - goal) * np.exp(-elapsed_s / time_constant_s)
@@ -147,7 +152,7 @@ class Servos:
 
     @staticmethod
     def of(robot: SingularityDescription, battery_v: float | Array) -> Servos:
-        """Return the servos of `robot`; their top speed follows the voltage."""
+        """Servos of `robot`; their top speed follows the voltage."""
         share = battery_v / robot.battery.nominal_v
         return Servos(
             step_rad=2.0 * np.pi / robot.servo.steps_per_turn,
@@ -158,41 +163,51 @@ class Servos:
             backlash_rad=float(np.radians(robot.errors.backlash_deg)),
         )
 
+    @property
+    def are_ideal(self) -> bool:
+        """Whether they have neither a dead band nor play."""
+        return self.dead_band_rad == 0.0 and self.backlash_rad == 0.0
+
     def quantise(self, angle: Array) -> Array:
         """Return `angle`, radians, at the nearest step."""
         return np.round(angle / self.step_rad) * self.step_rad
 
     def goal(self, setpoint: Array) -> Array:
-        """Return the goal angle of a servo for `setpoint`, quantised and limited, radians."""
-        last = np.floor(self.angle_limit_rad / self.step_rad) * self.step_rad
-        return np.clip(self.quantise(setpoint), -last, last)
+        """Goal angle of a servo for `setpoint`, quantised and limited, radians."""
+        last = math.floor(self.angle_limit_rad / self.step_rad) * self.step_rad
+        return np.minimum(np.maximum(self.quantise(setpoint), -last), last)
 
     def rate(self, angle: Array, goal: Array) -> Array:
-        """Return the speed, rad/s, of motors whose gimbals are at `angle` on the way to `goal`."""
+        """Speed, rad/s, of motors whose gimbals are at `angle` on the way to `goal`."""
         limit, error = self.speed_limit_rad_per_s, goal - angle
         # A servo stops right at the edge of the dead band, give or take a rounding.
         moves = np.abs(error) > self.dead_band_rad * (1.0 + 1e-9)
         return np.clip(self.approach_rate_per_s * error * moves, -limit, limit)
 
     def after(self, angle: Array, goal: Array, elapsed_s: Array) -> Array:
-        """Return the angle `elapsed_s` later, exactly: top speed first, then exponential.
+        """Angle `elapsed_s` later, exactly: top speed first, then exponential.
 
         Without play; see `cross`.
         """
         error = goal - angle
         distance = np.abs(error)
         limit, rate = self.speed_limit_rad_per_s, self.approach_rate_per_s
-        near = np.minimum(distance, limit / rate)
-        at_top_speed_s = np.minimum(elapsed_s, (distance - near) / limit)
-        left = distance - limit * at_top_speed_s
-        left += near * np.expm1(-rate * (elapsed_s - at_top_speed_s))
-        left = np.maximum(left, np.minimum(distance, self.dead_band_rad))
+        near_rad = limit / rate
+        if (distance <= near_rad).all():
+            left = distance + distance * np.expm1(-rate * elapsed_s)
+        else:
+            near = np.minimum(distance, near_rad)
+            at_top_speed_s = np.minimum(elapsed_s, (distance - near) / limit)
+            left = distance - limit * at_top_speed_s
+            left += near * np.expm1(-rate * (elapsed_s - at_top_speed_s))
+        if self.dead_band_rad > 0.0:
+            left = np.maximum(left, np.minimum(distance, self.dead_band_rad))
         return goal - np.copysign(left, error)
 
     def cross(
         self, angle: Array, goal: Array, play: Array, elapsed_s: Array
     ) -> tuple[Array, Array]:
-        """Return the remainder of `elapsed_s` after the motor has crossed its play, and the play.
+        """Remainder of `elapsed_s` after the motor has crossed its play, and the play.
 
         `play`, radians, is how far the motor is ahead of its gimbal, at most half the backlash on
         either side. The gimbal stands meanwhile, so the motor turns evenly.
@@ -227,11 +242,11 @@ class WheelSurface:
         random: np.random.Generator,
         shape: tuple[int, ...],
     ) -> WheelSurface:
-        """Return wheels with layers of `layer_m` at random phases; `shape` is (..., k)."""
+        """Wheels with layers of `layer_m` at random phases; `shape` is (..., k)."""
         return WheelSurface(kinematics, layer_m, random.uniform(0.0, 2.0 * np.pi, shape))
 
     def outside_m(self, joints: Array) -> Array:
-        """Return by how much the radius (..., k) at the floor is larger than described."""
+        """By how much the radius (..., k) at the floor is larger than described."""
         if self.layer_m == 0.0:
             return np.zeros(self.phase_rad.shape)
         modules = joints.reshape(*joints.shape[:-1], self.kinematics.modules, 3)
@@ -240,7 +255,7 @@ class WheelSurface:
         return 0.5 * self.layer_m * np.sin(2.0 * np.pi * layers + self.phase_rad)
 
     def roll(self, joints: Array) -> Array:
-        """Return joints (..., n) that roll on spheres as `joints` do on these wheels."""
+        """Joints (..., n) that roll on spheres as `joints` do on these wheels."""
         if self.layer_m == 0.0:
             return joints
         rolling = joints.copy()
@@ -250,6 +265,15 @@ class WheelSurface:
 
 _SETTLED = 1e-9
 """Radians and rad/s from the goal at which joints count as being there: some 10 nm/s."""
+
+
+class SimulationOptions(TypedDict, total=False):
+    """Options of all simulations; by default seed 0, no noise and the nominal battery voltage."""
+
+    seed: int | None
+    noise: float
+    """Factor on the standard deviations of the description."""
+    battery_v: float | None
 
 
 class Actuation:
@@ -265,9 +289,9 @@ class Actuation:
         self,
         robot: SingularityDescription,
         batch: tuple[int, ...],
-        seed: int | None,
-        noise: float,
-        battery_v: float | None,
+        seed: int | None = 0,
+        noise: float = 0.0,
+        battery_v: float | None = None,
     ) -> None:
         self.kinematics: SingularityKinematics = robot.kinematics()
         kinds = [joint.kind for joint in self.kinematics.joints]
@@ -284,6 +308,7 @@ class Actuation:
         given = nominal_v * (1.0 + off) if battery_v is None else battery_v
         self.battery_v: Array = np.broadcast_to(given, off.shape)
         """(..., 1): voltage, of each robot."""
+        self._mean_battery_v = float(self.battery_v.mean())
         self.surface = WheelSurface.of(self.kinematics, robot.errors.layer_m, built, shape)
         self.servos = Servos.of(robot, self.battery_v)
         self.motors = Motors.of(robot)
@@ -310,8 +335,12 @@ class Actuation:
         """(..., k): steady-state speeds of the motors, rad/s."""
         self.play_rad: Array = np.zeros_like(self.goals)
         """(..., 2k): how far the motor of each servo is ahead of its gimbal."""
-        self._standstill: tuple[tuple[int, ...], bytes] | None = None
-        """The newest set-point, when it is zero throttle for all wheels."""
+        self._all_on = False
+        """Whether no motor is shut off."""
+        self._repeatable: tuple[tuple[int, ...], bytes] | None = None
+        """The newest set-point, if it changes nothing when it is given again."""
+        self._last_speeds = b""
+        """The newest commanded speeds, if they change nothing when they are commanded again."""
 
     def command(self, setpoint: Array) -> bool:
         """Give all actuators new set-points, (..., n); return whether that can change anything.
@@ -321,41 +350,53 @@ class Actuation:
         Raises:
             ValueError: as `checked`.
         """
-        # Zero throttle that is given again changes nothing: speed controllers that hold go on.
         same = (np.shape(setpoint), np.asarray(setpoint, dtype=float).tobytes())
-        if same == self._standstill:
+        if same == self._repeatable:
             return False
-        told = self._offsets.to_actuators(self.checked(setpoint))
-        self.goals[...] = self.zero_rad + self.servos.goal(told[..., self.angles])
-        signal = self.controllers.command(self.motors.signal(told[..., self.wheels]))
-        self.speed_goals[...] = self.motors.speed(signal) * self._speed_share
-        self._standstill = same if self.controllers.all_holding else None
+        actuators = self._offsets.to_actuators(self.checked(setpoint))
+        self.goals[...] = self.zero_rad + self.servos.goal(actuators[..., self.angles])
+        self._set_motor_speeds(actuators[..., self.wheels])
+        self._repeatable = same if self._last_speeds else None
         return True
 
+    def _set_motor_speeds(self, speeds: Array) -> None:
+        """Command the motor speeds (..., k)."""
+        speed_bytes = speeds.tobytes()
+        if speed_bytes == self._last_speeds:
+            return
+        signal = self.controllers.command(self.motors.signal(speeds))
+        self.speed_goals[...] = self.motors.speed(signal) * self._speed_share
+        self._all_on = bool(self.speed_goals.all())
+        self._last_speeds = speed_bytes if self.controllers.is_repeatable else b""
+
     def checked(self, setpoint: Array) -> Array:
-        """Return set-points (..., n), one for each robot.
+        """Set-points (..., n), one for each robot.
 
         Raises:
             ValueError: a number is not finite, or there is not one for each joint.
         """
         if not np.isfinite(setpoint).all():
             raise ValueError(f"set-points must be finite, these are {setpoint}")
-        joints = len(self.angles) + len(self.wheels)
-        return np.broadcast_to(setpoint, (*self.goals.shape[:-1], joints))
+        shape = (*self.goals.shape[:-1], len(self.angles) + len(self.wheels))
+        return setpoint if np.shape(setpoint) == shape else np.broadcast_to(setpoint, shape)
 
     def after(self, joints: Array, elapsed_s: Array) -> Array:
-        """Return joints without load at times (m, ..., 1) from now, which the last one becomes."""
+        """Joints without load at times (m, ..., 1) from now, which the last one becomes."""
         angles, goals = joints[..., self.angles], self.goals
-        turning_s, play = self.servos.cross(angles, goals, self.play_rad, elapsed_s)
-        self.play_rad = play[-1]
+        turning_s = elapsed_s
+        if not self.servos.are_ideal:
+            turning_s, play = self.servos.cross(angles, goals, self.play_rad, elapsed_s)
+            self.play_rad = play[-1]
         later = np.empty((len(elapsed_s), *joints.shape))
-        later[..., self.angles] = self.servos.after(angles, goals, turning_s)
+        modules = later.reshape(*later.shape[:-1], len(self.wheels), 3)
+        turned = self.servos.after(angles, goals, turning_s)
+        modules[..., :2] = turned.reshape(*turned.shape[:-1], len(self.wheels), 2)
         speeds = joints[..., self.wheels]
-        later[..., self.wheels] = self.motors.after(speeds, self.speed_goals, elapsed_s)
+        modules[..., 2] = self.motors.after(speeds, self.speed_goals, elapsed_s)
         return later
 
     def rates(self, joints: Array) -> Array:
-        """Return how fast gimbals turn at `joints` (..., n) without load, rad/s; of wheels 0."""
+        """How fast gimbals turn at `joints` (..., n) without load, rad/s; of wheels 0."""
         rates = np.zeros_like(joints)
         speed = self.servos.rate(joints[..., self.angles], self.goals)
         edge_rad = 0.5 * self.servos.backlash_rad
@@ -365,9 +406,9 @@ class Actuation:
 
     def come_to_rest(self, joints: Array) -> None:
         """Put joints (..., n) that are all but at rest there: of modules with motors shut off."""
-        off = self.speed_goals == 0.0
-        if not off.any():
+        if self._all_on:
             return
+        off = self.speed_goals == 0.0
         speeds, angles = joints[..., self.wheels], joints[..., self.angles]
         slow = off & (np.abs(speeds) < _SETTLED)
         near = np.repeat(slow, 2, axis=-1) & (np.abs(angles - self.goals) < _SETTLED)
@@ -380,22 +421,23 @@ class Actuation:
         return self._angle_noise_rad <= 0.0
 
     def stands(self, joints: Array) -> bool:
-        """Return whether all wheels stand and all gimbals are exactly at their goals."""
+        """Whether all wheels stand and all gimbals are exactly at their goals."""
         return not (
-            self.speed_goals.any()
+            self._all_on
+            or self.speed_goals.any()
             or joints[..., self.wheels].any()
             or (joints[..., self.angles] != self.goals).any()
         )
 
     def settled(self, joints: Array) -> bool:
-        """Return whether nothing changes any more."""
+        """Whether nothing changes any more."""
         turning = np.abs(self.servos.rate(joints[..., self.angles], self.goals))
         off = np.abs(joints[..., self.wheels] - self.speed_goals)
         slowest = _SETTLED * self.servos.approach_rate_per_s
         return bool(turning.max() < slowest and off.max() < _SETTLED)
 
     def measure(self, joints: Array) -> Array:
-        """Return the joint vector (..., n), its angles as the servos report them: in whole steps.
+        """Joint vector (..., n), its angles as the servos report them: in whole steps.
 
         Wheel speeds are exact here; whether a robot measures them is for the caller to say.
         """
@@ -407,9 +449,9 @@ class Actuation:
         return measured
 
     def hardware_status(self) -> dict[str, object]:
-        """Return voltage, whether the speed controllers are armed, and what pulses they get."""
+        """Voltage, whether the speed controllers are armed, and what pulses they get."""
         return {
-            "battery_v": float(self.battery_v.mean()),
+            "battery_v": self._mean_battery_v,
             "esc_armed": bool(self.controllers.armed.all()),
             "pulse_us": self.motors.pulse_us(self.controllers.signal).tolist(),
         }

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import importlib
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -15,11 +15,11 @@ import numpy.typing as npt
 from tsd_twin.errors import MissingExtraError
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import RPM, SingularityDescription
-from tsd_twin.simulation.actuators import Actuation
+from tsd_twin.simulation.actuators import Actuation, SimulationOptions
 
 
 def load_mujoco() -> Any:
-    """Return the module `mujoco`.
+    """Module `mujoco`.
 
     Raises:
         MissingExtraError: it is not installed.
@@ -86,12 +86,12 @@ _FREE = {"contype": 0, "conaffinity": 0}
 
 
 def wheel_name(i: int) -> str:
-    """Return the name of wheel `i`, its body and its shape, counted from 0."""
+    """Name of wheel `i`, its body and its shape, counted from 0."""
     return f"wheel{i + 1}"
 
 
 def build_mujoco_model(robot: SingularityDescription) -> Any:
-    """Return the solid bodies of `robot` on a level floor.
+    """Solid bodies of `robot` on a level floor.
 
     The chassis is a disc of the size of the pivot circle, each gimbal frame a rod from bearing to
     bearing, each wheel half a hollow sphere. Joints have the names of the drive's joints; servos
@@ -179,15 +179,13 @@ class MujocoSimulation:
         robot: SingularityDescription,
         batch: tuple[int, ...] = (),
         *,
-        seed: int | None = 0,
-        noise: float = 0.0,
-        battery_v: float | None = None,
         pose: SE2 | None = None,
         patch: ContactPatch | None = None,
+        **options: Unpack[SimulationOptions],
     ) -> None:
         if batch:
             raise ValueError(f"rigid bodies are simulated one robot at a time, not {batch}")
-        self.actuation = Actuation(robot, batch, seed, noise, battery_v)
+        self.actuation = Actuation(robot, batch, **options)
         self.kinematics = self.actuation.kinematics
         floor = robot.floor
         self._patch = patch or ContactPatch(floor.friction, floor.patch_radius_m)
@@ -245,16 +243,16 @@ class MujocoSimulation:
             self._step(timestep_s)
 
     def measure(self) -> Array:
-        """Return the joint vector (n,) as `Actuation.measure` has it."""
+        """Joint vector (n,) as `Actuation.measure` has it."""
         return self.actuation.measure(self.joints)
 
     def twist(self) -> Array:
-        """Return the true twist (3,) in the body frame."""
+        """True twist (3,) in the body frame."""
         velocity = self.pose.inverse().rotate(self._data.qvel[:2].copy())
         return np.array([*velocity, self._data.qvel[5]])
 
     def hardware_status(self) -> dict[str, object]:
-        """Return the actuator status and the friction parameters of the floor."""
+        """Actuator status and the friction parameters of the floor."""
         return self.actuation.hardware_status() | {
             "plant": "mujoco",
             "friction": self._patch.friction,
@@ -283,11 +281,11 @@ class MujocoSimulation:
         speeds = data.qvel[self._wheels_v]
         wanted = actuation.motors.after(speeds, actuation.speed_goals, np.array(dt_s)) - speeds
         data.qfrc_applied[self._wheels_v] = self._spin_inertia * wanted / dt_s
-        self._rub()
+        self._apply_friction()
         self._mujoco.mj_step(self._model, data)
 
     def _through_play(self, voltage: Array, dt_s: float) -> Array:
-        """Return the servo voltages; zero for a servo whose motor is inside its backlash.
+        """Servo voltages; zero for a servo whose motor is inside its backlash.
 
         A motor that touches nothing turns at the speed its voltage gives, at once.
         """
@@ -296,7 +294,7 @@ class MujocoSimulation:
         actuation.play_rad = np.clip(actuation.play_rad + ahead * dt_s, -edge_rad, edge_rad)
         return voltage * (np.copysign(edge_rad, voltage) == actuation.play_rad)
 
-    def _rub(self) -> None:
+    def _apply_friction(self) -> None:
         """Apply the friction of the floor to the wheels, under the load of the last step."""
         data, bodies = self._data, self._bodies
         velocity, turning = data.cvel[bodies, 3:], data.cvel[bodies, :3]
@@ -312,7 +310,7 @@ class MujocoSimulation:
         data.xfrc_applied[bodies, 5] += torque
 
     def _loads(self) -> Array:
-        """Return the normal force on each wheel (k,), newtons; 0 in the air."""
+        """Normal force on each wheel (k,), newtons; 0 in the air."""
         contact, loads = self._data.contact, np.zeros(len(self._bodies))
         bears = contact.efc_address >= 0
         wheels = self._wheel_of_geom[contact.geom2[bears]]

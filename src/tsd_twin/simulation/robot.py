@@ -21,7 +21,7 @@ from tsd_twin.simulation.singularity import SingularitySimulation
 
 
 def _singularity(plant: Callable[..., Actuated]) -> Callable[..., Simulation]:
-    """Return the simulation of a robot that `plant` moves: behind its bus, and with its gyro."""
+    """Simulation of a robot that `plant` moves: behind its bus, and with its gyro."""
 
     def make(
         robot: SingularityDescription,
@@ -31,11 +31,11 @@ def _singularity(plant: Callable[..., Actuated]) -> Callable[..., Simulation]:
         noise: float,
         **start: Any,
     ) -> Simulation:
-        moved = plant(robot, batch, seed=seed, noise=noise, **start)
-        heard = DelayWrapper(moved, robot.delay_s) if robot.delay_s > 0.0 else moved
+        simulation = plant(robot, batch, seed=seed, noise=noise, **start)
+        delayed = DelayWrapper(simulation, robot.delay_s) if robot.delay_s > 0.0 else simulation
         if robot.gyro is None:
-            return heard
-        return GyroSimulation(heard, robot.gyro, batch, seed=seed, noise=noise)
+            return delayed
+        return GyroSimulation(delayed, robot.gyro, batch, seed=seed, noise=noise)
 
     return make
 
@@ -63,8 +63,7 @@ def simulate(
 
     `noise` scales the standard deviations of the description: 0 is none, 1 is as described. `pose`
     is the start pose, of the pose type of the kinematics. `plant` is one of `PLANTS`. `errors`
-    scales what is
-    wrong with a built machine by its description, where it says so: 0 is nothing.
+    scales the model errors of the description, such as gimbal zeros; 0 is none.
 
     Raises:
         RobotFileError: there is no such plant for robots of this kind.
@@ -102,7 +101,7 @@ class SimRobot:
     the past moves nothing. The class reads no clock.
     `noise` scales the standard deviations of the description; 0 is none. How fast wheels turn is
     measured if robots of this kind do, or as `measures_spin` says. `plant` is what moves it, and
-    `errors` scales what is wrong with it: see `simulate`, which also names what is raised.
+    `errors` scales its model errors: see `simulate`, which also names the exceptions.
     """
 
     def __init__(
@@ -163,7 +162,7 @@ class SimRobot:
         self._simulation.command(setpoint)
 
     def truth(self, now_s: float) -> Truth:
-        """Return the true state."""
+        """True state."""
         self._advance(now_s)
         simulation = self._simulation
         return Truth(simulation.pose, simulation.twist(), simulation.joints.copy())
@@ -207,7 +206,7 @@ class BoardModel:
         self.tripped = False
 
     def read(self, now_s: float) -> Array | None:
-        """Return the measured joints (n,); None once it has tripped."""
+        """Measured joints (n,); None once it has tripped."""
         self._look_at_the_clock(now_s)
         measured = self._simulated.read(now_s)
         return None if self.tripped else measured
@@ -226,7 +225,7 @@ class BoardModel:
             self._obeyed, self._fed_s = setpoint.copy(), now_s
 
     def truth(self, now_s: float) -> Truth:
-        """Return the true state."""
+        """True state."""
         self._look_at_the_clock(now_s)
         return self._simulated.truth(now_s)
 

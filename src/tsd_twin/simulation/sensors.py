@@ -57,11 +57,11 @@ class Simulation(Protocol):
         ...
 
     def twist(self) -> Array:
-        """Return the true twist (..., 3) in the base frame."""
+        """True twist (..., 3) in the base frame."""
         ...
 
     def hardware_status(self) -> Mapping[str, object]:
-        """Return the hardware section of the status of a single robot, JSON-serializable."""
+        """Hardware section of the status of a single robot, JSON-serializable."""
         ...
 
 
@@ -101,11 +101,11 @@ class SimulationWrapper(Generic[S]):
         self.simulation.advance(dt_s)
 
     def twist(self) -> Array:
-        """Return the true twist (..., 3) in the base frame."""
+        """True twist (..., 3) in the base frame."""
         return self.simulation.twist()
 
     def hardware_status(self) -> Mapping[str, object]:
-        """Return the hardware status of the wrapped simulation."""
+        """Hardware status of the wrapped simulation."""
         return self.simulation.hardware_status()
 
 
@@ -199,7 +199,7 @@ class Camera:
         self._next_s = 0.0
         self._coming: deque[Frame] = deque()
 
-    def watch(self, now_s: float, pose: SE2) -> list[Frame]:
+    def capture(self, now_s: float, pose: SE2) -> list[Frame]:
         """Measure a robot at `pose` (3,), and return the frames whose processing has finished."""
         if now_s >= self._next_s - 1e-9:
             # Frames missed between two calls are not produced later.
@@ -262,7 +262,7 @@ class YawGyro:
         self._sigma = scale * noise.noise_rad_per_s
 
     def measure(self, rate: Array) -> Array:
-        """Return the readings, rad/s, (...), at true turn rates `rate` (...)."""
+        """Readings, rad/s, (...), at true turn rates `rate` (...)."""
         return rate + self._bias + self._sigma * self._random.standard_normal(self._batch)
 
 

@@ -6,12 +6,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import Unpack
 
 import numpy as np
 
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.robots import OmniDescription, SphereDescription
 from tsd_twin.robots.description import GearedMotor, GearedMotorDescription
+from tsd_twin.simulation.actuators import SimulationOptions
 from tsd_twin.simulation.sensors import DeadWheelSensors
 
 
@@ -33,7 +35,7 @@ class GearedMotors:
 
     @staticmethod
     def of(motor: GearedMotor, inertia_kg_m2: float, voltage_share: float) -> GearedMotors:
-        """Return the motors of wheels that feel `inertia_kg_m2`, at a share of nominal voltage."""
+        """Motors of wheels that feel `inertia_kg_m2`, at a share of nominal voltage."""
         return GearedMotors(
             stall_torque_nm=motor.stall_torque_nm * voltage_share,
             top_speed_rad_per_s=motor.top_speed_rad_per_s * voltage_share,
@@ -42,7 +44,7 @@ class GearedMotors:
         )
 
     def bounds(self, speed: Array) -> tuple[Array, Array]:
-        """Return the least and the most torque there is at wheel speeds `speed`, rad/s."""
+        """Least and the most torque there is at wheel speeds `speed`, rad/s."""
         share = speed / self.top_speed_rad_per_s
         limit = self.torque_limit_nm
         low = np.maximum(-self.stall_torque_nm * (1.0 + share), -limit)
@@ -65,9 +67,9 @@ class GearedSimulation(ABC):
         shape: tuple[int, ...],
         inertia_kg_m2: float,
         *,
-        seed: int | None,
-        noise: float,
-        battery_v: float | None,
+        seed: int | None = 0,
+        noise: float = 0.0,
+        battery_v: float | None = None,
     ) -> None:
         """Create wheels of `shape` (..., k); each drives an inertia."""
         self.battery_v = robot.battery.nominal_v if battery_v is None else battery_v
@@ -98,7 +100,7 @@ class GearedSimulation(ABC):
             self._step(dt_s / steps)
 
     def measure(self) -> Array:
-        """Return the wheel speeds (..., k)."""
+        """Wheel speeds (..., k)."""
         return self.joints * self._scale
 
     def _rests(self) -> bool:
@@ -135,14 +137,12 @@ class OmniSimulation(GearedSimulation):
         robot: OmniDescription,
         batch: tuple[int, ...] = (),
         *,
-        seed: int | None = 0,
-        noise: float = 0.0,
-        battery_v: float | None = None,
         pose: SE2 | None = None,
+        **options: Unpack[SimulationOptions],
     ) -> None:
         self.kinematics = kinematics = robot.kinematics()
         shape, inertia = (*batch, kinematics.wheels), robot.driven_inertia_kg_m2(kinematics)
-        super().__init__(robot, shape, inertia, seed=seed, noise=noise, battery_v=battery_v)
+        super().__init__(robot, shape, inertia, **options)
         self.pose = SE2(np.zeros((*batch, 3)) + (0.0 if pose is None else pose.xy_heading))
         """True pose in the world."""
         self._twist = np.zeros((*batch, 3))
@@ -156,17 +156,18 @@ class OmniSimulation(GearedSimulation):
         self._friction_n = robot.drive.friction * mass.total_kg * _GRAVITY_MPS2 / kinematics.wheels
         self._sensors = None
         if robot.dead_wheels is not None:
+            noise = options.get("noise", 0.0)
             self._sensors = DeadWheelSensors(robot.dead_wheels, batch, self._random, noise)
 
     def measure(self) -> Array:
-        """Return the wheel speeds, and what dead wheels and gyro say, (..., k + s)."""
+        """Wheel speeds, and what dead wheels and gyro say, (..., k + s)."""
         speeds = super().measure()
         if self._sensors is None:
             return speeds
         return np.concatenate([speeds, self._sensors.measure(self._twist)], axis=-1)
 
     def twist(self) -> Array:
-        """Return the true twist (..., 3) in the body frame."""
+        """True twist (..., 3) in the body frame."""
         return self._twist.copy()
 
     def slipping(self) -> Array:
@@ -174,7 +175,7 @@ class OmniSimulation(GearedSimulation):
         return self._arm_m * self.joints - self._twist @ self._grip.T
 
     def hardware_status(self) -> dict[str, object]:
-        """Return the voltage, and how fast the wheels slip."""
+        """Voltage, and how fast the wheels slip."""
         return {
             "battery_v": self.battery_v,
             "slip_mps": np.round(self.slipping(), 4).tolist(),
@@ -259,15 +260,13 @@ class SphereSimulation(GearedSimulation):
         robot: SphereDescription,
         batch: tuple[int, ...] = (),
         *,
-        seed: int | None = 0,
-        noise: float = 0.0,
-        battery_v: float | None = None,
         pose: SO3 | None = None,
+        **options: Unpack[SimulationOptions],
     ) -> None:
         self.kinematics = kinematics = robot.kinematics()
         self._inertia = robot.driven_inertia_kg_m2(kinematics)
         shape = (*batch, kinematics.wheels)
-        super().__init__(robot, shape, self._inertia, seed=seed, noise=noise, battery_v=battery_v)
+        super().__init__(robot, shape, self._inertia, **options)
         self.pose = SO3.identity(batch) if pose is None else SO3.identity(batch) @ pose
         """True orientation of the sphere in the world."""
         self.angles_rad: Array = np.zeros_like(self.joints)
@@ -275,11 +274,11 @@ class SphereSimulation(GearedSimulation):
         self._time_constant_s = robot.motor.time_constant_s
 
     def twist(self) -> Array:
-        """Return the true angular velocity (..., 3) in the base frame, on the rows of now."""
+        """True angular velocity (..., 3) in the base frame, on the rows of now."""
         return self.kinematics.true_twist(self.joints, self.kinematics.side(self.angles_rad))
 
     def hardware_status(self) -> dict[str, object]:
-        """Return the voltage, and which row of each wheel carries: 1 or 2."""
+        """Voltage, and which row of each wheel carries: 1 or 2."""
         rows = 1.5 + 0.5 * self.kinematics.side(self.angles_rad)
         return {"battery_v": self.battery_v, "rows": rows.astype(int).tolist()}
 

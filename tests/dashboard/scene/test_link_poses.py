@@ -121,7 +121,7 @@ def test_wheels_move_floor_or_ball_as_a_rigid_body_does(
     else:
         vx, vy, omega = twist
         rigid = np.array([vx, vy, 0.0]) + np.cross([0.0, 0.0, omega], places)
-    if not any(link_groups.range for link_groups in model.tree.link_groups):
+    if not any(group.range for group in model.tree.link_groups):
         # Along the axles of the rollers; straight ones lie where the wheel drives.
         slant = [getattr(wheel, "roller_deg", 0.0) for wheel in model.robot.drive.wheels]
         if any(slant):

@@ -175,7 +175,7 @@ def test_a_viewer_sees_everything_and_every_request_is_refused(served: Site, nam
         before = page.mode
         for kind in ("arm", "disarm", "reset"):
             assert not page.answer(kind, t=kind)["ok"]
-        assert not page.answer("speed", t="speed", cruise_speed_rpm=3000.0)["ok"]
+        assert not page.answer("wheel_speed", t="wheel_speed", cruise_speed_rpm=3000.0)["ok"]
         assert "viewer" in page.take(take_over=True)["reason"]
         page.holds = {"vx": 0.5, "vy": 0.0, "omega": 0.0}
         for _ in range(20):

@@ -16,8 +16,8 @@ from tests.support.recorders import CommandRecorder, is_put_to_rest, settle, zer
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.dashboard.dashboard import BackgroundWorker
 from tsd_twin.dashboard.server.auth import AccessSettings, AuthMiddleware
-from tsd_twin.dashboard.server.lease import ZERO_REPEATS
 from tsd_twin.dashboard.server.socket_limits import GRACE, POLICY_VIOLATION, TELEOP, TOO_MUCH
+from tsd_twin.dashboard.server.teleop import ZERO_REPEATS
 
 TOO_MANY = round((1.0 + GRACE) * TELEOP.messages.burst) + 100
 FLOOD = '{"t":"panel_released"}'
@@ -45,7 +45,9 @@ def at_once(page: Page, *texts: str | bytes) -> None:
     page.send_together(b"".join(frames))
 
 
-@pytest.mark.parametrize("text", [FLOOD, "[" * 30, '{"t":"beat","seen":0,"sent_ms":1}', b"ping"])
+@pytest.mark.parametrize(
+    "text", [FLOOD, "[" * 30, '{"t":"heartbeat","seen":0,"sent_ms":1}', b"ping"]
+)
 def test_a_page_that_floods_is_cut_off_and_stays_out_for_a_while(
     guarded: Site, text: str | bytes
 ) -> None:

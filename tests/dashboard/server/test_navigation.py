@@ -18,18 +18,19 @@ from tests.support.page_client import Page, Site, site
 from tests.support.recorders import CommandRecorder, is_put_to_rest, settle
 from tests.support.robot_feed import RobotFeed
 from tsd_twin import robots
-from tsd_twin.dashboard.robot_client import RobotClient, RpcExecutor
+from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.dashboard.scene.picking import (
     MAX_DISTANCE_M,
     CameraPose,
     EmptyPageScene,
     floor_points,
 )
+from tsd_twin.dashboard.server.lease import RpcExecutor
 from tsd_twin.dashboard.server.navigation import NavigationSession
 from tsd_twin.dashboard.server.protocol import MAX_POINTS, ActionReply, PlanRequest
 from tsd_twin.errors import PathError
 from tsd_twin.lie import SO3
-from tsd_twin.messages.status import Status, WheelSpeedStatus
+from tsd_twin.messages.status import Refusals, Status, WheelSpeedStatus
 from tsd_twin.motion.tracking import ExecutionPhase, ExecutionStep
 
 THERE_M = 0.05
@@ -57,7 +58,7 @@ def planned(page: Page) -> dict[str, Any] | None:
 
 
 def hold(page: Page, route: dict[str, Any]) -> None:
-    page.holds = {"t": "go", "route": route["number"]}
+    page.holds = {"t": "follow_plan", "route": route["number"]}
 
 
 def let_go(page: Page) -> None:
@@ -173,7 +174,7 @@ def give_control_back(page: Page) -> None:
 
 
 def give_up(page: Page) -> None:
-    page.send(t="unplan")
+    page.send(t="clear_plan")
 
 
 @pytest.mark.parametrize("end", [lose_focus, fall_silent, stop, give_control_back, give_up])
@@ -239,7 +240,7 @@ def test_a_level_that_is_changed_times_the_way_anew(served: Site) -> None:
     with served.page() as page:
         page.make_ready()
         fast = plan(page, (0.9, 0.0), level=100)
-        page.send(t="pace", level=20)
+        page.send(t="speed_level", level=20)
         slow = page.until(lambda: (r := planned(page)) and r["number"] > fast["number"] and r)
         assert slow["length_m"] == fast["length_m"]
         assert slow["time_s"] > 2.0 * fast["time_s"]
@@ -277,7 +278,11 @@ def test_what_cannot_be_planned_is_refused_with_a_reason(
 )
 def test_wishes_that_are_none_are_counted(served: Site, garbage: dict[str, Any]) -> None:
     wish = {"t": "plan", "kind": "to", "points": [[0.5, 0.5]], "on": "floor"} | garbage
-    raw = [json.dumps(wish), json.dumps(wish).replace("1e5", "NaN"), '{"t": "go", "route": 1}']
+    raw = [
+        json.dumps(wish),
+        json.dumps(wish).replace("1e5", "NaN"),
+        '{"t": "follow_plan", "route": 1}',
+    ]
     with served.page() as page:
         page.until(lambda: page.state)
         before = served.sessions.rejected
@@ -300,16 +305,23 @@ class Desk:
 
     def step(self, number: int, now_s: float, feed: RobotFeed | None = None) -> ExecutionStep:
         """Hold the button, for the robot that control is had of."""
-        return self.going.step(cast(RobotClient, feed or self.feed), number, 0.25, now_s)
+        return self.going.step(cast(RobotMonitor, feed or self.feed), number, 0.25, now_s)
 
-    def say(self, x: float, odom_s: float, mode: str = "ready", rpm: float = 2500.0) -> None:
-        status = Status(mode, wheel_speed=WheelSpeedStatus(rpm, rpm))
+    def say(
+        self,
+        x: float,
+        odom_s: float,
+        mode: str = "ready",
+        rpm: float = 2500.0,
+        refusals: Refusals | None = None,
+    ) -> None:
+        status = Status(mode, refusals=refusals, wheel_speed=WheelSpeedStatus(rpm, rpm))
         self.feed.say(pose=np.array([x, 0.0, 0.0]), status=status)
         self.feed.snapshot = replace(self.feed.snapshot, odom_received_s=odom_s)
 
     def request_plan(self, heading: float | None = None) -> None:
         wish = PlanRequest(kind="to", points=[(2.0, 0.0)], on="floor", heading=heading)
-        self.going.request_plan(cast(RobotClient, self.feed), wish)
+        self.going.request_plan(cast(RobotMonitor, self.feed), wish)
 
     async def plan(self) -> int:
         self.request_plan()
@@ -388,9 +400,10 @@ def test_a_stop_by_anybody_ends_the_way_and_until_the_reset_there_is_no_other(
             desk.step(number, 100.4)
         desk.say(0.0, 100.5, mode)
         desk.request_plan()
-        assert desk.answers[-1] == ActionReply(
-            to="plan", ok=False, reason=f"the robot is {mode}: reset first"
-        )
+        assert desk.answers[-1] == ActionReply(to="plan", ok=False, reason=f"the robot is {mode}")
+        desk.say(0.0, 100.6, mode, refusals=Refusals(drive="the wheels are loose"))
+        desk.request_plan()
+        assert desk.answers[-1] == ActionReply(to="plan", ok=False, reason="the wheels are loose")
         assert desk.going.route_state is None
 
     asyncio.run(run())

@@ -22,7 +22,7 @@ from tsd_twin.dashboard.server.socket_limits import (
 DRIVE = (
     '{"t":"drive","vx":0.123456,"vy":-0.123456,"omega":1.234567,"frame":"base_link","seen":12345}'
 )
-BEAT = '{"t":"beat","seen":12345,"sent_ms":123456.7,"focus":true}'
+BEAT = '{"t":"heartbeat","seen":12345,"sent_ms":123456.7,"focus":true}'
 RELEASED = '{"t":"panel_released"}'
 MOST_AT_ONCE = round((1.0 + GRACE) * TELEOP.messages.burst)
 

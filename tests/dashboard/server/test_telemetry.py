@@ -29,7 +29,7 @@ def test_a_card_says_what_the_robot_has_and_nothing_else(name: str) -> None:
     assert bool(card["wheels"]) is not gimbals
     assert (card["modules"] or card["wheels"]) == list(drive.actuators)
     units = {(0, 1, 5): ["m/s", "m/s", "rad/s"], (3, 4, 5): ["rad/s"] * 3}
-    assert [number["unit"] for number in card["numbers"]] == units[drive.twist_axes]
+    assert [number["unit"] for number in card["twist_axes"]] == units[drive.twist_axes]
 
 
 def test_every_kind_of_robot_has_figures() -> None:
@@ -50,19 +50,19 @@ def test_the_rows_in_contact_are_told_from_the_motion(sides: tuple[float, ...]) 
     assert odom is not None
     odom.twist[:] = twist
     state = SphereTelemetry(SPHERE).state(joints, joints, feed.snapshot)
-    ball = state["ball"]
+    ball = state["sphere"]
     assert list(ball.rows) == [1 if side < 0.0 else 2 for side in sides]
     ideal = drive.forward(joints).twist
     cosine = ideal @ twist / np.linalg.norm(ideal) / np.linalg.norm(twist)
     assert ball.angle_deg == pytest.approx(np.degrees(np.arccos(cosine)), abs=0.01)
     # No more than the offset of a contact can turn it by, which the paper has as 3.2 degrees.
     assert 0.0 < ball.angle_deg < 5.0
-    assert state["apart"].degrees == pytest.approx(np.degrees(0.1), abs=0.01)
+    assert state["estimate_difference"].degrees == pytest.approx(np.degrees(0.1), abs=0.01)
 
 
 def test_a_sphere_at_rest_says_nothing_of_its_rows() -> None:
     feed = RobotFeed("atlas", SPHERE)
     feed.say(joints=np.zeros(3), ball=SO3.identity())
-    ball = SphereTelemetry(SPHERE).state(np.zeros(3), np.zeros(3), feed.snapshot)["ball"]
+    ball = SphereTelemetry(SPHERE).state(np.zeros(3), np.zeros(3), feed.snapshot)["sphere"]
     assert list(ball.rows) == [0, 0, 0]
     assert ball.angle_deg is None

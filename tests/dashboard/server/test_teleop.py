@@ -11,7 +11,7 @@ import pytest
 
 from tests.support.page_client import Page, Site, site
 from tests.support.recorders import CommandRecorder, settle
-from tsd_twin.dashboard.server.send_queue import MAX_UNACKNOWLEDGED
+from tsd_twin.dashboard.server.session import MAX_UNACKNOWLEDGED
 from tsd_twin.messages.services import Event
 
 OTHER = "fedcba9876543210"
@@ -47,8 +47,8 @@ def test_the_round_trip_to_the_robot_is_measured(served: Site) -> None:
 def test_a_beat_comes_back(served: Site) -> None:
     with served.page() as page:
         page.beats = False
-        page.send(t="beat", seen=0, sent_ms=1234.5, focus=True)
-        page.until(lambda: page.last("beat")["sent_ms"] == 1234.5)
+        page.send(t="heartbeat", seen=0, sent_ms=1234.5, focus=True)
+        page.until(lambda: page.last("heartbeat")["sent_ms"] == 1234.5)
 
 
 def test_anybody_may_stop_and_it_takes_a_reset_and_arming_to_go_on(served: Site) -> None:
@@ -173,9 +173,9 @@ def test_sliders_reach_their_own_page_only_and_from_any_thread(served: Site) -> 
         thread = threading.Thread(target=served.sessions.on_panel, args=arguments)
         thread.start()
         thread.join()
-        panel = page.until(lambda: page.last("panel"))
+        panel = page.until(lambda: page.last("panel_sliders"))
         assert panel == {
-            "t": "panel",
+            "t": "panel_sliders",
             "vx": 0.1,
             "vy": 0.2,
             "omega": 0.3,
@@ -183,7 +183,7 @@ def test_sliders_reach_their_own_page_only_and_from_any_thread(served: Site) -> 
             "latch": True,
         }
         settle(other)
-        assert other.all("panel") == []
+        assert other.all("panel_sliders") == []
 
 
 def test_sliders_that_are_let_go_are_told_to_spring_back(served: Site) -> None:

@@ -86,12 +86,12 @@ _ROBOT_NODES = {
 
 
 def robot_node(robot_id: str) -> str:
-    """Return the node at the floor projection of `base_link`."""
+    """Node at the floor projection of `base_link`."""
     return f"{ROOT}/r/{robot_id}"
 
 
 def overlay_node(layer: Layer, robot_id: str) -> str:
-    """Return the node that shows a layer of one robot and moves with it."""
+    """Node that shows a layer of one robot and moves with it."""
     return f"{robot_node(robot_id)}/{_ROBOT_NODES[layer]}"
 
 

@@ -186,7 +186,7 @@ class ClientView:
         self._client.flush()
 
     def pick_sphere(self, origin: Array, direction: Array) -> tuple[float, float, float] | None:
-        """Return the point of the sphere that a ray (3,), (3,) of this client meets."""
+        """Point of the sphere that a ray (3,), (3,) of this client meets."""
         body = self.visual
         radius_m = None if body is None else body.meshes.shape.ball_radius_m
         if body is None or radius_m is None:
@@ -197,7 +197,7 @@ class ClientView:
         return sphere_point(origin, direction, centre, radius_m, body.ball)
 
     def pick_floor(self, shares: Array) -> Array:
-        """Return the floor points (m, 2) in `odom` at screen positions, as `floor_points`."""
+        """Floor points (m, 2) in `odom` at screen positions, as `floor_points`."""
         camera = self._client.camera
         camera_pose = CameraPose(camera.position, camera.wxyz, camera.fov, camera.aspect)
         return floor_points(camera_pose, shares) - np.array(self._world_xy)

@@ -46,7 +46,7 @@ class ThrustArrows:
 
     def __init__(self, scene: viser.SceneApi, name: str, skeleton: Skeleton) -> None:
         self._skeleton = skeleton
-        wheels = sum(link_groups.count for link_groups in skeleton.wheels)
+        wheels = sum(group.count for group in skeleton.wheels)
         self._rate = RateLimiter(12.0)
         self._drawn = np.zeros((wheels, 3))
         self._handle = scene.add_arrows(
@@ -127,7 +127,7 @@ _MIN_CHANGE_M = 0.001
 
 
 def swept_outline(path: Array, reach_m: float) -> Array:
-    """Return a convex polygon (SIDES, 2) that contains the area a disc sweeps along `path` (n, 2+).
+    """Convex polygon (SIDES, 2) that contains the area a disc sweeps along `path` (n, 2+).
 
     It is about the convex hull of the discs, by its support function: tangents in SIDES directions,
     and where each meets the next. The arcs to standstill are short, so the hull adds little.
@@ -258,7 +258,7 @@ _GOAL_TIP_M = 0.06
 
 
 def route_segments(poses: Array, reach_m: float) -> Array:
-    """Return the line segments (k, 2, 3) of a path through `poses` (n, 3), n above 1.
+    """Line segments (k, 2, 3) of a path through `poses` (n, 3), n above 1.
 
     At its end stands a ring as large as the robot, with a tip where it will look.
     """

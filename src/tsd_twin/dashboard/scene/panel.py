@@ -10,9 +10,9 @@ from typing import Any, TypeAlias
 import numpy as np
 import viser
 
-from tsd_twin.dashboard.robot_client import FLOOR_AXES, axis_limits, twist_axes_of
 from tsd_twin.dashboard.scene.appearance import Layer
 from tsd_twin.dashboard.scene.client_view import CameraPreset, ClientView, TruePoseDisplay
+from tsd_twin.dashboard.scene.robot_geometry import FLOOR_AXES, axis_limits, twist_axes_of
 from tsd_twin.dashboard.scene.robot_visual import SPIN_SLOWDOWN, RobotVisual
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.viser_compat.viser_server import rename_tab, set_theme
@@ -141,7 +141,7 @@ class DriveTab:
         self._on_moved(first, second, third, mode, bool(self._latch.value))
 
     def _twist(self, body: RobotVisual) -> Array:
-        """Return the twist of the sliders (3,), clipped to the limits; a client may send any
+        """Twist of the sliders (3,), clipped to the limits; a client may send any
         number.
         """
         numbers = [float(slider.value) for slider in self._sliders]
@@ -150,9 +150,9 @@ class DriveTab:
 
 
 _LAYER_HINTS = {
-    Layer.SETPOINT: "Cyan rings: where the gimbals are told to be",
+    Layer.SETPOINT: "Cyan rings: set-points of the gimbals",
     Layer.TRAIL: "Blue line: where the robot believes it was, the last 40 m",
-    Layer.ROUTE: "Violet line: the path that is planned, for everybody to see",
+    Layer.ROUTE: "Violet line: the planned path, in all open pages",
     Layer.OTHER: "Rose cage: where the robot is by its other estimate, of robots that have two",
     Layer.ARROWS: "Yellow: direction and speed that each wheel gives the robot, or the ball on it",
     Layer.ELLIPSE: "Blue ellipse: where the robot is with 86 % certainty, two sigma",
@@ -271,11 +271,11 @@ class Panel:
         return self._view.robot_id
 
     def pick_sphere(self, origin: Array, direction: Array) -> tuple[float, float, float] | None:
-        """Return the point of the robot's sphere that a ray (3,), (3,) meets."""
+        """Point of the robot's sphere that a ray (3,), (3,) meets."""
         return self._view.pick_sphere(origin, direction)
 
     def pick_floor(self, shares: Array) -> Array:
-        """Return the floor points (m, 2) in `odom` at screen positions, as `floor_points`."""
+        """Floor points (m, 2) in `odom` at screen positions, as `floor_points`."""
         return self._view.pick_floor(shares)
 
     def on_robots_moved(self) -> None:

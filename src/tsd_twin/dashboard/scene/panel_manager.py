@@ -76,7 +76,7 @@ class PanelManager:
             panel.select_robot(robot_id)
 
     def pick_floor(self, page: str, shares: Array) -> Array:
-        """Return the floor points (m, 2) in `odom` at screen positions of a page, as
+        """Floor points (m, 2) in `odom` at screen positions of a page, as
         `floor_points`.
         """
         with self._scene.lock:

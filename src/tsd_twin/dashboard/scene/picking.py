@@ -33,7 +33,7 @@ class CameraPose:
 
 
 def floor_points(camera_pose: CameraPose, shares: Array) -> Array:
-    """Return the floor points (m, 2) of the scene at screen positions `shares` (n, 2).
+    """Floor points (m, 2) of the scene at screen positions `shares` (n, 2).
 
     Shares of width and height, right and down from the upper left corner. They end before the first
     without floor, or beyond `MAX_DISTANCE_M`.
@@ -64,7 +64,7 @@ class PageScene(Protocol):
     """Scene interface of a page's session; no call blocks."""
 
     def pick_floor(self, page: str, shares: Array) -> Future[Array]:
-        """Return the floor points (m, 2) in `odom` at screen positions of a page, as
+        """Floor points (m, 2) in `odom` at screen positions of a page, as
         `floor_points`.
         """
         ...
@@ -124,7 +124,7 @@ def add_click_target(
 def sphere_point(
     origin: Array, direction: Array, centre: Array, radius_m: float, turn: SO3
 ) -> tuple[float, float, float] | None:
-    """Return the unit vector, along the axes of the ball, to where a ray first meets it.
+    """Unit vector, along the axes of the ball, to where a ray first meets it.
 
     Args:
         origin: (3,), of the ray.

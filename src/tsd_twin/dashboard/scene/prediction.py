@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsd_twin.dashboard.robot_client import RoundTrips, SentCommand, Snapshot
+from tsd_twin.client.connection import RoundTrips, SentCommand, Snapshot
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.ros import ODOM
@@ -34,7 +34,7 @@ class Prediction:
     arrival_pose: Array | None
     """(3,): where it will be when a command that is sent now arrives; None when that is now."""
     path: Array | None
-    """(n, 3): where it goes if it hears nothing from now on, until it rests; None at rest."""
+    """(n, 3): path to rest without further messages; None at rest."""
 
 
 NO_PREDICTION = Prediction(None, None)
@@ -52,7 +52,7 @@ class MotionPredictor:
     def predict(
         self, snapshot: Snapshot, setpoint: Array, sent: Sequence[SentCommand], trips: RoundTrips
     ) -> Prediction:
-        """Return the prediction for a robot with joint set-points `setpoint` (n,)."""
+        """Prediction for a robot with joint set-points `setpoint` (n,)."""
         status, odom = snapshot.status, snapshot.odom
         if status is None or odom is None or status.mode not in (Mode.DRIVING, Mode.STOPPING):
             return NO_PREDICTION
@@ -100,7 +100,7 @@ class MotionPredictor:
 def _commands_in_flight(
     sent: Sequence[SentCommand], now_s: float, trip_s: float, heading: float
 ) -> list[PendingCommand]:
-    """Return the commands that a state received now does not include, or has just included.
+    """Commands that a state received now does not include, or has just included.
 
     A command that is sent now arrives a round trip after the state that has come in now was sent:
     no clocks have to agree for that.

@@ -29,6 +29,7 @@ from tsd_twin.models import (
 )
 from tsd_twin.models.links import Sphere
 from tsd_twin.robots import RobotDescription
+from tsd_twin.robots.description import Limits
 
 _UNITS = np.eye(4)
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
@@ -45,7 +46,7 @@ _PRODUCT = _HAMILTON.reshape(16, 4)
 
 
 def quaternion_product(a: Array, b: Array) -> Array:
-    """Return the turns a b (..., 4): b first, then a."""
+    """Turns a b (..., 4): b first, then a."""
     return pairwise_products(a, b) @ _PRODUCT
 
 
@@ -83,17 +84,16 @@ class Skeleton:
         self.tree = tree
         places = {joint.name: i for i, joint in enumerate(drive.joints)}
         self._columns: dict[Link, list[int]] = {
-            link_groups.kind: [places[name] for name in link_groups.joints]
-            for link_groups in tree.link_groups
-            if link_groups.joint_type in _ACTUATED
+            group.kind: [places[name] for name in group.joints]
+            for group in tree.link_groups
+            if group.joint_type in _ACTUATED
         }
         self._mounts = [
-            _LinkMount(link_groups, self._columns.get(link_groups.kind))
-            for link_groups in tree.link_groups
+            _LinkMount(group, self._columns.get(group.kind)) for group in tree.link_groups
         ]
 
     def poses(self, base: SE2, ball: SO3, angles: Array) -> dict[Link, LinkPoses]:
-        """Return the poses of all links above the floor, by their kind.
+        """Poses of all links above the floor, by their kind.
 
         `base` (...) is where `base_link` stands, `ball` (...) how a ball in it is turned, which
         means nothing to a robot without one. `angles` (..., n) are those of the joints of the
@@ -115,9 +115,9 @@ class Skeleton:
     def wheels(self) -> tuple[LinkGroup, ...]:
         """The links that touch floor or ball: those that spin and collide."""
         return tuple(
-            link_groups
-            for link_groups in self.tree.link_groups
-            if link_groups.joint_type is JointType.SPIN and link_groups.collision is not None
+            group
+            for group in self.tree.link_groups
+            if group.joint_type is JointType.SPIN and group.collision is not None
         )
 
     def contacts(self, joints: Array) -> tuple[Array, Array]:
@@ -130,45 +130,41 @@ class Skeleton:
         here = self.poses(SE2.identity(), SO3.identity(), self._at_rest(joints))
         places: list[Array] = []
         velocities: list[Array] = []
-        for link_groups in self.wheels:
-            assert link_groups.collision is not None  # noqa: S101  That is how they were chosen.
-            turn = SO3(here[link_groups.kind].wxyz)
-            spin = turn.rotate(link_groups.axes * joints[self._columns[link_groups.kind], None])
+        for group in self.wheels:
+            assert group.collision is not None  # noqa: S101  That is how they were chosen.
+            turn = SO3(here[group.kind].wxyz)
+            spin = turn.rotate(group.axes * joints[self._columns[group.kind], None])
             # A round wheel touches with its lowest point, however it is tilted.
-            up = _Z if isinstance(link_groups.collision, Sphere) else turn.rotate(_Z)
-            arm = link_groups.collision.radius_m * np.broadcast_to(up, spin.shape)
-            places.append(here[link_groups.kind].position - arm)
+            up = _Z if isinstance(group.collision, Sphere) else turn.rotate(_Z)
+            arm = group.collision.radius_m * np.broadcast_to(up, spin.shape)
+            places.append(here[group.kind].position - arm)
             velocities.append(np.cross(spin, arm) * (-1.0 if self.has_ball else 1.0))
         return np.concatenate(places), np.concatenate(velocities)
 
     @property
     def has_ball(self) -> bool:
         """Whether it turns a sphere in place, instead of driving over a floor."""
-        return any(
-            link_groups.joint_type is JointType.BALL for link_groups in self.tree.link_groups
-        )
+        return any(group.joint_type is JointType.BALL for group in self.tree.link_groups)
 
     def _at_rest(self, joints: Array) -> Array:
-        """Return the joints as angles, wheels as they were built in."""
+        """Joints as angles, wheels as they were built in."""
         angles = joints.copy()
-        for link_groups in self.wheels:
-            angles[self._columns[link_groups.kind]] = 0.0
+        for group in self.wheels:
+            angles[self._columns[group.kind]] = 0.0
         return angles
 
 
 class _LinkMount:
     """Mounting of links of one kind on their parents; constant parts are computed once."""
 
-    def __init__(self, link_groups: LinkGroup, columns: list[int] | None) -> None:
-        self.kind, self.parent = link_groups.kind, link_groups.parent
+    def __init__(self, group: LinkGroup, columns: list[int] | None) -> None:
+        self.kind, self.parent = group.kind, group.parent
         self._columns = columns
-        self._ball = link_groups.joint_type is JointType.BALL
-        self._at_zero = link_groups.turn.wxyz
-        axes = np.concatenate([np.zeros((link_groups.count, 1)), link_groups.axes], axis=-1)
+        self._ball = group.joint_type is JointType.BALL
+        self._at_zero = group.turn.wxyz
+        axes = np.concatenate([np.zeros((group.count, 1)), group.axes], axis=-1)
         self._at_half_turn = quaternion_product(self._at_zero, axes)
-        self._offset = (
-            rotation_matrix_of_products(link_groups.at_m) if link_groups.at_m.any() else None
-        )
+        self._offset = rotation_matrix_of_products(group.at_m) if group.at_m.any() else None
 
     def turn(self, ball: SO3, angles: Array) -> Array:
         """Return how they are turned (..., k, 4) against what they hang on."""
@@ -200,7 +196,7 @@ class JointReader:
         self._rows: list[int] | None = None
 
     def vector(self, state: JointState) -> Array | None:
-        """Return the joint vector (n,) in a message, or None when it lacks one of our joints.
+        """Joint vector (n,) in a message, or None when it lacks one of our joints.
 
         What the message leaves open, like speeds in set-points of angles, is zero.
         """
@@ -218,7 +214,7 @@ class JointReader:
 
 
 def commanded_joints(drive: Kinematics[Any], setpoint: Array, joints: Array) -> Array:
-    """Return the joints (n,) that the commanded twist is in, from set-point and measured ones.
+    """Joints (n,) that the commanded twist is in, from set-point and measured ones.
 
     Gimbals are told what they need at the speed that their wheels have: while that changes, it is
     not the one that the wheels are told. Wheels that are shut off give nothing.
@@ -248,7 +244,7 @@ class Surface(NamedTuple):
 
     @classmethod
     def of(cls, solid: Any) -> Surface:
-        """Return the surface of a Manifold, as copies: a view would keep the solid alive."""
+        """Surface of a Manifold, as copies: a view would keep the solid alive."""
         mesh = solid.to_mesh()
         return cls(
             np.array(mesh.vert_properties[:, :3], np.float32), np.array(mesh.tri_verts, np.uint32)
@@ -278,23 +274,20 @@ class RobotShape:
         return len(self._poses[kind].wxyz)
 
     def tinted(self, kind: Link, colour: Rgb) -> bytes:
-        """Return the binary glTF of a kind of link, all its parts tinted."""
+        """Binary glTF of a kind of link, all its parts tinted."""
         return glb(_tinted(self._parts[kind], colour))
 
     @property
     def tilts(self) -> bool:
         """Whether joints have position set-points, as gimbals do."""
-        return any(
-            link_groups.joint_type is JointType.ANGLE
-            for link_groups in self.skeleton.tree.link_groups
-        )
+        return any(group.joint_type is JointType.ANGLE for group in self.skeleton.tree.link_groups)
 
     @property
     def ball_radius_m(self) -> float | None:
         """Radius of the sphere that it turns in place; None for a planar robot."""
-        for link_groups in self.skeleton.tree.link_groups:
-            if link_groups.joint_type is JointType.BALL and link_groups.collision is not None:
-                return link_groups.collision.radius_m
+        for group in self.skeleton.tree.link_groups:
+            if group.joint_type is JointType.BALL and group.collision is not None:
+                return group.collision.radius_m
         return None
 
     @cached_property
@@ -327,8 +320,51 @@ class RobotShape:
 
 def _tinted(drawn: Iterable[Part], colour: Rgb) -> list[Part]:
     tint = np.array(colour) / 255.0
-    mixed = [(1.0 - _TINT_SHARE) * np.array(part.rgba[:3]) + _TINT_SHARE * tint for part in drawn]
+    mixed = [
+        (1.0 - _TINT_SHARE) * np.array(part.material.rgba[:3]) + _TINT_SHARE * tint
+        for part in drawn
+    ]
     return [
-        replace(part, rgba=(float(r), float(g), float(b), 1.0))
+        replace(part, material=replace(part.material, rgba=(float(r), float(g), float(b), 1.0)))
         for part, (r, g, b) in zip(drawn, mixed, strict=True)
     ]
+
+
+class TwistAxis(NamedTuple):
+    """Component of a twist: name, symbol and unit."""
+
+    name: str
+    symbol: str
+    unit: str
+    hint: str
+
+    @property
+    def label(self) -> str:
+        """Label of its slider."""
+        return f"{self.name} ({self.unit})"
+
+
+FLOOR_AXES = (
+    TwistAxis("vx", "vx", "m/s", "Forward is positive"),
+    TwistAxis("vy", "vy", "m/s", "Left is positive"),
+    TwistAxis("omega", "ω", "rad/s", "Turning left is positive"),
+)
+"""Of a robot that drives over a floor."""
+_SPHERE_AXES = (
+    TwistAxis("wx", "ωx", "rad/s", "Positive rolls the top of the sphere to the right"),
+    TwistAxis("wy", "ωy", "rad/s", "Positive rolls the top of the sphere forward"),
+    TwistAxis("wz", "ωz", "rad/s", "Positive turns the sphere left"),
+)
+_TWIST_AXES = {(0, 1, 5): FLOOR_AXES, (3, 4, 5): _SPHERE_AXES}
+"""By where they stand in a spatial twist."""
+
+
+def twist_axes_of(kinematics: Kinematics[Any]) -> tuple[TwistAxis, TwistAxis, TwistAxis]:
+    """Return the components of a twist, in order."""
+    return _TWIST_AXES[kinematics.twist_axes]
+
+
+def axis_limits(kinematics: Kinematics[Any], limits: Limits) -> tuple[float, float, float]:
+    """Return the limit of each component of a twist, in its unit."""
+    most = limits.speed_mps / kinematics.twist_scale_m
+    return most, most, limits.turn_rate_rad_per_s

@@ -11,7 +11,7 @@ import numpy as np
 import viser
 from manifold3d import CrossSection
 
-from tsd_twin.dashboard.robot_client import Snapshot
+from tsd_twin.client.connection import Snapshot
 from tsd_twin.dashboard.scene import appearance
 from tsd_twin.dashboard.scene.appearance import (
     ALTERNATIVE_POSES,
@@ -92,30 +92,30 @@ class PoseWireframe:
         self.wireframe_name = f"{name}/c"
         self._wireframe = add_wireframe(scene, self.wireframe_name, shape, colour, visible=False)
 
-    def update(self, said: Odometry, estimate: Odometry) -> None:
+    def update(self, reported: Odometry, estimate: Odometry) -> None:
         """Show the pose, unless it is close to the estimate."""
-        self._wireframe.visible = _differs_visibly(said, estimate)
+        self._wireframe.visible = _differs_visibly(reported, estimate)
         # Also out of sight: a client may show the cage all the same.
-        if said.wxyz is None:
-            set_planar_pose(self._frame, said.xy_heading)
+        if reported.wxyz is None:
+            set_planar_pose(self._frame, reported.xy_heading)
         else:
             self._frame.position = (0.0, 0.0, self._height_m)
-            self._frame.wxyz = said.wxyz
+            self._frame.wxyz = reported.wxyz
 
     def remove(self) -> None:
         """Remove the wireframe."""
         self._frame.remove()
 
 
-def _differs_visibly(said: Odometry, estimate: Odometry) -> bool:
+def _differs_visibly(reported: Odometry, estimate: Odometry) -> bool:
     """Return whether two poses differ visibly."""
-    if said.wxyz is not None and estimate.wxyz is not None:
-        between = SO3(estimate.wxyz).inverse() @ SO3(said.wxyz)
+    if reported.wxyz is not None and estimate.wxyz is not None:
+        between = SO3(estimate.wxyz).inverse() @ SO3(reported.wxyz)
         return bool(np.linalg.norm(between.log()) > VISIBLE_DIFFERENCE_RAD)
-    off = said.xy_heading - estimate.xy_heading
+    difference = reported.xy_heading - estimate.xy_heading
     return bool(
-        math.hypot(off[0], off[1]) > VISIBLE_DIFFERENCE_M
-        or abs(wrap(off[2])) > VISIBLE_DIFFERENCE_RAD
+        math.hypot(difference[0], difference[1]) > VISIBLE_DIFFERENCE_M
+        or abs(wrap(difference[2])) > VISIBLE_DIFFERENCE_RAD
     )
 
 
@@ -160,7 +160,7 @@ def add_wireframe(
 
 
 def _box_edges(shape: RobotShape) -> Array:
-    """Return the edges (n, 2, 3) around a robot that stands on the floor."""
+    """Edges (n, 2, 3) around a robot that stands on the floor."""
     foot = shape.footprint
     low, high = (np.insert(foot, 2, z, axis=1) for z in (0.003, shape.height_m))
     rims = [np.stack([rim, np.roll(rim, -1, axis=0)], axis=1) for rim in (low, high)]
@@ -178,7 +178,7 @@ def _great_circles(radius_m: float) -> Array:
 
 
 def _ring_mesh(wheel_radius_m: float) -> Surface:
-    """Return a ring about the wheel and a pointer along its axle, in the frame of the wheel."""
+    """Ring about the wheel and a pointer along its axle, in the frame of the wheel."""
     thin = 0.025 * wheel_radius_m
     ring = CrossSection.circle(thin, 6).translate((1.62 * wheel_radius_m, 0.0))
     length = 2.0 * wheel_radius_m
@@ -260,12 +260,12 @@ class RobotOverlays:
                 self.setpoint.update(setpoint)
         if new.status is not None and new.status is not old.status:
             self._suspect.update(new.status)
-        for wireframe, said, before in (
+        for wireframe, reported, before in (
             (self.truth, new.truth, old.truth),
             (self.alternative, new.alternative, old.alternative),
         ):
-            if said is not None and new.odom is not None and said is not before:
-                wireframe.update(said, new.odom)
+            if reported is not None and new.odom is not None and reported is not before:
+                wireframe.update(reported, new.odom)
 
     def remove(self) -> None:
         """Remove all overlays."""

@@ -9,12 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import viser
 
-from tsd_twin.dashboard.robot_client import (
-    RoundTrips,
-    SentCommand,
-    Snapshot,
-    kinematics_at_reported_speed,
-)
+from tsd_twin.client.connection import RoundTrips, SentCommand, Snapshot
+from tsd_twin.client.motions import kinematics_in_force
 from tsd_twin.dashboard.scene.appearance import robot_node
 from tsd_twin.dashboard.scene.overlays import RateLimiter
 from tsd_twin.dashboard.scene.prediction import NO_PREDICTION, MotionPredictor, Prediction
@@ -51,7 +47,7 @@ class BatchedRobotMeshes:
         return tuple(self._ids)
 
     def node(self, kind: Link) -> str:
-        """Return the name of the node that has all links of a kind."""
+        """Name of the node that has all links of a kind."""
         return f"{robot_node(self._ids[0])}/m{kind}"
 
     def add(self, robot_id: str) -> None:
@@ -106,9 +102,9 @@ class BatchedRobotMeshes:
                 )
 
     def _is_new(self, kind: Link, what: str, values: npt.NDArray[np.float32]) -> bool:
-        said = values.tobytes()
-        new = self._shown.get((kind, what)) != said
-        self._shown[kind, what] = said
+        data = values.tobytes()
+        new = self._shown.get((kind, what)) != data
+        self._shown[kind, what] = data
         return new
 
     def _clear(self) -> None:
@@ -208,9 +204,8 @@ class RobotVisual:
     @property
     def kinematics(self) -> Kinematics[Any]:
         """Kinematics at the reported wheel speed."""
-        return kinematics_at_reported_speed(
-            self.link.robot, self.link.kinematics, self.link.snapshot
-        )
+        link = self.link
+        return kinematics_in_force(link.robot, link.kinematics, link.snapshot.status)
 
     def update(self) -> None:
         """Update with the newest snapshot."""

@@ -64,7 +64,7 @@ _LETTERS = {
 
 
 def text_lines(text: str, at_m: tuple[float, float], height_m: float) -> Array:
-    """Return the lines (n, 2, 2) of a word on the floor, upright for who looks along +X.
+    """Lines (n, 2, 2) of a word on the floor, upright when seen along +X.
 
     It starts to the right of `at_m` and stands on it. Letters are digits, minus, m, x and y.
     """
@@ -113,7 +113,7 @@ def add_ground(scene: viser.SceneApi, root: str, labels: str) -> None:
 
 
 def _axis_labels() -> Array:
-    """Return the lines (n, 2, 3) of the labels, a hair above the floor."""
+    """Lines (n, 2, 3) of the labels, a hair above the floor."""
     words = [
         text_lines("x", (0.14, -_TEXT_GAP_M), _TEXT_HEIGHT_M),
         text_lines("y", (_TEXT_GAP_M, 0.14), _TEXT_HEIGHT_M),

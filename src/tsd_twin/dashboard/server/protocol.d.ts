@@ -13,6 +13,17 @@ interface LeaseStatus {
   reserved_s: number;
 }
 
+interface Refusals {
+  lease: string | null;
+  without_lease: string;
+  arm: string | null;
+  disarm: string | null;
+  reset: string | null;
+  drive: string | null;
+  set_pose: string | null;
+  speed: string | null;
+}
+
 interface CommandStatus {
   seq: number;
   age_s: number | null;
@@ -68,6 +79,7 @@ interface Status {
   stops: number;
   arming: ArmingStatus | null;
   lease: LeaseStatus;
+  refusals: Refusals | null;
   command: CommandStatus;
   limits: LimitStatus;
   consistency: ConsistencyStatus;
@@ -104,16 +116,16 @@ interface RobotInfo {
   title: string;
   limits: SpeedLimits;
   levels: number[];
-  space: "floor" | "ball";
-  numbers: TwistAxisInfo[];
+  space: "floor" | "sphere";
+  twist_axes: TwistAxisInfo[];
   twist_scale_m: number;
   panel: "gimbals" | "wheels" | "sphere";
   max_tilt_deg: number | null;
   modules: string[];
-  gears: WheelSpeedLimits | null;
+  wheel_speed_limits: WheelSpeedLimits | null;
   wheels: string[];
   max_rpm: number | null;
-  other: string | null;
+  alternative_estimate: string | null;
 }
 
 interface GimbalState {
@@ -174,8 +186,8 @@ interface RobotState {
   truth: Triple | null;
   modules: GimbalState[];
   wheels: WheelState[];
-  ball: SphereState | null;
-  apart: EstimateDifference | null;
+  sphere: SphereState | null;
+  estimate_difference: EstimateDifference | null;
   route: RouteState | null;
 }
 
@@ -195,7 +207,7 @@ interface SessionInfo {
 }
 
 interface PanelSliders {
-  t: "panel";
+  t: "panel_sliders";
   vx: number;
   vy: number;
   omega: number;
@@ -204,7 +216,7 @@ interface PanelSliders {
 }
 
 interface SphereClick {
-  t: "point";
+  t: "sphere_click";
   robot: string;
   at: Triple;
 }
@@ -230,7 +242,7 @@ interface RobotEvent {
 }
 
 interface HeartbeatReply {
-  t: "beat";
+  t: "heartbeat";
   sent_ms: number;
 }
 
@@ -263,7 +275,7 @@ interface DriveCommand {
 }
 
 interface FollowPlan {
-  t: "go";
+  t: "follow_plan";
   route: number | null;
 }
 
@@ -286,11 +298,11 @@ type PageMessage =
   | ((DriveCommand | FollowPlan) & { seen: number })
   | (PlanRequest & { t: "plan"; level: number })
   | (LeaseAction & { t: "lease" })
-  | { t: "pace"; level: number }
-  | { t: "beat"; seen: number; sent_ms: number; focus: boolean }
-  | { t: "speed"; cruise_speed_rpm: number }
+  | { t: "speed_level"; level: number }
+  | { t: "heartbeat"; seen: number; sent_ms: number; focus: boolean }
+  | { t: "wheel_speed"; cruise_speed_rpm: number }
   | { t: "robot"; id: string }
-  | { t: "unplan" | "release" | "panel_released" | "arm" | "disarm" | "reset" | "stop" };
+  | { t: "clear_plan" | "release" | "panel_released" | "arm" | "disarm" | "reset" | "stop" };
 
 // Within the page.
 
@@ -316,13 +328,83 @@ interface Window {
 
 type Link = import("../static/link.js").Link;
 type Drive = import("../static/drive.js").Drive;
-type Tooltip = import("../static/tooltip.js").Tooltip;
 type Notices = import("../static/notices.js").Notices;
+type HandOver = import("../static/handover.js").HandOver;
 type Waypoints = import("../static/waypoints.js").Waypoints;
 type SliderValues = Omit<PanelSliders, "t">;
-type SphereGoTo = import("../static/sphere_goto.js").SphereGoTo;
+type SphereGoTo = import("../static/sphere.js").SphereGoTo;
 type Recorder = import("../static/plots.js").Recorder;
-type TwistMapping = import("../static/twist_mapping.js").TwistMapping;
+
+/** Figure of the readout: name, unit, and text for a state. */
+type Reading = [name: string, unit: string, read: (state: Partial<RobotState>) => string];
+type StickLabels = [up: string, left: string, unit: string];
+
+/** A plot over time, and its legend. */
+interface PlotRow {
+  title: string;
+  unit: string;
+  decimals: number;
+  /** Least end of the value axis. */
+  least: number;
+  series: [label: string, channel: string][];
+  /** Whether each channel has a commanded one, and a sign. */
+  commanded?: boolean;
+}
+
+/** A line of a plot; it has the colour of its swatch. */
+interface PlotLine {
+  channel: string;
+  width: number;
+  swatch: Element;
+}
+
+/** From a time or value to pixels. */
+type PixelScale = (value: number) => number;
+
+interface PlotFrame {
+  x: PixelScale;
+  y: PixelScale;
+  top: number;
+  bottom: number;
+  width: number;
+  nowS: number;
+}
+
+/** What follows a pointer on a control; `gone` comes when it has left by itself. */
+interface PointerCallbacks {
+  came: (event: PointerEvent) => void;
+  moved?: (event: PointerEvent) => void;
+  gone: (event: PointerEvent) => void;
+}
+
+/** A hint for the first visit: shown at `target` when it makes sense, until it has been followed. */
+interface Hint {
+  readonly target: Element;
+  readonly text: string;
+  when: (state: RobotState) => boolean;
+  done: (state: RobotState) => boolean;
+}
+
+/** What the page has for robots of a kind. */
+interface Kind {
+  /** Whether it drives on a floor: paths and axes of the world make sense. */
+  onFloor: boolean;
+  /** Between the components of a twist and the controls: stick up, stick left, turn left. */
+  controls: {
+    twist: (x: number, y: number, turn: number) => Triple;
+    unit: (twist: Triple) => Unit;
+    labels: StickLabels;
+    help: string;
+  };
+  /** Groups of the readout. */
+  readings: Record<string, Reading[]>;
+  arm: string;
+  disarm: string;
+  armHint: string;
+  /** Content of the actuator tab. */
+  Panel: new (link: Link, place: HTMLElement, signal: AbortSignal, goTo: SphereGoTo) => object;
+  plots: (robot: RobotInfo) => PlotRow[];
+}
 
 type Listeners = {
   [K in keyof HTMLElementEventMap as `on${K}`]?: (event: HTMLElementEventMap[K]) => unknown;
@@ -332,3 +414,6 @@ type Listeners = {
 interface Attributes extends Listeners {
   [name: string]: string | number | boolean | null | undefined | ((event: never) => unknown);
 }
+
+/** What an element is made of. */
+type Content = Node | string | null | Attributes;

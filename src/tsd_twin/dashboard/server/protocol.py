@@ -60,17 +60,17 @@ class PlanRequest(Message, frozen=True, tag="plan"):
     level: Level = 100
 
 
-class SetSpeedLevel(Message, frozen=True, tag="pace"):
+class SetSpeedLevel(Message, frozen=True, tag="speed_level"):
     """Set the speed level."""
 
     level: Level
 
 
-class ClearPlan(Message, frozen=True, tag="unplan"):
+class ClearPlan(Message, frozen=True, tag="clear_plan"):
     """Clear the path."""
 
 
-class FollowPlan(Message, frozen=True, tag="go"):
+class FollowPlan(Message, frozen=True, tag="follow_plan"):
     """Command to follow the planned path; like `drive`, it must be repeated."""
 
     route: Count
@@ -86,7 +86,7 @@ class PanelSlidersReleased(Message, frozen=True, tag="panel_released"):
     """The sliders of the panel have been released: reset them."""
 
 
-class PageHeartbeat(Message, frozen=True, tag="beat"):
+class PageHeartbeat(Message, frozen=True, tag="heartbeat"):
     """Heartbeat of the page; `sent_ms` on the page's clock is returned."""
 
     seen: Count
@@ -118,7 +118,7 @@ class ResetRequest(Message, frozen=True, tag="reset"):
     """Request to reset a latched stop or fault."""
 
 
-class SetWheelSpeed(Message, frozen=True, tag="speed"):
+class SetWheelSpeed(Message, frozen=True, tag="wheel_speed"):
     """Request of another speed for wheels that always spin."""
 
     cruise_speed_rpm: float
@@ -200,9 +200,9 @@ class RobotInfo(Message, frozen=True, tag="robot"):
     title: str
     limits: SpeedLimits
     levels: Sequence[int]
-    space: Literal["floor", "ball"]
+    space: Literal["floor", "sphere"]
     """Pose type: a robot on a floor, or a sphere that is turned in place."""
-    numbers: Sequence[TwistAxisInfo]
+    twist_axes: Sequence[TwistAxisInfo]
     """Of `drive`, `twist` and `commanded`, in this order."""
     twist_scale_m: float
     """Metres a second that one unit of the first two numbers is; limits of speed are in m/s."""
@@ -211,13 +211,13 @@ class RobotInfo(Message, frozen=True, tag="robot"):
     max_tilt_deg: float | None = None
     modules: Sequence[str] = ()
     """Names of the gimbals."""
-    gears: WheelSpeedLimits | None = None
+    wheel_speed_limits: WheelSpeedLimits | None = None
     """Of robots on gimbals."""
     wheels: Sequence[str] = ()
     """Names of the wheels that roll."""
     max_rpm: float | None = None
     """Of those wheels."""
-    other: str | None = None
+    alternative_estimate: str | None = None
     """Source of the alternative estimate, of robots that have two."""
 
 
@@ -304,8 +304,8 @@ class RobotState(Message, frozen=True, tag="state"):
     truth: Triple | None
     modules: Sequence[GimbalState] = ()
     wheels: Sequence[WheelState] = ()
-    ball: SphereState | None = None
-    apart: EstimateDifference | None = None
+    sphere: SphereState | None = None
+    estimate_difference: EstimateDifference | None = None
     route: RouteState | None = None
 
 
@@ -328,7 +328,7 @@ class SessionInfo(Message, frozen=True, tag="welcome"):
     robot: str | None
 
 
-class PanelSliders(Message, frozen=True, tag="panel"):
+class PanelSliders(Message, frozen=True, tag="panel_sliders"):
     """Positions of the sliders of the viser panel."""
 
     vx: float
@@ -338,7 +338,7 @@ class PanelSliders(Message, frozen=True, tag="panel"):
     latch: bool
 
 
-class SphereClick(Message, frozen=True, tag="point"):
+class SphereClick(Message, frozen=True, tag="sphere_click"):
     """Click on a point of the sphere, which the operator wants on top."""
 
     robot: str
@@ -375,7 +375,7 @@ class RobotEvent(Message, frozen=True, tag="event"):
         return cls(kind=event.kind, text=event.text, robot_s=round(event.robot_s, 3), past=past)
 
 
-class HeartbeatReply(Message, frozen=True, tag="beat"):
+class HeartbeatReply(Message, frozen=True, tag="heartbeat"):
     """Reply to a heartbeat."""
 
     sent_ms: float

@@ -89,19 +89,19 @@ TELEOP = SocketLimits(
     size=Quota(64e3, 192e3),
     kinds=MappingProxyType(
         {
-            # A page sends at most 100 of these a second, and 10 beats.
+            # A page sends at most 100 of these a second, and 10 heartbeats.
             "drive": Quota(150.0, 300.0),
-            "go": Quota(150.0, 300.0),
-            "beat": Quota(30.0, 100.0),
+            "follow_plan": Quota(150.0, 300.0),
+            "heartbeat": Quota(30.0, 100.0),
             "panel_released": Quota(10.0, 20.0),
             "plan": Quota(10.0, 20.0),
-            "pace": Quota(30.0, 60.0),
-            "unplan": Quota(10.0, 30.0),
+            "speed_level": Quota(30.0, 60.0),
+            "clear_plan": Quota(10.0, 30.0),
             "lease": Quota(10.0, 60.0),
             "arm": Quota(10.0, 60.0),
             "disarm": Quota(10.0, 60.0),
             "reset": Quota(10.0, 60.0),
-            "speed": Quota(20.0, 40.0),
+            "wheel_speed": Quota(20.0, 40.0),
             "robot": Quota(10.0, 60.0),
         }
     ),

@@ -7,8 +7,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from tsd_twin.dashboard.robot_client import RobotClient, RoundTrips, Snapshot, twist_axes_of
-from tsd_twin.dashboard.scene.robot_geometry import commanded_joints
+from tsd_twin.client.connection import RobotMonitor, RoundTrips, Snapshot
+from tsd_twin.dashboard.scene.robot_geometry import commanded_joints, twist_axes_of
 from tsd_twin.dashboard.server.protocol import (
     EstimateDifference,
     GimbalState,
@@ -57,7 +57,7 @@ class GimbalTelemetry:
             "panel": "gimbals",
             "max_tilt_deg": self._robot.drive.max_tilt_deg,
             "modules": self._drive.actuators,
-            "gears": WheelSpeedLimits(
+            "wheel_speed_limits": WheelSpeedLimits(
                 least_rpm=math.ceil(gears.least_rad_per_s / RPM - _ROUNDING),
                 most_rpm=math.floor(gears.most_rad_per_s / RPM + _ROUNDING),
                 usual_rpm=round(self._drive.spin_rad_per_s / RPM),
@@ -115,14 +115,14 @@ class WheelTelemetry:
             "panel": "wheels",
             "wheels": self._drive.actuators,
             "max_rpm": round(self._drive.max_speed_rad_per_s / RPM, 1),
-            "other": "driven wheels" if self._trackers else None,
+            "alternative_estimate": "driven wheels" if self._trackers else None,
         }
 
     def state(self, joints: Array, setpoint: Array, snapshot: Snapshot) -> dict[str, Any]:
         """Return the fields of `RobotState`."""
         return {
             "wheels": wheel_states(self._drive, joints, setpoint),
-            "apart": _planar_difference(snapshot),
+            "estimate_difference": _planar_difference(snapshot),
         }
 
 
@@ -169,15 +169,15 @@ class SphereTelemetry:
             "panel": "sphere",
             "wheels": self._drive.actuators,
             "max_rpm": round(self._drive.max_speed_rad_per_s / RPM, 1),
-            "other": "ideal model" if self._dual_first else "dual-row model",
+            "alternative_estimate": "ideal model" if self._dual_first else "dual-row model",
         }
 
     def state(self, joints: Array, setpoint: Array, snapshot: Snapshot) -> dict[str, Any]:
         """Return the fields of `RobotState`."""
         return {
             "wheels": wheel_states(self._drive, joints, setpoint),
-            "ball": self._ball(snapshot, joints),
-            "apart": _orientation_difference(snapshot),
+            "sphere": self._ball(snapshot, joints),
+            "estimate_difference": _orientation_difference(snapshot),
         }
 
     def _ball(self, snapshot: Snapshot, joints: Array) -> SphereState | None:
@@ -265,7 +265,7 @@ class ActuatorTelemetry(Protocol):
 class RobotTelemetry:
     """Telemetry of a robot: `RobotInfo` and `RobotState` of its client."""
 
-    def __init__(self, link: RobotClient) -> None:
+    def __init__(self, link: RobotMonitor) -> None:
         self.link = link
         self._kinematics = link.kinematics
         self._order = [joint.name for joint in link.kinematics.joints]
@@ -282,8 +282,8 @@ class RobotTelemetry:
             title=robot.title,
             limits=SpeedLimits(robot.limits.speed_mps, robot.limits.turn_rate_rad_per_s),
             levels=SPEED_LEVELS_PERCENT,
-            space="floor" if self._kinematics.pose_type is SE2 else "ball",
-            numbers=[
+            space="floor" if self._kinematics.pose_type is SE2 else "sphere",
+            twist_axes=[
                 TwistAxisInfo(one.name, one.symbol, one.unit)
                 for one in twist_axes_of(self._kinematics)
             ],

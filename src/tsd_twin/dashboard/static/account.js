@@ -1,27 +1,22 @@
 // Account menu: name and role of the login, and logout.
 
 import { Button } from "./button.js";
-import { el, setAttribute, setText } from "./dom.js";
+import { el, setText } from "./dom.js";
 import { known } from "./link.js";
 import { notStop, WATCHES, watches } from "./permission.js";
 
 const ASK_MS = 2000;
 
 export class Account {
-  /**
-   * Marks `frame` for logins that only watch.
-   * @param {Link} link
-   * @param {Tooltip} tips
-   * @param {HTMLElement} frame
-   */
-  constructor(link, tips, frame) {
+  /** Marks `frame` for viewers. @param {Link} link @param {HTMLElement} frame */
+  constructor(link, frame) {
     this._link = link;
     this._frame = frame;
     this._leaving = false;
-    this._user = el("span", { class: "user" });
-    const out = new Button("Log out", { tips, press: () => this._logOut(), kind: "quiet" });
-    this.element = el("span", { class: "group account", hidden: true }, this._user, out.element);
-    this.watching = el("p", { class: "watching", hidden: true });
+    this._user = el("span.user");
+    const out = new Button("Log out", () => this._logOut(), { kind: "quiet" });
+    this.element = el("span.group.account", { hidden: true }, this._user, out.element);
+    this.watching = el("p.watching", { hidden: true });
     link.on("welcome", () => this._draw());
     link.on("down", () => this._ask());
   }
@@ -30,8 +25,8 @@ export class Account {
     const { user } = known(this._link.welcome);
     this.element.hidden = user === null;
     setText(this._user, user ?? "");
-    setAttribute(this._frame, "data-watches", watches(this._link) ? "" : null);
-    setAttribute(this._frame, "data-cannot-stop", notStop(this._link) === null ? null : "");
+    this._frame.toggleAttribute("data-watches", watches(this._link));
+    this._frame.toggleAttribute("data-cannot-stop", notStop(this._link) !== null);
     this.watching.hidden = !watches(this._link);
     setText(this.watching, notStop(this._link) ?? WATCHES);
   }

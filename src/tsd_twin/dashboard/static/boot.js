@@ -2,6 +2,7 @@
 (() => {
   "use strict";
   const PIXELS = 230_000; // Of the scene, where no graphics card draws them.
+  const CHECK_MS = 250;
 
   const bytes = crypto.getRandomValues(new Uint8Array(8));
   const id = Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
@@ -15,22 +16,26 @@
   const plain = drawsInSoftware();
   socket.searchParams.set("look", `${dark ? "dark" : "light"}-${plain ? "plain" : "rich"}`);
 
-  // viser's client reads these from the address once, when it starts.
+  // viser's client reads these from the address when it starts, and may write them back later.
   const start = new URL(location.href);
-  /** @type {Record<string, string>} */
-  const given = { websocket: socket.href };
-  if (plain && !start.searchParams.has("fixedDpr")) given.fixedDpr = sharpness().toFixed(2);
-  const replaceState = history.replaceState.bind(history);
-  for (const [key, value] of Object.entries(given)) start.searchParams.set(key, value);
-  replaceState(history.state, "", start);
-  history.replaceState = (state, title, address) => {
-    const clean = new URL(address ?? location.href, location.href);
-    for (const key of Object.keys(given)) clean.searchParams.delete(key);
-    replaceState(state, title, clean);
-  };
+  const given = ["websocket"];
+  start.searchParams.set("websocket", socket.href);
+  if (plain && !start.searchParams.has("fixedDpr")) {
+    given.push("fixedDpr");
+    start.searchParams.set("fixedDpr", sharpness().toFixed(2));
+  }
+  history.replaceState(history.state, "", start);
+  setInterval(() => {
+    const clean = new URL(location.href);
+    if (!given.some((key) => clean.searchParams.has(key))) return;
+    if (document.querySelector("canvas[data-engine]") === null) return; // It has not started yet.
+    for (const key of given) clean.searchParams.delete(key);
+    history.replaceState(history.state, "", clean);
+  }, CHECK_MS);
 
   // viser looks for its server again only while the page has the focus, so a wall display would
-  // stay dead after a restart. Our own controls need to know the truth.
+  // stay dead after a restart. It asks `hasFocus` and nothing else (WebsocketInterface.tsx), so that
+  // is answered for it. Our own controls need to know the truth.
   const hasFocus = document.hasFocus.bind(document);
   document.hasFocus = () => true;
 

@@ -1,51 +1,97 @@
-// Buttons that show the reason while they are disabled.
+// Buttons that show the reason while they are disabled, and the tooltip.
 
 import { el, setAttribute, setText } from "./dom.js";
+import { known } from "./link.js";
 
+const GAP_PX = 8;
+const DELAY_MS = 400;
 const HOLD_MS = 1000;
 let count = 0;
 
-/** @typedef {{ tips: Tooltip, press: () => void, tip?: string, kind?: string }} ButtonOptions */
+/** The one tooltip: what a control does, or why it cannot be used now. */
+class Tooltip {
+  constructor() {
+    this.element = el("div.tip", { hidden: true, "aria-hidden": "true" });
+    this._delay = 0; // Until it is shown to a pointer that rests.
+    this._refresh = 0; // While it is shown.
+  }
+
+  /** @param {HTMLElement} node @param {() => string} text */
+  attach(node, text) {
+    const show = () => this.show(node, text);
+    const hide = () => this._hide();
+    node.addEventListener("pointerenter", (event) => {
+      clearTimeout(this._delay);
+      if (event.pointerType === "mouse") this._delay = setTimeout(show, DELAY_MS);
+    });
+    for (const end of ["pointerleave", "pointerdown"]) node.addEventListener(end, hide);
+    node.addEventListener("focus", () => node.matches(":focus-visible") && show());
+    node.addEventListener("blur", hide);
+    node.addEventListener("keydown", (event) => event.key === "Escape" && hide());
+  }
+
+  /** @param {HTMLElement} node @param {() => string} text */
+  show(node, text) {
+    this._hide();
+    if (!text()) return;
+    this.element.hidden = false;
+    this._write(node, text());
+    this._refresh = setInterval(() => this._write(node, text()), DELAY_MS);
+  }
+
+  /** @param {HTMLElement} node @param {string} text */
+  _write(node, text) {
+    setText(this.element, text);
+    const frame = known(this.element.parentElement).getBoundingClientRect();
+    const target = node.getBoundingClientRect();
+    const own = this.element.getBoundingClientRect();
+    const left = target.left + target.width / 2 - own.width / 2 - frame.left;
+    const above = target.top - frame.top - own.height - GAP_PX;
+    const below = target.bottom - frame.top + GAP_PX;
+    const x = Math.max(GAP_PX, Math.min(frame.width - own.width - GAP_PX, left));
+    const y = above > GAP_PX ? above : below;
+    this.element.style.transform = `translate(${Math.round(x)}px, ${Math.round(y)}px)`;
+  }
+
+  _hide() {
+    clearTimeout(this._delay);
+    clearInterval(this._refresh);
+    this.element.hidden = true;
+  }
+}
+
+export const tooltip = new Tooltip();
+
+/** @typedef {{ tip?: string, kind?: string }} ButtonOptions */
 
 export class Button {
   /**
    * `press()` is called when it is used, `tip` tells what it does when nothing is in the way.
-   * @param {string} label
-   * @param {ButtonOptions} options
+   * @param {string} label @param {() => void} press @param {ButtonOptions} [options]
    */
-  constructor(label, { tips, press, tip = "", kind = "" }) {
+  constructor(label, press, { tip = "", kind = "" } = {}) {
     /** @type {string | null} */
     this.reason = null;
-    this._tips = tips;
     this._press = press;
     this._tip = tip;
     const id = `why-${(count += 1)}`;
-    this._why = el("span", { class: "sr", id }, tip);
-    this._label = el("span", { class: "label" }, label);
-    this.button = el(
-      "button",
-      { type: "button", class: `button ${kind}`, "aria-describedby": id },
-      this._label,
-    );
-    this.element = el("span", { class: "holder" }, this.button, this._why);
+    this._why = el("span.sr", { id }, tip);
+    this._label = el("span.label", label);
+    const attributes = { type: "button", class: `button ${kind}`, "aria-describedby": id };
+    this.button = el("button", attributes, this._label);
+    this.element = el("span.holder", this.button, this._why);
     this.button.addEventListener("click", (event) => this._click(event));
-    tips.attach(this.button, () => this.reason ?? this._tip);
+    tooltip.attach(this.button, () => this.reason ?? this._tip);
   }
 
-  /**
-   * Change what it says and does.
-   * @param {string} label
-   * @param {string} tip
-   */
+  /** Change what it says and does. @param {string} label @param {string} tip */
   become(label, tip) {
     setText(this._label, label);
     this._tip = tip;
+    this.allow(this.reason);
   }
 
-  /**
-   * Let it be used, or not, with the reason.
-   * @param {string | null} reason
-   */
+  /** Let it be used, or not, with the reason. @param {string | null} reason */
   allow(reason) {
     this.reason = reason;
     setAttribute(this.button, "aria-disabled", reason === null ? null : "true");
@@ -53,7 +99,7 @@ export class Button {
   }
 
   use() {
-    if (this.reason !== null) this._tips.show(this.button, () => this.reason ?? "");
+    if (this.reason !== null) tooltip.show(this.button, () => this.reason ?? "");
     else this._press();
   }
 
@@ -65,24 +111,19 @@ export class Button {
 
 /** A button that has to be held for a second, by pointer or key. */
 export class LongPressButton extends Button {
-  /** @param {string} label @param {ButtonOptions} options */
-  constructor(label, options) {
-    super(label, { ...options, kind: `hold ${options.kind ?? ""}` });
-    /** @type {number | undefined} */
-    this._timer = undefined;
+  /** @param {string} label @param {() => void} press @param {ButtonOptions} options */
+  constructor(label, press, options) {
+    super(label, press, { ...options, kind: `hold ${options.kind ?? ""}` });
+    this._timer = 0;
     this._pointerMs = -Infinity;
     this.button.style.setProperty("--hold", `${HOLD_MS}ms`);
     this.button.addEventListener("pointerdown", (event) => this._begin(event));
-    for (const end of ["pointerup", "pointercancel", "pointerleave", "blur"]) {
+    for (const end of ["pointerup", "pointercancel", "pointerleave", "blur"])
       this.button.addEventListener(end, () => this._end());
-    }
     this.button.addEventListener("contextmenu", (event) => event.preventDefault());
   }
 
-  /**
-   * Take Enter or the space bar while it has the focus; return whether it was one of them.
-   * @param {KeyboardEvent} event
-   */
+  /** Return whether it was a key of this button. @param {KeyboardEvent} event */
   key(event) {
     if (event.code !== "Enter" && event.code !== "Space") return false;
     if (event.type === "keyup") this._end();
@@ -97,12 +138,9 @@ export class LongPressButton extends Button {
   }
 
   _start() {
-    if (this.reason !== null) {
-      this.use();
-      return;
-    }
+    if (this.reason !== null) this.use(); // Show the reason; the hold decides when it ends.
     this._end();
-    setAttribute(this.button, "data-holding", "");
+    this.button.toggleAttribute("data-holding", true);
     this._timer = setTimeout(() => {
       this._end();
       this.use();
@@ -111,7 +149,7 @@ export class LongPressButton extends Button {
 
   _end() {
     clearTimeout(this._timer);
-    setAttribute(this.button, "data-holding", null);
+    this.button.toggleAttribute("data-holding", false);
   }
 
   /**

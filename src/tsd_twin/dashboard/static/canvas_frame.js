@@ -8,9 +8,7 @@ export class CanvasFrame {
   /** @param {HTMLElement} host */
   constructor(host) {
     this._host = host;
-    /** @type {HTMLCanvasElement | null} */
     this._canvas = null;
-    /** @type {Element | null} */
     this._drawer = null;
     this._shown = "";
     this._watcher = new ResizeObserver(() => this.fit());
@@ -20,10 +18,7 @@ export class CanvasFrame {
     this.fit();
   }
 
-  /**
-   * Whether an event is on viser's panel: neither on the scene nor on us.
-   * @param {Event} event
-   */
+  /** Whether an event is on viser's panel: neither on the scene nor on us. @param {Event} event */
   isPanel(event) {
     const path = event.composedPath();
     return (
@@ -33,20 +28,13 @@ export class CanvasFrame {
     );
   }
 
-  /**
-   * Whether an event is on the scene itself, below all controls.
-   * @param {Event} event
-   */
+  /** Whether an event is on the scene itself, below all controls. @param {Event} event */
   isScene(event) {
     const path = event.composedPath();
     return !path.includes(this._host) && this._canvas !== null && path.includes(this._canvas);
   }
 
-  /**
-   * Tell how much room the controls take, so that the drawer opens above them.
-   * @param {number} top
-   * @param {number} bottom
-   */
+  /** Let viser's drawer open above the controls. @param {number} top @param {number} bottom */
   reserve(top, bottom) {
     document.documentElement.style.setProperty("--tsd-top", `${Math.ceil(top)}px`);
     document.documentElement.style.setProperty("--tsd-bottom", `${Math.ceil(bottom)}px`);

@@ -1,84 +1,54 @@
-// Consistency of the wheels: warning with the suspected actuator, and a meter of the residual.
+// Consistency of the wheels: meter of the residual, and warning with the suspected actuator.
 
 import { el, icon, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
 import { known } from "./link.js";
 
-// How much the wheels contradict one another: a figure, a bar, and a verdict in words.
 const FULL_MPS = 0.1; // End of the bar.
-
-export class ConsistencyMeter {
-  /**
-   * `word` is what a suspect is called, before its number.
-   * @param {string} word
-   */
-  constructor(word) {
-    this._word = word;
-    this._residual = el("span", { class: "value" });
-    this._fill = el("div");
-    this._bar = el(
-      "div",
-      {
-        class: "meter",
-        role: "meter",
-        "aria-label": "Conflict",
-        "aria-valuemin": "0",
-        "aria-valuemax": FULL_MPS,
-      },
-      this._fill,
-    );
-    this._verdict = el("p", { class: "verdict" });
-    this.elements = [
-      el(
-        "div",
-        { class: "head" },
-        el("strong", {}, "Conflict"),
-        this._residual,
-        el("span", { class: "unit" }, "m/s"),
-      ),
-      this._bar,
-      this._verdict,
-    ];
-  }
-
-  /**
-   * Show the conflict of a state; `names` are all that it may suspect, `peace` is the text without a suspect.
-   * @param {ConsistencyStatus} consistency
-   * @param {string[]} names
-   * @param {string} peace
-   */
-  show({ residual_mps: residual, suspect }, names, peace) {
-    setText(this._residual, fixed(residual, 3));
-    this._fill.style.transform = `scaleX(${Math.min(1, residual / FULL_MPS)})`;
-    setAttribute(this._bar, "aria-valuenow", residual);
-    setAttribute(this._bar, "data-suspect", suspect === null ? null : "");
-    const number = names.indexOf(suspect ?? "") + 1;
-    setText(
-      this._verdict,
-      suspect === null ? peace : `${this._word} ${number} contradicts the others.`,
-    );
-  }
-}
-
-// A wheel that contradicts the others: said for as long as the robot suspects it, and a while longer,
-// so that it can be read.
-const READ_MS = 4000;
+const READ_MS = 4000; // A warning is shown for as much longer, so that it can be read.
 const SHUT_OFF = new Set(["disarmed", "stopped", "fault"]);
 const OFF_DEG = 0.5; // A gimbal that is this far from where it should be does not follow.
 
+/** How much the wheels contradict one another: a figure, a bar, and a verdict in words. */
+export class ConsistencyMeter {
+  /** `word` is what a suspect is called, before its number. @param {string} word */
+  constructor(word) {
+    this._word = word;
+    this._residual = el("span.value");
+    this._fill = el("div");
+    const range = { "aria-valuemin": 0, "aria-valuemax": FULL_MPS };
+    this._bar = el("div.meter", { role: "meter", "aria-label": "Conflict", ...range }, this._fill);
+    this._verdict = el("p.verdict");
+    const head = el("div.head", el("strong", "Conflict"), this._residual, el("span.unit", "m/s"));
+    this.elements = [head, this._bar, this._verdict];
+  }
+
+  /**
+   * Show the consistency of a state; `names` are all that it may suspect.
+   * @param {ConsistencyStatus} consistency @param {string[]} names
+   * @param {string} agreement The verdict without a suspect.
+   */
+  show({ residual_mps: residual, suspect }, names, agreement) {
+    setText(this._residual, fixed(residual, 3));
+    this._fill.style.transform = `scaleX(${Math.min(1, residual / FULL_MPS)})`;
+    setAttribute(this._bar, "aria-valuenow", residual);
+    this._bar.toggleAttribute("data-suspect", suspect !== null);
+    const number = names.indexOf(suspect ?? "") + 1;
+    const verdict = `${this._word} ${number} contradicts the others.`;
+    setText(this._verdict, suspect === null ? agreement : verdict);
+  }
+}
+
+/** A wheel that contradicts the others: shown for as long as the robot suspects it, and a while longer. */
 export class ConsistencyWarning {
   /** @param {Link} link */
   constructor(link) {
     this._link = link;
     this._untilMs = -Infinity;
     this._what = el("strong", { role: "alert" });
-    this._then = el("span", { class: "then" });
-    this.element = el(
-      "div",
-      { class: "conflict surface", hidden: true },
-      icon("fault"),
-      el("div", { class: "what" }, this._what, this._then),
-    );
+    this._then = el("span.then");
+    const text = el("div.what", this._what, this._then);
+    this.element = el("div.conflict.surface", { hidden: true }, icon("fault"), text);
     link.on("state", (state) => this._draw(state));
     link.on("beat", () => this._hide());
     link.on("robot", () => ((this._untilMs = -Infinity), this._hide()));
@@ -89,12 +59,12 @@ export class ConsistencyWarning {
     const { suspect } = state.status.consistency;
     if (suspect === null) return;
     this._untilMs = performance.now() + READ_MS;
-    const { word, number, why } = describeSuspect(this._link, suspect);
+    const { name, reason } = describeSuspect(known(this._link.robot), state, suspect);
     setText(
       this._what,
-      `${word} ${number} ${why === null ? "contradicts the others" : "does not follow"}`,
+      `${name} ${reason === null ? "contradicts the others" : "does not follow"}`,
     );
-    setText(this._then, why ?? "It is not where the others say that it must be.");
+    setText(this._then, reason ?? "It is not where the others say that it must be.");
     setAttribute(this.element, "data-suspect", suspect);
     this.element.hidden = false;
   }
@@ -109,33 +79,24 @@ export class ConsistencyWarning {
 
 /**
  * Return how a suspect is called in the page, and what can be seen to be wrong with it.
- * @param {{ robot: RobotInfo | null, state: RobotState | null }} link
- * @param {string} suspect
- * @returns {{ word: string, number: number, why: string | null }}
+ * @param {RobotInfo} robot @param {RobotState} state @param {string} suspect
  */
-export function describeSuspect(link, suspect) {
-  const [robot, state] = [known(link.robot), known(link.state)];
-  const number = robot.modules.indexOf(suspect) + 1;
-  if (number === 0) return { word: "Wheel", number: robot.wheels.indexOf(suspect) + 1, why: null };
-  return { word: "Module", number, why: stuck(state.modules[number - 1], state.status.mode) };
+function describeSuspect(robot, state, suspect) {
+  const at = robot.modules.indexOf(suspect);
+  if (at < 0) return { name: `Wheel ${robot.wheels.indexOf(suspect) + 1}`, reason: null };
+  return { name: `Module ${at + 1}`, reason: gimbalError(state.modules[at], state.status.mode) };
 }
 
 /** @param {GimbalState | undefined} module @param {string} mode */
-function stuck(module, mode) {
+function gimbalError(module, mode) {
   if (module === undefined) return null;
-  /** @type {[string, number][]} */
-  const angles = [
-    ["α", module.alpha - module.set_alpha],
-    ["β", module.beta - module.set_beta],
-  ];
-  const [name, off] = angles.reduce((worst, other) =>
-    Math.abs(other[1]) > Math.abs(worst[1]) ? other : worst,
+  const [alpha, beta] = [module.alpha - module.set_alpha, module.beta - module.set_beta].map(
+    Math.abs,
   );
-  if (Math.abs(off) < OFF_DEG) return null;
-  return (
-    `Its gimbal ${name} is ${fixed(Math.abs(off), 1)}° from where it should be` +
-    (SHUT_OFF.has(mode)
-      ? ". The wheels are shut off."
-      : ", and its wheel pushes as long as it spins. STOP shuts the wheels off.")
-  );
+  const off = Math.max(alpha, beta);
+  if (off < OFF_DEG) return null;
+  const end = SHUT_OFF.has(mode)
+    ? ". The wheels are shut off."
+    : ", and its wheel pushes as long as it spins. STOP shuts the wheels off.";
+  return `Its gimbal ${beta > alpha ? "β" : "α"} is ${fixed(off, 1)}° from where it should be${end}`;
 }

@@ -1,68 +1,76 @@
-// Making elements.
+// Making and changing elements, and the icons.
+
 /**
- * Return an element; `on…` attributes are listeners, false and null ones are left out.
+ * Return an element: `div.head` is a div of class head; what follows are attributes and children.
+ * Attributes `on…` are listeners; false and null are left out.
  * @template {keyof HTMLElementTagNameMap} K
- * @param {K} tag
- * @param {Attributes} [attributes]
- * @param {(Node | string | null)[]} children
+ * @param {K | `${K}.${string}`} selector @param {Content[]} content
+ * @returns {HTMLElementTagNameMap[K]}
  */
-export function el(tag, attributes = {}, ...children) {
-  return fill(document.createElement(tag), attributes, children);
+export function el(selector, ...content) {
+  const [tag, ...classes] = selector.split(".");
+  return fill(document.createElement(/** @type {K} */ (tag)), classes, content);
 }
 
 /**
  * As `el`, in the SVG namespace.
  * @template {keyof SVGElementTagNameMap} K
- * @param {K} tag
- * @param {Attributes} [attributes]
- * @param {(Node | string | null)[]} children
+ * @param {K | `${K}.${string}`} selector @param {Content[]} content
+ * @returns {SVGElementTagNameMap[K]}
  */
-export function svg(tag, attributes = {}, ...children) {
-  return fill(document.createElementNS("http://www.w3.org/2000/svg", tag), attributes, children);
+export function svg(selector, ...content) {
+  const [tag, ...classes] = selector.split(".");
+  const node = document.createElementNS("http://www.w3.org/2000/svg", /** @type {K} */ (tag));
+  return fill(node, classes, content);
 }
 
 /**
  * @template {Element} E
- * @param {E} node
- * @param {Attributes} attributes
- * @param {(Node | string | null)[]} children
+ * @param {E} node @param {string[]} classes @param {Content[]} content
  */
-function fill(node, attributes, children) {
-  for (const [name, value] of Object.entries(attributes)) {
-    if (value === false || value === null || value === undefined) continue;
-    if (typeof value === "function")
-      node.addEventListener(name.slice(2), /** @type {EventListener} */ (value));
-    else node.setAttribute(name, value === true ? "" : String(value));
+function fill(node, classes, content) {
+  if (classes.length > 0) node.classList.add(...classes);
+  for (const item of content) {
+    if (typeof item === "string" || item instanceof Node) node.append(item);
+    else for (const [name, value] of Object.entries(item ?? {})) assign(node, name, value);
   }
-  node.append(...children.filter((child) => child !== null));
   return node;
 }
 
-/**
- * Set the text of a node if it is another one: twenty times a second, most of it is not.
- * @param {Element} node
- * @param {string} text
- */
+/** @param {Element} node @param {string} name @param {Attributes[string]} value */
+function assign(node, name, value) {
+  if (typeof value === "function")
+    node.addEventListener(name.slice(2), /** @type {EventListener} */ (value));
+  else if (value === true) node.setAttribute(name, "");
+  else if (value !== false && value !== null && value !== undefined)
+    node.setAttribute(name, String(value));
+}
+
+/** Set a text, if it changes: mostly it does not. @param {Element} node @param {string} text */
 export function setText(node, text) {
   if (node.textContent !== text) node.textContent = text;
 }
 
-/**
- * Set an attribute if its value is another one; null takes it away.
- * @param {Element} node
- * @param {string} name
- * @param {string | number | null} value
- */
+/** @param {Element} node @param {string} name @param {string | number | null} value */
 export function setAttribute(node, name, value) {
   if (value === null) node.removeAttribute(name);
   else if (node.getAttribute(name) !== String(value)) node.setAttribute(name, String(value));
 }
 
+/**
+ * Return the key to a drawing of set-points and measured values.
+ * @param {string} mark Class of the mark of a set-point. @param {string} note
+ */
+export function legend(mark, note) {
+  const marks = [el(`i.${mark}`), "set-point", el("i.dot"), "measured"];
+  return el("p.key", ...marks, el("span.muted", note));
+}
+
 /** Return an icon drawn in a square of 16 units. @param {string} name */
 export function icon(name) {
   return svg(
-    "svg",
-    { class: "icon", viewBox: "0 0 16 16", "aria-hidden": "true" },
+    "svg.icon",
+    { viewBox: "0 0 16 16", "aria-hidden": "true" },
     ...(ICONS[name] ?? []).map(([tag, attributes]) => svg(tag, attributes)),
   );
 }
@@ -97,7 +105,6 @@ const ICONS = {
     ["path", { d: "M8 1.5 15 14H1Z", ...LINE }],
     ["path", { d: "M8 6v4M8 12v.1", ...LINE }],
   ],
-  unknown: [["path", { d: "M5.5 6a2.5 2.5 0 1 1 3.6 2.2c-.8.4-1.1.9-1.1 1.8M8 13v.1", ...LINE }]],
   good: [["circle", { cx: 8, cy: 8, r: 5, ...SOLID }]],
   fair: [
     ["circle", { cx: 8, cy: 8, r: 4.5, ...LINE }],
@@ -114,12 +121,9 @@ const ICONS = {
     ["path", { d: "M1 13.5c0-3 1.6-4.5 4-4.5 1.2 0 2.2.4 2.9 1.1", ...LINE }],
     ["path", { d: "M9.5 12.5H15M12.5 9.8l2.7 2.7-2.7 2.7", ...LINE }],
   ],
-  fold: [["path", { d: "M3 10l5-5 5 5", ...LINE }]],
-  chevron: [["path", { d: "M4 6l4 4 4-4", ...LINE }]],
   close: [["path", { d: "M4 4l8 8M12 4l-8 8", ...LINE }]],
 };
 
-// Visibility of elements.
 /** Whether an element can be seen now: a tab that is not shown takes no room. @param {Element} node */
 export function isVisible(node) {
   return (

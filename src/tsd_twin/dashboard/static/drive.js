@@ -6,9 +6,9 @@
 // goes out every 20 ms, and sooner when a control moves, but never within 10 ms of the last one: the
 // gateway limits how many a page may send. Nothing is ever queued.
 
+import { kindOf } from "./kinds.js";
 import { known } from "./link.js";
 import { notDrive, notStop } from "./permission.js";
-import { twistMappingOf } from "./twist_mapping.js";
 
 const PERIOD_MS = 20;
 const LEAST_MS = 9.5; // Timers are some tenths of a millisecond early now and then.
@@ -29,18 +29,19 @@ export class Drive {
     this._sources = [];
     /** @type {(() => void)[]} */
     this._listeners = [];
-    /** @type {number | undefined} */
-    this._timer = undefined;
+    this._timer = 0; // None while nothing is held.
     this._sentMs = -Infinity;
     /** @type {{ sinceMs: number, sentMs: number, doubted: boolean } | null} */
     this._stop = null;
     link.on("state", (state) => this._checkState(state));
     link.on("beat", () => this._retryStop());
     link.on("down", () => this.release("The connection is lost."));
-    link.on("released", (message) =>
-      this.release(`Let go: ${message.reason}. Push again to drive.`, true),
+    link.on("released", ({ reason }) =>
+      this.release(`Let go: ${reason}. Push again to drive.`, true),
     );
-    link.on("reply", (message) => this._checkReply(message));
+    link.on("reply", ({ to, ok }) => {
+      if (to === "stop" && ok) this._stop = null;
+    });
     addEventListener("blur", () => this.release());
     addEventListener("pagehide", () => this.release());
     document.addEventListener("visibilitychange", () => this.release());
@@ -57,7 +58,7 @@ export class Drive {
   }
 
   get held() {
-    return this._timer !== undefined;
+    return this._timer !== 0;
   }
 
   /** What one unit of a control means now: level times the limits in force. */
@@ -91,7 +92,7 @@ export class Drive {
     const panel = this._sources.find((source) => source.held && source.twist !== undefined);
     if (panel?.twist !== undefined) return { ...panel.twist, frame: "base_link" };
     const { unit, scale } = this;
-    const [vx, vy, omega] = twistMappingOf(this.link.robot).twist(
+    const [vx, vy, omega] = kindOf(this.link.robot).controls.twist(
       unit.x * scale.speed,
       unit.y * scale.speed,
       unit.turn * scale.turn,
@@ -147,7 +148,7 @@ export class Drive {
 
   _finish() {
     clearInterval(this._timer);
-    this._timer = undefined;
+    this._timer = 0;
     this.link.send({ t: "release" });
   }
 
@@ -187,11 +188,6 @@ export class Drive {
       this.onMessage("The stop is not confirmed. Use the hardware stop.");
     }
     if (now - this._stop.sinceMs > STOP_RETRY_LIMIT_MS) this._stop = null;
-  }
-
-  /** @param {ActionReply} reply */
-  _checkReply({ to, ok }) {
-    if (to === "stop" && ok) this._stop = null;
   }
 
   _notify() {

@@ -1,45 +1,32 @@
 // Numbers as they are shown: fixed decimals, a true minus sign, never "-0.00".
 
-/**
- * Return a number with fixed decimals; a dash when there is none.
- * @param {number | null | undefined} value
- * @param {number} decimals
- */
+/** @param {number | null | undefined} value @param {number} decimals */
 export function fixed(value, decimals) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const text = Math.abs(value).toFixed(decimals);
   return value < 0 && Number(text) !== 0 ? `\u2212${text}` : text;
 }
 
-/**
- * Return whole degrees from radians, within (-180, 180].
- * @param {number | null | undefined} radians
- */
+/** Whole degrees, in (-180, 180]. @param {number | null | undefined} radians */
 export function degrees(radians) {
   if (radians === null || radians === undefined) return "–";
   const turned = Math.round((radians * 180) / Math.PI) % 360;
   return fixed(turned > 180 ? turned - 360 : turned <= -180 ? turned + 360 : turned, 0);
 }
 
-/**
- * Return seconds as a person says them.
- * @param {number} seconds
- */
+/** Return seconds as a person says them. @param {number} seconds */
 export function duration(seconds) {
   if (seconds < 60) return `${Math.floor(seconds)} s`;
   if (seconds < 3600) return `${Math.floor(seconds / 60)} min ${Math.floor(seconds % 60)} s`;
   return `${Math.floor(seconds / 3600)} h ${Math.floor((seconds % 3600) / 60)} min`;
 }
 
-/**
- * Return the time of day of a moment, in ms since 1970.
- * @param {number} ms
- */
+/** Return the time of day of a moment, in ms since 1970. @param {number} ms */
 export function clock(ms) {
-  return new Date(ms).toLocaleTimeString([], {
-    hour: "2-digit",
-    minute: "2-digit",
-    second: "2-digit",
-    hour12: false,
-  });
+  return new Date(ms).toLocaleTimeString([], { timeStyle: "medium", hour12: false });
+}
+
+/** Return a text with a capital and a full stop. @param {string} text */
+export function sentence(text) {
+  return `${text[0].toUpperCase()}${text.slice(1)}.`;
 }

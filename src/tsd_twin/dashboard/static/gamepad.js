@@ -12,11 +12,9 @@ export class Gamepad {
     this._drive = drive;
     this._stop = stop;
     this._spent = true; // A pad that is found with its stick held must come to the centre first.
-    /** @type {number | null} */
     this._index = null; // Of the pad that is read.
     this._pressed = false;
-    /** @type {number | undefined} */
-    this._timer = undefined;
+    this._timer = 0; // None without a pad.
     addEventListener("gamepadconnected", () => this._watch());
     addEventListener("gamepaddisconnected", ({ gamepad }) => {
       if (gamepad.index === this._index) this._change(null); // It may be back before the next look.
@@ -32,14 +30,14 @@ export class Gamepad {
   }
 
   _watch() {
-    this._timer ??= setInterval(() => this._poll(), PERIOD_MS);
+    this._timer ||= setInterval(() => this._poll(), PERIOD_MS);
   }
 
   _poll() {
     const pad = navigator.getGamepads().find((each) => each?.connected) ?? null;
     if (pad === null) {
       clearInterval(this._timer);
-      this._timer = undefined;
+      this._timer = 0;
     }
     if ((pad?.index ?? null) !== this._index) this._change(pad?.index ?? null);
     const pressed = pad?.buttons[STOP_BUTTON]?.pressed ?? false;
@@ -48,10 +46,7 @@ export class Gamepad {
     if (pad !== null) this._read(pad.axes);
   }
 
-  /**
-   * The pad is unplugged, or another takes its place: let go, and begin at the centre.
-   * @param {number | null} index
-   */
+  /** No pad, or another one: let go, and begin at the centre. @param {number | null} index */
   _change(index) {
     this._index = index;
     const was = this.held;
@@ -76,8 +71,7 @@ export class Gamepad {
 
 /**
  * Return a stick's place with its round dead zone taken out, so that motion begins at zero.
- * @param {number} a
- * @param {number} b
+ * @param {number} a @param {number} b
  */
 function stick(a, b) {
   const length = Math.hypot(a, b);

@@ -1,45 +1,27 @@
 // A dial for each gimbal, seen from above, forward up: where the axle should lean and where it does.
 
 import { ConsistencyMeter } from "./consistency.js";
-import { el, isVisible, setAttribute, setText, svg } from "./dom.js";
+import { el, isVisible, legend, setAttribute, setText, svg } from "./dom.js";
 import { fixed } from "./format.js";
 import { known } from "./link.js";
 
 const REACH = 40; // Radius of the tilt limit in the drawing.
 
 export class Gimbals {
-  /** @param {Link} link @param {HTMLElement} place */
-  constructor(link, place) {
+  /** @param {Link} link @param {HTMLElement} place @param {AbortSignal} signal */
+  constructor(link, place, signal) {
     this._link = link;
-    this._list = el("div", { class: "gimbals" });
-    this._conflict = new ConsistencyMeter("Module");
-    this._waiting = el("p", { class: "muted" }, "Waiting for the robot.");
-    this._all = el(
-      "div",
-      {},
-      el(
-        "p",
-        { class: "key" },
-        el("i", { class: "ring" }),
-        "set-point",
-        el("i", { class: "dot" }),
-        "measured",
-        el("span", { class: "muted" }, "from above, forward up"),
-      ),
-      this._list,
-      ...this._conflict.elements,
-    );
+    this._list = el("div.gimbals");
+    this._meter = new ConsistencyMeter("Module");
+    this._waiting = el("p.muted", "Waiting for the robot.");
+    const key = legend("ring", "from above, forward up");
+    this._all = el("div", key, this._list, ...this._meter.elements);
     place.append(this._waiting, this._all);
     /** @type {Dial[]} */
     this._dials = [];
-    this._open = true;
-    link.on("state", () => this._open && isVisible(place) && this._show());
-    link.on("robot", () => this._open && this._build());
+    link.on("state", () => isVisible(place) && this._show(), signal);
+    link.on("robot", () => this._build(), signal);
     this._build();
-  }
-
-  close() {
-    this._open = false;
   }
 
   _build() {
@@ -47,7 +29,7 @@ export class Gimbals {
     this._waiting.hidden = robot !== null;
     this._all.hidden = robot === null;
     if (robot === null) return;
-    this._dials = robot.modules.map((name, i) => new Dial(i + 1, robot));
+    this._dials = robot.modules.map((_, i) => new Dial(i + 1, known(robot.max_tilt_deg)));
     this._list.replaceChildren(...this._dials.map((dial) => dial.element));
   }
 
@@ -57,108 +39,80 @@ export class Gimbals {
     modules.forEach((module, i) =>
       this._dials[i]?.show(module, names[i] === status.consistency.suspect),
     );
-    this._conflict.show(status.consistency, names, "The modules agree.");
+    this._meter.show(status.consistency, names, "The modules agree.");
   }
 }
 
 class Dial {
-  /** @param {number} number @param {RobotInfo} robot */
-  constructor(number, robot) {
-    /** @type {Record<string, Element>} */
-    this._cells = {};
-    this._set = svg("circle", { class: "ring", r: 5 });
-    this._dot = svg("circle", { class: "dot", r: 4 });
-    this._lean = svg("line", { class: "lean", x1: 0, y1: 0 });
-    this._spin = svg(
-      "g",
-      { class: "spin" },
-      svg("path", { d: "M0 -46A46 46 0 0 0 -23 -39.8" }),
-      svg("path", { d: "M0 46A46 46 0 0 0 23 39.8" }),
-    );
-    const limit = fixed(robot.max_tilt_deg, 0);
+  /** @param {number} number @param {number} maxTiltDeg */
+  constructor(number, maxTiltDeg) {
+    this._set = svg("circle.ring", { r: 5 });
+    this._dot = svg("circle.dot", { r: 4 });
+    this._lean = svg("line.lean", { x1: 0, y1: 0 });
+    const limit = fixed(maxTiltDeg, 0);
+    const name = `Axle of module ${number}; the circle is ${limit} degrees`;
     const face = svg(
-      "svg",
-      {
-        class: "dial",
-        viewBox: "-50 -50 100 100",
-        role: "img",
-        "aria-label": `Axle of module ${number}; the circle is ${limit} degrees`,
-      },
-      svg("circle", { class: "limit", r: REACH }),
-      svg("circle", { class: "half", r: REACH / 2 }),
-      svg("path", { class: "cross", d: `M0 ${-REACH}V${REACH}M${-REACH} 0H${REACH}` }),
-      svg("text", { class: "limit-text", x: 3, y: -REACH + 10 }, `${limit}°`),
-      this._spin,
-      this._lean,
-      this._set,
-      this._dot,
+      "svg.dial",
+      { viewBox: "-50 -50 100 100", role: "img", "aria-label": name },
+      svg("circle.limit", { r: REACH }),
+      svg("circle.half", { r: REACH / 2 }),
+      svg("path.cross", { d: `M0 ${-REACH}V${REACH}M${-REACH} 0H${REACH}` }),
+      svg("text.limit-text", { x: 3, y: -REACH + 10 }, `${limit}°`),
+      svg(
+        "g.spin",
+        svg("path", { d: "M0 -46A46 46 0 0 0 -23 -39.8" }),
+        svg("path", { d: "M0 46A46 46 0 0 0 23 39.8" }),
+      ),
+      ...[this._lean, this._set, this._dot],
     );
+    this._state = el("span.muted");
+    this._tilt = el("span.value");
+    this._alpha = el("span.value");
+    this._beta = el("span.value");
+    this._radius = el("span.value");
+    this._speed = el("span.value");
     this.element = el(
-      "section",
-      { class: "module", "aria-label": `Module ${number}` },
+      "section.module",
+      { "aria-label": `Module ${number}` },
       face,
       el(
         "dl",
-        {},
-        el(
-          "div",
-          { class: "title" },
-          el("dt", {}, `Module ${number}`),
-          el("dd", {}, (this._state = el("span", { class: "muted" }))),
-        ),
-        ...[
-          ["tilt", "°"],
-          ["α", "°"],
-          ["β", "°"],
-          ["radius", "mm"],
-          ["speed", "rpm"],
-        ].map(([name, unit]) => this._row(name, unit)),
+        el("div.title", el("dt", `Module ${number}`), el("dd", this._state)),
+        row("tilt", this._tilt, "°"),
+        row("α", this._alpha, "°"),
+        row("β", this._beta, "°"),
+        row("radius", this._radius, "mm"),
+        row("speed", this._speed, "rpm"),
       ),
     );
   }
 
   /** @param {GimbalState} module @param {boolean} suspect */
   show(module, suspect) {
-    const cells = this._cells;
-    setText(cells.tilt, fixed(module.tilt, 1));
-    setText(cells.α, fixed(module.alpha, 1));
-    setText(cells.β, fixed(module.beta, 1));
-    setText(cells.radius, fixed(module.radius_mm, 2));
-    setText(cells.speed, fixed(module.rpm, 0));
+    setText(this._tilt, fixed(module.tilt, 1));
+    setText(this._alpha, fixed(module.alpha, 1));
+    setText(this._beta, fixed(module.beta, 1));
+    setText(this._radius, fixed(module.radius_mm, 2));
+    setText(this._speed, fixed(module.rpm, 0));
     setText(this._state, suspect ? "suspect" : module.spinning ? "spinning" : "at rest");
-    setAttribute(this.element, "data-spinning", module.spinning ? "" : null);
-    setAttribute(this.element, "data-suspect", suspect ? "" : null);
-    put(this._set, module.set_axle);
-    put(this._dot, module.axle);
-    const [x, y] = place(module.axle);
-    setAttribute(this._lean, "x2", x);
-    setAttribute(this._lean, "y2", y);
-  }
-
-  /** @param {string} name @param {string} unit */
-  _row(name, unit) {
-    const value = el("span", { class: "value" });
-    this._cells[name] = value;
-    return el(
-      "div",
-      {},
-      el("dt", {}, name),
-      el("dd", {}, value, el("span", { class: "unit" }, unit)),
-    );
+    this.element.toggleAttribute("data-spinning", module.spinning);
+    this.element.toggleAttribute("data-suspect", suspect);
+    put(this._set, "cx", "cy", module.set_axle);
+    put(this._dot, "cx", "cy", module.axle);
+    put(this._lean, "x2", "y2", module.axle);
   }
 }
 
-/** @param {Element} node @param {[number, number]} axle */
-function put(node, axle) {
-  const [x, y] = place(axle);
-  setAttribute(node, "cx", x);
-  setAttribute(node, "cy", y);
+/** @param {string} name @param {Element} value @param {string} unit */
+function row(name, value, unit) {
+  return el("div", el("dt", name), el("dd", value, el("span.unit", unit)));
 }
 
 /**
- * From the robot's axes, x forward and y left, to the drawing's, x right and y down.
- * @param {[number, number]} axle
+ * Place a point of the robot's axes, x forward and y left, in the drawing, x right and y down.
+ * @param {Element} node @param {string} right @param {string} down @param {[number, number]} axle
  */
-function place([x, y]) {
-  return [(-y * REACH).toFixed(2), (-x * REACH).toFixed(2)];
+function put(node, right, down, [x, y]) {
+  setAttribute(node, right, (-y * REACH).toFixed(2));
+  setAttribute(node, down, (-x * REACH).toFixed(2));
 }

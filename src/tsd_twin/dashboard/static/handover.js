@@ -1,65 +1,54 @@
-// Hand-over of control: notices for the holder and the requester. The notice never
-// takes the focus; it is announced once, and its buttons are in the order of the page.
+// Control of the robot: taking it, asking for it and handing it over. The notice for the holder and
+// the requester never takes the focus; it is announced once, its buttons are in the order of the page.
 
 import { Button } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
 
 const REASON = "urgent";
+const FAR_MS = 120; // From here on commands would be late too often for the usual age limit.
 
 export class HandOver {
-  /**
-   * @param {Link} link
-   * @param {Tooltip} tips
-   * @param {Notices} notices
-   * @param {{ acquire: (reason: string) => void, wish: () => { max_age_s: number | null } }} control
-   */
-  constructor(link, tips, notices, { acquire, wish }) {
+  /** @param {Link} link @param {Notices} notices */
+  constructor(link, notices) {
     this._link = link;
     this._notices = notices;
-    this._acquire = acquire;
-    this._wish = wish;
     this._asking = false;
-    /** @type {string | null} */
     this._asker = null;
-    this._said = el("div", { class: "sr", role: "alert" });
+    this._said = el("div.sr", { role: "alert" });
     this._text = el("strong");
-    this._then = el("span", { class: "then" });
-    this._count = el("span", { class: "number", "aria-hidden": "true" });
-    /** @type {(label: string, tip: string, kind: string, press: () => void) => Button} */
-    const button = (label, tip, kind, press) => new Button(label, { tips, press, kind, tip });
-    this._grant = button(
-      "Hand over",
-      "The robot comes to rest, then they have control",
-      "primary",
-      () => this._send("grant", { asker: this._asker }),
-    );
-    this._keep = button("Keep control", "Tell them that you drive on", "", () =>
-      this._send("deny", { asker: this._asker }),
-    );
-    this._withdraw = button("Withdraw", "Ask for control no longer", "", () =>
-      this._send("withdraw"),
-    );
-    this._force = button("Take over…", "Take control without waiting, and say why", "quiet", () =>
-      this.takeOver(),
-    );
+    this._then = el("span.then");
+    this._count = el("span.number", { "aria-hidden": "true" });
+    this._grant = new Button("Hand over", () => this._send("grant", { asker: this._asker }), {
+      tip: "The robot comes to rest, then they have control",
+      kind: "primary",
+    });
+    this._keep = new Button("Keep control", () => this._send("deny", { asker: this._asker }), {
+      tip: "Tell them that you drive on",
+    });
+    this._withdraw = new Button("Withdraw", () => this.withdraw(), {
+      tip: "Ask for control no longer",
+    });
+    this._force = new Button("Take over…", () => this.takeOver(), {
+      tip: "Take control without waiting, and say why",
+      kind: "quiet",
+    });
     this._buttons = [this._force, this._withdraw, this._keep, this._grant];
     this._card = el(
-      "div",
-      {
-        class: "handover surface",
-        role: "group",
-        "aria-label": "Request for control",
-        hidden: true,
-      },
+      "div.handover.surface",
+      { role: "group", "aria-label": "Request for control", hidden: true },
       icon("ask"),
-      el("div", { class: "what" }, this._text, this._then),
+      el("div.what", this._text, this._then),
       this._count,
-      el("div", { class: "row" }, ...this._buttons.map(({ element }) => element)),
+      el("div.row", ...this._buttons.map(({ element }) => element)),
     );
-    this.element = el("div", {}, this._said, this._card);
-    for (const type of /** @type {const} */ (["state", "beat", "down"]))
-      link.on(type, () => this._draw());
-    link.on("reply", (reply) => this._checkReply(reply));
+    this.element = el("div", this._said, this._card);
+    link.on(["state", "beat", "down"], () => this._draw());
+    link.on("reply", ({ to, ok, reason }) => {
+      if (to !== "lease" || !this._asking) return;
+      this._asking = false;
+      if (!ok) this.takeOver(`You cannot ask now: ${reason}. `);
+    });
+    link.on("down", () => (this._asking = false));
   }
 
   /** Whether this page has asked and waits for the answer. */
@@ -71,7 +60,17 @@ export class HandOver {
   /** Ask the holder for control. */
   ask() {
     this._asking = true;
-    this._send("request", this._wish());
+    this._send("request", this._terms());
+  }
+
+  /** Acquire control; with a reason, also from its holder. @param {string | null} reason */
+  acquire(reason = null) {
+    const over = reason === null ? {} : { take_over: true, reason };
+    this._send("acquire", { ...this._terms(), ...over });
+  }
+
+  release() {
+    this._send("release");
   }
 
   withdraw() {
@@ -85,9 +84,15 @@ export class HandOver {
     this._notices.ask(
       `${why}${holder} drives now and would lose control. The robot comes to rest.`,
       "Take over",
-      (reason) => this._acquire(reason || REASON),
       { label: "Reason, for all to see", value: REASON },
+      (reason) => this.acquire(reason || REASON),
     );
+  }
+
+  /** A far link is given more time, at the price of a lower speed that the robot sets. */
+  _terms() {
+    const trip = this._link.roundTripMs() ?? 0;
+    return { max_age_s: trip > FAR_MS ? (2 * trip + 100) / 1000 : null };
   }
 
   /** @param {LeaseAction["op"]} op */
@@ -95,22 +100,14 @@ export class HandOver {
     this._link.send({ t: "lease", op, ...more });
   }
 
-  /** @param {ActionReply} reply */
-  _checkReply({ to, ok, reason }) {
-    if (to !== "lease" || !this._asking) return;
-    this._asking = false;
-    if (!ok) this.takeOver(`You cannot ask now: ${reason}. `);
-  }
-
   _draw() {
     const { state } = this._link;
     const lease = state?.status.lease ?? null;
     const asked = this._link.connected && (lease?.asked_by ?? null) !== null;
     const holds = asked && state?.you === true;
-    const shown = holds || (asked && this.waits);
-    this._card.hidden = !shown;
+    this._card.hidden = !(holds || (asked && this.waits));
     this._asker = lease?.asked_by ?? null;
-    if (!shown || lease === null) {
+    if (this._card.hidden || lease === null) {
       setText(this._said, "");
       return;
     }

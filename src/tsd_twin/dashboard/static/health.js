@@ -1,6 +1,6 @@
 // How well everything works, in figures, and what has happened.
 
-import { el, isVisible, setAttribute, setText } from "./dom.js";
+import { el, isVisible, setText } from "./dom.js";
 import { fixed } from "./format.js";
 import { known } from "./link.js";
 
@@ -24,132 +24,113 @@ const LINES = 40;
 /** @typedef {Record<string, Record<string, string>>} Sections Rows by the title of their table. */
 
 export class Health {
-  /** @param {Link} link @param {ShadowRoot} place */
-  constructor(link, place) {
+  /** @param {Link} link @param {ShadowRoot} place @param {AbortSignal} signal */
+  constructor(link, place, signal) {
     this._link = link;
-    this._values = new Map();
-    this._table = el("div", { class: "tables" });
-    this._log = el("ol", {
-      class: "log",
-      role: "log",
-      "aria-live": "polite",
-      "aria-label": "Events",
-      tabindex: "0",
-    });
-    place.append(this._table, el("div", { class: "head" }, el("strong", {}, "Events")), this._log);
-    this._open = true;
-    link.on("state", () => this._open && isVisible(place.host) && this._show());
-    link.on("event", (event) => this._open && this._log.prepend(line(event)));
-    link.on("event", () => this._log.children[LINES]?.remove());
-    link.on("robot", () => this._log.replaceChildren());
-    this._log.append(...link.history.slice(-LINES).reverse().map(line));
+    /** @type {Map<string, HTMLElement>} */
+    this._cells = new Map(); // By title and name of their rows.
+    this._tables = el("div.tables");
+    const attributes = { role: "log", "aria-live": "polite", "aria-label": "Events", tabindex: 0 };
+    this._log = el("ol.log", attributes);
+    place.append(this._tables, el("div.head", el("strong", "Events")), this._log);
+    link.on("state", (state) => isVisible(place.host) && this._show(state), signal);
+    link.on("event", (event) => this._add(event), signal);
+    link.on("robot", () => this._log.replaceChildren(), signal);
+    for (const event of link.history) this._add(event);
   }
 
-  close() {
-    this._open = false;
+  /** @param {RobotEvent} event */
+  _add({ kind, text, robot_s: seconds }) {
+    const time = el("span.value.time", seconds > 0 ? `${fixed(seconds, 1)} s` : "now");
+    this._log.prepend(el("li", { "data-kind": kind }, time, el("span", text)));
+    this._log.children[LINES]?.remove();
   }
 
-  _show() {
-    const { status, age_ms: age, robot_ms: robot } = known(this._link.state);
-    const { loop, command, lease, limits, consistency: conflict, pose_sensor: outside } = status;
-    const suspect = conflict.suspect === null ? "none" : called(conflict.suspect);
-    const wheels = {
-      suspect,
-      residual: `${fixed(1000 * conflict.residual_mps, 1)} mm/s`,
-      evidence: times(conflict.level),
-      ...Object.fromEntries(
-        Object.entries(conflict.explained).map(([name, level]) => [
-          `· ${called(name)} explains`,
-          times(level),
-        ]),
-      ),
-    };
-    const sections = {
-      Conflict: wheels,
-      Loop: {
-        rate: `${fixed(loop.hz, 1)} Hz`,
-        "jitter p99": `${fixed(loop.jitter_p99_ms, 2)} ms`,
-        overruns: String(loop.overruns),
-      },
-      Link: {
-        "page to dashboard": `${fixed(this._link.pageMs, 1)} ms`,
-        "dashboard to robot": `${fixed(robot, 1)} ms`,
-        jitter: `${fixed(this._link.jitterMs(), 1)} ms`,
-        "states lost": `${fixed(100 * this._link.lost, 1)} %`,
-        "age of the picture": `${fixed(age, 0)} ms`,
-      },
-      Commands: {
-        accepted: String(command.accepted),
-        "there and back": command.echo_s === null ? "–" : `${fixed(1000 * command.echo_s, 0)} ms`,
-        "age of the newest":
-          command.age_s === null
-            ? "–"
-            : command.age_s < 10
-              ? `${fixed(1000 * command.age_s, 0)} ms`
-              : "over 10 s",
-        ...lost(command.dropped),
-      },
-      Control: {
-        holder: lease.holder ?? "none",
-        "lease ends in": lease.holder === null ? "–" : `${fixed(lease.remaining_s, 1)} s`,
-        "speed limit": `${fixed(limits.speed_mps, 2)} m/s`,
-        "let through": `${fixed(100 * limits.applied, 0)} %`,
-        "oldest command": `${fixed(1000 * limits.max_command_age_s, 0)} ms`,
-        "stops without link in": `${fixed(limits.stop_allowance_m, 2)} m`,
-      },
-      ...(outside ? { "Outside poses": seen(outside) } : {}),
-      ...tables("Hardware", status.hardware),
-    };
-    const shape = JSON.stringify(
-      Object.entries(sections).map(([title, rows]) => [title, Object.keys(rows)]),
+  /** @param {RobotState} state */
+  _show(state) {
+    const suspect = called(state.status.consistency.suspect);
+    const tables = Object.entries(sections(this._link, state));
+    const keys = tables.flatMap(([title, rows]) =>
+      Object.keys(rows).map((row) => `${title} ${row}`),
     );
-    if (shape !== this._shape) this._build(shape, sections);
-    for (const [title, rows] of Object.entries(sections)) {
-      for (const [name, value] of Object.entries(rows))
-        setText(this._values.get(`${title} ${name}`), value);
+    if (keys.join() !== [...this._cells.keys()].join()) {
+      this._cells.clear();
+      this._tables.replaceChildren(...tables.map(([title, rows]) => this._table(title, rows)));
     }
-    for (const name of Object.keys(wheels)) {
-      const accused = name === "suspect" || name.startsWith(`· ${suspect} `);
-      const row = this._values.get(`Conflict ${name}`).parentElement;
-      setAttribute(row, "data-suspect", accused && conflict.suspect !== null ? "" : null);
+    for (const [title, rows] of tables) {
+      for (const [name, value] of Object.entries(rows)) {
+        const cell = known(this._cells.get(`${title} ${name}`) ?? null);
+        setText(cell, value);
+        const isAccused = name === "suspect" || name.startsWith(`· ${suspect} `);
+        const isMarked = title === "Conflict" && suspect !== "none" && isAccused;
+        cell.parentElement?.toggleAttribute("data-suspect", isMarked);
+      }
     }
   }
 
-  /** @param {string} shape @param {Sections} sections */
-  _build(shape, sections) {
-    this._shape = shape;
-    this._values.clear();
-    this._table.replaceChildren(
-      ...Object.entries(sections).map(([title, rows]) => this._section(title, Object.keys(rows))),
-    );
-  }
-
-  /** @param {string} title @param {string[]} names */
-  _section(title, names) {
-    const lines = names.map((name) => {
-      const cell = el("td", { class: "value" });
-      this._values.set(`${title} ${name}`, cell);
-      return el("tr", {}, el("th", { scope: "row" }, name), cell);
+  /** @param {string} title @param {Record<string, string>} rows */
+  _table(title, rows) {
+    const lines = Object.keys(rows).map((name) => {
+      const cell = el("td.value");
+      this._cells.set(`${title} ${name}`, cell);
+      return el("tr", el("th", { scope: "row" }, name), cell);
     });
-    return el("table", {}, el("caption", {}, title), el("tbody", {}, ...lines));
+    return el("table", el("caption", title), el("tbody", ...lines));
   }
 }
 
-/**
- * "module2" as a person says it.
- * @param {string} name
- */
+/** @type {(link: Link, state: RobotState) => Sections} */
+function sections(link, { status, age_ms: age, robot_ms: robot }) {
+  const { loop, command, lease, limits, consistency, pose_sensor: poses } = status;
+  const explained = Object.entries(consistency.explained).map(([name, level]) => [
+    `· ${called(name)} explains`,
+    times(level),
+  ]);
+  return {
+    Conflict: {
+      suspect: called(consistency.suspect),
+      residual: `${fixed(1000 * consistency.residual_mps, 1)} mm/s`,
+      evidence: times(consistency.level),
+      ...Object.fromEntries(explained),
+    },
+    Loop: {
+      rate: `${fixed(loop.hz, 1)} Hz`,
+      "jitter p99": `${fixed(loop.jitter_p99_ms, 2)} ms`,
+      overruns: String(loop.overruns),
+    },
+    Link: {
+      "page to dashboard": `${fixed(link.pageMs, 1)} ms`,
+      "dashboard to robot": `${fixed(robot, 1)} ms`,
+      jitter: `${fixed(link.jitterMs(), 1)} ms`,
+      "states lost": `${fixed(100 * link.lost, 1)} %`,
+      "age of the picture": `${fixed(age, 0)} ms`,
+    },
+    Commands: {
+      accepted: String(command.accepted),
+      "there and back": milliseconds(command.echo_s),
+      "age of the newest": (command.age_s ?? 0) < 10 ? milliseconds(command.age_s) : "over 10 s",
+      ...lost(command.dropped),
+    },
+    Control: {
+      holder: lease.holder ?? "none",
+      "lease ends in": lease.holder === null ? "–" : `${fixed(lease.remaining_s, 1)} s`,
+      "speed limit": `${fixed(limits.speed_mps, 2)} m/s`,
+      "let through": `${fixed(100 * limits.applied, 0)} %`,
+      "oldest command": milliseconds(limits.max_command_age_s),
+      "stops without link in": `${fixed(limits.stop_allowance_m, 2)} m`,
+    },
+    ...(poses ? { "Outside poses": seen(poses) } : {}),
+    ...tables("Hardware", status.hardware),
+  };
+}
+
+/** Return "module2" as a person says it. @param {string | null} name */
 function called(name) {
-  return name.replace(
-    /^(.)(.*?)(\d+)$/,
-    (_, first, rest, number) => `${first.toUpperCase()}${rest} ${number}`,
-  );
+  const [, first, rest, number] = /^(.)(.*?)(\d+)$/.exec(name ?? "") ?? [];
+  return number === undefined ? (name ?? "none") : `${first.toUpperCase()}${rest} ${number}`;
 }
 
-/**
- * How much more than noise would ever be, in words that stay as wide as they are.
- * @param {number} level
- */
+/** How much more than noise would ever be. @param {number} level */
 function times(level) {
   return `${fixed(level, level < 10 ? 2 : 0)} of the limit`;
 }
@@ -177,16 +158,14 @@ function lost(dropped) {
   };
 }
 
-/** @param {RobotEvent} event */
-function line({ kind, text, robot_s: seconds }) {
-  const time = el("span", { class: "value time" }, seconds > 0 ? `${fixed(seconds, 1)} s` : "now");
-  return el("li", { "data-kind": kind }, time, el("span", {}, text));
+/** @param {number | null} seconds */
+function milliseconds(seconds) {
+  return seconds === null ? "–" : `${fixed(1000 * seconds, 0)} ms`;
 }
 
-// Whatever a robot says of its hardware: figures in one table, each group of them in one of its own.
 /**
- * @param {string} title
- * @param {Hardware} facts
+ * Return what a robot says of its hardware: figures in one table, each group in one of its own.
+ * @param {string} title @param {Hardware} facts
  * @returns {Sections}
  */
 function tables(title, facts) {
@@ -199,19 +178,12 @@ function tables(title, facts) {
   );
 }
 
-/**
- * @param {unknown} value
- * @returns {value is Hardware}
- */
+/** @param {unknown} value @returns {value is Hardware} */
 function isGroup(value) {
   return typeof value === "object" && value !== null && !Array.isArray(value);
 }
 
-/**
- * @param {unknown} value
- * @param {number} [digits]
- * @returns {string}
- */
+/** @param {unknown} value @param {number} [digits] @returns {string} */
 function written(value, digits = decimals(value)) {
   if (Array.isArray(value)) {
     const most = Math.max(0, ...value.map(decimals)); // As many for all of them.

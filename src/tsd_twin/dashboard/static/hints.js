@@ -6,39 +6,22 @@ import { known } from "./link.js";
 
 const KEY = "tsd.hints";
 
-/**
- * @typedef {object} Step
- * @property {Element} target
- * @property {string} text
- * @property {(state: RobotState) => boolean} when
- * @property {(state: RobotState) => boolean} done
- */
-
 export class Hints {
-  /**
-   * `steps` have a `target` element, a `text`, `when(state)` it makes sense, and `done(state)`.
-   * @param {Link} link
-   * @param {Tooltip} tips
-   * @param {Step[]} steps
-   */
-  constructor(link, tips, steps) {
+  /** @param {Link} link @param {Hint[]} steps */
+  constructor(link, steps) {
     this._steps = steps;
     this._link = link;
     this._at = 0;
     this._text = el("p");
-    this._count = el("span", { class: "number" });
-    const next = new Button("Next", { tips, press: () => this._go(this._at + 1), kind: "quiet" });
-    const skip = new Button("Skip", {
-      tips,
-      press: () => this._go(this._steps.length),
-      kind: "quiet",
-    });
+    this._count = el("span.number");
+    const next = new Button("Next", () => this._go(this._at + 1), { kind: "quiet" });
+    const skip = new Button("Skip", () => this._go(steps.length), { kind: "quiet" });
     this.element = el(
-      "div",
-      { class: "hint", hidden: true, role: "note", "aria-label": "Hint" },
+      "div.hint",
+      { hidden: true, role: "note", "aria-label": "Hint" },
       this._text,
-      el("div", { class: "row" }, this._count, skip.element, next.element),
-      el("div", { class: "arrow" }),
+      el("div.row", this._count, skip.element, next.element),
+      el("div.arrow"),
     );
     if (remembered()) return;
     link.on("state", () => this._draw());

@@ -1,7 +1,7 @@
 // The keyboard: W A S D and Q E drive, the space bar stops. Listeners run before those of viser,
 // whose camera would move with the same keys.
 
-import { KeyState } from "./key_state.js";
+import { KeyState } from "./held_controls.js";
 
 const DRIVE = {
   KeyW: [1, 0, 0],
@@ -86,10 +86,7 @@ function takesText(target) {
   );
 }
 
-/**
- * A field for a number takes no spaces, so there the space bar stops as everywhere else.
- * @param {EventTarget | undefined} target
- */
+/** The space bar stops from a field for a number, too. @param {EventTarget | undefined} target */
 function takesSpaces(target) {
   if (!(target instanceof HTMLElement)) return false;
   const numeric =

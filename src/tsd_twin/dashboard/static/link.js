@@ -7,23 +7,10 @@ const GOOD_LOSS = 0.05;
 const FAIR_LOSS = 0.2;
 
 /**
- * Return "good", "fair", "poor" or "none", and the share of the allowed age that a late command
- * uses up: the round trip and its jitter. A command is that old when it arrives, or up to a state's
- * period, 50 ms, older; so beyond four fifths some come too late.
- * @param {{ tripMs: number | null, jitterMs: number | null, lost: number, allowedMs: number }} link
- */
-export function quality({ tripMs, jitterMs, lost, allowedMs }) {
-  if (tripMs === null || !(allowedMs > 0)) return { grade: "none", used: null };
-  const used = (tripMs + (jitterMs ?? 0)) / allowedMs;
-  if (used < GOOD && lost < GOOD_LOSS) return { grade: "good", used };
-  return { grade: used < FAIR && lost < FAIR_LOSS ? "fair" : "poor", used };
-}
-
-/**
  * Return the median of some numbers, and how much more one in twenty is; null without any.
  * @param {number[]} numbers
  */
-export function medianAndJitter(numbers) {
+function medianAndJitter(numbers) {
   if (numbers.length === 0) return { middle: null, jitter: null };
   const sorted = [...numbers].sort((a, b) => a - b);
   const at = (/** @type {number} */ share) =>
@@ -76,7 +63,7 @@ export class Link {
     this.lost = 0; // Share of the states that did not come, of the last few seconds.
     /** @type {(RobotEvent & { atMs: number })[]} */
     this.history = []; // Events, oldest first.
-    /** @type {Map<string, ((message: never) => void)[]>} */
+    /** @type {Map<string, Set<(message: never) => void>>} */
     this._listeners = new Map();
     /** @type {number[]} */
     this._trips = [];
@@ -88,13 +75,18 @@ export class Link {
   }
 
   /**
-   * Call `listener` with each message of a type, or for `up`, `down`, `beat`.
+   * Call `listener` with each message of some types, or for `up`, `down`, `beat`, until `signal`.
    * @template {keyof LinkEvents} K
-   * @param {K} type
+   * @param {K | K[]} types
    * @param {(message: LinkEvents[K]) => void} listener
+   * @param {AbortSignal} [signal]
    */
-  on(type, listener) {
-    this._listeners.set(type, [...(this._listeners.get(type) ?? []), listener]);
+  on(types, listener, signal) {
+    for (const type of [types].flat()) {
+      const listeners = this._listeners.get(type) ?? new Set();
+      this._listeners.set(type, listeners.add(listener));
+      signal?.addEventListener("abort", () => listeners.delete(listener));
+    }
   }
 
   open() {
@@ -102,10 +94,7 @@ export class Link {
     setInterval(() => this._sendHeartbeat(), HEARTBEAT_MS);
   }
 
-  /**
-   * Send a message now or never; return whether it went out.
-   * @param {PageMessage} message
-   */
+  /** Send a message now or never; return whether it went out. @param {PageMessage} message */
   send(message) {
     const socket = this._socket;
     if (socket?.readyState !== WebSocket.OPEN) return false;
@@ -114,10 +103,7 @@ export class Link {
     return true;
   }
 
-  /**
-   * Turn to another robot, once there is a connection.
-   * @param {string} id
-   */
+  /** Turn to another robot, once there is a connection. @param {string} id */
   choose(id) {
     this._requestedRobot = id;
     this.send({ t: "robot", id });
@@ -143,6 +129,20 @@ export class Link {
   jitterMs() {
     if (this.roundTripMs() === null) return null;
     return (this.pageJitterMs ?? 0) + (this.state?.robot_jitter_ms ?? 0);
+  }
+
+  /**
+   * Return "good", "fair", "poor" or "none", and the share of the allowed age that a late command
+   * uses up: the round trip and its jitter. A command is that old when it arrives, or up to a
+   * state's period, 50 ms, older; so beyond four fifths some come too late.
+   */
+  quality() {
+    const tripMs = this.isStale() ? null : this.roundTripMs();
+    const allowedMs = 1000 * (this.state?.status.limits.max_command_age_s ?? 0);
+    if (tripMs === null || allowedMs <= 0) return { grade: "none", used: null };
+    const used = (tripMs + (this.jitterMs() ?? 0)) / allowedMs;
+    if (used < GOOD && this.lost < GOOD_LOSS) return { grade: "good", used };
+    return { grade: used < FAIR && this.lost < FAIR_LOSS ? "fair" : "poor", used };
   }
 
   _connect() {
@@ -184,7 +184,7 @@ export class Link {
         socket?.close();
       } else {
         const focus = window.tsd.hasFocus() && document.visibilityState === "visible";
-        this.send({ t: "beat", seen: this.state?.seen ?? 0, sent_ms: now, focus });
+        this.send({ t: "heartbeat", seen: this.state?.seen ?? 0, sent_ms: now, focus });
       }
     }
     this._emit("beat");
@@ -193,7 +193,7 @@ export class Link {
   /** @param {ServerMessage} message */
   _receive(message) {
     switch (message.t) {
-      case "beat":
+      case "heartbeat":
         this._measure(message.sent_ms);
         return;
       case "state":
@@ -222,10 +222,7 @@ export class Link {
     this._emit(message.t, message);
   }
 
-  /**
-   * After a new connection, go on with the robot that was watched before.
-   * @param {SessionInfo} welcome
-   */
+  /** After a new connection, go on with the robot as before. @param {SessionInfo} welcome */
   _keepRobot({ robot, robots }) {
     const before = this._requestedRobot ?? this.robot?.id ?? robot;
     if (before !== null && before !== robot && robots.some(({ id }) => id === before))
@@ -240,10 +237,7 @@ export class Link {
     this.pageJitterMs = medianAndJitter(this._trips).jitter;
   }
 
-  /**
-   * The robot numbers its states, so what is missing is seen.
-   * @param {number} seen
-   */
+  /** The robot numbers its states, so what is missing is seen. @param {number} seen */
   _count(seen) {
     const newest = this._seen.at(-1) ?? -1;
     this._seen = seen < newest ? [seen] : [...this._seen.slice(1 - MAX_STATES), seen];
@@ -251,12 +245,11 @@ export class Link {
     this.lost = Math.max(0, 1 - this._seen.length / sent);
   }
 
-  /**
-   * @param {keyof LinkEvents} type
-   * @param {ServerMessage} [message]
-   */
+  /** @param {keyof LinkEvents} type @param {ServerMessage} [message] */
   _emit(type, message) {
     const told = /** @type {never} */ (message); // Of this type, as `on` promises.
-    for (const listener of this._listeners.get(type) ?? []) listener(told);
+    const listeners = this._listeners.get(type) ?? new Set();
+    // Those that a listener adds are for the next message.
+    for (const listener of [...listeners]) if (listeners.has(listener)) listener(told);
   }
 }

@@ -1,74 +1,52 @@
-// Transient notices, and confirmation dialogs.
+// Transient notices, confirmation dialogs, and the banner of a state that is too old.
 
 import { Button } from "./button.js";
-import { el } from "./dom.js";
+import { el, icon, setText } from "./dom.js";
+import { duration } from "./format.js";
 
 const SHOWN_MS = 6000;
 const AT_ONCE = 3;
 
 export class Notices {
-  /** @param {Tooltip} tips */
-  constructor(tips) {
-    this._tips = tips;
+  constructor() {
     /** @type {WeakMap<Element, number>} */
     this._timers = new WeakMap();
-    this._list = el("div", {
-      class: "toasts",
-      role: "log",
-      "aria-live": "polite",
-      "aria-label": "Messages",
-    });
-    this._question = el("div", { class: "question" });
-    this.element = el("div", { class: "notices" }, this._question, this._list);
+    this._list = el("div.toasts", { role: "log", "aria-live": "polite", "aria-label": "Messages" });
+    this._question = el("div.question");
+    this.element = el("div.notices", this._question, this._list);
   }
 
-  /**
-   * Say something; the same sentence again only stays longer.
-   * @param {string} text
-   */
+  /** Say something; the same sentence again only stays longer. @param {string} text */
   say(text) {
     const same = [...this._list.children].find((child) => child.textContent === text);
-    const toast = same ?? el("div", { class: "toast surface" }, text);
+    const toast = same ?? el("div.toast.surface", text);
     clearTimeout(this._timers.get(toast));
-    this._timers.set(
-      toast,
-      setTimeout(() => toast.remove(), SHOWN_MS),
-    );
+    const timer = setTimeout(() => toast.remove(), SHOWN_MS);
+    this._timers.set(toast, timer);
     if (same) return;
     while (this._list.childElementCount >= AT_ONCE) this._list.firstElementChild?.remove();
     this._list.append(toast);
   }
 
   /**
-   * Ask; `yes(word)` is called if it is agreed to, with what stands in the `field`, if there is one.
-   * A new question takes the place of the old one.
-   * @param {string} text
-   * @param {string} label
-   * @param {(word: string | undefined) => void} yes
-   * @param {{ label: string, value: string } | null} field
+   * Ask for a yes, and a word for `yes`; a new question takes the place of the old one.
+   * @param {string} text @param {string} label @param {{ label: string, value: string }} field
+   * @param {(word: string) => void} yes
    */
-  ask(text, label, yes, field = null) {
+  ask(text, label, field, yes) {
     const done = () => this._question.replaceChildren();
-    const entry =
-      field === null ? null : el("input", { type: "text", maxlength: "120", value: field.value });
-    entry?.addEventListener("keydown", (event) => event.key === "Enter" && agree.use());
-    const agree = new Button(label, {
-      tips: this._tips,
-      press: () => (done(), yes(entry?.value.trim())),
-      kind: "primary",
-    });
-    const refuse = new Button("Cancel", { tips: this._tips, press: done, kind: "quiet" });
+    const onkeydown = (/** @type {KeyboardEvent} */ { key }) => key === "Enter" && agree.use();
+    const entry = el("input", { type: "text", maxlength: 120, value: field.value, onkeydown });
+    const press = () => (done(), yes(entry.value.trim()));
+    const agree = new Button(label, press, { kind: "primary" });
+    const refuse = new Button("Cancel", done, { kind: "quiet" });
     const dialog = el(
-      "div",
-      {
-        class: "dialog surface",
-        role: "alertdialog",
-        "aria-label": label,
-        onkeydown: (event) => event.key === "Escape" && done(),
-      },
-      el("p", {}, text),
-      entry === null ? null : el("label", { class: "field" }, field?.label ?? "", entry),
-      el("div", { class: "row" }, refuse.element, agree.element),
+      "div.dialog.surface",
+      { role: "alertdialog", "aria-label": label },
+      { onkeydown: ({ key }) => key === "Escape" && done() },
+      el("p", text),
+      el("label.field", field.label, entry),
+      el("div.row", refuse.element, agree.element),
     );
     this._question.replaceChildren(dialog);
     refuse.button.focus({ focusVisible: false });
@@ -77,8 +55,7 @@ export class Notices {
 
 /**
  * What of a robot's events is worth a sentence; the rest stands in the log of the Health tab.
- * @param {RobotEvent} event
- * @param {string | undefined} operator
+ * @param {RobotEvent} event @param {string | undefined} operator
  */
 export function isNotable({ kind, text }, operator) {
   if (kind === "id" || kind === "description") return true;
@@ -88,4 +65,41 @@ export function isNotable({ kind, text }, operator) {
   return (
     kind === "mode" && /to (stopping|disarmed):/.test(text) && !text.includes("by the operator")
   );
+}
+
+/** Banner and grey veil over a state that is too old: the banner counts the seconds. */
+export class StaleBanner {
+  /** @param {Link} link */
+  constructor(link) {
+    this._link = link;
+    this.veil = el("div.veil", { hidden: true });
+    this._text = el("strong", { role: "alert" });
+    this._count = el("span.number", { "aria-hidden": "true" });
+    this._then = el("span.then");
+    const content = [icon("fault"), this._text, this._count, this._then];
+    this.banner = el("div.banner", { hidden: true }, ...content);
+    link.on(["beat", "state", "down"], () => this._draw());
+  }
+
+  _draw() {
+    const link = this._link;
+    const stale = link.isStale();
+    this.veil.hidden = !stale;
+    this.banner.hidden = !stale;
+    if (!stale) return;
+    const ageMs = link.ageMs();
+    const isShown = Number.isFinite(ageMs);
+    setText(this._text, this._headline(isShown));
+    const seconds = ageMs / 1000;
+    const age = seconds < 60 ? `${seconds.toFixed(1)} s` : duration(seconds);
+    setText(this._count, isShown ? age : "");
+    setText(this._then, isShown ? "What you see is old. The robot stops by itself." : "");
+  }
+
+  /** @param {boolean} isShown */
+  _headline(isShown) {
+    if (!this._link.connected) return "No connection to the dashboard";
+    if (this._link.robot === null) return "Waiting for a robot";
+    return isShown ? "The robot is silent" : "Waiting for the robot";
+  }
 }

@@ -1,72 +1,57 @@
 // Overlay of the controls over viser's scene, always visible.
 
 import { Account } from "./account.js";
+import { tooltip } from "./button.js";
 import { CanvasFrame } from "./canvas_frame.js";
 import { ConsistencyWarning } from "./consistency.js";
 import { el, setAttribute, setText } from "./dom.js";
+import { Joystick, SpeedLevel, StopButton, TurnSlider } from "./dock.js";
 import { Drive } from "./drive.js";
 import { Gamepad } from "./gamepad.js";
 import { HandOver } from "./handover.js";
 import { Hints } from "./hints.js";
-import { Joystick, TurnSlider } from "./joystick.js";
 import { Keyboard } from "./keyboard.js";
+import { kindOf } from "./kinds.js";
 import { known, Link } from "./link.js";
-import { isNotable, Notices } from "./notices.js";
+import { isNotable, Notices, StaleBanner } from "./notices.js";
 import { PanelSliders } from "./panel_sliders.js";
 import { fillPanelTabs } from "./panel_tabs.js";
 import { notDrive } from "./permission.js";
 import { PoseReadout } from "./pose_readout.js";
-import { SpeedLevel } from "./speed_level.js";
-import { SphereGoTo } from "./sphere_goto.js";
-import { StaleBanner } from "./stale_banner.js";
+import { SphereGoTo } from "./sphere.js";
 import { StatusBar } from "./status_bar.js";
 import { StatusCard } from "./status_card.js";
-import { StopButton } from "./stop_button.js";
-import { Tooltip } from "./tooltip.js";
-import { twistMappingOf } from "./twist_mapping.js";
 import { Waypoints } from "./waypoints.js";
 
 const NARROW_PX = 600; // As in small.css.
-const STYLES = [
-  ...["base", "frame", "bar", "buttons", "notices", "card", "dock"],
-  "small",
-  "account", // Last: it takes away what others show.
-];
-
-let stylesLoaded = 0;
+// The last ones take away what others show.
+const STYLES = ["base", "frame", "bar", "buttons", "notices", "card", "dock", "small", "account"];
 
 const link = new Link(window.tsd.page);
 const drive = new Drive(link);
 const host = el("div", { id: "tsd-overlay" });
 const root = host.attachShadow({ mode: "open" });
 const frame = new CanvasFrame(host);
-const tips = new Tooltip();
-const notices = new Notices(tips);
+const notices = new Notices();
 const stop = () => drive.stop();
 
-const handOver = new HandOver(link, tips, notices, {
-  acquire: (reason) => bar.take(reason),
-  wish: () => bar.wish(),
-});
-const bar = new StatusBar(link, tips, {
-  handOver: () => handOver,
-  fold: () => fold(!inner.hasAttribute("data-folded")),
-});
-const level = new SpeedLevel(link, drive, tips);
+const handOver = new HandOver(link, notices);
+const bar = new StatusBar(link, handOver, () => fold(!inner.hasAttribute("data-folded")));
+const level = new SpeedLevel(link, drive);
 const stale = new StaleBanner(link);
 const conflict = new ConsistencyWarning(link);
-const card = new StatusCard(link, tips);
+const card = new StatusCard(link);
 const stick = new Joystick(drive);
 const turn = new TurnSlider(drive);
-const stopButton = new StopButton(link, tips, stop);
+const stopButton = new StopButton(link, stop);
 const sliders = new PanelSliders(drive, link, (event) => frame.isPanel(event));
 const sphereGoTo = new SphereGoTo(drive, link, (event) => frame.isScene(event));
-const going = new Waypoints(drive, link, tips);
+const waypoints = new Waypoints(drive, link);
 const preview = el(
-  "div",
-  { class: "preview", hidden: true },
+  "div.preview",
+  { hidden: true },
   "PREVIEW",
-  el("span", {}, "the sliders move your picture only, the robot stays put"),
+  el("span", "the sliders move your picture only, the robot stays put"),
 );
 const axes = el("button", {
   type: "button",
@@ -76,32 +61,30 @@ const axes = el("button", {
   onclick: () => turnAxes(),
 });
 
-const left = el("div", { class: "left" }, stick.element);
-const right = el("div", { class: "right" }, turn.element);
-const dock = el("div", { class: "dock" }, left, stopButton.element, right);
+const left = el("div.left", stick.element);
+const right = el("div.right", turn.element);
+const dock = el("div.dock", left, stopButton.element, right);
 const pose = new PoseReadout(link);
 const inner = el(
-  "div",
-  { class: "frame" },
+  "div.frame",
   stale.veil,
-  going.floor.element,
+  waypoints.floor.element,
   bar.element,
   el(
-    "div",
-    { class: "messages" },
+    "div.messages",
     ...[stale.banner, conflict.element, preview, handOver.element, notices.element],
   ),
   card.element,
   pose.element,
   dock,
-  tips.element,
+  tooltip.element,
 );
 /** @type {(state: RobotState) => boolean} */
 const isArmed = ({ status }) => ["arming", "ready", "driving"].includes(status.mode);
-const account = new Account(link, tips, inner);
+const account = new Account(link, inner);
 bar.element.append(account.element);
 stopButton.element.append(account.watching);
-const hints = new Hints(link, tips, [
+const hints = new Hints(link, [
   {
     target: bar.control.button,
     text: "Take control: one person drives at a time.",
@@ -111,9 +94,7 @@ const hints = new Hints(link, tips, [
   {
     target: bar.arm.button,
     get text() {
-      return link.robot?.panel === "gimbals"
-        ? "Arm: the wheels spin up. They spin even when the robot stands still."
-        : "Arm: from then on the motors hold the robot, and move it when you ask.";
+      return kindOf(link.robot).armHint;
     },
     when: (state) => state.you && state.status.mode === "disarmed",
     done: isArmed,
@@ -127,72 +108,59 @@ const hints = new Hints(link, tips, [
 ]);
 inner.append(hints.element);
 
-const key = (/** @type {string} */ name) => el("kbd", {}, name);
+const key = (/** @type {string} */ name) => el("kbd", name);
 const keysHelp = el(
-  "div",
-  { class: "keys", "aria-hidden": "true" },
+  "div.keys",
+  { "aria-hidden": "true" },
   ...[key("W A S D"), " · ", key("Q E"), " · gamepad \u2003 ", key("space"), " = stop"],
 );
 stopButton.element.append(keysHelp);
-stick.element
-  .querySelector(".caption")
-  ?.replaceWith(
-    el(
-      "div",
-      { class: "caption-row" },
-      el("div", { class: "caption", "aria-hidden": "true" }, "Drive"),
-      axes,
-    ),
-  );
+stick.head.append(axes);
 
 const keys = new Keyboard(drive, { focused: keyOfFocused, stop });
-for (const source of [stick, turn, keys, new Gamepad(drive, stop), sliders, sphereGoTo, going])
+for (const source of [stick, turn, keys, new Gamepad(drive, stop), sliders, sphereGoTo, waypoints])
   drive.add(source);
 drive.onChange(draw);
 drive.onMessage = (text) => notices.say(text);
-link.on("state", draw);
-link.on("beat", draw);
+link.on(["state", "beat"], draw);
 link.on("event", (event) => {
   if (!event.past && isNotable(event, link.welcome?.operator)) notices.say(event.text);
 });
 link.on("reply", ({ ok, reason }) => !ok && notices.say(`Refused: ${reason}.`));
-link.on("robot", ({ title, space }) => {
-  document.title = `${title} · tsd-twin`;
-  axes.hidden = space === "ball"; // Its base and the world are one.
+link.on("robot", (robot) => {
+  document.title = `${robot.title} · tsd-twin`;
+  axes.hidden = !kindOf(robot).onFloor; // Its base and the world are one.
   if (axes.hidden && drive.frame !== "base_link") turnAxes("base_link");
 });
-tips.attach(stick.pad, () => notDrive(link) ?? twistMappingOf(link.robot).words);
-tips.attach(turn.track, () => notDrive(link) ?? "Left turns left");
-tips.attach(axes, () => "Up on the stick: forward of the robot, or along x of the world");
+tooltip.attach(stick.pad, () => notDrive(link) ?? kindOf(link.robot).controls.help);
+tooltip.attach(turn.track, () => notDrive(link) ?? "Left turns left");
+tooltip.attach(axes, () => "Up on the stick: forward of the robot, or along x of the world");
 
-root.append(
-  ...STYLES.map((name) =>
-    el("link", { rel: "stylesheet", href: `static/${name}.css`, onload: styled }),
-  ),
-  inner,
-);
 inner.style.visibility = "hidden"; // Until it has its styles.
-document.head.append(
-  ...["colours", "page"].map((name) =>
-    el("link", { rel: "stylesheet", href: `static/${name}.css` }),
-  ),
-);
+let missing = STYLES.length;
+const onload = () => {
+  missing -= 1;
+  if (missing === 0) inner.style.removeProperty("visibility");
+};
+const sheet = (/** @type {string} */ name) => ({ rel: "stylesheet", href: `static/${name}.css` });
+// Controls without a style are better than none: STOP is among them.
+root.append(...STYLES.map((name) => el("link", sheet(name), { onload, onerror: onload })), inner);
+document.head.append(el("link", sheet("colours")), el("link", sheet("page")));
 document.body.append(host);
-setAttribute(inner, "data-plain", window.tsd.plain ? "" : null); // Blurs take half of the frames.
-new ResizeObserver(reserve).observe(bar.element);
-new ResizeObserver(reserve).observe(dock);
-new ResizeObserver(reserve).observe(going.element);
+inner.toggleAttribute("data-plain", window.tsd.plain); // Blurs take half of the frames.
+for (const element of [bar.element, dock, waypoints.element])
+  new ResizeObserver(reserve).observe(element);
 new ResizeObserver(layOut).observe(host);
 frame.phone.addEventListener("change", layOut);
 layOut();
 fold(false);
 turnAxes("base_link");
-fillPanelTabs(link, going, sphereGoTo);
+fillPanelTabs(link, waypoints, sphereGoTo);
 link.open();
 
 /** @param {KeyboardEvent} event */
 function keyOfFocused(event) {
-  if (going.key(event)) return true;
+  if (waypoints.key(event)) return true;
   const focused = root.activeElement;
   if (focused === stick.pad) return stick.key(event);
   if (focused === turn.track) return turn.key(event);
@@ -202,26 +170,22 @@ function keyOfFocused(event) {
 function draw() {
   const { scale, twist } = drive;
   const refusal = notDrive(link);
-  const space = twistMappingOf(link.robot);
+  const { controls } = kindOf(link.robot);
   const byItself = sliders.held || sphereGoTo.held;
-  const unit = byItself ? share(space.unit([twist.vx, twist.vy, twist.omega]), scale) : drive.unit;
-  const commanded = refusal === null ? share(inFrame(known(link.state), space), scale) : null;
-  stick.draw(unit, commanded, drive.level, scale, space);
+  const unit = byItself
+    ? share(controls.unit([twist.vx, twist.vy, twist.omega]), scale)
+    : drive.unit;
+  const commanded = refusal === null ? share(commandedUnit(known(link.state)), scale) : null;
+  stick.draw(unit, commanded, controls.labels);
   turn.draw(unit.turn, commanded?.turn ?? null, twist.omega);
   for (const node of [stick.pad, turn.track])
     setAttribute(node, "aria-disabled", refusal === null ? null : "true");
-  setText(
-    known(root.getElementById("stick-help")),
-    refusal ?? `Drag, or use the arrow keys. ${space.words}. It springs back.`,
-  );
+  const help = `Drag, or use the arrow keys. ${controls.help}. It springs back.`;
+  setText(stick.help, refusal ?? help);
   preview.hidden = !sliders.preview;
 }
 
-/**
- * Return where the controls would be, as shares of what the level allows.
- * @param {Unit} unit
- * @param {{ speed: number, turn: number }} scale
- */
+/** @param {Unit} unit @param {{ speed: number, turn: number }} scale */
 function share({ x, y, turn: rate }, { speed, turn: most }) {
   return {
     x: speed > 0 ? x / speed : 0,
@@ -230,13 +194,9 @@ function share({ x, y, turn: rate }, { speed, turn: most }) {
   };
 }
 
-/**
- * Return what is commanded to the joints, along the axes that the stick has.
- * @param {RobotState} state
- * @param {TwistMapping} space
- */
-function inFrame({ commanded, pose: at }, space) {
-  const { x, y, turn: rate } = space.unit(commanded ?? [0, 0, 0]);
+/** Return what is commanded to the joints, along the axes of the stick. @param {RobotState} state */
+function commandedUnit({ commanded, pose: at }) {
+  const { x, y, turn: rate } = kindOf(link.robot).controls.unit(commanded ?? [0, 0, 0]);
   const heading = drive.frame === "odom" ? (at?.[2] ?? 0) : 0;
   const [c, s] = [Math.cos(heading), Math.sin(heading)];
   return { x: c * x - s * y, y: s * x + c * y, turn: rate };
@@ -250,31 +210,32 @@ function turnAxes(to = drive.frame === "odom" ? "base_link" : "odom") {
   setAttribute(axes, "aria-checked", String(to === "odom"));
 }
 
-function styled() {
-  stylesLoaded += 1;
-  if (stylesLoaded === STYLES.length) inner.style.removeProperty("visibility");
-}
-
 /** @param {boolean} folded */
 function fold(folded) {
-  setAttribute(inner, "data-folded", folded ? "" : null);
+  inner.toggleAttribute("data-folded", folded);
   bar.showFolded(folded);
   if (folded) drive.release();
 }
 
+function isNarrow() {
+  return host.clientWidth <= NARROW_PX;
+}
+
 function layOut() {
-  (host.clientWidth <= NARROW_PX ? right : bar.level).prepend(level.element);
-  if (host.clientWidth <= NARROW_PX) dock.before(going.element);
-  else stopButton.element.prepend(going.element);
-  setAttribute(inner, "data-drawer", frame.phone.matches ? "" : null);
+  // An element that moves loses focus and pointer, so it moves only when it has to.
+  const [levelPlace, path] = isNarrow() ? [right, inner] : [bar.level, stopButton.element];
+  if (level.element.parentElement !== levelPlace) levelPlace.prepend(level.element);
+  if (waypoints.element.parentElement !== path)
+    path.insertBefore(waypoints.element, isNarrow() ? dock : path.firstChild);
+  inner.toggleAttribute("data-drawer", frame.phone.matches);
   reserve();
 }
 
 function reserve() {
   const box = host.getBoundingClientRect();
-  const lowest = host.clientWidth <= NARROW_PX ? pose.element : bar.element;
+  const lowest = isNarrow() ? pose.element : bar.element;
   const top = lowest.getBoundingClientRect().bottom - box.top;
-  const beside = dock.previousElementSibling === going.element && !going.element.hidden;
-  const bottom = box.bottom - (beside ? going.element : dock).getBoundingClientRect().top;
+  const beside = dock.previousElementSibling === waypoints.element && !waypoints.element.hidden;
+  const bottom = box.bottom - (beside ? waypoints.element : dock).getBoundingClientRect().top;
   frame.reserve(top, bottom + 8);
 }

@@ -18,13 +18,12 @@ export class PanelSliders {
     this._pointers = new Set();
     this._touched = false; // By a hand, since they were last let go.
     this._resetMs = -Infinity;
-    link.on("panel", (message) => this._take(message));
-    link.on("released", () => this._show(AT_ZERO));
-    link.on("down", () => this._show(AT_ZERO));
+    link.on("panel_sliders", (message) => this._take(message));
+    link.on(["released", "down"], () => this._show(AT_ZERO));
     addEventListener("pointerdown", (event) => isPanel(event) && this._onPointerDown(event), true);
     addEventListener("keydown", (event) => isPanel(event) && (this._touched = true), true);
-    addEventListener("pointerup", (event) => this._onPointerUp(event), true);
-    addEventListener("pointercancel", (event) => this._onPointerUp(event), true);
+    for (const end of /** @type {const} */ (["pointerup", "pointercancel"]))
+      addEventListener(end, (event) => this._onPointerUp(event), true);
   }
 
   get held() {

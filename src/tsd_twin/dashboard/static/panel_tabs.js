@@ -1,89 +1,15 @@
 // Content of the tabs of viser's panel: viser makes empty places, and makes them anew on reconnection.
 
-import { addAriaLabels } from "./aria_labels.js";
 import { el } from "./dom.js";
-import { Gimbals } from "./gimbals.js";
 import { Health } from "./health.js";
+import { kindOf } from "./kinds.js";
 import { Plots, Recorder } from "./plots.js";
-import { Sphere } from "./sphere.js";
 import { WaypointForm } from "./waypoint_form.js";
 import { WheelSpeed } from "./wheel_speed.js";
-import { Wheels } from "./wheels.js";
 
-// Tab of the actuators; its content depends on the robot.
-const PANELS = { gimbals: Gimbals, wheels: Wheels, sphere: Sphere };
-
-export class ActuatorTab {
-  /** @param {Link} link @param {ShadowRoot} place @param {SphereGoTo} sphereGoTo */
-  constructor(link, place, sphereGoTo) {
-    this._link = link;
-    this._sphereGoTo = sphereGoTo;
-    /** @type {RobotInfo["panel"] | null} */
-    this._kind = null;
-    this._place = el("div");
-    place.append(this._place);
-    this._open = true;
-    link.on("robot", () => this._open && this._choose());
-    this._choose();
-  }
-
-  close() {
-    this._open = false;
-    this._content?.close();
-  }
-
-  _choose() {
-    const kind = this._link.robot?.panel ?? "gimbals";
-    if (kind === this._kind) return;
-    this._kind = kind;
-    this._content?.close();
-    this._place.replaceChildren();
-    this._content = new PANELS[kind](this._link, this._place, this._sphereGoTo);
-  }
-}
-
-// The tabs of viser's panel that we fill: viser makes empty places, and makes them anew when it
-// connects again.
-/**
- * Fill all places that there are and that will come, and name what viser leaves without a name.
- * @param {Link} link
- * @param {Waypoints} going
- * @param {SphereGoTo} sphereGoTo
- */
-export function fillPanelTabs(link, going, sphereGoTo) {
-  const recorder = new Recorder(link);
-  /** @type {Record<string, (place: ShadowRoot) => { close(): void }>} */
-  const contents = {
-    route: (place) => new WaypointForm(link, going, place),
-    joints: (place) => new ActuatorTab(link, place, sphereGoTo),
-    wheel_speed: (place) => new WheelSpeed(link, place),
-    plots: (place) => new Plots(recorder, place),
-    health: (place) => new Health(link, place),
-  };
-  /** @type {Map<Element, { close(): void }>} */
-  const filled = new Map();
-  const fill = () => {
-    addAriaLabels();
-    for (const [place, content] of filled) {
-      if (place.isConnected) continue;
-      content.close();
-      filled.delete(place);
-    }
-    for (const place of /** @type {NodeListOf<HTMLElement>} */ (
-      document.querySelectorAll("[data-tsd]")
-    )) {
-      const make = contents[place.dataset.tsd ?? ""];
-      if (make !== undefined && !filled.has(place)) filled.set(place, make(shadow(place)));
-    }
-  };
-  let waiting = false;
-  new MutationObserver(() => {
-    if (waiting) return;
-    waiting = true;
-    setTimeout(() => ((waiting = false), fill()), 50);
-  }).observe(document.body, { childList: true, subtree: true });
-  fill();
-}
+const REFRESH_MS = 50;
+const UNNAMED = "[role=slider], input[type=text]";
+const LABEL_LEVELS = 8; // How far above a control viser's label may be.
 
 /** @type {Record<string, string[]>} */
 const STYLES = {
@@ -94,12 +20,100 @@ const STYLES = {
   health: ["health"],
 };
 
-/** @param {HTMLElement} place */
-function shadow(place) {
+/**
+ * Fill all places that there are and that will come, and name what viser leaves without a name.
+ * @param {Link} link @param {Waypoints} waypoints @param {SphereGoTo} sphereGoTo
+ */
+export function fillPanelTabs(link, waypoints, sphereGoTo) {
+  const recorder = new Recorder(link);
+  /** @type {Record<string, (place: ShadowRoot, signal: AbortSignal) => unknown>} */
+  const contents = {
+    route: (place, signal) => new WaypointForm(link, place, signal, waypoints),
+    joints: (place, signal) => fillActuatorTab(link, place, signal, sphereGoTo),
+    wheel_speed: (place, signal) => new WheelSpeed(link, place, signal),
+    plots: (place, signal) => new Plots(recorder, place, signal),
+    health: (place, signal) => new Health(link, place, signal),
+  };
+  /** @type {Map<HTMLElement, AbortController>} */
+  const filled = new Map();
+  const fill = () => {
+    addAriaLabels();
+    for (const [place, controller] of filled) {
+      if (place.isConnected) continue;
+      controller.abort();
+      filled.delete(place);
+    }
+    /** @type {NodeListOf<HTMLElement>} */
+    const places = document.querySelectorAll("[data-tsd]");
+    for (const place of places) {
+      const name = place.dataset.tsd ?? "";
+      if (!(name in contents) || filled.has(place)) continue;
+      const controller = new AbortController();
+      filled.set(place, controller);
+      contents[name](shadow(place, STYLES[name]), controller.signal);
+    }
+  };
+  let isWaiting = false;
+  new MutationObserver(() => {
+    if (isWaiting) return;
+    isWaiting = true;
+    setTimeout(() => ((isWaiting = false), fill()), REFRESH_MS);
+  }).observe(document.body, { childList: true, subtree: true });
+  fill();
+}
+
+/**
+ * Fill the tab of the actuators, again when a robot of another kind is shown.
+ * @param {Link} link @param {ShadowRoot} place @param {AbortSignal} signal
+ * @param {SphereGoTo} sphereGoTo
+ */
+function fillActuatorTab(link, place, signal, sphereGoTo) {
+  const content = el("div");
+  place.append(content);
+  let controller = new AbortController();
+  /** @type {Kind["Panel"] | null} */
+  let shown = null;
+  const show = () => {
+    const { Panel } = kindOf(link.robot);
+    if (Panel === shown) return;
+    shown = Panel;
+    controller.abort();
+    controller = new AbortController();
+    content.replaceChildren();
+    new Panel(link, content, controller.signal, sphereGoTo);
+  };
+  link.on("robot", show, signal);
+  signal.addEventListener("abort", () => controller.abort());
+  show();
+}
+
+/** @param {HTMLElement} place @param {string[]} styles */
+function shadow(place, styles) {
   const root = place.shadowRoot ?? place.attachShadow({ mode: "open" });
-  const styles = ["base", "panel", ...STYLES[place.dataset.tsd ?? ""]];
-  root.replaceChildren(
-    ...styles.map((name) => el("link", { rel: "stylesheet", href: `static/${name}.css` })),
+  const links = ["base", "panel", ...styles].map((name) =>
+    el("link", { rel: "stylesheet", href: `static/${name}.css` }),
   );
+  root.replaceChildren(...links);
   return root;
+}
+
+/** Name viser's sliders and fields after the labels in their rows: viser only draws them there. */
+function addAriaLabels() {
+  for (const control of document.querySelectorAll(UNNAMED)) {
+    // viser gives its sliders a name that is empty.
+    const named = control.getAttribute("aria-label") || control.getAttribute("aria-labelledby");
+    if (named || (control instanceof HTMLInputElement && control.labels?.length)) continue;
+    const label = labelOf(control);
+    if (label !== null) control.setAttribute("aria-label", label);
+  }
+}
+
+/** @param {Element} control */
+function labelOf(control) {
+  let row = control.parentElement;
+  for (let i = 0; i < LABEL_LEVELS && row !== null; i++, row = row.parentElement) {
+    const text = row.querySelector("p")?.textContent.trim();
+    if (text) return text;
+  }
+  return null;
 }

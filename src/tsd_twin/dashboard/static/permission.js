@@ -1,17 +1,11 @@
-// Permission checks: each returns the reason of a refusal as a sentence, or null.
+// Permission checks: each returns the reason of a refusal as a sentence, or null. The robot's status
+// has the reasons of the robot; the page adds the link, the role and that it is not in control.
 
+import { sentence } from "./format.js";
 import { known } from "./link.js";
 
 const MOVABLE = new Set(["ready", "driving"]);
 const LATCHED = new Set(["stopped", "fault"]);
-/** @type {Record<string, string>} */
-const SAID = {
-  disarmed: "the robot is disarmed: arm it first",
-  arming: "the robot is still arming",
-  stopping: "the robot is coming to rest",
-  stopped: "the robot is stopped: reset the stop first",
-  fault: "the robot has a fault: reset it first",
-};
 
 export const WATCHES = "You watch: a viewer does not drive.";
 
@@ -21,44 +15,44 @@ export function watches(link) {
 }
 
 /** @param {Link} link */
-function notConnected(link) {
+function notAllowed(link) {
   if (!link.connected) return "No connection to the dashboard.";
   if (link.robot === null) return "No robot is on the bus.";
   if (link.isStale()) return "The robot has gone silent.";
-  return null;
+  return watches(link) ? WATCHES : null;
 }
 
-/** @param {Link} link */
-function notAllowed(link) {
-  return notConnected(link) ?? (watches(link) ? WATCHES : null);
+/** Null also for robots that send no reasons. @param {Link} link @param {keyof Refusals} request */
+function robotRefusal(link, request) {
+  const reason = known(link.state).status.refusals?.[request];
+  return reason ? sentence(reason) : null;
 }
 
-/** @param {Link} link */
-export function notHolder(link) {
+/** For what requires control. @param {Link} link @param {keyof Refusals} request */
+function notNow(link, request) {
   const reason = notAllowed(link);
   if (reason !== null) return reason;
-  if (known(link.state).you) return null;
-  const holder = known(link.state).status.lease.holder;
-  return holder === null
-    ? "The lease is free: take control first."
-    : `${holder} drives: ask for control.`;
+  if (known(link.state).you) return robotRefusal(link, request);
+  return robotRefusal(link, "without_lease") ?? "You are not in control.";
 }
 
 /** @param {Link} link */
 export function notDrive(link) {
-  const reason = notHolder(link);
+  const reason = notNow(link, "drive");
   if (reason !== null) return reason;
+  // A control that is held while the robot comes to rest moves it only when it is used anew.
   const mode = known(link.state).status.mode;
-  return MOVABLE.has(mode) ? null : capital(SAID[mode] ?? `the robot is ${mode}`);
+  return MOVABLE.has(mode) ? null : sentence(`the robot is ${mode}`);
 }
 
 /** @param {Link} link */
 export function notTake(link) {
   const reason = notAllowed(link);
   if (reason !== null) return reason;
-  const { reserved_for: kept } = known(link.state).status.lease;
-  const free = (kept ?? null) === null || kept === link.welcome?.operator;
-  return free ? null : `Control is kept for ${kept}, for a moment.`;
+  const { holder, reserved_for: reserved } = known(link.state).status.lease;
+  // Who is in control can release it, and others can ask the holder.
+  if (holder !== null || reserved === link.welcome?.operator) return null;
+  return robotRefusal(link, "lease");
 }
 
 /** @param {Link} link */
@@ -69,37 +63,28 @@ export function notStop(link) {
 
 /** @param {Link} link */
 export function notArm(link) {
-  const reason = notHolder(link);
-  if (reason !== null) return reason;
-  const mode = known(link.state).status.mode;
-  if (LATCHED.has(mode)) return capital(SAID[mode]);
-  return mode === "disarmed" ? null : `The robot is ${mode} already.`;
+  return notNow(link, "arm");
 }
 
 /** @param {Link} link */
 export function notSetWheelSpeed(link) {
-  const reason = notHolder(link);
-  if (reason !== null) return reason;
-  const mode = known(link.state).status.mode;
-  return LATCHED.has(mode) ? capital(SAID[mode]) : null;
+  return notNow(link, "speed");
 }
 
 /** @param {Link} link */
 export function notPlan(link) {
-  return notSetWheelSpeed(link);
+  const reason = notNow(link, "disarm");
+  if (reason !== null) return reason;
+  // A path can be planned before the robot is armed; a latched stop ends it.
+  return LATCHED.has(known(link.state).status.mode) ? notDrive(link) : null;
 }
 
 /** @param {Link} link */
 export function notDisarm(link) {
-  return notHolder(link);
+  return notNow(link, "disarm");
 }
 
 /** @param {Link} link */
 export function notReset(link) {
-  return notHolder(link);
-}
-
-/** @param {string} sentence */
-function capital(sentence) {
-  return `${sentence[0].toUpperCase()}${sentence.slice(1)}.`;
+  return notNow(link, "reset");
 }

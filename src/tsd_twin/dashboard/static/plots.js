@@ -2,10 +2,11 @@
 
 import { el, isVisible, setText } from "./dom.js";
 import { fixed } from "./format.js";
+import { kindOf } from "./kinds.js";
 import { known } from "./link.js";
 
 // The last twenty seconds of what is plotted, kept from the moment the page is opened.
-export const SPAN_S = 20;
+const SPAN_S = 20;
 const MAX_SAMPLES = 1024;
 const NO_VECTOR = [null, null, null];
 
@@ -17,7 +18,7 @@ export class Recorder {
     this.rows = new Map(); // Name of a channel to its values, in the same places as the times.
     this.count = 0; // Samples so far; the newest is at (count - 1) modulo the length.
     /** @type {RobotInfo | null} */
-    this.card = null; // Of the robot that is recorded.
+    this.robot = null; // The one that is recorded.
     link.on("state", (state) => this._take(state, link));
     link.on("robot", (robot) => this._begin(robot));
   }
@@ -28,8 +29,7 @@ export class Recorder {
 
   /**
    * Call `each(time_s, value)` for a channel, oldest first, from a time on.
-   * @param {string} channel
-   * @param {number} fromS
+   * @param {string} channel @param {number} fromS
    * @param {(timeS: number, value: number) => void} each
    */
   each(channel, fromS, each) {
@@ -43,37 +43,36 @@ export class Recorder {
 
   /** @param {string} channel */
   newest(channel) {
-    return this.count === 0
-      ? NaN
-      : (this.rows.get(channel)?.[(this.count - 1) % MAX_SAMPLES] ?? NaN);
+    return this.rows.get(channel)?.[(this.count - 1) % MAX_SAMPLES] ?? NaN;
   }
 
   /** @param {RobotInfo} robot */
   _begin(robot) {
-    if (this.card?.id === robot.id) return;
-    this.card = robot;
-    this.count = 0;
-    this.rows.clear();
+    if (this.robot?.id !== robot.id) {
+      this.count = 0;
+      this.rows.clear();
+    }
+    this.robot = robot; // The same robot may have another description.
   }
 
   /** @param {RobotState} state @param {Link} link */
   _take(state, link) {
-    if (this.card === null) return;
+    if (this.robot === null) return;
     const at = this.count % MAX_SAMPLES;
     this.times[at] = performance.now() / 1000;
     const commanded = state.commanded ?? NO_VECTOR;
     const twist = state.twist ?? NO_VECTOR;
-    this.card.numbers.forEach(({ name }, i) => {
+    this.robot.twist_axes.forEach(({ name }, i) => {
       this._put(`set ${name}`, at, commanded[i]);
       this._put(name, at, twist[i]);
     });
-    this.card.modules.forEach((name, i) => this._put(`tilt ${name}`, at, state.modules[i]?.tilt));
-    this.card.wheels.forEach((name, i) => {
+    this.robot.modules.forEach((name, i) => this._put(`tilt ${name}`, at, state.modules[i]?.tilt));
+    this.robot.wheels.forEach((name, i) => {
       this._put(`set ${name}`, at, state.wheels[i]?.set_rpm);
       this._put(name, at, state.wheels[i]?.rpm);
     });
-    this._put("models", at, state.ball?.angle_deg);
-    this._put("conflict", at, state.status.consistency.residual_mps);
+    this._put("models", at, state.sphere?.angle_deg);
+    this._put("residual", at, state.status.consistency.residual_mps);
     this._put("latency", at, link.roundTripMs());
     this.count += 1;
   }
@@ -93,32 +92,17 @@ const AXIS_PX = 16;
 const GAP_S = 0.3; // A line is not drawn over what was not seen.
 const STEPS = [1, 2, 5, 10];
 
-/** @typedef {{ channel: string, width: number, swatch: Element }} Line */
-/** @typedef {(value: number) => number} Scale From a time or value to pixels. */
-/**
- * @typedef {object} Row A chart and its legend.
- * @property {string} title
- * @property {string} unit
- * @property {number} decimals
- * @property {number} least
- * @property {[label: string, channel: string][]} series
- * @property {boolean} [positive]
- * @property {boolean} [pairs] Whether each channel has a commanded one.
- */
-
-export class Chart {
+class Chart {
   /**
-   * `lines` are `{channel, width, swatch}`; the colour of the swatch is that of the line.
-   * @param {Recorder} recorder
-   * @param {HTMLCanvasElement} canvas
-   * @param {{ lines: Line[], least: number, positive: boolean, axis: boolean }} options
+   * @param {Recorder} recorder @param {HTMLCanvasElement} canvas
+   * @param {{ lines: PlotLine[], least: number, isSigned: boolean, axis: boolean }} options
    */
-  constructor(recorder, canvas, { lines, least, positive, axis }) {
+  constructor(recorder, canvas, { lines, least, isSigned, axis }) {
     this._recorder = recorder;
     this._canvas = canvas;
     this._lines = lines;
     this._least = least;
-    this._positive = positive;
+    this._isSigned = isSigned;
     this._axis = axis;
     this._height = HEIGHT_PX + (axis ? AXIS_PX : 0);
     canvas.style.height = `${this._height}px`;
@@ -137,19 +121,19 @@ export class Chart {
     const pen = known(canvas.getContext("2d", { willReadFrequently: true }));
     pen.setTransform(density, 0, 0, density, 0, 0);
     pen.clearRect(0, 0, width, height);
-    const style = getComputedStyle(canvas);
     const top = this._range(nowS);
-    const bottom = this._positive ? 0 : -top;
-    /** @type {Scale} */
+    const bottom = this._isSigned ? -top : 0;
+    /** @type {PixelScale} */
     const x = (timeS) => GUTTER_PX + ((timeS - nowS + SPAN_S) / SPAN_S) * (width - GUTTER_PX - 1);
-    /** @type {Scale} */
+    /** @type {PixelScale} */
     const y = (value) => 5 + ((top - value) / (top - bottom)) * (HEIGHT_PX - 10);
-    this._grid(pen, style, { x, y, top, bottom, width, nowS });
+    const frame = { x, y, top, bottom, width, nowS };
+    this._grid(pen, frame);
     pen.save();
     pen.beginPath();
     pen.rect(GUTTER_PX, 0, width - GUTTER_PX, HEIGHT_PX);
     pen.clip();
-    for (const line of this._lines) this._line(pen, line, x, y, nowS);
+    for (const line of this._lines) this._line(pen, line, frame);
     pen.restore();
   }
 
@@ -170,12 +154,9 @@ export class Chart {
     return this._top;
   }
 
-  /**
-   * @param {CanvasRenderingContext2D} pen
-   * @param {CSSStyleDeclaration} style
-   * @param {{ x: Scale, y: Scale, top: number, bottom: number, width: number, nowS: number }} frame
-   */
-  _grid(pen, style, { x, y, top, bottom, width, nowS }) {
+  /** @param {CanvasRenderingContext2D} pen @param {PlotFrame} frame */
+  _grid(pen, { x, y, top, bottom, width, nowS }) {
+    const style = getComputedStyle(this._canvas);
     pen.strokeStyle = style.borderTopColor;
     pen.lineWidth = 1;
     pen.beginPath();
@@ -204,14 +185,8 @@ export class Chart {
     }
   }
 
-  /**
-   * @param {CanvasRenderingContext2D} pen
-   * @param {Line} line
-   * @param {Scale} x
-   * @param {Scale} y
-   * @param {number} nowS
-   */
-  _line(pen, { channel, width, swatch }, x, y, nowS) {
+  /** @param {CanvasRenderingContext2D} pen @param {PlotLine} line @param {PlotFrame} frame */
+  _line(pen, { channel, width, swatch }, { x, y, nowS }) {
     pen.strokeStyle = getComputedStyle(swatch).color;
     pen.lineWidth = width;
     pen.lineJoin = "round";
@@ -237,97 +212,49 @@ function tick(value) {
 const FRAME_MS = 80;
 const TONES = ["one", "two", "three", "four"];
 
-/** @type {Row} */
-const CONFLICT = {
-  title: "Conflict",
-  unit: "m/s",
-  decimals: 3,
-  least: 0.02,
-  series: [["residual", "conflict"]],
-  positive: true,
-};
-/** @type {Record<RobotInfo["panel"], (robot: RobotInfo) => Row[]>} */
-const ACTUATORS = {
-  gimbals: ({ modules }) => [
-    {
-      title: "Tilt",
-      unit: "°",
-      decimals: 1,
-      least: 5,
-      series: modules.map((name, i) => [String(i + 1), `tilt ${name}`]),
-      positive: true,
-    },
-    CONFLICT,
-  ],
-  wheels: (card) => [speeds(card), CONFLICT],
-  sphere: (card) => [
-    speeds(card),
-    {
-      title: "Models apart",
-      unit: "°",
-      decimals: 1,
-      least: 4,
-      series: [["ideal to dual", "models"]],
-      positive: true,
-    },
-  ],
+/** @type {Record<string, number>} */
+const LEAST = { "m/s": 0.2, "rad/s": 0.5 };
+/** @type {PlotRow} */
+const ROUND_TRIP = {
+  title: "Round trip",
+  unit: "ms",
+  decimals: 0,
+  least: 20,
+  series: [["page to robot", "latency"]],
 };
 
-/**
- * Numbers of the twist, those of one unit in one chart.
- * @param {RobotInfo} robot
- * @returns {Row[]}
- */
-function motion({ space, numbers }) {
-  /** @type {Record<string, number>} */
-  const least = { "m/s": 0.2, "rad/s": 0.5 };
-  const units = [...new Set(numbers.map(({ unit }) => unit))];
-  /** @type {Record<string, string>} */
-  const titles = { "m/s": "Velocity", "rad/s": space === "ball" ? "Turning" : "Turn rate" };
-  return units.map((unit) => ({
-    title: titles[unit],
-    unit,
-    decimals: 2,
-    least: least[unit],
-    series: numbers.filter((one) => one.unit === unit).map(({ symbol, name }) => [symbol, name]),
-    pairs: true,
-  }));
-}
-
-/**
- * @param {RobotInfo} robot
- * @returns {Row}
- */
-function speeds({ wheels, max_rpm: most }) {
-  return {
-    title: "Wheels",
-    unit: "rpm",
-    decimals: 0,
-    least: (most ?? NaN) / 10,
-    series: wheels.map((name, i) => [String(i + 1), name]),
-    pairs: true,
-  };
+/** Plots of a twist, the components of one unit in one. @type {(robot: RobotInfo) => PlotRow[]} */
+function twistPlots({ twist_axes: axes }) {
+  return [...new Set(axes.map(({ unit }) => unit))].map((unit) => {
+    const own = axes.filter((axis) => axis.unit === unit);
+    return {
+      title: unit === "m/s" ? "Velocity" : own.length > 1 ? "Turning" : "Turn rate",
+      unit,
+      decimals: 2,
+      least: LEAST[unit],
+      series: own.map(({ symbol, name }) => [symbol, name]),
+      commanded: true,
+    };
+  });
 }
 
 export class Plots {
-  /** @param {Recorder} recorder @param {ShadowRoot} place */
-  constructor(recorder, place) {
+  /** @param {Recorder} recorder @param {ShadowRoot} place @param {AbortSignal} signal */
+  constructor(recorder, place, signal) {
     this._recorder = recorder;
+    this._robot = null;
     /** @type {{ chart: Chart, values: { node: Element, channel: string, decimals: number }[] }[]} */
     this._rows = [];
-    this._place = el("div", { class: "plots" });
+    this._place = el("div.plots");
     place.append(this._place);
-    this._timer = setInterval(() => this._draw(), FRAME_MS);
-  }
-
-  close() {
-    clearInterval(this._timer);
+    const timer = setInterval(() => this._draw(), FRAME_MS);
+    signal.addEventListener("abort", () => clearInterval(timer));
   }
 
   _draw() {
-    if (!isVisible(this._place)) return;
-    if (this._recorder.card === null) return;
-    if (this._recorder.card !== this._card) this._build(this._recorder.card);
+    const { robot } = this._recorder;
+    if (robot === null || !isVisible(this._place)) return;
+    if (robot !== this._robot) this._build(robot);
     const nowS = performance.now() / 1000;
     for (const { chart, values } of this._rows) {
       chart.draw(nowS);
@@ -336,69 +263,34 @@ export class Plots {
     }
   }
 
-  /** @param {RobotInfo} card */
-  _build(card) {
-    this._card = card;
-    /** @type {Row[]} */
-    const rows = [
-      ...motion(card),
-      ...ACTUATORS[card.panel](card),
-      {
-        title: "Round trip",
-        unit: "ms",
-        decimals: 0,
-        least: 20,
-        series: [["page to robot", "latency"]],
-        positive: true,
-      },
-    ];
-    const shown = rows.map((row, i) => this._row(row, i === rows.length - 1));
-    this._rows = shown;
+  /** @param {RobotInfo} robot */
+  _build(robot) {
+    this._robot = robot;
+    const plots = [...twistPlots(robot), ...kindOf(robot).plots(robot), ROUND_TRIP];
+    const rows = plots.map((plot) => this._row(plot, plot === ROUND_TRIP));
+    this._rows = rows;
     this._place.replaceChildren(
-      el(
-        "p",
-        { class: "key" },
-        el("span", { class: "thin" }),
-        "commanded",
-        el("span", { class: "thick" }),
-        "estimated",
-      ),
-      ...shown.map(({ element }) => element),
+      el("p.key", el("span.thin"), "commanded", el("span.thick"), "estimated"),
+      ...rows.map(({ element }) => element),
     );
   }
 
-  /** @param {Row} row @param {boolean} last */
-  _row({ title, unit, decimals, series, pairs, least, positive }, last) {
-    const values = series.map(([label, channel], i) => ({
-      label,
-      channel,
-      decimals,
-      tone: TONES[i % TONES.length],
-      node: el("span", { class: "value" }),
-    }));
-    const legend = values.map(({ label, tone, node }) =>
-      el("span", { class: `series ${tone}` }, el("i"), label, " ", node),
+  /** @param {PlotRow} row @param {boolean} last */
+  _row({ title, unit, decimals, series, commanded = false, least }, last) {
+    const values = series.map(([, channel]) => ({ channel, decimals, node: el("span.value") }));
+    const legend = values.map(({ node }, i) =>
+      el("span", { class: `series ${TONES[i % TONES.length]}` }, el("i"), series[i][0], " ", node),
     );
-    const canvas = el("canvas", {
-      role: "img",
-      "aria-label": `${title} over the last 20 seconds, ${unit}`,
-    });
-    const chart = new Chart(this._recorder, canvas, {
-      lines: values.flatMap(({ channel }, i) => [
-        ...(pairs ? [{ channel: `set ${channel}`, width: 1, swatch: legend[i] }] : []),
-        { channel, width: 2.25, swatch: legend[i] },
-      ]),
-      least,
-      positive: positive ?? false,
-      axis: last,
-    });
-    const head = el(
-      "div",
-      { class: "head" },
-      el("strong", {}, title),
-      el("span", { class: "unit" }, unit),
-      el("span", { class: "legend" }, ...legend),
-    );
-    return { element: el("figure", { class: "chart" }, head, canvas), chart, values };
+    const label = `${title} over the last 20 seconds, ${unit}`;
+    const canvas = el("canvas", { role: "img", "aria-label": label });
+    const lines = values.flatMap(({ channel }, i) => [
+      ...(commanded ? [{ channel: `set ${channel}`, width: 1, swatch: legend[i] }] : []),
+      { channel, width: 2.25, swatch: legend[i] },
+    ]);
+    const options = { lines, least, isSigned: commanded, axis: last };
+    const chart = new Chart(this._recorder, canvas, options);
+    const key = el("span.legend", ...legend);
+    const head = el("div.head", el("strong", title), el("span.unit", unit), key);
+    return { element: el("figure.chart", head, canvas), chart, values };
   }
 }

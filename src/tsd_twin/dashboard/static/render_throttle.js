@@ -1,7 +1,8 @@
 // How often viser may draw its scene. Whatever the page shows has to pass through the same graphics
 // process as the scene; one whose frames take long would leave no room for a notice, or for what a
 // finger does. So no frame is begun before the last one has been drawn, and after one that took long
-// the page gets as much time again. Where frames are quick nothing changes.
+// the page gets as much time again. Where frames are quick nothing changes. The function is replaced,
+// since viser's canvas (react-three-fiber) takes its frames from no other and lets no limit be set.
 (() => {
   "use strict";
   const SLOW_MS = 50;

@@ -2,12 +2,11 @@
 
 import { LongPressButton } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
-import { clock, duration } from "./format.js";
+import { clock, duration, sentence } from "./format.js";
 import { notReset } from "./permission.js";
 
-const PHASES = ["neutral", "hold", "spin_up"];
 /** @type {Record<string, string>} */
-const DOING = {
+const PHASES = {
   neutral: "Bringing the gimbals to neutral tilt",
   hold: "Speed controllers at zero throttle",
   spin_up: "Spinning the wheels up",
@@ -16,47 +15,37 @@ const DOING = {
 const TITLES = { arming: "Arming", stopped: "Stopped", fault: "Fault" };
 
 export class StatusCard {
-  /** @param {Link} link @param {Tooltip} tips */
-  constructor(link, tips) {
+  /** @param {Link} link */
+  constructor(link) {
     this._link = link;
-    /** @type {string | null} */
     this._mode = null;
-    this._shape = el("span", { class: "shape" });
+    this._shape = el("span.shape");
     this._title = el("h2");
-    this._text = el("p", { class: "why", "aria-live": "polite" });
-    this._since = el("p", { class: "since number" });
+    this._text = el("p.why", { "aria-live": "polite" });
+    this._since = el("p.since.number");
     this._hold = el("div");
     this._spinUp = el("div");
     this._bar = el(
-      "div",
-      {
-        class: "progress",
-        role: "progressbar",
-        "aria-label": "Arming",
-        "aria-valuemin": "0",
-        "aria-valuemax": "100",
-      },
+      "div.progress",
+      { role: "progressbar", "aria-label": "Arming", "aria-valuemin": "0", "aria-valuemax": "100" },
       this._hold,
       this._spinUp,
     );
-    this._next = el("p", { class: "next" });
-    this.reset = new LongPressButton("Reset stop", {
-      tips,
-      press: () => link.send({ t: "reset" }),
+    this._next = el("p.next");
+    this.reset = new LongPressButton("Reset stop", () => link.send({ t: "reset" }), {
       tip: "Hold for one second. It leads to disarmed, never to motion.",
       kind: "primary",
     });
-    this._action = el("div", { class: "action" }, this.reset.element, this._next);
+    this._action = el("div.action", this.reset.element, this._next);
     this.element = el(
-      "section",
-      { class: "card surface", hidden: true },
-      el("div", { class: "head" }, this._shape, this._title, this._since),
+      "section.card.surface",
+      { hidden: true },
+      el("div.head", this._shape, this._title, this._since),
       this._text,
       this._bar,
       this._action,
     );
-    for (const type of /** @type {const} */ (["state", "beat", "down"]))
-      link.on(type, () => this._draw());
+    link.on(["state", "beat", "down"], () => this._draw());
   }
 
   /** Whether the stop can be reset now, so that keys on the button belong to it. */
@@ -78,32 +67,25 @@ export class StatusCard {
     this._bar.hidden = mode !== "arming";
     this._action.hidden = mode === "arming";
     const sinceMs = Date.now() - 1000 * state.mode_age_s;
-    setText(
-      this._since,
-      mode === "arming" ? "" : `since ${clock(sinceMs)}, ${duration(state.mode_age_s)}`,
-    );
+    const since = `since ${clock(sinceMs)}, ${duration(state.mode_age_s)}`;
+    setText(this._since, mode === "arming" ? "" : since);
     if (mode === "arming") this._drawArming(state.status.arming);
     else this._drawLatched(state.status);
   }
 
   /** @param {ArmingStatus | null} arming */
   _drawArming(arming) {
-    const phase = PHASES.indexOf(arming?.phase ?? "hold");
-    const progress = arming?.progress ?? 0;
-    setText(this._text, `${DOING[PHASES[phase]] ?? "Working"}.`);
-    this._hold.style.setProperty("--done", String(phase > 1 ? 1 : progress));
-    this._spinUp.style.setProperty("--done", String(phase > 1 ? progress : 0));
-    setAttribute(
-      this._bar,
-      "aria-valuenow",
-      Math.round(100 * (phase > 1 ? 0.5 + progress / 2 : progress / 2)),
-    );
+    const [phase, progress] = [arming?.phase ?? "hold", arming?.progress ?? 0];
+    setText(this._text, `${PHASES[phase] ?? "Working"}.`);
+    const [hold, spinUp] = phase === "spin_up" ? [1, progress] : [progress, 0];
+    this._hold.style.setProperty("--done", String(hold));
+    this._spinUp.style.setProperty("--done", String(spinUp));
+    setAttribute(this._bar, "aria-valuenow", Math.round(50 * (hold + spinUp)));
   }
 
   /** @param {Status} status */
   _drawLatched(status) {
-    const reason = status.stop_reason || "no reason given";
-    setText(this._text, `${reason[0].toUpperCase()}${reason.slice(1)}.`);
+    setText(this._text, sentence(status.stop_reason || "no reason given"));
     const refusal = notReset(this._link);
     this.reset.allow(refusal);
     setText(this._next, refusal ?? "Hold for one second, then arm.");

@@ -2,6 +2,7 @@
 
 import { el, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
+import { kindOf } from "./kinds.js";
 import { notPlan } from "./permission.js";
 
 /** @type {[string, string, string][]} */
@@ -14,67 +15,51 @@ const FIELDS = [
 const MOST = 10000; // What a message may have.
 
 export class WaypointForm {
-  /** @param {Link} link @param {Waypoints} going @param {ShadowRoot} place */
-  constructor(link, going, place) {
+  /**
+   * @param {Link} link @param {ShadowRoot} place @param {AbortSignal} signal
+   * @param {Waypoints} waypoints
+   */
+  constructor(link, place, signal, waypoints) {
     this._link = link;
-    this._going = going;
+    this._waypoints = waypoints;
     /** @type {Record<string, HTMLInputElement>} */
     this._fields = {};
-    this._why = el("p", { class: "muted", role: "status", "aria-label": "Go to" });
-    this._button = el("button", { class: "button" }, "Plan");
+    this._why = el("p.muted", { role: "status", "aria-label": "Go to" });
+    this._button = el("button.button", "Plan");
     this._form = el(
-      "form",
-      {
-        class: "route-form",
-        "aria-label": "Go to",
-        novalidate: true,
-        onsubmit: (event) => this._plan(event),
-      },
-      el("strong", {}, "Go to"),
-      el("div", { class: "fields" }, ...FIELDS.map((field) => this._field(...field))),
+      "form.route-form",
+      { "aria-label": "Go to", novalidate: true, onsubmit: (event) => this._plan(event) },
+      el("strong", "Go to"),
+      el("div.fields", ...FIELDS.map((field) => this._field(...field))),
       this._button,
       this._why,
     );
     place.append(this._form);
-    this._open = true;
-    link.on("state", () => this._open && this._show());
-    link.on("robot", () => this._open && this._show());
+    link.on(["state", "robot"], () => this._show(), signal);
     this._show();
-  }
-
-  close() {
-    this._open = false;
   }
 
   /** @param {string} name @param {string} label @param {string} hint */
   _field(name, label, hint) {
-    const input = el("input", {
-      type: "number",
-      step: "any",
-      min: -MOST,
-      max: MOST,
-      inputmode: "decimal",
-      title: hint,
-    });
+    const range = { step: "any", min: -MOST, max: MOST };
+    const input = el("input", { type: "number", inputmode: "decimal", title: hint, ...range });
     this._fields[name] = input;
-    return el("label", {}, label, input);
+    return el("label", label, input);
   }
 
   _show() {
-    this._form.hidden = this._link.robot?.space !== "floor";
+    this._form.hidden = this._link.robot === null || !kindOf(this._link.robot).onFloor;
     const reason = notPlan(this._link);
     setAttribute(this._button, "aria-disabled", reason === null ? null : "true");
     const pose = this._link.state?.pose;
     for (const [i, name] of ["x", "y"].entries())
       setAttribute(this._fields[name], "placeholder", pose ? fixed(pose[i], 2) : "");
-    const route = this._going.route;
-    setText(
-      this._why,
-      reason ??
-        (route?.phase === "planned"
-          ? `${fixed(route.length_m, 2)} m: hold G, or Hold to go.`
-          : "An empty place is where the robot is."),
-    );
+    const route = this._waypoints.route;
+    const next =
+      route?.phase === "planned"
+        ? `${fixed(route.length_m, 2)} m: hold G, or Hold to go.`
+        : "An empty place is where the robot is.";
+    setText(this._why, reason ?? next);
   }
 
   /** @param {Event} event */
@@ -82,16 +67,14 @@ export class WaypointForm {
     event.preventDefault();
     const pose = this._link.state?.pose;
     if (!pose || !this._form.reportValidity()) return; // The browser says what is no such number.
-    /** @type {<T>(name: string, missing: T) => number | T} */
-    const number = (name, missing) => {
-      const { value } = this._fields[name];
-      return value === "" ? missing : Number(value);
-    };
-    const degrees = number("heading", null);
-    this._going.plan({
+    const { x, y, heading } = this._fields;
+    const numberOf = (/** @type {HTMLInputElement} */ { value }) =>
+      value === "" ? null : Number(value);
+    const degrees = numberOf(heading);
+    this._waypoints.plan({
       kind: "to",
       on: "floor",
-      points: [[number("x", pose[0]), number("y", pose[1])]],
+      points: [[numberOf(x) ?? pose[0], numberOf(y) ?? pose[1]]],
       heading: degrees === null ? null : (degrees * Math.PI) / 180,
     });
   }

@@ -1,116 +1,88 @@
 // Waypoints: click a goal or draw a path on the floor, see the plan, hold the button to follow it.
 // The server plans and steers. This page reports that the button is held; on release the robot stops.
 
+import { tooltip } from "./button.js";
 import { el, icon, setAttribute, setText, svg } from "./dom.js";
 import { fixed } from "./format.js";
-import { HoldToRunButton } from "./held_controls.js";
+import { HoldToRunButton, PointerCapture } from "./held_controls.js";
+import { kindOf } from "./kinds.js";
 import { notDrive, notPlan } from "./permission.js";
 
-// What is said about a way.
-const FINISHED_PHASES = new Set(["arrived", "ended"]);
 const MODE_HINTS = {
   to: "Click on the floor, drag to say where to look",
   draw: "Draw on the floor",
 };
-
-/**
- * Return whether it has come to its end, good or bad.
- * @param {RouteState | null | undefined} route
- */
-export function isFinished(route) {
-  return route != null && FINISHED_PHASES.has(route.phase);
-}
-
-/**
- * Return the status text of a route, or without one the instruction of the mode.
- * @param {RouteState | null | undefined} route
- * @param {"to" | "draw" | null} mode
- */
-export function statusOf(route, mode) {
-  switch (route?.phase) {
-    case "planning":
-      return "Planning…";
-    case "planned":
-      return `${fixed(route.length_m, 2)} m, ${fixed(route.time_s, 1)} s`;
-    case "going":
-      return `${fixed(route.done_m, 2)} of ${fixed(route.length_m, 2)} m`;
-    case "arrived":
-      return `Arrived, ${fixed(route.off_mm, 0)} mm off`;
-    case "ended":
-      return `Ended: ${route.reason}`;
-  }
-  return mode === null ? "" : MODE_HINTS[mode];
-}
-
-// The floor under a finger: a layer over the scene, below all controls, that takes a click or a
-// stroke and shows it until the way that is made of it is seen.
 const MIN_STEP_PX = 5;
 const MAX_POINTS = 200; // A message has room for a few more.
 const STROKE_SHOWN_MS = 600;
+const NO_TWIST = { vx: 0, vy: 0, omega: 0 };
 
-export class FloorPicker {
-  /**
-   * `take(points)` gets shares of the picture, right and down.
-   * @param {(points: [number, number][]) => void} take
-   */
+/** Whether a path has come to its end, good or bad. @param {RouteState | null} route */
+function isFinished(route) {
+  return route?.phase === "arrived" || route?.phase === "ended";
+}
+
+/**
+ * Return the status text of a path, or without one the instruction of the mode.
+ * @param {RouteState | null} route @param {"to" | "draw" | null} mode
+ */
+function statusOf(route, mode) {
+  if (route === null) return mode === null ? "" : MODE_HINTS[mode];
+  const length = `${fixed(route.length_m, 2)} m`;
+  return {
+    planning: "Planning…",
+    planned: `${length}, ${fixed(route.time_s, 1)} s`,
+    going: `${fixed(route.done_m, 2)} of ${length}`,
+    arrived: `Arrived, ${fixed(route.off_mm, 0)} mm off`,
+    ended: `Ended: ${route.reason}`,
+  }[route.phase];
+}
+
+/**
+ * A layer over the scene, below all controls, that takes a click or a stroke on the floor and shows
+ * it until the path that is planned from it is seen.
+ */
+class FloorPicker {
+  /** It gets shares of the picture. @param {(points: [number, number][]) => void} take */
   constructor(take) {
     this._take = take;
-    /** @type {"to" | "draw" | null} */
+    this._timer = 0;
     this._mode = null;
-    /** @type {number | null} */
-    this._pointer = null;
     /** @type {[number, number][]} */
     this._points = [];
-    this._line = svg("polyline", { class: "stroke" });
-    this._dot = svg("circle", { class: "goal", r: 7 });
-    this.element = el(
-      "div",
-      { class: "floor", hidden: true, "aria-hidden": "true" },
-      svg("svg", {}, this._line, this._dot),
-    );
-    this.element.addEventListener("pointerdown", (event) => this._begin(event));
-    this.element.addEventListener("pointermove", (event) => this._move(event));
-    this.element.addEventListener("pointerup", (event) => this._finish(event));
-    for (const end of /** @type {const} */ (["pointercancel", "lostpointercapture"]))
-      this.element.addEventListener(
-        end,
-        (event) => event.pointerId === this._pointer && this._clear(),
-      );
-    this.element.addEventListener("contextmenu", (event) => event.preventDefault());
+    this._line = svg("polyline.stroke");
+    this._dot = svg("circle.goal", { r: 7 });
+    const drawing = svg("svg", this._line, this._dot);
+    this.element = el("div.floor", { hidden: true, "aria-hidden": "true" }, drawing);
+    this._pointer = new PointerCapture(this.element, {
+      came: (event) => this._begin(event),
+      moved: (event) => this._move(event),
+      gone: (event) => (event.type === "pointerup" ? this._finish() : this._clear()),
+    });
   }
 
-  /**
-   * Take clicks (`to`), strokes (`draw`), or nothing: then the scene has them.
-   * @param {"to" | "draw" | null} mode
-   */
+  /** Take clicks, strokes or nothing. @param {"to" | "draw" | null} mode */
   open(mode) {
     this._mode = mode;
     this.element.hidden = mode === null;
+    this._pointer.cancel();
     this._clear();
   }
 
-  /**
-   * While the robot goes, the scene has the clicks.
-   * @param {boolean} going
-   */
+  /** While the robot goes, the scene has the clicks. @param {boolean} going */
   rest(going) {
     this.element.style.pointerEvents = going ? "none" : "";
   }
 
   /** @param {PointerEvent} event */
   _begin(event) {
-    if (this._pointer !== null || event.button !== 0) return;
-    event.preventDefault();
     clearTimeout(this._timer);
-    this._pointer = event.pointerId;
-    this.element.setPointerCapture(event.pointerId);
     this._points = [this._place(event)];
     this._draw();
   }
 
   /** @param {PointerEvent} event */
   _move(event) {
-    if (event.pointerId !== this._pointer) return;
     const here = this._place(event);
     const [x, y] = this._points[this._points.length - 1];
     if (Math.hypot(here[0] - x, here[1] - y) < MIN_STEP_PX && this._points.length > 1) return;
@@ -119,19 +91,15 @@ export class FloorPicker {
     this._draw();
   }
 
-  /** @param {PointerEvent} event */
-  _finish(event) {
-    if (event.pointerId !== this._pointer) return;
-    this._pointer = null;
+  _finish() {
     const { width, height } = this.element.getBoundingClientRect();
-    /** @type {[number, number][]} */
-    const points = thinned(this._points).map(([x, y]) => [share(x / width), share(y / height)]);
-    this._take(points);
+    /** @type {(point: [number, number]) => [number, number]} */
+    const share = ([x, y]) => [clamped(x / width), clamped(y / height)];
+    this._take(thinned(this._points).map(share));
     this._timer = setTimeout(() => this._clear(), STROKE_SHOWN_MS);
   }
 
   _clear() {
-    this._pointer = null;
     this._points = [];
     this._draw();
   }
@@ -146,19 +114,16 @@ export class FloorPicker {
   }
 
   _draw() {
-    this._line.setAttribute("points", this._points.map((point) => point.join()).join(" "));
+    setAttribute(this._line, "points", this._points.map((point) => point.join()).join(" "));
     const at = this._mode === "to" ? this._points[0] : this._points.at(-1);
-    this._dot.setAttribute("visibility", at ? "visible" : "hidden");
+    setAttribute(this._dot, "visibility", at ? "visible" : "hidden");
     if (!at) return;
-    this._dot.setAttribute("cx", String(at[0]));
-    this._dot.setAttribute("cy", String(at[1]));
+    setAttribute(this._dot, "cx", at[0]);
+    setAttribute(this._dot, "cy", at[1]);
   }
 }
 
-/**
- * Return every second point, again and again until they are few; ends stay.
- * @param {[number, number][]} points
- */
+/** Every second point, until they are few; ends stay. @param {[number, number][]} points */
 function thinned(points) {
   while (points.length > MAX_POINTS)
     points = points.filter((_, i) => i % 2 === 0 || i === points.length - 1);
@@ -166,67 +131,54 @@ function thinned(points) {
 }
 
 /** @param {number} value */
-function share(value) {
+function clamped(value) {
   return Number(Math.max(0, Math.min(1, value)).toFixed(5));
 }
 
-// Waypoint controls. On release, or when another control is used, the robot stops.
-const NO_TWIST = { vx: 0, vy: 0, omega: 0 };
+/** The controls of paths. On release, or when another control is used, the robot stops. */
 export class Waypoints {
-  /** @param {Drive} drive @param {Link} link @param {Tooltip} tips */
-  constructor(drive, link, tips) {
+  /** @param {Drive} drive @param {Link} link */
+  constructor(drive, link) {
     this._drive = drive;
     this._link = link;
-    /** @type {"to" | "draw" | null} */
     this._mode = null;
-    /** @type {number | null} */
     this._number = null; // Of the way that is held.
     this._level = drive.level;
-    /** @type {number | null} */
     this._finishedNumber = null; // The way that has come to its end.
     this.floor = new FloorPicker((points) => {
       if (this._mode !== null) this.plan({ points, kind: this._mode, on: "picture" });
     });
-    /** @type {(mode: "to" | "draw", name: string) => HTMLButtonElement} */
-    const choice = (mode, name) =>
-      el(
-        "button",
-        {
-          type: "button",
-          class: "button quiet",
-          "aria-pressed": "false",
-          onclick: () => this._choose(this._mode === mode ? null : mode),
-        },
-        name,
-      );
-    this._choices = { to: choice("to", "Go to"), draw: choice("draw", "Draw") };
-    this._status = el("span", { class: "words number", role: "status", "aria-label": "Path" });
+    const button = (/** @type {string} */ name, /** @type {() => void} */ onclick) =>
+      el("button.button.quiet", { type: "button", "aria-pressed": "false", onclick }, name);
+    this._choices = {
+      to: button("Go to", () => this._toggle("to")),
+      draw: button("Draw", () => this._toggle("draw")),
+    };
+    this._status = el("span.words.number", { role: "status", "aria-label": "Path" });
     this.button = el(
-      "button",
-      { type: "button", class: "button primary go", "aria-label": "Go along the path: hold" },
-      el("span", { class: "label" }, "Hold to go"),
+      "button.button.primary.go",
+      { type: "button", "aria-label": "Go along the path: hold" },
+      el("span.label", "Hold to go"),
     );
     this._close = el(
-      "button",
-      {
-        type: "button",
-        class: "button quiet close",
-        "aria-label": "Forget the path",
-        onclick: () => this.end(),
-      },
+      "button.button.quiet.close",
+      { type: "button", "aria-label": "Forget the path", onclick: () => this.end() },
       icon("close"),
     );
-    this._row = el("div", { class: "row going" }, this._status, this.button, this._close);
+    this._row = el("div.row.going", this._status, this.button, this._close);
     this.element = el(
-      "div",
-      { class: "route surface", role: "group", "aria-label": "Path", hidden: true },
-      el("div", { class: "choices" }, this._choices.to, this._choices.draw),
+      "div.route.surface",
+      { role: "group", "aria-label": "Path", hidden: true },
+      el("div.choices", this._choices.to, this._choices.draw),
       this._row,
     );
-    tips.attach(this._choices.to, () => "Drive to a place that you click on");
-    tips.attach(this._choices.draw, () => "Drive along a line that you draw");
-    tips.attach(this.button, () => this._notGo() ?? "Hold, or hold G. Let go and the robot stops.");
-    tips.attach(this._close, () => "Forget the path (Esc)");
+    tooltip.attach(this._choices.to, () => "Drive to a place that you click on");
+    tooltip.attach(this._choices.draw, () => "Drive along a line that you draw");
+    tooltip.attach(
+      this.button,
+      () => this._notGo() ?? "Hold, or hold G. Let go and the robot stops.",
+    );
+    tooltip.attach(this._close, () => "Forget the path (Esc)");
     this._hold = new HoldToRunButton(this.button, "KeyG", () => this._pressed());
     drive.onChange(() => this._checkLevel());
     link.on("state", () => this._check());
@@ -239,15 +191,13 @@ export class Waypoints {
     return this._link.state?.route ?? null;
   }
 
-  // A source of motion.
-
   get held() {
     return this._number !== null;
   }
 
   /** @returns {FollowPlan} */
   get command() {
-    return { t: "go", route: this._number };
+    return { t: "follow_plan", route: this._number };
   }
 
   /** What is asked for is known to the gateway only; hands on the stick end it. */
@@ -261,30 +211,21 @@ export class Waypoints {
     this._show();
   }
 
-  // What is wished.
-
-  /**
-   * Ask for a way; return why that cannot be, or null.
-   * @param {PlanRequest} wish
-   */
+  /** Ask for a path. @param {PlanRequest} wish */
   plan(wish) {
     const reason = notPlan(this._link);
     if (reason !== null) this._drive.onMessage(reason);
     else this._link.send({ t: "plan", ...wish, level: this._drive.level });
-    return reason;
   }
 
   /** Forget the way, and point at nothing any more. */
   end() {
     if (this.held) this._drive.release();
-    this._link.send({ t: "unplan" });
+    this._link.send({ t: "clear_plan" });
     this._choose(null);
   }
 
-  /**
-   * Take a key: G, or Enter on the button, holds it; Escape forgets the way.
-   * @param {KeyboardEvent} event
-   */
+  /** @param {KeyboardEvent} event */
   key(event) {
     if (this.element.hidden) return false;
     if (event.code === "Escape" && (this._mode !== null || this.route !== null)) {
@@ -292,6 +233,11 @@ export class Waypoints {
       return true;
     }
     return this._hold.key(event);
+  }
+
+  /** @param {"to" | "draw"} mode */
+  _toggle(mode) {
+    this._choose(this._mode === mode ? null : mode);
   }
 
   /** @param {"to" | "draw" | null} mode */
@@ -337,32 +283,32 @@ export class Waypoints {
       this.cancel();
       this._drive.changed();
     }
-    const over = route !== null && isFinished(route) ? route.number : null;
-    const news = over !== this._finishedNumber;
-    this._finishedNumber = over;
-    if (news && over !== null) this._choose(null); // What came of it is said; the camera turns again.
+    const finished = isFinished(route) ? (route?.number ?? null) : null;
+    const isNew = finished !== this._finishedNumber;
+    this._finishedNumber = finished;
+    if (isNew && finished !== null) this._choose(null); // What came of it is said; the camera turns again.
     this._show();
   }
 
   _checkLevel() {
     if (this._level === this._drive.level) return;
     this._level = this._drive.level;
-    if (this.route !== null) this._link.send({ t: "pace", level: this._level });
+    if (this.route !== null) this._link.send({ t: "speed_level", level: this._level });
   }
 
   _show() {
     const { robot, state } = this._link;
-    this.element.hidden = robot?.space !== "floor" || !state?.you;
+    this.element.hidden = robot === null || !kindOf(robot).onFloor || !state?.you;
     if (this.element.hidden && this._mode !== null) this._choose(null);
-    const over = isFinished(this.route);
-    const route = over && this._mode !== null ? null : this.route;
+    const isOver = isFinished(this.route);
+    const route = isOver && this._mode !== null ? null : this.route;
     this._row.hidden = this._mode === null && route === null;
     setText(this._status, statusOf(route, this._mode));
     // Twenty numbers a second are not to be read out.
     setAttribute(this._status, "aria-live", route?.phase === "going" ? "off" : "polite");
     setAttribute(this.button, "aria-disabled", this._notGo() === null ? null : "true");
-    setAttribute(this.button, "data-held", this.held ? "" : null);
-    setAttribute(this._row, "data-plain", route === null || over ? "" : null);
+    this.button.toggleAttribute("data-held", this.held);
+    this._row.toggleAttribute("data-plain", route === null || isOver);
     const done = route && route.length_m > 0 ? route.done_m / route.length_m : 0;
     this._row.style.setProperty("--done", done.toFixed(3));
     this.floor.rest(this.held);

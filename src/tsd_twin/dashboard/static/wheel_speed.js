@@ -8,33 +8,32 @@ import { notSetWheelSpeed } from "./permission.js";
 const STEP_RPM = 50;
 const KEPT_MS = 1500; // What was chosen is shown until the robot says so, or this long.
 const CHANGING_RPM = 15;
+const DEGREE = Math.PI / 180;
 
 export class WheelSpeed {
-  /** @param {Link} link @param {ShadowRoot} place */
-  constructor(link, place) {
+  /** @param {Link} link @param {ShadowRoot} place @param {AbortSignal} signal */
+  constructor(link, place, signal) {
     this._link = link;
-    /** @type {number | null} */
     this._draft = null; // What a hand is at, or has chosen a moment ago.
     this._keptMs = -Infinity;
     this._asking = false;
-    /** @type {number | null} */
     this._next = null;
     this._slider = this._input("range", STEP_RPM, "Drive speed");
     this._rpm = this._input("number", 1, "Drive speed, rpm");
     this._top = this._input("number", 0.1, "Top speed of the wheels, m/s");
-    this._now = el("span", { class: "value muted" });
-    this._figures = el("p", { class: "figures", role: "status", "aria-label": "Drive speed" });
-    this._why = el("p", { class: "muted" });
+    this._now = el("span.value.muted");
+    this._figures = el("p.figures", { role: "status", "aria-label": "Drive speed" });
+    this._why = el("p.muted");
+    const unit = (/** @type {string} */ name) => el("span.unit", name);
     this._all = el(
-      "section",
-      { class: "gear", "aria-label": "Drive speed" },
-      el("div", { class: "head" }, el("strong", {}, "Drive speed"), this._now),
+      "section.wheel-speed",
+      { "aria-label": "Drive speed" },
+      el("div.head", el("strong", "Drive speed"), this._now),
       this._slider,
       el(
-        "div",
-        { class: "fields" },
-        el("label", {}, this._rpm, el("span", { class: "unit" }, "rpm")),
-        el("label", {}, "up to", this._top, el("span", { class: "unit" }, "m/s")),
+        "div.fields",
+        el("label", this._rpm, unit("rpm")),
+        el("label", "up to", this._top, unit("m/s")),
       ),
       this._figures,
       this._why,
@@ -45,17 +44,11 @@ export class WheelSpeed {
     this._listen(this._rpm, (value) => value);
     // The slowest wheel that is fast enough has the finest steps.
     this._listen(this._top, (value) => Math.ceil(value / this._topSpeed(1)));
-    this._open = true;
-    link.on("robot", () => this._open && this._build());
-    link.on("state", () => this._open && isVisible(place.host) && this._show());
-    link.on("reply", ({ to }) => this._open && to === "speed" && this._answered());
-    for (const gone of /** @type {const} */ (["down", "welcome"]))
-      link.on(gone, () => (this._asking = false));
+    link.on("robot", () => this._build(), signal);
+    link.on("state", () => isVisible(place.host) && this._show(), signal);
+    link.on("reply", ({ to }) => to === "wheel_speed" && this._answered(), signal);
+    link.on(["down", "welcome"], () => (this._asking = false), signal);
     this._build();
-  }
-
-  close() {
-    this._open = false;
   }
 
   /** @param {string} type @param {number} step @param {string} label */
@@ -63,16 +56,14 @@ export class WheelSpeed {
     return el("input", { type, step, "aria-label": label, disabled: true });
   }
 
-  /**
-   * Show what a hand is at, and ask for it when it has come to rest.
-   * @param {HTMLInputElement} input
-   * @param {(value: number) => number} rpmOf
-   */
+  /** @param {HTMLInputElement} input @param {(value: number) => number} rpmOf */
   _listen(input, rpmOf) {
     const take = () => {
       const rpm = rpmOf(Number(input.value));
       if (input.value === "" || !Number.isFinite(rpm)) return null;
-      const { least_rpm: least, most_rpm: most } = known(known(this._link.robot).gears);
+      const { least_rpm: least, most_rpm: most } = known(
+        known(this._link.robot).wheel_speed_limits,
+      );
       return Math.round(Math.max(least, Math.min(most, rpm)));
     };
     input.addEventListener("input", () => {
@@ -97,7 +88,7 @@ export class WheelSpeed {
       this._next = rpm; // One at a time; what comes meanwhile is overtaken by what comes last.
       return;
     }
-    this._asking = this._link.send({ t: "speed", cruise_speed_rpm: rpm });
+    this._asking = this._link.send({ t: "wheel_speed", cruise_speed_rpm: rpm });
   }
 
   _answered() {
@@ -108,45 +99,39 @@ export class WheelSpeed {
   }
 
   _build() {
-    const gears = this._link.robot?.gears ?? null;
-    this._all.hidden = gears === null;
+    const range = this._link.robot?.wheel_speed_limits ?? null;
+    this._all.hidden = range === null;
     this._draft = null;
-    if (gears === null) return;
+    if (range === null) return;
     for (const input of [this._slider, this._rpm]) {
-      input.min = String(gears.least_rpm);
-      input.max = String(gears.most_rpm);
+      input.min = String(range.least_rpm);
+      input.max = String(range.most_rpm);
     }
-    this._top.min = fixed(Math.floor(10 * this._topSpeed(gears.least_rpm)) / 10, 1);
-    this._top.max = fixed(Math.ceil(10 * this._topSpeed(gears.most_rpm)) / 10, 1);
+    this._top.min = fixed(Math.floor(10 * this._topSpeed(range.least_rpm)) / 10, 1);
+    this._top.max = fixed(Math.ceil(10 * this._topSpeed(range.most_rpm)) / 10, 1);
     this._draw();
   }
 
   _show() {
-    const { wheel_speed: gear } = known(this._link.state).status;
-    if ((this._link.robot?.gears ?? null) === null || gear === null) return;
+    const { wheel_speed: speed } = known(this._link.state).status;
+    if (this._all.hidden || speed === null) return;
     const reason = notSetWheelSpeed(this._link);
     for (const input of [this._slider, this._rpm, this._top]) input.disabled = reason !== null;
     setText(this._why, reason ?? "");
-    if (this._draft === gear.wanted_rpm || performance.now() > this._keptMs || reason !== null)
+    if (this._draft === speed.wanted_rpm || performance.now() > this._keptMs || reason !== null)
       this._draft = null;
-    const off = gear.spin_rpm - gear.wanted_rpm;
-    const turns = gear.spin_rpm > 1;
-    const moving = turns && Math.abs(off) > CHANGING_RPM;
-    setText(
-      this._now,
-      moving ? `now ${thousands(gear.spin_rpm)} rpm` : turns ? "" : "wheels stand",
-    );
+    const off = speed.spin_rpm - speed.wanted_rpm;
+    const spins = speed.spin_rpm > 1;
+    const now = Math.abs(off) > CHANGING_RPM ? `now ${thousands(speed.spin_rpm)} rpm` : "";
+    setText(this._now, spins ? now : "wheels stand");
     if (this._draft === null) this._draw();
   }
 
-  /**
-   * Show the figures of the speed, in all fields but the one that a hand is at.
-   * @param {HTMLInputElement | null} but
-   */
+  /** In all fields but the one a hand is at. @param {HTMLInputElement | null} but */
   _draw(but = null) {
-    if (!this._link.robot?.gears) return;
-    const { gears, limits, max_tilt_deg: tilt } = this._link.robot;
-    const rpm = this._draft ?? this._link.state?.status.wheel_speed?.wanted_rpm ?? gears.usual_rpm;
+    if (!this._link.robot?.wheel_speed_limits) return;
+    const { wheel_speed_limits: range, limits, max_tilt_deg: tilt } = this._link.robot;
+    const rpm = this._draft ?? this._link.state?.status.wheel_speed?.wanted_rpm ?? range.usual_rpm;
     const top = this._topSpeed(rpm);
     /** @type {[HTMLInputElement, string][]} */
     const shown = [
@@ -159,14 +144,11 @@ export class WheelSpeed {
       const typing = input === focused && this._keptMs === Infinity;
       if (input !== but && !typing && input.value !== text) input.value = text;
     }
-    setAttribute(
-      this._slider,
-      "aria-valuetext",
-      `${thousands(rpm)} rpm, up to ${fixed(top, 1)} m/s`,
-    );
+    const summary = `${thousands(rpm)} rpm, up to ${fixed(top, 1)} m/s`;
+    setAttribute(this._slider, "aria-valuetext", summary);
     const rim = this._rim(rpm);
-    const step = 1000 * rim * radians(gears.servo_step_deg);
-    const lean = degrees(Math.asin(Math.min(1, 1 / rim)));
+    const step = 1000 * rim * range.servo_step_deg * DEGREE;
+    const lean = Math.asin(Math.min(1, 1 / rim)) / DEGREE;
     const capped =
       limits.speed_mps < top
         ? ` The speed limit stays ${fixed(limits.speed_mps, 1)} m/s.`
@@ -180,34 +162,18 @@ export class WheelSpeed {
     );
   }
 
-  /**
-   * Speed of the rim of a wheel, m/s.
-   * @param {number} rpm
-   */
+  /** Speed of the rim of a wheel, m/s. @param {number} rpm */
   _rim(rpm) {
-    return (known(known(this._link.robot).gears).wheel_radius_m * rpm * Math.PI) / 30;
+    return (known(known(this._link.robot).wheel_speed_limits).wheel_radius_m * rpm * Math.PI) / 30;
   }
 
-  /**
-   * Speed over the ground at the tilt limit, m/s.
-   * @param {number} rpm
-   */
+  /** Speed over the ground at the tilt limit, m/s. @param {number} rpm */
   _topSpeed(rpm) {
-    return this._rim(rpm) * Math.sin(radians(known(known(this._link.robot).max_tilt_deg)));
+    return this._rim(rpm) * Math.sin(known(known(this._link.robot).max_tilt_deg) * DEGREE);
   }
-}
-
-/** @param {number} angle */
-function radians(angle) {
-  return (angle * Math.PI) / 180;
-}
-
-/** @param {number} angle */
-function degrees(angle) {
-  return (angle * 180) / Math.PI;
 }
 
 /** @param {number} number */
 function thousands(number) {
-  return String(Math.round(number)).replace(/\B(?=(\d{3})+$)/g, ",");
+  return Math.round(number).toLocaleString("en");
 }

@@ -1,34 +1,31 @@
 // A bar for each wheel that rolls: how fast it turns, how fast it should, and what no motion explains.
 
 import { ConsistencyMeter } from "./consistency.js";
-import { el, isVisible, setAttribute, setText } from "./dom.js";
+import { el, isVisible, legend, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
 import { known } from "./link.js";
 
 export class Wheels {
-  /** @param {Link} link @param {HTMLElement} place */
-  constructor(link, place) {
+  /** @param {Link} link @param {HTMLElement} place @param {AbortSignal} signal */
+  constructor(link, place, signal) {
     this._link = link;
     this._list = new WheelList(link);
-    this._conflict = new ConsistencyMeter("Wheel");
-    this._apart = new EstimateDifference(link);
-    place.append(this._list.element, ...this._conflict.elements, this._apart.element);
-    this._open = true;
-    link.on("state", () => this._open && isVisible(place) && this._show());
-  }
-
-  close() {
-    this._open = false;
+    this._meter = new ConsistencyMeter("Wheel");
+    this._difference = new EstimateDifference(link);
+    place.append(this._list.element, ...this._meter.elements, this._difference.element);
+    link.on("state", () => isVisible(place) && this._show(), signal);
   }
 
   _show() {
-    const { consistency: conflict } = known(this._link.state).status;
+    const { consistency } = known(this._link.state).status;
     const { wheels } = known(this._link.robot);
-    this._list.show(conflict.suspect);
-    this._apart.show();
-    const alone = wheels.length < 4;
-    const peace = alone ? "Three wheels cannot contradict one another." : "The wheels agree.";
-    this._conflict.show(conflict, wheels, peace);
+    this._list.show(consistency.suspect);
+    this._difference.show();
+    const isDetermined = wheels.length < 4;
+    const agreement = isDetermined
+      ? "Three wheels cannot contradict one another."
+      : "The wheels agree.";
+    this._meter.show(consistency, wheels, agreement);
   }
 }
 
@@ -37,25 +34,11 @@ export class WheelList {
   /** @param {Link} link */
   constructor(link) {
     this._link = link;
-    /** @type {RobotInfo | null} */
     this._built = null;
     /** @type {((wheel: WheelState, suspect: boolean) => void)[]} */
     this._rows = [];
-    this._bars = el("div", { class: "wheels" });
-    this.element = el(
-      "div",
-      {},
-      el(
-        "p",
-        { class: "key" },
-        el("i", { class: "tick" }),
-        "set-point",
-        el("i", { class: "dot" }),
-        "measured",
-        el("span", { class: "muted" }, "right is forward"),
-      ),
-      this._bars,
-    );
+    this._bars = el("div.wheels");
+    this.element = el("div", legend("tick", "right is forward"), this._bars);
   }
 
   /** @param {string | null} suspect */
@@ -74,66 +57,56 @@ export class WheelList {
   }
 }
 
-/** How far the other estimate is off, of robots that have two. */
+/** How far the alternative estimate is off, of robots that have two. */
 export class EstimateDifference {
   /** @param {Link} link */
   constructor(link) {
     this._link = link;
-    this._text = el("p", { class: "verdict" });
-    this.element = el(
-      "div",
-      { class: "apart", hidden: true },
-      el(
-        "div",
-        { class: "head" },
-        el("i", { class: "cage", "aria-hidden": "true" }),
-        el("strong", {}, "Other estimate"),
-      ),
-      this._text,
-    );
+    this._text = el("p.verdict");
+    const mark = el("i.cage", { "aria-hidden": "true" });
+    const head = el("div.head", mark, el("strong", "Other estimate"));
+    this.element = el("div.difference", { hidden: true }, head, this._text);
   }
 
   show() {
-    const [robot, state] = [known(this._link.robot), known(this._link.state)];
-    this.element.hidden = !robot.other || !state.apart;
-    if (!robot.other || !state.apart) return;
-    const { metres, degrees } = state.apart;
-    const by = robot.space === "ball" ? "" : `${fixed(metres, 3)} m and `;
-    setText(this._text, `By its ${robot.other} it is ${by}${fixed(degrees, 1)}° elsewhere.`);
+    const { alternative_estimate: source } = known(this._link.robot);
+    const { estimate_difference: difference, pose } = known(this._link.state);
+    this.element.hidden = source === null || difference === null;
+    if (source === null || difference === null) return;
+    const distance = pose === null ? "" : `${fixed(difference.metres, 3)} m and `; // Not of a sphere.
+    setText(
+      this._text,
+      `By its ${source} it is ${distance}${fixed(difference.degrees, 1)}° elsewhere.`,
+    );
   }
 }
 
-/** @param {number} number @param {number} most */
-function row(number, most) {
-  const bar = el("div", { class: "bar" });
-  const tick = el("div", { class: "tick" });
-  const speed = el("span", { class: "value" });
+/** @param {number} number @param {number} maxRpm */
+function row(number, maxRpm) {
+  const bar = el("div.bar");
+  const tick = el("div.tick");
+  const speed = el("span.value");
   const track = el(
-    "div",
-    {
-      class: "speed",
-      role: "meter",
-      "aria-label": `Speed of wheel ${number}`,
-      "aria-valuemin": -most,
-      "aria-valuemax": most,
-    },
+    "div.speed",
+    { role: "meter", "aria-label": `Speed of wheel ${number}` },
+    { "aria-valuemin": -maxRpm, "aria-valuemax": maxRpm },
     bar,
     tick,
   );
   const element = el(
-    "section",
-    { class: "wheel", "aria-label": `Wheel ${number}` },
-    el("strong", {}, `Wheel ${number}`),
-    el("span", { class: "figure" }, speed, el("span", { class: "unit" }, " rpm")),
+    "section.wheel",
+    { "aria-label": `Wheel ${number}` },
+    el("strong", `Wheel ${number}`),
+    el("span.figure", speed, el("span.unit", " rpm")),
     track,
   );
   /** @type {(wheel: WheelState, suspect: boolean) => void} */
   const show = ({ rpm, set_rpm: set }, suspect) => {
     setText(speed, fixed(rpm, 0));
-    bar.style.transform = `scaleX(${clamp(rpm / most).toFixed(4)})`;
-    tick.style.left = `${(50 + 50 * clamp(set / most)).toFixed(2)}%`;
+    bar.style.transform = `scaleX(${clamp(rpm / maxRpm).toFixed(4)})`;
+    tick.style.left = `${(50 + 50 * clamp(set / maxRpm)).toFixed(2)}%`;
     setAttribute(track, "aria-valuenow", Math.round(rpm));
-    setAttribute(element, "data-suspect", suspect ? "" : null);
+    element.toggleAttribute("data-suspect", suspect);
   };
   return { element, show };
 }

@@ -47,16 +47,16 @@ def set_pose_vector(
     make_message: Callable[[Any], Any],
 ) -> None:
     """Write `value` (length,) into `current` and queue the message, unless it is there already."""
-    said = tuple(map(float, value))
-    if len(said) != length:
-        raise ValueError(f"{len(said)} numbers are given, {length} are needed")
+    numbers = tuple(map(float, value))
+    if len(numbers) != length:
+        raise ValueError(f"{len(numbers)} numbers are given, {length} are needed")
     if all(
         abs(new - old) <= _ABSOLUTE + _RELATIVE * abs(old)
-        for new, old in zip(said, current.tolist(), strict=True)
+        for new, old in zip(numbers, current.tolist(), strict=True)
     ):
         return
-    current[:] = said
-    queue(make_message(said))
+    current[:] = numbers
+    queue(make_message(numbers))
 
 
 def install_fast_pose_setter() -> None:
@@ -137,7 +137,7 @@ async def message_windows(
     cursors, sent_id = buffer.generator_cursors, -1
     flushed = asyncio.ensure_future(buffer.flush_event.wait())
     try:
-        # viser forgets a removal only once all who are listed here have been sent it.
+        # viser forgets a removal only once it was sent to all clients in this list.
         cursors[client_id] = sent_id
         while not buffer.done:
             newest_id = buffer.message_counter - 1 if replay_done is None else backlog_id

@@ -47,7 +47,7 @@ _REBUILD_TAB = attrgetter("_parent._rebuild_tab_props")
 
 
 def page_of(server: viser.ViserServer, client_id: int) -> str | None:
-    """Return the page that a client belongs to; None when unknown or disconnected."""
+    """Page that a client belongs to; None when unknown or disconnected."""
     return _header_of(server, client_id, PAGE_HEADER)
 
 
@@ -110,7 +110,7 @@ _ProcessRequest: TypeAlias = Callable[[ServerConnection, Request], Response | No
 
 @functools.cache
 def access_key() -> str:
-    """Return the key of all viser servers of this process."""
+    """Key of all viser servers of this process."""
     return secrets.token_hex(32)
 
 
@@ -157,7 +157,7 @@ PANEL_WIDTH_PX = 288
 
 
 def start_server(title: str, *, dark: bool = True) -> viser.ViserServer:
-    """Return a running server on a free port of the loopback; `get_port()` says which.
+    """Running server on a free port of the loopback; `get_port()` returns it.
 
     viser has no authentication and no check of origins, so the port requires `access_key()`. A
     port that the system chooses is free, so viser does not go looking for another one.

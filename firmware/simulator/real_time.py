@@ -11,28 +11,28 @@ import time
 import tty
 from pathlib import Path
 
-from firmware.simulator.rig import Rig
+from firmware.simulator.simulation import FirmwareSimulation
 
 _SLICE_S = 0.0005
 """Bytes wait this long at most until the board gets them."""
 _AT_ONCE = 10
 """Slices that are caught up with before it listens again."""
 _START_S = 0.01
-"""After this a board hears its line."""
+"""Time after which the firmware receives."""
 _BEHIND_S = 0.05
 """Longest delay that is caught up; after a longer one the robot's time pauses meanwhile."""
 
 
-class Box:
-    """Simulated robot with its host line at `path`; `step` must be called continuously."""
+class RealTimeSimulation:
+    """Simulation in real time, its host line at `path`; `step` must be called continuously."""
 
-    def __init__(self, rig: Rig, link: Path | None = None) -> None:
-        self.rig = rig
+    def __init__(self, simulation: FirmwareSimulation, link: Path | None = None) -> None:
+        self.simulation = simulation
         self._link = link
         self._ends: tuple[int, int] | None = None
         self._frozen_until_s = 0.0
         self._unplugged_until_s = 0.0
-        rig.run(_START_S)
+        simulation.run(_START_S)
         self._due_s = time.monotonic()
         self._plug_in()
 
@@ -42,12 +42,12 @@ class Box:
         return str(self._link) if self._link else os.ttyname(self._need_ends()[1])
 
     def close(self) -> None:
-        """Take the port away and free the robot."""
+        """Remove the port and free the simulation."""
         self.unplug(0.0)
-        self.rig.close()
+        self.simulation.close()
 
     def unplug(self, seconds: float) -> None:
-        """Take the port away for a while."""
+        """Remove the port for a while."""
         self._unplugged_until_s = time.monotonic() + seconds
         if self._link:
             self._link.unlink(missing_ok=True)
@@ -78,27 +78,27 @@ class Box:
         wait_s = max(0.0, self._due_s - now_s) if not frozen else 0.01
         ready, _, _ = select.select(watched, [], [], wait_s)
         if self._ends and self._ends[0] in ready:
-            self._take(self._ends[0])
+            self._forward(self._ends[0])
         if not frozen:
             self._catch_up()
         return also in ready
 
     def _catch_up(self) -> None:
-        # Not for ever: a machine too busy to keep up has to hear the line all the same.
+        # Bounded: a computer too busy to keep up still has to read the port.
         for _ in range(_AT_ONCE):
             if self._due_s > time.monotonic():
                 return
             self._due_s += _SLICE_S
-            self.rig.run(_SLICE_S)
-            data = self.rig.board.receive()
+            self.simulation.run(_SLICE_S)
+            data = self.simulation.board.receive()
             if data and self._ends:
                 # A program that does not read loses bytes, as at a real port.
                 with contextlib.suppress(BlockingIOError):
                     os.write(self._ends[0], data)
 
-    def _take(self, master: int) -> None:
+    def _forward(self, master: int) -> None:
         try:
-            self.rig.board.send(os.read(master, 4096))
+            self.simulation.board.send(os.read(master, 4096))
         except OSError as error:
             if error.errno not in (errno.EIO, errno.EAGAIN):
                 raise

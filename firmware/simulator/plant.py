@@ -16,7 +16,7 @@ _ANGLES = np.array([0, 1, 3, 4, 6, 7])
 _WHEELS = np.array([2, 5, 8])
 
 
-class Body:
+class RobotPlant:
     """Simulated robot driven by the goals of the servos and the pulses of the speed controllers.
 
     `neutral` are the positions of the servos, in steps, when the gimbals are neutral, and `reverse`
@@ -26,13 +26,13 @@ class Body:
     def __init__(
         self, robot: SingularityDescription, neutral: Sequence[int], reverse: Sequence[bool]
     ) -> None:
-        # The wiring is looked at here, to the step: nothing else may be wrong.
+        # Without model errors: tests compare positions with goals to the step.
         self.simulation = SingularitySimulation(robot.with_errors(0.0))
         self._neutral = np.array(neutral)
         self._sign = np.where(reverse, -1.0, 1.0)
         self._step_rad = self.simulation.actuation.servos.step_rad
         self._now_s = 0.0
-        self._told: tuple[float, ...] = ()
+        self._commands: tuple[float, ...] = ()
 
     @property
     def gimbals(self) -> Array:
@@ -56,9 +56,9 @@ class Body:
             servo.goal if servo.torque and not servo.dead and not servo.jammed else None
             for servo in servos
         ]
-        told = (*goals, *pulses_us)
-        if told != self._told:
-            self._told = told
+        commands = (*goals, *pulses_us)
+        if commands != self._commands:
+            self._commands = commands
             self._command(goals, angles, pulses_us)
         rates = self.simulation.actuation.servos.rate(angles, self._goals)
         steps = np.round(self._neutral + self._sign * angles / self._step_rad)

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from firmware.simulator import board as boards
-from firmware.simulator.body import Body
-from firmware.simulator.chain import Chain
 from firmware.simulator.mx64 import Mx64
+from firmware.simulator.plant import RobotPlant
+from firmware.simulator.servo_bus import ServoBusSimulation
 from tsd_twin.dynamixel.control_table import ADDRESS
 from tsd_twin.robots import SingularityDescription, description_of_kind, load_robot
 
@@ -20,7 +20,7 @@ _STEP_S = 0.004
 _STICK_US, _SPEED_US = 400, 800
 
 
-class Rig:
+class FirmwareSimulation:
     """Simulated robot that is controlled by the compiled firmware.
 
     `version` is the protocol of all servos, or one for each; `receiver` says whether there is one,
@@ -41,8 +41,8 @@ class Rig:
         self.board = boards.Board(elf, self.table_address + ADDRESS["mode"])
         versions = [version] * 6 if isinstance(version, int) else version
         self.servos = [Mx64(i + 1, versions[i]) for i in range(6)]
-        self.chain = Chain(self.servos)
-        self.body = Body(
+        self.servo_bus = ServoBusSimulation(self.servos)
+        self.plant = RobotPlant(
             description_of_kind(load_robot("tsd"), SingularityDescription), neutral, reverse
         )
         self._moved_s = 0.0
@@ -62,7 +62,7 @@ class Rig:
         self._move()
 
     def pulses_us(self) -> list[float]:
-        """Return the widths of the pulses to the speed controllers."""
+        """Widths of the pulses to the speed controllers."""
         return [self.board.pulse(i).us for i in range(3)]
 
     def set_battery(self, volts: float) -> None:
@@ -88,7 +88,7 @@ class Rig:
         self.board.set_receiver([0 if i in lost else us for i, us in enumerate(self._receiver)])
 
     def _on_request(self, request: bytes) -> None:
-        answer = self.chain.answer(request)
+        answer = self.servo_bus.answer(request)
         if answer is None or self.board.now_s - self._moved_s > _STEP_S:
             self._move()
         if answer is not None:
@@ -96,4 +96,4 @@ class Rig:
 
     def _move(self) -> None:
         self._moved_s = self.board.now_s
-        self.body.follow(self._moved_s, self.servos, self.pulses_us())
+        self.plant.follow(self._moved_s, self.servos, self.pulses_us())

@@ -10,8 +10,8 @@ from firmware.simulator import protocol1, protocol2
 from firmware.simulator.mx64 import Mx64
 
 
-class Chain:
-    """Servos by their number on the bus."""
+class ServoBusSimulation:
+    """Simulated servos on one half-duplex bus, by their number."""
 
     def __init__(self, servos: Iterable[Mx64]) -> None:
         self.servos = {servo.number: servo for servo in servos}
@@ -20,7 +20,7 @@ class Chain:
         """Number of malformed requests."""
 
     def answer(self, request: bytes) -> tuple[bytes, int] | None:
-        """Take a request; return the answer and the delay in microseconds until it comes."""
+        """Response to a request and its delay in microseconds; None without a response."""
         self.requests += 1
         protocol = protocol2 if request[:4] == b"\xff\xff\xfd\x00" else protocol1
         parsed = protocol.parse(request)

@@ -1,0 +1,60 @@
+"""The buttons of the page, without the rest of it: their descriptions and the tooltip."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from tests.support.browser import FLAGS_WITHOUT_SCENE
+from tests.support.page_client import site
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.busy,
+    pytest.mark.timeout(120),
+    pytest.mark.parametrize("browser", [FLAGS_WITHOUT_SCENE], indirect=True, scope="module"),
+]
+
+MADE = """async () => {
+  const { Button, tooltip } = await import("/static/button.js");
+  window.arm = new Button("Arm", () => {}, { tip: "Switches the motors on" });
+  window.fold = new Button("Fold", () => {}, { tip: "Hides the stick" });
+  document.body.replaceChildren(arm.element, fold.element, tooltip.element);
+}"""
+TEXTS = """(ms) => new Promise((done) => {
+  const seen = new Set();
+  const timer = setInterval(() => seen.add(document.querySelector(".tip").textContent), 20);
+  setTimeout(() => (clearInterval(timer), done([...seen])), ms);
+})"""
+"""What the tooltip says in that time."""
+
+
+@pytest.fixture
+def page(browser: Browser) -> Generator[Page]:
+    with site() as served:
+        page = browser.new_page()
+        page.goto(f"http://127.0.0.1:{served.port}/healthz")
+        page.evaluate(MADE)
+        yield page
+        page.close()
+
+
+def test_a_button_that_becomes_another_one_has_its_description(page: Page) -> None:
+    fold = page.get_by_role("button", name="Fold")
+    expect(fold).to_have_accessible_description("Hides the stick")
+    page.evaluate("fold.become('Unfold', 'Shows the stick')")
+    unfold = page.get_by_role("button", name="Unfold")
+    expect(unfold).to_have_accessible_description("Shows the stick")
+    page.evaluate("fold.allow('Not now.')")
+    expect(unfold).to_have_accessible_description("Not now.")
+
+
+def test_the_tooltip_of_a_focused_button_ends_when_the_pointer_shows_another(page: Page) -> None:
+    page.keyboard.press("Tab")
+    tip = page.locator(".tip")
+    expect(tip).to_have_text("Switches the motors on")
+    page.get_by_role("button", name="Fold").hover()
+    expect(tip).to_have_text("Hides the stick")
+    assert page.evaluate(TEXTS, 1500) == ["Hides the stick"]

@@ -1,0 +1,272 @@
+"""What the status says of requests, against what the services answer at that moment."""
+
+from __future__ import annotations
+
+import copy
+import random
+from collections import defaultdict
+from typing import Any
+
+import pytest
+
+from tests.support.controller_harness import ControllerHarness, HarnessOperator
+from tsd_twin import robots
+from tsd_twin.lie import SE2
+from tsd_twin.messages.services import LeaseReply
+from tsd_twin.messages.status import Refusals
+from tsd_twin.messages.topics import Service
+from tsd_twin.safety import LATCHED, Mode
+
+every_robot = pytest.mark.parametrize("name", robots.robot_names())
+OPERATORS = ("alice", "bob")
+STRANGER = "carol"
+UNKNOWN_LEASE = "ab" * 16
+HOLDER_SERVICES = {
+    "arm": Service.ARM,
+    "disarm": Service.DISARM,
+    "reset": Service.RESET,
+    "set_pose": Service.SET_POSE,
+    "speed": Service.SPEED,
+}
+
+
+class RandomOperators:
+    """A robot, and operators who request at random."""
+
+    def __init__(self, name: str, seed: int) -> None:
+        self.rig = ControllerHarness(robot=robots.load_robot(name))
+        self.random = random.Random(seed)  # noqa: S311  A test, not a secret.
+        self.leases = dict.fromkeys(OPERATORS, UNKNOWN_LEASE)
+        self.pilots: dict[str, HarnessOperator] = {}
+        self.done: list[str] = []
+
+    def act(self) -> None:
+        """Do one thing that changes what is accepted."""
+        rule = self.random.choices(
+            (
+                self.requests_lease,
+                self.hands_over,
+                self.requests_as_holder,
+                self.gets_ready,
+                self.pushes,
+                self.is_silent_while_driving,
+                self.stops,
+                self.time_passes,
+                self.joints_are_silent,
+            ),
+            weights=(4, 2, 6, 3, 3, 4, 2, 4, 2),
+        )[0]
+        self.done.append(f"{rule.__name__} {rule()} -> {self.rig.mode}")
+
+    def requests_lease(self) -> str:
+        random = self.random
+        name = random.choice(OPERATORS)
+        op = random.choice(("acquire", "acquire", "release", "request", "grant", "deny"))
+        fields = {"take_over": random.random() < 0.5} if op == "acquire" else {}
+        if op in ("release", "grant", "deny"):
+            fields = {"lease": self.leases[name], "asker": random.choice(OPERATORS)}
+        self.lease(op, name, **fields)
+        return f"{op} {name}"
+
+    def lease(self, op: str, name: str, **fields: Any) -> None:
+        reply = self.rig.ask(Service.LEASE, op=op, operator=name, **fields)
+        if reply.granted:
+            self.leases[name] = reply.lease
+            self.pilots[name] = self.rig.pilot(name, reply.lease)
+
+    def hands_over(self) -> str:
+        giver, asker = self.random.sample(OPERATORS, 2)
+        self.lease("request", asker)
+        self.lease("grant", giver, lease=self.leases[giver], asker=asker)
+        return f"{giver} to {asker}"
+
+    def requests_as_holder(self) -> str:
+        key = self.random.choice(tuple(HOLDER_SERVICES))
+        name = self.random.choice(OPERATORS)
+        self.rig.ask(HOLDER_SERVICES[key], lease=self.leases[name], **self.fields(key))
+        return f"{key} {name}"
+
+    def gets_ready(self) -> str:
+        name = self.random.choice(OPERATORS)
+        self.lease("acquire", name, take_over=True)
+        if self.rig.mode in LATCHED:
+            self.rig.wait(0.5)
+            self.rig.ask(Service.RESET, lease=self.leases[name])
+        self.rig.ask(Service.ARM, lease=self.leases[name])
+        if self.random.random() < 0.2:
+            return f"{name}, not yet"
+        while self.rig.mode is Mode.ARMING:
+            self.rig.drive(self.pilots[name], (0.0, 0.0, 0.0), 0.1)
+        return name
+
+    def pushes(self) -> str:
+        if not self.pilots:
+            return "with no lease"
+        name = self.random.choice(tuple(self.pilots))
+        seconds = self.random.choice((0.02, 0.3))
+        self.rig.drive(self.pilots[name], (0.5, 0.2, 0.3), seconds)
+        return name
+
+    def is_silent_while_driving(self) -> str:
+        """Drive until the robot begins to stop by itself; at times another operator takes over."""
+        if self.rig.mode is not Mode.READY:
+            self.gets_ready()
+        lease = self.rig.controller.supervisor.lease_in_force(self.rig.now_s)
+        if lease is not None:
+            self.rig.drive(self.pilots[lease.holder], (0.8, 0.4, 0.5), 0.3)
+            self.rig.wait(self.random.choice((0.1, 0.22)))
+        if self.random.random() < 0.3:
+            self.lease("acquire", self.random.choice(OPERATORS), take_over=True)
+        return ""
+
+    def stops(self) -> str:
+        self.rig.controller.stop(b"", self.rig.now_s)
+        return ""
+
+    def time_passes(self) -> str:
+        seconds = self.random.choice((0.01, 0.1, 0.25, 1.0, 3.0))
+        self.rig.wait(seconds)
+        return f"{seconds} s"
+
+    def joints_are_silent(self) -> str:
+        self.rig.measures = False
+        self.rig.wait(0.15)
+        self.rig.measures = self.random.random() < 0.8
+        return f"and measured again: {self.rig.measures}"
+
+    def fields(self, key: str) -> dict[str, Any]:
+        """Fields of a request that is refused by the state of the robot only."""
+        if key == "speed":
+            speed = self.rig.status().wheel_speed
+            return {"cruise_speed_rpm": speed.wanted_rpm if speed else 1000.0}
+        if key == "set_pose" and self.rig.controller.kinematics.pose_type is SE2:
+            return {"x_m": 1.0, "y_m": 2.0, "heading_rad": 0.5}
+        return {}
+
+    # What the robot answers now. What it accepts is requested from a copy of it.
+
+    def copied(self) -> ControllerHarness:
+        robot = self.rig.controller.robot
+        return copy.deepcopy(self.rig, {id(robot): robot})
+
+    def answer(self, said: str | None, service: Service, **fields: Any) -> str | None:
+        """Return the refusal of a request, None when it is accepted; `said` is in the status."""
+        rig = self.copied() if said is None else self.rig
+        reply = rig.ask(service, **fields)
+        accepted = reply.granted if isinstance(reply, LeaseReply) else reply.ok
+        return None if accepted else reply.reason
+
+    def is_moved_by(self, operator: str, lease: str) -> bool:
+        """Return whether a fresh command moves the robot."""
+        rig = self.copied()
+        rig.controller.record_status_sent(rig.status_seq + 1, rig.now_s)
+        sample = rig.sample(
+            rig.pilot(operator, lease), (0.1, 0.0, 0.0), seq=10**9, status_seq=rig.status_seq + 1
+        )
+        rig.controller.supervisor.receive(sample, rig.now_s)
+        command = rig.controller.supervisor.command
+        moves = rig.mode is Mode.DRIVING and command is not None and command.seq == 10**9
+        assert moves or rig.mode is self.rig.mode, "what does not move it changes no mode"
+        return moves
+
+    def check(self) -> Refusals:
+        """Compare the refusals in the status with the answers, for holder and other operators."""
+        refusals = self.rig.status().refusals
+        assert refusals is not None
+        lease = self.rig.controller.supervisor.lease_in_force(self.rig.now_s)
+        holder = lease.holder if lease else STRANGER
+        held = lease.id.hex() if lease else UNKNOWN_LEASE
+        answer = self.answer(refusals.lease, Service.LEASE, op="acquire", operator=STRANGER)
+        assert answer == refusals.lease, self.done
+        for key, service in HOLDER_SERVICES.items():
+            for said, lease_hex in (
+                (getattr(refusals, key), held),
+                (refusals.without_lease, "cd" * 16),
+            ):
+                answer = self.answer(said, service, lease=lease_hex, **self.fields(key))
+                assert answer == said, (key, self.done)
+        assert self.is_moved_by(holder, held) == (refusals.drive is None), self.done
+        assert not self.is_moved_by(STRANGER, "cd" * 16)
+        return refusals
+
+
+@every_robot
+def test_the_status_says_what_each_service_answers_at_that_moment(name: str) -> None:
+    operators = RandomOperators(name, seed=1)
+    seen: dict[str, set[str | None]] = defaultdict(set)
+    modes: set[Mode] = set()
+    for _ in range(150):
+        operators.act()
+        refusals = operators.check()
+        modes.add(operators.rig.mode)
+        for key in refusals.__struct_fields__:
+            seen[key].add(getattr(refusals, key))
+    stands = operators.rig.controller.robot.wheel_speed_range is None
+    for key in ("lease", *HOLDER_SERVICES, "drive"):
+        accepted = key != "speed" or not stands
+        assert (None in seen[key]) == accepted, (key, "never accepted or never refused")
+        assert len(seen[key]) > 1, (key, "always the same")
+    assert seen["without_lease"] == {
+        "take control first",
+        *(f"{name} has control" for name in OPERATORS),
+    }
+    assert modes == set(Mode)
+    assert "the robot is coming to rest" in seen["drive"]
+    assert any("kept for" in str(reason) for reason in seen["lease"])
+
+
+def test_the_reason_of_a_fault_is_said_before_arming_is_requested() -> None:
+    rig = ControllerHarness()
+    pilot = rig.acquire()
+    assert rig.status().refusals == Refusals(
+        lease="alice drives; ask for control or take over",
+        without_lease="alice has control",
+        reset="the robot is disarmed, not stopped",
+        drive="the robot is disarmed: arm it first",
+    )
+    rig.measures = False
+    rig.drive(pilot, (0.0, 0.0, 0.0), 0.2)
+    refusals = rig.status().refusals
+    assert refusals is not None
+    assert refusals.arm == "the joints have not been measured for 100 ms"
+
+
+def test_a_reservation_refuses_all_operators_but_one() -> None:
+    rig = ControllerHarness()
+    pilot = rig.acquire("alice")
+    rig.ask(Service.LEASE, op="request", operator="bob")
+    rig.ask(Service.LEASE, op="grant", operator="alice", lease=pilot.lease, asker="bob")
+    status = rig.status()
+    assert status.refusals is not None
+    assert status.refusals.lease == "control is kept for bob, for a moment"
+    assert status.lease.reserved_for == "bob"
+    rig.acquire("bob")
+
+
+def test_a_reset_is_refused_for_half_a_second_after_a_push() -> None:
+    rig = ControllerHarness()
+    pilot = rig.get_ready()
+    rig.drive(pilot, (0.5, 0.0, 0.0), 0.1)
+    rig.controller.stop(b"", rig.now_s)
+    refused: list[str | None] = []
+    for _ in range(60):
+        rig.tick()
+        status = rig.status()
+        assert status.refusals is not None
+        refused.append(status.refusals.reset)
+    assert set(refused) == {"let go of the stick first", None}
+    assert refused == sorted(refused, key=lambda reason: reason is None)
+
+
+def test_coming_to_rest_only_the_operator_who_drove_goes_on() -> None:
+    rig = ControllerHarness()
+    alice = rig.get_ready("alice")
+    rig.drive(alice, (1.0, 0.0, 0.0), 0.5)
+    rig.wait(0.25)
+    status = rig.status()
+    assert status.refusals is not None
+    assert (status.mode, status.refusals.drive) == ("stopping", None)
+    rig.acquire("bob", take_over=True)
+    status = rig.status()
+    assert status.refusals is not None
+    assert (status.mode, status.refusals.drive) == ("stopping", "the robot is coming to rest")

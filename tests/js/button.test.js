@@ -1,0 +1,46 @@
+import assert from "node:assert/strict";
+import { mock, test } from "node:test";
+
+import { fire, openPage, pass } from "./browser.js";
+
+openPage();
+const { LongPressButton, tooltip } = await import("../../src/tsd_twin/dashboard/static/button.js");
+
+function made() {
+  openPage();
+  const calls = [];
+  mock.method(tooltip, "show", (_, text) => calls.push(text()));
+  const button = new LongPressButton("Reset", () => calls.push("pressed"), {});
+  return { button, calls, node: button.button };
+}
+
+test("a long press acts after a second, and not when it ends before", () => {
+  const { calls, node } = made();
+  fire(node, "pointerdown", { button: 0 });
+  pass(900);
+  fire(node, "pointerup");
+  pass(1000);
+  assert.deepEqual(calls, []);
+  fire(node, "pointerdown", { button: 0 });
+  pass(1000);
+  assert.deepEqual(calls, ["pressed"]);
+});
+
+test("a refusal is shown at once, and a press that outlasts it acts", () => {
+  const { button, calls, node } = made();
+  button.allow("Let go of the stick first.");
+  fire(node, "pointerdown", { button: 0 });
+  assert.deepEqual(calls, ["Let go of the stick first."]);
+  pass(400);
+  button.allow(null);
+  pass(600);
+  assert.deepEqual(calls, ["Let go of the stick first.", "pressed"]);
+});
+
+test("a long press that is still refused when it ends does not act", () => {
+  const { button, calls, node } = made();
+  fire(node, "pointerdown", { button: 0 });
+  button.allow("You are not in control.");
+  pass(1000);
+  assert.deepEqual(calls, ["You are not in control."]);
+});

@@ -1,0 +1,90 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { connect, pass } from "./browser.js";
+
+const { notArm, notDisarm, notDrive, notPlan, notReset, notSetWheelSpeed, notTake } =
+  await import("../../src/tsd_twin/dashboard/static/permission.js");
+
+const LEASE = { holder: "ann", reserved_for: null };
+const HELD = { arm: notArm, disarm: notDisarm, reset: notReset, speed: notSetWheelSpeed };
+
+/** The refusals of a robot that accepts all, with these instead. */
+function refusals(changed = {}) {
+  const requests = ["lease", "arm", "disarm", "reset", "drive", "set_pose", "speed"];
+  const accepted = Object.fromEntries(requests.map((request) => [request, null]));
+  return { ...accepted, without_lease: "ann has control", ...changed };
+}
+
+for (const [request, check] of Object.entries({ ...HELD, drive: notDrive })) {
+  test(`${request}: the page shows the sentence of the robot, or none`, () => {
+    const { link, state } = connect();
+    state({ lease: LEASE, refusals: refusals() });
+    assert.equal(check(link), null);
+    state({ lease: LEASE, refusals: refusals({ [request]: "the wheels are loose" }) });
+    assert.equal(check(link), "The wheels are loose.");
+  });
+
+  test(`${request}: a page that is not in control shows what the robot says of that`, () => {
+    const { link, state } = connect();
+    const lease = { ...LEASE, holder: "bob" };
+    state({ lease, refusals: refusals({ without_lease: "bob has control" }) }, { you: false });
+    assert.equal(check(link), "Bob has control.");
+  });
+
+  test(`${request}: a lost link comes before what the robot said last`, () => {
+    const { link, state } = connect();
+    state({ lease: LEASE, refusals: refusals({ [request]: "the wheels are loose" }) });
+    pass(2000);
+    assert.equal(check(link), "The robot has gone silent.");
+  });
+
+  for (const [name, missing] of [
+    ["null", { refusals: null }],
+    ["missing", {}],
+  ]) {
+    test(`${request}: ${name} refusals are unknown and no reason is shown`, () => {
+      const { link, state } = connect();
+      state({ lease: LEASE, ...missing });
+      assert.equal(check(link), null);
+      state({ lease: { ...LEASE, holder: "bob" }, ...missing }, { you: false });
+      assert.equal(check(link), "You are not in control.");
+    });
+  }
+}
+
+for (const refused of [refusals(), null]) {
+  test(`a control never moves a robot that comes to rest, ${refused ? "with" : "without"} refusals`, () => {
+    const { link, state } = connect();
+    state({ mode: "stopping", lease: LEASE, refusals: refused });
+    assert.equal(notDrive(link), "The robot is stopping.");
+  });
+}
+
+test("a path is planned in every mode that is not latched", () => {
+  const { link, state } = connect();
+  const drive = "the robot is disarmed: arm it first";
+  state({ mode: "disarmed", lease: LEASE, refusals: refusals({ drive }) });
+  assert.equal(notPlan(link), null);
+  state({ mode: "stopped", lease: LEASE, refusals: refusals({ drive: "reset first" }) });
+  assert.equal(notPlan(link), "Reset first.");
+  state({ mode: "stopped", lease: LEASE });
+  assert.equal(notPlan(link), "The robot is stopped.");
+});
+
+test("control can be taken, asked for and released unless it is reserved for another operator", () => {
+  const { link, state } = connect();
+  const kept = "control is kept for bob, for a moment";
+  state({ lease: { holder: null, reserved_for: null }, refusals: refusals() }, { you: false });
+  assert.equal(notTake(link), null);
+  state({ lease: LEASE, refusals: refusals({ lease: "ann drives; ask for control" }) });
+  assert.equal(notTake(link), null);
+  const reserved = (operator) => ({
+    lease: { holder: null, reserved_for: operator },
+    refusals: refusals({ lease: kept }),
+  });
+  state(reserved("bob"), { you: false });
+  assert.equal(notTake(link), "Control is kept for bob, for a moment.");
+  state(reserved("ann"), { you: false });
+  assert.equal(notTake(link), null);
+});
