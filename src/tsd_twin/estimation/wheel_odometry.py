@@ -116,11 +116,11 @@ class ConstantErrors:
         `acceleration` (3,) is that over the ground, in the axes of the base.
         """
         columns = [slopes @ self.of_joints(joints)]
+        turns = float(joints[self._is_speed].any())
         if self._turn_rad_per_s > 0.0:
-            turn = self._turn_rad_per_s * float(joints[self._is_speed].any())
-            columns.append(np.array([[0.0], [0.0], [turn]]))
+            columns.append(np.array([[0.0], [0.0], [turns * self._turn_rad_per_s]]))
         if self._slip_lag_s > 0.0:
-            columns.append(self._slip_lag_s * acceleration[:, None])
+            columns.append(turns * self._slip_lag_s * acceleration[:, None])
         return np.concatenate(columns, axis=1)
 
     def of_joints(self, joints: Array) -> Array:
