@@ -112,6 +112,8 @@ class Snapshot:
     truth: Odometry | None = None
     status: Status | None = None
     status_seq: int = 0
+    status_robot_s: float = 0.0
+    """When the robot sent the status, on its monotonic clock."""
     received_s: float = -np.inf
     """When the newest of these came in, on the clock given to `poll`."""
 
@@ -219,6 +221,7 @@ class RobotClient:
         self.snapshot = Snapshot(
             status=self.snapshot.status,
             status_seq=self.snapshot.status_seq,
+            status_robot_s=self.snapshot.status_robot_s,
             received_s=self.snapshot.received_s,
         )
 
@@ -267,7 +270,8 @@ class RobotClient:
             return False
         try:
             fresh["status"] = decode_status(sample.payload)
-            fresh["status_seq"] = decode_stamp(sample.attachment)[0]
+            seq, robot_ns = decode_stamp(sample.attachment)
+            fresh["status_seq"], fresh["status_robot_s"] = seq, 1e-9 * robot_ns
         except MessageError:
             fresh.pop("status", None)
             return False

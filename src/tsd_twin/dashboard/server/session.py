@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -30,6 +30,7 @@ from tsd_twin.dashboard.server.protocol import (
     ResetRequest,
     RobotEvent,
     RobotState,
+    SelectPlotFields,
     SelectRobot,
     SessionInfo,
     SetSpeedLevel,
@@ -95,6 +96,7 @@ class Session:
         self._stop_count: int | None = None
         self._stopping: set[asyncio.Task[None]] = set()
         self._motion: DriveCommand | FollowPlan | None = None
+        self._plot_fields: Sequence[str] = ()
 
     def on_robots_changed(self) -> None:
         """Send session info with the list of robots; select a robot if none is selected."""
@@ -146,6 +148,9 @@ class Session:
                 if self._motion is None:
                     asyncio.get_running_loop().call_soon(self._move)
                 self._motion = message
+                return
+            case SelectPlotFields():
+                self._plot_fields = message.names
                 return
             case ReleaseControls() | StopCommand():
                 self._motion = None
@@ -277,7 +282,7 @@ class Session:
         self.release_controls("another robot is shown")
         self._teleop.navigation.clear()
         await self._lease_client.release_lease()
-        self.robot_id, self._stop_count = robot_id, None
+        self.robot_id, self._stop_count, self._plot_fields = robot_id, None, ()
         self._send_robot()
         self._on_chosen(self.page, robot_id)
         return Reply(True)
@@ -303,8 +308,16 @@ class Session:
             self._teleop.navigation.clear()
         self._teleop.navigation.update()
         you = control is not None and lease.holder == self._operator
-        state = msgspec.structs.replace(state, you=you, route=self._teleop.navigation.route_state)
+        state = msgspec.structs.replace(
+            state, you=you, route=self._teleop.navigation.route_state, plot=self._plot_values()
+        )
         self.send_queue.put_state(state.seen, encode_message(state))
+
+    def _plot_values(self) -> dict[str, float | None]:
+        view = self._directory.view(self.robot_id) if self._plot_fields else None
+        if view is None:
+            return {}
+        return view.plot_fields.values(self._plot_fields, view.link.snapshot)
 
     def send_event(self, event: Event, *, past: bool = False) -> None:
         """Send an event of the selected robot."""
