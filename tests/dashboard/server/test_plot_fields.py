@@ -24,7 +24,7 @@ from tsd_twin.messages.ros import BASE, ODOM, decode_joints
 from tsd_twin.messages.status import decode_stamp, decode_status
 
 OTHER = "fedcba9876543210"
-ALPHA, SPIN = "joints.module1_alpha.position_rad", "joints.module2_spin.velocity_rad_per_s"
+ALPHA, SPIN = "joints.module1_alpha.position_rad", "joints.module2_wheel.velocity_rad_per_s"
 COVARIANCE = np.diag([0.04, 0.09, 0.25])
 
 

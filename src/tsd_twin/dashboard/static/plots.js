@@ -38,7 +38,7 @@ export class Plots {
       ...Object.entries(WINDOWS).map(([text, value]) => el("option", { value }, text)),
     );
     this._pause = button("Pause", () => this._setEnd(this._endS === null ? this.span()[1] : null));
-    this._time = el("output.value", { "aria-label": "Time" });
+    this._time = el("span.value.time", { role: "timer", "aria-label": "Time" });
     this._paper = el("i.paper", { hidden: true });
     this._area = el("div.charts", { role: "group", tabindex: 0, "aria-label": HELP });
     const chooser = new PlotChooser(recorder, () => this._redraw());
