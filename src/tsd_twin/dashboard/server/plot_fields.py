@@ -10,7 +10,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from tsd_twin.dashboard.robot_client import RobotClient, Snapshot, twist_axes_of
+from tsd_twin.client.connection import RobotMonitor, Snapshot
+from tsd_twin.dashboard.scene.robot_geometry import twist_axes_of
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.ros import ODOM, JointState, Odometry
@@ -30,7 +31,7 @@ class PlotFields:
     commands, before the limits of the robot.
     """
 
-    def __init__(self, link: RobotClient, *, has_alternative: bool) -> None:
+    def __init__(self, link: RobotMonitor, *, has_alternative: bool) -> None:
         """List the fields of a robot, which may have an alternative estimate."""
         self._link = link
         self._readers: dict[str, _Reader] = {}
