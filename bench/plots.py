@@ -1,4 +1,4 @@
-"""Benchmark of the Plots tab: ten minutes of eight fields, beside the same page with another tab."""
+"""Benchmark of the Plots tab: ten minutes of eight fields, beside the page with another tab."""
 
 from __future__ import annotations
 

@@ -45,7 +45,8 @@ const STATUS = {
 };
 
 function numbered(buffer, from, count) {
-  for (let i = from; i < from + count; i += 1) buffer.add(i / 20, (name) => (name === "i" ? i : -i));
+  for (let i = from; i < from + count; i += 1)
+    buffer.add(i / 20, (name) => (name === "i" ? i : -i));
 }
 
 test("a buffer keeps the newest samples in order, in the arrays that it began with", () => {
@@ -59,8 +60,14 @@ test("a buffer keeps the newest samples in order, in the arrays that it began wi
   }
   const expected = Array.from({ length: buffer.length }, (_, k) => 1000 - buffer.length + k);
   assert.deepEqual([...buffer.values("i")], expected);
-  assert.deepEqual([...buffer.values("minus")], expected.map((i) => -i));
-  assert.deepEqual([...buffer.times], expected.map((i) => i / 20));
+  assert.deepEqual(
+    [...buffer.values("minus")],
+    expected.map((i) => -i),
+  );
+  assert.deepEqual(
+    [...buffer.times],
+    expected.map((i) => i / 20),
+  );
   assert.deepEqual(
     [buffer.times.buffer, buffer.values("i").buffer, buffer.values("minus").buffer],
     memory,
@@ -166,7 +173,8 @@ function recorder(memory = {}) {
   const made = new Recorder(page.link);
   page.say(ROBOT);
   let robot_s = 0;
-  const take = (fields = {}) => page.state(STATUS, { ...STATE, robot_s: (robot_s += 0.05), ...fields });
+  const take = (fields = {}) =>
+    page.state(STATUS, { ...STATE, robot_s: (robot_s += 0.05), ...fields });
   return { ...page, recorder: made, sample: take, stored };
 }
 
@@ -201,7 +209,10 @@ test("a field that was null is recorded from its first value on, and stays when 
   pass(1000);
   sample({ truth: [7, 8, 9] });
   sample();
-  assert.deepEqual(plots.fields.map(({ name }) => name), ["truth.x"]);
+  assert.deepEqual(
+    plots.fields.map(({ name }) => name),
+    ["truth.x"],
+  );
   assert.deepEqual([...plots.buffer.values("truth.x")], [NaN, 7, NaN]);
 });
 
@@ -242,7 +253,14 @@ test("choice and window are kept in the browser, by robot; what cannot be read i
   assert.deepEqual([again.names, again.windowS], [["twist.vx"], 120]);
   again.choose(null);
   assert.ok(again.names.includes("link.round_trip_ms"));
-  const unreadable = ["", "null", "7", "{", '{"windowS":"x","fields":{"tsd":3}}', '{"fields":null}'];
+  const unreadable = [
+    "",
+    "null",
+    "7",
+    "{",
+    '{"windowS":"x","fields":{"tsd":3}}',
+    '{"fields":null}',
+  ];
   for (const text of [...unreadable, '{"windowS":0}', '{"windowS":1e9}'])
     assert.equal(recorder({ "tsd.plots": text }).recorder.windowS, 20, text);
 });

@@ -24,7 +24,9 @@ export class PlotBuffer {
 
   /** Values in the same places as the times, NaN where there is none. @param {string} name */
   values(name) {
-    return this._columns.get(name)?.subarray(0, this.length) ?? new Float64Array(this.length).fill(NaN);
+    return (
+      this._columns.get(name)?.subarray(0, this.length) ?? new Float64Array(this.length).fill(NaN)
+    );
   }
 
   /** Keep these columns, begin new ones, and forget all others. @param {Iterable<string>} names */

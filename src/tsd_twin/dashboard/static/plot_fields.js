@@ -92,7 +92,8 @@ function field(robot, path, keys) {
   const [parent, last] = [path.at(-2) ?? "", path[path.length - 1]];
   const base = last.replace(/^set_/, ""); // A set-point is plotted with what is measured.
   const suffix = suffixOf(base);
-  const quantity = suffix === undefined || suffix === base ? base : base.slice(0, -suffix.length - 1);
+  const quantity =
+    suffix === undefined || suffix === base ? base : base.slice(0, -suffix.length - 1);
   const unit =
     SUFFIXES[suffix ?? suffixOf(parent) ?? ""] ?? UNITS[base] ?? unitInArray(robot, parent, last);
   const isActuator = path.length === 3 && ACTUATORS.has(path[0]);
