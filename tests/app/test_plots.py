@@ -71,7 +71,7 @@ class Stage:
 
     @property
     def area(self) -> Locator:
-        return self.page.get_by_role("group", name=re.compile("^Plots"))
+        return self.page.get_by_role("group", name="Plots", exact=True)
 
     @property
     def window(self) -> Locator:

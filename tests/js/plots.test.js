@@ -98,6 +98,25 @@ test("a column that is chosen later begins empty, one that is kept goes on", () 
   assert.ok(buffer.values("i").every(Number.isNaN));
 });
 
+test("a span has the samples from its first to its last moment, whatever was dropped", () => {
+  const buffer = new PlotBuffer(100, 10);
+  buffer.select(["i"]);
+  for (let i = 0; i < 250; i += 1) {
+    numbered(buffer, i, 1);
+    for (const [fromS, toS] of [
+      [-1, 0],
+      [0, 100],
+      [i / 20, i / 20],
+      [(i - 7.5) / 20, (i - 2) / 20],
+      [i, i + 1],
+    ]) {
+      const [from, to] = buffer.places(fromS, toS);
+      const inside = [...buffer.times].filter((time) => time >= fromS && time <= toS);
+      assert.deepEqual([...buffer.times.subarray(from, to)], inside);
+    }
+  }
+});
+
 test("a sample that is not newer is ignored", () => {
   const buffer = new PlotBuffer();
   buffer.select(["i"]);

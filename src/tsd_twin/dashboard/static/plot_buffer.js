@@ -59,11 +59,23 @@ export class PlotBuffer {
     this.length -= count;
   }
 
-  /** Return the places [from, to) of the samples in a span. @param {number} fromS @param {number} toS */
+  /**
+   * Return the places [from, to) of the samples in a span, both ends included.
+   * @param {number} fromS @param {number} toS
+   */
   places(fromS, toS) {
-    const { times } = this;
-    const from = times.findIndex((time) => time >= fromS);
-    return from < 0 ? [0, 0] : [from, times.findLastIndex((time) => time <= toS) + 1];
+    return [this._count((time) => time < fromS), this._count((time) => time <= toS)];
+  }
+
+  /** Return how many times are before a limit. @param {(time: number) => boolean} isBefore */
+  _count(isBefore) {
+    let [low, high] = [0, this.length];
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (isBefore(this._times[middle])) low = middle + 1;
+      else high = middle;
+    }
+    return low;
   }
 
   /**

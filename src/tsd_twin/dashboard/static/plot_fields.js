@@ -76,10 +76,10 @@ function* leaves(robot, value, path, keys) {
 /** @param {RobotInfo} robot @param {string[]} path @param {number} i @param {number} length */
 function element(robot, path, i, length) {
   const key = path.at(-1) ?? "";
-  if (key === "twist" || key === "commanded") return robot.twist_axes[i].name;
+  if (key === "twist" || key === "commanded") return robot.twist_axes[i]?.name ?? String(i + 1);
   const isOwn = path.length === 1 && (key === "modules" || key === "wheels");
   const names = isOwn ? robot[key] : ELEMENTS[key];
-  if (names !== undefined) return names[i];
+  if (names !== undefined) return names[i] ?? String(i + 1);
   const isVector = /axle|ideal|dual/.test(key) && length <= COMPONENTS.length;
   return isVector ? COMPONENTS[i] : String(i + 1);
 }

@@ -12,7 +12,8 @@ const WINDOWS = { "20 s": 20, "1 min": 60, "2 min": 120, "5 min": 300, "10 min":
 const ZOOM = 1.25;
 const CSS_PX_HEAD = 20;
 const HELP =
-  "Plots. Arrow keys move the cursor, plus and minus zoom, page up and page down pan, P pauses, End shows now.";
+  "Arrow keys move the cursor, plus and minus zoom, page up and page down pan, P pauses, End goes on.";
+const NAME = { "aria-label": "Plots", "aria-description": HELP };
 
 export class Plots {
   /** @param {Recorder} recorder @param {ShadowRoot} place @param {AbortSignal} signal */
@@ -26,6 +27,7 @@ export class Plots {
     /** @type {number | null} */
     this._cursor = null; // Place of the cursor in the buffer.
     this._generation = 0; // Of the buffer.
+    this._oldestS = NaN; // In the buffer; when it changes, places in it are others.
     this._drawnMs = -Infinity;
     /** @type {Map<number, number>} */
     this._pointers = new Map(); // Where each one is, as a share of the width.
@@ -40,7 +42,7 @@ export class Plots {
     this._pause = button("Pause", () => this._setEnd(this._endS === null ? this.span()[1] : null));
     this._time = el("span.value.time", { role: "timer", "aria-label": "Time" });
     this._paper = el("i.paper", { hidden: true });
-    this._area = el("div.charts", { role: "group", tabindex: 0, "aria-label": HELP });
+    this._area = el("div.charts", { role: "group", tabindex: 0, ...NAME });
     const chooser = new PlotChooser(recorder, () => this._redraw());
     const files = [button("CSV", () => this._exportCsv()), button("PNG", () => this._exportPng())];
     const key = [el("span.thin"), "set-point", el("span.thick"), "measured"];
@@ -215,10 +217,12 @@ export class Plots {
     this._shown = shown;
     this._showValues();
     const { clientWidth: width } = this._area;
-    const isResized = this._charts.some(({ plot }) => plot.width !== width);
+    const isOther =
+      this._oldestS !== buffer.times[0] || this._charts.some(({ plot }) => plot.width !== width);
+    this._oldestS = buffer.times[0];
     const waitMs = Math.min(SLOWEST_TICK_MS, (1000 * windowS) / width) - TICK_MS / 2;
     const nowMs = performance.now();
-    if (!isResized && nowMs - this._drawnMs < (this._endS === null ? waitMs : Infinity)) return;
+    if (!isOther && nowMs - this._drawnMs < (this._endS === null ? waitMs : Infinity)) return;
     this._drawnMs = nowMs;
     setText(this._pause, this._endS === null ? "Pause" : "Go on");
     setAttribute(this._area, "data-paused", this._endS === null ? null : "");
@@ -240,7 +244,8 @@ export class Plots {
 
   _showValues() {
     const { buffer } = this._recorder;
-    const at = Math.min(this._cursor ?? Infinity, buffer.length - 1);
+    const [, end] = buffer.places(...this.span());
+    const at = this._cursor ?? end - 1;
     setText(this._time, `${fixed(buffer.times[at], 2)} s`);
     for (const chart of this._charts) chart.show(at);
   }
