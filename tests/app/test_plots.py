@@ -107,6 +107,11 @@ class Stage:
         header = path.read_text("utf-8").splitlines()[0].split(",")
         return header, np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
 
+    def record(self, seconds: float, folder: Path) -> None:
+        """Wait until so much is plotted."""
+        while np.ptp(self.csv(folder)[1][:, 0]) < seconds:
+            self.page.wait_for_timeout(200)
+
 
 @pytest.fixture
 def stage(browser: Browser, start: Callable[..., Program]) -> Iterator[Stage]:
@@ -133,7 +138,7 @@ def test_a_file_of_the_plots_holds_what_another_subscriber_saw(
     stage.choose(ALPHA)
     expect(stage.area.get_by_text("module1_alpha")).to_be_visible(timeout=PATIENCE_MS)
     with tsd_twin.connect(stage.endpoint) as robot, robot.control("script") as base:
-        base.drive(vx_mps=0.2, vy_mps=0.1, duration_s=1.0)
+        base.drive(vx_mps=0.4, vy_mps=0.3, duration_s=1.0)
     stage.button("Pause").click()
     expect(stage.button("Go on")).to_be_visible()
     header, rows = stage.csv(tmp_path)
@@ -178,6 +183,7 @@ def number(text: str) -> float:
 def test_wheel_zooms_drag_pans_and_all_is_kept_over_a_reload(stage: Stage, tmp_path: Path) -> None:
     page, area = stage.page, stage.area
     expect(stage.window).to_have_value("20")
+    stage.record(5.0, tmp_path)
     box = area.locator(".u-over").first.bounding_box()
     assert box is not None
     middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
@@ -188,7 +194,7 @@ def test_wheel_zooms_drag_pans_and_all_is_kept_over_a_reload(stage: Stage, tmp_p
     expect(stage.window).to_have_value("20")
     expect(stage.button("Pause")).to_be_visible()
     page.mouse.down()
-    page.mouse.move(middle[0] + 40, middle[1], steps=4)
+    page.mouse.move(middle[0] + 20, middle[1], steps=4)
     page.mouse.up()
     expect(stage.button("Go on")).to_be_visible()
     end_s = stage.csv(tmp_path)[1][:, 0].max()

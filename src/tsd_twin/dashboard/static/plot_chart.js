@@ -7,6 +7,7 @@ import { decimalsOf } from "./plot_fields.js";
 const GUTTER_PX = 42;
 const HEIGHT_PX = 72;
 const AXIS_PX = 22;
+const EDGE_PX = 14; // Half of the last time on the axis.
 const GAP_S = 0.3; // A line is not drawn over what was not seen.
 const ROUND = [1, 2, 5, 10];
 const TONES = ["one", "two", "three", "four"];
@@ -77,7 +78,7 @@ export class PlotChart {
     return {
       width: 2 * GUTTER_PX, // Until it is drawn.
       height: HEIGHT_PX + (this._isLast ? AXIS_PX : 0),
-      padding: [4, 1, this._isLast ? 0 : 4, 0],
+      padding: [4, EDGE_PX, this._isLast ? 0 : 4, 0],
       legend: { show: false },
       cursor: {
         y: false,

@@ -189,7 +189,8 @@ export class Plots {
 
   /** Move the cursor of all charts; without one, begin in the middle. @param {number} pixels */
   _moveCursor(pixels) {
-    const { plot } = this._charts[0];
+    const plot = this._charts[0]?.plot;
+    if (plot === undefined) return;
     const { left = -1 } = plot.cursor;
     const { width } = plot.over.getBoundingClientRect();
     const to = left < 0 ? width / 2 : Math.max(0, Math.min(width - 1, left + pixels));
