@@ -36,7 +36,8 @@ export class PlotChart {
     this.legend = fields.map(({ name, part, line }, i) => {
       const tone = TONES[parts.indexOf(part) % TONES.length];
       const attributes = { class: `series ${tone} ${line}`, title: name };
-      return el("span", attributes, el("i"), part, " ", this._values[i]);
+      const label = line === "other" ? `${name.split(".")[0]} ${part}` : part;
+      return el("span", attributes, el("i"), label, " ", this._values[i]);
     });
     const [{ title, unit }] = fields;
     this._place = el("div", { role: "img", "aria-label": `${title}, ${unit}` });
