@@ -17,6 +17,7 @@ PARTS = (
     "plots",
     "start",
     "idle",
+    "recording",
 )
 
 
