@@ -11,8 +11,9 @@ import psutil
 from playwright.sync_api import Page, sync_playwright
 
 from bench.bus import program
+from bench.page import HIDE
 from bench.table import Row
-from tests.support.browser import FLAGS_WITHOUT_SCENE, PATIENCE_MS, executable
+from tests.support.browser import FLAGS, PATIENCE_MS, QUICK, executable
 
 FIELDS = (
     "commanded.vx",
@@ -73,17 +74,17 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
 
 @contextmanager
 def opened(url: str, samples: int) -> Iterator[Page]:
-    """A page of a robot that has a past, in a browser that draws no scene."""
+    """A page of a robot that has a past, without its scene."""
     settings = json.dumps({"windowS": 600, "fields": {"tsd": FIELDS}})
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=executable(), args=list(FLAGS_WITHOUT_SCENE)
-        )
+        browser = playwright.chromium.launch(executable_path=executable(), args=list(FLAGS))
         page = browser.new_page(viewport={"width": 1280, "height": 720})
         page.add_init_script("localStorage.setItem('tsd.hints', 'seen')")
         page.add_init_script(f"localStorage.setItem('tsd.plots', {json.dumps(settings)})")
         page.add_init_script(_HISTORY.replace("SAMPLES", str(samples)))
-        page.goto(url)
+        page.goto(url + QUICK)
+        page.wait_for_selector("canvas[data-engine]", timeout=PATIENCE_MS)
+        page.evaluate(HIDE)
         yield page
         browser.close()
 

@@ -33,6 +33,7 @@ export class Plots {
     this._pointers = new Map(); // Where each one is, as a share of the width.
     const button = (/** @type {string} */ text, /** @type {() => void} */ onclick) =>
       el("button.button", { type: "button", onclick }, text);
+    /** @type {HTMLSelectElement} */
     this._window = el(
       "select",
       { "aria-label": "Time window", onchange: () => this._setWindow(Number(this._window.value)) },
@@ -194,7 +195,7 @@ export class Plots {
     const { left = -1 } = plot.cursor;
     const { width } = plot.over.getBoundingClientRect();
     const to = left < 0 ? width / 2 : Math.max(0, Math.min(width - 1, left + pixels));
-    plot.setCursor({ left: to, top: 0 }, true, true);
+    for (const chart of this._charts) chart.plot.setCursor({ left: to, top: 0 });
   }
 
   // Drawing: only while it is seen, and only when a picture has moved by a pixel.
