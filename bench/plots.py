@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 
 import psutil
@@ -73,7 +73,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
 
 
 @contextmanager
-def opened(url: str, samples: int) -> Iterator[Page]:
+def opened(url: str, samples: int) -> Generator[Page]:
     """A page of a robot that has a past, without its scene."""
     settings = json.dumps({"windowS": 600, "fields": {"tsd": FIELDS}})
     with sync_playwright() as playwright:

@@ -232,9 +232,6 @@ class Session:
                     asyncio.get_running_loop().call_soon(self._move)
                 self._motion = message
                 return
-            case SelectPlotFields():
-                self._plot_fields = message.names
-                return
             case ReleaseControls():
                 self._motion = None
             case _:
@@ -277,14 +274,20 @@ class Session:
             case PanelSlidersReleased():
                 if self._role is not Role.VIEWER:  # Viewers have no sliders.
                     self._on_released(self.page)
-            case SelectRobot():
-                self.select_robot(message.id)
+            case SelectRobot() | SelectPlotFields():
+                self._select(message)
             case LeaseAction() if self._role is Role.VIEWER:
                 self._send(ActionReply(to="lease", ok=False, reason=_VIEWER_REFUSAL))
             case LeaseAction():
                 self._on_lease_action(message)
             case ArmRequest() | DisarmRequest() | ResetRequest() | SetWheelSpeed():
                 self._request_as_holder(message)
+
+    def _select(self, message: SelectRobot | SelectPlotFields) -> None:
+        if isinstance(message, SelectRobot):
+            self.select_robot(message.id)
+        else:
+            self._plot_fields = message.names
 
     def _request_as_holder(
         self, message: ArmRequest | DisarmRequest | ResetRequest | SetWheelSpeed

@@ -5,7 +5,7 @@ import { fixed } from "./format.js";
 import { decimalsOf } from "./plot_fields.js";
 
 const GUTTER_PX = 42;
-const HEIGHT_PX = 72;
+const HEIGHT_PX = 78;
 const AXIS_PX = 22;
 const EDGE_PX = 14; // Half of the last time on the axis.
 const GAP_S = 0.3; // A line is not drawn over what was not seen.
@@ -79,7 +79,7 @@ export class PlotChart {
     return {
       width: 2 * GUTTER_PX, // Until it is drawn.
       height: HEIGHT_PX + (this._isLast ? AXIS_PX : 0),
-      padding: [4, EDGE_PX, this._isLast ? 0 : 4, 0],
+      padding: [7, EDGE_PX, this._isLast ? 0 : 7, 0],
       legend: { show: false },
       cursor: {
         y: false,

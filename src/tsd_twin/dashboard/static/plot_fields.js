@@ -103,7 +103,7 @@ function field(robot, path, keys) {
     keys,
     unit,
     title: title(),
-    part: isActuator ? path[1] : quantity,
+    part: isActuator ? path[1] : quantity.replaceAll("_", " "),
     line: line(),
   };
 

@@ -10,7 +10,7 @@ const TICK_MS = 80;
 const SLOWEST_TICK_MS = 500;
 const WINDOWS = { "20 s": 20, "1 min": 60, "2 min": 120, "5 min": 300, "10 min": 600 };
 const ZOOM = 1.25;
-const CSS_PX_HEAD = 20;
+const LINE_PX = 18; // Two above each plot in a picture.
 const HELP =
   "Arrow keys move the cursor, plus and minus zoom, page up and page down pan, P pauses, End goes on.";
 const NAME = { "aria-label": "Plots", "aria-description": HELP };
@@ -264,23 +264,26 @@ export class Plots {
     const pen = canvas.getContext("2d");
     if (pen === null || this._charts.length === 0) return;
     const density = devicePixelRatio;
-    const head = CSS_PX_HEAD * density;
+    const line = LINE_PX * density;
     const pictures = this._charts.map(({ plot }) => plot.ctx.canvas);
     canvas.width = pictures[0].width;
-    canvas.height = pictures.reduce((sum, { height }) => sum + head + height, 0);
+    canvas.height = pictures.reduce((sum, { height }) => sum + 2 * line + height, 0);
     pen.fillStyle = getComputedStyle(this._paper).backgroundColor;
     pen.fillRect(0, 0, canvas.width, canvas.height);
     pen.font = `${12 * density}px system-ui, sans-serif`;
     let top = 0;
     this._charts.forEach(({ element, legend }, i) => {
-      let left = 4 * density;
-      for (const node of [...element.querySelectorAll("strong, .unit"), ...legend]) {
-        pen.fillStyle = getComputedStyle(node).color;
-        pen.fillText(node.textContent, left, top + 0.75 * head);
-        left += pen.measureText(node.textContent).width + 8 * density;
+      for (const nodes of [element.querySelectorAll("strong, .unit"), legend]) {
+        let left = 4 * density;
+        for (const node of nodes) {
+          pen.fillStyle = getComputedStyle(node).color;
+          pen.fillText(node.textContent, left, top + 0.8 * line);
+          left += pen.measureText(node.textContent).width + 8 * density;
+        }
+        top += line;
       }
-      pen.drawImage(pictures[i], 0, top + head);
-      top += head + pictures[i].height;
+      pen.drawImage(pictures[i], 0, top);
+      top += pictures[i].height;
     });
     canvas.toBlob((blob) => blob && this._save(blob, "png"));
   }
