@@ -3,7 +3,8 @@
 import { el } from "./dom.js";
 import { Health } from "./health.js";
 import { kindOf } from "./kinds.js";
-import { Plots, Recorder } from "./plots.js";
+import { Recorder } from "./plot_recorder.js";
+import { Plots } from "./plots.js";
 import { WaypointForm } from "./waypoint_form.js";
 import { WheelSpeed } from "./wheel_speed.js";
 
@@ -16,7 +17,7 @@ const STYLES = {
   route: ["waypoint_form"],
   joints: ["gimbals", "wheels"],
   wheel_speed: ["wheel_speed"],
-  plots: ["plots"],
+  plots: ["buttons", "vendor/uPlot.min", "plots"],
   health: ["health"],
 };
 
