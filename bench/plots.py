@@ -62,7 +62,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
             pid = served.process.pid
             bare = loads(page, "View", pid, seconds)
             plots = loads(page, "Plots", pid, seconds)
-    for what, i, more in (("browser", 0, 20.0), ("dashboard", 1, 3.0)):
+    for what, i, more in (("browser", 0, 45.0), ("dashboard", 1, 3.0)):
         yield Row(
             f"{what}, plots of 8 fields over 10 minutes, of one core",
             plots[i],
