@@ -1,4 +1,4 @@
-"""Panel of one client: tabs Drive, actuators, View, Plots and Health."""
+"""Panel of one client: tabs Drive, actuators, View, Plots, Health and Student."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from tsd_twin.dashboard.scene.appearance import Layer
 from tsd_twin.dashboard.scene.client_view import CameraPreset, ClientView, TruePoseDisplay
 from tsd_twin.dashboard.scene.robot_visual import SPIN_SLOWDOWN, RobotVisual
 from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.scene.tilt_exaggeration import TiltFactor
 from tsd_twin.dashboard.viser_compat.viser_server import rename_tab, set_theme
 from tsd_twin.lie import Array
 from tsd_twin.motion import TwistLimiter
@@ -187,6 +188,11 @@ class ViewTab:
             [str(choice) for choice in TruePoseDisplay],
             hint="Green cage: where a simulated robot really is",
         )
+        tilt = gui.add_dropdown(
+            "tilt drawn",
+            [str(factor) for factor in TiltFactor],
+            hint="Gimbals in your picture lean this much more than they do; a label says so",
+        )
         clear = gui.add_button("Clear trail", hint="Forget where the robots were, for everybody")
         self._toggle("dark", lambda on: set_theme(gui, dark=on), "Dark colours", initial=dark)
         gui.add_markdown(
@@ -194,6 +200,7 @@ class ViewTab:
         )
         camera.on_click(self._on_camera)
         truth.on_update(self._on_true_pose)
+        tilt.on_update(self._on_tilt)
         clear.on_click(self._on_clear)
 
     def _toggle(
@@ -212,6 +219,10 @@ class ViewTab:
         if event.target.value in list(TruePoseDisplay):
             self._view.set_true_pose_display(TruePoseDisplay(event.target.value))
 
+    async def _on_tilt(self, event: viser.GuiEvent[Any]) -> None:
+        if event.target.value in list(TiltFactor):
+            self._view.set_tilt_factor(TiltFactor(event.target.value))
+
     async def _on_clear(self, _event: viser.GuiEvent[Any]) -> None:
         self._clear_trails()
 
@@ -221,10 +232,10 @@ _ACTUATOR_TAB = KINDS[0].actuator_tab
 
 
 class Panel:
-    """Panel of one client: tabs Drive, actuators, View, Plots and Health.
+    """Panel of one client: tabs Drive, actuators, View, Plots, Health and Student.
 
-    The actuators tab, Plots, Health and the end of Drive are empty elements, marked `data-tsd`. The
-    page fills them from its own socket, so that no data is sent twice.
+    The actuators tab, Plots, Health, Student and the end of Drive are empty elements, marked
+    `data-tsd`. The page fills them from its own socket, so that no data is sent twice.
     """
 
     def __init__(
@@ -263,6 +274,8 @@ class Panel:
             gui.add_html('<div data-tsd="plots"></div>')
         with tabs.add_tab("Health"):
             gui.add_html('<div data-tsd="health"></div>')
+        with tabs.add_tab("Student"):
+            gui.add_html('<div data-tsd="student"></div>')
         self._label_actuator_tab()
 
     @property

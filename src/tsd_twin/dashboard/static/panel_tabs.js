@@ -4,6 +4,8 @@ import { el } from "./dom.js";
 import { Health } from "./health.js";
 import { kindOf } from "./kinds.js";
 import { Plots, Recorder } from "./plots.js";
+import { Student } from "./student.js";
+import { StudentDesk } from "./student_desk.js";
 import { WaypointForm } from "./waypoint_form.js";
 import { WheelSpeed } from "./wheel_speed.js";
 
@@ -18,6 +20,7 @@ const STYLES = {
   wheel_speed: ["wheel_speed"],
   plots: ["plots"],
   health: ["health"],
+  student: ["student", "module"],
 };
 
 /**
@@ -26,6 +29,7 @@ const STYLES = {
  */
 export function fillPanelTabs(link, waypoints, sphereGoTo) {
   const recorder = new Recorder(link);
+  const desk = new StudentDesk(link, location.search);
   /** @type {Record<string, (place: ShadowRoot, signal: AbortSignal) => unknown>} */
   const contents = {
     route: (place, signal) => new WaypointForm(link, place, signal, waypoints),
@@ -33,6 +37,7 @@ export function fillPanelTabs(link, waypoints, sphereGoTo) {
     wheel_speed: (place, signal) => new WheelSpeed(link, place, signal),
     plots: (place, signal) => new Plots(recorder, place, signal),
     health: (place, signal) => new Health(link, place, signal),
+    student: (place, signal) => new Student(link, place, signal, desk),
   };
   /** @type {Map<HTMLElement, AbortController>} */
   const filled = new Map();
