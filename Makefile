@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick check bench attack soak format lock docs meshes clean firmware robot-in-a-box avr
+.PHONY: help demo test quick check bench attack soak format lock docs pictures meshes clean firmware robot-in-a-box avr
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 22
@@ -61,6 +61,9 @@ meshes: .venv/.dev ## Generate meshes and URDF from the descriptions
 
 docs: .venv/.docs ## Build the site of the documentation into build/site; ARGS=serve shows it
 	@scripts/build_docs $(ARGS)
+
+pictures: .venv/.dev browser ## Make the pictures of README and docs anew; ARGS=drive is one part
+	$(BIN)/python scripts/make_pictures.py $(ARGS)
 
 lock: .venv/.dev ## Resolve the versions that set-up installs
 	$(BIN)/python -m pip install --quiet uv

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from tsd_twin import program, robot_program
+from tsd_twin import flag_types, program, robot_program
 from tsd_twin.hardware import (
     HardwareError,
     MegaHardware,
@@ -65,7 +65,10 @@ def main() -> None:
         help="of a U2D2 with the servos, when they are not connected to the board",
     )
     PARSER.add_argument(
-        "--baud", type=int, default=BAUD, help=f"of the board, as it was flashed; default {BAUD}"
+        "--baud",
+        type=flag_types.whole(1200, 4_000_000),
+        default=BAUD,
+        help=f"of the board, as it was flashed; default {BAUD}",
     )
     PARSER.add_argument(
         "--calibration", metavar="FILE", help="TOML: neutral steps and turned servos"

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from tsd_twin import program, security
+from tsd_twin import flag_types, program, security
 from tsd_twin.bus import client_config, from_file, node_config
 from tsd_twin.security import AUTHORITY, ROBOT, CertificateRequest, KeyFolder, Role
 
@@ -121,7 +121,10 @@ def main() -> None:
         help="a camera or the like, which tells robots where they are; may be repeated",
     )
     PARSER.add_argument(
-        "--days", type=int, default=365, help="how long new certificates are good; default 365"
+        "--days",
+        type=flag_types.whole(1, 36_500),
+        default=365,
+        help="how long new certificates are good; default 365",
     )
     PARSER.add_argument(
         "--listen",

@@ -7,7 +7,7 @@ import asyncio
 import logging
 from pathlib import Path
 
-from tsd_twin import program
+from tsd_twin import flag_types, program
 from tsd_twin.bus import DEFAULT_ENDPOINT
 from tsd_twin.dashboard import dashboard
 from tsd_twin.dashboard.dashboard import tune_malloc
@@ -107,6 +107,7 @@ def add_access_flags() -> None:
     made.add_argument("--tls-key", type=Path, metavar="FILE", help="its private key")
     made.add_argument(
         "--allow-host",
+        type=flag_types.host_name,
         action="append",
         default=[],
         metavar="NAME[:PORT]",
@@ -127,7 +128,12 @@ def main() -> None:
     PARSER.add_argument(
         "--host", default="127.0.0.1", help="address to listen on; default 127.0.0.1"
     )
-    PARSER.add_argument("--port", type=int, default=PORT, help=f"default {PORT}; 0 is a free one")
+    PARSER.add_argument(
+        "--port",
+        type=flag_types.PORT,
+        default=PORT,
+        help=f"of the page; default {PORT}; 0 is a free one",
+    )
     add_access_flags()
     program.run(PARSER, serve)
 

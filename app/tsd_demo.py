@@ -12,11 +12,12 @@ import urllib.request
 import webbrowser
 from collections.abc import Generator
 
-from tsd_twin import program, robots
+from tsd_twin import flag_types, program, robots
 from tsd_twin.bus import over_datagrams
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2
 from tsd_twin.link_emulation import LinkSpec
+from tsd_twin.messages import topics
 from tsd_twin.subprocesses import PATIENCE_S, free_port, start_program
 
 BUS_PORT = 7447
@@ -53,6 +54,14 @@ def demonstrate(args: argparse.Namespace) -> None:
     ]
     page_port = free_port(args.port, PAGE_PORT)
     endpoints = [f"{protocol}/127.0.0.1:{port}" for port in bus_ports]
+    if args.bus_port is None and bus_ports[0] != BUS_PORT:
+        print(
+            f"port {BUS_PORT} is in use, so the bus of this demo is at {endpoints[0]}: name that "
+            "to other programs",
+            flush=True,
+        )
+    if args.port is None and page_port != PAGE_PORT:
+        print(f"port {PAGE_PORT} is in use, so the page is at port {page_port}", flush=True)
     more = [
         "--noise",
         str(args.noise),
@@ -99,6 +108,8 @@ def cast_of(names: list[str], robot_id: str | None, *, camera: bool = False) -> 
     """
     if robot_id and len(names) > 1:
         raise TwinError("--id is for one robot; several are called by their names")
+    if robot_id:
+        topics.checked(robot_id)
     described = [
         robots.load_robot(name) for name in names
     ]  # An invalid file is reported before any process starts.
@@ -161,12 +172,16 @@ def main() -> None:
     """Read the flags and run."""
     program.add_robot_flags(PARSER, several=True)
     PARSER.add_argument(
-        "--port", type=int, help=f"of the page; default {PAGE_PORT}, or any free one"
+        "--port", type=flag_types.PORT, help=f"of the page; default {PAGE_PORT}, or any free one"
     )
     PARSER.add_argument(
-        "--bus-port", type=int, help=f"of the bus; default {BUS_PORT}, or any free one"
+        "--bus-port",
+        type=flag_types.PORT,
+        help=f"of the bus; default {BUS_PORT}, or any free one",
     )
-    PARSER.add_argument("--noise", type=float, default=0.0, help="times [noise]; default 0")
+    PARSER.add_argument(
+        "--noise", type=flag_types.SCALE, default=0.0, help="times [noise]; default 0"
+    )
     program.add_errors_flag(PARSER)
     PARSER.add_argument(
         "--camera",

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from tsd_twin import program, robot_program
+from tsd_twin import flag_types, program, robot_program
 from tsd_twin.bus import Bus
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2
@@ -16,6 +16,7 @@ from tsd_twin.node import OverheadCamera, RobotIO
 from tsd_twin.robot_program import Companion
 from tsd_twin.robots import RobotDescription
 from tsd_twin.simulation import BoardModel, RobotWithStuckJoint, StuckJoint
+from tsd_twin.simulation.robot import USUAL_LEAN_DEG
 
 PARSER = program.parser(
     "tsd-mock",
@@ -88,9 +89,13 @@ def companion(
 
 def main() -> None:
     """Read the flags and run."""
-    PARSER.add_argument("--seed", type=int, default=0, help="of the noise; default 0")
+    PARSER.add_argument("--seed", type=flag_types.SEED, default=0, help="of the noise; default 0")
     PARSER.add_argument(
-        "--noise", type=float, default=0.0, metavar="SCALE", help="times [noise]; default 0"
+        "--noise",
+        type=flag_types.SCALE,
+        default=0.0,
+        metavar="SCALE",
+        help="times [noise]; default 0",
     )
     program.add_errors_flag(PARSER)
     PARSER.add_argument(
@@ -103,7 +108,8 @@ def main() -> None:
         action="append",
         default=[],
         metavar="GIMBAL[@DEGREES]",
-        help="let a gimbal stick once it leans so far, 1 degree unless given; can be repeated",
+        help=f"let a gimbal stick once it leans so far, {USUAL_LEAN_DEG:g} degrees unless given; "
+        "may be repeated",
     )
     PARSER.add_argument(
         "--camera",

@@ -62,10 +62,10 @@ def _late_command(endpoint: str, name: str) -> tuple[float, float]:
         late = encode_attachment(10**9, lease, link.snapshot.status_seq)
         raw.release()
         stopped_s = time.monotonic()
-        link.call_service(Service.STOP, StopRequest("bob"))
+        raw.call(Service.STOP, StopRequest("bob"))
         time.sleep(0.52)
-        link.call_service(Service.RESET, HolderRequest(driver.lease_hex))
-        link.call_service(Service.ARM, HolderRequest(driver.lease_hex))
+        raw.call(Service.RESET, HolderRequest(driver.lease_hex))
+        raw.call(Service.ARM, HolderRequest(driver.lease_hex))
         while (status := raw.status) is None or status.mode != "ready":
             if time.monotonic() - stopped_s > 10.0:
                 raise TimeoutError(f"{name} does not become ready")

@@ -10,15 +10,17 @@ import threading
 import time
 from typing import Protocol
 
-import numpy as np
+import msgspec
 
 from attack.track import PATIENCE_S
 from tests.app.conftest import Program
 from tests.support.fault_stage import PretendPage
 from tsd_twin.bus import Bus, client_config
-from tsd_twin.dashboard.robot_client import LeaseHolder, RobotClient
+from tsd_twin.client.connection import RobotMonitor
+from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.errors import BusError
-from tsd_twin.messages.services import HolderRequest, LeaseRequest
+from tsd_twin.messages.ros import BASE
+from tsd_twin.messages.services import HolderRequest, LeaseReply, LeaseRequest, decode_json
 from tsd_twin.messages.status import Status
 from tsd_twin.messages.topics import Service
 
@@ -56,8 +58,8 @@ class UncheckedOperator:
         if not self._bus.wait_for_peer(PATIENCE_S):
             raise TimeoutError(f"no robot answers at {endpoint}")
         self._link = _linked(self._bus, robot_id)
-        self._component = self._link.kinematics.twist_axes[0]
-        self._driver: LeaseHolder | None = None
+        # It hears of no status: it never gives up the lease by itself.
+        self._driver: ControlProtocol | None = None
         self._x: float | None = None
         self._ends = threading.Event()
         self._thread = threading.Thread(target=self._run)
@@ -69,12 +71,12 @@ class UncheckedOperator:
         return self._link.snapshot.status
 
     @property
-    def link(self) -> RobotClient:
-        """Client of the robot."""
+    def link(self) -> RobotMonitor:
+        """Connection to the robot."""
         return self._link
 
     @property
-    def driver(self) -> LeaseHolder:
+    def driver(self) -> ControlProtocol:
         """The lease that it holds.
 
         Raises:
@@ -87,7 +89,17 @@ class UncheckedOperator:
     def renew(self) -> None:
         """Renew the lease without a command."""
         lease = self.driver.lease_hex
-        self._link.call_lease_service(LeaseRequest(op="renew", operator="raw", lease=lease))
+        self._ask(LeaseRequest(op="renew", operator="raw", lease=lease))
+
+    def call(self, service: Service, request: msgspec.Struct) -> None:
+        """Call a service, whatever it answers."""
+        self._link.call(service, msgspec.json.encode(request), 1.0)
+
+    def _ask(self, request: LeaseRequest) -> LeaseReply:
+        answer = self._link.call(Service.LEASE, msgspec.json.encode(request), 1.0)
+        if answer is None:
+            return LeaseReply(False, reason="the robot does not answer")
+        return decode_json(answer, LeaseReply, "a reply")
 
     def get_ready(self, max_age_s: float) -> None:
         """Take control under a lease, and arm; ask again as long as the robot is not ready.
@@ -97,12 +109,14 @@ class UncheckedOperator:
         """
         deadline_s = time.monotonic() + PATIENCE_S
         lease = LeaseRequest(op="acquire", operator="raw", take_over=True, max_age_s=max_age_s)
-        reply = self._link.call_lease_service(lease)
+        reply = self._ask(lease)
         while not reply.granted or reply.lease is None:
             _check(deadline_s, reply.reason)
             time.sleep(0.1)
-            reply = self._link.call_lease_service(lease)
-        self._driver = LeaseHolder("raw", reply.lease, reply.max_age_s)
+            reply = self._ask(lease)
+        driver = ControlProtocol(self._link.id, self._link.robot, "raw")
+        driver.grant(reply, time.monotonic())
+        self._driver = driver
         granted_s = time.monotonic()
         renewal = LeaseRequest(op="renew", operator="raw", lease=reply.lease)
         steps = {"stopped": Service.RESET, "fault": Service.RESET, "disarmed": Service.ARM}
@@ -112,8 +126,8 @@ class UncheckedOperator:
             if status is not None and status.mode == "ready" and status.lease.holder == "raw":
                 return
             if status is not None and status.mode in steps:
-                self._link.call_service(steps[status.mode], HolderRequest(reply.lease))
-            self._link.call_lease_service(renewal)
+                self.call(steps[status.mode], HolderRequest(reply.lease))
+            self._ask(renewal)
             _check(deadline_s, f"the robot is {status.mode if status else 'silent'}")
             time.sleep(0.05)
 
@@ -138,9 +152,8 @@ class UncheckedOperator:
             next_s = max(next_s + PERIOD_S, time.monotonic())
             self._link.poll(time.monotonic())
             if self._driver is not None and (x := self._x) is not None:
-                twist = np.zeros(6)
-                twist[self._component] = x
-                self._link.publish_twist(self._driver, twist, self._link.snapshot.status_seq)
+                now_s, seen = time.monotonic(), self._link.snapshot.status_seq
+                self._link.send(self._driver.command((x, 0.0, 0.0), BASE, now_s, seen))
 
 
 class PageBehindGateway:
@@ -204,12 +217,12 @@ class PageBehindGateway:
         return self._page.process.pid
 
 
-def _linked(bus: Bus, robot_id: str) -> RobotClient:
+def _linked(bus: Bus, robot_id: str) -> RobotMonitor:
     """Link to a robot, as soon as it is known to be there."""
     deadline_s = time.monotonic() + PATIENCE_S
     while True:
         try:
-            return RobotClient(bus, robot_id)
+            return RobotMonitor(bus, robot_id)
         except BusError as error:
             _check(deadline_s, str(error))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -64,7 +65,8 @@ def test_what_the_wheel_holds_finds_its_own_files(
     code = (
         "from tsd_twin import models, robots; import tsd_twin;"
         "folder = models.shipped_model('tsd'); assert (folder / 'tsd.urdf').is_file();"
-        "print(tsd_twin.__file__, folder, robots.load_robot('tsd').name)"
+        "print(tsd_twin.__file__, folder, robots.load_robot('tsd').name);"
+        "from tsd_twin.errors import install_command; print(install_command('mujoco'))"
     )
     answer = subprocess.run(
         [sys.executable, "-c", code],
@@ -75,6 +77,10 @@ def test_what_the_wheel_holds_finds_its_own_files(
         text=True,
     ).stdout
     assert answer.count(str(tmp_path)) == 2
+    assert shlex.split(answer.splitlines()[-1]) == [
+        *(sys.executable, "-m", "pip", "install"),
+        "mujoco<5,>=3.2",
+    ]
 
 
 @pytest.fixture(scope="module")

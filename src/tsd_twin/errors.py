@@ -15,6 +15,14 @@ TwinError               anything below; its text is one sentence for the person 
 Any other exception is a bug.
 """
 
+from __future__ import annotations
+
+import re
+import shlex
+import sys
+from importlib import metadata
+from pathlib import Path
+
 
 class TwinError(Exception):
     """Root of all errors raised on purpose; programs print it and exit non-zero."""
@@ -55,7 +63,23 @@ class MeshError(TwinError):
 
 
 class MissingExtraError(TwinError):
-    """An optional package is needed and not installed."""
+    """An optional package is needed and not installed; the message has the command for it."""
 
     def __init__(self, what: str, extra: str) -> None:
-        super().__init__(f"{what} needs an optional package: pip install 'tsd-twin[{extra}]'")
+        super().__init__(f"{what} needs an optional package: {install_command(extra)}")
+
+
+def install_command(extra: str) -> str:
+    """Return the shell command that installs the packages of an extra into this environment.
+
+    A checkout is installed once more with the extra. Otherwise the package came from a wheel, which
+    may be gone, so the packages of the extra are named.
+    """
+    install = f"{shlex.quote(sys.executable)} -m pip install"
+    checkout = Path(__file__).parents[2]
+    if (checkout / "pyproject.toml").is_file():
+        return f"{install} -e {shlex.quote(f'{checkout}[{extra}]')}"
+    needed = (text.split(";") for text in metadata.requires("tsd-twin") or [])
+    marked = re.compile(rf"\bextra\s*==\s*[\"']{extra}[\"']")
+    packages = [parts[0].strip() for parts in needed if marked.search(parts[-1])]
+    return f"{install} {shlex.join(packages)}"

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.progress import track
 
+from tsd_twin import flag_types
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import Array
 
@@ -180,10 +181,16 @@ class Experiment:
             default = f"default {self.robot}"
             parser.add_argument("--robot", default=self.robot, metavar="NAME|FILE", help=default)
         if self.seed_of:
-            parser.add_argument("--seed", type=int, default=0, help=f"of {self.seed_of}; default 0")
+            parser.add_argument(
+                "--seed", type=flag_types.SEED, default=0, help=f"of {self.seed_of}; default 0"
+            )
         if self.noise:
             parser.add_argument(
-                "--noise", type=float, default=1.0, metavar="SCALE", help="times [noise]; default 1"
+                "--noise",
+                type=flag_types.SCALE,
+                default=1.0,
+                metavar="SCALE",
+                help="times [noise]; default 1",
             )
         if self.add_own_flags:
             self.add_own_flags(parser)

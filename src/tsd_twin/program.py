@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import logging
 import os
+import re
 import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
 from types import FrameType
+from typing import NoReturn
 
-from tsd_twin import __version__, robots
+from tsd_twin import __version__, flag_types, robots
 from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, client_config, from_file, node_config
 from tsd_twin.errors import TwinError
 from tsd_twin.security import Identity, certificate_identity
@@ -21,9 +24,23 @@ _LOG = logging.getLogger(__name__)
 _PATIENCE_S = 2.0
 
 
+class _Parser(argparse.ArgumentParser):
+    """Argument parser that reports a mistake in one sentence, with exit code 2."""
+
+    def error(self, message: str) -> NoReturn:
+        """End the program with the message, and with the flag that was meant, if one is near."""
+        unknown = _UNKNOWN.match(message)
+        near = unknown and difflib.get_close_matches(unknown[1], self._option_string_actions, n=1)
+        meant = f", did you mean {near[0]}?" if near else f"; see {self.prog} --help"
+        self.exit(2, f"{self.prog}: {message.removeprefix('argument ')}{meant}\n")
+
+
+_UNKNOWN = re.compile(r"unrecognized arguments: (--?[\w-]+)")
+
+
 def parser(prog: str, purpose: str, examples: Sequence[str]) -> argparse.ArgumentParser:
     """Argument parser whose help ends with `examples`."""
-    made = argparse.ArgumentParser(
+    made = _Parser(
         prog=prog,
         description=purpose,
         epilog="examples:\n" + "\n".join(f"  {example}" for example in examples),
@@ -55,7 +72,7 @@ def add_errors_flag(made: argparse.ArgumentParser, default: float = 0.0) -> None
     """Add `--errors`."""
     made.add_argument(
         "--errors",
-        type=float,
+        type=flag_types.SCALE,
         default=default,
         metavar="SCALE",
         help=f"factor on [errors], the model errors of a built robot; default {default:g}",

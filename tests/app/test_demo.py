@@ -11,6 +11,7 @@ import time
 import urllib.request
 from collections.abc import Callable
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -67,10 +68,23 @@ def test_when_the_robot_dies_the_demo_ends(start: Start) -> None:
 
 
 def test_usual_ports_that_are_taken_are_replaced(start: Start) -> None:
-    urls = {address(start("tsd_demo", *QUIET).ready()) for _ in range(2)}
-    assert len(urls) == 2
-    for url in urls:
-        assert health(url)["ready"] is True
+    """And that is said: programs that look at the usual port would find another robot there."""
+    urls: dict[Program, str] = {}
+    buses: dict[Program, str] = {}
+    for _ in range(2):
+        demo = start("tsd_demo", *QUIET)
+        urls[demo] = address(demo.ready())
+        buses[demo] = re.findall(r"bus at (\S+?);", demo.ready())[0]
+    assert len(set(urls.values())) == len(set(buses.values())) == 2
+    for demo in urls:
+        assert health(urls[demo])["ready"] is True
+        page = urlsplit(urls[demo]).port
+        said_of_page = f"port 8080 is in use, so the page is at port {page}" in demo.output
+        assert said_of_page == (page != 8080)
+        said_of_bus = any(
+            line.startswith("port 7447 is in use") and buses[demo] in line for line in demo.output
+        )
+        assert said_of_bus == (not buses[demo].endswith(":7447"))
 
 
 def test_a_chosen_port_that_is_taken_is_named(start: Start) -> None:

@@ -58,7 +58,7 @@ def test_zeroing_that_is_interrupted_leaves_the_robot_disarmed_and_free(
         (["square", "--robot", "nope"], "tsd-lab: nope: no such robot"),
         (["follow", "--points", "a", "b"], "tsd-lab: a point is two numbers"),
         (["calibrate", "--log", "nope.csv"], "tsd-lab: nope.csv cannot be read as a log"),
-        (["zero", "--connect", "nonsense"], "tsd-lab: cannot open the bus at nonsense"),
+        (["zero", "--connect", "nonsense"], "tsd-lab: 'nonsense' is no endpoint: write it as"),
         (["motors", "--out", "/proc/lab"], "tsd-lab: /proc/lab cannot be written to"),
     ],
 )

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import math
 import time
+from collections.abc import Generator
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.support.experiment_runs import is_picture, run, table
-from tests.support.robot_node import PATIENCE_S, QUICK, matched, running
-from tsd_twin import robots
-from tsd_twin.calibration.robot_client import RobotClient
+from tests.support.robot_node import PATIENCE_S, QUICK, RunningNode, matched, running
+from tsd_twin import connect, robots
+from tsd_twin.calibration.control import CalibratedRobot
 from tsd_twin.calibration.simulated_runs import PerturbedRobot, with_calibration
 from tsd_twin.calibration.terminal import ask_displacement
 from tsd_twin.calibration.zeroing import (
@@ -26,11 +28,11 @@ from tsd_twin.calibration.zeroing import (
     drift_of,
     twist_by_zero_offsets,
 )
+from tsd_twin.client.connection import RobotConnection
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2
 from tsd_twin.messages import topics
 from tsd_twin.messages.commands import PoseStamped, encode_pose
-from tsd_twin.messages.services import LeaseRequest
 from tsd_twin.messages.topics import QoS
 from tsd_twin.node import OverheadCamera
 from tsd_twin.robots import SingularityDescription
@@ -117,7 +119,7 @@ def test_a_robot_on_the_bus_creeps_is_put_right_and_stands(tmp_path: Path) -> No
             lines = run(
                 tmp_path, "zero", "--connect", node.endpoint, "--seconds", "3", "--yes", *flags
             )
-            with node.client() as bus, RobotClient(bus, node.id, "next"):
+            with connect(node.endpoint) as robot, robot.control(arm=False):
                 pass  # Control is free again.
             return lines
 
@@ -151,7 +153,7 @@ def test_a_camera_on_the_bus_is_asked_before_the_ruler_and_the_simulator(tmp_pat
 @pytest.mark.timed
 def test_a_camera_that_says_no_numbers_is_not_believed_and_the_reason_kept() -> None:
     with running() as node, node.client() as bus:
-        sight = PoseTracker(node.bus, node.id)
+        sight = PoseTracker(RobotConnection(bus, node.id))
         poses = matched(bus.publisher(topics.SENSOR_POSE.key(node.id), QoS.DATA))
         bad = encode_pose(PoseStamped.planar(SE2(np.array([np.nan, 0.0, 0.0])), 0))
         end_s = time.monotonic() + PATIENCE_S
@@ -184,42 +186,47 @@ def _seen(folder: Path) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.timed
 def test_no_wheel_turns_when_another_has_control(tmp_path: Path) -> None:
-    with running() as node, node.client() as bus:
-        other = RobotClient(bus, node.id, "alice")
-        assert other._call_lease_service(LeaseRequest(op="acquire", operator="alice")).granted
+    with running() as node, connect(node.endpoint) as other, other.control("alice", arm=False):
         with pytest.raises(TwinError, match="gives no control: alice"):
             run(tmp_path, "zero", "--connect", node.endpoint, "--yes")
-        assert other.status().mode == "disarmed"
+        assert other.state.mode == "disarmed"
+
+
+@contextlib.contextmanager
+def calibrated(node: RunningNode) -> Generator[CalibratedRobot]:
+    """The robot of a node, as a calibration connects to it."""
+    robot = CalibratedRobot(node.client(), node.id, "lab")
+    with robot.client:
+        yield robot
 
 
 @pytest.mark.timed
 def test_who_loses_control_is_told_and_leaves_the_robot_to_the_other() -> None:
-    with running() as node, node.client() as bus:
-        alice = RobotClient(bus, node.id, "alice")
-        with RobotClient(bus, node.id, "lab") as lab:
-            list(lab.arm())
-            held = lab.hold(60.0)
+    with running() as node, calibrated(node) as lab, connect(node.endpoint) as other:
+        alice = other.control("alice", take_over=True, arm=False)
+        with lab.control() as control:
+            list(control.arming())
+            held = control.staying_ready(60.0)
             next(held)
-            taken = LeaseRequest(op="acquire", operator="alice", take_over=True)
-            assert alice._call_lease_service(taken).granted
+            alice.acquire()
             with pytest.raises(TwinError, match="alice has control"):
                 list(held)
-        while not alice._statuses.empty():
-            alice._statuses.get()
-        status = alice.status()
-        assert (status.mode, status.lease.holder) == ("ready", "alice")
+        assert (other.state.mode, other.state.lease.holder) == ("ready", "alice")
 
 
 @pytest.mark.timed
 def test_a_robot_that_falls_silent_is_not_waited_for() -> None:
-    with running() as node, node.client() as bus:
-        operator = RobotClient(bus, node.id, "lab")
-        with operator:
-            list(operator.arm())
-            node.stopping.set()
-            held = operator.hold(60.0)
-            with pytest.raises(TwinError, match=r"has sent no status|is stopped"):
-                list(held)
+    with running() as node, calibrated(node) as lab:
+
+        def hold() -> None:
+            with lab.control() as control:
+                list(control.arming())
+                node.stopping.set()
+                with pytest.raises(TwinError, match=r"has sent no status|is stopped"):
+                    list(control.staying_ready(60.0))
+
+        with pytest.raises(TwinError, match="could not be disarmed"):
+            hold()
 
 
 def test_numbers_are_asked_for_until_they_are_some(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -237,5 +244,5 @@ def test_nobody_at_the_keyboard_is_said(monkeypatch: pytest.MonkeyPatch) -> None
 
 @pytest.mark.parametrize("seconds", ["0", "nan", "1e9"])
 def test_an_impossible_time_is_refused(tmp_path: Path, seconds: str) -> None:
-    with pytest.raises(TwinError, match="--seconds must be"):
+    with pytest.raises(TwinError, match=r"--seconds: .* from 1 to 300"):
         run(tmp_path, "zero", "--seconds", seconds)

@@ -6,10 +6,17 @@ import msgspec
 import pytest
 
 from tests.client.test_protocol import LEASE, ROBOT, granted, speed, status
-from tsd_twin.client import ControlDenied, ControlLost, RequestRefused, RobotSilent, RobotStopped
+from tsd_twin.client import (
+    ControlDenied,
+    ControlLost,
+    RequestRefused,
+    RobotSilent,
+    RobotStopped,
+    motions,
+)
 from tsd_twin.client import procedures as steps
-from tsd_twin.client.procedures import Call, NextStatus, Outcome, Procedure, Send, SendStop, Sleep
 from tsd_twin.client.protocol import ControlProtocol
+from tsd_twin.client.steps import Call, NextStatus, Outcome, Procedure, Send, SendStop, Sleep
 from tsd_twin.messages.services import HolderRequest, LeaseReply, LeaseRequest, Reply
 from tsd_twin.messages.topics import Service
 
@@ -99,7 +106,7 @@ def test_a_robot_that_gives_arming_up_says_why() -> None:
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), SystemExit(), ValueError("a mistake")])
 def test_whatever_interrupts_a_drive_sends_a_zero_first(error: BaseException) -> None:
     protocol = granted()
-    procedure = steps.drive(protocol, 0.0, (0.3, 0.0, 0.0), 10.0, "base_link")
+    procedure = motions.drive(protocol, 0.0, (0.3, 0.0, 0.0), 10.0, "base_link")
     sent = next(procedure)
     assert isinstance(sent, Send)
     assert speed(sent.command) == pytest.approx(0.3)
@@ -115,7 +122,7 @@ def test_whatever_interrupts_a_drive_sends_a_zero_first(error: BaseException) ->
 
 def test_who_has_lost_control_sends_no_zero_to_the_robot_of_another() -> None:
     protocol = granted()
-    procedure = steps.drive(protocol, 0.0, (0.3, 0.0, 0.0), 10.0, "base_link")
+    procedure = motions.drive(protocol, 0.0, (0.3, 0.0, 0.0), 10.0, "base_link")
     next(procedure)
     procedure.send(Outcome(0.0))
     protocol.receive_status(status("stopping", holder="bob", stops=1), 2, 1.0)
@@ -127,7 +134,7 @@ def test_who_has_lost_control_sends_no_zero_to_the_robot_of_another() -> None:
 def test_a_motion_does_not_go_on_after_the_robot_stopped_by_itself() -> None:
     """However short the stop was: `stops` has risen, though the mode is ready again."""
     protocol = granted()
-    procedure = steps.drive(protocol, 0.0, (0.3, 0.0, 0.0), 10.0, "base_link")
+    procedure = motions.drive(protocol, 0.0, (0.3, 0.0, 0.0), 10.0, "base_link")
     next(procedure)
     procedure.send(Outcome(0.0))
     protocol.receive_status(status("ready", stops=1, stop_reason="no command for 200 ms"), 2, 0.5)

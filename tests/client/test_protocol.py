@@ -240,6 +240,17 @@ def test_numbers_go_on_above_those_of_the_previous_holder() -> None:
     assert protocol.at_rest_since(command.seq)
 
 
+def test_the_last_number_of_a_previous_holder_blocks_no_other() -> None:
+    protocol = ControlProtocol("tsd", ROBOT, "alice")
+    protocol.receive_status(status(command=CommandStatus(seq=2**64 - 1)), 1, 0.0)
+    protocol.grant(LeaseReply(True, LEASE, "alice", 2.0, "", 0.25), 0.0)
+    command = protocol.command((0.0, 0.0, 0.0), "base_link", 0.0)
+    assert not protocol.has_counted(command.seq)
+    assert not protocol.at_rest_since(command.seq)
+    protocol.receive_status(status(command=CommandStatus(seq=command.seq)), 2, 0.1)
+    assert protocol.has_counted(command.seq)
+
+
 @pytest.mark.parametrize("twist", [(math.nan, 0.0, 0.0), (0.0, math.inf, 0.0), (0.0, 0.0)])
 def test_a_twist_is_three_finite_numbers(twist: tuple[float, ...]) -> None:
     protocol = granted()

@@ -41,6 +41,35 @@ def test_every_robot_on_a_floor_goes_where_it_is_sent(name: str) -> None:
         assert robot.state.mode == "ready"
 
 
+def test_a_loop_that_drives_ends_at_rest_however_it_is_left() -> None:
+    with SimulatedRobot("tsd") as robot, robot.control("script", arm=False) as base:
+        assert max(base.arming()) == pytest.approx(1.0)
+        start_s = robot.time_s
+
+        def twist_at(now_s: float) -> tuple[float, float, float] | None:
+            return (0.3, 0.0, 0.0) if now_s - start_s < 1.0 else None
+
+        times_s = list(base.driving(twist_at))
+        assert np.diff(times_s) == pytest.approx(0.02)
+        assert robot.state.mode == "ready"
+        assert robot.state.odom.pose.x_m == pytest.approx(0.3, abs=0.05)
+        for now_s in base.driving(lambda _: (0.3, 0.0, 0.0)):
+            assert now_s == robot.time_s
+            if robot.state.odom.pose.x_m > 0.5:
+                break
+        robot.sleep(0.5)
+        assert robot.state.mode == "ready"
+        assert robot.state.status.stops == 0, "a zero has ended it, not the missing commands"
+
+        def fail(_: float) -> tuple[float, float, float]:
+            raise ValueError("a mistake")
+
+        with pytest.raises(ValueError, match="a mistake"):
+            list(base.driving(fail))
+        assert sum(base.staying_ready(1.0)) > 0.0
+        base.drive(vx_mps=0.2, duration_s=0.2)
+
+
 def test_a_path_is_followed_near_its_points() -> None:
     line = [(0.3, 0.0), (0.6, 0.2), (0.6, 0.5), (0.3, 0.6)]
     with SimulatedRobot("tsd") as robot, robot.control("script") as base:

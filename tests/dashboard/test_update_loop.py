@@ -13,8 +13,8 @@ import viser
 from tests.support.page_client import robot_on_a_bus
 from tests.support.robot_node import PATIENCE_S
 from tsd_twin.bus import Bus, client_config
+from tsd_twin.client.connection import Snapshot
 from tsd_twin.dashboard.dashboard import UpdateLoop
-from tsd_twin.dashboard.robot_client import Snapshot
 from tsd_twin.dashboard.robot_discovery import RobotDiscovery
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.messages import topics

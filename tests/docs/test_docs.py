@@ -67,7 +67,7 @@ def test_the_layers_on_the_page_are_those_that_are_checked() -> None:
 @pytest.mark.system
 def test_the_program_with_an_own_robot_io_runs_and_drives(tmp_path: Path) -> None:
     """As its reader would start it, at a free port; a script drives it."""
-    (text,) = code(page("architecture.md"), "python")
+    text = code(page("own_hardware.md"), "python")[0]
     (tmp_path / "my_robot.py").write_text(text, encoding="utf-8")
     flags = ["--listen", "tcp/127.0.0.1:0", "--until-eof"]
     command = [sys.executable, str(tmp_path / "my_robot.py"), *flags]
@@ -93,5 +93,6 @@ def test_every_folder_of_the_package_has_its_row() -> None:
     assert folders <= linked, "docs/architecture.md says what each folder is"
 
 
-def test_contributing_is_short() -> None:
-    assert len((ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").splitlines()) <= 30
+def test_contributing_and_the_readme_are_short() -> None:
+    for name, longest in (("CONTRIBUTING.md", 30), ("README.md", 120)):
+        assert len((ROOT / name).read_text(encoding="utf-8").splitlines()) <= longest

@@ -10,7 +10,7 @@ import pytest
 
 from tests.support.experiment_runs import is_picture, run, table
 from tsd_twin import robots
-from tsd_twin.errors import RobotFileError
+from tsd_twin.errors import RobotFileError, TwinError
 from tsd_twin.lab.atlas import row_effect
 
 
@@ -66,3 +66,8 @@ def test_at_any_time_it_is_what_the_equations_give(t_s: float) -> None:
 def test_another_kind_of_robot_is_refused_by_name(tmp_path: Path) -> None:
     with pytest.raises(RobotFileError, match=r"drive\.kind is omni \(sphere is needed here\)"):
         run(tmp_path, "atlas", "--robot", "kiwi")
+
+
+def test_rows_farther_apart_than_the_sphere_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(TwinError, match=r"--row-distance-mm 1000: .* farther apart"):
+        run(tmp_path, "atlas", "--row-distance-mm", "1000")

@@ -140,6 +140,15 @@ def test_what_cannot_be_driven_is_refused(tmp_path: Path, flags: tuple[str, str]
         run(tmp_path, "square", *flags)
 
 
+@pytest.mark.parametrize(("robot", "compared"), [("tsd", True), ("kiwi", False)])
+def test_only_the_robot_of_the_thesis_is_compared_with_it(
+    tmp_path: Path, robot: str, *, compared: bool
+) -> None:
+    lines = run(tmp_path, "square", "--robot", robot)
+    assert ("thesis" in "\n".join(lines)) == compared
+    assert "of the side" in lines[-1]
+
+
 def test_the_same_seed_is_the_same_run(tmp_path: Path) -> None:
     first = run(tmp_path / "a", "square", "--loop", "camera", "--seed", "4")
     assert run(tmp_path / "b", "square", "--loop", "camera", "--seed", "4") == first

@@ -5,18 +5,27 @@ from __future__ import annotations
 import argparse
 import csv
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 
 from tsd_lab import EXPERIMENTS
+from tsd_twin.errors import TwinError
 from tsd_twin.experiment import Output
 from tsd_twin.lie import Array
+
+
+class _Parser(argparse.ArgumentParser):
+    """Parser whose refusal is an error, not the end of the process."""
+
+    def error(self, message: str) -> NoReturn:
+        raise TwinError(message)
 
 
 def run(folder: Path, name: str, *flags: str) -> list[str]:
     """Run an experiment with flags as typed; its files go to `folder`."""
     (experiment,) = (each for each in EXPERIMENTS if each.name == name)
-    parser = argparse.ArgumentParser()
+    parser = _Parser()
     experiment.add_flags(parser)
     return experiment.run(parser.parse_args(flags), Output(folder, quiet=True))
 

@@ -15,7 +15,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config, node_config
-from tsd_twin.dashboard.robot_client import RobotClient
+from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.dashboard.robot_discovery import RobotDiscovery
 from tsd_twin.dashboard.server.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.server.http_server import HttpServer
@@ -197,7 +197,7 @@ class Site:
         return self.gateway.port
 
     @property
-    def link(self) -> RobotClient:
+    def link(self) -> RobotMonitor:
         return next(iter(self.discovery.links.values()))
 
     def run(self, work: Coroutine[Any, Any, T]) -> T:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tests.support.page_client import Page, Site
-from tsd_twin.dashboard.server.lease import ZERO_REPEATS
+from tsd_twin.dashboard.server.teleop import ZERO_REPEATS
 from tsd_twin.messages import topics
 from tsd_twin.messages.commands import Command, decode_command
 

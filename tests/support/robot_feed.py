@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tsd_twin import robots
-from tsd_twin.dashboard.robot_client import RoundTrips, SentCommand, Snapshot
+from tsd_twin.client.connection import RoundTrips, SentCommand, Snapshot
 from tsd_twin.dashboard.scene.robot_geometry import LinkPoses, Skeleton
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, SO3, Array

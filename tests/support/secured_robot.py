@@ -12,15 +12,24 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import zenoh
 
 from tsd_twin import robots, security
 from tsd_twin.bus import Bus, Config, client_config, from_file, node_config
 from tsd_twin.bus.session import sample_of
-from tsd_twin.dashboard.robot_client import LeaseHolder, RobotClient
+from tsd_twin.client.connection import RobotMonitor
+from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.messages import topics
 from tsd_twin.messages.commands import Sample
-from tsd_twin.messages.services import Description, HolderRequest, LeaseRequest
+from tsd_twin.messages.services import (
+    Description,
+    HolderRequest,
+    LeaseReply,
+    LeaseRequest,
+    Reply,
+    decode_json,
+)
 from tsd_twin.messages.status import Status, decode_status
 from tsd_twin.messages.topics import Service
 from tsd_twin.node import RobotNode
@@ -153,22 +162,34 @@ def put(bus: Bus, key: str, payload: bytes, surely: bool = True) -> None:
     publisher.undeclare()
 
 
-def hold(link: RobotClient, operator: str) -> LeaseHolder:
+def ask(link: RobotMonitor, service: Service, message: msgspec.Struct) -> Reply:
+    """Return the reply of a service."""
+    answer = link.call(service, msgspec.json.encode(message), PATIENCE_S)
+    return decode_json(answer or b"", Reply, "a reply")
+
+
+def ask_lease(link: RobotMonitor, message: LeaseRequest) -> LeaseReply:
+    """Return the reply of the lease service."""
+    answer = link.call(Service.LEASE, msgspec.json.encode(message), PATIENCE_S)
+    return decode_json(answer or b"", LeaseReply, "a reply")
+
+
+def hold(link: RobotMonitor, operator: str) -> ControlProtocol:
     """Take control."""
-    request = LeaseRequest(op="acquire", operator=operator, take_over=True)
-    reply = link.call_lease_service(request, PATIENCE_S)
+    reply = ask_lease(link, LeaseRequest(op="acquire", operator=operator, take_over=True))
     assert reply.granted, reply
-    assert reply.lease is not None
-    return LeaseHolder(operator, reply.lease, reply.max_age_s)
+    protocol = ControlProtocol(link.id, link.robot, operator)
+    protocol.grant(reply, link.now_s())
+    return protocol
 
 
 def set_free(bus: Bus) -> None:
     """Reset the robot and release its lease, with the bus of an operator."""
-    link = RobotClient(bus, ID)
+    link = RobotMonitor(bus, ID)
     lease = hold(link, "alice").lease_hex
-    link.call_service(Service.RESET, HolderRequest(lease), PATIENCE_S)
+    ask(link, Service.RESET, HolderRequest(lease))
     release = LeaseRequest(op="release", operator="alice", lease=lease)
-    assert link.call_lease_service(release, PATIENCE_S).reason == "released"
+    assert ask_lease(link, release).reason == "released"
     link.close()
 
 

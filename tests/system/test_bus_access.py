@@ -16,6 +16,7 @@ from tests.support.secured_robot import (
     ID,
     PATIENCE_S,
     SecuredRobot,
+    ask_lease,
     hold,
     listening,
     make_keys,
@@ -23,7 +24,7 @@ from tests.support.secured_robot import (
     set_free,
 )
 from tsd_twin.bus import Bus, as_client
-from tsd_twin.dashboard.robot_client import RobotClient
+from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.errors import NoAnswerError
 from tsd_twin.messages import topics
 from tsd_twin.messages.commands import Sample
@@ -98,7 +99,7 @@ def misshapen(sample: Sample) -> int:
 def test_a_command_of_a_viewer_does_not_reach_the_robot(
     robot: SecuredRobot, alice: Bus, guest: Bus, key: str
 ) -> None:
-    hold(link := RobotClient(alice, ID), "alice")
+    hold(link := RobotMonitor(alice, ID), "alice")
     before = robot.status().command
     with listening(robot.bus, COMMANDS, STOP) as ear:
         robot.force(guest, key, FORGED)
@@ -111,7 +112,7 @@ def test_a_command_of_a_viewer_does_not_reach_the_robot(
 
 
 def test_a_viewer_gets_no_control(alice: Bus, guest: Bus) -> None:
-    link = RobotClient(alice, ID)
+    link = RobotMonitor(alice, ID)
     driver = hold(link, "alice")
     request = LeaseRequest(op="acquire", operator="guest", take_over=True)
     for service in Service:
@@ -119,7 +120,7 @@ def test_a_viewer_gets_no_control(alice: Bus, guest: Bus) -> None:
             with pytest.raises(NoAnswerError):
                 guest.query(service.key(ID), msgspec.json.encode(request))
     renew = LeaseRequest(op="renew", operator="alice", lease=driver.lease_hex)
-    assert link.call_lease_service(renew).granted
+    assert ask_lease(link, renew).granted
     link.close()
 
 

@@ -7,7 +7,6 @@ import queue
 from collections.abc import Generator
 
 import msgspec
-import numpy as np
 import pytest
 
 from tests.support.secured_robot import (
@@ -16,6 +15,7 @@ from tests.support.secured_robot import (
     PATIENCE_S,
     Listener,
     SecuredRobot,
+    ask,
     hold,
     listening,
     make_keys,
@@ -23,10 +23,10 @@ from tests.support.secured_robot import (
     set_free,
 )
 from tsd_twin.bus import Bus
-from tsd_twin.dashboard.robot_client import RobotClient
+from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.messages import topics
 from tsd_twin.messages.commands import Sample
-from tsd_twin.messages.ros import decode_odometry
+from tsd_twin.messages.ros import BASE, decode_odometry
 from tsd_twin.messages.services import HolderRequest, StopRequest
 from tsd_twin.messages.topics import Service
 
@@ -59,30 +59,30 @@ def guest(robot: SecuredRobot) -> Generator[Bus]:
 
 
 def test_a_page_of_an_operator_drives(robot: SecuredRobot, alice: Bus) -> None:
-    link = RobotClient(alice, ID)
+    link = RobotMonitor(alice, ID)
     driver = hold(link, "alice-0123abcd")
-    assert link.call_service(Service.ARM, HolderRequest(driver.lease_hex), PATIENCE_S).ok
+    assert ask(link, Service.ARM, HolderRequest(driver.lease_hex)).ok
     robot.status(lambda status: status.mode == "ready")
-    twist = np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.0])
 
     def moves(sample: Sample) -> bool:
         if sample.key != STATUS:
             return bool(decode_odometry(sample.payload).twist[0] > 0.15)
         link.poll(0.0)
-        link.publish_twist(driver, twist, link.snapshot.status_seq)
+        seen = link.snapshot.status_seq
+        link.send(driver.command((0.2, 0.0, 0.0), BASE, link.now_s(), seen))
         return False
 
     with listening(alice, STATUS, topics.ODOM.key(ID)) as ear:
         ear.until(moves)
-    assert link.call_service(Service.DISARM, HolderRequest(driver.lease_hex), PATIENCE_S).ok
+    assert ask(link, Service.DISARM, HolderRequest(driver.lease_hex)).ok
     robot.status(lambda status: status.mode == "disarmed")
     link.close()
 
 
 def test_a_viewer_sees_the_robot_with_its_description_and_its_state(guest: Bus) -> None:
     assert set(guest.living_tokens(topics.alive_key("*"))) == {topics.alive_key(ID)}
-    link = RobotClient(guest, ID)
-    assert link.urdf == DESCRIPTION.urdf
+    link = RobotMonitor(guest, ID)
+    assert link.description.urdf == DESCRIPTION.urdf
     link.close()
     for topic in (topics.JOINTS, topics.SETPOINT, topics.ODOM, topics.TRUTH, topics.STATUS):
         for key in (topic.key("*"), topic.key(ID), "twin/*/state/**"):
@@ -99,10 +99,10 @@ def test_a_tool_that_asks_who_lives_once_is_told(robot: SecuredRobot) -> None:
 def test_a_viewer_who_comes_late_gets_the_events_that_were_before(
     robot: SecuredRobot, alice: Bus
 ) -> None:
-    link = RobotClient(alice, ID)
+    link = RobotMonitor(alice, ID)
     with listening(robot.bus, topics.EVENT.key(ID)) as said:
         hold(link, "alice")
-        assert not link.call_service(Service.RESET, HolderRequest("0" * 32), PATIENCE_S).ok
+        assert not ask(link, Service.RESET, HolderRequest("0" * 32)).ok
         said.until(lambda sample: sample.key == topics.event_key(ID, "refusal"))
     wanted = {sample.payload for sample in said.heard}
     assert len(wanted) == 2
@@ -124,10 +124,8 @@ def test_anybody_may_stop_by_putting_and_by_asking(
     bus = {"alice": alice, "guest": guest}[name]
     put(bus, STOP, msgspec.json.encode(StopRequest(name, "put")))
     assert robot.status(lambda status: status.mode == "stopped").stop_reason == "put"
-    link = RobotClient(alice, ID)
-    assert link.call_service(
-        Service.RESET, HolderRequest(hold(link, "alice").lease_hex), PATIENCE_S
-    ).ok
+    link = RobotMonitor(alice, ID)
+    assert ask(link, Service.RESET, HolderRequest(hold(link, "alice").lease_hex)).ok
     link.close()
     reply = msgspec.json.decode(
         bus.query(STOP, msgspec.json.encode(StopRequest(name, "asked")), PATIENCE_S)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ipaddress
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -72,8 +73,11 @@ def node_config(listen: Sequence[str], connect: Sequence[str] = ()) -> Config:
     """Configuration of a robot node: it listens, and routes between its peers.
 
     Raises:
-        BusError: an endpoint is reachable by other machines without TLS and access control.
+        BusError: an endpoint is written wrongly, or is reachable by other machines without TLS and
+            access control.
     """
+    for endpoint in (*listen, *connect):
+        _check_endpoint(endpoint)
     for endpoint in listen:
         _refuse_open_door(endpoint, guarded=False)
     settings = _common("router", connect, listen)
@@ -87,7 +91,12 @@ def client_config(connect: Sequence[str]) -> Config:
     """Configuration of a dashboard or a tool: it connects, and listens nowhere.
 
     It is a peer, not a client: a peer connects in the background, also when the robot comes later.
+
+    Raises:
+        BusError: an endpoint is written wrongly.
     """
+    for endpoint in connect:
+        _check_endpoint(endpoint)
     settings = _common("peer", connect)
     settings["listen"] = {"endpoints": []}
     return Config(json.dumps(settings), ", ".join(connect))
@@ -162,6 +171,9 @@ def is_loopback(endpoint: str) -> bool:
         return False
 
 
+_JSON5_ERROR = re.compile(r"--> (\d+):(\d+).*= (expected .*)", re.DOTALL)
+
+
 def reason(error: Exception) -> str:
     """Reason in an error of Zenoh, without source locations."""
     text = str(error).split(" at /")[0].strip()
@@ -170,7 +182,9 @@ def reason(error: Exception) -> str:
     for known in ("Address already in use", "Cannot assign requested address"):
         if known in text:
             return known.lower()
-    return text.rstrip(".")
+    if syntax := _JSON5_ERROR.search(text):
+        return f"line {syntax[1]}, column {syntax[2]}: {syntax[3]}"
+    return " ".join(text.split()).rstrip(".")
 
 
 def _files(settings: zenoh.Config, folder: Path) -> dict[str, Path]:
@@ -213,6 +227,23 @@ def _common(mode: str, connect: Sequence[str], listen: Sequence[str] = ()) -> di
             }
         ],
     }
+
+
+_WITH_PORT = re.compile(r"(?:tcp|udp|tls|quic|ws)/(?:\[[^\]/]+\]|[^\[\]/:]+):(\d{1,5})")
+
+
+def _check_endpoint(endpoint: str) -> None:
+    """Refuse an endpoint that no session can use: one that connects in the background only waits.
+
+    Raises:
+        BusError: it lacks protocol, host or port, or the port is none.
+    """
+    protocol, slash, _ = endpoint.partition("/")
+    if slash and protocol in ("unixsock-stream", "serial", "vsock", "unixpipe"):
+        return
+    match = _WITH_PORT.fullmatch(re.split(r"[?#]", endpoint)[0])
+    if match is None or int(match[1]) > 65_535:
+        raise BusError(f"'{endpoint}' is no endpoint: write it as {DEFAULT_ENDPOINT}")
 
 
 def _refuse_open_door(endpoint: str, *, guarded: bool) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from tsd_twin import flag_types
 from tsd_twin.calibration import report
 from tsd_twin.calibration.collect import (
     LOG_TABLE,
@@ -21,9 +22,9 @@ from tsd_twin.calibration.collect import (
     next_run_advice,
     spin_ratio_of,
 )
+from tsd_twin.calibration.control import add_bus_flags
 from tsd_twin.calibration.fit import CalibrationFit, fit_calibration
 from tsd_twin.calibration.report import write_description
-from tsd_twin.calibration.robot_client import add_bus_flags
 from tsd_twin.calibration.terminal import ask_yes, print_line
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.lie import Array
@@ -112,13 +113,17 @@ def _flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--room",
-        type=float,
+        type=flag_types.POSITIVE,
         default=1.0,
         metavar="METRES",
         help="free floor on all sides of its centre, beyond its own size; default 1",
     )
     parser.add_argument(
-        "--speed", type=float, default=0.5, metavar="MPS", help="at most, m/s; default 0.5"
+        "--speed",
+        type=flag_types.POSITIVE,
+        default=0.5,
+        metavar="MPS",
+        help="at most, m/s; default 0.5",
     )
     add_bus_flags(parser)
     parser.add_argument(
@@ -134,7 +139,7 @@ def _flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--errors",
-        type=float,
+        type=flag_types.SCALE,
         default=1.0,
         metavar="SCALE",
         help="factor on [errors], further model errors of the simulated robot; default 1",

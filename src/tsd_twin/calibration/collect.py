@@ -12,6 +12,12 @@ import numpy as np
 
 from tsd_twin import robots
 from tsd_twin.calibration import recording, simulated_runs
+from tsd_twin.calibration.control import (
+    CalibratedRobot,
+    connect,
+    interruptible,
+    longest_pause_s,
+)
 from tsd_twin.calibration.guided_drive import (
     POSE_TIMEOUT_S,
     CalibrationDriver,
@@ -22,9 +28,9 @@ from tsd_twin.calibration.guided_drive import (
 )
 from tsd_twin.calibration.recording import Recording, RobotRecorder, read_recordings
 from tsd_twin.calibration.report import edit_description
-from tsd_twin.calibration.robot_client import CommandPublisher, RobotClient, connect
 from tsd_twin.calibration.simulated_runs import PerturbedRobot, random_robot, spin_ratios
 from tsd_twin.calibration.terminal import KeyWatcher, ask_line, print_line
+from tsd_twin.client import RobotControl
 from tsd_twin.errors import MessageError, TwinError
 from tsd_twin.experiment import PERCENT_STEPS, Output, in_percent_steps
 from tsd_twin.lie import Array
@@ -103,16 +109,17 @@ def drive_on_bus(args: argparse.Namespace, out: Output) -> DrivenData:
         subscriber = _RobotSubscriber(client, robot, CalibrationDriver(robot, route))
         _wait_for_camera(subscriber, client.id)
         _confirm(args, client.id, route)
-        client.max_age_s = requested_command_age_s(robot, args.speed)
-        with KeyWatcher() as keys, client:
-            spin_up = _stop_on_key(client.arm(), keys)
+        max_age_s = requested_command_age_s(robot, args.speed)
+        with KeyWatcher() as keys, client.control(max_age_s) as control:
+            spin_up = _stop_on_key(control.arming(), keys)
             for _ in out.progress(
                 in_percent_steps(spin_up, 1.0), "spinning up, any key stops", PERCENT_STEPS
             ):
                 pass
             # Discard earlier poses: the robot may have been carried since.
             subscriber.set_driver(CalibrationDriver(robot, route))
-            drive = subscriber.drive(CommandPublisher(client, keys))
+            pause_s = longest_pause_s(robot.limits, max_age_s)
+            drive = subscriber.drive(control, keys, pause_s)
             for _ in out.progress(
                 in_percent_steps(drive, 1.0), "driving, any key stops", PERCENT_STEPS
             ):
@@ -126,15 +133,14 @@ class _RobotSubscriber:
     """Subscribes to the robot; feeds the recorder and the driver."""
 
     def __init__(
-        self, client: RobotClient, robot: SingularityDescription, driver: CalibrationDriver
+        self, client: CalibratedRobot, robot: SingularityDescription, driver: CalibrationDriver
     ) -> None:
         self._client, self._driver = client, driver
         self.recorder = RobotRecorder(robot)
-        bus, robot_id = client.bus, client.id
-        self._joints = bus.subscriber(topics.JOINTS.key(robot_id), 256)
-        self._setpoints = bus.subscriber(topics.SETPOINT.key(robot_id), 512)
-        self._odometry = bus.subscriber(topics.ODOM.key(robot_id), 256)
-        self._poses = bus.subscriber(topics.SENSOR_POSE.key(robot_id), 256)
+        self._joints = client.link.subscriber(topics.JOINTS, 256)
+        self._setpoints = client.link.subscriber(topics.SETPOINT, 512)
+        self._odometry = client.link.subscriber(topics.ODOM, 256)
+        self._poses = client.link.subscriber(topics.SENSOR_POSE, 256)
         self.poses = 0
         self._now_s = -np.inf
         self._first_s = np.inf
@@ -168,18 +174,18 @@ class _RobotSubscriber:
                 self._now_s, self._odometry_received_s = now_s, time.monotonic()
                 self._driver.add_twist(now_s, twist)
 
-    def drive(self, publisher: CommandPublisher) -> Iterator[float]:
+    def drive(self, control: RobotControl, keys: KeyWatcher, pause_s: float) -> Iterator[float]:
         """Drive the route, wait for the last delayed poses, and yield the progress."""
-        self._wait_for_a_pose()
+        self._wait_for_a_pose(control)
         self._first_s = self._now_s
-        for _ in publisher.run(self._step):
+        for _ in control.driving(interruptible(self._step, keys, pause_s)):
             yield self._driver.progress
-        self._battery_v = _battery_v(self._client.status())
+        self._battery_v = _battery_v(self._client.client.state.status)
 
-    def _wait_for_a_pose(self) -> None:
-        """Command standstill until a pose measurement of the robot at rest has arrived."""
+    def _wait_for_a_pose(self, control: RobotControl) -> None:
+        """Stand still until a pose measurement of the robot at rest has arrived."""
         before = self.poses
-        for _ in self._client.hold(POSE_TIMEOUT_S):
+        for _ in control.staying_ready(POSE_TIMEOUT_S):
             self.poll()
             if self.poses > before:
                 return

@@ -16,12 +16,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from tsd_twin import experiment
-from tsd_twin.bus import Bus
+from tsd_twin import experiment, flag_types
+from tsd_twin.calibration.control import CalibratedRobot, add_bus_flags, connect
 from tsd_twin.calibration.report import write_description
-from tsd_twin.calibration.robot_client import RobotClient, add_bus_flags, connect
 from tsd_twin.calibration.terminal import ask_displacement, ask_line, print_line
-from tsd_twin.errors import MessageError, TwinError
+from tsd_twin.client import RobotControl
+from tsd_twin.client.connection import RobotConnection
+from tsd_twin.errors import MessageError
 from tsd_twin.experiment import PERCENT_STEPS, Experiment, Output, in_percent_steps
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages import topics
@@ -37,9 +38,9 @@ TimedPose = tuple[float, Array]
 class PoseTracker:
     """Tracker of a robot's pose, from `sensor/pose` or, without it, from the simulator's truth."""
 
-    def __init__(self, bus: Bus, robot_id: str) -> None:
-        self._poses = bus.subscriber(topics.SENSOR_POSE.key(robot_id), 256)
-        self._truths = bus.subscriber(topics.TRUTH.key(robot_id), 256)
+    def __init__(self, link: RobotConnection) -> None:
+        self._poses = link.subscriber(topics.SENSOR_POSE, 256)
+        self._truths = link.subscriber(topics.TRUTH, 256)
         self._by_camera: list[TimedPose] = []
         self._by_simulator: list[TimedPose] = []
         self.refused = ""
@@ -255,17 +256,15 @@ def draw_drift(t_s: Array, poses: Array, drift: ZeroOffsetDrift) -> Figure:
 
 MAX_DISTANCE_M = 0.5
 """Largest distance before the procedure ends, where a pose is measured."""
-_SHORTEST_S = 1.0
+_SHORTEST_S, _LONGEST_S = 1.0, 300.0
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:
     """Zero the gimbals of a robot on the bus: it may creep an inch in 30 s at 2,500 rpm."""
-    if not _SHORTEST_S <= args.seconds <= 300.0:
-        raise TwinError(f"--seconds must be {_SHORTEST_S:g} to 300, not {args.seconds:g}")
     with connect(args) as client:
         robot = description_of_kind(client.robot, SingularityDescription)
         _confirm(args, robot, client.id)
-        tracker = PoseTracker(client.bus, client.id)
+        tracker = PoseTracker(client.link)
         held_s = _hold_still(args, out, client, tracker)
     seen = len(tracker.poses) > 1 and not args.by_hand
     if seen:
@@ -298,24 +297,25 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
 
 
 def _hold_still(
-    args: argparse.Namespace, out: Output, client: RobotClient, tracker: PoseTracker
+    args: argparse.Namespace, out: Output, client: CalibratedRobot, tracker: PoseTracker
 ) -> float:
     """Hold the robot ready at standstill; return the time that was held or tracked."""
     held_s = 0.0
-    with client:
-        for _ in out.progress(in_percent_steps(client.arm(), 1.0), "spinning up", PERCENT_STEPS):
+    with client.control() as control:
+        spin_up = in_percent_steps(control.arming(), 1.0)
+        for _ in out.progress(spin_up, "spinning up", PERCENT_STEPS):
             pass
         tracker.clear()
-        held = in_percent_steps(_hold_and_track(client, args.seconds, tracker), args.seconds)
+        held = in_percent_steps(_hold_and_track(control, args.seconds, tracker), args.seconds)
         for percent in out.progress(held, "standing still, Ctrl-C stops", PERCENT_STEPS):
             held_s = max(held_s, percent * args.seconds / PERCENT_STEPS)
     seen = tracker.poses
     return seen[-1][0] - seen[0][0] if seen else held_s
 
 
-def _hold_and_track(client: RobotClient, seconds: float, tracker: PoseTracker) -> Iterator[float]:
+def _hold_and_track(control: RobotControl, seconds: float, tracker: PoseTracker) -> Iterator[float]:
     """Hold, track the pose, and end early when the robot drifts too far."""
-    for held_s in client.hold(seconds):
+    for held_s in control.staying_ready(seconds):
         tracker.poll()
         yield held_s
         if tracker.moved_m > MAX_DISTANCE_M:
@@ -365,7 +365,10 @@ def _advice(
 def _flags(parser: argparse.ArgumentParser) -> None:
     add_bus_flags(parser)
     parser.add_argument(
-        "--seconds", type=float, default=LIMIT_S, help=f"to watch it; default {LIMIT_S:g}"
+        "--seconds",
+        type=flag_types.number(_SHORTEST_S, _LONGEST_S),
+        default=LIMIT_S,
+        help=f"to watch it; default {LIMIT_S:g}",
     )
     parser.add_argument(
         "--by-hand", action="store_true", help="ask how far it went, also when its pose is measured"

@@ -58,7 +58,7 @@ def open_link(
         try:
             return BusLink(bus, robot_id), operator
         except NoAnswerError:
-            found = _robots(bus)
+            found = robots_on(bus)
             there = f"{config.where} has {', '.join(found)}" if found else _HINT
             raise NoRobotFound(f"no robot '{robot_id}' answers: {there}") from None
     except BaseException:
@@ -67,7 +67,7 @@ def open_link(
 
 
 def _only_robot(bus: Bus, where: str) -> str:
-    found = _robots(bus)
+    found = robots_on(bus)
     if not found:
         raise NoRobotFound(f"no robot at {where}: {_HINT}")
     if len(found) > 1:
@@ -77,7 +77,8 @@ def _only_robot(bus: Bus, where: str) -> str:
     return found[0]
 
 
-def _robots(bus: Bus) -> list[str]:
+def robots_on(bus: Bus) -> list[str]:
+    """Return the ids of the robots that are on a bus now."""
     return sorted(topics.robot_of(key) for key in bus.living_tokens(topics.alive_key("*")))
 
 

@@ -1,35 +1,32 @@
-"""Connection of a client to one robot: its interface, and the implementation over the bus."""
+"""Connection of a script to one robot: its interface, and the implementation over the bus."""
 
 from __future__ import annotations
 
-import contextlib
 import threading
 import time
 from collections.abc import Callable
 from functools import cache, partial
 from typing import Any, Protocol
 
-from tsd_twin import robots
-from tsd_twin.bus import Bus, Publisher
+from tsd_twin.bus import Bus
+from tsd_twin.client.connection import RobotConnection, numbered_status
 from tsd_twin.client.errors import RobotSilent
-from tsd_twin.client.protocol import ControlProtocol, TwistCommand
+from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.client.state import RobotState, Subscription
-from tsd_twin.errors import BusError, MessageError, NoAnswerError
-from tsd_twin.lie import SO3
+from tsd_twin.client.steps import BlockingPort
+from tsd_twin.errors import MessageError
 from tsd_twin.messages import topics
 from tsd_twin.messages.commands import Sample
-from tsd_twin.messages.ros import JointState, Odometry, decode_joints, decode_odometry
-from tsd_twin.messages.services import Description, Event, decode_json
-from tsd_twin.messages.status import Status, decode_stamp, decode_status
-from tsd_twin.messages.topics import QoS, Service, Topic
+from tsd_twin.messages.ros import JointState, Odometry, decode_joints
+from tsd_twin.messages.services import Event, decode_json
+from tsd_twin.messages.status import Status
+from tsd_twin.messages.topics import Topic
 from tsd_twin.robots import RobotDescription
 
-_DESCRIPTION_S = 5.0
-"""A session that has just joined does not hear of every robot at once."""
 _FIRST_STATE_S = 3.0
 
 
-class Link(Protocol):
+class Link(BlockingPort, Protocol):
     """Connection to one robot; thread-safe, except where a method says otherwise."""
 
     id: str
@@ -38,39 +35,13 @@ class Link(Protocol):
     """Its description."""
     virtual: bool
     """Whether time is virtual, and passes only in `sleep_until` and `wait_for_status`."""
-    lock: threading.RLock
-    """Guards the protocols that are attached."""
-
-    def now_s(self) -> float:
-        """Return the time: of the monotonic clock, or virtual."""
-        ...
 
     def wall_ns(self) -> int:
         """Return the wall clock that pose measurements are stamped with."""
         ...
 
-    def call(self, service: Service, payload: bytes, timeout_s: float) -> bytes | None:
-        """Return the answer of a service, None when there is none in time."""
-        ...
-
-    def send(self, command: TwistCommand) -> None:
-        """Publish a command."""
-        ...
-
-    def send_stop(self, payload: bytes) -> None:
-        """Publish a stop, without an acknowledgement."""
-        ...
-
     def send_pose(self, payload: bytes) -> None:
         """Publish a pose measurement."""
-        ...
-
-    def sleep_until(self, until_s: float) -> None:
-        """Wait until a time."""
-        ...
-
-    def wait_for_status(self, until_s: float) -> None:
-        """Wait for the next status, or until a time."""
         ...
 
     def state(self) -> RobotState:
@@ -103,10 +74,10 @@ class Link(Protocol):
         ...
 
 
-class BusLink:
-    """A connection over the bus: subscriptions, services, publishers of one robot.
+class BusLink(RobotConnection):
+    """Connection over the bus with callbacks: each message is stored, passed on, and wakes readers.
 
-    Zenoh calls back on its own threads: they store, wake and return.
+    Zenoh calls back on its own threads.
     """
 
     def __init__(self, bus: Bus, robot_id: str) -> None:
@@ -117,15 +88,7 @@ class BusLink:
             RobotFileError: its description cannot be used.
             RobotSilent: it sends no state.
         """
-        self.id = topics.checked(robot_id)
-        self.virtual = False
-        self.lock = threading.RLock()
-        self._bus = bus
-        self.description = self._describe()
-        """TOML and URDF."""
-        self.robot = robots.parse_description(self.description.robot, f"description of {robot_id}")
-        turning = self.robot.kinematics().pose_type is SO3
-        self._decode_pose = partial(decode_odometry, turning=turning)
+        super().__init__(bus, robot_id)
         self._changed = threading.Condition(self.lock)
         self._samples: dict[Topic, Sample] = {}
         self._status: Status | None = None
@@ -137,23 +100,12 @@ class BusLink:
         self._events: list[Subscription[Event]] = []
         self._events_watched = False
         self._wakeups: list[Callable[[], None]] = []
-        self._publishers: dict[str, Publisher] = {}
         self._closed = False
         for topic in (topics.JOINTS, topics.SETPOINT, topics.TRUTH, topics.ODOM_ALTERNATIVE):
-            bus.subscribe(topic.key(robot_id), partial(self._samples.__setitem__, topic))
-        bus.subscribe(topics.STATUS.key(robot_id), self._receive_status)
-        bus.subscribe(topics.ODOM.key(robot_id), self._receive_odometry)
+            self.subscribe(topic, partial(self._samples.__setitem__, topic))
+        self.subscribe(topics.STATUS, self._receive_status)
+        self.subscribe(topics.ODOM, self._receive_odometry)
         self._wait_for_first_state()
-
-    def _describe(self) -> Description:
-        end_s = time.monotonic() + _DESCRIPTION_S
-        while True:
-            try:
-                answer = self._bus.query(Service.DESC.key(self.id), b"")
-                return decode_json(answer, Description, "a description")
-            except NoAnswerError:
-                if time.monotonic() > end_s:
-                    raise
 
     def _wait_for_first_state(self) -> None:
         needed = (topics.JOINTS, topics.SETPOINT)
@@ -173,7 +125,7 @@ class BusLink:
 
     def _receive_status(self, sample: Sample) -> None:
         try:
-            status, (seq, _) = decode_status(sample.payload), decode_stamp(sample.attachment)
+            status, seq = numbered_status(sample)
         except MessageError:
             return  # Another program writes on this key; the age of the state shows it.
         with self._changed:
@@ -186,7 +138,7 @@ class BusLink:
 
     def _receive_odometry(self, sample: Sample) -> None:
         try:
-            odometry = self._decode_pose(sample.payload)
+            odometry = self.decode_odometry(sample.payload)
         except MessageError:
             return
         with self._changed:
@@ -221,52 +173,6 @@ class BusLink:
         with self.lock:
             self._wakeups.append(wakeup)
 
-    # Interface of `Link`.
-
-    def now_s(self) -> float:
-        """Return the time of the monotonic clock."""
-        return time.monotonic()
-
-    def wall_ns(self) -> int:
-        """Return the wall clock of this machine."""
-        return time.time_ns()
-
-    def call(self, service: Service, payload: bytes, timeout_s: float) -> bytes | None:
-        """Return the answer of a service, None when there is none in time."""
-        try:
-            return self._bus.query(service.key(self.id), payload, timeout_s)
-        except BusError:
-            return None
-
-    def send(self, command: TwistCommand) -> None:
-        """Publish a command; when the bus is closed, the robot stops by itself."""
-        key = topics.twist_key(self.id, command.operator)
-        self._put(key, topics.TWIST.type, command.payload, command.attachment)
-
-    def send_stop(self, payload: bytes) -> None:
-        """Publish a stop."""
-        self._put(Service.STOP.key(self.id), "json", payload)
-
-    def send_pose(self, payload: bytes) -> None:
-        """Publish a pose measurement."""
-        topic = topics.SENSOR_POSE
-        self._put(topic.key(self.id), topic.type, payload, qos=topic.qos)
-
-    def _put(
-        self,
-        key: str,
-        kind: str,
-        payload: bytes,
-        attachment: bytes = b"",
-        qos: QoS = QoS.REAL_TIME,
-    ) -> None:
-        with self.lock:
-            if key not in self._publishers:
-                self._publishers[key] = self._bus.publisher(key, qos, kind)
-            publisher = self._publishers[key]
-        with contextlib.suppress(BusError):
-            publisher.put(payload, attachment)
-
     def sleep_until(self, until_s: float) -> None:
         """Wait until a time."""
         time.sleep(max(0.0, until_s - time.monotonic()))
@@ -300,7 +206,7 @@ class BusLink:
         )
 
     def _optional_pose(self, sample: Sample | None) -> Odometry | None:
-        return None if sample is None else self._decode_pose(sample.payload)
+        return None if sample is None else self.decode_odometry(sample.payload)
 
     def attach(self, protocol: ControlProtocol) -> None:
         """Hand states to a protocol from now on; the face sends what is due."""

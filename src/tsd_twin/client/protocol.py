@@ -1,7 +1,7 @@
 """Operator protocol without I/O: lease, commands, set-point time-out.
 
 Time is an argument, in seconds of any monotonic clock. Received messages go in, commands and
-requests come out; the faces (`robot`, `aio`) and the simulated robot move them.
+requests come out; the faces (`robot`, `aio`), the simulated robot and the dashboard move them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from tsd_twin.messages.commands import encode_attachment
 from tsd_twin.messages.ros import BASE, ODOM, Odometry, TwistStamped, encode_twist
 from tsd_twin.messages.services import LeaseReply, LeaseRequest, decode_json
 from tsd_twin.messages.status import Status
-from tsd_twin.robots import RPM, RobotDescription
+from tsd_twin.robots import RobotDescription
 from tsd_twin.safety import LATCHED, Mode
 
 COMMAND_PERIOD_S = 0.02
@@ -44,9 +44,12 @@ _REORDERED = 20
 """A status number that is lower by up to this is an old message; by more, the robot restarted."""
 _NUMBERS_APART = 1000
 """Between the numbers of two leases: more than a previous holder can have under way."""
+_MOST_NUMBERS = 2**53
+"""Beyond this, a number that the robot shows is not continued: it may be the last that fits."""
 _ROUND_TRIPS = 8
 _STILL_MPS, _STILL_RAD_PER_S = 0.02, 0.05
-_REST = (0.0, 0.0, 0.0)
+REST = (0.0, 0.0, 0.0)
+"""The twist of standstill."""
 _MODES = frozenset(Mode)
 
 
@@ -60,6 +63,9 @@ class TwistCommand:
     """CDR of a `geometry_msgs/msg/TwistStamped`."""
     attachment: bytes
     """Its number, the lease id and the number of the newest status received."""
+    twist: Array
+    """(3,): m/s and rad/s in `frame`."""
+    frame: str
 
 
 class ControlProtocol:
@@ -130,6 +136,11 @@ class ControlProtocol:
         return bool(self._lease)
 
     @property
+    def lost_reason(self) -> str:
+        """Why the lease ended; "" before the first."""
+        return self._lost
+
+    @property
     def lease_hex(self) -> str:
         """The lease id, as requests have it.
 
@@ -151,7 +162,7 @@ class ControlProtocol:
         # Numbers go on rising from those that the robot has shown, so that a status which shows
         # one of them was sent after the robot had counted it.
         counted = 0 if self.status is None else self.status.command.seq
-        self._seq = max(self._seq, counted) + _NUMBERS_APART
+        self._seq = max(self._seq, counted if counted < _MOST_NUMBERS else 0) + _NUMBERS_APART
 
     def release(self) -> None:
         """Record that the lease was released or handed over."""
@@ -219,16 +230,24 @@ class ControlProtocol:
             ClientError: the lease is not held, the robot is silent or not ready, or another motion
                 is in force.
         """
-        self.check_lease()
-        mode = self.mode
         if self._stops is not None:
             raise ClientError(f"{self.robot_id} is in another motion of this script")
+        self.check_ready(now_s)
+        assert self.status is not None  # noqa: S101  `check_ready` has looked.
+        self._stops = self.status.stops
+        self._setpoint = self._rest_seq = self._failure = None
+
+    def check_ready(self, now_s: float) -> None:
+        """Check that the robot is ready at standstill under this lease.
+
+        Raises:
+            ClientError: the lease is not held, or the robot is silent or not ready.
+        """
+        self.check_lease()
+        mode = self.mode
         self._check_silence(now_s)
         if mode is not Mode.READY:
             raise RobotStopped(self._sentence("is not ready"))
-        assert self.status is not None  # noqa: S101  `mode` has looked.
-        self._stops = self.status.stops
-        self._setpoint = self._rest_seq = self._failure = None
 
     def end_motion(self) -> None:
         """End the motion; nothing is sent for it any more."""
@@ -250,8 +269,17 @@ class ControlProtocol:
         if self.mode not in (Mode.READY, Mode.DRIVING) or status.stops > self._stops:
             raise RobotStopped(self._sentence("stopped by itself"))
 
-    def command(self, twist: Sequence[float] | Array, frame: str, now_s: float) -> TwistCommand:
+    def command(
+        self,
+        twist: Sequence[float] | Array,
+        frame: str,
+        now_s: float,
+        status_seq: int | None = None,
+    ) -> TwistCommand:
         """Return the next command: three numbers of the twist, in `base_link` or `odom`.
+
+        It echoes `status_seq`, the number of the newest status that the operator has seen; without
+        it, that of the newest status received.
 
         Raises:
             ControlLost: the lease is not held.
@@ -263,15 +291,18 @@ class ControlProtocol:
         spatial[list(self.kinematics.twist_axes)] = numbers
         self._seq += 1
         self._sent_s = now_s
-        attachment = encode_attachment(self._seq, self._lease, self.status_seq)
+        echo = self.status_seq if status_seq is None else status_seq
+        attachment = encode_attachment(self._seq, self._lease, echo)
         payload = encode_twist(TwistStamped(frame, spatial))
-        return TwistCommand(self.operator, self._seq, payload, attachment)
+        return TwistCommand(self.operator, self._seq, payload, attachment, numbers, frame)
+
+    def has_counted(self, seq: int) -> bool:
+        """Return whether the newest status shows that command `seq` or a later one counted."""
+        return self.status is not None and seq <= self.status.command.seq <= self._seq
 
     def at_rest_since(self, seq: int) -> bool:
         """Return whether the robot has counted command `seq` or a later one, and is at rest."""
-        status = self.status
-        counted = status is not None and seq <= status.command.seq <= self._seq
-        return counted and self.mode is Mode.READY
+        return self.has_counted(seq) and self.mode is Mode.READY
 
     def is_still(self) -> bool:
         """Return whether the odometry shows next to no speed, once the joints have followed."""
@@ -326,7 +357,7 @@ class ControlProtocol:
         twist, frame = self._setpoint
         if now_s < self._expires_s:
             return self.command(twist, frame, now_s)
-        command = self.command(_REST, BASE, now_s)
+        command = self.command(REST, BASE, now_s)
         self._rest_seq = command.seq if self._rest_seq is None else self._rest_seq
         return command
 
@@ -388,14 +419,6 @@ class ControlProtocol:
         if self.kinematics.pose_type is not SO3:
             raise ClientError(f"{self.robot_id} turns no sphere: use drive, set_velocity")
         return angular_velocity_rad_per_s
-
-    def kinematics_in_force(self) -> Kinematics[Any]:
-        """Return the kinematics at the wheel speed that the status shows."""
-        speeds, status = self.robot.wheel_speed_range, self.status
-        if speeds is None or status is None or status.wheel_speed is None:
-            return self.kinematics
-        spin = status.wheel_speed.wanted_rpm * RPM
-        return self.kinematics if speeds.refusal(spin) else speeds.kinematics.with_spin(spin)
 
     def latch_reason(self) -> str:
         """Return why the robot is latched, as a sentence; "" when it is not."""

@@ -14,10 +14,12 @@ import msgspec
 import numpy as np
 
 from tsd_twin import robots
+from tsd_twin.client import procedures
 from tsd_twin.client.errors import ClientError
 from tsd_twin.client.protocol import ControlProtocol, TwistCommand
 from tsd_twin.client.robot import RobotClient
 from tsd_twin.client.state import RobotState, Subscription
+from tsd_twin.client.steps import run
 from tsd_twin.control import RobotController
 from tsd_twin.lie import SE2
 from tsd_twin.messages import topics
@@ -192,8 +194,7 @@ class SimulationLink:
         for protocol in self._protocols:
             if (command := protocol.due(now_s)) is not None:
                 self.send(command)
-            if (renewal := protocol.renewal(now_s)) is not None:
-                protocol.receive_renewal(renewal, self.call(Service.LEASE, renewal, 1.0), 0.0)
+            run(self, procedures.renew(protocol, now_s))
 
 
 class SimulatedRobot(RobotClient):

@@ -14,7 +14,7 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from typing import Protocol, TypeVar
 
 from tsd_twin.bus import Bus
-from tsd_twin.dashboard.robot_client import RobotClient
+from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.dashboard.robot_discovery import RobotDiscovery
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
@@ -102,7 +102,7 @@ LINGER_S = 10.0
 class RobotDisplay(Protocol):
     """Interface of a display of robots, such as the scene."""
 
-    def add(self, link: RobotClient) -> None:
+    def add(self, link: RobotMonitor) -> None:
         """Add a robot."""
         ...
 
@@ -162,7 +162,7 @@ class UpdateLoop:
                     _LOG.exception("a frame was lost")
             drawing.shutdown(wait=False, cancel_futures=True)
 
-    def _add(self, link: RobotClient) -> None:
+    def _add(self, link: RobotMonitor) -> None:
         try:
             self._display.add(link)
         except Exception:  # Descriptions come from the bus; the others are drawn all the same.

@@ -13,7 +13,7 @@ from functools import partial
 from types import MappingProxyType
 
 from tsd_twin.bus import Bus
-from tsd_twin.dashboard.robot_client import RobotClient
+from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.dashboard.server.telemetry import RobotTelemetry
 from tsd_twin.errors import BusError, MessageError, TwinError
 from tsd_twin.messages import topics
@@ -156,8 +156,8 @@ class RobotDiscovery:
 
     def __init__(self, bus: Bus) -> None:
         self._bus = bus
-        self._links: dict[str, RobotClient] = {}
-        self._fetched: queue.SimpleQueue[RobotClient] = queue.SimpleQueue()
+        self._links: dict[str, RobotMonitor] = {}
+        self._fetched: queue.SimpleQueue[RobotMonitor] = queue.SimpleQueue()
         self._events: deque[tuple[str, Event]] = deque(maxlen=_EVENTS)
         self._on_change: list[Callable[[], None]] = []
         self._named: set[str] = set()
@@ -169,7 +169,7 @@ class RobotDiscovery:
         bus.subscribe_events(topics.EVENT.key("*"), self._on_event)
 
     @property
-    def links(self) -> MappingProxyType[str, RobotClient]:
+    def links(self) -> MappingProxyType[str, RobotMonitor]:
         """All robots seen so far, by id."""
         return MappingProxyType(self._links)
 
@@ -211,7 +211,7 @@ class RobotDiscovery:
             self._log_once(robot_id, f"{MOST_ROBOTS} robots are shown already")
             return
         try:
-            link = RobotClient(self._bus, robot_id, answer)
+            link = RobotMonitor(self._bus, robot_id, answer)
             RobotTelemetry(link).info()  # Fails here rather than in a page.
         except TwinError as error:
             self._log_once(robot_id, str(error))

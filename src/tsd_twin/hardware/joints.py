@@ -60,7 +60,7 @@ class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """
         try:
             return msgspec.toml.decode(Path(file).read_bytes(), type=ServoCalibration)
-        except (OSError, msgspec.MsgspecError) as error:
+        except (OSError, msgspec.MsgspecError, UnicodeError) as error:
             raise HardwareError(f"{file} cannot be used as a calibration: {error}") from error
 
     def check_joint_names(self, names: Sequence[str]) -> None:

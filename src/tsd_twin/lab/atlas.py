@@ -10,7 +10,8 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from tsd_twin import experiment, robots
+from tsd_twin import experiment, flag_types, robots
+from tsd_twin.errors import TwinError
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.kinematics import SphereKinematics
 from tsd_twin.lie import Array
@@ -97,9 +98,11 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     """Fig. 7 of the Atlas paper: ideal against dual-row kinematics over 13 seconds."""
     robot = description_of_kind(robots.load_robot(args.robot), SphereDescription)
     if args.row_distance_mm is not None:
-        distance_m = max(0.0, args.row_distance_mm / 1000.0)
+        distance_m = args.row_distance_mm / 1000.0
         geometry = msgspec.structs.replace(robot.drive, row_distance_m=distance_m)
         robot = msgspec.structs.replace(robot, drive=geometry)
+        for problem, _ in robot.problems():
+            raise TwinError(f"--row-distance-mm {args.row_distance_mm:g}: {problem}")
     effect = row_effect(robot.kinematics())
     out.table("atlas", effect.columns())
     _draw_effect(robot, effect, out)
@@ -142,7 +145,7 @@ def _draw_effect(robot: SphereDescription, effect: RowEffect, out: Output) -> No
 def _flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--row-distance-mm",
-        type=float,
+        type=flag_types.number(0.0),
         metavar="D",
         help="distance of the two rows, instead of that of the file; 0 is an ideal wheel",
     )

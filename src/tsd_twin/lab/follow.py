@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from tsd_twin import experiment, robots
+from tsd_twin import experiment, flag_types, robots
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.lab import tracking
 from tsd_twin.lab.observer import Loop, make_observer
@@ -87,13 +87,19 @@ def _flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--smooth", action="store_true", help="a spline through the points")
     parser.add_argument(
-        "--cut", type=float, default=0.0, metavar="M", help="round corners, from so far before"
+        "--cut",
+        type=flag_types.number(0.0),
+        default=0.0,
+        metavar="M",
+        help="round corners, from so far before",
     )
     parser.add_argument("--heading", choices=["fixed", "tangent"], default="fixed")
-    parser.add_argument("--speed", type=float, metavar="MPS", help="a lower limit of speed")
+    parser.add_argument(
+        "--speed", type=flag_types.POSITIVE, metavar="MPS", help="a lower limit of speed"
+    )
     parser.add_argument(
         "--share",
-        type=float,
+        type=flag_types.number(most=1.0, above=0.0),
         default=SHARE,
         help=f"of the limits that the timing uses; default {SHARE}",
     )

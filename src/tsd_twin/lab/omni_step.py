@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
-from tsd_twin import experiment, robots
-from tsd_twin.errors import TwinError
+from tsd_twin import experiment, flag_types, robots
 from tsd_twin.experiment import Axes, Experiment, Output
 from tsd_twin.lie import Array
 from tsd_twin.robots import OmniDescription, description_of_kind
@@ -131,8 +130,6 @@ def run_profile(robot: VirtualRobot, profile: PointToPointProfile) -> ProfileRun
 def run(args: argparse.Namespace, out: Output) -> list[str]:
     """5 m/s and stop at half-way: velocity against the ideal triangle and trapezoid."""
     robot = description_of_kind(robots.load_robot(args.robot), OmniDescription)
-    if not (0.0 < args.speed < math.inf and 0.0 < args.acceleration < math.inf):
-        raise TwinError("--speed and --acceleration must be above zero, and finite")
     limits = msgspec.structs.replace(
         robot.limits,
         speed_mps=args.speed,
@@ -221,9 +218,15 @@ def _plot_speed(
 
 
 def _flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--speed", type=float, default=5.0, metavar="M/S", help="default 5")
     parser.add_argument(
-        "--acceleration", type=float, default=2.5, metavar="M/S2", help="either way; default 2.5"
+        "--speed", type=flag_types.POSITIVE, default=5.0, metavar="M/S", help="default 5"
+    )
+    parser.add_argument(
+        "--acceleration",
+        type=flag_types.POSITIVE,
+        default=2.5,
+        metavar="M/S2",
+        help="either way; default 2.5",
     )
 
 

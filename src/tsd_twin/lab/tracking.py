@@ -42,11 +42,14 @@ def named_path(name: str, cut_m: float = 0.0) -> Path:
     return NAMED_PATHS[name](cut_m)
 
 
+_FARTHEST_M = 1000.0
+
+
 def path_through(points: Sequence[str], cut_m: float = 0.0, *, smooth: bool = False) -> Path:
     """Path through points written as `x,y`, metres: straight legs, or a spline.
 
     Raises:
-        PathError: a point cannot be read, or there are too few.
+        PathError: a point cannot be read or is too far away, or there are too few.
     """
     numbers: list[list[float]] = []
     for point in points:
@@ -54,6 +57,8 @@ def path_through(points: Sequence[str], cut_m: float = 0.0, *, smooth: bool = Fa
             x, y = (float(part) for part in point.split(","))
         except ValueError:
             raise PathError(f"a point is two numbers, x,y in metres, not '{point}'") from None
+        if not max(abs(x), abs(y)) <= _FARTHEST_M:
+            raise PathError(f"a point is within {_FARTHEST_M:g} m of the start, not '{point}'")
         numbers.append([x, y])
     return spline(numbers) if smooth else polyline(numbers, cut_m)
 

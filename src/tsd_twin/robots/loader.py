@@ -18,6 +18,7 @@ import msgspec
 from tsd_twin.errors import RobotFileError
 from tsd_twin.robots.description import Problem, RobotDescription, Table
 from tsd_twin.robots.kinds import DESCRIPTIONS
+from tsd_twin.robots.plausibility import range_problems
 from tsd_twin.robots.singularity import SingularityDescription
 
 _PACKAGE = "tsd_twin.robots"
@@ -143,9 +144,12 @@ def _kind(tables: Any, file: str) -> type[RobotDescription]:
 
 def _check(robot: RobotDescription, file: str) -> None:
     """Check the rules between values, and raise for a violation."""
-    for path, number in _numbers(msgspec.to_builtins(robot)):
+    numbers = list(_numbers(msgspec.to_builtins(robot)))
+    for path, number in numbers:
         if not math.isfinite(number):
             raise RobotFileError(file, f"{path}: {number} is not a finite number")
+    for problem, valid in range_problems(numbers):
+        raise RobotFileError(file, problem, valid)
     limits = robot.limits
     if limits.max_command_age_s > limits.max_command_age_ceiling_s:
         raise RobotFileError(

@@ -21,6 +21,7 @@ from tsd_twin.robots.description import (
     Table,
     carried_kg_m2,
 )
+from tsd_twin.robots.plausibility import proportion_problems
 
 
 class OmniWheel(Table, frozen=True):
@@ -134,6 +135,11 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
                 f"drive.wheels: {problem}",
                 "three or more wheels that do not all drive along lines through one point",
             )
+        yield from proportion_problems(
+            ("drive.wheel_radius_m", self.drive.wheel_radius_m),
+            ("drive.wheels", max(math.hypot(wheel.x_m, wheel.y_m) for wheel in self.drive.wheels)),
+            self.mass.total_kg,
+        )
         if self.dead_wheels is not None:
             (ax, ay, _), (bx, by, _) = self.dead_wheels.rows()
             if abs(ax * by - ay * bx) < 0.1:

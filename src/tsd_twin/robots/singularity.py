@@ -27,6 +27,7 @@ from tsd_twin.robots.description import (
     Table,
     WheelSpeedRange,
 )
+from tsd_twin.robots.plausibility import proportion_problems
 
 
 class SingularityGeometry(Table, frozen=True, tag="singularity", tag_field="kind"):
@@ -220,6 +221,11 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
                     f"{key} has {len(values)} entries for {self.drive.modules} modules",
                     "one for each of drive.azimuths_deg, or none",
                 )
+        yield from proportion_problems(
+            ("drive.wheel_radius_m", self.drive.wheel_radius_m),
+            ("drive.pivot_radius_m", self.drive.pivot_radius_m),
+            self.mass.total_kg,
+        )
         yield from self._calibration_problems()
         yield from self._motor_problems()
 

@@ -21,6 +21,7 @@ from tsd_twin.robots.description import (
     Table,
     carried_kg_m2,
 )
+from tsd_twin.robots.plausibility import proportion_problems
 
 
 class SphereWheel(Table, frozen=True):
@@ -104,6 +105,11 @@ class SphereDescription(GearedMotorDescription, frozen=True, kw_only=True):
         if self.drive.row_distance_m >= 2.0 * self._roller_circle_m:
             yield "drive.row_distance_m: the rows are farther apart than the sphere is wide", ""
             return
+        yield from proportion_problems(
+            ("drive.wheel_radius_m", self.drive.wheel_radius_m),
+            ("drive.sphere_radius_m", self.drive.sphere_radius_m),
+            self.mass.total_kg,
+        )
         if problem := layout_problem(*self._mounting()):
             yield (
                 f"drive.wheels: {problem}",

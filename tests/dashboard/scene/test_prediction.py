@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.support.controller_harness import ROBOT, ControllerHarness
 from tests.support.robot_feed import RobotFeed
-from tsd_twin.dashboard.robot_client import RoundTrips, SentCommand
+from tsd_twin.client.connection import RoundTrips, SentCommand
 from tsd_twin.dashboard.scene.overlays import swept_outline
 from tsd_twin.dashboard.scene.prediction import MotionPredictor, Prediction
 from tsd_twin.lie import SE2, Array

@@ -9,7 +9,7 @@ import pytest
 
 from tests.support.robot_feed import RobotFeed
 from tests.support.viser_client import ViserClient, viser_client
-from tsd_twin.dashboard.robot_client import SentCommand
+from tsd_twin.client.connection import SentCommand
 from tsd_twin.dashboard.scene.appearance import Layer, overlay_node
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.viser_compat import viser_server

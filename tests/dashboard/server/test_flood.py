@@ -16,8 +16,8 @@ from tests.support.recorders import CommandRecorder, is_put_to_rest, settle, zer
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.dashboard.dashboard import BackgroundWorker
 from tsd_twin.dashboard.server.auth import AccessSettings, AuthMiddleware
-from tsd_twin.dashboard.server.lease import ZERO_REPEATS
 from tsd_twin.dashboard.server.socket_limits import GRACE, POLICY_VIOLATION, TELEOP, TOO_MUCH
+from tsd_twin.dashboard.server.teleop import ZERO_REPEATS
 
 TOO_MANY = round((1.0 + GRACE) * TELEOP.messages.burst) + 100
 FLOOD = '{"t":"panel_released"}'

@@ -18,13 +18,14 @@ from tests.support.page_client import Page, Site, site
 from tests.support.recorders import CommandRecorder, is_put_to_rest, settle
 from tests.support.robot_feed import RobotFeed
 from tsd_twin import robots
-from tsd_twin.dashboard.robot_client import RobotClient, RpcExecutor
+from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.dashboard.scene.picking import (
     MAX_DISTANCE_M,
     CameraPose,
     EmptyPageScene,
     floor_points,
 )
+from tsd_twin.dashboard.server.lease import RpcExecutor
 from tsd_twin.dashboard.server.navigation import NavigationSession
 from tsd_twin.dashboard.server.protocol import MAX_POINTS, ActionReply, PlanRequest
 from tsd_twin.errors import PathError
@@ -304,7 +305,7 @@ class Desk:
 
     def step(self, number: int, now_s: float, feed: RobotFeed | None = None) -> ExecutionStep:
         """Hold the button, for the robot that control is had of."""
-        return self.going.step(cast(RobotClient, feed or self.feed), number, 0.25, now_s)
+        return self.going.step(cast(RobotMonitor, feed or self.feed), number, 0.25, now_s)
 
     def say(
         self,
@@ -320,7 +321,7 @@ class Desk:
 
     def request_plan(self, heading: float | None = None) -> None:
         wish = PlanRequest(kind="to", points=[(2.0, 0.0)], on="floor", heading=heading)
-        self.going.request_plan(cast(RobotClient, self.feed), wish)
+        self.going.request_plan(cast(RobotMonitor, self.feed), wish)
 
     async def plan(self) -> int:
         self.request_plan()

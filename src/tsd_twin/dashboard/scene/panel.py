@@ -10,9 +10,9 @@ from typing import Any, TypeAlias
 import numpy as np
 import viser
 
-from tsd_twin.dashboard.robot_client import FLOOR_AXES, axis_limits, twist_axes_of
 from tsd_twin.dashboard.scene.appearance import Layer
 from tsd_twin.dashboard.scene.client_view import CameraPreset, ClientView, TruePoseDisplay
+from tsd_twin.dashboard.scene.robot_geometry import FLOOR_AXES, axis_limits, twist_axes_of
 from tsd_twin.dashboard.scene.robot_visual import SPIN_SLOWDOWN, RobotVisual
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.tilt_exaggeration import TiltFactor

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsd_twin.dashboard.robot_client import RoundTrips, SentCommand, Snapshot
+from tsd_twin.client.connection import RoundTrips, SentCommand, Snapshot
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.ros import ODOM

@@ -29,6 +29,7 @@ from tsd_twin.models import (
 )
 from tsd_twin.models.links import Sphere
 from tsd_twin.robots import RobotDescription
+from tsd_twin.robots.description import Limits
 
 _UNITS = np.eye(4)
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
@@ -327,3 +328,43 @@ def _tinted(drawn: Iterable[Part], colour: Rgb) -> list[Part]:
         replace(part, material=replace(part.material, rgba=(float(r), float(g), float(b), 1.0)))
         for part, (r, g, b) in zip(drawn, mixed, strict=True)
     ]
+
+
+class TwistAxis(NamedTuple):
+    """Component of a twist: name, symbol and unit."""
+
+    name: str
+    symbol: str
+    unit: str
+    hint: str
+
+    @property
+    def label(self) -> str:
+        """Label of its slider."""
+        return f"{self.name} ({self.unit})"
+
+
+FLOOR_AXES = (
+    TwistAxis("vx", "vx", "m/s", "Forward is positive"),
+    TwistAxis("vy", "vy", "m/s", "Left is positive"),
+    TwistAxis("omega", "ω", "rad/s", "Turning left is positive"),
+)
+"""Of a robot that drives over a floor."""
+_SPHERE_AXES = (
+    TwistAxis("wx", "ωx", "rad/s", "Positive rolls the top of the sphere to the right"),
+    TwistAxis("wy", "ωy", "rad/s", "Positive rolls the top of the sphere forward"),
+    TwistAxis("wz", "ωz", "rad/s", "Positive turns the sphere left"),
+)
+_TWIST_AXES = {(0, 1, 5): FLOOR_AXES, (3, 4, 5): _SPHERE_AXES}
+"""By where they stand in a spatial twist."""
+
+
+def twist_axes_of(kinematics: Kinematics[Any]) -> tuple[TwistAxis, TwistAxis, TwistAxis]:
+    """Return the components of a twist, in order."""
+    return _TWIST_AXES[kinematics.twist_axes]
+
+
+def axis_limits(kinematics: Kinematics[Any], limits: Limits) -> tuple[float, float, float]:
+    """Return the limit of each component of a twist, in its unit."""
+    most = limits.speed_mps / kinematics.twist_scale_m
+    return most, most, limits.turn_rate_rad_per_s

@@ -11,7 +11,7 @@ import numpy as np
 import viser
 from manifold3d import CrossSection
 
-from tsd_twin.dashboard.robot_client import Snapshot
+from tsd_twin.client.connection import Snapshot
 from tsd_twin.dashboard.scene import appearance
 from tsd_twin.dashboard.scene.appearance import (
     ALTERNATIVE_POSES,

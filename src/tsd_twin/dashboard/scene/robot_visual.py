@@ -9,12 +9,8 @@ import numpy as np
 import numpy.typing as npt
 import viser
 
-from tsd_twin.dashboard.robot_client import (
-    RoundTrips,
-    SentCommand,
-    Snapshot,
-    kinematics_at_reported_speed,
-)
+from tsd_twin.client.connection import RoundTrips, SentCommand, Snapshot
+from tsd_twin.client.motions import kinematics_in_force
 from tsd_twin.dashboard.scene.appearance import robot_node
 from tsd_twin.dashboard.scene.overlays import RateLimiter
 from tsd_twin.dashboard.scene.prediction import NO_PREDICTION, MotionPredictor, Prediction
@@ -208,9 +204,8 @@ class RobotVisual:
     @property
     def kinematics(self) -> Kinematics[Any]:
         """Kinematics at the reported wheel speed."""
-        return kinematics_at_reported_speed(
-            self.link.robot, self.link.kinematics, self.link.snapshot
-        )
+        link = self.link
+        return kinematics_in_force(link.robot, link.kinematics, link.snapshot.status)
 
     def update(self) -> None:
         """Update with the newest snapshot."""

@@ -1,207 +1,139 @@
-"""Lease client of one page: acquire, renew, hand over and release control of a robot."""
+"""Calls to robots without blocking the event loop, and the lease of one page."""
 
 from __future__ import annotations
 
 import asyncio
-import logging
 import time
-from collections.abc import Callable, Coroutine, Sequence
-from enum import StrEnum
+from collections.abc import Callable, Coroutine
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Literal, ParamSpec, TypeVar
 
-import numpy as np
-
-from tsd_twin.dashboard.robot_client import LeaseHolder, RobotClient, RpcExecutor
+from tsd_twin.client import ControlDenied, RequestRefused, procedures
+from tsd_twin.client.connection import RobotMonitor
+from tsd_twin.client.procedures import LeaseRequestState
+from tsd_twin.client.protocol import RENEW_PERIOD_S, ControlProtocol
+from tsd_twin.client.steps import Call, Outcome, Procedure, SendStop, Step, run_async
 from tsd_twin.dashboard.server.protocol import ActionReply, LeaseAction
-from tsd_twin.errors import BusError
-from tsd_twin.messages.ros import BASE
-from tsd_twin.messages.services import HolderRequest, LeaseRequest, Reply, SpeedRequest
-from tsd_twin.messages.status import LeaseStatus, Status
+from tsd_twin.errors import TwinError
+from tsd_twin.messages.services import HolderRequest, LeaseReply, Reply
+from tsd_twin.messages.status import LeaseStatus
 from tsd_twin.messages.topics import Service
 
-_LOG = logging.getLogger(__name__)
+_Args = ParamSpec("_Args")
+_Answer = TypeVar("_Answer")
+_Result = TypeVar("_Result")
 
-ZERO_PERIOD_S = 0.02
-ZERO_REPEATS = 25
-"""A zero is sent again so often, unless a status shows before that it counted."""
-_LEASE_GRACE_S = 0.3
-"""A status sent before the lease was granted does not contain it."""
+_RPC_THREADS = 8
+_STOP_THREADS = 32
 
 
-class Lease:
-    """Lease of one robot: publishes commands and calls services with it."""
+class RpcExecutor:
+    """Thread pools for blocking calls: a stop never waits behind a call to a robot that does not
+    answer.
 
-    def __init__(self, link: RobotClient, holder: LeaseHolder, executor: RpcExecutor) -> None:
-        self.link = link
-        self._holder = holder
-        self._executor = executor
-        self._acquired_s = time.monotonic()
-        self._components = list(link.kinematics.twist_axes)
-        self.max_age_s = holder.max_age_s
-        """Limit of the command age of this lease."""
-        self._zero_timer: asyncio.TimerHandle | None = None
+    One thread plans for all pages; cancelled calls are not started.
+    """
 
-    def send_twist(self, twist: Sequence[float], seen: int, frame: str = BASE) -> None:
-        """Send a twist (3,) at once, with the number of the newest state that the page has seen."""
-        self._cancel_zeros()
-        self._send_command(twist, seen, frame)
+    def __init__(self) -> None:
+        self._rpc_pool = ThreadPoolExecutor(_RPC_THREADS, "ask")
+        self._stop_pool = ThreadPoolExecutor(_STOP_THREADS, "stop")
+        self._planning_pool = ThreadPoolExecutor(1, "plan")
+        self._stops: dict[str, asyncio.Task[Reply]] = {}
+        self._next_stops: dict[str, asyncio.Task[Reply]] = {}
 
-    def send_zero(self) -> None:
-        """Send a zero, repeated every 20 ms until a status of the robot confirms it.
+    def close(self) -> None:
+        """Accept no more calls; running ones end by themselves."""
+        self._rpc_pool.shutdown(wait=False, cancel_futures=True)
+        self._stop_pool.shutdown(wait=False)
+        self._planning_pool.shutdown(wait=False, cancel_futures=True)
 
-        It is said now, so it counts, whatever the page has seen. The bus may lose any command, and
-        the one before the zero would stand until it runs out. The next `drive` ends it, as does the
-        end of the lease, or half a second.
+    async def run(self, link: RobotMonitor, procedure: Procedure[_Result]) -> _Result:
+        """Run a procedure that calls services of a robot."""
+        return await _run(link, procedure, self._rpc_pool)
+
+    async def measure(self, link: RobotMonitor, call: Call) -> float | None:
+        """Return the time from a call to its answer; None without one."""
+
+        def timed() -> float | None:
+            start_s = time.perf_counter()
+            answer = link.call(call.service, call.payload, call.timeout_s)
+            return None if answer is None else time.perf_counter() - start_s
+
+        return await asyncio.get_running_loop().run_in_executor(self._rpc_pool, timed)
+
+    async def plan(
+        self, compute: Callable[_Args, _Answer], *args: _Args.args, **kwargs: _Args.kwargs
+    ) -> _Answer:
+        """Return the result of a long computation."""
+        loop = asyncio.get_running_loop()
+        return await loop.run_in_executor(self._planning_pool, lambda: compute(*args, **kwargs))
+
+    async def stop(self, link: RobotMonitor, operator: str) -> Reply:
+        """Repeat a stop that has been published, until the robot acknowledges it.
+
+        Further requests share the one that follows a running one, so a stop begins after each press
+        and no robot uses more than one thread.
         """
-        self._cancel_zeros()
-        self._repeat_zero(ZERO_REPEATS, None)
+        if (under_way := self._stops.get(link.id)) is None or under_way.done():
+            self._stops[link.id] = asyncio.create_task(self._stop(link, operator))
+            return await asyncio.shield(self._stops[link.id])
+        if link.id not in self._next_stops:
+            self._next_stops[link.id] = asyncio.create_task(self._after(under_way, link, operator))
+        return await asyncio.shield(self._next_stops[link.id])
 
-    def _repeat_zero(self, left: int, first: int | None) -> None:
-        self._zero_timer = None
-        status = self.link.snapshot.status
-        if first is not None and status is not None:
-            if status.command.seq >= first and status.lease.holder == self._holder.operator:
-                return
-            if self.is_lost(status):
-                return
-        number = self._send_command((0.0, 0.0, 0.0), self.link.snapshot.status_seq, BASE)
-        if left > 0:
-            again = partial(self._repeat_zero, left - 1, number if first is None else first)
-            self._zero_timer = asyncio.get_running_loop().call_later(ZERO_PERIOD_S, again)
+    async def _after(self, before: asyncio.Task[Reply], link: RobotMonitor, operator: str) -> Reply:
+        await before
+        self._stops[link.id] = self._next_stops.pop(link.id)
+        return await self._stop(link, operator)
 
-    def _cancel_zeros(self) -> None:
-        if self._zero_timer is not None:
-            self._zero_timer.cancel()
-            self._zero_timer = None
-
-    def _send_command(self, twist: Sequence[float], seen: int, frame: str) -> int:
-        """Send a twist, and return its number; 0 when the bus is closed."""
-        spatial = np.zeros(6)
-        spatial[self._components] = twist
+    async def _stop(self, link: RobotMonitor, operator: str) -> Reply:
         try:
-            return self.link.publish_twist(self._holder, spatial, seen, frame)
-        except BusError as error:
-            _LOG.warning("%s: %s", self.link.id, error)  # The robot stops by itself.
-            return 0
-
-    def is_lost(self, status: Status) -> bool:
-        """Return whether the status names another lease holder or none."""
-        settled = time.monotonic() - self._acquired_s > _LEASE_GRACE_S
-        return settled and status.lease.holder != self._holder.operator
-
-    async def call_service(self, service: Service) -> Reply:
-        """Call a service that requires the lease."""
-        return await self._executor.call(
-            self.link.call_service, service, HolderRequest(self._holder.lease_hex)
-        )
-
-    async def set_wheel_speed(self, cruise_speed_rpm: float) -> Reply:
-        """Request another speed of wheels that always spin."""
-        request = SpeedRequest(self._holder.lease_hex, cruise_speed_rpm)
-        return await self._executor.call(self.link.call_service, Service.SPEED, request)
-
-    async def renew(self) -> None:
-        """Renew the lease; the status shows the result."""
-        await self._executor.call(
-            self.link.call_lease_service,
-            LeaseRequest(op="renew", operator=self._holder.operator, lease=self._holder.lease_hex),
-        )
-
-    async def release(self) -> None:
-        """Release the lease; if that fails, it expires."""
-        await self._executor.call(
-            self.link.call_lease_service,
-            LeaseRequest(
-                op="release", operator=self._holder.operator, lease=self._holder.lease_hex
-            ),
-        )
-        self._cancel_zeros()
-
-    async def answer_request(self, op: Literal["grant", "deny"], asker: str | None) -> Reply:
-        """Grant or deny the pending request."""
-        holder = self._holder
-        request = LeaseRequest(op=op, operator=holder.operator, lease=holder.lease_hex, asker=asker)
-        reply = await self._executor.call(self.link.call_lease_service, request)
-        return Reply(reply.done, reply.reason)
+            await _run(link, procedures.stop(link.id, operator, ""), self._stop_pool)
+        except TwinError as error:
+            return Reply(False, str(error))
+        return Reply(True)
 
 
-async def acquire_lease(
-    link: RobotClient,
-    operator: str,
-    executor: RpcExecutor,
-    *,
-    take_over: bool,
-    max_age_s: float | None,
-    reason: str = "",
-) -> Lease | str:
-    """Return the lease of a robot, or the reason of the refusal."""
-    request = LeaseRequest(
-        op="acquire", operator=operator, take_over=take_over, max_age_s=max_age_s, reason=reason
-    )
-    reply = await executor.call(link.call_lease_service, request)
-    if not reply.granted or reply.lease is None:
-        return reply.reason or "the robot refuses"
-    return Lease(link, LeaseHolder(operator, reply.lease, reply.max_age_s), executor)
+async def _run(link: RobotMonitor, procedure: Procedure[_Result], pool: Executor) -> _Result:
+    async def perform(step: Step) -> Outcome:
+        answer = None
+        if isinstance(step, Call):
+            call = partial(link.call, step.service, step.payload, step.timeout_s)
+            answer = await asyncio.get_running_loop().run_in_executor(pool, call)
+        elif isinstance(step, SendStop):
+            link.send_stop(step.payload)
+        return Outcome(link.now_s(), answer)
+
+    return await run_async(link, procedure, perform)
 
 
-_REQUEST_GRACE_S = 0.3
-"""A status sent before the request does not contain it."""
+@dataclass(slots=True, eq=False)
+class Lease:
+    """Lease of one robot, as long as `protocol` has it."""
+
+    link: RobotMonitor
+    protocol: ControlProtocol
 
 
-class LeaseRequestState(StrEnum):
-    """State of a pending lease request."""
+@dataclass(frozen=True, slots=True)
+class _PendingRequest:
+    """Pending request for control; the status of the robot contains its progress."""
 
-    WAITING = "waiting"
-    GRANTED = "ours"
-    """The lease is reserved for this operator, or free: acquire it."""
-    ENDED = "over"
-    """Denied, timed out, or granted to another operator."""
-
-
-class PendingLeaseRequest:
-    """Pending lease request; the status of the robot contains its progress."""
-
-    def __init__(
-        self, link: RobotClient, operator: str, options: LeaseAction, executor: RpcExecutor
-    ) -> None:
-        self.link = link
-        self.options = options
-        """Options for the acquisition of the lease."""
-        self._operator = operator
-        self._executor = executor
-        self._sent_s = time.monotonic()
-
-    async def send(self) -> Reply:
-        """Send the request to the holder."""
-        reply = await self._send(LeaseRequest(op="request", operator=self._operator))
-        self._sent_s = time.monotonic()
-        return reply
-
-    async def withdraw(self) -> Reply:
-        """Withdraw the request; it times out if that fails."""
-        return await self._send(LeaseRequest(op="withdraw", operator=self._operator))
-
-    def state(self, lease: LeaseStatus) -> LeaseRequestState:
-        """Return the state of the request."""
-        if lease.asked_by == self._operator:
-            return LeaseRequestState.WAITING
-        if lease.reserved_for == self._operator:
-            return LeaseRequestState.GRANTED
-        if lease.holder is None and lease.reserved_for is None:
-            return LeaseRequestState.GRANTED
-        settled = time.monotonic() - self._sent_s > _REQUEST_GRACE_S
-        return LeaseRequestState.ENDED if settled else LeaseRequestState.WAITING
-
-    async def _send(self, request: LeaseRequest) -> Reply:
-        reply = await self._executor.call(self.link.call_lease_service, request)
-        return Reply(reply.done, reply.reason)
+    link: RobotMonitor
+    protocol: ControlProtocol
+    options: LeaseAction
+    """Options for the acquisition of the lease."""
+    sent_s: float
 
 
 HEARTBEAT_TIMEOUT_S = 2.0
 """A page without a heartbeat for this long loses the lease."""
-RENEW_PERIOD_S = 0.5
-"""The lease is renewed this often."""
+_REQUEST_GRACE_S = 0.3
+"""A status sent before the request does not contain it."""
+_NO_LEASE = Reply(False, "take control first")
+_NO_ROBOT = Reply(False, "no robot is shown")
 
 
 class LeaseClient:
@@ -218,7 +150,7 @@ class LeaseClient:
     ) -> None:
         self.lease: Lease | None = None
         """Lease that the page holds."""
-        self._pending: PendingLeaseRequest | None = None
+        self._pending: _PendingRequest | None = None
         self._operator = operator
         self._executor = executor
         self._send_reply = send_reply
@@ -243,7 +175,12 @@ class LeaseClient:
         return True
 
     async def _run_request(self, what: str, work: Coroutine[Any, Any, Reply]) -> None:
-        reply = await work
+        try:
+            reply = await work
+        except TwinError as error:
+            # Of a refusal, the robot's own sentence.
+            refused = isinstance(error, ControlDenied | RequestRefused)
+            reply = Reply(False, error.reason if refused else str(error))
         self._send_reply(ActionReply(to=what, ok=reply.ok, reason=reply.reason))
 
     async def close(self) -> None:
@@ -251,6 +188,21 @@ class LeaseClient:
         if self._request is not None:
             await asyncio.wait([self._request])
         await self.release_lease()
+
+    # The status of the robot.
+
+    def lost_lease(self) -> str | None:
+        """Forget the lease when the robot says that it has ended, and return why."""
+        lease = self.lease
+        if lease is None:
+            return None
+        snapshot = lease.link.snapshot
+        if snapshot.status is not None:
+            lease.protocol.receive_status(snapshot.status, snapshot.status_seq, snapshot.received_s)
+        if lease.protocol.has_lease:
+            return None
+        self._forget_lease()
+        return lease.protocol.lost_reason
 
     def on_lease_status(self, lease: LeaseStatus) -> None:
         """Acquire the lease once the holder has granted it, if the page is alive."""
@@ -260,7 +212,8 @@ class LeaseClient:
         if time.monotonic() - self._heartbeat_s > HEARTBEAT_TIMEOUT_S:
             self.start_request("lease", self.withdraw())
             return
-        match pending.state(lease):
+        settled = time.monotonic() - pending.sent_s > _REQUEST_GRACE_S
+        match procedures.request_state(lease, self._operator, settled=settled):
             case LeaseRequestState.GRANTED:
                 self._pending = None
                 self.start_request("lease", self.acquire(pending.link, pending.options))
@@ -271,56 +224,62 @@ class LeaseClient:
 
     # Requests.
 
-    async def acquire(self, link: RobotClient | None, options: LeaseAction) -> Reply:
+    async def acquire(self, link: RobotMonitor | None, options: LeaseAction) -> Reply:
         """Acquire the lease."""
         if link is None:
-            return Reply(False, "no robot is shown")
-        self._release_controls("control is asked for")
-        await self.release_lease()
-        control = await acquire_lease(
-            link,
-            self._operator,
-            self._executor,
+            return _NO_ROBOT
+        protocol = await self._begin(link)
+        acquiring = procedures.request_lease(
+            protocol,
             take_over=options.take_over,
             max_age_s=options.max_age_s,
             reason=options.reason,
         )
-        if isinstance(control, str):
-            return Reply(False, control)
-        self.lease = control
-        self._renewing = asyncio.create_task(self._renew_while_alive(control))
+        await self._executor.run(link, acquiring)
+        self.lease = lease = Lease(link, protocol)
+        self._renewing = asyncio.create_task(self._renew_while_alive(lease))
         return Reply(True)
 
-    async def request(self, link: RobotClient | None, options: LeaseAction) -> Reply:
+    async def request(self, link: RobotMonitor | None, options: LeaseAction) -> Reply:
         """Request the lease from its holder; `on_lease_status` acquires it once granted."""
         if link is None:
-            return Reply(False, "no robot is shown")
+            return _NO_ROBOT
+        protocol = await self._begin(link)
+        reply = await self._executor.run(link, procedures.ask_holder(protocol))
+        if reply.done:
+            self._pending = _PendingRequest(link, protocol, options, time.monotonic())
+        return Reply(reply.done, reply.reason)
+
+    async def _begin(self, link: RobotMonitor) -> ControlProtocol:
+        """Release what is held, and return the protocol of a new lease."""
         self._release_controls("control is asked for")
         await self.release_lease()
-        pending = PendingLeaseRequest(link, self._operator, options, self._executor)
-        reply = await pending.send()
-        if reply.ok:
-            self._pending = pending
-        return reply
+        protocol, snapshot = ControlProtocol(link.id, link.robot, self._operator), link.snapshot
+        if snapshot.status is not None:
+            protocol.receive_status(snapshot.status, snapshot.status_seq, snapshot.received_s)
+        return protocol
 
     async def withdraw(self) -> Reply:
         """Withdraw the pending request."""
         pending, self._pending = self._pending, None
         if pending is None:
             return Reply(False, "you do not ask for control")
-        return await pending.withdraw()
+        withdrawing = procedures.withdraw_request(pending.protocol)
+        reply = await self._executor.run(pending.link, withdrawing)
+        return Reply(False, "the robot does not answer") if reply is None else _done(reply)
 
     async def answer_request(self, op: Literal["grant", "deny"], asker: str | None) -> Reply:
         """Grant or deny a pending request; a grant releases the controls first."""
-        control = self.lease
-        if control is None:
-            return Reply(False, "take control first")
+        lease = self.lease
+        if lease is None:
+            return _NO_LEASE
         if op == "grant":
             self._release_controls("control is handed over")
-        reply = await control.answer_request(op, asker)
-        if reply.ok and op == "grant" and self.lease is control:
-            self.forget_lease()
-        return reply
+        answering = procedures.answer_request(lease.protocol, grant=op == "grant", asker=asker)
+        await self._executor.run(lease.link, answering)
+        if op == "grant" and self.lease is lease:
+            self._forget_lease()
+        return Reply(True)
 
     async def release(self) -> Reply:
         """Release control."""
@@ -331,39 +290,47 @@ class LeaseClient:
     async def call_service(self, service: Service) -> Reply:
         """Call a service that requires the lease."""
         if self.lease is None:
-            return Reply(False, "take control first")
-        return await self.lease.call_service(service)
+            return _NO_LEASE
+        protocol = self.lease.protocol
+        message = HolderRequest(protocol.lease_hex)
+        calling = procedures.request(protocol, service, message, service.name.lower())
+        await self._executor.run(self.lease.link, calling)
+        return Reply(True)
 
     async def set_wheel_speed(self, cruise_speed_rpm: float) -> Reply:
         """Request another wheel speed; the reply states the range."""
         if self.lease is None:
-            return Reply(False, "take control first")
-        return await self.lease.set_wheel_speed(cruise_speed_rpm)
-
-    # Control.
+            return _NO_LEASE
+        setting = procedures.set_wheel_speed(self.lease.protocol, cruise_speed_rpm)
+        await self._executor.run(self.lease.link, setting)
+        return Reply(True)
 
     async def release_lease(self) -> None:
         """Release the lease, if held, and withdraw a pending request."""
-        control, pending = self.lease, self._pending
+        lease, pending = self.lease, self._pending
         self._pending = None
-        self.forget_lease()
+        self._forget_lease()
         if pending is not None:
-            await pending.withdraw()
-        if control is not None:
-            await control.release()
+            await self._executor.run(pending.link, procedures.withdraw_request(pending.protocol))
+        if lease is not None:
+            await self._executor.run(lease.link, procedures.release_lease(lease.protocol))
 
-    def forget_lease(self) -> None:
-        """Forget the lease, which has ended already."""
+    def _forget_lease(self) -> None:
         self.lease = None
         if self._renewing is not None:
             self._renewing.cancel()
             self._renewing = None
 
-    async def _renew_while_alive(self, control: Lease) -> None:
+    async def _renew_while_alive(self, lease: Lease) -> None:
         """Renew the lease while heartbeats of the page arrive."""
         while time.monotonic() - self._heartbeat_s <= HEARTBEAT_TIMEOUT_S:
-            await control.renew()
-            await asyncio.sleep(RENEW_PERIOD_S)
+            renewing = procedures.renew(lease.protocol, lease.link.now_s())
+            await self._executor.run(lease.link, renewing)
+            await asyncio.sleep(0.5 * RENEW_PERIOD_S)
         self._release_controls("no sign of life from the page")
         self._renewing = None  # Releasing cancels this task.
         await self.release_lease()
+
+
+def _done(reply: LeaseReply) -> Reply:
+    return Reply(reply.done, reply.reason)

@@ -8,46 +8,28 @@ import asyncio
 import logging
 import math
 from collections.abc import Callable, Coroutine
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal
 
-import msgspec
 import numpy as np
 
-from tsd_twin.dashboard.robot_client import RobotClient, RpcExecutor, kinematics_at_reported_speed
+from tsd_twin.client.connection import RobotMonitor
+from tsd_twin.client.motions import PlanLimits, plan
 from tsd_twin.dashboard.scene.overlays import ROUTE_POINTS
 from tsd_twin.dashboard.scene.picking import PageScene
+from tsd_twin.dashboard.server.lease import RpcExecutor
 from tsd_twin.dashboard.server.protocol import ActionReply, PlanRequest, RouteState
 from tsd_twin.errors import PathError
-from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array, wrap
-from tsd_twin.motion import TwistLimiter
 from tsd_twin.motion.routes import NavigationGoal
 from tsd_twin.motion.tracking import ExecutionPhase, ExecutionStep, TrajectoryExecutor
-from tsd_twin.motion.trajectory import Trajectory, plan
-from tsd_twin.robots.description import Limits
+from tsd_twin.motion.trajectory import Trajectory
 from tsd_twin.safety import LATCHED, Mode
 
-_SPEED_SHARE = 0.9
-_LIMITS_SHARE = 0.7
-"""Of the limits of speed, and of the others, that the timing uses: the rest is for correction."""
-_MAX_CELLS = 250
-_MIN_CELL_M = 0.01
 _MIN_DRAG_M = 0.05
 """A shorter drag gives no heading."""
 _START_TOLERANCE_M, _START_TOLERANCE_RAD = 0.03, 0.05
 """Tolerance between the robot and the start of its plan."""
-
-
-@dataclass(frozen=True, slots=True)
-class PlanLimits:
-    """Limits and kinematics that a plan is timed with."""
-
-    limits: Limits
-    wheel_speed_rpm: float | None
-    """Speed of wheels that always spin; None without such wheels."""
-    kinematics: Kinematics[SE2] = field(compare=False)
-    """Kinematics at that wheel speed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,40 +83,10 @@ def navigation_goal(request: PlanRequest, points: Array) -> NavigationGoal:
     return NavigationGoal(points, heading)
 
 
-def current_limits(link: RobotClient, level: int) -> PlanLimits:
+def current_limits(link: RobotMonitor, level: int) -> PlanLimits:
     """Return the limits in force, at a speed level in percent."""
-    limits, snapshot = link.robot.limits, link.snapshot
-    status = snapshot.status
-    speed, turn = limits.speed_mps, limits.turn_rate_rad_per_s
-    if status is not None and status.limits.speed_mps > 0.0:
-        speed = min(speed, status.limits.speed_mps)
-    if status is not None and status.limits.turn_rate_rad_per_s > 0.0:
-        turn = min(turn, status.limits.turn_rate_rad_per_s)
-    share = 0.01 * level
-    return PlanLimits(
-        msgspec.structs.replace(limits, speed_mps=share * speed, turn_rate_rad_per_s=share * turn),
-        None if status is None or status.wheel_speed is None else status.wheel_speed.wanted_rpm,
-        kinematics_at_reported_speed(link.robot, link.kinematics, snapshot),
-    )
-
-
-def plan_trajectory(
-    navigation_goal: NavigationGoal, start: SE2, limits_used: PlanLimits
-) -> Trajectory:
-    """Return the path to a goal, timed within the limits; takes some 50 ms.
-
-    Raises:
-        PathError: there is none.
-    """
-    route, limits = navigation_goal.route(start), limits_used.limits
-    turn = _SPEED_SHARE * limits.turn_rate_rad_per_s
-    return plan(
-        route,
-        limits_used.kinematics,
-        msgspec.structs.replace(limits, turn_rate_rad_per_s=turn),
-        share=_LIMITS_SHARE,
-        speed_mps=_SPEED_SHARE * limits.speed_mps,
-        cell_m=max(_MIN_CELL_M, route.length_m / _MAX_CELLS),
+    return PlanLimits.in_force(
+        link.robot, link.kinematics, link.snapshot.status, share=0.01 * level
     )
 
 
@@ -160,7 +112,7 @@ class NavigationSession:
     ) -> None:
         self._page, self._executor, self._page_scene = page, executor, page_scene
         self._send_reply = send_reply
-        self._link: RobotClient | None = None
+        self._link: RobotMonitor | None = None
         self._navigation_goal: NavigationGoal | None = None
         self._speed_level_percent = 100
         self._timed_plan: TimedPlan | None = None
@@ -189,7 +141,7 @@ class NavigationSession:
 
     # Requests of the page.
 
-    def request_plan(self, link: RobotClient, message: PlanRequest) -> None:
+    def request_plan(self, link: RobotMonitor, message: PlanRequest) -> None:
         """Plan a path for a robot that this page controls; a new request replaces the previous
         one.
         """
@@ -255,7 +207,9 @@ class NavigationSession:
         self._timed_plan = self._follower = self._step = None
         self._started = True
 
-    def step(self, link: RobotClient, number: int, max_age_s: float, now_s: float) -> ExecutionStep:
+    def step(
+        self, link: RobotMonitor, number: int, max_age_s: float, now_s: float
+    ) -> ExecutionStep:
         """Return the command while the button is held, and the state of plan `number`.
 
         `link` is the robot to command; a plan of another robot is ignored.
@@ -284,7 +238,7 @@ class NavigationSession:
         return step
 
     def _start_following(
-        self, link: RobotClient, timed_plan: TimedPlan, pose: SE2
+        self, link: RobotMonitor, timed_plan: TimedPlan, pose: SE2
     ) -> TrajectoryExecutor:
         status = link.snapshot.status
         if status is None or status.mode != Mode.READY:
@@ -294,14 +248,10 @@ class NavigationSession:
             raise PathError("the robot or its limits are not what they were: it is planned anew")
         return TrajectoryExecutor(
             timed_plan.trajectory,
-            lambda twist: self._cap(link, twist),
+            lambda twist: current_limits(link, self._speed_level_percent).cap(twist),
             lag_s=link.robot.lag_s,
             delay_s=link.round_trips.median_s() or 0.0,
         )
-
-    def _cap(self, link: RobotClient, twist: Array) -> Array:
-        limits = current_limits(link, self._speed_level_percent)
-        return TwistLimiter(limits.kinematics, limits.limits).cap(twist)
 
     # Planning.
 
@@ -327,9 +277,9 @@ class NavigationSession:
         self._send_reply(ActionReply(to="plan", ok=True))
 
     async def _plan(
-        self, link: RobotClient, navigation_goal: NavigationGoal, start: SE2, limits: PlanLimits
+        self, link: RobotMonitor, navigation_goal: NavigationGoal, start: SE2, limits: PlanLimits
     ) -> None:
-        trajectory = await self._executor.plan(plan_trajectory, navigation_goal, start, limits)
+        trajectory = await self._executor.plan(plan, navigation_goal, start, limits)
         self._plan_count += 1
         self._timed_plan = TimedPlan(self._plan_count, start, limits, trajectory)
         self._is_drawn = True

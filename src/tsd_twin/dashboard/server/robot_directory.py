@@ -10,10 +10,12 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
-from tsd_twin.dashboard.robot_client import RobotClient, RpcExecutor
+from tsd_twin.client import procedures
+from tsd_twin.client.connection import RobotMonitor
+from tsd_twin.dashboard.server.lease import RpcExecutor
 from tsd_twin.dashboard.server.protocol import RobotName, RobotState
 from tsd_twin.dashboard.server.telemetry import RobotTelemetry
-from tsd_twin.messages.services import Event, LeaseRequest
+from tsd_twin.messages.services import Event
 
 MAX_ROBOTS = 64
 MAX_EVENTS = 30
@@ -21,6 +23,7 @@ MAX_EVENTS = 30
 LIVE_TIMEOUT_S = 1.0
 """A robot without a state for longer is not live."""
 _PING_PERIOD_S = 0.25
+_OPERATOR = "gateway"
 _IDLE_PINGS = 4
 """Periods from one measurement to the next while no page is open."""
 
@@ -29,7 +32,7 @@ class RobotClients(Protocol):
     """Robot clients by id, and a notification of changes."""
 
     @property
-    def links(self) -> Mapping[str, RobotClient]:
+    def links(self) -> Mapping[str, RobotMonitor]:
         """Clients of all robots, by id."""
         ...
 
@@ -135,21 +138,13 @@ class RobotDirectory:
             self._modes[robot_id] = known = (mode, time.monotonic())
         return known[1]
 
-    async def _measure(self, link: RobotClient) -> None:
-        request = LeaseRequest(op="peek", operator="gateway")
-        took_s, answered = await self._executor.call(_ping, link, request)
-        if answered:
-            link.round_trips.add(took_s)
-        else:
+    async def _measure(self, link: RobotMonitor) -> None:
+        took_s = await self._executor.measure(link, procedures.peek(_OPERATOR))
+        if took_s is None:
             link.round_trips.clear()
+        else:
+            link.round_trips.add(took_s)
 
 
-def _ping(link: RobotClient, request: LeaseRequest) -> tuple[float, bool]:
-    start_s = time.perf_counter()
-    reply = link.call_lease_service(request)
-    # A peek grants nothing, and only a missing reply has a reason.
-    return time.perf_counter() - start_s, not reply.reason
-
-
-def _state_age_s(link: RobotClient) -> float:
+def _state_age_s(link: RobotMonitor) -> float:
     return time.monotonic() - link.snapshot.received_s

@@ -1,17 +1,21 @@
-"""Session of one page: dispatches its messages and sends it state, events and replies."""
+"""Session of one page: what comes in decides, what goes out only shows.
+
+Messages of the page and statuses of its robot come in; states, events and replies go out.
+"""
 
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, Protocol
 
 import msgspec
 
-from tsd_twin.dashboard.robot_client import RpcExecutor
+from tsd_twin.client import procedures
 from tsd_twin.dashboard.scene.picking import PageScene
 from tsd_twin.dashboard.server.auth import Principal
-from tsd_twin.dashboard.server.lease import LeaseClient
+from tsd_twin.dashboard.server.lease import LeaseClient, RpcExecutor
 from tsd_twin.dashboard.server.navigation import NavigationSession
 from tsd_twin.dashboard.server.protocol import (
     ActionReply,
@@ -40,13 +44,90 @@ from tsd_twin.dashboard.server.protocol import (
     encode_message,
 )
 from tsd_twin.dashboard.server.robot_directory import RobotDirectory
-from tsd_twin.dashboard.server.send_queue import SendQueue
 from tsd_twin.dashboard.server.student_session import StudentSession
-from tsd_twin.dashboard.server.teleop import DRIVABLE_MODES, TeleopController
+from tsd_twin.dashboard.server.teleop import TeleopController
 from tsd_twin.errors import MessageError
 from tsd_twin.messages.services import Event, Reply
+from tsd_twin.messages.status import Status
 from tsd_twin.messages.topics import Service
 from tsd_twin.security import Role
+
+MAX_QUEUED = 64
+"""Replies and events that wait for a slow page; then the oldest are dropped."""
+MAX_UNACKNOWLEDGED = 12
+"""States in flight that the page has not acknowledged; then no more are sent until it does."""
+
+
+class Socket(Protocol):
+    """Sending part of a WebSocket."""
+
+    async def send_str(self, data: str) -> None:
+        """Send a text frame; waits while the socket is full."""
+        ...
+
+
+class SendQueue:
+    """Send queue of one page, which keeps only the newest state; event loop only.
+
+    Back pressure of the socket is not enough: the kernel buffers seconds of old states.
+    The page confirms the states it has seen, so no more than `MAX_UNACKNOWLEDGED` are ever on the
+    way.
+    """
+
+    def __init__(self) -> None:
+        self._messages: deque[str] = deque(maxlen=MAX_QUEUED)
+        self._panel: str | None = None
+        self._state: tuple[int, str] | None = None
+        self._unacknowledged: deque[int] = deque()
+        self._wake = asyncio.Event()
+
+    def put(self, text: str) -> None:
+        """Queue a reply or an event."""
+        self._messages.append(text)
+        self._wake.set()
+
+    def put_panel(self, text: str) -> None:
+        """Queue the slider positions, in place of waiting ones."""
+        self._panel = text
+        self._wake.set()
+
+    def put_state(self, number: int, text: str) -> None:
+        """Queue a state, in place of a waiting one."""
+        self._state = (number, text)
+        self._wake.set()
+
+    def acknowledge(self, number: int) -> None:
+        """Record that the page has received the state with this number."""
+        if number in self._unacknowledged:
+            while self._unacknowledged.popleft() != number:
+                pass
+            self._wake.set()
+
+    def drop_states(self) -> None:
+        """Discard waiting states: another robot is selected, and its numbers restart."""
+        self._state = None
+        self._unacknowledged.clear()
+
+    async def run(self, socket: Socket) -> None:
+        """Send queued messages until the socket is closed."""
+        while True:
+            await self._wake.wait()
+            self._wake.clear()
+            while (text := self._next()) is not None:
+                await socket.send_str(text)
+
+    def _next(self) -> str | None:
+        if self._messages:
+            return self._messages.popleft()
+        if self._panel is not None:
+            text, self._panel = self._panel, None
+            return text
+        if self._state is not None and len(self._unacknowledged) < MAX_UNACKNOWLEDGED:
+            (number, text), self._state = self._state, None
+            self._unacknowledged.append(number)
+            return text
+        return None
+
 
 _HOLDER_SERVICES: Mapping[type[ArmRequest | DisarmRequest | ResetRequest], Service] = {
     ArmRequest: Service.ARM,
@@ -88,14 +169,15 @@ class Session:
         self._executor = executor
         self._on_released, self._on_chosen = on_released, on_chosen
         self._lease_client = LeaseClient(
-            self._operator, executor, self._send, self.release_controls
+            self._operator, executor, self._send, lambda reason: self._teleop.release(reason)
         )
-        navigation = NavigationSession(page, executor, page_scene, self._send)
         self._teleop = TeleopController(
-            self._lease_client, self.send_queue, navigation, self._send, self.release_controls
+            self._lease_client,
+            NavigationSession(page, executor, page_scene, self._send),
+            self._send,
+            lambda: on_released(page),
         )
         self._student = StudentSession(executor, self._send)
-        self._stop_count: int | None = None
         self._stopping: set[asyncio.Task[None]] = set()
         self._motion: DriveCommand | FollowPlan | None = None
 
@@ -105,9 +187,8 @@ class Session:
         if control is not None and (view := self._directory.view(control.link.id)) is not None:
             if view.link is not control.link:
                 self._teleop.navigation.clear()
-            control.link = (
-                view.link
-            )  # The robot was restarted; the previous client receives nothing.
+            # The robot was restarted; the previous client receives nothing.
+            control.link = view.link
         names = self._directory.robot_names()
         if self.robot_id is None and names:
             self.robot_id = names[0].id
@@ -146,6 +227,8 @@ class Session:
             self.reject(str(error))
             return
         match message:
+            case StopCommand():
+                pass  # Published before anything else happens.
             case DriveCommand() | FollowPlan():
                 if self._motion is None:
                     asyncio.get_running_loop().call_soon(self._move)
@@ -154,7 +237,7 @@ class Session:
             case StudentRequest():  # It concerns no robot.
                 self._student.request(message)
                 return
-            case ReleaseControls() | StopCommand():
+            case ReleaseControls():
                 self._motion = None
             case _:
                 self._move()
@@ -163,6 +246,7 @@ class Session:
     def _move(self) -> None:
         message, self._motion = self._motion, None
         if message is not None:
+            self.send_queue.acknowledge(message.seen)
             self._try(message)
 
     def _try(self, message: PageMessage) -> None:
@@ -179,6 +263,8 @@ class Session:
 
     def _dispatch(self, message: PageMessage) -> None:
         match message:
+            case StopCommand():
+                self._stop()
             case (
                 DriveCommand()
                 | FollowPlan()
@@ -193,8 +279,6 @@ class Session:
             case PanelSlidersReleased():
                 if self._role is not Role.VIEWER:  # Viewers have no sliders.
                     self._on_released(self.page)
-            case StopCommand():
-                self._on_stop()
             case SelectRobot():
                 self.select_robot(message.id)
             case LeaseAction() if self._role is Role.VIEWER:
@@ -217,23 +301,23 @@ class Session:
                 service.name.lower(), self._lease_client.call_service(service)
             )
 
-    def release_controls(self, reason: str) -> None:
-        """Stop the motion on behalf of the page, if one of its controls is held."""
-        if self._teleop.release_controls(reason):
-            self._on_released(self.page)
-
     def _on_heartbeat(self, message: PageHeartbeat) -> None:
         self._lease_client.on_heartbeat()
         self.send_queue.acknowledge(message.seen)
         self._send(HeartbeatReply(sent_ms=message.sent_ms))
         if not message.focus:
-            self.release_controls("the page is not in front")
+            self._teleop.release("the page is not in front")
 
-    def _on_stop(self) -> None:
+    def _stop(self) -> None:
+        """Stop the robot that is shown: published first, then released, then acknowledged."""
+        view = self._directory.view(self.robot_id) if self.principal.may_stop else None
+        if view is not None:
+            view.link.send_stop(procedures.stop_payload(self._operator))
+        self._motion = None
         if not self.principal.may_stop:
             self._send(ActionReply(to="stop", ok=False, reason=_VIEWER_REFUSAL))
             return
-        self.release_controls("software stop")
+        self._teleop.release("software stop")
         self._teleop.navigation.clear()
         if len(self._stopping) < _MAX_CONCURRENT_STOPS:
             task = asyncio.create_task(self._stop_and_answer())
@@ -281,46 +365,43 @@ class Session:
         if self._directory.view(robot_id) is None:
             self._restore_panel()
             return Reply(False, f"there is no robot {robot_id}")
-        self.release_controls("another robot is shown")
+        self._teleop.release("another robot is shown")
         self._teleop.navigation.clear()
         await self._lease_client.release_lease()
-        self.robot_id, self._stop_count = robot_id, None
+        self.robot_id = robot_id
         self._send_robot()
         self._on_chosen(self.page, robot_id)
         return Reply(True)
 
+    # From the robot.
+
+    def decide(self, status: Status) -> None:
+        """Act on a new status of the selected robot, before it is shown."""
+        if self.robot_id is None:
+            return
+        if (lost := self._lease_client.lost_lease()) is not None:
+            self._teleop.release(f"control is lost: {lost}")
+            self._send(
+                RobotEvent(kind="lease", text=f"You have lost control: {lost}.", robot_s=0.0)
+            )
+        self._lease_client.on_lease_status(status.lease)
+        self._teleop.decide(self.robot_id, status)
+
     # To the page.
 
-    def send_state(self, state: RobotState) -> None:
-        """Send a new state of the selected robot."""
-        control, lease = self._lease_client.lease, state.status.lease
-        if control is not None and control.is_lost(state.status):
-            self._on_lease_lost(
-                f"{lease.holder} has taken over" if lease.holder else "it has run out"
-            )
-            control = None
-        self._lease_client.on_lease_status(lease)
-        if state.status.mode not in DRIVABLE_MODES:
-            self.release_controls(state.status.no_drive_reason)
-        if self._stop_count not in (None, state.status.stops):
-            # A stop can be shorter than the time between two states.
-            self.release_controls("the robot has stopped by itself")
-        self._stop_count = state.status.stops
-        if control is None:
-            self._teleop.navigation.clear()
-        self._teleop.navigation.update()
-        you = control is not None and lease.holder == self._operator
-        state = msgspec.structs.replace(state, you=you, route=self._teleop.navigation.route_state)
+    def show(self, state: RobotState) -> None:
+        """Send a state of the selected robot."""
+        held = self._lease_client.lease is not None
+        state = msgspec.structs.replace(
+            state,
+            you=held and state.status.lease.holder == self._operator,
+            route=self._teleop.navigation.route_state,
+        )
         self.send_queue.put_state(state.seen, encode_message(state))
 
     def send_event(self, event: Event, *, past: bool = False) -> None:
         """Send an event of the selected robot."""
         self._send(RobotEvent.of(event, past=past))
-
-    def _on_lease_lost(self, reason: str) -> None:
-        self.release_controls(f"control is lost: {reason}")
-        self._lease_client.forget_lease()
-        self._send(RobotEvent(kind="lease", text=f"You have lost control: {reason}.", robot_s=0.0))
 
     def _send_robot(self) -> None:
         view = self._directory.view(self.robot_id)
@@ -331,7 +412,7 @@ class Session:
         for event in self._directory.events(view.link.id):
             self.send_event(event, past=True)
         if (state := self._directory.state(view.link.id)) is not None:
-            self.send_state(state)
+            self.show(state)
 
     def _send(self, message: Any) -> None:
         self.send_queue.put(encode_message(message))

@@ -9,9 +9,9 @@ from typing import Literal
 
 from aiohttp import WSMessage, WSMsgType, web
 
-from tsd_twin.dashboard.robot_client import RpcExecutor
 from tsd_twin.dashboard.scene.picking import EmptyPageScene, PageScene
 from tsd_twin.dashboard.server.auth import Principal
+from tsd_twin.dashboard.server.lease import RpcExecutor
 from tsd_twin.dashboard.server.protocol import PanelSliders, SphereClick, encode_message
 from tsd_twin.dashboard.server.robot_directory import RobotClients, RobotDirectory
 from tsd_twin.dashboard.server.session import Session
@@ -86,12 +86,16 @@ class SessionManager:
     # State and events to the pages.
 
     def on_status(self, robot_id: str) -> None:
-        """Send a robot's new state to all pages that have it selected."""
+        """Decide on a robot's new status in all sessions that have it selected, then show it."""
         if not (sessions := self._sessions_showing(robot_id)):
             self.directory.note_mode(robot_id)
-        elif (state := self.directory.state(robot_id)) is not None:
-            for session in sessions:
-                session.send_state(state)
+            return
+        if (state := self.directory.state(robot_id)) is None:
+            return
+        for session in sessions:
+            session.decide(state.status)
+        for session in sessions:
+            session.show(state)
 
     def on_event(self, robot_id: str, event: Event) -> None:
         """Send an event to all pages that have the robot selected, and store it for later ones."""

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tsd_twin.dashboard.robot_client import twist_axes_of
+from tsd_twin.dashboard.scene.robot_geometry import twist_axes_of
 from tsd_twin.dashboard.server.protocol import (
     RobotName,
     StudentFigure,

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from tsd_twin.dashboard.robot_client import RpcExecutor
+from tsd_twin.dashboard.server.lease import RpcExecutor
 from tsd_twin.dashboard.server.protocol import StudentRequest
 from tsd_twin.dashboard.server.student import answer
 

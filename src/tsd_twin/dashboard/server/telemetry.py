@@ -7,8 +7,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from tsd_twin.dashboard.robot_client import RobotClient, RoundTrips, Snapshot, twist_axes_of
-from tsd_twin.dashboard.scene.robot_geometry import commanded_joints
+from tsd_twin.client.connection import RobotMonitor, RoundTrips, Snapshot
+from tsd_twin.dashboard.scene.robot_geometry import commanded_joints, twist_axes_of
 from tsd_twin.dashboard.server.protocol import (
     EstimateDifference,
     GimbalState,
@@ -265,7 +265,7 @@ class ActuatorTelemetry(Protocol):
 class RobotTelemetry:
     """Telemetry of a robot: `RobotInfo` and `RobotState` of its client."""
 
-    def __init__(self, link: RobotClient) -> None:
+    def __init__(self, link: RobotMonitor) -> None:
         self.link = link
         self._kinematics = link.kinematics
         self._order = [joint.name for joint in link.kinematics.joints]

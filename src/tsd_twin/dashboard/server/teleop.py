@@ -1,4 +1,4 @@
-"""Teleoperation by one page: dead-man switch, motion commands and the command watchdog."""
+"""Teleoperation by one page: dead-man switch, commands, their watchdog, and release."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from enum import StrEnum
+from functools import partial
 from typing import Any, TypeAlias
 
+from tsd_twin.client import ClientError
+from tsd_twin.client.protocol import REST
 from tsd_twin.dashboard.server.lease import Lease, LeaseClient
 from tsd_twin.dashboard.server.navigation import NavigationSession
 from tsd_twin.dashboard.server.protocol import (
@@ -21,14 +24,19 @@ from tsd_twin.dashboard.server.protocol import (
     ReleaseControls,
     SetSpeedLevel,
 )
-from tsd_twin.dashboard.server.send_queue import SendQueue
 from tsd_twin.errors import MessageError, PathError
 from tsd_twin.messages.ros import BASE
+from tsd_twin.messages.status import Status
 from tsd_twin.motion.tracking import ExecutionPhase
 from tsd_twin.safety import Mode
 
 COMMAND_TIMEOUT_S = 0.2
 """A page that sends no command for this long has released the controls."""
+
+
+ZERO_PERIOD_S = 0.02
+ZERO_REPEATS = 25
+"""A zero is sent again so often, unless a status shows before that it counted."""
 
 
 class DeadmanState(StrEnum):
@@ -91,26 +99,27 @@ TeleopMessage: TypeAlias = (
 
 
 class TeleopController:
-    """Teleoperation of one page: stick and follow button share one dead-man switch; event loop
-    only.
+    """Teleoperation of one page: every control takes one way to a command, and one way to release.
+
+    Event loop only. All controls share one dead-man switch.
     """
 
     def __init__(
         self,
         lease_client: LeaseClient,
-        send_queue: SendQueue,
         navigation: NavigationSession,
         send_message: Callable[[Any], None],
-        release_controls: Callable[[str], None],
+        on_released: Callable[[], None],
     ) -> None:
-        """`release_controls` of the session calls ours, and notifies the page and the panel."""
+        """`on_released` centres the controls that are not on the page."""
         self.navigation = navigation
         self._lease_client = lease_client
-        self._send_queue = send_queue
         self._send_message = send_message
-        self._release_controls = release_controls
+        self._on_released = on_released
         self._deadman = DeadmanSwitch()
+        self._stops = ("", 0)
         self._watchdog: asyncio.TimerHandle | None = None
+        self._zeros: asyncio.TimerHandle | None = None
 
     def handle(self, message: TeleopMessage) -> None:
         """Handle a motion message.
@@ -119,103 +128,142 @@ class TeleopController:
             MessageError: it is no motion.
         """
         match message:
-            case DriveCommand():
-                self._drive(message)
-            case FollowPlan():
-                self._follow_plan(message)
+            case DriveCommand() | FollowPlan():
+                self._move(message)
             case ReleaseControls():
-                self._release()
+                self.release(must_recentre=False)
             case PlanRequest() | SetSpeedLevel() | ClearPlan():
                 self._handle_plan_message(message)
 
-    def release_controls(self, reason: str) -> bool:
-        """Stop the motion on behalf of the page, and return whether it held a control."""
+    def release(self, reason: str = "", *, must_recentre: bool = True) -> None:
+        """Stop the motion of the page, if a control is held: every end of a motion comes here.
+
+        Unless the page itself has released its controls, it must centre them before they act again.
+        A `reason` is shown on the page.
+        """
         self.navigation.pause()
-        was_held = self._deadman.force_release()
-        if was_held:
-            if self._lease_client.lease is not None:
-                self._lease_client.lease.send_zero()
+        deadman = self._deadman
+        was_held = deadman.force_release() if must_recentre else deadman.on_release()
+        if was_held and self._lease_client.lease is not None:
+            self._send_zero(self._lease_client.lease, ZERO_REPEATS, None)
+        if was_held and reason:
             self._send_message(ControlsReleased(reason=reason))
-        return was_held
+            self._on_released()
 
     def close(self) -> None:
         """Stop the motion; the page has disconnected."""
         if self._watchdog is not None:
             self._watchdog.cancel()
-        self._release()
+        self.release(must_recentre=False)
         self.navigation.clear()
 
-    def _drive(self, message: DriveCommand) -> None:
-        twist = (message.vx, message.vy, message.omega)
-        if not all(math.isfinite(value) for value in twist):
-            raise MessageError("nonfinite", "a twist must be finite numbers")
-        control = self._lease_to_move(message.seen)
-        if control is not None:
-            self.navigation.clear()  # Manual control ends path following.
-            self._send_twist(control, twist, message.seen, message.frame)
+    def decide(self, robot_id: str, status: Status) -> None:
+        """Act on a new status of the robot: release when it moves no more, and plan at rest."""
+        if status.mode not in DRIVABLE_MODES:
+            self.release(status.no_drive_reason)
+        if self._stops[0] == robot_id and self._stops[1] != status.stops:
+            # A stop can be shorter than the time between two states.
+            self.release("the robot has stopped by itself")
+        self._stops = (robot_id, status.stops)
+        if self._lease_client.lease is None:
+            self.navigation.clear()
+        self.navigation.update()
 
-    def _follow_plan(self, message: FollowPlan) -> None:
-        control = self._lease_to_move(message.seen)
-        if control is None:
+    def _move(self, message: DriveCommand | FollowPlan) -> None:
+        """Send the command of a control: stick, keys, gamepad, sliders, or the path that is held.
+
+        Raises:
+            MessageError: it is not finite.
+        """
+        if isinstance(message, DriveCommand) and not all(map(math.isfinite, _twist(message))):
+            raise MessageError("nonfinite", "a twist must be finite numbers")
+        lease = self._lease_to_move()
+        if lease is None:
             return
         try:
-            link, now_s = control.link, time.monotonic()
-            step = self.navigation.step(link, message.route, control.max_age_s, now_s)
-        except PathError as error:
-            self._release_controls(str(error))
+            if isinstance(message, DriveCommand):
+                self.navigation.clear()  # Manual control ends path following.
+                twist, frame = _twist(message), message.frame
+            else:
+                step = self.navigation.step(
+                    lease.link, message.route, lease.protocol.max_age_s, time.monotonic()
+                )
+                if step.phase is ExecutionPhase.ARRIVED:
+                    self.release()  # The page sees the arrival, and releases as well.
+                    return
+                twist, frame = step.twist.tolist(), BASE
+            self._send(lease, twist, frame, message.seen)
+        except (PathError, ClientError) as error:
+            self.release(str(error))
             return
-        if step.phase is ExecutionPhase.ARRIVED:
-            self._deadman.force_release()  # The page sees the arrival, and releases as well.
-            control.send_zero()
-        else:
-            self._send_twist(control, step.twist.tolist(), message.seen)
+        if self._watchdog is None:
+            self._start_watchdog(COMMAND_TIMEOUT_S)
+
+    def _send(self, lease: Lease, twist: Sequence[float], frame: str, seen: int) -> int:
+        """Send a command at once, with the number of the newest state that counts as seen."""
+        self._cancel_zeros()
+        with lease.link.lock:
+            command = lease.protocol.command(twist, frame, lease.link.now_s(), seen)
+            lease.link.send(command)
+        return command.seq
+
+    def _send_zero(self, lease: Lease, left: int, first: int | None) -> None:
+        """Send a zero, repeated every 20 ms until a status of the robot shows that it counted.
+
+        It is sent now, so it counts, whatever the page has seen. The bus may lose any command, and
+        the one before the zero would stand until it runs out. The next twist ends it, as does the
+        end of the lease, or half a second.
+        """
+        protocol = lease.protocol
+        if not protocol.has_lease or (first is not None and protocol.has_counted(first)):
+            return
+        number = self._send(lease, REST, BASE, lease.link.snapshot.status_seq)
+        if left > 0:
+            again = partial(self._send_zero, lease, left - 1, number if first is None else first)
+            self._zeros = asyncio.get_running_loop().call_later(ZERO_PERIOD_S, again)
+
+    def _cancel_zeros(self) -> None:
+        if self._zeros is not None:
+            self._zeros.cancel()
+            self._zeros = None
 
     def _handle_plan_message(self, message: PlanRequest | SetSpeedLevel | ClearPlan) -> None:
-        control = self._lease_client.lease
+        lease = self._lease_client.lease
         match message:
-            case PlanRequest() if control is None:
+            case PlanRequest() if lease is None:
                 self._send_message(ActionReply(to="plan", ok=False, reason="take control first"))
-            case PlanRequest() if control is not None:
-                self._release_controls("another path is planned")
-                self.navigation.request_plan(control.link, message)
+            case PlanRequest() if lease is not None:
+                self.release("another path is planned")
+                self.navigation.request_plan(lease.link, message)
             case SetSpeedLevel():
                 self.navigation.set_speed_level(message.level)
             case _:
                 if self.navigation.is_following:
-                    self._release_controls("the path is given up")
+                    self.release("the path is given up")
                 self.navigation.clear()
 
-    def _lease_to_move(self, seen: int) -> Lease | None:
+    def _lease_to_move(self) -> Lease | None:
         """Register that a control is held, and return the lease to move the robot with, if
         allowed.
         """
-        self._send_queue.acknowledge(seen)
-        control = self._lease_client.lease
-        if control is None:
-            if (
-                self._deadman.refuse_command()
-            ):  # A control held during a hand-over must not start motion.
+        lease = self._lease_client.lease
+        if lease is None:
+            if self._deadman.refuse_command():  # Held in a hand-over, it must not start motion.
                 self._send_message(ControlsReleased(reason="you do not have control"))
             return None
         if not self._deadman.on_command(time.monotonic()):
             return None
-        if time.monotonic() - control.link.snapshot.received_s > control.max_age_s:
+        max_age_s = lease.protocol.max_age_s
+        if time.monotonic() - lease.link.snapshot.received_s > max_age_s:
             # The robot stops meanwhile, and may be ready again before its next status arrives.
-            self._release_controls(f"the robot has not been heard for {control.max_age_s:g} s")
+            self.release(f"the robot has not been heard for {max_age_s:g} s")
             return None
-        status = control.link.snapshot.status
+        status = lease.link.snapshot.status
         if status is None or status.mode not in DRIVABLE_MODES:
             # A control held while the robot becomes ready must not start motion.
-            self._release_controls(status.no_drive_reason if status else "the robot is silent")
+            self.release(status.no_drive_reason if status else "the robot is silent")
             return None
-        return control
-
-    def _send_twist(
-        self, control: Lease, twist: Sequence[float], seen: int, frame: str = BASE
-    ) -> None:
-        control.send_twist(twist, seen, frame)
-        if self._watchdog is None:
-            self._start_watchdog(COMMAND_TIMEOUT_S)
+        return lease
 
     def _start_watchdog(self, wait_s: float) -> None:
         loop = asyncio.get_running_loop()
@@ -227,13 +275,10 @@ class TeleopController:
             return
         silent_s = self._deadman.silence_s(time.monotonic())
         if silent_s >= COMMAND_TIMEOUT_S:
-            self._release_controls(
-                f"no command from the page for {COMMAND_TIMEOUT_S * 1000:.0f} ms"
-            )
+            self.release(f"no command from the page for {COMMAND_TIMEOUT_S * 1000:.0f} ms")
         else:
             self._start_watchdog(COMMAND_TIMEOUT_S - silent_s)
 
-    def _release(self) -> None:
-        self.navigation.pause()
-        if self._deadman.on_release() and self._lease_client.lease is not None:
-            self._lease_client.lease.send_zero()
+
+def _twist(message: DriveCommand) -> tuple[float, float, float]:
+    return message.vx, message.vy, message.omega

@@ -1,0 +1,339 @@
+"""Make the pictures of README and docs anew, from the programs as they are: `make pictures`.
+
+Pages are photographed in Chromium, which draws on the processor: nothing else should run. Parts:
+`drive` (the moving picture), `page`, `robots`, `lab` and `drawings`; all unless some are named. Two
+pictures of docs/lab.md are not made: `lab_zero` and `lab_calibrate_drive` come from guided drives.
+"""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import contextlib
+import io
+import math
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Generator
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT))
+
+from tests.support.browser import (  # noqa: E402  Found by the line above.
+    FLAGS,
+    PATIENCE_MS,
+    centre,
+    click_through,
+    executable,
+    press,
+    take_control_and_arm,
+)
+
+ROBOTS = {
+    "tsd": "Gimbals",
+    "omni4": "Wheels",
+    "kiwi": "Wheels",
+    "mecanum": "Wheels",
+    "atlas": "Sphere",
+}
+"""The tab that shows the joints of each robot."""
+LAB = {
+    "lab_motors": "motors",
+    "lab_square_open": "square --seed 3",
+    "lab_square_camera": "square --loop camera --plant mujoco --seed 3",
+    "lab_squares": "square --loop camera --plant mujoco --seed 1 --seeds 20",
+    "lab_follow": "follow --path eight --heading tangent --loop camera --seed 3",
+    "lab_budget": "budget --runs 2000",
+    "lab_calibrate": "calibrate --seed 1",
+    "lab_omni_step": "omni-step",
+    "lab_omni_paths": "omni-paths",
+    "lab_atlas": "atlas",
+}
+"""The experiment that draws each picture, as docs/lab.md has it."""
+
+WIDTH_PX, FRAMES_PER_S, MOST_BYTES = 800, 10, 3_000_000
+DRIVE_S = 7.0
+_TRIES = 8
+MESSAGES_MS = 8000
+"""Time after which the messages of the page are gone."""
+MOVING = re.compile("[1-9]")
+"""In the text of a speed."""
+FONTS = """<?xml version="1.0"?><!DOCTYPE fontconfig SYSTEM "fonts.dtd">
+<fontconfig><include>/etc/fonts/fonts.conf</include>
+<match target="pattern"><edit name="family" mode="prepend" binding="strong">
+<string>DejaVu Sans Condensed</string></edit></match></fontconfig>"""
+"""As wide as the fonts of most desktops; a bare system has a wider one only."""
+
+
+@contextlib.contextmanager
+def demo(*flags: str) -> Generator[str]:
+    """Context manager that runs a demo, and returns the address of its page."""
+    command = [sys.executable, "-m", "tsd_demo", "--no-browser", "--until-eof", "--port", "0"]
+    with subprocess.Popen(
+        [*command, "--bus-port", "0", *flags],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
+        assert process.stdin is not None
+        assert process.stdout is not None
+        try:
+            line = next(line for line in process.stdout if line.startswith("ready:"))
+            yield re.findall(r"http://\S+", line)[0]
+        finally:
+            process.stdin.close()
+
+
+@contextlib.contextmanager
+def opened(
+    browser: Browser, address: str, sharpness: float = 1.0, **settings: Any
+) -> Generator[Page]:
+    """Context manager that opens the page, with its hints closed.
+
+    `sharpness` is the number of pixels of the scene for one of the page.
+    """
+    context = browser.new_context(
+        **{"viewport": {"width": 1280, "height": 720}, "color_scheme": "dark"} | settings
+    )
+    page = context.new_page()
+    page.add_init_script("localStorage.setItem('tsd.hints', 'seen')")
+    page.goto(f"{address}?fixedDpr={sharpness:g}")
+    # The warning of viser that there is no graphics card.
+    page.add_style_tag(content="[class*='Notifications-root'] { display: none }")
+    yield page
+    context.close()
+
+
+def show_tab(page: Page, name: str) -> None:
+    """Open a tab of the panel."""
+    page.get_by_role("tab", name=name).click(timeout=PATIENCE_MS)
+
+
+def push_stick(page: Page, right: float, up: float) -> None:
+    """Hold the stick at shares of its reach until the robot moves.
+
+    A page that was too slow to say that the stick is held is let go: push again, as it says.
+    """
+    x, y, half = centre(page, "region", "Drive stick")
+    speed = page.get_by_role("status", name="Speed", exact=True)
+    for _ in range(_TRIES):
+        click_through(page, "Take control", "Reset stop", "Arm")
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x + right * half, y - up * half)
+        try:
+            expect(speed).to_contain_text(MOVING, timeout=4000)
+        except AssertionError:
+            page.mouse.up()
+            page.wait_for_timeout(MESSAGES_MS)
+            continue
+        return
+    raise SystemExit("the robot was not moved: is this machine busy?")
+
+
+def is_held(page: Page) -> bool:
+    """Return whether the robot still obeys the stick: a page that was too slow is let go."""
+    speed = page.get_by_role("status", name="Speed", exact=True).inner_text()
+    return bool(MOVING.search(speed)) and page.get_by_text("Push again").count() == 0
+
+
+def photograph_after_drive(page: Page, file: Path, *pushes: tuple[float, float]) -> None:
+    """Drive a little with the stick, and photograph the page when its messages are gone.
+
+    A page that draws each pixel on the processor is too slow to be photographed while driving.
+    """
+    for right, up in pushes:
+        push_stick(page, right, up)
+        page.wait_for_timeout(1000)
+        page.mouse.up()
+        page.wait_for_timeout(500)
+    page.wait_for_timeout(MESSAGES_MS)
+    page.screenshot(path=file)
+
+
+def photograph_drive(browser: Browser, to: Path) -> None:
+    """Record the page while the robot drives a circle, and write a moving picture."""
+    with (
+        demo() as address,
+        opened(browser, address, 0.6) as page,
+    ):
+        take_control_and_arm(page)
+        show_tab(page, "Gimbals")
+        page.wait_for_timeout(2000)
+        for _ in range(_TRIES):
+            push_stick(page, 0.0, 0.9)
+            frames = record(page, lambda: drive_circle(page))
+            held = is_held(page)
+            page.mouse.up()
+            if held:
+                break
+            page.wait_for_timeout(MESSAGES_MS)
+        else:
+            raise SystemExit("the drive was interrupted each time: is this machine busy?")
+    write_animation(frames, to / "drive.webp")
+
+
+def drive_circle(page: Page) -> None:
+    """Move the held stick from forward round to the left."""
+    x, y, half = centre(page, "region", "Drive stick")
+    start_s = time.monotonic()
+    while (passed_s := time.monotonic() - start_s) < DRIVE_S:
+        angle = max(0.0, passed_s - 1.0) / (DRIVE_S - 1.0) * 1.6 * math.pi
+        page.mouse.move(x + 0.9 * half * math.sin(angle), y - 0.9 * half * math.cos(angle))
+        page.wait_for_timeout(60)
+
+
+def record(page: Page, act: Callable[[], None]) -> list[tuple[float, bytes]]:
+    """Return the frames that the page draws meanwhile, each with its time in seconds."""
+    frames: list[tuple[float, bytes]] = []
+    session = page.context.new_cdp_session(page)
+
+    def keep(frame: dict[str, Any]) -> None:
+        frames.append((frame["metadata"]["timestamp"], base64.b64decode(frame["data"])))
+        session.send("Page.screencastFrameAck", {"sessionId": frame["sessionId"]})
+
+    session.on("Page.screencastFrame", keep)
+    session.send("Page.startScreencast", {"format": "jpeg", "quality": 92})
+    act()
+    session.send("Page.stopScreencast")
+    session.detach()
+    return frames
+
+
+def write_animation(frames: list[tuple[float, bytes]], file: Path) -> None:
+    """Write the last seconds of a recording, at a steady rate and in real time."""
+    end_s = frames[-1][0]
+    count = round(DRIVE_S * FRAMES_PER_S)
+    shown: list[Image.Image] = []
+    for i in range(count):
+        at_s = end_s - (count - 1 - i) / FRAMES_PER_S
+        data = next((data for t_s, data in reversed(frames) if t_s <= at_s), frames[0][1])
+        picture = Image.open(io.BytesIO(data)).convert("RGB")
+        height = round(picture.height * WIDTH_PX / picture.width)
+        shown.append(picture.resize((WIDTH_PX, height), Image.Resampling.LANCZOS))
+    for quality in (80, 65, 50, 35, 20):
+        shown[0].save(
+            file,
+            save_all=True,
+            append_images=shown[1:],
+            duration=round(1000 / FRAMES_PER_S),
+            loop=0,
+            quality=quality,
+            method=4,
+        )
+        if file.stat().st_size <= MOST_BYTES:
+            break
+    recorded = sum(end_s - t_s <= DRIVE_S for t_s, _ in frames)
+    print(f"  {recorded} frames drawn in {DRIVE_S:g} s, {file.stat().st_size / 1e6:.1f} MB")
+
+
+def photograph_page(browser: Browser, to: Path) -> None:
+    """Photograph a drawn path, the plots of a drive, and the page on a phone."""
+    with demo() as address:
+        with opened(browser, address) as page:
+            show_tab(page, "Drive")
+            press(page, "Take control")
+            press(page, "Draw")
+            draw_line(page)
+            page.screenshot(path=to / "path.png")
+        with opened(browser, address) as page:
+            take_control_and_arm(page)
+            show_tab(page, "Plots")
+            photograph_after_drive(page, to / "plots.png", (0.0, 0.9), (-0.8, 0.3), (0.3, 0.9))
+            press(page, "Disarm")
+            press(page, "Release control")
+        phone = {"viewport": {"width": 390, "height": 844}, "color_scheme": "light"}
+        with opened(browser, address, **phone) as page:
+            take_control_and_arm(page)
+            photograph_after_drive(page, to / "phone.png", (0.3, 0.8))
+
+
+def draw_line(page: Page) -> None:
+    """Draw a line on the floor with the mouse, and wait until it is planned."""
+    points = [(640, 310), (700, 310), (760, 280), (790, 220), (830, 170), (900, 160), (880, 200)]
+    page.mouse.move(*points[0])
+    page.mouse.down()
+    for point in points[1:]:
+        page.mouse.move(*point, steps=6)
+        page.wait_for_timeout(60)
+    page.mouse.up()
+    path = page.get_by_role("status", name="Path")
+    expect(path).to_contain_text(re.compile(r"\d m"), timeout=PATIENCE_MS)
+    page.wait_for_timeout(4000)  # Until the scene has drawn it.
+
+
+def photograph_robots(browser: Browser, to: Path) -> None:
+    """Photograph each shipped robot after a drive, with the tab of its joints."""
+    for name, tab in ROBOTS.items():
+        with demo("--robot", name) as address, opened(browser, address) as page:
+            take_control_and_arm(page)
+            show_tab(page, tab)
+            photograph_after_drive(page, to / f"{name}.png", (0.3, 0.8))
+        print(f"  {name}")
+
+
+def draw_lab(to: Path) -> None:
+    """Run the experiments of docs/lab.md in virtual time, and take their pictures."""
+    for name, command in LAB.items():
+        with tempfile.TemporaryDirectory() as folder:
+            experiment = [sys.executable, "-m", "tsd_lab", *command.split()]
+            subprocess.run(
+                [*experiment, "--quiet", "--out", folder], check=True, stdout=subprocess.DEVNULL
+            )
+            (picture,) = Path(folder).glob("*.png")
+            shutil.copy(picture, to / f"{name}.png")
+        print(f"  {name}")
+
+
+def draw_drawings(to: Path) -> None:
+    """Draw the drawings in SVG."""
+    subprocess.run([sys.executable, str(ROOT / "docs/img/draw"), str(to)], check=True)
+
+
+PAGES: dict[str, Callable[[Browser, Path], None]] = {
+    "drive": photograph_drive,
+    "page": photograph_page,
+    "robots": photograph_robots,
+}
+OTHERS: dict[str, Callable[[Path], None]] = {"lab": draw_lab, "drawings": draw_drawings}
+
+
+def main() -> None:
+    """Make the parts that are named, or all."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0] if __doc__ else "")
+    parts = [*PAGES, *OTHERS]
+    parser.add_argument("part", nargs="*", metavar="PART", help=f"of {', '.join(parts)}; all")
+    parser.add_argument("--to", type=Path, default=ROOT / "docs/img", help="default docs/img")
+    args = parser.parse_args()
+    if unknown := set(args.part) - set(parts):
+        parser.error(f"no part {', '.join(sorted(unknown))}; there are {', '.join(parts)}")
+    args.to.mkdir(parents=True, exist_ok=True)
+    chosen = args.part or parts
+    with sync_playwright() as playwright, tempfile.NamedTemporaryFile("w", suffix=".conf") as fonts:
+        fonts.write(FONTS)
+        fonts.flush()
+        environment: dict[str, Any] = {**os.environ, "FONTCONFIG_FILE": fonts.name}
+        for part in (part for part in PAGES if part in chosen):
+            print(part, flush=True)
+            browser = playwright.chromium.launch(
+                executable_path=executable(), args=list(FLAGS), env=environment
+            )
+            PAGES[part](browser, args.to)
+            browser.close()
+    for part in (part for part in OTHERS if part in chosen):
+        print(part, flush=True)
+        OTHERS[part](args.to)
+
+
+if __name__ == "__main__":
+    main()

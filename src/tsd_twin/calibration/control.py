@@ -1,0 +1,148 @@
+"""Control of the robot that is calibrated: flags, connection, and what ends it besides errors."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import signal
+from collections.abc import Callable, Generator
+
+from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, as_client, client_config, from_file
+from tsd_twin.calibration.terminal import KeyWatcher
+from tsd_twin.client import RobotClient, RobotControl
+from tsd_twin.client.discovery import robots_on
+from tsd_twin.client.link import BusLink
+from tsd_twin.errors import TwinError
+from tsd_twin.lie import Array
+from tsd_twin.robots import RobotDescription
+from tsd_twin.robots.description import Limits
+
+_CONNECT_TIMEOUT_S = 3.0
+
+
+class CalibratedRobot:
+    """Robot on the bus: its description, its streams, and control of it."""
+
+    def __init__(self, bus: Bus, robot_id: str, operator: str) -> None:
+        """Connect to a robot; closes `bus` at the end.
+
+        Raises:
+            BusError: the robot does not answer.
+            RobotFileError: its description cannot be used.
+            RobotSilent: it sends no state.
+        """
+        self.link = BusLink(bus, robot_id)
+        """Streams of the robot."""
+        self.client = RobotClient(self.link, operator)
+        self._operator = operator
+
+    @property
+    def id(self) -> str:
+        """The id of the robot on the bus."""
+        return self.link.id
+
+    @property
+    def description_text(self) -> str:
+        """The TOML of its description."""
+        return self.link.description.robot
+
+    @property
+    def robot(self) -> RobotDescription:
+        """Its description."""
+        return self.link.robot
+
+    @contextlib.contextmanager
+    def control(self, max_age_s: float | None = None) -> Generator[RobotControl]:
+        """Hold the lease; on any exit, also by SIGTERM, command zero, disarm and release.
+
+        If this process dies instead, the lease runs out and the robot spins down by itself.
+
+        Raises:
+            ControlDenied: another operator has control.
+        """
+        # SIGTERM ends it like Ctrl-C, through this context.
+        before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+        control = self.client.control(self._operator, max_age_s=max_age_s, arm=False)
+        try:
+            control.acquire()
+            yield control
+        finally:
+            # A second interrupt must not leave the wheels spinning.
+            impatient = signal.signal(signal.SIGINT, signal.SIG_IGN)
+            signal.signal(signal.SIGTERM, signal.SIG_IGN)
+            try:
+                control.release()
+            finally:
+                signal.signal(signal.SIGINT, impatient)
+                signal.signal(signal.SIGTERM, before)
+
+
+def interruptible(
+    step: Callable[[float], Array | None], keys: KeyWatcher, pause_s: float
+) -> Callable[[float], Array | None]:
+    """Return `step` with what ends a drive besides its own errors: a key, and a long pause.
+
+    Raises:
+        TwinError: of the result, when a key was pressed, or it was not called for `pause_s`.
+    """
+    last_s: list[float] = []
+
+    def guarded(now_s: float) -> Array | None:
+        # After a longer pause the robot has begun to stop, and must not be restarted.
+        if last_s and now_s - last_s[0] > pause_s:
+            raise TwinError(f"this program was held up for {now_s - last_s[0]:.1f} s")
+        last_s[:] = [now_s]
+        if keys.pressed(0.0):
+            raise TwinError("stopped by a key")
+        return step(now_s)
+
+    return guarded
+
+
+def longest_pause_s(limits: Limits, max_age_s: float | None) -> float:
+    """Return the longest pause between two commands, under a lease with `max_age_s`."""
+    return limits.command_timeout_s + max(0.0, (max_age_s or 0.0) - limits.max_command_age_s)
+
+
+def add_bus_flags(parser: argparse.ArgumentParser) -> None:
+    """Add the flags of the robot, the bus, the operator and the confirmation."""
+    parser.add_argument("--id", help="of the robot on the bus; default: the only one")
+    parser.add_argument(
+        "--connect",
+        action="append",
+        metavar="ENDPOINT",
+        help=f"where a robot listens, may be repeated; default {DEFAULT_ENDPOINT}",
+    )
+    parser.add_argument("--zenoh-config", metavar="FILE", help="a JSON5 file, for TLS and access")
+    parser.add_argument("--operator", default="lab", help="who takes control; default lab")
+    parser.add_argument("--yes", action="store_true", help="begin at once")
+
+
+@contextlib.contextmanager
+def connect(args: argparse.Namespace) -> Generator[CalibratedRobot]:
+    """Open the bus that the flags name, and find the robot; the lease is not acquired yet.
+
+    Raises:
+        TwinError: no answer there, no robot, or more than one to choose from.
+    """
+    config = (
+        from_file(args.zenoh_config)
+        if args.zenoh_config
+        else client_config(args.connect or [DEFAULT_ENDPOINT])
+    )
+    # A camera is connected to the same robot, and not a peer of this session.
+    with Bus(as_client(config, _CONNECT_TIMEOUT_S)) as bus:
+        robot = CalibratedRobot(bus, args.id or _only_robot(bus), args.operator)
+        with robot.client:
+            yield robot
+
+
+def _only_robot(bus: Bus) -> str:
+    found = robots_on(bus)
+    if len(found) != 1:
+        raise TwinError(
+            f"choose one with --id: {', '.join(found)} are on the bus"
+            if found
+            else "no robot is on the bus: start tsd-bridge or tsd-mock, or say --connect"
+        )
+    return found[0]

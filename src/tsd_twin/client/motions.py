@@ -1,0 +1,281 @@
+"""Motions of a robot as procedures: drive, come to rest, follow a planned path."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from tsd_twin.client.errors import ClientError, MotionFailed
+from tsd_twin.client.protocol import COMMAND_PERIOD_S, REST, ControlProtocol
+from tsd_twin.client.steps import Compute, Procedure, Send, Sleep
+from tsd_twin.errors import PathError
+from tsd_twin.kinematics import Kinematics
+from tsd_twin.lie import SE2, Array
+from tsd_twin.messages.ros import BASE
+from tsd_twin.messages.status import Status
+from tsd_twin.motion import TwistLimiter
+from tsd_twin.motion.routes import NavigationGoal
+from tsd_twin.motion.tracking import ExecutionPhase, ExecutionStep, TrajectoryExecutor
+from tsd_twin.motion.trajectory import Trajectory
+from tsd_twin.motion.trajectory import plan as time_parameterize
+from tsd_twin.robots import RPM, RobotDescription
+from tsd_twin.robots.description import Limits
+
+TwistSource = Callable[[float], Sequence[float] | Array | None]
+"""Returns the twist (3,) to command at a time; None ends the motion."""
+
+_REST_S = 10.0
+_STILL_S = 0.5
+_SPEED_SHARE = 0.9
+_SHARE = 0.7
+"""Of the limits of speed, and of the others, that the plan uses: the rest is for correction."""
+_CELLS = 250
+_SHORTEST_CELL_M = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class PlanLimits:
+    """Limits and kinematics that a trajectory is timed with."""
+
+    limits: Limits
+    wheel_speed_rpm: float | None
+    """Speed of wheels that always spin; None without such wheels."""
+    kinematics: Kinematics[Any] = field(compare=False)
+    """Kinematics at that wheel speed."""
+
+    @staticmethod
+    def in_force(
+        robot: RobotDescription,
+        kinematics: Kinematics[Any],
+        status: Status | None,
+        *,
+        speed_mps: float = math.inf,
+        share: float = 1.0,
+    ) -> PlanLimits:
+        """Return `share` of the limits of the description, lowered by the lease and `speed_mps`."""
+        speed, turn = robot.limits.speed_mps, robot.limits.turn_rate_rad_per_s
+        if status is not None and status.limits.speed_mps > 0.0:
+            speed = min(speed, status.limits.speed_mps)
+        if status is not None and status.limits.turn_rate_rad_per_s > 0.0:
+            turn = min(turn, status.limits.turn_rate_rad_per_s)
+        speed, turn = share * min(speed, speed_mps), share * turn
+        return PlanLimits(
+            msgspec.structs.replace(robot.limits, speed_mps=speed, turn_rate_rad_per_s=turn),
+            None if status is None or status.wheel_speed is None else status.wheel_speed.wanted_rpm,
+            kinematics_in_force(robot, kinematics, status),
+        )
+
+    def cap(self, twist: Array) -> Array:
+        """Return a twist, scaled as a whole to these limits."""
+        return TwistLimiter(self.kinematics, self.limits).cap(twist)
+
+
+def kinematics_in_force(
+    robot: RobotDescription, kinematics: Kinematics[Any], status: Status | None
+) -> Kinematics[Any]:
+    """Return the described kinematics at the wheel speed that a status shows."""
+    speeds = robot.wheel_speed_range
+    if speeds is None or status is None or status.wheel_speed is None:
+        return kinematics
+    spin = status.wheel_speed.wanted_rpm * RPM
+    return kinematics if speeds.refusal(spin) else speeds.kinematics.with_spin(spin)
+
+
+def goal_at(x_m: float, y_m: float, heading_rad: float | None) -> NavigationGoal:
+    """Return a place to go to; without a heading, the robot keeps its own."""
+    return NavigationGoal(np.array([[x_m, y_m]]), heading_rad)
+
+
+def goal_along(points: Sequence[Sequence[float]], heading_rad: float | None) -> NavigationGoal:
+    """Return a line to follow through `points` of (x, y) in metres.
+
+    Raises:
+        PathError: there are no points, or they are not pairs of numbers.
+    """
+    line = np.asarray(points, dtype=float)
+    if line.ndim != 2 or line.shape[1] != 2 or not len(line):
+        raise PathError("a path is a list of (x, y) in metres")
+    return NavigationGoal(line, heading_rad)
+
+
+def plan(goal: NavigationGoal, start: SE2, limits: PlanLimits) -> Trajectory:
+    """Return the path from `start` to the goal, timed within the limits; takes some 50 ms.
+
+    Raises:
+        PathError: there is none.
+    """
+    route = goal.route(start)
+    turn = _SPEED_SHARE * limits.limits.turn_rate_rad_per_s
+    return time_parameterize(
+        route,
+        limits.kinematics,
+        msgspec.structs.replace(limits.limits, turn_rate_rad_per_s=turn),
+        share=_SHARE,
+        speed_mps=_SPEED_SHARE * limits.limits.speed_mps,
+        cell_m=max(_SHORTEST_CELL_M, route.length_m / _CELLS),
+    )
+
+
+# Motions.
+
+
+def drive(
+    protocol: ControlProtocol, now_s: float, twist: Sequence[float], duration_s: float, frame: str
+) -> Procedure[None]:
+    """Command a twist for a time, then zero until the robot is at rest.
+
+    Raises:
+        ClientError: as `ControlProtocol.check_motion`, or the duration is no such number.
+    """
+    if not 0.0 <= duration_s < math.inf:
+        raise ClientError(f"a duration is a number of seconds, not {duration_s}")
+
+    def body(now_s: float) -> Procedure[None]:
+        return _send_twists(protocol, now_s, lambda _: twist, frame, now_s + duration_s)
+
+    yield from _motion(protocol, now_s, body)
+
+
+def drive_by(
+    protocol: ControlProtocol, now_s: float, twist_at: TwistSource, frame: str = BASE
+) -> Procedure[None]:
+    """Command the twist that `twist_at` returns for each time, then zero until at rest.
+
+    Raises:
+        ClientError: as `ControlProtocol.check_motion`; `twist_at` may raise more.
+    """
+    yield from _motion(
+        protocol, now_s, lambda now_s: _send_twists(protocol, now_s, twist_at, frame)
+    )
+
+
+def rest(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
+    """Command zero until the robot is at rest, whatever set-point is in force."""
+    yield from drive(protocol, now_s, REST, 0.0, BASE)
+
+
+def follow(
+    protocol: ControlProtocol, now_s: float, goal: NavigationGoal, speed_mps: float | None
+) -> Procedure[None]:
+    """Follow a planned path closed loop over the odometry, until the goal.
+
+    Raises:
+        PathError: there is no such path.
+        MotionFailed: the robot left the path, or did not get there.
+        ClientError: as `ControlProtocol.check_motion`.
+    """
+    if speed_mps is not None and not 0.0 < speed_mps < math.inf:
+        raise ClientError(f"a speed is a positive number of m/s, not {speed_mps}")
+
+    def body(now_s: float) -> Procedure[None]:
+        start = protocol.pose(now_s)
+        if goal.is_done(start):
+            return
+        limits = _limits(protocol, speed_mps)
+        outcome = yield Compute(lambda: plan(goal, start, limits))
+        path = _PathFollower(protocol, outcome.value, speed_mps)
+        yield from _send_twists(protocol, outcome.now_s, path, BASE)
+        if path.step is not None and path.step.phase is ExecutionPhase.LOST:
+            raise MotionFailed(f"{protocol.robot_id} stopped on its way: {path.step.reason}")
+
+    yield from _motion(protocol, now_s, body)
+
+
+class _PathFollower:
+    """Twists along a trajectory, closed loop over the odometry of a protocol."""
+
+    def __init__(
+        self, protocol: ControlProtocol, trajectory: Trajectory, speed_mps: float | None
+    ) -> None:
+        self._protocol = protocol
+        self._executor = TrajectoryExecutor(
+            trajectory,
+            lambda twist: _limits(protocol, speed_mps).cap(twist),
+            lag_s=protocol.robot.lag_s,
+            delay_s=protocol.round_trip_s,
+        )
+        self.step: ExecutionStep | None = None
+        """The newest step."""
+
+    def __call__(self, now_s: float) -> Array | None:
+        self.step = self._executor.advance(now_s, self._protocol.pose(now_s))
+        return self.step.twist if self.step.phase is ExecutionPhase.GOING else None
+
+
+def _limits(protocol: ControlProtocol, speed_mps: float | None) -> PlanLimits:
+    return PlanLimits.in_force(
+        protocol.robot, protocol.kinematics, protocol.status, speed_mps=speed_mps or math.inf
+    )
+
+
+def _motion(
+    protocol: ControlProtocol, now_s: float, body: Callable[[float], Procedure[None]]
+) -> Procedure[None]:
+    """Run the commands of a motion; an error sends a zero first."""
+    now_s = yield from _finish_setpoint(protocol, now_s)
+    protocol.begin_motion(now_s)
+    try:
+        yield from body(now_s)
+    except BaseException as error:
+        yield from _zero(protocol, now_s, error)
+        raise
+    finally:
+        protocol.end_motion()
+
+
+def _send_twists(
+    protocol: ControlProtocol,
+    now_s: float,
+    twist_at: TwistSource,
+    frame: str,
+    end_s: float = math.inf,
+) -> Procedure[None]:
+    """Command a twist 50 times a second, until a time or until it is None; then come to rest."""
+    while now_s < end_s - 1e-9:
+        twist = twist_at(now_s)
+        protocol.check_motion(now_s)
+        if twist is None:
+            break
+        yield Send(protocol.command(twist, frame, now_s))
+        now_s = (yield Sleep(min(now_s + COMMAND_PERIOD_S, end_s))).now_s
+    yield from _come_to_rest(protocol, now_s)
+
+
+def _zero(protocol: ControlProtocol, now_s: float, error: BaseException) -> Procedure[None]:
+    """Send one zero after an error; a generator that is closed cannot send any more."""
+    if protocol.has_lease and protocol.in_motion and not isinstance(error, GeneratorExit):
+        yield Send(protocol.command(REST, BASE, now_s))
+
+
+def _come_to_rest(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
+    first, still_s, end_s = None, None, now_s + _REST_S
+    while True:
+        protocol.check_motion(now_s)
+        command = protocol.command(REST, BASE, now_s)
+        first = command.seq if first is None else first
+        yield Send(command)
+        now_s = (yield Sleep(now_s + COMMAND_PERIOD_S)).now_s
+        if protocol.at_rest_since(first):
+            # The joints follow late; a noisy estimate never shows zero.
+            still_s = now_s + _STILL_S if still_s is None else still_s
+            if protocol.is_still() or now_s >= still_s:
+                return
+        if now_s > end_s:
+            raise MotionFailed(f"{protocol.robot_id} does not come to rest")
+
+
+def _finish_setpoint(protocol: ControlProtocol, now_s: float) -> Procedure[float]:
+    """Let a velocity set-point end before another motion begins."""
+    protocol.end_setpoint()
+    end_s = now_s + _REST_S
+    while protocol.has_setpoint:
+        now_s = (yield Sleep(now_s + COMMAND_PERIOD_S)).now_s
+        if now_s > end_s:
+            raise MotionFailed(f"{protocol.robot_id} does not come to rest")
+    protocol.raise_failure()
+    return now_s

@@ -1,0 +1,83 @@
+"""Types of command-line flags: numbers within a range, and host names.
+
+Each is a function for `type=` of argparse, which turns any other text into one sentence and exit
+code 2.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+from collections.abc import Callable
+
+
+def number(
+    least: float = -math.inf, most: float = math.inf, *, above: float = -math.inf
+) -> Callable[[str], float]:
+    """Return the type of a finite number from `least` to `most` that is also more than `above`."""
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not (math.isfinite(value) and least <= value <= most and value > above):
+            raise argparse.ArgumentTypeError(_refusal(text, "a number", least, most, above))
+        return value
+
+    return parse
+
+
+def whole(least: int, most: int | None = None) -> Callable[[str], int]:
+    """Return the type of a whole number from `least` to `most`."""
+    upper = math.inf if most is None else most
+
+    def parse(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            value = None
+        if value is None or not least <= value <= upper:
+            raise argparse.ArgumentTypeError(_refusal(text, "a whole number", least, upper))
+        return value
+
+    return parse
+
+
+PORT = whole(0, 65_535)
+"""TCP or UDP port; 0 is any free one."""
+SEED = whole(0)
+"""Seed of random numbers."""
+SCALE = number(0.0)
+"""Factor on standard deviations; 0 is none."""
+POSITIVE = number(above=0.0)
+"""A quantity that cannot be zero."""
+
+
+_HOST_NAME = re.compile(
+    r"(?:[A-Za-z0-9](?:[A-Za-z0-9._-]*[A-Za-z0-9])?|\[[0-9A-Fa-f:.]+\])(?::[1-9]\d{0,4})?", re.ASCII
+)
+
+
+def host_name(text: str) -> str:
+    """Return a host name or address, with or without a port, as browsers send it.
+
+    Raises:
+        argparse.ArgumentTypeError: it is written otherwise, as with a protocol or a path.
+    """
+    if not _HOST_NAME.fullmatch(text):
+        raise argparse.ArgumentTypeError(
+            f"'{text}' is not a host: write it as robot.example or robot.example:8443"
+        )
+    return text
+
+
+def _refusal(text: str, kind: str, least: float, most: float, above: float = -math.inf) -> str:
+    limits = [
+        f"above {above:g}" if above > -math.inf else "",
+        f"from {least:g} to {most:g}" if math.isfinite(least) and math.isfinite(most) else "",
+        f"of {least:g} or more" if math.isfinite(least) and math.isinf(most) else "",
+        f"of {most:g} or less" if math.isinf(least) and math.isfinite(most) else "",
+    ]
+    return f"'{text}' is not {' and '.join([kind, *filter(None, limits)]).replace(' and ', ' ', 1)}"
