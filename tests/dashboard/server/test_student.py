@@ -22,9 +22,11 @@ from tsd_twin.dashboard.server.protocol import (
     encode_message,
 )
 from tsd_twin.dashboard.server.student import answer, figures_of
-from tsd_twin.errors import MessageError
+from tsd_twin.errors import MessageError, RobotFileError
 from tsd_twin.kinematics import SingularityKinematics
+from tsd_twin.models import load_parts
 from tsd_twin.robots import load_robot, parse_description, robot_names
+from tsd_twin.robots.variants import variant
 
 calm = settings(deadline=None, max_examples=40)
 RPM = math.pi / 30.0
@@ -145,6 +147,17 @@ def test_what_is_impossible_is_told_in_the_words_of_the_loader() -> None:
     assert unknown.problem.startswith("no such robot")
     assert unknown.knobs == []
     assert len(unknown.bases) == len(robot_names())
+
+
+def test_a_drive_without_room_for_its_body_has_figures_and_no_file() -> None:
+    """`--robot` would refuse it: its wheels are in each other's way."""
+    knobs = {"drive.wheel_radius_m": 0.1, "drive.pivot_radius_m": 0.12}
+    reply = answer(StudentRequest(number=1, base="tsd", knobs=knobs, toml=True))
+    assert reply.figures is not None
+    assert reply.toml is None
+    assert "too little for a body" in reply.problem
+    with pytest.raises(RobotFileError):
+        load_parts(variant("tsd", knobs))
 
 
 def test_a_request_has_bounds() -> None:

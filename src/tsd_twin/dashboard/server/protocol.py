@@ -140,9 +140,7 @@ class StudentRequest(Message, frozen=True, tag="student"):
     number: Count
     """Returned with the answer."""
     base: Annotated[str, Meta(max_length=32)]
-    knobs: Annotated[
-        dict[Annotated[str, Meta(max_length=64)], float], Meta(max_length=64)
-    ]
+    knobs: Annotated[dict[Annotated[str, Meta(max_length=64)], float], Meta(max_length=64)]
     """Changed numbers of the description, by their keys."""
     twist: Triple = (0.0, 0.0, 0.0)
     """Twist that the joints are computed for."""
@@ -461,7 +459,7 @@ class StudentFigures(msgspec.Struct, frozen=True):
 
 
 class StudentReply(Message, frozen=True, tag="student"):
-    """Answer to `StudentRequest`; without figures when the description is impossible."""
+    """Answer to `StudentRequest`; an impossible description has a problem and mostly no figures."""
 
     number: int
     base: str

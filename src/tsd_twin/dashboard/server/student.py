@@ -28,6 +28,7 @@ from tsd_twin.errors import RobotFileError
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.kinematics.reach import largest_twist, section, shadow
 from tsd_twin.lie import SE2, Array
+from tsd_twin.models import check_room
 from tsd_twin.robots import (
     RPM,
     OmniDescription,
@@ -50,7 +51,7 @@ _LARGEST = 1e6
 
 
 def answer(request: StudentRequest) -> StudentReply:
-    """Return the figures of a variant, or the problem that makes it impossible."""
+    """Return the figures of a variant, and the problem that makes it impossible, if any."""
     knobs: list[StudentKnob] = []
     figures, toml, problem = None, None, ""
     try:
@@ -58,6 +59,7 @@ def answer(request: StudentRequest) -> StudentReply:
         knobs = _knobs(request.base, changed)
         robot = variant(request.base, changed)
         figures = figures_of(robot, np.array(request.twist))
+        check_room(robot)  # It has figures, but no body: no program would start with its file.
         if request.toml:
             toml = variant_toml(request.base, changed)
     except RobotFileError as error:
