@@ -336,7 +336,9 @@ def test_a_factor_that_there_is_not_and_a_robot_without_gimbals_change_nothing(
     desk.move()
     assert "/w/r/tsd/ql" not in viewer.own
     desk.scene.remove(feed.id)
+    assert viewer.control("tilt drawn").props["visible"]
     desk.scene.add(RobotFeed("kiwi", load_robot("kiwi")))
+    viewer.until(lambda: not viewer.control("tilt drawn").props["visible"])
     viewer.set("tilt drawn", "x10")
     viewer.until(lambda: viewer.control("vx (m/s)").props["max"] == 0.8)
     viewer.set("vx (m/s)", 0.25)

@@ -188,7 +188,7 @@ class ViewTab:
             [str(choice) for choice in TruePoseDisplay],
             hint="Green cage: where a simulated robot really is",
         )
-        tilt = gui.add_dropdown(
+        self._tilt = gui.add_dropdown(
             "tilt drawn",
             [str(factor) for factor in TiltFactor],
             hint="Gimbals in your picture lean this much more than they do; a label says so",
@@ -200,8 +200,13 @@ class ViewTab:
         )
         camera.on_click(self._on_camera)
         truth.on_update(self._on_true_pose)
-        tilt.on_update(self._on_tilt)
+        self._tilt.on_update(self._on_tilt)
         clear.on_click(self._on_clear)
+
+    def update_controls(self) -> None:
+        """Offer what the selected robot has: only gimbals tilt."""
+        body = self._view.visual
+        self._tilt.visible = body is None or body.meshes.shape.tilts
 
     def _toggle(
         self, label: str, act: Callable[[bool], None], hint: str, *, initial: bool = True
@@ -259,6 +264,7 @@ class Panel:
         gui = client.gui
         tabs = gui.add_tab_group()
         self._drive_tab: DriveTab | None = None
+        self._view_tab: ViewTab | None = None
         if not watches:
             with tabs.add_tab("Drive"):
                 self._drive_tab = DriveTab(gui, self._view, on_moved, self._chosen)
@@ -269,14 +275,14 @@ class Panel:
             gui.add_html('<div data-tsd="joints"></div>')
         if not watches:
             with tabs.add_tab("View"):
-                ViewTab(gui, self._view, scene.clear_trails, dark=dark)
+                self._view_tab = ViewTab(gui, self._view, scene.clear_trails, dark=dark)
         with tabs.add_tab("Plots"):
             gui.add_html('<div data-tsd="plots"></div>')
         with tabs.add_tab("Health"):
             gui.add_html('<div data-tsd="health"></div>')
         with tabs.add_tab("Student"):
             gui.add_html('<div data-tsd="student"></div>')
-        self._label_actuator_tab()
+        self._update_tabs()
 
     @property
     def robot_id(self) -> str | None:
@@ -298,20 +304,22 @@ class Panel:
     def on_robots_changed(self) -> None:
         """Update after robots were added or removed."""
         self._view.on_robots_changed()
-        self._label_actuator_tab()
+        self._update_tabs()
         if self._drive_tab is not None:
             self._drive_tab.update_controls()
 
     def _chosen(self, robot_id: str) -> None:
-        self._label_actuator_tab()
+        self._update_tabs()
         self._on_robot(robot_id)
 
-    def _label_actuator_tab(self) -> None:
+    def _update_tabs(self) -> None:
         body = self._view.visual
         rename_tab(
             self._actuator_tab,
             _ACTUATOR_TAB if body is None else kind_of(body.link.robot).actuator_tab,
         )
+        if self._view_tab is not None:
+            self._view_tab.update_controls()
 
     def reset_sliders(self) -> None:
         """Centre the sliders."""
@@ -325,6 +333,6 @@ class Panel:
             self._view.select_robot(robot_id)
             if self._view.robot_id != before:
                 self.reset_sliders()
-                self._label_actuator_tab()
+                self._update_tabs()
                 if self._drive_tab is not None:
                     self._drive_tab.update_controls()

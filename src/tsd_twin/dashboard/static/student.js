@@ -82,10 +82,10 @@ export class Student {
   }
 
   /** @param {StudentReply} reply */
-  _showRobots({ bases, base }) {
+  _showRobots({ bases }) {
     if (this._robots.length !== bases.length)
       this._robots.replaceChildren(...bases.map(({ id, title }) => el("option", { value: id }, title)));
-    this._robots.value = base;
+    this._robots.value = this._desk.setting.base;
   }
 
   /** @param {StudentFigures} figures */
@@ -160,14 +160,14 @@ class Fields {
 
   /** @param {StudentKnob[]} knobs */
   show(knobs) {
-    const keys = knobs.map(({ key }) => key).join();
+    const keys = knobs.map(({ key, label, unit }) => `${key} ${label} ${unit}`).join();
     if (keys !== this._keys) this._build(knobs);
     this._keys = keys;
     const root = /** @type {ShadowRoot | Document} */ (this.element.getRootNode());
     for (const { key, value, unit, least, most, step } of knobs) {
       for (const input of this._inputs.get(key) ?? []) {
-        const limits = { min: least, max: most, step: input.type === "range" ? step : "any" };
-        for (const [name, limit] of Object.entries(limits)) setAttribute(input, name, limit);
+        for (const [name, limit] of Object.entries({ min: least, max: most, step }))
+          setAttribute(input, name, limit);
         const text = fixedText(value);
         if (input.type === "range") setAttribute(input, "aria-valuetext", `${text} ${unit}`);
         // What a hand is at stays as it is typed.
