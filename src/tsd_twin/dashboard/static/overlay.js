@@ -70,13 +70,13 @@ const inner = el(
   "div.frame",
   stale.veil,
   waypoints.floor.element,
+  new ModuleInset(link).element, // Below notices, card and controls.
   bar.element,
   el(
     "div.messages",
     ...[stale.banner, conflict.element, preview, handOver.element, notices.element],
   ),
   card.element,
-  new ModuleInset(link).element,
   pose.element,
   dock,
   tooltip.element,

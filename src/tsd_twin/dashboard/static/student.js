@@ -90,7 +90,7 @@ export class Student {
 
   /** @param {StudentFigures} figures */
   _showFigures(figures) {
-    const { axes, tops, utilization, outlines, wheels, radius_m: radius } = figures;
+    const { axes, tops, outlines, wheels, radius_m: radius } = figures;
     const row = (/** @type {StudentFigure} */ { name, value, unit, note }) =>
       el(
         "div",
@@ -108,9 +108,7 @@ export class Student {
         return { key: String(i), label: symbol, unit, value, usual: 0, least: -most, most, step };
       }),
     );
-    const share = `${fixed(100 * utilization, 0)} % of what the joints can do`;
-    const cut = utilization > 1 ? "; scaled as a whole to 100 %" : "";
-    setText(this._scaled, `This twist takes ${share}${cut}.`);
+    setText(this._scaled, sayShare(figures));
     this._sketch.show(wheels, radius);
     this._wheels.replaceChildren(...tableOf(wheels));
     this._showModule(wheels);
@@ -255,6 +253,18 @@ class Sketch {
       ),
     );
   }
+}
+
+/** Say how much of the joints a twist takes, and the largest one along it. @param {StudentFigures} figures */
+function sayShare({ axes, twist, utilization: share }) {
+  if (share === 0) return "At rest.";
+  const cut = share > 1 ? "; scaled as a whole to 100 %" : "";
+  const most = axes.map(({ symbol, unit }, i) => {
+    const part = (twist[i] * Math.max(1, share)) / share;
+    return `${symbol} ${fixed(part, 2)} ${unit}`;
+  });
+  const percent = fixed(100 * share, 0);
+  return `This twist takes ${percent} % of what the joints can do${cut}. The largest along it: ${most.join(", ")}.`;
 }
 
 /** @param {StudentWheel[]} wheels */
