@@ -3,24 +3,40 @@ import { test } from "node:test";
 
 import { connect, pass } from "./browser.js";
 
-const { linkTo, settingOf, StudentDesk } = await import(
-  "../../src/tsd_twin/dashboard/static/student_desk.js"
-);
+const { linkTo, settingOf, StudentDesk } =
+  await import("../../src/tsd_twin/dashboard/static/student_desk.js");
 
 const SETTING = {
   base: "tsd",
-  knobs: { "drive.pivot_radius_m": 0.2, "drive.azimuths_deg.1": -150.5, "drive.max_tilt_deg": 1e-7 },
+  knobs: {
+    "drive.pivot_radius_m": 0.2,
+    "drive.azimuths_deg.1": -150.5,
+    "drive.max_tilt_deg": 1e-7,
+  },
   twist: [0.1, -2, 1e-9],
 };
 const KNOB = { key: "drive.max_tilt_deg", usual: 30, value: 30 };
 
 /** Return the reply of the server to a request. */
 function replyTo({ number, base }, fields = {}) {
-  return { t: "student", number, base, bases: [], knobs: [KNOB], figures: null, problem: "", toml: null, ...fields };
+  return {
+    t: "student",
+    number,
+    base,
+    bases: [],
+    knobs: [KNOB],
+    figures: null,
+    problem: "",
+    toml: null,
+    ...fields,
+  };
 }
 
 test("a link carries the setting", () => {
-  const link = linkTo(SETTING, "https://host/robots/?websocket=wss%3A%2F%2Felsewhere&drive.x=9#there");
+  const link = linkTo(
+    SETTING,
+    "https://host/robots/?websocket=wss%3A%2F%2Felsewhere&drive.x=9#there",
+  );
   assert.deepEqual(settingOf(new URL(link).search), SETTING);
   assert.ok(link.startsWith("https://host/robots/?student=tsd&drive.pivot_radius_m=0.2"));
   assert.ok(!link.includes("elsewhere"));

@@ -341,7 +341,7 @@ def test_a_factor_that_there_is_not_and_a_robot_without_gimbals_change_nothing(
     viewer.until(lambda: not viewer.control("tilt drawn").props["visible"])
     viewer.set("tilt drawn", "x10")
     viewer.until(lambda: viewer.control("vx (m/s)").props["max"] == 0.8)
-    viewer.set("vx (m/s)", 0.25)
+    viewer.set("vx (m/s)", 0.5)
     desk.move()
     assert not any("/q" in name for name in viewer.own)
 

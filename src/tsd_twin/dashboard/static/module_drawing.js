@@ -48,10 +48,7 @@ export class ModuleDrawing {
       MIDDLE - 1.15 * RADIUS * c,
     ]);
     // From the contact to the nearest point of the axle: the effective radius.
-    line(this._lever, SIDE, MIDDLE + RADIUS, [
-      SIDE - RADIUS * s * c,
-      MIDDLE + RADIUS * c * c,
-    ]);
+    line(this._lever, SIDE, MIDDLE + RADIUS, [SIDE - RADIUS * s * c, MIDDLE + RADIUS * c * c]);
     setAttribute(this._body, "transform", `rotate(${tilt.toFixed(2)})`);
     const [x, y] = lean; // Forward, left.
     const length = Math.hypot(x, y);

@@ -23,7 +23,7 @@ export class ModuleInset {
     });
     const close = el(
       "button.close",
-      { type: "button", "aria-label": "Close", onclick: () => (this.element.hidden = true) },
+      { type: "button", "aria-label": "Close", onclick: () => this._close() },
       icon("close"),
     );
     this.element = el(
@@ -37,6 +37,10 @@ export class ModuleInset {
     );
     link.on("robot", () => this._build());
     link.on("state", () => this._draw());
+  }
+
+  _close() {
+    this.element.hidden = true;
   }
 
   _build() {

@@ -26,7 +26,18 @@ import { Waypoints } from "./waypoints.js";
 
 const NARROW_PX = 600; // As in small.css.
 // The last ones take away what others show.
-const STYLES = ["base", "frame", "bar", "buttons", "notices", "card", "dock", "small", "account", "module"];
+const STYLES = [
+  "base",
+  "frame",
+  "bar",
+  "buttons",
+  "notices",
+  "card",
+  "dock",
+  "small",
+  "account",
+  "module",
+];
 
 const link = new Link(window.tsd.page);
 const drive = new Drive(link);

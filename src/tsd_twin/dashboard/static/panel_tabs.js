@@ -43,6 +43,7 @@ export function fillPanelTabs(link, waypoints, sphereGoTo) {
   const filled = new Map();
   const fill = () => {
     addAriaLabels();
+    if (desk.isLinked && openTab("Student")) desk.isLinked = false;
     for (const [place, controller] of filled) {
       if (place.isConnected) continue;
       controller.abort();
@@ -100,6 +101,19 @@ function shadow(place, styles) {
   );
   root.replaceChildren(...links);
   return root;
+}
+
+/**
+ * Bring a tab to the front, if it is there: viser makes its content only then. A docked tab of viser
+ * takes keys, one of its drawer clicks.
+ * @param {string} name
+ */
+function openTab(name) {
+  const tabs = /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[role=tab]"));
+  const tab = [...tabs].find((each) => each.textContent.trim() === name);
+  tab?.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true }));
+  tab?.click();
+  return tab !== undefined;
 }
 
 /** Name viser's sliders and fields after the labels in their rows: viser only draws them there. */

@@ -29,8 +29,7 @@ export class ReachPlot {
     const largest = Math.max(...shadow.map(([a]) => Math.abs(a)));
     const widest = Math.max(...shadow.map(([, b]) => Math.abs(b)));
     const together = Math.max(largest, widest);
-    const [scaleUp, scaleLeft] =
-      up.unit === left.unit ? [together, together] : [largest, widest];
+    const [scaleUp, scaleLeft] = up.unit === left.unit ? [together, together] : [largest, widest];
     const point = (/** @type {[number, number]} */ [a, b]) =>
       [(-b / scaleLeft) * REACH, (-a / scaleUp) * REACH].map((x) => x.toFixed(2)).join(" ");
     const outline = (/** @type {[number, number][]} */ points) =>

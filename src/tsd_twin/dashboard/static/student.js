@@ -18,7 +18,7 @@ export class Student {
     this._wantsFile = false;
     this._robots = el("select", {
       "aria-label": "Robot to start from",
-      onchange: () => desk.choose(this._robots.value),
+      onchange: () => this._choose(),
     });
     this._knobs = new Fields("Knobs", (key, value) => desk.turn(key, value));
     this._twist = new Fields("Twist", (key, value) => desk.move(Number(key), value));
@@ -33,7 +33,7 @@ export class Student {
       type: "text",
       readonly: true,
       "aria-label": "Link to this setting",
-      onfocus: () => this._address.select(),
+      onfocus: () => this._selectAddress(),
     });
     this._said = el("span.muted", { role: "status" });
     const button = (/** @type {string} */ label, /** @type {() => void} */ onclick) =>
@@ -54,16 +54,31 @@ export class Student {
         "section.student",
         { "aria-label": "Student" },
         el("p.muted", "Turn the knobs of a robot that is not there. No robot moves."),
-        el("div.head", this._robots, button("Reset knobs", () => desk.reset())),
+        el(
+          "div.head",
+          this._robots,
+          button("Reset knobs", () => desk.reset()),
+        ),
         ...[this._knobs.element, this._problem, this._results],
-        el("div.head", save, button("Copy link", () => void this._copy())),
+        el(
+          "div.head",
+          save,
+          button("Copy link", () => void this._copy()),
+        ),
         ...[this._address, this._said],
       ),
     );
     desk.on((reply) => this._show(reply), signal);
     link.on("beat", () => isVisible(place.host) && desk.refresh(), signal);
     if (desk.reply !== null) this._show(desk.reply);
-    if (desk.isLinked) openTab(place.host, desk);
+  }
+
+  _choose() {
+    this._desk.choose(this._robots.value);
+  }
+
+  _selectAddress() {
+    this._address.select();
   }
 
   /** @param {StudentReply} reply */
@@ -84,7 +99,9 @@ export class Student {
   /** @param {StudentReply} reply */
   _showRobots({ bases }) {
     if (this._robots.length !== bases.length)
-      this._robots.replaceChildren(...bases.map(({ id, title }) => el("option", { value: id }, title)));
+      this._robots.replaceChildren(
+        ...bases.map(({ id, title }) => el("option", { value: id }, title)),
+      );
     this._robots.value = this._desk.setting.base;
   }
 
@@ -179,19 +196,17 @@ class Fields {
     this._inputs.clear();
     /** @type {Map<string, HTMLElement>} */
     const folds = new Map();
-    const rows = knobs.flatMap((knob) => {
-      const wheel = /^(.*)\.(\d+)\.\w+$/.exec(knob.key);
-      if (wheel === null) return [this._row(knob)];
-      const fold = folds.get(wheel[2]);
-      if (fold) {
-        fold.append(this._row(knob));
-        return [];
+    this.element.replaceChildren();
+    for (const knob of knobs) {
+      const wheel = /\.(\d+)\.\w+$/.exec(knob.key)?.[1];
+      const fold = wheel === undefined ? this.element : (folds.get(wheel) ?? el("details"));
+      if (wheel !== undefined && !folds.has(wheel)) {
+        fold.append(el("summary", `Wheel ${Number(wheel) + 1}`));
+        folds.set(wheel, fold);
+        this.element.append(fold);
       }
-      const made = el("details", el("summary", `Wheel ${Number(wheel[2]) + 1}`), this._row(knob));
-      folds.set(wheel[2], made);
-      return [made];
-    });
-    this.element.replaceChildren(...rows);
+      fold.append(this._row(knob));
+    }
   }
 
   /** @param {StudentKnob} knob */
@@ -200,7 +215,8 @@ class Fields {
       const oninput = () => {
         const value = Number(node.value);
         if (node.value === "" || !Number.isFinite(value)) return;
-        for (const other of this._inputs.get(key) ?? []) if (other !== node) other.value = node.value;
+        for (const other of this._inputs.get(key) ?? [])
+          if (other !== node) other.value = node.value;
         this._turn(key, value);
       };
       const name = type === "range" ? label : `${label}${unit === "" ? "" : `, ${unit}`}`;
@@ -295,13 +311,4 @@ export function decimals(value) {
 /** Return a number as a field takes it, without digits that rounding left. @param {number} value */
 export function fixedText(value) {
   return String(Number(value.toPrecision(6)));
-}
-
-/** Bring the tab to the front, once: the address asks for it. @param {Element} host @param {StudentDesk} desk */
-function openTab(host, desk) {
-  desk.isLinked = false;
-  const panel = host.closest("[role=tabpanel]");
-  const name = panel?.getAttribute("aria-labelledby");
-  const tab = name ? document.getElementById(name) : null;
-  if (tab instanceof HTMLElement) tab.click();
 }

@@ -51,7 +51,7 @@ export class StudentDesk {
   constructor(link, query) {
     this._link = link;
     const given = settingOf(query);
-    this.isLinked = given !== null; // By the address: the tab opens once.
+    this.isLinked = given !== null; // By the address: its tab is to be opened, once.
     /** @type {StudentSetting} */
     this.setting = given ?? { base: DEFAULT_BASE, knobs: {}, twist: DEFAULT_TWIST };
     /** @type {StudentReply | null} */
