@@ -40,10 +40,12 @@ from tsd_twin.dashboard.server.protocol import (
     SetSpeedLevel,
     SetWheelSpeed,
     StopCommand,
+    StudentRequest,
     decode_page_message,
     encode_message,
 )
 from tsd_twin.dashboard.server.robot_directory import RobotDirectory
+from tsd_twin.dashboard.server.student_session import StudentSession
 from tsd_twin.dashboard.server.teleop import TeleopController
 from tsd_twin.errors import MessageError
 from tsd_twin.messages.services import Event, Reply
@@ -176,6 +178,7 @@ class Session:
             self._send,
             lambda: on_released(page),
         )
+        self._student = StudentSession(executor, self._send)
         self._stopping: set[asyncio.Task[None]] = set()
         self._motion: DriveCommand | FollowPlan | None = None
         self._plot_fields: Sequence[str] = ()
@@ -208,6 +211,7 @@ class Session:
         """Stop the motion and release the lease; the socket is closed or lost."""
         self._motion = None
         self._teleop.close()
+        self._student.close()
         await self._lease_client.close()
         self._on_released(self.page)
 
@@ -231,6 +235,9 @@ class Session:
                 if self._motion is None:
                     asyncio.get_running_loop().call_soon(self._move)
                 self._motion = message
+                return
+            case StudentRequest():  # It concerns no robot.
+                self._student.request(message)
                 return
             case ReleaseControls():
                 self._motion = None

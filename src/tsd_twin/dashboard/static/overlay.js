@@ -13,6 +13,7 @@ import { Hints } from "./hints.js";
 import { Keyboard } from "./keyboard.js";
 import { kindOf } from "./kinds.js";
 import { known, Link } from "./link.js";
+import { ModuleInset } from "./module_inset.js";
 import { isNotable, Notices, StaleBanner } from "./notices.js";
 import { PanelSliders } from "./panel_sliders.js";
 import { fillPanelTabs } from "./panel_tabs.js";
@@ -25,7 +26,18 @@ import { Waypoints } from "./waypoints.js";
 
 const NARROW_PX = 600; // As in small.css.
 // The last ones take away what others show.
-const STYLES = ["base", "frame", "bar", "buttons", "notices", "card", "dock", "small", "account"];
+const STYLES = [
+  "base",
+  "frame",
+  "bar",
+  "buttons",
+  "notices",
+  "card",
+  "dock",
+  "small",
+  "account",
+  "module",
+];
 
 const link = new Link(window.tsd.page);
 const drive = new Drive(link);
@@ -69,6 +81,7 @@ const inner = el(
   "div.frame",
   stale.veil,
   waypoints.floor.element,
+  new ModuleInset(link).element, // Below notices, card and controls.
   bar.element,
   el(
     "div.messages",
