@@ -334,6 +334,7 @@ type Waypoints = import("../static/waypoints.js").Waypoints;
 type SliderValues = Omit<PanelSliders, "t">;
 type SphereGoTo = import("../static/sphere.js").SphereGoTo;
 type Recorder = import("../static/plots.js").Recorder;
+type KeySheet = import("../static/key_sheet.js").KeySheet;
 
 /** Figure of the readout: name, unit, and text for a state. */
 type Reading = [name: string, unit: string, read: (state: Partial<RobotState>) => string];

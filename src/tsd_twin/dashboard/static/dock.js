@@ -130,7 +130,7 @@ export class SpeedLevel {
     });
     this.element = el(
       "span.level-control",
-      el("span.caption", { "aria-hidden": "true" }, "Level"),
+      el("span.caption", { "aria-hidden": "true" }, "Speed"),
       this._group,
     );
     tooltip.attach(this._group, () => explainLevel(link.state?.status.limits));
@@ -179,11 +179,11 @@ export class SpeedLevel {
 
 /** @param {LimitStatus | undefined} limits */
 function explainLevel(limits) {
-  const what = "How fast a full stick drives, in percent of the limits.";
+  const what = "Speed of a full stick, in percent of the limits.";
   if (limits === undefined) return what;
   return (
-    `${what} The speed limit is ${fixed(limits.speed_mps, 2)} m/s. ` +
-    `From there the robot stops within ${fixed(limits.stop_allowance_m, 2)} m if the link fails.`
+    `${what} 100 % is ${fixed(limits.speed_mps, 2)} m/s, ` +
+    `from which the robot stops within ${fixed(limits.stop_allowance_m, 2)} m if the link fails.`
   );
 }
 
@@ -207,7 +207,7 @@ export class StopButton {
       el("span.label", "STOP"),
     );
     const help =
-      "Software stop, also with the space bar. It is no emergency stop: that has to cut the power.";
+      "Software stop, also with the space bar. It is no emergency stop, which cuts the power.";
     this.element = el(
       "div.control.stopping",
       this.button,
@@ -215,7 +215,7 @@ export class StopButton {
     );
     tooltip.attach(
       this.button,
-      () => "Software stop (space bar). It does not replace an emergency stop that cuts the power.",
+      () => "Software stop (space bar). It is no emergency stop, which cuts the power.",
     );
     link.on(["state", "down"], () => {
       const mode = link.isStale() ? "" : link.state?.status.mode;

@@ -3,12 +3,19 @@
 import { el } from "./dom.js";
 import { Health } from "./health.js";
 import { kindOf } from "./kinds.js";
+import { PageSettings } from "./page_settings.js";
 import { Plots, Recorder } from "./plots.js";
 import { WaypointForm } from "./waypoint_form.js";
 import { WheelSpeed } from "./wheel_speed.js";
 
 const REFRESH_MS = 50;
 const UNNAMED = "[role=slider], input[type=text]";
+/** @type {Record<string, string>} What viser leaves without a name, by its icon or its class. */
+const NAMES = {
+  ".mantine-ActionIcon-root:has(.tabler-icon-adjustments)": "Connection and scene of viser",
+  ".mantine-ActionIcon-root:has(.tabler-icon-arrow-back)": "Back to the controls",
+  ".mantine-Notification-closeButton": "Close this notice",
+};
 const LABEL_LEVELS = 8; // How far above a control viser's label may be.
 
 /** @type {Record<string, string[]>} */
@@ -18,13 +25,15 @@ const STYLES = {
   wheel_speed: ["wheel_speed"],
   plots: ["plots"],
   health: ["health"],
+  page: ["page_settings"],
 };
 
 /**
  * Fill all places that there are and that will come, and name what viser leaves without a name.
  * @param {Link} link @param {Waypoints} waypoints @param {SphereGoTo} sphereGoTo
+ * @param {KeySheet} sheet
  */
-export function fillPanelTabs(link, waypoints, sphereGoTo) {
+export function fillPanelTabs(link, waypoints, sphereGoTo, sheet) {
   const recorder = new Recorder(link);
   /** @type {Record<string, (place: ShadowRoot, signal: AbortSignal) => unknown>} */
   const contents = {
@@ -33,6 +42,7 @@ export function fillPanelTabs(link, waypoints, sphereGoTo) {
     wheel_speed: (place, signal) => new WheelSpeed(link, place, signal),
     plots: (place, signal) => new Plots(recorder, place, signal),
     health: (place, signal) => new Health(link, place, signal),
+    page: (place, signal) => new PageSettings(link, place, signal, sheet),
   };
   /** @type {Map<HTMLElement, AbortController>} */
   const filled = new Map();
@@ -106,6 +116,11 @@ function addAriaLabels() {
     const label = labelOf(control);
     if (label !== null) control.setAttribute("aria-label", label);
   }
+  for (const box of document.querySelectorAll("input[type=checkbox]:not([aria-description])"))
+    box.setAttribute("aria-description", "Enter ticks it; the space bar stops the robot.");
+  for (const [selector, name] of Object.entries(NAMES))
+    for (const button of document.querySelectorAll(`${selector}:not([aria-label])`))
+      button.setAttribute("aria-label", name);
 }
 
 /** @param {Element} control */
