@@ -33,6 +33,12 @@ def tab_to(page: Page, target: Locator, key: str = "Tab") -> None:
     raise AssertionError(f"Tab does not reach {target}")
 
 
+def next_step(page: Page, name: str) -> None:
+    """Check that the list of first steps has ticked all before this one."""
+    steps = page.get_by_role("region", name="First steps")
+    expect(steps.locator("[aria-current=step]")).to_have_text(name, timeout=PATIENCE_MS)
+
+
 def enter(page: Page, role: str, name: str, key: str = "Tab") -> None:
     """Go to a control and press Enter, once it can be used."""
     target = page.get_by_role(role, name=name, exact=True)
@@ -46,7 +52,6 @@ def page(start: Callable[..., Program], browser: Browser) -> Page:
     line = start("tsd_demo", "--no-browser", "--until-eof", "--port", "0", "--bus-port", "0")
     url = re.findall(r"http://\S+", line.ready())[0]
     page = browser.new_page(viewport={"width": 1280, "height": 720})
-    page.add_init_script("localStorage.setItem('tsd.hints', 'seen')")
     page.goto(url + QUICK)
     mode(page, "disarmed")
     return page
@@ -121,15 +126,22 @@ def reset(page: Page) -> None:
 
 
 def test_a_robot_is_driven_by_keyboard_alone(page: Page) -> None:
-    """Take control, arm, drive, keep a value, go to a point, stop, reset and release."""
+    """Take control, arm, drive, keep a value, go to a point, stop, reset and release.
+
+    The list of first steps ticks itself meanwhile, and does not come back.
+    """
     page.keyboard.press("Tab")
     expect(page.get_by_role("button", name="STOP")).to_be_focused()
+    next_step(page, "Take control")
     enter(page, "button", "Take control")
     expect(page.get_by_role("button", name="Release control")).to_be_visible(timeout=PATIENCE_MS)
+    next_step(page, "Arm")
     enter(page, "button", "Arm", "Shift+Tab")
     mode(page, "ready")
+    next_step(page, "Drive")
     hold_until_it_moves(page, "w")
     page.keyboard.up("w")
+    next_step(page, "Stop")
     tab_to(page, page.get_by_role("region", name="Drive stick"), "Shift+Tab")
     hold_until_it_moves(page, "ArrowDown")
     page.keyboard.up("ArrowDown")
@@ -150,8 +162,10 @@ def test_a_robot_is_driven_by_keyboard_alone(page: Page) -> None:
     expect(page.get_by_role("log", name="Messages")).to_contain_text("Enter ticks a box")
     expect(box).to_be_checked()
     expect(page.get_by_text("You pressed STOP.")).to_be_visible()
-    page.keyboard.press("Tab")
+    next_step(page, "Reset")
     reset(page)
+    expect(page.get_by_role("region", name="First steps")).to_be_hidden(timeout=PATIENCE_MS)
+    assert page.evaluate("localStorage.getItem('tsd.hints')") == "seen"
     enter(page, "button", "Release control")
     expect(page.get_by_role("button", name="Take control")).to_be_visible(timeout=PATIENCE_MS)
 

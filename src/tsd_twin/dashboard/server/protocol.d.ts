@@ -334,7 +334,12 @@ type Waypoints = import("../static/waypoints.js").Waypoints;
 type SliderValues = Omit<PanelSliders, "t">;
 type SphereGoTo = import("../static/sphere.js").SphereGoTo;
 type Recorder = import("../static/plots.js").Recorder;
-type KeySheet = import("../static/key_sheet.js").KeySheet;
+
+/** What explains the page. */
+interface Guides {
+  keySheet: import("../static/key_sheet.js").KeySheet;
+  firstSteps: import("../static/first_steps.js").FirstSteps;
+}
 
 /** Figure of the readout: name, unit, and text for a state. */
 type Reading = [name: string, unit: string, read: (state: Partial<RobotState>) => string];
@@ -376,14 +381,6 @@ interface PointerCallbacks {
   came: (event: PointerEvent) => void;
   moved?: (event: PointerEvent) => void;
   gone: (event: PointerEvent) => void;
-}
-
-/** A hint for the first visit: shown at `target` when it makes sense, until it has been followed. */
-interface Hint {
-  readonly target: Element;
-  readonly text: string;
-  when: (state: RobotState) => boolean;
-  done: (state: RobotState) => boolean;
 }
 
 /** What the page has for robots of a kind. */

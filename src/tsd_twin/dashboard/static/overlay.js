@@ -7,10 +7,10 @@ import { ConsistencyWarning } from "./consistency.js";
 import { el, setAttribute, setText } from "./dom.js";
 import { Joystick, SpeedLevel, StopButton, TurnSlider } from "./dock.js";
 import { Drive } from "./drive.js";
+import { FirstSteps } from "./first_steps.js";
 import { sentence, withNames } from "./format.js";
 import { Gamepad } from "./gamepad.js";
 import { HandOver } from "./handover.js";
-import { Hints } from "./hints.js";
 import { KeySheet } from "./key_sheet.js";
 import { Keyboard } from "./keyboard.js";
 import { kindOf } from "./kinds.js";
@@ -31,7 +31,7 @@ const TOLD_MS = 1000;
 // The last ones take away what others show.
 const STYLES = [
   ...["base", "frame", "bar", "buttons", "notices", "card", "dock"],
-  ...["key_sheet", "small", "account"],
+  ...["key_sheet", "first_steps", "small", "account"],
 ];
 
 const link = new Link(window.tsd.page, typedName());
@@ -48,6 +48,7 @@ const level = new SpeedLevel(link, drive);
 const stale = new StaleBanner(link);
 const alarm = new StopAlarm(drive);
 const keySheet = new KeySheet(root);
+const firstSteps = new FirstSteps(link);
 const conflict = new ConsistencyWarning(link);
 const card = new StatusCard(link);
 const stick = new Joystick(drive);
@@ -77,41 +78,15 @@ const inner = el(
   el(
     "div.messages",
     ...[stale.banner, alarm.element, conflict.element, preview],
-    ...[handOver.element, notices.element, keySheet.element],
+    ...[handOver.element, notices.element, keySheet.element, firstSteps.element],
   ),
   card.element,
   pose.element,
   tooltip.element,
 );
-/** @type {(state: RobotState) => boolean} */
-const isArmed = ({ status }) => ["arming", "ready", "driving"].includes(status.mode);
 const account = new Account(link, inner);
 bar.element.append(account.element);
 stopButton.element.append(account.watching);
-const hints = new Hints(link, [
-  {
-    target: bar.control.button,
-    text: "Take control: one person drives at a time.",
-    when: (state) => !state.you,
-    done: (state) => state.you,
-  },
-  {
-    target: bar.arm.button,
-    get text() {
-      return kindOf(link.robot).armHint;
-    },
-    when: (state) => state.you && state.status.mode === "disarmed",
-    done: isArmed,
-  },
-  {
-    target: stick.pad,
-    text: "Push the stick, or hold W A S D and Q E. It springs back, and the robot stops.",
-    when: (state) => state.you && isArmed(state),
-    done: ({ status }) => status.mode === "driving",
-  },
-]);
-inner.append(hints.element);
-
 const key = (/** @type {string} */ name) => el("kbd", name);
 const keysHelp = el(
   "button.keys",
@@ -175,7 +150,7 @@ frame.phone.addEventListener("change", layOut);
 layOut();
 fold(false);
 turnAxes("base_link");
-fillPanelTabs(link, waypoints, sphereGoTo, keySheet);
+fillPanelTabs(link, waypoints, sphereGoTo, { keySheet, firstSteps });
 link.open();
 
 /** @param {KeyboardEvent} event */

@@ -1,4 +1,5 @@
-// Settings of this page, at the end of the View tab: the name of the operator, and the sheet of keys.
+// Settings of this page, at the end of the View tab: the name of the operator, and what explains the
+// page: the sheet of keys and the first steps.
 
 import { el, setAttribute, setText } from "./dom.js";
 import { keepName } from "./operator_name.js";
@@ -6,9 +7,9 @@ import { keepName } from "./operator_name.js";
 export class PageSettings {
   /**
    * @param {Link} link @param {ShadowRoot} place @param {AbortSignal} signal
-   * @param {KeySheet} sheet
+   * @param {Guides} guides
    */
-  constructor(link, place, signal, sheet) {
+  constructor(link, place, signal, { keySheet, firstSteps }) {
     this._link = link;
     this._name = el("input", { type: "text", maxlength: 40, autocomplete: "nickname" });
     this._name.value = link.name;
@@ -16,9 +17,11 @@ export class PageSettings {
     this._name.setAttribute("aria-describedby", "name-note");
     this._name.addEventListener("change", () => this._take());
     this._field = el("div.field", el("label", "Your name", this._name), this._note);
-    const keys = el("button.button", { type: "button", onclick: () => sheet.toggle() });
-    keys.append("Keys and colours");
-    place.append(el("section.settings", { "aria-label": "This page" }, this._field, keys));
+    const button = (/** @type {string} */ name, /** @type {() => void} */ onclick) =>
+      el("button.button", { type: "button", onclick }, name);
+    const keys = button("Keys and colours", () => keySheet.toggle());
+    const steps = button("First steps", () => firstSteps.open());
+    place.append(el("section.settings", { "aria-label": "This page" }, this._field, keys, steps));
     link.on(["welcome", "state", "down"], () => this._show(), signal);
     this._show();
   }

@@ -1,6 +1,6 @@
 // Content of the tabs of viser's panel: viser makes empty places, and makes them anew on reconnection.
 
-import { el } from "./dom.js";
+import { el, setAttribute } from "./dom.js";
 import { Health } from "./health.js";
 import { kindOf } from "./kinds.js";
 import { PageSettings } from "./page_settings.js";
@@ -12,7 +12,7 @@ const REFRESH_MS = 50;
 const UNNAMED = "[role=slider], input[type=text]";
 /** @type {Record<string, string>} What viser leaves without a name, by its icon or its class. */
 const NAMES = {
-  ".mantine-ActionIcon-root:has(.tabler-icon-adjustments)": "Connection and scene of viser",
+  ".mantine-ActionIcon-root:has(.tabler-icon-adjustments)": "Configuration and diagnostics",
   ".mantine-ActionIcon-root:has(.tabler-icon-arrow-back)": "Back to the controls",
   ".mantine-Notification-closeButton": "Close this notice",
 };
@@ -31,9 +31,9 @@ const STYLES = {
 /**
  * Fill all places that there are and that will come, and name what viser leaves without a name.
  * @param {Link} link @param {Waypoints} waypoints @param {SphereGoTo} sphereGoTo
- * @param {KeySheet} sheet
+ * @param {Guides} guides
  */
-export function fillPanelTabs(link, waypoints, sphereGoTo, sheet) {
+export function fillPanelTabs(link, waypoints, sphereGoTo, guides) {
   const recorder = new Recorder(link);
   /** @type {Record<string, (place: ShadowRoot, signal: AbortSignal) => unknown>} */
   const contents = {
@@ -42,7 +42,7 @@ export function fillPanelTabs(link, waypoints, sphereGoTo, sheet) {
     wheel_speed: (place, signal) => new WheelSpeed(link, place, signal),
     plots: (place, signal) => new Plots(recorder, place, signal),
     health: (place, signal) => new Health(link, place, signal),
-    page: (place, signal) => new PageSettings(link, place, signal, sheet),
+    page: (place, signal) => new PageSettings(link, place, signal, guides),
   };
   /** @type {Map<HTMLElement, AbortController>} */
   const filled = new Map();
@@ -119,8 +119,8 @@ function addAriaLabels() {
   for (const box of document.querySelectorAll("input[type=checkbox]:not([aria-description])"))
     box.setAttribute("aria-description", "Enter ticks it; the space bar stops the robot.");
   for (const [selector, name] of Object.entries(NAMES))
-    for (const button of document.querySelectorAll(`${selector}:not([aria-label])`))
-      button.setAttribute("aria-label", name);
+    for (const button of document.querySelectorAll(selector))
+      setAttribute(button, "aria-label", name);
 }
 
 /** @param {Element} control */
