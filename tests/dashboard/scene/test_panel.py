@@ -148,7 +148,7 @@ def test_the_page_finds_the_places_it_draws_in(viewer: ViserClient) -> None:
     content = [c.props["content"] for c in viewer.controls.values() if c.kind == "GuiHtmlMessage"]
     assert content == [
         f'<div data-tsd="{name}"></div>'
-        for name in ("wheel_speed", "route", "joints", "plots", "health")
+        for name in ("wheel_speed", "route", "joints", "page", "plots", "health")
     ]
     (tabs,) = (c for c in viewer.controls.values() if c.kind == "GuiTabGroupMessage")
     assert list(tabs.props["_tab_labels"]) == ["Drive", "Gimbals", "View", "Plots", "Health"]

@@ -107,14 +107,20 @@ function shadow(place, styles) {
   return root;
 }
 
+/** @type {WeakSet<Element>} Controls that are named here; another robot has other labels. */
+const namedHere = new WeakSet();
+
 /** Name viser's sliders and fields after the labels in their rows: viser only draws them there. */
 function addAriaLabels() {
   for (const control of document.querySelectorAll(UNNAMED)) {
     // viser gives its sliders a name that is empty.
     const named = control.getAttribute("aria-label") || control.getAttribute("aria-labelledby");
-    if (named || (control instanceof HTMLInputElement && control.labels?.length)) continue;
+    const hasLabel = control instanceof HTMLInputElement && control.labels?.length;
+    if ((named && !namedHere.has(control)) || hasLabel) continue;
     const label = labelOf(control);
-    if (label !== null) control.setAttribute("aria-label", label);
+    if (label === null) continue;
+    setAttribute(control, "aria-label", label);
+    namedHere.add(control);
   }
   for (const box of document.querySelectorAll("input[type=checkbox]:not([aria-description])"))
     box.setAttribute("aria-description", "Enter ticks it; the space bar stops the robot.");
