@@ -10,6 +10,7 @@ from tsd_twin.calibration import calibrate, zeroing
 from tsd_twin.errors import TwinError
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.lab import atlas, budget, follow, motors, omni_paths, omni_step, square
+from tsd_twin.recording import rerun_experiment
 
 EXPERIMENTS: tuple[Experiment, ...] = (
     motors.EXPERIMENT,
@@ -21,6 +22,7 @@ EXPERIMENTS: tuple[Experiment, ...] = (
     omni_step.EXPERIMENT,
     omni_paths.EXPERIMENT,
     atlas.EXPERIMENT,
+    rerun_experiment.EXPERIMENT,
 )
 """What `tsd-lab` can do; one more is one more file and one more row."""
 
