@@ -72,7 +72,7 @@ def hold_until_it_moves(page: Page, key: str) -> None:
 
 
 def drive_with_a_slider_that_keeps_its_value(page: Page) -> None:
-    chosen = page.get_by_role("combobox", name="mode")
+    chosen = page.locator("input").and_(page.get_by_label("mode", exact=True))
     tab_to(page, chosen)
     for _ in range(_TRIES):
         if chosen.input_value() == "drive":
@@ -106,7 +106,7 @@ def drive_with_a_slider_that_keeps_its_value(page: Page) -> None:
 def reset(page: Page) -> None:
     """Hold Enter on Reset stop, and go on holding it, as a hand does: nothing is armed by that."""
     button = page.get_by_role("button", name="Reset stop")
-    tab_to(page, button)
+    tab_to(page, button, "Shift+Tab")
     for _ in range(_TRIES):
         page.keyboard.down("Enter")
         try:

@@ -1,7 +1,7 @@
 // The controls at hand: drive stick, turn slider, speed level and STOP.
 
 import { tooltip } from "./button.js";
-import { el, icon, setAttribute } from "./dom.js";
+import { el, icon, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
 import { SpringControl } from "./held_controls.js";
 
@@ -21,7 +21,7 @@ export class Joystick extends SpringControl {
       {
         role: "region",
         "aria-label": "Drive stick",
-        "aria-describedby": "stick-help",
+        "aria-describedby": "stick-value stick-help",
         tabindex: 0,
       },
       ...[el("div.level"), gap, allowed, asked],
@@ -30,8 +30,9 @@ export class Joystick extends SpringControl {
     this.unit = { x: 0, y: 0, turn: 0 };
     this.pad = pad;
     this.help = el("span.sr", { id: "stick-help" });
+    this._value = el("span.sr", { id: "stick-value" });
     this.head = el("div.caption-row", el("div.caption", { "aria-hidden": "true" }, "Drive"));
-    this.element = el("div.control.stick", this.head, pad, this.help);
+    this.element = el("div.control.stick", this.head, pad, this._value, this.help);
     this._drive = drive;
     this._asked = asked;
     this._allowed = allowed;
@@ -53,7 +54,7 @@ export class Joystick extends SpringControl {
     placeKnob(this._asked, unit.x, unit.y);
     this.pad.style.setProperty("--level", String(level / 100));
     const said = [unit.x, unit.y].map((share) => fixed(share * scale.speed, 2));
-    setAttribute(this.pad, "aria-valuetext", `${forward} ${said[0]}, ${left} ${said[1]} ${word}`);
+    setText(this._value, `${forward} ${said[0]}, ${left} ${said[1]} ${word}.`);
     this._allowed.hidden = this._gap.hidden = allowed === null;
     if (allowed === null) return;
     const length = Math.max(1, Math.hypot(allowed.x, allowed.y));

@@ -31,8 +31,9 @@ export class Health {
     this._cells = new Map(); // By title and name of their rows.
     this._tables = el("div.tables");
     const attributes = { role: "log", "aria-live": "polite", "aria-label": "Events", tabindex: 0 };
-    this._log = el("ol.log", attributes);
-    place.append(this._tables, el("div.head", el("strong", "Events")), this._log);
+    this._log = el("ol");
+    const log = el("div.log", attributes, this._log);
+    place.append(this._tables, el("div.head", el("strong", "Events")), log);
     link.on("state", (state) => isVisible(place.host) && this._show(state), signal);
     link.on("event", (event) => this._add(event), signal);
     link.on("robot", () => this._log.replaceChildren(), signal);
