@@ -131,7 +131,7 @@ def test_a_robot_is_driven_by_keyboard_alone(page: Page) -> None:
     The list of first steps ticks itself meanwhile, and does not come back.
     """
     page.keyboard.press("Tab")
-    expect(page.get_by_role("button", name="STOP")).to_be_focused()
+    expect(page.get_by_role("button", name="STOP", exact=True)).to_be_focused()
     next_step(page, "Take control")
     enter(page, "button", "Take control")
     expect(page.get_by_role("button", name="Release control")).to_be_visible(timeout=PATIENCE_MS)
@@ -179,7 +179,7 @@ def test_a_key_opens_the_sheet_which_covers_no_control_and_gives_the_focus_back(
     sheet = page.get_by_role("dialog", name="Keys and colours")
     expect(sheet).to_be_visible()
     expect(sheet.get_by_role("button", name="Close")).to_be_focused()
-    stop = page.get_by_role("button", name="STOP")
+    stop = page.get_by_role("button", name="STOP", exact=True)
     over, under = sheet.bounding_box(), stop.bounding_box()
     assert over is not None
     assert under is not None

@@ -188,7 +188,7 @@ def test_the_scene_is_drawn_no_faster_than_it_can_be(demo: Demo) -> None:
 
 def test_the_page_loads_without_an_error(demo: Demo) -> None:
     mode(demo.page, "disarmed")
-    expect(demo.page.get_by_role("slider", name="Turn")).to_be_visible()
+    expect(demo.page.get_by_role("slider", name="Turn", exact=True)).to_be_visible()
     for name in ("Forward (m/s)", "Left (m/s)", "Turn left (rad/s)"):
         expect(demo.page.get_by_role("slider", name=name)).to_be_visible(timeout=PATIENCE_MS)
     for name in ("Mode", "Link", "Pose", "Speed"):
