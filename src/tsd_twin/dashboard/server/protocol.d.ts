@@ -407,6 +407,12 @@ type SphereGoTo = import("../static/sphere.js").SphereGoTo;
 type Recorder = import("../static/plot_recorder.js").Recorder;
 type StudentDesk = import("../static/student_desk.js").StudentDesk;
 
+/** What explains the page. */
+interface Guides {
+  keySheet: import("../static/key_sheet.js").KeySheet;
+  firstSteps: import("../static/first_steps.js").FirstSteps;
+}
+
 /** Figure of the readout: name, unit, and text for a state. */
 type Reading = [name: string, unit: string, read: (state: Partial<RobotState>) => string];
 type StickLabels = [up: string, left: string, unit: string];
@@ -438,14 +444,6 @@ interface PointerCallbacks {
   came: (event: PointerEvent) => void;
   moved?: (event: PointerEvent) => void;
   gone: (event: PointerEvent) => void;
-}
-
-/** A hint for the first visit: shown at `target` when it makes sense, until it has been followed. */
-interface Hint {
-  readonly target: Element;
-  readonly text: string;
-  when: (state: RobotState) => boolean;
-  done: (state: RobotState) => boolean;
 }
 
 /** Setting of the Student tab: a shipped robot, its changed knobs, and a twist. */

@@ -14,7 +14,7 @@ import msgspec
 
 from tsd_twin.client import procedures
 from tsd_twin.dashboard.scene.picking import PageScene
-from tsd_twin.dashboard.server.auth import Principal
+from tsd_twin.dashboard.server.auth import Principal, operator_name
 from tsd_twin.dashboard.server.lease import LeaseClient, RpcExecutor
 from tsd_twin.dashboard.server.navigation import NavigationSession
 from tsd_twin.dashboard.server.protocol import (
@@ -155,8 +155,12 @@ class Session:
         *,
         principal: Principal,
         page_scene: PageScene,
+        name: str = "",
     ) -> None:
-        """`principal` owns the page; each page has an operator id of its own."""
+        """`principal` owns the page; each page has an operator id of its own.
+
+        `name` is what the operator has typed, which counts where there are no logins.
+        """
         self.page = page
         self.principal = principal
         self.send_queue = SendQueue()
@@ -164,7 +168,7 @@ class Session:
         """The robot that is watched."""
         self.rejected = 0
         """Number of invalid messages."""
-        self._operator = f"{principal.identity.name}-{page[:8]}"
+        self._operator = f"{operator_name(principal, name)}-{page[:8]}"
         self._role = principal.identity.role
         self._directory = directory
         self._executor = executor
