@@ -240,9 +240,8 @@ class Session:
                     asyncio.get_running_loop().call_soon(self._move)
                 self._motion = message
                 return
-            case StudentRequest():  # It concerns no robot.
-                self._student.request(message)
-                return
+            case StudentRequest():
+                pass  # It concerns no robot.
             case ReleaseControls():
                 self._motion = None
             case _:
@@ -287,6 +286,8 @@ class Session:
                     self._on_released(self.page)
             case SelectRobot() | SelectPlotFields():
                 self._select(message)
+            case StudentRequest():
+                self._student.request(message)
             case LeaseAction() if self._role is Role.VIEWER:
                 self._send(ActionReply(to="lease", ok=False, reason=_VIEWER_REFUSAL))
             case LeaseAction():
