@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { connect } from "./browser.js";
+import { connect, pass } from "./browser.js";
 
 test("a listener hears messages of its types until its signal aborts", () => {
   const { link, state, say } = connect();
@@ -30,4 +30,17 @@ test("a listener that another one adds hears from the next message on, one that 
   assert.deepEqual(heard, ["first"]);
   state();
   assert.deepEqual(heard, ["first", "first", "added"]);
+});
+
+test("another name of the operator goes out with a new connection, and the same one with none", () => {
+  const { link, socket, newestSocket } = connect();
+  assert.equal(socket.address.searchParams.get("name"), null);
+  link.rename("");
+  pass(1000);
+  assert.equal(newestSocket(), socket);
+  link.rename("anna");
+  assert.equal(link.connected, false);
+  assert.equal(socket.readyState, 3);
+  pass(1000);
+  assert.equal(newestSocket().address.searchParams.get("name"), "anna");
 });

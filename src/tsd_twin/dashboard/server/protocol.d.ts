@@ -244,6 +244,62 @@ interface RobotEvent {
   past: boolean;
 }
 
+interface StudentKnob {
+  key: string;
+  label: string;
+  unit: string;
+  value: number;
+  usual: number;
+  least: number;
+  most: number;
+  step: number;
+}
+
+interface StudentFigure {
+  name: string;
+  value: number;
+  unit: string;
+  note: string;
+}
+
+interface StudentOutline {
+  axes: [number, number];
+  section: [number, number][];
+  shadow: [number, number][];
+}
+
+interface StudentWheel {
+  at: [number, number];
+  push: [number, number];
+  direction_deg: number | null;
+  rpm: number;
+  gimbal: Triple | null;
+  axle: [number, number] | null;
+  effective_radius_mm: number | null;
+}
+
+interface StudentFigures {
+  axes: TwistAxisInfo[];
+  tops: Triple;
+  figures: StudentFigure[];
+  outlines: StudentOutline[];
+  twist: Triple;
+  utilization: number;
+  wheels: StudentWheel[];
+  radius_m: number;
+}
+
+interface StudentReply {
+  t: "student";
+  number: number;
+  base: string;
+  bases: RobotName[];
+  knobs: StudentKnob[];
+  figures: StudentFigures | null;
+  problem: string;
+  toml: string | null;
+}
+
 interface HeartbeatReply {
   t: "heartbeat";
   sent_ms: number;
@@ -258,6 +314,7 @@ type ServerMessage =
   | ControlsReleased
   | ActionReply
   | RobotEvent
+  | StudentReply
   | HeartbeatReply;
 
 /** The messages by their `t`, and the three events of the link itself. */
@@ -297,7 +354,16 @@ interface LeaseAction {
   max_age_s?: number | null;
 }
 
+interface StudentRequest {
+  number: number;
+  base: string;
+  knobs: Record<string, number>;
+  twist: Triple;
+  toml: boolean;
+}
+
 type PageMessage =
+  | (StudentRequest & { t: "student" })
   | ((DriveCommand | FollowPlan) & { seen: number })
   | (PlanRequest & { t: "plan"; level: number })
   | (LeaseAction & { t: "lease" })
@@ -339,6 +405,13 @@ type Waypoints = import("../static/waypoints.js").Waypoints;
 type SliderValues = Omit<PanelSliders, "t">;
 type SphereGoTo = import("../static/sphere.js").SphereGoTo;
 type Recorder = import("../static/plot_recorder.js").Recorder;
+type StudentDesk = import("../static/student_desk.js").StudentDesk;
+
+/** What explains the page. */
+interface Guides {
+  keySheet: import("../static/key_sheet.js").KeySheet;
+  firstSteps: import("../static/first_steps.js").FirstSteps;
+}
 
 /** Figure of the readout: name, unit, and text for a state. */
 type Reading = [name: string, unit: string, read: (state: Partial<RobotState>) => string];
@@ -373,12 +446,20 @@ interface PointerCallbacks {
   gone: (event: PointerEvent) => void;
 }
 
-/** A hint for the first visit: shown at `target` when it makes sense, until it has been followed. */
-interface Hint {
-  readonly target: Element;
-  readonly text: string;
-  when: (state: RobotState) => boolean;
-  done: (state: RobotState) => boolean;
+/** Setting of the Student tab: a shipped robot, its changed knobs, and a twist. */
+interface StudentSetting {
+  base: string;
+  knobs: Record<string, number>;
+  twist: Triple;
+}
+
+/** A module of a singularity drive, as it is drawn large. */
+interface ModuleView {
+  tilt_deg: number;
+  /** Lean of the axle along the axes of the robot; length 1 is the tilt limit. */
+  lean: [number, number];
+  rpm: number;
+  radius_mm: number;
 }
 
 /** What the page has for robots of a kind. */

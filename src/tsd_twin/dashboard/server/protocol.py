@@ -144,6 +144,20 @@ class SelectPlotFields(Message, frozen=True, tag="plot_fields"):
     """Of `RobotInfo.plot_fields`; unknown names are ignored."""
 
 
+class StudentRequest(Message, frozen=True, tag="student"):
+    """Request of the figures of a shipped robot with some knobs turned; it concerns no robot."""
+
+    number: Count
+    """Returned with the answer."""
+    base: Annotated[str, Meta(max_length=32)]
+    knobs: Annotated[dict[Annotated[str, Meta(max_length=64)], float], Meta(max_length=64)]
+    """Changed numbers of the description, by their keys."""
+    twist: Triple = (0.0, 0.0, 0.0)
+    """Twist that the joints are computed for."""
+    toml: bool = False
+    """Whether the answer shall have the description as a file."""
+
+
 PageMessage: TypeAlias = (
     DriveCommand
     | PlanRequest
@@ -161,6 +175,7 @@ PageMessage: TypeAlias = (
     | StopCommand
     | SelectRobot
     | SelectPlotFields
+    | StudentRequest
 )
 _DECODER = msgspec.json.Decoder(PageMessage)
 
@@ -390,6 +405,87 @@ class RobotEvent(Message, frozen=True, tag="event"):
     def of(cls, event: Event, *, past: bool = False) -> RobotEvent:
         """Return the displayed part of an event."""
         return cls(kind=event.kind, text=event.text, robot_s=round(event.robot_s, 3), past=past)
+
+
+class StudentKnob(msgspec.Struct, frozen=True):
+    """Number of a description that can be changed."""
+
+    key: str
+    label: str
+    unit: str
+    value: float
+    usual: float
+    """Value in the shipped description."""
+    least: float
+    most: float
+    step: float
+
+
+class StudentFigure(msgspec.Struct, frozen=True):
+    """Number that follows from the description."""
+
+    name: str
+    value: float
+    unit: str
+    note: str = ""
+
+
+class StudentOutline(msgspec.Struct, frozen=True):
+    """Outline of the reachable twists in two of their components."""
+
+    axes: tuple[int, int]
+    """Indices of the components."""
+    section: Sequence[tuple[float, float]]
+    """Boundary of the twists whose third component is zero."""
+    shadow: Sequence[tuple[float, float]]
+    """Boundary of the projection of all twists."""
+
+
+class StudentWheel(msgspec.Struct, frozen=True):
+    """Wheel of a variant at the requested twist, along the axes of the robot."""
+
+    at: tuple[float, float]
+    """Where it touches, metres."""
+    push: tuple[float, float]
+    """Velocity of that place, m/s."""
+    direction_deg: float | None
+    """Where a wheel that turns forward drives to; None for wheels on gimbals."""
+    rpm: float
+    gimbal: Triple | None = None
+    """alpha, beta and tilt in degrees."""
+    axle: tuple[float, float] | None = None
+    """Horizontal part of the unit vector along the axle."""
+    effective_radius_mm: float | None = None
+
+
+class StudentFigures(msgspec.Struct, frozen=True):
+    """All that follows from a description and a twist."""
+
+    axes: Sequence[TwistAxisInfo]
+    tops: Triple
+    """Largest value of each component alone."""
+    figures: Sequence[StudentFigure]
+    outlines: Sequence[StudentOutline]
+    twist: Triple
+    """The requested twist, scaled as a whole to what the joints reach."""
+    utilization: float
+    """Share of the joint limits that the requested twist needs; above 1 it is scaled."""
+    wheels: Sequence[StudentWheel]
+    radius_m: float
+    """Radius of the wheels."""
+
+
+class StudentReply(Message, frozen=True, tag="student"):
+    """Answer to `StudentRequest`; an impossible description has a problem and mostly no figures."""
+
+    number: int
+    base: str
+    bases: Sequence[RobotName]
+    """Shipped robots."""
+    knobs: Sequence[StudentKnob]
+    figures: StudentFigures | None
+    problem: str
+    toml: str | None
 
 
 class HeartbeatReply(Message, frozen=True, tag="heartbeat"):

@@ -14,7 +14,7 @@ import msgspec
 
 from tsd_twin.client import procedures
 from tsd_twin.dashboard.scene.picking import PageScene
-from tsd_twin.dashboard.server.auth import Principal
+from tsd_twin.dashboard.server.auth import Principal, operator_name
 from tsd_twin.dashboard.server.lease import LeaseClient, RpcExecutor
 from tsd_twin.dashboard.server.navigation import NavigationSession
 from tsd_twin.dashboard.server.protocol import (
@@ -40,10 +40,12 @@ from tsd_twin.dashboard.server.protocol import (
     SetSpeedLevel,
     SetWheelSpeed,
     StopCommand,
+    StudentRequest,
     decode_page_message,
     encode_message,
 )
 from tsd_twin.dashboard.server.robot_directory import RobotDirectory
+from tsd_twin.dashboard.server.student_session import StudentSession
 from tsd_twin.dashboard.server.teleop import TeleopController
 from tsd_twin.errors import MessageError
 from tsd_twin.messages.services import Event, Reply
@@ -153,8 +155,12 @@ class Session:
         *,
         principal: Principal,
         page_scene: PageScene,
+        name: str = "",
     ) -> None:
-        """`principal` owns the page; each page has an operator id of its own."""
+        """`principal` owns the page; each page has an operator id of its own.
+
+        `name` is what the operator has typed, which counts where there are no logins.
+        """
         self.page = page
         self.principal = principal
         self.send_queue = SendQueue()
@@ -162,7 +168,7 @@ class Session:
         """The robot that is watched."""
         self.rejected = 0
         """Number of invalid messages."""
-        self._operator = f"{principal.identity.name}-{page[:8]}"
+        self._operator = f"{operator_name(principal, name)}-{page[:8]}"
         self._role = principal.identity.role
         self._directory = directory
         self._executor = executor
@@ -176,6 +182,7 @@ class Session:
             self._send,
             lambda: on_released(page),
         )
+        self._student = StudentSession(executor, self._send)
         self._stopping: set[asyncio.Task[None]] = set()
         self._motion: DriveCommand | FollowPlan | None = None
         self._plot_fields: Sequence[str] = ()
@@ -208,6 +215,7 @@ class Session:
         """Stop the motion and release the lease; the socket is closed or lost."""
         self._motion = None
         self._teleop.close()
+        self._student.close()
         await self._lease_client.close()
         self._on_released(self.page)
 
@@ -232,6 +240,8 @@ class Session:
                     asyncio.get_running_loop().call_soon(self._move)
                 self._motion = message
                 return
+            case StudentRequest():
+                pass  # It concerns no robot.
             case ReleaseControls():
                 self._motion = None
             case _:
@@ -276,6 +286,8 @@ class Session:
                     self._on_released(self.page)
             case SelectRobot() | SelectPlotFields():
                 self._select(message)
+            case StudentRequest():
+                self._student.request(message)
             case LeaseAction() if self._role is Role.VIEWER:
                 self._send(ActionReply(to="lease", ok=False, reason=_VIEWER_REFUSAL))
             case LeaseAction():

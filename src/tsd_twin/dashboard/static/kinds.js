@@ -31,7 +31,7 @@ const ON_FLOOR = {
 const MOTORS = {
   arm: "Switch the motors on",
   disarm: "Switch the motors off",
-  armHint: "Arm: from then on the motors hold the robot, and move it when you ask.",
+  armHint: "The motors hold the robot from then on.",
 };
 
 /** @param {RobotInfo} robot */
@@ -49,7 +49,7 @@ const KINDS = {
     ...ON_FLOOR,
     arm: "Check neutral tilt, then spin the wheels up",
     disarm: "Spin the wheels down",
-    armHint: "Arm: the wheels spin up. They spin even when the robot stands still.",
+    armHint: "The wheels spin up. They spin even when the robot stands still.",
     Panel: Gimbals,
     plots: (robot) => [
       ...twists(robot),
