@@ -19,12 +19,14 @@ from tests.support.robot_feed import RobotFeed, link_poses
 from tests.support.viser_client import PATIENCE_S, Node, ViserClient, viser_client
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.scene.tilt_exaggeration import exaggerate_tilt
 from tsd_twin.dashboard.viser_compat import viser_server
 from tsd_twin.dashboard.viser_compat.viser_server import page_of
 from tsd_twin.lie import SE2
+from tsd_twin.robots import load_robot
 
 PAGE, OTHER_PAGE = "0123456789abcdef", "fedcba9876543210"
-SLIDERS = ("vx (m/s)", "vy (m/s)", "omega (rad/s)")
+SLIDERS = ("Forward (m/s)", "Left (m/s)", "Turn left (rad/s)")
 GIMBALS = ("outer", "inner", "wheel")
 
 
@@ -148,10 +150,11 @@ def test_the_page_finds_the_places_it_draws_in(viewer: ViserClient) -> None:
     content = [c.props["content"] for c in viewer.controls.values() if c.kind == "GuiHtmlMessage"]
     assert content == [
         f'<div data-tsd="{name}"></div>'
-        for name in ("wheel_speed", "route", "joints", "plots", "health")
+        for name in ("wheel_speed", "route", "joints", "page", "plots", "health", "student")
     ]
     (tabs,) = (c for c in viewer.controls.values() if c.kind == "GuiTabGroupMessage")
-    assert list(tabs.props["_tab_labels"]) == ["Drive", "Gimbals", "View", "Plots", "Health"]
+    labels = ["Drive", "Gimbals", "View", "Plots", "Health", "Student"]
+    assert list(tabs.props["_tab_labels"]) == labels
 
 
 def test_sliders_have_the_limits_of_the_robot(viewer: ViserClient, feed: RobotFeed) -> None:
@@ -165,22 +168,22 @@ def test_sliders_have_the_limits_of_the_robot(viewer: ViserClient, feed: RobotFe
 def test_a_slider_tells_the_page_that_it_is_on(
     desk: Desk, viewer: ViserClient, onlooker: ViserClient
 ) -> None:
-    viewer.set("vx (m/s)", 0.5)
+    viewer.set("Forward (m/s)", 0.5)
     assert desk.move() == (PAGE, 0.5, 0.0, 0.0, "preview", False)
-    onlooker.set("omega (rad/s)", -1.0)
+    onlooker.set("Turn left (rad/s)", -1.0)
     assert desk.move() == (OTHER_PAGE, 0.0, 0.0, -1.0, "preview", False)
-    viewer.set("latch", True)
+    viewer.set("Keep value", True)
     assert desk.move() == (PAGE, 0.5, 0.0, 0.0, "preview", True)
 
 
 def test_a_change_of_mode_zeroes_the_sliders_first(desk: Desk, viewer: ViserClient) -> None:
     """So a robot never starts to move by a click on a word."""
-    viewer.set("vx (m/s)", 0.5)
+    viewer.set("Forward (m/s)", 0.5)
     desk.move()
     viewer.set("mode", "drive")
     assert desk.move() == (PAGE, 0.0, 0.0, 0.0, "drive", False)
-    viewer.until(lambda: viewer.control("vx (m/s)").value == 0.0)
-    viewer.set("vy (m/s)", -0.25)
+    viewer.until(lambda: viewer.control("Forward (m/s)").value == 0.0)
+    viewer.set("Left (m/s)", -0.25)
     assert desk.move() == (PAGE, 0.0, -0.25, 0.0, "drive", False)
 
 
@@ -197,11 +200,11 @@ def test_a_page_that_lets_go_springs_its_own_sliders_back(
     desk: Desk, viewer: ViserClient, onlooker: ViserClient
 ) -> None:
     for client in (viewer, onlooker):
-        client.set("vx (m/s)", 0.5)
+        client.set("Forward (m/s)", 0.5)
         desk.move()
     desk.panels.reset_sliders(PAGE)
-    viewer.until(lambda: viewer.control("vx (m/s)").value == 0.0)
-    assert onlooker.control("vx (m/s)").value == 0.5
+    viewer.until(lambda: viewer.control("Forward (m/s)").value == 0.0)
+    assert onlooker.control("Forward (m/s)").value == 0.5
     assert desk.moves.empty()  # It was the page that let go: it knows.
 
 
@@ -213,11 +216,11 @@ def test_no_client_can_ask_for_more_than_the_limits(made: Desk, numbers: list[fl
     if robot.id not in made.scene.visuals:
         made.scene.add(robot)
     with opened(made, PAGE) as viewer:
-        viewer.set("latch", True)
+        viewer.set("Keep value", True)
         made.move()
         for label, number in zip(SLIDERS, numbers, strict=True):
             viewer.set(label, number)
-        viewer.set("latch", False)
+        viewer.set("Keep value", False)
         while (move := made.move())[-1]:
             pass
     _, vx, vy, omega, _, _ = move
@@ -228,7 +231,7 @@ def test_no_client_can_ask_for_more_than_the_limits(made: Desk, numbers: list[fl
 
 def test_a_mode_that_there_is_not_is_no_driving(desk: Desk, viewer: ViserClient) -> None:
     viewer.set("mode", "ludicrous")
-    viewer.set("vx (m/s)", 0.25)
+    viewer.set("Forward (m/s)", 0.25)
     assert desk.move()[-2] == "preview"
     viewer.set("mode", "drive")
     assert desk.move()[-2] == "drive"
@@ -237,7 +240,7 @@ def test_a_mode_that_there_is_not_is_no_driving(desk: Desk, viewer: ViserClient)
 def test_preview_shows_its_own_gimbals_to_its_own_client(
     desk: Desk, feed: RobotFeed, viewer: ViserClient, onlooker: ViserClient
 ) -> None:
-    viewer.set("omega (rad/s)", 1.5)
+    viewer.set("Turn left (rad/s)", 1.5)
     desk.move()
     k = feed.kinematics.modules
     viewer.until(lambda: all(hidden(viewer, kind) == [True] * k for kind in GIMBALS))
@@ -253,7 +256,7 @@ def test_preview_shows_its_own_gimbals_to_its_own_client(
 
 
 def test_the_live_gimbals_come_back(desk: Desk, feed: RobotFeed, viewer: ViserClient) -> None:
-    viewer.set("vx (m/s)", 0.5)
+    viewer.set("Forward (m/s)", 0.5)
     desk.move()
     viewer.until(lambda: tried(viewer, "wheel").visible)
     desk.panels.reset_sliders(PAGE)
@@ -273,10 +276,80 @@ def test_the_live_gimbals_come_back(desk: Desk, feed: RobotFeed, viewer: ViserCl
     )
 
 
+def enlarged(viewer: ViserClient, kind: str) -> Node:
+    return viewer.own[f"/w/r/tsd/q{kind}"]
+
+
+def test_exaggerated_tilt_is_drawn_and_labelled_for_its_own_client(
+    desk: Desk, feed: RobotFeed, viewer: ViserClient, onlooker: ViserClient
+) -> None:
+    k = feed.kinematics.modules
+    viewer.set("tilt drawn", "x10")
+    viewer.until(lambda: all(hidden(viewer, kind) == [True] * k for kind in GIMBALS))
+    assert viewer.own["/w/r/tsd/ql"].props["text"] == "tilt drawn x10"
+    for vx_mps in (0.2, 0.5):
+        joints = feed.kinematics.inverse(np.array([vx_mps, 0.0, 0.0]))
+        feed.say(joints=joints, setpoint=joints)
+        desk.scene.draw()
+        tilted = exaggerate_tilt(joints, 10.0)
+        assert feed.kinematics.tilt(tilted) == pytest.approx(10.0 * feed.kinematics.tilt(joints))
+        poses = link_poses(feed.robot, SE2.identity(), tilted)
+        viewer.until(
+            lambda poses=poses: np.allclose(
+                np.reshape(enlarged(viewer, "inner").props["batched_wxyzs"], (-1, 4)),
+                poses["inner"].wxyz,
+                atol=1e-6,
+            )
+        )
+    # The shared rings show the true set-point; this client has its own instead.
+    assert not viewer.own["/w/r/tsd/s"].visible
+    assert "/w/r/tsd/qs" in viewer.own
+    assert onlooker.own == {}
+    viewer.set("tilt drawn", "x1")
+    viewer.until(lambda: viewer.own == {})
+    viewer.until(lambda: not any(any(hidden(viewer, kind)) for kind in GIMBALS))
+
+
+def test_a_preview_is_exaggerated_too_and_the_live_gimbals_come_back_after_it(
+    desk: Desk, feed: RobotFeed, viewer: ViserClient
+) -> None:
+    viewer.set("tilt drawn", "x3")
+    viewer.until(lambda: enlarged(viewer, "inner").visible)
+    viewer.set("vx (m/s)", 0.5)
+    desk.move()
+    joints = exaggerate_tilt(feed.kinematics.inverse(np.array([0.5, 0.0, 0.0])), 3.0)
+    poses = link_poses(feed.robot, SE2.identity(), joints)
+    viewer.until(lambda: tried(viewer, "inner").visible and not enlarged(viewer, "inner").visible)
+    shown = np.reshape(tried(viewer, "inner").props["batched_wxyzs"], (-1, 4))
+    np.testing.assert_allclose(shown, poses["inner"].wxyz, atol=1e-6)
+    desk.panels.reset_sliders(PAGE)
+    viewer.until(lambda: enlarged(viewer, "inner").visible and not tried(viewer, "inner").visible)
+    # The true ones stay hidden beside the enlarged ones.
+    viewer.until(lambda: hidden(viewer, "inner") == [True] * feed.kinematics.modules)
+
+
+def test_a_factor_that_there_is_not_and_a_robot_without_gimbals_change_nothing(
+    desk: Desk, viewer: ViserClient, feed: RobotFeed
+) -> None:
+    viewer.set("tilt drawn", "x1000000")
+    viewer.set("vx (m/s)", 0.25)
+    desk.move()
+    assert "/w/r/tsd/ql" not in viewer.own
+    desk.scene.remove(feed.id)
+    assert viewer.control("tilt drawn").props["visible"]
+    desk.scene.add(RobotFeed("kiwi", load_robot("kiwi")))
+    viewer.until(lambda: not viewer.control("tilt drawn").props["visible"])
+    viewer.set("tilt drawn", "x10")
+    viewer.until(lambda: viewer.control("vx (m/s)").props["max"] == 0.8)
+    viewer.set("vx (m/s)", 0.5)
+    desk.move()
+    assert not any("/q" in name for name in viewer.own)
+
+
 def test_mode_drive_shows_no_preview(desk: Desk, viewer: ViserClient) -> None:
     viewer.set("mode", "drive")
     desk.move()
-    viewer.set("vx (m/s)", 0.5)
+    viewer.set("Forward (m/s)", 0.5)
     desk.move()
     assert viewer.own == {}
 
@@ -284,7 +357,7 @@ def test_mode_drive_shows_no_preview(desk: Desk, viewer: ViserClient) -> None:
 def test_preview_hides_the_gimbals_of_its_robot_only(
     desk: Desk, feed: RobotFeed, viewer: ViserClient
 ) -> None:
-    viewer.set("vx (m/s)", 0.5)
+    viewer.set("Forward (m/s)", 0.5)
     desk.move()
     k = feed.kinematics.modules
     viewer.until(lambda: hidden(viewer, "outer") == [True] * k)
@@ -296,10 +369,10 @@ def test_preview_hides_the_gimbals_of_its_robot_only(
 
 def test_a_client_that_comes_before_the_robot_gets_its_sliders_with_it(desk: Desk) -> None:
     with opened(desk, PAGE) as viewer:
-        assert viewer.control("vx (m/s)").props["disabled"]
+        assert viewer.control("Forward (m/s)").props["disabled"]
         desk.scene.add(RobotFeed())
-        viewer.until(lambda: not viewer.control("omega (rad/s)").props["disabled"])
-        viewer.until(lambda: viewer.control("omega (rad/s)").props["max"] == 3.0)
+        viewer.until(lambda: not viewer.control("Turn left (rad/s)").props["disabled"])
+        viewer.until(lambda: viewer.control("Turn left (rad/s)").props["max"] == 3.0)
 
 
 def test_robots_can_be_chosen_when_there_are_several(desk: Desk, viewer: ViserClient) -> None:
@@ -321,11 +394,11 @@ def test_a_robot_chosen_elsewhere_in_the_page_is_chosen_here(
     desk: Desk, viewer: ViserClient
 ) -> None:
     desk.scene.add(RobotFeed("bob"))
-    viewer.set("vx (m/s)", 0.5)
+    viewer.set("Forward (m/s)", 0.5)
     desk.move()
     desk.panels.select_robot(PAGE, "bob")
     viewer.until(lambda: viewer.control("robot").value == "bob")
-    viewer.until(lambda: viewer.control("vx (m/s)").value == 0.0)
+    viewer.until(lambda: viewer.control("Forward (m/s)").value == 0.0)
     assert desk.choices.empty()
     desk.panels.select_robot(PAGE, "nobody")
     assert viewer.control("robot").value == "bob"
@@ -399,7 +472,7 @@ def test_a_client_that_does_not_follow_sees_the_robot_drive_away(
     viewer.until(lambda: np.allclose(viewer.node("/w").position, (-2.0, 0.0, 0.0)))
 
 
-@pytest.mark.parametrize("side", ["iso", "behind", "top"])
+@pytest.mark.parametrize("side", ["3-D", "behind", "top"])
 def test_the_camera_turns_to_the_robot(
     desk: Desk, feed: RobotFeed, viewer: ViserClient, side: str
 ) -> None:
@@ -431,7 +504,7 @@ def test_colours_are_a_matter_of_the_client(viewer: ViserClient, onlooker: Viser
 def test_a_client_without_a_page_moves_its_own_picture_only(desk: Desk, feed: RobotFeed) -> None:
     del feed
     with opened(desk, None) as viewer:
-        viewer.set("vx (m/s)", 0.5)
+        viewer.set("Forward (m/s)", 0.5)
         viewer.until(lambda: tried(viewer, "wheel").visible)
     assert desk.moves.empty()
 

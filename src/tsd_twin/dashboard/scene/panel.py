@@ -1,4 +1,4 @@
-"""Panel of one client: tabs Drive, actuators, View, Plots and Health."""
+"""Panel of one client: tabs Drive, actuators, View, Plots, Health and Student."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from tsd_twin.dashboard.scene.client_view import CameraPreset, ClientView, TrueP
 from tsd_twin.dashboard.scene.robot_geometry import FLOOR_AXES, axis_limits, twist_axes_of
 from tsd_twin.dashboard.scene.robot_visual import SPIN_SLOWDOWN, RobotVisual
 from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.scene.tilt_exaggeration import TiltFactor
 from tsd_twin.dashboard.viser_compat.viser_server import rename_tab, set_theme
 from tsd_twin.lie import Array
 from tsd_twin.motion import TwistLimiter
@@ -52,7 +53,7 @@ class DriveTab:
         self._on_moved = on_moved
         self._on_robot = on_robot
         self._robot: viser.GuiDropdownHandle[str] = gui.add_dropdown(
-            "robot", [""], hint="The robot to look at and to drive"
+            "robot", [""], hint="Robot to watch and to drive"
         )
         self._sliders = [
             gui.add_slider(
@@ -68,14 +69,14 @@ class DriveTab:
         self._mode: viser.GuiDropdownHandle[str] = gui.add_dropdown(
             "mode",
             [str(mode) for mode in SliderMode],
-            hint="preview shows in your picture what the joints would do; drive commands the robot",
+            hint="preview: only your picture moves; drive: the robot moves",
         )
         self._latch = gui.add_checkbox(
-            "latch",
+            "Keep value",
             initial_value=False,
-            hint="In mode drive: keep driving after you let go of a slider",
+            hint="In mode drive the robot drives on when you let go of a slider. Enter ticks it.",
         )
-        zero = gui.add_button("Zero", hint="All sliders back to zero")
+        zero = gui.add_button("Zero", hint="Set all sliders to zero")
         for slider in self._sliders:
             slider.on_update(self._on_slider)
         self._latch.on_update(self._on_slider)
@@ -150,15 +151,15 @@ class DriveTab:
 
 
 _LAYER_HINTS = {
-    Layer.SETPOINT: "Cyan rings: set-points of the gimbals",
-    Layer.TRAIL: "Blue line: where the robot believes it was, the last 40 m",
-    Layer.ROUTE: "Violet line: the planned path, in all open pages",
-    Layer.OTHER: "Rose cage: where the robot is by its other estimate, of robots that have two",
-    Layer.ARROWS: "Yellow: direction and speed that each wheel gives the robot, or the ball on it",
-    Layer.ELLIPSE: "Blue ellipse: where the robot is with 86 % certainty, two sigma",
+    Layer.SETPOINT: "Cyan rings: where the gimbals should be",
+    Layer.TRAIL: "Blue line: estimated path of the last 40 m",
+    Layer.ROUTE: "Violet line: planned path, in all pages",
+    Layer.OTHER: "Rose cage: the other estimate, of robots that have two",
+    Layer.ARROWS: "Orange arrows: push of each wheel",
+    Layer.ELLIPSE: "Blue ellipse: the robot is inside with 86 % certainty (two sigma)",
     Layer.PREDICTED: "Pink cage: where the robot will be when a command sent now arrives",
-    Layer.ENVELOPE: "Red area: where the robot can still get to if the link dies now",
-    Layer.LABELS: "Metres on the axes of the floor, and names when there are several robots",
+    Layer.ENVELOPE: "Red area: how far the robot can still get if the link fails now",
+    Layer.LABELS: "Metres on the floor, and names of several robots",
 }
 
 
@@ -176,7 +177,7 @@ class ViewTab:
         self._gui = gui
         self._view = view
         self._clear_trails = clear_trails
-        self._toggle("follow", view.set_following, "The robot keeps its place in the picture")
+        self._toggle("follow", view.set_following, "The camera moves with the robot")
         camera = gui.add_button_group(
             "camera", [str(side) for side in CameraPreset], hint="Turn the camera to the robot"
         )
@@ -187,14 +188,25 @@ class ViewTab:
             [str(choice) for choice in TruePoseDisplay],
             hint="Green cage: where a simulated robot really is",
         )
-        clear = gui.add_button("Clear trail", hint="Forget where the robots were, for everybody")
+        self._tilt = gui.add_dropdown(
+            "tilt drawn",
+            [str(factor) for factor in TiltFactor],
+            hint="Gimbals in your picture lean this much more than they do; a label says so",
+        )
+        clear = gui.add_button("Clear trail", hint="Delete the trails of all robots, in all pages")
         self._toggle("dark", lambda on: set_theme(gui, dark=on), "Dark colours", initial=dark)
         gui.add_markdown(
-            f"Wheels on gimbals are drawn turning {SPIN_SLOWDOWN} times slower than they do."
+            f"Wheels on gimbals are drawn {SPIN_SLOWDOWN} times slower than they turn."
         )
         camera.on_click(self._on_camera)
         truth.on_update(self._on_true_pose)
+        self._tilt.on_update(self._on_tilt)
         clear.on_click(self._on_clear)
+
+    def update_controls(self) -> None:
+        """Offer what the selected robot has: only gimbals tilt."""
+        body = self._view.visual
+        self._tilt.visible = body is None or body.meshes.shape.tilts
 
     def _toggle(
         self, label: str, act: Callable[[bool], None], hint: str, *, initial: bool = True
@@ -212,6 +224,10 @@ class ViewTab:
         if event.target.value in list(TruePoseDisplay):
             self._view.set_true_pose_display(TruePoseDisplay(event.target.value))
 
+    async def _on_tilt(self, event: viser.GuiEvent[Any]) -> None:
+        if event.target.value in list(TiltFactor):
+            self._view.set_tilt_factor(TiltFactor(event.target.value))
+
     async def _on_clear(self, _event: viser.GuiEvent[Any]) -> None:
         self._clear_trails()
 
@@ -221,10 +237,10 @@ _ACTUATOR_TAB = KINDS[0].actuator_tab
 
 
 class Panel:
-    """Panel of one client: tabs Drive, actuators, View, Plots and Health.
+    """Panel of one client: tabs Drive, actuators, View, Plots, Health and Student.
 
-    The actuators tab, Plots, Health and the end of Drive are empty elements, marked `data-tsd`. The
-    page fills them from its own socket, so that no data is sent twice.
+    The actuators tab, Plots, Health, Student and the ends of Drive and View are empty elements,
+    marked `data-tsd`. The page fills them from its own socket, so that no data is sent twice.
     """
 
     def __init__(
@@ -248,6 +264,7 @@ class Panel:
         gui = client.gui
         tabs = gui.add_tab_group()
         self._drive_tab: DriveTab | None = None
+        self._view_tab: ViewTab | None = None
         if not watches:
             with tabs.add_tab("Drive"):
                 self._drive_tab = DriveTab(gui, self._view, on_moved, self._chosen)
@@ -258,12 +275,15 @@ class Panel:
             gui.add_html('<div data-tsd="joints"></div>')
         if not watches:
             with tabs.add_tab("View"):
-                ViewTab(gui, self._view, scene.clear_trails, dark=dark)
+                self._view_tab = ViewTab(gui, self._view, scene.clear_trails, dark=dark)
+                gui.add_html('<div data-tsd="page"></div>')
         with tabs.add_tab("Plots"):
             gui.add_html('<div data-tsd="plots"></div>')
         with tabs.add_tab("Health"):
             gui.add_html('<div data-tsd="health"></div>')
-        self._label_actuator_tab()
+        with tabs.add_tab("Student"):
+            gui.add_html('<div data-tsd="student"></div>')
+        self._update_tabs()
 
     @property
     def robot_id(self) -> str | None:
@@ -285,20 +305,22 @@ class Panel:
     def on_robots_changed(self) -> None:
         """Update after robots were added or removed."""
         self._view.on_robots_changed()
-        self._label_actuator_tab()
+        self._update_tabs()
         if self._drive_tab is not None:
             self._drive_tab.update_controls()
 
     def _chosen(self, robot_id: str) -> None:
-        self._label_actuator_tab()
+        self._update_tabs()
         self._on_robot(robot_id)
 
-    def _label_actuator_tab(self) -> None:
+    def _update_tabs(self) -> None:
         body = self._view.visual
         rename_tab(
             self._actuator_tab,
             _ACTUATOR_TAB if body is None else kind_of(body.link.robot).actuator_tab,
         )
+        if self._view_tab is not None:
+            self._view_tab.update_controls()
 
     def reset_sliders(self) -> None:
         """Centre the sliders."""
@@ -312,6 +334,6 @@ class Panel:
             self._view.select_robot(robot_id)
             if self._view.robot_id != before:
                 self.reset_sliders()
-                self._label_actuator_tab()
+                self._update_tabs()
                 if self._drive_tab is not None:
                     self._drive_tab.update_controls()
