@@ -98,7 +98,7 @@ def demo(*flags: str) -> Generator[str]:
 def opened(
     browser: Browser, address: str, sharpness: float = 1.0, **settings: Any
 ) -> Generator[Page]:
-    """Context manager that opens the page, with its hints closed.
+    """Context manager that opens the page, with its first steps closed.
 
     `sharpness` is the number of pixels of the scene for one of the page.
     """

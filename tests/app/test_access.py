@@ -271,7 +271,7 @@ def test_nginx_as_on_the_page_of_the_docs(
         expect(page.get_by_role("button", name="Release control")).to_be_visible(
             timeout=PATIENCE_MS
         )
-        expect(page.get_by_role("slider", name="vx (m/s)")).to_be_visible(timeout=PATIENCE_MS)
+        expect(page.get_by_role("slider", name="Forward (m/s)")).to_be_visible(timeout=PATIENCE_MS)
         value = f"{cookie.get('name')}={cookie.get('value')}"
         trusting = ssl.create_default_context(cafile=folder / "keys" / "ca.pem")
         for origin, allowed in ((f"https://{host}", True), ("https://evil.example", False)):

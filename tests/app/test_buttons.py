@@ -20,8 +20,8 @@ pytestmark = [
 MADE = """async () => {
   const { Button, tooltip } = await import("/static/button.js");
   window.arm = new Button("Arm", () => {}, { tip: "Switches the motors on" });
-  window.fold = new Button("Fold", () => {}, { tip: "Hides the stick" });
-  document.body.replaceChildren(arm.element, fold.element, tooltip.element);
+  window.hide = new Button("Hide controls", () => {}, { tip: "Hides the stick" });
+  document.body.replaceChildren(arm.element, hide.element, tooltip.element);
 }"""
 TEXTS = """(ms) => new Promise((done) => {
   const seen = new Set();
@@ -42,19 +42,19 @@ def page(browser: Browser) -> Generator[Page]:
 
 
 def test_a_button_that_becomes_another_one_has_its_description(page: Page) -> None:
-    fold = page.get_by_role("button", name="Fold")
-    expect(fold).to_have_accessible_description("Hides the stick")
-    page.evaluate("fold.become('Unfold', 'Shows the stick')")
-    unfold = page.get_by_role("button", name="Unfold")
-    expect(unfold).to_have_accessible_description("Shows the stick")
-    page.evaluate("fold.allow('Not now.')")
-    expect(unfold).to_have_accessible_description("Not now.")
+    hide = page.get_by_role("button", name="Hide controls")
+    expect(hide).to_have_accessible_description("Hides the stick")
+    page.evaluate("hide.become('Show controls', 'Shows the stick')")
+    shown = page.get_by_role("button", name="Show controls")
+    expect(shown).to_have_accessible_description("Shows the stick")
+    page.evaluate("hide.allow('Not now.')")
+    expect(shown).to_have_accessible_description("Not now.")
 
 
 def test_the_tooltip_of_a_focused_button_ends_when_the_pointer_shows_another(page: Page) -> None:
     page.keyboard.press("Tab")
     tip = page.locator(".tip")
     expect(tip).to_have_text("Switches the motors on")
-    page.get_by_role("button", name="Fold").hover()
+    page.get_by_role("button", name="Hide controls").hover()
     expect(tip).to_have_text("Hides the stick")
     assert page.evaluate(TEXTS, 1500) == ["Hides the stick"]

@@ -115,7 +115,7 @@ def choose_speed(page: Page, watcher: Watcher) -> None:
     watcher.until(
         lambda status: status.wheel_speed is not None and status.wheel_speed.wanted_rpm == 2950.0
     )
-    top = page.get_by_role("spinbutton", name="Top speed of the wheels, m/s")
+    top = page.get_by_role("spinbutton", name="Drive speed, up to m/s")
     top.fill("4.5")
     top.press("Tab")  # 4.5 m/s at 30 degrees is a rim of 9 m/s, with 40 mm 2,148.6 rpm.
     watcher.until(

@@ -188,8 +188,8 @@ def test_the_scene_is_drawn_no_faster_than_it_can_be(demo: Demo) -> None:
 
 def test_the_page_loads_without_an_error(demo: Demo) -> None:
     mode(demo.page, "disarmed")
-    expect(demo.page.get_by_role("slider", name="Turn")).to_be_visible()
-    for name in ("vx (m/s)", "vy (m/s)", "omega (rad/s)"):
+    expect(demo.page.get_by_role("slider", name="Turn", exact=True)).to_be_visible()
+    for name in ("Forward (m/s)", "Left (m/s)", "Turn left (rad/s)"):
         expect(demo.page.get_by_role("slider", name=name)).to_be_visible(timeout=PATIENCE_MS)
     for name in ("Mode", "Link", "Pose", "Speed"):
         expect(demo.page.get_by_role("status", name=name, exact=True)).to_be_visible()
@@ -301,7 +301,7 @@ def go_to_the_end(demo: Demo) -> None:
 
 def go_button(page: Page) -> Press:
     def down() -> None:
-        x, y, _ = centre(page, "button", "Go along the path: hold")
+        x, y, _ = centre(page, "button", "Hold to go")
         page.mouse.move(x, y)
         page.mouse.down()
 
@@ -391,7 +391,7 @@ def test_a_preview_moves_gimbals_in_the_picture_and_nothing_else(demo: Demo) -> 
     commands, truth = len(watcher.commands), watcher.truth.copy()
     scene = page.locator("canvas").last
     still = scene.screenshot()
-    slider = page.get_by_role("slider", name="vx (m/s)")
+    slider = page.get_by_role("slider", name="Forward (m/s)")
     expect(slider).to_be_visible(timeout=PATIENCE_MS)
     tried = page.get_by_text("the sliders move your picture only")
     for _ in range(_PRESSES):

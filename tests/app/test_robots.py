@@ -109,7 +109,7 @@ def drive(page: Page, name: str) -> None:
 
 def test_the_panel_of_each_robot_has_what_it_has(browser: Browser) -> None:
     """In one scene; no gimbals where there are none, and sliders by the names of its twist."""
-    shown = {"omni4": ("Wheels", "vx (m/s)"), "atlas": ("Sphere", "wx (rad/s)")}
+    shown = {"omni4": ("Wheels", "Forward (m/s)"), "atlas": ("Sphere", "Roll right (rad/s)")}
     with demo(*shown) as address, opened(browser, address, drawn=True) as page:
         for name, (tab, slider) in shown.items():
             choose(page, name)

@@ -64,6 +64,11 @@ class Field extends FakeElement {
   type = "text";
   inputMode = "";
   readOnly = false;
+  clicks = 0;
+
+  click() {
+    this.clicks += 1;
+  }
 }
 
 /** A socket that keeps what is sent, as objects. */
@@ -74,7 +79,8 @@ class Socket {
   bufferedAmount = 0;
   sent = [];
 
-  constructor() {
+  constructor(address) {
+    this.address = new URL(address);
     Socket.newest = this;
   }
 
@@ -95,6 +101,7 @@ Object.assign(globalThis, {
   Node: FakeElement,
   HTMLElement: FakeElement,
   HTMLInputElement: Field,
+  HTMLButtonElement: MadeElement,
   HTMLTextAreaElement: class extends FakeElement {},
   HTMLSelectElement: class extends FakeElement {},
 });
@@ -156,6 +163,10 @@ export function field(properties = {}) {
   return Object.assign(new Field(), properties);
 }
 
+export function button() {
+  return new MadeElement();
+}
+
 const { Link } = await import("../../src/tsd_twin/dashboard/static/link.js");
 
 const ROBOT = { t: "robot", id: "tsd", panel: "gimbals", twist_scale_m: 1 };
@@ -189,5 +200,5 @@ export function connect() {
     return types.length === 0 ? taken : taken.filter(({ t }) => types.includes(t));
   };
   take();
-  return { link, socket, say, state, take };
+  return { link, socket, say, state, take, newestSocket: () => Socket.newest };
 }

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { mock, test } from "node:test";
 
-import { fire, openPage, pass } from "./browser.js";
+import { fire, keyUp, openPage, pass } from "./browser.js";
 
 openPage();
 const { LongPressButton, tooltip } = await import("../../src/tsd_twin/dashboard/static/button.js");
@@ -43,4 +43,18 @@ test("a long press that is still refused when it ends does not act", () => {
   button.allow("You are not in control.");
   pass(1000);
   assert.deepEqual(calls, ["You are not in control."]);
+});
+
+test("what follows a long press waits until its key has come up, which would press that too", () => {
+  const { button } = made();
+  const then = mock.fn();
+  button.key({ code: "Enter", type: "keydown", repeat: false });
+  button.whenReleased(then);
+  pass(100);
+  assert.equal(then.mock.callCount(), 0);
+  keyUp("Enter");
+  keyUp("Enter");
+  assert.equal(then.mock.callCount(), 1);
+  button.whenReleased(then);
+  assert.equal(then.mock.callCount(), 2);
 });

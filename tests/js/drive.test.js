@@ -1,7 +1,18 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { connect, field, fire, gamepad, keyDown, keyUp, pass, plugIn, unplug } from "./browser.js";
+import {
+  button,
+  connect,
+  field,
+  fire,
+  gamepad,
+  keyDown,
+  keyUp,
+  pass,
+  plugIn,
+  unplug,
+} from "./browser.js";
 
 const { Drive } = await import("../../src/tsd_twin/dashboard/static/drive.js");
 const { Gamepad } = await import("../../src/tsd_twin/dashboard/static/gamepad.js");
@@ -120,16 +131,37 @@ test("a stop goes out when the socket is congested, before the release", () => {
   assert.deepEqual(take(), [{ t: "stop" }, { t: "release" }]);
 });
 
-test("a stop is repeated until the robot is stopped, with a warning after 600 ms", () => {
-  const { drive, said, state, take } = driven();
+test("a stop is repeated until the robot is stopped, with an alarm from 600 ms to then", () => {
+  const { drive, state, take } = driven();
   drive.stop();
   assert.deepEqual(take("stop"), [{ t: "stop" }]);
-  pass(1000);
+  pass(500);
+  assert.equal(drive.stopUnconfirmed, false);
+  pass(500);
   assert.ok(take("stop").length >= 3);
-  assert.deepEqual(said, ["The stop is not confirmed. Use the hardware stop."]);
+  assert.equal(drive.stopUnconfirmed, true);
+  drive.stop();
+  assert.equal(drive.stopUnconfirmed, true);
   state({ mode: "stopped" });
+  assert.equal(drive.stopUnconfirmed, false);
+  take();
   pass(1000);
   assert.deepEqual(take("stop"), []);
+});
+
+test("the alarm of a stop outlasts its repetitions, and another robot does not end it", () => {
+  const { drive, say, state, take } = driven();
+  drive.stop();
+  pass(6000);
+  take();
+  pass(1000);
+  assert.deepEqual(take("stop"), []);
+  assert.equal(drive.stopUnconfirmed, true);
+  say({ t: "robot", id: "bob", panel: "gimbals", twist_scale_m: 1 });
+  state({ mode: "stopped" });
+  assert.equal(drive.stopUnconfirmed, true);
+  drive.acknowledgeStop();
+  assert.equal(drive.stopUnconfirmed, false);
 });
 
 test("a confirmed stop is not repeated", () => {
@@ -141,9 +173,10 @@ test("a confirmed stop is not repeated", () => {
   assert.deepEqual(take("stop"), []);
 });
 
-for (const [name, status, fields] of [
-  ["the robot is stopped", { mode: "stopped" }, {}],
-  ["control is lost", { lease: { holder: "bob" } }, { you: false }],
+const PUSH_AGAIN = "You are not in control. Let go, then push again.";
+for (const [name, status, fields, notices] of [
+  ["the robot is stopped, as its card says,", { mode: "stopped" }, {}, []],
+  ["control is lost", { lease: { holder: "bob" } }, { you: false }, [PUSH_AGAIN]],
 ]) {
   test(`when ${name}, controls are released and do nothing until they are used anew`, () => {
     const { drive, push, stick, state, take, said } = driven();
@@ -153,7 +186,7 @@ for (const [name, status, fields] of [
     assert.equal(drive.held, false);
     assert.equal(stick.cancelled > 0, true);
     assert.deepEqual(take(), [{ t: "release" }]);
-    assert.equal(said.length, 1);
+    assert.deepEqual(said, notices);
     state();
     pass(100);
     assert.deepEqual(take(), []);
@@ -191,6 +224,23 @@ test("a release by the server is answered, also when nothing was held", () => {
   assert.deepEqual(take(), [{ t: "release" }]);
 });
 
+for (const [reason, notices] of [
+  [
+    "your page stalled for 0.2 s, so the robot stopped",
+    ["Your page stalled for 0.2 s, so the robot stopped. Let go, then push again."],
+  ],
+  ["software stop", []],
+  ["control is lost: bob took it over", []],
+  ["the robot is stopped: reset first", []],
+]) {
+  test(`a release by the server, "${reason}", is told once`, () => {
+    const { push, say, said } = driven();
+    push(1);
+    say({ t: "released", reason });
+    assert.deepEqual(said, notices);
+  });
+}
+
 test("a lost connection releases the controls", () => {
   const { drive, push, socket, said } = driven();
   push(1);
@@ -217,7 +267,8 @@ test("a control in the hand ends what is latched in the panel", () => {
 function withKeyboard() {
   const all = driven();
   const stops = [];
-  const keys = new Keyboard(all.drive, { focused: () => false, stop: () => stops.push(1) });
+  const stop = (isOnBox) => stops.push(isOnBox);
+  const keys = new Keyboard(all.drive, { focused: () => false, stop });
   all.drive.add(keys);
   return { ...all, keys, stops };
 }
@@ -256,6 +307,27 @@ test("the space bar stops, once for each press, and not from a text field", () =
   assert.equal(stops.length, 1);
   keyDown("Space", { composedPath: () => [field({ inputMode: "decimal" })] });
   assert.equal(stops.length, 2);
+});
+
+test("Enter ticks a box, once for each press, and the space bar stops there, too", () => {
+  const { stops } = withKeyboard();
+  const box = field({ type: "checkbox" });
+  const onBox = { composedPath: () => [box] };
+  assert.ok(keyDown("Enter", onBox).defaultPrevented);
+  keyDown("Enter", { ...onBox, repeat: true });
+  fire(null, "keyup", { code: "Enter", ...onBox });
+  assert.equal(box.clicks, 1);
+  assert.deepEqual(stops, []);
+  keyDown("Space", onBox);
+  assert.equal(box.clicks, 1);
+  assert.deepEqual(stops, [true]);
+});
+
+test("Enter that is held down presses a button once, not Arm and Disarm in turn", () => {
+  withKeyboard();
+  const onButton = { composedPath: () => [button()] };
+  assert.equal(keyDown("Enter", onButton).defaultPrevented, false);
+  assert.ok(keyDown("Enter", { ...onButton, repeat: true }).defaultPrevented);
 });
 
 function withGamepad() {

@@ -26,7 +26,7 @@ from tsd_twin.lie import SE2
 from tsd_twin.robots import load_robot
 
 PAGE, OTHER_PAGE = "0123456789abcdef", "fedcba9876543210"
-SLIDERS = ("vx (m/s)", "vy (m/s)", "omega (rad/s)")
+SLIDERS = ("Forward (m/s)", "Left (m/s)", "Turn left (rad/s)")
 GIMBALS = ("outer", "inner", "wheel")
 
 
@@ -150,7 +150,7 @@ def test_the_page_finds_the_places_it_draws_in(viewer: ViserClient) -> None:
     content = [c.props["content"] for c in viewer.controls.values() if c.kind == "GuiHtmlMessage"]
     assert content == [
         f'<div data-tsd="{name}"></div>'
-        for name in ("wheel_speed", "route", "joints", "plots", "health", "student")
+        for name in ("wheel_speed", "route", "joints", "page", "plots", "health", "student")
     ]
     (tabs,) = (c for c in viewer.controls.values() if c.kind == "GuiTabGroupMessage")
     labels = ["Drive", "Gimbals", "View", "Plots", "Health", "Student"]
@@ -168,22 +168,22 @@ def test_sliders_have_the_limits_of_the_robot(viewer: ViserClient, feed: RobotFe
 def test_a_slider_tells_the_page_that_it_is_on(
     desk: Desk, viewer: ViserClient, onlooker: ViserClient
 ) -> None:
-    viewer.set("vx (m/s)", 0.5)
+    viewer.set("Forward (m/s)", 0.5)
     assert desk.move() == (PAGE, 0.5, 0.0, 0.0, "preview", False)
-    onlooker.set("omega (rad/s)", -1.0)
+    onlooker.set("Turn left (rad/s)", -1.0)
     assert desk.move() == (OTHER_PAGE, 0.0, 0.0, -1.0, "preview", False)
-    viewer.set("latch", True)
+    viewer.set("Keep value", True)
     assert desk.move() == (PAGE, 0.5, 0.0, 0.0, "preview", True)
 
 
 def test_a_change_of_mode_zeroes_the_sliders_first(desk: Desk, viewer: ViserClient) -> None:
     """So a robot never starts to move by a click on a word."""
-    viewer.set("vx (m/s)", 0.5)
+    viewer.set("Forward (m/s)", 0.5)
     desk.move()
     viewer.set("mode", "drive")
     assert desk.move() == (PAGE, 0.0, 0.0, 0.0, "drive", False)
-    viewer.until(lambda: viewer.control("vx (m/s)").value == 0.0)
-    viewer.set("vy (m/s)", -0.25)
+    viewer.until(lambda: viewer.control("Forward (m/s)").value == 0.0)
+    viewer.set("Left (m/s)", -0.25)
     assert desk.move() == (PAGE, 0.0, -0.25, 0.0, "drive", False)
 
 
@@ -200,11 +200,11 @@ def test_a_page_that_lets_go_springs_its_own_sliders_back(
     desk: Desk, viewer: ViserClient, onlooker: ViserClient
 ) -> None:
     for client in (viewer, onlooker):
-        client.set("vx (m/s)", 0.5)
+        client.set("Forward (m/s)", 0.5)
         desk.move()
     desk.panels.reset_sliders(PAGE)
-    viewer.until(lambda: viewer.control("vx (m/s)").value == 0.0)
-    assert onlooker.control("vx (m/s)").value == 0.5
+    viewer.until(lambda: viewer.control("Forward (m/s)").value == 0.0)
+    assert onlooker.control("Forward (m/s)").value == 0.5
     assert desk.moves.empty()  # It was the page that let go: it knows.
 
 
@@ -216,11 +216,11 @@ def test_no_client_can_ask_for_more_than_the_limits(made: Desk, numbers: list[fl
     if robot.id not in made.scene.visuals:
         made.scene.add(robot)
     with opened(made, PAGE) as viewer:
-        viewer.set("latch", True)
+        viewer.set("Keep value", True)
         made.move()
         for label, number in zip(SLIDERS, numbers, strict=True):
             viewer.set(label, number)
-        viewer.set("latch", False)
+        viewer.set("Keep value", False)
         while (move := made.move())[-1]:
             pass
     _, vx, vy, omega, _, _ = move
@@ -231,7 +231,7 @@ def test_no_client_can_ask_for_more_than_the_limits(made: Desk, numbers: list[fl
 
 def test_a_mode_that_there_is_not_is_no_driving(desk: Desk, viewer: ViserClient) -> None:
     viewer.set("mode", "ludicrous")
-    viewer.set("vx (m/s)", 0.25)
+    viewer.set("Forward (m/s)", 0.25)
     assert desk.move()[-2] == "preview"
     viewer.set("mode", "drive")
     assert desk.move()[-2] == "drive"
@@ -240,7 +240,7 @@ def test_a_mode_that_there_is_not_is_no_driving(desk: Desk, viewer: ViserClient)
 def test_preview_shows_its_own_gimbals_to_its_own_client(
     desk: Desk, feed: RobotFeed, viewer: ViserClient, onlooker: ViserClient
 ) -> None:
-    viewer.set("omega (rad/s)", 1.5)
+    viewer.set("Turn left (rad/s)", 1.5)
     desk.move()
     k = feed.kinematics.modules
     viewer.until(lambda: all(hidden(viewer, kind) == [True] * k for kind in GIMBALS))
@@ -256,7 +256,7 @@ def test_preview_shows_its_own_gimbals_to_its_own_client(
 
 
 def test_the_live_gimbals_come_back(desk: Desk, feed: RobotFeed, viewer: ViserClient) -> None:
-    viewer.set("vx (m/s)", 0.5)
+    viewer.set("Forward (m/s)", 0.5)
     desk.move()
     viewer.until(lambda: tried(viewer, "wheel").visible)
     desk.panels.reset_sliders(PAGE)
@@ -349,7 +349,7 @@ def test_a_factor_that_there_is_not_and_a_robot_without_gimbals_change_nothing(
 def test_mode_drive_shows_no_preview(desk: Desk, viewer: ViserClient) -> None:
     viewer.set("mode", "drive")
     desk.move()
-    viewer.set("vx (m/s)", 0.5)
+    viewer.set("Forward (m/s)", 0.5)
     desk.move()
     assert viewer.own == {}
 
@@ -357,7 +357,7 @@ def test_mode_drive_shows_no_preview(desk: Desk, viewer: ViserClient) -> None:
 def test_preview_hides_the_gimbals_of_its_robot_only(
     desk: Desk, feed: RobotFeed, viewer: ViserClient
 ) -> None:
-    viewer.set("vx (m/s)", 0.5)
+    viewer.set("Forward (m/s)", 0.5)
     desk.move()
     k = feed.kinematics.modules
     viewer.until(lambda: hidden(viewer, "outer") == [True] * k)
@@ -369,10 +369,10 @@ def test_preview_hides_the_gimbals_of_its_robot_only(
 
 def test_a_client_that_comes_before_the_robot_gets_its_sliders_with_it(desk: Desk) -> None:
     with opened(desk, PAGE) as viewer:
-        assert viewer.control("vx (m/s)").props["disabled"]
+        assert viewer.control("Forward (m/s)").props["disabled"]
         desk.scene.add(RobotFeed())
-        viewer.until(lambda: not viewer.control("omega (rad/s)").props["disabled"])
-        viewer.until(lambda: viewer.control("omega (rad/s)").props["max"] == 3.0)
+        viewer.until(lambda: not viewer.control("Turn left (rad/s)").props["disabled"])
+        viewer.until(lambda: viewer.control("Turn left (rad/s)").props["max"] == 3.0)
 
 
 def test_robots_can_be_chosen_when_there_are_several(desk: Desk, viewer: ViserClient) -> None:
@@ -394,11 +394,11 @@ def test_a_robot_chosen_elsewhere_in_the_page_is_chosen_here(
     desk: Desk, viewer: ViserClient
 ) -> None:
     desk.scene.add(RobotFeed("bob"))
-    viewer.set("vx (m/s)", 0.5)
+    viewer.set("Forward (m/s)", 0.5)
     desk.move()
     desk.panels.select_robot(PAGE, "bob")
     viewer.until(lambda: viewer.control("robot").value == "bob")
-    viewer.until(lambda: viewer.control("vx (m/s)").value == 0.0)
+    viewer.until(lambda: viewer.control("Forward (m/s)").value == 0.0)
     assert desk.choices.empty()
     desk.panels.select_robot(PAGE, "nobody")
     assert viewer.control("robot").value == "bob"
@@ -472,7 +472,7 @@ def test_a_client_that_does_not_follow_sees_the_robot_drive_away(
     viewer.until(lambda: np.allclose(viewer.node("/w").position, (-2.0, 0.0, 0.0)))
 
 
-@pytest.mark.parametrize("side", ["iso", "behind", "top"])
+@pytest.mark.parametrize("side", ["3-D", "behind", "top"])
 def test_the_camera_turns_to_the_robot(
     desk: Desk, feed: RobotFeed, viewer: ViserClient, side: str
 ) -> None:
@@ -504,7 +504,7 @@ def test_colours_are_a_matter_of_the_client(viewer: ViserClient, onlooker: Viser
 def test_a_client_without_a_page_moves_its_own_picture_only(desk: Desk, feed: RobotFeed) -> None:
     del feed
     with opened(desk, None) as viewer:
-        viewer.set("vx (m/s)", 0.5)
+        viewer.set("Forward (m/s)", 0.5)
         viewer.until(lambda: tried(viewer, "wheel").visible)
     assert desk.moves.empty()
 

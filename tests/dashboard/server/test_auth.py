@@ -14,7 +14,14 @@ from websockets.typing import Subprotocol
 from tests.support.logins import PHRASE, ask, cookie_of, log_in, users
 from tests.support.page_client import PATIENCE_S, Site, site
 from tests.support.viser_client import CAMERA, ViserClient
-from tsd_twin.dashboard.server.auth import LOGGED_OUT_CODE, AccessSettings, AuthMiddleware
+from tsd_twin.dashboard.server.auth import (
+    DEFAULT_IDENTITY,
+    LOGGED_OUT_CODE,
+    AccessSettings,
+    AuthMiddleware,
+    Principal,
+    operator_name,
+)
 from tsd_twin.errors import TwinError
 from tsd_twin.security import Identity, Role
 from tsd_twin.security.users import ABSOLUTE_S, LoginRateLimiter
@@ -273,3 +280,35 @@ def test_a_certificate_on_the_bus_bounds_what_its_users_may() -> None:
             page.until(lambda: page.state)
             assert page.last("welcome")["operator"] == f"desk-alice-{PAGE[:8]}"
             assert "viewer" in page.take()["reason"]
+
+
+DESK = Identity("desk", Role.OPERATOR)
+
+
+@pytest.mark.parametrize(
+    ("owner", "typed", "name"),
+    [
+        (DEFAULT_IDENTITY, "anna", "anna"),
+        (DEFAULT_IDENTITY, "", "web"),
+        (DEFAULT_IDENTITY, "x" * 23, "x" * 23),
+        (DEFAULT_IDENTITY, "x" * 24, "web"),
+        (DEFAULT_IDENTITY, "Anna", "web"),
+        (DEFAULT_IDENTITY, "anna\n", "web"),
+        (DEFAULT_IDENTITY, "a/b", "web"),
+        (DESK, "anna", "desk-anna"),
+        (DESK, "x" * 19, "desk"),
+    ],
+)
+def test_a_typed_name_is_used_as_far_as_the_bus_permits_it(
+    owner: Identity, typed: str, name: str
+) -> None:
+    assert operator_name(Principal(owner, may_stop=True), typed) == name
+
+
+def test_a_name_is_typed_where_there_are_no_logins_only(served: Site) -> None:
+    with site() as made, made.page(f"{PAGE}&name=anna", user="anna") as page:
+        assert page.until(lambda: page.last("welcome"))["operator"] == f"anna-{PAGE[:8]}"
+        assert page.take()["ok"]
+        page.until(lambda: page.state["status"]["lease"]["holder"] == page.operator)
+    with served.page(f"{PAGE}&name=bob", cookie=cookie_of(served.port, "alice")) as page:
+        assert page.until(lambda: page.last("welcome"))["operator"] == f"alice-{PAGE[:8]}"

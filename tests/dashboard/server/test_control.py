@@ -72,7 +72,7 @@ def test_a_page_that_falls_silent_while_it_drives_is_taken_to_have_let_go(served
         page.holds = None
         reason = page.until(lambda: page.last("released"))["reason"]
         # Which of the two is first depends on how old the status was that the last command echoed.
-        assert reason.startswith(("no command", "the robot is stopping"))
+        assert reason.startswith(("your page stalled", "the robot is stopping"))
         page.until(lambda: page.mode == "ready")
         assert is_put_to_rest(commands.take())
         assert served.released == [page.name]

@@ -105,7 +105,7 @@ class TruePoseDisplay(StrEnum):
 class CameraPreset(StrEnum):
     """Camera presets; the values are the labels in the panel."""
 
-    ISO = "iso"
+    ISO = "3-D"
     BEHIND = "behind"
     TOP = "top"
 

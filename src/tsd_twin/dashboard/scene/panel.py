@@ -53,7 +53,7 @@ class DriveTab:
         self._on_moved = on_moved
         self._on_robot = on_robot
         self._robot: viser.GuiDropdownHandle[str] = gui.add_dropdown(
-            "robot", [""], hint="The robot to look at and to drive"
+            "robot", [""], hint="Robot to watch and to drive"
         )
         self._sliders = [
             gui.add_slider(
@@ -69,14 +69,14 @@ class DriveTab:
         self._mode: viser.GuiDropdownHandle[str] = gui.add_dropdown(
             "mode",
             [str(mode) for mode in SliderMode],
-            hint="preview shows in your picture what the joints would do; drive commands the robot",
+            hint="preview: only your picture moves; drive: the robot moves",
         )
         self._latch = gui.add_checkbox(
-            "latch",
+            "Keep value",
             initial_value=False,
-            hint="In mode drive: keep driving after you let go of a slider",
+            hint="In mode drive the robot drives on when you let go of a slider. Enter ticks it.",
         )
-        zero = gui.add_button("Zero", hint="All sliders back to zero")
+        zero = gui.add_button("Zero", hint="Set all sliders to zero")
         for slider in self._sliders:
             slider.on_update(self._on_slider)
         self._latch.on_update(self._on_slider)
@@ -151,15 +151,15 @@ class DriveTab:
 
 
 _LAYER_HINTS = {
-    Layer.SETPOINT: "Cyan rings: set-points of the gimbals",
-    Layer.TRAIL: "Blue line: where the robot believes it was, the last 40 m",
-    Layer.ROUTE: "Violet line: the planned path, in all open pages",
-    Layer.OTHER: "Rose cage: where the robot is by its other estimate, of robots that have two",
-    Layer.ARROWS: "Yellow: direction and speed that each wheel gives the robot, or the ball on it",
-    Layer.ELLIPSE: "Blue ellipse: where the robot is with 86 % certainty, two sigma",
+    Layer.SETPOINT: "Cyan rings: where the gimbals should be",
+    Layer.TRAIL: "Blue line: estimated path of the last 40 m",
+    Layer.ROUTE: "Violet line: planned path, in all pages",
+    Layer.OTHER: "Rose cage: the other estimate, of robots that have two",
+    Layer.ARROWS: "Orange arrows: push of each wheel",
+    Layer.ELLIPSE: "Blue ellipse: the robot is inside with 86 % certainty (two sigma)",
     Layer.PREDICTED: "Pink cage: where the robot will be when a command sent now arrives",
-    Layer.ENVELOPE: "Red area: where the robot can still get to if the link dies now",
-    Layer.LABELS: "Metres on the axes of the floor, and names when there are several robots",
+    Layer.ENVELOPE: "Red area: how far the robot can still get if the link fails now",
+    Layer.LABELS: "Metres on the floor, and names of several robots",
 }
 
 
@@ -177,7 +177,7 @@ class ViewTab:
         self._gui = gui
         self._view = view
         self._clear_trails = clear_trails
-        self._toggle("follow", view.set_following, "The robot keeps its place in the picture")
+        self._toggle("follow", view.set_following, "The camera moves with the robot")
         camera = gui.add_button_group(
             "camera", [str(side) for side in CameraPreset], hint="Turn the camera to the robot"
         )
@@ -193,10 +193,10 @@ class ViewTab:
             [str(factor) for factor in TiltFactor],
             hint="Gimbals in your picture lean this much more than they do; a label says so",
         )
-        clear = gui.add_button("Clear trail", hint="Forget where the robots were, for everybody")
+        clear = gui.add_button("Clear trail", hint="Delete the trails of all robots, in all pages")
         self._toggle("dark", lambda on: set_theme(gui, dark=on), "Dark colours", initial=dark)
         gui.add_markdown(
-            f"Wheels on gimbals are drawn turning {SPIN_SLOWDOWN} times slower than they do."
+            f"Wheels on gimbals are drawn {SPIN_SLOWDOWN} times slower than they turn."
         )
         camera.on_click(self._on_camera)
         truth.on_update(self._on_true_pose)
@@ -239,8 +239,8 @@ _ACTUATOR_TAB = KINDS[0].actuator_tab
 class Panel:
     """Panel of one client: tabs Drive, actuators, View, Plots, Health and Student.
 
-    The actuators tab, Plots, Health, Student and the end of Drive are empty elements, marked
-    `data-tsd`. The page fills them from its own socket, so that no data is sent twice.
+    The actuators tab, Plots, Health, Student and the ends of Drive and View are empty elements,
+    marked `data-tsd`. The page fills them from its own socket, so that no data is sent twice.
     """
 
     def __init__(
@@ -276,6 +276,7 @@ class Panel:
         if not watches:
             with tabs.add_tab("View"):
                 self._view_tab = ViewTab(gui, self._view, scene.clear_trails, dark=dark)
+                gui.add_html('<div data-tsd="page"></div>')
         with tabs.add_tab("Plots"):
             gui.add_html('<div data-tsd="plots"></div>')
         with tabs.add_tab("Health"):

@@ -331,29 +331,30 @@ def _tinted(drawn: Iterable[Part], colour: Rgb) -> list[Part]:
 
 
 class TwistAxis(NamedTuple):
-    """Component of a twist: name, symbol and unit."""
+    """Component of a twist: name, symbol and unit, and what a positive value does."""
 
     name: str
     symbol: str
     unit: str
+    positive: str
     hint: str
 
     @property
     def label(self) -> str:
         """Label of its slider."""
-        return f"{self.name} ({self.unit})"
+        return f"{self.positive} ({self.unit})"
 
 
 FLOOR_AXES = (
-    TwistAxis("vx", "vx", "m/s", "Forward is positive"),
-    TwistAxis("vy", "vy", "m/s", "Left is positive"),
-    TwistAxis("omega", "ω", "rad/s", "Turning left is positive"),
+    TwistAxis("vx", "vx", "m/s", "Forward", "vx; negative drives backward"),
+    TwistAxis("vy", "vy", "m/s", "Left", "vy; negative drives right"),
+    TwistAxis("omega", "ω", "rad/s", "Turn left", "ω; negative turns right"),
 )
 """Of a robot that drives over a floor."""
 _SPHERE_AXES = (
-    TwistAxis("wx", "ωx", "rad/s", "Positive rolls the top of the sphere to the right"),
-    TwistAxis("wy", "ωy", "rad/s", "Positive rolls the top of the sphere forward"),
-    TwistAxis("wz", "ωz", "rad/s", "Positive turns the sphere left"),
+    TwistAxis("wx", "ωx", "rad/s", "Roll right", "ωx; negative rolls the top of the sphere left"),
+    TwistAxis("wy", "ωy", "rad/s", "Roll forward", "ωy; negative rolls its top backward"),
+    TwistAxis("wz", "ωz", "rad/s", "Turn left", "ωz; negative turns the sphere right"),
 )
 _TWIST_AXES = {(0, 1, 5): FLOOR_AXES, (3, 4, 5): _SPHERE_AXES}
 """By where they stand in a spatial twist."""

@@ -243,6 +243,22 @@ def bus_identity_of(user: User, owner: Identity) -> Identity:
     return Identity(name, user.role if owner.role is Role.OPERATOR else Role.VIEWER)
 
 
+_TYPED_NAME = re.compile(r"[a-z0-9_][a-z0-9_-]*")
+
+
+def operator_name(principal: Principal, typed: str) -> str:
+    """Return the name of an operator: that of the login, or the one typed on a page without one.
+
+    A typed name is no proof of anything. One that the bus does not permit is ignored, so that no
+    name keeps a page from connecting; with a certificate it continues the dashboard's own.
+    """
+    own = principal.identity
+    if principal.login is not None or not _TYPED_NAME.fullmatch(typed):
+        return own.name
+    name = typed if own == DEFAULT_IDENTITY else f"{own.name}-{typed}"
+    return name if len(name) <= LONGEST else own.name
+
+
 LOGGED_OUT_CODE = 4401
 """Close code of a socket whose login has ended; codes from 4000 are for applications."""
 _PRINCIPAL = web.RequestKey("_PRINCIPAL", Principal)

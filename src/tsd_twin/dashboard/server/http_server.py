@@ -203,7 +203,8 @@ class HttpServer:
         await socket.prepare(request)
         messages = self._reader.messages(request, socket, TELEOP, key)
         holding = self._auth.close_on_logout(principal, socket)
-        await self.sessions.run_session(page, principal, socket, messages, holding)
+        name = request.query.get("name", "")
+        await self.sessions.run_session(page, principal, socket, messages, holding, name=name)
         await self._reader.close_cut_off(request, socket)
         return socket
 

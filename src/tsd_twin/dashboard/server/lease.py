@@ -327,7 +327,9 @@ class LeaseClient:
             renewing = procedures.renew(lease.protocol, lease.link.now_s())
             await self._executor.run(lease.link, renewing)
             await asyncio.sleep(0.5 * RENEW_PERIOD_S)
-        self._release_controls("no sign of life from the page")
+        self._release_controls(
+            f"your page was silent for {HEARTBEAT_TIMEOUT_S:g} s, so it lost control"
+        )
         self._renewing = None  # Releasing cancels this task.
         await self.release_lease()
 

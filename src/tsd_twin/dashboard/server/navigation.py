@@ -147,7 +147,7 @@ class NavigationSession:
         """
         self.clear()
         if link.kinematics.pose_type is not SE2:
-            self._reject("this robot goes nowhere")
+            self._reject("this robot turns in place and follows no path")
             return
         status = link.snapshot.status
         if status is not None and status.mode in LATCHED:
@@ -219,10 +219,10 @@ class NavigationSession:
         """
         timed_plan = self._timed_plan
         if timed_plan is None or link is not self._link or timed_plan.number != number:
-            raise PathError("this way is planned no longer")
+            raise PathError("that path is no longer planned")
         snapshot = link.snapshot
         if snapshot.odom is None or now_s - snapshot.odom_received_s > max_age_s:
-            raise PathError(f"where the robot is has not been heard for {max_age_s:g} s")
+            raise PathError(f"the robot has not sent its pose for {max_age_s:g} s")
         pose = SE2(snapshot.odom.xy_heading)
         if self._follower is None:
             self._follower = self._start_following(link, timed_plan, pose)
@@ -245,7 +245,9 @@ class NavigationSession:
             raise PathError("the robot is not at rest")
         if not timed_plan.is_valid(pose, current_limits(link, self._speed_level_percent)):
             self._timed_plan = None
-            raise PathError("the robot or its limits are not what they were: it is planned anew")
+            raise PathError(
+                "the robot has moved or its limits have changed: the path is planned again"
+            )
         return TrajectoryExecutor(
             timed_plan.trajectory,
             lambda twist: current_limits(link, self._speed_level_percent).cap(twist),
@@ -263,7 +265,7 @@ class NavigationSession:
                 self._reject(str(error))
             except Exception:  # The page needs a reply for every error.
                 _LOG.exception("a way was not planned")
-                self._reject("it could not be planned")
+                self._reject("the path could not be planned")
             if self._task is asyncio.current_task():
                 self._task = None
 

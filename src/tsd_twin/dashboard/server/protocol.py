@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal, TypeAlias
 
 import msgspec
@@ -33,6 +33,7 @@ Level: TypeAlias = Annotated[int, Meta(ge=1, le=100)]
 """Percent of the limits in force."""
 MAX_POINTS = 256
 """Of a line that is drawn."""
+MAX_PLOT_FIELDS, MAX_FIELD_NAME = 16, 100
 
 
 class DriveCommand(Message, frozen=True, tag="drive"):
@@ -134,6 +135,15 @@ class SelectRobot(Message, frozen=True, tag="robot"):
     id: Annotated[str, Meta(max_length=32)]
 
 
+class SelectPlotFields(Message, frozen=True, tag="plot_fields"):
+    """Request of values for the plots of this page, with every state of the selected robot."""
+
+    names: Annotated[
+        list[Annotated[str, Meta(max_length=MAX_FIELD_NAME)]], Meta(max_length=MAX_PLOT_FIELDS)
+    ]
+    """Of `RobotInfo.plot_fields`; unknown names are ignored."""
+
+
 class StudentRequest(Message, frozen=True, tag="student"):
     """Request of the figures of a shipped robot with some knobs turned; it concerns no robot."""
 
@@ -164,6 +174,7 @@ PageMessage: TypeAlias = (
     | SetWheelSpeed
     | StopCommand
     | SelectRobot
+    | SelectPlotFields
     | StudentRequest
 )
 _DECODER = msgspec.json.Decoder(PageMessage)
@@ -234,6 +245,8 @@ class RobotInfo(Message, frozen=True, tag="robot"):
     """Of those wheels."""
     alternative_estimate: str | None = None
     """Source of the alternative estimate, of robots that have two."""
+    plot_fields: Sequence[str] = ()
+    """Names of the values that a page can request for its plots; each ends with its unit."""
 
 
 class GimbalState(msgspec.Struct, frozen=True):
@@ -304,6 +317,8 @@ class RobotState(Message, frozen=True, tag="state"):
     """State of the robot."""
 
     seen: int
+    robot_s: float
+    """Time of the robot's monotonic clock when it sent the status."""
     age_ms: float
     status: Status
     mode_age_s: float
@@ -322,6 +337,8 @@ class RobotState(Message, frozen=True, tag="state"):
     sphere: SphereState | None = None
     estimate_difference: EstimateDifference | None = None
     route: RouteState | None = None
+    plot: Mapping[str, float | None] = {}
+    """Values that this page has requested for its plots."""
 
 
 class RobotName(msgspec.Struct, frozen=True):

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import msgspec
 
 from tsd_twin.client import procedures
 from tsd_twin.dashboard.scene.picking import PageScene
-from tsd_twin.dashboard.server.auth import Principal
+from tsd_twin.dashboard.server.auth import Principal, operator_name
 from tsd_twin.dashboard.server.lease import LeaseClient, RpcExecutor
 from tsd_twin.dashboard.server.navigation import NavigationSession
 from tsd_twin.dashboard.server.protocol import (
@@ -34,6 +34,7 @@ from tsd_twin.dashboard.server.protocol import (
     ResetRequest,
     RobotEvent,
     RobotState,
+    SelectPlotFields,
     SelectRobot,
     SessionInfo,
     SetSpeedLevel,
@@ -154,8 +155,12 @@ class Session:
         *,
         principal: Principal,
         page_scene: PageScene,
+        name: str = "",
     ) -> None:
-        """`principal` owns the page; each page has an operator id of its own."""
+        """`principal` owns the page; each page has an operator id of its own.
+
+        `name` is what the operator has typed, which counts where there are no logins.
+        """
         self.page = page
         self.principal = principal
         self.send_queue = SendQueue()
@@ -163,7 +168,7 @@ class Session:
         """The robot that is watched."""
         self.rejected = 0
         """Number of invalid messages."""
-        self._operator = f"{principal.identity.name}-{page[:8]}"
+        self._operator = f"{operator_name(principal, name)}-{page[:8]}"
         self._role = principal.identity.role
         self._directory = directory
         self._executor = executor
@@ -180,6 +185,7 @@ class Session:
         self._student = StudentSession(executor, self._send)
         self._stopping: set[asyncio.Task[None]] = set()
         self._motion: DriveCommand | FollowPlan | None = None
+        self._plot_fields: Sequence[str] = ()
 
     def on_robots_changed(self) -> None:
         """Send session info with the list of robots; select a robot if none is selected."""
@@ -234,9 +240,8 @@ class Session:
                     asyncio.get_running_loop().call_soon(self._move)
                 self._motion = message
                 return
-            case StudentRequest():  # It concerns no robot.
-                self._student.request(message)
-                return
+            case StudentRequest():
+                pass  # It concerns no robot.
             case ReleaseControls():
                 self._motion = None
             case _:
@@ -279,14 +284,23 @@ class Session:
             case PanelSlidersReleased():
                 if self._role is not Role.VIEWER:  # Viewers have no sliders.
                     self._on_released(self.page)
-            case SelectRobot():
-                self.select_robot(message.id)
+            case SelectRobot() | SelectPlotFields() | StudentRequest():
+                self._show(message)
             case LeaseAction() if self._role is Role.VIEWER:
                 self._send(ActionReply(to="lease", ok=False, reason=_VIEWER_REFUSAL))
             case LeaseAction():
                 self._on_lease_action(message)
             case ArmRequest() | DisarmRequest() | ResetRequest() | SetWheelSpeed():
                 self._request_as_holder(message)
+
+    def _show(self, message: SelectRobot | SelectPlotFields | StudentRequest) -> None:
+        match message:
+            case SelectRobot():
+                self.select_robot(message.id)
+            case SelectPlotFields():
+                self._plot_fields = message.names
+            case StudentRequest():
+                self._student.request(message)
 
     def _request_as_holder(
         self, message: ArmRequest | DisarmRequest | ResetRequest | SetWheelSpeed
@@ -368,7 +382,7 @@ class Session:
         self._teleop.release("another robot is shown")
         self._teleop.navigation.clear()
         await self._lease_client.release_lease()
-        self.robot_id = robot_id
+        self.robot_id, self._plot_fields = robot_id, ()
         self._send_robot()
         self._on_chosen(self.page, robot_id)
         return Reply(True)
@@ -396,8 +410,15 @@ class Session:
             state,
             you=held and state.status.lease.holder == self._operator,
             route=self._teleop.navigation.route_state,
+            plot=self._plot_values(),
         )
         self.send_queue.put_state(state.seen, encode_message(state))
+
+    def _plot_values(self) -> dict[str, float | None]:
+        view = self._directory.view(self.robot_id) if self._plot_fields else None
+        if view is None:
+            return {}
+        return view.plot_fields.values(self._plot_fields, view.link.snapshot)
 
     def send_event(self, event: Event, *, past: bool = False) -> None:
         """Send an event of the selected robot."""

@@ -171,10 +171,12 @@ class SessionManager:
         socket: web.WebSocketResponse,
         messages: AsyncIterator[WSMessage],
         holding: contextlib.AbstractContextManager[None],
+        *,
+        name: str = "",
     ) -> None:
         """Run the session of a page while its socket is open, within `holding`.
 
-        `messages` are the messages of the socket.
+        `messages` are the messages of the socket; `name` is what the operator has typed.
         """
         if (before := self._sockets.get(page)) is not None:  # Lost without notice.
             await before.close(code=1001, message=b"the page has come back")
@@ -186,6 +188,7 @@ class SessionManager:
             self._on_chosen,
             principal=principal,
             page_scene=self._page_scene,
+            name=name,
         )
         self._sessions[page], self._sockets[page] = session, socket
         self._on_opened()

@@ -124,7 +124,7 @@ def _figures(robot: RobotDescription, drive: Kinematics[Any]) -> list[StudentFig
         ]
     angles = np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS, endpoint=False)
     directions = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=-1)
-    speeds = np.linalg.norm(largest_twist(drive, directions), axis=-1)
+    speeds: Array = np.linalg.norm(largest_twist(drive, directions), axis=-1)
     speeds = np.round(speeds, 9)  # Of equal ones the first is named.
     slow, fast = int(speeds.argmin()), int(speeds.argmax())
     figures = [

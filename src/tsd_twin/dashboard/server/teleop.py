@@ -256,7 +256,7 @@ class TeleopController:
         max_age_s = lease.protocol.max_age_s
         if time.monotonic() - lease.link.snapshot.received_s > max_age_s:
             # The robot stops meanwhile, and may be ready again before its next status arrives.
-            self.release(f"the robot has not been heard for {max_age_s:g} s")
+            self.release(f"the robot was silent for {max_age_s:g} s")
             return None
         status = lease.link.snapshot.status
         if status is None or status.mode not in DRIVABLE_MODES:
@@ -275,7 +275,7 @@ class TeleopController:
             return
         silent_s = self._deadman.silence_s(time.monotonic())
         if silent_s >= COMMAND_TIMEOUT_S:
-            self.release(f"no command from the page for {COMMAND_TIMEOUT_S * 1000:.0f} ms")
+            self.release(f"your page stalled for {COMMAND_TIMEOUT_S:g} s, so the robot stopped")
         else:
             self._start_watchdog(COMMAND_TIMEOUT_S - silent_s)
 

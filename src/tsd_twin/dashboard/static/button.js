@@ -115,6 +115,7 @@ export class LongPressButton extends Button {
   constructor(label, press, options) {
     super(label, press, { ...options, kind: `hold ${options.kind ?? ""}` });
     this._timer = 0;
+    this._isKeyDown = false;
     this._pointerMs = -Infinity;
     this.button.style.setProperty("--hold", `${HOLD_MS}ms`);
     this.button.addEventListener("pointerdown", (event) => this._begin(event));
@@ -126,9 +127,18 @@ export class LongPressButton extends Button {
   /** Return whether it was a key of this button. @param {KeyboardEvent} event */
   key(event) {
     if (event.code !== "Enter" && event.code !== "Space") return false;
+    this._isKeyDown = event.type === "keydown";
     if (event.type === "keyup") this._end();
     else if (!event.repeat) this._start();
     return true;
+  }
+
+  /** Call `then` once no key holds it: the key would go on to what is next. @param {() => void} then */
+  whenReleased(then) {
+    const isHeld = this._isKeyDown;
+    this._isKeyDown = false;
+    if (isHeld) addEventListener("keyup", then, { capture: true, once: true });
+    else then();
   }
 
   /** @param {MouseEvent} event */

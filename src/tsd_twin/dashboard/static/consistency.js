@@ -64,7 +64,7 @@ export class ConsistencyWarning {
       this._what,
       `${name} ${reason === null ? "contradicts the others" : "does not follow"}`,
     );
-    setText(this._then, reason ?? "It is not where the others say that it must be.");
+    setText(this._then, reason ?? "Its speed does not fit the motion of the others.");
     setAttribute(this.element, "data-suspect", suspect);
     this.element.hidden = false;
   }

@@ -1,7 +1,7 @@
 // The controls at hand: drive stick, turn slider, speed level and STOP.
 
 import { tooltip } from "./button.js";
-import { el, icon, setAttribute } from "./dom.js";
+import { el, icon, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
 import { SpringControl } from "./held_controls.js";
 
@@ -21,7 +21,7 @@ export class Joystick extends SpringControl {
       {
         role: "region",
         "aria-label": "Drive stick",
-        "aria-describedby": "stick-help",
+        "aria-describedby": "stick-value stick-help",
         tabindex: 0,
       },
       ...[el("div.level"), gap, allowed, asked],
@@ -30,8 +30,9 @@ export class Joystick extends SpringControl {
     this.unit = { x: 0, y: 0, turn: 0 };
     this.pad = pad;
     this.help = el("span.sr", { id: "stick-help" });
+    this._value = el("span.sr", { id: "stick-value" });
     this.head = el("div.caption-row", el("div.caption", { "aria-hidden": "true" }, "Drive"));
-    this.element = el("div.control.stick", this.head, pad, this.help);
+    this.element = el("div.control.stick", this.head, pad, this._value, this.help);
     this._drive = drive;
     this._asked = asked;
     this._allowed = allowed;
@@ -53,7 +54,7 @@ export class Joystick extends SpringControl {
     placeKnob(this._asked, unit.x, unit.y);
     this.pad.style.setProperty("--level", String(level / 100));
     const said = [unit.x, unit.y].map((share) => fixed(share * scale.speed, 2));
-    setAttribute(this.pad, "aria-valuetext", `${forward} ${said[0]}, ${left} ${said[1]} ${word}`);
+    setText(this._value, `${forward} ${said[0]}, ${left} ${said[1]} ${word}.`);
     this._allowed.hidden = this._gap.hidden = allowed === null;
     if (allowed === null) return;
     const length = Math.max(1, Math.hypot(allowed.x, allowed.y));
@@ -130,7 +131,7 @@ export class SpeedLevel {
     });
     this.element = el(
       "span.level-control",
-      el("span.caption", { "aria-hidden": "true" }, "Level"),
+      el("span.caption", { "aria-hidden": "true" }, "Speed"),
       this._group,
     );
     tooltip.attach(this._group, () => explainLevel(link.state?.status.limits));
@@ -179,11 +180,11 @@ export class SpeedLevel {
 
 /** @param {LimitStatus | undefined} limits */
 function explainLevel(limits) {
-  const what = "How fast a full stick drives, in percent of the limits.";
+  const what = "Speed of a full stick, in percent of the limits.";
   if (limits === undefined) return what;
   return (
-    `${what} The speed limit is ${fixed(limits.speed_mps, 2)} m/s. ` +
-    `From there the robot stops within ${fixed(limits.stop_allowance_m, 2)} m if the link fails.`
+    `${what} 100 % is ${fixed(limits.speed_mps, 2)} m/s, ` +
+    `from which the robot stops within ${fixed(limits.stop_allowance_m, 2)} m if the link fails.`
   );
 }
 
@@ -207,7 +208,7 @@ export class StopButton {
       el("span.label", "STOP"),
     );
     const help =
-      "Software stop, also with the space bar. It is no emergency stop: that has to cut the power.";
+      "Software stop, also with the space bar. It is no emergency stop, which cuts the power.";
     this.element = el(
       "div.control.stopping",
       this.button,
@@ -215,7 +216,7 @@ export class StopButton {
     );
     tooltip.attach(
       this.button,
-      () => "Software stop (space bar). It does not replace an emergency stop that cuts the power.",
+      () => "Software stop (space bar). It is no emergency stop, which cuts the power.",
     );
     link.on(["state", "down"], () => {
       const mode = link.isStale() ? "" : link.state?.status.mode;

@@ -6,6 +6,7 @@
 // goes out every 20 ms, and sooner when a control moves, but never within 10 ms of the last one: the
 // gateway limits how many a page may send. Nothing is ever queued.
 
+import { sentence } from "./format.js";
 import { kindOf } from "./kinds.js";
 import { known } from "./link.js";
 import { notDrive, notStop } from "./permission.js";
@@ -15,6 +16,14 @@ const LEAST_MS = 9.5; // Timers are some tenths of a millisecond early now and t
 const STOP_RETRY_MS = 200;
 const STOP_CONFIRM_MS = 600;
 const STOP_RETRY_LIMIT_MS = 5000;
+const LATCHED = new Set(["stopped", "fault"]);
+// Ends of a motion that the page tells elsewhere: on the card of a stop, and by an event.
+const TOLD_ELSEWHERE = /^(software stop|control is lost|the robot is (stopped|fault|in a fault))/;
+
+/** Return the notice of a motion that has ended. @param {string} why A sentence. */
+function againNotice(why) {
+  return `${why} Let go, then push again.`;
+}
 
 export class Drive {
   /** @param {Link} link */
@@ -31,16 +40,18 @@ export class Drive {
     this._listeners = [];
     this._timer = 0; // None while nothing is held.
     this._sentMs = -Infinity;
-    /** @type {{ sinceMs: number, sentMs: number, doubted: boolean } | null} */
-    this._stop = null;
+    /** @type {{ robot: string | undefined, sinceMs: number, sentMs: number, doubted: boolean } | null} */
+    this._stop = null; // Until it is confirmed.
+    this.stalledMs = -Infinity; // When the gateway last said that this page has stalled.
     link.on("state", (state) => this._checkState(state));
     link.on("beat", () => this._retryStop());
     link.on("down", () => this.release("The connection is lost."));
-    link.on("released", ({ reason }) =>
-      this.release(`Let go: ${reason}. Push again to drive.`, true),
-    );
+    link.on("released", ({ reason }) => {
+      if (reason.startsWith("your page")) this.stalledMs = performance.now();
+      this.release(TOLD_ELSEWHERE.test(reason) ? "" : againNotice(sentence(reason)), true);
+    });
     link.on("reply", ({ to, ok }) => {
-      if (to === "stop" && ok) this._stop = null;
+      if (to === "stop" && ok) this._confirmStop();
     });
     addEventListener("blur", () => this.release());
     addEventListener("pagehide", () => this.release());
@@ -122,6 +133,16 @@ export class Drive {
     if (message && (wasHeld || byServer)) this.onMessage(message);
   }
 
+  /** Whether the robot has not confirmed a stop in time, and the operator has not acknowledged that. */
+  get stopUnconfirmed() {
+    return this._stop?.doubted ?? false;
+  }
+
+  acknowledgeStop() {
+    this._stop = null;
+    this._notify();
+  }
+
   /** Stop the robot: at once, in every state, and again until it is acknowledged. */
   stop() {
     const reason = notStop(this.link);
@@ -130,7 +151,8 @@ export class Drive {
       return;
     }
     const now = performance.now();
-    this._stop = { sinceMs: now, sentMs: now, doubted: false };
+    const doubted = this.stopUnconfirmed; // The alarm of an earlier one stands until one is confirmed.
+    this._stop = { robot: this.link.robot?.id, sinceMs: now, sentMs: now, doubted };
     this.link.send({ t: "stop" });
     this.release();
   }
@@ -155,7 +177,7 @@ export class Drive {
   _send() {
     const reason = notDrive(this.link);
     if (reason !== null) {
-      this.release(`${reason} Push again to drive.`);
+      this.release(againNotice(reason));
       return;
     }
     const now = performance.now();
@@ -173,21 +195,28 @@ export class Drive {
   /** @param {RobotState} state */
   _checkState(state) {
     const reason = this.held ? notDrive(this.link) : null;
-    if (reason !== null) this.release(`${reason} Push again to drive.`);
-    if (state.status.mode === "stopped") this._stop = null;
+    const isLatched = LATCHED.has(state.status.mode);
+    if (reason !== null) this.release(isLatched ? "" : againNotice(reason)); // A card tells the rest.
+    if (isLatched) this._confirmStop();
+    this._notify();
+  }
+
+  /** The robot that is shown has confirmed a stop; that of another one stays open. */
+  _confirmStop() {
+    if (this._stop === null || this._stop.robot !== this.link.robot?.id) return;
+    this._stop = null;
     this._notify();
   }
 
   _retryStop() {
     if (this._stop === null) return;
     const now = performance.now();
-    if (now - this._stop.sentMs > STOP_RETRY_MS && this.link.send({ t: "stop" }))
-      this._stop.sentMs = now;
-    if (now - this._stop.sinceMs > STOP_CONFIRM_MS && !this._stop.doubted) {
-      this._stop.doubted = true;
-      this.onMessage("The stop is not confirmed. Use the hardware stop.");
-    }
-    if (now - this._stop.sinceMs > STOP_RETRY_LIMIT_MS) this._stop = null;
+    const ageMs = now - this._stop.sinceMs;
+    const isDue = now - this._stop.sentMs > STOP_RETRY_MS && ageMs <= STOP_RETRY_LIMIT_MS;
+    if (isDue && this.link.send({ t: "stop" })) this._stop.sentMs = now;
+    if (ageMs <= STOP_CONFIRM_MS || this._stop.doubted) return;
+    this._stop.doubted = true;
+    this._notify();
   }
 
   _notify() {

@@ -26,7 +26,27 @@ export function clock(ms) {
   return new Date(ms).toLocaleTimeString([], { timeStyle: "medium", hour12: false });
 }
 
-/** Return a text with a capital and a full stop. @param {string} text */
+/** Return a text of a robot or the server with a capital and a full stop. @param {string} text */
 export function sentence(text) {
-  return `${text[0].toUpperCase()}${text.slice(1)}.`;
+  const named = withNames(text);
+  return `${named[0].toUpperCase()}${named.slice(1)}.`;
+}
+
+/**
+ * Return a text in which operators have the names that they typed or logged in with, without the
+ * numbers of their pages. Pages without a name keep theirs: `web-8c30fedb`.
+ * @param {string} text
+ */
+export function withNames(text) {
+  return text.replace(/\b(?!web-)([a-z0-9_][a-z0-9_-]*?)-[0-9a-f]{8}\b/g, "$1");
+}
+
+/**
+ * Return why a robot was stopped, as a sentence. @param {string} reason
+ * @param {string | undefined} operator The operator of this page.
+ */
+export function stopReason(reason, operator) {
+  const by = /^software stop by (.+)$/.exec(reason)?.[1];
+  if (by === undefined) return sentence(reason || "no reason given");
+  return by === operator ? "You pressed STOP." : sentence(`${by} stopped the robot`);
 }

@@ -3,6 +3,7 @@
 
 import { Button } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
+import { withNames } from "./format.js";
 
 const REASON = "urgent";
 const FAR_MS = 120; // From here on commands would be late too often for the usual age limit.
@@ -19,17 +20,17 @@ export class HandOver {
     this._then = el("span.then");
     this._count = el("span.number", { "aria-hidden": "true" });
     this._grant = new Button("Hand over", () => this._send("grant", { asker: this._asker }), {
-      tip: "The robot comes to rest, then they have control",
+      tip: "The robot comes to rest first",
       kind: "primary",
     });
     this._keep = new Button("Keep control", () => this._send("deny", { asker: this._asker }), {
-      tip: "Tell them that you drive on",
+      tip: "You drive on",
     });
     this._withdraw = new Button("Withdraw", () => this.withdraw(), {
       tip: "Ask for control no longer",
     });
     this._force = new Button("Take over…", () => this.takeOver(), {
-      tip: "Take control without waiting, and say why",
+      tip: "Take control without waiting; say why",
       kind: "quiet",
     });
     this._buttons = [this._force, this._withdraw, this._keep, this._grant];
@@ -82,7 +83,7 @@ export class HandOver {
     const holder = this._link.state?.status.lease.holder ?? null;
     if (holder === null) return;
     this._notices.ask(
-      `${why}${holder} drives now and would lose control. The robot comes to rest.`,
+      `${why}${withNames(holder)} drives and loses control. The robot comes to rest.`,
       "Take over",
       { label: "Reason, for all to see", value: REASON },
       (reason) => this.acquire(reason || REASON),
@@ -106,7 +107,8 @@ export class HandOver {
     const asked = this._link.connected && (lease?.asked_by ?? null) !== null;
     const holds = asked && state?.you === true;
     this._card.hidden = !(holds || (asked && this.waits));
-    this._asker = lease?.asked_by ?? null;
+    const asker = lease?.asked_by ?? "";
+    this._asker = asker || null;
     if (this._card.hidden || lease === null) {
       setText(this._said, "");
       return;
@@ -116,7 +118,9 @@ export class HandOver {
     for (const { element } of [this._force, this._withdraw]) element.hidden = holds;
     setText(
       this._text,
-      holds ? `${lease.asked_by} asks for control.` : `You have asked ${lease.holder} for control.`,
+      holds
+        ? `${withNames(asker)} asks for control.`
+        : `You have asked ${withNames(lease.holder ?? "")} for control.`,
     );
     setText(this._then, holds ? "You drive on until you hand over." : "Waiting for the answer.");
     setText(this._count, `${Math.ceil(lease.asks_for_s)} s`);

@@ -31,8 +31,9 @@ export class Health {
     this._cells = new Map(); // By title and name of their rows.
     this._tables = el("div.tables");
     const attributes = { role: "log", "aria-live": "polite", "aria-label": "Events", tabindex: 0 };
-    this._log = el("ol.log", attributes);
-    place.append(this._tables, el("div.head", el("strong", "Events")), this._log);
+    this._log = el("ol");
+    const log = el("div.log", attributes, this._log);
+    place.append(this._tables, el("div.head", el("strong", "Events")), log);
     link.on("state", (state) => isVisible(place.host) && this._show(state), signal);
     link.on("event", (event) => this._add(event), signal);
     link.on("robot", () => this._log.replaceChildren(), signal);
@@ -103,21 +104,21 @@ function sections(link, { status, age_ms: age, robot_ms: robot }) {
       "dashboard to robot": `${fixed(robot, 1)} ms`,
       jitter: `${fixed(link.jitterMs(), 1)} ms`,
       "states lost": `${fixed(100 * link.lost, 1)} %`,
-      "age of the picture": `${fixed(age, 0)} ms`,
+      "age of the state": `${fixed(age, 0)} ms`,
     },
     Commands: {
       accepted: String(command.accepted),
-      "there and back": milliseconds(command.echo_s),
-      "age of the newest": (command.age_s ?? 0) < 10 ? milliseconds(command.age_s) : "over 10 s",
+      "round trip": milliseconds(command.echo_s),
+      "newest, age": (command.age_s ?? 0) < 10 ? milliseconds(command.age_s) : "over 10 s",
       ...lost(command.dropped),
     },
     Control: {
       holder: lease.holder ?? "none",
       "lease ends in": lease.holder === null ? "–" : `${fixed(lease.remaining_s, 1)} s`,
       "speed limit": `${fixed(limits.speed_mps, 2)} m/s`,
-      "let through": `${fixed(100 * limits.applied, 0)} %`,
-      "oldest command": milliseconds(limits.max_command_age_s),
-      "stops without link in": `${fixed(limits.stop_allowance_m, 2)} m`,
+      "applied of the command": `${fixed(100 * limits.applied, 0)} %`,
+      "permitted command age": milliseconds(limits.max_command_age_s),
+      "stop distance without link": `${fixed(limits.stop_allowance_m, 2)} m`,
     },
     ...(poses ? { "Outside poses": seen(poses) } : {}),
     ...tables("Hardware", status.hardware),
@@ -140,7 +141,7 @@ function seen({ hz, late_s: late, used, found, dropped }) {
   return {
     "in use": hz > 0 ? `${fixed(hz, 0)} Hz, ${fixed(1000 * (late ?? NaN), 0)} ms late` : "none now",
     used: String(used),
-    "found elsewhere": String(found),
+    "too far off": String(found),
     ...lost(dropped),
   };
 }

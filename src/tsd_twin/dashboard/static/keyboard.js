@@ -1,5 +1,5 @@
-// The keyboard: W A S D and Q E drive, the space bar stops. Listeners run before those of viser,
-// whose camera would move with the same keys.
+// The keyboard: W A S D and Q E drive, the space bar stops, Enter ticks boxes. Listeners run before
+// those of viser, whose camera would move with the same keys.
 
 import { KeyState } from "./held_controls.js";
 
@@ -15,8 +15,9 @@ const DRIVE = {
 export class Keyboard {
   /**
    * `focused(event)` may take a key for the control that has the focus; it returns whether it did.
+   * `stop(isOnBox)` is told whether the space bar was meant for a check box.
    * @param {Drive} drive
-   * @param {{ focused: (event: KeyboardEvent) => boolean, stop: () => void }} callbacks
+   * @param {{ focused: (event: KeyboardEvent) => boolean, stop: (isOnBox: boolean) => void }} callbacks
    */
   constructor(drive, { focused, stop }) {
     this._drive = drive;
@@ -49,16 +50,20 @@ export class Keyboard {
     if (up && this._keys.take(event)) this._drive.changed();
     if (!up && (event.ctrlKey || event.metaKey || event.altKey)) return;
     if (event.code === "Space" ? takesSpaces(target) : takesText(target)) return;
-    const taken = this._focused(event) || this._takeStop(event) || this._takeDrive(event);
+    const taken =
+      this._focused(event) ||
+      this._takeStop(event, target) ||
+      takeEnter(event, target) ||
+      this._takeDrive(event);
     if (!taken) return;
     event.preventDefault();
     event.stopImmediatePropagation();
   }
 
-  /** @param {KeyboardEvent} event */
-  _takeStop(event) {
+  /** @param {KeyboardEvent} event @param {EventTarget | undefined} target */
+  _takeStop(event, target) {
     if (event.code !== "Space") return false;
-    if (event.type === "keydown" && !event.repeat) this._stop();
+    if (event.type === "keydown" && !event.repeat) this._stop(isCheckbox(target));
     return true;
   }
 
@@ -68,6 +73,25 @@ export class Keyboard {
     if (this._keys.take(event)) this._drive.changed();
     return true;
   }
+}
+
+/**
+ * Tick a box with Enter, since the space bar stops; and let no key that is held down press a button
+ * again and again, such as Arm and Disarm in turn.
+ * @param {KeyboardEvent} event @param {EventTarget | undefined} target
+ */
+function takeEnter({ type, code, repeat }, target) {
+  if (code !== "Enter" && code !== "NumpadEnter") return false;
+  if (isCheckbox(target)) {
+    if (type === "keydown" && !repeat) /** @type {HTMLInputElement} */ (target).click();
+    return true;
+  }
+  return repeat && target instanceof HTMLButtonElement;
+}
+
+/** @param {EventTarget | undefined} target */
+function isCheckbox(target) {
+  return target instanceof HTMLInputElement && target.type === "checkbox";
 }
 
 /** @param {EventTarget | undefined} target */

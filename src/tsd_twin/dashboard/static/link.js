@@ -43,9 +43,10 @@ const MAX_STATES = 100;
 const STALE_MS = 300;
 
 export class Link {
-  /** @param {string} page */
-  constructor(page) {
+  /** @param {string} page @param {string} [name] What the operator has typed. */
+  constructor(page, name = "") {
     this.page = page;
+    this.name = name;
     this.connected = false;
     /** @type {SessionInfo | null} */
     this.welcome = null;
@@ -92,6 +93,16 @@ export class Link {
   open() {
     this._connect();
     setInterval(() => this._sendHeartbeat(), HEARTBEAT_MS);
+  }
+
+  /** Connect again under another name of the operator. @param {string} name */
+  rename(name) {
+    if (name === this.name) return;
+    this.name = name;
+    const socket = this._socket;
+    if (socket === null) return; // The next one has it.
+    this._onClose();
+    socket.close();
   }
 
   /** Send a message now or never; return whether it went out. @param {PageMessage} message */
@@ -148,6 +159,7 @@ export class Link {
   _connect() {
     const address = new URL(`teleop?page=${this.page}`, location.href);
     address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
+    if (this.name !== "") address.searchParams.set("name", this.name);
     const socket = new WebSocket(address);
     this._socket = socket;
     socket.onopen = () => {

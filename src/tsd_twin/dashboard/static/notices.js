@@ -1,4 +1,5 @@
-// Transient notices, confirmation dialogs, and the banner of a state that is too old.
+// Transient notices, confirmation dialogs, the banner of a state that is too old, and the alarm of a
+// stop that is not confirmed.
 
 import { Button } from "./button.js";
 import { el, icon, setText } from "./dom.js";
@@ -65,6 +66,29 @@ export function isNotable({ kind, text }, operator) {
   return (
     kind === "mode" && /to (stopping|disarmed):/.test(text) && !text.includes("by the operator")
   );
+}
+
+/** Alarm of a stop that the robot has not confirmed: until it does, or until it is acknowledged. */
+export class StopAlarm {
+  /** @param {Drive} drive */
+  constructor(drive) {
+    this._text = el("strong", { role: "alert" });
+    const seen = new Button("Acknowledge", () => drive.acknowledgeStop(), {
+      tip: "Close this notice; the robot may still move",
+    });
+    this.element = el(
+      "div.banner.alarm",
+      { hidden: true },
+      icon("fault"),
+      this._text,
+      seen.element,
+    );
+    drive.onChange(() => {
+      this.element.hidden = !drive.stopUnconfirmed;
+      const text = drive.stopUnconfirmed ? "STOP NOT CONFIRMED. Press the hardware stop." : "";
+      setText(this._text, text);
+    });
+  }
 }
 
 /** Banner and grey veil over a state that is too old: the banner counts the seconds. */

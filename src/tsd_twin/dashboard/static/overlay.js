@@ -7,14 +7,17 @@ import { ConsistencyWarning } from "./consistency.js";
 import { el, setAttribute, setText } from "./dom.js";
 import { Joystick, SpeedLevel, StopButton, TurnSlider } from "./dock.js";
 import { Drive } from "./drive.js";
+import { FirstSteps } from "./first_steps.js";
+import { sentence, withNames } from "./format.js";
 import { Gamepad } from "./gamepad.js";
 import { HandOver } from "./handover.js";
-import { Hints } from "./hints.js";
+import { KeySheet } from "./key_sheet.js";
 import { Keyboard } from "./keyboard.js";
 import { kindOf } from "./kinds.js";
 import { known, Link } from "./link.js";
 import { ModuleInset } from "./module_inset.js";
-import { isNotable, Notices, StaleBanner } from "./notices.js";
+import { isNotable, Notices, StaleBanner, StopAlarm } from "./notices.js";
+import { typedName } from "./operator_name.js";
 import { PanelSliders } from "./panel_sliders.js";
 import { fillPanelTabs } from "./panel_tabs.js";
 import { notDrive } from "./permission.js";
@@ -25,21 +28,14 @@ import { StatusCard } from "./status_card.js";
 import { Waypoints } from "./waypoints.js";
 
 const NARROW_PX = 600; // As in small.css.
+const TOLD_MS = 1000;
 // The last ones take away what others show.
 const STYLES = [
-  "base",
-  "frame",
-  "bar",
-  "buttons",
-  "notices",
-  "card",
-  "dock",
-  "small",
-  "account",
-  "module",
+  ...["base", "frame", "bar", "buttons", "notices", "card", "dock"],
+  ...["key_sheet", "first_steps", "small", "account", "module"],
 ];
 
-const link = new Link(window.tsd.page);
+const link = new Link(window.tsd.page, typedName());
 const drive = new Drive(link);
 const host = el("div", { id: "tsd-overlay" });
 const root = host.attachShadow({ mode: "open" });
@@ -51,6 +47,9 @@ const handOver = new HandOver(link, notices);
 const bar = new StatusBar(link, handOver, () => fold(!inner.hasAttribute("data-folded")));
 const level = new SpeedLevel(link, drive);
 const stale = new StaleBanner(link);
+const alarm = new StopAlarm(drive);
+const keySheet = new KeySheet(root);
+const firstSteps = new FirstSteps(link);
 const conflict = new ConsistencyWarning(link);
 const card = new StatusCard(link);
 const stick = new Joystick(drive);
@@ -65,81 +64,66 @@ const preview = el(
   "PREVIEW",
   el("span", "the sliders move your picture only, the robot stays put"),
 );
-const axes = el("button", {
-  type: "button",
-  class: "button quiet axes",
-  role: "switch",
-  "aria-label": "World axes",
-  onclick: () => turnAxes(),
-});
+const axes = el("button.button.quiet.axes", { type: "button", onclick: () => turnAxes() });
 
 const left = el("div.left", stick.element);
 const right = el("div.right", turn.element);
-const dock = el("div.dock", left, stopButton.element, right);
+const dock = el("div.dock", stopButton.element, left, right); // Tab reaches STOP first.
 const pose = new PoseReadout(link);
 const inner = el(
   "div.frame",
   stale.veil,
   waypoints.floor.element,
   new ModuleInset(link).element, // Below notices, card and controls.
+  dock,
   bar.element,
   el(
     "div.messages",
-    ...[stale.banner, conflict.element, preview, handOver.element, notices.element],
+    ...[stale.banner, alarm.element, conflict.element, preview],
+    ...[handOver.element, notices.element, keySheet.element, firstSteps.element],
   ),
   card.element,
   pose.element,
-  dock,
   tooltip.element,
 );
-/** @type {(state: RobotState) => boolean} */
-const isArmed = ({ status }) => ["arming", "ready", "driving"].includes(status.mode);
 const account = new Account(link, inner);
 bar.element.append(account.element);
 stopButton.element.append(account.watching);
-const hints = new Hints(link, [
-  {
-    target: bar.control.button,
-    text: "Take control: one person drives at a time.",
-    when: (state) => !state.you,
-    done: (state) => state.you,
-  },
-  {
-    target: bar.arm.button,
-    get text() {
-      return kindOf(link.robot).armHint;
-    },
-    when: (state) => state.you && state.status.mode === "disarmed",
-    done: isArmed,
-  },
-  {
-    target: stick.pad,
-    text: "Push the stick, or hold W A S D and Q E. It springs back, and the robot stops.",
-    when: (state) => state.you && isArmed(state),
-    done: ({ status }) => status.mode === "driving",
-  },
-]);
-inner.append(hints.element);
-
 const key = (/** @type {string} */ name) => el("kbd", name);
 const keysHelp = el(
-  "div.keys",
-  { "aria-hidden": "true" },
-  ...[key("W A S D"), " · ", key("Q E"), " · gamepad \u2003 ", key("space"), " = stop"],
+  "button.keys",
+  { type: "button", onclick: () => keySheet.toggle() },
+  ...[key("W A S D"), " · ", key("Q E"), " · gamepad \u2003 ", key("space"), " = stop \u2003 "],
+  ...[key("?"), " = all keys"],
 );
 stopButton.element.append(keysHelp);
 stick.head.append(axes);
 
-const keys = new Keyboard(drive, { focused: keyOfFocused, stop });
+const keys = new Keyboard(drive, {
+  focused: keyOfFocused,
+  stop: (isOnBox) => {
+    stop();
+    if (isOnBox) notices.say("The space bar is STOP. Enter ticks a box.");
+  },
+});
 for (const source of [stick, turn, keys, new Gamepad(drive, stop), sliders, sphereGoTo, waypoints])
   drive.add(source);
 drive.onChange(draw);
 drive.onMessage = (text) => notices.say(text);
 link.on(["state", "beat"], draw);
 link.on("event", (event) => {
-  if (!event.past && isNotable(event, link.welcome?.operator)) notices.say(event.text);
+  if (event.past || !isNotable(event, link.welcome?.operator)) return;
+  // The notice of a page that has stalled has said just now why the robot stops.
+  const isTold = event.kind === "mode" && performance.now() - drive.stalledMs < TOLD_MS;
+  if (!isTold) notices.say(withNames(event.text));
 });
-link.on("reply", ({ ok, reason }) => !ok && notices.say(`Refused: ${reason}.`));
+link.on("reply", ({ to, ok, reason }) => {
+  if (!ok && to !== "stop") notices.say(sentence(reason || "the request was refused"));
+});
+card.onReset = () => {
+  // Not when the operator is elsewhere by now.
+  if (document.activeElement === document.body) bar.arm.button.focus();
+};
 link.on("robot", (robot) => {
   document.title = `${robot.title} · tsd-twin`;
   axes.hidden = !kindOf(robot).onFloor; // Its base and the world are one.
@@ -159,7 +143,7 @@ const sheet = (/** @type {string} */ name) => ({ rel: "stylesheet", href: `stati
 // Controls without a style are better than none: STOP is among them.
 root.append(...STYLES.map((name) => el("link", sheet(name), { onload, onerror: onload })), inner);
 document.head.append(el("link", sheet("colours")), el("link", sheet("page")));
-document.body.append(host);
+document.body.prepend(host); // Before the panel, for Tab.
 inner.toggleAttribute("data-plain", window.tsd.plain); // Blurs take half of the frames.
 for (const element of [bar.element, dock, waypoints.element])
   new ResizeObserver(reserve).observe(element);
@@ -168,12 +152,12 @@ frame.phone.addEventListener("change", layOut);
 layOut();
 fold(false);
 turnAxes("base_link");
-fillPanelTabs(link, waypoints, sphereGoTo);
+fillPanelTabs(link, waypoints, sphereGoTo, { keySheet, firstSteps });
 link.open();
 
 /** @param {KeyboardEvent} event */
 function keyOfFocused(event) {
-  if (waypoints.key(event)) return true;
+  if (keySheet.key(event) || waypoints.key(event)) return true;
   const focused = root.activeElement;
   if (focused === stick.pad) return stick.key(event);
   if (focused === turn.track) return turn.key(event);
@@ -220,7 +204,7 @@ function turnAxes(to = drive.frame === "odom" ? "base_link" : "odom") {
   drive.release(); // The same push would mean another way.
   drive.frame = to;
   setText(axes, to === "odom" ? "world axes" : "robot axes");
-  setAttribute(axes, "aria-checked", String(to === "odom"));
+  axes.toggleAttribute("data-world", to === "odom");
 }
 
 /** @param {boolean} folded */
@@ -239,7 +223,7 @@ function layOut() {
   const [levelPlace, path] = isNarrow() ? [right, inner] : [bar.level, stopButton.element];
   if (level.element.parentElement !== levelPlace) levelPlace.prepend(level.element);
   if (waypoints.element.parentElement !== path)
-    path.insertBefore(waypoints.element, isNarrow() ? dock : path.firstChild);
+    path.insertBefore(waypoints.element, isNarrow() ? dock : stopButton.button.nextSibling);
   inner.toggleAttribute("data-drawer", frame.phone.matches);
   reserve();
 }

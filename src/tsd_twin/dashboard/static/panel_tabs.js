@@ -1,9 +1,11 @@
 // Content of the tabs of viser's panel: viser makes empty places, and makes them anew on reconnection.
 
-import { el } from "./dom.js";
+import { el, setAttribute } from "./dom.js";
 import { Health } from "./health.js";
 import { kindOf } from "./kinds.js";
-import { Plots, Recorder } from "./plots.js";
+import { PageSettings } from "./page_settings.js";
+import { Recorder } from "./plot_recorder.js";
+import { Plots } from "./plots.js";
 import { Student } from "./student.js";
 import { StudentDesk } from "./student_desk.js";
 import { WaypointForm } from "./waypoint_form.js";
@@ -11,6 +13,12 @@ import { WheelSpeed } from "./wheel_speed.js";
 
 const REFRESH_MS = 50;
 const UNNAMED = "[role=slider], input[type=text]";
+/** @type {Record<string, string>} What viser leaves without a name, by its icon or its class. */
+const NAMES = {
+  ".mantine-ActionIcon-root:has(.tabler-icon-adjustments)": "Configuration and diagnostics",
+  ".mantine-ActionIcon-root:has(.tabler-icon-arrow-back)": "Back to the controls",
+  ".mantine-Notification-closeButton": "Close this notice",
+};
 const LABEL_LEVELS = 8; // How far above a control viser's label may be.
 
 /** @type {Record<string, string[]>} */
@@ -18,16 +26,18 @@ const STYLES = {
   route: ["waypoint_form"],
   joints: ["gimbals", "wheels"],
   wheel_speed: ["wheel_speed"],
-  plots: ["plots"],
+  plots: ["buttons", "vendor/uPlot.min", "plots"],
   health: ["health"],
   student: ["student", "module"],
+  page: ["page_settings"],
 };
 
 /**
  * Fill all places that there are and that will come, and name what viser leaves without a name.
  * @param {Link} link @param {Waypoints} waypoints @param {SphereGoTo} sphereGoTo
+ * @param {Guides} guides
  */
-export function fillPanelTabs(link, waypoints, sphereGoTo) {
+export function fillPanelTabs(link, waypoints, sphereGoTo, guides) {
   const recorder = new Recorder(link);
   const desk = new StudentDesk(link, location.search);
   /** @type {Record<string, (place: ShadowRoot, signal: AbortSignal) => unknown>} */
@@ -38,6 +48,7 @@ export function fillPanelTabs(link, waypoints, sphereGoTo) {
     plots: (place, signal) => new Plots(recorder, place, signal),
     health: (place, signal) => new Health(link, place, signal),
     student: (place, signal) => new Student(link, place, signal, desk),
+    page: (place, signal) => new PageSettings(link, place, signal, guides),
   };
   /** @type {Map<HTMLElement, AbortController>} */
   const filled = new Map();
@@ -116,15 +127,26 @@ function openTab(name) {
   return tab !== undefined;
 }
 
+/** @type {WeakSet<Element>} Controls that are named here; another robot has other labels. */
+const namedHere = new WeakSet();
+
 /** Name viser's sliders and fields after the labels in their rows: viser only draws them there. */
 function addAriaLabels() {
   for (const control of document.querySelectorAll(UNNAMED)) {
     // viser gives its sliders a name that is empty.
     const named = control.getAttribute("aria-label") || control.getAttribute("aria-labelledby");
-    if (named || (control instanceof HTMLInputElement && control.labels?.length)) continue;
+    const hasLabel = control instanceof HTMLInputElement && control.labels?.length;
+    if ((named && !namedHere.has(control)) || hasLabel) continue;
     const label = labelOf(control);
-    if (label !== null) control.setAttribute("aria-label", label);
+    if (label === null) continue;
+    setAttribute(control, "aria-label", label);
+    namedHere.add(control);
   }
+  for (const box of document.querySelectorAll("input[type=checkbox]:not([aria-description])"))
+    box.setAttribute("aria-description", "Enter ticks it; the space bar stops the robot.");
+  for (const [selector, name] of Object.entries(NAMES))
+    for (const button of document.querySelectorAll(selector))
+      setAttribute(button, "aria-label", name);
 }
 
 /** @param {Element} control */

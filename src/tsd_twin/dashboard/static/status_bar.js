@@ -2,7 +2,7 @@
 
 import { Button, tooltip } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
-import { fixed } from "./format.js";
+import { fixed, withNames } from "./format.js";
 import { kindOf } from "./kinds.js";
 import { known } from "./link.js";
 import { notArm, notDisarm, notTake } from "./permission.js";
@@ -44,7 +44,7 @@ export class StatusBar {
     });
     const press = () => this._pressControl();
     this.control = new Button("Take control", press, { kind: "primary" });
-    this._fold = new Button("Fold", fold, { kind: "quiet" });
+    this._fold = new Button("Hide controls", fold, { kind: "quiet" });
     tooltip.attach(this._linkStatus, () => this._explainLink());
     this.level = el("span.slot");
     this.element = el(
@@ -61,8 +61,7 @@ export class StatusBar {
 
   /** @param {boolean} folded */
   showFolded(folded) {
-    const tip = `${folded ? "Show" : "Hide"} the stick and the figures`;
-    this._fold.become(folded ? "Unfold" : "Fold", tip);
+    this._fold.become(folded ? "Show controls" : "Hide controls", "Stick, turn and figures");
     setAttribute(this._fold.button, "aria-expanded", String(!folded));
   }
 
@@ -121,18 +120,20 @@ export class StatusBar {
     const holder = status?.lease.holder ?? null;
     const kept = status?.lease.reserved_for ?? null;
     const waits = this._handOver.waits;
-    setText(this._name, you ? "you" : (holder ?? (kept === null ? "no operator" : "kept for")));
-    setText(this._does, you ? "drive" : ((holder === null ? kept : null) ?? "drives"));
+    const [name, does] = you
+      ? ["you", "drive"]
+      : holder !== null
+        ? [withNames(holder), "drives"]
+        : kept !== null
+          ? ["kept for", withNames(kept)]
+          : ["control", "is free"];
+    setText(this._name, name);
+    setText(this._does, does);
     setAttribute(this._who, "title", you ? null : holder);
-    if (you) this.control.become("Release control", "Give control back; the robot comes to rest");
+    if (you) this.control.become("Release control", "The robot comes to rest");
     else if (waits) this.control.become("Withdraw request", "Ask for control no longer");
-    else if (holder === null)
-      this.control.become("Take control", "Ask for the right to drive; one at a time has it");
-    else
-      this.control.become(
-        "Ask for control",
-        `${holder} drives, is asked, and can hand over or keep control`,
-      );
+    else if (holder === null) this.control.become("Take control", "One operator drives at a time");
+    else this.control.become("Ask for control", `${name} drives, and can hand control over`);
     this.control.allow(notTake(this._link));
     this.control.button.toggleAttribute("data-quiet", you || waits);
   }
@@ -154,10 +155,10 @@ export class StatusBar {
     const { used } = this._link.quality();
     const allowed = 1000 * (state?.status.limits.max_command_age_s ?? NaN);
     return (
-      `There and back: page to dashboard ${fixed(pageMs, 0)} ms, dashboard to robot ${fixed(state?.robot_ms, 0)} ms. ` +
-      `One in twenty takes ${fixed(pageJitterMs, 0)} and ${fixed(state?.robot_jitter_ms, 0)} ms longer. ` +
+      `Round trip: page to dashboard ${fixed(pageMs, 0)} ms, dashboard to robot ${fixed(state?.robot_ms, 0)} ms; ` +
+      `jitter ${fixed(pageJitterMs, 0)} and ${fixed(state?.robot_jitter_ms, 0)} ms. ` +
       `That is ${fixed(100 * (used ?? NaN), 0)} % of the ${fixed(allowed, 0)} ms that a command may be old. ` +
-      `${fixed(100 * lost, 0)} % of the states did not come.`
+      `States lost: ${fixed(100 * lost, 0)} %.`
     );
   }
 }

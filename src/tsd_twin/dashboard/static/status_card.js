@@ -2,7 +2,7 @@
 
 import { LongPressButton } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
-import { clock, duration, sentence } from "./format.js";
+import { clock, duration, stopReason } from "./format.js";
 import { notReset } from "./permission.js";
 
 /** @type {Record<string, string>} */
@@ -18,6 +18,8 @@ export class StatusCard {
   /** @param {Link} link */
   constructor(link) {
     this._link = link;
+    /** @type {() => void} */
+    this.onReset = () => {}; // Called when the focus was on the card, and the card goes.
     this._mode = null;
     this._shape = el("span.shape");
     this._title = el("h2");
@@ -33,7 +35,7 @@ export class StatusCard {
     );
     this._next = el("p.next");
     this.reset = new LongPressButton("Reset stop", () => link.send({ t: "reset" }), {
-      tip: "Hold for one second. It leads to disarmed, never to motion.",
+      tip: "Hold for one second. The robot does not move; arm it next.",
       kind: "primary",
     });
     this._action = el("div.action", this.reset.element, this._next);
@@ -57,7 +59,9 @@ export class StatusCard {
     const state = this._link.state;
     const mode = state === null || this._link.isStale() ? null : state.status.mode;
     this._mode = mode;
+    const hadFocus = this.element.contains(activeIn(this.element));
     this.element.hidden = mode === null || !(mode in TITLES);
+    if (this.element.hidden && hadFocus && mode !== null) this.reset.whenReleased(this.onReset);
     if (state === null || mode === null || this.element.hidden) return;
     if (this.element.dataset.mode !== mode) {
       this.element.dataset.mode = mode;
@@ -85,9 +89,14 @@ export class StatusCard {
 
   /** @param {Status} status */
   _drawLatched(status) {
-    setText(this._text, sentence(status.stop_reason || "no reason given"));
+    setText(this._text, stopReason(status.stop_reason, this._link.welcome?.operator));
     const refusal = notReset(this._link);
     this.reset.allow(refusal);
     setText(this._next, refusal ?? "Hold for one second, then arm.");
   }
+}
+
+/** Return the element that has the focus, where `node` is. @param {HTMLElement} node */
+function activeIn(node) {
+  return /** @type {Document | ShadowRoot} */ (node.getRootNode()).activeElement;
 }

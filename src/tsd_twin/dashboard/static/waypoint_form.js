@@ -9,7 +9,7 @@ import { notPlan } from "./permission.js";
 const FIELDS = [
   ["x", "x (m)", "Forward of the origin"],
   ["y", "y (m)", "Left of the origin"],
-  ["heading", "heading (°)", "Where to look on arrival; empty keeps it"],
+  ["heading", "heading (°)", "Heading on arrival"],
 ];
 
 const MOST = 10000; // What a message may have.
@@ -57,8 +57,8 @@ export class WaypointForm {
     const route = this._waypoints.route;
     const next =
       route?.phase === "planned"
-        ? `${fixed(route.length_m, 2)} m: hold G, or Hold to go.`
-        : "An empty place is where the robot is.";
+        ? `${fixed(route.length_m, 2)} m. Hold G to go.`
+        : "Leave empty to keep the robot's value.";
     setText(this._why, reason ?? next);
   }
 

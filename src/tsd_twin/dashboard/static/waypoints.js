@@ -9,7 +9,7 @@ import { kindOf } from "./kinds.js";
 import { notDrive, notPlan } from "./permission.js";
 
 const MODE_HINTS = {
-  to: "Click on the floor, drag to say where to look",
+  to: "Click on the floor; drag to set the heading",
   draw: "Draw on the floor",
 };
 const MIN_STEP_PX = 5;
@@ -157,12 +157,12 @@ export class Waypoints {
     this._status = el("span.words.number", { role: "status", "aria-label": "Path" });
     this.button = el(
       "button.button.primary.go",
-      { type: "button", "aria-label": "Go along the path: hold" },
+      { type: "button" },
       el("span.label", "Hold to go"),
     );
     this._close = el(
       "button.button.quiet.close",
-      { type: "button", "aria-label": "Forget the path", onclick: () => this.end() },
+      { type: "button", "aria-label": "Delete the path", onclick: () => this.end() },
       icon("close"),
     );
     this._row = el("div.row.going", this._status, this.button, this._close);
@@ -172,13 +172,13 @@ export class Waypoints {
       el("div.choices", this._choices.to, this._choices.draw),
       this._row,
     );
-    tooltip.attach(this._choices.to, () => "Drive to a place that you click on");
+    tooltip.attach(this._choices.to, () => "Drive to a point that you click on");
     tooltip.attach(this._choices.draw, () => "Drive along a line that you draw");
     tooltip.attach(
       this.button,
-      () => this._notGo() ?? "Hold, or hold G. Let go and the robot stops.",
+      () => this._notGo() ?? "Hold this, or G. Let go and the robot stops.",
     );
-    tooltip.attach(this._close, () => "Forget the path (Esc)");
+    tooltip.attach(this._close, () => "Delete the path (Esc)");
     this._hold = new HoldToRunButton(this.button, "KeyG", () => this._pressed());
     drive.onChange(() => this._checkLevel());
     link.on("state", () => this._check());

@@ -20,7 +20,7 @@ export class WheelSpeed {
     this._next = null;
     this._slider = this._input("range", STEP_RPM, "Drive speed");
     this._rpm = this._input("number", 1, "Drive speed, rpm");
-    this._top = this._input("number", 0.1, "Top speed of the wheels, m/s");
+    this._top = this._input("number", 0.1, "Drive speed, up to m/s");
     this._now = el("span.value.muted");
     this._figures = el("p.figures", { role: "status", "aria-label": "Drive speed" });
     this._why = el("p.muted");

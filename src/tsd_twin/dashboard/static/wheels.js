@@ -76,7 +76,7 @@ export class EstimateDifference {
     const distance = pose === null ? "" : `${fixed(difference.metres, 3)} m and `; // Not of a sphere.
     setText(
       this._text,
-      `By its ${source} it is ${distance}${fixed(difference.degrees, 1)}° elsewhere.`,
+      `By its ${source}: ${distance}${fixed(difference.degrees, 1)}° from this one.`,
     );
   }
 }

@@ -1,0 +1,218 @@
+"""The robot driven by keyboard alone, and the sheet of keys and colours: in a real browser."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Locator, Page, expect
+
+from tests.app.conftest import Program
+from tests.support.browser import PATIENCE_MS, QUICK, mode
+from tsd_twin.dashboard.scene import appearance
+from tsd_twin.dashboard.server.pages import STATIC
+
+pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
+
+MOVING = re.compile(r"v\s+(0\.[2-9]|[1-9])")
+AT_REST = re.compile(r"v\s+0\.00\s")
+IS_FOCUSED = "(node) => node.getRootNode().activeElement === node"
+_TABS = 80
+_TRIES = 10
+
+
+def tab_to(page: Page, target: Locator, key: str = "Tab") -> None:
+    """Go to a control with the Tab key alone."""
+    expect(target).to_be_visible(timeout=PATIENCE_MS)
+    for _ in range(_TABS):
+        if target.evaluate(IS_FOCUSED):
+            return
+        page.keyboard.press(key)
+    raise AssertionError(f"Tab does not reach {target}")
+
+
+def next_step(page: Page, name: str) -> None:
+    """Check that the list of first steps has ticked all before this one."""
+    steps = page.get_by_role("region", name="First steps")
+    expect(steps.locator("[aria-current=step]")).to_have_text(name, timeout=PATIENCE_MS)
+
+
+def enter(page: Page, role: str, name: str, key: str = "Tab") -> None:
+    """Go to a control and press Enter, once it can be used."""
+    target = page.get_by_role(role, name=name, exact=True)
+    tab_to(page, target, key)
+    expect(target).not_to_have_attribute("aria-disabled", "true", timeout=PATIENCE_MS)
+    page.keyboard.press("Enter")
+
+
+@pytest.fixture
+def page(start: Callable[..., Program], browser: Browser) -> Page:
+    line = start("tsd_demo", "--no-browser", "--until-eof", "--port", "0", "--bus-port", "0")
+    url = re.findall(r"http://\S+", line.ready())[0]
+    page = browser.new_page(viewport={"width": 1280, "height": 720})
+    page.goto(url + QUICK)
+    mode(page, "disarmed")
+    return page
+
+
+def hold_until_it_moves(page: Page, key: str) -> None:
+    """Hold a key until the robot moves; a page that stalls lets go, and has to be told again."""
+    speed = page.get_by_role("status", name="Speed", exact=True)
+    for _ in range(_TRIES):
+        page.keyboard.down(key)
+        try:
+            expect(speed).to_contain_text(MOVING, timeout=5000)
+        except AssertionError:
+            page.keyboard.up(key)
+        else:
+            return
+    raise AssertionError(f"{key} does not move the robot")
+
+
+def drive_with_a_slider_that_keeps_its_value(page: Page) -> None:
+    chosen = page.locator("input").and_(page.get_by_label("mode", exact=True))
+    tab_to(page, chosen)
+    for _ in range(_TRIES):
+        if chosen.input_value() == "drive":
+            break
+        page.keyboard.press("ArrowDown")
+        page.wait_for_timeout(200)  # The list opens.
+        page.keyboard.press("ArrowDown")
+        page.keyboard.press("Enter")
+        page.wait_for_timeout(200)
+    expect(chosen).to_have_value("drive")
+    box = page.get_by_role("checkbox", name="Keep value")
+    tab_to(page, box)
+    page.keyboard.press("Enter")
+    expect(box).to_be_checked(timeout=PATIENCE_MS)
+    slider = page.get_by_role("slider", name="Forward (m/s)")
+    tab_to(page, slider, "Shift+Tab")
+    speed = page.get_by_role("status", name="Speed", exact=True)
+    for _ in range(_TRIES):
+        for _ in range(6):
+            page.keyboard.press("ArrowRight")
+        try:
+            expect(speed).to_contain_text(MOVING, timeout=5000)
+            break
+        except AssertionError:
+            continue  # The page has stalled, and the slider has sprung back.
+    expect(speed).to_contain_text(MOVING)
+    enter(page, "button", "Zero")
+    expect(speed).to_contain_text(AT_REST, timeout=PATIENCE_MS)
+
+
+def reset(page: Page) -> None:
+    """Hold Enter on Reset stop, and go on holding it, as a hand does: nothing is armed by that."""
+    button = page.get_by_role("button", name="Reset stop")
+    tab_to(page, button, "Shift+Tab")
+    for _ in range(_TRIES):
+        page.keyboard.down("Enter")
+        try:
+            expect(button).to_be_hidden(timeout=3000)
+            break
+        except AssertionError:
+            page.keyboard.up("Enter")
+    mode(page, "disarmed")
+    arm = page.get_by_role("button", name="Arm", exact=True)
+    for _ in range(5):
+        page.keyboard.down("Enter")  # Repeats itself.
+    expect(arm).not_to_be_focused()
+    page.keyboard.up("Enter")
+    expect(arm).to_be_focused()
+    page.wait_for_timeout(500)
+    mode(page, "disarmed")
+
+
+def test_a_robot_is_driven_by_keyboard_alone(page: Page) -> None:
+    """Take control, arm, drive, keep a value, go to a point, stop, reset and release.
+
+    The list of first steps ticks itself meanwhile, and does not come back.
+    """
+    page.keyboard.press("Tab")
+    expect(page.get_by_role("button", name="STOP", exact=True)).to_be_focused()
+    next_step(page, "Take control")
+    enter(page, "button", "Take control")
+    expect(page.get_by_role("button", name="Release control")).to_be_visible(timeout=PATIENCE_MS)
+    next_step(page, "Arm")
+    enter(page, "button", "Arm", "Shift+Tab")
+    mode(page, "ready")
+    next_step(page, "Drive")
+    hold_until_it_moves(page, "w")
+    page.keyboard.up("w")
+    next_step(page, "Stop")
+    tab_to(page, page.get_by_role("region", name="Drive stick"), "Shift+Tab")
+    hold_until_it_moves(page, "ArrowDown")
+    page.keyboard.up("ArrowDown")
+    drive_with_a_slider_that_keeps_its_value(page)
+    form = page.get_by_role("form", name="Go to")
+    tab_to(page, form.get_by_label("x (m)"))
+    page.keyboard.type("3")
+    tab_to(page, form.get_by_role("button", name="Plan"))
+    page.keyboard.press("Enter")
+    path = page.get_by_role("status", name="Path")
+    expect(path).to_contain_text(re.compile(r"\d m, "), timeout=PATIENCE_MS)
+    hold_until_it_moves(page, "g")
+    box = page.get_by_role("checkbox", name="Keep value")
+    tab_to(page, box, "Shift+Tab")
+    page.keyboard.press(" ")
+    page.keyboard.up("g")
+    mode(page, "stopped")
+    expect(page.get_by_role("log", name="Messages")).to_contain_text("Enter ticks a box")
+    expect(box).to_be_checked()
+    expect(page.get_by_text("You pressed STOP.")).to_be_visible()
+    next_step(page, "Reset")
+    reset(page)
+    expect(page.get_by_role("region", name="First steps")).to_be_hidden(timeout=PATIENCE_MS)
+    assert page.evaluate("localStorage.getItem('tsd.hints')") == "seen"
+    enter(page, "button", "Release control")
+    expect(page.get_by_role("button", name="Take control")).to_be_visible(timeout=PATIENCE_MS)
+
+
+def test_a_key_opens_the_sheet_which_covers_no_control_and_gives_the_focus_back(
+    page: Page,
+) -> None:
+    stick = page.get_by_role("region", name="Drive stick")
+    stick.focus()
+    page.keyboard.press("?")
+    sheet = page.get_by_role("dialog", name="Keys and colours")
+    expect(sheet).to_be_visible()
+    expect(sheet.get_by_role("button", name="Close")).to_be_focused()
+    stop = page.get_by_role("button", name="STOP", exact=True)
+    over, under = sheet.bounding_box(), stop.bounding_box()
+    assert over is not None
+    assert under is not None
+    assert over["y"] + over["height"] <= under["y"]
+    page.keyboard.press("Escape")
+    expect(sheet).to_be_hidden()
+    expect(stick).to_be_focused()
+    page.keyboard.press("?")
+    page.keyboard.press(" ")
+    mode(page, "stopped")
+
+
+def test_the_name_that_an_operator_types_is_kept_and_shown_to_others(page: Page) -> None:
+    page.get_by_role("tab", name="View").click(timeout=PATIENCE_MS)
+    field = page.get_by_label("Your name")
+    field.fill("Anna Müller")
+    field.press("Enter")
+    expect(field).to_have_value("anna-muller")
+    page.reload()
+    mode(page, "disarmed")
+    enter(page, "button", "Take control")
+    expect(page.get_by_text("you drive", exact=True)).to_be_visible(timeout=PATIENCE_MS)
+    browser = page.context.browser
+    assert browser is not None
+    other = browser.new_page()
+    other.goto(page.url)
+    expect(other.get_by_text("anna-muller drives", exact=True)).to_be_visible(timeout=PATIENCE_MS)
+    other.close()
+
+
+def test_the_sheet_names_the_colours_of_the_scene() -> None:
+    text = Path(STATIC, "key_sheet.js").read_text("utf-8")
+    named = dict(re.findall(r'\["(\w+)", "(#[0-9a-f]{6})", ', text))
+    assert named
+    for name, colour in named.items():
+        assert colour == "#{:02x}{:02x}{:02x}".format(*getattr(appearance, name.upper()))
