@@ -15,6 +15,7 @@ from tests.support.robot_feed import RobotFeed
 from tsd_twin.dashboard.scene.client_view import ClientView
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.server.pages import STATIC
 from tsd_twin.dashboard.viser_compat import viser_server
 from tsd_twin.lie import Array
 
@@ -62,6 +63,7 @@ class Desk:
         )
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         page.goto(f"http://127.0.0.1:{self.server.get_port()}/?fixedDpr=0.5")
+        page.add_style_tag(path=STATIC / "page.css")
         page.add_style_tag(content=".mantine-Notifications-root { display: none }")
         page.get_by_role("tab", name="Health").wait_for(timeout=1e3 * PATIENCE_S)
         until(page, lambda shown: orange(shown) > 20)

@@ -188,7 +188,7 @@ class ViewTab:
             [str(choice) for choice in TruePoseDisplay],
             hint="Green cage: where a simulated robot really is",
         )
-        self._tilt = gui.add_dropdown(
+        self._tilt: viser.GuiDropdownHandle[str] = gui.add_dropdown(
             "tilt drawn",
             [str(factor) for factor in TiltFactor],
             hint="Gimbals in your picture lean this much more than they do; a label says so",

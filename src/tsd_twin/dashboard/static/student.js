@@ -264,7 +264,7 @@ class Sketch {
               }),
           axle === null ? null : svg("path.axle", { d: `M0 0L${place(axle, 2 * wide)}` }),
           svg("path.push", { d: `M0 0L${place(push, 18 / fast)}` }),
-          svg("text", { x: 0, y: -wide - 2, "text-anchor": "middle" }, String(i + 1)),
+          svg("text", { x: 0, y: wide + 8, "text-anchor": "middle" }, String(i + 1)),
         ),
       ),
     );
