@@ -132,8 +132,7 @@ export class StatusBar {
     setAttribute(this._who, "title", you ? null : holder);
     if (you) this.control.become("Release control", "The robot comes to rest");
     else if (waits) this.control.become("Withdraw request", "Ask for control no longer");
-    else if (holder === null)
-      this.control.become("Take control", "One operator drives at a time");
+    else if (holder === null) this.control.become("Take control", "One operator drives at a time");
     else this.control.become("Ask for control", `${name} drives, and can hand control over`);
     this.control.allow(notTake(this._link));
     this.control.button.toggleAttribute("data-quiet", you || waits);
