@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick check bench attack soak format lock docs pictures meshes clean firmware robot-in-a-box avr
+.PHONY: help demo test quick check bench attack soak format lock vendor docs pictures meshes clean firmware robot-in-a-box avr
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 22
@@ -31,7 +31,7 @@ check: .venv/.dev .venv/.js ## Format, lint, types, layers
 	$(BIN)/node $(JS)/typescript/bin/tsc --project tests/js
 JS := .venv/js/node_modules
 PRETTIER := $(JS)/prettier/bin/prettier.cjs --print-width=100
-SCRIPTS := 'src/tsd_twin/dashboard/**/*.{js,ts}' 'tests/js/*.{js,json}' '!**/package-lock.json'
+SCRIPTS := 'src/tsd_twin/dashboard/**/*.{js,ts}' 'tests/js/*.{js,json}' '!**/package-lock.json' '!**/vendor/**'
 
 bench: .venv/.dev ## Measure speed and memory against peers in the same run
 	$(BIN)/python -m bench $(ARGS)
@@ -47,6 +47,11 @@ format: .venv/.dev .venv/.js ## Format and mend what can be mended
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 	$(BIN)/node $(PRETTIER) --log-level=warn --write $(SCRIPTS)
+
+vendor: .venv/.js ## Copy the plot library, of the version in tests/js/package.json, to the page
+	cp $(JS)/uplot/dist/{uPlot.iife.min.js,uPlot.min.css} $(VENDOR)
+	cp $(JS)/uplot/LICENSE $(VENDOR)/uPlot.LICENSE
+VENDOR := src/tsd_twin/dashboard/static/vendor
 
 firmware: avr ## Build the firmware of the controller board
 	@$(MAKE) --no-print-directory -C firmware

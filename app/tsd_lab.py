@@ -9,7 +9,16 @@ from tsd_twin import program
 from tsd_twin.calibration import calibrate, zeroing
 from tsd_twin.errors import TwinError
 from tsd_twin.experiment import Experiment, Output
-from tsd_twin.lab import atlas, budget, follow, motors, omni_paths, omni_step, square
+from tsd_twin.lab import (
+    atlas,
+    budget,
+    consistency,
+    follow,
+    motors,
+    omni_paths,
+    omni_step,
+    square,
+)
 from tsd_twin.recording import rerun_experiment
 
 EXPERIMENTS: tuple[Experiment, ...] = (
@@ -17,6 +26,7 @@ EXPERIMENTS: tuple[Experiment, ...] = (
     square.EXPERIMENT,
     follow.EXPERIMENT,
     budget.EXPERIMENT,
+    consistency.EXPERIMENT,
     calibrate.EXPERIMENT,
     zeroing.EXPERIMENT,
     omni_step.EXPERIMENT,

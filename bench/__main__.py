@@ -14,6 +14,7 @@ PARTS = (
     "bridge",
     "dashboard",
     "page",
+    "plots",
     "start",
     "idle",
     "recording",

@@ -39,7 +39,7 @@ window.WebSocket = class extends Plain {
 };
 """
 """Notes when the frame after the one with each state begins: the browser has taken that to show."""
-_HIDE = "document.querySelector('canvas[data-engine]').style.display = 'none'"
+HIDE = "document.querySelector('canvas[data-engine]').style.display = 'none'"
 
 
 def rows(*, smallest: bool = False) -> Iterator[Row]:
@@ -80,7 +80,7 @@ def delays_ms(endpoint: str, url: str, seconds: float) -> tuple[list[float], lis
         page.goto(url)
         page.wait_for_selector("canvas[data-engine]", timeout=PATIENCE_MS)
         with_scene_ms = watch(page, sent_ms, seconds)
-        page.evaluate(_HIDE)
+        page.evaluate(HIDE)
         alone_ms = watch(page, sent_ms, seconds)
         browser.close()
     return with_scene_ms, alone_ms

@@ -28,6 +28,8 @@ NEEDED = (
     "tsd_replay.py",
     "tsd_twin/robots/tsd.toml",
     "tsd_twin/dashboard/static/overlay.js",
+    "tsd_twin/dashboard/static/vendor/uPlot.iife.min.js",
+    "tsd_twin/dashboard/static/vendor/uPlot.LICENSE",
     "tsd_twin/meshes/tsd/tsd.urdf",
 )
 

@@ -3,8 +3,6 @@ import { test } from "node:test";
 
 import { connect, pass } from "./browser.js";
 
-const { Recorder } = await import("../../src/tsd_twin/dashboard/static/plots.js");
-
 test("a listener hears messages of its types until its signal aborts", () => {
   const { link, state, say } = connect();
   const heard = [];
@@ -45,26 +43,4 @@ test("another name of the operator goes out with a new connection, and the same 
   assert.equal(socket.readyState, 3);
   pass(1000);
   assert.equal(newestSocket().address.searchParams.get("name"), "anna");
-});
-
-const ROBOT = { t: "robot", id: "tsd", panel: "wheels", twist_axes: [], modules: [] };
-const STATUS = { consistency: { residual_mps: 0 } };
-
-function recorded(say, state, robot, rpm) {
-  say({ ...ROBOT, ...robot });
-  const wheels = rpm.map((each) => ({ rpm: each, set_rpm: 0 }));
-  state(STATUS, { twist: null, commanded: null, modules: [], wheels });
-}
-
-test("plots of a robot go on when its description changes, and begin anew with another robot", () => {
-  const { link, say, state } = connect();
-  const recorder = new Recorder(link);
-  recorded(say, state, { wheels: ["wheel1"] }, [10]);
-  recorded(say, state, { wheels: ["wheel1", "wheel2"] }, [11, 21]);
-  assert.equal(recorder.count, 2);
-  assert.equal(recorder.newest("wheel1"), 11);
-  assert.equal(recorder.newest("wheel2"), 21);
-  recorded(say, state, { id: "other", wheels: ["wheel2"] }, [30]);
-  assert.equal(recorder.count, 1);
-  assert.ok(Number.isNaN(recorder.newest("wheel1")));
 });

@@ -15,7 +15,8 @@ SHIPPED = [load_robot(name) for name in robot_names()]
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
 def test_every_reference_of_a_kind_can_be_imported(kind: RobotKind) -> None:
-    for reference in (*kind.simulations.values(), kind.sensor_odometry, kind.telemetry):
+    others = kind.sensor_odometry, kind.telemetry, kind.student_wheels
+    for reference in (*kind.simulations.values(), *others):
         assert callable(implementation(reference)), reference
     model = implementation(kind.model)
     assert all(callable(getattr(model, name)) for name in ("draw", "tree", "masses_kg"))

@@ -21,13 +21,14 @@ ROWS = {
     "bridge": 3,
     "dashboard": 4,
     "page": 2,
+    "plots": 2,
     "start": 1,
     "idle": 2,
     "recording": 2,
 }
 ROW = re.compile(r"^(\S.+?) +([-+.e\d]+) .*[<>]= .* (ok  |MISS)")
 """What is measured, how much, and whether that reaches what it is to reach."""
-BUSY = {"firmware", "bridge", "page"}
+BUSY = {"firmware", "bridge", "page", "plots"}
 
 
 @pytest.mark.system

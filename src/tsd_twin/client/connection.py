@@ -224,6 +224,8 @@ class Snapshot:
     truth: Odometry | None = None
     status: Status | None = None
     status_seq: int = 0
+    status_robot_s: float = 0.0
+    """When the robot sent the status, on its monotonic clock."""
     received_s: float = -np.inf
     """When the newest of these came in, on the clock given to `poll`."""
 
@@ -294,6 +296,7 @@ class RobotMonitor(RobotConnection):
         self.snapshot = Snapshot(
             status=self.snapshot.status,
             status_seq=self.snapshot.status_seq,
+            status_robot_s=self.snapshot.status_robot_s,
             received_s=self.snapshot.received_s,
         )
 
@@ -342,6 +345,7 @@ class RobotMonitor(RobotConnection):
             return False
         try:
             fresh["status"], fresh["status_seq"] = numbered_status(sample)
+            fresh["status_robot_s"] = 1e-9 * decode_stamp(sample.attachment)[1]
         except MessageError:
             return False
         return True

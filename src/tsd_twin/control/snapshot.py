@@ -20,6 +20,7 @@ _PURE = frozenset(
 )
 _OTHERS = frozenset(
     {
+        ("builtins", "complex"),
         ("collections", "OrderedDict"),
         ("collections", "deque"),
         ("msgspec._utils", "rebuild"),

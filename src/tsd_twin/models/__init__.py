@@ -8,6 +8,7 @@ from tsd_twin.models.links import (
     JointType,
     KinematicTree,
     LinkGroup,
+    check_room,
     draw_parts,
     kinematic_tree,
 )
@@ -23,6 +24,7 @@ __all__ = [
     "Material",
     "Part",
     "Parts",
+    "check_room",
     "draw_parts",
     "glb",
     "kinematic_tree",

@@ -199,6 +199,15 @@ _REACH = 1.6
 """Inboard reach of a module from its pivot, in wheel radii; the drawings keep to it."""
 
 
+def check_room(robot: SingularityDescription) -> None:
+    """Check that the modules fit.
+
+    Raises:
+        RobotFileError: there is no room for them.
+    """
+    Layout.of(robot)
+
+
 def draw(robot: SingularityDescription) -> Parts:
     """Parts; modules are alike, so `outer`, `inner` and `wheel` are there once.
 

@@ -12,6 +12,7 @@ from importlib import import_module
 from typing import Any
 
 from tsd_twin.robots.description import RobotDescription
+from tsd_twin.robots.knobs import OMNI_KNOBS, SINGULARITY_KNOBS, SPHERE_KNOBS, Knob
 from tsd_twin.robots.omni import OmniDescription
 from tsd_twin.robots.singularity import SingularityDescription
 from tsd_twin.robots.sphere import SphereDescription
@@ -34,6 +35,10 @@ class RobotKind:
     """Class of the telemetry of its actuators on the dashboard."""
     actuator_tab: str
     """Label of the panel tab that shows its actuators."""
+    knobs: tuple[Knob, ...]
+    """Numbers of its description that the Student tab offers."""
+    student_wheels: str
+    """Wheels at a twist, for the Student tab: `(robot, twist) -> list[StudentWheel]`."""
 
 
 KINDS: tuple[RobotKind, ...] = (
@@ -48,6 +53,8 @@ KINDS: tuple[RobotKind, ...] = (
         model="tsd_twin.models.singularity",
         telemetry="tsd_twin.dashboard.server.telemetry:GimbalTelemetry",
         actuator_tab="Gimbals",
+        knobs=SINGULARITY_KNOBS,
+        student_wheels="tsd_twin.dashboard.server.student:gimbal_wheels",
     ),
     RobotKind(
         name="omni",
@@ -57,6 +64,8 @@ KINDS: tuple[RobotKind, ...] = (
         model="tsd_twin.models.omni",
         telemetry="tsd_twin.dashboard.server.telemetry:WheelTelemetry",
         actuator_tab="Wheels",
+        knobs=OMNI_KNOBS,
+        student_wheels="tsd_twin.dashboard.server.student:roller_wheels",
     ),
     RobotKind(
         name="sphere",
@@ -66,6 +75,8 @@ KINDS: tuple[RobotKind, ...] = (
         model="tsd_twin.models.sphere",
         telemetry="tsd_twin.dashboard.server.telemetry:SphereTelemetry",
         actuator_tab="Sphere",
+        knobs=SPHERE_KNOBS,
+        student_wheels="tsd_twin.dashboard.server.student:sphere_wheels",
     ),
 )
 """All kinds of robots; a new kind is a new row."""

@@ -93,18 +93,29 @@ def parse_description(toml: str, file: str) -> RobotDescription:
     """
     if len(toml) > LONGEST:
         raise RobotFileError(file, f"{len(toml)} characters are too many", f"at most {LONGEST}")
-    kind: type[RobotDescription] = RobotDescription
     try:
         tables: Any = msgspec.toml.decode(toml)
-        kind = _kind(tables, file)
-        robot = msgspec.convert(tables, kind)
-    except msgspec.ValidationError as error:
-        raise RobotFileError(file, *_explain(str(error), kind)) from error
     except RecursionError as error:
         raise RobotFileError(file, "tables or lists are nested too deeply") from error
     # Python itself refuses whole numbers of thousands of digits, as a plain ValueError.
     except (msgspec.DecodeError, ValueError) as error:
         raise RobotFileError(file, f"not valid TOML: {error}") from error
+    return description_of_tables(tables, file)
+
+
+def description_of_tables(tables: Any, file: str) -> RobotDescription:
+    """Robot of the tables of a TOML text.
+
+    Raises:
+        RobotFileError: as in `load_robot`.
+    """
+    kind = _kind(tables, file)
+    try:
+        robot = msgspec.convert(tables, kind)
+    except msgspec.ValidationError as error:
+        raise RobotFileError(file, *_explain(str(error), kind)) from error
+    except RecursionError as error:
+        raise RobotFileError(file, "tables or lists are nested too deeply") from error
     _check(robot, file)
     return robot
 

@@ -19,9 +19,11 @@ from tests.support.robot_feed import RobotFeed, link_poses
 from tests.support.viser_client import PATIENCE_S, Node, ViserClient, viser_client
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.scene.tilt_exaggeration import exaggerate_tilt
 from tsd_twin.dashboard.viser_compat import viser_server
 from tsd_twin.dashboard.viser_compat.viser_server import page_of
 from tsd_twin.lie import SE2
+from tsd_twin.robots import load_robot
 
 PAGE, OTHER_PAGE = "0123456789abcdef", "fedcba9876543210"
 SLIDERS = ("Forward (m/s)", "Left (m/s)", "Turn left (rad/s)")
@@ -148,10 +150,11 @@ def test_the_page_finds_the_places_it_draws_in(viewer: ViserClient) -> None:
     content = [c.props["content"] for c in viewer.controls.values() if c.kind == "GuiHtmlMessage"]
     assert content == [
         f'<div data-tsd="{name}"></div>'
-        for name in ("wheel_speed", "route", "joints", "page", "plots", "health")
+        for name in ("wheel_speed", "route", "joints", "page", "plots", "health", "student")
     ]
     (tabs,) = (c for c in viewer.controls.values() if c.kind == "GuiTabGroupMessage")
-    assert list(tabs.props["_tab_labels"]) == ["Drive", "Gimbals", "View", "Plots", "Health"]
+    labels = ["Drive", "Gimbals", "View", "Plots", "Health", "Student"]
+    assert list(tabs.props["_tab_labels"]) == labels
 
 
 def test_sliders_have_the_limits_of_the_robot(viewer: ViserClient, feed: RobotFeed) -> None:
@@ -271,6 +274,76 @@ def test_the_live_gimbals_come_back(desk: Desk, feed: RobotFeed, viewer: ViserCl
             atol=1e-6,
         )
     )
+
+
+def enlarged(viewer: ViserClient, kind: str) -> Node:
+    return viewer.own[f"/w/r/tsd/q{kind}"]
+
+
+def test_exaggerated_tilt_is_drawn_and_labelled_for_its_own_client(
+    desk: Desk, feed: RobotFeed, viewer: ViserClient, onlooker: ViserClient
+) -> None:
+    k = feed.kinematics.modules
+    viewer.set("tilt drawn", "x10")
+    viewer.until(lambda: all(hidden(viewer, kind) == [True] * k for kind in GIMBALS))
+    assert viewer.own["/w/r/tsd/ql"].props["text"] == "tilt drawn x10"
+    for vx_mps in (0.2, 0.5):
+        joints = feed.kinematics.inverse(np.array([vx_mps, 0.0, 0.0]))
+        feed.say(joints=joints, setpoint=joints)
+        desk.scene.draw()
+        tilted = exaggerate_tilt(joints, 10.0)
+        assert feed.kinematics.tilt(tilted) == pytest.approx(10.0 * feed.kinematics.tilt(joints))
+        poses = link_poses(feed.robot, SE2.identity(), tilted)
+        viewer.until(
+            lambda poses=poses: np.allclose(
+                np.reshape(enlarged(viewer, "inner").props["batched_wxyzs"], (-1, 4)),
+                poses["inner"].wxyz,
+                atol=1e-6,
+            )
+        )
+    # The shared rings show the true set-point; this client has its own instead.
+    assert not viewer.own["/w/r/tsd/s"].visible
+    assert "/w/r/tsd/qs" in viewer.own
+    assert onlooker.own == {}
+    viewer.set("tilt drawn", "x1")
+    viewer.until(lambda: viewer.own == {})
+    viewer.until(lambda: not any(any(hidden(viewer, kind)) for kind in GIMBALS))
+
+
+def test_a_preview_is_exaggerated_too_and_the_live_gimbals_come_back_after_it(
+    desk: Desk, feed: RobotFeed, viewer: ViserClient
+) -> None:
+    viewer.set("tilt drawn", "x3")
+    viewer.until(lambda: enlarged(viewer, "inner").visible)
+    viewer.set("vx (m/s)", 0.5)
+    desk.move()
+    joints = exaggerate_tilt(feed.kinematics.inverse(np.array([0.5, 0.0, 0.0])), 3.0)
+    poses = link_poses(feed.robot, SE2.identity(), joints)
+    viewer.until(lambda: tried(viewer, "inner").visible and not enlarged(viewer, "inner").visible)
+    shown = np.reshape(tried(viewer, "inner").props["batched_wxyzs"], (-1, 4))
+    np.testing.assert_allclose(shown, poses["inner"].wxyz, atol=1e-6)
+    desk.panels.reset_sliders(PAGE)
+    viewer.until(lambda: enlarged(viewer, "inner").visible and not tried(viewer, "inner").visible)
+    # The true ones stay hidden beside the enlarged ones.
+    viewer.until(lambda: hidden(viewer, "inner") == [True] * feed.kinematics.modules)
+
+
+def test_a_factor_that_there_is_not_and_a_robot_without_gimbals_change_nothing(
+    desk: Desk, viewer: ViserClient, feed: RobotFeed
+) -> None:
+    viewer.set("tilt drawn", "x1000000")
+    viewer.set("vx (m/s)", 0.25)
+    desk.move()
+    assert "/w/r/tsd/ql" not in viewer.own
+    desk.scene.remove(feed.id)
+    assert viewer.control("tilt drawn").props["visible"]
+    desk.scene.add(RobotFeed("kiwi", load_robot("kiwi")))
+    viewer.until(lambda: not viewer.control("tilt drawn").props["visible"])
+    viewer.set("tilt drawn", "x10")
+    viewer.until(lambda: viewer.control("vx (m/s)").props["max"] == 0.8)
+    viewer.set("vx (m/s)", 0.5)
+    desk.move()
+    assert not any("/q" in name for name in viewer.own)
 
 
 def test_mode_drive_shows_no_preview(desk: Desk, viewer: ViserClient) -> None:

@@ -57,7 +57,9 @@ class Desk:
     def open(self) -> tuple[Page, ClientView]:
         """Return a page whose panel and robot can be seen, and the view that it is."""
         before = self.server.get_clients().keys()
-        page = self._browser.new_page(viewport={"width": SIZE[0] + 288, "height": SIZE[1]})
+        page = self._browser.new_page(
+            viewport={"width": SIZE[0] + viser_server.PANEL_WIDTH_PX, "height": SIZE[1]}
+        )
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         page.goto(f"http://127.0.0.1:{self.server.get_port()}/?fixedDpr=0.5")
         page.add_style_tag(content=".mantine-Notifications-root { display: none }")
@@ -169,5 +171,5 @@ def test_a_key_on_a_slider_poses_the_gimbals(page: Page) -> None:
 
 def test_all_tabs_stand_in_one_row(page: Page) -> None:
     boxes = [tab.bounding_box() for tab in page.get_by_role("tab").all()]
-    assert len(boxes) == 5
+    assert len(boxes) == 6
     assert len({box["y"] for box in boxes if box is not None}) == 1

@@ -113,7 +113,9 @@ def test_parameters_that_lead_to_a_foreign_server_are_stripped(
     assert get(served.port, f"/{rest}")[0].status == 200
 
 
-@pytest.mark.parametrize("name", sorted(file.name for file in STATIC.glob("*.js")))
+@pytest.mark.parametrize(
+    "name", sorted(str(file.relative_to(STATIC)) for file in STATIC.rglob("*.js"))
+)
 def test_every_script_is_served_as_one(served: Site, name: str) -> None:
     answer, body = get(served.port, f"/static/{name}")
     assert answer.status == 200

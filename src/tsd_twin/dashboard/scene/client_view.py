@@ -21,7 +21,8 @@ from tsd_twin.dashboard.scene.picking import CameraPose, floor_points, sphere_po
 from tsd_twin.dashboard.scene.robot_overlays import add_wireframe
 from tsd_twin.dashboard.scene.robot_visual import RobotVisual
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.viser_compat.viser_server import CAMERA_OFFSET_M, LOOK_AT_M, scale_instances
+from tsd_twin.dashboard.scene.tilt_exaggeration import ExaggeratedTilt, TiltFactor, hide_links
+from tsd_twin.dashboard.viser_compat.viser_server import CAMERA_OFFSET_M, LOOK_AT_M
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, Array
 from tsd_twin.models import Link
@@ -44,12 +45,12 @@ class PosePreview:
         elif self._links:
             for handle in self._links.values():
                 handle.visible = False
-            self._hide(body, None)
+            hide_links(self._client, body, None)
 
     def forget(self, body: RobotVisual) -> None:
         """Discard the nodes of this client, and show the links of a robot again."""
         if self._links:
-            self._hide(body, None)
+            hide_links(self._client, body, None)
 
     def clear(self) -> None:
         """Discard the nodes of this client."""
@@ -90,13 +91,7 @@ class PosePreview:
                 )
             self._links[kind].batched_wxyzs = poses[kind].wxyz.astype(np.float32)
             self._links[kind].visible = True
-        self._hide(body, body.id)
-
-    def _hide(self, body: RobotVisual, robot_id: str | None) -> None:
-        """Hide the moving links of one robot for this client; None shows those of all."""
-        for kind in body.meshes.shape.moving:
-            scales = body.meshes.scales_without(robot_id, kind)
-            scale_instances(self._client, body.meshes.node(kind), scales)
+        hide_links(self._client, body, body.id)
 
 
 class TruePoseDisplay(StrEnum):
@@ -133,6 +128,7 @@ class ClientView:
         self._world: viser.FrameHandle | None = None
         self._preview_joints: Array | None = None
         self._preview = PosePreview(client)
+        self._tilt = ExaggeratedTilt(client)
 
     # Selection and camera.
 
@@ -216,6 +212,11 @@ class ClientView:
             self._true_pose_display = truth
             self.on_robots_changed()
 
+    def set_tilt_factor(self, factor: TiltFactor) -> None:
+        """Draw the tilt of the gimbals of the shown robot larger than it is."""
+        with self._scene.lock:
+            self.on_robots_changed(factor)
+
     # Preview.
 
     def set_preview(self, joints: Array | None) -> None:
@@ -226,28 +227,48 @@ class ClientView:
         with self._scene.lock:
             self._preview_joints = joints
             self._draw_preview()
+            body = self.visual
+            if joints is None and body is not None and self._tilt.is_on(body):
+                self._tilt.update(body)
+                hide_links(self._client, body, body.id)  # The end of the preview has shown them.
         self._client.flush()
 
     def _draw_preview(self) -> None:
-        if self.visual is not None:
-            self._preview.draw(self.visual, self._preview_joints)
+        body, joints = self.visual, self._preview_joints
+        if body is None:
+            return
+        if joints is not None and self._tilt.is_on(body):
+            joints = self._tilt.applied(joints)
+        self._tilt.set_visible(joints is None)
+        self._preview.draw(body, joints)
 
     # Callbacks of the scene.
 
     def on_robots_moved(self) -> None:
         """Move the world frame of this client, if it follows another robot than the default."""
-        if self._world is not None and self._fixed_world_xy is None:
+        moves_world = self._world is not None and self._fixed_world_xy is None
+        body = self.visual
+        if body is not None and self._tilt.is_on(body) and self._preview_joints is None:
+            with self._client.atomic():
+                self._tilt.update(body)
+        elif not moves_world:
+            return
+        if self._world is not None and moves_world:
             self._world.position = (*self._world_xy, 0.0)
-            self._client.flush()
+        self._client.flush()
 
-    def on_robots_changed(self) -> None:
+    def on_robots_changed(self, tilt: TiltFactor | None = None) -> None:
         """Rebuild the nodes of this client after a change of robots or settings."""
         own = self._client.scene
         with self._client.atomic():
             for body in self._scene.visuals.values():
                 self._preview.forget(body)
+                if self._tilt.is_on(body):
+                    hide_links(self._client, body, None)
             own.reset()
             self._preview.clear()
+            self._tilt.clear()
+            self._tilt.factor = tilt or self._tilt.factor
             self._world = None
             self._select_available()
             if self._fixed_world_xy is not None or self._robot_id != self._scene.default_robot_id:
@@ -255,6 +276,9 @@ class ClientView:
             if self._no_gpu:
                 disable_shadows_and_reflections(own)
             self._hide_layers(own)
+            body = self.visual
+            if body is not None and self._tilt.is_on(body):
+                self._tilt.start(body, rings=Layer.SETPOINT not in self._hidden)
             if self._preview_joints is not None:
                 self._draw_preview()
         self._client.flush()

@@ -1,4 +1,4 @@
-"""Panel of one client: tabs Drive, actuators, View, Plots and Health."""
+"""Panel of one client: tabs Drive, actuators, View, Plots, Health and Student."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from tsd_twin.dashboard.scene.client_view import CameraPreset, ClientView, TrueP
 from tsd_twin.dashboard.scene.robot_geometry import FLOOR_AXES, axis_limits, twist_axes_of
 from tsd_twin.dashboard.scene.robot_visual import SPIN_SLOWDOWN, RobotVisual
 from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.scene.tilt_exaggeration import TiltFactor
 from tsd_twin.dashboard.viser_compat.viser_server import rename_tab, set_theme
 from tsd_twin.lie import Array
 from tsd_twin.motion import TwistLimiter
@@ -187,6 +188,11 @@ class ViewTab:
             [str(choice) for choice in TruePoseDisplay],
             hint="Green cage: where a simulated robot really is",
         )
+        self._tilt = gui.add_dropdown(
+            "tilt drawn",
+            [str(factor) for factor in TiltFactor],
+            hint="Gimbals in your picture lean this much more than they do; a label says so",
+        )
         clear = gui.add_button("Clear trail", hint="Delete the trails of all robots, in all pages")
         self._toggle("dark", lambda on: set_theme(gui, dark=on), "Dark colours", initial=dark)
         gui.add_markdown(
@@ -194,7 +200,13 @@ class ViewTab:
         )
         camera.on_click(self._on_camera)
         truth.on_update(self._on_true_pose)
+        self._tilt.on_update(self._on_tilt)
         clear.on_click(self._on_clear)
+
+    def update_controls(self) -> None:
+        """Offer what the selected robot has: only gimbals tilt."""
+        body = self._view.visual
+        self._tilt.visible = body is None or body.meshes.shape.tilts
 
     def _toggle(
         self, label: str, act: Callable[[bool], None], hint: str, *, initial: bool = True
@@ -212,6 +224,10 @@ class ViewTab:
         if event.target.value in list(TruePoseDisplay):
             self._view.set_true_pose_display(TruePoseDisplay(event.target.value))
 
+    async def _on_tilt(self, event: viser.GuiEvent[Any]) -> None:
+        if event.target.value in list(TiltFactor):
+            self._view.set_tilt_factor(TiltFactor(event.target.value))
+
     async def _on_clear(self, _event: viser.GuiEvent[Any]) -> None:
         self._clear_trails()
 
@@ -221,10 +237,10 @@ _ACTUATOR_TAB = KINDS[0].actuator_tab
 
 
 class Panel:
-    """Panel of one client: tabs Drive, actuators, View, Plots and Health.
+    """Panel of one client: tabs Drive, actuators, View, Plots, Health and Student.
 
-    The actuators tab, Plots, Health and the ends of Drive and View are empty elements, marked
-    `data-tsd`. The page fills them from its own socket, so that no data is sent twice.
+    The actuators tab, Plots, Health, Student and the ends of Drive and View are empty elements,
+    marked `data-tsd`. The page fills them from its own socket, so that no data is sent twice.
     """
 
     def __init__(
@@ -248,6 +264,7 @@ class Panel:
         gui = client.gui
         tabs = gui.add_tab_group()
         self._drive_tab: DriveTab | None = None
+        self._view_tab: ViewTab | None = None
         if not watches:
             with tabs.add_tab("Drive"):
                 self._drive_tab = DriveTab(gui, self._view, on_moved, self._chosen)
@@ -258,13 +275,15 @@ class Panel:
             gui.add_html('<div data-tsd="joints"></div>')
         if not watches:
             with tabs.add_tab("View"):
-                ViewTab(gui, self._view, scene.clear_trails, dark=dark)
+                self._view_tab = ViewTab(gui, self._view, scene.clear_trails, dark=dark)
                 gui.add_html('<div data-tsd="page"></div>')
         with tabs.add_tab("Plots"):
             gui.add_html('<div data-tsd="plots"></div>')
         with tabs.add_tab("Health"):
             gui.add_html('<div data-tsd="health"></div>')
-        self._label_actuator_tab()
+        with tabs.add_tab("Student"):
+            gui.add_html('<div data-tsd="student"></div>')
+        self._update_tabs()
 
     @property
     def robot_id(self) -> str | None:
@@ -286,20 +305,22 @@ class Panel:
     def on_robots_changed(self) -> None:
         """Update after robots were added or removed."""
         self._view.on_robots_changed()
-        self._label_actuator_tab()
+        self._update_tabs()
         if self._drive_tab is not None:
             self._drive_tab.update_controls()
 
     def _chosen(self, robot_id: str) -> None:
-        self._label_actuator_tab()
+        self._update_tabs()
         self._on_robot(robot_id)
 
-    def _label_actuator_tab(self) -> None:
+    def _update_tabs(self) -> None:
         body = self._view.visual
         rename_tab(
             self._actuator_tab,
             _ACTUATOR_TAB if body is None else kind_of(body.link.robot).actuator_tab,
         )
+        if self._view_tab is not None:
+            self._view_tab.update_controls()
 
     def reset_sliders(self) -> None:
         """Centre the sliders."""
@@ -313,6 +334,6 @@ class Panel:
             self._view.select_robot(robot_id)
             if self._view.robot_id != before:
                 self.reset_sliders()
-                self._label_actuator_tab()
+                self._update_tabs()
                 if self._drive_tab is not None:
                     self._drive_tab.update_controls()

@@ -50,8 +50,9 @@ class SetpointRings:
     def __init__(self, scene: viser.SceneApi, name: str, shape: RobotShape) -> None:
         self._skeleton = shape.skeleton
         (self._wheels,) = self._skeleton.wheels
-        self._shown = shape.kinematics.inverse(np.zeros(3))
-        wxyz, position = self._poses(self._shown)
+        self.shown = shape.kinematics.inverse(np.zeros(3))
+        """The joint vector (n,) that is shown."""
+        wxyz, position = self._poses(self.shown)
         assert self._wheels.collision is not None  # noqa: S101  Or they would not be among the wheels.
         self._handle = scene.add_batched_meshes_simple(
             name,
@@ -66,9 +67,9 @@ class SetpointRings:
 
     def update(self, setpoint: Array) -> None:
         """Show a joint vector (n,)."""
-        if np.array_equal(setpoint, self._shown):
+        if np.array_equal(setpoint, self.shown):
             return
-        self._shown = setpoint
+        self.shown = setpoint
         self._handle.batched_wxyzs = self._poses(setpoint).wxyz.astype(np.float32)
 
     def _poses(self, joints: Array) -> LinkPoses:

@@ -126,6 +126,7 @@ interface RobotInfo {
   wheels: string[];
   max_rpm: number | null;
   alternative_estimate: string | null;
+  plot_fields: string[];
 }
 
 interface GimbalState {
@@ -174,6 +175,7 @@ interface RouteState {
 interface RobotState {
   t: "state";
   seen: number;
+  robot_s: number;
   age_ms: number;
   status: Status;
   mode_age_s: number;
@@ -189,6 +191,7 @@ interface RobotState {
   sphere: SphereState | null;
   estimate_difference: EstimateDifference | null;
   route: RouteState | null;
+  plot: { [name: string]: number | null };
 }
 
 interface RobotName {
@@ -241,6 +244,62 @@ interface RobotEvent {
   past: boolean;
 }
 
+interface StudentKnob {
+  key: string;
+  label: string;
+  unit: string;
+  value: number;
+  usual: number;
+  least: number;
+  most: number;
+  step: number;
+}
+
+interface StudentFigure {
+  name: string;
+  value: number;
+  unit: string;
+  note: string;
+}
+
+interface StudentOutline {
+  axes: [number, number];
+  section: [number, number][];
+  shadow: [number, number][];
+}
+
+interface StudentWheel {
+  at: [number, number];
+  push: [number, number];
+  direction_deg: number | null;
+  rpm: number;
+  gimbal: Triple | null;
+  axle: [number, number] | null;
+  effective_radius_mm: number | null;
+}
+
+interface StudentFigures {
+  axes: TwistAxisInfo[];
+  tops: Triple;
+  figures: StudentFigure[];
+  outlines: StudentOutline[];
+  twist: Triple;
+  utilization: number;
+  wheels: StudentWheel[];
+  radius_m: number;
+}
+
+interface StudentReply {
+  t: "student";
+  number: number;
+  base: string;
+  bases: RobotName[];
+  knobs: StudentKnob[];
+  figures: StudentFigures | null;
+  problem: string;
+  toml: string | null;
+}
+
 interface HeartbeatReply {
   t: "heartbeat";
   sent_ms: number;
@@ -255,6 +314,7 @@ type ServerMessage =
   | ControlsReleased
   | ActionReply
   | RobotEvent
+  | StudentReply
   | HeartbeatReply;
 
 /** The messages by their `t`, and the three events of the link itself. */
@@ -294,7 +354,16 @@ interface LeaseAction {
   max_age_s?: number | null;
 }
 
+interface StudentRequest {
+  number: number;
+  base: string;
+  knobs: Record<string, number>;
+  twist: Triple;
+  toml: boolean;
+}
+
 type PageMessage =
+  | (StudentRequest & { t: "student" })
   | ((DriveCommand | FollowPlan) & { seen: number })
   | (PlanRequest & { t: "plan"; level: number })
   | (LeaseAction & { t: "lease" })
@@ -302,6 +371,7 @@ type PageMessage =
   | { t: "heartbeat"; seen: number; sent_ms: number; focus: boolean }
   | { t: "wheel_speed"; cruise_speed_rpm: number }
   | { t: "robot"; id: string }
+  | { t: "plot_fields"; names: string[] }
   | { t: "clear_plan" | "release" | "panel_released" | "arm" | "disarm" | "reset" | "stop" };
 
 // Within the page.
@@ -324,6 +394,7 @@ interface MotionSource {
 
 interface Window {
   tsd: Readonly<{ page: string; hasFocus: () => boolean; plain: boolean }>;
+  uPlot?: typeof import("uplot");
 }
 
 type Link = import("../static/link.js").Link;
@@ -333,7 +404,8 @@ type HandOver = import("../static/handover.js").HandOver;
 type Waypoints = import("../static/waypoints.js").Waypoints;
 type SliderValues = Omit<PanelSliders, "t">;
 type SphereGoTo = import("../static/sphere.js").SphereGoTo;
-type Recorder = import("../static/plots.js").Recorder;
+type Recorder = import("../static/plot_recorder.js").Recorder;
+type StudentDesk = import("../static/student_desk.js").StudentDesk;
 
 /** What explains the page. */
 interface Guides {
@@ -345,35 +417,26 @@ interface Guides {
 type Reading = [name: string, unit: string, read: (state: Partial<RobotState>) => string];
 type StickLabels = [up: string, left: string, unit: string];
 
-/** A plot over time, and its legend. */
-interface PlotRow {
-  title: string;
+/** A number that can be plotted over time. */
+interface PlotField {
+  /** Path in the message, with the names of wheels and axes. */
+  name: string;
+  /** The same, as keys and indices. */
+  keys: string[];
   unit: string;
-  decimals: number;
-  /** Least end of the value axis. */
-  least: number;
-  series: [label: string, channel: string][];
-  /** Whether each channel has a commanded one, and a sign. */
-  commanded?: boolean;
+  /** Of the plot that it belongs to. */
+  title: string;
+  /** What its line has its colour from: the same for the set-point and the measured value. */
+  part: string;
+  line: "set" | "measured" | "other";
 }
 
-/** A line of a plot; it has the colour of its swatch. */
-interface PlotLine {
-  channel: string;
-  width: number;
-  swatch: Element;
-}
-
-/** From a time or value to pixels. */
-type PixelScale = (value: number) => number;
-
-interface PlotFrame {
-  x: PixelScale;
-  y: PixelScale;
-  top: number;
-  bottom: number;
-  width: number;
-  nowS: number;
+/** What is seen of the plots, for their charts. */
+interface PlotView {
+  span(): [number, number];
+  splits(fromS: number, toS: number, stepS: number): number[];
+  timeText(atS: number): string;
+  onCursor(at: number | null): void;
 }
 
 /** What follows a pointer on a control; `gone` comes when it has left by itself. */
@@ -381,6 +444,22 @@ interface PointerCallbacks {
   came: (event: PointerEvent) => void;
   moved?: (event: PointerEvent) => void;
   gone: (event: PointerEvent) => void;
+}
+
+/** Setting of the Student tab: a shipped robot, its changed knobs, and a twist. */
+interface StudentSetting {
+  base: string;
+  knobs: Record<string, number>;
+  twist: Triple;
+}
+
+/** A module of a singularity drive, as it is drawn large. */
+interface ModuleView {
+  tilt_deg: number;
+  /** Lean of the axle along the axes of the robot; length 1 is the tilt limit. */
+  lean: [number, number];
+  rpm: number;
+  radius_mm: number;
 }
 
 /** What the page has for robots of a kind. */
@@ -401,7 +480,8 @@ interface Kind {
   armHint: string;
   /** Content of the actuator tab. */
   Panel: new (link: Link, place: HTMLElement, signal: AbortSignal, goTo: SphereGoTo) => object;
-  plots: (robot: RobotInfo) => PlotRow[];
+  /** Names of the fields that are plotted at first. */
+  plots: (robot: RobotInfo) => string[];
 }
 
 type Listeners = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal, TypeAlias
 
 import msgspec
@@ -33,6 +33,7 @@ Level: TypeAlias = Annotated[int, Meta(ge=1, le=100)]
 """Percent of the limits in force."""
 MAX_POINTS = 256
 """Of a line that is drawn."""
+MAX_PLOT_FIELDS, MAX_FIELD_NAME = 16, 100
 
 
 class DriveCommand(Message, frozen=True, tag="drive"):
@@ -134,6 +135,29 @@ class SelectRobot(Message, frozen=True, tag="robot"):
     id: Annotated[str, Meta(max_length=32)]
 
 
+class SelectPlotFields(Message, frozen=True, tag="plot_fields"):
+    """Request of values for the plots of this page, with every state of the selected robot."""
+
+    names: Annotated[
+        list[Annotated[str, Meta(max_length=MAX_FIELD_NAME)]], Meta(max_length=MAX_PLOT_FIELDS)
+    ]
+    """Of `RobotInfo.plot_fields`; unknown names are ignored."""
+
+
+class StudentRequest(Message, frozen=True, tag="student"):
+    """Request of the figures of a shipped robot with some knobs turned; it concerns no robot."""
+
+    number: Count
+    """Returned with the answer."""
+    base: Annotated[str, Meta(max_length=32)]
+    knobs: Annotated[dict[Annotated[str, Meta(max_length=64)], float], Meta(max_length=64)]
+    """Changed numbers of the description, by their keys."""
+    twist: Triple = (0.0, 0.0, 0.0)
+    """Twist that the joints are computed for."""
+    toml: bool = False
+    """Whether the answer shall have the description as a file."""
+
+
 PageMessage: TypeAlias = (
     DriveCommand
     | PlanRequest
@@ -150,6 +174,8 @@ PageMessage: TypeAlias = (
     | SetWheelSpeed
     | StopCommand
     | SelectRobot
+    | SelectPlotFields
+    | StudentRequest
 )
 _DECODER = msgspec.json.Decoder(PageMessage)
 
@@ -219,6 +245,8 @@ class RobotInfo(Message, frozen=True, tag="robot"):
     """Of those wheels."""
     alternative_estimate: str | None = None
     """Source of the alternative estimate, of robots that have two."""
+    plot_fields: Sequence[str] = ()
+    """Names of the values that a page can request for its plots; each ends with its unit."""
 
 
 class GimbalState(msgspec.Struct, frozen=True):
@@ -289,6 +317,8 @@ class RobotState(Message, frozen=True, tag="state"):
     """State of the robot."""
 
     seen: int
+    robot_s: float
+    """Time of the robot's monotonic clock when it sent the status."""
     age_ms: float
     status: Status
     mode_age_s: float
@@ -307,6 +337,8 @@ class RobotState(Message, frozen=True, tag="state"):
     sphere: SphereState | None = None
     estimate_difference: EstimateDifference | None = None
     route: RouteState | None = None
+    plot: Mapping[str, float | None] = {}
+    """Values that this page has requested for its plots."""
 
 
 class RobotName(msgspec.Struct, frozen=True):
@@ -373,6 +405,87 @@ class RobotEvent(Message, frozen=True, tag="event"):
     def of(cls, event: Event, *, past: bool = False) -> RobotEvent:
         """Return the displayed part of an event."""
         return cls(kind=event.kind, text=event.text, robot_s=round(event.robot_s, 3), past=past)
+
+
+class StudentKnob(msgspec.Struct, frozen=True):
+    """Number of a description that can be changed."""
+
+    key: str
+    label: str
+    unit: str
+    value: float
+    usual: float
+    """Value in the shipped description."""
+    least: float
+    most: float
+    step: float
+
+
+class StudentFigure(msgspec.Struct, frozen=True):
+    """Number that follows from the description."""
+
+    name: str
+    value: float
+    unit: str
+    note: str = ""
+
+
+class StudentOutline(msgspec.Struct, frozen=True):
+    """Outline of the reachable twists in two of their components."""
+
+    axes: tuple[int, int]
+    """Indices of the components."""
+    section: Sequence[tuple[float, float]]
+    """Boundary of the twists whose third component is zero."""
+    shadow: Sequence[tuple[float, float]]
+    """Boundary of the projection of all twists."""
+
+
+class StudentWheel(msgspec.Struct, frozen=True):
+    """Wheel of a variant at the requested twist, along the axes of the robot."""
+
+    at: tuple[float, float]
+    """Where it touches, metres."""
+    push: tuple[float, float]
+    """Velocity of that place, m/s."""
+    direction_deg: float | None
+    """Where a wheel that turns forward drives to; None for wheels on gimbals."""
+    rpm: float
+    gimbal: Triple | None = None
+    """alpha, beta and tilt in degrees."""
+    axle: tuple[float, float] | None = None
+    """Horizontal part of the unit vector along the axle."""
+    effective_radius_mm: float | None = None
+
+
+class StudentFigures(msgspec.Struct, frozen=True):
+    """All that follows from a description and a twist."""
+
+    axes: Sequence[TwistAxisInfo]
+    tops: Triple
+    """Largest value of each component alone."""
+    figures: Sequence[StudentFigure]
+    outlines: Sequence[StudentOutline]
+    twist: Triple
+    """The requested twist, scaled as a whole to what the joints reach."""
+    utilization: float
+    """Share of the joint limits that the requested twist needs; above 1 it is scaled."""
+    wheels: Sequence[StudentWheel]
+    radius_m: float
+    """Radius of the wheels."""
+
+
+class StudentReply(Message, frozen=True, tag="student"):
+    """Answer to `StudentRequest`; an impossible description has a problem and mostly no figures."""
+
+    number: int
+    base: str
+    bases: Sequence[RobotName]
+    """Shipped robots."""
+    knobs: Sequence[StudentKnob]
+    figures: StudentFigures | None
+    problem: str
+    toml: str | None
 
 
 class HeartbeatReply(Message, frozen=True, tag="heartbeat"):

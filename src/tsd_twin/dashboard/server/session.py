@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import msgspec
@@ -34,15 +34,18 @@ from tsd_twin.dashboard.server.protocol import (
     ResetRequest,
     RobotEvent,
     RobotState,
+    SelectPlotFields,
     SelectRobot,
     SessionInfo,
     SetSpeedLevel,
     SetWheelSpeed,
     StopCommand,
+    StudentRequest,
     decode_page_message,
     encode_message,
 )
 from tsd_twin.dashboard.server.robot_directory import RobotDirectory
+from tsd_twin.dashboard.server.student_session import StudentSession
 from tsd_twin.dashboard.server.teleop import TeleopController
 from tsd_twin.errors import MessageError
 from tsd_twin.messages.services import Event, Reply
@@ -179,8 +182,10 @@ class Session:
             self._send,
             lambda: on_released(page),
         )
+        self._student = StudentSession(executor, self._send)
         self._stopping: set[asyncio.Task[None]] = set()
         self._motion: DriveCommand | FollowPlan | None = None
+        self._plot_fields: Sequence[str] = ()
 
     def on_robots_changed(self) -> None:
         """Send session info with the list of robots; select a robot if none is selected."""
@@ -210,6 +215,7 @@ class Session:
         """Stop the motion and release the lease; the socket is closed or lost."""
         self._motion = None
         self._teleop.close()
+        self._student.close()
         await self._lease_client.close()
         self._on_released(self.page)
 
@@ -234,6 +240,8 @@ class Session:
                     asyncio.get_running_loop().call_soon(self._move)
                 self._motion = message
                 return
+            case StudentRequest():
+                pass  # It concerns no robot.
             case ReleaseControls():
                 self._motion = None
             case _:
@@ -276,14 +284,22 @@ class Session:
             case PanelSlidersReleased():
                 if self._role is not Role.VIEWER:  # Viewers have no sliders.
                     self._on_released(self.page)
-            case SelectRobot():
-                self.select_robot(message.id)
+            case SelectRobot() | SelectPlotFields():
+                self._select(message)
+            case StudentRequest():
+                self._student.request(message)
             case LeaseAction() if self._role is Role.VIEWER:
                 self._send(ActionReply(to="lease", ok=False, reason=_VIEWER_REFUSAL))
             case LeaseAction():
                 self._on_lease_action(message)
             case ArmRequest() | DisarmRequest() | ResetRequest() | SetWheelSpeed():
                 self._request_as_holder(message)
+
+    def _select(self, message: SelectRobot | SelectPlotFields) -> None:
+        if isinstance(message, SelectRobot):
+            self.select_robot(message.id)
+        else:
+            self._plot_fields = message.names
 
     def _request_as_holder(
         self, message: ArmRequest | DisarmRequest | ResetRequest | SetWheelSpeed
@@ -365,7 +381,7 @@ class Session:
         self._teleop.release("another robot is shown")
         self._teleop.navigation.clear()
         await self._lease_client.release_lease()
-        self.robot_id = robot_id
+        self.robot_id, self._plot_fields = robot_id, ()
         self._send_robot()
         self._on_chosen(self.page, robot_id)
         return Reply(True)
@@ -393,8 +409,15 @@ class Session:
             state,
             you=held and state.status.lease.holder == self._operator,
             route=self._teleop.navigation.route_state,
+            plot=self._plot_values(),
         )
         self.send_queue.put_state(state.seen, encode_message(state))
+
+    def _plot_values(self) -> dict[str, float | None]:
+        view = self._directory.view(self.robot_id) if self._plot_fields else None
+        if view is None:
+            return {}
+        return view.plot_fields.values(self._plot_fields, view.link.snapshot)
 
     def send_event(self, event: Event, *, past: bool = False) -> None:
         """Send an event of the selected robot."""

@@ -103,6 +103,8 @@ TELEOP = SocketLimits(
             "reset": Quota(10.0, 60.0),
             "wheel_speed": Quota(20.0, 40.0),
             "robot": Quota(10.0, 60.0),
+            "plot_fields": Quota(5.0, 30.0),
+            "student": Quota(20.0, 40.0),
         }
     ),
     other=Quota(50.0, 300.0),

@@ -9,6 +9,7 @@ import numpy as np
 
 from tsd_twin.client.connection import RobotMonitor, RoundTrips, Snapshot
 from tsd_twin.dashboard.scene.robot_geometry import commanded_joints, twist_axes_of
+from tsd_twin.dashboard.server.plot_fields import PlotFields
 from tsd_twin.dashboard.server.protocol import (
     EstimateDifference,
     GimbalState,
@@ -273,6 +274,9 @@ class RobotTelemetry:
         self._actuators: ActuatorTelemetry = implementation(kind_of(link.robot).telemetry)(
             link.robot
         )
+        has_alternative = self._actuators.info().get("alternative_estimate") is not None
+        self.plot_fields = PlotFields(link, has_alternative=has_alternative)
+        """Values for plots, on request."""
 
     def info(self) -> RobotInfo:
         """Return the constant data."""
@@ -288,6 +292,7 @@ class RobotTelemetry:
                 for one in twist_axes_of(self._kinematics)
             ],
             twist_scale_m=self._kinematics.twist_scale_m,
+            plot_fields=self.plot_fields.names,
             **self._actuators.info(),
         )
 
@@ -310,6 +315,7 @@ class RobotTelemetry:
             figures = self._actuators.state(joints, setpoint, snapshot)
         return RobotState(
             seen=snapshot.status_seq,
+            robot_s=round(snapshot.status_robot_s, 6),
             age_ms=round(1000.0 * (now_s - snapshot.received_s), 1),
             status=status,
             mode_age_s=round(mode_age_s, 1),

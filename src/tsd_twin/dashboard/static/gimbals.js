@@ -4,6 +4,7 @@ import { ConsistencyMeter } from "./consistency.js";
 import { el, isVisible, legend, setAttribute, setText, svg } from "./dom.js";
 import { fixed } from "./format.js";
 import { known } from "./link.js";
+import { enlargeModule } from "./module_inset.js";
 
 const REACH = 40; // Radius of the tilt limit in the drawing.
 
@@ -65,6 +66,10 @@ class Dial {
       ),
       ...[this._lean, this._set, this._dot],
     );
+    const enlarge = () => enlargeModule(number - 1);
+    face.addEventListener("click", enlarge);
+    const label = { "aria-label": `Enlarge module ${number}` };
+    const button = el("button.enlarge", { type: "button", ...label, onclick: enlarge }, "Enlarge");
     this._state = el("span.muted");
     this._tilt = el("span.value");
     this._alpha = el("span.value");
@@ -77,7 +82,7 @@ class Dial {
       face,
       el(
         "dl",
-        el("div.title", el("dt", `Module ${number}`), el("dd", this._state)),
+        el("div.title", el("dt", `Module ${number}`), el("dd", this._state, button)),
         row("tilt", this._tilt, "°"),
         row("α", this._alpha, "°"),
         row("β", this._beta, "°"),

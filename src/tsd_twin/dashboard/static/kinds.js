@@ -34,24 +34,14 @@ const MOTORS = {
   armHint: "The motors hold the robot from then on.",
 };
 
-/** @type {PlotRow} */
-const RESIDUAL_PLOT = {
-  title: "Conflict",
-  unit: "m/s",
-  decimals: 3,
-  least: 0.02,
-  series: [["residual", "residual"]],
-};
-
-/** @type {(robot: RobotInfo) => PlotRow} */
-const wheelPlot = ({ wheels, max_rpm: most }) => ({
-  title: "Wheels",
-  unit: "rpm",
-  decimals: 0,
-  least: (most ?? NaN) / 10,
-  series: wheels.map((name, i) => [String(i + 1), name]),
-  commanded: true,
-});
+/** @param {RobotInfo} robot */
+const twists = ({ twist_axes: axes }) =>
+  ["commanded", "twist"].flatMap((twist) => axes.map(({ name }) => `${twist}.${name}`));
+/** @param {RobotInfo} robot */
+const wheelSpeeds = ({ wheels }) =>
+  ["set_rpm", "rpm"].flatMap((speed) => wheels.map((name) => `wheels.${name}.${speed}`));
+const RESIDUAL = "status.consistency.residual_mps";
+const ROUND_TRIP = "link.round_trip_ms";
 
 /** @type {Record<RobotInfo["panel"], Kind>} */
 const KINDS = {
@@ -61,22 +51,18 @@ const KINDS = {
     disarm: "Spin the wheels down",
     armHint: "The wheels spin up. They spin even when the robot stands still.",
     Panel: Gimbals,
-    plots: ({ modules }) => [
-      {
-        title: "Tilt",
-        unit: "°",
-        decimals: 1,
-        least: 5,
-        series: modules.map((name, i) => [String(i + 1), `tilt ${name}`]),
-      },
-      RESIDUAL_PLOT,
+    plots: (robot) => [
+      ...twists(robot),
+      ...robot.modules.map((name) => `modules.${name}.tilt`),
+      RESIDUAL,
+      ROUND_TRIP,
     ],
   },
   wheels: {
     ...ON_FLOOR,
     ...MOTORS,
     Panel: Wheels,
-    plots: (robot) => [wheelPlot(robot), RESIDUAL_PLOT],
+    plots: (robot) => [...twists(robot), ...wheelSpeeds(robot), RESIDUAL, ROUND_TRIP],
   },
   sphere: {
     ...MOTORS,
@@ -97,16 +83,7 @@ const KINDS = {
       ],
     },
     Panel: Sphere,
-    plots: (robot) => [
-      wheelPlot(robot),
-      {
-        title: "Models apart",
-        unit: "°",
-        decimals: 1,
-        least: 4,
-        series: [["ideal to dual", "models"]],
-      },
-    ],
+    plots: (robot) => [...twists(robot), ...wheelSpeeds(robot), "sphere.angle_deg", ROUND_TRIP],
   },
 };
 

@@ -15,6 +15,7 @@ import { KeySheet } from "./key_sheet.js";
 import { Keyboard } from "./keyboard.js";
 import { kindOf } from "./kinds.js";
 import { known, Link } from "./link.js";
+import { ModuleInset } from "./module_inset.js";
 import { isNotable, Notices, StaleBanner, StopAlarm } from "./notices.js";
 import { typedName } from "./operator_name.js";
 import { PanelSliders } from "./panel_sliders.js";
@@ -31,7 +32,7 @@ const TOLD_MS = 1000;
 // The last ones take away what others show.
 const STYLES = [
   ...["base", "frame", "bar", "buttons", "notices", "card", "dock"],
-  ...["key_sheet", "first_steps", "small", "account"],
+  ...["key_sheet", "first_steps", "small", "account", "module"],
 ];
 
 const link = new Link(window.tsd.page, typedName());
@@ -73,6 +74,7 @@ const inner = el(
   "div.frame",
   stale.veil,
   waypoints.floor.element,
+  new ModuleInset(link).element, // Below notices, card and controls.
   dock,
   bar.element,
   el(

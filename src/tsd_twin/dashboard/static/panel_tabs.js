@@ -4,7 +4,10 @@ import { el, setAttribute } from "./dom.js";
 import { Health } from "./health.js";
 import { kindOf } from "./kinds.js";
 import { PageSettings } from "./page_settings.js";
-import { Plots, Recorder } from "./plots.js";
+import { Recorder } from "./plot_recorder.js";
+import { Plots } from "./plots.js";
+import { Student } from "./student.js";
+import { StudentDesk } from "./student_desk.js";
 import { WaypointForm } from "./waypoint_form.js";
 import { WheelSpeed } from "./wheel_speed.js";
 
@@ -23,8 +26,9 @@ const STYLES = {
   route: ["waypoint_form"],
   joints: ["gimbals", "wheels"],
   wheel_speed: ["wheel_speed"],
-  plots: ["plots"],
+  plots: ["buttons", "vendor/uPlot.min", "plots"],
   health: ["health"],
+  student: ["student", "module"],
   page: ["page_settings"],
 };
 
@@ -35,6 +39,7 @@ const STYLES = {
  */
 export function fillPanelTabs(link, waypoints, sphereGoTo, guides) {
   const recorder = new Recorder(link);
+  const desk = new StudentDesk(link, location.search);
   /** @type {Record<string, (place: ShadowRoot, signal: AbortSignal) => unknown>} */
   const contents = {
     route: (place, signal) => new WaypointForm(link, place, signal, waypoints),
@@ -42,12 +47,14 @@ export function fillPanelTabs(link, waypoints, sphereGoTo, guides) {
     wheel_speed: (place, signal) => new WheelSpeed(link, place, signal),
     plots: (place, signal) => new Plots(recorder, place, signal),
     health: (place, signal) => new Health(link, place, signal),
+    student: (place, signal) => new Student(link, place, signal, desk),
     page: (place, signal) => new PageSettings(link, place, signal, guides),
   };
   /** @type {Map<HTMLElement, AbortController>} */
   const filled = new Map();
   const fill = () => {
     addAriaLabels();
+    if (desk.isLinked && openTab("Student")) desk.isLinked = false;
     for (const [place, controller] of filled) {
       if (place.isConnected) continue;
       controller.abort();
@@ -105,6 +112,19 @@ function shadow(place, styles) {
   );
   root.replaceChildren(...links);
   return root;
+}
+
+/**
+ * Bring a tab to the front, if it is there: viser makes its content only then. A docked tab of viser
+ * takes keys, one of its drawer clicks.
+ * @param {string} name
+ */
+function openTab(name) {
+  const tabs = /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[role=tab]"));
+  const tab = [...tabs].find((each) => each.textContent.trim() === name);
+  tab?.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true }));
+  tab?.click();
+  return tab !== undefined;
 }
 
 /** @type {WeakSet<Element>} Controls that are named here; another robot has other labels. */

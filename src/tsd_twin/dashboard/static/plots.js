@@ -1,296 +1,312 @@
-// Plots tab: recorder of the last 20 s, line chart, and the choice of signals.
+// Plots tab: the chosen fields on one time axis, with zoom, pan, pause, cursor and export.
 
-import { el, isVisible, setText } from "./dom.js";
+import { el, isVisible, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
-import { kindOf } from "./kinds.js";
-import { known } from "./link.js";
+import { PlotChart, tick } from "./plot_chart.js";
+import { PlotChooser } from "./plot_chooser.js";
 
-// The last twenty seconds of what is plotted, kept from the moment the page is opened.
-const SPAN_S = 20;
-const MAX_SAMPLES = 1024;
-const NO_VECTOR = [null, null, null];
-
-export class Recorder {
-  /** @param {Link} link */
-  constructor(link) {
-    this.times = new Float64Array(MAX_SAMPLES);
-    /** @type {Map<string, Float64Array>} */
-    this.rows = new Map(); // Name of a channel to its values, in the same places as the times.
-    this.count = 0; // Samples so far; the newest is at (count - 1) modulo the length.
-    /** @type {RobotInfo | null} */
-    this.robot = null; // The one that is recorded.
-    link.on("state", (state) => this._take(state, link));
-    link.on("robot", (robot) => this._begin(robot));
-  }
-
-  get length() {
-    return Math.min(this.count, MAX_SAMPLES);
-  }
-
-  /**
-   * Call `each(time_s, value)` for a channel, oldest first, from a time on.
-   * @param {string} channel @param {number} fromS
-   * @param {(timeS: number, value: number) => void} each
-   */
-  each(channel, fromS, each) {
-    const values = this.rows.get(channel);
-    if (values === undefined) return;
-    for (let i = this.count - this.length; i < this.count; i += 1) {
-      const at = i % MAX_SAMPLES;
-      if (this.times[at] >= fromS) each(this.times[at], values[at]);
-    }
-  }
-
-  /** @param {string} channel */
-  newest(channel) {
-    return this.rows.get(channel)?.[(this.count - 1) % MAX_SAMPLES] ?? NaN;
-  }
-
-  /** @param {RobotInfo} robot */
-  _begin(robot) {
-    if (this.robot?.id !== robot.id) {
-      this.count = 0;
-      this.rows.clear();
-    }
-    this.robot = robot; // The same robot may have another description.
-  }
-
-  /** @param {RobotState} state @param {Link} link */
-  _take(state, link) {
-    if (this.robot === null) return;
-    const at = this.count % MAX_SAMPLES;
-    this.times[at] = performance.now() / 1000;
-    const commanded = state.commanded ?? NO_VECTOR;
-    const twist = state.twist ?? NO_VECTOR;
-    this.robot.twist_axes.forEach(({ name }, i) => {
-      this._put(`set ${name}`, at, commanded[i]);
-      this._put(name, at, twist[i]);
-    });
-    this.robot.modules.forEach((name, i) => this._put(`tilt ${name}`, at, state.modules[i]?.tilt));
-    this.robot.wheels.forEach((name, i) => {
-      this._put(`set ${name}`, at, state.wheels[i]?.set_rpm);
-      this._put(name, at, state.wheels[i]?.rpm);
-    });
-    this._put("models", at, state.sphere?.angle_deg);
-    this._put("residual", at, state.status.consistency.residual_mps);
-    this._put("latency", at, link.roundTripMs());
-    this.count += 1;
-  }
-
-  /** @param {string} channel @param {number} at @param {number | null | undefined} value */
-  _put(channel, at, value) {
-    const values = this.rows.get(channel) ?? new Float64Array(MAX_SAMPLES).fill(NaN);
-    this.rows.set(channel, values);
-    values[at] = value ?? NaN;
-  }
-}
-
-// One plot on a canvas: lines over the last twenty seconds, now at the right edge.
-const GUTTER_PX = 34;
-const HEIGHT_PX = 72;
-const AXIS_PX = 16;
-const GAP_S = 0.3; // A line is not drawn over what was not seen.
-const STEPS = [1, 2, 5, 10];
-
-class Chart {
-  /**
-   * @param {Recorder} recorder @param {HTMLCanvasElement} canvas
-   * @param {{ lines: PlotLine[], least: number, isSigned: boolean, axis: boolean }} options
-   */
-  constructor(recorder, canvas, { lines, least, isSigned, axis }) {
-    this._recorder = recorder;
-    this._canvas = canvas;
-    this._lines = lines;
-    this._least = least;
-    this._isSigned = isSigned;
-    this._axis = axis;
-    this._height = HEIGHT_PX + (axis ? AXIS_PX : 0);
-    canvas.style.height = `${this._height}px`;
-  }
-
-  /** @param {number} nowS */
-  draw(nowS) {
-    const canvas = this._canvas;
-    const [width, height, density] = [canvas.clientWidth, this._height, devicePixelRatio || 1];
-    if (width < 2 * GUTTER_PX) return;
-    if (canvas.width !== Math.round(width * density)) {
-      canvas.width = Math.round(width * density);
-      canvas.height = Math.round(height * density);
-    }
-    // In plain memory: a graphics card that is busy with the scene would keep this page waiting.
-    const pen = known(canvas.getContext("2d", { willReadFrequently: true }));
-    pen.setTransform(density, 0, 0, density, 0, 0);
-    pen.clearRect(0, 0, width, height);
-    const top = this._range(nowS);
-    const bottom = this._isSigned ? -top : 0;
-    /** @type {PixelScale} */
-    const x = (timeS) => GUTTER_PX + ((timeS - nowS + SPAN_S) / SPAN_S) * (width - GUTTER_PX - 1);
-    /** @type {PixelScale} */
-    const y = (value) => 5 + ((top - value) / (top - bottom)) * (HEIGHT_PX - 10);
-    const frame = { x, y, top, bottom, width, nowS };
-    this._grid(pen, frame);
-    pen.save();
-    pen.beginPath();
-    pen.rect(GUTTER_PX, 0, width - GUTTER_PX, HEIGHT_PX);
-    pen.clip();
-    for (const line of this._lines) this._line(pen, line, frame);
-    pen.restore();
-  }
-
-  /**
-   * Return the end of the value axis: a round number, that shrinks only when there is much room.
-   * @param {number} nowS
-   */
-  _range(nowS) {
-    let most = this._least;
-    for (const { channel } of this._lines) {
-      this._recorder.each(channel, nowS - SPAN_S, (_, value) => {
-        if (Math.abs(value) > most) most = Math.abs(value);
-      });
-    }
-    const power = 10 ** Math.floor(Math.log10(most));
-    const round = power * (STEPS.find((step) => power * step >= most * 0.999) ?? NaN);
-    if (this._top === undefined || round > this._top || most < 0.4 * this._top) this._top = round;
-    return this._top;
-  }
-
-  /** @param {CanvasRenderingContext2D} pen @param {PlotFrame} frame */
-  _grid(pen, { x, y, top, bottom, width, nowS }) {
-    const style = getComputedStyle(this._canvas);
-    pen.strokeStyle = style.borderTopColor;
-    pen.lineWidth = 1;
-    pen.beginPath();
-    for (let s = 0; s <= SPAN_S; s += 5) {
-      const at = Math.round(x(nowS - s)) + (s === 0 ? -0.5 : 0.5);
-      pen.moveTo(at, 5);
-      pen.lineTo(at, HEIGHT_PX - 5);
-    }
-    const middle = (top + bottom) / 2;
-    for (const value of [bottom, middle, top]) {
-      pen.moveTo(GUTTER_PX, Math.round(y(value)) + 0.5);
-      pen.lineTo(width, Math.round(y(value)) + 0.5);
-    }
-    pen.stroke();
-    pen.fillStyle = style.color;
-    pen.font = `11px ${style.fontFamily}`;
-    pen.textAlign = "right";
-    pen.textBaseline = "middle";
-    for (const value of [bottom, middle, top])
-      pen.fillText(tick(value), GUTTER_PX - 6, Math.min(HEIGHT_PX - 6, Math.max(6, y(value))));
-    if (!this._axis) return;
-    pen.textBaseline = "alphabetic";
-    for (let s = 0; s <= SPAN_S; s += 5) {
-      pen.textAlign = s === 0 ? "right" : s === SPAN_S ? "left" : "center";
-      pen.fillText(s === 0 ? "now" : `\u2212${s} s`, x(nowS - s), this._height - 3);
-    }
-  }
-
-  /** @param {CanvasRenderingContext2D} pen @param {PlotLine} line @param {PlotFrame} frame */
-  _line(pen, { channel, width, swatch }, { x, y, nowS }) {
-    pen.strokeStyle = getComputedStyle(swatch).color;
-    pen.lineWidth = width;
-    pen.lineJoin = "round";
-    pen.beginPath();
-    let lastS = -Infinity;
-    this._recorder.each(channel, nowS - SPAN_S - 1, (timeS, value) => {
-      if (!Number.isFinite(value)) return;
-      if (timeS - lastS > GAP_S) pen.moveTo(x(timeS), y(value));
-      else pen.lineTo(x(timeS), y(value));
-      lastS = timeS;
-    });
-    pen.stroke();
-  }
-}
-
-/** @param {number} value */
-function tick(value) {
-  const text = Number(Math.abs(value).toPrecision(3)).toString();
-  return value < 0 ? `\u2212${text}` : text;
-}
-
-// Plots: the last twenty seconds; what is commanded thin, what is estimated thick, same colour.
-const FRAME_MS = 80;
-const TONES = ["one", "two", "three", "four"];
-
-/** @type {Record<string, number>} */
-const LEAST = { "m/s": 0.2, "rad/s": 0.5 };
-/** @type {PlotRow} */
-const ROUND_TRIP = {
-  title: "Round trip",
-  unit: "ms",
-  decimals: 0,
-  least: 20,
-  series: [["page to robot", "latency"]],
-};
-
-/** Plots of a twist, the components of one unit in one. @type {(robot: RobotInfo) => PlotRow[]} */
-function twistPlots({ twist_axes: axes }) {
-  return [...new Set(axes.map(({ unit }) => unit))].map((unit) => {
-    const own = axes.filter((axis) => axis.unit === unit);
-    return {
-      title: unit === "m/s" ? "Velocity" : own.length > 1 ? "Turning" : "Turn rate",
-      unit,
-      decimals: 2,
-      least: LEAST[unit],
-      series: own.map(({ symbol, name }) => [symbol, name]),
-      commanded: true,
-    };
-  });
-}
+const LIBRARY = "static/vendor/uPlot.iife.min.js";
+const TICK_MS = 80;
+const SLOWEST_TICK_MS = 500;
+const WINDOWS = { "20 s": 20, "1 min": 60, "2 min": 120, "5 min": 300, "10 min": 600 };
+const ZOOM = 1.25;
+const LINE_PX = 18; // Two above each plot in a picture.
+const HELP =
+  "Arrow keys move the cursor, plus and minus zoom, page up and page down pan, P pauses, End goes on.";
+const NAME = { "aria-label": "Plots", "aria-description": HELP };
 
 export class Plots {
   /** @param {Recorder} recorder @param {ShadowRoot} place @param {AbortSignal} signal */
   constructor(recorder, place, signal) {
     this._recorder = recorder;
-    this._robot = null;
-    /** @type {{ chart: Chart, values: { node: Element, channel: string, decimals: number }[] }[]} */
-    this._rows = [];
-    this._place = el("div.plots");
+    /** @type {PlotChart[]} */
+    this._charts = [];
+    this._shown = ""; // What the charts were made for.
+    /** @type {number | null} */
+    this._endS = null; // Right edge while it is paused, in the robot's time; otherwise it is now.
+    /** @type {number | null} */
+    this._cursor = null; // Place of the cursor in the buffer.
+    this._generation = 0; // Of the buffer.
+    this._oldestS = NaN; // In the buffer; when it changes, places in it are others.
+    this._drawnMs = -Infinity;
+    /** @type {Map<number, number>} */
+    this._pointers = new Map(); // Where each one is, as a share of the width.
+    const button = (/** @type {string} */ text, /** @type {() => void} */ onclick) =>
+      el("button.button", { type: "button", onclick }, text);
+    /** @type {HTMLSelectElement} */
+    this._window = el(
+      "select",
+      { "aria-label": "Time window", onchange: () => this._setWindow(Number(this._window.value)) },
+      el("option", { hidden: true, value: "" }),
+      ...Object.entries(WINDOWS).map(([text, value]) => el("option", { value }, text)),
+    );
+    this._pause = button("Pause", () => this._setEnd(this._endS === null ? this.span()[1] : null));
+    this._time = el("span.value.time", { role: "timer", "aria-label": "Time" });
+    this._paper = el("i.paper", { hidden: true });
+    this._area = el("div.charts", { role: "group", tabindex: 0, ...NAME });
+    const chooser = new PlotChooser(recorder, () => this._redraw());
+    const files = [button("CSV", () => this._exportCsv()), button("PNG", () => this._exportPng())];
+    const key = [el("span.thin"), "set-point", el("span.thick"), "measured"];
+    this._place = el(
+      "div.plots",
+      el("div.tools", this._window, this._pause, chooser.button, ...files),
+      chooser.element,
+      el("p.key", ...key, this._time, this._paper),
+      this._area,
+    );
     place.append(this._place);
-    const timer = setInterval(() => this._draw(), FRAME_MS);
-    signal.addEventListener("abort", () => clearInterval(timer));
+    this._listen();
+    const timer = setInterval(() => this._draw(), TICK_MS);
+    signal.addEventListener("abort", () => {
+      clearInterval(timer);
+      for (const { plot } of this._charts) plot.destroy();
+    });
+  }
+
+  // The view, as the charts ask for it.
+
+  /** @returns {[number, number]} Robot time at both edges. */
+  span() {
+    const endS = this._endS ?? this._recorder.nowS();
+    return [endS - this._recorder.windowS, endS];
+  }
+
+  /**
+   * Lines of the time axis: back from now, or at round times of the robot.
+   * @param {number} fromS @param {number} toS @param {number} stepS
+   */
+  splits(fromS, toS, stepS) {
+    const lastS = this._endS === null ? toS : Math.floor(toS / stepS) * stepS;
+    const count = Math.floor((lastS - fromS) / stepS) + 1;
+    return Array.from({ length: count }, (_, i) => lastS - (count - 1 - i) * stepS);
+  }
+
+  /** @param {number} atS */
+  timeText(atS) {
+    if (this._endS !== null) return `${tick(atS)} s`;
+    const ago = Math.round((this.span()[1] - atS) * 10) / 10;
+    return ago < 0.2 ? "now" : `\u2212${ago} s`;
+  }
+
+  /** @param {number | null} at */
+  onCursor(at) {
+    this._cursor = at;
+    this._showValues();
+  }
+
+  /** @param {number | null} endS */
+  _setEnd(endS) {
+    const oldestS = this._recorder.buffer.times[0] ?? NaN;
+    const isLive = endS === null || Number.isNaN(oldestS);
+    this._endS = isLive ? null : Math.max(oldestS, Math.min(this._recorder.nowS(), endS));
+    this._redraw();
+  }
+
+  /** @param {number} seconds */
+  _setWindow(seconds) {
+    this._recorder.windowS = seconds;
+    this._redraw();
+  }
+
+  /**
+   * Zoom about a place, 0 at the left edge; while it is not paused, the right edge stays now.
+   * @param {number} factor @param {number} at
+   */
+  _zoom(factor, at) {
+    const [fromS, toS] = this.span();
+    this._setWindow((toS - fromS) * factor);
+    if (this._endS === null) return;
+    this._setEnd(fromS + at * (toS - fromS) + (1 - at) * this._recorder.windowS);
+  }
+
+  /** @param {number} share Of the window. */
+  _pan(share) {
+    this._setEnd(this.span()[1] + share * this._recorder.windowS);
+  }
+
+  // What the operator does.
+
+  _listen() {
+    const area = this._area;
+    area.addEventListener("wheel", (event) => this._onWheel(event), { passive: false });
+    area.addEventListener("pointerdown", (event) => {
+      if (isOnPlot(event) && event.button === 0)
+        this._pointers.set(event.pointerId, this._share(event));
+    });
+    area.addEventListener("pointermove", (event) => this._onMove(event));
+    for (const type of /** @type {const} */ (["pointerup", "pointercancel"]))
+      area.addEventListener(type, ({ pointerId }) => this._pointers.delete(pointerId));
+    area.addEventListener("dblclick", () => this._setEnd(null));
+    area.addEventListener("keydown", (event) => this._onKey(event));
+  }
+
+  /** @param {MouseEvent} event */
+  _share({ clientX }) {
+    const { left, width } = this._charts[0].plot.over.getBoundingClientRect();
+    return (clientX - left) / width;
+  }
+
+  /** @param {WheelEvent} event */
+  _onWheel(event) {
+    if (!isOnPlot(event)) return;
+    event.preventDefault();
+    const across = event.deltaX || (event.shiftKey ? event.deltaY : 0);
+    if (across !== 0) this._pan(Math.sign(across) / 10);
+    else this._zoom(event.deltaY > 0 ? ZOOM : 1 / ZOOM, this._share(event));
+  }
+
+  /** One pointer pans, two zoom. @param {PointerEvent} event */
+  _onMove(event) {
+    const before = this._pointers.get(event.pointerId);
+    if (before === undefined) return;
+    const at = this._share(event);
+    if (at === before) return;
+    this._area.setPointerCapture(event.pointerId);
+    this._pointers.set(event.pointerId, at);
+    const [other] = [...this._pointers].filter(([id]) => id !== event.pointerId);
+    if (other === undefined) this._pan(before - at);
+    else if (at !== other[1])
+      this._zoom(Math.abs((before - other[1]) / (at - other[1])), (at + other[1]) / 2);
+  }
+
+  /** @param {KeyboardEvent} event */
+  _onKey(event) {
+    /** @type {Record<string, () => void>} */
+    const actions = {
+      "+": () => this._zoom(1 / ZOOM, 0.5),
+      "-": () => this._zoom(ZOOM, 0.5),
+      PageUp: () => this._pan(-0.5),
+      PageDown: () => this._pan(0.5),
+      ArrowLeft: () => this._moveCursor(-1),
+      ArrowRight: () => this._moveCursor(1),
+      End: () => this._setEnd(null),
+      p: () => this._pause.click(),
+    };
+    if (!(event.key in actions) || event.ctrlKey || event.altKey || event.metaKey) return;
+    event.preventDefault();
+    event.stopPropagation(); // viser's camera moves with the same keys.
+    actions[event.key]();
+  }
+
+  /** Move the cursor of all charts; without one, begin in the middle. @param {number} pixels */
+  _moveCursor(pixels) {
+    const plot = this._charts[0]?.plot;
+    if (plot === undefined) return;
+    const { left = -1 } = plot.cursor;
+    const { width } = plot.over.getBoundingClientRect();
+    const to = left < 0 ? width / 2 : Math.max(0, Math.min(width - 1, left + pixels));
+    for (const chart of this._charts) chart.plot.setCursor({ left: to, top: 0 });
+  }
+
+  // Drawing: only while it is seen, and only when a picture has moved by a pixel.
+
+  _redraw() {
+    this._drawnMs = -Infinity;
+    this._draw();
   }
 
   _draw() {
-    const { robot } = this._recorder;
-    if (robot === null || !isVisible(this._place)) return;
-    if (robot !== this._robot) this._build(robot);
-    const nowS = performance.now() / 1000;
-    for (const { chart, values } of this._rows) {
-      chart.draw(nowS);
-      for (const { node, channel, decimals } of values)
-        setText(node, fixed(this._recorder.newest(channel), decimals));
+    const { buffer, fields, robot, windowS } = this._recorder;
+    if (buffer.length === 0 || !isVisible(this._place)) return;
+    if (window.uPlot === undefined) {
+      loadLibrary();
+      return;
     }
+    if (this._generation !== buffer.generation) this._endS = null; // Another clock.
+    this._generation = buffer.generation;
+    const shown = [robot?.id, ...fields.map(({ name }) => name)].join();
+    if (shown !== this._shown) this._build(window.uPlot, fields);
+    this._shown = shown;
+    this._showValues();
+    const { clientWidth: width } = this._area;
+    const isOther =
+      this._oldestS !== buffer.times[0] || this._charts.some(({ plot }) => plot.width !== width);
+    this._oldestS = buffer.times[0];
+    const waitMs = Math.min(SLOWEST_TICK_MS, (1000 * windowS) / width) - TICK_MS / 2;
+    const nowMs = performance.now();
+    if (!isOther && nowMs - this._drawnMs < (this._endS === null ? waitMs : Infinity)) return;
+    this._drawnMs = nowMs;
+    setText(this._pause, this._endS === null ? "Pause" : "Go on");
+    setAttribute(this._area, "data-paused", this._endS === null ? null : "");
+    this._window.value = Object.values(WINDOWS).includes(windowS) ? String(windowS) : "";
+    for (const chart of this._charts) chart.draw();
   }
 
-  /** @param {RobotInfo} robot */
-  _build(robot) {
-    this._robot = robot;
-    const plots = [...twistPlots(robot), ...kindOf(robot).plots(robot), ROUND_TRIP];
-    const rows = plots.map((plot) => this._row(plot, plot === ROUND_TRIP));
-    this._rows = rows;
-    this._place.replaceChildren(
-      el("p.key", el("span.thin"), "commanded", el("span.thick"), "estimated"),
-      ...rows.map(({ element }) => element),
-    );
+  /** @param {typeof import("uplot")} Library @param {PlotField[]} fields */
+  _build(Library, fields) {
+    for (const { plot } of this._charts) plot.destroy();
+    const groups = [...Map.groupBy(fields, ({ title, unit }) => `${title} ${unit}`).values()];
+    this._charts = groups.map((group, i) => {
+      const isLast = i === groups.length - 1;
+      return new PlotChart(Library, this._recorder.buffer, group, this, isLast);
+    });
+    this._area.replaceChildren(...this._charts.map(({ element }) => element));
+    this._drawnMs = -Infinity;
   }
 
-  /** @param {PlotRow} row @param {boolean} last */
-  _row({ title, unit, decimals, series, commanded = false, least }, last) {
-    const values = series.map(([, channel]) => ({ channel, decimals, node: el("span.value") }));
-    const legend = values.map(({ node }, i) =>
-      el("span", { class: `series ${TONES[i % TONES.length]}` }, el("i"), series[i][0], " ", node),
-    );
-    const label = `${title} over the last 20 seconds, ${unit}`;
-    const canvas = el("canvas", { role: "img", "aria-label": label });
-    const lines = values.flatMap(({ channel }, i) => [
-      ...(commanded ? [{ channel: `set ${channel}`, width: 1, swatch: legend[i] }] : []),
-      { channel, width: 2.25, swatch: legend[i] },
-    ]);
-    const options = { lines, least, isSigned: commanded, axis: last };
-    const chart = new Chart(this._recorder, canvas, options);
-    const key = el("span.legend", ...legend);
-    const head = el("div.head", el("strong", title), el("span.unit", unit), key);
-    return { element: el("figure.chart", head, canvas), chart, values };
+  _showValues() {
+    const { buffer } = this._recorder;
+    const [, end] = buffer.places(...this.span());
+    const at = this._cursor ?? end - 1;
+    setText(this._time, `${fixed(buffer.times[at], 2)} s`);
+    for (const chart of this._charts) chart.show(at);
   }
+
+  // Files of what is seen.
+
+  _exportCsv() {
+    const text = this._recorder.buffer.csv(this._recorder.fields, ...this.span());
+    this._save(new Blob([text], { type: "text/csv" }), "csv");
+  }
+
+  _exportPng() {
+    const canvas = el("canvas");
+    const pen = canvas.getContext("2d");
+    if (pen === null || this._charts.length === 0) return;
+    const density = devicePixelRatio;
+    const line = LINE_PX * density;
+    const pictures = this._charts.map(({ plot }) => plot.ctx.canvas);
+    canvas.width = pictures[0].width;
+    canvas.height = pictures.reduce((sum, { height }) => sum + 2 * line + height, 0);
+    pen.fillStyle = getComputedStyle(this._paper).backgroundColor;
+    pen.fillRect(0, 0, canvas.width, canvas.height);
+    pen.font = `${12 * density}px system-ui, sans-serif`;
+    let top = 0;
+    this._charts.forEach(({ element, legend }, i) => {
+      for (const nodes of [element.querySelectorAll("strong, .unit"), legend]) {
+        let left = 4 * density;
+        for (const node of nodes) {
+          pen.fillStyle = getComputedStyle(node).color;
+          pen.fillText(node.textContent, left, top + 0.8 * line);
+          left += pen.measureText(node.textContent).width + 8 * density;
+        }
+        top += line;
+      }
+      pen.drawImage(pictures[i], 0, top);
+      top += pictures[i].height;
+    });
+    canvas.toBlob((blob) => blob && this._save(blob, "png"));
+  }
+
+  /** @param {Blob} blob @param {string} ending */
+  _save(blob, ending) {
+    const href = URL.createObjectURL(blob);
+    const seconds = Math.round(this.span()[1]);
+    el("a", { href, download: `${this._recorder.robot?.id}-${seconds}s.${ending}` }).click();
+    setTimeout(() => URL.revokeObjectURL(href), 10_000);
+  }
+}
+
+/** @param {Event} event */
+function isOnPlot({ target }) {
+  return target instanceof Element && target.closest(".u-over") !== null;
+}
+
+let isLoading = false;
+
+/** Load uPlot, when the tab is first seen. */
+function loadLibrary() {
+  if (isLoading) return;
+  isLoading = true;
+  document.head.append(el("script", { src: LIBRARY, onerror: () => (isLoading = false) }));
 }

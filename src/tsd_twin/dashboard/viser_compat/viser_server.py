@@ -152,7 +152,7 @@ CAMERA_OFFSET_M = (-0.78, -0.58, 0.62)
 """Where the camera starts, seen from the robot: behind it on its right, so that it drives away."""
 LOOK_AT_M = (0.0, 0.0, 0.03)
 FIELD_OF_VIEW_RAD = 0.80
-PANEL_WIDTH_PX = 288
+PANEL_WIDTH_PX = 352
 """The narrowest that all tabs fit into in one row."""
 
 

@@ -1,0 +1,94 @@
+// Buffer of plotted values: the last ten minutes at 20 Hz, in typed arrays that are made once.
+
+const SAMPLES = 600 * 20;
+const SPARE = SAMPLES / 8; // The oldest ones are dropped so many at a time.
+
+export class PlotBuffer {
+  constructor(samples = SAMPLES, spare = SPARE) {
+    this._samples = samples;
+    this._times = new Float64Array(samples + spare);
+    /** @type {Map<string, Float64Array>} */
+    this._columns = new Map();
+    this.length = 0;
+    this.generation = 0; // A new one has begun after each clear.
+  }
+
+  /** Times in seconds, oldest first; a view that is valid until the next sample. */
+  get times() {
+    return this._times.subarray(0, this.length);
+  }
+
+  get newestS() {
+    return this.length > 0 ? this._times[this.length - 1] : NaN;
+  }
+
+  /** Values in the same places as the times, NaN where there is none. @param {string} name */
+  values(name) {
+    return (
+      this._columns.get(name)?.subarray(0, this.length) ?? new Float64Array(this.length).fill(NaN)
+    );
+  }
+
+  /** Keep these columns, begin new ones, and forget all others. @param {Iterable<string>} names */
+  select(names) {
+    const before = this._columns;
+    const made = () => new Float64Array(this._times.length).fill(NaN);
+    this._columns = new Map([...names].map((name) => [name, before.get(name) ?? made()]));
+  }
+
+  clear() {
+    this.length = 0;
+    this.generation += 1;
+  }
+
+  /**
+   * Add a sample; one that is not newer than the last is ignored.
+   * @param {number} timeS @param {(name: string) => number} read
+   */
+  add(timeS, read) {
+    if (timeS <= this.newestS) return;
+    if (this.length === this._times.length) this._drop(this.length - this._samples);
+    this._times[this.length] = timeS;
+    for (const [name, column] of this._columns) column[this.length] = read(name);
+    this.length += 1;
+  }
+
+  /** @param {number} count */
+  _drop(count) {
+    for (const column of [this._times, ...this._columns.values()]) column.copyWithin(0, count);
+    this.length -= count;
+  }
+
+  /**
+   * Return the places [from, to) of the samples in a span, both ends included.
+   * @param {number} fromS @param {number} toS
+   */
+  places(fromS, toS) {
+    return [this._count((time) => time < fromS), this._count((time) => time <= toS)];
+  }
+
+  /** Return how many times are before a limit. @param {(time: number) => boolean} isBefore */
+  _count(isBefore) {
+    let [low, high] = [0, this.length];
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (isBefore(this._times[middle])) low = middle + 1;
+      else high = middle;
+    }
+    return low;
+  }
+
+  /**
+   * Return a span as CSV: the time in seconds of the robot, and a column for each field.
+   * @param {PlotField[]} fields @param {number} fromS @param {number} toS
+   */
+  csv(fields, fromS, toS) {
+    const unit = (/** @type {PlotField} */ of) => of.unit.replace("°", "deg").replace("µ", "u");
+    const columns = [this.times, ...fields.map(({ name }) => this.values(name))];
+    const lines = [["robot_time [s]", ...fields.map((of) => `${of.name} [${unit(of)}]`)].join()];
+    const [from, to] = this.places(fromS, toS);
+    const text = (/** @type {number} */ value) => (Number.isNaN(value) ? "nan" : String(value));
+    for (let i = from; i < to; i += 1) lines.push(columns.map((column) => text(column[i])).join());
+    return `${lines.join("\n")}\n`;
+  }
+}

@@ -1,0 +1,119 @@
+"""The Student tab in a browser, with no robot on the bus."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Locator, Page, expect
+
+from tests.app.conftest import Program
+from tests.support.browser import PATIENCE_MS, QUICK
+from tsd_twin.bus import Bus, node_config
+from tsd_twin.robots import SingularityDescription, load_robot
+
+pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
+
+SIZES = [(1280, 720), (390, 844)]
+
+
+@pytest.fixture
+def address(start: Callable[..., Program]) -> Iterator[str]:
+    """A dashboard on a bus without a robot."""
+    with Bus(node_config(["tcp/127.0.0.1:0"])) as bus:
+        flags = "--port", "0", "--connect", bus.endpoints()[0]
+        yield re.findall(r"http://\S+", start("tsd_dashboard", *flags).ready())[0]
+
+
+def open_drawer(page: Page) -> None:
+    """Open the panel on a phone; the page closes it once, when it appears."""
+    page.locator('[data-tsd-drawer] [style*="cursor: pointer"]').first.click(timeout=PATIENCE_MS)
+
+
+def top_speed(page: Page) -> Locator:
+    """Return the top speed forward."""
+    row = page.locator(".results > div").filter(has_text="Top speed forward")
+    return row.locator(".value")
+
+
+@pytest.mark.parametrize("size", SIZES, ids=["desk", "phone"])
+def test_a_knob_a_number_the_link_and_the_file(
+    browser: Browser,
+    address: str,
+    start: Callable[..., Program],
+    tmp_path: Path,
+    size: tuple[int, int],
+) -> None:
+    context = browser.new_context(viewport={"width": size[0], "height": size[1]})
+    page = context.new_page()
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    # The address has the setting: its tab opens by itself, in the drawer of a phone, too.
+    page.goto(f"{address}{QUICK}&student=tsd&drive.wheel_radius_m=0.05")
+    if size[0] < 600:
+        open_drawer(page)
+    student = page.get_by_role("region", name="Student", exact=True)
+    number = student.get_by_role("spinbutton", name="Wheel radius, m")
+    expect(number).to_have_value("0.05", timeout=PATIENCE_MS)
+    top = top_speed(page)
+    expect(top).to_have_text("6.54", timeout=PATIENCE_MS)
+    # One knob by its number, one by a key.
+    number.fill("0.06")
+    expect(top).to_have_text("7.85", timeout=PATIENCE_MS)
+    slider = student.get_by_role("slider", name="Tilt limit")
+    slider.focus()
+    slider.press("ArrowLeft")
+    expect(student.get_by_role("spinbutton", name="Tilt limit, °")).to_have_value("29")
+    expect(top).to_have_text("7.62", timeout=PATIENCE_MS)
+    # What is impossible is told, and goes with its cause.
+    speed = student.get_by_role("spinbutton", name="Drive speed, rpm")
+    speed.fill("900")
+    expect(student.get_by_role("alert")).to_contain_text("motor 1 turns from 2000 to 13603")
+    speed.fill("2500")
+    expect(student.get_by_role("alert")).to_be_hidden(timeout=PATIENCE_MS)
+    link = student.get_by_role("textbox", name="Link to this setting")
+    expect(link).to_have_value(re.compile(r"drive\.wheel_radius_m=0\.06&drive\.max_tilt_deg=29"))
+    with page.expect_download(timeout=PATIENCE_MS) as saving:
+        student.get_by_role("button", name="Save as TOML").click()
+    path = tmp_path / saving.value.suggested_filename
+    saving.value.save_as(path)
+    assert path.name == "my-tsd.toml"
+    robot = load_robot(str(path))
+    assert isinstance(robot, SingularityDescription)
+    assert (robot.drive.wheel_radius_m, robot.drive.max_tilt_deg) == (0.06, 29.0)
+    # The link shows the same numbers elsewhere.
+    other = context.new_page()
+    other.goto(link.input_value() + "&" + QUICK.removeprefix("?"))
+    expect(top_speed(other)).to_have_text("7.62", timeout=PATIENCE_MS)
+    context.close()
+    assert errors == []
+    # Its robot runs.
+    start("tsd_mock", "--robot", str(path), "--listen", "tcp/127.0.0.1:0").ready()
+
+
+def test_every_kind_of_robot_has_its_knobs(browser: Browser, address: str) -> None:
+    page = browser.new_page(viewport={"width": 1280, "height": 720})
+    page.goto(f"{address}{QUICK}&student=omni4")
+    student = page.get_by_role("region", name="Student", exact=True)
+    robots = student.get_by_role("combobox", name="Robot to start from")
+    expect(robots).to_have_value("omni4", timeout=PATIENCE_MS)
+    for base, knob, row in (
+        ("omni4", "Gear ratio", "Fastest direction"),
+        ("atlas", "Sphere radius", "Top rate ωx"),
+        ("tsd", "Azimuth 3, °", "Speed for one servo step"),
+    ):
+        robots.select_option(base)
+        expect(student.get_by_role("spinbutton", name=knob)).to_be_visible(timeout=PATIENCE_MS)
+        expect(student.get_by_text(row)).to_be_visible(timeout=PATIENCE_MS)
+    for plot in student.get_by_role("img", name=re.compile("Reachable twists: ")).all():
+        expect(plot).to_be_visible()
+    expect(student.get_by_role("img", name=re.compile("Module 1: tilt 2.7°"))).to_be_visible()
+    # Names for all controls, and room for fingers.
+    for role in ("slider", "spinbutton", "button", "combobox", "textbox"):
+        for control in student.get_by_role(role).all():
+            box = control.bounding_box()
+            assert box is not None
+            assert min(box["width"], box["height"]) >= 24.0, control
+    page.close()
