@@ -194,6 +194,7 @@ interface RobotState {
 interface RobotName {
   id: string;
   title: string;
+  colour: string;
 }
 
 interface SessionInfo {
@@ -239,6 +240,7 @@ interface RobotEvent {
   text: string;
   robot_s: number;
   past: boolean;
+  age_s: number;
 }
 
 interface HeartbeatReply {
