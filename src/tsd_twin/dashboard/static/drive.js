@@ -9,6 +9,10 @@
 import { kindOf } from "./kinds.js";
 import { known } from "./link.js";
 import { notDrive, notStop } from "./permission.js";
+import { noteMotion } from "./reload_note.js";
+
+/** Whether the robot moves, or comes to rest. @param {RobotState} state */
+const isMoving = ({ status }) => status.mode === "driving" || status.mode === "stopping";
 
 const PERIOD_MS = 20;
 const LEAST_MS = 9.5; // Timers are some tenths of a millisecond early now and then.
@@ -23,7 +27,7 @@ export class Drive {
     this.level = 50;
     /** @type {"base_link" | "odom"} */
     this.frame = "base_link";
-    /** @type {(text: string) => void} */
+    /** @type {(text: string, isTrue?: () => boolean) => void} */
     this.onMessage = () => {};
     /** @type {MotionSource[]} */
     this._sources = [];
@@ -35,7 +39,7 @@ export class Drive {
     this._stop = null;
     link.on("state", (state) => this._checkState(state));
     link.on("beat", () => this._retryStop());
-    link.on("down", () => this.release("The connection is lost."));
+    link.on("down", () => this.release("The connection is lost.", false, () => !link.connected));
     link.on("released", ({ reason }) =>
       this.release(`Let go: ${reason}. Push again to drive.`, true),
     );
@@ -43,7 +47,11 @@ export class Drive {
       if (to === "stop" && ok) this._stop = null;
     });
     addEventListener("blur", () => this.release());
-    addEventListener("pagehide", () => this.release());
+    addEventListener("pagehide", () => {
+      const moved = this.held || (link.state?.you && isMoving(link.state));
+      this.release();
+      if (moved) noteMotion();
+    });
     document.addEventListener("visibilitychange", () => this.release());
   }
 
@@ -112,14 +120,23 @@ export class Drive {
     this._notify();
   }
 
-  /** Back to the centre with everything; to drive again, a control must be used anew. */
-  release(message = "", byServer = false) {
+  /** A control is held that cannot drive now: release it and say why. @param {string} reason */
+  _refuse(reason) {
+    const isTrue = () => notDrive(this.link) === reason;
+    this.release(`${reason} Push again to drive.`, false, isTrue);
+  }
+
+  /**
+   * Back to the centre with everything; to drive again, a control must be used anew.
+   * @param {string} [message] @param {boolean} [byServer] @param {() => boolean} [isTrue]
+   */
+  release(message = "", byServer = false, isTrue = undefined) {
     const wasHeld = this.held;
     for (const source of this._sources) source.cancel();
     if (this.held) this._finish();
     else if (byServer) this.link.send({ t: "release" });
     this._notify();
-    if (message && (wasHeld || byServer)) this.onMessage(message);
+    if (message && (wasHeld || byServer)) this.onMessage(message, isTrue);
   }
 
   /** Stop the robot: at once, in every state, and again until it is acknowledged. */
@@ -139,7 +156,7 @@ export class Drive {
     const reason = notDrive(this.link);
     if (reason !== null) {
       for (const source of this._sources) source.cancel();
-      this.onMessage(reason);
+      this.onMessage(reason, () => notDrive(this.link) === reason);
       return;
     }
     this._timer = setInterval(() => this._send(), PERIOD_MS);
@@ -155,7 +172,7 @@ export class Drive {
   _send() {
     const reason = notDrive(this.link);
     if (reason !== null) {
-      this.release(`${reason} Push again to drive.`);
+      this._refuse(reason);
       return;
     }
     const now = performance.now();
@@ -173,7 +190,7 @@ export class Drive {
   /** @param {RobotState} state */
   _checkState(state) {
     const reason = this.held ? notDrive(this.link) : null;
-    if (reason !== null) this.release(`${reason} Push again to drive.`);
+    if (reason !== null) this._refuse(reason);
     if (state.status.mode === "stopped") this._stop = null;
     this._notify();
   }

@@ -11,6 +11,9 @@ export class Hints {
   constructor(link, steps) {
     this._steps = steps;
     this._link = link;
+    this._isBusy = () => false;
+    /** @type {HTMLElement[]} */
+    this._controls = [];
     this._at = 0;
     this._text = el("p");
     this._count = el("span.number");
@@ -28,6 +31,15 @@ export class Hints {
     link.on("down", () => (this.element.hidden = true));
   }
 
+  /**
+   * Show none while `isBusy()`, nor over `controls` at the bottom: these keep their clicks.
+   * @param {() => boolean} isBusy @param {HTMLElement[]} controls
+   */
+  keepClear(isBusy, controls) {
+    this._isBusy = isBusy;
+    this._controls = controls;
+  }
+
   /** @param {number} step */
   _go(step) {
     this._at = step;
@@ -40,7 +52,8 @@ export class Hints {
     while (this._at < this._steps.length && this._steps[this._at].done(state)) this._at += 1;
     const step = this._steps[this._at];
     if (step === undefined) remember();
-    this.element.hidden = step === undefined || this._link.isStale() || !step.when(state);
+    const isOut = this._link.isStale() || this._isBusy();
+    this.element.hidden = step === undefined || isOut || !step.when(state);
     if (this.element.hidden) return;
     setText(this._text, step.text);
     setText(this._count, `${this._at + 1} of ${this._steps.length}`);
@@ -55,7 +68,12 @@ export class Hints {
     const centre = box.left + box.width / 2 - frame.left;
     const x = Math.max(8, Math.min(frame.width - own.width - 8, centre - own.width / 2));
     const isBelow = box.top - frame.top < frame.height / 2;
-    const y = isBelow ? box.bottom - frame.top + 12 : box.top - frame.top - own.height - 12;
+    const tops = this._controls
+      .filter(({ hidden }) => !hidden)
+      .map((control) => control.getBoundingClientRect().top);
+    const lowest = Math.min(...tops) - frame.top - own.height - 12;
+    const y = isBelow ? box.bottom - frame.top + 12 : lowest;
+    this.element.hidden = y > lowest || y < 0; // There is no room for it.
     this.element.style.transform = `translate(${Math.round(x)}px, ${Math.round(y)}px)`;
     this.element.style.setProperty("--at", `${Math.round(centre - x)}px`);
     this.element.dataset.side = isBelow ? "below" : "above";

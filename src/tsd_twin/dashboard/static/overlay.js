@@ -18,6 +18,7 @@ import { PanelSliders } from "./panel_sliders.js";
 import { fillPanelTabs } from "./panel_tabs.js";
 import { notDrive } from "./permission.js";
 import { PoseReadout } from "./pose_readout.js";
+import { takeMotionNote } from "./reload_note.js";
 import { SphereGoTo } from "./sphere.js";
 import { StatusBar } from "./status_bar.js";
 import { StatusCard } from "./status_card.js";
@@ -32,7 +33,7 @@ const drive = new Drive(link);
 const host = el("div", { id: "tsd-overlay" });
 const root = host.attachShadow({ mode: "open" });
 const frame = new CanvasFrame(host);
-const notices = new Notices();
+const notices = new Notices(link);
 const stop = () => drive.stop();
 
 const handOver = new HandOver(link, notices);
@@ -53,6 +54,12 @@ const preview = el(
   "PREVIEW",
   el("span", "the sliders move your picture only, the robot stays put"),
 );
+const alone = el(
+  "div.preview.alone",
+  { hidden: true, role: "status" },
+  "KEEPS DRIVING",
+  el("span", "no hand is on a control: STOP, Zero or any control ends it"),
+);
 const axes = el("button", {
   type: "button",
   class: "button quiet axes",
@@ -65,17 +72,16 @@ const left = el("div.left", stick.element);
 const right = el("div.right", turn.element);
 const dock = el("div.dock", left, stopButton.element, right);
 const pose = new PoseReadout(link);
+const messages = el(
+  "div.messages",
+  ...[stale.banner, alone, conflict.element, preview, handOver.element, notices.element],
+);
+// The dock is at the bottom whatever is above it: what has no room there can be scrolled.
 const inner = el(
   "div.frame",
   stale.veil,
   waypoints.floor.element,
-  bar.element,
-  el(
-    "div.messages",
-    ...[stale.banner, conflict.element, preview, handOver.element, notices.element],
-  ),
-  card.element,
-  pose.element,
+  el("div.upper", bar.element, el("div.middle", card.element, messages), pose.element),
   dock,
   tooltip.element,
 );
@@ -87,7 +93,9 @@ stopButton.element.append(account.watching);
 const hints = new Hints(link, [
   {
     target: bar.control.button,
-    text: "Take control: one person drives at a time.",
+    get text() {
+      return `${bar.control.label}: one person drives at a time.`;
+    },
     when: (state) => !state.you,
     done: (state) => state.you,
   },
@@ -106,6 +114,7 @@ const hints = new Hints(link, [
     done: ({ status }) => status.mode === "driving",
   },
 ]);
+hints.keepClear(() => handOver.isOpen, [dock, waypoints.element]);
 inner.append(hints.element);
 
 const key = (/** @type {string} */ name) => el("kbd", name);
@@ -115,18 +124,20 @@ const keysHelp = el(
   ...[key("W A S D"), " · ", key("Q E"), " · gamepad \u2003 ", key("space"), " = stop"],
 );
 stopButton.element.append(keysHelp);
+stopButton.element.prepend(waypoints.element);
 stick.head.append(axes);
 
 const keys = new Keyboard(drive, { focused: keyOfFocused, stop });
 for (const source of [stick, turn, keys, new Gamepad(drive, stop), sliders, sphereGoTo, waypoints])
   drive.add(source);
 drive.onChange(draw);
-drive.onMessage = (text) => notices.say(text);
+drive.onMessage = (text, isTrue) => notices.say(text, isTrue);
 link.on(["state", "beat"], draw);
 link.on("event", (event) => {
   if (!event.past && isNotable(event, link.welcome?.operator)) notices.say(event.text);
 });
 link.on("reply", ({ ok, reason }) => !ok && notices.say(`Refused: ${reason}.`));
+link.on(["welcome", "robot"], showColour);
 link.on("robot", (robot) => {
   document.title = `${robot.title} · tsd-twin`;
   axes.hidden = !kindOf(robot).onFloor; // Its base and the world are one.
@@ -156,6 +167,10 @@ layOut();
 fold(false);
 turnAxes("base_link");
 fillPanelTabs(link, waypoints, sphereGoTo);
+if (takeMotionNote())
+  notices.say(
+    "This page was loaded again while it drove, so the robot stopped. Take control to go on.",
+  );
 link.open();
 
 /** @param {KeyboardEvent} event */
@@ -176,6 +191,8 @@ function draw() {
     ? share(controls.unit([twist.vx, twist.vy, twist.omega]), scale)
     : drive.unit;
   const commanded = refusal === null ? share(commandedUnit(known(link.state)), scale) : null;
+  const heading = drive.frame === "odom" ? 0 : (link.state?.pose?.[2] ?? null);
+  stick.point(kindOf(link.robot).onFloor && !link.isStale() ? heading : null);
   stick.draw(unit, commanded, controls.labels);
   turn.draw(unit.turn, commanded?.turn ?? null, twist.omega);
   for (const node of [stick.pad, turn.track])
@@ -183,6 +200,15 @@ function draw() {
   const help = `Drag, or use the arrow keys. ${controls.help}. It springs back.`;
   setText(stick.help, refusal ?? help);
   preview.hidden = !sliders.preview;
+  alone.hidden = !sliders.driveAlone;
+}
+
+/** The colour that tells this robot from others; without others there is none. */
+function showColour() {
+  const robots = link.welcome?.robots ?? [];
+  const shown = robots.find(({ id }) => id === link.robot?.id);
+  inner.toggleAttribute("data-several", robots.length > 1 && shown !== undefined);
+  inner.style.setProperty("--robot", shown?.colour ?? "transparent");
 }
 
 /** @param {Unit} unit @param {{ speed: number, turn: number }} scale */
@@ -223,10 +249,8 @@ function isNarrow() {
 
 function layOut() {
   // An element that moves loses focus and pointer, so it moves only when it has to.
-  const [levelPlace, path] = isNarrow() ? [right, inner] : [bar.level, stopButton.element];
+  const levelPlace = isNarrow() ? right : bar.level;
   if (level.element.parentElement !== levelPlace) levelPlace.prepend(level.element);
-  if (waypoints.element.parentElement !== path)
-    path.insertBefore(waypoints.element, isNarrow() ? dock : path.firstChild);
   inner.toggleAttribute("data-drawer", frame.phone.matches);
   reserve();
 }
@@ -235,7 +259,7 @@ function reserve() {
   const box = host.getBoundingClientRect();
   const lowest = isNarrow() ? pose.element : bar.element;
   const top = lowest.getBoundingClientRect().bottom - box.top;
-  const beside = dock.previousElementSibling === waypoints.element && !waypoints.element.hidden;
-  const bottom = box.bottom - (beside ? waypoints.element : dock).getBoundingClientRect().top;
+  const above = isNarrow() && !waypoints.element.hidden;
+  const bottom = box.bottom - (above ? waypoints.element : dock).getBoundingClientRect().top;
   frame.reserve(top, bottom + 8);
 }
