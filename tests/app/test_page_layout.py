@@ -97,21 +97,10 @@ def stage(browser: Browser) -> Generator[PageStage]:
         yield opened
 
 
-def resize(stage: PageStage, width: int, height: int) -> None:
-    """Wait until the page has the size, and has laid out what depends on it."""
-    stage.page.set_viewport_size({"width": width, "height": height})
-    narrow = str(width <= 600).lower()
-    stage.page.wait_for_function(
-        f"innerWidth === {width} && innerHeight === {height} && "
-        f"document.getElementById('tsd-overlay').clientWidth === {width} && "
-        f"(overlay().querySelector('.dock .level-control') !== null) === {narrow}"
-    )
-
-
 @pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
 def test_stop_never_moves_and_is_never_covered(stage: PageStage, size: tuple[int, int]) -> None:
     width, height = size
-    resize(stage, width, height)
+    stage.resize(width, height)
     seen: dict[str, dict[str, Any]] = {}
 
     def look(name: str) -> None:
@@ -161,7 +150,7 @@ def test_stop_never_moves_and_is_never_covered(stage: PageStage, size: tuple[int
 def test_cards_do_not_lie_on_the_robot(stage: PageStage, size: tuple[int, int], mode: str) -> None:
     """A robot that is followed is in the middle, about a third of the picture high."""
     width, height = size
-    resize(stage, width, height)
+    stage.resize(width, height)
     stage.show(state(mode, status={"stop_reason": "software stop by web-01234567"}, **MINE))
     card = stage.page.evaluate(BOXES)["card"]
     assert card["shown"]

@@ -180,6 +180,17 @@ class PageStage:
         """Return what the page has sent of these types, and forget all."""
         return [m for m in self.page.evaluate("sent.splice(0)") if m["t"] in types]
 
+    def resize(self, width: int, height: int) -> None:
+        """Wait until the page has the size, and has laid out what depends on it."""
+        self.page.set_viewport_size({"width": width, "height": height})
+        narrow = str(width <= 600).lower()
+        self.page.wait_for_function(
+            f"innerWidth === {width} && innerHeight === {height} && "
+            f"document.getElementById('tsd-overlay').clientWidth === {width} && "
+            f"document.getElementById('tsd-overlay').clientHeight === {height} && "
+            f"(overlay().querySelector('.dock .level-control') !== null) === {narrow}"
+        )
+
     def move_slider(self, sliders: Mapping[str, Any]) -> None:
         """Move a slider of viser's panel with a pointer, which then leaves it."""
         self.page.evaluate(_TOUCH, "pointerdown")
@@ -233,7 +244,9 @@ def page_stage(browser: Browser, *, hints: bool = False) -> Generator[PageStage]
     if not hints:
         page.add_init_script("localStorage.setItem('tsd.hints', 'seen')")
     page.goto(ORIGIN)
-    page.wait_for_function("window.socket?.onmessage && overlay().querySelector('.stop')")
+    page.wait_for_function(
+        "Boolean(window.socket?.onmessage) && overlay().querySelector('.stop') !== null"
+    )
     # Sizes and places are those of the style sheets.
     page.wait_for_function("overlay().querySelector('.frame').style.visibility === ''")
     stage = PageStage(page)

@@ -211,6 +211,9 @@ def test_events_reach_those_who_watch_and_those_who_come_later(served: Site) -> 
             "text": "It rains.",
             "robot_s": 1.5,
             "past": False,
+            "age_s": 0.0,
         }
     with served.page() as page:
-        assert page.until(lambda: told(page, "It rains."))["past"] is True
+        event = page.until(lambda: told(page, "It rains."))
+        assert event["past"] is True
+        assert 0.0 < event["age_s"] < 60.0

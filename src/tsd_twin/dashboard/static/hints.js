@@ -12,6 +12,8 @@ export class Hints {
     this._steps = steps;
     this._link = link;
     this._isBusy = () => false;
+    /** @type {HTMLElement | null} */
+    this._bar = null;
     /** @type {HTMLElement[]} */
     this._controls = [];
     this._at = 0;
@@ -32,11 +34,12 @@ export class Hints {
   }
 
   /**
-   * Show none while `isBusy()`, nor over `controls` at the bottom: these keep their clicks.
-   * @param {() => boolean} isBusy @param {HTMLElement[]} controls
+   * Show none while `isBusy()`, nor over the bar and `controls` at the bottom, which keep their clicks.
+   * @param {() => boolean} isBusy @param {HTMLElement} bar @param {HTMLElement[]} controls
    */
-  keepClear(isBusy, controls) {
+  keepClear(isBusy, bar, controls) {
     this._isBusy = isBusy;
+    this._bar = bar;
     this._controls = controls;
   }
 
@@ -72,7 +75,8 @@ export class Hints {
       .filter(({ hidden }) => !hidden)
       .map((control) => control.getBoundingClientRect().top);
     const lowest = Math.min(...tops) - frame.top - own.height - 12;
-    const y = isBelow ? box.bottom - frame.top + 12 : lowest;
+    const { bottom } = (this._bar ?? target).getBoundingClientRect();
+    const y = isBelow ? bottom - frame.top + 12 : lowest;
     this.element.hidden = y > lowest || y < 0; // There is no room for it.
     this.element.style.transform = `translate(${Math.round(x)}px, ${Math.round(y)}px)`;
     this.element.style.setProperty("--at", `${Math.round(centre - x)}px`);

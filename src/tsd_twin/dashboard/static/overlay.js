@@ -114,7 +114,7 @@ const hints = new Hints(link, [
     done: ({ status }) => status.mode === "driving",
   },
 ]);
-hints.keepClear(() => handOver.isOpen, [dock, waypoints.element]);
+hints.keepClear(() => handOver.isOpen, bar.element, [dock, waypoints.element]);
 inner.append(hints.element);
 
 const key = (/** @type {string} */ name) => el("kbd", name);
