@@ -15,6 +15,9 @@ from tsd_twin.security import AUTHORITY, ROBOT, CertificateRequest, KeyFolder, R
 
 SOON = timedelta(days=30)
 
+PROGRAMS = {Role.SENSOR: "its program", Role.RECORDER: "tsd-record"}
+"""Programs to run with a certificate, where it is not the dashboard."""
+
 PARSER = program.parser(
     "tsd-certs",
     "Keys, certificates and access rules for a robot on a network. Run it again to add names: "
@@ -35,6 +38,7 @@ def make(args: argparse.Namespace) -> None:
     identities = [security.client(name, Role.OPERATOR) for name in args.operator]
     identities += [security.client(name, Role.VIEWER) for name in args.viewer]
     identities += [security.client(name, Role.SENSOR) for name in args.sensor]
+    identities += [security.client(name, Role.RECORDER) for name in args.recorder]
     order = CertificateRequest(tuple(args.robot_host), tuple(identities), args.days, args.listen)
     security.provision(
         order,
@@ -56,8 +60,7 @@ def report(folder: KeyFolder, now: datetime) -> list[str]:
     lines += copying(folder, ROBOT, "tsd-mock")
     for person in folder.identities():
         lines += ["", f"{person.role} {person.name}{term(folder, person.name, now)}"]
-        program_there = "its program" if person.role is Role.SENSOR else "tsd-dashboard"
-        lines += copying(folder, person.name, program_there)
+        lines += copying(folder, person.name, PROGRAMS.get(person.role, "tsd-dashboard"))
     lines += [
         "",
         "A robot obeys the rules it was started with: copy robot.json5 and start it again.",
@@ -121,8 +124,15 @@ def main() -> None:
         help="a camera or the like, which tells robots where they are; may be repeated",
     )
     PARSER.add_argument(
+        "--recorder",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="a recorder, who reads all that is sent; may be repeated",
+    )
+    PARSER.add_argument(
         "--days",
-        type=flag_types.whole(1, 36_500),
+        type=flag_types.whole(1, 3_650),
         default=365,
         help="how long new certificates are good; default 365",
     )

@@ -5,12 +5,15 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
+import os
 import socket
+import sys
 import threading
 import time
 import urllib.request
 import webbrowser
 from collections.abc import Generator
+from pathlib import Path
 
 from tsd_twin import flag_types, program, robots
 from tsd_twin.bus import over_datagrams
@@ -18,7 +21,8 @@ from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2
 from tsd_twin.link_emulation import LinkSpec
 from tsd_twin.messages import topics
-from tsd_twin.subprocesses import PATIENCE_S, free_port, start_program
+from tsd_twin.recording.folder import DEFAULT_GB, LEAST_GB, default_folder
+from tsd_twin.subprocesses import PATIENCE_S, Subprocess, free_port, start_program
 
 BUS_PORT = 7447
 PAGE_PORT = 8080
@@ -37,6 +41,7 @@ PARSER = program.parser(
         "tsd-demo --plant mujoco         move it as rigid bodies on a floor, not by equations",
         "tsd-demo --noise 1 --camera     see a camera correct what wheels get wrong",
         "tsd-demo --no-browser           print the address and leave the browser alone",
+        "tsd-demo --no-record            do not record; --record-dir drives records elsewhere",
     ],
 )
 
@@ -53,6 +58,7 @@ def demonstrate(args: argparse.Namespace) -> None:
         *(free_port(0, 0, kind) for _ in chosen[1:]),
     ]
     page_port = free_port(args.port, PAGE_PORT)
+    folder = None if args.no_record else record_folder(args.record_dir)
     endpoints = [f"{protocol}/127.0.0.1:{port}" for port in bus_ports]
     if args.bus_port is None and bus_ports[0] != BUS_PORT:
         print(
@@ -86,9 +92,15 @@ def demonstrate(args: argparse.Namespace) -> None:
         seen_at = [running.enter_context(linked(link, each, stop)) for each in endpoints]
         for role, each in zip(chosen, seen_at, strict=True):
             dashboard += ["--connect", each, "--first", role[role.index("--id") + 1]]
+        recorder_ready = folder and running.enter_context(
+            recorder(folder, args.keep_gb, listening, stop)
+        )
         page_ready = running.enter_context(start_program(dashboard, stop))
         for ready in robots_ready:
             ready.wait_for()
+        if recorder_ready:
+            recorder_ready.wait_for()
+            print(f"recording into {folder}, at most {args.keep_gb:g} GB", flush=True)
         url = page_ready.wait_for().split()[1]
         wait_for_robots(url, len(chosen), stop)
         program.say_ready(f"{url} with the bus at {' '.join(endpoints)}; Ctrl-C ends all")
@@ -142,6 +154,46 @@ def spot(number: int) -> str:
     return f"0,{SPACING_M * side:g},0" if number else ""
 
 
+def record_folder(chosen: Path | None) -> Path | None:
+    """Return the folder for recordings; None when the default one cannot be written to.
+
+    Raises:
+        TwinError: the chosen one cannot be written to.
+    """
+    folder = chosen or default_folder()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        writable = os.access(folder, os.W_OK | os.X_OK)
+    except OSError:
+        writable = False
+    if writable:
+        return folder
+    if chosen is not None:
+        raise TwinError(f"--record-dir: {chosen} cannot be written to")
+    print(f"not recording: {folder} cannot be written to", file=sys.stderr)
+    return None
+
+
+@contextlib.contextmanager
+def recorder(
+    folder: Path, keep_gb: float, endpoints: list[str], stop: threading.Event
+) -> Generator[Subprocess]:
+    """Run a recorder beside the robots; driving goes on when it ends."""
+    command = ["tsd_record", "--dir", str(folder), "--keep-gb", str(keep_gb)]
+    for each in endpoints:
+        command += ["--connect", each]
+    ended = threading.Event()
+
+    def watch() -> None:
+        ended.wait()
+        if not stop.is_set():
+            print("the recorder has ended: nothing is recorded any more", file=sys.stderr)
+
+    with start_program(command, ended) as ready:
+        threading.Thread(target=watch, daemon=True).start()
+        yield ready
+
+
 @contextlib.contextmanager
 def linked(link: LinkSpec | None, endpoint: str, stop: threading.Event) -> Generator[str]:
     """Yield the endpoint of the robot for the dashboard: behind an emulated link, if requested."""
@@ -190,6 +242,20 @@ def main() -> None:
     )
     program.add_plant_flag(PARSER)
     PARSER.add_argument("--link", metavar="SPEC", help="put a bad link between them")
+    PARSER.add_argument(
+        "--record-dir",
+        type=Path,
+        metavar="FOLDER",
+        help=f"folder for recordings; default {default_folder(Path('~'))}",
+    )
+    PARSER.add_argument(
+        "--keep-gb",
+        type=flag_types.number(LEAST_GB),
+        default=DEFAULT_GB,
+        metavar="GB",
+        help=f"limit of that folder, the oldest files are removed; default {DEFAULT_GB:g}",
+    )
+    PARSER.add_argument("--no-record", action="store_true", help="do not record")
     PARSER.add_argument("--no-browser", action="store_true", help="do not open a browser")
     program.run(PARSER, demonstrate)
 

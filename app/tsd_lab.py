@@ -9,18 +9,30 @@ from tsd_twin import program
 from tsd_twin.calibration import calibrate, zeroing
 from tsd_twin.errors import TwinError
 from tsd_twin.experiment import Experiment, Output
-from tsd_twin.lab import atlas, budget, follow, motors, omni_paths, omni_step, square
+from tsd_twin.lab import (
+    atlas,
+    budget,
+    consistency,
+    follow,
+    motors,
+    omni_paths,
+    omni_step,
+    square,
+)
+from tsd_twin.recording import rerun_experiment
 
 EXPERIMENTS: tuple[Experiment, ...] = (
     motors.EXPERIMENT,
     square.EXPERIMENT,
     follow.EXPERIMENT,
     budget.EXPERIMENT,
+    consistency.EXPERIMENT,
     calibrate.EXPERIMENT,
     zeroing.EXPERIMENT,
     omni_step.EXPERIMENT,
     omni_paths.EXPERIMENT,
     atlas.EXPERIMENT,
+    rerun_experiment.EXPERIMENT,
 )
 """What `tsd-lab` can do; one more is one more file and one more row."""
 

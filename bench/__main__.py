@@ -16,6 +16,7 @@ PARTS = (
     "page",
     "start",
     "idle",
+    "recording",
 )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
 
@@ -23,8 +24,17 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
 def until_ready() -> float:
     """Time until the demo prints that it is ready."""
     start = time.perf_counter()
+    folder = tempfile.TemporaryDirectory()
     demo = subprocess.Popen(
-        [sys.executable, "-m", "tsd_demo", "--no-browser", "--until-eof"],
+        [
+            sys.executable,
+            "-m",
+            "tsd_demo",
+            "--no-browser",
+            "--until-eof",
+            "--record-dir",
+            folder.name,
+        ],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
@@ -35,4 +45,5 @@ def until_ready() -> float:
             break
     took_s = time.perf_counter() - start
     demo.communicate(timeout=10)
+    folder.cleanup()
     return took_s

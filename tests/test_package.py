@@ -24,6 +24,8 @@ NEEDED = (
     "tsd_link.py",
     "tsd_certs.py",
     "tsd_lab.py",
+    "tsd_record.py",
+    "tsd_replay.py",
     "tsd_twin/robots/tsd.toml",
     "tsd_twin/dashboard/static/overlay.js",
     "tsd_twin/meshes/tsd/tsd.urdf",

@@ -37,8 +37,9 @@ if TYPE_CHECKING:
         connect,
         connect_async,
     )
-    from tsd_twin.errors import TwinError
+    from tsd_twin.errors import RecordingError, TwinError
     from tsd_twin.lie import SE2, SO3
+    from tsd_twin.recording import Recording, open_recording
     from tsd_twin.robots import load_robot
     from tsd_twin.simulation import simulate
 
@@ -48,7 +49,10 @@ _HOMES = {
     "SE2": ("tsd_twin.lie", "SE2"),
     "SO3": ("tsd_twin.lie", "SO3"),
     "TwinError": ("tsd_twin.errors", "TwinError"),
+    "Recording": ("tsd_twin.recording", "Recording"),
+    "RecordingError": ("tsd_twin.errors", "RecordingError"),
     "load_robot": ("tsd_twin.robots", "load_robot"),
+    "open_recording": ("tsd_twin.recording", "open_recording"),
     "simulate": ("tsd_twin.simulation", "simulate"),
 }
 """Modules of the public names that are not part of the client."""
@@ -63,6 +67,8 @@ __all__ = [
     "ControlLost",
     "MotionFailed",
     "NoRobotFound",
+    "Recording",
+    "RecordingError",
     "RequestRefused",
     "RobotClient",
     "RobotControl",
@@ -76,6 +82,7 @@ __all__ = [
     "connect",
     "connect_async",
     "load_robot",
+    "open_recording",
     "simulate",
 ]
 

@@ -8,6 +8,7 @@ TwinError               anything below; its text is one sentence for the person 
 │   └── NoAnswerError   a service did not answer in time
 ├── LinkError           a description of a simulated link cannot be read (in link_emulation)
 ├── PathError           a path that no robot can follow
+├── RecordingError       a file is no recording, or lacks a topic
 ├── MeshError           a generated part is missing or is not a closed solid
 └── MissingExtraError   an optional package that was asked for is not installed
 ```
@@ -56,6 +57,10 @@ class NoAnswerError(BusError):
 
 class PathError(TwinError):
     """A path that no robot can follow: zero length, a gap, or a corner where none is allowed."""
+
+
+class RecordingError(TwinError):
+    """A file is no recording, or lacks a topic."""
 
 
 class MeshError(TwinError):

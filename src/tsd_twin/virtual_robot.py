@@ -68,6 +68,14 @@ class VirtualRobot:
         self._mark = self._true_pose()
         self._call_service(Service.SET_POSE, {"lease": self._lease} | _xyh(0.0, 0.0, 0.0))
 
+    def choose_drive_speed(self, spin_rpm: float) -> None:
+        """Choose the speed of wheels that always spin.
+
+        Raises:
+            TwinError: the robot has no such wheels, or they cannot turn so fast.
+        """
+        self._call_service(Service.SPEED, {"lease": self._lease, "cruise_speed_rpm": spin_rpm})
+
     def drive(self, twist: Array) -> None:
         """Run one control period with the command `twist` (3,), in the body frame."""
         self._step(twist / self.spin_share)

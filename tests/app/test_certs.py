@@ -77,7 +77,7 @@ def test_it_says_who_there_is_and_whose_time_is_nearly_over(start: Start, tmp_pa
         ([*ROBOT, "--operator", "Alice"], ["'Alice' cannot be an id", "a-z"]),
         ([*ROBOT, "--operator", "a", "--viewer", "a"], ["'a' is an operator"]),
         ([*ROBOT, "--operator", "a", "--viewer", "a-b"], ["'a-b' could be a page of 'a'"]),
-        ([*ROBOT, "--days", "0"], ["1 to 3650 days"]),
+        ([*ROBOT, "--days", "0"], ["from 1 to 3650"]),
         (["--robot-host", "r", "--listen", "tcp/0.0.0.0:1"], ["robot.json5", "tls/0.0.0.0:7447"]),
         (["--operators", "a"], ["unrecognized arguments"]),
     ],

@@ -20,7 +20,7 @@ from tests.app.conftest import PATIENCE_S, Program, alive, children_of
 pytestmark = pytest.mark.system
 
 Start = Callable[..., Program]
-QUIET = ("--no-browser", "--until-eof")
+QUIET = ("--no-browser", "--no-record", "--until-eof")
 ANY_PORTS = ("--port", "0", "--bus-port", "0")
 
 

@@ -27,7 +27,9 @@ def notice(page: Page) -> str:
 
 
 def test_control_is_asked_for_and_handed_over_by_keyboard(start: Callable[..., Program]) -> None:
-    demo = start("tsd_demo", "--no-browser", "--until-eof", "--port", "0", "--bus-port", "0")
+    demo = start(
+        "tsd_demo", "--no-record", "--no-browser", "--until-eof", "--port", "0", "--bus-port", "0"
+    )
     (url,) = re.findall(r"http://\S+", demo.ready())
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(

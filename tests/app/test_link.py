@@ -111,7 +111,7 @@ def test_help_shows_examples(start: Start) -> None:
 
 
 def test_the_demo_puts_it_between_dashboard_and_robot_and_ends_all_three(start: Start) -> None:
-    ports = ("--port", "0", "--bus-port", "0", "--no-browser", "--until-eof")
+    ports = ("--port", "0", "--bus-port", "0", "--no-record", "--no-browser", "--until-eof")
     demo = start("tsd_demo", *ports, "--link", "delay=100ms,jitter=10ms,loss=1%")
     url = demo.ready().split()[1]
     assert len(children_of(demo.process.pid)) == 3
@@ -122,7 +122,7 @@ def test_the_demo_puts_it_between_dashboard_and_robot_and_ends_all_three(start: 
 
 
 def test_the_demo_explains_a_mistake_in_the_link_before_it_starts_anything(start: Start) -> None:
-    demo = start("tsd_demo", "--no-browser", "--link", "loss=2")
+    demo = start("tsd_demo", "--no-record", "--no-browser", "--link", "loss=2")
     assert demo.wait() == 1
     assert len(demo.errors) == 1
     assert "loss: '2' is no share" in demo.sentence

@@ -45,6 +45,7 @@ FLAGS: dict[str, str] = {
         --noise -1
         --errors nan
         --plant none
+        --keep-gb 0
     """,
     "tsd_certs": """
         --days 30
@@ -87,6 +88,20 @@ FLAGS: dict[str, str] = {
         calibrate --errors -1
         zero --seconds 0
         zero --seconds 1e9
+        rerun x.mcap --tolerance -1
+        rerun
+    """,
+    "tsd_record": """
+        --keep-gb 0
+        --keep-gb much
+        export x.mcap --from -1 --csv tables
+        export x.mcap --to 0 --csv tables
+        export
+    """,
+    "tsd_replay": """
+        x.mcap --speed 0
+        x.mcap --speed -1
+        x.mcap --speed inf
     """,
 }
 """Flags that cannot be: exit code 2."""
@@ -170,6 +185,8 @@ OTHERS: dict[str, str] = {
         --id My_Robot
         --robot kiwi --plant mujoco
         --robot atlas --camera --id My/Robot
+        --record-dir text
+        --record-dir /dev/null/below
     """,
     "tsd_certs": """
         text
@@ -227,6 +244,28 @@ OTHERS: dict[str, str] = {
         calibrate --drive --connect nonsense
         zero --connect tcp/127.0.0.1:BUSY
         zero --zenoh-config nowhere.json5
+        rerun nowhere.mcap
+        rerun folder
+        rerun text
+        rerun empty
+    """,
+    "tsd_record": """
+        --dir text
+        --dir /dev/null/below
+        --dir new --connect nonsense
+        --dir new --zenoh-config nowhere.json5
+        --dir new --zenoh-config binary
+        export nowhere.mcap --csv tables
+        export folder --csv tables
+        export binary --csv tables
+        export empty --out part.mcap
+        export text
+    """,
+    "tsd_replay": """
+        nowhere.mcap
+        folder
+        binary
+        empty
     """,
 }
 """Flags that could be, with files, devices, hosts or names that do not fit."""

@@ -138,7 +138,7 @@ class Demo:
 
 @pytest.fixture
 def demo(start: Callable[..., Program], browser: Browser) -> Iterator[Demo]:
-    line = start("tsd_demo", "--no-browser", "--until-eof", *ANY_PORTS).ready()
+    line = start("tsd_demo", "--no-record", "--no-browser", "--until-eof", *ANY_PORTS).ready()
     url, endpoint = re.findall(r"http://\S+|tcp/[\d.:]+", line)
     context = browser.new_context(viewport={"width": 960, "height": 600})
     page = context.new_page()

@@ -32,7 +32,17 @@ def demo(*names: str) -> Generator[str]:
     """Start robots and their dashboard; yield its address."""
     flags = [flag for name in names for flag in ("--robot", name)]
     program = Program(
-        ["tsd_demo", "--no-browser", "--until-eof", "--port", "0", "--bus-port", "0", *flags]
+        [
+            "tsd_demo",
+            "--no-record",
+            "--no-browser",
+            "--until-eof",
+            "--port",
+            "0",
+            "--bus-port",
+            "0",
+            *flags,
+        ]
     )
     try:
         yield re.findall(r"http://\S+", program.ready())[0]

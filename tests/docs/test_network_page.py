@@ -18,7 +18,12 @@ MESSAGES = {
     "sends": "put",
 }
 RULES = access_control(
-    [client("alice", Role.OPERATOR), client("guest", Role.VIEWER), client("camera", Role.SENSOR)]
+    [
+        client("alice", Role.OPERATOR),
+        client("guest", Role.VIEWER),
+        client("camera", Role.SENSOR),
+        client("tape", Role.RECORDER),
+    ]
 )
 
 
@@ -33,7 +38,9 @@ def allowed(name: str, message: str) -> set[str]:
     }
 
 
-@pytest.mark.parametrize(("name", "column"), [("guest", 1), ("alice", 2), ("camera", 3)])
+@pytest.mark.parametrize(
+    ("name", "column"), [("guest", 1), ("alice", 2), ("camera", 3), ("tape", 4)]
+)
 def test_the_table_is_what_is_allowed(name: str, column: int) -> None:
     (rows,) = tables(section(PAGE, "## Who may what"))
     shown: dict[str, set[zenoh.KeyExpr]] = {word: set() for word in MESSAGES}

@@ -53,8 +53,8 @@ def numbers(text: str) -> list[float]:
     return [float(number) for number in re.findall(r"-?\d+\.?\d*", text.replace(",", ""))]
 
 
-def test_there_are_ten_and_each_is_tested_here() -> None:
-    assert [int(name[:2]) for name in SCRIPTS] == list(range(1, 11))
+def test_there_are_twelve_and_each_is_tested_here() -> None:
+    assert [int(name[:2]) for name in SCRIPTS] == list(range(1, 13))
     tested = Path(__file__).read_text(encoding="utf-8")
     assert [name for name in SCRIPTS if f'"{name}"' not in tested] == []
 
@@ -146,6 +146,43 @@ def test_log_to_csv(endpoint: str, tmp_path: Path) -> None:
     assert "module1_alpha" in head
     assert len(rows) > 60
     assert {len(row) for row in rows} == {len(head)}
+
+
+@pytest.fixture(scope="module")
+def recording(endpoint: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of half a metre, which ends with a stop."""
+    folder = str(tmp_path_factory.mktemp("drives"))
+    recorder = Program(["tsd_record", "--connect", endpoint, "--dir", folder])
+    try:
+        path = Path(recorder.ready().split()[-1])
+        end_s = time.monotonic() + PATIENCE_S
+        while path.stat().st_size < 3000:
+            assert time.monotonic() < end_s, "nothing is recorded"
+            time.sleep(0.05)
+        with tsd_twin.connect(endpoint) as robot, robot.control("script") as base:
+            base.drive(vx_mps=0.5, duration_s=1.0)
+            robot.stop("enough")
+            robot.sleep(0.3)
+            base.reset()
+    finally:
+        recorder.end()
+        recorder.clean_up()
+    return path
+
+
+@pytest.mark.system
+def test_read_a_recording(recording: Path, tmp_path: Path) -> None:
+    way_m, duration_s = numbers(run("11_read_a_recording", tmp_path, str(recording)))
+    assert way_m == pytest.approx(0.5, abs=0.15)
+    assert duration_s > 2.0
+    assert (tmp_path / "way.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.system
+def test_stops_in_a_recording(recording: Path, tmp_path: Path) -> None:
+    (line,) = run("12_stops_in_a_recording", tmp_path, str(recording)).splitlines()
+    assert "From ready to stopped: enough." in line
+    assert line.endswith("Told before: (0.00, 0.00) m/s script.")
 
 
 @pytest.mark.system

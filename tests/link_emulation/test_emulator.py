@@ -67,7 +67,7 @@ def test_it_can_be_closed_twice_and_leaves_no_thread_and_started_again(protocol:
         assert threading.active_count() == before
 
 
-@pytest.mark.parametrize("call", ["cut", "mend"])
+@pytest.mark.parametrize("call", ["cut", "restore"])
 def test_what_does_not_run_cannot_be_controlled(call: str) -> None:
     simulator = LinkEmulator(LinkSpec(), "tcp/127.0.0.1:0", f"tcp/{TARGET}")
     with pytest.raises(LinkError, match="not running"):

@@ -25,6 +25,7 @@ def test_keys_are_those_that_other_programs_rely_on() -> None:
         "twin/r1/state/truth": "nav_msgs/msg/Odometry",
         "twin/r1/state/status": "json",
         "twin/r1/event/*": "json",
+        "twin/r1/log/inputs": "msgpack",
     }
     assert {service.key("r1") for service in Service} == {
         "twin/r1/srv/lease",

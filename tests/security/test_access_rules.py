@@ -12,14 +12,15 @@ from tsd_twin.messages import topics
 from tsd_twin.messages.topics import Service
 from tsd_twin.security import Role, access_control, client
 
-ALICE, BOB, GUEST, CAMERA = (
+ALICE, BOB, GUEST, CAMERA, TAPE = (
     client("alice", Role.OPERATOR),
     client("bob", Role.OPERATOR),
     client("guest", Role.VIEWER),
     client("camera", Role.SENSOR),
+    client("tape", Role.RECORDER),
 )
-RULES = access_control([ALICE, BOB, GUEST, CAMERA])
-NAMES = ("alice", "bob", "guest", "camera")
+RULES = access_control([ALICE, BOB, GUEST, CAMERA, TAPE])
+NAMES = ("alice", "bob", "guest", "camera", "tape")
 MESSAGES = (
     "put",
     "delete",
@@ -40,8 +41,11 @@ OPEN = [Service.DESC.key("tsd"), Service.STOP.key("tsd")]
 COMMANDS = [topics.twist_key("tsd", name) for name in (*NAMES, "alice-0123abcd", "nobody")]
 OTHERS = ["twin/tsd/other", "twin/tsd/cmd/alice", "other/tsd/state/odom", "@/1f2e/router", "**"]
 INSIDE = topics.SENSOR_POSE.key("tsd")
+LOG = topics.INPUTS.key("tsd")
+"""Has lease ids in it."""
+ON_RECORD = [*COMMANDS, INSIDE, LOG, Service.STOP.key("tsd")]
 ALIVE = topics.alive_key("tsd")
-KEYS = [*STATES, *EVENTS, *HISTORY, *HOLDERS, *OPEN, *COMMANDS, *OTHERS, INSIDE, ALIVE]
+KEYS = [*STATES, *EVENTS, *HISTORY, *HOLDERS, *OPEN, *COMMANDS, *OTHERS, INSIDE, LOG, ALIVE]
 
 
 def may(name: str, flow: str, message: str, key: str, rules: dict[str, Any] = RULES) -> bool:
@@ -67,11 +71,16 @@ def passing(name: str, flow: str, message: str) -> set[str]:
 @pytest.mark.parametrize("name", NAMES)
 def test_what_somebody_may_say_is_this_and_nothing_else(name: str) -> None:
     operator = name in ("alice", "bob")
-    own = {"alice": {COMMANDS[0], COMMANDS[4]}, "bob": {COMMANDS[1]}, "camera": {INSIDE}}
+    own = {"alice": {COMMANDS[0], COMMANDS[-2]}, "bob": {COMMANDS[1]}, "camera": {INSIDE}}
     allowed = {
         "put": {Service.STOP.key("tsd"), *own.get(name, ())},
         "query": {*OPEN, *HISTORY, *(HOLDERS if operator else ())},
-        "declare_subscriber": {*STATES, *EVENTS, *([INSIDE] if operator else ())},
+        "declare_subscriber": {
+            *STATES,
+            *EVENTS,
+            *([INSIDE] if operator else ()),
+            *(ON_RECORD if name == "tape" else ()),
+        },
         "liveliness_query": {topics.alive_key("tsd"), *HISTORY},
         "declare_liveliness_subscriber": {topics.alive_key("tsd"), *HISTORY},
     }
@@ -85,7 +94,12 @@ def test_what_somebody_is_told_is_this_and_nothing_else(name: str) -> None:
     holders = HOLDERS if name in ("alice", "bob") else []
     inside = [INSIDE] if name == "camera" else []
     allowed = {
-        "put": {*STATES, *EVENTS, *([INSIDE] if holders else ())},
+        "put": {
+            *STATES,
+            *EVENTS,
+            *([INSIDE] if holders else ()),
+            *(ON_RECORD if name == "tape" else ()),
+        },
         "reply": {*OPEN, *EVENTS, *holders},
         "declare_queryable": {*OPEN, *HISTORY, *holders},
         "declare_subscriber": {
@@ -129,7 +143,8 @@ def test_who_is_not_listed_may_nothing(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "identities", [[], [GUEST], [ALICE], [CAMERA], [ALICE, GUEST], [ALICE, BOB, GUEST, CAMERA]]
+    "identities",
+    [[], [GUEST], [ALICE], [CAMERA], [ALICE, GUEST], [TAPE], [ALICE, BOB, GUEST, CAMERA, TAPE]],
 )
 def test_zenoh_takes_the_rules_for_any_company(identities: list[Any]) -> None:
     rules = access_control(identities)

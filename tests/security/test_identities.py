@@ -14,7 +14,7 @@ from tsd_twin.security.access_rules import drive_rule, merged
 
 # Few letters, so that names often begin alike.
 names = st.text("ab-", min_size=1, max_size=5)
-roles = st.sampled_from([Role.OPERATOR, Role.VIEWER, Role.SENSOR])
+roles = st.sampled_from([Role.OPERATOR, Role.VIEWER, Role.SENSOR, Role.RECORDER])
 identities = st.lists(st.builds(client, names, roles), max_size=6)
 pages = st.text("0123456789abcdef", min_size=8, max_size=8)
 

@@ -26,6 +26,7 @@ from tsd_twin.simulation import SimRobot
 
 PATIENCE_S = 10.0
 DRIVE_S = 0.02
+_PUSHES = 5
 BEATS = 5  # A beat for so many times DRIVE_S.
 T = TypeVar("T")
 
@@ -129,9 +130,20 @@ class Page:
         self.until(lambda: self.mode == "ready")
 
     def drive(self, vx: float = 0.2, vy: float = 0.0, omega: float = 0.0) -> None:
-        """Hold the stick, and wait until the robot obeys."""
-        self.holds = {"vx": vx, "vy": vy, "omega": omega}
-        self.until(lambda: self.mode == "driving")
+        """Hold the stick, and wait until the robot obeys.
+
+        A page that is starved echoes an old status: the gateway releases its stick, and a person
+        would centre it and push again.
+        """
+        for _ in range(_PUSHES):
+            before = len(self.all("released"))
+            self.holds = {"vx": vx, "vy": vy, "omega": omega}
+            self.until(lambda b=before: self.mode == "driving" or self.all("released")[b:])
+            if self.mode == "driving":
+                return
+            self.holds = {"vx": 0.0, "vy": 0.0, "omega": 0.0}
+            time.sleep(4 * DRIVE_S)
+        raise AssertionError(f"not driving after {_PUSHES} pushes of the stick")
 
     def close(self) -> None:
         self._ended.set()

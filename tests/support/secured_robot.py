@@ -45,6 +45,7 @@ PEOPLE = (
     security.client("bob", Role.OPERATOR),
     security.client("guest", Role.VIEWER),
     security.client("camera", Role.SENSOR),
+    security.client("tape", Role.RECORDER),
 )
 TELL = {
     "id": "tell",

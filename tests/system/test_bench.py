@@ -15,7 +15,7 @@ from bench.__main__ import PARTS
 ROOT = Path(__file__).parents[2]
 ROWS = {
     "kinematics": 2,
-    "simulation": 5,
+    "simulation": 7,
     "firmware": 1,
     "bus": 4,
     "bridge": 3,
@@ -23,6 +23,7 @@ ROWS = {
     "page": 2,
     "start": 1,
     "idle": 2,
+    "recording": 2,
 }
 ROW = re.compile(r"^(\S.+?) +([-+.e\d]+) .*[<>]= .* (ok  |MISS)")
 """What is measured, how much, and whether that reaches what it is to reach."""

@@ -23,14 +23,15 @@ from tests.support.secured_robot import (
     put,
     set_free,
 )
-from tsd_twin.bus import Bus, as_client
+from tsd_twin.bus import Bus, as_client, clients_of
 from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.errors import NoAnswerError
 from tsd_twin.messages import topics
 from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.services import LeaseRequest
 from tsd_twin.messages.status import decode_status
-from tsd_twin.messages.topics import Service, Topic
+from tsd_twin.messages.topics import QoS, Service, Topic
+from tsd_twin.recording import ALLOWED
 from tsd_twin.security import KeyFolder
 
 pytestmark = pytest.mark.system
@@ -275,3 +276,25 @@ def test_nobody_reads_the_books_of_the_robots_own_session(robot: SecuredRobot, a
     books = f"@/{robot.bus._session.zid()}/router"
     assert list(robot.bus._session.get(books, timeout=2.0)) != []
     assert list(alice._session.get(books, timeout=2.0)) == []
+
+
+def test_a_recorder_reads_all_that_is_sent_and_others_no_lease_ids(
+    robot: SecuredRobot, alice: Bus, guest: Bus
+) -> None:
+    """By the keys that `tsd-record` subscribes to with a certificate: no rule denies one."""
+    (config,) = clients_of(robot.config("tape"), PATIENCE_S)
+    inputs = topics.INPUTS.key(ID)
+    with Bus(config) as tape, listening(tape, *ALLOWED) as recorded:
+        with listening(guest, inputs, "twin/*/log/**", "twin/**", STATUS) as seen:
+            wanted = {inputs, STATUS, ALICES}
+            recorded.until(lambda sample: sample.key == inputs)
+            put(alice, ALICES, RUBBISH)
+            recorded.until(lambda sample: sample.key == ALICES)
+            robot.bus.publisher(topics.event_key(ID, "mode"), QoS.DATA).put(b"{}")
+            recorded.until(lambda sample: sample.key.endswith("/event/mode"))
+            recorded.until(lambda sample: sample.key == STATUS)
+            seen.until(lambda sample: sample.key == STATUS)
+            assert wanted <= {sample.key for sample in recorded.heard}
+            assert inputs not in {sample.key for sample in seen.heard}
+        with pytest.raises(NoAnswerError):
+            tape.query(Service.LEASE.key(ID), b'{"op": "peek", "operator": "tape"}', 1.0)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from tsd_twin.bus.config import (
     DEFAULT_ENDPOINT,
+    NO_ANSWER,
     Config,
     as_client,
     client_config,
+    clients_of,
     from_file,
     node_config,
     over_datagrams,
@@ -15,6 +17,7 @@ from tsd_twin.bus.session import Bus, Publisher, Queryable, Request, Subscriber,
 
 __all__ = [
     "DEFAULT_ENDPOINT",
+    "NO_ANSWER",
     "Bus",
     "Config",
     "Publisher",
@@ -24,6 +27,7 @@ __all__ = [
     "Token",
     "as_client",
     "client_config",
+    "clients_of",
     "from_file",
     "node_config",
     "over_datagrams",

@@ -19,6 +19,8 @@ from tsd_twin.errors import BusError
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 
+NO_ANSWER = "no answer from that address"
+"""Reason why a session cannot be opened when its peer is not there."""
 _LEASE_MS = 1000
 _FAR_LEASE_MS = 3000
 """Session timeout: a stream on a slow link may repeat a keep-alive twice before it arrives."""
@@ -117,6 +119,33 @@ def as_client(config: Config, patience_s: float) -> Config:
     )
 
 
+def clients_of(config: Config, patience_s: float) -> list[Config]:
+    """Return a client configuration for each endpoint that a configuration connects to.
+
+    Such a session is opened within a timeout or not at all, comes back after a loss, and sees all
+    peers of the robot.
+
+    Raises:
+        BusError: Zenoh cannot read the configuration.
+    """
+    try:
+        found = json.loads(config.parsed().get_json("connect/endpoints"))
+    except zenoh.ZError as error:
+        raise BusError(f"{config.where}: {reason(error)}") from error
+    if isinstance(found, dict):  # One list for each mode.
+        by_mode = cast("dict[str, list[str]]", found)
+        found = [endpoint for group in by_mode.values() for endpoint in group]
+    client = as_client(config, patience_s)
+    return [
+        replace(
+            client,
+            where=endpoint,
+            others={**client.others, "connect/endpoints": json.dumps([endpoint])},
+        )
+        for endpoint in cast("list[str]", found or [])
+    ]
+
+
 def from_file(path: str) -> Config:
     """Configuration of a JSON5 file, for TLS and access control.
 
@@ -178,7 +207,7 @@ def reason(error: Exception) -> str:
     """Reason in an error of Zenoh, without source locations."""
     text = str(error).split(" at /")[0].strip()
     if "Unable to connect to any" in text:
-        return "no answer from that address"
+        return NO_ANSWER
     for known in ("Address already in use", "Cannot assign requested address"):
         if known in text:
             return known.lower()

@@ -161,6 +161,12 @@ _SETTLE_S = 0.05
 _SLACK_S = 0.2
 """Safety margin: Zenoh ends a timed-out query itself; this applies when it does not."""
 
+_ENCODINGS = {
+    "json": zenoh.Encoding.APPLICATION_JSON,
+    "msgpack": zenoh.Encoding("application/msgpack"),
+}
+"""Encodings of payloads that are not CDR."""
+
 # Periodic messages are not retransmitted on a link that allows it, see `over_datagrams`.
 _QOS: dict[QoS, dict[str, Any]] = {
     QoS.REAL_TIME: {
@@ -174,6 +180,12 @@ _QOS: dict[QoS, dict[str, Any]] = {
         "express": False,
         "congestion_control": zenoh.CongestionControl.DROP,
         "reliability": zenoh.Reliability.BEST_EFFORT,
+    },
+    QoS.LOG: {
+        "priority": zenoh.Priority.BACKGROUND,
+        "express": False,
+        "congestion_control": zenoh.CongestionControl.DROP,
+        "reliability": zenoh.Reliability.RELIABLE,
     },
 }
 
@@ -226,9 +238,9 @@ class Bus:
             listener.undeclare()
 
     def publisher(self, key: str, qos: QoS, type_name: str = "json") -> Publisher:
-        """Publisher; `type_name` is `json` or the ROS 2 type of a CDR payload."""
-        encoding = zenoh.Encoding.APPLICATION_JSON
-        if type_name != "json":
+        """Publisher; `type_name` is that of a `Topic`."""
+        encoding = _ENCODINGS.get(type_name)
+        if encoding is None:
             encoding = zenoh.Encoding.APPLICATION_CDR.with_schema(type_name)
         if qos is QoS.EVENT:
             return Publisher(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from tsd_twin.control.logged_controller import LoggedController
 from tsd_twin.control.robot_controller import RobotController
 
-__all__ = ["RobotController"]
+__all__ = ["LoggedController", "RobotController"]

@@ -272,6 +272,11 @@ class RobotController:
         return events
 
     @property
+    def mean_twist(self) -> Array:
+        """(3,): estimated mean twist during the last step; `odometry` has that of its end."""
+        return self._estimator.mean_twist
+
+    @property
     def joints(self) -> Array:
         """(n,): measured joints; unmeasured wheel speeds come from the motor model."""
         return self._estimator.joints

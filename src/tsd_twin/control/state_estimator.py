@@ -16,6 +16,7 @@ from tsd_twin.errors import MessageError
 from tsd_twin.estimation import (
     ODOMETRY,
     ConsistencyMonitor,
+    DeadReckoning,
     Estimate,
     FusedEstimate,
     FusionResult,
@@ -155,7 +156,7 @@ class StateEstimator:
         self._spin = SpinModel(robot.spin_up(), len(self._wheels))
         self._plain = ODOMETRY[self.kinematics.pose_type](self.kinematics, robot.joint_errors())
         self._second, prefer_second = sensor_odometry_of(robot)
-        self._inner: Estimate = self._second if prefer_second and self._second else self._plain
+        self._inner: DeadReckoning = self._second if prefer_second and self._second else self._plain
         self._corrected = None
         if self.kinematics.pose_type is SE2:
             self._corrected = FusedEstimate(self.kinematics, self._inner, robot.pose_sensor)
@@ -229,6 +230,11 @@ class StateEstimator:
         """The pose in `odom`, of the kinematics' pose type."""
         return self._best.pose
 
+    @property
+    def mean_twist(self) -> Array:
+        """(3,): mean twist during the last step, which moved the pose."""
+        return self._inner.motion.twist
+
     def set_pose(self, pose: SE2 | SO3) -> None:
         """Set the estimate to `pose`, with zero covariance."""
         self._plain.set_pose(pose)
@@ -237,7 +243,7 @@ class StateEstimator:
         self._best.set_pose(pose)
 
     def odometry(self, stamp_ns: int) -> Odometry:
-        """Return pose in `odom` and twist in `base_link`, with covariances."""
+        """Return pose in `odom` and twist in `base_link` at this time, with covariances."""
         return _message(self._best, stamp_ns)
 
     def alternative_odometry(self, stamp_ns: int) -> Odometry | None:
@@ -266,7 +272,7 @@ class StateEstimator:
 def _message(estimate: Estimate, stamp_ns: int) -> Odometry:
     return Odometry.of(
         estimate.pose,
-        estimate.motion.twist,
+        estimate.end_twist,
         estimate.pose_covariance,
         estimate.twist_covariance,
         stamp_ns,

@@ -5,7 +5,9 @@ from __future__ import annotations
 from tsd_twin.estimation.consistency import ConsistencyMonitor, ConsistencyResult
 from tsd_twin.estimation.pose_filter import DriftFilter, PoseFilter
 from tsd_twin.estimation.pose_fusion import FusedEstimate, FusionResult
+from tsd_twin.estimation.pose_spread import PoseErrors, TwistErrors, exponential_error
 from tsd_twin.estimation.sensor_odometry import (
+    DeadReckoning,
     Estimate,
     SensorOdometry,
     sensor_odometry_of,
@@ -24,6 +26,7 @@ __all__ = [
     "ODOMETRY",
     "ConsistencyMonitor",
     "ConsistencyResult",
+    "DeadReckoning",
     "DriftFilter",
     "Estimate",
     "FusedEstimate",
@@ -31,10 +34,13 @@ __all__ = [
     "JointOdometry",
     "OrientationOdometry",
     "PlanarOdometry",
+    "PoseErrors",
     "PoseFilter",
     "SensorOdometry",
     "Slip",
     "SpinModel",
+    "TwistErrors",
+    "exponential_error",
     "sensor_odometry_of",
     "with_gyro",
 ]

@@ -1,7 +1,8 @@
 """Kalman filters of the pose: twists integrated, late measurements applied at the time they were
 taken.
 
-One filter takes poses and headings, the other also estimates constant errors of the twist.
+One filter takes poses and headings, and considers constant errors (Schmidt-Kalman); the other also
+estimates constant errors of the twist.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tsd_twin.estimation.pose_spread import PoseErrors, exponential_error
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array, wrap
 
@@ -29,6 +31,8 @@ class _Measurement:
     rows: Array
     value: Array
     covariance: Array
+    by_constants: Array
+    """(..., j, m): what the constants add to the measured value."""
 
 
 @dataclass(slots=True, eq=False)
@@ -40,14 +44,26 @@ class _Step:
     moved: Array
     """(..., 3): displacement of the step in the frame of its start; independent of that pose."""
     growth_per_s: Array
+    twist_by_constants: Array
+    """(..., 3, m): what the constants add to the twist."""
     pose: Array
-    covariance: Array
+    by_constants: Array
+    """(..., 3, m): what the constants add to the pose."""
+    rest: Array
+    """(..., 3, 3): covariance of the pose, but for the constants."""
+    cautious: Array
+    """(..., 3, 3): covariance of the pose if the constants of the twist were new each second."""
     measured: list[_Measurement] = field(default_factory=list[_Measurement])
 
     def correct(self) -> None:
         """Apply the measurements at the end of the step."""
         for measurement in self.measured:
-            self.pose, self.covariance = _corrected(self.pose, self.covariance, measurement)
+            _correct(self, measurement)
+
+    @property
+    def covariance(self) -> Array:
+        """(..., 3, 3): covariance of the pose."""
+        return self.rest + self.by_constants @ _transposed(self.by_constants)
 
 
 class PoseFilter:
@@ -55,6 +71,13 @@ class PoseFilter:
 
     All arrays may have leading batch dimensions, the same for all. Times are seconds of one clock
     and rise from twist to twist.
+
+    Constants are independent, standard normal numbers that twists and measurements may depend on.
+    The filter considers them: it carries their effect on the pose, and does not estimate them.
+    Source: Schmidt, "Application of state-space methods to navigation problems" (1966). It weighs
+    measurements as if the constants of the twist were new each second and measurements had none:
+    so it also corrects errors that are larger than described, or not constant. The covariance is
+    that of these weights.
     """
 
     def __init__(
@@ -63,15 +86,21 @@ class PoseFilter:
         pose: SE2,
         covariance: Array | None = None,
         *,
+        by_constants: Array | None = None,
         now_s: float = 0.0,
         memory_s: float = 1.0,
     ) -> None:
+        """`by_constants` (..., 3, m) is what m constants add to `pose`, beside `covariance`."""
         self._kinematics = kinematics
         self._memory_s = memory_s
         start = np.array(pose.xy_heading, dtype=float)
         spread = np.zeros((*start.shape, 3)) if covariance is None else np.array(covariance)
         none = np.zeros_like(start)
-        self._steps = [_Step(now_s, none, none, np.zeros((*start.shape, 3)), start, spread)]
+        by = np.zeros((*start.shape, 0)) if by_constants is None else np.array(by_constants)
+        self._none: Array = np.zeros_like(by)
+        growth = np.zeros((*start.shape, 3))
+        cautious = spread + by @ _transposed(by)
+        self._steps = [_Step(now_s, none, none, growth, self._none, start, by, spread, cautious)]
         self._still = SE2.identity(start.shape[:-1])
 
     @property
@@ -103,17 +132,26 @@ class PoseFilter:
         """(..., 3, 3): covariance of x, y, heading."""
         return self._steps[-1].covariance
 
-    def advance(self, now_s: float, twist: Array, growth_per_s: Array) -> None:
+    @property
+    def errors(self) -> PoseErrors:
+        """Errors of x, y, heading."""
+        return PoseErrors(self._steps[-1].by_constants, self._steps[-1].rest)
+
+    def advance(
+        self, now_s: float, twist: Array, growth_per_s: Array, by_constants: Array | None = None
+    ) -> None:
         """Predict to `now_s` with the mean `twist` (..., 3) since the last time.
 
         `growth_per_s` (..., 3, 3) is the growth of the pose covariance in a second, in the body
-        frame: S times dt for white noise with the covariance S in each sample of dt.
+        frame: S times dt for white noise with the covariance S in each sample of dt. `by_constants`
+        (..., 3, m) is what the constants add to the twist; nothing unless given.
         """
         if not now_s > self.now_s:
             return
         last = self._steps[-1]
-        growth = np.zeros_like(last.covariance) + growth_per_s
-        self._steps.append(self._step(last, now_s, np.array(twist), growth))
+        growth = np.zeros_like(last.rest) + growth_per_s
+        by = self._none if by_constants is None else self._none + by_constants
+        self._steps.append(self._step(last, now_s, np.array(twist), growth, by))
         self._run(len(self._steps) - 1)
         # Keep one step older than the memory: it is the initial state of the others.
         oldest = now_s - self._memory_s
@@ -123,37 +161,56 @@ class PoseFilter:
     def fuse_heading(self, heading: Array, sigma: float, measured_s: float | None = None) -> bool:
         """Fuse headings (...), radians; return False if older than the memory, or not finite."""
         value = np.asarray(heading, dtype=float)[..., None]
-        return self._fuse(_Measurement(_HEADING, value, np.array([[sigma**2]])), measured_s)
+        none = self._none[..., 2:, :]
+        return self._fuse(_Measurement(_HEADING, value, np.array([[sigma**2]]), none), measured_s)
 
     def fuse_position(self, xy: Array, sigma_m: float, measured_s: float | None = None) -> bool:
         """Fuse positions (..., 2), metres; return False as in `fuse_heading`."""
         covariance = sigma_m**2 * np.eye(2)
-        return self._fuse(
-            _Measurement(_POSITION, np.array(xy, dtype=float), covariance), measured_s
-        )
+        value, none = np.array(xy, dtype=float), self._none[..., :2, :]
+        return self._fuse(_Measurement(_POSITION, value, covariance, none), measured_s)
 
-    def fuse_pose(self, pose: SE2, covariance: Array, measured_s: float | None = None) -> bool:
-        """Fuse measured poses with a covariance (..., 3, 3); return False as in `fuse_heading`."""
+    def fuse_pose(
+        self,
+        pose: SE2,
+        covariance: Array,
+        measured_s: float | None = None,
+        by_constants: Array | None = None,
+    ) -> bool:
+        """Fuse measured poses with a covariance (..., 3, 3); return False as in `fuse_heading`.
+
+        `by_constants` (..., 3, m) is what the constants add to a measured pose; nothing unless
+        given.
+        """
+        by = self._none if by_constants is None else by_constants
         value = np.array(pose.xy_heading, dtype=float)
-        return self._fuse(_Measurement(_POSE, value, np.array(covariance)), measured_s)
+        return self._fuse(_Measurement(_POSE, value, np.array(covariance), by), measured_s)
 
-    def mahalanobis_sq(self, pose: SE2, covariance: Array, measured_s: float) -> Array:
+    def mahalanobis_sq(
+        self,
+        pose: SE2,
+        covariance: Array,
+        measured_s: float,
+        by_constants: Array | None = None,
+    ) -> Array:
         """Return the squared Mahalanobis distance (...) of measured poses from the prediction.
 
-        It has a chi-square distribution of three dimensions when the covariances are right. The
-        filter does not change. `measured_s` must be within the memory.
+        It is the shorter one by the covariance of the filter and by that of its weights, so at most
+        one with a chi-square distribution of three dimensions. The filter does not change.
+        `measured_s` must be within the memory, `by_constants` is as in `fuse_pose`.
         """
         index = self._index(min(measured_s, self.now_s))
         step = self._steps[index]
         if step.end_s < measured_s and index + 1 < len(self._steps):
             later = self._steps[index + 1]
-            step = self._step(step, measured_s, later.twist, later.growth_per_s)
+            step = self._part(step, measured_s, later)
             _carry(self._steps[index], [step])
-        off = pose.xy_heading - step.pose
-        off[..., 2] = wrap(off[..., 2])
-        expected = step.covariance + covariance
-        weighed = np.asarray(np.linalg.solve(expected, off[..., None]), dtype=float)
-        return (off * weighed[..., 0]).sum(axis=-1)
+        off = exponential_error(SE2(step.pose), pose)
+        by = step.by_constants if by_constants is None else step.by_constants + by_constants
+        claimed = step.rest + by @ _transposed(by)
+        expected = np.stack([claimed, step.cautious]) + covariance
+        weighed = np.asarray(np.linalg.solve(expected, off[None, ..., None]), dtype=float)
+        return (off * weighed[..., 0]).sum(axis=-1).min(axis=0)
 
     def _index(self, at_s: float) -> int:
         """Return the last step that ends at `at_s` or before."""
@@ -169,8 +226,7 @@ class PoseFilter:
             self._split(index, at_s)
         self._steps[index].measured.append(measurement)
         if index == 0:
-            step = self._steps[0]
-            step.pose, step.covariance = _corrected(step.pose, step.covariance, measurement)
+            _correct(self._steps[0], measurement)
             index = 1
         self._run(index)
         return True
@@ -178,16 +234,23 @@ class PoseFilter:
     def _split(self, index: int, at_s: float) -> None:
         """Cut the step at `index` in two: a first that ends at `at_s`, and the rest."""
         whole = self._steps[index]
-        twist, growth = whole.twist, whole.growth_per_s
-        first = self._step(self._steps[index - 1], at_s, twist, growth)
-        rest = self._step(first, whole.end_s, twist, growth)
+        first = self._part(self._steps[index - 1], at_s, whole)
+        rest = self._part(first, whole.end_s, whole)
         rest.measured = whole.measured
         self._steps[index : index + 1] = [first, rest]
 
-    def _step(self, before: _Step, end_s: float, twist: Array, growth_per_s: Array) -> _Step:
+    def _part(self, before: _Step, end_s: float, whole: _Step) -> _Step:
+        """Return a part of a step, from the end of another, not yet run."""
+        twist_by = whole.twist_by_constants
+        return self._step(before, end_s, whole.twist, whole.growth_per_s, twist_by)
+
+    def _step(
+        self, before: _Step, end_s: float, twist: Array, growth_per_s: Array, twist_by: Array
+    ) -> _Step:
         """Return a step from the end of another, not yet run."""
         moved = self._kinematics.integrate(self._still, twist, end_s - before.end_s).xy_heading
-        return _Step(end_s, twist, moved, growth_per_s, before.pose, before.covariance)
+        state = (before.pose, before.by_constants, before.rest, before.cautious)
+        return _Step(end_s, twist, moved, growth_per_s, twist_by, *state)
 
     def _run(self, index: int) -> None:
         """Recompute all steps from `index` on, in one batch up to the next with a measurement."""
@@ -198,6 +261,12 @@ class PoseFilter:
             _carry(self._steps[index - 1], self._steps[index:end])
             self._steps[end - 1].correct()
             index = end
+
+
+_PERSIST_S = 1.0
+"""Time over which weights take an error of the twist for constant."""
+_CAUTION = 0.01
+"""Share of the twist by which weights take it to be wrong, beside the described errors."""
 
 
 def _carry(before: _Step, steps: Sequence[_Step]) -> None:
@@ -225,25 +294,43 @@ def _carry(before: _Step, steps: Sequence[_Step]) -> None:
     shift = back @ turn
     ends_s = np.array([before.end_s, *(step.end_s for step in steps)])
     dt_s = np.diff(ends_s).reshape(-1, *(1,) * (growth.ndim - 1))
-    grown = before.covariance + (dt_s * (shift @ growth @ _transposed(shift))).cumsum(axis=0)
+    grown = (dt_s * (shift @ growth @ _transposed(shift))).cumsum(axis=0)
     carry = 2.0 * _POSE - back
-    covariance = carry @ grown @ _transposed(carry)
+    rest = carry @ (before.rest + grown) @ _transposed(carry)
+    by_constants, cautious = [before.by_constants] * len(steps), rest
+    if before.by_constants.shape[-1]:
+        twist_by = shift @ np.stack([step.twist_by_constants for step in steps])
+        by_constants = carry @ (before.by_constants + (dt_s * twist_by).cumsum(axis=0))
+        twist = np.stack([step.twist for step in steps])
+        square = np.square(_CAUTION * twist)
+        square[..., :2] = square[..., :1] + square[..., 1:2]
+        doubt = twist_by @ _transposed(twist_by) + (shift * square[..., None, :]) @ _transposed(
+            shift
+        )
+        grown = grown + _PERSIST_S * (dt_s * doubt).cumsum(axis=0)
+        cautious = carry @ (before.cautious + grown) @ _transposed(carry)
     for i, step in enumerate(steps):
-        step.pose, step.covariance = pose[i], covariance[i]
+        step.pose, step.by_constants = pose[i], by_constants[i]
+        step.rest, step.cautious = rest[i], cautious[i]
 
 
-def _corrected(pose: Array, covariance: Array, measurement: _Measurement) -> tuple[Array, Array]:
-    """Return pose and covariance after a measurement; Joseph form, which stays symmetric."""
-    rows = measurement.rows
+def _correct(step: _Step, measurement: _Measurement) -> None:
+    """Correct the state at the end of a step; Joseph form, which stays symmetric.
+
+    The constants keep their prior, so the errors stay a part linear in them and a rest.
+    """
+    rows, pose = measurement.rows, step.pose
     off = measurement.value - pose @ rows.T
     heading = rows[:, 2] != 0.0
     off[..., heading] = wrap(off[..., heading])
-    innovation: Array = rows @ covariance @ rows.T + measurement.covariance
-    gain = _transposed(np.asarray(np.linalg.solve(innovation, rows @ covariance), dtype=float))
+    innovation: Array = rows @ step.cautious @ rows.T + measurement.covariance
+    gain = _transposed(np.asarray(np.linalg.solve(innovation, rows @ step.cautious), dtype=float))
     keep = np.eye(3) - gain @ rows
-    corrected = keep @ covariance @ _transposed(keep)
-    corrected = corrected + gain @ measurement.covariance @ _transposed(gain)
-    return pose + (gain @ off[..., None])[..., 0], corrected
+    noise = gain @ measurement.covariance @ _transposed(gain)
+    step.pose = pose + (gain @ off[..., None])[..., 0]
+    step.by_constants = keep @ step.by_constants - gain @ measurement.by_constants
+    step.rest = keep @ step.rest @ _transposed(keep) + noise
+    step.cautious = keep @ step.cautious @ _transposed(keep) + noise
 
 
 def _transposed(matrices: Array) -> Array:

@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 from collections import deque
 from enum import StrEnum
+from itertools import dropwhile
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from tsd_twin.estimation.consistency import FALSE_ALARM, chi_square_bound
 from tsd_twin.estimation.pose_filter import PoseFilter
-from tsd_twin.estimation.sensor_odometry import Estimate
-from tsd_twin.estimation.wheel_odometry import CORRELATION_S
-from tsd_twin.kinematics import Kinematics, TwistSolution
+from tsd_twin.estimation.pose_spread import PoseErrors, TwistErrors
+from tsd_twin.estimation.sensor_odometry import DeadReckoning
+from tsd_twin.estimation.wheel_odometry import POSE_SENSOR_CONSTANTS
+from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array, wrap
 from tsd_twin.robots import PoseSensor
 
@@ -85,24 +87,31 @@ class _EstimateRecord(NamedTuple):
     """A step of the inner estimate, and its pose after it."""
 
     end_s: float
-    motion: TwistSolution
-    twist_covariance: Array
+    twist: Array
+    errors: TwistErrors
     pose: SE2
-    pose_covariance: Array
+    spread: Any
+    """State of the spread of the pose error; None in the middle of a block."""
 
 
 class FusedEstimate:
     """Fused estimate of a robot on a floor: odometry with a pose corrected by a pose sensor.
 
     The twist is always that of the inner estimate, so a jump of the pose does not change it.
-    Without pose measurements this is the inner estimate, and no filter runs.
+    Without pose measurements this is the inner estimate, and no filter runs. The mounting of the
+    sensor is a constant error, which many measurements do not average out.
     """
 
-    def __init__(self, kinematics: Kinematics[SE2], inner: Estimate, noise: PoseSensor) -> None:
+    def __init__(
+        self, kinematics: Kinematics[SE2], inner: DeadReckoning, noise: PoseSensor
+    ) -> None:
         self.inner = inner
         self._kinematics = kinematics
         sigma = np.array([noise.sigma_m, noise.sigma_m, math.radians(noise.sigma_deg)])
         self._noise = np.diag(np.square(sigma))
+        mounting = [noise.mounting_m, noise.mounting_m, math.radians(noise.mounting_deg)]
+        self._mounting: Array = np.zeros((3, inner.spread.constants))
+        self._mounting[:, -POSE_SENSOR_CONSTANTS:] = np.diag(mounting)
         self._past: deque[_EstimateRecord] = deque(maxlen=_STEPS_KEPT)
         self._filter: PoseFilter | None = None
         self._heard_s = -math.inf
@@ -124,33 +133,31 @@ class FusedEstimate:
         return self.inner.pose_covariance if self._filter is None else self._filter.covariance
 
     @property
-    def motion(self) -> TwistSolution:
-        """The twist in `base_link`, with its residual."""
-        return self.inner.motion
+    def end_twist(self) -> Array:
+        """(3,): twist in `base_link`, at the end of the last step."""
+        return self.inner.end_twist
 
     @property
     def twist_covariance(self) -> Array:
         """(3, 3): covariance of the twist, in `base_link`."""
         return self.inner.twist_covariance
 
-    def set_pose(self, pose: Any, covariance: Array | None = None) -> None:
-        """Set the estimate to `pose`, and discard earlier measurements."""
-        self.inner.set_pose(pose, covariance)
+    def set_pose(self, pose: Any, errors: PoseErrors | None = None) -> None:
+        """Set the estimate to `pose`, with pose `errors`, and discard earlier measurements."""
+        self.inner.set_pose(pose, errors)
         self._past.clear()
         self._filter = None
 
     def follow(self, now_s: float) -> None:
         """Update with the step of the inner estimate to `now_s`."""
         inner = self.inner
-        covariance = inner.twist_covariance
-        self._past.append(
-            _EstimateRecord(now_s, inner.motion, covariance, inner.pose, inner.pose_covariance)
-        )
+        twist, errors = inner.motion.twist, inner.errors
+        self._past.append(_EstimateRecord(now_s, twist, errors, inner.pose, inner.spread.state))
         if self._filter is None:
             return
-        self._filter.advance(now_s, inner.motion.twist, covariance * CORRELATION_S)
+        self._filter.advance(now_s, twist, errors.white_per_s, errors.by_constants)
         if now_s - self._heard_s > _PATIENCE_S:
-            self.inner.set_pose(self._filter.pose, self._filter.covariance)
+            self.inner.set_pose(self._filter.pose, self._filter.errors)
             self._past.clear()
             self._filter = None
 
@@ -159,9 +166,9 @@ class FusedEstimate:
 
         A robot at rest is relocalized when many rejected poses agree with each other.
         """
-        if self._filter is None and not self._past:
-            return FusionResult.OLD
         running = self._filter = self._filter or self._caught_up()
+        if running is None:
+            return FusionResult.OLD
         now_s = self._heard_s = running.now_s
         at_s = min(measured_s, now_s)
         if not at_s >= max(running.oldest_s, now_s - MEMORY_S):
@@ -172,9 +179,9 @@ class FusedEstimate:
             return FusionResult.FLOOD
         if not np.abs(pose.xy_heading).max() <= _FARTHEST_M:
             return FusionResult.FAR
-        if float(running.mahalanobis_sq(pose, self._noise, at_s)) <= _GATE:
+        if float(running.mahalanobis_sq(pose, self._noise, at_s, self._mounting)) <= _GATE:
             self._relocalization.clear()
-            running.fuse_pose(pose, self._noise, at_s)
+            running.fuse_pose(pose, self._noise, at_s, self._mounting)
             return FusionResult.USED
         if at_rest and self._relocalization.persists(pose, at_s):
             self._begin_anew(running, pose, at_s)
@@ -183,27 +190,34 @@ class FusedEstimate:
             self._relocalization.clear()
         return FusionResult.FAR
 
-    def _caught_up(self) -> PoseFilter:
-        """Return a new filter that has processed all steps in the memory."""
-        first, *others = self._past
-        made = PoseFilter(
+    def _caught_up(self) -> PoseFilter | None:
+        """Return a new filter that has processed all steps in the memory; None without any."""
+        steps = list(dropwhile(lambda past: past.spread is None, self._past))
+        if not steps:
+            return None
+        first, *others = steps
+        errors = self.inner.spread.errors_at(first.spread)
+        made = self._new_filter(first.pose, errors, first.end_s)
+        for past in others:
+            made.advance(past.end_s, past.twist, past.errors.white_per_s, past.errors.by_constants)
+        return made
+
+    def _new_filter(self, pose: SE2, errors: PoseErrors, now_s: float) -> PoseFilter:
+        return PoseFilter(
             self._kinematics,
-            first.pose,
-            first.pose_covariance,
-            now_s=first.end_s,
+            pose,
+            errors.rest,
+            by_constants=errors.by_constants,
+            now_s=now_s,
             memory_s=MEMORY_S,
         )
-        for past in others:
-            made.advance(past.end_s, past.motion.twist, past.twist_covariance * CORRELATION_S)
-        return made
 
     def _begin_anew(self, old: PoseFilter, seen: SE2, at_s: float) -> None:
         here = old.pose.xy_heading
         turned = here[2] + float(wrap(seen.xy_heading[2] - here[2]))
         pose = SE2(np.array([seen.xy_heading[0], seen.xy_heading[1], turned]))
-        self.set_pose(pose, self._noise)
-        self._filter = PoseFilter(
-            self._kinematics, pose, self._noise, now_s=at_s, memory_s=MEMORY_S
-        )
+        errors = PoseErrors(-self._mounting, self._noise)
+        self.set_pose(pose, errors)
+        self._filter = self._new_filter(pose, errors, at_s)
         # The robot is at rest, so the pose has been constant since.
         self._filter.advance(old.now_s, np.zeros(3), np.zeros((3, 3)))

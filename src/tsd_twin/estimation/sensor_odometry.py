@@ -10,9 +10,10 @@ from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
+from tsd_twin.estimation.pose_spread import PoseErrors, PoseSpread, TwistErrors
 from tsd_twin.estimation.wheel_odometry import OrientationOdometry, PlanarOdometry
 from tsd_twin.kinematics import SphereKinematics, TwistSolution
-from tsd_twin.lie import SE2, Array
+from tsd_twin.lie import Array
 from tsd_twin.robots import (
     OmniDescription,
     RobotDescription,
@@ -56,36 +57,23 @@ class GyroOdometry(PlanarOdometry):
         """
         if robot.gyro is None:
             raise ValueError(f"{robot.name} has no gyro")
-        super().__init__(robot.kinematics(), robot.joint_errors())
-        self._bias = robot.gyro.bias_rad_per_s
-        self._sigma = math.hypot(robot.gyro.noise_rad_per_s, self._bias)
+        super().__init__(robot.kinematics(), robot.joint_errors(), 1)
+        self._bias, self._noise_rad_per_s = robot.gyro.bias_rad_per_s, robot.gyro.noise_rad_per_s
+        self._sigma = math.hypot(self._noise_rad_per_s, self._bias)
         self._rate = math.nan
         self._reads = False
         self._wheels: Array = np.zeros((3, 3))
-        self._followed_s = 0.0
-
-    def set_pose(self, pose: SE2, covariance: Array | None = None) -> None:
-        """Set the estimate to `pose`, with `covariance` (3, 3); zero if not given."""
-        super().set_pose(pose, covariance)
-        self._followed_s = 0.0
 
     def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:
         """Update with joints (n,) and the turn rate (1,), measured `dt_s` after the last ones."""
         rate = self._mean_rate(sensors)
-        reads, followed_s = math.isfinite(rate), self._followed_s
+        reads = math.isfinite(rate)
         if reads:
             twist, _ = with_gyro(motion.twist, self._wheels, np.array(rate), self._sigma)
             motion = TwistSolution(twist, motion.residual)
-            variance = float(self._wheels[2, 2])
-            self._followed_s += dt_s * variance / (variance + self._sigma**2)
         if reads is not self._reads:
             self._reads, self._until_refresh = reads, 0
-        self.motion = motion
-        moved = self._kinematics.integrate(self.pose, motion.twist, dt_s)
-        self._spread(moved, joints, dt_s)
-        # The bias is constant: its heading error grows with the time, not with its root.
-        self.pose_covariance[2, 2] += self._bias**2 * (self._followed_s**2 - followed_s**2)
-        self.pose = moved
+        self._move(motion, joints, dt_s)
 
     def _mean_rate(self, sensors: Array) -> float:
         """Return the mean turn rate of the step, NaN when there is no reading at its end."""
@@ -93,11 +81,24 @@ class GyroOdometry(PlanarOdometry):
         self._rate = now if abs(now) <= _RANGE_RAD_PER_S else math.nan
         return 0.5 * (before + self._rate) if math.isfinite(before) else self._rate
 
-    def _twist_covariance(self, joints: Array) -> Array:
-        self._wheels = super()._twist_covariance(joints)
+    def _twist_errors(self, joints: Array, dt_s: float) -> TwistErrors:
+        wheels = super()._twist_errors(joints, dt_s)
+        self._wheels = wheels.covariance
         if not self._reads:
-            return self._wheels
-        return with_gyro(np.zeros(3), self._wheels, np.array(0.0), self._sigma)[1]
+            return wheels
+        gain = self._wheels[:, 2] / (self._wheels[2, 2] + self._sigma**2)
+        keep = np.eye(3)
+        keep[:, 2] -= gain
+        by_constants = keep @ wheels.by_constants
+        by_constants[:, self._constants.count] = gain * self._bias
+        noise = dt_s * self._noise_rad_per_s**2 * np.outer(gain, gain)
+        white_per_s = keep @ wheels.white_per_s @ keep.T + noise
+        _, covariance = with_gyro(np.zeros(3), self._wheels, np.array(0.0), self._sigma)
+        return TwistErrors(by_constants, white_per_s, covariance)
+
+
+_PULSE_S = 1.0
+"""Time over which the rounding to a whole pulse persists."""
 
 
 class DeadWheelOdometry(PlanarOdometry):
@@ -116,36 +117,47 @@ class DeadWheelOdometry(PlanarOdometry):
         """
         if robot.dead_wheels is None:
             raise ValueError(f"{robot.name} has no dead wheels")
-        super().__init__(robot.kinematics(), robot.joint_errors())
-        sensors = robot.dead_wheels
+        super().__init__(robot.kinematics(), robot.joint_errors(), 5)
+        self._sensors = sensors = robot.dead_wheels
         wheels = np.array(sensors.rows()) / sensors.radius_m
         self._twist_from_rates = np.linalg.inv(np.vstack([wheels, [0.0, 0.0, 1.0]]))
+        self._across = np.array(sensors.rows(0.5 * math.pi)) / sensors.radius_m
         self._angles: Array | None = None
         self._rate = 0.0
-        # A pulse, evenly spread, over the time that errors persist; the drift of the gyro.
-        pulse = 2.0 * math.pi / sensors.pulses_per_turn / math.sqrt(12.0)
-        drift = math.radians(sensors.gyro_drift_deg_per_h) / 3600.0
-        spread = self._twist_from_rates * [pulse, pulse, drift]
-        self._covariance = spread @ spread.T
+        self._rates: Array | None = None
 
     def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:
         """Update with both angles and the rate, (3,), measured `dt_s` after the last ones."""
-        twist = motion.twist
+        before, self._rates = self._rates, None
         if len(sensors) == 3 and np.isfinite(sensors).all():
             if self._angles is not None:
                 turned = (sensors[:2] - self._angles) / dt_s
                 rate = 0.5 * (self._rate + sensors[2])
-                twist = self._twist_from_rates @ np.array([turned[0], turned[1], rate])
+                self._rates = np.array([turned[0], turned[1], rate])
+                motion = TwistSolution(self._twist_from_rates @ self._rates, np.zeros(0))
             self._angles, self._rate = sensors[:2].copy(), float(sensors[2])
         else:
             self._angles = None
-        self.motion = TwistSolution(twist, np.zeros(0))
-        moved = self._kinematics.integrate(self.pose, twist, dt_s)
-        self._spread(moved, joints, dt_s)
-        self.pose = moved
+        if (before is None) is not (self._rates is None):
+            self._until_refresh = 0
+        self._move(motion, joints, dt_s)
 
-    def _twist_covariance(self, joints: Array) -> Array:  # noqa: ARG002  The shape.
-        return self._covariance
+    def _twist_errors(self, joints: Array, dt_s: float) -> TwistErrors:
+        if self._rates is None:
+            return super()._twist_errors(joints, dt_s)
+        sensors, by_rates = self._sensors, self._twist_from_rates
+        by_constants = np.zeros_like(self.errors.by_constants)
+        own = by_constants[:, self._constants.count :]
+        own[:, :2] = by_rates[:, :2] * (sensors.radius_share * self._rates[:2])
+        # A wheel that is turned also measures part of the motion across it.
+        across = self._across @ self.motion.twist
+        own[:, 2:4] = by_rates[:, :2] * (math.radians(sensors.mounting_deg) * across)
+        own[:, 4] = by_rates[:, 2] * math.radians(sensors.gyro_drift_deg_per_h) / 3600.0
+        # A pulse, evenly spread; of the way in a step, both ends are rounded.
+        pulses = by_rates[:, :2] * (2.0 * math.pi / sensors.pulses_per_turn / math.sqrt(12.0))
+        rounding = pulses @ pulses.T
+        covariance = by_constants @ by_constants.T + 2.0 / dt_s**2 * rounding
+        return TwistErrors(by_constants, rounding / _PULSE_S, covariance)
 
 
 class DualRowOdometry(OrientationOdometry):
@@ -183,13 +195,13 @@ class Estimate(Protocol):
         ...
 
     @property
-    def motion(self) -> TwistSolution:
-        """The twist in `base_link`, with its residual."""
+    def end_twist(self) -> Array:
+        """(3,): twist in `base_link`, at the end of the last step."""
         ...
 
     @property
     def pose_covariance(self) -> Array:
-        """(3, 3): covariance of the pose, in `odom`."""
+        """(3, 3): covariance of the pose, in exponential coordinates about the axes of `odom`."""
         ...
 
     @property
@@ -197,12 +209,35 @@ class Estimate(Protocol):
         """(3, 3): covariance of the twist, in `base_link`."""
         ...
 
-    def set_pose(self, pose: Any, covariance: Array | None = None) -> None:
-        """Set the estimate to `pose`, with `covariance` (3, 3); zero if not given."""
+    def set_pose(self, pose: Any) -> None:
+        """Set the estimate to `pose`, without errors."""
         ...
 
 
-class SensorOdometry(Estimate, Protocol):
+class DeadReckoning(Estimate, Protocol):
+    """Estimate that a pose sensor can correct."""
+
+    @property
+    def motion(self) -> TwistSolution:
+        """Mean motion during the last step, with its residual."""
+        ...
+
+    @property
+    def errors(self) -> TwistErrors:
+        """Errors of the twist."""
+        ...
+
+    @property
+    def spread(self) -> PoseSpread[Any, Any]:
+        """Spread of the pose error."""
+        ...
+
+    def set_pose(self, pose: Any, errors: PoseErrors | None = None) -> None:
+        """Set the estimate to `pose`, with pose `errors`; none if not given."""
+        ...
+
+
+class SensorOdometry(DeadReckoning, Protocol):
     """Alternative estimate, which uses sensors beside the joints of the drive."""
 
     def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:

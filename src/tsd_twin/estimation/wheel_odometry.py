@@ -10,6 +10,7 @@ from typing import Any, Generic
 
 import numpy as np
 
+from tsd_twin.estimation.pose_spread import SPREADS, PoseErrors, PoseSpread, TwistErrors
 from tsd_twin.kinematics import JointKind, Kinematics, TwistSolution
 from tsd_twin.kinematics.base import PoseT
 from tsd_twin.lie import SE2, SO3, Array
@@ -23,6 +24,18 @@ class JointNoise:
         is_angle = np.array([joint.kind is JointKind.POSITION for joint in kinematics.joints])
         self._angle = is_angle * noise.angle_rad
         self._share = ~is_angle * noise.spin_share
+        self._is_speed = ~is_angle
+        self._walk_rad = noise.walk_rad
+
+    @property
+    def white(self) -> Array:
+        """(n,): standard deviations of what is new in each sample."""
+        return self._angle
+
+    def walk(self, joints: Array) -> Array:
+        """Return the standard deviations (n,) of the ways of joints in a second, radians."""
+        turns = self._walk_rad > 0.0 and bool(joints[self._is_speed].any())
+        return self._is_speed * (self._walk_rad if turns else 0.0)
 
     def sigma(self, joints: Array) -> Array:
         """Return the standard deviations (..., n) of `joints` (..., n), radians and rad/s."""
@@ -76,13 +89,54 @@ class SpinModel:
         return speeds
 
 
-CORRELATION_S = 1.0
-"""Time over which an error of the joints persists: quantisation and a wrong spin do not average
-out from one sample to the next, so the variance grows with this time, not with the period."""
+class ConstantErrors:
+    """Constant errors of joints, in terms of independent, standard normal numbers."""
+
+    def __init__(self, kinematics: Kinematics[Any], noise: JointErrors) -> None:
+        is_angle = np.array([joint.kind is JointKind.POSITION for joint in kinematics.joints])
+        joints = len(is_angle)
+        zeros = noise.zero_rad * np.eye(joints)[is_angle]
+        self._zeros = zeros[zeros.any(axis=1)]
+        shares = noise.spin_share * np.eye(joints)[~is_angle]
+        shares = np.vstack([shares, noise.common_spin_share * ~is_angle])
+        self._shares = shares[shares.any(axis=1)]
+        self._is_speed = ~is_angle
+        self._turn_rad_per_s = noise.turn_rad_per_s
+        self._slip_lag_s = noise.slip_lag_s
+
+    @property
+    def count(self) -> int:
+        """Number of constants, m."""
+        floor = (self._turn_rad_per_s > 0.0) + (self._slip_lag_s > 0.0)
+        return len(self._zeros) + len(self._shares) + floor
+
+    def of_twist(self, joints: Array, slopes: Array, acceleration: Array) -> Array:
+        """Return the errors (3, m) of the twist at `joints` (n,), with its `slopes` (3, n).
+
+        `acceleration` (3,) is that over the ground, in the axes of the base.
+        """
+        columns = [slopes @ self.of_joints(joints)]
+        turns = float(joints[self._is_speed].any())
+        if self._turn_rad_per_s > 0.0:
+            columns.append(np.array([[0.0], [0.0], [turns * self._turn_rad_per_s]]))
+        if self._slip_lag_s > 0.0:
+            columns.append(turns * self._slip_lag_s * acceleration[:, None])
+        return np.concatenate(columns, axis=1)
+
+    def of_joints(self, joints: Array) -> Array:
+        """Return the errors (n, m) of `joints` (n,), but for constants that no joint shows."""
+        return np.concatenate([self._zeros, self._shares * joints]).T
+
+
+_NUDGE = 1e-6
+"""Step of finite differences: radians, or a share of a speed."""
+_CONTRADICTION = 10.0
+"""Squared residual over its expectation beyond which joints contradict each other: a healthy robot
+exceeds it once in thousands of samples."""
 _ROUNDING = 1e-18
 """Squared m/s: rounding level of the residual of joints without redundancy."""
 _REFRESH_EVERY = 10
-"""Steps for which the covariance of the twist is cached, since it changes slowly."""
+"""Steps for which the errors of the twist are kept, since they change slowly."""
 
 
 class JointOdometry(Generic[PoseT]):
@@ -92,26 +146,51 @@ class JointOdometry(Generic[PoseT]):
     up to the exact displacement; the pose moves by the exponential of the twist.
     """
 
-    def __init__(self, kinematics: Kinematics[PoseT], noise: JointErrors) -> None:
+    def __init__(
+        self, kinematics: Kinematics[PoseT], noise: JointErrors, other_constants: int = 0
+    ) -> None:
+        """`other_constants` is the number of constant errors beside those of the joints."""
         self._kinematics = kinematics
         self._noise = JointNoise(kinematics, noise)
+        self._constants = ConstantErrors(kinematics, noise)
+        count = self._constants.count + other_constants
         self._previous: Array | None = None
         self._solved_for = b""
         self._refreshed_for: tuple[object, object] = (None, None)
-        self._grows = False
         self._until_refresh = 0
-        self._growth_per_s: Array = np.zeros((3, 3))
+        self._refreshed_twist: Array = np.zeros(3)
+        self._means: tuple[Array | None, Array] = (None, np.zeros(3))
+        """Mean twists of the last two steps."""
+        self._moved = False
         self.pose: PoseT = kinematics.pose_type.identity()
         self.motion = TwistSolution(np.zeros(3), np.zeros(0))
-        self.pose_covariance: Array = np.zeros((3, 3))
-        """(3, 3): covariance of the pose, in `odom`."""
-        self.twist_covariance: Array = np.zeros((3, 3))
-        """(3, 3): covariance of the twist, in `base_link`; larger when joints are inconsistent."""
+        """Mean motion during the last step."""
+        self.errors = TwistErrors.none(count)
+        """Errors of the twist; larger when joints contradict each other."""
+        self.spread: PoseSpread[PoseT, Any] = SPREADS[kinematics.pose_type](count)
+        """Spread of the pose error."""
 
-    def set_pose(self, pose: PoseT, covariance: Array | None = None) -> None:
-        """Set the estimate to `pose`, with `covariance` (3, 3); zero if not given."""
+    @property
+    def pose_covariance(self) -> Array:
+        """(3, 3): covariance of the pose, in exponential coordinates about the axes of `odom`."""
+        return self.spread.covariance
+
+    @property
+    def twist_covariance(self) -> Array:
+        """(3, 3): covariance of the twist, in `base_link`; larger when joints are inconsistent."""
+        return self.errors.covariance
+
+    @property
+    def end_twist(self) -> Array:
+        """(3,): twist at the end of the last step, by a straight line through the last two."""
+        before, last = self._means
+        return last if before is None else last + 0.5 * (last - before)
+
+    def set_pose(self, pose: PoseT, errors: PoseErrors | None = None) -> None:
+        """Set the estimate to `pose`, with pose `errors`; none if not given."""
         self.pose = pose
-        self.pose_covariance = np.zeros((3, 3)) if covariance is None else covariance
+        self.spread.set(errors)
+        self._until_refresh = 0
 
     def advance(self, joints: Array, dt_s: float) -> TwistSolution:
         """Update with joints (n,) measured `dt_s` after the last ones, and return the motion."""
@@ -119,13 +198,8 @@ class JointOdometry(Generic[PoseT]):
         self._previous = joints
         step = joints - previous
         middle = previous + 0.5 * step
-        self.motion = motion = self._forward(middle, step / dt_s, dt_s)
-        moved = self.pose
-        if any(motion.twist.tolist()):
-            moved = self._kinematics.integrate(self.pose, motion.twist, dt_s)
-        self._spread(moved, middle, dt_s)
-        self.pose = moved
-        return motion
+        self._move(self._forward(middle, step / dt_s, dt_s), middle, dt_s)
+        return self.motion
 
     def _forward(self, joints: Array, rates: Array, dt_s: float) -> TwistSolution:  # noqa: ARG002  The shape.
         """Return the motion over a step of `dt_s`, from the joints (n,) half-way through it."""
@@ -136,64 +210,83 @@ class JointOdometry(Generic[PoseT]):
         self._solved_for = same
         return self._kinematics.forward(joints, rates)
 
-    def _spread(self, moved: PoseT, joints: Array, dt_s: float) -> None:
-        """Grow the covariances: first-order error propagation along the step."""
-        if self._refreshed_for[0] is self.motion and self._refreshed_for[1] is moved:
-            # It stands where it was: nothing is carried, and a refresh would find the same.
-            self._until_refresh = (self._until_refresh + 1) % _REFRESH_EVERY
-            if self._grows:
-                self.pose_covariance = self.pose_covariance + dt_s * self._growth_per_s
-            return
+    def _move(self, motion: TwistSolution, joints: Array, dt_s: float) -> None:
+        """Follow a step of `dt_s` with a mean `motion`; `joints` (n,) are those half-way."""
+        before, twist = self.pose, motion.twist
+        self._means = (self._means[1] if self._moved else None, twist)
+        self._moved = True
+        self.motion = motion
+        if any(twist.tolist()):
+            self.pose = self._kinematics.integrate(before, twist, dt_s)
+        self.spread.step(before, self.pose, twist, dt_s)
         if self._until_refresh == 0:
-            self._refreshed_for = (self.motion, moved)
-            self.twist_covariance = self._twist_covariance(joints)
-            turn = self._axes(moved)
-            self._growth_per_s = turn @ self.twist_covariance @ turn.T * CORRELATION_S
-            self._grows = bool(self._growth_per_s.any())
+            self.spread.refresh(self._refreshed(joints, dt_s))
         self._until_refresh = (self._until_refresh + 1) % _REFRESH_EVERY
-        carry = self._carry(moved, dt_s)
-        carried = carry @ self.pose_covariance @ carry.T
-        self.pose_covariance = carried + dt_s * self._growth_per_s
 
-    def _axes(self, pose: PoseT) -> Array:
-        """Return the Jacobian (3, 3) from a twist error to an error of the pose rate."""
-        raise NotImplementedError
+    def _refreshed(self, joints: Array, dt_s: float) -> TwistErrors:
+        """Return the errors of the twist; the same object for a robot that stands as before."""
+        now = (self.motion, joints.tobytes())
+        if now != self._refreshed_for:
+            self._refreshed_for = now
+            self.errors = self._twist_errors(joints, dt_s)
+        return self.errors
 
-    def _carry(self, moved: PoseT, dt_s: float) -> Array:
-        """Return the Jacobian (3, 3) from an error of `self.pose` to one of the pose `moved` to."""
-        raise NotImplementedError
-
-    def _twist_covariance(self, joints: Array) -> Array:
+    def _twist_errors(self, joints: Array, dt_s: float) -> TwistErrors:
+        """Return the errors of the twist at `joints` (n,), for samples every `dt_s`."""
         # The Jacobian of the forward kinematics by differences, all joints in one batch.
+        steps = _NUDGE * np.maximum(1.0, np.abs(joints))
         nudged = np.tile(joints, (len(joints) + 1, 1))
-        nudged[1:] += np.diag(np.maximum(self._noise.sigma(joints), 1e-9))
+        nudged[1:] += np.diag(steps)
         motion = self._kinematics.forward(nudged)
-        shift = motion.twist[1:] - motion.twist[0]
-        return self._disbelief(motion.residual[1:] - motion.residual[0]) * (shift.T @ shift)
+        slopes = ((motion.twist[1:] - motion.twist[0]) / steps[:, None]).T
+        left = ((motion.residual[1:] - motion.residual[0]) / steps[:, None]).T
+        constant, white = self._constants.of_joints(joints), self._noise.white
+        explained = np.square(left @ constant).sum() + np.square(left * white).sum()
+        doubt = self._doubt(float(explained))
+        by_constants = np.zeros_like(self.errors.by_constants)
+        own = self._constants.of_twist(joints, slopes, self._acceleration(dt_s))
+        by_constants[:, : self._constants.count] = math.sqrt(doubt) * own
+        noise, walk = math.sqrt(doubt) * slopes * white, slopes * self._noise.walk(joints)
+        white_per_s = dt_s * noise @ noise.T + walk @ walk.T
+        covariance = white_per_s / dt_s + by_constants @ by_constants.T
+        return TwistErrors(by_constants, white_per_s, covariance)
 
-    def _disbelief(self, shift: Array) -> float:
-        """Return the Birge ratio: squared residual over its expectation, at least 1.
+    def _acceleration(self, dt_s: float) -> Array:
+        """Return the acceleration (3,) over the ground since the last refresh, in base axes."""
+        twist, before = self.motion.twist, self._refreshed_twist
+        self._refreshed_twist = twist
+        vx, vy, omega = twist.tolist()
+        turned = np.array([-omega * vy, omega * vx, 0.0])
+        return (twist - before) / (_REFRESH_EVERY * dt_s) + turned
 
-        Measurements that differ by more than their errors have larger errors than stated: Birge,
-        "The calculation of errors by the method of least squares" (1932).
+    def _doubt(self, explained: float) -> float:
+        """Return the Birge ratio, or 1 if the residual is no larger than errors make it.
+
+        It is the squared residual over what errors `explained`. Measurements that contradict each
+        other have larger errors than stated: Birge, "The calculation of errors by the method of
+        least squares" (1932).
         """
         residual = self.motion.residual
-        explained = float(np.square(shift).sum())
         found = float(residual @ residual)
-        return found / explained if found > explained > _ROUNDING else 1.0
+        return found / explained if found > _CONTRADICTION * explained > _ROUNDING else 1.0
+
+
+POSE_SENSOR_CONSTANTS = 3
+"""Constant errors of a pose sensor, the last ones of each planar odometry: x, y, heading."""
 
 
 class PlanarOdometry(JointOdometry[SE2]):
-    """Wheel odometry of a robot on a floor: covariance of x, y, heading and of vx, vy, omega."""
+    """Wheel odometry of a robot on a floor: covariance of x, y, heading and of vx, vy, omega.
 
-    def _axes(self, pose: SE2) -> Array:
-        heading = float(pose.xy_heading[2])
-        c, s = math.cos(heading), math.sin(heading)
-        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    Its last constants are those of a pose sensor. They affect no twist, but a pose that was
+    corrected by the sensor depends on them.
+    """
 
-    def _carry(self, moved: SE2, dt_s: float) -> Array:  # noqa: ARG002  The shape.
-        dx, dy, _ = (moved.xy_heading - self.pose.xy_heading).tolist()
-        return np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
+    def __init__(
+        self, kinematics: Kinematics[SE2], noise: JointErrors, other_constants: int = 0
+    ) -> None:
+        """`other_constants` is the number of constant errors of other sensors."""
+        super().__init__(kinematics, noise, other_constants + POSE_SENSOR_CONSTANTS)
 
 
 class OrientationOdometry(JointOdometry[SO3]):
@@ -201,12 +294,6 @@ class OrientationOdometry(JointOdometry[SO3]):
 
     Twist and error are both in the axes of the base; an error turns along with the sphere.
     """
-
-    def _axes(self, pose: SO3) -> Array:  # noqa: ARG002  The shape.
-        return np.eye(3)
-
-    def _carry(self, moved: SO3, dt_s: float) -> Array:  # noqa: ARG002  The shape.
-        return SO3.exp(dt_s * self.motion.twist).as_matrix()
 
 
 ODOMETRY: dict[type[Any], Callable[[Kinematics[Any], JointErrors], JointOdometry[Any]]] = {

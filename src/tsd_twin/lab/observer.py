@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tsd_twin.estimation import DriftFilter, Slip, with_gyro
+from tsd_twin.estimation.wheel_odometry import JointNoise
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import Gyro
 from tsd_twin.simulation import Camera, CameraNoise, Frame, YawGyro
@@ -15,8 +16,8 @@ from tsd_twin.virtual_robot import PERIOD_S, VirtualRobot, voltage_share
 
 
 def twist_from_wheels(robot: VirtualRobot, slip: Slip | None) -> Array:
-    """Twist (3,) from the wheels after one period, with the slip model if given."""
-    twist = robot.spin_share * robot.odometry().twist
+    """Return the twist (3,) from the wheels after one period, with the slip model if given."""
+    twist = robot.spin_share * robot.controller.mean_twist
     return twist if slip is None else slip.advance(twist / slip.rest_share, PERIOD_S)
 
 
@@ -91,7 +92,8 @@ class PoseObserver:
         if spin_sigma is None:
             wheels = len(robot.controller.kinematics.actuators)
             spin_sigma = robot.controller.robot.joint_errors().spin_share / float(np.sqrt(wheels))
-        creep = np.sqrt(np.diag(robot.odometry().twist_covariance))
+        self._noise = JointNoise(robot.controller.kinematics, robot.controller.robot.joint_errors())
+        creep = np.sqrt(np.diag(self._twist_noise(robot)))
         if gyro is not None:
             creep[2] = gyro.noise.bias_rad_per_s
         late_s = 0.0 if slip is None else _FRICTION_SHARE * slip.lag_s
@@ -107,7 +109,7 @@ class PoseObserver:
         before, self._twist = self._twist, twist_from_wheels(robot, self.slip)
         # Pure rolling gives the mean twist of the step; the slip model gives the twist at its end.
         mean = self._twist if self.slip is None else 0.5 * (before + self._twist)
-        covariance = robot.odometry().twist_covariance
+        covariance = self._twist_noise(robot)
         if self._gyro is not None:
             noise = self._gyro.noise
             rate = self._gyro.measure(robot.true_twist[2])
@@ -122,6 +124,18 @@ class PoseObserver:
         self._filter.advance(now_s - self._delay_s, mean, by_errors, covariance * PERIOD_S)
         self._fuse_camera(robot, now_s)
         return self._filter.pose @ SE2.exp(mean * self._delay_s)
+
+    def _twist_noise(self, robot: VirtualRobot) -> Array:
+        """Return the covariance (3, 3) of the twist, but for errors that all wheels share.
+
+        The filter estimates these.
+        """
+        joints = robot.controller.joints
+        nudged = np.tile(joints, (len(joints) + 1, 1))
+        nudged[1:] += np.diag(np.maximum(self._noise.sigma(joints), 1e-9))
+        twists = robot.controller.kinematics.forward(nudged).twist
+        shift = twists[1:] - twists[0]
+        return shift.T @ shift
 
     def _fuse_camera(self, robot: VirtualRobot, now_s: float) -> None:
         if self._camera is None:

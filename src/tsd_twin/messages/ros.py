@@ -81,6 +81,15 @@ def decode_cdr(payload: bytes, type_name: str) -> Any:
         raise MessageError("shape", f"not a {type_name}: {error}") from error
 
 
+def definition(type_name: str) -> str:
+    """Return the definition of a ROS 2 type, with those of all types in it, as `ros2msg`.
+
+    Raises:
+        KeyError: there is no such type.
+    """
+    return _store().generate_msgdef(type_name, ros_version=2)[0]
+
+
 @functools.cache
 def _store() -> Any:
     """Type store; made at first use, since it takes a tenth of a second."""

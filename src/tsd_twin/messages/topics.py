@@ -20,6 +20,8 @@ class QoS(StrEnum):
     """Dropped on congestion."""
     EVENT = "event"
     """Kept in a history for late joiners."""
+    LOG = "log"
+    """Lowest priority: what only recorders read must not delay the rest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +31,7 @@ class Topic:
     path: str
     """Key below `twin/<robot>/`."""
     type: str
-    """ROS 2 type of the CDR payload, or `json`."""
+    """ROS 2 type of the CDR payload, `json`, or `msgpack`."""
     qos: QoS
     rate_hz: float
     """Rate while it is published, Hz."""
@@ -49,8 +51,21 @@ ODOM_ALTERNATIVE = Topic("state/odom_alternative", "nav_msgs/msg/Odometry", QoS.
 TRUTH = Topic("state/truth", "nav_msgs/msg/Odometry", QoS.DATA, 50.0)
 STATUS = Topic("state/status", "json", QoS.DATA, 20.0)
 EVENT = Topic("event/*", "json", QoS.EVENT, 5.0)
+INPUTS = Topic("log/inputs", "msgpack", QoS.LOG, 5.0)
 
-TOPICS = (TWIST, STOP, SENSOR_POSE, JOINTS, SETPOINT, ODOM, ODOM_ALTERNATIVE, TRUTH, STATUS, EVENT)
+TOPICS = (
+    TWIST,
+    STOP,
+    SENSOR_POSE,
+    JOINTS,
+    SETPOINT,
+    ODOM,
+    ODOM_ALTERNATIVE,
+    TRUTH,
+    STATUS,
+    EVENT,
+    INPUTS,
+)
 
 
 class Service(StrEnum):

@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 
 from tsd_twin.bus import Bus, Publisher
-from tsd_twin.control import RobotController
+from tsd_twin.control import LoggedController
 from tsd_twin.errors import BusError
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages import topics
@@ -25,6 +25,7 @@ from tsd_twin.messages.services import Description, Event, duplicate_id_text
 from tsd_twin.messages.status import LoopStatus, encode_stamp, encode_status
 from tsd_twin.messages.topics import QoS, Service
 from tsd_twin.node.hardware_interface import HasTruth, HasWatchdog, RobotIO
+from tsd_twin.node.input_log import InputLogPublisher, build
 from tsd_twin.robots import RobotDescription
 
 _REMEMBERED = 500
@@ -166,7 +167,9 @@ class RobotNode:
         # Looked at once: a look at a protocol takes as long as a message.
         self._watchdog = io if isinstance(io, HasWatchdog) else None
         self._truth_io = io if isinstance(io, HasTruth) else None
-        self._controller = RobotController(robot, lambda: secrets.token_bytes(16), pose=pose)
+        self._controller = LoggedController(
+            robot, lambda: secrets.token_bytes(16), pose=pose, build=build()
+        )
         self._description = msgspec.json.encode(description)
         self._commands = bus.subscriber(topics.TWIST.key(robot_id), _COMMANDS_KEPT)
         self._poses = bus.subscriber(topics.SENSOR_POSE.key(robot_id), _POSES_KEPT)
@@ -180,6 +183,7 @@ class RobotNode:
         self._publishers = {
             topic: bus.publisher(topic.key(robot_id), topic.qos, topic.type) for topic in states
         }
+        self._input_log = InputLogPublisher(bus, robot_id, self._controller)
         self._event_publishers: dict[str, Publisher] = {}
         self._numbers = dict.fromkeys(states, 0)
         self._mode = self._controller.supervisor.mode
@@ -204,6 +208,7 @@ class RobotNode:
         self._controller.stop(b'{"reason": "the node ended"}', now_s)
         try:
             self._write(self._controller.step(now_s, None, ()), now_s)
+            self._input_log.flush()
         finally:
             self._io.close()
             self._token.close()
@@ -219,6 +224,7 @@ class RobotNode:
             self._controller.add_pose_measurements(poses, now_s, time.time_ns())
         self._write(self._controller.step(now_s, measured, commands, self._fault(now_s)), now_s)
         self._publish(now_s, tick, bool(commands), rate)
+        self._input_log.step()
 
     def _fault(self, now_s: float) -> str:
         # Two robots that follow the same commands are worse than a fault of the board.

@@ -136,6 +136,11 @@ class PoseSensor(Table, frozen=True):
     """Standard deviation of x, and of y."""
     sigma_deg: Positive = 1.15
     """Standard deviation of the heading."""
+    mounting_m: NotNegative = 0.01
+    """Standard deviation of a constant error of x, and of y: the sensor is not where it is said to
+    be."""
+    mounting_deg: NotNegative = 0.5
+    """Standard deviation of a constant error of the heading."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,9 +148,21 @@ class JointErrors:
     """Standard deviations of measured joints."""
 
     angle_rad: float = 0.0
-    """Standard deviation of a position joint."""
+    """Standard deviation of a position joint, new in each sample."""
     spin_share: float = 0.0
-    """Standard deviation of a velocity joint, as a share of its speed."""
+    """Standard deviation of a velocity joint, as a share of its speed; constant."""
+    common_spin_share: float = 0.0
+    """Standard deviation of a share that is the same for all velocity joints; constant."""
+    zero_rad: float = 0.0
+    """Standard deviation of the zero of a position joint; constant."""
+    turn_rad_per_s: float = 0.0
+    """Standard deviation of a turn rate that no joint shows, while velocity joints turn;
+    constant."""
+    slip_lag_s: float = 0.0
+    """Standard deviation of the time by which the motion is behind the joints; constant."""
+    walk_rad: float = 0.0
+    """Standard deviation of the way of each velocity joint in a second, while any of them turns; it
+    grows with the square root of the time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -369,6 +386,9 @@ class WheelNoise(Table, frozen=True):
 
     spin_share: NotNegative = 0.0
     """Standard deviation of a measured wheel speed."""
+    creep_m: NotNegative = 0.0002
+    """Standard deviation of the distance that each contact creeps in a second, while wheels
+    turn."""
 
 
 class GearedMotorDescription(RobotDescription, frozen=True, kw_only=True):
@@ -377,9 +397,17 @@ class GearedMotorDescription(RobotDescription, frozen=True, kw_only=True):
     motor: GearedMotor
     noise: WheelNoise = WheelNoise()
 
+    @property
+    def wheel_radius_m(self) -> float:
+        """Radius of the wheels."""
+        raise NotImplementedError
+
     def joint_errors(self) -> JointErrors:
-        """Noise of the wheel speeds."""
-        return JointErrors(spin_share=self.noise.spin_share)
+        """Return the errors of the wheel speeds."""
+        noise = self.noise
+        return JointErrors(
+            spin_share=noise.spin_share, walk_rad=noise.creep_m / self.wheel_radius_m
+        )
 
     def spin_up(self) -> SpinUp:
         """First-order model of the wheel speeds."""

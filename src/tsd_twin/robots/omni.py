@@ -72,10 +72,17 @@ class DeadWheels(Table, frozen=True):
     gyro_range_deg_per_s: Positive
     gyro_drift_deg_per_h: NotNegative = 0.0
     """Drift of the gyro in an hour at rest."""
+    radius_share: NotNegative = 0.002
+    """Standard deviation of the radius of each wheel, as a share."""
+    mounting_deg: NotNegative = 0.1
+    """Standard deviation of the direction of each wheel."""
 
-    def rows(self) -> tuple[tuple[float, float, float], ...]:
-        """Velocity over the ground that each wheel measures, from the body twist."""
-        angles = [np.radians(wheel.direction_deg) for wheel in self.wheels]
+    def rows(self, turned_rad: float = 0.0) -> tuple[tuple[float, float, float], ...]:
+        """Return the velocity over the ground that each wheel measures, from the body twist.
+
+        `turned_rad` is added to the direction of each.
+        """
+        angles = [np.radians(wheel.direction_deg) + turned_rad for wheel in self.wheels]
         return tuple(
             (float(np.cos(a)), float(np.sin(a)), float(w.x_m * np.sin(a) - w.y_m * np.cos(a)))
             for a, w in zip(angles, self.wheels, strict=True)
@@ -99,6 +106,11 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
             Joint("dead2", JointKind.POSITION),
             Joint("gyro", JointKind.VELOCITY),
         )
+
+    @property
+    def wheel_radius_m(self) -> float:
+        """Radius of the driven wheels."""
+        return self.drive.wheel_radius_m
 
     def kinematics(self) -> OmniKinematics:
         """Kinematics."""

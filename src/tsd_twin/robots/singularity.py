@@ -29,6 +29,15 @@ from tsd_twin.robots.description import (
 )
 from tsd_twin.robots.plausibility import proportion_problems
 
+_GRAVITY_MPS2 = 9.81
+_MEAN_LEVER = 3.0 * math.pi / 16.0
+"""Lever of the friction of a patch that only spins, in radii."""
+_UNKNOWN_FRICTION = 1.0 / math.sqrt(3.0)
+"""Root mean square of a friction that is anything between none and the described one, as a share of
+that."""
+_SPIN_IN_SLIP = 8.0 / (3.0 * math.pi)
+"""Weight of the rim speed of a contact patch relative to its slip (Zhuravlev 1998)."""
+
 
 class SingularityGeometry(Table, frozen=True, tag="singularity", tag_field="kind"):
     """`[drive]` of a singularity drive."""
@@ -176,8 +185,72 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         return msgspec.structs.replace(self, errors=self.errors.scaled(scale))
 
     def joint_errors(self) -> JointErrors:
-        """Noise of gimbal angles and wheel speeds."""
-        return JointErrors(math.radians(self.noise.gimbal_angle_deg), self.noise.spin_share)
+        """Return the errors of gimbal angles and wheel speeds, of `[noise]` and `[errors]`.
+
+        The radius of a printed wheel is a sine of its tilt, so its error has the same effect as one
+        of the wheel's speed. The battery and the floor slow down all wheels alike.
+        """
+        noise, errors = self.noise, self.errors
+        layer_share = 0.5 * errors.layer_m / math.sqrt(2.0) / self.drive.wheel_radius_m
+        return JointErrors(
+            angle_rad=math.radians(noise.gimbal_angle_deg),
+            spin_share=math.hypot(noise.spin_share, layer_share),
+            common_spin_share=math.hypot(
+                errors.battery_share, self.spin_friction_share * _UNKNOWN_FRICTION
+            ),
+            zero_rad=math.radians(errors.zero_deg),
+            turn_rad_per_s=self.floor_turn_rad_per_s * _UNKNOWN_FRICTION,
+            slip_lag_s=self.slip_lag_s * _UNKNOWN_FRICTION,
+        )
+
+    @property
+    def spin_friction_share(self) -> float:
+        """Share of the wheel speed that the floor's friction takes from a wheel at rest.
+
+        The motor's stiffness follows from its time constant.
+        """
+        inertia_kg_m2 = self.mass.wheel_kg * self.drive.wheel_radius_m**2 * 2.0 / 3.0
+        stiffness_nm_s = inertia_kg_m2 / self.motor.time_constant_up_s
+        return self._spin_torque_nm / (stiffness_nm_s * self.drive.cruise_speed_rpm * RPM)
+
+    @property
+    def floor_turn_rad_per_s(self) -> float:
+        """Turn rate of a robot that stands, since the floor brakes all wheels in one direction.
+
+        Forces along the pivot circle hold the robot against these torques. For them wheels slide,
+        and gimbals give way by less than a step; see `docs/physics.md` for the friction.
+        """
+        drive, floor = self.drive, self.floor
+        if floor.friction == 0.0:
+            return 0.0
+        force_n = self._spin_torque_nm / drive.pivot_radius_m
+        spin_rad_per_s = drive.cruise_speed_rpm * RPM
+        slip_mps = force_n / self._load_n * _GRAVITY_MPS2 * self.slip_lag_s
+        servo = self.servo
+        stiffness_nm = servo.stall_torque_nm * servo.approach_rate_per_s
+        stiffness_nm /= servo.no_load_speed_rpm * RPM
+        lean_rad = force_n * drive.wheel_radius_m / stiffness_nm
+        return (slip_mps + drive.wheel_radius_m * spin_rad_per_s * lean_rad) / drive.pivot_radius_m
+
+    @property
+    def slip_lag_s(self) -> float:
+        """Time constant with which the body follows its wheels: they push by sliding a little."""
+        floor = self.floor
+        if floor.friction == 0.0:
+            return 0.0
+        rim_mps = floor.patch_radius_m * self.drive.cruise_speed_rpm * RPM
+        return _SPIN_IN_SLIP * rim_mps / (floor.friction * _GRAVITY_MPS2)
+
+    @property
+    def _load_n(self) -> float:
+        """Weight on a wheel."""
+        return self.mass.total_kg * _GRAVITY_MPS2 / self.drive.modules
+
+    @property
+    def _spin_torque_nm(self) -> float:
+        """Friction torque of a contact patch that only spins, under the pressure of Hertz."""
+        floor = self.floor
+        return floor.friction * self._load_n * _MEAN_LEVER * floor.patch_radius_m
 
     def spin_up(self) -> SpinUp:
         """Return how the drive motors spin up and run down."""

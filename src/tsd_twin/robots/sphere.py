@@ -71,6 +71,11 @@ class SphereDescription(GearedMotorDescription, frozen=True, kw_only=True):
     mass: SphereMass
     estimate: Estimate = Estimate()
 
+    @property
+    def wheel_radius_m(self) -> float:
+        """Radius of the driven wheels."""
+        return self.drive.wheel_radius_m
+
     def kinematics(self) -> SphereKinematics:
         """Kinematics."""
         g = self.drive

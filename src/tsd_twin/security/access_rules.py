@@ -31,6 +31,9 @@ class Role(StrEnum):
     """Sees, and stops."""
     SENSOR = "sensor"
     """Publishes pose measurements, as a camera does; sees, and stops."""
+    RECORDER = "recorder"
+    """Reads all that is sent, lease ids too; sees, and stops. It cannot use the ids: it may neither
+    send commands nor ask for control."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +92,9 @@ def _a(role: Role) -> str:
 _ANY = "twin/*"
 _CLAIMS = (topics.TWIST, topics.SENSOR_POSE, topics.STOP)
 """Topics that clients publish; robots publish all others."""
-_BRANCHES = sorted({topic.path.split("/")[0] for topic in topics.TOPICS if topic not in _CLAIMS})
+_SECRETS = (topics.INPUTS,)
+"""Topics with lease ids, which are for recorders only."""
+_BRANCHES = sorted({t.path.split("/")[0] for t in topics.TOPICS if t not in (*_CLAIMS, *_SECRETS)})
 
 SHOWN = tuple(f"{_ANY}/{branch}/**" for branch in _BRANCHES)
 ALIVE = (topics.alive_key("*"), topics.instance_key("*", "*"))
@@ -101,6 +106,7 @@ HOLDER = tuple(f"{_ANY}/{service}" for service in Service if service.startswith(
 STOP = (topics.STOP.key("*"),)
 TWIST = (topics.TWIST.key("*"),)
 SENSOR_POSE = (topics.SENSOR_POSE.key("*"),)
+ON_RECORD = tuple(topic.key("*") for topic in (*_CLAIMS, *_SECRETS))
 EVERYTHING = (f"{_ANY}/**", *HISTORY)
 
 
@@ -154,6 +160,12 @@ SENSORS = (
 )
 """Additional rules of sensors: publish poses. Other roles must not: poses shift `odom`."""
 
+RECORDERS = (
+    Rule("record-ask", "ingress", ("declare_subscriber",), ON_RECORD),
+    Rule("record", "egress", ("put",), ON_RECORD),
+)
+"""Additional rules of recorders: read what clients send, and the inputs of the controller."""
+
 
 def drive_rule(name: str) -> Rule:
     """Rule that lets one operator, and its pages, send commands on its own keys.
@@ -173,6 +185,7 @@ def access_control(identities: Sequence[Identity]) -> dict[str, Any]:
     """
     operators = [person.name for person in identities if person.role is Role.OPERATOR]
     sensors = [person.name for person in identities if person.role is Role.SENSOR]
+    recorders = [person.name for person in identities if person.role is Role.RECORDER]
     own = [drive_rule(name) for name in operators]
     everybody, driving = [r.id for r in EVERYBODY], [r.id for r in OPERATORS]
     policies = [{"subjects": [person.name for person in identities], "rules": everybody}]
@@ -181,10 +194,13 @@ def access_control(identities: Sequence[Identity]) -> dict[str, Any]:
         for name, rule in zip(operators, own, strict=True)
     ]
     policies += [{"subjects": [name], "rules": [r.id for r in SENSORS]} for name in sensors]
+    policies += [{"subjects": [name], "rules": [r.id for r in RECORDERS]} for name in recorders]
     return {
         "enabled": True,
         "default_permission": "deny",
-        "rules": [_in_zenoh_terms(rule) for rule in (*EVERYBODY, *OPERATORS, *SENSORS, *own)],
+        "rules": [
+            _in_zenoh_terms(rule) for rule in (*EVERYBODY, *OPERATORS, *SENSORS, *RECORDERS, *own)
+        ],
         "subjects": [{"id": p.name, "cert_common_names": [p.name]} for p in identities],
         # Zenoh rejects a policy without subjects; no policies deny everything.
         "policies": policies if identities else [],

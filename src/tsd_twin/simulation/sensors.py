@@ -171,6 +171,10 @@ class CameraNoise:
     late_s: float = 0.08
     sigma_m: float = 0.005
     sigma_rad: float = 0.02
+    mounting_m: float = 0.0
+    """Standard deviation of a constant error of x, and of y."""
+    mounting_rad: float = 0.0
+    """Standard deviation of a constant error of the heading."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,6 +192,10 @@ class Camera:
     def __init__(self, noise: CameraNoise, random: np.random.Generator) -> None:
         self.noise = noise
         self._random = random
+        self._mounting = np.zeros(3)
+        if noise.mounting_m > 0.0 or noise.mounting_rad > 0.0:
+            mounting = np.array([noise.mounting_m, noise.mounting_m, noise.mounting_rad])
+            self._mounting = mounting * random.standard_normal(3)
         self._next_s = 0.0
         self._coming: deque[Frame] = deque()
 
@@ -197,7 +205,7 @@ class Camera:
             # Frames missed between two calls are not produced later.
             self._next_s = max(self._next_s + 1.0 / self.noise.rate_hz, now_s)
             sigma = np.array([self.noise.sigma_m, self.noise.sigma_m, self.noise.sigma_rad])
-            seen = pose.xy_heading + sigma * self._random.standard_normal(3)
+            seen = pose.xy_heading + self._mounting + sigma * self._random.standard_normal(3)
             self._coming.append(Frame(now_s, seen))
         known: list[Frame] = []
         while self._coming and self._coming[0].taken_s + self.noise.late_s <= now_s + 1e-9:
@@ -211,16 +219,20 @@ class DeadWheelSensors:
     def __init__(
         self, sensors: DeadWheels, batch: tuple[int, ...], random: np.random.Generator, noise: float
     ) -> None:
-        self._rows = np.array(sensors.rows()) / sensors.radius_m
         self._step_rad = 2.0 * math.pi / sensors.pulses_per_turn
         self._range = math.radians(sensors.gyro_range_deg_per_s)
         drift = noise * math.radians(sensors.gyro_drift_deg_per_h) / 3600.0
         self._drift = drift * random.standard_normal(batch)
+        rows = np.array(sensors.rows())
+        across = np.array(sensors.rows(0.5 * math.pi))
+        turned = noise * math.radians(sensors.mounting_deg) * random.standard_normal((*batch, 2, 1))
+        radius = 1.0 + noise * sensors.radius_share * random.standard_normal((*batch, 2, 1))
+        self._rows = (np.cos(turned) * rows + np.sin(turned) * across) / (sensors.radius_m * radius)
         self._angles = np.zeros((*batch, 2))
 
     def advance(self, twist: Array, dt_s: float) -> None:
         """Integrate the wheel angles for `dt_s` at a mean `twist` (..., 3)."""
-        self._angles = self._angles + dt_s * (twist @ self._rows.T)
+        self._angles = self._angles + dt_s * (self._rows @ twist[..., None])[..., 0]
 
     def measure(self, twist: Array) -> Array:
         """Return both angles in whole pulses, radians, and the rate, rad/s, (..., 3)."""

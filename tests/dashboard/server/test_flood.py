@@ -84,6 +84,7 @@ def test_a_viewer_has_no_sliders_that_could_spring_back(guarded: Site) -> None:
         assert guarded.released == []
 
 
+@pytest.mark.busy
 def test_while_viewers_flood_an_operator_drives_and_another_stops(guarded: Site) -> None:
     cookies = [cookie_of(guarded.port, "guest") for _ in range(4)]
     ended = threading.Event()

@@ -1,0 +1,188 @@
+"""`tsd-record`: recorder of all robots on a bus, and export of what it has recorded."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import threading
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
+from tsd_twin import flag_types, program
+from tsd_twin.bus import (
+    DEFAULT_ENDPOINT,
+    NO_ANSWER,
+    Bus,
+    Config,
+    client_config,
+    clients_of,
+    from_file,
+)
+from tsd_twin.errors import TwinError
+from tsd_twin.recording import ALLOWED, EVERYTHING, Recorder, RecordingFolder, export
+from tsd_twin.recording.folder import DEFAULT_GB, LEAST_GB, default_folder
+
+GB = 1_000_000_000
+
+PATIENCE_S = 3.0
+"""Timeout of one attempt to reach a robot."""
+
+PARSER = program.parser(
+    "tsd-record",
+    "Record all messages of all robots on a bus as MCAP: streams, commands, requests, events.",
+    [
+        "tsd-record                                    the robots on this machine",
+        "tsd-record --dir drives --keep-gb 20          into a folder of yours",
+        "tsd-record --connect tcp/127.0.0.1:7448       a robot at another endpoint",
+        "kill -USR1 PID                                begin a new file",
+        "tsd-record export FILE --out part.mcap --from 10 --to 70    one minute, without lease ids",
+        "tsd-record export FILE --csv tables           each stream as a CSV file",
+    ],
+)
+
+
+def record(args: argparse.Namespace) -> None:
+    """Record until a signal.
+
+    Raises:
+        TwinError: the folder cannot be used.
+    """
+    stop = program.stop_event(args)
+    folder = RecordingFolder(args.dir, round(args.keep_gb * GB))
+    for path in folder.complete_cut_files():
+        print(f"completed {path}", flush=True)
+    folder.remove_oldest()
+    configs = sessions(args)
+    try:
+        recorder = Recorder(folder, notify=notify)
+    except OSError as error:
+        raise TwinError(f"{args.dir} cannot be written to: {error.strerror}") from error
+    signal.signal(signal.SIGUSR1, lambda _number, _frame: recorder.new_file())
+    keys = ALLOWED if args.zenoh_config else EVERYTHING
+    taps = [Tap(recorder, config, keys, stop) for config in configs]
+    program.say_ready(f"tsd-record into {recorder.file.path}")
+    recorder.run(stop)
+    for tap in taps:
+        tap.close()
+    for tap in taps:
+        if tap.error is not None:
+            raise tap.error
+
+
+def sessions(args: argparse.Namespace) -> list[Config]:
+    """Return the configuration of a session for each robot.
+
+    Raises:
+        TwinError: a configuration cannot be used.
+    """
+    if args.zenoh_config:
+        return clients_of(from_file(args.zenoh_config), PATIENCE_S)
+    return clients_of(client_config(args.connect or [DEFAULT_ENDPOINT]), PATIENCE_S)
+
+
+class Tap:
+    """Session with one robot, which is opened when the robot is there."""
+
+    def __init__(
+        self, recorder: Recorder, config: Config, keys: Sequence[str], stop: threading.Event
+    ) -> None:
+        self._recorder, self._config, self._keys, self._stop = recorder, config, keys, stop
+        self._bus: Bus | None = None
+        self.error: TwinError | None = None
+        """Why it cannot be opened; it has set `stop` then."""
+        self._thread = threading.Thread(target=self._open)
+        self._thread.start()
+
+    def _open(self) -> None:
+        while self._bus is None and not self._stop.is_set():
+            try:
+                self._bus = Bus(self._config)
+                self._recorder.listen(self._bus, self._keys)
+            except TwinError as error:
+                if not str(error).endswith(NO_ANSWER):
+                    self.error = error
+                    self._stop.set()
+
+    def close(self) -> None:
+        """Close the session; one that is being opened is waited for."""
+        self._thread.join()
+        if self._bus is not None:
+            self._bus.close()
+
+
+def notify(text: str) -> None:
+    """Print a notice."""
+    print(f"{datetime.now(UTC):%H:%M:%SZ} {text}", file=sys.stderr, flush=True)
+
+
+def export_file(args: argparse.Namespace) -> None:
+    """Write parts of a recording.
+
+    Raises:
+        TwinError: nothing was asked for.
+    """
+    if not (args.out or args.csv):
+        raise TwinError("export: --out FILE.mcap or --csv FOLDER is needed")
+    part = export.Part(Path(args.file), args.start_s, args.end_s, args.robot)
+    if args.out:
+        print(export.to_mcap(part, Path(args.out)))
+    if args.csv:
+        for line in export.to_csv(part, Path(args.csv)):
+            print(line)
+
+
+def main() -> None:
+    """Read the flags and run."""
+    program.add_client_flags(PARSER)
+    PARSER.add_argument(
+        "--dir",
+        type=Path,
+        default=default_folder(),
+        metavar="FOLDER",
+        help=f"folder of the recordings; default {default_folder(Path('~'))}",
+    )
+    PARSER.add_argument(
+        "--keep-gb",
+        type=flag_types.number(LEAST_GB),
+        default=DEFAULT_GB,
+        metavar="GB",
+        help=f"limit of the folder, the oldest files are removed; default {DEFAULT_GB:g}",
+    )
+    PARSER.set_defaults(body=record)
+    commands = PARSER.add_subparsers(metavar="export")
+    parser = commands.add_parser(
+        "export",
+        help="write a part of a recording as MCAP without lease ids, or as CSV",
+        description="Write a part of a recording as MCAP without lease ids, or as CSV.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        epilog="examples:\n"
+        "  tsd-record export FILE --out part.mcap --from 10 --to 70\n"
+        "  tsd-record export FILE --csv tables --robot tsd",
+    )
+    parser.add_argument("file", metavar="FILE", help="a recording")
+    parser.add_argument(
+        "--from",
+        dest="start_s",
+        type=flag_types.number(0.0),
+        default=0.0,
+        metavar="S",
+        help="start, in seconds",
+    )
+    parser.add_argument(
+        "--to",
+        dest="end_s",
+        type=flag_types.POSITIVE,
+        metavar="S",
+        help="end, in seconds; default: the end",
+    )
+    parser.add_argument("--robot", metavar="ID", help="one robot; default: all")
+    parser.add_argument("--out", metavar="FILE", help="MCAP file to write")
+    parser.add_argument("--csv", metavar="FOLDER", help="folder for CSV files, one for a stream")
+    parser.set_defaults(body=export_file)
+    program.run(PARSER, lambda args: args.body(args))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,347 @@
+"""Spread of the pose error of dead reckoning: constant errors, which add up, and white noise.
+
+Derived in `docs/estimation.md`.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from tsd_twin.kinematics.base import PoseT
+from tsd_twin.lie import SE2, SO3, Array, sinc
+
+_Complex = npt.NDArray[np.complex128]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TwistErrors:
+    """Errors of an estimated twist, in the axes of the base.
+
+    The true twist is the estimated one, plus `by_constants @ u` with constants `u` that are
+    independent, standard normal numbers, plus white noise.
+    """
+
+    by_constants: Array
+    """(3, m)."""
+    white_per_s: Array
+    """(3, 3): covariance that the white noise adds to the integrated twist in a second."""
+    covariance: Array
+    """(3, 3): covariance of the twist, of constants and noise together."""
+
+    @staticmethod
+    def none(constants: int) -> TwistErrors:
+        """Return the errors of an exact twist."""
+        return TwistErrors(np.zeros((3, constants)), np.zeros((3, 3)), np.zeros((3, 3)))
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether there are no errors."""
+        return not (self.by_constants.any() or self.white_per_s.any())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseErrors:
+    """Errors of an estimated pose: `by_constants @ u` with the constants `u`, plus the rest."""
+
+    by_constants: Array
+    """(3, m)."""
+    rest: Array
+    """(3, 3): covariance of the rest, which is independent of the constants."""
+
+    @property
+    def covariance(self) -> Array:
+        """(3, 3): covariance of the pose."""
+        return self.by_constants @ self.by_constants.T + self.rest
+
+
+_SAMPLES = 128
+"""Approximate number of samples."""
+
+
+def unit_samples(constants: int) -> Array:
+    """Return samples (n, m) of standard normal numbers, the same at each call.
+
+    Their first five moments about the origin are those of the normal distribution: exactly for
+    mean and covariance, in the mean over all directions for the fourth.
+    """
+    random = np.random.default_rng(0)
+    dimensions = max(constants, 3)
+    pairs = max(1, round(_SAMPLES / (4 * dimensions)))
+    # Vectors of two lengths, so that squared lengths have the mean m and the variance 2 m.
+    lengths = [math.sqrt(dimensions + sign * math.sqrt(2.0 * dimensions)) for sign in (-1.0, 1.0)]
+    blocks = [
+        length * np.linalg.qr(random.standard_normal((dimensions, dimensions)))[0]
+        for _ in range(pairs)
+        for length in lengths
+    ]
+    half = np.concatenate(blocks)
+    return np.concatenate([half, -half])[:, :constants]
+
+
+class _State(Protocol):
+    """State of a spread."""
+
+    @property
+    def rest(self) -> Array:
+        """(3, 3): covariance of the white noise."""
+        ...
+
+
+StateT = TypeVar("StateT", bound=_State)
+
+
+class PoseSpread(ABC, Generic[PoseT, StateT]):
+    """Spread of the pose error, in exponential coordinates about the axes of `odom`.
+
+    Each sample is a robot with constant errors of its own. All samples follow the same measured
+    twists, each with the error that its constants cause. The covariance is their second moment,
+    plus that of the white noise. The samples advance a block of steps at a time.
+    """
+
+    def __init__(self, constants: int) -> None:
+        self._units = unit_samples(constants)
+        self._errors = TwistErrors.none(constants)
+        self._rates: Array = np.zeros((len(self._units), 3))
+        self._is_exact = True
+        self._state: StateT = self._exact()
+        self._begin()
+
+    @property
+    def constants(self) -> int:
+        """Number of constants, m."""
+        return self._units.shape[1]
+
+    @property
+    def state(self) -> StateT | None:
+        """State for `errors_at`; None in the middle of a block."""
+        return self._state if self._elapsed_s == 0.0 else None
+
+    @property
+    def covariance(self) -> Array:
+        """(3, 3): covariance of the pose error."""
+        if self._covariance is None:
+            if self._began is None:
+                self._began = self._coordinates(self._state)
+            errors, rest = self._began, self._state.rest
+            if self._elapsed_s > 0.0:
+                # Within a block, to first order in what it adds.
+                carry, by_twist = self._linear()
+                errors = errors @ carry.T + self._rates @ by_twist.T
+                rest = self._ended_rest(carry)
+            self._covariance = errors.T @ errors / len(errors) + rest
+        return self._covariance
+
+    def errors_at(self, state: StateT) -> PoseErrors:
+        """Return the pose errors of a `state`, linear in the constants by regression."""
+        errors = self._coordinates(state)
+        by_constants = errors.T @ self._units / len(errors)
+        bent = errors.T @ errors / len(errors) - by_constants @ by_constants.T
+        return PoseErrors(by_constants, bent + state.rest)
+
+    def set(self, errors: PoseErrors | None) -> None:
+        """Set the pose errors; None is none."""
+        self._state = self._exact() if errors is None else self._given(errors)
+        self._begin()
+
+    def refresh(self, errors: TwistErrors) -> None:
+        """End the block, whose twist errors changed evenly to `errors`."""
+        rates = self._rates
+        if errors is not self._errors:
+            rates = self._units @ errors.by_constants.T
+        if self._elapsed_s > 0.0:
+            self._state = self._ended(0.5 * (self._rates + rates))
+            self._begin()
+        self._errors, self._rates, self._is_exact = errors, rates, errors.is_exact
+
+    def step(self, before: PoseT, after: PoseT, twist: Array, dt_s: float) -> None:
+        """Follow a step from one estimated pose to another by `twist` (3,)."""
+        if self._is_exact and not twist.any():
+            return  # No sample moves.
+        self._advance(before, after, twist, dt_s)
+        self._elapsed_s += dt_s
+        self._covariance = None
+
+    def _begin(self) -> None:
+        """Begin a block of steps."""
+        self._elapsed_s = 0.0
+        self._covariance: Array | None = None
+        self._began: Array | None = None
+        """(n, 3): errors at the start of the block, in exponential coordinates."""
+        self._clear()
+
+    @abstractmethod
+    def _clear(self) -> None:
+        """Clear what has been summed up over a block."""
+
+    @abstractmethod
+    def _advance(self, before: PoseT, after: PoseT, twist: Array, dt_s: float) -> None:
+        """Add a step to the block."""
+
+    @abstractmethod
+    def _linear(self) -> tuple[Array, Array]:
+        """Return the Jacobians (3, 3) of the errors by those at the start, and by the twist."""
+
+    @abstractmethod
+    def _ended_rest(self, carry: Array) -> Array:
+        """Return the covariance (3, 3) of the white noise at the end of the block."""
+
+    @abstractmethod
+    def _ended(self, rates: Array) -> StateT:
+        """Return the state at the end of the block, for samples with twist errors (n, 3)."""
+
+    @abstractmethod
+    def _exact(self) -> StateT:
+        """Return the state without errors."""
+
+    @abstractmethod
+    def _given(self, errors: PoseErrors) -> StateT:
+        """Return the state with pose errors."""
+
+    @abstractmethod
+    def _coordinates(self, state: StateT) -> Array:
+        """Return the errors (n, 3) of the samples in exponential coordinates."""
+
+
+class PlanarState(NamedTuple):
+    """Samples of planar poses, and the white noise."""
+
+    off: _Complex
+    """(n,): position of each sample less the estimated one, x + i y."""
+    turned: Array
+    """(n,): heading of each sample less the estimated one."""
+    rest: Array
+    """(3, 3)."""
+
+
+class PlanarSpread(PoseSpread[SE2, PlanarState]):
+    """Spread of a planar pose: x, y, heading."""
+
+    def _clear(self) -> None:
+        self._way = 0j
+        """Estimated displacement in the block."""
+        self._by_velocity = 0j
+        """Its derivative by an error of vx; that of vy is at a right angle."""
+        self._by_turn_rate = 0j
+        """Its derivative by an error of omega."""
+        self._heading_s = 0.0
+
+    def _advance(self, before: SE2, after: SE2, twist: Array, dt_s: float) -> None:  # noqa: ARG002  The shape.
+        x, y, heading = before.xy_heading.tolist()
+        x_after, y_after, heading_after = after.xy_heading.tolist()
+        way = complex(x_after - x, y_after - y)
+        middle = 0.5 * (heading + heading_after)
+        self._by_turn_rate += 1j * way * (self._elapsed_s + 0.5 * dt_s)
+        self._by_velocity += dt_s * complex(math.cos(middle), math.sin(middle))
+        self._way += way
+        self._heading_s += dt_s * middle
+
+    def _ended(self, rates: Array) -> PlanarState:
+        off, turned, _ = self._state
+        error = self._by_velocity * (rates[:, 0] + 1j * rates[:, 1])
+        error += self._by_turn_rate * rates[:, 2]
+        # A sample that is turned already drives its way turned.
+        off = off + np.exp(1j * turned) * (self._way + error) - self._way
+        turned = turned + self._elapsed_s * rates[:, 2]
+        return PlanarState(off, turned, self._ended_rest(self._linear()[0]))
+
+    def _linear(self) -> tuple[Array, Array]:
+        x, y = self._way.real, self._way.imag
+        c, s = self._by_velocity.real, self._by_velocity.imag
+        far, left = self._by_turn_rate.real, self._by_turn_rate.imag
+        carry = np.array([[1.0, 0.0, -y], [0.0, 1.0, x], [0.0, 0.0, 1.0]])
+        return carry, np.array([[c, -s, far], [s, c, left], [0.0, 0.0, self._elapsed_s]])
+
+    def _ended_rest(self, carry: Array) -> Array:
+        heading = self._heading_s / self._elapsed_s
+        c, s = math.cos(heading), math.sin(heading)
+        axes = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        grown = axes @ (self._elapsed_s * self._errors.white_per_s) @ axes.T
+        return carry @ self._state.rest @ carry.T + grown
+
+    def _exact(self) -> PlanarState:
+        samples = len(self._units)
+        return PlanarState(np.zeros(samples, dtype=complex), np.zeros(samples), np.zeros((3, 3)))
+
+    def _given(self, errors: PoseErrors) -> PlanarState:
+        along = self._units @ errors.by_constants.T
+        off = (along[:, 0] + 1j * along[:, 1]) * _chord(along[:, 2])
+        return PlanarState(off, along[:, 2], errors.rest)
+
+    def _coordinates(self, state: PlanarState) -> Array:
+        off = state.off / _chord(state.turned)
+        return np.stack([off.real, off.imag, state.turned], axis=-1)
+
+
+def _chord(turned: Array) -> _Complex:
+    """Return what a turn by `turned` (...) makes of a straight line, as a complex factor.
+
+    Beyond half a turn, where exponential coordinates lose their meaning, it is that of half a turn.
+    """
+    half = np.clip(0.5 * turned, -0.5 * np.pi, 0.5 * np.pi)
+    return np.asarray(sinc(half) * np.exp(1j * half), dtype=complex)
+
+
+def exponential_error(estimate: SE2, true: SE2) -> Array:
+    """Return the error (..., 3) of an estimate in exponential coordinates, in the axes of `odom`.
+
+    `estimate` moved by it as by a constant twist, given in these axes, is `true`: the covariance of
+    a planar pose is that of these numbers. Headings are compared around the circle.
+    """
+    off = true.xy_heading - estimate.xy_heading
+    turned = (off[..., 2] + np.pi) % (2.0 * np.pi) - np.pi
+    straight = (off[..., 0] + 1j * off[..., 1]) / _chord(turned)
+    return np.stack([straight.real, straight.imag, turned], axis=-1)
+
+
+class TurningState(NamedTuple):
+    """Samples of orientations, and the white noise."""
+
+    off: Array
+    """(n, 3): rotation vector from the estimated orientation to that of each sample."""
+    rest: Array
+    """(3, 3)."""
+
+
+class TurningSpread(PoseSpread[SO3, TurningState]):
+    """Spread of the orientation of a sphere, as rotation vectors about the axes of the base."""
+
+    def _clear(self) -> None:
+        self._carry: Array = np.eye(3)
+        self._by_twist: Array = np.zeros((3, 3))
+
+    def _advance(self, before: SO3, after: SO3, twist: Array, dt_s: float) -> None:  # noqa: ARG002  The shape.
+        turn = SO3.exp(dt_s * twist).as_matrix()
+        self._carry = turn @ self._carry
+        self._by_twist = turn @ self._by_twist + dt_s * np.eye(3)
+
+    def _ended(self, rates: Array) -> TurningState:
+        gained, carried = (
+            SO3.exp(rates @ self._by_twist.T),
+            SO3.exp(self._state.off @ self._carry.T),
+        )
+        return TurningState((gained @ carried).log(), self._ended_rest(self._carry))
+
+    def _linear(self) -> tuple[Array, Array]:
+        return self._carry, self._by_twist
+
+    def _ended_rest(self, carry: Array) -> Array:
+        return carry @ self._state.rest @ carry.T + self._elapsed_s * self._errors.white_per_s
+
+    def _exact(self) -> TurningState:
+        return TurningState(np.zeros((len(self._units), 3)), np.zeros((3, 3)))
+
+    def _given(self, errors: PoseErrors) -> TurningState:
+        return TurningState(self._units @ errors.by_constants.T, errors.rest)
+
+    def _coordinates(self, state: TurningState) -> Array:
+        return state.off
+
+
+SPREADS: dict[type[Any], type[PoseSpread[Any, Any]]] = {SE2: PlanarSpread, SO3: TurningSpread}
+"""Spread of each pose type."""

@@ -1,0 +1,153 @@
+"""Export of recordings: a part as MCAP without lease ids, or each stream as CSV."""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tsd_twin.errors import MessageError, TwinError
+from tsd_twin.messages import topics
+from tsd_twin.messages.input_log import decode_batch
+from tsd_twin.messages.topics import Service
+from tsd_twin.recording import reading
+from tsd_twin.recording.channels import MSGPACK, RAW, Entry, robot_of, topic_of
+from tsd_twin.recording.data import Recording, open_recording
+from tsd_twin.recording.file import McapWriter
+from tsd_twin.recording.redaction import Redactor
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """Part of a recording; times in seconds since its start."""
+
+    path: Path
+    start_s: float = 0.0
+    end_s: float | None = None
+    robot: str | None = None
+    """Id of one robot; None for all."""
+
+    def opened(self) -> Recording:
+        """Open the recording.
+
+        Raises:
+            TwinError: it cannot be read, has no such robot, or the times are no part of it.
+        """
+        recording = open_recording(self.path)
+        if self.robot is not None and self.robot not in recording.robots:
+            raise TwinError(
+                f"{self.path} has no robot '{self.robot}', but {', '.join(recording.robots)}"
+            )
+        end_s = recording.duration_s if self.end_s is None else self.end_s
+        if not 0.0 <= self.start_s < max(end_s, 1e-9) or self.start_s > recording.duration_s:
+            raise TwinError(
+                f"--from {self.start_s:g} --to {end_s:g} is no part of {recording.duration_s:.1f} s"
+            )
+        return recording
+
+
+def to_mcap(part: Part, out: Path) -> str:
+    """Write a part as MCAP with lease ids replaced; return what was written.
+
+    It begins with the descriptions of the robots, and with the input log since the last state of
+    the controller before, so that it can be run again from its start.
+
+    Raises:
+        TwinError: the part is empty, or the file cannot be written or exists.
+    """
+    recording = part.opened()
+    redactor, count = Redactor(), 0
+    try:
+        with out.open("xb") as file:
+            writer = McapWriter(file)
+            for entry in _entries(part, recording):
+                writer.add(redactor.entry(entry))
+                count += 1
+            writer.finish()
+            file.flush()
+            os.fsync(file.fileno())
+    except FileExistsError as error:
+        raise TwinError(f"{out} is there already: choose another file") from error
+    except OSError as error:
+        raise TwinError(f"{out} cannot be written: {error.strerror}") from error
+    return f"wrote {out}: {count} messages"
+
+
+def to_csv(part: Part, folder: Path) -> list[str]:
+    """Write each stream of a part as a CSV file; return what was written.
+
+    Raises:
+        TwinError: the part is empty, or a file cannot be written.
+    """
+    recording = part.opened()
+    lines: list[str] = []
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for topic, summary in recording.topics.items():
+            robot = robot_of(topic)
+            skipped = summary.type == MSGPACK or topic.endswith((RAW, f"/{Service.DESC}"))
+            if skipped or part.robot not in (None, robot):
+                continue
+            series = recording.read(topic, start_s=part.start_s, end_s=part.end_s)
+            if not len(series.t_s):
+                continue
+            path = folder / (topic.removeprefix("twin/").replace("/", "_") + ".csv")
+            columns = series.table()
+            with path.open("w", newline="", encoding="utf-8") as file:
+                writer = csv.writer(file)
+                writer.writerow(columns)
+                writer.writerows(
+                    zip(*(map(_cell, column.tolist()) for column in columns.values()), strict=True)
+                )
+            lines.append(f"wrote {path}: {len(series.t_s)} rows")
+    except OSError as error:
+        raise TwinError(f"{folder} cannot be written to: {error.strerror}") from error
+    return lines
+
+
+def _cell(value: object) -> object:
+    if isinstance(value, float):
+        return "" if np.isnan(value) else repr(value)
+    return value
+
+
+def _entries(part: Part, recording: Recording) -> Iterator[Entry]:
+    start_ns = recording.start_ns + round(part.start_s * 1e9)
+    end_ns = None if part.end_s is None else recording.start_ns + round(part.end_s * 1e9)
+    if part.start_s > 0.0:
+        for entry in _before(part, recording, start_ns):
+            yield entry._replace(log_ns=start_ns)
+    for entry in reading.entries(part.path, from_ns=start_ns, until_ns=end_ns):
+        if part.robot in (None, robot_of(entry.topic)):
+            yield entry
+
+
+def _before(part: Part, recording: Recording, start_ns: int) -> Iterator[Entry]:
+    """Yield what a part needs of the time before it."""
+    kept: dict[str, list[Entry]] = {}
+    needed = {
+        topic
+        for topic in recording.topics
+        if topic.endswith(("/alive", f"/{Service.DESC}", f"/{topics.INPUTS.path}"))
+        and part.robot in (None, robot_of(topic))
+    }
+    for entry in reading.entries(part.path, needed, until_ns=start_ns):
+        if topic_of(entry.topic) is topics.INPUTS and not _begins(entry):
+            kept.setdefault(entry.topic, []).append(entry)
+        else:
+            kept[entry.topic] = [entry]
+    for found in kept.values():
+        yield from found
+
+
+def _begins(entry: Entry) -> bool:
+    """Return whether a run can begin with an entry of an input log."""
+    try:
+        batch = decode_batch(entry.data)
+    except MessageError:
+        return False
+    return batch.first == 0 or batch.snapshot is not None

@@ -1,0 +1,141 @@
+"""Folder of recordings: names of new files, cut files completed, the oldest ones removed."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import logging
+import os
+import time
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+
+from tsd_twin.errors import RecordingError, TwinError
+from tsd_twin.recording.file import McapWriter, RecordingFile
+from tsd_twin.recording.reading import entries, is_whole
+
+_PATTERN = "tsd-*.mcap"
+"""Only files with such a name are completed or removed: a folder may have others."""
+_UNFINISHED = ".part"
+_NEW_S = 10.0
+_LOG = logging.getLogger(__name__)
+
+
+LEAST_GB, DEFAULT_GB = 0.01, 5.0
+"""Smallest and usual limit of a folder."""
+
+
+def default_folder(home: Path | None = None) -> Path:
+    """Return the folder for recordings of this user, or below another `home` than theirs."""
+    data = os.environ.get("XDG_DATA_HOME")
+    if home is None and data:
+        return Path(data) / "tsd-twin"
+    return (home or Path.home()) / ".local/share/tsd-twin"
+
+
+class RecordingFolder:
+    """Folder of recordings with a limit of its size."""
+
+    def __init__(self, path: Path, keep_bytes: int) -> None:
+        """Create the folder if needed.
+
+        Raises:
+            TwinError: it cannot be created or written to.
+        """
+        self.path = path
+        self.keep_bytes = keep_bytes
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise TwinError(f"{path} cannot be a folder of recordings: {error.strerror}") from error
+        if not os.access(path, os.W_OK | os.X_OK):
+            raise TwinError(f"{path} cannot be written to: choose another folder")
+
+    def new_file(self) -> RecordingFile:
+        """Return a new file, named by the time.
+
+        Raises:
+            OSError: it cannot be created.
+        """
+        stem = datetime.now(UTC).strftime("tsd-%Y%m%dT%H%M%SZ")
+        number = 1
+        while True:
+            suffix = "" if number == 1 else f"-{number}"
+            try:
+                return RecordingFile(self.path / f"{stem}{suffix}.mcap")
+            except FileExistsError:
+                number += 1
+
+    def complete_cut_files(self) -> list[Path]:
+        """Give an index to files that were cut, as by a power cut; return those.
+
+        Files without any message are removed. A file that does not fit on the disk a second time
+        is left as it is, for the next start.
+        """
+        for left in self.path.glob(_PATTERN + _UNFINISHED):
+            left.unlink(missing_ok=True)
+        completed: list[Path] = []
+        for path in self._unused():
+            if is_whole(path):
+                continue
+            try:
+                if _complete(path):
+                    completed.append(path)
+            except OSError as error:
+                _LOG.warning("%s stays cut: %s", path, error.strerror)
+        return completed
+
+    def remove_oldest(self) -> list[Path]:
+        """Remove the oldest files until the folder keeps its limit; return those."""
+        files = sorted(self.path.glob(_PATTERN), key=lambda path: path.stat().st_mtime_ns)
+        total = sum(path.stat().st_size for path in files)
+        removed: list[Path] = []
+        unused = set(self._unused())
+        for path in files:
+            if total <= self.keep_bytes:
+                break
+            if path in unused:
+                total -= path.stat().st_size
+                path.unlink(missing_ok=True)
+                removed.append(path)
+        return removed
+
+    def _unused(self) -> Iterator[Path]:
+        """Yield the files that no recorder writes to, in the order of their names."""
+        for path in sorted(self.path.glob(_PATTERN)):
+            with contextlib.suppress(OSError), path.open("rb") as file:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                about = path.stat()
+                # Another recorder has created it, and will lock it in a moment.
+                if about.st_size or time.time() - about.st_mtime > _NEW_S:
+                    yield path
+
+
+def _complete(path: Path) -> bool:
+    """Write a cut file anew, with an index; return whether it has any message.
+
+    Raises:
+        OSError: it does not fit on the disk.
+    """
+    unfinished = path.with_name(path.name + _UNFINISHED)
+    count = 0
+    try:
+        with unfinished.open("wb") as file:
+            writer = McapWriter(file)
+            with contextlib.suppress(RecordingError):  # Not even its beginning is there.
+                for entry in entries(path):
+                    writer.add(entry)
+                    count += 1
+            writer.finish()
+            file.flush()
+            os.fsync(file.fileno())
+        if count:
+            times = path.stat()
+            os.utime(unfinished, ns=(times.st_atime_ns, times.st_mtime_ns))
+            unfinished.replace(path)
+        else:
+            path.unlink()
+    finally:
+        unfinished.unlink(missing_ok=True)
+    return count > 0

@@ -1,0 +1,327 @@
+"""Rerun: today's controller on the recorded inputs, compared with what was recorded."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from tsd_twin import robots
+from tsd_twin.control import RobotController
+from tsd_twin.control.logged_controller import estimate_numbers
+from tsd_twin.control.snapshot import load
+from tsd_twin.errors import MessageError, RecordingError, TwinError
+from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.messages import topics
+from tsd_twin.messages.input_log import (
+    Call,
+    InputBatch,
+    LeaseDrawn,
+    PosesCall,
+    SentCall,
+    ServeCall,
+    StatusCall,
+    StepCall,
+    StopCall,
+    decode_batch,
+)
+from tsd_twin.messages.status import LoopStatus
+from tsd_twin.messages.topics import Service
+from tsd_twin.recording import reading
+from tsd_twin.recording.data import Recording
+from tsd_twin.robots import RobotDescription
+from tsd_twin.safety import Mode
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Part of an input log without a gap."""
+
+    batches: Sequence[InputBatch]
+
+    @property
+    def calls(self) -> Iterator[Call]:
+        """All calls, in order."""
+        return itertools.chain.from_iterable(batch.calls for batch in self.batches)
+
+    @property
+    def build(self) -> str:
+        """Digest of the code that was recorded, "" when it is not known."""
+        return next((batch.snapshot.build for batch in self.batches if batch.snapshot), "")
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """The first difference between the recorded run and the new one."""
+
+    t_s: float
+    """Time since the first period of the stretch."""
+    robot_s: float
+    """Time on the robot's monotonic clock."""
+    what: str
+    """What differs, with both values."""
+    cause: str
+    """What the controller was given in this period, and the mode it was in."""
+
+    def __str__(self) -> str:
+        return f"at {self.t_s:.3f} s (robot clock {self.robot_s:.3f} s) {self.what}; {self.cause}"
+
+
+@dataclass(slots=True)
+class RerunResult:
+    """A stretch that was run again: what was recorded, and what the controller does today."""
+
+    robot: RobotDescription
+    t_s: list[float] = field(default_factory=list[float])
+    recorded: list[Array] = field(default_factory=list[Array])
+    """Set-points (n,)."""
+    setpoints: list[Array] = field(default_factory=list[Array])
+    recorded_estimates: list[Array] = field(default_factory=list[Array])
+    """Pose (3,), of a sphere (4,), and twist (3,)."""
+    estimates: list[Array] = field(default_factory=list[Array])
+    difference: Difference | None = None
+
+    @property
+    def largest_difference(self) -> float:
+        """Largest absolute difference of set-points and estimates, rad, m and their rates."""
+        pairs = ((self.recorded, self.setpoints), (self.recorded_estimates, self.estimates))
+        return max(
+            (float(np.nanmax(np.abs(np.array(a) - np.array(b)), initial=0.0)) for a, b in pairs),
+            default=0.0,
+        )
+
+
+def stretches(batches: Iterable[InputBatch]) -> list[Stretch]:
+    """Return the parts of an input log that can be run: each begins with a state, without gaps."""
+    found: list[list[InputBatch]] = []
+    following: int | None = None
+    for batch in batches:
+        if batch.first != following:
+            following = None
+            if batch.first == 0 or batch.snapshot is not None:
+                found.append([])
+                following = batch.first
+        if following is not None:
+            found[-1].append(batch)
+            following += len(batch.calls)
+    return [Stretch(part) for part in found]
+
+
+def recorded_batches(recording: Recording, robot: str) -> Iterator[InputBatch]:
+    """Yield the input log of a robot.
+
+    Raises:
+        RecordingError: it is not in the file, or damaged.
+    """
+    key = topics.INPUTS.key(robot)
+    if key not in recording.topics:
+        raise RecordingError(f"{recording.path} has no input log of {robot}")
+    for entry in reading.entries(recording.path, {key}):
+        try:
+            yield decode_batch(entry.data)
+        except MessageError as error:
+            raise RecordingError(f"{recording.path}: {error}") from error
+
+
+class Rerun:
+    """Runs a controller on the calls of a stretch, and compares what it returns."""
+
+    def __init__(self, stretch: Stretch, description: str, tolerance: float = 0.0) -> None:
+        """`description` is the TOML text of the robot that was recorded.
+
+        Numbers may differ by `tolerance`; 0 compares bit for bit.
+
+        Raises:
+            TwinError: the state of the controller cannot be read by this code.
+        """
+        self._stretch, self._tolerance = stretch, tolerance
+        self._leases: deque[bytes] = deque()
+        self._unknown = itertools.count(1)
+        first = stretch.batches[0]
+        if first.first == 0:
+            robot = robots.parse_description(description, "the recorded description")
+            pose = None if first.pose is None else _pose(first.pose)
+            self.controller = RobotController(robot, self._lease, pose=pose)
+        else:
+            assert first.snapshot is not None  # noqa: S101  A stretch begins with one.
+            self.controller = load(first.snapshot.state, self._lease)
+        self._result = RerunResult(self.controller.robot)
+        self._start_s: float | None = None
+        self._requests: list[str] = []
+
+    def run(self, progress: Callable[[float], None] = lambda _share: None) -> RerunResult:
+        """Run all calls; `progress` gets the share that is done, once for each batch."""
+        for number, batch in enumerate(self._stretch.batches):
+            for call in batch.calls:
+                if not self._do(call):
+                    return self._result
+            progress((number + 1) / len(self._stretch.batches))
+        return self._result
+
+    def _lease(self) -> bytes:
+        # Code that draws where none was drawn gets another id: its reply shows the difference.
+        return self._leases.popleft() if self._leases else next(self._unknown).to_bytes(16, "big")
+
+    def _do(self, call: Call) -> bool:
+        try:
+            self._run(call)
+        except Exception as error:  # The code under test may raise anything: that is a difference.
+            now_s = getattr(call, "now_s", math.nan)
+            self._differs(now_s, f"the controller raises {type(error).__name__}: {error}", call)
+            return False
+        return True
+
+    def _run(self, call: Call) -> None:
+        controller = self.controller
+        match call:
+            case LeaseDrawn():
+                self._leases.append(call.id)
+            case StopCall():
+                self._requests.append(Service.STOP)
+                reply = controller.stop(call.payload, call.now_s)
+                self._compare("the answer to stop", call.reply, _json(reply), call)
+            case ServeCall():
+                self._requests.append(call.service)
+                reply = controller.serve(Service(call.service), call.payload, call.now_s)
+                self._compare(f"the answer to {call.service}", call.reply, _json(reply), call)
+            case PosesCall():
+                controller.add_pose_measurements(call.poses, call.now_s, call.wall_ns)
+            case StepCall():
+                self._step(call)
+            case StatusCall():
+                status = controller.status(call.now_s, LoopStatus(), {})
+                self._compare("the mode", call.mode.encode(), status.mode.encode(), call)
+            case SentCall():
+                controller.record_status_sent(call.seq, call.now_s)
+
+    def _step(self, call: StepCall) -> None:
+        controller, result = self.controller, self._result
+        self._start_s = call.now_s if self._start_s is None else self._start_s
+        measured = None if call.measured is None else np.frombuffer(call.measured, "<f8").copy()
+        setpoint = controller.step(call.now_s, measured, call.samples, call.fault)
+        controller.take_events()
+        estimate, others = estimate_numbers(controller)
+        recorded = np.frombuffer(call.setpoint, "<f8")
+        recorded_estimate, here = (np.frombuffer(each, "<f8") for each in (call.estimate, estimate))
+        result.t_s.append(call.now_s - self._start_s)
+        result.recorded.append(recorded)
+        result.setpoints.append(setpoint.copy())
+        result.recorded_estimates.append(recorded_estimate)
+        result.estimates.append(here)
+        if result.difference is None:
+            names = [joint.name for joint in controller.kinematics.joints]
+            self._compare_numbers("the set-point of", names, recorded, setpoint, call)
+            parts = _ESTIMATE[len(here)]
+            self._compare_numbers("the estimate of", parts, recorded_estimate, here, call)
+            if others != call.others and self._tolerance == 0.0:
+                what = "the covariance of the estimate, or the second estimate, differs"
+                self._differs(call.now_s, what, call)
+        self._requests.clear()
+
+    def _compare(self, what: str, recorded: bytes, now: bytes, call: Any) -> None:
+        if recorded != now:
+            was, here = recorded.decode("utf-8", "replace"), now.decode("utf-8", "replace")
+            self._differs(call.now_s, f"{what} was {was} and is {here}", call)
+
+    def _compare_numbers(
+        self, what: str, names: Sequence[str], recorded: Array, now: Array, call: StepCall
+    ) -> None:
+        if recorded.tobytes() == now.tobytes():
+            return
+        if len(recorded) != len(now):
+            self._differs(
+                call.now_s, f"{what} {len(now)} joints: {len(recorded)} are recorded", call
+            )
+            return
+        apart = np.abs(recorded - now)
+        apart[np.isnan(recorded) & np.isnan(now)] = 0.0
+        if (apart <= self._tolerance).all() and self._tolerance > 0.0:
+            return
+        # Two zeros of different sign differ in their bits only.
+        worst = int(np.argmax(np.where(np.isnan(apart), np.inf, apart)))
+        values = f"was {recorded[worst]:.12g} and is {now[worst]:.12g}"
+        self._differs(call.now_s, f"{what} {names[worst]} {values}", call)
+
+    def _differs(self, now_s: float, what: str, call: Call) -> None:
+        if self._result.difference is None:
+            start_s = now_s if self._start_s is None else self._start_s
+            self._result.difference = Difference(now_s - start_s, now_s, what, self._cause(call))
+
+    def _cause(self, call: Call) -> str:
+        given: list[str] = [f"request {name}" for name in self._requests]
+        if isinstance(call, StepCall):
+            given += [f"{len(call.samples)} commands"] if call.samples else []
+            given += ["no measurement"] if call.measured is None else []
+            given += [f"fault '{call.fault}'"] if call.fault else []
+        supervisor = self.controller.supervisor
+        mode = f"mode {supervisor.mode}" + (f" ({supervisor.reason})" if supervisor.reason else "")
+        return f"{mode}, given {', '.join(given) or 'measurements only'}"
+
+
+class WhatIf(Rerun):
+    """Rerun with another robot description, from a moment at which the robot is free.
+
+    Measurements stay the recorded ones: they do not follow the other set-points.
+    """
+
+    def __init__(self, stretch: Stretch, description: str, other: RobotDescription) -> None:
+        """`other` is the description to run with.
+
+        Raises:
+            TwinError: the robot has other joints, or is at no moment disarmed and without a lease.
+        """
+        free, pose = _free(stretch, description)
+        super().__init__(free, description)
+        mine, theirs = (
+            [joint.name for joint in robot.kinematics().joints] + [s.name for s in robot.sensors]
+            for robot in (self.controller.robot, other)
+        )
+        if mine != theirs:
+            raise TwinError(
+                f"{other.name} has other joints or sensors than {self.controller.robot.name}: "
+                "the recorded measurements do not fit"
+            )
+        self.controller = RobotController(other, self._lease, pose=pose)
+        self._result = RerunResult(other)
+
+
+def _free(stretch: Stretch, description: str) -> tuple[Stretch, SE2 | SO3 | None]:
+    """Return the rest of a stretch from where a new controller can begin, and its pose there."""
+    first = stretch.batches[0]
+    if first.first == 0:
+        return stretch, None if first.pose is None else _pose(first.pose)
+    for number, batch in enumerate(stretch.batches):
+        if batch.snapshot is None:
+            continue
+        there = Rerun(Stretch(stretch.batches[number:]), description).controller
+        supervisor, odometry = there.supervisor, there.odometry(0)
+        now_s = next((call.now_s for call in batch.calls if isinstance(call, StepCall)), math.inf)
+        if supervisor.mode is Mode.DISARMED and supervisor.lease_in_force(now_s) is None:
+            pose = odometry.xy_heading if odometry.wxyz is None else odometry.wxyz
+            return Stretch(stretch.batches[number:]), _pose(pose.tolist())
+    raise TwinError(
+        "the recording has no state in which the robot is disarmed and has no operator, "
+        "from where another description could begin"
+    )
+
+
+_TWIST = ["vx", "vy", "omega"]
+_ESTIMATE = {
+    6: ["x", "y", "heading", *_TWIST],
+    7: ["qw", "qx", "qy", "qz", "wx", "wy", "wz"],
+}
+"""Names of the numbers of an estimate, by their count."""
+
+
+def _pose(numbers: Sequence[float]) -> SE2 | SO3:
+    return SE2(np.array(numbers)) if len(numbers) == 3 else SO3(np.array(numbers))
+
+
+def _json(reply: msgspec.Struct) -> bytes:
+    return msgspec.json.encode(reply)

@@ -1,0 +1,73 @@
+"""Whether estimates are as exact as they claim, against simulated robots with errors of their own.
+
+A few robots of each kind, and the commands of `tsd-lab consistency`. Limits are those that one in
+thousands of right estimates exceeds.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.support.experiment_runs import is_picture, run
+from tsd_twin.errors import TwinError
+from tsd_twin.lab.consistency import CONSTANT, MOUNTED, Case, band, run_case
+
+
+def few(robot: str, manoeuvre: str, seeds: int = 12, errors: float = 0.0, **more: Any) -> Case:
+    """Some robots for some seconds; their seeds are not those of the table in the docs."""
+    return Case(robot, manoeuvre, errors, seeds=seeds, first=700, times_s=(2.0, 4.0), **more)
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        few("tsd", "straight 0.5 m/s"),
+        few("tsd", "to and fro", errors=1.0),
+        few("tsd", "standing", errors=1.0, gyro=True),
+        few("tsd", "circle", camera=MOUNTED),
+        few("kiwi", "straight 0.5 m/s"),
+        few("omni4", "wander"),
+    ],
+    ids=lambda case: f"{case.robot} {case.manoeuvre} {case.sensors}",
+)
+def test_errors_are_as_large_as_the_covariance_says(case: Case) -> None:
+    """Mean squared error in units of the covariance: three, of three numbers."""
+    result = run_case(case)
+    assert (result.means > 0.8).all()
+    assert (result.means < 6.5).all()
+    assert result.coverage.mean() > 0.6
+
+
+def test_a_camera_that_is_2_cm_off_is_within_what_is_claimed() -> None:
+    result = run_case(few("tsd", "standing", seeds=3, camera=CONSTANT))
+    assert (result.means < 10.0).all()
+
+
+def test_the_band_is_that_of_the_chi_square() -> None:
+    """Against dice."""
+    means = np.random.default_rng(0).chisquare(3, (20_000, 40)).mean(axis=1)
+    np.testing.assert_allclose(band(40), np.quantile(means, [0.025, 0.975]), rtol=0.02)
+
+
+def test_the_experiment_prints_a_row_for_each_case_and_writes_the_table(tmp_path: Path) -> None:
+    flags = ["--robots", "mecanum", "--manoeuvres", "circle", "--seeds", "2", "--jobs", "1"]
+    lines = run(tmp_path, "consistency", *flags)
+    rows = [line.split("|") for line in lines if line.startswith("| mecanum")]
+    assert [row[3].strip() for row in rows] == ["joints", "camera, mounted", "camera, 2 cm off"]
+    assert is_picture(tmp_path / "consistency.png")
+    head, *written = (tmp_path / "consistency.csv").read_text().splitlines()
+    assert "nees_20_s" in head.split(",")
+    assert len(written) == 3
+
+
+@pytest.mark.parametrize(
+    ("flags", "text"),
+    [(["--robots", "atlas"], "sphere"), (["--manoeuvres", "fly"], "no manoeuvre 'fly'")],
+)
+def test_what_cannot_be_driven_is_refused(tmp_path: Path, flags: list[str], text: str) -> None:
+    with pytest.raises(TwinError, match=text):
+        run(tmp_path, "consistency", *flags)

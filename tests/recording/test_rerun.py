@@ -1,0 +1,347 @@
+"""The controller does again, bit for bit, what it did; and a change shows at its time."""
+
+from __future__ import annotations
+
+import ast
+import functools
+import inspect
+import pickle
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+import tsd_twin
+from tests.support.logged_runs import GYRO, TEXTS, LoggedRun, eventful_run
+from tsd_twin import robots
+from tsd_twin.control import RobotController, robot_controller, snapshot
+from tsd_twin.control.snapshot import LeaseIds
+from tsd_twin.errors import TwinError
+from tsd_twin.messages import input_log
+from tsd_twin.messages.input_log import (
+    InputBatch,
+    PosesCall,
+    SentCall,
+    ServeCall,
+    StatusCall,
+    StepCall,
+    StopCall,
+    encode_batch,
+)
+from tsd_twin.messages.status import LoopStatus
+from tsd_twin.recording.channels import Entry
+from tsd_twin.recording.redaction import Redactor
+from tsd_twin.recording.rerun import Rerun, WhatIf, stretches
+from tsd_twin.safety import lease, supervisor
+
+EVENTFUL = sorted(TEXTS)
+
+
+@functools.cache
+def run_of(name: str) -> LoggedRun:
+    return eventful_run(TEXTS[name])
+
+
+def rerun(run: LoggedRun, first: int = 0, tolerance: float = 0.0) -> Any:
+    (stretch,) = stretches(run.batches[first:])
+    return Rerun(stretch, run.text, tolerance).run()
+
+
+@pytest.mark.parametrize("name", EVENTFUL)
+def test_set_points_and_estimates_are_the_recorded_ones_bit_for_bit(name: str) -> None:
+    run = run_of(name)
+    result = rerun(run)
+    assert result.difference is None
+    assert len(result.t_s) == len(run.steps) > 1000
+    assert result.largest_difference == 0.0
+
+
+@pytest.mark.parametrize("name", EVENTFUL)
+def test_the_run_has_all_that_a_controller_can_be_given(name: str) -> None:
+    """Otherwise the law above would say little."""
+    run = run_of(name)
+    modes = {call.mode for call in run.calls if isinstance(call, StatusCall)}
+    assert modes == {"arming", "ready", "driving", "stopping", "stopped", "disarmed"}
+    assert ("speed" in run.moments) == (name in ("tsd", GYRO))
+    kinds = {type(call) for call in run.calls}
+    planar = name != "atlas"
+    assert kinds == {
+        input_log.LeaseDrawn, ServeCall, StopCall, StepCall, StatusCall, SentCall,
+        *([PosesCall] if planar else []),
+    }  # fmt: skip
+    assert any(step.measured is None for step in run.steps)
+    moving = [np.frombuffer(step.estimate)[-3:].any() for step in run.steps]
+    assert sum(moving) > 300
+
+
+@pytest.mark.parametrize("name", EVENTFUL)
+def test_a_run_can_begin_at_any_state_in_the_log(name: str) -> None:
+    """Also while it drives, during a hand-over, and while the wheels change their speed."""
+    run = run_of(name)
+    for first in range(1, len(run.batches), 9):
+        result = rerun(run, first)
+        assert result.difference is None, first
+        assert len(result.t_s) == len(run.steps) - sum(
+            isinstance(call, StepCall) for batch in run.batches[:first] for call in batch.calls
+        )
+
+
+def test_a_changed_constant_of_the_core_is_found_at_its_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The longest step bounds the change of speed after a late period: that is when it shows."""
+    run = run_of("omni4")
+    late = next(
+        step for before, step in zip(run.steps, run.steps[1:], strict=False)
+        if step.now_s - before.now_s > 0.03
+    )  # fmt: skip
+    monkeypatch.setattr(robot_controller, "LONGEST_STEP_S", 0.011)
+    difference = rerun(run).difference
+    assert difference is not None
+    assert difference.robot_s == late.now_s
+    assert difference.what.startswith("the set-point of wheel")
+    assert "mode driving" in difference.cause
+    assert "commands" in difference.cause
+    # Before that time nothing differs, and with a state from later nothing does.
+    last = max(i for i, batch in enumerate(run.batches) if late in batch.calls)
+    assert rerun(run, last + 1).difference is None
+
+
+def test_a_changed_time_of_the_lease_is_found_in_its_first_answer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    run = run_of("kiwi")
+    granted = next(
+        c for c in run.calls if isinstance(c, ServeCall) and b'"granted":true' in c.reply
+    )
+    monkeypatch.setattr(lease, "TTL_S", 1.9)
+    difference = rerun(run).difference
+    assert difference.robot_s == granted.now_s
+    assert '"ttl_s":1.9' in difference.what
+
+
+@pytest.mark.parametrize("name", ["omni4", "kiwi"])
+def test_one_bit_of_one_measurement_is_found_in_its_period(name: str) -> None:
+    """Of `omni4` only the second estimate comes from the driven wheels."""
+    run = run_of(name)
+    number = next(
+        i for i, b in enumerate(run.batches)
+        if {c.mode for c in b.calls if isinstance(c, StatusCall)} == {"driving"}
+    )  # fmt: skip
+    batch = run.batches[number]
+    at = max(i for i, call in enumerate(batch.calls) if isinstance(call, StepCall))
+    step = batch.calls[at]
+    assert isinstance(step, StepCall)
+    assert step.measured is not None
+    values = np.frombuffer(step.measured, "<f8")
+    first = int(np.flatnonzero(np.isfinite(values) & (values != 0.0))[0])
+    measured = bytearray(step.measured)
+    measured[8 * first + 1] ^= 1  # Some 1e-14 of it.
+    calls = list(batch.calls)
+    calls[at] = msgspec.structs.replace(step, measured=bytes(measured))
+    changed = [*run.batches]
+    changed[number] = msgspec.structs.replace(batch, calls=calls)
+    (stretch,) = stretches(changed)
+    result = Rerun(stretch, run.text).run()
+    assert result.difference is not None
+    assert result.difference.robot_s == step.now_s
+    assert "estimate" in result.difference.what
+    assert (result.largest_difference > 0.0) == (name == "kiwi")
+    assert result.largest_difference < 1e-9
+    # Another processor may round differently: within a tolerance that is no difference.
+    assert Rerun(stretch, run.text, 1e-9).run().difference is None
+
+
+def test_code_that_raises_is_a_difference_with_its_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    run = run_of("omni4")
+    asked = next(c for c in run.calls if isinstance(c, ServeCall) and c.service == "srv/arm")
+
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("a bug")
+
+    monkeypatch.setattr(supervisor.SafetySupervisor, "arm", broken)
+    difference = rerun(run).difference
+    assert difference.robot_s == asked.now_s
+    assert "ZeroDivisionError: a bug" in difference.what
+
+
+# What is on record.
+
+LOGGED = {
+    "step": StepCall,
+    "add_pose_measurements": PosesCall,
+    "serve": ServeCall,
+    "stop": StopCall,
+    "status": StatusCall,
+    "record_status_sent": SentCall,
+}
+"""Methods that change the state of a controller, and how they are logged."""
+PASSES_THROUGH = {"status": {"loop", "hardware"}}
+"""Arguments that are only copied into the result."""
+READS = {
+    "kinematics", "joints", "odometry", "alternative_odometry", "joint_state", "setpoint_state",
+    "take_events",
+}  # fmt: skip
+"""What changes nothing that set-points and estimates depend on."""
+
+
+def test_every_input_of_the_controller_is_on_record() -> None:
+    """A new method, or a new argument, has to be logged or shown to be no input."""
+    public = {name for name in vars(RobotController) if not name.startswith("_")}
+    assert public == set(LOGGED) | READS
+    for name, call in LOGGED.items():
+        inputs = set(inspect.signature(getattr(RobotController, name)).parameters) - {"self"}
+        logged = set(call.__struct_fields__) - {
+            "reply",
+            "setpoint",
+            "estimate",
+            "others",
+            "mode",
+        }
+        assert inputs - PASSES_THROUGH.get(name, set()) == logged, name
+    made_of = set(inspect.signature(RobotController.__init__).parameters) - {"self"}
+    assert made_of == {"robot", "new_lease_id", "pose"}  # Description, LeaseDrawn, InputBatch.pose.
+
+
+def state_of(controller: RobotController) -> bytes:
+    return snapshot.dump(controller, LeaseIds(bytes), frozenset({"_events"}))
+
+
+def test_what_is_not_logged_changes_no_state() -> None:
+    run = run_of("tsd")
+    (stretch,) = stretches(run.batches)
+    middle = Rerun(stretches(run.batches[: len(run.batches) // 2])[0], run.text)
+    middle.run()
+    controller = middle.controller
+    controller.take_events()
+    before = state_of(controller)
+    for name in READS:
+        attribute = getattr(RobotController, name)
+        if isinstance(attribute, property):
+            getattr(controller, name)
+        else:
+            arguments = [5] if "stamp_ns" in inspect.signature(attribute).parameters else []
+            attribute(controller, *arguments)
+        assert state_of(controller) == before, name
+    controller.status(controller._now_s, LoopStatus(7.0, 7, 7.0), {"kind": "other"})
+    assert state_of(controller) == before
+    assert stretch
+
+
+def test_no_random_number_and_no_environment_gets_in_by_another_way() -> None:
+    """Clocks, threads and sockets are forbidden by the layers; this is the rest."""
+    hidden = {"random", "secrets", "uuid", "os", "platform"}
+    for package in ("control", "safety", "estimation", "motion", "kinematics", "messages"):
+        for path in (Path(tsd_twin.__file__).parent / package).glob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+                names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+                names += [str(node.module)] if isinstance(node, ast.ImportFrom) else []
+                assert not hidden & {name.split(".")[0] for name in names}, path
+                if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+                    assert (node.value.id, node.attr) != ("np", "random"), path
+
+
+# Gaps, damage, other people's files.
+
+
+def test_after_a_gap_the_run_goes_on_from_the_next_state() -> None:
+    run = run_of("omni4")
+    without = [b for i, b in enumerate(run.batches) if i != 7]
+    no_state = [
+        msgspec.structs.replace(b, snapshot=None) if i in (8, 9) else b
+        for i, b in enumerate(run.batches)
+        if i != 7
+    ]
+    first, second = stretches(without)
+    assert (len(first.batches), len(second.batches)) == (7, len(run.batches) - 8)
+    _, later = stretches(no_state)
+    assert len(later.batches) == len(second.batches) - 2
+    for part in (first, second, later):
+        assert Rerun(part, run.text).run().difference is None
+
+
+class Bad:
+    def __reduce__(self) -> Any:
+        return print, ("this must not run",)
+
+
+@pytest.mark.parametrize(
+    "state",
+    [
+        pickle.dumps((LeaseIds(bytes), {"robot": Bad()})),
+        pickle.dumps(__import__("os").system),
+        pickle.dumps(robots.load_robot),  # A function of ours: it reads files.
+        pickle.dumps(Path("x")),
+        b"cos\nsystem\n(S'true'\ntR.",
+        b"ctsd_twin.robots.loader\nPath\n(S'/'\ntR.",
+        b"\x80\x04\x8c\x12tsd_twin.lie\x8c\x0anp.loadtxt\x93.",
+        b"",
+        b"garbage",
+    ],
+    ids=range(9),
+)
+def test_a_state_from_another_person_runs_no_code(
+    state: bytes, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(TwinError, match="cannot be read"):
+        snapshot.load(state, bytes)
+    assert capsys.readouterr().out == ""
+
+
+def test_a_log_without_lease_ids_runs_all_the_same() -> None:
+    run = run_of("tsd")
+    ids = {call.id for call in run.calls if isinstance(call, input_log.LeaseDrawn)}
+    assert len(ids) >= 3
+    redactor = Redactor()
+    key = "twin/tsd/log/inputs"
+    payloads = [
+        redactor.entry(Entry(key, "msgpack", "", 0, 0, 0, encode_batch(batch))).data
+        for batch in run.batches
+    ]
+    for payload in payloads:
+        assert not any(each in payload or each.hex().encode() in payload for each in ids)
+    batches = [input_log.decode_batch(payload) for payload in payloads]
+    for first in (0, 20, 40):
+        (stretch,) = stretches(batches[first:])
+        assert Rerun(stretch, run.text).run().difference is None
+    assert any(each in encode_batch(batch) for each in ids for batch in run.batches)
+
+
+def test_what_if_another_description_drove() -> None:
+    run = run_of("omni4")
+    (stretch,) = stretches(run.batches)
+    other = robots.parse_description(
+        run.text.replace("acceleration_mps2", "acceleration_mps2  ", 1), "other"
+    )
+    assert WhatIf(stretch, run.text, other).run().difference is None
+    slower = msgspec.structs.replace(
+        other, limits=msgspec.structs.replace(other.limits, acceleration_mps2=0.5)
+    )
+    difference = WhatIf(stretch, run.text, slower).run().difference
+    assert difference is not None
+    assert difference.robot_s == pytest.approx(run.first("driving"), abs=1e-9)
+    with pytest.raises(TwinError, match="other joints"):
+        WhatIf(stretch, run.text, robots.load_robot("kiwi"))
+
+
+def test_what_if_begins_where_the_robot_is_free() -> None:
+    """Its pose there is the recorded one; while another drives there is no beginning."""
+    run = run_of("omni4")
+    driving = next(
+        i for i, b in enumerate(run.batches)
+        if any(isinstance(c, StatusCall) and c.mode == "driving" for c in b.calls)
+    )  # fmt: skip
+    (stretch,) = stretches(run.batches[driving + 1 : driving + 4])
+    with pytest.raises(TwinError, match="no state in which the robot is disarmed"):
+        WhatIf(stretch, run.text, robots.parse_description(run.text, "other"))
+    (stretch,) = stretches(run.batches[1:])
+    result = WhatIf(stretch, run.text, robots.parse_description(run.text, "other")).run()
+    recorded, here = np.array(result.recorded_estimates), np.array(result.estimates)
+    np.testing.assert_allclose(here[:, :3], recorded[:, :3], atol=0.05)
+
+
+def test_an_empty_log_has_no_stretch() -> None:
+    assert stretches([]) == []
+    assert stretches([InputBatch(5, [])]) == []
