@@ -53,6 +53,11 @@ class Kinematics(Protocol, Generic[PoseT]):
     """
 
     @property
+    def wheel_radius_m(self) -> float:
+        """Radius of the wheels."""
+        ...
+
+    @property
     def joints(self) -> tuple[Joint, ...]:
         """Names and kinds of the joints, in the order of the joint vector."""
         ...

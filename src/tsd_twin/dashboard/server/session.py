@@ -284,10 +284,8 @@ class Session:
             case PanelSlidersReleased():
                 if self._role is not Role.VIEWER:  # Viewers have no sliders.
                     self._on_released(self.page)
-            case SelectRobot() | SelectPlotFields():
-                self._select(message)
-            case StudentRequest():
-                self._student.request(message)
+            case SelectRobot() | SelectPlotFields() | StudentRequest():
+                self._show(message)
             case LeaseAction() if self._role is Role.VIEWER:
                 self._send(ActionReply(to="lease", ok=False, reason=_VIEWER_REFUSAL))
             case LeaseAction():
@@ -295,11 +293,14 @@ class Session:
             case ArmRequest() | DisarmRequest() | ResetRequest() | SetWheelSpeed():
                 self._request_as_holder(message)
 
-    def _select(self, message: SelectRobot | SelectPlotFields) -> None:
-        if isinstance(message, SelectRobot):
-            self.select_robot(message.id)
-        else:
-            self._plot_fields = message.names
+    def _show(self, message: SelectRobot | SelectPlotFields | StudentRequest) -> None:
+        match message:
+            case SelectRobot():
+                self.select_robot(message.id)
+            case SelectPlotFields():
+                self._plot_fields = message.names
+            case StudentRequest():
+                self._student.request(message)
 
     def _request_as_holder(
         self, message: ArmRequest | DisarmRequest | ResetRequest | SetWheelSpeed
