@@ -15,6 +15,7 @@ from tsd_twin.dashboard.server import http_server
 from tsd_twin.dashboard.server.auth import DEFAULT_IDENTITY, AccessSettings
 from tsd_twin.dashboard.server.connection_limits import allow_many_files
 from tsd_twin.errors import TwinError
+from tsd_twin.messages import topics
 from tsd_twin.security import Role, Users
 
 _LOG = logging.getLogger(__name__)
@@ -46,13 +47,15 @@ def serve(args: argparse.Namespace) -> None:
     if rules.users is not None and rules.owner is DEFAULT_IDENTITY:
         _LOG.warning("%s", open_bus(args))
 
+    first = [topics.checked(robot_id) for robot_id in args.first]
+
     def ready(port: int) -> None:
         program.say_ready(f"{url(args, rules, port)}")
 
     with program.client_bus(args) as bus:
         if args.zenoh_config and not bus.wait_for_peer(_PATIENCE_S):
             _LOG.warning("no robot lets us in yet: it is off, or refuses the certificate")
-        asyncio.run(dashboard.run(bus, args.host, args.port, stop, ready, rules))
+        asyncio.run(dashboard.run(bus, args.host, args.port, stop, ready, rules, first=first))
 
 
 def rules_of(args: argparse.Namespace) -> AccessSettings:
@@ -133,6 +136,13 @@ def main() -> None:
         type=flag_types.PORT,
         default=PORT,
         help=f"of the page; default {PORT}; 0 is a free one",
+    )
+    PARSER.add_argument(
+        "--first",
+        action="append",
+        default=[],
+        metavar="ID",
+        help="a robot that comes first in the menu, the first one is shown; may be repeated",
     )
     add_access_flags()
     program.run(PARSER, serve)

@@ -90,8 +90,8 @@ def demonstrate(args: argparse.Namespace) -> None:
             for role, heard_at in zip(chosen, listening, strict=True)
         ]
         seen_at = [running.enter_context(linked(link, each, stop)) for each in endpoints]
-        for each in seen_at:
-            dashboard += ["--connect", each]
+        for role, each in zip(chosen, seen_at, strict=True):
+            dashboard += ["--connect", each, "--first", role[role.index("--id") + 1]]
         recorder_ready = folder and running.enter_context(
             recorder(folder, args.keep_gb, listening, stop)
         )

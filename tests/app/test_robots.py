@@ -111,6 +111,8 @@ def test_the_panel_of_each_robot_has_what_it_has(browser: Browser) -> None:
     """In one scene; no gimbals where there are none, and sliders by the names of its twist."""
     shown = {"omni4": ("Wheels", "Forward (m/s)"), "atlas": ("Sphere", "Roll right (rad/s)")}
     with demo(*shown) as address, opened(browser, address, drawn=True) as page:
+        menu = page.get_by_role("combobox", name="Robot", exact=True)
+        expect(menu).to_have_value("omni4", timeout=PATIENCE_MS)  # Named first.
         for name, (tab, slider) in shown.items():
             choose(page, name)
             expect(page.get_by_role("tab", name=tab)).to_be_visible(timeout=PATIENCE_MS)
@@ -125,7 +127,7 @@ def bring_up_by_key(page: Page) -> None:
     page.get_by_role("tab", name="Sphere").click(timeout=PATIENCE_MS)
     front = page.get_by_role("group", name="Bring up").get_by_role("button", name="front")
     expect(front).to_have_attribute("aria-disabled", "true", timeout=PATIENCE_MS)
-    take_control_and_arm(page)
+    take_control_and_arm(page, "atlas")
     mark = page.locator(".globe .front")
     expect(mark).to_have_attribute("cy", "-40.00")  # Seen from above, in front.
     for _ in range(20):

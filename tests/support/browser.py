@@ -82,11 +82,12 @@ def click_through(page: Page, *names: str) -> None:
     page.wait_for_timeout(100)
 
 
-def take_control_and_arm(page: Page) -> None:
-    """Do what a newcomer does first."""
+def take_control_and_arm(page: Page, robot: str = "") -> None:
+    """Do what a newcomer does first; of several robots the buttons have the name."""
     mode(page, "disarmed")
     press_until(page, "Take control", page.get_by_role("button", name="Release control"))
-    press_until(page, "Arm", page.get_by_role("button", name="Disarm", exact=True))
+    arm, disarm = (f"{word} {robot}".rstrip() for word in ("Arm", "Disarm"))
+    press_until(page, arm, page.get_by_role("button", name=disarm, exact=True))
     mode(page, "ready")
 
 

@@ -43,6 +43,8 @@ class Node:
     position: Any = (0.0, 0.0, 0.0)
     wxyz: Any = (1.0, 0.0, 0.0, 0.0)
     visible: bool = True
+    virtual: bool = False
+    """It was not asked for, and is there for the nodes below it."""
 
 
 @dataclass
@@ -91,8 +93,9 @@ class ViserClient:
         return {str(c.props["label"]) for c in self.controls.values() if c.props.get("label")}
 
     def node(self, name: str) -> Node:
-        """Return the visible node: the client's own one overrides the shared one."""
-        return self.own.get(name) or self.shared[name]
+        """Return the visible node: the client's own one overrides the shared one, if it is real."""
+        own, shared = self.own.get(name), self.shared.get(name)
+        return own if own is not None and (shared is None or not own.virtual) else self.shared[name]
 
     def until(self, condition: Callable[[], Any]) -> None:
         """Wait until received messages make a condition true."""
@@ -141,11 +144,19 @@ class ViserClient:
         elif kind.startswith("SetCamera"):
             self.camera[kind] = message
         elif name is not None and "props" in message:
-            nodes[name] = Node(kind, message["props"])
+            self._add(nodes, name, message)
         elif kind == "RemoveSceneNodeMessage":
             nodes.pop(name, None)
         elif name in nodes:
             self._change(nodes[name], message)
+
+    def _add(self, nodes: dict[str, Node], name: str, message: dict[str, Any]) -> None:
+        """As a browser: a node that is there already keeps its pose, and stays real."""
+        node = Node(message["type"], message["props"], virtual=message.get("virtual", False))
+        if (before := nodes.get(name)) is not None:
+            node.position, node.wxyz, node.visible = before.position, before.wxyz, before.visible
+            node.virtual = node.virtual and before.virtual
+        nodes[name] = node
 
     def _change(self, node: Node, message: dict[str, Any]) -> None:
         match message["type"]:

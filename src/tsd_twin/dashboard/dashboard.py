@@ -9,13 +9,14 @@ import math
 import sys
 import threading
 import time
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from typing import Protocol, TypeVar
 
 from tsd_twin.bus import Bus
 from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.dashboard.robot_discovery import RobotDiscovery
+from tsd_twin.dashboard.robot_roster import RobotRoster
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.server.auth import AccessSettings, AuthMiddleware
@@ -208,10 +209,11 @@ async def run(
     stop: threading.Event,
     on_ready: Callable[[int], None],
     rules: AccessSettings,
+    first: Sequence[str] = (),
 ) -> None:
     """Serve the page until `stop` is set; `on_ready` is called with the port.
 
-    `rules` are the access settings.
+    `rules` are the access settings; `first` are ids of the robots that come first in the menu.
 
     Raises:
         TwinError: the address cannot be used, or not with these rules.
@@ -231,11 +233,17 @@ async def run(
 
     server = viser_server.start_server(TITLE)
     try:
-        scene = Scene(server)
+        roster = RobotRoster(first)
+        scene = Scene(server, roster)
         # The two know each other by callbacks only: neither waits for the other's thread.
         scene_executor = _SceneExecutor(worker, scene, lambda: panels)
         sessions = SessionManager(
-            discovery, on_released, on_chosen, scene_executor, on_opened=lambda: ticker.wake()
+            discovery,
+            on_released,
+            on_chosen,
+            scene_executor,
+            on_opened=lambda: ticker.wake(),
+            roster=roster,
         )
         gateway = HttpServer(sessions, server.get_port(), auth=AuthMiddleware(rules))
         panels = PanelManager(

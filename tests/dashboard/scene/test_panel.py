@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -16,12 +17,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.support.robot_feed import RobotFeed, link_poses
-from tests.support.viser_client import PATIENCE_S, Node, ViserClient, viser_client
+from tests.support.viser_client import CAMERA, PATIENCE_S, Node, ViserClient, viser_client
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.tilt_exaggeration import exaggerate_tilt
 from tsd_twin.dashboard.viser_compat import viser_server
-from tsd_twin.dashboard.viser_compat.viser_server import page_of
+from tsd_twin.dashboard.viser_compat.viser_server import LOOK_AT_M, page_of
 from tsd_twin.lie import SE2
 from tsd_twin.robots import load_robot
 
@@ -315,7 +316,7 @@ def test_a_preview_is_exaggerated_too_and_the_live_gimbals_come_back_after_it(
 ) -> None:
     viewer.set("tilt drawn", "x3")
     viewer.until(lambda: enlarged(viewer, "inner").visible)
-    viewer.set("vx (m/s)", 0.5)
+    viewer.set("Forward (m/s)", 0.5)
     desk.move()
     joints = exaggerate_tilt(feed.kinematics.inverse(np.array([0.5, 0.0, 0.0])), 3.0)
     poses = link_poses(feed.robot, SE2.identity(), joints)
@@ -332,7 +333,7 @@ def test_a_factor_that_there_is_not_and_a_robot_without_gimbals_change_nothing(
     desk: Desk, viewer: ViserClient, feed: RobotFeed
 ) -> None:
     viewer.set("tilt drawn", "x1000000")
-    viewer.set("vx (m/s)", 0.25)
+    viewer.set("Forward (m/s)", 0.25)
     desk.move()
     assert "/w/r/tsd/ql" not in viewer.own
     desk.scene.remove(feed.id)
@@ -340,8 +341,8 @@ def test_a_factor_that_there_is_not_and_a_robot_without_gimbals_change_nothing(
     desk.scene.add(RobotFeed("kiwi", load_robot("kiwi")))
     viewer.until(lambda: not viewer.control("tilt drawn").props["visible"])
     viewer.set("tilt drawn", "x10")
-    viewer.until(lambda: viewer.control("vx (m/s)").props["max"] == 0.8)
-    viewer.set("vx (m/s)", 0.5)
+    viewer.until(lambda: viewer.control("Forward (m/s)").props["max"] == 0.8)
+    viewer.set("Forward (m/s)", 0.5)
     desk.move()
     assert not any("/q" in name for name in viewer.own)
 
@@ -388,6 +389,70 @@ def test_robots_can_be_chosen_when_there_are_several(desk: Desk, viewer: ViserCl
         bob.say(pose=np.array([x, 0.5, 0.0]))
         desk.scene.draw()
         viewer.until(lambda x=x: np.allclose(viewer.node("/w").position, (-x, -0.5, 0.0)))
+
+
+PLACES = {"tsd": (0.0, 0.0), "bob": (1.0, 0.5), "eve": (0.0, -1.0), "zero": (0.0, 0.0)}
+
+
+@pytest.mark.parametrize("hides", [False, True])
+def test_the_robot_that_is_chosen_is_in_view_whatever_was_chosen_before(
+    desk: Desk, feed: RobotFeed, viewer: ViserClient, hides: bool
+) -> None:
+    """From each robot to each other one, with two of them in one place, and a hidden layer."""
+    for name, place in PLACES.items():
+        robot = feed if name == feed.id else RobotFeed(name)
+        if robot is not feed:
+            desk.scene.add(robot)
+        robot.say(pose=np.array([*place, 0.0]))
+    desk.scene.draw()
+    if hides:
+        viewer.set("trail", False)
+        viewer.until(lambda: not viewer.node("/w/k").visible)
+    for names in itertools.permutations(PLACES, 2):
+        for name in names:
+            desk.panels.select_robot(PAGE, name)
+            viewer.until(lambda name=name: viewer.control("robot").value == name)
+            x, y = PLACES[name]
+            viewer.until(lambda x=x, y=y: np.allclose(viewer.node("/w").position, (-x, -y, 0.0)))
+
+
+def test_a_camera_that_was_moved_away_looks_at_the_robot_that_is_chosen(
+    desk: Desk, viewer: ViserClient
+) -> None:
+    bob = RobotFeed("bob")
+    desk.scene.add(bob)
+    bob.say(pose=np.array([5.0, 2.0, 0.0]))
+    desk.scene.draw()
+    viewer.set("follow", False)
+    viewer.until(lambda: "/w" in viewer.own)
+    away = {"position": [3.0, 1.0, 1.0], "look_at": [2.0, 0.0, 0.0]}
+    viewer.send(CAMERA | away)
+    viewer.set("Forward (m/s)", 0.5)
+    desk.move()  # The camera has come before.
+    desk.panels.select_robot(PAGE, "bob")
+    viewer.until(lambda: np.allclose(viewer.node("/w").position, (-5.0, -2.0, 0.0)))
+    direction = np.subtract(away["position"], away["look_at"])
+    viewer.until(
+        lambda: np.allclose(
+            viewer.camera["SetCameraPositionMessage"]["position"], LOOK_AT_M + direction
+        )
+    )
+    viewer.until(lambda: np.allclose(viewer.camera["SetCameraLookAtMessage"]["look_at"], LOOK_AT_M))
+
+
+def test_several_robots_have_names_and_rings_of_different_colours(
+    desk: Desk, feed: RobotFeed, viewer: ViserClient
+) -> None:
+    def marks(name: str) -> list[Node]:
+        return [viewer.shared[f"/w/r/{name}/{mark}"] for mark in "nq"]
+
+    viewer.until(lambda: not any(mark.visible for mark in marks(feed.id)))
+    desk.scene.add(RobotFeed("bob"))
+    viewer.until(lambda: all(mark.visible for name in (feed.id, "bob") for mark in marks(name)))
+    colours = [tuple(marks(name)[1].props["color"]) for name in (feed.id, "bob")]
+    assert len(set(colours)) == 2
+    desk.scene.remove("bob")
+    viewer.until(lambda: not any(mark.visible for mark in marks(feed.id)))
 
 
 def test_a_robot_chosen_elsewhere_in_the_page_is_chosen_here(
@@ -468,8 +533,9 @@ def test_a_client_that_does_not_follow_sees_the_robot_drive_away(
     say(2.0)
     assert np.allclose(viewer.node("/w").position, (-1.0, 0.0, 0.0))
     viewer.set("follow", True)
-    viewer.until(lambda: "/w" not in viewer.own)
     viewer.until(lambda: np.allclose(viewer.node("/w").position, (-2.0, 0.0, 0.0)))
+    say(3.0)
+    viewer.until(lambda: np.allclose(viewer.node("/w").position, (-3.0, 0.0, 0.0)))
 
 
 @pytest.mark.parametrize("side", ["3-D", "behind", "top"])

@@ -28,7 +28,9 @@ def test_a_page_learns_who_it_is_which_robots_there_are_and_how_its_robot_is(ser
         page.until(lambda: page.state)
         welcome, robot = page.last("welcome"), page.last("robot")
         assert welcome["operator"] == "web-01234567"
-        assert welcome["robots"] == [{"id": "tsd", "title": "Triple singularity drive"}]
+        assert welcome["robots"] == [
+            {"id": "tsd", "title": "Triple singularity drive", "colour": "#0b84d8"}
+        ]
         assert welcome["robot"] == "tsd" == robot["id"]
         assert robot["modules"] == ["module1", "module2", "module3"]
         assert robot["limits"] == {"speed_mps": 1.0, "turn_rate_rad_per_s": 3.0}
@@ -209,6 +211,9 @@ def test_events_reach_those_who_watch_and_those_who_come_later(served: Site) -> 
             "text": "It rains.",
             "robot_s": 1.5,
             "past": False,
+            "age_s": 0.0,
         }
     with served.page() as page:
-        assert page.until(lambda: told(page, "It rains."))["past"] is True
+        event = page.until(lambda: told(page, "It rains."))
+        assert event["past"] is True
+        assert 0.0 < event["age_s"] < 60.0

@@ -110,6 +110,10 @@ class CameraPreset(StrEnum):
     TOP = "top"
 
 
+_LOOK_AT_TOLERANCE_M = 0.05
+"""A camera that looks at a place this near to the robot has not been moved away from it."""
+
+
 class ClientView:
     """Scene of one client: its own nodes, which override the shared ones."""
 
@@ -126,6 +130,7 @@ class ClientView:
         self._true_pose_display = TruePoseDisplay.DIFFERS
         self._fixed_world_xy: tuple[float, float] | None = None
         self._world: viser.FrameHandle | None = None
+        self._has_own_world = False
         self._preview_joints: Array | None = None
         self._preview = PosePreview(client)
         self._tilt = ExaggeratedTilt(client)
@@ -163,6 +168,20 @@ class ClientView:
         with self._scene.lock:
             self._fixed_world_xy = None if on else self._world_xy
             self.on_robots_changed()
+
+    def _bring_into_view(self) -> None:
+        """Put the selected robot where a followed robot is, and look at that place.
+
+        The camera keeps its direction and its distance.
+        """
+        if self._fixed_world_xy is not None:
+            self._fixed_world_xy = self._followed_world_xy
+        camera = self._client.camera
+        aside, back = camera.look_at - LOOK_AT_M, camera.position - camera.look_at
+        if not (np.isfinite([aside, back]).all() and back.any()):
+            return  # A client may send any camera.
+        if np.linalg.norm(aside) > _LOOK_AT_TOLERANCE_M:
+            camera.position = LOOK_AT_M + back  # Moves along what it looks at.
 
     def set_camera(self, camera: CameraPreset) -> None:
         """Turn the camera to the robot."""
@@ -269,10 +288,8 @@ class ClientView:
             self._preview.clear()
             self._tilt.clear()
             self._tilt.factor = tilt or self._tilt.factor
-            self._world = None
             self._select_available()
-            if self._fixed_world_xy is not None or self._robot_id != self._scene.default_robot_id:
-                self._world = own.add_frame(ROOT, show_axes=False, position=(*self._world_xy, 0.0))
+            self._world = self._add_world(own)
             if self._no_gpu:
                 disable_shadows_and_reflections(own)
             self._hide_layers(own)
@@ -283,6 +300,24 @@ class ClientView:
                 self._draw_preview()
         self._client.flush()
 
+    def _add_world(self, own: viser.SceneApi) -> viser.FrameHandle | None:
+        """Add the world frame of this client; a client that has had one always has one.
+
+        viser drops the removal of a node that is added again at once, and says nothing of a pose
+        that is zero: the browser would keep the pose of before. An ancestor that viser adds for the
+        nodes of this client has the same effect. So this client never gives its frame up, and sends
+        its position even if that is zero.
+        """
+        followed = self._robot_id == self._scene.default_robot_id
+        if self._fixed_world_xy is not None or not followed:
+            self._has_own_world = True
+        if not self._has_own_world:
+            return None
+        x, y = self._world_xy
+        world = own.add_frame(ROOT, show_axes=False, position=(x + 1.0, y, 0.0))
+        world.position = (x, y, 0.0)
+        return world
+
     def _select_available(self) -> None:
         """Select the chosen robot, or the first available one while it is missing."""
         bodies = self._scene.visuals
@@ -292,6 +327,7 @@ class ClientView:
         shown = shown or self._scene.default_robot_id
         if shown != self._robot_id:
             self._robot_id, self._preview_joints = shown, None
+            self._bring_into_view()
 
     def _hide_layers(self, own: viser.SceneApi) -> None:
         hidden = set(self._hidden)
@@ -308,8 +344,11 @@ class ClientView:
     @property
     def _world_xy(self) -> tuple[float, float]:
         """Origin of `odom` in the scene of this client."""
-        if self._fixed_world_xy is not None:
-            return self._fixed_world_xy
+        return self._fixed_world_xy or self._followed_world_xy
+
+    @property
+    def _followed_world_xy(self) -> tuple[float, float]:
+        """Origin of `odom` in the scene, so that the selected robot keeps its place."""
         body = self.visual
         if body is None or body.id == self._scene.default_robot_id:
             return self._scene.world_xy

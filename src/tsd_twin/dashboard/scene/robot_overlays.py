@@ -197,8 +197,15 @@ class RobotOverlays:
     """
 
     def __init__(
-        self, scene: viser.SceneApi, robot_id: str, shape: RobotShape, on_click: OnClick
+        self,
+        scene: viser.SceneApi,
+        robot_id: str,
+        shape: RobotShape,
+        on_click: OnClick,
+        *,
+        colour: appearance.Rgb,
     ) -> None:
+        """`colour` tells the robot from others."""
         node, self._reader = robot_node(robot_id), JointReader(shape.kinematics)
         self._base = scene.add_frame(node, show_axes=False)
         self.setpoint = (
@@ -230,6 +237,12 @@ class RobotOverlays:
             anchor="bottom-center",
             visible=False,
         )
+        self._name_ring = _add_name_ring(scene, f"{node}/q", shape, colour)
+
+    def set_named(self, on: bool) -> None:
+        """Show name and colour of the robot, for when there are several."""
+        self.label.visible = on
+        self._name_ring.visible = on
 
     def set_stale(self, stale: bool) -> None:
         """Cover the robot in grey while its state is stale.
@@ -287,6 +300,22 @@ def _add_stale_hull(scene: viser.SceneApi, name: str, shape: RobotShape) -> vise
         color=appearance.STALE,
         opacity=0.8,
         flat_shading=True,
+        cast_shadow=False,
+        receive_shadow=False,
+        visible=False,
+    )
+
+
+def _add_name_ring(
+    scene: viser.SceneApi, name: str, shape: RobotShape, colour: appearance.Rgb
+) -> viser.MeshHandle:
+    """Add a ring on the floor around the robot, in its colour."""
+    inner_m = shape.reach_m + 0.015
+    ring = CrossSection.circle(inner_m + 0.012, 96) - CrossSection.circle(inner_m, 96)
+    return scene.add_mesh_simple(
+        name,
+        *Surface.of(ring.extrude(0.002)),
+        color=colour,
         cast_shadow=False,
         receive_shadow=False,
         visible=False,

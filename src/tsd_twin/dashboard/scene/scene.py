@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 import viser
 
+from tsd_twin.dashboard.robot_roster import RobotRoster
 from tsd_twin.dashboard.scene import appearance
 from tsd_twin.dashboard.scene.appearance import (
     ALTERNATIVE_POSES,
@@ -146,8 +147,9 @@ class Scene:
     and a user can turn the camera. Clients with other settings have their own world frame.
     """
 
-    def __init__(self, server: viser.ViserServer) -> None:
+    def __init__(self, server: viser.ViserServer, roster: RobotRoster | None = None) -> None:
         self.server = server
+        self._roster = roster or RobotRoster()
         self.lock = threading.RLock()
         """Held while robots come, go or are drawn."""
         self._visuals: dict[str, RobotVisual] = {}
@@ -185,7 +187,13 @@ class Scene:
             meshes = self._meshes.setdefault(key, BatchedRobotMeshes(self.server.scene, shape))
             if link.id in self._visuals:
                 self._remove_visual(self._visuals[link.id])
-            overlays = RobotOverlays(self.server.scene, link.id, meshes.shape, self._clicked)
+            overlays = RobotOverlays(
+                self.server.scene,
+                link.id,
+                meshes.shape,
+                self._clicked,
+                colour=self._roster.colour(link.id),
+            )
             meshes.add(link.id)
             self._visuals[link.id] = RobotVisual(link, meshes, overlays)
             self._update_views()
@@ -251,6 +259,6 @@ class Scene:
 
     def _update_views(self) -> None:
         for body in self._visuals.values():
-            body.overlays.label.visible = len(self._visuals) > 1
+            body.overlays.set_named(len(self._visuals) > 1)
         for viewer in self._viewers:
             viewer.on_robots_changed()

@@ -197,6 +197,7 @@ interface RobotState {
 interface RobotName {
   id: string;
   title: string;
+  colour: string;
 }
 
 interface SessionInfo {
@@ -242,6 +243,7 @@ interface RobotEvent {
   text: string;
   robot_s: number;
   past: boolean;
+  age_s: number;
 }
 
 interface StudentKnob {

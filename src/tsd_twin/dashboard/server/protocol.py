@@ -346,6 +346,8 @@ class RobotName(msgspec.Struct, frozen=True):
 
     id: str
     title: str
+    colour: str
+    """As `#rrggbb`; that of the robot in the scene."""
 
 
 class SessionInfo(Message, frozen=True, tag="welcome"):
@@ -400,11 +402,19 @@ class RobotEvent(Message, frozen=True, tag="event"):
     robot_s: float
     past: bool = False
     """It happened before the page selected the robot."""
+    age_s: float = 0.0
+    """Time since the dashboard received it: pages show all times on their own clock."""
 
     @classmethod
-    def of(cls, event: Event, *, past: bool = False) -> RobotEvent:
+    def of(cls, event: Event, *, past: bool = False, age_s: float = 0.0) -> RobotEvent:
         """Return the displayed part of an event."""
-        return cls(kind=event.kind, text=event.text, robot_s=round(event.robot_s, 3), past=past)
+        return cls(
+            kind=event.kind,
+            text=event.text,
+            robot_s=round(event.robot_s, 3),
+            past=past,
+            age_s=round(age_s, 3),
+        )
 
 
 class StudentKnob(msgspec.Struct, frozen=True):

@@ -12,6 +12,7 @@ from typing import Protocol
 
 from tsd_twin.client import procedures
 from tsd_twin.client.connection import RobotMonitor
+from tsd_twin.dashboard.robot_roster import RobotRoster
 from tsd_twin.dashboard.server.lease import RpcExecutor
 from tsd_twin.dashboard.server.protocol import RobotName, RobotState
 from tsd_twin.dashboard.server.telemetry import RobotTelemetry
@@ -44,18 +45,28 @@ class RobotClients(Protocol):
 class RobotDirectory:
     """Directory of all robots with their newest state and events; event loop only."""
 
-    def __init__(self, discovery: RobotClients, executor: RpcExecutor) -> None:
+    def __init__(
+        self, discovery: RobotClients, executor: RpcExecutor, roster: RobotRoster | None = None
+    ) -> None:
         self._discovery = discovery
         self._executor = executor
+        self._roster = roster or RobotRoster()
         self._telemetry: dict[str, RobotTelemetry] = {}
-        self._events: dict[str, deque[Event]] = {}
+        self._events: dict[str, deque[tuple[float, Event]]] = {}
         self._modes: dict[str, tuple[str, float]] = {}
         self._measuring: set[asyncio.Task[None]] = set()
 
     def robot_names(self) -> list[RobotName]:
-        """Return the lines of the robot menu, by id."""
-        links = self._discovery.links
-        return [RobotName(name, links[name].robot.title) for name in sorted(links)]
+        """Return the lines of the robot menu; a new page shows the first one."""
+        links, roster = self._discovery.links, self._roster
+        return [
+            RobotName(
+                id=robot_id,
+                title=links[robot_id].robot.title,
+                colour="#{:02x}{:02x}{:02x}".format(*roster.colour(robot_id)),
+            )
+            for robot_id in roster.in_order(links)
+        ]
 
     def view(self, robot_id: str | None) -> RobotTelemetry | None:
         """Return the view of a robot; a new one when it has been restarted."""
@@ -87,11 +98,13 @@ class RobotDirectory:
         """Store an event, which may arrive before its robot is known."""
         if robot_id not in self._events and len(self._events) >= MAX_ROBOTS:
             return  # Robot ids on the bus are not authenticated.
-        self._events.setdefault(robot_id, deque(maxlen=MAX_EVENTS)).append(event)
+        events = self._events.setdefault(robot_id, deque(maxlen=MAX_EVENTS))
+        events.append((time.monotonic(), event))
 
-    def events(self, robot_id: str) -> list[Event]:
-        """Return the newest events of a robot, oldest first."""
-        return list(self._events.get(robot_id, ()))
+    def events(self, robot_id: str) -> list[tuple[float, Event]]:
+        """Return the newest events of a robot with their ages in seconds, oldest first."""
+        now_s = time.monotonic()
+        return [(now_s - came_s, event) for came_s, event in self._events.get(robot_id, ())]
 
     def health(self) -> dict[str, dict[str, str | float | None]]:
         """Return mode and age of the state of each robot; null before its first status."""

@@ -420,9 +420,9 @@ class Session:
             return {}
         return view.plot_fields.values(self._plot_fields, view.link.snapshot)
 
-    def send_event(self, event: Event, *, past: bool = False) -> None:
+    def send_event(self, event: Event, *, past: bool = False, age_s: float = 0.0) -> None:
         """Send an event of the selected robot."""
-        self._send(RobotEvent.of(event, past=past))
+        self._send(RobotEvent.of(event, past=past, age_s=age_s))
 
     def _send_robot(self) -> None:
         view = self._directory.view(self.robot_id)
@@ -430,8 +430,8 @@ class Session:
             return
         self.send_queue.drop_states()
         self._send(view.info())
-        for event in self._directory.events(view.link.id):
-            self.send_event(event, past=True)
+        for age_s, event in self._directory.events(view.link.id):
+            self.send_event(event, past=True, age_s=age_s)
         if (state := self._directory.state(view.link.id)) is not None:
             self.show(state)
 

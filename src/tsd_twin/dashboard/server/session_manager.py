@@ -9,6 +9,7 @@ from typing import Literal
 
 from aiohttp import WSMessage, WSMsgType, web
 
+from tsd_twin.dashboard.robot_roster import RobotRoster
 from tsd_twin.dashboard.scene.picking import EmptyPageScene, PageScene
 from tsd_twin.dashboard.server.auth import Principal
 from tsd_twin.dashboard.server.lease import RpcExecutor
@@ -37,15 +38,17 @@ class SessionManager:
         page_scene: PageScene | None = None,
         *,
         on_opened: Callable[[], None] = _ignore,
+        roster: RobotRoster | None = None,
     ) -> None:
         """Create it without sessions.
 
         Called on the event loop: `on_released`, with the page, to centre the sliders of its panel,
         and `on_chosen`, with page and robot id, when its menu is used; `on_opened` when a page has
-        connected. `page_scene` is the scene that pages pick from and draw on.
+        connected. `page_scene` is the scene that pages pick from and draw on; `roster` has the
+        order and the colours of the robots.
         """
         self._executor = RpcExecutor()
-        self.directory = RobotDirectory(discovery, self._executor)
+        self.directory = RobotDirectory(discovery, self._executor, roster)
         """The robots that there are to see."""
         self._on_released, self._on_chosen = on_released, on_chosen
         self._on_opened = on_opened

@@ -231,6 +231,7 @@ class TeleopController:
         lease = self._lease_client.lease
         match message:
             case PlanRequest() if lease is None:
+                self.navigation.clear()
                 self._send_message(ActionReply(to="plan", ok=False, reason="take control first"))
             case PlanRequest() if lease is not None:
                 self.release("another path is planned")

@@ -91,6 +91,11 @@ export class Button {
     this.allow(this.reason);
   }
 
+  /** What it says. */
+  get label() {
+    return this._label.textContent;
+  }
+
   /** Let it be used, or not, with the reason. @param {string | null} reason */
   allow(reason) {
     this.reason = reason;

@@ -16,6 +16,7 @@ export class Joystick extends SpringControl {
     const asked = el("div.asked");
     const allowed = el("div.allowed", { hidden: true });
     const gap = el("div.gap", { hidden: true });
+    const worldX = el("div.world-x", { hidden: true, "aria-hidden": "true" }, "x");
     const pad = el(
       "div.pad",
       {
@@ -24,7 +25,7 @@ export class Joystick extends SpringControl {
         "aria-describedby": "stick-value stick-help",
         tabindex: 0,
       },
-      ...[el("div.level"), gap, allowed, asked],
+      ...[el("div.level"), worldX, gap, allowed, asked],
     );
     super(pad, STICK_MARGIN_PX, () => drive.changed());
     this.unit = { x: 0, y: 0, turn: 0 };
@@ -37,12 +38,19 @@ export class Joystick extends SpringControl {
     this._asked = asked;
     this._allowed = allowed;
     this._gap = gap;
+    this._worldX = worldX;
   }
 
   /** @param {number} right @param {number} up */
   place(right, up) {
     const length = Math.max(1, Math.hypot(right, up));
     this.unit = { x: up / length, y: -right / length, turn: 0 };
+  }
+
+  /** Mark the rim where x of the world is, `angle` clockwise from up. @param {number | null} angle */
+  point(angle) {
+    this._worldX.hidden = angle === null;
+    this._worldX.style.setProperty("rotate", `${(angle ?? 0).toFixed(3)}rad`);
   }
 
   /**

@@ -9,14 +9,17 @@
 import { sentence } from "./format.js";
 import { kindOf } from "./kinds.js";
 import { known } from "./link.js";
-import { notDrive, notStop } from "./permission.js";
+import { LATCHED, notDrive, notStop } from "./permission.js";
+import { noteMotion } from "./reload_note.js";
+
+/** Whether the robot moves, or comes to rest. @param {RobotState} state */
+const isMoving = ({ status }) => status.mode === "driving" || status.mode === "stopping";
 
 const PERIOD_MS = 20;
 const LEAST_MS = 9.5; // Timers are some tenths of a millisecond early now and then.
 const STOP_RETRY_MS = 200;
 const STOP_CONFIRM_MS = 600;
 const STOP_RETRY_LIMIT_MS = 5000;
-const LATCHED = new Set(["stopped", "fault"]);
 // Ends of a motion that the page tells elsewhere: on the card of a stop, and by an event.
 const TOLD_ELSEWHERE = /^(software stop|control is lost|the robot is (stopped|fault|in a fault))/;
 
@@ -32,7 +35,7 @@ export class Drive {
     this.level = 50;
     /** @type {"base_link" | "odom"} */
     this.frame = "base_link";
-    /** @type {(text: string) => void} */
+    /** @type {(text: string, isTrue?: () => boolean) => void} */
     this.onMessage = () => {};
     /** @type {MotionSource[]} */
     this._sources = [];
@@ -45,7 +48,7 @@ export class Drive {
     this.stalledMs = -Infinity; // When the gateway last said that this page has stalled.
     link.on("state", (state) => this._checkState(state));
     link.on("beat", () => this._retryStop());
-    link.on("down", () => this.release("The connection is lost."));
+    link.on("down", () => this.release("The connection is lost.", false, () => !link.connected));
     link.on("released", ({ reason }) => {
       if (reason.startsWith("your page")) this.stalledMs = performance.now();
       this.release(TOLD_ELSEWHERE.test(reason) ? "" : againNotice(sentence(reason)), true);
@@ -54,7 +57,11 @@ export class Drive {
       if (to === "stop" && ok) this._confirmStop();
     });
     addEventListener("blur", () => this.release());
-    addEventListener("pagehide", () => this.release());
+    addEventListener("pagehide", () => {
+      const moved = this.held || (link.state?.you && isMoving(link.state));
+      this.release();
+      if (moved) noteMotion();
+    });
     document.addEventListener("visibilitychange", () => this.release());
   }
 
@@ -123,14 +130,23 @@ export class Drive {
     this._notify();
   }
 
-  /** Back to the centre with everything; to drive again, a control must be used anew. */
-  release(message = "", byServer = false) {
+  /** A control is held that cannot drive now: release it and say why. @param {string} reason */
+  _refuse(reason) {
+    const isTrue = () => notDrive(this.link) === reason;
+    this.release(againNotice(reason), false, isTrue);
+  }
+
+  /**
+   * Back to the centre with everything; to drive again, a control must be used anew.
+   * @param {string} [message] @param {boolean} [byServer] @param {() => boolean} [isTrue]
+   */
+  release(message = "", byServer = false, isTrue = undefined) {
     const wasHeld = this.held;
     for (const source of this._sources) source.cancel();
     if (this.held) this._finish();
     else if (byServer) this.link.send({ t: "release" });
     this._notify();
-    if (message && (wasHeld || byServer)) this.onMessage(message);
+    if (message && (wasHeld || byServer)) this.onMessage(message, isTrue);
   }
 
   /** Whether the robot has not confirmed a stop in time, and the operator has not acknowledged that. */
@@ -161,7 +177,7 @@ export class Drive {
     const reason = notDrive(this.link);
     if (reason !== null) {
       for (const source of this._sources) source.cancel();
-      this.onMessage(reason);
+      this.onMessage(reason, () => notDrive(this.link) === reason);
       return;
     }
     this._timer = setInterval(() => this._send(), PERIOD_MS);
@@ -177,7 +193,7 @@ export class Drive {
   _send() {
     const reason = notDrive(this.link);
     if (reason !== null) {
-      this.release(againNotice(reason));
+      this._refuse(reason);
       return;
     }
     const now = performance.now();
@@ -196,7 +212,9 @@ export class Drive {
   _checkState(state) {
     const reason = this.held ? notDrive(this.link) : null;
     const isLatched = LATCHED.has(state.status.mode);
-    if (reason !== null) this.release(isLatched ? "" : againNotice(reason)); // A card tells the rest.
+    if (reason !== null && isLatched)
+      this.release(); // A card tells the rest.
+    else if (reason !== null) this._refuse(reason);
     if (isLatched) this._confirmStop();
     this._notify();
   }

@@ -12,13 +12,16 @@ const KEY = "tsd.hints";
 const DONE_MS = 4000; // The last tick is seen for so long.
 const ARMED = new Set(["arming", "ready", "driving"]);
 
-/** @typedef {{ name: string, hint: (robot: RobotInfo | null) => string, done: (state: RobotState) => boolean }} Step */
+/** @typedef {{ name: string, hint: (robot: RobotInfo | null, state: RobotState) => string, done: (state: RobotState) => boolean }} Step */
 
 /** @type {Step[]} */
 const STEPS = [
   {
     name: "Take control",
-    hint: () => "One operator drives at a time.",
+    hint: (_, { status }) =>
+      status.lease.holder === null
+        ? "One operator drives at a time."
+        : "Ask for control: one operator drives at a time.",
     done: ({ you }) => you,
   },
   {
@@ -96,7 +99,7 @@ export class FirstSteps {
       setAttribute(item, "aria-current", i === this._at ? "step" : null);
     });
     const isOver = this._at === STEPS.length;
-    setText(this._hint, isOver ? "That is all." : STEPS[this._at].hint(robot));
+    setText(this._hint, isOver ? "That is all." : STEPS[this._at].hint(robot, known(state)));
     if (isOver) this._timer ||= setTimeout(() => this._close(), DONE_MS);
   }
 }

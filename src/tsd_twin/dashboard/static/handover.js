@@ -5,7 +5,7 @@ import { Button } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
 import { withNames } from "./format.js";
 
-const REASON = "urgent";
+const NO_REASON = "no reason given";
 const FAR_MS = 120; // From here on commands would be late too often for the usual age limit.
 
 export class HandOver {
@@ -15,6 +15,7 @@ export class HandOver {
     this._notices = notices;
     this._asking = false;
     this._asker = null;
+    this._askedFrom = null; // Holder that the open question speaks of.
     this._said = el("div.sr", { role: "alert" });
     this._text = el("strong");
     this._then = el("span.then");
@@ -52,6 +53,11 @@ export class HandOver {
     link.on("down", () => (this._asking = false));
   }
 
+  /** Whether something here waits for an answer of this page. */
+  get isOpen() {
+    return !this._card.hidden || this._notices.asks;
+  }
+
   /** Whether this page has asked and waits for the answer. */
   get waits() {
     const asker = this._link.state?.status.lease.asked_by ?? null;
@@ -85,9 +91,10 @@ export class HandOver {
     this._notices.ask(
       `${why}${withNames(holder)} drives and loses control. The robot comes to rest.`,
       "Take over",
-      { label: "Reason, for all to see", value: REASON },
-      (reason) => this.acquire(reason || REASON),
+      "Reason, for all to see (you may leave it empty)",
+      (reason) => this.acquire(reason || NO_REASON),
     );
+    this._askedFrom = holder;
   }
 
   /** A far link is given more time, at the price of a lower speed that the robot sets. */
@@ -104,6 +111,10 @@ export class HandOver {
   _draw() {
     const { state } = this._link;
     const lease = state?.status.lease ?? null;
+    if (this._askedFrom !== null && lease?.holder !== this._askedFrom) {
+      this._askedFrom = null; // Control is ours, or free, or of another one: ask anew.
+      this._notices.unask();
+    }
     const asked = this._link.connected && (lease?.asked_by ?? null) !== null;
     const holds = asked && state?.you === true;
     this._card.hidden = !(holds || (asked && this.waits));

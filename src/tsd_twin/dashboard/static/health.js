@@ -1,7 +1,7 @@
 // How well everything works, in figures, and what has happened.
 
 import { el, isVisible, setText } from "./dom.js";
-import { fixed } from "./format.js";
+import { clock, fixed } from "./format.js";
 import { known } from "./link.js";
 
 /** @type {Record<string, string>} */
@@ -35,14 +35,15 @@ export class Health {
     const log = el("div.log", attributes, this._log);
     place.append(this._tables, el("div.head", el("strong", "Events")), log);
     link.on("state", (state) => isVisible(place.host) && this._show(state), signal);
-    link.on("event", (event) => this._add(event), signal);
+    link.on("event", () => this._add(known(link.history.at(-1) ?? null)), signal);
     link.on("robot", () => this._log.replaceChildren(), signal);
     for (const event of link.history) this._add(event);
   }
 
-  /** @param {RobotEvent} event */
-  _add({ kind, text, robot_s: seconds }) {
-    const time = el("span.value.time", seconds > 0 ? `${fixed(seconds, 1)} s` : "now");
+  /** @param {RobotEvent & { atMs: number }} event */
+  _add({ kind, text, robot_s: seconds, atMs }) {
+    const title = seconds > 0 ? `${fixed(seconds, 1)} s on the clock of the robot` : null;
+    const time = el("span.value.time", { title }, clock(atMs));
     this._log.prepend(el("li", { "data-kind": kind }, time, el("span", text)));
     this._log.children[LINES]?.remove();
   }

@@ -228,7 +228,10 @@ export class Link {
         if (message.to === "robot") this._requestedRobot = null;
         break;
       case "event":
-        this.history = [...this.history.slice(-99), { ...message, atMs: Date.now() }];
+        this.history = [
+          ...this.history.slice(-99),
+          { ...message, atMs: Date.now() - 1000 * message.age_s },
+        ];
         break;
     }
     this._emit(message.t, message);

@@ -6,38 +6,74 @@ import { el, icon, setText } from "./dom.js";
 import { duration } from "./format.js";
 
 const SHOWN_MS = 6000;
+const READ_MS = 2000; // One that is no longer true stays for so long, so that it can be read.
 const AT_ONCE = 3;
 
+/** @typedef {{ untilMs: number, readMs: number, isTrue: () => boolean }} Shown */
+
 export class Notices {
-  constructor() {
-    /** @type {WeakMap<Element, number>} */
-    this._timers = new WeakMap();
+  /** @param {Link} link */
+  constructor(link) {
+    /** @type {Map<Element, Shown>} */
+    this._shown = new Map();
     this._list = el("div.toasts", { role: "log", "aria-live": "polite", "aria-label": "Messages" });
     this._question = el("div.question");
     this.element = el("div.notices", this._question, this._list);
+    let robot = link.robot?.id;
+    link.on(["beat", "state"], () => this._tidy());
+    link.on("robot", ({ id }) => {
+      const isOther = robot !== undefined && id !== robot; // What was said is of the one before.
+      if (isOther) for (const toast of [...this._shown.keys()]) this._remove(toast);
+      robot = id;
+    });
   }
 
-  /** Say something; the same sentence again only stays longer. @param {string} text */
-  say(text) {
-    const same = [...this._list.children].find((child) => child.textContent === text);
+  /** Whether a question is open. */
+  get asks() {
+    return this._question.childElementCount > 0;
+  }
+
+  /**
+   * Say something, for as long as it is true; the same sentence again only stays longer.
+   * @param {string} text @param {() => boolean} [isTrue]
+   */
+  say(text, isTrue = () => true) {
+    const nowMs = performance.now();
+    const same = [...this._shown.keys()].find((toast) => toast.textContent === text);
     const toast = same ?? el("div.toast.surface", text);
-    clearTimeout(this._timers.get(toast));
-    const timer = setTimeout(() => toast.remove(), SHOWN_MS);
-    this._timers.set(toast, timer);
+    this._shown.set(toast, { untilMs: nowMs + SHOWN_MS, readMs: nowMs + READ_MS, isTrue });
     if (same) return;
-    while (this._list.childElementCount >= AT_ONCE) this._list.firstElementChild?.remove();
+    for (const oldest of [...this._shown.keys()].slice(0, -AT_ONCE)) this._remove(oldest);
     this._list.append(toast);
+  }
+
+  /** Remove what has been read, and what is no longer true. */
+  _tidy() {
+    const nowMs = performance.now();
+    for (const [toast, { untilMs, readMs, isTrue }] of [...this._shown])
+      if (nowMs > untilMs || (nowMs > readMs && !isTrue())) this._remove(toast);
+  }
+
+  /** @param {Element} toast */
+  _remove(toast) {
+    this._shown.delete(toast);
+    toast.remove();
+  }
+
+  /** Take the question back. */
+  unask() {
+    this._question.replaceChildren();
   }
 
   /**
    * Ask for a yes, and a word for `yes`; a new question takes the place of the old one.
-   * @param {string} text @param {string} label @param {{ label: string, value: string }} field
+   * @param {string} text @param {string} label @param {string} field Label of the word.
    * @param {(word: string) => void} yes
    */
   ask(text, label, field, yes) {
-    const done = () => this._question.replaceChildren();
+    const done = () => this.unask();
     const onkeydown = (/** @type {KeyboardEvent} */ { key }) => key === "Enter" && agree.use();
-    const entry = el("input", { type: "text", maxlength: 120, value: field.value, onkeydown });
+    const entry = el("input", { type: "text", maxlength: 120, onkeydown });
     const press = () => (done(), yes(entry.value.trim()));
     const agree = new Button(label, press, { kind: "primary" });
     const refuse = new Button("Cancel", done, { kind: "quiet" });
@@ -46,7 +82,7 @@ export class Notices {
       { role: "alertdialog", "aria-label": label },
       { onkeydown: ({ key }) => key === "Escape" && done() },
       el("p", text),
-      el("label.field", field.label, entry),
+      el("label.field", field, entry),
       el("div.row", refuse.element, agree.element),
     );
     this._question.replaceChildren(dialog);
@@ -108,6 +144,7 @@ export class StaleBanner {
   _draw() {
     const link = this._link;
     const stale = link.isStale();
+    document.documentElement.toggleAttribute("data-tsd-silent", stale);
     this.veil.hidden = !stale;
     this.banner.hidden = !stale;
     if (!stale) return;

@@ -22,6 +22,7 @@ import { PanelSliders } from "./panel_sliders.js";
 import { fillPanelTabs } from "./panel_tabs.js";
 import { notDrive } from "./permission.js";
 import { PoseReadout } from "./pose_readout.js";
+import { takeMotionNote } from "./reload_note.js";
 import { SphereGoTo } from "./sphere.js";
 import { StatusBar } from "./status_bar.js";
 import { StatusCard } from "./status_card.js";
@@ -40,7 +41,7 @@ const drive = new Drive(link);
 const host = el("div", { id: "tsd-overlay" });
 const root = host.attachShadow({ mode: "open" });
 const frame = new CanvasFrame(host);
-const notices = new Notices();
+const notices = new Notices(link);
 const stop = () => drive.stop();
 
 const handOver = new HandOver(link, notices);
@@ -64,26 +65,36 @@ const preview = el(
   "PREVIEW",
   el("span", "the sliders move your picture only, the robot stays put"),
 );
+const alone = el(
+  "div.preview.alone",
+  { hidden: true, role: "status" },
+  "KEEPS DRIVING",
+  el("span", "no hand is on a control: STOP, Zero or any control ends it"),
+);
 const axes = el("button.button.quiet.axes", { type: "button", onclick: () => turnAxes() });
 
 const left = el("div.left", stick.element);
 const right = el("div.right", turn.element);
 const dock = el("div.dock", stopButton.element, left, right); // Tab reaches STOP first.
 const pose = new PoseReadout(link);
+const messages = el(
+  "div.messages",
+  ...[stale.banner, alarm.element, alone, conflict.element, preview],
+  ...[handOver.element, notices.element, keySheet.element],
+);
+// The dock is at the bottom whatever is above it: what has no room there can be scrolled.
 const inner = el(
   "div.frame",
   stale.veil,
   waypoints.floor.element,
   new ModuleInset(link).element, // Below notices, card and controls.
   dock,
-  bar.element,
   el(
-    "div.messages",
-    ...[stale.banner, alarm.element, conflict.element, preview],
-    ...[handOver.element, notices.element, keySheet.element, firstSteps.element],
+    "div.upper",
+    bar.element,
+    el("div.middle", firstSteps.element, card.element, messages),
+    pose.element,
   ),
-  card.element,
-  pose.element,
   tooltip.element,
 );
 const account = new Account(link, inner);
@@ -97,6 +108,7 @@ const keysHelp = el(
   ...[key("?"), " = all keys"],
 );
 stopButton.element.append(keysHelp);
+stopButton.button.after(waypoints.element); // Above it, and after it for Tab.
 stick.head.append(axes);
 
 const keys = new Keyboard(drive, {
@@ -109,7 +121,7 @@ const keys = new Keyboard(drive, {
 for (const source of [stick, turn, keys, new Gamepad(drive, stop), sliders, sphereGoTo, waypoints])
   drive.add(source);
 drive.onChange(draw);
-drive.onMessage = (text) => notices.say(text);
+drive.onMessage = (text, isTrue) => notices.say(text, isTrue);
 link.on(["state", "beat"], draw);
 link.on("event", (event) => {
   if (event.past || !isNotable(event, link.welcome?.operator)) return;
@@ -124,6 +136,7 @@ card.onReset = () => {
   // Not when the operator is elsewhere by now.
   if (document.activeElement === document.body) bar.arm.button.focus();
 };
+link.on(["welcome", "robot"], showColour);
 link.on("robot", (robot) => {
   document.title = `${robot.title} · tsd-twin`;
   axes.hidden = !kindOf(robot).onFloor; // Its base and the world are one.
@@ -153,6 +166,10 @@ layOut();
 fold(false);
 turnAxes("base_link");
 fillPanelTabs(link, waypoints, sphereGoTo, { keySheet, firstSteps });
+if (takeMotionNote())
+  notices.say(
+    "This page was loaded again while it drove, so the robot stopped. Take control to go on.",
+  );
 link.open();
 
 /** @param {KeyboardEvent} event */
@@ -173,6 +190,8 @@ function draw() {
     ? share(controls.unit([twist.vx, twist.vy, twist.omega]), scale)
     : drive.unit;
   const commanded = refusal === null ? share(commandedUnit(known(link.state)), scale) : null;
+  const heading = drive.frame === "odom" ? 0 : (link.state?.pose?.[2] ?? null);
+  stick.point(kindOf(link.robot).onFloor && !link.isStale() ? heading : null);
   stick.draw(unit, commanded, controls.labels);
   turn.draw(unit.turn, commanded?.turn ?? null, twist.omega);
   for (const node of [stick.pad, turn.track])
@@ -180,6 +199,15 @@ function draw() {
   const help = `Drag, or use the arrow keys. ${controls.help}. It springs back.`;
   setText(stick.help, refusal ?? help);
   preview.hidden = !sliders.preview;
+  alone.hidden = !sliders.driveAlone;
+}
+
+/** The colour that tells this robot from others; without others there is none. */
+function showColour() {
+  const robots = link.welcome?.robots ?? [];
+  const shown = robots.find(({ id }) => id === link.robot?.id);
+  inner.toggleAttribute("data-several", robots.length > 1 && shown !== undefined);
+  inner.style.setProperty("--robot", shown?.colour ?? "transparent");
 }
 
 /** @param {Unit} unit @param {{ speed: number, turn: number }} scale */
@@ -220,10 +248,8 @@ function isNarrow() {
 
 function layOut() {
   // An element that moves loses focus and pointer, so it moves only when it has to.
-  const [levelPlace, path] = isNarrow() ? [right, inner] : [bar.level, stopButton.element];
+  const levelPlace = isNarrow() ? right : bar.level;
   if (level.element.parentElement !== levelPlace) levelPlace.prepend(level.element);
-  if (waypoints.element.parentElement !== path)
-    path.insertBefore(waypoints.element, isNarrow() ? dock : stopButton.button.nextSibling);
   inner.toggleAttribute("data-drawer", frame.phone.matches);
   reserve();
 }
@@ -232,7 +258,7 @@ function reserve() {
   const box = host.getBoundingClientRect();
   const lowest = isNarrow() ? pose.element : bar.element;
   const top = lowest.getBoundingClientRect().bottom - box.top;
-  const beside = dock.previousElementSibling === waypoints.element && !waypoints.element.hidden;
-  const bottom = box.bottom - (beside ? waypoints.element : dock).getBoundingClientRect().top;
+  const above = isNarrow() && !waypoints.element.hidden;
+  const bottom = box.bottom - (above ? waypoints.element : dock).getBoundingClientRect().top;
   frame.reserve(top, bottom + 8);
 }

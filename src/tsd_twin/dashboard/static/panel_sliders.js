@@ -30,6 +30,11 @@ export class PanelSliders {
     return this._panel.mode === "drive" && isMoving(this._panel) && this._isHeld(this._panel);
   }
 
+  /** Whether they drive the robot on while no hand is on them. */
+  get driveAlone() {
+    return this.held && this._pointers.size === 0;
+  }
+
   get twist() {
     const { vx, vy, omega } = this._panel;
     return { vx, vy, omega };

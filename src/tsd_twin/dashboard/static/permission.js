@@ -5,7 +5,7 @@ import { sentence } from "./format.js";
 import { known } from "./link.js";
 
 const MOVABLE = new Set(["ready", "driving"]);
-const LATCHED = new Set(["stopped", "fault"]);
+export const LATCHED = new Set(["stopped", "fault"]);
 
 export const WATCHES = "You watch: a viewer does not drive.";
 

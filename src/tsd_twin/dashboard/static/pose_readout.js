@@ -11,15 +11,19 @@ export class PoseReadout {
     /** @type {[Element, Reading[2]][]} */
     this._cells = [];
     this.element = el("div.pose.surface");
-    link.on(["beat", "robot"], () => this._draw()); // Beats are half as many as states.
+    link.on(["beat", "robot", "down"], () => this._draw()); // Beats are half as many as states.
     this._draw();
   }
 
   _draw() {
     const { readings } = kindOf(this._link.robot);
     if (readings !== this._readings) this._build(readings);
-    const state = this._link.state ?? {};
-    for (const [value, read] of this._cells) setText(value, read(state));
+    const { state } = this._link;
+    const stale = this._link.isStale();
+    this.element.toggleAttribute("data-stale", stale);
+    // Where it was last is worth knowing; how fast it goes is not known.
+    const shown = stale ? { pose: state?.pose, sphere: state?.sphere } : (state ?? {});
+    for (const [value, read] of this._cells) setText(value, read(shown));
   }
 
   /** @param {Kind["readings"]} readings */

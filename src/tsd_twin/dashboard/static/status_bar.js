@@ -83,7 +83,7 @@ export class StatusBar {
     this._drawLink();
     const volts = status?.hardware.battery_v;
     this._battery.hidden = typeof volts !== "number";
-    if (typeof volts === "number") setText(this._volts, `${fixed(volts, 1)} V`);
+    if (typeof volts === "number") setText(this._volts, `${fixed(stale ? null : volts, 1)} V`);
   }
 
   _drawRobots() {
@@ -108,8 +108,11 @@ export class StatusBar {
     setText(this._modeWord, word.toUpperCase());
     setAttribute(this._mode, "data-mode", mode ?? "unknown");
     this._armed = mode !== null && !AT_REST.has(mode);
-    const { arm, disarm } = kindOf(this._link.robot);
-    this.arm.become(this._armed ? "Disarm" : "Arm", this._armed ? disarm : arm);
+    const { robot, welcome } = this._link;
+    const { arm, disarm } = kindOf(robot);
+    const several = (welcome?.robots.length ?? 0) > 1;
+    const name = several && robot !== null ? ` ${robot.id}` : "";
+    this.arm.become(`${this._armed ? "Disarm" : "Arm"}${name}`, this._armed ? disarm : arm);
     this.arm.allow(this._armed ? notDisarm(this._link) : notArm(this._link));
     this.arm.button.toggleAttribute("data-quiet", this._armed);
   }

@@ -35,7 +35,7 @@ export class WaypointForm {
       this._why,
     );
     place.append(this._form);
-    link.on(["state", "robot"], () => this._show(), signal);
+    link.on(["state", "robot", "beat", "down"], () => this._show(), signal);
     this._show();
   }
 

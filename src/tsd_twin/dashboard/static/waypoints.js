@@ -6,7 +6,8 @@ import { el, icon, setAttribute, setText, svg } from "./dom.js";
 import { fixed } from "./format.js";
 import { HoldToRunButton, PointerCapture } from "./held_controls.js";
 import { kindOf } from "./kinds.js";
-import { notDrive, notPlan } from "./permission.js";
+import { known } from "./link.js";
+import { LATCHED, notDrive, notPlan } from "./permission.js";
 
 const MODE_HINTS = {
   to: "Click on the floor; drag to set the heading",
@@ -144,7 +145,7 @@ export class Waypoints {
     this._mode = null;
     this._number = null; // Of the way that is held.
     this._level = drive.level;
-    this._finishedNumber = null; // The way that has come to its end.
+    this._end = ""; // What ended the choice of a place: a path at its end, or a stop.
     this.floor = new FloorPicker((points) => {
       if (this._mode !== null) this.plan({ points, kind: this._mode, on: "picture" });
     });
@@ -214,8 +215,11 @@ export class Waypoints {
   /** Ask for a path. @param {PlanRequest} wish */
   plan(wish) {
     const reason = notPlan(this._link);
-    if (reason !== null) this._drive.onMessage(reason);
-    else this._link.send({ t: "plan", ...wish, level: this._drive.level });
+    if (reason === null) this._link.send({ t: "plan", ...wish, level: this._drive.level });
+    else {
+      if (this.route !== null) this._link.send({ t: "clear_plan" }); // It is not what is wanted now.
+      this._drive.onMessage(reason, () => notPlan(this._link) === reason);
+    }
   }
 
   /** Forget the way, and point at nothing any more. */
@@ -258,7 +262,7 @@ export class Waypoints {
       const reason = this._notGo();
       if (reason !== null) {
         this.cancel();
-        this._drive.onMessage(reason);
+        this._drive.onMessage(reason, () => this._notGo() === reason);
         return;
       }
       this._number = this.route?.number ?? null;
@@ -283,10 +287,10 @@ export class Waypoints {
       this.cancel();
       this._drive.changed();
     }
-    const finished = isFinished(route) ? (route?.number ?? null) : null;
-    const isNew = finished !== this._finishedNumber;
-    this._finishedNumber = finished;
-    if (isNew && finished !== null) this._choose(null); // What came of it is said; the camera turns again.
+    const { mode } = known(this._link.state).status;
+    const end = LATCHED.has(mode) ? "stop" : isFinished(route) ? `path ${route?.number}` : "";
+    if (end !== this._end && end !== "") this._choose(null); // It is said; the camera turns again.
+    this._end = end;
     this._show();
   }
 

@@ -45,7 +45,7 @@ export class WheelSpeed {
     // The slowest wheel that is fast enough has the finest steps.
     this._listen(this._top, (value) => Math.ceil(value / this._topSpeed(1)));
     link.on("robot", () => this._build(), signal);
-    link.on("state", () => isVisible(place.host) && this._show(), signal);
+    link.on(["state", "beat", "down"], () => isVisible(place.host) && this._show(), signal);
     link.on("reply", ({ to }) => to === "wheel_speed" && this._answered(), signal);
     link.on(["down", "welcome"], () => (this._asking = false), signal);
     this._build();
@@ -113,7 +113,7 @@ export class WheelSpeed {
   }
 
   _show() {
-    const { wheel_speed: speed } = known(this._link.state).status;
+    const speed = this._link.state?.status.wheel_speed ?? null;
     if (this._all.hidden || speed === null) return;
     const reason = notSetWheelSpeed(this._link);
     for (const input of [this._slider, this._rpm, this._top]) input.disabled = reason !== null;
@@ -123,7 +123,7 @@ export class WheelSpeed {
     const off = speed.spin_rpm - speed.wanted_rpm;
     const spins = speed.spin_rpm > 1;
     const now = Math.abs(off) > CHANGING_RPM ? `now ${thousands(speed.spin_rpm)} rpm` : "";
-    setText(this._now, spins ? now : "wheels stand");
+    setText(this._now, this._link.isStale() ? "" : spins ? now : "wheels stand");
     if (this._draft === null) this._draw();
   }
 

@@ -1,0 +1,160 @@
+"""STOP keeps its place and lies on top: at every size of the page, in every state."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser
+
+from tests.support.browser import FLAGS_WITHOUT_SCENE
+from tests.support.page_stage import (
+    LATCHED,
+    OPERATOR,
+    PREVIEW,
+    PageStage,
+    page_stage,
+    route,
+    state,
+)
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.busy,
+    pytest.mark.timeout(120),
+    pytest.mark.parametrize("browser", [FLAGS_WITHOUT_SCENE], indirect=True, scope="module"),
+]
+
+SIZES = (
+    (1280, 720),
+    (1440, 900),
+    (1024, 600),
+    (988, 720),  # The first one beside the panel.
+    (853, 480),  # And at a zoom of 150 %.
+    (844, 390),
+    (768, 1024),
+    (640, 360),
+    (568, 320),
+    (390, 844),
+    (320, 568),
+)
+LONG = "the wheel of module 2 does not follow its set-point by more than 1 degree " * 3
+REFUSED = {"t": "reply", "to": "arm", "ok": False}
+SUSPECT = {"residual_mps": 0.1, "level": 3.0, "suspect": "module2", "explained": {}}
+MINE: dict[str, Any] = {"you": True}
+ASKED = {"lease": {"holder": "bob", "asked_by": OPERATOR, "asks_for_s": 9.0}}
+STATES: dict[str, dict[str, Any]] = {
+    "disarmed": state(),
+    "another drives": state("driving", lease={"holder": "bob-with-a-rather-long-name"}),
+    "asked": state("driving", **ASKED),
+    "is asked": state("driving", lease={"asked_by": "bob", "asks_for_s": 9.0}, **MINE),
+    "mine, disarmed": state(**MINE),
+    "arming": state("arming", status={"arming": {"phase": "hold", "progress": 0.4}}, **MINE),
+    "ready": state("ready", **MINE),
+    "a path": state("ready", route=route("planned"), **MINE),
+    "going": state("driving", route=route("going"), **MINE),
+    "arrived": state("ready", route=route("arrived"), **MINE),
+    "ended": state("ready", route=route("ended", reason=LONG), **MINE),
+    "driving": state("driving", **MINE),
+    "suspect": state("driving", status={"consistency": SUSPECT}, **MINE),
+    "stopping": state("stopping", **MINE),
+    "stopped": state("stopped", status={"stop_reason": "software stop"}, **MINE),
+    "stopped, not mine": state("stopped", status={"stop_reason": LONG}),
+    "fault": state("fault", status={"stop_reason": LONG, "consistency": SUSPECT}, **MINE),
+    "silent": state("driving", age_ms=5000.0, **MINE),
+}
+GO_TO = "overlay().querySelector('.route .choices button').click()"
+ON_TOP = """() => overlay().append(Object.assign(document.createElement("style"),
+  {textContent: ".frame * { pointer-events: auto !important }"}))"""
+"""What is drawn on top of STOP is found, also if it lets clicks through."""
+BOXES = """() => {
+  const boxOf = (node) => {
+    const {left, top, right, bottom, width} = node.getBoundingClientRect();
+    return {left, top, right, bottom, shown: width > 0};
+  };
+  const find = (selector) => overlay().querySelector(selector);
+  const stop = find(".stop");
+  const {left, top, right, bottom} = boxOf(stop);
+  const covers = [];
+  for (const x of [left + 17, (left + right) / 2, right - 17])
+    for (const y of [top + 3, (top + bottom) / 2, bottom - 3]) {
+      const there = overlay().elementFromPoint(x, y);
+      if (!stop.contains(there)) covers.push(there?.className ?? "nothing");
+    }
+  const names = {stop: ".stop", pad: ".pad", track: ".track", control: ".driver .button",
+    card: ".card", message: ".messages"};
+  const boxes = Object.fromEntries(
+    Object.entries(names).map(([name, selector]) => [name, boxOf(find(selector))]));
+  return {...boxes, covers};
+}"""
+
+
+@pytest.fixture(scope="module")
+def stage(browser: Browser) -> Generator[PageStage]:
+    with page_stage(browser) as opened:
+        opened.page.evaluate(ON_TOP)
+        yield opened
+
+
+@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
+def test_stop_never_moves_and_is_never_covered(stage: PageStage, size: tuple[int, int]) -> None:
+    width, height = size
+    stage.resize(width, height)
+    seen: dict[str, dict[str, Any]] = {}
+
+    def look(name: str) -> None:
+        seen[name] = stage.page.evaluate(BOXES)
+
+    for name, shown in STATES.items():
+        stage.show(shown)
+        look(name)
+        if name in ("ready", "driving"):
+            stage.page.evaluate(GO_TO)
+            look(f"{name}, Go to")
+            stage.page.evaluate(GO_TO)
+    stage.show(state("driving", **ASKED))
+    stage.page.get_by_role("button", name="Take over…").evaluate("(button) => button.click()")
+    look("takes over")
+    stage.show(state("stopped", status={"stop_reason": LONG}, **MINE))
+    for i in range(3):
+        stage.say(REFUSED | {"reason": f"{i} {LONG}"})
+    look("notices")
+    stage.choose("tsd", "atlas", "omni4")
+    look("several robots")
+    stage.show(state("ready", **MINE))
+    for sliders in (LATCHED, PREVIEW):
+        stage.move_slider(sliders)
+        look(f"sliders {sliders['mode']}")
+    stage.say(PREVIEW | {"vx": 0})
+    fold = stage.page.locator("#tsd-overlay .group.last .button").last
+    fold.evaluate("(button) => button.click()")
+    look("folded")
+    fold.evaluate("(button) => button.click()")
+    stage.choose("tsd")
+
+    stop = seen["disarmed"]["stop"]
+    assert {name: boxes["stop"] for name, boxes in seen.items() if boxes["stop"] != stop} == {}
+    assert {name: boxes["covers"] for name, boxes in seen.items() if boxes["covers"]} == {}
+    for name, boxes in seen.items():
+        for control in ("stop", "pad", "track", "control"):
+            box = boxes[control]
+            assert box["shown"], (name, control)
+            assert min(box["left"], box["top"]) >= 0, (name, control, box)
+            assert box["right"] <= width, (name, control, box)
+            assert box["bottom"] <= height, (name, control, box)
+
+
+@pytest.mark.parametrize("size", SIZES[:6] + SIZES[9:10], ids=lambda size: f"{size[0]}x{size[1]}")
+@pytest.mark.parametrize("mode", ["stopped", "fault", "arming"])
+def test_cards_do_not_lie_on_the_robot(stage: PageStage, size: tuple[int, int], mode: str) -> None:
+    """A robot that is followed is in the middle, about a third of the picture high."""
+    width, height = size
+    stage.resize(width, height)
+    stage.show(state(mode, status={"stop_reason": "software stop by web-01234567"}, **MINE))
+    card = stage.page.evaluate(BOXES)["card"]
+    assert card["shown"]
+    reach = 0.14 * height
+    left, right = width / 2 - reach, width / 2 + reach
+    beside = card["right"] <= left or card["left"] >= right
+    assert beside or card["bottom"] <= height / 2 - reach, card

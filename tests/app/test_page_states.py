@@ -1,0 +1,260 @@
+"""What the page shows is true: notices, hints, names and figures, in every state of the robot."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Generator
+
+import pytest
+from playwright.sync_api import Browser, Locator, expect
+
+from tests.support.browser import FLAGS_WITHOUT_SCENE, centre
+from tests.support.page_stage import (
+    COLOURS,
+    LATCHED,
+    OPERATOR,
+    PageStage,
+    page_stage,
+    robot,
+    route,
+    state,
+    welcome,
+)
+
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.busy,
+    pytest.mark.timeout(120),
+    pytest.mark.parametrize("browser", [FLAGS_WITHOUT_SCENE], indirect=True, scope="module"),
+]
+
+BOB = {"holder": "bob"}
+ASKED = {"holder": "bob", "asked_by": OPERATOR, "asks_for_s": 9.0}
+COVERED = """() => {
+  const steps = overlay().querySelector(".steps");
+  const buttons = [...overlay().querySelectorAll("button, .pad, .track")];
+  return buttons.filter((button) => {
+    const {left, top, width, height} = button.getBoundingClientRect();
+    const there = overlay().elementFromPoint(left + width / 2, top + height / 2);
+    return width > 0 && !steps.contains(button) && steps.contains(there);
+  }).map((button) => button.textContent || button.className);
+}"""
+"""Controls that the first steps cover."""
+
+
+@pytest.fixture
+def stage(browser: Browser) -> Generator[PageStage]:
+    with page_stage(browser) as opened:
+        yield opened
+
+
+def button(stage: PageStage, name: str) -> Locator:
+    return stage.page.get_by_role("button", name=name, exact=True)
+
+
+def test_of_several_robots_the_one_that_the_controls_act_on_is_named(stage: PageStage) -> None:
+    expect(button(stage, "Arm")).to_have_text("Arm")
+    for robot_id, other, colour in (("atlas", "tsd", COLOURS[0]), ("tsd", "atlas", COLOURS[0])):
+        stage.choose(robot_id, other)
+        stage.show(state(you=True))
+        expect(button(stage, f"Arm {robot_id}")).to_have_text(f"Arm {robot_id}")
+        expect(stage.page.get_by_role("combobox", name="Robot")).to_have_value(robot_id)
+        stage.show(state("ready", you=True))
+        expect(button(stage, f"Disarm {robot_id}")).to_have_text(f"Disarm {robot_id}")
+        rgb = tuple(int(colour[i : i + 2], 16) for i in (1, 3, 5))
+        for selector in (".bar", ".pad"):
+            shadow = re.compile(re.escape(f"rgb{rgb}"))
+            expect(stage.page.locator(selector)).to_have_css("box-shadow", shadow)
+    stage.choose("tsd")
+    stage.show(state(you=True))
+    expect(button(stage, "Arm")).to_have_text("Arm")
+
+
+def test_the_colour_follows_the_robot_that_is_chosen(stage: PageStage) -> None:
+    names = [
+        {"id": each, "title": each, "colour": colour}
+        for each, colour in zip(("tsd", "atlas"), COLOURS, strict=False)
+    ]
+    stage.say(welcome(names))
+    for name, colour in zip(("tsd", "atlas", "tsd"), (*COLOURS[:2], COLOURS[0]), strict=True):
+        stage.say(robot(name))
+        frame = stage.page.locator(".frame")
+        expect(frame).to_have_attribute("style", re.compile(f"--robot: {colour}"))
+
+
+def test_the_stick_shows_where_x_of_the_world_is(stage: PageStage) -> None:
+    mark = stage.page.locator(".world-x")
+    stage.show(state("ready", you=True, pose=[0.0, 0.0, 1.5]))
+    # Turned left by 1.5 rad, the robot has x of the world on its right.
+    expect(mark).to_have_css("rotate", re.compile(r"^85\.9\d*deg$"))
+    button(stage, "robot axes").click()
+    expect(mark).to_have_css("rotate", "0deg")
+    stage.show(None)
+    expect(mark).to_be_hidden()
+
+
+@pytest.mark.parametrize("size", [(1280, 720), (844, 390), (390, 844), (568, 320)])
+def test_the_first_steps_say_what_the_button_says_and_cover_no_control(
+    browser: Browser, size: tuple[int, int]
+) -> None:
+    with page_stage(browser, hints=True) as stage:
+        stage.resize(*size)
+        steps = stage.page.get_by_role("region", name="First steps")
+        expect(steps).to_contain_text("Take control")
+        stage.show(state("ready", lease=BOB))
+        expect(steps).to_contain_text("Ask for control")
+        for shown in (
+            state(),
+            state(lease=BOB),
+            state(lease=ASKED),
+            state(you=True),
+            state(you=True, lease={"asked_by": "bob", "asks_for_s": 9.0}),
+            state("ready", you=True),
+            state("ready", you=True, lease={"asked_by": "bob", "asks_for_s": 9.0}),
+        ):
+            stage.show(shown)
+            assert stage.page.evaluate(COVERED) == [], shown
+        stage.show(state(lease=ASKED))
+        button(stage, "Withdraw").click()
+        assert stage.sent("lease")[-1]["op"] == "withdraw"
+
+
+def test_a_robot_that_drives_without_a_hand_has_a_strip(stage: PageStage) -> None:
+    strip = stage.page.get_by_text("KEEPS DRIVING")
+    stage.show(state("ready", you=True))
+    expect(strip).to_be_hidden()
+    stage.move_slider(LATCHED)
+    expect(strip).to_be_visible()
+    assert stage.sent("drive")[-1]["vx"] == 0.2
+    stage.say(LATCHED | {"vx": 0.0})
+    expect(strip).to_be_hidden()
+
+
+def test_the_question_of_a_take_over_goes_when_control_is_granted(stage: PageStage) -> None:
+    question = stage.page.get_by_role("alertdialog", name="Take over")
+    stage.show(state(lease=ASKED))
+    button(stage, "Take over…").click()
+    expect(question).to_be_visible()
+    stage.show(state(you=True))
+    expect(question).to_be_hidden()
+    stage.show(state(lease=ASKED))
+    button(stage, "Take over…").click()
+    expect(question.get_by_role("textbox")).to_have_value("")
+    button(stage, "Take over").click()
+    asked = stage.sent("lease")[-1]
+    assert (asked["op"], asked["take_over"], asked["reason"]) == (
+        "acquire",
+        True,
+        "no reason given",
+    )
+
+
+def hold_the_stick(stage: PageStage) -> None:
+    x, y, half = centre(stage.page, "region", "Drive stick")
+    stage.page.mouse.move(x, y)
+    stage.page.mouse.down()
+    stage.page.mouse.move(x, y - 0.8 * half)
+
+
+def test_a_notice_goes_when_it_is_no_longer_true(stage: PageStage) -> None:
+    messages = stage.page.get_by_role("log", name="Messages")
+    stage.show(state("ready", you=True))
+    hold_the_stick(stage)
+    stage.show(None)
+    expect(messages).to_contain_text("silent")
+    stage.page.mouse.up()
+    stage.show(state("ready", you=True))
+    expect(messages).not_to_contain_text("silent", timeout=4000)
+    # Of another robot nothing is true here.
+    stage.say({"t": "reply", "to": "arm", "ok": False, "reason": "the wheels are loose"})
+    expect(messages).to_contain_text("loose")
+    stage.choose("atlas", "tsd")
+    expect(messages).to_be_empty()
+
+
+def test_without_a_signal_nothing_looks_live(stage: PageStage) -> None:
+    speed = stage.page.get_by_role("status", name="Speed", exact=True)
+    plan, drive_speed = button(stage, "Plan"), stage.page.get_by_role("slider", name="Drive speed")
+    cloud = stage.page.locator(".tabler-icon-cloud-check")
+    stage.show(state("ready", you=True))
+    expect(speed).to_contain_text("0.50")
+    expect(plan).not_to_have_attribute("aria-disabled", "true")
+    expect(drive_speed).to_be_enabled()
+    expect(cloud).to_be_visible()
+    stage.show(None)
+    expect(speed).to_contain_text("–")
+    expect(speed).not_to_contain_text("0.50")
+    expect(plan).to_have_attribute("aria-disabled", "true")
+    expect(drive_speed).to_be_disabled()
+    expect(cloud).to_be_hidden()
+    stage.show(state("ready", you=True))
+    expect(speed).to_contain_text("0.50")
+    expect(cloud).to_be_visible()
+
+
+@pytest.mark.parametrize(
+    "ended",
+    [
+        state("ready", you=True, route=route("arrived")),
+        state("ready", you=True, route=route("ended", reason="it is lost")),
+        state("stopped", you=True),
+        state("fault", you=True),
+    ],
+    ids=["arrived", "ended", "stopped", "fault"],
+)
+def test_no_place_is_picked_after_the_end_of_a_path(
+    stage: PageStage, ended: dict[str, object]
+) -> None:
+    go_to = button(stage, "Go to")
+    for _ in range(2):  # The second time, too.
+        stage.show(state("ready", you=True))
+        go_to.click()
+        expect(go_to).to_have_attribute("aria-pressed", "true")
+        stage.show(state("ready", you=True, route=route("planned")))
+        stage.show(state("driving", you=True, route=route("going")))
+        expect(go_to).to_have_attribute("aria-pressed", "true")
+        stage.show(ended)
+        expect(go_to).to_have_attribute("aria-pressed", "false")
+
+
+def test_a_refused_plan_leaves_no_path_of_before(stage: PageStage) -> None:
+    stage.show(state("ready", you=True, route=route("planned")))
+    form = stage.page.locator("[data-tsd=route] form")
+    expect(form).to_be_attached()
+    refused = state("ready", you=True, route=route("planned"))
+    refused["status"]["refusals"] = dict.fromkeys(
+        ("lease", "arm", "reset", "drive", "set_pose", "speed")
+    ) | {"without_lease": "", "disarm": "the robot is busy"}
+    stage.show(refused)
+    stage.sent()
+    form.evaluate("(form) => form.requestSubmit()")
+    assert [message["t"] for message in stage.sent("plan", "clear_plan")] == ["clear_plan"]
+
+
+def test_a_page_that_is_loaded_again_in_motion_says_why_the_robot_stopped(stage: PageStage) -> None:
+    messages = stage.page.get_by_role("log", name="Messages")
+    stage.show(state("driving", you=True))
+    stage.page.reload()
+    expect(messages).to_contain_text("so the robot stopped")
+    stage.page.reload()
+    stage.page.wait_for_function("Boolean(window.socket?.onmessage)")
+    expect(messages).to_be_empty()
+
+
+def test_events_have_the_time_of_the_page(stage: PageStage) -> None:
+    said = {"t": "event", "kind": "mode", "text": "it was stopped", "past": True}
+    stage.say(said | {"robot_s": 12.5, "age_s": 3600.0})
+    times = stage.page.evaluate(
+        """() => [-1, 0, 1].map((off) => new Date(Date.now() + 1000 * off - 3.6e6)
+        .toLocaleTimeString([], {timeStyle: "medium", hour12: false}))"""
+    )
+    time = stage.page.locator("[data-tsd=health] .log li .time").first
+    assert time.text_content() in times
+    expect(time).to_have_attribute("title", "12.5 s on the clock of the robot")
+
+
+def test_the_panel_about_the_connection_takes_no_room_beside_the_tabs(stage: PageStage) -> None:
+    connection, tabs = stage.page.locator("#connection"), stage.page.locator("#tabs")
+    expect(connection).to_be_hidden()
+    tabs.evaluate("(tabs) => (tabs.style.gridTemplateRows = '0fr')")
+    expect(connection).to_be_visible()

@@ -1,0 +1,257 @@
+"""The page of the dashboard in a browser, with the test as its server and without a scene.
+
+The files come from the source tree and the socket is answered in the page, so a state of the robot,
+or any other message, is shown at once.
+"""
+
+from __future__ import annotations
+
+import copy
+import mimetypes
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from playwright.sync_api import Browser, Page, Route
+
+from tsd_twin.dashboard import server
+
+STATIC = Path(server.__file__).parents[1] / "static"
+ORIGIN = "http://localhost:9/"
+"""Nothing is sent to it: every request is answered here."""
+OPERATOR = "web-01234567"
+_HTML = """<!doctype html><html data-mantine-color-scheme="light"><body style="margin:0">
+<div style="position:fixed;inset:0"><canvas data-engine></canvas></div>
+<aside style="position:fixed;right:0;top:0;width:0;height:100%;overflow:hidden">
+<div data-tsd="wheel_speed"></div><div data-tsd="route"></div><div data-tsd="health"></div></aside>
+<div id="connection">about the connection</div>
+<div id="tabs" style="display: grid; grid-template-rows: 1fr"></div>
+<svg class="tabler-icon tabler-icon-cloud-check" width="10" height="10"></svg>
+<script type="module" src="static/overlay.js"></script></body></html>"""
+_SOCKET = """
+window.tsd = {page: "0123456789abcdef", hasFocus: () => true, plain: true};
+window.sent = [];
+window.now = null;
+window.WebSocket = class {
+  static OPEN = 1;
+  readyState = 1;
+  bufferedAmount = 0;
+  constructor() {
+    window.socket = this;
+    setTimeout(() => {
+      this.onopen();
+      for (const message of window.greeting ?? []) say(message);
+    });
+  }
+  send(text) {
+    const message = JSON.parse(text);
+    if (message.t === "heartbeat") say({t: "heartbeat", sent_ms: message.sent_ms});
+    else window.sent.push(message);
+  }
+  close() {}
+};
+window.say = (message) => window.socket.onmessage({data: JSON.stringify(message)});
+let seen = 0;
+window.show = (state) => {
+  window.now = state;
+  if (state !== null) say({...state, seen: (seen += 1)});
+};
+setInterval(() => window.now !== null && window.show(window.now), 50);
+window.overlay = () => document.getElementById("tsd-overlay").shadowRoot;
+"""
+"""What is last shown is sent again 20 times a second, as a robot does."""
+
+_LIMITS = {
+    "speed_mps": 1.0,
+    "turn_rate_rad_per_s": 3.0,
+    "max_command_age_s": 0.25,
+    "stop_allowance_m": 0.3,
+    "applied": 1.0,
+}
+_STATUS: dict[str, Any] = {
+    "mode": "disarmed",
+    "stop_reason": "",
+    "stops": 0,
+    "arming": None,
+    "lease": {
+        "holder": None,
+        "remaining_s": 0.0,
+        "asked_by": None,
+        "asks_for_s": 0.0,
+        "reserved_for": None,
+        "reserved_s": 0.0,
+    },
+    "refusals": None,
+    "command": {"seq": 0, "age_s": None, "echo_s": None, "accepted": 0, "dropped": {}},
+    "limits": _LIMITS,
+    "consistency": {"residual_mps": 0.0, "level": 0.0, "suspect": None, "explained": {}},
+    "wheel_speed": {"wanted_rpm": 2500.0, "spin_rpm": 2500.0},
+    "pose_sensor": None,
+    "loop": {"hz": 100.0, "overruns": 0, "jitter_p99_ms": 0.1},
+    "hardware": {"battery_v": 12.0},
+}
+_MODULE = {
+    **dict.fromkeys(("alpha", "beta", "tilt", "radius_mm", "rpm", "set_alpha", "set_beta"), 0.0),
+    "axle": [0, 0],
+    "set_axle": [0, 0],
+    "spinning": False,
+}
+LATCHED = {"t": "panel_sliders", "vx": 0.2, "vy": 0, "omega": 0, "mode": "drive", "latch": True}
+PREVIEW = LATCHED | {"mode": "preview", "latch": False}
+"""Sliders of viser's panel."""
+_TOUCH = """(type) => document.querySelector("aside").dispatchEvent(
+  new PointerEvent(type, {bubbles: true, composed: true, pointerId: 7}))"""
+COLOURS = ("#0b84d8", "#d9650a", "#0f9d76")
+
+
+def robot(robot_id: str) -> dict[str, Any]:
+    """Return the description of a robot, as the server sends it."""
+    return {
+        "t": "robot",
+        "id": robot_id,
+        "title": robot_id.title(),
+        "limits": {"speed_mps": 1.0, "turn_rate_rad_per_s": 3.0},
+        "levels": [20, 50, 80, 100],
+        "space": "floor",
+        "twist_axes": [{"name": n, "symbol": n, "unit": "m/s"} for n in ("vx", "vy", "omega")],
+        "twist_scale_m": 1.0,
+        "panel": "gimbals",
+        "max_tilt_deg": 30.0,
+        "modules": ["module1", "module2", "module3"],
+        "wheel_speed_limits": {
+            "least_rpm": 500.0,
+            "most_rpm": 3000.0,
+            "usual_rpm": 2500.0,
+            "wheel_radius_m": 0.05,
+            "servo_step_deg": 0.1,
+        },
+        "wheels": [],
+        "max_rpm": None,
+        "alternative_estimate": None,
+    }
+
+
+def state(mode: str = "disarmed", *, you: bool = False, **changed: Any) -> dict[str, Any]:
+    """Return a state; `lease`, `status` and other fields replace those of a robot at rest."""
+    status = copy.deepcopy(_STATUS) | {"mode": mode} | changed.pop("status", {})
+    status["lease"] |= {"holder": OPERATOR if you else None} | changed.pop("lease", {})
+    return {
+        "t": "state",
+        "age_ms": 0.0,
+        "status": status,
+        "mode_age_s": 12.0,
+        "you": you,
+        "robot_ms": 5.0,
+        "robot_jitter_ms": 1.0,
+        "pose": [1.24, -0.31, 0.73],
+        "twist": [0.5, 0.0, 0.1],
+        "commanded": [0.5, 0.0, 0.1],
+        "truth": None,
+        "modules": [_MODULE] * 3,
+        "wheels": [],
+        "sphere": None,
+        "estimate_difference": None,
+        "route": None,
+    } | changed
+
+
+def route(phase: str, number: int = 1, **changed: Any) -> dict[str, Any]:
+    """Return the state of a path."""
+    path = {"number": number, "phase": phase, "length_m": 1.5, "time_s": 4.2}
+    return path | {"done_m": 0.4, "off_mm": 3.0, "reason": ""} | changed
+
+
+class PageStage:
+    """One page, and its server."""
+
+    def __init__(self, page: Page) -> None:
+        self.page = page
+
+    def say(self, message: Mapping[str, Any]) -> None:
+        """Send a message to the page."""
+        self.page.evaluate("say", message)
+
+    def show(self, shown: Mapping[str, Any] | None) -> None:
+        """Send a state, from now on 20 times a second; None is silence."""
+        self.page.evaluate("show", shown)
+
+    def sent(self, *types: str) -> list[dict[str, Any]]:
+        """Return what the page has sent of these types, and forget all."""
+        return [m for m in self.page.evaluate("sent.splice(0)") if m["t"] in types]
+
+    def resize(self, width: int, height: int) -> None:
+        """Wait until the page has the size, and has laid out what depends on it."""
+        self.page.set_viewport_size({"width": width, "height": height})
+        narrow = str(width <= 600).lower()
+        self.page.wait_for_function(
+            f"innerWidth === {width} && innerHeight === {height} && "
+            f"document.getElementById('tsd-overlay').clientWidth === {width} && "
+            f"document.getElementById('tsd-overlay').clientHeight === {height} && "
+            f"(overlay().querySelector('.dock .level-control') !== null) === {narrow}"
+        )
+
+    def move_slider(self, sliders: Mapping[str, Any]) -> None:
+        """Move a slider of viser's panel with a pointer, which then leaves it."""
+        self.page.evaluate(_TOUCH, "pointerdown")
+        self.say(sliders)
+        self.page.evaluate(_TOUCH, "pointerup")
+
+    def choose(self, robot_id: str, *robot_ids: str) -> None:
+        """Show the first of these robots, and list all of them."""
+        names = [
+            {"id": each, "title": each.title(), "colour": colour}
+            for each, colour in zip((robot_id, *robot_ids), COLOURS, strict=False)
+        ]
+        greeting = [welcome(names), robot(robot_id)]
+        self.page.evaluate("(greeting) => (window.greeting = greeting).forEach(say)", greeting)
+
+
+def welcome(names: list[dict[str, str]]) -> dict[str, Any]:
+    """Return the first message of the server."""
+    return {
+        "t": "welcome",
+        "operator": OPERATOR,
+        "role": "operator",
+        "user": None,
+        "may_stop": True,
+        "robots": names,
+        "robot": names[0]["id"],
+    }
+
+
+def _answer(asked: Route) -> None:
+    path = asked.request.url.removeprefix(ORIGIN).partition("?")[0]
+    file = STATIC / Path(path).name
+    if not path:
+        asked.fulfill(body=_HTML, content_type="text/html")
+    elif path.startswith("static/") and file.is_file():
+        kind = mimetypes.guess_type(file.name)[0] or "application/octet-stream"
+        asked.fulfill(body=file.read_text(encoding="utf-8"), content_type=kind)
+    else:
+        asked.fulfill(status=404, body="")
+
+
+@contextmanager
+def page_stage(browser: Browser, *, hints: bool = False) -> Generator[PageStage]:
+    """Open the page with one robot, tsd; hints of the first visit only when asked for."""
+    context = browser.new_context(viewport={"width": 1280, "height": 720})
+    page = context.new_page()
+    failures: list[str] = []
+    page.on("pageerror", lambda error: failures.append(str(error)))
+    page.route(f"{ORIGIN}**", _answer)
+    page.add_init_script(_SOCKET)
+    if not hints:
+        page.add_init_script("localStorage.setItem('tsd.hints', 'seen')")
+    page.goto(ORIGIN)
+    page.wait_for_function(
+        "Boolean(window.socket?.onmessage) && overlay().querySelector('.stop') !== null"
+    )
+    # Sizes and places are those of the style sheets.
+    page.wait_for_function("overlay().querySelector('.frame').style.visibility === ''")
+    stage = PageStage(page)
+    stage.choose("tsd")
+    stage.show(state())
+    yield stage
+    context.close()
+    assert failures == []
