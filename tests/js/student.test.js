@@ -3,8 +3,8 @@ import { test } from "node:test";
 
 import { connect, pass } from "./browser.js";
 
-const { linkTo, settingOf, StudentDesk } =
-  await import("../../src/tsd_twin/dashboard/static/student_desk.js");
+const { linkTo, settingOf, StudentModel } =
+  await import("../../src/tsd_twin/dashboard/static/student_model.js");
 
 const SETTING = {
   base: "tsd",
@@ -51,10 +51,10 @@ test("an address without a setting has none, and what is no number is left out",
 
 test("one request is under way at a time, and the newest setting follows", () => {
   const { link, say, take } = connect();
-  const desk = new StudentDesk(link, "");
-  desk.refresh();
+  const model = new StudentModel(link, "");
+  model.refresh();
   const [first] = take("student");
-  for (const tilt of [10, 11, 12]) desk.turn("drive.max_tilt_deg", tilt);
+  for (const tilt of [10, 11, 12]) model.turn("drive.max_tilt_deg", tilt);
   pass(1000);
   assert.deepEqual(take("student"), []);
   say(replyTo(first));
@@ -62,16 +62,16 @@ test("one request is under way at a time, and the newest setting follows", () =>
   assert.deepEqual(second.knobs, { "drive.max_tilt_deg": 12 });
   say(replyTo(second));
   pass(1000);
-  desk.refresh();
+  model.refresh();
   assert.deepEqual(take("student"), []);
 });
 
 test("requests of a hand that keeps turning stay below the limit of the server", () => {
   const { link, say, take } = connect();
-  const desk = new StudentDesk(link, "");
+  const model = new StudentModel(link, "");
   let count = 0;
   for (let ms = 0; ms < 2000; ms += 1) {
-    desk.turn("drive.max_tilt_deg", ms);
+    model.turn("drive.max_tilt_deg", ms);
     pass(1);
     for (const request of take("student")) {
       count += 1;
@@ -83,46 +83,46 @@ test("requests of a hand that keeps turning stay below the limit of the server",
 
 test("a request that is lost is sent again, also after a new connection", () => {
   const { link, say, take } = connect();
-  const desk = new StudentDesk(link, "");
-  desk.refresh();
+  const model = new StudentModel(link, "");
+  model.refresh();
   assert.equal(take("student").length, 1);
   pass(1000);
-  desk.refresh();
+  model.refresh();
   assert.equal(take("student").length, 0);
   pass(1000);
-  desk.refresh();
+  model.refresh();
   assert.equal(take("student").length, 1);
   say({ t: "welcome", operator: "ann", role: "operator", may_stop: true, robots: [], robot: null });
-  desk.refresh();
+  model.refresh();
   pass(100);
   assert.equal(take("student").length, 1);
 });
 
 test("a knob back at its usual value is no change", () => {
   const { link, say, take } = connect();
-  const desk = new StudentDesk(link, "?student=tsd&drive.max_tilt_deg=20");
-  desk.refresh();
+  const model = new StudentModel(link, "?student=tsd&drive.max_tilt_deg=20");
+  model.refresh();
   say(replyTo(take("student")[0]));
-  desk.turn("drive.max_tilt_deg", 30);
-  assert.deepEqual(desk.setting.knobs, {});
-  desk.turn("drive.max_tilt_deg", 20);
-  desk.choose("kiwi");
-  assert.deepEqual(desk.setting.knobs, {});
+  model.turn("drive.max_tilt_deg", 30);
+  assert.deepEqual(model.setting.knobs, {});
+  model.turn("drive.max_tilt_deg", 20);
+  model.choose("kiwi");
+  assert.deepEqual(model.setting.knobs, {});
 });
 
 test("the file is asked for until it comes, or there is none", () => {
   for (const fields of [{ toml: "name" }, { problem: "impossible" }]) {
     const { link, say, take } = connect();
-    const desk = new StudentDesk(link, "");
-    desk.refresh();
+    const model = new StudentModel(link, "");
+    model.refresh();
     const [plain] = take("student");
-    desk.requestToml();
+    model.requestToml();
     say(replyTo(plain));
     pass(200);
     const [asked] = take("student");
     assert.equal(asked.toml, true);
     say(replyTo(asked, fields));
-    desk.turn("drive.max_tilt_deg", 7);
+    model.turn("drive.max_tilt_deg", 7);
     pass(200);
     assert.equal(take("student")[0].toml, false);
   }

@@ -291,11 +291,16 @@ interface StudentFigures {
   radius_m: number;
 }
 
+interface ShippedRobot {
+  id: string;
+  title: string;
+}
+
 interface StudentReply {
   t: "student";
   number: number;
   base: string;
-  bases: RobotName[];
+  bases: ShippedRobot[];
   knobs: StudentKnob[];
   figures: StudentFigures | null;
   problem: string;
@@ -407,7 +412,7 @@ type Waypoints = import("../static/waypoints.js").Waypoints;
 type SliderValues = Omit<PanelSliders, "t">;
 type SphereGoTo = import("../static/sphere.js").SphereGoTo;
 type Recorder = import("../static/plot_recorder.js").Recorder;
-type StudentDesk = import("../static/student_desk.js").StudentDesk;
+type StudentModel = import("../static/student_model.js").StudentModel;
 
 /** What explains the page. */
 interface Guides {

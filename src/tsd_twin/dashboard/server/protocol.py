@@ -485,13 +485,19 @@ class StudentFigures(msgspec.Struct, frozen=True):
     """Radius of the wheels."""
 
 
+class ShippedRobot(msgspec.Struct, frozen=True):
+    """Entry of the robot menu of the Student tab."""
+
+    id: str
+    title: str
+
+
 class StudentReply(Message, frozen=True, tag="student"):
     """Answer to `StudentRequest`; an impossible description has a problem and mostly no figures."""
 
     number: int
     base: str
-    bases: Sequence[RobotName]
-    """Shipped robots."""
+    bases: Sequence[ShippedRobot]
     knobs: Sequence[StudentKnob]
     figures: StudentFigures | None
     problem: str

@@ -13,7 +13,7 @@ import numpy as np
 
 from tsd_twin.dashboard.scene.robot_geometry import twist_axes_of
 from tsd_twin.dashboard.server.protocol import (
-    RobotName,
+    ShippedRobot,
     StudentFigure,
     StudentFigures,
     StudentKnob,
@@ -94,8 +94,8 @@ def figures_of(robot: RobotDescription, twist: Array) -> StudentFigures:
 
 
 @cache
-def _bases() -> list[RobotName]:
-    return [RobotName(name, load_robot(name).title) for name in robot_names()]
+def _bases() -> list[ShippedRobot]:
+    return [ShippedRobot(name, load_robot(name).title) for name in robot_names()]
 
 
 def _knobs(base: str, changed: dict[str, float]) -> list[StudentKnob]:

@@ -7,7 +7,7 @@ import { PageSettings } from "./page_settings.js";
 import { Recorder } from "./plot_recorder.js";
 import { Plots } from "./plots.js";
 import { Student } from "./student.js";
-import { StudentDesk } from "./student_desk.js";
+import { StudentModel } from "./student_model.js";
 import { WaypointForm } from "./waypoint_form.js";
 import { WheelSpeed } from "./wheel_speed.js";
 
@@ -39,7 +39,7 @@ const STYLES = {
  */
 export function fillPanelTabs(link, waypoints, sphereGoTo, guides) {
   const recorder = new Recorder(link);
-  const desk = new StudentDesk(link, location.search);
+  const model = new StudentModel(link, location.search);
   /** @type {Record<string, (place: ShadowRoot, signal: AbortSignal) => unknown>} */
   const contents = {
     route: (place, signal) => new WaypointForm(link, place, signal, waypoints),
@@ -47,14 +47,14 @@ export function fillPanelTabs(link, waypoints, sphereGoTo, guides) {
     wheel_speed: (place, signal) => new WheelSpeed(link, place, signal),
     plots: (place, signal) => new Plots(recorder, place, signal),
     health: (place, signal) => new Health(link, place, signal),
-    student: (place, signal) => new Student(link, place, signal, desk),
+    student: (place, signal) => new Student(link, place, signal, model),
     page: (place, signal) => new PageSettings(link, place, signal, guides),
   };
   /** @type {Map<HTMLElement, AbortController>} */
   const filled = new Map();
   const fill = () => {
     addAriaLabels();
-    if (desk.isLinked && openTab("Student")) desk.isLinked = false;
+    if (model.isLinked && openTab("Student")) model.isLinked = false;
     for (const [place, controller] of filled) {
       if (place.isConnected) continue;
       controller.abort();

@@ -4,7 +4,7 @@ import { el, isVisible, setAttribute, setText, svg } from "./dom.js";
 import { fixed } from "./format.js";
 import { ModuleDrawing } from "./module_drawing.js";
 import { ReachPlot } from "./reach_plot.js";
-import { linkTo } from "./student_desk.js";
+import { linkTo } from "./student_model.js";
 
 const REACH = 42; // Half of the drawing of the robot that its wheels take.
 const TOML_TYPE = "application/toml";
@@ -12,16 +12,16 @@ const KEPT_MS = 10_000; // A browser may read the file later than it is clicked 
 const TWIST_STEPS = 40; // At least so many from zero to the end.
 
 export class Student {
-  /** @param {Link} link @param {ShadowRoot} place @param {AbortSignal} signal @param {StudentDesk} desk */
-  constructor(link, place, signal, desk) {
-    this._desk = desk;
+  /** @param {Link} link @param {ShadowRoot} place @param {AbortSignal} signal @param {StudentModel} model */
+  constructor(link, place, signal, model) {
+    this._desk = model;
     this._wantsFile = false;
     this._robots = el("select", {
       "aria-label": "Robot to start from",
       onchange: () => this._choose(),
     });
-    this._knobs = new Fields("Knobs", (key, value) => desk.turn(key, value));
-    this._twist = new Fields("Twist", (key, value) => desk.move(Number(key), value));
+    this._knobs = new Fields("Knobs", (key, value) => model.turn(key, value));
+    this._twist = new Fields("Twist", (key, value) => model.move(Number(key), value));
     this._problem = el("p.problem", { role: "alert" });
     this._figures = el("dl.results", { "aria-label": "What follows" });
     this._scaled = el("p.muted");
@@ -38,7 +38,7 @@ export class Student {
     this._said = el("span.muted", { role: "status" });
     const button = (/** @type {string} */ label, /** @type {() => void} */ onclick) =>
       el("button", { type: "button", onclick }, label);
-    const save = button("Save as TOML", () => ((this._wantsFile = true), desk.requestToml()));
+    const save = button("Save as TOML", () => ((this._wantsFile = true), model.requestToml()));
     this._results = el(
       "div.figures-part",
       this._sketch.element,
@@ -57,7 +57,7 @@ export class Student {
         el(
           "div.head",
           this._robots,
-          button("Reset knobs", () => desk.reset()),
+          button("Reset knobs", () => model.reset()),
         ),
         ...[this._knobs.element, this._problem, this._results],
         el(
@@ -68,9 +68,9 @@ export class Student {
         ...[this._address, this._said],
       ),
     );
-    desk.on((reply) => this._show(reply), signal);
-    link.on("beat", () => isVisible(place.host) && desk.refresh(), signal);
-    if (desk.reply !== null) this._show(desk.reply);
+    model.on((reply) => this._show(reply), signal);
+    link.on("beat", () => isVisible(place.host) && model.refresh(), signal);
+    if (model.reply !== null) this._show(model.reply);
   }
 
   _choose() {

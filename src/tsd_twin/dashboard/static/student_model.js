@@ -46,7 +46,7 @@ function numberOf(text) {
   return text.trim() === "" || !Number.isFinite(value) ? null : value;
 }
 
-export class StudentDesk {
+export class StudentModel {
   /** @param {Link} link @param {string} query Of the page's address. */
   constructor(link, query) {
     this._link = link;
