@@ -98,9 +98,9 @@ def test_a_reset_that_the_robot_refuses_for_long_is_refused() -> None:
     procedure = steps.reset(protocol, 0.1)
     assert isinstance(next(procedure), NextStatus)
     assert isinstance(procedure.send(Outcome(10.0)), Call)
+    refusal = Outcome(10.1, msgspec.json.encode(Reply(False, "let go of the stick first")))
     with pytest.raises(RequestRefused, match="let go of the stick first"):
-        refusal = Reply(False, "let go of the stick first")
-        procedure.send(Outcome(10.1, msgspec.json.encode(refusal)))
+        procedure.send(refusal)
 
 
 def test_a_robot_that_falls_silent_while_arming_is_not_waited_for() -> None:
