@@ -22,6 +22,7 @@ from tsd_twin.models import (
     urdf,
     write_model,
 )
+from tsd_twin.models.files import _NOT_DRAWN
 from tsd_twin.robots import load_robot, robot_names
 
 TSD = ("chassis", "outer", "inner", "wheel")
@@ -48,6 +49,18 @@ def test_the_urdf_of_a_robot_of_ones_own_is_drawn() -> None:
     heavier = msgspec.structs.replace(shipped.mass, total_kg=shipped.mass.total_kg + 1.0)
     own = msgspec.structs.replace(shipped, mass=heavier)
     assert robot_urdf(own) == urdf(own, load_parts(own)) != robot_urdf(shipped)
+    mecanum = msgspec.structs.replace(load_robot("mecanum"), name="tsd")
+    assert robot_urdf(mecanum) == urdf(mecanum, load_parts(mecanum))
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_what_a_robot_is_not_drawn_by_is_not_read_by_what_draws(name: str) -> None:
+    """So a robot that was calibrated has the URDF of the shipped one; and that is the drawn one."""
+    robot = load_robot(name)
+    unread = {field: object() for field in _NOT_DRAWN if field in robot.__struct_fields__}
+    assert len(unread) >= 6
+    own = msgspec.structs.replace(robot, **unread)
+    assert robot_urdf(own) == robot_urdf(robot) == urdf(own, load_parts(own))
 
 
 def test_a_robot_node_starts_without_what_draws() -> None:

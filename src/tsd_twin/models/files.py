@@ -96,18 +96,35 @@ def load_parts(robot: RobotDescription) -> Parts:
     return read_model(Path(robot.body.meshes), kinematic_tree(robot).kinds)
 
 
+_NOT_DRAWN = {
+    "title", "sources", "assumptions", "limits", "battery", "pose_sensor",
+    "calibration", "noise", "errors", "floor", "gyro",
+}  # fmt: skip
+"""Fields of descriptions that no model depends on."""
+
+
 def robot_urdf(robot: RobotDescription) -> str:
     """URDF text of a robot with meshes beside it; that of a shipped robot is a file.
 
-    Drawing a robot takes a second, most of it to load what draws.
+    Drawing a robot takes most of a second, to load what draws. A robot is drawn only if it differs
+    from the shipped one of its name in what a model depends on, not for its calibration.
 
     Raises:
         RobotFileError: as in `load_parts`, or the masses do not add up.
         MeshError: as in `load_parts`.
     """
-    if robot.name in robot_names() and robot == load_robot(robot.name):
+    if robot.name in robot_names() and _drawn_alike(robot, load_robot(robot.name)):
         return (shipped_model(robot.name) / f"{robot.name}.urdf").read_text("utf-8")
     return urdf(robot, load_parts(robot))
+
+
+def _drawn_alike(a: RobotDescription, b: RobotDescription) -> bool:
+    """Whether two robots are of one kind and equal in all that their models depend on."""
+    return type(a) is type(b) and all(
+        getattr(a, name) == getattr(b, name)
+        for name in a.__struct_fields__
+        if name not in _NOT_DRAWN
+    )
 
 
 def read_model(folder: Path, kinds: Sequence[Link]) -> Parts:
