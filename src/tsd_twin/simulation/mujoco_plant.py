@@ -213,6 +213,7 @@ class MujocoSimulation:
             self._stall_nm * self._gain_per_rad * servos.dead_band_rad
         )
         self._bodies = np.array([self._model.body(name).id for name in names])
+        self._roots = self._model.body_rootid[self._bodies]
         self._wheel_of_geom = np.zeros(self._model.ngeom, dtype=int)
         self._wheel_of_geom[[self._model.geom(name).id for name in names]] = range(len(names))
         self._spin_inertia = self._model.body_inertia[self._bodies, 2]
@@ -309,10 +310,11 @@ class MujocoSimulation:
         velocity, turning = data.cvel[bodies, 3:], data.cvel[bodies, :3]
         contact = data.xpos[bodies].copy()
         contact[:, 2] -= self._radius_m + self.actuation.surface.outside_m(self.joints)
-        lever = contact - data.subtree_com[self._model.body_rootid[bodies]]
+        lever = contact - data.subtree_com[self._roots]
         slip = (velocity + _cross(turning, lever))[:, :2]
         force, torque = self._patch.force(self._loads(), slip, turning[:, 2])
-        forces = np.column_stack([force, np.zeros(len(force))])
+        forces = np.zeros(contact.shape)
+        forces[:, :2] = force
         arm = contact - data.xipos[bodies]
         data.xfrc_applied[bodies, :3] = forces
         data.xfrc_applied[bodies, 3:] = _cross(arm, forces)
