@@ -157,7 +157,13 @@ def export_file(args: argparse.Namespace) -> None:
 
 
 def list_recordings(args: argparse.Namespace) -> None:
-    """Print start, duration, robots and marks of all recordings in the folder, the newest last."""
+    """Print start, duration, robots and marks of all recordings in the folder, the newest last.
+
+    Raises:
+        TwinError: there is no such folder.
+    """
+    if not args.dir.is_dir():
+        raise TwinError(f"{args.dir} is no folder")
     catalogue = Catalogue(args.dir)
     for each in reversed(catalogue.recordings()):
         start = datetime.fromtimestamp(1e-9 * each.start_ns, UTC)
