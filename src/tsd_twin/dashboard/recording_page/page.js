@@ -24,6 +24,14 @@ const SIGNS = /** @type {Record<string, string>} */ ({
   mark: "◆",
 });
 const STEP_S = 0.05;
+const FRAME_S = 1 / 30;
+/** @type {Record<string, () => void>} */
+const KEYS = {
+  n: () => jump(1),
+  p: () => jump(-1),
+  ".": () => show(now() + FRAME_S),
+  ",": () => show(now() - FRAME_S),
+};
 
 /**
  * @template {keyof HTMLElementTagNameMap} K
@@ -145,6 +153,11 @@ function build(bar) {
   plot.addEventListener("pointermove", (pointer) => {
     if (plot.hasPointerCapture(pointer.pointerId)) scrub(pointer);
   });
+  addEventListener("keydown", (key) => {
+    if (key.target instanceof HTMLInputElement || key.ctrlKey || key.metaKey || key.altKey) return;
+    KEYS[key.key]?.();
+  });
+  next.title = "Key N; back with P. Keys . and , step by one frame, space plays and pauses.";
   label.append(note);
   lane.append(back, plot, next);
   bar.before(lane);
