@@ -30,9 +30,9 @@ from tsd_twin.recording import (
     RecordingFolder,
     add_mark,
     export,
-    open_recording,
 )
 from tsd_twin.recording.folder import DEFAULT_GB, LEAST_GB, default_folder
+from tsd_twin.recording.index import RecordingIndex
 
 GB = 1_000_000_000
 
@@ -48,7 +48,7 @@ PARSER = program.parser(
         "tsd-record --connect tcp/127.0.0.1:7448       a robot at another endpoint",
         "kill -USR1 PID                                begin a new file",
         "tsd-record list                               what is in the folder",
-        'tsd-record mark FILE --at 12.5 "it slipped"   a note on a time',
+        'tsd-record mark FILE "it slipped"             a note on this moment, or --at 12.5',
         "tsd-record export FILE --out part.mcap --from 10 --to 70    one minute, without lease ids",
         "tsd-record export FILE --csv tables           each stream as a CSV file",
         "tsd-record export FILE --html drive.html --to 60    a page that plays in any browser",
@@ -167,7 +167,7 @@ def list_recordings(args: argparse.Namespace) -> None:
     catalogue = Catalogue(args.dir)
     for each in reversed(catalogue.recordings()):
         start = datetime.fromtimestamp(1e-9 * each.start_ns, UTC)
-        marks = f", {each.marks} marks" if each.marks else ""
+        marks = f", {each.marks} mark{'s' * (each.marks > 1)}" if each.marks else ""
         state = "" if each.is_whole else ", without an index yet"
         print(
             f"{start:%Y-%m-%d %H:%M:%SZ} {each.duration_s:8.1f} s {each.size / 1e6:7.1f} MB "
@@ -182,11 +182,13 @@ def mark(args: argparse.Namespace) -> None:
     Raises:
         TwinError: the time is no part of it, or the mark cannot be written.
     """
-    path = Path(args.file)
-    recording = open_recording(path)
-    if args.at_s > recording.duration_s:
-        raise TwinError(f"--at {args.at_s:g} is no part of {recording.duration_s:.1f} s")
-    add_mark(path, Mark(recording.start_ns + round(args.at_s * 1e9), args.note))
+    index = RecordingIndex(Path(args.file))
+    duration_s = 1e-9 * (index.end_ns - index.start_ns)
+    index.close()
+    at_s = duration_s if args.at_s is None else args.at_s
+    if at_s > duration_s:
+        raise TwinError(f"--at {at_s:g} is no part of {duration_s:.1f} s")
+    add_mark(index.path, Mark(index.start_ns + round(at_s * 1e9), args.note))
 
 
 def main() -> None:
@@ -256,9 +258,9 @@ def main() -> None:
         "--at",
         dest="at_s",
         type=flag_types.number(0.0),
-        required=True,
         metavar="S",
-        help="time, in seconds since its start",
+        help="time, in seconds since its start; default: its end, which is now in one that is "
+        "being written",
     )
     parser.add_argument("note", metavar="NOTE", help="text of at most 200 characters")
     parser.set_defaults(body=mark)

@@ -97,7 +97,7 @@ FLAGS: dict[str, str] = {
         export x.mcap --from -1 --csv tables
         export x.mcap --to 0 --csv tables
         export
-        mark x.mcap note
+        mark x.mcap
         mark x.mcap note --at -1
     """,
     "tsd_replay": """
@@ -265,7 +265,7 @@ OTHERS: dict[str, str] = {
         export nowhere.mcap --html page.html
         export binary --html page.html
         export empty --picture drive.gif
-        mark nowhere.mcap note --at 1
+        mark nowhere.mcap note
         mark empty note --at 1
         --dir nowhere list
     """,
