@@ -137,15 +137,15 @@ class RecordingIndex:
         chunks = self._topics.get(topic)
         if chunks is None:
             return None
-        best: tuple[int, int, int, Entry] | None = None
+        found: list[tuple[int, int, int, Entry]] = []
         for i in range(bisect.bisect_right(chunks.ends_ns, at_ns), len(chunks.places)):
             place = chunks.places[i]
-            if best is not None and place.start_ns > best[0]:
+            if found and place.start_ns > found[0][0]:
                 break
             messages = enumerate(self._messages(place).get(topic, []))
-            found = [(e.log_ns, place.offset, n, e) for n, e in messages if e.log_ns > at_ns]
-            best = min([*found, *([best] if best else [])], default=None)
-        return best[-1] if best else None
+            found += [(e.log_ns, place.offset, n, e) for n, e in messages if e.log_ns > at_ns]
+            found.sort()
+        return found[0][-1] if found else None
 
     def entries(self, topics: Collection[str], after_ns: int = -1) -> Iterator[Entry]:
         """Yield the messages of some topics after a time, about in the order of time.

@@ -3,11 +3,12 @@
 // The bar has the clock: its slider says the time, and a number in its field sets it.
 
 /**
- * @typedef {{ t_s: number, robot: string, kind: string, text: string, count: number }} Event
+ * @typedef {{ t_s: number, robot: string, kind: string, text: string, count: number }}
+ *   RecordedEvent
  * @typedef {{ id: string, colour: string, unit: string, modes: [number, string][],
  *   speeds: (number | null)[] }} Robot
  * @typedef {{ name: string, start_ms: number, duration_s: number, hz: number, robots: Robot[],
- *   events: Event[] }} Recording
+ *   events: RecordedEvent[] }} Recording
  */
 
 /** @type {Recording} */
@@ -192,3 +193,5 @@ const wait = setInterval(() => {
   build(bar);
   Object.assign(window, { tsdShow: show }); // For who takes pictures of it.
 }, 50);
+
+export {}; // A module, whose names are its own.
