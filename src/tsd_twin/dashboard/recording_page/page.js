@@ -165,7 +165,7 @@ function build(bar) {
   document.body.append(element("div", "tsd-frame"), label);
   new ResizeObserver(() => {
     // The same time stands above the same place of the slider.
-    const track = slider()?.parentElement?.parentElement?.getBoundingClientRect();
+    const track = slider()?.closest(".mantine-Slider-root")?.getBoundingClientRect();
     if (track) Object.assign(plot.style, { left: `${track.left}px`, width: `${track.width}px` });
     draw(canvas);
   }).observe(lane);
