@@ -11,9 +11,20 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from tests.app.conftest import Program
-from tests.support.browser import PATIENCE_MS, QUICK, mode, press, take_control_and_arm
+from tests.support.browser import (
+    FLAGS_WITHOUT_SCENE,
+    PATIENCE_MS,
+    mode,
+    press,
+    take_control_and_arm,
+)
 
-pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.busy,
+    pytest.mark.timeout(300),
+    pytest.mark.parametrize("browser", [FLAGS_WITHOUT_SCENE], indirect=True, scope="module"),
+]
 
 AXE = Path(__file__).parents[2] / ".venv/js/node_modules/axe-core/axe.min.js"
 RUN = """async () => {
@@ -39,7 +50,7 @@ def test_nothing_serious_in_six_states(
 ) -> None:
     mock = start("tsd_mock", "--listen", "tcp/127.0.0.1:0")
     served = start("tsd_dashboard", "--port", "0", "--connect", mock.ready().split()[-1])
-    url = re.findall(r"http://\S+", served.ready())[0] + QUICK
+    url = re.findall(r"http://\S+", served.ready())[0]
     options = {"color_scheme": scheme, "viewport": {"width": 1280, "height": 720}}
     found: dict[str, list[str]] = {}
     page = browser.new_context(**options).new_page()
@@ -51,6 +62,17 @@ def test_nothing_serious_in_six_states(
     take_control_and_arm(page)
     page.get_by_role("tab", name="Gimbals").click(timeout=PATIENCE_MS)
     found["in control and armed, Gimbals tab"] = findings(page)
+    page.get_by_role("tab", name="Plots").click(timeout=PATIENCE_MS)
+    plots = page.get_by_role("group", name="Plots", exact=True)
+    expect(plots.locator(".u-over").first).to_be_visible(timeout=PATIENCE_MS)
+    press(page, "Fields")
+    expect(page.get_by_role("searchbox", name="Find a field")).to_be_visible()
+    found["Plots tab, with the list of fields"] = findings(page)
+    press(page, "Fields")
+    page.get_by_role("tab", name="Student").click(timeout=PATIENCE_MS)
+    student = page.get_by_role("region", name="Student", exact=True)
+    expect(student.get_by_text("Top speed forward")).to_be_visible(timeout=PATIENCE_MS)
+    found["Student tab"] = findings(page)
     other = browser.new_context(**options).new_page()
     other.goto(url)
     press(other, "Skip")

@@ -14,7 +14,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 import tsd_twin
 from tests.app.conftest import Program
-from tests.support.browser import PATIENCE_MS, QUICK, mode
+from tests.support.browser import FLAGS_WITHOUT_SCENE, PATIENCE_MS, mode
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.lie import Array
 from tsd_twin.messages import topics
@@ -22,7 +22,12 @@ from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.ros import decode_joints
 from tsd_twin.messages.status import decode_stamp, decode_status
 
-pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.busy,
+    pytest.mark.timeout(300),
+    pytest.mark.parametrize("browser", [FLAGS_WITHOUT_SCENE], indirect=True, scope="module"),
+]
 
 ALPHA = "joints.module1_alpha.position_rad"
 RESIDUAL = "status.consistency.residual_mps"
@@ -119,7 +124,7 @@ def stage(browser: Browser, start: Callable[..., Program]) -> Iterator[Stage]:
     page.on("pageerror", lambda error: errors.append(str(error)))
     with Bus(client_config([endpoint])) as bus:
         made = Stage(endpoint, page, Subscriber(bus))
-        page.goto(url + QUICK)
+        page.goto(url)
         made.open_tab()
         yield made
     page.close()
