@@ -18,6 +18,7 @@ from tsd_twin.client import procedures as steps
 from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.client.steps import Call, NextStatus, Outcome, Procedure, Send, SendStop, Sleep
 from tsd_twin.messages.services import HolderRequest, LeaseReply, LeaseRequest, Reply
+from tsd_twin.messages.status import Refusals
 from tsd_twin.messages.topics import Service
 
 OK = msgspec.json.encode(Reply(True))
@@ -75,6 +76,31 @@ def test_a_refusal_to_arm_has_the_sentence_of_the_robot() -> None:
     assert answered(procedure).service is Service.ARM
     with pytest.raises(RequestRefused, match="tsd refuses to arm: a gimbal is not at neutral"):
         procedure.send(Outcome(0.2, REFUSED))
+
+
+def test_a_reset_waits_for_the_time_without_a_push_that_the_robot_wants() -> None:
+    protocol = granted()
+    held = Refusals(reset="let go of the stick first")
+    protocol.receive_status(status("stopped", refusals=held), 2, 0.1)
+    procedure = steps.reset(protocol, 0.1)
+    assert isinstance(next(procedure), NextStatus)
+    assert isinstance(procedure.send(Outcome(0.15)), NextStatus)
+    protocol.receive_status(status("stopped", refusals=Refusals()), 3, 0.6)
+    call = procedure.send(Outcome(0.6))
+    assert isinstance(call, Call)
+    assert call.service is Service.RESET
+
+
+def test_a_reset_that_the_robot_refuses_for_long_is_refused() -> None:
+    protocol = granted()
+    held = Refusals(reset="let go of the stick first")
+    protocol.receive_status(status("stopped", refusals=held), 2, 0.1)
+    procedure = steps.reset(protocol, 0.1)
+    assert isinstance(next(procedure), NextStatus)
+    assert isinstance(procedure.send(Outcome(10.0)), Call)
+    refusal = Outcome(10.1, msgspec.json.encode(Reply(False, "let go of the stick first")))
+    with pytest.raises(RequestRefused, match="let go of the stick first"):
+        procedure.send(refusal)
 
 
 def test_a_robot_that_falls_silent_while_arming_is_not_waited_for() -> None:

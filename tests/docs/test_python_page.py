@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from collections.abc import Generator
 from pathlib import Path
 
@@ -13,6 +11,7 @@ import pytest
 import tsd_twin
 from tests.app.conftest import Program
 from tests.support.markdown_pages import code, page, quoted, section, tables
+from tests.support.scripts import run_script
 from tsd_twin import __all__
 from tsd_twin.bus import DEFAULT_ENDPOINT
 from tsd_twin.client.protocol import SETPOINT_TIMEOUT_S, SILENCE_S
@@ -38,10 +37,7 @@ def test_every_script_runs(number: int, endpoint: str, tmp_path: Path) -> None:
     text = re.sub(r"(connect(_async)?)\(\)", rf'\1("{endpoint}")', SCRIPTS[number])
     script = tmp_path / "script.py"
     script.write_text(text, encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, timeout=90.0
-    )
-    assert (done.returncode, done.stderr) == (0, ""), done.stdout
+    run_script(script, tmp_path)
 
 
 def test_every_error_of_the_library_is_in_the_table() -> None:

@@ -18,6 +18,7 @@ import pytest
 import tsd_twin
 from tests.app.conftest import Program
 from tests.support.markdown_pages import ROOT
+from tests.support.scripts import run_script
 
 FOLDER = ROOT / "examples"
 SCRIPTS = sorted(path.stem for path in FOLDER.glob("*.py"))
@@ -37,16 +38,7 @@ def endpoint() -> Generator[str]:
 
 def run(name: str, folder: Path, *arguments: str) -> str:
     """Run a script with `folder` as its working directory, and return what it prints."""
-    done = subprocess.run(
-        [sys.executable, str(FOLDER / f"{name}.py"), *arguments],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert done.stderr == ""
-    return done.stdout
+    return run_script(FOLDER / f"{name}.py", folder, *arguments)
 
 
 def numbers(text: str) -> list[float]:

@@ -53,6 +53,7 @@ class Page:
         self.focus = True
         self.messages: list[dict[str, Any]] = []
         self.closed: int | None = None
+        self._newest: dict[str, dict[str, Any]] = {}
         self._acknowledge = acknowledge
         self._changed = threading.Condition()
         self._ended = threading.Event()
@@ -87,7 +88,7 @@ class Page:
         return self.state["status"]["mode"]
 
     def last(self, kind: str) -> dict[str, Any]:
-        return self.all(kind)[-1]
+        return self._newest[kind]
 
     def all(self, kind: str) -> list[dict[str, Any]]:
         return [message for message in self.messages if message["t"] == kind]
@@ -155,8 +156,10 @@ class Page:
     def _read(self) -> None:
         try:
             for frame in self._socket:
+                message = json.loads(frame)
                 with self._changed:
-                    self.messages.append(json.loads(frame))
+                    self.messages.append(message)
+                    self._newest[message["t"]] = message
                     self._changed.notify_all()
         except ConnectionClosed:
             pass
@@ -167,8 +170,7 @@ class Page:
     def _beat(self) -> None:
         count = 0
         while not self._ended.wait(DRIVE_S):
-            states = self.all("state")
-            seen = states[-1]["seen"] if states and self._acknowledge else 0
+            seen = self._newest.get("state", {}).get("seen", 0) if self._acknowledge else 0
             try:
                 if self.holds is not None:
                     self.send(**({"t": "drive", "seen": seen} | self.holds))

@@ -129,6 +129,7 @@ def robot(robot_id: str) -> dict[str, Any]:
         "wheels": [],
         "max_rpm": None,
         "alternative_estimate": None,
+        "plot_fields": [],
     }
 
 
@@ -138,6 +139,7 @@ def state(mode: str = "disarmed", *, you: bool = False, **changed: Any) -> dict[
     status["lease"] |= {"holder": OPERATOR if you else None} | changed.pop("lease", {})
     return {
         "t": "state",
+        "robot_s": 12.0,
         "age_ms": 0.0,
         "status": status,
         "mode_age_s": 12.0,
@@ -153,6 +155,7 @@ def state(mode: str = "disarmed", *, you: bool = False, **changed: Any) -> dict[
         "sphere": None,
         "estimate_difference": None,
         "route": None,
+        "plot": {},
     } | changed
 
 

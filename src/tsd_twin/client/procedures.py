@@ -35,7 +35,7 @@ ReplyT = TypeVar("ReplyT", Reply, LeaseReply)
 _ARMING_S = 60.0
 _REST_S = 10.0
 _SETTLE_S = 3.0
-"""The newest status shows the new holder long before that, or the robot is silent."""
+"""The newest status shows a new holder, or a centred stick, long before that."""
 _TRIES = 3
 _ANSWER_S = 0.5
 _STOP_TRIES, _STOP_ANSWER_S = 20, 0.1
@@ -70,7 +70,17 @@ def disarm(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
 
 
 def reset(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
-    """Unlatch a stopped or faulty robot; wait until the status shows that it is disarmed."""
+    """Unlatch a stopped or faulty robot; wait until the status shows that it is disarmed.
+
+    A robot refuses that for half a second after the last push, which a script can only wait for.
+
+    Raises:
+        RequestRefused: the robot refuses for longer, with its own sentence.
+        RobotSilent: it does not answer.
+    """
+    end_s = now_s + _SETTLE_S
+    while now_s < end_s and protocol.status is not None and protocol.status.refusals.reset:
+        now_s = (yield NextStatus(end_s)).now_s
     yield from request(protocol, Service.RESET, HolderRequest(protocol.lease_hex), "reset")
     yield from _until_mode(protocol, now_s, Mode.DISARMED)
 

@@ -308,6 +308,7 @@ def test_a_typed_name_is_used_as_far_as_the_bus_permits_it(
 def test_a_name_is_typed_where_there_are_no_logins_only(served: Site) -> None:
     with site() as made, made.page(f"{PAGE}&name=anna", user="anna") as page:
         assert page.until(lambda: page.last("welcome"))["operator"] == f"anna-{PAGE[:8]}"
+        page.until(lambda: page.state)
         assert page.take()["ok"]
         page.until(lambda: page.state["status"]["lease"]["holder"] == page.operator)
     with served.page(f"{PAGE}&name=bob", cookie=cookie_of(served.port, "alice")) as page:

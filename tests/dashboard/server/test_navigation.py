@@ -337,7 +337,7 @@ def test_a_pose_that_is_older_than_a_command_may_be_ends_it_also_while_other_new
         number = await desk.plan()
         assert desk.step(number, 100.1).twist is not None
         desk.say(0.0, 100.0, "driving")
-        with pytest.raises(PathError, match="not been heard"):
+        with pytest.raises(PathError, match="not sent its pose"):
             desk.step(number, 100.26)
 
     asyncio.run(run())
@@ -346,8 +346,8 @@ def test_a_pose_that_is_older_than_a_command_may_be_ends_it_also_while_other_new
 @pytest.mark.parametrize(
     ("x", "mode", "rpm", "word"),
     [
-        (0.1, "ready", 2500.0, "anew"),
-        (0.0, "ready", 1500.0, "anew"),
+        (0.1, "ready", 2500.0, "planned again"),
+        (0.0, "ready", 1500.0, "planned again"),
         (0.0, "driving", 2500.0, "not at rest"),
     ],
 )
