@@ -40,7 +40,12 @@ export class FloorMap {
       /** @type {string} */ name,
       /** @type {string} */ shape,
       /** @type {() => void} */ onclick,
-    ) => el("button.button.quiet", { type: "button", "aria-label": name, onclick }, icon(shape));
+    ) =>
+      el(
+        `button.button.quiet.${shape}`,
+        { type: "button", "aria-label": name, onclick },
+        icon(shape),
+      );
     this.element = el(
       "section.map",
       { hidden: true, "aria-label": "Map" },
