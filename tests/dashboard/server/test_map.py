@@ -71,8 +71,8 @@ def test_a_refused_plan_takes_the_old_path_off_the_scene_and_the_map(
         assert page.last("map_lines")["trails"] is None, "the page has them"
         if reason == "no control":
             assert page.answer("lease", t="lease", op="release")["ok"]
-        refused = REFUSED.get(reason, there)
-        assert not page.answer("plan", t="plan", kind="to", **refused)["ok"]
+        page.send(t="plan", **(there | REFUSED.get(reason, {})))
+        page.until(lambda: [m for m in page.all("reply") if m["to"] == "plan" and not m["ok"]])
         stage.viewer.until(lambda: ROUTE_NODE not in stage.viewer.shared)
         page.until(lambda: page.last("map_lines")["routes"] == {})
         page.until(lambda: page.state["route"] is None)
@@ -117,10 +117,15 @@ def test_the_envelope_on_the_map_is_the_one_that_is_drawn(stage: Stage) -> None:
         assert page.state["map"]["envelope"] is None
         overlay.update(np.array([[0.0, 0.0, 0.0], [0.4, 0.1, 0.2]]))
         page.until(lambda: page.state["map"]["envelope"])
-        area = stage.viewer.node("/w/r/tsd/b/a").props["vertices"]
-        np.testing.assert_allclose(page.state["map"]["envelope"], area[:, :2], atol=1e-3)
+        envelope = page.state["map"]["envelope"]
+        stage.viewer.until(lambda: np.allclose(drawn(stage.viewer), envelope, atol=1e-3))
         overlay.update(None)
         page.until(lambda: page.state["map"]["envelope"] is None)
+
+
+def drawn(viewer: ViserClient) -> np.ndarray:
+    """Corners of the area on the floor, in the frame of the robot."""
+    return np.reshape(viewer.node("/w/r/tsd/b/a").props["vertices"], (-1, 3))[:, :2]
 
 
 def test_a_trail_is_thinned_breaks_where_the_pose_was_set_and_has_a_bound() -> None:
