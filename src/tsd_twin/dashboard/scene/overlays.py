@@ -149,6 +149,9 @@ class StopEnvelope:
     def __init__(self, scene: viser.SceneApi, name: str, reach_m: float) -> None:
         self._reach_m = reach_m
         self._shown = swept_outline(np.zeros((1, 2)), reach_m)
+        self.outline: Array | None = None
+        """The drawn polygon (SIDES, 2) in the frame of the robot; None while it is hidden. An array
+        is never changed in place."""
         self._frame = scene.add_frame(name, show_axes=False)
         fan = np.arange(1, ENVELOPE_SIDES - 1, dtype=np.uint32)
         self._area = scene.add_mesh_simple(
@@ -175,11 +178,13 @@ class StopEnvelope:
         """Draw the area of `path` (n, 3) in the frame of the robot; None hides it."""
         self._area.visible = self._rim.visible = path is not None
         if path is None:
+            self.outline = None
             return
         shape = swept_outline(path, self._reach_m)
         if np.abs(shape - self._shown).max() < _MIN_CHANGE_M:
+            self.outline = self._shown
             return
-        self._shown = shape
+        self._shown = self.outline = shape
         self._area.vertices = self._raised()
         self._rim.points = self._edges()
 

@@ -9,6 +9,8 @@ const KEYS = [
   ["W A S D", "drive; left stick of a gamepad"],
   ["Q E", "turn left, right; right stick"],
   ["G", "hold to go along the path"],
+  ["M", "open or close the map"],
+  ["1 2 3", "camera: 3-D, top, chase"],
   ["Esc", "delete the path; close this sheet"],
   ["Tab", "go to the next control; STOP is the first"],
   ["Enter", "press a button, tick a box; hold it on Reset stop"],
