@@ -109,7 +109,8 @@ class ParityTest:
         squared = np.square(white).sum(axis=-1)
         most = chi_square_bound(self.dimensions - 1, _LEFT_OVER)
         explained = np.square(white @ self.lines.T)
-        joint, enough = explained.argmax(axis=-1), squared - explained.max(axis=-1) <= most
+        joint: Array = explained.argmax(axis=-1)
+        enough: Any = squared - explained.max(axis=-1) <= most
         if self.by_slip is not None:
             each = [_unit_lines(slopes @ self.whiten.T) for slopes in self._yielding(self.by_slip)]
             explained = np.maximum.reduce([np.square(white @ lines.T) for lines in each])

@@ -258,7 +258,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         # right angle to it; alpha turns about -X of its module.
         lean = -self.drive.wheel_radius_m / self._gimbal_stiffness_nm
         one_module = np.array([[0.0, lean], [lean, 0.0], [0.0, 0.0]])
-        by_force = np.kron(np.eye(kinematics.modules), one_module)
+        by_force = np.asarray(np.kron(np.eye(kinematics.modules), one_module), dtype=float)
         return JointCompliance(
             by_acceleration=by_force @ kinematics.twist_from_contacts.T @ inertia,
             by_force=by_force,
