@@ -258,3 +258,22 @@ def test_the_panel_about_the_connection_takes_no_room_beside_the_tabs(stage: Pag
     expect(connection).to_be_hidden()
     tabs.evaluate("(tabs) => (tabs.style.gridTemplateRows = '0fr')")
     expect(connection).to_be_visible()
+
+
+def test_what_was_the_drawer_of_a_phone_is_let_alone_when_it_is_one_no_more(
+    stage: PageStage,
+) -> None:
+    """The page keeps the same element when a window grows, and may put the canvas into it."""
+    stage.page.evaluate(
+        """() => document.querySelector("canvas").parentElement.insertAdjacentHTML("beforebegin",
+        '<div id="drawer" style="position: fixed; bottom: 0; height: 40px"></div>')"""
+    )
+    drawer, marked = stage.page.locator("#drawer"), re.compile("")
+    stage.resize(390, 844)
+    expect(drawer).to_have_attribute("data-tsd-drawer", marked)
+    drawer.evaluate("(drawer) => drawer.append(document.querySelector('canvas'))")
+    expect(drawer).not_to_have_attribute("data-tsd-drawer", marked)
+    drawer.evaluate("(drawer) => drawer.before(document.querySelector('canvas'))")
+    expect(drawer).to_have_attribute("data-tsd-drawer", marked)
+    stage.resize(1280, 720)
+    expect(drawer).not_to_have_attribute("data-tsd-drawer", marked)

@@ -8,7 +8,7 @@ import { el, setAttribute, setText } from "./dom.js";
 import { Joystick, SpeedLevel, StopButton, TurnSlider } from "./dock.js";
 import { Drive } from "./drive.js";
 import { FirstSteps } from "./first_steps.js";
-import { sentence, withNames } from "./format.js";
+import { noticeOf, sentence } from "./format.js";
 import { Gamepad } from "./gamepad.js";
 import { HandOver } from "./handover.js";
 import { KeySheet } from "./key_sheet.js";
@@ -29,6 +29,7 @@ import { StatusCard } from "./status_card.js";
 import { Waypoints } from "./waypoints.js";
 
 const NARROW_PX = 600; // As in small.css.
+const LEVEL_IN_DOCK_PX = 1060; // Up to here the bar has no room for it.
 const TOLD_MS = 1000;
 // The last ones take away what others show.
 const STYLES = [
@@ -104,8 +105,8 @@ const key = (/** @type {string} */ name) => el("kbd", name);
 const keysHelp = el(
   "button.keys",
   { type: "button", onclick: () => keySheet.toggle() },
-  ...[key("W A S D"), " · ", key("Q E"), " · gamepad \u2003 ", key("space"), " = stop \u2003 "],
-  ...[key("?"), " = all keys"],
+  el("span.drive", key("W A S D"), " · ", key("Q E"), " · gamepad \u2003 "),
+  ...[key("space"), " = stop \u2003 ", key("?"), " = all keys"],
 );
 stopButton.element.append(keysHelp);
 stopButton.button.after(waypoints.element); // Above it, and after it for Tab.
@@ -127,7 +128,7 @@ link.on("event", (event) => {
   if (event.past || !isNotable(event, link.welcome?.operator)) return;
   // The notice of a page that has stalled has said just now why the robot stops.
   const isTold = event.kind === "mode" && performance.now() - drive.stalledMs < TOLD_MS;
-  if (!isTold) notices.say(withNames(event.text));
+  if (!isTold) notices.say(noticeOf(event, link.state?.you ?? false));
 });
 link.on("reply", ({ to, ok, reason }) => {
   if (!ok && to !== "stop") notices.say(sentence(reason || "the request was refused"));
@@ -248,7 +249,7 @@ function isNarrow() {
 
 function layOut() {
   // An element that moves loses focus and pointer, so it moves only when it has to.
-  const levelPlace = isNarrow() ? right : bar.level;
+  const levelPlace = host.clientWidth <= LEVEL_IN_DOCK_PX ? right : bar.level;
   if (level.element.parentElement !== levelPlace) levelPlace.prepend(level.element);
   inner.toggleAttribute("data-drawer", frame.phone.matches);
   reserve();
