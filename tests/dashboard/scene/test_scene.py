@@ -361,12 +361,12 @@ def test_the_region_of_a_certain_heading_is_an_ellipse_of_two_sigma(
     in_base = SO3(np.array(handle.wxyz)).rotate(np.float64(handle.points[:, 0]))
     on_floor = SE2(np.array([0.0, 0.0, heading])).rotate(in_base[:, :2])
     distance = np.einsum("ni,ij,nj->n", on_floor, np.linalg.inv(covariance[:2, :2]), on_floor)
-    # The outline has a millimetre added, and turns that nobody sees are not sent.
-    np.testing.assert_allclose(distance, 4.0, rtol=0.1)
+    # The outline has a millimetre added, and turns by less than two are not sent.
+    np.testing.assert_allclose(distance, 4.0, rtol=0.2)
     assert not region._wedge.visible
 
 
-@pytest.mark.parametrize(("sigma_rad", "half_rad"), [(0.2, 0.299), (0.05, 0.0747), (3.0, np.pi)])
+@pytest.mark.parametrize(("sigma_rad", "half_rad"), [(0.2, 0.2987), (0.05, 0.0747), (3.0, np.pi)])
 def test_the_wedge_holds_the_heading_with_86_percent(
     server: viser.ViserServer, sigma_rad: float, half_rad: float
 ) -> None:

@@ -119,16 +119,18 @@ class PoseRegion:
 
     def update(self, covariance: Array, heading_rad: float, now_s: float) -> None:
         """Show a pose covariance (3, 3) around a robot with that heading."""
-        size_m = float(np.abs(self.shown).max())
+        if self._rate.is_due(now_s):
+            self._reshape(covariance)
         turn_rad = math.remainder(heading_rad - self._turned_rad, math.tau)
-        if abs(turn_rad) * size_m > _VISIBLE_M:
+        if abs(turn_rad) * float(np.abs(self.shown).max()) > _VISIBLE_M:
             self._turned_rad = heading_rad
             half = -0.5 * heading_rad
             self._outline.wxyz = (math.cos(half), 0.0, 0.0, math.sin(half))
-        if not self._rate.is_due(now_s):
-            return
+
+    def _reshape(self, covariance: Array) -> None:
         outline = self._outline_of(covariance)
-        if float(np.abs(outline - self.shown).max()) > _REGION_CHANGE * size_m:
+        change_m = float(np.abs(outline - self.shown).max())
+        if change_m > _REGION_CHANGE * float(np.abs(self.shown).max()):
             self.shown = outline
             self._outline.points = _closed(outline)
         half_rad = heading_region_rad(covariance)
