@@ -513,7 +513,7 @@ def test_each_client_hides_what_it_likes(
     nodes = {
         "set-point": "/w/r/tsd/s",
         "trail": "/w/k",
-        "covariance ellipse": "/w/r/tsd/e",
+        "region of the pose": "/w/r/tsd/e",
         "labels": "/w/l",
         "thrust arrows": "/w/r/tsd/a",
     }

@@ -162,7 +162,7 @@ _LAYER_HINTS = {
     Layer.ROUTE: "Violet line: planned path, in all pages",
     Layer.OTHER: "Rose cage: the other estimate, of robots that have two",
     Layer.ARROWS: "Orange arrows: push of each wheel",
-    Layer.ELLIPSE: "Blue ellipse: the robot is inside with 86 % certainty (two sigma)",
+    Layer.REGION: "Blue outline and wedge: position and heading are inside, 86 % certain each",
     Layer.PREDICTED: "Pink cage: where the robot will be when a command sent now arrives",
     Layer.ENVELOPE: "Red area: how far the robot can still get if the link fails now",
     Layer.LABELS: "Metres on the floor, and names of several robots",

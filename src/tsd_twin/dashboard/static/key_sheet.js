@@ -20,7 +20,7 @@ const KEYS = [
 
 /** Colours as in scene/appearance.py. @type {[string, string, string][]} */
 const COLOURS = [
-  ["estimate", "#2484e3", "estimated path, and ellipse that the robot is in"],
+  ["estimate", "#2484e3", "estimated path, and regions that position and heading are in"],
   ["setpoint", "#00c8d7", "where the gimbals should be"],
   ["thrust", "#f0960a", "push of each wheel"],
   ["route", "#966eff", "planned path"],
