@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import importlib
 import itertools
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -37,9 +38,8 @@ class Output:
 
     def __init__(self, folder: Path, *, quiet: bool = False) -> None:
         # Loaded here, before an experiment drives a robot that would have to wait for it.
-        import matplotlib.backends.backend_agg
-        import matplotlib.figure  # noqa: F401
-
+        for name in ("figure", "backends.backend_agg"):
+            importlib.import_module(f"matplotlib.{name}")
         self.folder = folder
         self.written: list[Path] = []
         """Written files, in order."""

@@ -45,7 +45,8 @@ IS_WHOLE = """(steps) => {
     node.getBoundingClientRect());
   const apart = own.right <= pose.left || own.left >= pose.right ||
     own.bottom <= pose.top || own.top >= pose.bottom;
-  return apart && own.left >= 0 && own.right <= innerWidth && steps.scrollWidth <= steps.clientWidth;
+  const fits = steps.scrollWidth <= steps.clientWidth;
+  return apart && fits && own.left >= 0 && own.right <= innerWidth;
 }"""
 
 
