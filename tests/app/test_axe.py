@@ -11,20 +11,9 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from tests.app.conftest import Program
-from tests.support.browser import (
-    FLAGS_WITHOUT_SCENE,
-    PATIENCE_MS,
-    mode,
-    press,
-    take_control_and_arm,
-)
+from tests.support.browser import PATIENCE_MS, QUICK, mode, press, take_control_and_arm
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.busy,
-    pytest.mark.timeout(300),
-    pytest.mark.parametrize("browser", [FLAGS_WITHOUT_SCENE], indirect=True, scope="module"),
-]
+pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
 AXE = Path(__file__).parents[2] / ".venv/js/node_modules/axe-core/axe.min.js"
 RUN = """async () => {
@@ -50,7 +39,7 @@ def test_nothing_serious_in_six_states(
 ) -> None:
     mock = start("tsd_mock", "--listen", "tcp/127.0.0.1:0")
     served = start("tsd_dashboard", "--port", "0", "--connect", mock.ready().split()[-1])
-    url = re.findall(r"http://\S+", served.ready())[0]
+    url = re.findall(r"http://\S+", served.ready())[0] + QUICK
     options = {"color_scheme": scheme, "viewport": {"width": 1280, "height": 720}}
     found: dict[str, list[str]] = {}
     page = browser.new_context(**options).new_page()

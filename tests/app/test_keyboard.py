@@ -10,14 +10,11 @@ import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from tests.app.conftest import Program
-from tests.support.browser import FLAGS_WITHOUT_SCENE, PATIENCE_MS, mode
+from tests.support.browser import PATIENCE_MS, mode
 from tsd_twin.dashboard.scene import appearance
 from tsd_twin.dashboard.server.pages import STATIC
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
-without_scene = pytest.mark.parametrize(
-    "browser", [FLAGS_WITHOUT_SCENE], indirect=True, scope="module"
-)
 
 MOVING = re.compile(r"v\s+(0\.[2-9]|[1-9])")
 AT_REST = re.compile(r"v\s+0\.00\s")
@@ -60,7 +57,7 @@ def page(start: Callable[..., Program], browser: Browser) -> Generator[Page]:
     line = start("tsd_demo", "--no-browser", "--until-eof", "--port", "0", "--bus-port", "0")
     url = re.findall(r"http://\S+", line.ready())[0]
     page = browser.new_page(viewport={"width": 960, "height": 640})
-    page.goto(url)
+    page.goto(f"{url}?fixedDpr=0.1")
     mode(page, "disarmed")
     yield page
     page.close()  # Its scene is drawn on for as long as it is open.
@@ -175,7 +172,6 @@ def reset(page: Page) -> None:
     mode(page, "disarmed")
 
 
-@without_scene
 def test_a_robot_is_driven_by_keyboard_alone(page: Page) -> None:
     """Take control, arm, drive, keep a value, go to a point, stop, reset and release.
 
@@ -215,7 +211,6 @@ def test_a_robot_is_driven_by_keyboard_alone(page: Page) -> None:
     expect(page.get_by_role("button", name="Take control")).to_be_visible(timeout=PATIENCE_MS)
 
 
-@without_scene
 def test_a_key_opens_the_sheet_which_covers_no_control_and_gives_the_focus_back(
     page: Page,
 ) -> None:
@@ -235,7 +230,6 @@ def test_a_key_opens_the_sheet_which_covers_no_control_and_gives_the_focus_back(
     mode(page, "stopped")
 
 
-@without_scene
 def test_the_name_that_an_operator_types_is_kept_and_shown_to_others(page: Page) -> None:
     page.get_by_role("tab", name="View").click(timeout=PATIENCE_MS)
     field = page.get_by_label("Your name")

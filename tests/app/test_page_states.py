@@ -45,8 +45,8 @@ IS_WHOLE = """(steps) => {
     node.getBoundingClientRect());
   const apart = own.right <= pose.left || own.left >= pose.right ||
     own.bottom <= pose.top || own.top >= pose.bottom;
-  const fits = steps.scrollWidth <= steps.clientWidth;
-  return apart && fits && own.left >= 0 && own.right <= innerWidth;
+  const fits = own.left >= 0 && own.right <= innerWidth;
+  return apart && fits && steps.scrollWidth <= steps.clientWidth;
 }"""
 
 

@@ -14,7 +14,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 
 import tsd_twin
 from tests.app.conftest import Program
-from tests.support.browser import FLAGS_WITHOUT_SCENE, PATIENCE_MS, mode
+from tests.support.browser import PATIENCE_MS, QUICK, mode
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.lie import Array
 from tsd_twin.messages import topics
@@ -22,12 +22,7 @@ from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.ros import decode_joints
 from tsd_twin.messages.status import decode_stamp, decode_status
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.busy,
-    pytest.mark.timeout(300),
-    pytest.mark.parametrize("browser", [FLAGS_WITHOUT_SCENE], indirect=True, scope="module"),
-]
+pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
 ALPHA = "joints.module1_alpha.position_rad"
 RESIDUAL = "status.consistency.residual_mps"
@@ -124,7 +119,7 @@ def stage(browser: Browser, start: Callable[..., Program]) -> Iterator[Stage]:
     page.on("pageerror", lambda error: errors.append(str(error)))
     with Bus(client_config([endpoint])) as bus:
         made = Stage(endpoint, page, Subscriber(bus))
-        page.goto(url)
+        page.goto(url + QUICK)
         made.open_tab()
         yield made
     page.close()

@@ -10,16 +10,11 @@ import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from tests.app.conftest import Program
-from tests.support.browser import FLAGS_WITHOUT_SCENE, PATIENCE_MS
+from tests.support.browser import PATIENCE_MS, QUICK
 from tsd_twin.bus import Bus, node_config
 from tsd_twin.robots import SingularityDescription, load_robot
 
-pytestmark = [
-    pytest.mark.system,
-    pytest.mark.busy,
-    pytest.mark.timeout(300),
-    pytest.mark.parametrize("browser", [FLAGS_WITHOUT_SCENE], indirect=True, scope="module"),
-]
+pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
 SIZES = [(1280, 720), (390, 844)]
 
@@ -56,7 +51,7 @@ def test_a_knob_a_number_the_link_and_the_file(
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))
     # The address has the setting: its tab opens by itself, in the drawer of a phone, too.
-    page.goto(f"{address}?student=tsd&drive.wheel_radius_m=0.05")
+    page.goto(f"{address}{QUICK}&student=tsd&drive.wheel_radius_m=0.05")
     if size[0] < 600:
         open_drawer(page)
     student = page.get_by_role("region", name="Student", exact=True)
@@ -90,7 +85,7 @@ def test_a_knob_a_number_the_link_and_the_file(
     assert (robot.drive.wheel_radius_m, robot.drive.max_tilt_deg) == (0.06, 29.0)
     # The link shows the same numbers elsewhere.
     other = context.new_page()
-    other.goto(link.input_value())
+    other.goto(link.input_value() + "&" + QUICK.removeprefix("?"))
     expect(top_speed(other)).to_have_text("7.62", timeout=PATIENCE_MS)
     context.close()
     assert errors == []
@@ -100,7 +95,7 @@ def test_a_knob_a_number_the_link_and_the_file(
 
 def test_every_kind_of_robot_has_its_knobs(browser: Browser, address: str) -> None:
     page = browser.new_page(viewport={"width": 1280, "height": 720})
-    page.goto(f"{address}?student=omni4")
+    page.goto(f"{address}{QUICK}&student=omni4")
     student = page.get_by_role("region", name="Student", exact=True)
     robots = student.get_by_role("combobox", name="Robot to start from")
     expect(robots).to_have_value("omni4", timeout=PATIENCE_MS)
