@@ -21,8 +21,18 @@ from tsd_twin.bus import (
     from_file,
 )
 from tsd_twin.errors import TwinError
-from tsd_twin.recording import ALLOWED, EVERYTHING, Recorder, RecordingFolder, export
+from tsd_twin.recording import (
+    ALLOWED,
+    EVERYTHING,
+    Catalogue,
+    Mark,
+    Recorder,
+    RecordingFolder,
+    add_mark,
+    export,
+)
 from tsd_twin.recording.folder import DEFAULT_GB, LEAST_GB, default_folder
+from tsd_twin.recording.index import RecordingIndex
 
 GB = 1_000_000_000
 
@@ -37,8 +47,11 @@ PARSER = program.parser(
         "tsd-record --dir drives --keep-gb 20          into a folder of yours",
         "tsd-record --connect tcp/127.0.0.1:7448       a robot at another endpoint",
         "kill -USR1 PID                                begin a new file",
+        "tsd-record list                               what is in the folder",
+        'tsd-record mark FILE "it slipped"             a note on this moment, or --at 12.5',
         "tsd-record export FILE --out part.mcap --from 10 --to 70    one minute, without lease ids",
         "tsd-record export FILE --csv tables           each stream as a CSV file",
+        "tsd-record export FILE --html drive.html --to 60    a page that plays in any browser",
     ],
 )
 
@@ -123,14 +136,59 @@ def export_file(args: argparse.Namespace) -> None:
     Raises:
         TwinError: nothing was asked for.
     """
-    if not (args.out or args.csv):
-        raise TwinError("export: --out FILE.mcap or --csv FOLDER is needed")
+    if not (args.out or args.csv or args.html or args.picture):
+        raise TwinError(
+            "export: --out FILE.mcap, --csv FOLDER, --html FILE or --picture FILE is needed"
+        )
     part = export.Part(Path(args.file), args.start_s, args.end_s, args.robot)
     if args.out:
         print(export.to_mcap(part, Path(args.out)))
     if args.csv:
         for line in export.to_csv(part, Path(args.csv)):
             print(line)
+    if args.html or args.picture:
+        # The scene takes a second to import: recording does without it.
+        from tsd_twin.dashboard import recording_page
+
+        if args.html:
+            print(recording_page.to_html(part, Path(args.html)))
+        if args.picture:
+            print(recording_page.to_picture(part, Path(args.picture)))
+
+
+def list_recordings(args: argparse.Namespace) -> None:
+    """Print start, duration, robots and marks of all recordings in the folder, the newest last.
+
+    Raises:
+        TwinError: there is no such folder.
+    """
+    if not args.dir.is_dir():
+        raise TwinError(f"{args.dir} is no folder")
+    catalogue = Catalogue(args.dir)
+    for each in reversed(catalogue.recordings()):
+        start = datetime.fromtimestamp(1e-9 * each.start_ns, UTC)
+        marks = f", {each.marks} mark{'s' * (each.marks > 1)}" if each.marks else ""
+        state = "" if each.is_whole else ", without an index yet"
+        print(
+            f"{start:%Y-%m-%d %H:%M:%SZ} {each.duration_s:8.1f} s {each.size / 1e6:7.1f} MB "
+            f"{each.path.name}: {', '.join(each.robots) or 'no robot'}{marks}{state}"
+        )
+    catalogue.close()
+
+
+def mark(args: argparse.Namespace) -> None:
+    """Attach a note to a time of a recording.
+
+    Raises:
+        TwinError: the time is no part of it, or the mark cannot be written.
+    """
+    index = RecordingIndex(Path(args.file))
+    duration_s = 1e-9 * (index.end_ns - index.start_ns)
+    index.close()
+    at_s = duration_s if args.at_s is None else args.at_s
+    if at_s > duration_s:
+        raise TwinError(f"--at {at_s:g} is no part of {duration_s:.1f} s")
+    add_mark(index.path, Mark(index.start_ns + round(at_s * 1e9), args.note))
 
 
 def main() -> None:
@@ -151,15 +209,18 @@ def main() -> None:
         help=f"limit of the folder, the oldest files are removed; default {DEFAULT_GB:g}",
     )
     PARSER.set_defaults(body=record)
-    commands = PARSER.add_subparsers(metavar="export")
+    commands = PARSER.add_subparsers(metavar="export | list | mark")
     parser = commands.add_parser(
         "export",
-        help="write a part of a recording as MCAP without lease ids, or as CSV",
-        description="Write a part of a recording as MCAP without lease ids, or as CSV.",
+        help="write a part of a recording as MCAP, CSV, a page, or a moving picture",
+        description="Write a part of a recording as MCAP without lease ids, as CSV, as one HTML "
+        "page that plays in any browser, or as a moving picture.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog="examples:\n"
         "  tsd-record export FILE --out part.mcap --from 10 --to 70\n"
-        "  tsd-record export FILE --csv tables --robot tsd",
+        "  tsd-record export FILE --csv tables --robot tsd\n"
+        "  tsd-record export FILE --html drive.html --from 10 --to 70\n"
+        "  tsd-record export FILE --picture drive.webp --from 10 --to 16",
     )
     parser.add_argument("file", metavar="FILE", help="a recording")
     parser.add_argument(
@@ -180,7 +241,29 @@ def main() -> None:
     parser.add_argument("--robot", metavar="ID", help="one robot; default: all")
     parser.add_argument("--out", metavar="FILE", help="MCAP file to write")
     parser.add_argument("--csv", metavar="FOLDER", help="folder for CSV files, one for a stream")
+    parser.add_argument("--html", metavar="FILE", help="HTML page to write")
+    parser.add_argument(
+        "--picture",
+        metavar="FILE",
+        help="moving picture to write, .webp or .gif; needs Chromium and Playwright",
+    )
     parser.set_defaults(body=export_file)
+    about = "list the recordings in the folder: start, duration, robots, marks"
+    parser = commands.add_parser("list", help=about, description=f"{about.capitalize()}.")
+    parser.set_defaults(body=list_recordings)
+    about = "attach a note to a time of a recording"
+    parser = commands.add_parser("mark", help=about, description=f"{about.capitalize()}.")
+    parser.add_argument("file", metavar="FILE", help="a recording")
+    parser.add_argument(
+        "--at",
+        dest="at_s",
+        type=flag_types.number(0.0),
+        metavar="S",
+        help="time, in seconds since its start; default: its end, which is now in one that is "
+        "being written",
+    )
+    parser.add_argument("note", metavar="NOTE", help="text of at most 200 characters")
+    parser.set_defaults(body=mark)
     program.run(PARSER, lambda args: args.body(args))
 
 

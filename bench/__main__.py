@@ -18,6 +18,7 @@ PARTS = (
     "start",
     "idle",
     "recording",
+    "seek",
 )
 
 

@@ -97,6 +97,8 @@ FLAGS: dict[str, str] = {
         export x.mcap --from -1 --csv tables
         export x.mcap --to 0 --csv tables
         export
+        mark x.mcap
+        mark x.mcap note --at -1
     """,
     "tsd_replay": """
         x.mcap --speed 0
@@ -260,6 +262,12 @@ OTHERS: dict[str, str] = {
         export binary --csv tables
         export empty --out part.mcap
         export text
+        export nowhere.mcap --html page.html
+        export binary --html page.html
+        export empty --picture drive.gif
+        mark nowhere.mcap note
+        mark empty note --at 1
+        --dir nowhere list
     """,
     "tsd_replay": """
         nowhere.mcap

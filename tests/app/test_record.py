@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import signal
 import threading
 import time
@@ -25,7 +26,7 @@ from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.input_log import LeaseDrawn, decode_batch
 from tsd_twin.messages.status import decode_stamp
 from tsd_twin.messages.topics import QoS, Service
-from tsd_twin.recording import Recording, reading
+from tsd_twin.recording import Recording, read_marks, reading
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(240)]
 
@@ -214,6 +215,29 @@ def test_an_export_has_no_lease_id_and_runs_again(
     again = start("tsd_record", "export", str(path), "--out", str(part))
     assert again.wait() == 1
     assert "is there already" in again.sentence
+
+
+def test_recordings_are_listed_and_marked(
+    driven: tuple[Path, Counter[str]], start: Start, tmp_path: Path
+) -> None:
+    path = tmp_path / "drive.mcap"
+    shutil.copy(driven[0], path)
+    recording = tsd_twin.open_recording(path)
+    marked_ns = [recording.start_ns + round(recording.duration_s * 1e9), recording.start_ns + 10**9]
+    for flags in ((), ("--at", "1")):
+        mark = start("tsd_record", "mark", str(path), "it slipped", *flags)
+        assert mark.wait() == 0, mark.sentence
+    assert [(mark.log_ns, mark.note) for mark in read_marks(path)] == [
+        (log_ns, "it slipped") for log_ns in sorted(marked_ns)
+    ]
+    listed = start("tsd_record", "--dir", str(tmp_path), "list")
+    assert listed.wait() == 0, listed.sentence
+    (line,) = listed.output
+    assert f"{recording.duration_s:.1f} s" in line
+    assert line.endswith(" drive.mcap: tsd, 2 marks")
+    late = start("tsd_record", "mark", str(path), "late", "--at", "9999")
+    assert late.wait() == 1
+    assert "is no part of" in late.sentence
 
 
 def test_a_replay_shows_the_robot_and_refuses_control(

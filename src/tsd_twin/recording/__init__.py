@@ -1,5 +1,8 @@
-"""Recordings: written from the bus, read as arrays, put back on the bus, run again, exported."""
+"""Recordings: written from the bus, read as arrays or at any time, put back on the bus, run again,
+exported.
+"""
 
+from tsd_twin.recording.catalogue import Catalogue, RecordingSummary
 from tsd_twin.recording.data import (
     RecordedMessage,
     Recording,
@@ -7,20 +10,33 @@ from tsd_twin.recording.data import (
     TopicSummary,
     open_recording,
 )
+from tsd_twin.recording.events import EventKind, RecordedEvent, read_events
 from tsd_twin.recording.folder import RecordingFolder
+from tsd_twin.recording.marks import Mark, add_mark, read_marks
+from tsd_twin.recording.player import Player, RecordedRobot
 from tsd_twin.recording.recorder import ALLOWED, EVERYTHING, Recorder
 from tsd_twin.recording.replay import Replay, play
 
 __all__ = [
     "ALLOWED",
     "EVERYTHING",
+    "Catalogue",
+    "EventKind",
+    "Mark",
+    "Player",
+    "RecordedEvent",
     "RecordedMessage",
+    "RecordedRobot",
     "Recorder",
     "Recording",
     "RecordingFolder",
+    "RecordingSummary",
     "Replay",
     "Series",
     "TopicSummary",
+    "add_mark",
     "open_recording",
     "play",
+    "read_events",
+    "read_marks",
 ]

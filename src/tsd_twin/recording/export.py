@@ -18,6 +18,7 @@ from tsd_twin.recording import reading
 from tsd_twin.recording.channels import MSGPACK, RAW, Entry, robot_of, topic_of
 from tsd_twin.recording.data import Recording, open_recording
 from tsd_twin.recording.file import McapWriter
+from tsd_twin.recording.marks import add_mark, read_marks
 from tsd_twin.recording.redaction import Redactor
 
 
@@ -49,12 +50,17 @@ class Part:
             )
         return recording
 
+    def end_ns(self, recording: Recording) -> int:
+        """Return the wall clock of the recorder at the end."""
+        end_s = recording.duration_s if self.end_s is None else self.end_s
+        return recording.start_ns + round(end_s * 1e9)
+
 
 def to_mcap(part: Part, out: Path) -> str:
     """Write a part as MCAP with lease ids replaced; return what was written.
 
     It begins with the descriptions of the robots, and with the input log since the last state of
-    the controller before, so that it can be run again from its start.
+    the controller before, so that it can be run again from its start. Marks are copied beside it.
 
     Raises:
         TwinError: the part is empty, or the file cannot be written or exists.
@@ -74,6 +80,10 @@ def to_mcap(part: Part, out: Path) -> str:
         raise TwinError(f"{out} is there already: choose another file") from error
     except OSError as error:
         raise TwinError(f"{out} cannot be written: {error.strerror}") from error
+    start_ns, end_ns = recording.start_ns + round(part.start_s * 1e9), part.end_ns(recording)
+    for mark in read_marks(part.path):
+        if start_ns <= mark.log_ns <= end_ns:
+            add_mark(out, mark)
     return f"wrote {out}: {count} messages"
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from tsd_twin.errors import RecordingError, TwinError
 from tsd_twin.recording.file import McapWriter, RecordingFile
+from tsd_twin.recording.marks import marks_file
 from tsd_twin.recording.reading import entries, is_whole
 
 _PATTERN = "tsd-*.mcap"
@@ -98,6 +99,7 @@ class RecordingFolder:
             if path in unused:
                 total -= path.stat().st_size
                 path.unlink(missing_ok=True)
+                marks_file(path).unlink(missing_ok=True)
                 removed.append(path)
         return removed
 

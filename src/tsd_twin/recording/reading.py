@@ -13,7 +13,8 @@ from mcap.stream_reader import StreamReader
 from tsd_twin.errors import RecordingError
 from tsd_twin.recording.channels import Entry
 
-_MAGIC = b"\x89MCAP0\r\n"
+MAGIC = b"\x89MCAP0\r\n"
+"""Beginning and end of a whole file."""
 _LONGEST_RECORD = 1 << 28
 """A longer one is no record but a damaged length."""
 
@@ -22,10 +23,10 @@ def is_whole(path: Path) -> bool:
     """Return whether a file ends as a whole MCAP file does."""
     with path.open("rb") as file:
         file.seek(0, 2)
-        if file.tell() < 2 * len(_MAGIC):
+        if file.tell() < 2 * len(MAGIC):
             return False
-        file.seek(-len(_MAGIC), 2)
-        return file.read() == _MAGIC
+        file.seek(-len(MAGIC), 2)
+        return file.read() == MAGIC
 
 
 def entries(
@@ -42,7 +43,7 @@ def entries(
     """
     try:
         with path.open("rb") as file:
-            if file.read(len(_MAGIC)) != _MAGIC:
+            if file.read(len(MAGIC)) != MAGIC:
                 raise RecordingError(f"{path} is no recording: it does not begin as an MCAP file")
             file.seek(0)
             read = _indexed if is_whole(path) else _streamed
