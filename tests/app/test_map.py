@@ -127,19 +127,19 @@ def test_map_camera_presets_and_the_window_of_the_plots(
     tab(page, "View").click(timeout=PATIENCE_MS)
     operator = page.get_by_role("button", name="Operator", exact=True)
     operator.click(timeout=PATIENCE_MS)
-    ellipse = page.get_by_role("checkbox", name="covariance ellipse")
-    expect(ellipse).not_to_be_checked(timeout=PATIENCE_MS)
+    region = page.get_by_role("checkbox", name="region of the pose")
+    expect(region).not_to_be_checked(timeout=PATIENCE_MS)
     expect(tab(page, "Plots")).to_be_hidden()
     # All of it is there again after a reload.
     page.reload()
     expect(page.get_by_role("img", name="Map")).to_be_visible(timeout=PATIENCE_MS)
     tab(page, "View").click(timeout=PATIENCE_MS)
     expect(operator).to_have_attribute("aria-pressed", "true", timeout=PATIENCE_MS)
-    expect(ellipse).not_to_be_checked(timeout=PATIENCE_MS)
+    expect(region).not_to_be_checked(timeout=PATIENCE_MS)
     expect(tab(page, "Plots")).to_be_hidden()
     assert page.evaluate("JSON.parse(localStorage.getItem('tsd.view')).camera") == "chase"
     page.get_by_role("button", name="Debug", exact=True).click()
-    expect(ellipse).to_be_checked(timeout=PATIENCE_MS)
+    expect(region).to_be_checked(timeout=PATIENCE_MS)
     tab(page, "Plots").click(timeout=PATIENCE_MS)
     with page.expect_popup(timeout=PATIENCE_MS) as opened:
         page.get_by_role("button", name="Window", exact=True).click(timeout=PATIENCE_MS)

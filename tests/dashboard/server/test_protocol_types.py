@@ -9,10 +9,13 @@ from typing import get_args
 import msgspec
 import pytest
 
+from tsd_twin.dashboard.scene.appearance import Layer
 from tsd_twin.dashboard.server import protocol
 from tsd_twin.messages import status
+from tsd_twin.robots import KINDS
 
 TYPES = Path(protocol.__file__).with_name("protocol.d.ts").read_text(encoding="utf-8")
+STATIC = Path(protocol.__file__).parents[1] / "static"
 DECLARED = {
     name: set(re.findall(r"^  (\w+)\??:", body, re.MULTILINE))
     for name, body in re.findall(r"^interface (\w+) \{\n(.*?)^\}", TYPES, re.MULTILINE | re.DOTALL)
@@ -58,3 +61,14 @@ def test_the_page_knows_every_message_that_it_may_send_by_its_tag() -> None:
     said = TYPES.split("// From the page.")[1].split("// Within the page.")[0]
     quoted = set(re.findall(r'"(\w+)"', "".join(re.findall(r"\bt: ([^;}]*)[;}]", said))))
     assert quoted == tags
+
+
+def test_the_presets_know_every_layer_and_every_tab_of_actuators() -> None:
+    text = (STATIC / "view_settings.js").read_text(encoding="utf-8")
+    layers = text.split("export const LAYERS = [")[1].split("\n];")[0]
+    assert set(re.findall(r'"([^"]+)"', layers)) == {str(layer) for layer in Layer}
+    presets = (STATIC / "presets.js").read_text(encoding="utf-8")
+    (away,) = re.findall(r"Operator: \{\s+away: \[(.*?)\]", presets, re.DOTALL)
+    assert {kind.actuator_tab for kind in KINDS} <= set(re.findall(r'"([^"]+)"', away))
+    shown = set(re.findall(r'"([^"]+)"', "".join(re.findall(r"layers: \[(.*?)\]", presets))))
+    assert shown <= {str(layer) for layer in Layer}

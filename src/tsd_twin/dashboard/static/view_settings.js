@@ -11,7 +11,7 @@ const TILTS = ["x1", "x3", "x10"];
 /** As in scene/appearance.py. */
 export const LAYERS = [
   ...["set-point", "true pose", "other estimate", "trail", "planned path", "thrust arrows"],
-  ...["covariance ellipse", "predicted pose", "stop envelope", "labels"],
+  ...["region of the pose", "predicted pose", "stop envelope", "labels"],
 ];
 /** @type {ViewSettings} */
 const USUAL = {
