@@ -79,6 +79,7 @@ export class CanvasFrame {
     let node = this._canvas;
     for (; node && node !== document.body; node = node.parentElement) {
       for (const beside of node.parentElement?.children ?? []) {
+        if (beside === this._host) continue; // Fixed at the bottom, too.
         const style = getComputedStyle(beside);
         if (beside !== node && style.position === "fixed" && style.bottom === "0px") {
           this._drawer = beside;
