@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from random import Random
 
 import msgspec
@@ -33,12 +34,12 @@ class Ride:
         self.truth = SE2.identity()
         self.past: list[tuple[float, SE2]] = []
         size = 0.0 if still else 1.0
-        self._sizes = size * self.random.normal(size=(3, 3)) * [0.3, 0.3, 0.5]
+        self.sizes = size * self.random.normal(size=(3, 3)) * [0.3, 0.3, 0.5]
 
     def step(self) -> None:
         self.now_s += DT_S
         waves = np.array([1.0, np.sin(2.0 * self.now_s), np.cos(3.0 * self.now_s)])
-        twist = waves @ self._sizes
+        twist = waves @ self.sizes
         self.odometry.advance(DRIVE.inverse(twist), DT_S)
         self.truth = DRIVE.integrate(self.truth, self.odometry.motion.twist, DT_S)
         self.past.append((self.now_s, self.truth))
@@ -296,3 +297,52 @@ def test_what_was_seen_before_the_pose_was_set_is_of_the_past() -> None:
     )
     assert ride.estimate.fuse(ride.estimate.pose, ride.now_s, at_rest=True) is FusionResult.USED
     assert ride.estimate.pose.xy_heading[0] == pytest.approx(7.0, abs=0.1)
+
+
+def drive_past(ride: Ride, frames: int, shown: Callable[[SE2], SE2]) -> list[FusionResult]:
+    """Straight on at 0.5 m/s under a camera with 25 frames a second, that shows something else."""
+    fates: list[FusionResult] = []
+    for _ in range(frames):
+        ride.steps(4)
+        seen = ride.seen((ride.now_s, shown(ride.truth)))
+        fates.append(ride.estimate.fuse(seen, ride.now_s, at_rest=False))
+    return fates
+
+
+def straight_ride(blind_s: float) -> Ride:
+    ride = Ride(0, still=True)
+    ride.sizes[0, 0] = 0.5
+    ride.steps(round(blind_s / DT_S))
+    return ride
+
+
+def beside(by_m: float) -> Callable[[SE2], SE2]:
+    return lambda truth: SE2(truth.xy_heading + np.array([0.0, by_m, 0.0]))
+
+
+def test_after_a_gap_poses_that_agree_are_believed_in_motion_and_one_that_jumps_is_not() -> None:
+    ride = straight_ride(20.0)
+    assert drive_past(ride, 1, beside(0.5)) == [FusionResult.FAR]
+    fates = drive_past(ride, 24, beside(0.1))
+    first = fates.index(FusionResult.USED)
+    assert first * 0.04 < 0.8
+    assert fates[first:] == [FusionResult.USED] * (24 - first)
+    off = ride.estimate.pose.xy_heading - ride.truth.xy_heading
+    assert off[1] == pytest.approx(0.1, abs=0.03)
+
+
+def test_after_a_gap_a_picture_that_stands_still_is_not_believed_in_motion() -> None:
+    ride = straight_ride(20.0)
+    frozen = ride.truth
+    assert set(drive_past(ride, 100, lambda _truth: frozen)) == {FusionResult.FAR}
+
+
+def test_a_shifted_picture_does_not_win_in_motion_however_uncertain_it_makes_the_estimate() -> None:
+    """The covariance covers the shift after some seconds; the poses do not win by that."""
+    ride = straight_ride(0.1)
+    assert set(drive_past(ride, 20, beside(0.0))) == {FusionResult.USED}
+    assert set(drive_past(ride, 230, beside(0.3))) == {FusionResult.FAR}
+    covariance = ride.estimate.pose_covariance
+    assert covariance[1, 1] * 21.0 > 0.3**2
+    # Once the picture is right again, a new majority wins.
+    assert drive_past(ride, 30, beside(0.0))[-5:] == [FusionResult.USED] * 5

@@ -203,7 +203,8 @@ class _PathFollower:
         """The newest step."""
 
     def __call__(self, now_s: float) -> Array | None:
-        self.step = self._executor.advance(now_s, self._protocol.pose(now_s))
+        protocol = self._protocol
+        self.step = self._executor.advance(now_s, protocol.pose(now_s), protocol.delay_s(now_s))
         return self.step.twist if self.step.phase is ExecutionPhase.GOING else None
 
 

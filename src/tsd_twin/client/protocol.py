@@ -16,6 +16,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from tsd_twin.client.command_delay import CommandDelay
 from tsd_twin.client.errors import ClientError, ControlLost, RobotSilent, RobotStopped
 from tsd_twin.errors import MessageError
 from tsd_twin.kinematics import Kinematics
@@ -102,6 +103,7 @@ class ControlProtocol:
         self._failure: ClientError | None = None
         self._renewed_s = -math.inf
         self._round_trips_s: deque[float] = deque(maxlen=_ROUND_TRIPS)
+        self._delay = CommandDelay()
 
     # Received messages.
 
@@ -109,6 +111,8 @@ class ControlProtocol:
         """Process a `state/status` with its number; an outdated one is ignored."""
         if self.status_seq - _REORDERED <= seq < self.status_seq or status.mode not in _MODES:
             return
+        if seq != self.status_seq:
+            self._delay.add_status(status.command, now_s)
         self.status, self.status_seq, self._status_s = status, seq, now_s
         settled = now_s - self._granted_s > max(_GRACE_S, self.max_age_s)
         if self._lease and settled and status.lease.holder != self.operator:
@@ -127,6 +131,10 @@ class ControlProtocol:
     def round_trip_s(self) -> float:
         """Median time from a request to its answer; 0 while none is known."""
         return statistics.median(self._round_trips_s) if self._round_trips_s else 0.0
+
+    def delay_s(self, now_s: float) -> float | None:
+        """Return the measured time from a command to a state with its effect; None if unknown."""
+        return self._delay.median_s(now_s)
 
     # The lease.
 
@@ -291,6 +299,7 @@ class ControlProtocol:
         spatial[list(self.kinematics.twist_axes)] = numbers
         self._seq += 1
         self._sent_s = now_s
+        self._delay.add_sent(self._seq, now_s)
         echo = self.status_seq if status_seq is None else status_seq
         attachment = encode_attachment(self._seq, self._lease, echo)
         payload = encode_twist(TwistStamped(frame, spatial))

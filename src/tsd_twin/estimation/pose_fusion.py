@@ -1,4 +1,7 @@
-"""Fusion of odometry with a pose sensor: gating by Mahalanobis distance, and relocalization."""
+"""Fusion of odometry with a pose sensor: gating by Mahalanobis distance, and relocalization.
+
+The rules, and how rarely they accept a wrong pose, are derived in `docs/estimation.md`.
+"""
 
 from __future__ import annotations
 
@@ -10,51 +13,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tsd_twin.estimation.consistency import FALSE_ALARM, chi_square_bound
 from tsd_twin.estimation.pose_filter import PoseFilter
 from tsd_twin.estimation.pose_spread import PoseErrors, TwistErrors
+from tsd_twin.estimation.relocalization import GATE, PoseHypothesis
 from tsd_twin.estimation.sensor_odometry import DeadReckoning
 from tsd_twin.estimation.wheel_odometry import POSE_SENSOR_CONSTANTS
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array, wrap
 from tsd_twin.robots import PoseSensor
-
-_LEAST = 10
-_LONG_ENOUGH_S = 0.5
-
-
-class RelocalizationDetector:
-    """Relocalizes when rejected poses agree with each other: then the estimate is wrong.
-
-    It applies to a robot at rest only, whose pose is constant.
-    """
-
-    def __init__(self, covariance: Array, gate: float) -> None:
-        """`covariance` (3, 3) is that of the difference of two poses, `gate` a chi-square bound."""
-        self._weight = np.linalg.inv(covariance)
-        self._gate = gate
-        self._first: tuple[SE2, float] | None = None
-        self._count = 0
-
-    def clear(self) -> None:
-        """Discard the rejected poses: the estimate is right, or the robot moves."""
-        self._first = None
-
-    def persists(self, pose: SE2, at_s: float) -> bool:
-        """Add a rejected pose, measured at `at_s`; return whether they agree for long enough."""
-        if self._first is None or not self._agrees(pose, self._first[0]):
-            self._first, self._count = (pose, at_s), 0
-        self._count += 1
-        if self._count < _LEAST or at_s - self._first[1] < _LONG_ENOUGH_S:
-            return False
-        self.clear()
-        return True
-
-    def _agrees(self, pose: SE2, first: SE2) -> bool:
-        off = pose.xy_heading - first.xy_heading
-        off[2] = wrap(off[2])
-        return float(off @ self._weight @ off) <= self._gate
-
 
 MEMORY_S = 1.0
 """Largest delay of a pose that can be fused."""
@@ -68,7 +34,11 @@ _PATIENCE_S = 2.0
 _FARTHEST_M = 1e6
 """Largest coordinate; beyond it, squares lose the precision that the test needs."""
 _STEPS_KEPT = 128
-_GATE = chi_square_bound(3, FALSE_ALARM)
+_NARROW = 4.0
+"""Share of what the sensor alone explains, up to which a covariance is narrow: an outlier within
+the gate is no further off than twice the gate of the sensor, and later poses correct it."""
+_LONG_S = 10.0
+"""Time for which poses must agree with each other to win against a well-founded estimate."""
 
 
 class FusionResult(StrEnum):
@@ -76,11 +46,12 @@ class FusionResult(StrEnum):
 
     USED = "used"
     FOUND = "found"
-    """Relocalized: the estimate was wrong, and is reset to the measured pose."""
+    """Relocalized at rest: the estimate was wrong, and is reset to the measured poses."""
     OLD = "old"
     FLOOD = "flood"
     FAR = "far"
-    """Rejected by the Mahalanobis gate, which rejects one in 10,000 good poses."""
+    """Rejected by the Mahalanobis gate, which rejects one in 10,000 good poses; or not believed
+    alone, since the estimate is not well-founded."""
 
 
 class _EstimateRecord(NamedTuple):
@@ -114,8 +85,12 @@ class FusedEstimate:
         self._mounting[:, -POSE_SENSOR_CONSTANTS:] = np.diag(mounting)
         self._past: deque[_EstimateRecord] = deque(maxlen=_STEPS_KEPT)
         self._filter: PoseFilter | None = None
+        self._narrow = _NARROW * (2.0 * self._noise + self._mounting @ self._mounting.T)
         self._heard_s = -math.inf
-        self._relocalization = RelocalizationDetector(2.0 * self._noise, _GATE)
+        self._used_s: float | None = None
+        """When a pose was last used or set; None before the step that follows."""
+        self._hypothesis: PoseHypothesis | None = None
+        self._rested = False
 
     @property
     def is_corrected(self) -> bool:
@@ -146,49 +121,104 @@ class FusedEstimate:
         """Set the estimate to `pose`, with pose `errors`, and discard earlier measurements."""
         self.inner.set_pose(pose, errors)
         self._past.clear()
-        self._filter = None
+        self._filter = self._hypothesis = self._used_s = None
 
     def follow(self, now_s: float) -> None:
         """Update with the step of the inner estimate to `now_s`."""
         inner = self.inner
         twist, errors = inner.motion.twist, inner.errors
         self._past.append(_EstimateRecord(now_s, twist, errors, inner.pose, inner.spread.state))
+        if self._used_s is None:
+            self._used_s = now_s
         if self._filter is None:
             return
         self._filter.advance(now_s, twist, errors.white_per_s, errors.by_constants)
+        if self._hypothesis is not None:
+            held = self._hypothesis.filter
+            held.advance(now_s, twist, errors.white_per_s, errors.by_constants)
         if now_s - self._heard_s > _PATIENCE_S:
             self.inner.set_pose(self._filter.pose, self._filter.errors)
             self._past.clear()
-            self._filter = None
+            self._filter = self._hypothesis = None
 
     def fuse(self, pose: SE2, measured_s: float, *, at_rest: bool) -> FusionResult:
         """Fuse a pose measured at `measured_s`, and return the result.
 
-        A robot at rest is relocalized when many rejected poses agree with each other.
+        Poses that agree with each other, and with the odometry, become a hypothesis, which can
+        replace the estimate.
         """
         running = self._filter = self._filter or self._caught_up()
         if running is None:
             return FusionResult.OLD
         now_s = self._heard_s = running.now_s
         at_s = min(measured_s, now_s)
+        if at_rest and not self._rested:
+            self._hypothesis = None  # At rest other rules apply, to poses measured there.
+        self._rested = at_rest
+        filters = [running] if self._hypothesis is None else [running, self._hypothesis.filter]
         if not at_s >= max(running.oldest_s, now_s - MEMORY_S):
             return FusionResult.OLD
-        if running.newer(at_s) > MOST_NEWER:
+        if any(each.newer(at_s) > MOST_NEWER for each in filters):
             return FusionResult.OLD
-        if running.measurements >= MOST:
+        if any(each.measurements >= MOST for each in filters):
             return FusionResult.FLOOD
         if not np.abs(pose.xy_heading).max() <= _FARTHEST_M:
             return FusionResult.FAR
-        if float(running.mahalanobis_sq(pose, self._noise, at_s, self._mounting)) <= _GATE:
-            self._relocalization.clear()
-            running.fuse_pose(pose, self._noise, at_s, self._mounting)
-            return FusionResult.USED
-        if at_rest and self._relocalization.persists(pose, at_s):
-            self._begin_anew(running, pose, at_s)
-            return FusionResult.FOUND
+        distance_sq = float(running.mahalanobis_sq(pose, self._noise, at_s, self._mounting))
+        is_founded = self._is_founded(running, at_s)
+        if distance_sq > GATE or not is_founded:
+            return self._test(running, pose, at_s, distance_sq, at_rest, is_founded)
+        running.fuse_pose(pose, self._noise, at_s, self._mounting)
+        self._used_s = at_s if self._used_s is None else max(self._used_s, at_s)
+        if self._hypothesis is not None:
+            self._hypothesis.vote_against()
+            self._hypothesis = None if self._hypothesis.is_over else self._hypothesis
+        return FusionResult.USED
+
+    def _is_founded(self, running: PoseFilter, at_s: float) -> bool:
+        """Return whether the estimate is well-founded, so that a pose that agrees is used alone."""
+        if self._used_s is None or at_s - self._used_s <= _PATIENCE_S:
+            return True
+        return bool(np.linalg.eigvalsh(self._narrow - running.covariance)[0] >= 0.0)
+
+    def _test(
+        self,
+        running: PoseFilter,
+        pose: SE2,
+        at_s: float,
+        distance_sq: float,
+        at_rest: bool,
+        is_founded: bool,
+    ) -> FusionResult:
+        """Test a pose against the hypothesis, which may replace the estimate `running`."""
+        held = self._hypothesis
+        if held is None or not held.vote(pose, self._noise, self._mounting, at_s):
+            if held is None or held.is_over:
+                self._hypothesis = self._new_hypothesis(running, pose, at_s, is_founded)
+            return FusionResult.FAR
+        if not held.persists(at_s):
+            return FusionResult.FAR
         if not at_rest:
-            self._relocalization.clear()
-        return FusionResult.FAR
+            may_win = not held.against_founded or held.age_s(at_s) >= _LONG_S
+            if not (may_win and distance_sq <= GATE and held.has_moved(pose, self._noise)):
+                return FusionResult.FAR
+        self._filter, self._hypothesis, self._used_s = held.filter, None, at_s
+        if distance_sq <= GATE:
+            return FusionResult.USED
+        self.inner.set_pose(held.filter.pose, held.filter.errors)
+        return FusionResult.FOUND
+
+    def _new_hypothesis(
+        self, running: PoseFilter, seen: SE2, at_s: float, is_founded: bool
+    ) -> PoseHypothesis:
+        here = running.pose.xy_heading
+        turned = here[2] + float(wrap(seen.xy_heading[2] - here[2]))
+        pose = SE2(np.array([seen.xy_heading[0], seen.xy_heading[1], turned]))
+        made = self._new_filter(pose, PoseErrors(-self._mounting, self._noise), at_s)
+        for past in self._past:
+            errors = past.errors
+            made.advance(past.end_s, past.twist, errors.white_per_s, errors.by_constants)
+        return PoseHypothesis(made, pose, at_s, against_founded=is_founded)
 
     def _caught_up(self) -> PoseFilter | None:
         """Return a new filter that has processed all steps in the memory; None without any."""
@@ -211,13 +241,3 @@ class FusedEstimate:
             now_s=now_s,
             memory_s=MEMORY_S,
         )
-
-    def _begin_anew(self, old: PoseFilter, seen: SE2, at_s: float) -> None:
-        here = old.pose.xy_heading
-        turned = here[2] + float(wrap(seen.xy_heading[2] - here[2]))
-        pose = SE2(np.array([seen.xy_heading[0], seen.xy_heading[1], turned]))
-        errors = PoseErrors(-self._mounting, self._noise)
-        self.set_pose(pose, errors)
-        self._filter = self._new_filter(pose, errors, at_s)
-        # The robot is at rest, so the pose has been constant since.
-        self._filter.advance(old.now_s, np.zeros(3), np.zeros((3, 3)))

@@ -96,7 +96,7 @@ class _Recorder(SimRobot):
 
 
 @functools.lru_cache(maxsize=4)
-def _setpoints(robot_name: str, manoeuvre_name: str, seconds: float) -> tuple[Array, int]:
+def driven_setpoints(robot_name: str, manoeuvre_name: str, seconds: float) -> tuple[Array, int]:
     """Return the set-points (p, n) of a run from power-up, and at which of them the robot starts.
 
     They are those of the control loop with all its limits, for commands in the frame of the robot:
@@ -208,10 +208,10 @@ def _drive(
     case: Case, robot: RobotDescription, simulation: Simulation, seed: int
 ) -> tuple[Array, ...]:
     """Drive one robot or a batch; return what `_compared` does, (times, robots) each."""
-    setpoints, start = _setpoints(case.robot, case.manoeuvre, case.times_s[-1])
+    setpoints, start = driven_setpoints(case.robot, case.manoeuvre, case.times_s[-1])
     estimators = [StateEstimator(robot) for _ in np.atleast_2d(simulation.joints)]
     cameras = _Cameras(case, robot, len(estimators), seed)
-    unmeasured = _unmeasured(robot)
+    unmeasured = unmeasured_joints(robot)
     marks = SE2.identity()
     ends = {start + round(t_s / PERIOD_S) for t_s in case.times_s}
     results: list[tuple[Array, ...]] = []
@@ -238,7 +238,7 @@ def _drive(
     return tuple(np.array(each) for each in zip(*results, strict=True))
 
 
-def _unmeasured(robot: RobotDescription) -> list[int]:
+def unmeasured_joints(robot: RobotDescription) -> list[int]:
     """Return the indices of the joints that the robot does not measure."""
     if robot.measures_spin:
         return []
@@ -266,13 +266,14 @@ def _compared(estimators: Sequence[StateEstimator], truths: SE2) -> tuple[Array,
     ]
     halves = np.array([heading_region_rad(covariance) for covariance in covariances])
     return (
-        _squared(errors, covariances),
+        squared_errors(errors, covariances),
         np.array(inside, dtype=float),
         (np.abs(errors[:, 2]) <= halves).astype(float),
     )
 
 
-def _squared(errors: Array, covariances: Array) -> Array:
+def squared_errors(errors: Array, covariances: Array) -> Array:
+    """Return the squared errors (...) in units of their covariances."""
     solved = np.asarray(np.linalg.solve(covariances, errors[..., None]), dtype=float)
     return (errors * solved[..., 0]).sum(axis=-1)
 
@@ -304,13 +305,14 @@ class _Cameras:
             return
         heard: list[Sample] = []
         for frame in self._cameras[i].capture(now_s, true):
-            seen = PoseStamped.planar(SE2(frame.pose + self._off[i]), _ns(frame.taken_s))
+            seen = PoseStamped.planar(SE2(frame.pose + self._off[i]), nanoseconds(frame.taken_s))
             heard.append(Sample(self._key, encode_pose(seen), b""))
-        estimator.pose_sensor.receive(heard, now_s, _ns(now_s))
+        estimator.pose_sensor.receive(heard, now_s, nanoseconds(now_s))
         estimator.pose_sensor.step(now_s, at_rest=False)
 
 
-def _ns(now_s: float) -> int:
+def nanoseconds(now_s: float) -> int:
+    """Return a time as it is stamped."""
     return round(now_s * 1e9)
 
 

@@ -95,14 +95,17 @@ class TrackingController:
         """Open-loop body twist (3,) to command at `t_s`."""
         return self._twist_at(t_s + self._lag_s)
 
-    def advance(self, t_s: float, pose: SE2, dt_s: float, ahead_s: float = 0.0) -> Array:
+    def advance(
+        self, t_s: float, pose: SE2, dt_s: float, ahead_s: float = 0.0, gain: float = 1.0
+    ) -> Array:
         """Body twist (..., 3) to command when the robot is at `pose` (...) at `t_s`.
 
-        `dt_s` is the time since the last call; the command is meant for `ahead_s` later.
+        `dt_s` is the time since the last call; the command is meant for `ahead_s` later. All gains
+        are multiplied by `gain`.
         """
         reference = self.trajectory.at(t_s)
         error = tracking_errors(reference, pose)
-        correction = self._pid.advance(error, dt_s)
+        correction = self._pid.advance(gain * error, dt_s)
         ahead = self.feed_forward(t_s + ahead_s)
         wanted = SE2(reference.pose).rotate(ahead[:2])
         along = SE2(np.array([0.0, 0.0, float(reference.direction)]))
@@ -111,6 +114,10 @@ class TrackingController:
         out[..., :2] = pose.inverse().rotate(world)
         out[..., 2] = ahead[2] + correction[..., 2]
         return out
+
+    def reset(self) -> None:
+        """Reset the integral of the errors."""
+        self._pid.reset()
 
     def _reference_twist(self, t_s: float) -> Array:
         return self.trajectory.at(t_s).twist
@@ -155,6 +162,15 @@ _GAIN_TIMES_DELAY = 0.35
 """A loop with a delay T does not oscillate or overshoot at a gain up to 1 / (e T)."""
 _PERIODS_S = 0.06
 """Additional loop delay: a period each of the page, the robot and the camera."""
+_LEAD_S = 0.03
+"""Time from a command to the middle of its effect, with no delay of the link: the newest pose is up
+to a period of the robot old, a command takes effect a period later, and holds for two."""
+MAX_DELAY_S = 1.0
+"""Largest delay that is compensated; a measured one comes from the network."""
+_DELAY_RATE = 2.0
+"""Largest change of the delay in a second: a sudden one is spread over some commands."""
+_DELAY_CHANGE_S = 0.05
+"""A delay that differs by more was wrong, and so were the errors that have been integrated."""
 
 
 class ExecutionPhase(StrEnum):
@@ -186,7 +202,7 @@ class TrajectoryExecutor:
 
     The reference waits for a robot that falls behind, so that no integral winds up and no corner is
     cut. Delays are compensated: a pose is compared with the reference at the time of the pose, and
-    the gains are as high as the delay allows.
+    the gains are as high as the delay allows. A delay that is measured on the way is followed.
     """
 
     def __init__(
@@ -201,24 +217,31 @@ class TrajectoryExecutor:
 
         `lag_s` is the lag of the joints, `delay_s` the round trip of the link.
         """
-        gain = min(_GAIN_PER_S, _GAIN_TIMES_DELAY / (_PERIODS_S + delay_s))
-        gains = Gains(gain, 0.25 * gain, integral_limit=0.05)
-        turning = Gains(gain, 0.25 * gain, integral_limit=0.2)
+        gains = Gains(1.0, 0.25, integral_limit=0.05)
+        turning = Gains(1.0, 0.25, integral_limit=0.2)
         self.trajectory = trajectory
         self._cap = cap
-        self._delay_s = delay_s
-        settings = TrackingSettings(lag_s + delay_s, gains, gains, turning)
+        self._delay_s = _delay(delay_s, 0.0)
+        settings = TrackingSettings(lag_s, gains, gains, turning)
         self._tracker = TrackingController(trajectory, settings)
         self._t_s = 0.0
         self._last_s: float | None = None
         self._stuck_s = 0.0
 
-    def advance(self, now_s: float, pose: SE2) -> ExecutionStep:
-        """Step for `now_s`; `pose` is the newest one the robot has reported."""
+    def advance(self, now_s: float, pose: SE2, delay_s: float | None = None) -> ExecutionStep:
+        """Step for `now_s`; `pose` is the newest one the robot has reported.
+
+        `delay_s` is the round trip as it is measured now; None or no number leaves it as it was.
+        """
         if not np.isfinite(pose.xy_heading).all():
             return self._step(ExecutionPhase.LOST, 0.0, math.inf, math.inf, "the pose is no number")
         dt_s = 0.0 if self._last_s is None else min(max(now_s - self._last_s, 0.0), _GAP_S)
         self._last_s = now_s
+        if delay_s is not None:
+            change_s = _delay(delay_s, self._delay_s) - self._delay_s
+            self._delay_s += min(max(change_s, -_DELAY_RATE * dt_s), _DELAY_RATE * dt_s)
+            if abs(change_s) > _DELAY_CHANGE_S:
+                self._tracker.reset()
         seen_s = self._t_s - self._delay_s
         reference = self.trajectory.at(seen_s)
         along, across, turn = (float(part) for part in tracking_errors(reference, pose))
@@ -251,7 +274,9 @@ class TrajectoryExecutor:
                 return self._step(ExecutionPhase.ARRIVED, done_m, cross_track_m, heading_error_rad)
             why = f"the robot stays {cross_track_m:.2f} m from its goal"
             return self._step(ExecutionPhase.LOST, done_m, cross_track_m, heading_error_rad, why)
-        twist = self._cap(self._tracker.advance(seen_s, pose, dt_s))
+        gain = min(_GAIN_PER_S, _GAIN_TIMES_DELAY / (_PERIODS_S + self._delay_s))
+        ahead_s = self._delay_s + _LEAD_S
+        twist = self._cap(self._tracker.advance(seen_s, pose, dt_s, ahead_s, gain))
         self._t_s += pace * dt_s
         return ExecutionStep(ExecutionPhase.GOING, twist, done_m, cross_track_m, heading_error_rad)
 
@@ -264,3 +289,8 @@ class TrajectoryExecutor:
         reason: str = "",
     ) -> ExecutionStep:
         return ExecutionStep(phase, np.zeros(3), done_m, cross_track_m, heading_error_rad, reason)
+
+
+def _delay(measured_s: float, otherwise_s: float) -> float:
+    """Return a measured delay within bounds; `otherwise_s` if it is no number."""
+    return min(max(measured_s, 0.0), MAX_DELAY_S) if math.isfinite(measured_s) else otherwise_s

@@ -208,11 +208,17 @@ class NavigationSession:
         self._started = True
 
     def step(
-        self, link: RobotMonitor, number: int, max_age_s: float, now_s: float
+        self,
+        link: RobotMonitor,
+        number: int,
+        max_age_s: float,
+        now_s: float,
+        delay_s: float | None = None,
     ) -> ExecutionStep:
         """Return the command while the button is held, and the state of plan `number`.
 
-        `link` is the robot to command; a plan of another robot is ignored.
+        `link` is the robot to command; a plan of another robot is ignored. `delay_s` is the delay
+        from a command to its effect in a state, as it is measured now; None if that is unknown.
 
         Raises:
             PathError: it cannot be started, or was aborted, with the reason.
@@ -226,7 +232,7 @@ class NavigationSession:
         pose = SE2(snapshot.odom.xy_heading)
         if self._follower is None:
             self._follower = self._start_following(link, timed_plan, pose)
-        self._step = step = self._follower.advance(now_s, pose)
+        self._step = step = self._follower.advance(now_s, pose, delay_s)
         match step.phase:
             case ExecutionPhase.GOING:
                 pass

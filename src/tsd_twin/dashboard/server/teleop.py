@@ -185,8 +185,9 @@ class TeleopController:
                 self.navigation.clear()  # Manual control ends path following.
                 twist, frame = _twist(message), message.frame
             else:
+                protocol, now_s = lease.protocol, time.monotonic()
                 step = self.navigation.step(
-                    lease.link, message.route, lease.protocol.max_age_s, time.monotonic()
+                    lease.link, message.route, protocol.max_age_s, now_s, protocol.delay_s(now_s)
                 )
                 if step.phase is ExecutionPhase.ARRIVED:
                     self.release()  # The page sees the arrival, and releases as well.

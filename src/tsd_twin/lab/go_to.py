@@ -1,0 +1,297 @@
+"""Experiment `go-to`: the simulated robot goes to places over a link with a delay, known or not."""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import math
+import os
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from tsd_twin import experiment, flag_types, robots
+from tsd_twin.client.command_delay import CommandDelay
+from tsd_twin.experiment import Experiment, Output
+from tsd_twin.lie import SE2, Array
+from tsd_twin.messages.status import CommandStatus
+from tsd_twin.motion import TwistLimiter
+from tsd_twin.motion.routes import NavigationGoal
+from tsd_twin.motion.tracking import ExecutionPhase, ExecutionStep, TrajectoryExecutor
+from tsd_twin.motion.trajectory import plan
+from tsd_twin.simulation import SimRobot
+from tsd_twin.virtual_robot import PERIOD_S, VirtualRobot
+
+HELD = 2
+"""Periods for which a command holds: a page sends one every 20 ms."""
+STATUS_EVERY = 5
+"""Periods between two status messages."""
+_SPEED_SHARE = 0.8
+_REST_PERIODS = 100
+_MOST_PERIODS = 6000
+
+
+class _State(NamedTuple):
+    """What the robot sends: its pose, and the newest counted command where there is a status."""
+
+    pose: SE2
+    command: CommandStatus | None
+
+
+class LinkedRobot:
+    """Robot in virtual time, behind a link that delays commands and states by half of `delay_s`."""
+
+    def __init__(self, name: str, delay_s: float = 0.0) -> None:
+        self.robot = robots.load_robot(name)
+        self.virtual = VirtualRobot(self.robot, SimRobot(self.robot, seed=1))
+        late = round(0.5 * delay_s / PERIOD_S)
+        self._there = deque([(0, np.zeros(3))] * late, late + 1)
+        self._back = deque([_State(self.seen, None)] * late, late + 1)
+        self._counted = (0, 0.0)
+        self._periods = 0
+        self._seq = 0
+        self.delay = CommandDelay()
+        self.way: list[Array] = []
+        """True poses, a row for each period."""
+
+    @property
+    def seen(self) -> SE2:
+        """Newest estimated pose."""
+        return SE2(self.virtual.odometry().xy_heading)
+
+    def follow(
+        self,
+        goal: NavigationGoal,
+        *,
+        believed_s: float,
+        is_measured: bool = True,
+        most_periods: int = _MOST_PERIODS,
+    ) -> tuple[TrajectoryExecutor, ExecutionStep]:
+        """Follow a path to a goal; at first the delay is taken to be `believed_s`."""
+        limits = self.robot.limits
+        limits = msgspec.structs.replace(limits, speed_mps=_SPEED_SHARE * limits.speed_mps)
+        kinematics = self.robot.kinematics()
+        trajectory = plan(goal.route(self.seen), kinematics, limits, share=0.7, cell_m=0.02)
+        executor = TrajectoryExecutor(
+            trajectory,
+            TwistLimiter(kinematics, limits).cap,
+            lag_s=self.robot.lag_s,
+            delay_s=believed_s,
+        )
+        step = None
+        for i in range(most_periods):
+            now_s = i * PERIOD_S
+            pose = self._receive(now_s)
+            if step is None or i % HELD == 0:
+                delay_s = self.delay.median_s(now_s) if is_measured else None
+                step = executor.advance(now_s, pose, delay_s)
+                if step.phase is not ExecutionPhase.GOING:
+                    break
+                self._seq += 1
+                self.delay.add_sent(self._seq, now_s)
+            self.drive(step.twist)
+        assert step is not None  # noqa: S101  There is at least one period.
+        return executor, step
+
+    def drive(self, twist: Array) -> None:
+        """Send a twist (3,), and run the robot for one period."""
+        self._there.append((self._seq, twist))
+        seq, arrived = self._there[0]
+        self._periods += 1
+        now_s = self._periods * PERIOD_S
+        if seq != self._counted[0]:
+            self._counted = (seq, now_s)
+        self.virtual.drive(arrived)
+        self.way.append(self.virtual.truth.xy_heading)
+
+    def rest(self) -> None:
+        """Send zeros for a second, for which every robot comes to rest."""
+        for _ in range(_REST_PERIODS):
+            self.drive(np.zeros(3))
+
+    def _receive(self, now_s: float) -> SE2:
+        """Send the state of now, and receive that which arrives now."""
+        command = None
+        if self._periods % STATUS_EVERY == 0:
+            seq, counted_s = self._counted
+            command = CommandStatus(seq=seq, age_s=self._periods * PERIOD_S - counted_s)
+        self._back.append(_State(self.seen, command))
+        state = self._back[0]
+        if state.command is not None:
+            self.delay.add_status(state.command, now_s)
+        return state.pose
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One row of the table."""
+
+    robot: str
+    delay_s: float
+    believed_s: float
+    is_measured: bool = True
+    seeds: int = 20
+    first: int = 0
+
+
+class Arrival(NamedTuple):
+    """How one robot arrives."""
+
+    has_arrived: bool
+    overshoot_m: float
+    """Largest way beyond the goal, in the direction from start to goal; negative if short of it."""
+    beside_m: float
+    """Largest distance from the straight line."""
+    off_m: float
+    """Distance from the goal at the end."""
+    time_s: float
+    reason: str
+
+
+def go(case: Case, seed: int) -> Arrival:
+    """Send a robot with an exact odometry to a random place, with a random heading or its own."""
+    random = np.random.default_rng([seed, 6])
+    direction = random.uniform(-math.pi, math.pi)
+    goal = random.uniform(0.8, 2.5) * np.array([math.cos(direction), math.sin(direction)])
+    heading = random.uniform(-math.pi, math.pi) if seed % 2 else None
+    linked = LinkedRobot(case.robot, case.delay_s)
+    _, step = linked.follow(
+        NavigationGoal(goal[None], heading),
+        believed_s=case.believed_s,
+        is_measured=case.is_measured,
+    )
+    time_s = len(linked.way) * PERIOD_S
+    linked.rest()
+    way = np.array(linked.way)[:, :2]
+    along = goal / np.hypot(*goal)
+    beside = np.abs(way[:, 1] * along[0] - way[:, 0] * along[1])
+    return Arrival(
+        step.phase is ExecutionPhase.ARRIVED,
+        float((way @ along).max() - np.hypot(*goal)),
+        float(beside.max()),
+        float(np.hypot(*(way[-1] - goal))),
+        time_s,
+        step.reason,
+    )
+
+
+# The table.
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    case: Case
+    arrivals: list[Arrival]
+
+    def column(self, name: str) -> list[float]:
+        """Return one number of all arrivals."""
+        return [float(getattr(arrival, name)) for arrival in self.arrivals]
+
+
+def _run_case(case: Case) -> _Row:
+    return _Row(case, [go(case, case.first + i) for i in range(case.seeds)])
+
+
+UNKNOWN_S = 0.2
+"""Part of a delay that is not known at the start."""
+
+
+def cases(robot: str, seeds: int, first: int) -> list[Case]:
+    """Return the rows of the table: delays that are known at the start, and that are not."""
+    make = functools.partial(Case, seeds=seeds, first=first)
+    believed = (0.0, 0.1, 0.3)
+    return [
+        *(make(robot, delay_s, delay_s) for delay_s in believed),
+        *(make(robot, delay_s + UNKNOWN_S, delay_s) for delay_s in believed),
+        make(robot, 0.1 + UNKNOWN_S, 0.1, is_measured=False),
+    ]
+
+
+def run(args: argparse.Namespace, out: Output) -> list[str]:
+    """Going to places over a link with a delay, which is known at the start or not."""
+    wanted = cases(args.robot, args.seeds, args.seed)
+    jobs = min(args.jobs or os.cpu_count() or 1, len(wanted))
+    if jobs > 1:
+        with ProcessPoolExecutor(jobs) as pool:
+            rows = list(out.progress(pool.map(_run_case, wanted), "driving", len(wanted)))
+    else:
+        rows = list(out.progress(map(_run_case, wanted), "driving", len(wanted)))
+    numbers = ("has_arrived", "overshoot_m", "beside_m", "off_m", "time_s")
+    columns: dict[str, Sequence[float | str]] = {
+        "delay_s": [row.case.delay_s for row in rows for _ in row.arrivals],
+        "believed_s": [row.case.believed_s for row in rows for _ in row.arrivals],
+        "measured": [float(row.case.is_measured) for row in rows for _ in row.arrivals],
+    }
+    columns |= {name: [value for row in rows for value in row.column(name)] for name in numbers}
+    out.table("go_to", columns)
+    _draw(rows, out)
+    return [
+        f"{args.seeds} places, exact odometry; median / 95 of 100 / worst:",
+        *_lines(rows),
+    ]
+
+
+def _lines(rows: Sequence[_Row]) -> list[str]:
+    """Return the table in Markdown."""
+    head = ["delay, ms", "at first believed", "measured", "lost"]
+    head += ["overshoot, mm", "beside the line, mm", "time, s"]
+    lines = [f"| {' | '.join(head)} |", f"|{' --- |' * len(head)}"]
+    for row in rows:
+        case = row.case
+        cells = [f"{1e3 * case.delay_s:.0f}", f"{1e3 * case.believed_s:.0f}"]
+        cells += ["yes" if case.is_measured else "no"]
+        cells.append(str(sum(not arrival.has_arrived for arrival in row.arrivals)))
+        for name, scale, digits in (
+            ("overshoot_m", 1e3, 1),
+            ("beside_m", 1e3, 0),
+            ("time_s", 1.0, 2),
+        ):
+            found = scale * np.quantile(row.column(name), [0.5, 0.95, 1.0], method="inverted_cdf")
+            cells.append(" / ".join(f"{value:.{digits}f}" for value in found))
+        lines.append(f"| {' | '.join(cells)} |")
+    return lines
+
+
+def _draw(rows: Sequence[_Row], out: Output) -> None:
+    figure = experiment.new_figure(9.0, 4.2, "Going to a place over a link with a delay")
+    axes: Any = figure.subplots()
+    names: list[str] = []
+    for i, row in enumerate(rows):
+        case = row.case
+        measured = "" if case.is_measured else ", not measured"
+        names.append(f"{1e3 * case.delay_s:.0f} ms\nfor {1e3 * case.believed_s:.0f}{measured}")
+        overshoot = 1e3 * np.array(row.column("overshoot_m"))
+        places = np.full(len(overshoot), float(i))
+        axes.plot(places, overshoot, "o", color=experiment.SERIES_COLOURS[0], markersize=4)
+    axes.axhline(10.0, color=experiment.REFERENCE_COLOUR, linestyle="--")
+    axes.set_yscale("symlog", linthresh=10.0)
+    axes.set_xticks(range(len(names)), names)
+    experiment.label_axes(axes, "", "overshoot (mm)")
+    out.figure("go_to", figure)
+
+
+def _flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--seeds", type=flag_types.whole(1), default=20, help="places of each row; default 20"
+    )
+    parser.add_argument(
+        "--jobs",
+        type=flag_types.whole(0),
+        default=0,
+        help="worker processes; default one for each core",
+    )
+
+
+EXPERIMENT = Experiment(
+    "go-to",
+    run,
+    ["tsd-lab go-to", "tsd-lab go-to --robot omni4 --seeds 10"],
+    robot="tsd",
+    seed_of="the first place",
+    add_own_flags=_flags,
+)
