@@ -10,6 +10,7 @@ import itertools
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
@@ -37,9 +38,8 @@ class Output:
 
     def __init__(self, folder: Path, *, quiet: bool = False) -> None:
         # Loaded here, before an experiment drives a robot that would have to wait for it.
-        import matplotlib.backends.backend_agg
-        import matplotlib.figure  # noqa: F401
-
+        for module in ("figure", "backends.backend_agg"):
+            import_module(f"matplotlib.{module}")
         self.folder = folder
         self.written: list[Path] = []
         """Written files, in order."""
