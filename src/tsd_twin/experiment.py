@@ -6,11 +6,11 @@ from __future__ import annotations
 
 import argparse
 import csv
+import importlib
 import itertools
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
@@ -38,8 +38,8 @@ class Output:
 
     def __init__(self, folder: Path, *, quiet: bool = False) -> None:
         # Loaded here, before an experiment drives a robot that would have to wait for it.
-        for module in ("figure", "backends.backend_agg"):
-            import_module(f"matplotlib.{module}")
+        for name in ("figure", "backends.backend_agg"):
+            importlib.import_module(f"matplotlib.{name}")
         self.folder = folder
         self.written: list[Path] = []
         """Written files, in order."""

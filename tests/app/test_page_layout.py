@@ -86,7 +86,7 @@ BOXES = """() => {
       if (!stop.contains(there)) covers.push(there?.className ?? "nothing");
     }
   const names = {stop: ".stop", pad: ".pad", track: ".track", control: ".driver .button",
-    card: ".card", message: ".messages"};
+    card: ".card", message: ".messages", map: ".map"};
   const boxes = Object.fromEntries(
     Object.entries(names).map(([name, selector]) => [name, boxOf(find(selector))]));
   const who = find(".who");
@@ -132,6 +132,14 @@ def test_stop_never_moves_and_is_never_covered(stage: PageStage, size: tuple[int
         stage.move_slider(sliders)
         look(f"sliders {sliders['mode']}")
     stage.say(PREVIEW | {"vx": 0})
+    stage.show(state("ready", route=route("planned"), **MINE))
+    stage.page.keyboard.press("m")
+    look("map")
+    assert seen["map"]["map"]["shown"]
+    stage.show(state("stopped", status={"stop_reason": LONG}, **MINE))
+    look("map, stopped")
+    stage.page.keyboard.press("m")
+    stage.show(state("ready", **MINE))
     fold = stage.page.locator("#tsd-overlay .group.last .button").last
     fold.evaluate("(button) => button.click()")
     look("folded")

@@ -40,6 +40,14 @@ COVERED = """() => {
   }).map((button) => button.textContent || button.className);
 }"""
 """Controls that the first steps cover."""
+IS_WHOLE = """(steps) => {
+  const [own, pose] = [steps, overlay().querySelector(".pose")].map((node) =>
+    node.getBoundingClientRect());
+  const apart = own.right <= pose.left || own.left >= pose.right ||
+    own.bottom <= pose.top || own.top >= pose.bottom;
+  const fits = own.left >= 0 && own.right <= innerWidth;
+  return apart && fits && steps.scrollWidth <= steps.clientWidth;
+}"""
 
 
 @pytest.fixture
@@ -93,7 +101,9 @@ def test_the_stick_shows_where_x_of_the_world_is(stage: PageStage) -> None:
     expect(mark).to_be_hidden()
 
 
-@pytest.mark.parametrize("size", [(1280, 720), (844, 390), (390, 844), (568, 320)])
+@pytest.mark.parametrize(
+    "size", [(1280, 720), (700, 600), (844, 390), (520, 390), (390, 844), (568, 320)]
+)
 def test_the_first_steps_say_what_the_button_says_and_cover_no_control(
     browser: Browser, size: tuple[int, int]
 ) -> None:
@@ -101,6 +111,7 @@ def test_the_first_steps_say_what_the_button_says_and_cover_no_control(
         stage.resize(*size)
         steps = stage.page.get_by_role("region", name="First steps")
         expect(steps).to_contain_text("Take control")
+        assert steps.evaluate(IS_WHOLE)
         stage.show(state("ready", lease=BOB))
         expect(steps).to_contain_text("Ask for control")
         for shown in (

@@ -17,6 +17,7 @@ from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.dashboard.robot_discovery import RobotDiscovery
+from tsd_twin.dashboard.scene.picking import DashboardScene
 from tsd_twin.dashboard.server.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.server.http_server import HttpServer
 from tsd_twin.dashboard.server.session_manager import SessionManager
@@ -183,7 +184,13 @@ class Page:
 class Site:
     """Robots on a bus, and a dashboard server that shows them."""
 
-    def __init__(self, bus: Bus, viser_port: int, auth: AuthMiddleware | None) -> None:
+    def __init__(
+        self,
+        bus: Bus,
+        viser_port: int,
+        auth: AuthMiddleware | None,
+        page_scene: DashboardScene | None,
+    ) -> None:
         self.released: list[str] = []
         self.chosen: list[tuple[str, str]] = []
         self.bus = bus
@@ -195,6 +202,7 @@ class Site:
             self.discovery,
             self.released.append,
             lambda page, robot: self.chosen.append((page, robot)),
+            page_scene,
         )
         auth = auth or AuthMiddleware(AccessSettings(allowed_hosts=["robot.example"]))
         self.gateway = HttpServer(self.sessions, viser_port, auth=auth)
@@ -280,10 +288,14 @@ def robot_on_a_bus(robot_id: str = "tsd") -> Generator[str]:
 
 
 @contextmanager
-def site(viser_port: int = 1, auth: AuthMiddleware | None = None) -> Generator[Site]:
-    """A robot and a gateway; without a viser unless a port is given."""
+def site(
+    viser_port: int = 1,
+    auth: AuthMiddleware | None = None,
+    page_scene: DashboardScene | None = None,
+) -> Generator[Site]:
+    """A robot and a gateway; without a viser unless a port is given, and without a scene."""
     with robot_on_a_bus() as endpoint, Bus(client_config([endpoint])) as bus:
-        made = Site(bus, viser_port, auth)
+        made = Site(bus, viser_port, auth, page_scene)
         try:
             yield made
         finally:

@@ -156,6 +156,7 @@ def state(mode: str = "disarmed", *, you: bool = False, **changed: Any) -> dict[
         "estimate_difference": None,
         "route": None,
         "plot": {},
+        "map": None,
     } | changed
 
 

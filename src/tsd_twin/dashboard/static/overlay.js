@@ -7,6 +7,7 @@ import { ConsistencyWarning } from "./consistency.js";
 import { el, setAttribute, setText } from "./dom.js";
 import { Joystick, SpeedLevel, StopButton, TurnSlider } from "./dock.js";
 import { Drive } from "./drive.js";
+import { FloorMap } from "./map.js";
 import { FirstSteps } from "./first_steps.js";
 import { noticeOf, sentence } from "./format.js";
 import { Gamepad } from "./gamepad.js";
@@ -26,6 +27,7 @@ import { takeMotionNote } from "./reload_note.js";
 import { SphereGoTo } from "./sphere.js";
 import { StatusBar } from "./status_bar.js";
 import { StatusCard } from "./status_card.js";
+import { ViewKeeper } from "./view_settings.js";
 import { Waypoints } from "./waypoints.js";
 
 const NARROW_PX = 600; // As in small.css.
@@ -34,7 +36,7 @@ const TOLD_MS = 1000;
 // The last ones take away what others show.
 const STYLES = [
   ...["base", "frame", "bar", "buttons", "notices", "card", "dock"],
-  ...["key_sheet", "first_steps", "small", "account", "module"],
+  ...["key_sheet", "first_steps", "small", "account", "module", "map"],
 ];
 
 const link = new Link(window.tsd.page, typedName());
@@ -60,6 +62,8 @@ const stopButton = new StopButton(link, stop);
 const sliders = new PanelSliders(drive, link, (event) => frame.isPanel(event));
 const sphereGoTo = new SphereGoTo(drive, link, (event) => frame.isScene(event));
 const waypoints = new Waypoints(drive, link);
+const view = new ViewKeeper(link);
+const map = new FloorMap(link, waypoints);
 const preview = el(
   "div.preview",
   { hidden: true },
@@ -77,7 +81,7 @@ const axes = el("button.button.quiet.axes", { type: "button", onclick: () => tur
 const left = el("div.left", stick.element);
 const right = el("div.right", turn.element);
 const dock = el("div.dock", stopButton.element, left, right); // Tab reaches STOP first.
-const pose = new PoseReadout(link);
+const pose = new PoseReadout(link, map.button);
 const messages = el(
   "div.messages",
   ...[stale.banner, alarm.element, alone, conflict.element, preview],
@@ -88,6 +92,7 @@ const inner = el(
   "div.frame",
   stale.veil,
   waypoints.floor.element,
+  map.element, // Above the scene, below all controls.
   new ModuleInset(link).element, // Below notices, card and controls.
   dock,
   el(
@@ -166,7 +171,7 @@ frame.phone.addEventListener("change", layOut);
 layOut();
 fold(false);
 turnAxes("base_link");
-fillPanelTabs(link, waypoints, sphereGoTo, { keySheet, firstSteps });
+fillPanelTabs(link, waypoints, sphereGoTo, { keySheet, firstSteps }, view, stop);
 if (takeMotionNote())
   notices.say(
     "This page was loaded again while it drove, so the robot stopped. Take control to go on.",
@@ -175,7 +180,7 @@ link.open();
 
 /** @param {KeyboardEvent} event */
 function keyOfFocused(event) {
-  if (keySheet.key(event) || waypoints.key(event)) return true;
+  for (const each of [keySheet, waypoints, map, view]) if (each.key(event)) return true;
   const focused = root.activeElement;
   if (focused === stick.pad) return stick.key(event);
   if (focused === turn.track) return turn.key(event);
