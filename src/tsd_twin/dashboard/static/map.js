@@ -213,5 +213,8 @@ function freeBox(canvas, width, height) {
     Number.parseFloat(style.getPropertyValue(name)) || 0;
   const isBelow = style.getPropertyValue("--below").trim() === "1";
   const [top, bottom] = isBelow ? [pixels("--tsd-top"), pixels("--tsd-bottom")] : [0, 0];
-  return { left: 0, top, width, height: Math.max(40, height - top - bottom) };
+  // In a low window pose and path leave nothing between them: what lies between bar and stick, then.
+  if (height - top - bottom < height / 3)
+    return { left: 0, top: height / 3, width, height: height / 3 };
+  return { left: 0, top, width, height: height - top - bottom };
 }
