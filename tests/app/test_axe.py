@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 import pytest
@@ -33,16 +34,29 @@ def findings(page: Page) -> list[str]:
     return page.evaluate(RUN)
 
 
+@pytest.fixture
+def open_page(browser: Browser) -> Generator[Callable[[str], Page]]:
+    """Open pages in light or dark; none goes on drawing after the test."""
+    with contextlib.ExitStack() as ends:
+
+        def opened(scheme: str) -> Page:
+            viewport = {"width": 1280, "height": 720}
+            context = browser.new_context(color_scheme=scheme, viewport=viewport)
+            ends.callback(context.close)
+            return context.new_page()
+
+        yield opened
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_nothing_serious_in_six_states(
-    start: Callable[..., Program], browser: Browser, scheme: str
+    start: Callable[..., Program], open_page: Callable[[str], Page], scheme: str
 ) -> None:
     mock = start("tsd_mock", "--listen", "tcp/127.0.0.1:0")
     served = start("tsd_dashboard", "--port", "0", "--connect", mock.ready().split()[-1])
     url = re.findall(r"http://\S+", served.ready())[0] + QUICK
-    options = {"color_scheme": scheme, "viewport": {"width": 1280, "height": 720}}
     found: dict[str, list[str]] = {}
-    page = browser.new_context(**options).new_page()
+    page = open_page(scheme)
     page.goto(url)
     mode(page, "disarmed")
     expect(page.get_by_role("slider", name="Forward (m/s)")).to_be_visible(timeout=PATIENCE_MS)
@@ -62,7 +76,7 @@ def test_nothing_serious_in_six_states(
     student = page.get_by_role("region", name="Student", exact=True)
     expect(student.get_by_text("Top speed forward")).to_be_visible(timeout=PATIENCE_MS)
     found["Student tab"] = findings(page)
-    other = browser.new_context(**options).new_page()
+    other = open_page(scheme)
     other.goto(url)
     press(other, "Skip")
     press(other, "Ask for control")
@@ -90,5 +104,4 @@ def test_nothing_serious_in_six_states(
     found["the robot is silent and confirms no stop, Plots tab"] = findings(page)
     mock.process.send_signal(signal.SIGCONT)
     expect(page.get_by_text(UNCONFIRMED)).to_be_hidden(timeout=PATIENCE_MS)
-    page.context.close()
     assert {state: each for state, each in found.items() if each} == {}

@@ -54,7 +54,8 @@ def enter(page: Page, role: str, name: str, key: str = "Tab") -> None:
 
 @pytest.fixture
 def page(start: Callable[..., Program], browser: Browser) -> Generator[Page]:
-    line = start("tsd_demo", "--no-browser", "--until-eof", "--port", "0", "--bus-port", "0")
+    ports = ("--port", "0", "--bus-port", "0")
+    line = start("tsd_demo", "--no-browser", "--no-record", "--until-eof", *ports)
     url = re.findall(r"http://\S+", line.ready())[0]
     page = browser.new_page(viewport={"width": 960, "height": 640})
     page.goto(f"{url}?fixedDpr=0.1")
