@@ -284,9 +284,9 @@ def test_a_cancelled_drive_sends_zero_and_control_is_given_back(node: RunningNod
             driving.cancel()
             with pytest.raises(asyncio.CancelledError):
                 await driving
-            while robot.state.mode != "disarmed":
+            # The lease is released after that; a status may come in between.
+            while robot.state.mode != "disarmed" or robot.state.lease.holder is not None:
                 await robot.changed(0.1)
-            assert robot.state.lease.holder is None
 
     asyncio.run(asyncio.wait_for(script(), PATIENCE_S))
 

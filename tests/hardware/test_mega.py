@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import time
 from collections.abc import Callable, Generator, Iterator
@@ -283,6 +284,19 @@ def test_answers_that_come_one_question_late_are_not_taken_for_those_to_this_one
     assert it.robot.hardware()["link"]["missed"] > before["missed"]
 
 
+def spoil(it: Bench, count: int) -> None:
+    """Spoil an answer until `count` have been seen; one that is not read is lost."""
+    again_s = -math.inf
+
+    def counted() -> bool:
+        nonlocal again_s
+        if it.broken < count and time.monotonic() > again_s:
+            it.board.spoils, again_s = 1, time.monotonic() + 1.0
+        return it.broken >= count
+
+    it.until(counted, "counted", armed=True)
+
+
 def test_a_broken_answer_now_and_then_is_missed_and_stops_nobody(
     it: Bench, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -291,8 +305,7 @@ def test_a_broken_answer_now_and_then_is_missed_and_stops_nobody(
         caplog.clear()
         missed, broken = it.robot.hardware()["link"]["missed"], it.broken
         for count in range(1, LIMIT):
-            it.board.spoils = 1
-            it.until(lambda n=broken + count: it.broken >= n, "counted", armed=True)
+            spoil(it, broken + count)
             it.until(lambda: it.robot.read(time.monotonic()) is not None, "measured", armed=True)
         assert it.robot.hardware()["link"]["missed"] >= missed + LIMIT - 1
         if "garbage" not in caplog.text:

@@ -189,7 +189,7 @@ class Site:
         bus: Bus,
         viser_port: int,
         auth: AuthMiddleware | None,
-        page_scene: DashboardScene | None,
+        page_scene: DashboardScene | None = None,
     ) -> None:
         self.released: list[str] = []
         self.chosen: list[tuple[str, str]] = []

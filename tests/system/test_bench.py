@@ -25,6 +25,7 @@ ROWS = {
     "start": 1,
     "idle": 2,
     "recording": 2,
+    "seek": 3,
 }
 ROW = re.compile(r"^(\S.+?) +([-+.e\d]+) .*[<>]= .* (ok  |MISS)")
 """What is measured, how much, and whether that reaches what it is to reach."""
