@@ -9,6 +9,7 @@ import csv
 import importlib
 import itertools
 import sys
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -62,7 +63,10 @@ class Output:
 
         FigureCanvasAgg(figure)
         try:
-            figure.savefig(self._file(f"{name}.png"), dpi=_DOTS_PER_INCH)
+            with warnings.catch_warnings():
+                # It says that the machine was busy while it looked for a place of the legend.
+                warnings.filterwarnings("ignore", 'Creating legend with loc="best"')
+                figure.savefig(self._file(f"{name}.png"), dpi=_DOTS_PER_INCH)
         except OSError as error:
             raise _cannot_write(self.folder, error) from error
 

@@ -389,7 +389,7 @@ def test_a_preview_moves_gimbals_in_the_picture_and_nothing_else(demo: Demo) -> 
     page, watcher = demo.page, demo.watcher
     mode(page, "disarmed")
     commands, truth = len(watcher.commands), watcher.truth.copy()
-    scene = page.locator("canvas").last
+    scene = page.locator("canvas[data-engine]")
     still = scene.screenshot()
     slider = page.get_by_role("slider", name="Forward (m/s)")
     expect(slider).to_be_visible(timeout=PATIENCE_MS)
