@@ -27,7 +27,7 @@ from tsd_twin.simulation import SimRobot
 
 PATIENCE_S = 10.0
 DRIVE_S = 0.02
-_PUSHES = 5
+_PUSHES, _PUSH_S = 5, 3.0
 BEATS = 5  # A beat for so many times DRIVE_S.
 T = TypeVar("T")
 
@@ -95,7 +95,11 @@ class Page:
 
     def until(self, condition: Callable[[], T]) -> T:
         """Wait until received messages make a condition true."""
+        result = self._wait_for(condition, PATIENCE_S)
+        assert result, f"it did not come; the last were {self.messages[-3:]}"
+        return result
 
+    def _wait_for(self, condition: Callable[[], T], patience_s: float) -> T | None:
         def holds() -> T | None:
             try:
                 return condition()
@@ -103,9 +107,7 @@ class Page:
                 return None
 
         with self._changed:
-            result = self._changed.wait_for(holds, PATIENCE_S)
-        assert result, f"it did not come; the last were {self.messages[-3:]}"
-        return result
+            return self._changed.wait_for(holds, patience_s)
 
     def answer(self, to: str, **message: Any) -> dict[str, Any]:
         """Press a button and wait for the reply."""
@@ -140,7 +142,9 @@ class Page:
         for _ in range(_PUSHES):
             before = len(self.all("released"))
             self.holds = {"vx": vx, "vy": vy, "omega": omega}
-            self.until(lambda b=before: self.mode == "driving" or self.all("released")[b:])
+            self._wait_for(
+                lambda b=before: self.mode == "driving" or self.all("released")[b:], _PUSH_S
+            )
             if self.mode == "driving":
                 return
             self.holds = {"vx": 0.0, "vy": 0.0, "omega": 0.0}
