@@ -34,10 +34,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=_order)
 
 
-def _order(item: pytest.Item) -> tuple[bool, bool]:
-    """Sort key: quick tests first, programs last."""
-    marks = {mark.name for mark in item.iter_markers()}
-    return "system" in marks, "programs" in marks
+def _order(item: pytest.Item) -> bool:
+    """Sort key: quick tests first."""
+    return item.get_closest_marker("system") is not None
 
 
 @pytest.fixture
