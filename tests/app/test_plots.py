@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
-import tsd_twin
 from tests.app.conftest import Program
 from tests.support.browser import PATIENCE_MS, QUICK, mode
+from tests.support.scripts import drive
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.lie import Array
 from tsd_twin.messages import topics
@@ -136,8 +136,7 @@ def test_a_file_of_the_plots_holds_what_another_subscriber_saw(
     page, subscriber = stage.page, stage.subscriber
     stage.choose(ALPHA)
     expect(stage.area.get_by_text("module1_alpha")).to_be_visible(timeout=PATIENCE_MS)
-    with tsd_twin.connect(stage.endpoint) as robot, robot.control("script") as base:
-        base.drive(vx_mps=0.4, vy_mps=0.3, duration_s=1.0)
+    drive(stage.endpoint, vx_mps=0.4, vy_mps=0.3, duration_s=1.0)
     stage.button("Pause").click()
     expect(stage.button("Go on")).to_be_visible()
     header, rows = stage.csv(tmp_path)

@@ -1,4 +1,4 @@
-"""Runs of the scripts of examples and docs, as a user starts them."""
+"""Runs of scripts as a user starts them, beside other tests that want the processor."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+
+import tsd_twin
 
 PATIENCE_S = 90.0
 _GOES = 3
@@ -32,3 +34,16 @@ def run_script(script: Path, folder: Path, *arguments: str) -> str:
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stderr == ""
     return done.stdout
+
+
+def drive(endpoint: str, *, vx_mps: float, vy_mps: float, duration_s: float) -> None:
+    """Drive a robot; another time when it stopped by itself, as above."""
+    for left in reversed(range(_GOES)):
+        with tsd_twin.connect(endpoint) as robot, robot.control("script") as base:
+            try:
+                base.drive(vx_mps=vx_mps, vy_mps=vy_mps, duration_s=duration_s)
+            except (tsd_twin.RobotStopped, tsd_twin.RobotSilent):
+                if not left:
+                    raise
+            else:
+                return
