@@ -8,9 +8,11 @@ import argparse
 import csv
 import importlib
 import itertools
+import os
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure  # Half a second: not for `--help`, nor for a mistake.
 
 T = TypeVar("T")
+CaseT = TypeVar("CaseT")
 _DOTS_PER_INCH = 130
 
 
@@ -162,6 +165,30 @@ def add_legend(axes: Axes, **where: Any) -> None:
 
 
 _SPINE = "#8a94a3"
+
+
+def add_jobs_flag(parser: argparse.ArgumentParser) -> None:
+    """Add `--jobs`, for `run_cases`."""
+    parser.add_argument(
+        "--jobs",
+        type=flag_types.whole(0),
+        default=0,
+        help="worker processes; default one for each core",
+    )
+
+
+def run_cases(
+    function: Callable[[CaseT], T], cases: Sequence[CaseT], jobs: int, out: Output
+) -> list[T]:
+    """Return the result of `function` for each case, in `jobs` worker processes.
+
+    0 is one for each core; with 1 they run in this process.
+    """
+    jobs = min(jobs or os.cpu_count() or 1, len(cases))
+    if jobs <= 1:
+        return list(out.progress(map(function, cases), "driving", len(cases)))
+    with ProcessPoolExecutor(jobs) as pool:
+        return list(out.progress(pool.map(function, cases), "driving", len(cases)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -196,6 +194,14 @@ def _gimbals(kinematics: Kinematics[Any]) -> list[int]:
 # The tables.
 
 
+_Call: TypeAlias = tuple[Callable[..., FalseAlarms | Detection], tuple[Any, ...]]
+
+
+def _perform(call: _Call) -> FalseAlarms | Detection:
+    function, arguments = call
+    return function(*arguments)
+
+
 def run(args: argparse.Namespace, out: Output) -> list[str]:
     """False alarms of the consistency monitor on sound robots, and the tilt offsets it finds."""
     if not _gimbals(robots.load_robot(args.robot).kinematics()):
@@ -203,20 +209,11 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     cases = [Case(args.robot, args.plant, errors, args.seeds, args.seed) for errors in (0.0, 1.0)]
     driven = [(case, name, args.seconds) for case in cases for name in MANOEUVRES]
     offset = [(case, deg, args.trials) for case in cases for deg in args.offsets_deg]
-    jobs = args.jobs or os.cpu_count() or 1
-    total = len(driven) + len(offset)
-    if jobs > 1:
-        with ProcessPoolExecutor(jobs) as pool:
-            waiting = [pool.submit(false_alarms, *each) for each in driven]
-            later = [pool.submit(detection, *each) for each in offset]
-            progress = out.progress([*waiting, *later], "driving", total)
-            done = [each.result() for each in progress]
-    else:
-        calls: list[Callable[[], FalseAlarms | Detection]] = [
-            *(lambda each=each: false_alarms(*each) for each in driven),
-            *(lambda each=each: detection(*each) for each in offset),
-        ]
-        done = [call() for call in out.progress(calls, "driving", total)]
+    calls: list[_Call] = [
+        *((false_alarms, each) for each in driven),
+        *((detection, each) for each in offset),
+    ]
+    done = experiment.run_cases(_perform, calls, args.jobs, out)
     sound = [each for each in done if isinstance(each, FalseAlarms)]
     faulty = [each for each in done if isinstance(each, Detection)]
     _write(sound, faulty, out)
@@ -322,12 +319,7 @@ def _flags(parser: argparse.ArgumentParser) -> None:
         metavar="DEG",
         help="how far one gimbal is aside; default 0.2 0.3 1",
     )
-    parser.add_argument(
-        "--jobs",
-        type=flag_types.whole(0),
-        default=0,
-        help="worker processes; default one for each core",
-    )
+    experiment.add_jobs_flag(parser)
 
 
 EXPERIMENT = Experiment(

@@ -7,9 +7,7 @@ from __future__ import annotations
 import argparse
 import copy
 import math
-import os
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -280,12 +278,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
         for manoeuvre in MANOEUVRES
         for errors in (0.0, 1.0)
     ]
-    jobs = min(args.jobs or os.cpu_count() or 1, len(cases))
-    if jobs > 1:
-        with ProcessPoolExecutor(jobs) as pool:
-            rows = list(out.progress(pool.map(_row, cases), "driving", len(cases)))
-    else:
-        rows = list(out.progress(map(_row, cases), "driving", len(cases)))
+    rows = experiment.run_cases(_row, cases, args.jobs, out)
     results = [each for row in rows for part in (row.after, row.without) for each in part.values()]
     out.table("camera_gap", _columns(results))
     _draw(rows, out)
@@ -357,12 +350,7 @@ def _flags(parser: argparse.ArgumentParser) -> None:
         "--seeds", type=flag_types.whole(1), default=10, help="robots of each row; default 10"
     )
     parser.add_argument("--plant", choices=PLANTS, default="kinematic", help="default kinematic")
-    parser.add_argument(
-        "--jobs",
-        type=flag_types.whole(0),
-        default=0,
-        help="worker processes; default one for each core",
-    )
+    experiment.add_jobs_flag(parser)
 
 
 EXPERIMENT = Experiment(

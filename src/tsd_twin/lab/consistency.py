@@ -5,9 +5,7 @@ from __future__ import annotations
 import argparse
 import functools
 import math
-import os
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -360,12 +358,7 @@ def _applies(case: Case) -> bool:
 def run(args: argparse.Namespace, out: Output) -> list[str]:
     """Whether estimates are as exact as their covariances say: the NEES of many robots."""
     rows = cases(args)
-    jobs = min(args.jobs or os.cpu_count() or 1, len(rows))
-    if jobs > 1:
-        with ProcessPoolExecutor(jobs) as pool:
-            results = list(out.progress(pool.map(run_case, rows), "driving", len(rows)))
-    else:
-        results = list(out.progress(map(run_case, rows), "driving", len(rows)))
+    results = experiment.run_cases(run_case, rows, args.jobs, out)
     out.table("consistency", _columns(results))
     _draw(results, out)
     low, high = band(args.seeds)
@@ -447,12 +440,7 @@ def _flags(parser: argparse.ArgumentParser) -> None:
         "--seeds", type=flag_types.whole(1), default=40, help="robots of each row; default 40"
     )
     parser.add_argument("--plant", choices=PLANTS, default="kinematic", help="default kinematic")
-    parser.add_argument(
-        "--jobs",
-        type=flag_types.whole(0),
-        default=0,
-        help="worker processes; default one for each core",
-    )
+    experiment.add_jobs_flag(parser)
 
 
 EXPERIMENT = Experiment(

@@ -5,10 +5,8 @@ from __future__ import annotations
 import argparse
 import functools
 import math
-import os
 from collections import deque
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -215,12 +213,7 @@ def cases(robot: str, seeds: int, first: int) -> list[Case]:
 def run(args: argparse.Namespace, out: Output) -> list[str]:
     """Going to places over a link with a delay, which is known at the start or not."""
     wanted = cases(args.robot, args.seeds, args.seed)
-    jobs = min(args.jobs or os.cpu_count() or 1, len(wanted))
-    if jobs > 1:
-        with ProcessPoolExecutor(jobs) as pool:
-            rows = list(out.progress(pool.map(_run_case, wanted), "driving", len(wanted)))
-    else:
-        rows = list(out.progress(map(_run_case, wanted), "driving", len(wanted)))
+    rows = experiment.run_cases(_run_case, wanted, args.jobs, out)
     numbers = ("has_arrived", "overshoot_m", "beside_m", "off_m", "time_s")
     columns: dict[str, Sequence[float | str]] = {
         "delay_s": [row.case.delay_s for row in rows for _ in row.arrivals],
@@ -279,12 +272,7 @@ def _flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seeds", type=flag_types.whole(1), default=20, help="places of each row; default 20"
     )
-    parser.add_argument(
-        "--jobs",
-        type=flag_types.whole(0),
-        default=0,
-        help="worker processes; default one for each core",
-    )
+    experiment.add_jobs_flag(parser)
 
 
 EXPERIMENT = Experiment(
