@@ -252,6 +252,20 @@ def test_a_page_that_is_loaded_again_in_motion_says_why_the_robot_stopped(stage:
     expect(messages).to_be_empty()
 
 
+def test_what_to_do_after_a_stop_is_not_said_any_more_when_stop_was_pressed(
+    stage: PageStage,
+) -> None:
+    notice = stage.page.get_by_text("Let go, then push again")
+    stage.show(state("ready", you=True))
+    text = "From driving to stopping: no command for 180 ms."
+    stage.say(
+        {"t": "event", "kind": "mode", "text": text, "past": False, "robot_s": 1.0, "age_s": 0.0}
+    )
+    expect(notice).to_be_visible()
+    stage.show(state("stopped", you=True))
+    expect(notice).to_be_hidden(timeout=4000)  # It is read for two seconds; others stay for six.
+
+
 def test_events_have_the_time_of_the_page(stage: PageStage) -> None:
     said = {"t": "event", "kind": "mode", "text": "it was stopped", "past": True}
     stage.say(said | {"robot_s": 12.5, "age_s": 3600.0})

@@ -21,7 +21,7 @@ import { isNotable, Notices, StaleBanner, StopAlarm } from "./notices.js";
 import { typedName } from "./operator_name.js";
 import { PanelSliders } from "./panel_sliders.js";
 import { fillPanelTabs } from "./panel_tabs.js";
-import { notDrive } from "./permission.js";
+import { LATCHED, notDrive } from "./permission.js";
 import { PoseReadout } from "./pose_readout.js";
 import { takeMotionNote } from "./reload_note.js";
 import { SphereGoTo } from "./sphere.js";
@@ -133,7 +133,9 @@ link.on("event", (event) => {
   if (event.past || !isNotable(event, link.welcome?.operator)) return;
   // The notice of a page that has stalled has said just now why the robot stops.
   const isTold = event.kind === "mode" && performance.now() - drive.stalledMs < TOLD_MS;
-  if (!isTold) notices.say(noticeOf(event, link.state?.you ?? false));
+  // What to do after a stop by itself does not help once the robot is latched: its card says more.
+  const isTrue = () => event.kind !== "mode" || !LATCHED.has(link.state?.status.mode ?? "");
+  if (!isTold) notices.say(noticeOf(event, link.state?.you ?? false), isTrue);
 });
 link.on("reply", ({ to, ok, reason }) => {
   if (!ok && to !== "stop") notices.say(sentence(reason || "the request was refused"));
