@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Coroutine, Generator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, TypeVar
 
 from websockets.exceptions import ConnectionClosed
@@ -19,6 +20,7 @@ from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.dashboard.robot_discovery import RobotDiscovery
 from tsd_twin.dashboard.server.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.server.http_server import HttpServer
+from tsd_twin.dashboard.server.recorded_pages import RecordedPages
 from tsd_twin.dashboard.server.session_manager import SessionManager
 from tsd_twin.messages.services import Description, Event
 from tsd_twin.node import RobotNode
@@ -43,8 +45,9 @@ class Page:
         user: str = "web",
         cookie: str | None = None,
         socket: ClientConnection | None = None,
+        recording: str = "",
     ) -> None:
-        """`socket` is one that is open already, through a proxy."""
+        """`recording` is shown, if any; `socket` is open already, through a proxy."""
         self.name = page
         self.operator = f"{user}-{page[:8]}"
         self.holds: dict[str, Any] | None = None
@@ -57,7 +60,8 @@ class Page:
         self._changed = threading.Condition()
         self._ended = threading.Event()
         self._socket: ClientConnection = socket or connect(
-            f"ws://127.0.0.1:{port}/teleop?page={page}",
+            f"ws://127.0.0.1:{port}/teleop?page={page}"
+            + (f"&recording={recording}" if recording else ""),
             additional_headers=None if cookie is None else {"Cookie": cookie},
         )
         self._threads = [threading.Thread(target=work) for work in (self._read, self._beat)]
@@ -183,7 +187,13 @@ class Page:
 class Site:
     """Robots on a bus, and a dashboard server that shows them."""
 
-    def __init__(self, bus: Bus, viser_port: int, auth: AuthMiddleware | None) -> None:
+    def __init__(
+        self,
+        bus: Bus,
+        viser_port: int,
+        auth: AuthMiddleware | None,
+        recordings: Path | None = None,
+    ) -> None:
         self.released: list[str] = []
         self.chosen: list[tuple[str, str]] = []
         self.bus = bus
@@ -197,7 +207,8 @@ class Site:
             lambda page, robot: self.chosen.append((page, robot)),
         )
         auth = auth or AuthMiddleware(AccessSettings(allowed_hosts=["robot.example"]))
-        self.gateway = HttpServer(self.sessions, viser_port, auth=auth)
+        recorded = RecordedPages(recordings, self.sessions.stop_all) if recordings else None
+        self.gateway = HttpServer(self.sessions, viser_port, auth=auth, recorded=recorded)
         self._threads = [
             threading.Thread(target=self._loop.run_forever),
             threading.Thread(target=self._poll),
@@ -280,10 +291,14 @@ def robot_on_a_bus(robot_id: str = "tsd") -> Generator[str]:
 
 
 @contextmanager
-def site(viser_port: int = 1, auth: AuthMiddleware | None = None) -> Generator[Site]:
+def site(
+    viser_port: int = 1,
+    auth: AuthMiddleware | None = None,
+    recordings: Path | None = None,
+) -> Generator[Site]:
     """A robot and a gateway; without a viser unless a port is given."""
     with robot_on_a_bus() as endpoint, Bus(client_config([endpoint])) as bus:
-        made = Site(bus, viser_port, auth)
+        made = Site(bus, viser_port, auth, recordings)
         try:
             yield made
         finally:

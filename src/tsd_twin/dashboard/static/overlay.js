@@ -26,6 +26,7 @@ import { takeMotionNote } from "./reload_note.js";
 import { SphereGoTo } from "./sphere.js";
 import { StatusBar } from "./status_bar.js";
 import { StatusCard } from "./status_card.js";
+import { TimelineBar } from "./timeline.js";
 import { Waypoints } from "./waypoints.js";
 
 const NARROW_PX = 600; // As in small.css.
@@ -33,7 +34,7 @@ const TOLD_MS = 1000;
 // The last ones take away what others show.
 const STYLES = [
   ...["base", "frame", "bar", "buttons", "notices", "card", "dock"],
-  ...["key_sheet", "first_steps", "small", "account", "module"],
+  ...["key_sheet", "first_steps", "small", "account", "module", "timeline"],
 ];
 
 const link = new Link(window.tsd.page, typedName());
@@ -98,6 +99,8 @@ const inner = el(
   tooltip.element,
 );
 const account = new Account(link, inner);
+const timeline = new TimelineBar(link, inner);
+inner.append(timeline.element);
 bar.element.append(account.element);
 stopButton.element.append(account.watching);
 const key = (/** @type {string} */ name) => el("kbd", name);
@@ -174,7 +177,7 @@ link.open();
 
 /** @param {KeyboardEvent} event */
 function keyOfFocused(event) {
-  if (keySheet.key(event) || waypoints.key(event)) return true;
+  if (keySheet.key(event) || timeline.key(event) || waypoints.key(event)) return true;
   const focused = root.activeElement;
   if (focused === stick.pad) return stick.key(event);
   if (focused === turn.track) return turn.key(event);
