@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import re
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
@@ -71,7 +71,9 @@ class RecordedPages:
         )
 
     @contextlib.asynccontextmanager
-    async def view(self, page: str, name: str, principal: Principal) -> AsyncIterator[RecordedView]:
+    async def view(
+        self, page: str, name: str, principal: Principal
+    ) -> AsyncGenerator[RecordedView]:
         """View of a page, which is opened when its first socket comes.
 
         Raises:
