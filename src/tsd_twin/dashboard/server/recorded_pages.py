@@ -39,11 +39,17 @@ class RecordedPages:
         self._uses: dict[str, int] = {}
         self._owners: dict[str, Principal] = {}
         self._sessions: dict[str, RecordedSession] = {}
+        self._sockets: set[web.WebSocketResponse] = set()
         self._closing: set[asyncio.Task[None]] = set()
         self._loop: asyncio.AbstractEventLoop | None = None
 
     async def close(self) -> None:
-        """Close all views."""
+        """Close all sockets and views."""
+        await asyncio.gather(
+            *(each.close(code=1001, message=b"the dashboard ends") for each in self._sockets)
+        )
+        for task in self._closing:
+            task.cancel()
         await asyncio.gather(*(self._close(page) for page in list(self._views)))
         await asyncio.gather(*self._closing, return_exceptions=True)
         self._catalogue.close()
@@ -119,6 +125,7 @@ class RecordedPages:
         """Run the session of a page while its socket is open, within `holding`."""
         session = RecordedSession(page, view, self._stop_all, principal=principal, name=name)
         self._sessions[page] = session
+        self._sockets.add(socket)
         delivering = asyncio.create_task(session.send_queue.run(socket))
         try:
             with holding:
@@ -128,6 +135,7 @@ class RecordedPages:
                         session.receive(message.data)
         finally:
             session.close()
+            self._sockets.discard(socket)
             delivering.cancel()
             await asyncio.gather(delivering, return_exceptions=True)
             if self._sessions.get(page) is session:
