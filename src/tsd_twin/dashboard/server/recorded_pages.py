@@ -39,6 +39,7 @@ class RecordedPages:
         self._uses: dict[str, int] = {}
         self._owners: dict[str, Principal] = {}
         self._sessions: dict[str, RecordedSession] = {}
+        self._ended = asyncio.Event()
         self._sockets: set[web.WebSocketResponse] = set()
         self._closing: set[asyncio.Task[None]] = set()
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -48,8 +49,7 @@ class RecordedPages:
         await asyncio.gather(
             *(each.close(code=1001, message=b"the dashboard ends") for each in self._sockets)
         )
-        for task in self._closing:
-            task.cancel()
+        self._ended.set()
         await asyncio.gather(*(self._close(page) for page in list(self._views)))
         await asyncio.gather(*self._closing, return_exceptions=True)
         self._catalogue.close()
@@ -153,7 +153,8 @@ class RecordedPages:
                 self._loop.call_soon_threadsafe(choose)
 
     async def _close_unused(self, page: str) -> None:
-        await asyncio.sleep(LINGER_S)
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self._ended.wait(), LINGER_S)
         if not self._uses.get(page):
             await self._close(page)
 
