@@ -7,6 +7,8 @@ import { fixed } from "./format.js";
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 8, 16];
 const NEAR_S = 0.05;
+/** @type {Record<string, number>} Seconds. */
+const ARROWS = { ArrowLeft: -1, ArrowRight: 1, PageDown: -10, PageUp: 10 };
 const NOTE_LENGTH = 200;
 const SIGNS = /** @type {Record<string, string>} */ ({
   stop: "■",
@@ -65,7 +67,7 @@ export class TimelineBar {
         ...found.map((each) => el("option", { value: each.name }, titleOf(each))),
       );
     fill(await answer.json());
-    menu.addEventListener("pointerdown", async () => {
+    menu.addEventListener("focus", async () => {
       const newest = await fetch("recordings").catch(() => undefined);
       if (newest?.status === 200 && menu.value === "") fill(await newest.json());
     });
@@ -101,6 +103,7 @@ export class TimelineBar {
     });
     this._note.addEventListener("keydown", (event) => this._onNote(event));
     this._place.addEventListener("pointerdown", (event) => this._scrub(event, true));
+    this._place.addEventListener("keydown", (event) => this._onArrow(event));
     this._place.addEventListener("pointermove", (event) => this._scrub(event, false));
     this.element.append(
       el("span.word", "RECORDING"),
@@ -178,6 +181,15 @@ export class TimelineBar {
     const box = place.getBoundingClientRect();
     const share = Math.max(0, Math.min(1, (event.clientX - box.left) / box.width));
     this._send({ t: "seek", t_s: share * this._timeline.duration_s });
+  }
+
+  /** @param {KeyboardEvent} event */
+  _onArrow(event) {
+    const change = ARROWS[event.key];
+    if (change === undefined) return;
+    event.preventDefault();
+    event.stopPropagation(); // Or the camera moves, too.
+    this._send({ t: "seek", t_s: Math.max(0, this._cursor.t_s + change) });
   }
 
   /** @param {KeyboardEvent} event */
