@@ -10,6 +10,7 @@ from tsd_twin.calibration import calibrate, zeroing
 from tsd_twin.errors import TwinError
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.lab import (
+    alarms,
     atlas,
     budget,
     consistency,
@@ -27,6 +28,7 @@ EXPERIMENTS: tuple[Experiment, ...] = (
     follow.EXPERIMENT,
     budget.EXPERIMENT,
     consistency.EXPERIMENT,
+    alarms.EXPERIMENT,
     calibrate.EXPERIMENT,
     zeroing.EXPERIMENT,
     omni_step.EXPERIMENT,

@@ -6,22 +6,24 @@ from __future__ import annotations
 
 import argparse
 import csv
+import importlib
 import itertools
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from rich.console import Console
 from rich.progress import track
 
 from tsd_twin import flag_types
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import Array
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure  # Half a second: not for `--help`, nor for a mistake.
 
 T = TypeVar("T")
 _DOTS_PER_INCH = 130
@@ -35,6 +37,9 @@ class Output:
     """
 
     def __init__(self, folder: Path, *, quiet: bool = False) -> None:
+        # Loaded here, before an experiment drives a robot that would have to wait for it.
+        for name in ("figure", "backends.backend_agg"):
+            importlib.import_module(f"matplotlib.{name}")
         self.folder = folder
         self.written: list[Path] = []
         """Written files, in order."""
@@ -53,6 +58,8 @@ class Output:
 
     def figure(self, name: str, figure: Any) -> None:
         """Write `name`.png, from a figure of matplotlib."""
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+
         FigureCanvasAgg(figure)
         try:
             figure.savefig(self._file(f"{name}.png"), dpi=_DOTS_PER_INCH)
@@ -123,6 +130,8 @@ _INK, _GRID = "#1f2933", "#d9dee5"
 
 def new_figure(width_in: float, height_in: float, title: str) -> Figure:
     """Empty figure with a title and automatic layout."""
+    from matplotlib.figure import Figure
+
     made: Any = Figure(figsize=(width_in, height_in), layout="constrained", facecolor="white")
     made.suptitle(title, fontsize=13, color=_INK, x=0.01, ha="left", weight="bold")
     return made

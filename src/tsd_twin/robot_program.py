@@ -54,7 +54,7 @@ def _run(
     text = robots.read_description(args.robot)
     robot = robots.parse_description(text, args.robot)
     robot_id = args.id or robot.name
-    shown = Description(text, models.urdf(robot, models.load_parts(robot)))
+    shown = Description(text, models.robot_urdf(robot))
     # After any error from here on, the joints are closed, and so left at rest.
     with program.node_bus(args) as bus, contextlib.closing(joints(robot, args)) as io:
         node = RobotNode(bus, robot_id, robot, io, shown, pose=pose(robot, args))

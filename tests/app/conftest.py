@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, sync_playwright
 
-from tests.support.browser import FLAGS, executable
+from tests.support.browser import CHEAP_FLAGS, executable
 
 PATIENCE_S = 60.0
 
@@ -120,7 +120,7 @@ def stat_of(pid: int) -> list[str] | None:
 @pytest.fixture(scope="module")
 def browser(request: pytest.FixtureRequest) -> Generator[Browser]:
     """A browser that draws the scene; a test may ask for other flags."""
-    flags = list(getattr(request, "param", FLAGS))
+    flags = list(getattr(request, "param", CHEAP_FLAGS))
     with sync_playwright() as playwright:
         running = playwright.chromium.launch(executable_path=executable(), args=flags)
         yield running

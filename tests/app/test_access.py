@@ -19,7 +19,7 @@ from websockets.sync.client import connect
 
 from tests.app.conftest import PATIENCE_S, Program
 from tests.support.browser import (
-    FLAGS,
+    CHEAP_FLAGS,
     FLAGS_WITHOUT_SCENE,
     PATIENCE_MS,
     QUICK,
@@ -253,7 +253,7 @@ def test_nginx_as_on_the_page_of_the_docs(
         assert resolved is not None
         by_name = resolved.browser_type.launch(
             executable_path=executable(),
-            args=[*FLAGS, "--host-resolver-rules=MAP robots.example 127.0.0.1"],
+            args=[*CHEAP_FLAGS, "--host-resolver-rules=MAP robots.example 127.0.0.1"],
         )
         outside = by_name.new_context(ignore_https_errors=True, device_scale_factor=0.5)
         outside.set_default_timeout(PATIENCE_MS)

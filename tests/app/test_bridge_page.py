@@ -14,7 +14,15 @@ from playwright.sync_api import Page, expect, sync_playwright
 
 from tests.app.conftest import PATIENCE_S, Program
 from tests.support.bridge_machine import Machine, wait_until
-from tests.support.browser import FLAGS, PATIENCE_MS, centre, click_through, executable, mode, press
+from tests.support.browser import (
+    CHEAP_FLAGS,
+    PATIENCE_MS,
+    centre,
+    click_through,
+    executable,
+    mode,
+    press,
+)
 from tsd_twin import robots
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
@@ -92,7 +100,7 @@ def desk(start: Callable[..., Program], tmp_path: Path) -> Iterator[Desk]:
     dashboard = start("tsd_dashboard", "--port", "0", "--connect", machine.endpoint)
     url = re.findall(r"http://\S+", dashboard.ready())[0]
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=executable(), args=list(FLAGS))
+        browser = playwright.chromium.launch(executable_path=executable(), args=list(CHEAP_FLAGS))
         page = browser.new_page(viewport={"width": 1280, "height": 720})
         page.goto(f"{url}?fixedDpr=0.1")
         expect(page.get_by_role("button", name="Skip")).to_be_visible(timeout=PATIENCE_MS)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 import pytest
@@ -53,13 +53,14 @@ def enter(page: Page, role: str, name: str, key: str = "Tab") -> None:
 
 
 @pytest.fixture
-def page(start: Callable[..., Program], browser: Browser) -> Page:
+def page(start: Callable[..., Program], browser: Browser) -> Generator[Page]:
     line = start("tsd_demo", "--no-browser", "--until-eof", "--port", "0", "--bus-port", "0")
     url = re.findall(r"http://\S+", line.ready())[0]
     page = browser.new_page(viewport={"width": 960, "height": 640})
     page.goto(f"{url}?fixedDpr=0.1")
     mode(page, "disarmed")
-    return page
+    yield page
+    page.close()  # Its scene is drawn on for as long as it is open.
 
 
 def get_ready(page: Page) -> None:

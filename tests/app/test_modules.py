@@ -13,7 +13,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from tests.app.conftest import PATIENCE_S, Program
-from tests.support.browser import FLAGS, PATIENCE_MS, QUICK, executable, take_control_and_arm
+from tests.support.browser import CHEAP_FLAGS, PATIENCE_MS, QUICK, executable, take_control_and_arm
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages import topics
 from tsd_twin.messages.commands import Sample
@@ -43,7 +43,7 @@ _EACH_FRAME = "window.eachFrame = requestAnimationFrame.bind(window)"
 @pytest.fixture
 def browser() -> Generator[Browser]:
     with sync_playwright() as playwright:
-        running = playwright.chromium.launch(executable_path=executable(), args=list(FLAGS))
+        running = playwright.chromium.launch(executable_path=executable(), args=list(CHEAP_FLAGS))
         yield running
         running.close()
 

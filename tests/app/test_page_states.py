@@ -40,6 +40,14 @@ COVERED = """() => {
   }).map((button) => button.textContent || button.className);
 }"""
 """Controls that the first steps cover."""
+IS_WHOLE = """(steps) => {
+  const [own, pose] = [steps, overlay().querySelector(".pose")].map((node) =>
+    node.getBoundingClientRect());
+  const apart = own.right <= pose.left || own.left >= pose.right ||
+    own.bottom <= pose.top || own.top >= pose.bottom;
+  const fits = own.left >= 0 && own.right <= innerWidth;
+  return apart && fits && steps.scrollWidth <= steps.clientWidth;
+}"""
 
 
 @pytest.fixture
@@ -93,7 +101,9 @@ def test_the_stick_shows_where_x_of_the_world_is(stage: PageStage) -> None:
     expect(mark).to_be_hidden()
 
 
-@pytest.mark.parametrize("size", [(1280, 720), (844, 390), (390, 844), (568, 320)])
+@pytest.mark.parametrize(
+    "size", [(1280, 720), (700, 600), (844, 390), (520, 390), (390, 844), (568, 320)]
+)
 def test_the_first_steps_say_what_the_button_says_and_cover_no_control(
     browser: Browser, size: tuple[int, int]
 ) -> None:
@@ -101,6 +111,7 @@ def test_the_first_steps_say_what_the_button_says_and_cover_no_control(
         stage.resize(*size)
         steps = stage.page.get_by_role("region", name="First steps")
         expect(steps).to_contain_text("Take control")
+        assert steps.evaluate(IS_WHOLE)
         stage.show(state("ready", lease=BOB))
         expect(steps).to_contain_text("Ask for control")
         for shown in (
@@ -258,3 +269,22 @@ def test_the_panel_about_the_connection_takes_no_room_beside_the_tabs(stage: Pag
     expect(connection).to_be_hidden()
     tabs.evaluate("(tabs) => (tabs.style.gridTemplateRows = '0fr')")
     expect(connection).to_be_visible()
+
+
+def test_what_was_the_drawer_of_a_phone_is_let_alone_when_it_is_one_no_more(
+    stage: PageStage,
+) -> None:
+    """The page keeps the same element when a window grows, and may put the canvas into it."""
+    stage.page.evaluate(
+        """() => document.querySelector("canvas").parentElement.insertAdjacentHTML("beforebegin",
+        '<div id="drawer" style="position: fixed; bottom: 0; height: 40px"></div>')"""
+    )
+    drawer, marked = stage.page.locator("#drawer"), re.compile("")
+    stage.resize(390, 844)
+    expect(drawer).to_have_attribute("data-tsd-drawer", marked)
+    drawer.evaluate("(drawer) => drawer.append(document.querySelector('canvas'))")
+    expect(drawer).not_to_have_attribute("data-tsd-drawer", marked)
+    drawer.evaluate("(drawer) => drawer.before(document.querySelector('canvas'))")
+    expect(drawer).to_have_attribute("data-tsd-drawer", marked)
+    stage.resize(1280, 720)
+    expect(drawer).not_to_have_attribute("data-tsd-drawer", marked)

@@ -16,7 +16,8 @@ from tsd_twin.safety import Mode
 from tsd_twin.simulation import SimRobot
 
 UP, DOWN = "up", "down"
-LOSSES = {"both ways": {UP, DOWN}, "downlink only": {DOWN}, "uplink only": {UP}}
+LOSSES = {"uplink, or both ways": {UP}, "downlink only": {DOWN}}
+"""Without an uplink nothing that arrives depends on the downlink: both ways lost are the same."""
 MAX_AGES_S = (None, 0.25, 0.5, 1.0)
 DELAY_SHARES = (0.0, 0.3)
 """Of the age that a command may have, each way: a near link and a far one."""

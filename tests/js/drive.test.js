@@ -176,6 +176,7 @@ test("a confirmed stop is not repeated", () => {
 const PUSH_AGAIN = "You are not in control. Let go, then push again.";
 for (const [name, status, fields, notices] of [
   ["the robot is stopped, as its card says,", { mode: "stopped" }, {}, []],
+  ["the robot comes to rest, as an event says,", { mode: "stopping" }, {}, []],
   ["control is lost", { lease: { holder: "bob" } }, { you: false }, [PUSH_AGAIN]],
 ]) {
   test(`when ${name}, controls are released and do nothing until they are used anew`, () => {
@@ -232,6 +233,7 @@ for (const [reason, notices] of [
   ["software stop", []],
   ["control is lost: bob took it over", []],
   ["the robot is stopped: reset first", []],
+  ["the robot is stopping", []],
 ]) {
   test(`a release by the server, "${reason}", is told once`, () => {
     const { push, say, said } = driven();

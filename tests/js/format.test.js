@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-const { sentence, stopReason, withNames } =
+const { noticeOf, sentence, stopReason, withNames } =
   await import("../../src/tsd_twin/dashboard/static/format.js");
 const { permitted } = await import("../../src/tsd_twin/dashboard/static/operator_name.js");
 
@@ -26,4 +26,16 @@ test("a typed name becomes one that the bus permits", () => {
   for (const text of typed) assert.match(permitted(text), permittedBus, text);
   assert.equal(permitted("Anna Müller"), "anna-muller");
   assert.equal(permitted("田中"), "");
+});
+
+test("a robot that comes to rest says once why, and what to do", () => {
+  const event = { kind: "mode", text: "From driving to stopping: no command for 200 ms." };
+  assert.equal(noticeOf(event, false), "No command for 200 ms, so the robot stopped.");
+  const late = "From driving to stopping: commands echo no status of the last 210 ms.";
+  assert.equal(
+    noticeOf({ ...event, text: late }, true),
+    "The link was slower than 210 ms, so the robot stopped. Let go, then push again.",
+  );
+  const lease = { kind: "lease", text: "bob-8c30fedb has control." };
+  assert.equal(noticeOf(lease, true), "bob has control.");
 });

@@ -40,6 +40,7 @@ def test_errors_are_as_large_as_the_covariance_says(case: Case) -> None:
     assert (result.means > 0.8).all()
     assert (result.means < 6.5).all()
     assert result.coverage.mean() > 0.6
+    assert result.heading_coverage.mean() > 0.6
 
 
 def test_a_camera_that_is_2_cm_off_is_within_what_is_claimed() -> None:

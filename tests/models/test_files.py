@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import msgspec
@@ -12,7 +14,15 @@ import pytest
 import trimesh
 
 from tsd_twin.errors import MeshError
-from tsd_twin.models import load_parts, read_model, shipped_model, write_model
+from tsd_twin.models import (
+    load_parts,
+    read_model,
+    robot_urdf,
+    shipped_model,
+    urdf,
+    write_model,
+)
+from tsd_twin.models.files import _NOT_DRAWN
 from tsd_twin.robots import load_robot, robot_names
 
 TSD = ("chassis", "outer", "inner", "wheel")
@@ -32,6 +42,42 @@ def test_committed_files_are_what_the_generator_makes(name: str, tmp_path: Path)
     assert sorted(generated) == sorted(committed)
     different = [file for file in generated if generated[file] != committed[file]]
     assert not different, f"run python -m tsd_twin.models {name}"
+
+
+def test_the_urdf_of_a_robot_of_ones_own_is_drawn() -> None:
+    shipped = load_robot("tsd")
+    heavier = msgspec.structs.replace(shipped.mass, total_kg=shipped.mass.total_kg + 1.0)
+    own = msgspec.structs.replace(shipped, mass=heavier)
+    assert robot_urdf(own) == urdf(own, load_parts(own)) != robot_urdf(shipped)
+    mecanum = msgspec.structs.replace(load_robot("mecanum"), name="tsd")
+    assert robot_urdf(mecanum) == urdf(mecanum, load_parts(mecanum))
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_what_a_robot_is_not_drawn_by_is_not_read_by_what_draws(name: str) -> None:
+    """So a robot that was calibrated has the URDF of the shipped one; and that is the drawn one."""
+    robot = load_robot(name)
+    unread = {field: object() for field in _NOT_DRAWN if field in robot.__struct_fields__}
+    assert len(unread) >= 6
+    own = msgspec.structs.replace(robot, **unread)
+    assert robot_urdf(own) == robot_urdf(robot) == urdf(own, load_parts(own))
+
+
+def test_a_robot_node_starts_without_what_draws() -> None:
+    """Its URDF is a file, and loading what draws would take half of its start."""
+    code = """
+import json, sys, tsd_bridge, tsd_mock
+from tsd_twin import models, robots
+texts = {name: models.robot_urdf(robots.load_robot(name)) for name in robots.robot_names()}
+print(json.dumps([texts, list(sys.modules)]))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    texts, loaded = json.loads(done.stdout)
+    assert texts == {
+        name: (shipped_model(name) / f"{name}.urdf").read_text("utf-8") for name in robot_names()
+    }
+    assert "tsd_twin.node" in loaded
+    assert not set(loaded) & {"trimesh", "scipy.spatial", "matplotlib"}
 
 
 @pytest.mark.parametrize("name", robot_names())

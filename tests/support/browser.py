@@ -23,6 +23,8 @@ FLAGS = (
     "--ignore-gpu-blocklist",
 )
 """Draws the scene, on the processor."""
+CHEAP_FLAGS = (*FLAGS, "--disable-gpu-compositing")
+"""Draws the scene likewise, but not the rest of the page on an emulated GPU: that costs most."""
 FLAGS_WITHOUT_SCENE = (*_EITHER, "--disable-gpu", "--disable-software-rasterizer")
 """A browser that has no WebGL: all controls and no scene, which costs a test machine most."""
 PATIENCE_MS = 60_000

@@ -18,6 +18,7 @@ from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.dashboard.robot_discovery import RobotDiscovery
+from tsd_twin.dashboard.scene.picking import DashboardScene
 from tsd_twin.dashboard.server.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.server.http_server import HttpServer
 from tsd_twin.dashboard.server.recorded_pages import RecordedPages
@@ -192,6 +193,7 @@ class Site:
         bus: Bus,
         viser_port: int,
         auth: AuthMiddleware | None,
+        page_scene: DashboardScene | None,
         recordings: Path | None = None,
     ) -> None:
         self.released: list[str] = []
@@ -205,6 +207,7 @@ class Site:
             self.discovery,
             self.released.append,
             lambda page, robot: self.chosen.append((page, robot)),
+            page_scene,
         )
         auth = auth or AuthMiddleware(AccessSettings(allowed_hosts=["robot.example"]))
         recorded = RecordedPages(recordings, self.sessions.stop_all) if recordings else None
@@ -294,11 +297,12 @@ def robot_on_a_bus(robot_id: str = "tsd") -> Generator[str]:
 def site(
     viser_port: int = 1,
     auth: AuthMiddleware | None = None,
+    page_scene: DashboardScene | None = None,
     recordings: Path | None = None,
 ) -> Generator[Site]:
-    """A robot and a gateway; without a viser unless a port is given."""
+    """A robot and a gateway; without a viser unless a port is given, and without a scene."""
     with robot_on_a_bus() as endpoint, Bus(client_config([endpoint])) as bus:
-        made = Site(bus, viser_port, auth, recordings)
+        made = Site(bus, viser_port, auth, page_scene, recordings)
         try:
             yield made
         finally:

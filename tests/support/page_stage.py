@@ -156,6 +156,7 @@ def state(mode: str = "disarmed", *, you: bool = False, **changed: Any) -> dict[
         "estimate_difference": None,
         "route": None,
         "plot": {},
+        "map": None,
     } | changed
 
 
@@ -186,12 +187,12 @@ class PageStage:
     def resize(self, width: int, height: int) -> None:
         """Wait until the page has the size, and has laid out what depends on it."""
         self.page.set_viewport_size({"width": width, "height": height})
-        narrow = str(width <= 600).lower()
+        in_dock = str(width <= 1060).lower()
         self.page.wait_for_function(
             f"innerWidth === {width} && innerHeight === {height} && "
             f"document.getElementById('tsd-overlay').clientWidth === {width} && "
             f"document.getElementById('tsd-overlay').clientHeight === {height} && "
-            f"(overlay().querySelector('.dock .level-control') !== null) === {narrow}"
+            f"(overlay().querySelector('.dock .level-control') !== null) === {in_dock}"
         )
 
     def move_slider(self, sliders: Mapping[str, Any]) -> None:

@@ -7,11 +7,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import tomlkit
-from matplotlib.figure import Figure
 from tomlkit.exceptions import TOMLKitError
 
 from tsd_twin import experiment, robots
@@ -20,6 +19,9 @@ from tsd_twin.calibration.recording import Recording
 from tsd_twin.errors import RobotFileError
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityDescription
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 TomlTables = Mapping[str, Mapping[str, Any]]
 """Keys and values by table."""

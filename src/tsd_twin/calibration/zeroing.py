@@ -11,10 +11,9 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from tsd_twin import experiment, flag_types
 from tsd_twin.calibration.control import CalibratedRobot, add_bus_flags, connect
@@ -30,6 +29,9 @@ from tsd_twin.messages.commands import decode_pose_measurement
 from tsd_twin.messages.ros import decode_odometry
 from tsd_twin.messages.status import decode_stamp
 from tsd_twin.robots import RPM, SingularityDescription, description_of_kind
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 TimedPose = tuple[float, Array]
 """A time, and x, y, heading (3,) at that time."""

@@ -26,7 +26,7 @@ from tsd_twin.messages.services import (
     StopRequest,
     decode_json,
 )
-from tsd_twin.messages.status import LeaseStatus
+from tsd_twin.messages.status import LeaseStatus, Status
 from tsd_twin.messages.topics import Service
 from tsd_twin.safety import LATCHED, Mode
 
@@ -79,10 +79,14 @@ def reset(protocol: ControlProtocol, now_s: float) -> Procedure[None]:
         RobotSilent: it does not answer.
     """
     end_s = now_s + _SETTLE_S
-    while now_s < end_s and protocol.status is not None and protocol.status.refusals.reset:
+    while now_s < end_s and _refuses_reset(protocol.status):
         now_s = (yield NextStatus(end_s)).now_s
     yield from request(protocol, Service.RESET, HolderRequest(protocol.lease_hex), "reset")
     yield from _until_mode(protocol, now_s, Mode.DISARMED)
+
+
+def _refuses_reset(status: Status | None) -> bool:
+    return status is not None and status.refusals is not None and bool(status.refusals.reset)
 
 
 def _until_mode(protocol: ControlProtocol, now_s: float, *modes: Mode) -> Procedure[None]:

@@ -163,7 +163,9 @@ class StateEstimator:
         self._best: Estimate = self._corrected or self._inner
         self.pose_sensor = PoseMeasurements(self._corrected)
         """Measurements of an external pose sensor."""
-        self._consistency = ConsistencyMonitor(self.kinematics, robot.joint_errors())
+        self._consistency = ConsistencyMonitor(
+            self.kinematics, robot.joint_errors(), robot.joint_compliance()
+        )
         self.measured_s = -math.inf
         """Time of the last joint measurement."""
         self.joints = np.where(self.is_angle, self.kinematics.inverse(np.zeros(3)), 0.0)
@@ -186,11 +188,12 @@ class StateEstimator:
             joints = measured[: len(self.joints)].copy()
             others = measured[len(joints) :]
             self.sensors = others.copy() if len(others) else self._unmeasured
+            modelled = ~np.isfinite(joints)
             speeds = joints[self._wheels]
-            joints[self._wheels] = np.where(np.isfinite(speeds), speeds, spin)
+            joints[self._wheels] = np.where(modelled[self._wheels], spin, speeds)
         elif math.isfinite(self.measured_s):
             # Without a measurement gimbals keep their angles; wheels that are shut off run down.
-            joints = self.joints.copy()
+            joints, modelled = self.joints.copy(), ~self.is_angle
             joints[self._wheels] = spin
             self.sensors = self._unmeasured
         else:
@@ -201,7 +204,7 @@ class StateEstimator:
             self._second.follow(joints, self.sensors, motion, dt_s)
         if self._corrected is not None:
             self._corrected.follow(now_s)
-        self._consistency.advance(motion.residual, dt_s)
+        self._consistency.advance(joints, dt_s, modelled=modelled)
 
     @property
     def rates(self) -> Array:

@@ -20,6 +20,7 @@ from tsd_twin.dashboard.robot_discovery import RobotDiscovery
 from tsd_twin.dashboard.robot_roster import RobotRoster
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.dashboard.server.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.server.http_server import HttpServer
 from tsd_twin.dashboard.server.recorded_pages import RecordedPages
@@ -241,7 +242,7 @@ async def run(
         roster = RobotRoster(first)
         scene = Scene(server, roster)
         # The two know each other by callbacks only: neither waits for the other's thread.
-        scene_executor = _SceneExecutor(worker, scene, lambda: panels)
+        scene_executor = SceneExecutor(worker, scene, lambda: panels)
         sessions = SessionManager(
             discovery,
             on_released,
@@ -263,7 +264,10 @@ async def run(
             sessions.select_robot,
             sessions.on_sphere_click,
             robot_of=sessions.robot_of,
+            on_view=sessions.on_view,
+            view_of=sessions.view_of,
         )
+        scene.on_trails_cleared = sessions.on_trails_cleared
 
         def on_status(robot_id: str) -> None:
             loop.call_soon_threadsafe(sessions.on_status, robot_id)
@@ -300,7 +304,7 @@ async def run(
         server.stop()
 
 
-class _SceneExecutor:
+class SceneExecutor:
     """Scene operations of pages, run one after the other on a thread off the event loop."""
 
     def __init__(
@@ -317,3 +321,17 @@ class _SceneExecutor:
         self._worker.submit_latest(
             ("route", robot_id), lambda: self._scene.show_route(robot_id, poses)
         )
+
+    def apply_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
+        """Apply the view settings of a page; `look` turns its camera to the robot."""
+        self._worker.submit_latest(
+            ("view", page), lambda: self._panels().set_view(page, settings, look=look)
+        )
+
+    def envelope(self, robot_id: str) -> Array | None:
+        """Drawn stop envelope (n, 2) in the frame of a robot; None at rest."""
+        return self._scene.envelope(robot_id)
+
+    def reach_m(self, robot_id: str) -> float:
+        """Radius of a robot around its base; 0 while it is not in the scene."""
+        return self._scene.reach_m(robot_id)

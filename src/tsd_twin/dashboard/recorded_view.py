@@ -16,6 +16,7 @@ from pathlib import Path
 from tsd_twin.dashboard.robot_roster import RobotRoster
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.dashboard.viser_compat import viser_server
 from tsd_twin.errors import RecordingError
 from tsd_twin.recording.playback import Playback
@@ -31,10 +32,16 @@ _LOG = logging.getLogger(__name__)
 class RecordedView:
     """View of one recording; a thread of its own draws it."""
 
-    def __init__(self, path: Path, on_robot: Callable[[str, str], None]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        on_robot: Callable[[str, str], None],
+        on_view: Callable[[str, ViewSettings], None],
+    ) -> None:
         """Open a recording, and start to show its start; takes a second.
 
-        `on_robot` is called with page and robot, when one is chosen in the panel.
+        `on_robot` is called with page and robot when one is chosen in the panel, `on_view` with
+        page and settings when the view is changed there, both on threads of viser.
 
         Raises:
             RecordingError: it is none.
@@ -60,6 +67,7 @@ class RecordedView:
                 on_robot,
                 _ignore,
                 robot_of=lambda _page: self.robot_id,
+                on_view=on_view,
             )
             for robot in self.player.robots.values():
                 self.scene.add(robot)
@@ -95,6 +103,15 @@ class RecordedView:
     def seek(self, t_s: float) -> None:
         """Show a time."""
         self._requests.put(lambda now_s: self._seek(t_s, now_s))
+
+    def select_robot(self, page: str, robot_id: str) -> None:
+        """Show another robot of the recording in the panel of a page."""
+        self.robot_id = robot_id
+        self._requests.put(lambda _now_s: self.panels.select_robot(page, robot_id))
+
+    def set_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
+        """Apply the view settings of a page; `look` turns its camera to the robot."""
+        self._requests.put(lambda _now_s: self.panels.set_view(page, settings, look=look))
 
     def step(self, *, back: bool) -> None:
         """Show the next status of the selected robot, or the one before; pauses."""

@@ -5,6 +5,12 @@ from __future__ import annotations
 from tsd_twin.estimation.consistency import ConsistencyMonitor, ConsistencyResult
 from tsd_twin.estimation.pose_filter import DriftFilter, PoseFilter
 from tsd_twin.estimation.pose_fusion import FusedEstimate, FusionResult
+from tsd_twin.estimation.pose_region import (
+    REGION_SHARE,
+    encloses,
+    heading_region_rad,
+    position_region,
+)
 from tsd_twin.estimation.pose_spread import PoseErrors, TwistErrors, exponential_error
 from tsd_twin.estimation.sensor_odometry import (
     DeadReckoning,
@@ -24,6 +30,7 @@ from tsd_twin.estimation.wheel_odometry import (
 
 __all__ = [
     "ODOMETRY",
+    "REGION_SHARE",
     "ConsistencyMonitor",
     "ConsistencyResult",
     "DeadReckoning",
@@ -40,7 +47,10 @@ __all__ = [
     "Slip",
     "SpinModel",
     "TwistErrors",
+    "encloses",
     "exponential_error",
+    "heading_region_rad",
+    "position_region",
     "sensor_odometry_of",
     "with_gyro",
 ]

@@ -14,9 +14,9 @@ import numpy as np
 from scipy.special import gammaincinv  # pyright: ignore
 
 from tsd_twin.estimation.wheel_odometry import JointNoise
-from tsd_twin.kinematics import Kinematics
+from tsd_twin.kinematics import JointKind, Kinematics, TwistSolution
 from tsd_twin.lie import Array
-from tsd_twin.robots import JointErrors
+from tsd_twin.robots import JointCompliance, JointErrors
 
 FALSE_ALARM = 1e-4
 """False-alarm probability of a decision about a sound robot."""
@@ -32,6 +32,10 @@ _RANK = 1e-6
 """Rank tolerance: directions below this share of the largest singular value are dropped."""
 
 
+_YIELDS = (0.25, 0.5, 0.75, 1.0)
+"""Shares of the reckoned force of a small slip: that of a large slip is less."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ParityTest:
     """Chi-square parity test at one joint vector."""
@@ -42,14 +46,26 @@ class ParityTest:
     """(n, d): unit vectors of the parity space for a fault of one joint each; or zero."""
     threshold: float
     """Threshold of the squared length of the parity vector; infinite for d = 0."""
+    slopes: Array
+    """(n, m): derivatives of the residual by the joints."""
+    by_slip: Array | None = None
+    """(n, m): by how much joints give way to a residual, if they do."""
 
     @staticmethod
     def at(
-        kinematics: Kinematics[Any], joints: Array, sigma: Array, false_alarm: float = FALSE_ALARM
+        kinematics: Kinematics[Any],
+        joints: Array,
+        sigma: Array,
+        false_alarm: float = FALSE_ALARM,
+        *,
+        common: Array | None = None,
+        by_slip: Array | None = None,
     ) -> ParityTest:
         """Return the test around `joints` (n,) with standard deviations `sigma` (n,).
 
-        First-order error propagation through the forward kinematics, by differences.
+        `common` (n,) are deviations of all joints at once, by one standard normal number. `by_slip`
+        (n, m) is by how much joints give way to a residual. First-order error propagation through
+        the forward kinematics, by differences.
         """
         steps = _NUDGE * np.maximum(1.0, np.abs(joints))
         nudged = np.concatenate([joints[None], joints + np.diag(steps)])
@@ -58,16 +74,17 @@ class ParityTest:
         _, sizes, directions = np.linalg.svd(slopes * np.maximum(1.0, np.abs(joints))[:, None])
         basis = directions[: int(np.count_nonzero(sizes > _RANK * max(sizes.max(), _NOTHING)))]
         if len(basis) == 0:
-            return ParityTest(np.zeros((0, slopes.shape[1])), np.zeros((len(slopes), 0)), np.inf)
+            nothing = np.zeros((0, slopes.shape[1]))
+            return ParityTest(nothing, np.zeros((len(slopes), 0)), np.inf, slopes)
         noise = (np.maximum(sigma, _LEAST_SIGMA)[:, None] * slopes) @ basis.T
         covariance = noise.T @ noise
+        if common is not None:
+            together = common @ slopes @ basis.T
+            covariance += np.outer(together, together)
         root = np.asarray(np.linalg.cholesky(covariance), dtype=float)
         whiten: Array = np.asarray(np.linalg.solve(root, basis), dtype=float)
-        lines: Array = slopes @ whiten.T
-        lengths: Array = np.sqrt(np.square(lines).sum(axis=1, keepdims=True))
-        # The speed of an upright wheel is not observable: such a line would be rounding.
-        lines = np.where(lengths > _RANK * lengths.max(), lines / np.maximum(lengths, 1e-300), 0.0)
-        return ParityTest(whiten, lines, chi_square_bound(len(basis), false_alarm))
+        threshold = chi_square_bound(len(basis), false_alarm)
+        return ParityTest(whiten, _unit_lines(slopes @ whiten.T), threshold, slopes, by_slip)
 
     @property
     def dimensions(self) -> int:
@@ -85,17 +102,43 @@ class ParityTest:
     def single_fault(self, residual: Array) -> tuple[Array, Any]:
         """Return the joint that alone explains most of residuals (..., m), and whether all of it.
 
-        All means that the rest is within the 99th percentile of the noise.
+        All means that the rest is within the 99th percentile of the noise. A joint that explains
+        all of it together with how others give way counts only where no joint alone does.
         """
         white = residual @ self.whiten.T
+        squared = np.square(white).sum(axis=-1)
+        most = chi_square_bound(self.dimensions - 1, _LEFT_OVER)
         explained = np.square(white @ self.lines.T)
-        left = np.square(white).sum(axis=-1) - explained.max(axis=-1)
-        enough = left <= chi_square_bound(self.dimensions - 1, _LEFT_OVER)
-        return explained.argmax(axis=-1), enough
+        joint: Array = explained.argmax(axis=-1)
+        enough: Any = squared - explained.max(axis=-1) <= most
+        if self.by_slip is not None:
+            each = [_unit_lines(slopes @ self.whiten.T) for slopes in self._yielding(self.by_slip)]
+            explained = np.maximum.reduce([np.square(white @ lines.T) for lines in each])
+            joint = np.where(enough, joint, explained.argmax(axis=-1))
+            enough = enough | (squared - explained.max(axis=-1) <= most)
+        return joint, enough
+
+    def _yielding(self, by_slip: Array) -> list[Array]:
+        """Return `slopes` where all joints give way to the residual, for each of `_YIELDS`.
+
+        Each change of the residual moves the other joints, which changes the residual again.
+        """
+        again, eye = self.slopes.T @ by_slip, np.eye(len(by_slip.T))
+        return [
+            np.asarray(np.linalg.solve(eye - share * again, self.slopes.T), dtype=float).T
+            for share in _YIELDS
+        ]
 
     def exceeds_threshold(self, residual: Array, samples: float = 1.0) -> Any:
         """Return whether residuals (..., m) exceed the threshold, booleans (...)."""
         return self.statistic(residual, samples) > self.threshold
+
+
+def _unit_lines(lines: Array) -> Array:
+    """Return lines (n, d) of length one."""
+    lengths: Array = np.sqrt(np.square(lines).sum(axis=1, keepdims=True))
+    # The speed of an upright wheel is not observable: such a line would be rounding.
+    return np.where(lengths > _RANK * lengths.max(), lines / np.maximum(lengths, 1e-300), 0.0)
 
 
 def chi_square_bound(dimensions: int, beyond: float) -> float:
@@ -127,35 +170,95 @@ class ConsistencyResult:
         return self.level > 1.0
 
 
-class ConsistencyMonitor:
-    """Monitor of the smoothed residual of forward kinematics against the known noise.
+_EDGE_SHARE = math.sqrt(3.0 / chi_square_bound(3, FALSE_ALARM))
+"""Share of the dead band that counts as a standard deviation. Dead bands are no normal numbers, but
+have an end: with this share, all joints of three modules at their ends reach the threshold, and no
+more, on average over where the ends are."""
+_LEAN_SHARE = 0.3
+"""Standard deviation of how far a joint gives way, as a share of what is reckoned: loads are not
+equal, and joints move within their play."""
+_PLAY_SHARE = 1.0 / math.sqrt(12.0)
+"""Standard deviation of a number that is anything between 0 and 1."""
+_REMEMBERED_S = 0.2
+"""Time constant with which motion and load are forgotten: what they did wears off."""
+_SETTLED_S = 3.0
+"""Time after which joints that stay the same change nothing any more."""
 
-    Errors of joints persist: steps of a servo and a wrong spin do not average out. So smoothing
-    removes short disturbances, and the threshold is nonetheless that of a single sample.
+
+class ConsistencyMonitor:
+    """Monitor of the smoothed residual of forward kinematics against what a sound robot causes.
+
+    The residual is that of the joints alone, without the rolling of wheels by their turning
+    gimbals: set-points are consistent without it. Errors of joints persist: steps of a servo and a
+    wrong spin do not average out. So smoothing removes short disturbances, and the threshold is
+    nonetheless that of a single sample. Joints of a robot that speeds up give way and trail: see
+    `JointCompliance`. By how much together is not known, between not at all and as reckoned.
 
     The suspect is the actuator of the one joint that explains the whole residual, if there is one.
     Otherwise it is the actuator without which the others agree best. The second rule alone would
     not suffice: an error in the distance between two modules may be due to either.
     """
 
-    def __init__(self, kinematics: Kinematics[Any], noise: JointErrors) -> None:
+    def __init__(
+        self,
+        kinematics: Kinematics[Any],
+        noise: JointErrors,
+        compliance: JointCompliance | None = None,
+    ) -> None:
         self._kinematics = kinematics
         self._noise = JointNoise(kinematics, noise)
         self._owners = [_owner(joint.name, kinematics.actuators) for joint in kinematics.joints]
-        self._residual: Array | None = None
+        self._is_angle = np.array([j.kind is JointKind.POSITION for j in kinematics.joints])
+        self._compliance = compliance
+        self._joints, self._same_s = b"", 0.0
+        self._latest: TwistSolution = TwistSolution(np.zeros(3), np.zeros(0))
+        """Newest joints, for how long they have been the same, and their motion."""
+        self._smooth: tuple[Array, Array, Array] | None = None
+        """Smoothed residual (m,), twist (3,) and joints (n,)."""
+        self._lean: Array = np.zeros(len(self._is_angle))
+        """(n,): deviation of joints that give way as reckoned, smoothed as the residual is."""
+        self._largest_lean: Array = np.zeros(len(self._is_angle))
+        self._largest_rate: Array = np.zeros(len(self._is_angle))
+        """(n,): largest sizes of late, of the lean and of the rates of joints."""
+        self._modelled: Array | None = None
         self._test: tuple[bytes, ParityTest] | None = None
         """Newest joints, and the test around them: joints that stay have the same one."""
 
-    def advance(self, residual: Array, dt_s: float) -> None:
-        """Update with the residual (m,) of one period."""
-        if self._residual is None:
-            self._residual = np.zeros(len(residual))
+    def advance(self, joints: Array, dt_s: float, *, modelled: Array | None = None) -> None:
+        """Update with joints (n,), `dt_s` after the last ones.
+
+        `modelled` (n,) is true for speeds that a model supplies: they do not contradict each other.
+        """
+        self._modelled = modelled
+        same = joints.tobytes()
+        if same != self._joints:
+            self._joints, self._latest = same, self._kinematics.forward(joints)
+            self._same_s = 0.0
+        elif self._same_s > _SETTLED_S:
+            return
+        self._same_s += dt_s
+        residual, twist = self._latest.residual, self._latest.twist
+        if self._smooth is None:
+            self._smooth = np.zeros(len(residual)), twist, joints
         share = 1.0 - math.exp(-dt_s / _SMOOTHING_S)
-        self._residual = self._residual + share * (residual - self._residual)
+        smooth, slow, mean = self._smooth
+        smooth = smooth + share * (residual - smooth)
+        slow, mean = slow + share * (twist - slow), mean + share * (joints - mean)
+        self._smooth = smooth, slow, mean
+        if self._compliance is None:
+            return
+        # The derivative of what such a filter smooths is its input less its output, over its time.
+        vx, vy, omega = slow.tolist()
+        over_ground = (twist - slow) / _SMOOTHING_S + np.array([-omega * vy, omega * vx, 0.0])
+        self._lean = self._compliance.by_acceleration @ over_ground
+        kept = math.exp(-dt_s / _REMEMBERED_S)
+        self._largest_lean = np.maximum(np.abs(self._lean), kept * self._largest_lean)
+        rate = np.abs(joints - mean) / _SMOOTHING_S
+        self._largest_rate = np.maximum(rate, kept * self._largest_rate)
 
     def judge(self, joints: Array) -> ConsistencyResult:
         """Return the result of the test for a robot whose joints are at `joints` (n,)."""
-        residual = self._residual
+        residual = None if self._smooth is None else self._smooth[0]
         squared = 0.0 if residual is None else float(residual @ residual)
         if residual is None or squared == 0.0:
             return ConsistencyResult(0.0, 0.0, np.zeros(len(self._kinematics.actuators)), None)
@@ -169,11 +272,32 @@ class ConsistencyMonitor:
         return ConsistencyResult(math.sqrt(squared / len(residual)), level, shares, suspect)
 
     def _test_at(self, joints: Array) -> ParityTest:
-        key = joints.tobytes()
+        key = joints.tobytes() + self._largest_lean.tobytes() + self._largest_rate.tobytes()
         if self._test is None or self._test[0] != key:
-            test = ParityTest.at(self._kinematics, joints, self._noise.sigma(joints))
-            self._test = (key, test)
+            self._test = (key, self._made_test(joints))
         return self._test[1]
+
+    def _made_test(self, joints: Array) -> ParityTest:
+        sigma, compliance = self._noise.sigma(joints), self._compliance
+        if self._modelled is not None:
+            sigma = np.where(self._modelled, 0.0, sigma)
+        if compliance is None:
+            return ParityTest.at(self._kinematics, joints, sigma)
+        trail = np.minimum(compliance.lag_s * self._largest_rate, compliance.play_rad)
+        parts = (
+            sigma,
+            _LEAN_SHARE * self._largest_lean,
+            self._is_angle * _PLAY_SHARE * trail,
+            self._is_angle * _EDGE_SHARE * compliance.dead_band_rad,
+        )
+        speeds = np.abs(joints[~self._is_angle])
+        return ParityTest.at(
+            self._kinematics,
+            joints,
+            np.sqrt(np.square(parts).sum(axis=0)),
+            common=self._lean,
+            by_slip=compliance.by_slip(float(speeds.mean())),
+        )
 
 
 def _owner(joint: str, actuators: tuple[str, ...]) -> int:

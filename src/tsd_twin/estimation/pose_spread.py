@@ -270,15 +270,15 @@ class PlanarSpread(PoseSpread[SE2, PlanarState]):
 
     def _given(self, errors: PoseErrors) -> PlanarState:
         along = self._units @ errors.by_constants.T
-        off = (along[:, 0] + 1j * along[:, 1]) * _chord(along[:, 2])
+        off = (along[:, 0] + 1j * along[:, 1]) * chord(along[:, 2])
         return PlanarState(off, along[:, 2], errors.rest)
 
     def _coordinates(self, state: PlanarState) -> Array:
-        off = state.off / _chord(state.turned)
+        off = state.off / chord(state.turned)
         return np.stack([off.real, off.imag, state.turned], axis=-1)
 
 
-def _chord(turned: Array) -> _Complex:
+def chord(turned: Array) -> _Complex:
     """Return what a turn by `turned` (...) makes of a straight line, as a complex factor.
 
     Beyond half a turn, where exponential coordinates lose their meaning, it is that of half a turn.
@@ -295,7 +295,7 @@ def exponential_error(estimate: SE2, true: SE2) -> Array:
     """
     off = true.xy_heading - estimate.xy_heading
     turned = (off[..., 2] + np.pi) % (2.0 * np.pi) - np.pi
-    straight = (off[..., 0] + 1j * off[..., 1]) / _chord(turned)
+    straight = (off[..., 0] + 1j * off[..., 1]) / chord(turned)
     return np.stack([straight.real, straight.imag, turned], axis=-1)
 
 

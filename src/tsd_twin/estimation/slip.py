@@ -36,11 +36,9 @@ class Slip:
 
     def __init__(self, robot: SingularityDescription, batch: tuple[int, ...] = ()) -> None:
         kinematics: SingularityKinematics = robot.kinematics()
-        mass, radius_m = robot.mass.total_kg, kinematics.pivot_radius_m
-        module_kg = robot.mass.wheel_kg + 2.0 * robot.mass.gimbal_kg
-        about_kg_m2 = 0.5 * (mass + kinematics.modules * module_kg) * radius_m**2
+        mass = robot.mass.total_kg
         self._robot, self._batch = robot, batch
-        self._mass = np.diag([mass, mass, about_kg_m2])
+        self._mass = np.diag([mass, mass, robot.turning_inertia_kg_m2])
         self._rows = kinematics.contact_from_twist
         self._squares = np.einsum("kij,kil->kjl", self._rows, self._rows)
         self._most_n = robot.floor.friction * mass * _GRAVITY_MPS2 / kinematics.modules

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cache
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -142,6 +143,16 @@ class PlanarMotion:
         return pose.plus(twist * dt_s)
 
 
+@cache
+def _wheel_names(wheels: int) -> tuple[str, ...]:
+    return tuple(f"wheel{i + 1}" for i in range(wheels))
+
+
+@cache
+def _wheel_joints(wheels: int) -> tuple[Joint, ...]:
+    return tuple(Joint(name, JointKind.VELOCITY) for name in _wheel_names(wheels))
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class WheelKinematics:
     """Kinematics of wheels that are linear in the twist: limits, inverse and least-squares forward.
@@ -178,12 +189,12 @@ class WheelKinematics:
     @property
     def joints(self) -> tuple[Joint, ...]:
         """`wheel1`, `wheel2`, ..."""
-        return tuple(Joint(name, JointKind.VELOCITY) for name in self.actuators)
+        return _wheel_joints(self.wheels)
 
     @property
     def actuators(self) -> tuple[str, ...]:
         """`wheel1`, `wheel2`, ..."""
-        return tuple(f"wheel{i + 1}" for i in range(self.wheels))
+        return _wheel_names(self.wheels)
 
     def joint_utilization(self, twist: Array) -> Array:
         """Speed of the fastest wheel over its limit, (...); 1 is at the limit."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from copy import copy
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 
@@ -25,6 +26,23 @@ _BLOCK = 4096
 """Batch size: its arrays fit into the processor's cache, which is 15 times as fast."""
 _FEW = 27
 """Up to so many joint values, plain floats are faster than numpy: nine modules."""
+
+
+@cache
+def _joints(modules: int) -> tuple[Joint, ...]:
+    parts = (
+        ("alpha", JointKind.POSITION),
+        ("beta", JointKind.POSITION),
+        ("wheel", JointKind.VELOCITY),
+    )
+    return tuple(
+        Joint(f"module{i + 1}_{part}", kind) for i in range(modules) for part, kind in parts
+    )
+
+
+@cache
+def _actuators(modules: int) -> tuple[str, ...]:
+    return tuple(f"module{i + 1}" for i in range(modules))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,21 +116,12 @@ class SingularityKinematics(PlanarMotion):
     @property
     def joints(self) -> tuple[Joint, ...]:
         """`module1_alpha`, `module1_beta`, `module1_wheel`, `module2_alpha`, ..."""
-        parts = (
-            ("alpha", JointKind.POSITION),
-            ("beta", JointKind.POSITION),
-            ("wheel", JointKind.VELOCITY),
-        )
-        return tuple(
-            Joint(f"module{i + 1}_{part}", kind)
-            for i in range(self.modules)
-            for part, kind in parts
-        )
+        return _joints(self.modules)
 
     @property
     def actuators(self) -> tuple[str, ...]:
         """`module1`, `module2`, ..."""
-        return tuple(f"module{i + 1}" for i in range(self.modules))
+        return _actuators(self.modules)
 
     @property
     def pivots_m(self) -> Array:

@@ -18,7 +18,13 @@ from scipy.special import gammaincinv  # pyright: ignore
 from tsd_twin import experiment, flag_types, robots
 from tsd_twin.control.state_estimator import StateEstimator
 from tsd_twin.errors import TwinError
-from tsd_twin.estimation import exponential_error
+from tsd_twin.estimation import (
+    REGION_SHARE,
+    encloses,
+    exponential_error,
+    heading_region_rad,
+    position_region,
+)
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, Array
@@ -29,10 +35,6 @@ from tsd_twin.simulation import PLANTS, Camera, CameraNoise, SimRobot, Simulatio
 from tsd_twin.virtual_robot import PERIOD_S, VirtualRobot
 
 TIMES_S = (2.0, 5.0, 20.0)
-REGION_SIGMAS = 2.0
-"""Radius of the region that the page draws, in standard deviations."""
-REGION_SHARE = 1.0 - math.exp(-0.5 * REGION_SIGMAS**2)
-"""Share of the positions that it holds, of two normal numbers."""
 MOUNTED, CONSTANT = "mounted", "2 cm off"
 """Cameras: mounted as exactly as described, or off by a constant distance."""
 _CONSTANT_M = 0.02
@@ -164,6 +166,8 @@ class Consistency:
     """(times, seeds): squared error in units of the covariance, expected 3."""
     inside: Array
     """(times, seeds): whether the position was inside the drawn region."""
+    within: Array
+    """(times, seeds): whether the heading was inside the drawn wedge."""
 
     @property
     def means(self) -> Array:
@@ -174,6 +178,11 @@ class Consistency:
     def coverage(self) -> Array:
         """(times,): share of the robots inside the drawn region."""
         return self.inside.mean(axis=-1)
+
+    @property
+    def heading_coverage(self) -> Array:
+        """(times,): share of the robots whose heading is inside the drawn wedge."""
+        return self.within.mean(axis=-1)
 
 
 def band(seeds: int) -> tuple[float, float]:
@@ -192,21 +201,20 @@ def run_case(case: Case) -> Consistency:
         # Rigid bodies are simulated one robot at a time.
         seeds = range(case.first, case.first + case.seeds)
         driven = [_drive(case, robot, make((), seed=seed), seed) for seed in seeds]
-    nees, inside = zip(*driven, strict=True)
-    return Consistency(case, np.concatenate(nees, axis=-1), np.concatenate(inside, axis=-1))
+    return Consistency(case, *(np.concatenate(each, axis=-1) for each in zip(*driven, strict=True)))
 
 
 def _drive(
     case: Case, robot: RobotDescription, simulation: Simulation, seed: int
-) -> tuple[Array, Array]:
-    """Drive one robot or a batch; return squared errors and coverage, (times, robots) each."""
+) -> tuple[Array, ...]:
+    """Drive one robot or a batch; return what `_compared` does, (times, robots) each."""
     setpoints, start = _setpoints(case.robot, case.manoeuvre, case.times_s[-1])
     estimators = [StateEstimator(robot) for _ in np.atleast_2d(simulation.joints)]
     cameras = _Cameras(case, robot, len(estimators), seed)
     unmeasured = _unmeasured(robot)
     marks = SE2.identity()
     ends = {start + round(t_s / PERIOD_S) for t_s in case.times_s}
-    results: list[tuple[Array, Array]] = []
+    results: list[tuple[Array, ...]] = []
     for i in range(max(ends) + 1):
         now_s = (i + 1) * PERIOD_S
         if i > 0:
@@ -227,8 +235,7 @@ def _drive(
             results.append(_compared(estimators, truths))
         if i < len(setpoints):
             simulation.command(setpoints[i])
-    nees, inside = zip(*results, strict=True)
-    return np.array(nees), np.array(inside)
+    return tuple(np.array(each) for each in zip(*results, strict=True))
 
 
 def _unmeasured(robot: RobotDescription) -> list[int]:
@@ -243,13 +250,26 @@ _LEAST_M = 1e-5
 """Standard deviation added to each number, for covariances without extent in some direction."""
 
 
-def _compared(estimators: Sequence[StateEstimator], truths: SE2) -> tuple[Array, Array]:
-    """Return the squared errors (robots,) in units of the covariance, and who is in the region."""
+def _compared(estimators: Sequence[StateEstimator], truths: SE2) -> tuple[Array, ...]:
+    """Return for each robot its squared error in units of the covariance, and what is inside.
+
+    Inside the drawn regions, that is: its position, and its heading.
+    """
     messages = [estimator.odometry(0) for estimator in estimators]
-    errors = exponential_error(SE2(np.array([each.xy_heading for each in messages])), truths)
+    estimates = SE2(np.array([each.xy_heading for each in messages]))
+    errors = exponential_error(estimates, truths)
     covariances = np.array([each.pose_covariance for each in messages]) + _LEAST_M**2 * np.eye(3)
-    inside = _squared(errors[:, :2], covariances[:, :2, :2]) <= REGION_SIGMAS**2
-    return _squared(errors, covariances), inside.astype(float)
+    away = (truths.xy_heading - estimates.xy_heading)[:, :2]
+    inside = [
+        encloses(position_region(covariance), point)
+        for covariance, point in zip(covariances, away, strict=True)
+    ]
+    halves = np.array([heading_region_rad(covariance) for covariance in covariances])
+    return (
+        _squared(errors, covariances),
+        np.array(inside, dtype=float),
+        (np.abs(errors[:, 2]) <= halves).astype(float),
+    )
 
 
 def _squared(errors: Array, covariances: Array) -> Array:
@@ -350,7 +370,8 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     return [
         "mean NEES of x, y and heading (3 expected, "
         f"{low:.1f} to {high:.1f} in 95 of 100 tables of {args.seeds} robots)",
-        f"and share of the positions in the drawn region, {100.0 * REGION_SHARE:.0f} % expected:",
+        f"and shares of the positions in the drawn region and of the headings in the wedge after "
+        f"{TIMES_S[-1]:g} s, {100.0 * REGION_SHARE:.0f} % expected:",
         *_lines(results),
     ]
 
@@ -367,19 +388,21 @@ def _columns(results: Sequence[Consistency]) -> dict[str, Sequence[float | str]]
         columns[f"nees_{t_s:g}_s"] = [float(result.means[i]) for result in results]
         columns[f"median_{t_s:g}_s"] = [float(np.median(result.nees[i])) for result in results]
         columns[f"inside_{t_s:g}_s"] = [float(result.coverage[i]) for result in results]
+        columns[f"heading_{t_s:g}_s"] = [float(result.heading_coverage[i]) for result in results]
     return columns
 
 
 def _lines(results: Sequence[Consistency]) -> list[str]:
     """Return the table in Markdown."""
     times = [f"{t_s:g} s" for t_s in TIMES_S]
-    head = ["robot", "errors", "sensors", "manoeuvre", *times, f"in region, {times[-1]}"]
+    head = ["robot", "errors", "sensors", "manoeuvre", *times, "in region", "in wedge"]
     lines = [f"| {' | '.join(head)} |", f"|{' --- |' * len(head)}"]
     for result in results:
         case = result.case
         cells = [case.robot, f"{case.errors:g}", case.sensors, case.manoeuvre]
         cells += [f"{mean:.1f}" for mean in result.means]
-        cells.append(f"{100.0 * result.coverage[-1]:.0f} %")
+        shares = (result.coverage[-1], result.heading_coverage[-1])
+        cells += [f"{100.0 * share:.0f} %" for share in shares]
         lines.append(f"| {' | '.join(cells)} |")
     return lines
 

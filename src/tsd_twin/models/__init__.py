@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
-from tsd_twin.models.files import glb, load_parts, read_model, shipped_model, write_model
+from tsd_twin.models.files import (
+    glb,
+    load_parts,
+    read_model,
+    robot_urdf,
+    shipped_model,
+    write_model,
+)
 from tsd_twin.models.links import (
     BASE,
     JointType,
@@ -30,6 +37,7 @@ __all__ = [
     "kinematic_tree",
     "load_parts",
     "read_model",
+    "robot_urdf",
     "shipped_model",
     "urdf",
     "write_model",

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import msgspec
 import numpy as np
-import trimesh
 from manifold3d import Manifold, Mesh
-from trimesh.visual import TextureVisuals
-from trimesh.visual.material import PBRMaterial
 
 from tsd_twin.errors import MeshError
 from tsd_twin.models.links import draw_parts, kinematic_tree
 from tsd_twin.models.solids import Link, Material, Part, Parts
 from tsd_twin.models.urdf import urdf
-from tsd_twin.robots import RobotDescription
+from tsd_twin.robots import RobotDescription, load_robot, robot_names
 from tsd_twin.robots.description import Colour, Positive, Share
+
+if TYPE_CHECKING:
+    import trimesh  # Imported where it is used, as in `solids`.
 
 _CREASE_DEG = 32.0
 """Edges sharper than this stay sharp: more than a facet of 12 sides has, less than a chamfer."""
@@ -26,6 +26,8 @@ _CREASE_DEG = 32.0
 
 def glb(parts: Iterable[Part]) -> bytes:
     """Return one scene with a mesh for each of `parts`, metres, in the frame of their link."""
+    import trimesh
+
     scene: Any = trimesh.Scene()
     for part in parts:
         scene.add_geometry(_shaded(part), node_name=part.name, geom_name=part.name)
@@ -34,6 +36,10 @@ def glb(parts: Iterable[Part]) -> bytes:
 
 def _shaded(part: Part) -> trimesh.Trimesh:
     """Mesh with a normal for each corner, vertices split where edges are sharp."""
+    import trimesh
+    from trimesh.visual import TextureVisuals
+    from trimesh.visual.material import PBRMaterial
+
     solid = Manifold(
         Mesh(
             np.asarray(1e3 * part.mesh.vertices, np.float32), np.asarray(part.mesh.faces, np.uint32)
@@ -88,6 +94,37 @@ def load_parts(robot: RobotDescription) -> Parts:
     if robot.body.meshes is None:
         return draw_parts(robot)
     return read_model(Path(robot.body.meshes), kinematic_tree(robot).kinds)
+
+
+_NOT_DRAWN = {
+    "title", "sources", "assumptions", "limits", "battery", "pose_sensor",
+    "calibration", "noise", "errors", "floor", "gyro",
+}  # fmt: skip
+"""Fields of descriptions that no model depends on."""
+
+
+def robot_urdf(robot: RobotDescription) -> str:
+    """URDF text of a robot with meshes beside it; that of a shipped robot is a file.
+
+    Drawing a robot takes most of a second, to load what draws. A robot is drawn only if it differs
+    from the shipped one of its name in what a model depends on, not for its calibration.
+
+    Raises:
+        RobotFileError: as in `load_parts`, or the masses do not add up.
+        MeshError: as in `load_parts`.
+    """
+    if robot.name in robot_names() and _drawn_alike(robot, load_robot(robot.name)):
+        return (shipped_model(robot.name) / f"{robot.name}.urdf").read_text("utf-8")
+    return urdf(robot, load_parts(robot))
+
+
+def _drawn_alike(a: RobotDescription, b: RobotDescription) -> bool:
+    """Whether two robots are of one kind and equal in all that their models depend on."""
+    return type(a) is type(b) and all(
+        getattr(a, name) == getattr(b, name)
+        for name in a.__struct_fields__
+        if name not in _NOT_DRAWN
+    )
 
 
 def read_model(folder: Path, kinds: Sequence[Link]) -> Parts:
@@ -157,6 +194,8 @@ def shipped_model(name: str) -> Path:
 
 
 def _load(path: Path) -> trimesh.Trimesh:
+    import trimesh
+
     try:
         loader: Any = trimesh
         return loader.load_mesh(path)

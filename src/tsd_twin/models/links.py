@@ -10,7 +10,6 @@ from enum import StrEnum
 from typing import Any, TypeAlias
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from tsd_twin.errors import RobotFileError
 from tsd_twin.lie import SO3, Array
@@ -127,6 +126,8 @@ def about_z(angles_rad: Array) -> SO3:
 
 def from_axes(x: Array, y: Array, z: Array) -> SO3:
     """Turns (k, 4) whose frames have unit axes `x`, `y`, `z` (k, 3), right-handed."""
+    from scipy.spatial.transform import Rotation  # A quarter of a second, as trimesh in `solids`.
+
     matrices: Any = Rotation.from_matrix(np.stack([x, y, z], axis=-1))
     return SO3(np.asarray(matrices.as_quat(scalar_first=True), np.float64))
 

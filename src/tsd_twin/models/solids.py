@@ -8,14 +8,16 @@ import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
-import trimesh
 from manifold3d import CrossSection, JoinType, Manifold, OpType
 
 from tsd_twin.errors import MeshError
 from tsd_twin.robots.description import Body
+
+if TYPE_CHECKING:
+    import trimesh  # Half a second: imported where a robot is drawn, which most programs never do.
 
 Span: TypeAlias = tuple[float, float]
 """Lower and upper bound along an axis."""
@@ -195,6 +197,8 @@ def _mesh(solid: Manifold) -> trimesh.Trimesh:
 
     Corners that rounding moves to the same place stay two: sheets that touch are not welded.
     """
+    import trimesh
+
     drawn: Any = solid.to_mesh()
     # Adding zero turns minus zero into zero.
     grid = np.round(1e-3 * np.asarray(drawn.vert_properties, np.float64) / _GRID_M) + 0.0

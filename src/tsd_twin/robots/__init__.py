@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from tsd_twin.robots.compliance import JointCompliance
 from tsd_twin.robots.description import (
     RPM,
     Gyro,
@@ -28,6 +29,7 @@ __all__ = [
     "KINDS",
     "RPM",
     "Gyro",
+    "JointCompliance",
     "JointErrors",
     "OmniDescription",
     "PoseSensor",

@@ -18,6 +18,7 @@ from msgspec import Meta
 from tsd_twin.errors import TwinError
 from tsd_twin.kinematics import Joint, Kinematics, SingularityKinematics
 from tsd_twin.lie import Array
+from tsd_twin.robots.compliance import JointCompliance
 
 RPM = math.pi / 30.0
 """One turn a minute in radians a second."""
@@ -225,6 +226,10 @@ class RobotDescription(Table, frozen=True, kw_only=True):
     def joint_errors(self) -> JointErrors:
         """Noise of the measured joints."""
         raise NotImplementedError
+
+    def joint_compliance(self) -> JointCompliance | None:
+        """Return how joints give way to forces; None if they do not."""
+        return None
 
     def spin_up(self) -> SpinUp:
         """First-order model of the wheel speeds."""

@@ -12,6 +12,7 @@ import numpy as np
 from msgspec import Meta
 
 from tsd_twin.kinematics import Joint, JointKind, SingularityKinematics
+from tsd_twin.robots.compliance import JointCompliance
 from tsd_twin.robots.description import (
     RPM,
     ActuatorOffsets,
@@ -226,10 +227,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         force_n = self._spin_torque_nm / drive.pivot_radius_m
         spin_rad_per_s = drive.cruise_speed_rpm * RPM
         slip_mps = force_n / self._load_n * _GRAVITY_MPS2 * self.slip_lag_s
-        servo = self.servo
-        stiffness_nm = servo.stall_torque_nm * servo.approach_rate_per_s
-        stiffness_nm /= servo.no_load_speed_rpm * RPM
-        lean_rad = force_n * drive.wheel_radius_m / stiffness_nm
+        lean_rad = force_n * drive.wheel_radius_m / self._gimbal_stiffness_nm
         return (slip_mps + drive.wheel_radius_m * spin_rad_per_s * lean_rad) / drive.pivot_radius_m
 
     @property
@@ -240,6 +238,43 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
             return 0.0
         rim_mps = floor.patch_radius_m * self.drive.cruise_speed_rpm * RPM
         return _SPIN_IN_SLIP * rim_mps / (floor.friction * _GRAVITY_MPS2)
+
+    @property
+    def turning_inertia_kg_m2(self) -> float:
+        """Moment of inertia about the vertical axis.
+
+        Of a disc of the size of the pivot circle, with the modules on its rim.
+        """
+        module_kg = self.mass.wheel_kg + 2.0 * self.mass.gimbal_kg
+        mass_kg = self.mass.total_kg + self.drive.modules * module_kg
+        return 0.5 * mass_kg * self.drive.pivot_radius_m**2
+
+    def joint_compliance(self) -> JointCompliance:
+        """Return how gimbals give way to the floor, and trail behind their set-points."""
+        kinematics, errors = self.kinematics(), self.errors
+        mass_kg = self.mass.total_kg
+        inertia = np.diag([mass_kg, mass_kg, self.turning_inertia_kg_m2])
+        # A force at the lowest point of a wheel turns the gimbal about the horizontal axis at a
+        # right angle to it; alpha turns about -X of its module.
+        lean = -self.drive.wheel_radius_m / self._gimbal_stiffness_nm
+        one_module = np.array([[0.0, lean], [lean, 0.0], [0.0, 0.0]])
+        by_force = np.asarray(np.kron(np.eye(kinematics.modules), one_module), dtype=float)
+        return JointCompliance(
+            by_acceleration=by_force @ kinematics.twist_from_contacts.T @ inertia,
+            by_force=by_force,
+            friction_n=self.floor.friction * self._load_n,
+            spin_to_slip_m=_SPIN_IN_SLIP * self.floor.patch_radius_m,
+            lag_s=1.0 / self.servo.approach_rate_per_s,
+            play_rad=math.radians(errors.backlash_deg),
+            dead_band_rad=math.radians(errors.dead_band_deg),
+        )
+
+    @property
+    def _gimbal_stiffness_nm(self) -> float:
+        """Torque of a gimbal servo for an angle, N m/rad: near its goal it is a spring."""
+        servo = self.servo
+        rate_per_s = servo.approach_rate_per_s / (servo.no_load_speed_rpm * RPM)
+        return servo.stall_torque_nm * rate_per_s
 
     @property
     def _load_n(self) -> float:

@@ -161,6 +161,14 @@ def _add_frame(body: Any, bearing_m: list[float], mass_kg: float) -> None:
     rod.type = load_mujoco().mjtGeom.mjGEOM_CAPSULE
 
 
+def _cross(a: Array, b: Array) -> Array:
+    """Cross products of vectors (k, 3): those of `np.cross`, which takes four times as long."""
+    (x, y, z), (u, v, w) = a.T, b.T
+    out = np.empty(a.shape)
+    out[:, 0], out[:, 1], out[:, 2] = y * w - z * v, z * u - x * w, x * v - y * u
+    return out
+
+
 Indices: TypeAlias = npt.NDArray[np.intp]
 
 
@@ -205,6 +213,7 @@ class MujocoSimulation:
             self._stall_nm * self._gain_per_rad * servos.dead_band_rad
         )
         self._bodies = np.array([self._model.body(name).id for name in names])
+        self._roots = self._model.body_rootid[self._bodies]
         self._wheel_of_geom = np.zeros(self._model.ngeom, dtype=int)
         self._wheel_of_geom[[self._model.geom(name).id for name in names]] = range(len(names))
         self._spin_inertia = self._model.body_inertia[self._bodies, 2]
@@ -276,7 +285,7 @@ class MujocoSimulation:
         actuation, data = self.actuation, self._data
         actuation.controllers.advance(dt_s)
         error = actuation.goals - data.qpos[self._angles_q]
-        voltage = np.clip(self._gain_per_rad * error, -1.0, 1.0)
+        voltage = np.minimum(np.maximum(self._gain_per_rad * error, -1.0), 1.0)
         data.qfrc_applied[self._angles_v] = self._stall_nm * self._through_play(voltage, dt_s)
         speeds = data.qvel[self._wheels_v]
         wanted = actuation.motors.after(speeds, actuation.speed_goals, np.array(dt_s)) - speeds
@@ -291,7 +300,8 @@ class MujocoSimulation:
         """
         actuation, edge_rad = self.actuation, 0.5 * self.actuation.servos.backlash_rad
         ahead = actuation.servos.speed_limit_rad_per_s * voltage - self._data.qvel[self._angles_v]
-        actuation.play_rad = np.clip(actuation.play_rad + ahead * dt_s, -edge_rad, edge_rad)
+        ahead_rad = actuation.play_rad + ahead * dt_s
+        actuation.play_rad = np.minimum(np.maximum(ahead_rad, -edge_rad), edge_rad)
         return voltage * (np.copysign(edge_rad, voltage) == actuation.play_rad)
 
     def _apply_friction(self) -> None:
@@ -300,13 +310,14 @@ class MujocoSimulation:
         velocity, turning = data.cvel[bodies, 3:], data.cvel[bodies, :3]
         contact = data.xpos[bodies].copy()
         contact[:, 2] -= self._radius_m + self.actuation.surface.outside_m(self.joints)
-        lever = contact - data.subtree_com[self._model.body_rootid[bodies]]
-        slip = (velocity + np.cross(turning, lever))[:, :2]
+        lever = contact - data.subtree_com[self._roots]
+        slip = (velocity + _cross(turning, lever))[:, :2]
         force, torque = self._patch.force(self._loads(), slip, turning[:, 2])
-        forces = np.column_stack([force, np.zeros(len(force))])
+        forces = np.zeros(contact.shape)
+        forces[:, :2] = force
         arm = contact - data.xipos[bodies]
         data.xfrc_applied[bodies, :3] = forces
-        data.xfrc_applied[bodies, 3:] = np.cross(arm, forces)
+        data.xfrc_applied[bodies, 3:] = _cross(arm, forces)
         data.xfrc_applied[bodies, 5] += torque
 
     def _loads(self) -> Array:

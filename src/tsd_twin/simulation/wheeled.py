@@ -152,6 +152,7 @@ class OmniSimulation(GearedSimulation):
         self._pull_m = (1.0 - robot.drive.slip) * self._arm_m
         mass = robot.mass
         self._body = np.array([mass.total_kg, mass.total_kg, mass.yaw_inertia_kg_m2])
+        self._body_matrix = np.diag(self._body)
         self._wheel = robot.wheel_inertia_kg_m2
         self._friction_n = robot.drive.friction * mass.total_kg * _GRAVITY_MPS2 / kinematics.wheels
         self._sensors = None
@@ -209,16 +210,18 @@ class OmniSimulation(GearedSimulation):
         wanted = self._motors.gain_nm_s * (self._goals - self.joints)
         free = (wanted > low) & (wanted < high)
         gain: Array = np.where(free, self._motors.gain_nm_s, 0.0)
-        torque = np.where(free, gain * self._goals, np.clip(wanted, low, high))
+        torque = np.where(free, gain * self._goals, np.minimum(np.maximum(wanted, low), high))
         joints, twist = self.joints, self._twist
         creep = self._creep(joints, twist)
         going = np.ones((*twist.shape[:-1], 1), dtype=bool)
         for _ in range(_ROUNDS):
             c = self._friction_n / np.sqrt(creep * creep + _CREEP_MPS**2)
             solved = self._linear(c, gain, torque, dt_s)
-            # One that is done is left as it is, so that a batch is its members.
-            joints = np.where(going, solved[0], joints)
-            twist = np.where(going, solved[1], twist)
+            if going.all():
+                joints, twist = solved
+            else:  # One that is done is left as it is, so that a batch is its members.
+                joints = np.where(going, solved[0], joints)
+                twist = np.where(going, solved[1], twist)
             before, creep = creep, self._creep(joints, twist)
             change = np.maximum.reduce(np.abs(creep - before), axis=-1, keepdims=True)
             going = going & (change >= _CLOSE_MPS)
@@ -232,11 +235,12 @@ class OmniSimulation(GearedSimulation):
         Each wheel's equation gives its speed from the twist; that leaves three for the body.
         """
         grip, heavy = self._grip, self._wheel / dt_s
-        total = heavy + gain + c * self._arm_m * self._pull_m
+        pulled = c * self._arm_m
+        total = heavy + gain + pulled * self._pull_m
         alone = (heavy * self.joints + torque) / total
-        along = c * self._arm_m / total
+        along = pulled / total
         weight = c * (1.0 - self._pull_m * along)
-        matrix = np.diag(self._body / dt_s) + (grip.T * weight[..., None, :]) @ grip
+        matrix = self._body_matrix / dt_s + (grip.T * weight[..., None, :]) @ grip
         push = self._twist * (self._body / dt_s) + (c * self._pull_m * alone) @ grip
         twist = np.asarray(np.linalg.solve(matrix, push[..., None])[..., 0], dtype=float)
         return alone + along * (twist @ grip.T), twist
@@ -285,7 +289,8 @@ class SphereSimulation(GearedSimulation):
     def _step(self, dt_s: float) -> None:
         low, high = self._motors.bounds(self.joints)
         gained = (self._goals - self.joints) * -np.expm1(-dt_s / self._time_constant_s)
-        gained = np.clip(gained, low * (dt_s / self._inertia), high * (dt_s / self._inertia))
+        least, most = low * (dt_s / self._inertia), high * (dt_s / self._inertia)
+        gained = np.minimum(np.maximum(gained, least), most)
         joints = self.joints + gained
         joints[np.abs(joints) + np.abs(self._goals) < 1e-9] = 0.0
         middle = 0.5 * (self.joints + joints)

@@ -4,23 +4,31 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from queue import SimpleQueue
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 import viser
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.support.link_sockets import eventually
 from tests.support.robot_feed import RobotFeed, link_poses
 from tests.support.viser_client import CAMERA, PATIENCE_S, Node, ViserClient, viser_client
+from tsd_twin.dashboard.scene.appearance import Layer
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.tilt_exaggeration import exaggerate_tilt
+from tsd_twin.dashboard.scene.view_settings import (
+    CameraPreset,
+    TruePoseDisplay,
+    ViewSettings,
+)
 from tsd_twin.dashboard.viser_compat import viser_server
 from tsd_twin.dashboard.viser_compat.viser_server import LOOK_AT_M, page_of
 from tsd_twin.lie import SE2
@@ -40,6 +48,9 @@ class Desk:
     moves: SimpleQueue[tuple[Any, ...]] = field(default_factory=SimpleQueue)
     choices: SimpleQueue[tuple[str, str]] = field(default_factory=SimpleQueue)
     points: SimpleQueue[tuple[Any, ...]] = field(default_factory=SimpleQueue)
+    views: SimpleQueue[tuple[str, ViewSettings]] = field(default_factory=SimpleQueue)
+    kept: dict[str, ViewSettings] = field(default_factory=dict[str, ViewSettings])
+    """View settings of pages, by their id."""
     gone: SimpleQueue[int] = field(default_factory=SimpleQueue)
     shown: dict[str, str] = field(default_factory=dict[str, str])
     """What pages show, by their id."""
@@ -52,6 +63,8 @@ class Desk:
             lambda page, robot: self.choices.put((page, robot)),
             lambda *point: self.points.put(point),
             robot_of=self.shown.get,
+            on_view=lambda *view: self.views.put(view),
+            view_of=self.kept.get,
         )
         self.server.on_client_disconnect(self._note)
 
@@ -151,7 +164,16 @@ def test_the_page_finds_the_places_it_draws_in(viewer: ViserClient) -> None:
     content = [c.props["content"] for c in viewer.controls.values() if c.kind == "GuiHtmlMessage"]
     assert content == [
         f'<div data-tsd="{name}"></div>'
-        for name in ("wheel_speed", "route", "joints", "page", "plots", "health", "student")
+        for name in (
+            "wheel_speed",
+            "route",
+            "joints",
+            "presets",
+            "page",
+            "plots",
+            "health",
+            "student",
+        )
     ]
     (tabs,) = (c for c in viewer.controls.values() if c.kind == "GuiTabGroupMessage")
     labels = ["Drive", "Gimbals", "View", "Plots", "Health", "Student"]
@@ -491,7 +513,7 @@ def test_each_client_hides_what_it_likes(
     nodes = {
         "set-point": "/w/r/tsd/s",
         "trail": "/w/k",
-        "covariance ellipse": "/w/r/tsd/e",
+        "region of the pose": "/w/r/tsd/e",
         "labels": "/w/l",
         "thrust arrows": "/w/r/tsd/a",
     }
@@ -538,7 +560,7 @@ def test_a_client_that_does_not_follow_sees_the_robot_drive_away(
     viewer.until(lambda: np.allclose(viewer.node("/w").position, (-3.0, 0.0, 0.0)))
 
 
-@pytest.mark.parametrize("side", ["3-D", "behind", "top"])
+@pytest.mark.parametrize("side", ["3-D", "chase", "top"])
 def test_the_camera_turns_to_the_robot(
     desk: Desk, feed: RobotFeed, viewer: ViserClient, side: str
 ) -> None:
@@ -556,9 +578,72 @@ def test_the_camera_turns_to_the_robot(
     eye = np.array(viewer.camera["SetCameraPositionMessage"]["position"])
     np.testing.assert_allclose(at[:2], (1.0, 0.0), atol=1e-6)  # A metre farther than the world.
     assert eye[2] > 0.2
-    if side == "behind":
+    if side == "chase":
         np.testing.assert_allclose(eye[0], at[0], atol=1e-6)
         assert eye[1] < -0.5
+
+
+def test_chase_turns_the_world_under_the_robot_and_places_are_picked_in_it(
+    desk: Desk, feed: RobotFeed, viewer: ViserClient
+) -> None:
+    pose = SE2(np.array([2.0, -1.0, 0.7]))
+    moved, ahead = pose, pose.xy_heading[:2]
+
+    def say(pose: SE2) -> None:
+        feed.say(pose=pose.xy_heading)
+        desk.scene.draw()
+
+    def in_scene(point: Sequence[float]) -> np.ndarray:
+        """Where the picture has a point of `odom`."""
+        world = viewer.node("/w")
+        half = math.atan2(world.wxyz[3], world.wxyz[0])
+        return SE2(np.array([*world.position[:2], 2.0 * half])).transform(np.array(point))
+
+    say(pose)
+    viewer.set("camera", "chase")
+    turns = [0.0, 1.2, -3.0]
+    for moved in [pose.plus(np.array([0.3, 0.1, turn])) for turn in turns]:
+        say(moved)
+        ahead = moved.transform(np.array([0.5, 0.0]))
+        viewer.until(lambda at=ahead: np.allclose(in_scene(at), (0.5, 0.0), atol=1e-5))
+        np.testing.assert_allclose(in_scene(moved.xy_heading[:2]), (0.0, 0.0), atol=1e-5)
+    # A camera straight above a place half a metre ahead picks that place of the world.
+    above = {"position": [0.5, 0.0, 2.0], "wxyz": [0.0, 1.0, 0.0, 0.0]}
+    viewer.send(CAMERA | above)
+    middle = np.array([[0.5, 0.5]])
+    eventually(lambda: np.allclose(desk.panels.pick_floor(PAGE, middle), [ahead], atol=1e-5))
+    # Then the world stands again, also where it would have to be told a turn of zero.
+    viewer.set("camera", "top")
+    viewer.until(lambda: np.allclose(viewer.node("/w").wxyz, (1.0, 0.0, 0.0, 0.0)))
+    np.testing.assert_allclose(in_scene(moved.xy_heading[:2]), (0.0, 0.0), atol=1e-5)
+    viewer.set("camera", "chase")
+    viewer.set("follow", False)  # Only a camera that follows turns along.
+    viewer.until(lambda: np.allclose(viewer.node("/w").wxyz, (1.0, 0.0, 0.0, 0.0)))
+
+
+def test_a_page_keeps_what_its_panel_changes_and_a_new_panel_has_what_it_kept(desk: Desk) -> None:
+    desk.scene.add(RobotFeed())
+    kept = ViewSettings(
+        camera=CameraPreset.CHASE, hidden=[Layer.TRAIL], true_pose=TruePoseDisplay.NEVER, dark=False
+    )
+    desk.kept[PAGE] = kept
+    while not desk.views.empty():  # Of other tests.
+        desk.views.get()
+    try:
+        with opened(desk, PAGE) as viewer:
+            viewer.until(lambda: not viewer.own["/w/k"].visible and not viewer.own["/w/t"].visible)
+            viewer.until(lambda: viewer.control("trail").value is False and viewer.dark is False)
+            viewer.until(lambda: viewer.camera["SetCameraPositionMessage"])
+            assert desk.views.empty(), "it was not the operator who changed them"
+            viewer.set("labels", False)
+            changed = msgspec.structs.replace(kept, hidden=[Layer.LABELS, Layer.TRAIL])
+            assert desk.views.get(timeout=PATIENCE_S) == (PAGE, changed)
+            # A preset of the page: all at once, and the boxes show it.
+            desk.panels.set_view(PAGE, ViewSettings(), look=False)
+            viewer.until(lambda: viewer.control("labels").value and viewer.node("/w/l").visible)
+            assert desk.views.empty()
+    finally:
+        desk.kept.clear()
 
 
 def test_colours_are_a_matter_of_the_client(viewer: ViserClient, onlooker: ViserClient) -> None:

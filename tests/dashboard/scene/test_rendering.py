@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Generator
 
 import numpy as np
@@ -11,6 +10,7 @@ import viser
 from imageio.v3 import imread
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
+from tests.support.browser import CHEAP_FLAGS, executable
 from tests.support.robot_feed import RobotFeed
 from tsd_twin.dashboard.scene.client_view import ClientView
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
@@ -19,14 +19,6 @@ from tsd_twin.dashboard.server.pages import STATIC
 from tsd_twin.dashboard.viser_compat import viser_server
 from tsd_twin.lie import Array
 
-FLAGS = [
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--ignore-gpu-blocklist",
-    "--disable-dev-shm-usage",
-]
 SIZE = (360, 300)
 PATIENCE_S = 30.0
 
@@ -35,9 +27,8 @@ pytestmark = [pytest.mark.system, pytest.mark.busy]
 
 @pytest.fixture(scope="module")
 def browser() -> Generator[Browser]:
-    path = shutil.which("chromium") or shutil.which("chromium-browser")
     with sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=path, args=FLAGS)
+        started = playwright.chromium.launch(executable_path=executable(), args=list(CHEAP_FLAGS))
         yield started
         started.close()
 

@@ -19,8 +19,7 @@ from tsd_twin.dashboard.scene import overlays
 from tsd_twin.dashboard.scene.overlays import (
     ARROW_HEAD_M,
     ARROW_LENGTH_PER_SPEED_S,
-    ELLIPSE_SIGMAS,
-    CovarianceEllipse,
+    PoseRegion,
 )
 from tsd_twin.dashboard.scene.robot_overlays import VISIBLE_DIFFERENCE_M
 from tsd_twin.dashboard.scene.robot_visual import SPIN_SLOWDOWN
@@ -351,21 +350,35 @@ spreads = st.floats(0.01, 0.5)
 
 @settings(deadline=None, max_examples=30)
 @given(x=spreads, y=spreads, correlation=st.floats(-0.8, 0.8), heading=st.floats(-4.0, 4.0))
-def test_the_ellipse_is_where_the_chi_square_distance_is_that_of_two_sigma(
+def test_the_region_of_a_certain_heading_is_an_ellipse_of_two_sigma(
     server: viser.ViserServer, x: float, y: float, correlation: float, heading: float
 ) -> None:
-    covariance = np.diag([x * x, y * y, 0.1])
+    covariance = np.diag([x * x, y * y, 0.0])
     covariance[0, 1] = covariance[1, 0] = correlation * x * y
-    ellipse = CovarianceEllipse(server.scene, "/ellipse")
-    ellipse.update(covariance, heading, now_s=0.0)
-    handle = ellipse._handle
-    circle = np.float64(handle.points[:, 0])
-    in_base = SO3(np.array(handle.wxyz)).rotate(circle * np.array(handle.scale))
+    region = PoseRegion(server.scene, "/region", 0.2)
+    region.update(covariance, heading, now_s=0.0)
+    handle = region._outline
+    in_base = SO3(np.array(handle.wxyz)).rotate(np.float64(handle.points[:, 0]))
     on_floor = SE2(np.array([0.0, 0.0, heading])).rotate(in_base[:, :2])
     distance = np.einsum("ni,ij,nj->n", on_floor, np.linalg.inv(covariance[:2, :2]), on_floor)
-    np.testing.assert_allclose(
-        distance, ELLIPSE_SIGMAS**2, rtol=0.02
-    )  # Radii are rounded to 0.1 mm.
+    # The outline has a millimetre added, and turns by less than two are not sent.
+    np.testing.assert_allclose(distance, 4.0, rtol=0.2)
+    assert not region._wedge.visible
+
+
+@pytest.mark.parametrize(("sigma_rad", "half_rad"), [(0.2, 0.2987), (0.05, 0.0747), (3.0, np.pi)])
+def test_the_wedge_holds_the_heading_with_86_percent(
+    server: viser.ViserServer, sigma_rad: float, half_rad: float
+) -> None:
+    region = PoseRegion(server.scene, "/region", 0.2)
+    region.update(np.diag([1e-4, 1e-4, sigma_rad**2]), 0.7, now_s=0.0)
+    assert region.half_rad == pytest.approx(half_rad, rel=1e-3)
+    corners = np.float64(region._wedge.points[1:, 0])
+    angles = np.arctan2(corners[:, 1], corners[:, 0])
+    assert np.abs(angles).max() == pytest.approx(half_rad, rel=1e-3)
+    assert region._wedge.visible
+    region.update(np.diag([1e-4, 1e-4, 1e-8]), 0.7, now_s=1.0)
+    assert not region._wedge.visible
 
 
 def drive_along(scene: Scene, feed: RobotFeed, xs: Array) -> None:

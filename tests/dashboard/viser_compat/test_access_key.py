@@ -14,7 +14,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from tests.support.browser import FLAGS, PATIENCE_MS, executable
+from tests.support.browser import CHEAP_FLAGS, PATIENCE_MS, executable
 from tests.support.viser_client import viser_client
 from tsd_twin.dashboard.viser_compat import viser_server
 from tsd_twin.dashboard.viser_compat.viser_server import KEY_HEADER, access_key
@@ -80,7 +80,7 @@ def test_a_foreign_page_in_the_operators_browser_does_not_reach_it(
     page_file = tmp_path / "evil.html"
     page_file.write_text("<!doctype html><title>evil</title>")
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=executable(), args=list(FLAGS))
+        browser = playwright.chromium.launch(executable_path=executable(), args=list(CHEAP_FLAGS))
         page = browser.new_page()
         page.set_default_timeout(PATIENCE_MS)
         page.goto(page_file.as_uri())

@@ -52,7 +52,7 @@ class Layer(StrEnum):
     TRAIL = "trail"
     ROUTE = "planned path"
     ARROWS = "thrust arrows"
-    ELLIPSE = "covariance ellipse"
+    REGION = "region of the pose"
     PREDICTED = "predicted pose"
     ENVELOPE = "stop envelope"
     LABELS = "labels"
@@ -78,7 +78,7 @@ _SHARED_NODES = {
 _ROBOT_NODES = {
     Layer.SETPOINT: "s",
     Layer.ARROWS: "a",
-    Layer.ELLIPSE: "e",
+    Layer.REGION: "e",
     Layer.PREDICTED: "g",
     Layer.ENVELOPE: "b",
     Layer.LABELS: "n",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 import threading
-from enum import StrEnum
 
 import numpy as np
 import viser
@@ -21,7 +21,12 @@ from tsd_twin.dashboard.scene.picking import CameraPose, floor_points, sphere_po
 from tsd_twin.dashboard.scene.robot_overlays import add_wireframe
 from tsd_twin.dashboard.scene.robot_visual import RobotVisual
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.scene.tilt_exaggeration import ExaggeratedTilt, TiltFactor, hide_links
+from tsd_twin.dashboard.scene.tilt_exaggeration import ExaggeratedTilt, hide_links
+from tsd_twin.dashboard.scene.view_settings import (
+    CameraPreset,
+    TruePoseDisplay,
+    ViewSettings,
+)
 from tsd_twin.dashboard.viser_compat.viser_server import CAMERA_OFFSET_M, LOOK_AT_M
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, Array
@@ -94,22 +99,6 @@ class PosePreview:
         hide_links(self._client, body, body.id)
 
 
-class TruePoseDisplay(StrEnum):
-    """Display condition of the true pose; the values are the labels in the panel."""
-
-    DIFFERS = "when it differs"
-    ALWAYS = "always"
-    NEVER = "never"
-
-
-class CameraPreset(StrEnum):
-    """Camera presets; the values are the labels in the panel."""
-
-    ISO = "3-D"
-    BEHIND = "behind"
-    TOP = "top"
-
-
 _LOOK_AT_TOLERANCE_M = 0.05
 """A camera that looks at a place this near to the robot has not been moved away from it."""
 
@@ -126,8 +115,7 @@ class ClientView:
         self._client = client
         self._robot_id = scene.default_robot_id
         self._requested_id: str | None = None
-        self._hidden: set[Layer] = set()
-        self._true_pose_display = TruePoseDisplay.DIFFERS
+        self._settings = ViewSettings()
         self._fixed_world_xy: tuple[float, float] | None = None
         self._world: viser.FrameHandle | None = None
         self._has_own_world = False
@@ -163,12 +151,6 @@ class ClientView:
             self._requested_id = robot_id
             self.on_robots_changed()
 
-    def set_following(self, on: bool) -> None:
-        """Set whether the camera follows the robot."""
-        with self._scene.lock:
-            self._fixed_world_xy = None if on else self._world_xy
-            self.on_robots_changed()
-
     def _bring_into_view(self) -> None:
         """Put the selected robot where a followed robot is, and look at that place.
 
@@ -183,18 +165,16 @@ class ClientView:
         if np.linalg.norm(aside) > _LOOK_AT_TOLERANCE_M:
             camera.position = LOOK_AT_M + back  # Moves along what it looks at.
 
-    def set_camera(self, camera: CameraPreset) -> None:
-        """Turn the camera to the robot."""
-        body = self.visual
-        x, y, heading = body.pose if body else np.zeros(3)
-        seen_x, seen_y = self._world_xy
+    def _place_camera(self) -> None:
+        """Turn the camera to the robot, as the preset says."""
+        body, world, camera = self.visual, self._world_pose, self._settings.camera
+        at = SE2.identity() if body is None else world @ SE2(body.pose)
         offset = np.array(CAMERA_OFFSET_M)
         if camera is CameraPreset.TOP:
             offset = np.array([-0.01, 0.0, 1.3])
-        elif camera is CameraPreset.BEHIND:
-            back = SE2(np.array([0.0, 0.0, heading])).rotate(np.array([-0.85, 0.0]))
-            offset = np.array([*back, 0.42])
-        middle = np.array([x + seen_x, y + seen_y, 0.0])
+        elif camera is CameraPreset.CHASE:
+            offset = np.array([*at.rotate(np.array([-0.85, 0.0])), 0.42])
+        middle = np.append(at.xy_heading[:2], 0.0)
         with self._client.atomic():
             self._client.camera.position = middle + offset
             self._client.camera.look_at = middle + LOOK_AT_M
@@ -206,7 +186,7 @@ class ClientView:
         radius_m = None if body is None else body.meshes.shape.ball_radius_m
         if body is None or radius_m is None:
             return None
-        x, y = self._world_xy
+        x, y = self._world_pose.xy_heading[:2]  # It turns for no sphere.
         height_m = body.meshes.shape.skeleton.tree.height_m
         centre = np.array([x + body.pose[0], y + body.pose[1], height_m])
         return sphere_point(origin, direction, centre, radius_m, body.ball)
@@ -215,26 +195,28 @@ class ClientView:
         """Floor points (m, 2) in `odom` at screen positions, as `floor_points`."""
         camera = self._client.camera
         camera_pose = CameraPose(camera.position, camera.wxyz, camera.fov, camera.aspect)
-        return floor_points(camera_pose, shares) - np.array(self._world_xy)
+        return self._world_pose.inverse().transform(floor_points(camera_pose, shares))
 
-    # Layers.
+    # Settings.
 
-    def set_layer_visible(self, layer: Layer, on: bool) -> None:
-        """Show or hide a layer."""
+    @property
+    def settings(self) -> ViewSettings:
+        """Settings in force."""
+        return self._settings
+
+    def apply(self, settings: ViewSettings, *, look: bool = False) -> None:
+        """Apply all settings; `look` turns the camera to the robot, as another preset does."""
         with self._scene.lock:
-            (self._hidden.discard if on else self._hidden.add)(layer)
+            before = self._settings
+            if settings.follow != before.follow:
+                self._fixed_world_xy = None if settings.follow else self._followed_world_xy
+            self._settings = settings
             self.on_robots_changed()
-
-    def set_true_pose_display(self, truth: TruePoseDisplay) -> None:
-        """Show the true pose always, never, or when it differs from the estimate."""
-        with self._scene.lock:
-            self._true_pose_display = truth
-            self.on_robots_changed()
-
-    def set_tilt_factor(self, factor: TiltFactor) -> None:
-        """Draw the tilt of the gimbals of the shown robot larger than it is."""
-        with self._scene.lock:
-            self.on_robots_changed(factor)
+            turns_otherwise = settings.camera is CameraPreset.CHASE and (
+                settings.follow != before.follow
+            )
+            if look or settings.camera != before.camera or turns_otherwise:
+                self._place_camera()
 
     # Preview.
 
@@ -273,10 +255,10 @@ class ClientView:
         elif not moves_world:
             return
         if self._world is not None and moves_world:
-            self._world.position = (*self._world_xy, 0.0)
+            self._move_world(self._world)
         self._client.flush()
 
-    def on_robots_changed(self, tilt: TiltFactor | None = None) -> None:
+    def on_robots_changed(self) -> None:
         """Rebuild the nodes of this client after a change of robots or settings."""
         own = self._client.scene
         with self._client.atomic():
@@ -287,7 +269,7 @@ class ClientView:
             own.reset()
             self._preview.clear()
             self._tilt.clear()
-            self._tilt.factor = tilt or self._tilt.factor
+            self._tilt.factor = self._settings.tilt
             self._select_available()
             self._world = self._add_world(own)
             if self._no_gpu:
@@ -295,7 +277,7 @@ class ClientView:
             self._hide_layers(own)
             body = self.visual
             if body is not None and self._tilt.is_on(body):
-                self._tilt.start(body, rings=Layer.SETPOINT not in self._hidden)
+                self._tilt.start(body, rings=Layer.SETPOINT not in self._settings.hidden)
             if self._preview_joints is not None:
                 self._draw_preview()
         self._client.flush()
@@ -306,17 +288,23 @@ class ClientView:
         viser drops the removal of a node that is added again at once, and says nothing of a pose
         that is zero: the browser would keep the pose of before. An ancestor that viser adds for the
         nodes of this client has the same effect. So this client never gives its frame up, and sends
-        its position even if that is zero.
+        its pose even if that is zero.
         """
         followed = self._robot_id == self._scene.default_robot_id
-        if self._fixed_world_xy is not None or not followed:
+        if self._fixed_world_xy is not None or not followed or self._is_chasing:
             self._has_own_world = True
         if not self._has_own_world:
             return None
-        x, y = self._world_xy
-        world = own.add_frame(ROOT, show_axes=False, position=(x + 1.0, y, 0.0))
-        world.position = (x, y, 0.0)
+        x, y, _ = self._world_pose.xy_heading
+        upside_down = (0.0, 1.0, 0.0, 0.0)  # No turn about z.
+        world = own.add_frame(ROOT, show_axes=False, position=(x + 1.0, y, 0.0), wxyz=upside_down)
+        self._move_world(world)
         return world
+
+    def _move_world(self, world: viser.FrameHandle) -> None:
+        x, y, heading = (float(number) for number in self._world_pose.xy_heading)
+        world.position = (x, y, 0.0)
+        world.wxyz = (math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading))
 
     def _select_available(self) -> None:
         """Select the chosen robot, or the first available one while it is missing."""
@@ -330,21 +318,35 @@ class ClientView:
             self._bring_into_view()
 
     def _hide_layers(self, own: viser.SceneApi) -> None:
-        hidden = set(self._hidden)
-        if self._true_pose_display is TruePoseDisplay.NEVER:
+        hidden = set(self._settings.hidden)
+        if self._settings.true_pose is TruePoseDisplay.NEVER:
             hidden.add(Layer.TRUTH)
         for layer in hidden:
             for node in layer_nodes(layer, self._scene.visuals):
                 own.add_frame(node, show_axes=False, visible=False)
-        if self._true_pose_display is TruePoseDisplay.ALWAYS:
+        if self._settings.true_pose is TruePoseDisplay.ALWAYS:
             for body in self._scene.visuals.values():
                 name = body.overlays.truth.wireframe_name
                 add_wireframe(own, name, body.meshes.shape, appearance.TRUTH, visible=True)
 
     @property
-    def _world_xy(self) -> tuple[float, float]:
-        """Origin of `odom` in the scene of this client."""
-        return self._fixed_world_xy or self._followed_world_xy
+    def _is_chasing(self) -> bool:
+        """Whether the world turns under the robot; a sphere has no heading."""
+        body = self.visual
+        return (
+            self._settings.camera is CameraPreset.CHASE
+            and self._fixed_world_xy is None
+            and body is not None
+            and body.kinematics.pose_type is SE2
+        )
+
+    @property
+    def _world_pose(self) -> SE2:
+        """Pose of `odom` in the scene of this client."""
+        body = self.visual
+        if body is not None and self._is_chasing:
+            return SE2(body.pose).inverse()
+        return SE2(np.array([*(self._fixed_world_xy or self._followed_world_xy), 0.0]))
 
     @property
     def _followed_world_xy(self) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Overlays of the scene: thrust arrows, covariance ellipse, stop envelope, trail, planned path,
+"""Overlays of the scene: thrust arrows, region of the pose, stop envelope, trail, planned path,
 fault ring.
 """
 
@@ -14,6 +14,7 @@ from manifold3d import CrossSection
 
 from tsd_twin.dashboard.scene import appearance
 from tsd_twin.dashboard.scene.robot_geometry import RobotShape, Skeleton, Surface
+from tsd_twin.estimation import heading_region_rad, position_region
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.status import Status
 
@@ -26,9 +27,9 @@ class RateLimiter:
         self._last_s = -math.inf
 
     def is_due(self, now_s: float) -> bool:
-        """Return whether a period has passed since this last returned True."""
+        """Return whether a period has passed since this last returned True, or time went back."""
         # A little early counts: callers come in steps of their own period.
-        if now_s - self._last_s < self._period_s - 1e-3:
+        if 0.0 <= now_s - self._last_s < self._period_s - 1e-3:
             return False
         self._last_s = now_s
         return True
@@ -83,40 +84,90 @@ def arrow_points(starts: Array, velocities: Array, speeds: Array) -> npt.NDArray
     return np.stack([lifted, ends], axis=1).astype(np.float32)
 
 
-ELLIPSE_SIGMAS = 2.0
-_ELLIPSE_SIDES = 48
-_MIN_ELLIPSE_M = 0.002
+_LEAST_SIGMA_M = 0.001
+"""So that the outline of an exact position can be seen."""
+_REGION_HEIGHT_M = 0.003
+_REGION_CHANGE = 0.02
+"""Changes of the outline below this share of its size are not sent."""
+_VISIBLE_M = 0.002
+"""A turn of the outline that moves no point of it farther is not sent."""
+_WEDGE_SIDES = 12
+_WEDGE_BEYOND_M = 0.12
+"""From the rim of the robot to the end of the wedge."""
+_LEAST_WEDGE_RAD = math.radians(0.5)
+"""A narrower wedge is not drawn, and a smaller change not sent."""
 
 
-class CovarianceEllipse:
-    """Two standard deviations of the estimated position, on the floor below the robot."""
+class PoseRegion:
+    """Regions of the estimated pose: an outline for the position, and a wedge for the heading.
 
-    def __init__(self, scene: viser.SceneApi, name: str) -> None:
-        angles = np.linspace(0.0, 2.0 * np.pi, _ELLIPSE_SIDES + 1)
-        circle = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles], axis=-1)
+    The true ones are inside with 86 % certainty each. The outline lies in the axes of `odom`, where
+    it hardly changes while the robot turns; the wedge points ahead.
+    """
+
+    def __init__(self, scene: viser.SceneApi, name: str, reach_m: float) -> None:
         self._rate = RateLimiter(5.0)
-        self._handle = scene.add_line_segments(
-            name,
-            np.stack([circle[:-1], circle[1:]], axis=1),
-            appearance.ESTIMATE,
-            thickness=1.5,
-            thickness_units="screen",
-            scale=_MIN_ELLIPSE_M,
-            position=(0.0, 0.0, 0.003),
-        )
+        self._frame = scene.add_frame(name, show_axes=False)
+        self.shown = self._outline_of(np.zeros((3, 3)))
+        """(n, 2): outline of the position, less the estimated position, axes of `odom`."""
+        self._turned_rad = 0.0
+        self._outline = _add_region_lines(scene, f"{name}/p", _closed(self.shown))
+        self._wedge_m = reach_m + _WEDGE_BEYOND_M
+        self.half_rad = 0.0
+        """Half-width of the wedge that is shown; zero for none."""
+        self._wedge = _add_region_lines(scene, f"{name}/w", self._wedge_of(0.0), visible=False)
 
     def update(self, covariance: Array, heading_rad: float, now_s: float) -> None:
-        """Show a covariance (3, 3) of x, y, heading in `odom`, below a robot with that heading."""
-        if not self._rate.is_due(now_s):
-            return
-        variances, axes = np.linalg.eigh(covariance[:2, :2])
-        radii = np.maximum(ELLIPSE_SIGMAS * np.sqrt(np.maximum(variances, 0.0)), _MIN_ELLIPSE_M)
-        # A tenth of a millimetre cannot be seen; what is rounded to it is sent when it changes.
-        x_m, y_m = (round(float(radius), 4) for radius in radii)
-        half = 0.5 * (math.atan2(axes[1, 0], axes[0, 0]) - heading_rad)
-        self._handle.scale = (x_m, y_m, 1.0)
-        if x_m != y_m:
-            self._handle.wxyz = (math.cos(half), 0.0, 0.0, math.sin(half))
+        """Show a pose covariance (3, 3) around a robot with that heading."""
+        if self._rate.is_due(now_s):
+            self._reshape(covariance)
+        turn_rad = math.remainder(heading_rad - self._turned_rad, math.tau)
+        if abs(turn_rad) * float(np.abs(self.shown).max()) > _VISIBLE_M:
+            self._turned_rad = heading_rad
+            half = -0.5 * heading_rad
+            self._outline.wxyz = (math.cos(half), 0.0, 0.0, math.sin(half))
+
+    def _reshape(self, covariance: Array) -> None:
+        outline = self._outline_of(covariance)
+        change_m = float(np.abs(outline - self.shown).max())
+        if change_m > _REGION_CHANGE * float(np.abs(self.shown).max()):
+            self.shown = outline
+            self._outline.points = _closed(outline)
+        half_rad = heading_region_rad(covariance)
+        if half_rad < _LEAST_WEDGE_RAD:
+            self.half_rad = 0.0
+        elif abs(half_rad - self.half_rad) > max(_LEAST_WEDGE_RAD, _REGION_CHANGE * half_rad):
+            self.half_rad = half_rad
+            self._wedge.points = self._wedge_of(half_rad)
+        self._wedge.visible = self.half_rad > 0.0
+
+    @staticmethod
+    def _outline_of(covariance: Array) -> Array:
+        return position_region(covariance + _LEAST_SIGMA_M**2 * np.diag([1.0, 1.0, 0.0]))
+
+    def _wedge_of(self, half_rad: float) -> npt.NDArray[np.float32]:
+        angles = np.linspace(-half_rad, half_rad, _WEDGE_SIDES + 1)
+        arc = self._wedge_m * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        return _closed(np.concatenate([np.zeros((1, 2)), arc]))
+
+
+def _add_region_lines(
+    scene: viser.SceneApi, name: str, points: npt.NDArray[np.float32], *, visible: bool = True
+) -> viser.LineSegmentsHandle:
+    return scene.add_line_segments(
+        name,
+        points,
+        appearance.ESTIMATE,
+        thickness=1.5,
+        thickness_units="screen",
+        visible=visible,
+    )
+
+
+def _closed(outline: Array) -> npt.NDArray[np.float32]:
+    """Return the sides (n, 2, 3) of a polygon (n, 2), just above the floor."""
+    corners = np.insert(outline, 2, _REGION_HEIGHT_M, axis=1).astype(np.float32)
+    return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
 
 
 ENVELOPE_SIDES = 40
@@ -149,6 +200,9 @@ class StopEnvelope:
     def __init__(self, scene: viser.SceneApi, name: str, reach_m: float) -> None:
         self._reach_m = reach_m
         self._shown = swept_outline(np.zeros((1, 2)), reach_m)
+        self.outline: Array | None = None
+        """The drawn polygon (SIDES, 2) in the frame of the robot; None while it is hidden. An array
+        is never changed in place."""
         self._frame = scene.add_frame(name, show_axes=False)
         fan = np.arange(1, ENVELOPE_SIDES - 1, dtype=np.uint32)
         self._area = scene.add_mesh_simple(
@@ -175,11 +229,13 @@ class StopEnvelope:
         """Draw the area of `path` (n, 3) in the frame of the robot; None hides it."""
         self._area.visible = self._rim.visible = path is not None
         if path is None:
+            self.outline = None
             return
         shape = swept_outline(path, self._reach_m)
         if np.abs(shape - self._shown).max() < _MIN_CHANGE_M:
+            self.outline = self._shown
             return
-        self._shown = shape
+        self._shown = self.outline = shape
         self._area.vertices = self._raised()
         self._rim.points = self._edges()
 

@@ -7,15 +7,21 @@ from collections.abc import Callable
 from enum import StrEnum
 from typing import Any, TypeAlias
 
+import msgspec
 import numpy as np
 import viser
 
 from tsd_twin.dashboard.scene.appearance import Layer
-from tsd_twin.dashboard.scene.client_view import CameraPreset, ClientView, TruePoseDisplay
+from tsd_twin.dashboard.scene.client_view import ClientView
 from tsd_twin.dashboard.scene.robot_geometry import FLOOR_AXES, axis_limits, twist_axes_of
 from tsd_twin.dashboard.scene.robot_visual import SPIN_SLOWDOWN, RobotVisual
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.scene.tilt_exaggeration import TiltFactor
+from tsd_twin.dashboard.scene.view_settings import (
+    CameraPreset,
+    TiltFactor,
+    TruePoseDisplay,
+    ViewSettings,
+)
 from tsd_twin.dashboard.viser_compat.viser_server import rename_tab, set_theme
 from tsd_twin.lie import Array
 from tsd_twin.motion import TwistLimiter
@@ -156,11 +162,15 @@ _LAYER_HINTS = {
     Layer.ROUTE: "Violet line: planned path, in all pages",
     Layer.OTHER: "Rose cage: the other estimate, of robots that have two",
     Layer.ARROWS: "Orange arrows: push of each wheel",
-    Layer.ELLIPSE: "Blue ellipse: the robot is inside with 86 % certainty (two sigma)",
+    Layer.REGION: "Blue outline and wedge: position and heading are inside, 86 % certain each",
     Layer.PREDICTED: "Pink cage: where the robot will be when a command sent now arrives",
     Layer.ENVELOPE: "Red area: how far the robot can still get if the link fails now",
     Layer.LABELS: "Metres on the floor, and names of several robots",
 }
+
+
+OnViewChanged: TypeAlias = Callable[[ViewSettings], None]
+"""Called with the settings that an operator has changed in the panel."""
 
 
 class ViewTab:
@@ -171,19 +181,28 @@ class ViewTab:
         gui: viser.GuiApi,
         view: ClientView,
         clear_trails: Callable[[], None],
+        on_changed: OnViewChanged,
         *,
         dark: bool,
     ) -> None:
         self._gui = gui
         self._view = view
         self._clear_trails = clear_trails
-        self._toggle("follow", view.set_following, "The camera moves with the robot")
-        camera = gui.add_button_group(
-            "camera", [str(side) for side in CameraPreset], hint="Turn the camera to the robot"
+        self._on_changed = on_changed
+        gui.add_html('<div data-tsd="presets"></div>')
+        self._follow = self._toggle(
+            "follow", "The camera moves with the robot", lambda on: {"follow": on}
         )
-        for layer, hint in _LAYER_HINTS.items():
-            self._toggle(layer, lambda on, layer=layer: view.set_layer_visible(layer, on), hint)
-        truth = gui.add_dropdown(
+        camera = gui.add_button_group(
+            "camera",
+            [str(side) for side in CameraPreset],
+            hint="Turn the camera to the robot: keys 1, 2 and 3. Chase turns along with it",
+        )
+        self._layers = {
+            layer: self._toggle(layer, hint, lambda on, layer=layer: self._with_layer(layer, on=on))
+            for layer, hint in _LAYER_HINTS.items()
+        }
+        self._true_pose: viser.GuiDropdownHandle[str] = gui.add_dropdown(
             "true pose",
             [str(choice) for choice in TruePoseDisplay],
             hint="Green cage: where a simulated robot really is",
@@ -194,14 +213,25 @@ class ViewTab:
             hint="Gimbals in your picture lean this much more than they do; a label says so",
         )
         clear = gui.add_button("Clear trail", hint="Delete the trails of all robots, in all pages")
-        self._toggle("dark", lambda on: set_theme(gui, dark=on), "Dark colours", initial=dark)
+        self._dark = self._toggle("dark", "Dark colours", lambda on: {"dark": on}, initial=dark)
         gui.add_markdown(
             f"Wheels on gimbals are drawn {SPIN_SLOWDOWN} times slower than they turn."
         )
         camera.on_click(self._on_camera)
-        truth.on_update(self._on_true_pose)
+        self._true_pose.on_update(self._on_true_pose)
         self._tilt.on_update(self._on_tilt)
         clear.on_click(self._on_clear)
+
+    def show(self, settings: ViewSettings) -> None:
+        """Show settings that are in force."""
+        self._follow.value = settings.follow
+        for layer, box in self._layers.items():
+            box.value = layer not in settings.hidden
+        self._true_pose.value = str(settings.true_pose)
+        self._tilt.value = str(settings.tilt)
+        if settings.dark is not None:
+            self._dark.value = settings.dark
+            set_theme(self._gui, dark=settings.dark)
 
     def update_controls(self) -> None:
         """Offer what the selected robot has: only gimbals tilt."""
@@ -209,24 +239,44 @@ class ViewTab:
         self._tilt.visible = body is None or body.meshes.shape.tilts
 
     def _toggle(
-        self, label: str, act: Callable[[bool], None], hint: str, *, initial: bool = True
-    ) -> None:
+        self,
+        label: str,
+        hint: str,
+        changes: Callable[[bool], dict[str, Any]],
+        *,
+        initial: bool = True,
+    ) -> viser.GuiCheckboxHandle:
         async def toggled(event: viser.GuiEvent[Any]) -> None:
-            act(bool(event.target.value))
+            if event.client is not None:  # Otherwise it was set by us.
+                self._change(**changes(bool(event.target.value)))
 
-        self._gui.add_checkbox(label, initial, hint=hint).on_update(toggled)
+        box = self._gui.add_checkbox(label, initial, hint=hint)
+        box.on_update(toggled)
+        return box
+
+    def _with_layer(self, layer: Layer, *, on: bool) -> dict[str, Any]:
+        hidden = {*self._view.settings.hidden} - {layer}
+        return {"hidden": sorted(hidden if on else hidden | {layer})}
+
+    def _change(self, *, look: bool = False, **changes: Any) -> None:
+        with self._view.lock:  # Another thread may bring the settings of the page.
+            settings = msgspec.structs.replace(self._view.settings, **changes)
+            self._view.apply(settings, look=look)
+        if "dark" in changes:
+            set_theme(self._gui, dark=changes["dark"])
+        self._on_changed(settings)
 
     async def _on_camera(self, event: viser.GuiEvent[Any]) -> None:
         if event.target.value in list(CameraPreset):  # A client may send anything.
-            self._view.set_camera(CameraPreset(event.target.value))
+            self._change(camera=CameraPreset(event.target.value), look=True)
 
     async def _on_true_pose(self, event: viser.GuiEvent[Any]) -> None:
-        if event.target.value in list(TruePoseDisplay):
-            self._view.set_true_pose_display(TruePoseDisplay(event.target.value))
+        if event.client is not None and event.target.value in list(TruePoseDisplay):
+            self._change(true_pose=TruePoseDisplay(event.target.value))
 
     async def _on_tilt(self, event: viser.GuiEvent[Any]) -> None:
-        if event.target.value in list(TiltFactor):
-            self._view.set_tilt_factor(TiltFactor(event.target.value))
+        if event.client is not None and event.target.value in list(TiltFactor):
+            self._change(tilt=TiltFactor(event.target.value))
 
     async def _on_clear(self, _event: viser.GuiEvent[Any]) -> None:
         self._clear_trails()
@@ -239,8 +289,9 @@ _ACTUATOR_TAB = KINDS[0].actuator_tab
 class Panel:
     """Panel of one client: tabs Drive, actuators, View, Plots, Health and Student.
 
-    The actuators tab, Plots, Health, Student and the ends of Drive and View are empty elements,
-    marked `data-tsd`. The page fills them from its own socket, so that no data is sent twice.
+    The actuators tab, Plots, Health, Student, the end of Drive and both ends of View are empty
+    elements, marked `data-tsd`. The page fills them from its own socket, so that no data is sent
+    twice.
     """
 
     def __init__(
@@ -249,6 +300,7 @@ class Panel:
         client: viser.ClientHandle,
         on_moved: OnSlidersMoved,
         on_robot: Callable[[str], None],
+        on_view: OnViewChanged,
         *,
         dark: bool,
         watches: bool = False,
@@ -275,7 +327,7 @@ class Panel:
             gui.add_html('<div data-tsd="joints"></div>')
         if not watches:
             with tabs.add_tab("View"):
-                self._view_tab = ViewTab(gui, self._view, scene.clear_trails, dark=dark)
+                self._view_tab = ViewTab(gui, self._view, scene.clear_trails, on_view, dark=dark)
                 gui.add_html('<div data-tsd="page"></div>')
         with tabs.add_tab("Plots"):
             gui.add_html('<div data-tsd="plots"></div>')
@@ -297,6 +349,12 @@ class Panel:
     def pick_floor(self, shares: Array) -> Array:
         """Floor points (m, 2) in `odom` at screen positions, as `floor_points`."""
         return self._view.pick_floor(shares)
+
+    def set_view(self, settings: ViewSettings, *, look: bool) -> None:
+        """Apply the view settings of the page; `look` turns the camera to the robot."""
+        self._view.apply(settings, look=look)
+        if self._view_tab is not None:
+            self._view_tab.show(settings)
 
     def on_robots_moved(self) -> None:
         """Follow the robot that has moved."""

@@ -10,6 +10,7 @@ import viser
 
 from tsd_twin.dashboard.scene.panel import Panel, SliderMode
 from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.dashboard.viser_compat.viser_server import (
     has_no_gpu,
     is_disconnected,
@@ -30,6 +31,14 @@ OnRobotSelected: TypeAlias = Callable[[str, str], None]
 """Called on viser's thread with page and robot id."""
 
 
+OnPageViewChanged: TypeAlias = Callable[[str, ViewSettings], None]
+"""Called on viser's thread with page and the settings that its operator has changed."""
+
+
+def _ignore_view(_page: str, _settings: ViewSettings) -> None:
+    pass
+
+
 class PanelManager:
     """Creates a panel for each connected client, and forwards its input to the page's session.
 
@@ -45,11 +54,14 @@ class PanelManager:
         on_point: OnSphereClick,
         *,
         robot_of: Callable[[str], str | None] = lambda _page: None,
+        on_view: OnPageViewChanged = _ignore_view,
+        view_of: Callable[[str], ViewSettings | None] = lambda _page: None,
         dark: bool | None = None,
     ) -> None:
         """`dark` is the theme of all clients; None is the preference of each browser.
 
-        `robot_of` is asked on viser's thread which robot the rest of a page shows.
+        `robot_of` and `view_of` are asked on viser's thread which robot the rest of a page shows,
+        and with which settings.
         """
         self._server = server
         self._scene = scene
@@ -57,6 +69,7 @@ class PanelManager:
         self._on_robot = on_robot
         self._on_point = on_point
         self._robot_of = robot_of
+        self._on_view, self._view_of = on_view, view_of
         self._dark = dark
         self._panels: dict[int, Panel] = {}
         self._pages: dict[int, str | None] = {}
@@ -74,6 +87,11 @@ class PanelManager:
         """Select a robot in the panel of a page."""
         for panel in self._panels_of(page):
             panel.select_robot(robot_id)
+
+    def set_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
+        """Apply the view settings of a page; `look` turns its camera to the robot."""
+        for panel in self._panels_of(page):
+            panel.set_view(settings, look=look)
 
     def pick_floor(self, page: str, shares: Array) -> Array:
         """Floor points (m, 2) in `odom` at screen positions of a page, as
@@ -128,6 +146,10 @@ class PanelManager:
             if page is not None:
                 self._on_robot(page, robot_id)
 
+        def view(settings: ViewSettings) -> None:
+            if page is not None:
+                self._on_view(page, settings)
+
         with self._scene.lock:  # No robot may come in between.
             self._pages[client.client_id] = page
             dark = self._dark
@@ -137,10 +159,12 @@ class PanelManager:
             plain = has_no_gpu(self._server, client.client_id)
             watches = is_viewer(self._server, client.client_id)
             panel = Panel(
-                self._scene, client, moved, robot, dark=dark, watches=watches, plain=plain
+                self._scene, client, moved, robot, view, dark=dark, watches=watches, plain=plain
             )
             if page is not None and (chosen := self._robot_of(page)) is not None:
                 panel.select_robot(chosen)
+            if page is not None and (settings := self._view_of(page)) is not None:
+                panel.set_view(settings, look=False)
             self._panels[client.client_id] = panel
 
     async def _on_disconnect(self, client: viser.ClientHandle) -> None:

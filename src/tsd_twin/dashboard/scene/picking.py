@@ -12,6 +12,7 @@ import numpy as np
 import viser
 
 from tsd_twin.dashboard.scene.robot_geometry import RobotShape
+from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.lie import SO3, Array
 
 MAX_DISTANCE_M = 60.0
@@ -76,6 +77,22 @@ class PageScene(Protocol):
         ...
 
 
+class DashboardScene(PageScene, Protocol):
+    """Scene interface of all sessions; no call blocks."""
+
+    def apply_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
+        """Apply the view settings of a page; `look` turns its camera to the robot."""
+        ...
+
+    def envelope(self, robot_id: str) -> Array | None:
+        """Drawn stop envelope (n, 2) in the frame of a robot; None at rest."""
+        ...
+
+    def reach_m(self, robot_id: str) -> float:
+        """Radius of a robot around its base; 0 while it is not in the scene."""
+        ...
+
+
 class EmptyPageScene:
     """Page scene without content, for servers without a scene."""
 
@@ -87,6 +104,17 @@ class EmptyPageScene:
 
     def show_route(self, robot_id: str, poses: Array | None) -> None:
         """Show nothing."""
+
+    def apply_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
+        """Change nothing."""
+
+    def envelope(self, robot_id: str) -> Array | None:  # noqa: ARG002  The shape.
+        """Return no area."""
+        return None
+
+    def reach_m(self, robot_id: str) -> float:  # noqa: ARG002  The shape.
+        """Return 0."""
+        return 0.0
 
 
 OnClick: TypeAlias = Callable[[viser.ClientHandle, str, Array, Array], None]

@@ -23,8 +23,8 @@ from tsd_twin.dashboard.scene.appearance import (
     robot_node,
 )
 from tsd_twin.dashboard.scene.overlays import (
-    CovarianceEllipse,
     FaultRing,
+    PoseRegion,
     RouteLine,
     StopEnvelope,
     ThrustArrows,
@@ -190,7 +190,7 @@ def _ring_mesh(wheel_radius_m: float) -> Surface:
 
 
 class RobotOverlays:
-    """Overlays of one robot: wireframes, trail, arrows, ellipse, envelope, heading, stale hull.
+    """Overlays of one robot: wireframes, trail, arrows, pose region, envelope, heading, stale hull.
 
     What belongs to the robot hangs on one node that moves with it, so that it costs nothing while
     it only moves along.
@@ -220,7 +220,7 @@ class RobotOverlays:
         self.trail = Trail(scene, f"{TRAILS}/{robot_id}")
         self.route = RouteLine(scene, f"{ROUTES}/{robot_id}", shape.reach_m)
         self.arrows = ThrustArrows(scene, overlay_node(Layer.ARROWS, robot_id), shape.skeleton)
-        self.ellipse = CovarianceEllipse(scene, overlay_node(Layer.ELLIPSE, robot_id))
+        self.region = PoseRegion(scene, overlay_node(Layer.REGION, robot_id), shape.reach_m)
         self.predicted = PredictedPoseWireframe(
             scene, overlay_node(Layer.PREDICTED, robot_id), shape
         )
@@ -265,7 +265,7 @@ class RobotOverlays:
             pose = new.odom.xy_heading
             set_planar_pose(self._base, pose)
             self.trail.update(pose[:2], new.received_s)
-            self.ellipse.update(new.odom.pose_covariance, float(pose[2]), new.received_s)
+            self.region.update(new.odom.pose_covariance, float(pose[2]), new.received_s)
         if new.joints is not old.joints:
             self.arrows.update(joints, new.received_s)
         if self.setpoint and new.setpoint is not None and new.setpoint is not old.setpoint:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Protocol
 
@@ -158,6 +158,8 @@ class Scene:
         self._viewers: list[Viewer] = []
         self.on_click: OnClick | None = None
         """Called on viser's thread when the ball of a robot is clicked on."""
+        self.on_trails_cleared: Callable[[], None] = lambda: None
+        """Called on viser's thread."""
         add_ground(server.scene, ROOT, AXIS_LABELS)
         for node in (TRUE_POSES, ALTERNATIVE_POSES, TRAILS, ROUTES):
             server.scene.add_frame(node, show_axes=False)
@@ -242,6 +244,19 @@ class Scene:
         with self.lock:
             for body in self._visuals.values():
                 body.overlays.trail.clear()
+        self.on_trails_cleared()
+
+    def envelope(self, robot_id: str) -> Array | None:
+        """Drawn stop envelope (n, 2) in the frame of a robot; None at rest. It does not wait for a
+        frame.
+        """
+        body = self._visuals.get(robot_id)
+        return None if body is None else body.overlays.envelope.outline
+
+    def reach_m(self, robot_id: str) -> float:
+        """Radius of a robot around its base; 0 while it is not in the scene."""
+        body = self._visuals.get(robot_id)
+        return 0.0 if body is None else body.meshes.shape.reach_m
 
     def add_viewer(self, viewer: Viewer) -> None:
         """Add a viewer that is notified, under the lock, when robots come, go and move."""

@@ -7,7 +7,6 @@ links of the shown robot are hidden for this client, and drawn again with the la
 from __future__ import annotations
 
 import math
-from enum import StrEnum
 
 import numpy as np
 import viser
@@ -15,6 +14,7 @@ import viser
 from tsd_twin.dashboard.scene.appearance import Layer, overlay_node, robot_node
 from tsd_twin.dashboard.scene.robot_overlays import SetpointRings
 from tsd_twin.dashboard.scene.robot_visual import RobotVisual
+from tsd_twin.dashboard.scene.view_settings import TiltFactor
 from tsd_twin.dashboard.viser_compat.viser_server import scale_instances
 from tsd_twin.lie import SE2, Array
 from tsd_twin.models import Link
@@ -22,19 +22,6 @@ from tsd_twin.models import Link
 MOST_TILT_RAD = math.radians(75.0)
 """No axle is drawn with more tilt than this, unless it has more."""
 _LABEL_HEIGHT_M = 0.05
-
-
-class TiltFactor(StrEnum):
-    """Factors of the drawn tilt; the values are the labels in the panel."""
-
-    TRUE = "x1"
-    THREE = "x3"
-    TEN = "x10"
-
-    @property
-    def number(self) -> int:
-        """The factor."""
-        return int(self.value[1:])
 
 
 def exaggerate_tilt(joints: Array, factor: float) -> Array:

@@ -2,6 +2,8 @@
 // Names and fields are those of protocol.py and of tsd_twin/messages/status.py.
 
 type Triple = [number, number, number];
+/** Metres on the floor. */
+type FloorPoint = [number, number];
 type Quaternion = [number, number, number, number];
 
 interface LeaseStatus {
@@ -192,6 +194,7 @@ interface RobotState {
   estimate_difference: EstimateDifference | null;
   route: RouteState | null;
   plot: { [name: string]: number | null };
+  map: MapState | null;
 }
 
 interface RobotName {
@@ -223,6 +226,29 @@ interface SphereClick {
   t: "sphere_click";
   robot: string;
   at: Triple;
+}
+
+interface MapRobot {
+  id: string;
+  pose: Triple;
+  reach_m: number;
+  stale: boolean;
+}
+
+interface MapState {
+  robots: MapRobot[];
+  envelope: FloorPoint[] | null;
+}
+
+interface MapLines {
+  t: "map_lines";
+  routes: Record<string, FloorPoint[]>;
+  trails: Record<string, (FloorPoint | null)[]> | null;
+}
+
+interface ViewChanged {
+  t: "view";
+  settings: ViewSettings;
 }
 
 interface ControlsReleased {
@@ -322,6 +348,8 @@ type ServerMessage =
   | ActionReply
   | RobotEvent
   | StudentReply
+  | MapLines
+  | ViewChanged
   | HeartbeatReply;
 
 /** The messages by their `t`, and the three events of the link itself. */
@@ -381,8 +409,20 @@ type PageMessage =
   | { t: "heartbeat"; seen: number; sent_ms: number; focus: boolean }
   | { t: "wheel_speed"; cruise_speed_rpm: number }
   | { t: "robot"; id: string }
+  | { t: "view"; settings: ViewSettings; look: boolean }
+  | { t: "map"; on: boolean }
   | { t: "plot_fields"; names: string[] }
   | { t: "clear_plan" | "release" | "panel_released" | "arm" | "disarm" | "reset" | "stop" };
+
+/** As `scene/view_settings.py` has them. */
+interface ViewSettings {
+  camera: "3-D" | "top" | "chase";
+  follow: boolean;
+  hidden: string[];
+  true_pose: "when it differs" | "always" | "never";
+  tilt: string;
+  dark: boolean | null;
+}
 
 // Within the page.
 
@@ -456,6 +496,8 @@ interface Window {
     plain: boolean;
     recording: string | null;
   }>;
+  /** Of the page that records, for the window of its plots. */
+  tsdPlots?: { recorder: Recorder; stop: () => void; scheme: () => string };
   uPlot?: typeof import("uplot");
 }
 
@@ -468,6 +510,34 @@ type SliderValues = Omit<PanelSliders, "t">;
 type SphereGoTo = import("../static/sphere.js").SphereGoTo;
 type Recorder = import("../static/plot_recorder.js").Recorder;
 type StudentModel = import("../static/student_model.js").StudentModel;
+
+type MapView = import("../static/map_view.js").MapView;
+type ViewKeeper = import("../static/view_settings.js").ViewKeeper;
+
+/** Part of a picture, in pixels. */
+interface MapBox {
+  left: number;
+  top: number;
+  width: number;
+  height: number;
+}
+
+/** What the map draws. */
+interface MapContent {
+  size: { width: number; height: number };
+  /** Colours of what is written, and of the grid. */
+  ink: string;
+  line: string;
+  names: RobotName[];
+  robots: MapRobot[];
+  shown: MapRobot | undefined;
+  isStale: boolean;
+  envelope: FloorPoint[] | null;
+  routes: Record<string, FloorPoint[]>;
+  trailOf: (id: string) => (FloorPoint | null)[];
+  /** Pixels of what is being drawn. */
+  stroke: [number, number][];
+}
 
 /** What explains the page. */
 interface Guides {

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 import msgspec
 from msgspec import Meta
 
+from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.errors import MessageError
 from tsd_twin.messages.services import Event, Operator, ShortText
 from tsd_twin.messages.status import Status
@@ -16,6 +17,8 @@ from tsd_twin.security import Role
 Count: TypeAlias = Annotated[int, Meta(ge=0, le=2**53)]
 """A number that a browser can hold exactly."""
 Triple: TypeAlias = tuple[float, float, float]
+FloorPoint: TypeAlias = tuple[float, float]
+"""Metres on the floor."""
 
 
 class Message(msgspec.Struct, frozen=True, tag_field="t", kw_only=True):
@@ -144,6 +147,20 @@ class SelectPlotFields(Message, frozen=True, tag="plot_fields"):
     """Of `RobotInfo.plot_fields`; unknown names are ignored."""
 
 
+class SetView(Message, frozen=True, tag="view"):
+    """Apply view settings: those that the browser has kept, or a key or a preset of the page."""
+
+    settings: ViewSettings
+    look: bool = False
+    """Whether the camera turns to the robot even if its preset stays."""
+
+
+class ShowMap(Message, frozen=True, tag="map"):
+    """Request of what the map shows, with every state while it is `on`."""
+
+    on: bool
+
+
 class StudentRequest(Message, frozen=True, tag="student"):
     """Request of the figures of a shipped robot with some knobs turned; it concerns no robot."""
 
@@ -175,6 +192,8 @@ PageMessage: TypeAlias = (
     | StopCommand
     | SelectRobot
     | SelectPlotFields
+    | SetView
+    | ShowMap
     | StudentRequest
 )
 _DECODER = msgspec.json.Decoder(PageMessage)
@@ -313,6 +332,27 @@ class RouteState(msgspec.Struct, frozen=True):
     """Why it has ended."""
 
 
+class MapRobot(msgspec.Struct, frozen=True):
+    """Robot on the map."""
+
+    id: str
+    pose: Triple
+    """Estimate in `odom`."""
+    reach_m: float
+    """Radius around its base."""
+    stale: bool
+    """Whether it is silent: the pose is old."""
+
+
+class MapState(msgspec.Struct, frozen=True):
+    """What moves on the map."""
+
+    robots: Sequence[MapRobot]
+    """All that drive on the floor."""
+    envelope: Sequence[FloorPoint] | None
+    """Stop envelope of the robot that the page shows, in the frame of that robot; null at rest."""
+
+
 class RobotState(Message, frozen=True, tag="state"):
     """State of the robot."""
 
@@ -339,6 +379,24 @@ class RobotState(Message, frozen=True, tag="state"):
     route: RouteState | None = None
     plot: Mapping[str, float | None] = {}
     """Values that this page has requested for its plots."""
+    map: MapState | None = None
+    """While the page shows its map."""
+
+
+class MapLines(Message, frozen=True, tag="map_lines"):
+    """Lines of the map; sent when it is opened, and when another path or no path is planned."""
+
+    routes: Mapping[str, Sequence[FloorPoint]]
+    """Planned paths of all pages, in `odom`, by robot."""
+    trails: Mapping[str, Sequence[FloorPoint | None]] | None
+    """Paths of the estimates by robot, with null where one begins anew; the page continues them.
+    Without a value they stay as they are."""
+
+
+class ViewChanged(Message, frozen=True, tag="view"):
+    """View settings that were changed in the panel, for the page to keep."""
+
+    settings: ViewSettings
 
 
 class RobotName(msgspec.Struct, frozen=True):

@@ -14,6 +14,7 @@ import msgspec
 from aiohttp import WSMessage, WSMsgType, web
 
 from tsd_twin.dashboard.recorded_view import RecordedView
+from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.dashboard.server.auth import Principal
 from tsd_twin.dashboard.server.recorded_session import RecordedSession
 from tsd_twin.errors import TwinError
@@ -96,7 +97,7 @@ class RecordedPages:
             self._loop = asyncio.get_running_loop()
             self._owners[page] = principal
             self._views[page] = asyncio.create_task(
-                asyncio.to_thread(RecordedView, self._folder / name, self._choose)
+                asyncio.to_thread(RecordedView, self._folder / name, self._on_robot, self._on_view)
             )
         self._uses[page] = self._uses.get(page, 0) + 1
         try:
@@ -141,16 +142,22 @@ class RecordedPages:
             if self._sessions.get(page) is session:
                 del self._sessions[page]
 
-    def _choose(self, page: str, robot_id: str) -> None:
-        """On a thread of viser."""
+    # On threads of viser.
 
-        def choose() -> None:
+    def _on_robot(self, page: str, robot_id: str) -> None:
+        self._with_session(page, lambda session: session.select_robot(robot_id))
+
+    def _on_view(self, page: str, settings: ViewSettings) -> None:
+        self._with_session(page, lambda session: session.on_view(settings))
+
+    def _with_session(self, page: str, act: Callable[[RecordedSession], None]) -> None:
+        def call() -> None:
             if (session := self._sessions.get(page)) is not None:
-                session.select_robot(robot_id)
+                act(session)
 
         if self._loop is not None:
             with contextlib.suppress(RuntimeError):  # The loop has just been closed.
-                self._loop.call_soon_threadsafe(choose)
+                self._loop.call_soon_threadsafe(call)
 
     async def _close_unused(self, page: str) -> None:
         with contextlib.suppress(TimeoutError):

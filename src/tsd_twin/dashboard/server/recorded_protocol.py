@@ -14,6 +14,7 @@ from tsd_twin.dashboard.server.protocol import (
     RobotState,
     SelectPlotFields,
     SelectRobot,
+    SetView,
     StopCommand,
     StudentRequest,
 )
@@ -59,6 +60,7 @@ RecordedPageMessage: TypeAlias = (
     | StopCommand
     | SelectRobot
     | SelectPlotFields
+    | SetView
     | StudentRequest
 )
 """What such a page may send: nothing that moves a robot."""

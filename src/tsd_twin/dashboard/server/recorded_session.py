@@ -11,6 +11,7 @@ import msgspec
 
 from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.dashboard.recorded_view import RecordedView
+from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.dashboard.server.auth import Principal, operator_name
 from tsd_twin.dashboard.server.protocol import (
     ActionReply,
@@ -21,8 +22,10 @@ from tsd_twin.dashboard.server.protocol import (
     SelectPlotFields,
     SelectRobot,
     SessionInfo,
+    SetView,
     StopCommand,
     StudentRequest,
+    ViewChanged,
     decode_page_message,
     encode_message,
 )
@@ -146,6 +149,8 @@ class RecordedSession:
                 self.select_robot(message.id)
             case SelectPlotFields():
                 self._plot_fields = message.names
+            case SetView():
+                self._view.set_view(self.page, message.settings, look=message.look)
             case StudentRequest():
                 self._send(ActionReply(to="student", ok=False, reason=REFUSAL))
             case Seek() | Play() | Pause() | StepStatus():
@@ -168,10 +173,14 @@ class RecordedSession:
     def select_robot(self, robot_id: str) -> None:
         """Show another robot of the recording."""
         if robot_id in self._telemetry and robot_id != self._view.robot_id:
-            self._view.robot_id, self._plot_fields = robot_id, ()
-            self._view.panels.select_robot(self.page, robot_id)
+            self._plot_fields = ()
+            self._view.select_robot(self.page, robot_id)
             self.send_queue.drop_states()
             self._send(self._telemetry[robot_id].info())
+
+    def on_view(self, settings: ViewSettings) -> None:
+        """Send view settings that were changed in the panel, for the page to keep."""
+        self._send(ViewChanged(settings=settings))
 
     def _refuse(self, text: str | bytes) -> None:
         try:

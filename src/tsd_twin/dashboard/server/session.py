@@ -13,9 +13,10 @@ from typing import Any, Protocol
 import msgspec
 
 from tsd_twin.client import procedures
-from tsd_twin.dashboard.scene.picking import PageScene
+from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.dashboard.server.auth import Principal, operator_name
 from tsd_twin.dashboard.server.lease import LeaseClient, RpcExecutor
+from tsd_twin.dashboard.server.map_data import MapData
 from tsd_twin.dashboard.server.navigation import NavigationSession
 from tsd_twin.dashboard.server.protocol import (
     ActionReply,
@@ -38,9 +39,12 @@ from tsd_twin.dashboard.server.protocol import (
     SelectRobot,
     SessionInfo,
     SetSpeedLevel,
+    SetView,
     SetWheelSpeed,
+    ShowMap,
     StopCommand,
     StudentRequest,
+    ViewChanged,
     decode_page_message,
     encode_message,
 )
@@ -154,7 +158,7 @@ class Session:
         on_chosen: Callable[[str, str], None],
         *,
         principal: Principal,
-        page_scene: PageScene,
+        map_data: MapData,
         name: str = "",
     ) -> None:
         """`principal` owns the page; each page has an operator id of its own.
@@ -166,6 +170,8 @@ class Session:
         self.send_queue = SendQueue()
         self.robot_id: str | None = None
         """The robot that is watched."""
+        self.view: ViewSettings | None = None
+        """View settings, if the page or its panel has sent any."""
         self.rejected = 0
         """Number of invalid messages."""
         self._operator = f"{operator_name(principal, name)}-{page[:8]}"
@@ -178,7 +184,7 @@ class Session:
         )
         self._teleop = TeleopController(
             self._lease_client,
-            NavigationSession(page, executor, page_scene, self._send),
+            NavigationSession(page, executor, map_data, self._send),
             self._send,
             lambda: on_released(page),
         )
@@ -186,6 +192,8 @@ class Session:
         self._stopping: set[asyncio.Task[None]] = set()
         self._motion: DriveCommand | FollowPlan | None = None
         self._plot_fields: Sequence[str] = ()
+        self._map_data = map_data
+        self._shows_map = False
 
     def on_robots_changed(self) -> None:
         """Send session info with the list of robots; select a robot if none is selected."""
@@ -284,7 +292,7 @@ class Session:
             case PanelSlidersReleased():
                 if self._role is not Role.VIEWER:  # Viewers have no sliders.
                     self._on_released(self.page)
-            case SelectRobot() | SelectPlotFields() | StudentRequest():
+            case SelectRobot() | SelectPlotFields() | SetView() | ShowMap() | StudentRequest():
                 self._show(message)
             case LeaseAction() if self._role is Role.VIEWER:
                 self._send(ActionReply(to="lease", ok=False, reason=_VIEWER_REFUSAL))
@@ -293,12 +301,21 @@ class Session:
             case ArmRequest() | DisarmRequest() | ResetRequest() | SetWheelSpeed():
                 self._request_as_holder(message)
 
-    def _show(self, message: SelectRobot | SelectPlotFields | StudentRequest) -> None:
+    def _show(
+        self, message: SelectRobot | SelectPlotFields | SetView | ShowMap | StudentRequest
+    ) -> None:
         match message:
             case SelectRobot():
                 self.select_robot(message.id)
             case SelectPlotFields():
                 self._plot_fields = message.names
+            case SetView():
+                self.view = message.settings
+                self._map_data.apply_view(self.page, message.settings, look=message.look)
+            case ShowMap():
+                self._shows_map, was_shown = message.on, self._shows_map
+                if not was_shown:
+                    self.send_map_lines(trails=True)
             case StudentRequest():
                 self._student.request(message)
 
@@ -411,6 +428,7 @@ class Session:
             you=held and state.status.lease.holder == self._operator,
             route=self._teleop.navigation.route_state,
             plot=self._plot_values(),
+            map=self._map_data.state(self.robot_id or "") if self._shows_map else None,
         )
         self.send_queue.put_state(state.seen, encode_message(state))
 
@@ -419,6 +437,16 @@ class Session:
         if view is None:
             return {}
         return view.plot_fields.values(self._plot_fields, view.link.snapshot)
+
+    def send_map_lines(self, *, trails: bool) -> None:
+        """Send paths, and on request trails, if the page shows its map."""
+        if self._shows_map:
+            self._send(self._map_data.lines(trails=trails))
+
+    def on_view(self, settings: ViewSettings) -> None:
+        """Send view settings that were changed in the panel, for the page to keep."""
+        self.view = settings
+        self._send(ViewChanged(settings=settings))
 
     def send_event(self, event: Event, *, past: bool = False, age_s: float = 0.0) -> None:
         """Send an event of the selected robot."""

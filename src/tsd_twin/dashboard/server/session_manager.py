@@ -11,9 +11,11 @@ from aiohttp import WSMessage, WSMsgType, web
 
 from tsd_twin.client import procedures
 from tsd_twin.dashboard.robot_roster import RobotRoster
-from tsd_twin.dashboard.scene.picking import EmptyPageScene, PageScene
+from tsd_twin.dashboard.scene.picking import DashboardScene, EmptyPageScene
+from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.dashboard.server.auth import Principal
 from tsd_twin.dashboard.server.lease import RpcExecutor
+from tsd_twin.dashboard.server.map_data import MapData
 from tsd_twin.dashboard.server.protocol import PanelSliders, SphereClick, encode_message
 from tsd_twin.dashboard.server.robot_directory import RobotClients, RobotDirectory
 from tsd_twin.dashboard.server.session import Session
@@ -27,8 +29,8 @@ def _ignore(*_args: str) -> None:
 class SessionManager:
     """Sessions of all connected pages, on one event loop.
 
-    `on_status` and `on_event` belong to that loop; `on_panel`, `on_sphere_click` and
-    `select_robot` may be called from any thread.
+    `on_status` and `on_event` belong to that loop; `on_panel`, `on_sphere_click`,
+    `on_view`, `on_trails_cleared` and `select_robot` may be called from any thread.
     """
 
     def __init__(
@@ -36,7 +38,7 @@ class SessionManager:
         discovery: RobotClients,
         on_released: Callable[[str], None] = _ignore,
         on_chosen: Callable[[str, str], None] = _ignore,
-        page_scene: PageScene | None = None,
+        page_scene: DashboardScene | None = None,
         *,
         on_opened: Callable[[], None] = _ignore,
         roster: RobotRoster | None = None,
@@ -53,7 +55,9 @@ class SessionManager:
         """The robots that there are to see."""
         self._on_released, self._on_chosen = on_released, on_chosen
         self._on_opened = on_opened
-        self._page_scene: PageScene = EmptyPageScene() if page_scene is None else page_scene
+        self._map_data = MapData(
+            lambda: discovery.links, page_scene or EmptyPageScene(), self._on_map_lines
+        )
         self._sessions: dict[str, Session] = {}
         self._sockets: dict[str, web.WebSocketResponse] = {}
         self._rejected = 0
@@ -100,6 +104,7 @@ class SessionManager:
 
     def on_status(self, robot_id: str) -> None:
         """Decide on a robot's new status in all sessions that have it selected, then show it."""
+        self._map_data.on_status(robot_id)
         if not (sessions := self._sessions_showing(robot_id)):
             self.directory.note_mode(robot_id)
             return
@@ -142,6 +147,14 @@ class SessionManager:
         message = SphereClick(robot=robot_id, at=at)
         self._with_session(page, lambda session: session.send_queue.put(encode_message(message)))
 
+    def on_view(self, page: str, settings: ViewSettings) -> None:
+        """Send a page the view settings that were changed in its panel; thread-safe."""
+        self._with_session(page, lambda session: session.on_view(settings))
+
+    def on_trails_cleared(self) -> None:
+        """Clear the trails on all maps; thread-safe."""
+        self._call_soon(self._clear_trails)
+
     def select_robot(self, page: str, robot_id: str) -> None:
         """Select a robot on a page, for its panel; thread-safe."""
         self._with_session(page, lambda session: session.select_robot(robot_id))
@@ -156,7 +169,16 @@ class SessionManager:
 
         self._call_soon(call)
 
+    def _on_map_lines(self, *, trails: bool = False) -> None:
+        for session in self._sessions.values():
+            session.send_map_lines(trails=trails)
+
+    def _clear_trails(self) -> None:
+        self._map_data.clear_trails()
+        self._on_map_lines(trails=True)
+
     def _on_robots_changed(self) -> None:
+        self._map_data.on_robots_changed()
         for session in self._sessions.values():
             session.on_robots_changed()
 
@@ -171,6 +193,11 @@ class SessionManager:
         """Return the id of the robot selected on a page; thread-safe."""
         session = self._sessions.get(page)
         return None if session is None else session.robot_id
+
+    def view_of(self, page: str) -> ViewSettings | None:
+        """Return the view settings of a page, if it has sent any; thread-safe."""
+        session = self._sessions.get(page)
+        return None if session is None else session.view
 
     def principal_of(self, page: str) -> Principal | None:
         """Return the principal of a page; None when it is not open."""
@@ -200,7 +227,7 @@ class SessionManager:
             self._on_released,
             self._on_chosen,
             principal=principal,
-            page_scene=self._page_scene,
+            map_data=self._map_data,
             name=name,
         )
         self._sessions[page], self._sockets[page] = session, socket

@@ -104,6 +104,8 @@ TELEOP = SocketLimits(
             "wheel_speed": Quota(20.0, 40.0),
             "robot": Quota(10.0, 60.0),
             "plot_fields": Quota(5.0, 30.0),
+            "view": Quota(5.0, 30.0),
+            "map": Quota(5.0, 30.0),
             "student": Quota(20.0, 40.0),
         }
     ),

@@ -9,6 +9,7 @@ export class CanvasFrame {
   constructor(host) {
     this._host = host;
     this._canvas = null;
+    /** @type {Element | null} */
     this._drawer = null;
     this._shown = "";
     this._watcher = new ResizeObserver(() => this.fit());
@@ -42,7 +43,11 @@ export class CanvasFrame {
 
   fit() {
     if (!this._canvas?.isConnected) this._adopt(document.querySelector("canvas[data-engine]"));
-    if (this.phone.matches && !this._drawer?.isConnected) this._adoptDrawer();
+    if (this._drawer !== null && !this._isDrawer(this._drawer)) {
+      this._drawer.removeAttribute("data-tsd-drawer");
+      this._drawer = null;
+    }
+    if (this.phone.matches && this._drawer === null) this._adoptDrawer();
     const box = this._canvas?.parentElement?.getBoundingClientRect();
     const [left, top, width, height] =
       box && box.width > 0
@@ -57,6 +62,15 @@ export class CanvasFrame {
     this._watcher.disconnect();
     this._canvas = canvas;
     if (canvas?.parentElement) this._watcher.observe(canvas.parentElement);
+  }
+
+  /**
+   * Whether what was viser's drawer still is: React may make another part of the page of the same
+   * element, also the one around the canvas. @param {Element} node
+   */
+  _isDrawer(node) {
+    if (!this.phone.matches || !node.isConnected || node.contains(this._canvas)) return false;
+    return getComputedStyle(node).position === "fixed";
   }
 
   /** viser's drawer has no name: it is what is fixed at the bottom beside the canvas. */

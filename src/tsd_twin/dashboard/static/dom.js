@@ -121,6 +121,8 @@ const ICONS = {
     ["path", { d: "M1 13.5c0-3 1.6-4.5 4-4.5 1.2 0 2.2.4 2.9 1.1", ...LINE }],
     ["path", { d: "M9.5 12.5H15M12.5 9.8l2.7 2.7-2.7 2.7", ...LINE }],
   ],
+  plus: [["path", { d: "M8 3v10M3 8h10", ...LINE }]],
+  minus: [["path", { d: "M3 8h10", ...LINE }]],
   tick: [["path", { d: "M3 8.5 6.5 12 13 4.5", ...LINE }]],
   close: [["path", { d: "M4 4l8 8M12 4l-8 8", ...LINE }]],
 };

@@ -6,7 +6,7 @@
 // goes out every 20 ms, and sooner when a control moves, but never within 10 ms of the last one: the
 // gateway limits how many a page may send. Nothing is ever queued.
 
-import { sentence } from "./format.js";
+import { againNotice, sentence } from "./format.js";
 import { kindOf } from "./kinds.js";
 import { known } from "./link.js";
 import { LATCHED, notDrive, notStop, SHOWS_RECORDING } from "./permission.js";
@@ -21,12 +21,8 @@ const STOP_RETRY_MS = 200;
 const STOP_CONFIRM_MS = 600;
 const STOP_RETRY_LIMIT_MS = 5000;
 // Ends of a motion that the page tells elsewhere: on the card of a stop, and by an event.
-const TOLD_ELSEWHERE = /^(software stop|control is lost|the robot is (stopped|fault|in a fault))/;
-
-/** Return the notice of a motion that has ended. @param {string} why A sentence. */
-function againNotice(why) {
-  return `${why} Let go, then push again.`;
-}
+const TOLD_ELSEWHERE =
+  /^(software stop|control is lost|the robot is (stopped|stopping|coming to rest|fault|in a fault))/i;
 
 export class Drive {
   /** @param {Link} link */
@@ -133,7 +129,7 @@ export class Drive {
   /** A control is held that cannot drive now: release it and say why. @param {string} reason */
   _refuse(reason) {
     const isTrue = () => notDrive(this.link) === reason;
-    this.release(againNotice(reason), false, isTrue);
+    this.release(TOLD_ELSEWHERE.test(reason) ? "" : againNotice(reason), false, isTrue);
   }
 
   /**

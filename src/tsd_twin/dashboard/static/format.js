@@ -41,6 +41,24 @@ export function withNames(text) {
   return text.replace(/\b(?!web-)([a-z0-9_][a-z0-9_-]*?)-[0-9a-f]{8}\b/g, "$1");
 }
 
+/** Return the notice of a motion that has ended. @param {string} why A sentence. */
+export function againNotice(why) {
+  return `${why} Let go, then push again.`;
+}
+
+/**
+ * Return the notice of an event: of a robot that comes to rest, why it does, and what to do.
+ * @param {RobotEvent} event @param {boolean} you Whether this page drives.
+ */
+export function noticeOf({ kind, text }, you) {
+  const why = kind === "mode" ? /to stopping: (.+?)\.?$/.exec(text)?.[1] : undefined;
+  if (why === undefined) return withNames(text);
+  const late = /^commands echo no status of the last (\d+ ms)$/.exec(why)?.[1];
+  const cause = late === undefined ? why : `the link was slower than ${late}`;
+  const said = sentence(`${cause}, so the robot stopped`);
+  return you ? againNotice(said) : said;
+}
+
 /**
  * Return why a robot was stopped, as a sentence. @param {string} reason
  * @param {string | undefined} operator The operator of this page.

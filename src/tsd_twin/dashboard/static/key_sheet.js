@@ -9,6 +9,8 @@ const KEYS = [
   ["W A S D", "drive; left stick of a gamepad"],
   ["Q E", "turn left, right; right stick"],
   ["G", "hold to go along the path"],
+  ["M", "open or close the map"],
+  ["1 2 3", "camera: 3-D, top, chase"],
   ["Esc", "delete the path; close this sheet"],
   ["Tab", "go to the next control; STOP is the first"],
   ["Enter", "press a button, tick a box; hold it on Reset stop"],
@@ -18,7 +20,7 @@ const KEYS = [
 
 /** Colours as in scene/appearance.py. @type {[string, string, string][]} */
 const COLOURS = [
-  ["estimate", "#2484e3", "estimated path, and ellipse that the robot is in"],
+  ["estimate", "#2484e3", "estimated path, and regions that position and heading are in"],
   ["setpoint", "#00c8d7", "where the gimbals should be"],
   ["thrust", "#f0960a", "push of each wheel"],
   ["route", "#966eff", "planned path"],

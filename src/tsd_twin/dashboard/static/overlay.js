@@ -7,8 +7,9 @@ import { ConsistencyWarning } from "./consistency.js";
 import { el, setAttribute, setText } from "./dom.js";
 import { Joystick, SpeedLevel, StopButton, TurnSlider } from "./dock.js";
 import { Drive } from "./drive.js";
+import { FloorMap } from "./map.js";
 import { FirstSteps } from "./first_steps.js";
-import { sentence, withNames } from "./format.js";
+import { noticeOf, sentence } from "./format.js";
 import { Gamepad } from "./gamepad.js";
 import { HandOver } from "./handover.js";
 import { KeySheet } from "./key_sheet.js";
@@ -27,14 +28,16 @@ import { SphereGoTo } from "./sphere.js";
 import { StatusBar } from "./status_bar.js";
 import { StatusCard } from "./status_card.js";
 import { TimelineBar } from "./timeline.js";
+import { ViewKeeper } from "./view_settings.js";
 import { Waypoints } from "./waypoints.js";
 
 const NARROW_PX = 600; // As in small.css.
+const LEVEL_IN_DOCK_PX = 1060; // Up to here the bar has no room for it.
 const TOLD_MS = 1000;
 // The last ones take away what others show.
 const STYLES = [
   ...["base", "frame", "bar", "buttons", "notices", "card", "dock"],
-  ...["key_sheet", "first_steps", "small", "account", "module", "timeline"],
+  ...["key_sheet", "first_steps", "small", "account", "module", "map", "timeline"],
 ];
 
 const link = new Link(window.tsd.page, typedName());
@@ -60,6 +63,8 @@ const stopButton = new StopButton(link, stop);
 const sliders = new PanelSliders(drive, link, (event) => frame.isPanel(event));
 const sphereGoTo = new SphereGoTo(drive, link, (event) => frame.isScene(event));
 const waypoints = new Waypoints(drive, link);
+const view = new ViewKeeper(link);
+const map = new FloorMap(link, waypoints);
 const preview = el(
   "div.preview",
   { hidden: true },
@@ -77,7 +82,7 @@ const axes = el("button.button.quiet.axes", { type: "button", onclick: () => tur
 const left = el("div.left", stick.element);
 const right = el("div.right", turn.element);
 const dock = el("div.dock", stopButton.element, left, right); // Tab reaches STOP first.
-const pose = new PoseReadout(link);
+const pose = new PoseReadout(link, map.button);
 const messages = el(
   "div.messages",
   ...[stale.banner, alarm.element, alone, conflict.element, preview],
@@ -88,6 +93,7 @@ const inner = el(
   "div.frame",
   stale.veil,
   waypoints.floor.element,
+  map.element, // Above the scene, below all controls.
   new ModuleInset(link).element, // Below notices, card and controls.
   dock,
   el(
@@ -107,8 +113,8 @@ const key = (/** @type {string} */ name) => el("kbd", name);
 const keysHelp = el(
   "button.keys",
   { type: "button", onclick: () => keySheet.toggle() },
-  ...[key("W A S D"), " · ", key("Q E"), " · gamepad \u2003 ", key("space"), " = stop \u2003 "],
-  ...[key("?"), " = all keys"],
+  el("span.drive", key("W A S D"), " · ", key("Q E"), " · gamepad \u2003 "),
+  ...[key("space"), " = stop \u2003 ", key("?"), " = all keys"],
 );
 stopButton.element.append(keysHelp);
 stopButton.button.after(waypoints.element); // Above it, and after it for Tab.
@@ -130,7 +136,7 @@ link.on("event", (event) => {
   if (event.past || !isNotable(event, link.welcome?.operator)) return;
   // The notice of a page that has stalled has said just now why the robot stops.
   const isTold = event.kind === "mode" && performance.now() - drive.stalledMs < TOLD_MS;
-  if (!isTold) notices.say(withNames(event.text));
+  if (!isTold) notices.say(noticeOf(event, link.state?.you ?? false));
 });
 link.on("reply", ({ to, ok, reason }) => {
   if (!ok && to !== "stop") notices.say(sentence(reason || "the request was refused"));
@@ -168,7 +174,7 @@ frame.phone.addEventListener("change", layOut);
 layOut();
 fold(false);
 turnAxes("base_link");
-fillPanelTabs(link, waypoints, sphereGoTo, { keySheet, firstSteps });
+fillPanelTabs(link, waypoints, sphereGoTo, { keySheet, firstSteps }, view, stop);
 if (takeMotionNote())
   notices.say(
     "This page was loaded again while it drove, so the robot stopped. Take control to go on.",
@@ -177,7 +183,7 @@ link.open();
 
 /** @param {KeyboardEvent} event */
 function keyOfFocused(event) {
-  if (keySheet.key(event) || timeline.key(event) || waypoints.key(event)) return true;
+  for (const each of [keySheet, timeline, waypoints, map, view]) if (each.key(event)) return true;
   const focused = root.activeElement;
   if (focused === stick.pad) return stick.key(event);
   if (focused === turn.track) return turn.key(event);
@@ -251,7 +257,7 @@ function isNarrow() {
 
 function layOut() {
   // An element that moves loses focus and pointer, so it moves only when it has to.
-  const levelPlace = isNarrow() ? right : bar.level;
+  const levelPlace = host.clientWidth <= LEVEL_IN_DOCK_PX ? right : bar.level;
   if (level.element.parentElement !== levelPlace) levelPlace.prepend(level.element);
   inner.toggleAttribute("data-drawer", frame.phone.matches);
   reserve();

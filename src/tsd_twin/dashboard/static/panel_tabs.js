@@ -6,6 +6,7 @@ import { kindOf } from "./kinds.js";
 import { PageSettings } from "./page_settings.js";
 import { Recorder } from "./plot_recorder.js";
 import { Plots } from "./plots.js";
+import { Presets, tabsAway } from "./presets.js";
 import { Student } from "./student.js";
 import { StudentModel } from "./student_model.js";
 import { WaypointForm } from "./waypoint_form.js";
@@ -29,16 +30,19 @@ const STYLES = {
   plots: ["buttons", "vendor/uPlot.min", "plots"],
   health: ["health"],
   student: ["student", "module"],
+  presets: ["page_settings", "presets"],
   page: ["page_settings"],
 };
 
 /**
  * Fill all places that there are and that will come, and name what viser leaves without a name.
  * @param {Link} link @param {Waypoints} waypoints @param {SphereGoTo} sphereGoTo
- * @param {Guides} guides
+ * @param {Guides} guides @param {ViewKeeper} view @param {() => void} stop
  */
-export function fillPanelTabs(link, waypoints, sphereGoTo, guides) {
+export function fillPanelTabs(link, waypoints, sphereGoTo, guides, view, stop) {
   const recorder = new Recorder(link);
+  const scheme = () => getComputedStyle(document.documentElement).colorScheme;
+  window.tsdPlots = { recorder, stop, scheme }; // For their window.
   const model = new StudentModel(link, location.search);
   /** @type {Record<string, (place: ShadowRoot, signal: AbortSignal) => unknown>} */
   const contents = {
@@ -48,12 +52,14 @@ export function fillPanelTabs(link, waypoints, sphereGoTo, guides) {
     plots: (place, signal) => new Plots(recorder, place, signal),
     health: (place, signal) => new Health(link, place, signal),
     student: (place, signal) => new Student(link, place, signal, model),
+    presets: (place) => new Presets(place, view, putTabsAway),
     page: (place, signal) => new PageSettings(link, place, signal, guides),
   };
   /** @type {Map<HTMLElement, AbortController>} */
   const filled = new Map();
   const fill = () => {
     addAriaLabels();
+    putTabsAway();
     if (model.isLinked && openTab("Student")) model.isLinked = false;
     for (const [place, controller] of filled) {
       if (place.isConnected) continue;
@@ -125,6 +131,15 @@ function openTab(name) {
   tab?.dispatchEvent(new KeyboardEvent("keydown", { key: "Enter", bubbles: true }));
   tab?.click();
   return tab !== undefined;
+}
+
+/** Put away the tabs that the preset leaves out, but never the one that is open. */
+function putTabsAway() {
+  const away = tabsAway();
+  for (const tab of document.querySelectorAll("[role=tab]")) {
+    const isAway = away.includes(tab.textContent.trim());
+    tab.toggleAttribute("data-tsd-away", isAway && tab.getAttribute("aria-selected") !== "true");
+  }
 }
 
 /** @type {WeakSet<Element>} Controls that are named here; another robot has other labels. */

@@ -5,7 +5,8 @@ import { fixed } from "./format.js";
 import { PlotChart, tick } from "./plot_chart.js";
 import { PlotChooser } from "./plot_chooser.js";
 
-const LIBRARY = "static/vendor/uPlot.iife.min.js";
+const LIBRARY = new URL("vendor/uPlot.iife.min.js", import.meta.url).href;
+const WINDOW = new URL("plots_window.html", import.meta.url).href;
 const TICK_MS = 80;
 const SLOWEST_TICK_MS = 500;
 const WINDOWS = { "20 s": 20, "1 min": 60, "2 min": 120, "5 min": 300, "10 min": 600 };
@@ -16,7 +17,7 @@ const HELP =
 const NAME = { "aria-label": "Plots", "aria-description": HELP };
 
 export class Plots {
-  /** @param {Recorder} recorder @param {ShadowRoot} place @param {AbortSignal} signal */
+  /** @param {Recorder} recorder @param {ParentNode} place @param {AbortSignal} signal */
   constructor(recorder, place, signal) {
     this._recorder = recorder;
     /** @type {PlotChart[]} */
@@ -46,6 +47,8 @@ export class Plots {
     this._area = el("div.charts", { role: "group", tabindex: 0, ...NAME });
     const chooser = new PlotChooser(recorder, () => this._redraw());
     const files = [button("CSV", () => this._exportCsv()), button("PNG", () => this._exportPng())];
+    // In the page that records; there is one such window.
+    if (window.tsdPlots !== undefined) files.push(button("Window", openWindow));
     const key = [el("span.thin"), "set-point", el("span.thick"), "measured"];
     this._place = el(
       "div.plots",
@@ -300,6 +303,10 @@ export class Plots {
 /** @param {Event} event */
 function isOnPlot({ target }) {
   return target instanceof Element && target.closest(".u-over") !== null;
+}
+
+function openWindow() {
+  open(WINDOW, "tsd-plots", "popup,width=900,height=700")?.focus();
 }
 
 let isLoading = false;

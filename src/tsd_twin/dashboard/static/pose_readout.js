@@ -4,9 +4,10 @@ import { el, setText } from "./dom.js";
 import { kindOf } from "./kinds.js";
 
 export class PoseReadout {
-  /** @param {Link} link */
-  constructor(link) {
+  /** @param {Link} link @param {HTMLElement} button Of the map, at its end. */
+  constructor(link, button) {
     this._link = link;
+    this._button = button;
     this._readings = null;
     /** @type {[Element, Reading[2]][]} */
     this._cells = [];
@@ -37,7 +38,7 @@ export class PoseReadout {
         ...figures.map((reading) => this._figure(...reading)),
       ),
     );
-    this.element.replaceChildren(...groups);
+    this.element.replaceChildren(...groups, this._button);
   }
 
   /** @param {string} name @param {string} unit @param {Reading[2]} read */

@@ -13,7 +13,7 @@ const MODE_HINTS = {
   to: "Click on the floor; drag to set the heading",
   draw: "Draw on the floor",
 };
-const MIN_STEP_PX = 5;
+export const MIN_STEP_PX = 5;
 const MAX_POINTS = 200; // A message has room for a few more.
 const STROKE_SHOWN_MS = 600;
 const NO_TWIST = { vx: 0, vy: 0, omega: 0 };
@@ -125,7 +125,7 @@ class FloorPicker {
 }
 
 /** Every second point, until they are few; ends stay. @param {[number, number][]} points */
-function thinned(points) {
+export function thinned(points) {
   while (points.length > MAX_POINTS)
     points = points.filter((_, i) => i % 2 === 0 || i === points.length - 1);
   return points;
@@ -142,12 +142,13 @@ export class Waypoints {
   constructor(drive, link) {
     this._drive = drive;
     this._link = link;
-    this._mode = null;
+    /** @type {"to" | "draw" | null} */
+    this.mode = null;
     this._number = null; // Of the way that is held.
     this._level = drive.level;
     this._end = ""; // What ended the choice of a place: a path at its end, or a stop.
     this.floor = new FloorPicker((points) => {
-      if (this._mode !== null) this.plan({ points, kind: this._mode, on: "picture" });
+      if (this.mode !== null) this.plan({ points, kind: this.mode, on: "picture" });
     });
     const button = (/** @type {string} */ name, /** @type {() => void} */ onclick) =>
       el("button.button.quiet", { type: "button", "aria-pressed": "false", onclick }, name);
@@ -232,7 +233,7 @@ export class Waypoints {
   /** @param {KeyboardEvent} event */
   key(event) {
     if (this.element.hidden) return false;
-    if (event.code === "Escape" && (this._mode !== null || this.route !== null)) {
+    if (event.code === "Escape" && (this.mode !== null || this.route !== null)) {
       if (event.type === "keydown") this.end();
       return true;
     }
@@ -241,12 +242,12 @@ export class Waypoints {
 
   /** @param {"to" | "draw"} mode */
   _toggle(mode) {
-    this._choose(this._mode === mode ? null : mode);
+    this._choose(this.mode === mode ? null : mode);
   }
 
   /** @param {"to" | "draw" | null} mode */
   _choose(mode) {
-    this._mode = mode;
+    this.mode = mode;
     for (const [name, button] of Object.entries(this._choices))
       setAttribute(button, "aria-pressed", String(name === mode));
     this.floor.open(mode);
@@ -303,11 +304,11 @@ export class Waypoints {
   _show() {
     const { robot, state } = this._link;
     this.element.hidden = robot === null || !kindOf(robot).onFloor || !state?.you;
-    if (this.element.hidden && this._mode !== null) this._choose(null);
+    if (this.element.hidden && this.mode !== null) this._choose(null);
     const isOver = isFinished(this.route);
-    const route = isOver && this._mode !== null ? null : this.route;
-    this._row.hidden = this._mode === null && route === null;
-    setText(this._status, statusOf(route, this._mode));
+    const route = isOver && this.mode !== null ? null : this.route;
+    this._row.hidden = this.mode === null && route === null;
+    setText(this._status, statusOf(route, this.mode));
     // Twenty numbers a second are not to be read out.
     setAttribute(this._status, "aria-live", route?.phase === "going" ? "off" : "polite");
     setAttribute(this.button, "aria-disabled", this._notGo() === null ? null : "true");

@@ -1,0 +1,135 @@
+"""Data of the map: poses of all robots on the floor, trails, planned paths, stop envelope."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future
+
+from tsd_twin.client.connection import RobotMonitor
+from tsd_twin.dashboard.scene.picking import DashboardScene
+from tsd_twin.dashboard.scene.view_settings import ViewSettings
+from tsd_twin.dashboard.server.protocol import FloorPoint, MapLines, MapRobot, MapState
+from tsd_twin.lie import SE2, Array
+
+TRAIL_SPACING_M = 0.05
+TRAIL_JUMP_M = 0.5
+"""A step this long is no motion: the pose was set. `static/map_trail.js` has the same two."""
+TRAIL_POINTS = 800
+"""The last 40 m."""
+STALE_S = 0.3
+"""A pose that is older is shown as old, as in the scene."""
+
+
+class MapTrail:
+    """Path of one estimate, thinned for the map."""
+
+    def __init__(self) -> None:
+        self.points: deque[FloorPoint | None] = deque(maxlen=TRAIL_POINTS)
+        """Oldest first; None where it begins anew."""
+        self._last: FloorPoint | None = None
+
+    def add(self, x_m: float, y_m: float) -> None:
+        """Append a position, if it is far enough from the last one."""
+        here = round(x_m, 3), round(y_m, 3)
+        step_m = math.inf if self._last is None else math.dist(here, self._last)
+        if step_m < TRAIL_SPACING_M:
+            return
+        if TRAIL_JUMP_M <= step_m < math.inf:
+            self.points.append(None)
+        self.points.append(here)
+        self._last = here
+
+    def clear(self) -> None:
+        """Forget the path."""
+        self.points.clear()
+        self._last = None
+
+
+class MapData:
+    """Data of the map, and the scene of the pages that it belongs to; event loop only.
+
+    It takes the planned paths on their way to the scene, so that both show the same ones.
+    """
+
+    def __init__(
+        self,
+        links: Callable[[], Mapping[str, RobotMonitor]],
+        scene: DashboardScene,
+        on_lines: Callable[[], None],
+    ) -> None:
+        """`links` returns the clients of all robots; `on_lines` is called after a path has
+        changed.
+        """
+        self._links, self._scene, self._on_lines = links, scene, on_lines
+        self._trails: dict[str, MapTrail] = {}
+        self._routes: dict[str, list[FloorPoint]] = {}
+
+    def on_status(self, robot_id: str) -> None:
+        """Continue the trail of a robot that has sent something."""
+        pose = self._pose(robot_id)
+        if pose is not None:
+            self._trails.setdefault(robot_id, MapTrail()).add(float(pose[0]), float(pose[1]))
+
+    def on_robots_changed(self) -> None:
+        """Forget robots that have left."""
+        for kept in (self._trails, self._routes):
+            for robot_id in kept.keys() - self._links().keys():
+                del kept[robot_id]
+
+    def clear_trails(self) -> None:
+        """Clear the trails of all robots."""
+        for trail in self._trails.values():
+            trail.clear()
+
+    def state(self, shown: str) -> MapState:
+        """Return what moves; `shown` is the robot that the page shows."""
+        now_s = time.monotonic()
+        robots: list[MapRobot] = []
+        for robot_id, link in self._links().items():
+            if (pose := self._pose(robot_id)) is None:
+                continue
+            x, y, heading = (round(float(number), 4) for number in pose)
+            stale = now_s - link.snapshot.received_s > STALE_S
+            reach_m = round(self._scene.reach_m(robot_id), 3)
+            robots.append(MapRobot(robot_id, (x, y, heading), reach_m, stale))
+        envelope = self._scene.envelope(shown)
+        return MapState(robots, None if envelope is None else _points(envelope))
+
+    def lines(self, *, trails: bool) -> MapLines:
+        """Return planned paths, and on request the trails."""
+        points = {robot_id: list(trail.points) for robot_id, trail in self._trails.items()}
+        return MapLines(routes=self._routes, trails=points if trails else None)
+
+    def _pose(self, robot_id: str) -> Array | None:
+        link = self._links().get(robot_id)
+        if link is None or link.snapshot.odom is None or link.kinematics.pose_type is not SE2:
+            return None
+        return link.snapshot.odom.xy_heading
+
+    # The scene of the pages.
+
+    def pick_floor(self, page: str, shares: Array) -> Future[Array]:
+        """Floor points (m, 2) in `odom` at screen positions of a page, as `floor_points`."""
+        return self._scene.pick_floor(page, shares)
+
+    def show_route(self, robot_id: str, poses: Array | None) -> None:
+        """Show the planned path of a robot, poses (n, 3) in `odom`, on all pages; None removes
+        it.
+        """
+        if poses is None:
+            self._routes.pop(robot_id, None)
+        else:
+            self._routes[robot_id] = _points(poses)
+        self._scene.show_route(robot_id, poses)
+        self._on_lines()
+
+    def apply_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
+        """Apply the view settings of a page; `look` turns its camera to the robot."""
+        self._scene.apply_view(page, settings, look=look)
+
+
+def _points(rows: Array) -> list[FloorPoint]:
+    return [(round(float(row[0]), 3), round(float(row[1]), 3)) for row in rows]

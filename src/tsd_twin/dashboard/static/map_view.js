@@ -1,0 +1,118 @@
+// What the map shows of the floor: place and scale, and the trails of the robots. x of the world is
+// up, y is left, as on the stick with the axes of the world.
+
+const SPANS_M = [1, 2, 4, 8, 16, 32, 64]; // Across the smaller side.
+const USUAL_SPAN_M = 4;
+const CALM = 0.25; // The robot may be so far off the middle, as a share of the smaller side.
+const TRAIL_SPACING_M = 0.05; // As in server/map_data.py, with the next two.
+const TRAIL_JUMP_M = 0.5;
+const TRAIL_POINTS = 800;
+
+export class MapView {
+  constructor() {
+    this.spanM = USUAL_SPAN_M;
+    /** @type {FloorPoint} */
+    this._middle = [0, 0];
+    this._box = { left: 0, top: 0, width: 1, height: 1 };
+  }
+
+  /** Pixels of a metre. */
+  get scale() {
+    return Math.min(this._box.width, this._box.height) / this.spanM;
+  }
+
+  get box() {
+    return this._box;
+  }
+
+  /** Use this part of the picture. @param {MapBox} box */
+  fit(box) {
+    this._box = box;
+  }
+
+  /** Zoom in by -1 or out by 1, or to a span that was kept. @param {number} steps */
+  zoom(steps) {
+    const at = SPANS_M.indexOf(this.spanM) + steps;
+    this.spanM = SPANS_M[Math.max(0, Math.min(SPANS_M.length - 1, at))];
+  }
+
+  /** @param {number} spanM */
+  setSpan(spanM) {
+    if (SPANS_M.includes(spanM)) this.spanM = spanM;
+  }
+
+  /** Move no more than it takes to have a place near the middle. @param {FloorPoint} place */
+  follow(place) {
+    const most = CALM * this.spanM;
+    const nearer = (/** @type {number} */ at, /** @type {number} */ to) =>
+      Math.max(to - most, Math.min(to + most, at));
+    this._middle = [nearer(this._middle[0], place[0]), nearer(this._middle[1], place[1])];
+  }
+
+  /** Pixels of a place on the floor. @param {FloorPoint} place @returns {[number, number]} */
+  toPicture([x, y]) {
+    const { left, top, width, height } = this._box;
+    return [
+      left + width / 2 - (y - this._middle[1]) * this.scale,
+      top + height / 2 - (x - this._middle[0]) * this.scale,
+    ];
+  }
+
+  /** Place on the floor, to a millimetre. @param {[number, number]} pixels @returns {FloorPoint} */
+  toFloor([right, down]) {
+    const { left, top, width, height } = this._box;
+    const x = this._middle[0] + (top + height / 2 - down) / this.scale;
+    const y = this._middle[1] + (left + width / 2 - right) / this.scale;
+    return [Math.round(1000 * x) / 1000, Math.round(1000 * y) / 1000];
+  }
+
+  /** Length of the scale bar in metres: 1, 2 or 5 times a power of ten, up to 40 % of the width. */
+  barM() {
+    const most = (0.4 * this._box.width) / this.scale;
+    const power = 10 ** Math.floor(Math.log10(most));
+    return ([5, 2, 1].find((each) => each * power <= most) ?? 1) * power;
+  }
+
+  /** Distance of the lines of the grid: metres, or tens of them where those would be too close. */
+  gridM() {
+    return this.scale >= 8 ? 1 : 10;
+  }
+}
+
+/** @param {number} metres */
+export function lengthText(metres) {
+  if (metres < 0.995) return `${Math.round(100 * metres)} cm`;
+  return `${Math.round(metres)} m`;
+}
+
+/** Paths of the estimates: those that the server has, continued with the newest poses. */
+export class MapTrails {
+  constructor() {
+    /** @type {Map<string, (FloorPoint | null)[]>} */
+    this._trails = new Map();
+  }
+
+  /** @param {Record<string, (FloorPoint | null)[]>} trails */
+  replace(trails) {
+    this._trails = new Map(Object.entries(trails));
+  }
+
+  /** @param {MapRobot[]} robots */
+  extend(robots) {
+    for (const { id, pose } of robots) {
+      const trail = this._trails.get(id) ?? [];
+      this._trails.set(id, trail);
+      const last = trail.at(-1);
+      const step = last ? Math.hypot(pose[0] - last[0], pose[1] - last[1]) : Infinity;
+      if (step < TRAIL_SPACING_M) continue;
+      if (last && step >= TRAIL_JUMP_M) trail.push(null);
+      trail.push([pose[0], pose[1]]);
+      if (trail.length > TRAIL_POINTS) trail.splice(0, trail.length - TRAIL_POINTS);
+    }
+  }
+
+  /** @param {string} id */
+  of(id) {
+    return this._trails.get(id) ?? [];
+  }
+}

@@ -1,0 +1,67 @@
+// Presets of tabs and layers, for those who drive, who learn how the robot works, and who look for a
+// fault. The browser keeps the choice.
+
+import { el, setAttribute } from "./dom.js";
+import { keep, recall } from "./memory.js";
+import { LAYERS } from "./view_settings.js";
+
+const KEY = "tsd.preset";
+
+/**
+ * Tabs that a preset puts away, layers that it shows, and other settings. The View tab always stays.
+ * @type {Record<string, { away: string[], layers: string[], view: Partial<ViewSettings> }>}
+ */
+export const PRESETS = {
+  Operator: {
+    away: ["Gimbals", "Wheels", "Sphere", "Plots", "Student"],
+    layers: ["trail", "planned path", "predicted pose", "stop envelope", "labels"],
+    view: { true_pose: "never", tilt: "x1" },
+  },
+  Student: {
+    away: ["Health"],
+    layers: ["set-point", "true pose", "trail", "planned path", "thrust arrows", "labels"],
+    view: { true_pose: "when it differs", tilt: "x3" },
+  },
+  Debug: { away: [], layers: LAYERS, view: { true_pose: "always", tilt: "x1" } },
+};
+
+/** Names of the tabs that are put away. @returns {string[]} */
+export function tabsAway() {
+  return PRESETS[recall(KEY) ?? ""]?.away ?? [];
+}
+
+/** The three buttons, in the View tab. */
+export class Presets {
+  /** @param {ShadowRoot} place @param {ViewKeeper} view @param {() => void} onChange */
+  constructor(place, view, onChange) {
+    const show = () => {
+      for (const button of buttons)
+        setAttribute(button, "aria-pressed", String(button.textContent === recall(KEY)));
+    };
+    const buttons = Object.entries(PRESETS).map(([name, { layers, view: settings }]) =>
+      el(
+        "button.button",
+        {
+          type: "button",
+          onclick: () => {
+            keep(KEY, name);
+            view.change({ ...settings, hidden: LAYERS.filter((layer) => !layers.includes(layer)) });
+            show();
+            onChange();
+          },
+        },
+        name,
+      ),
+    );
+    show();
+    const hint = "Tabs and layers for driving, for learning how it works, or for all there is.";
+    place.append(
+      el(
+        "section.settings",
+        { role: "group", "aria-label": "Preset" },
+        el("div.presets", ...buttons),
+      ),
+      el("p.muted", hint),
+    );
+  }
+}

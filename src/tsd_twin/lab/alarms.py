@@ -1,0 +1,344 @@
+"""Experiment `alarms`: false alarms of the consistency monitor, and the tilt offsets it finds."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tsd_twin import experiment, flag_types, robots
+from tsd_twin.errors import TwinError
+from tsd_twin.estimation.consistency import FALSE_ALARM
+from tsd_twin.experiment import Experiment, Output
+from tsd_twin.kinematics import JointKind, Kinematics
+from tsd_twin.lie import Array
+from tsd_twin.messages.status import ConsistencyStatus
+from tsd_twin.simulation import PLANTS, SimRobot
+from tsd_twin.virtual_robot import PERIOD_S, VirtualRobot
+
+_STATUS_PERIODS = 5
+"""Control periods from one status to the next."""
+
+# Manoeuvres of a sound robot.
+
+_STICK_S = 0.35
+_STRAIGHT_S, _PAUSE_S = 3.0, 1.0
+TwistAt = Callable[[float], tuple[float, float, float]]
+
+
+def _wander(random: np.random.Generator) -> TwistAt:
+    x, y, turn = random.uniform(0.0, 2.0 * np.pi, 3)
+
+    def twist(t_s: float) -> tuple[float, float, float]:
+        return (
+            0.6 * math.cos(0.3 * t_s + x),
+            0.6 * math.sin(0.8 * t_s + y),
+            math.cos(0.7 * t_s + turn),
+        )
+
+    return twist
+
+
+def _full_stick(random: np.random.Generator) -> TwistAt:
+    """Full speed and full turn rate, in a new direction each."""
+    key = int(random.integers(2**32))
+
+    def twist(t_s: float) -> tuple[float, float, float]:
+        fresh = np.random.default_rng([key, int(t_s / _STICK_S + 1e-6)])
+        angle, side = fresh.uniform(0.0, 2.0 * np.pi), fresh.choice([-1.0, 1.0])
+        return (math.cos(angle), math.sin(angle), 3.0 * side)
+
+    return twist
+
+
+def _straight(random: np.random.Generator) -> TwistAt:
+    """Start, drive at 1 m/s and stop, in a new direction each time."""
+    key = int(random.integers(2**32))
+
+    def twist(t_s: float) -> tuple[float, float, float]:
+        leg, within_s = divmod(t_s, _STRAIGHT_S + _PAUSE_S)
+        angle = np.random.default_rng([key, int(leg)]).uniform(0.0, 2.0 * np.pi)
+        on = float(within_s < _STRAIGHT_S)
+        return (on * math.cos(angle), on * math.sin(angle), 0.0)
+
+    return twist
+
+
+MANOEUVRES: dict[str, Callable[[np.random.Generator], TwistAt]] = {
+    "wander": _wander,
+    "full stick": _full_stick,
+    "straight 1 m/s": _straight,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One row of a table: robots of one description, all with errors of their own."""
+
+    robot: str
+    plant: str
+    errors: float
+    seeds: int
+    first: int = 0
+    """Seed of the first robot."""
+
+
+class OffsetRobot(SimRobot):
+    """Simulated robot, one gimbal of which stands aside from where it should."""
+
+    offset: Array | float = 0.0
+    """(n,): what is added to the set-point."""
+
+    def write(self, setpoint: Array, now_s: float) -> None:
+        """Obey a set-point (n,), with the offset."""
+        super().write(setpoint + self.offset, now_s)
+
+
+def _robots(case: Case) -> Iterator[tuple[VirtualRobot, OffsetRobot, np.random.Generator]]:
+    """Yield the robots of a case, armed, with a generator of random numbers each."""
+    robot = robots.load_robot(case.robot)
+    for seed in range(case.first, case.first + case.seeds):
+        simulated = OffsetRobot(robot, seed, 1.0, plant=case.plant, errors=case.errors)
+        yield VirtualRobot(robot, simulated), simulated, np.random.default_rng([seed, 5])
+
+
+def _statuses(
+    virtual: VirtualRobot, twist_at: TwistAt, seconds: float
+) -> Iterator[ConsistencyStatus]:
+    """Drive, and yield what each status says of the joints."""
+    for i in range(round(seconds / PERIOD_S)):
+        virtual.drive(np.array(twist_at(i * PERIOD_S)))
+        if i % _STATUS_PERIODS == _STATUS_PERIODS - 1:
+            yield virtual.status().consistency
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FalseAlarms:
+    """Sound robots on one manoeuvre."""
+
+    case: Case
+    manoeuvre: str
+    levels: Array
+    """Of each status: chi-square over threshold."""
+
+    @property
+    def alarms(self) -> int:
+        """Number of statuses that name an actuator."""
+        return int(np.count_nonzero(self.levels > 1.0))
+
+
+def false_alarms(case: Case, manoeuvre: str, seconds: float) -> FalseAlarms:
+    """Drive sound robots for `seconds` each."""
+    levels = [
+        status.level
+        for virtual, _, random in _robots(case)
+        for status in _statuses(virtual, MANOEUVRES[manoeuvre](random), seconds)
+    ]
+    return FalseAlarms(case, manoeuvre, np.array(levels))
+
+
+# Faults.
+
+_SETTLED_S = 1.5
+"""Time at 1 m/s before the offset."""
+WITHIN_S = 0.5
+_AFTER_S = 0.3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Detection:
+    """Robots at 1 m/s, one gimbal of which is aside."""
+
+    case: Case
+    offset_deg: float
+    found: Array
+    """(trials,): whether an actuator was named within half a second."""
+    named: Array
+    """(trials,): whether it was the right one."""
+    first: Array
+    """(trials,): whether the first one named was."""
+
+
+def detection(case: Case, offset_deg: float, trials: int) -> Detection:
+    """Offset gimbals, chosen at random, `trials` times for each robot."""
+    results: list[tuple[bool, bool, bool]] = []
+    for virtual, simulated, random in _robots(case):
+        kinematics = virtual.controller.robot.kinematics()
+        gimbals = _gimbals(kinematics)
+        for _ in range(trials):
+            angle, joint = random.uniform(0.0, 2.0 * np.pi), int(random.choice(gimbals))
+            twist = (math.cos(angle), math.sin(angle), 0.0)
+            list(_statuses(virtual, lambda _, twist=twist: twist, _SETTLED_S))
+            offset = np.zeros(len(kinematics.joints))
+            offset[joint] = random.choice([-1.0, 1.0]) * math.radians(offset_deg)
+            simulated.offset = offset
+            within = list(_statuses(virtual, lambda _, twist=twist: twist, WITHIN_S))
+            names = [status.suspect for status in within if status.suspect is not None]
+            right = kinematics.joints[joint].name.rpartition("_")[0]
+            results.append((bool(names), right in names, names[:1] == [right]))
+            simulated.offset = 0.0
+            list(_statuses(virtual, lambda _, twist=twist: twist, _AFTER_S))
+    found, named, first = np.array(results).T
+    return Detection(case, offset_deg, found, named, first)
+
+
+def _gimbals(kinematics: Kinematics[Any]) -> list[int]:
+    """Return the indices of the joints that are angles."""
+    return [i for i, joint in enumerate(kinematics.joints) if joint.kind is JointKind.POSITION]
+
+
+# The tables.
+
+
+def run(args: argparse.Namespace, out: Output) -> list[str]:
+    """False alarms of the consistency monitor on sound robots, and the tilt offsets it finds."""
+    if not _gimbals(robots.load_robot(args.robot).kinematics()):
+        raise TwinError(f"{args.robot} has no gimbals: none of them can be aside")
+    cases = [Case(args.robot, args.plant, errors, args.seeds, args.seed) for errors in (0.0, 1.0)]
+    driven = [(case, name, args.seconds) for case in cases for name in MANOEUVRES]
+    offset = [(case, deg, args.trials) for case in cases for deg in args.offsets_deg]
+    jobs = args.jobs or os.cpu_count() or 1
+    total = len(driven) + len(offset)
+    if jobs > 1:
+        with ProcessPoolExecutor(jobs) as pool:
+            waiting = [pool.submit(false_alarms, *each) for each in driven]
+            later = [pool.submit(detection, *each) for each in offset]
+            progress = out.progress([*waiting, *later], "driving", total)
+            done = [each.result() for each in progress]
+    else:
+        calls: list[Callable[[], FalseAlarms | Detection]] = [
+            *(lambda each=each: false_alarms(*each) for each in driven),
+            *(lambda each=each: detection(*each) for each in offset),
+        ]
+        done = [call() for call in out.progress(calls, "driving", total)]
+    sound = [each for each in done if isinstance(each, FalseAlarms)]
+    faulty = [each for each in done if isinstance(each, Detection)]
+    _write(sound, faulty, out)
+    return [
+        f"false alarms of {args.robot}, seeds {args.seed} to {args.seed + args.seeds - 1}, "
+        f"{args.seconds:g} s each ({FALSE_ALARM:g} allowed):",
+        *_table(
+            ["plant", "errors", "manoeuvre", "statuses", "alarms", "largest level"],
+            [
+                [
+                    each.case.plant,
+                    f"{each.case.errors:g}",
+                    each.manoeuvre,
+                    f"{len(each.levels)}",
+                    f"{each.alarms}",
+                    f"{each.levels.max():.2f}",
+                ]
+                for each in sound
+            ],
+        ),
+        f"one gimbal aside at 1 m/s, within {WITHIN_S:g} s:",
+        *_table(
+            ["plant", "errors", "offset", "trials", "found", "right module", "at first"],
+            [
+                [
+                    each.case.plant,
+                    f"{each.case.errors:g}",
+                    f"{each.offset_deg:g}°",
+                    f"{len(each.found)}",
+                    *(f"{100.0 * x.mean():.0f} %" for x in (each.found, each.named, each.first)),
+                ]
+                for each in faulty
+            ],
+        ),
+    ]
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return a table in Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return [f"| {' | '.join(line)} |" for line in lines]
+
+
+def _write(sound: Sequence[FalseAlarms], faulty: Sequence[Detection], out: Output) -> None:
+    out.table(
+        "false_alarms",
+        {
+            "plant": [each.case.plant for each in sound],
+            "errors": [each.case.errors for each in sound],
+            "manoeuvre": [each.manoeuvre for each in sound],
+            "statuses": [float(len(each.levels)) for each in sound],
+            "alarms": [float(each.alarms) for each in sound],
+            "largest_level": [float(each.levels.max()) for each in sound],
+        },
+    )
+    out.table(
+        "offsets_found",
+        {
+            "plant": [each.case.plant for each in faulty],
+            "errors": [each.case.errors for each in faulty],
+            "offset_deg": [each.offset_deg for each in faulty],
+            "trials": [float(len(each.found)) for each in faulty],
+            "found": [float(each.found.mean()) for each in faulty],
+            "right_module": [float(each.named.mean()) for each in faulty],
+            "right_at_first": [float(each.first.mean()) for each in faulty],
+        },
+    )
+    figure = experiment.new_figure(8.0, 4.0, "Evidence against sound robots")
+    axes: experiment.Axes = figure.subplots()
+    for i, each in enumerate(sound):
+        levels = np.sort(each.levels)
+        axes.plot(
+            np.maximum(levels, 1e-3),
+            1.0 - np.arange(len(levels)) / len(levels),
+            color=experiment.SERIES_COLOURS[i % 3],
+            linestyle="-" if each.case.errors == 0.0 else "--",
+            label=f"{each.manoeuvre}, errors {each.case.errors:g}",
+        )
+    axes.axvline(1.0, color=experiment.REFERENCE_COLOUR, linestyle=":")
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    experiment.label_axes(axes, "chi-square over threshold", "share of statuses above it")
+    experiment.add_legend(axes)
+    out.figure("false_alarms", figure)
+
+
+def _flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--plant", choices=PLANTS, default="kinematic", help="default kinematic")
+    parser.add_argument(
+        "--seeds", type=flag_types.whole(1), default=12, help="robots of each row; default 12"
+    )
+    parser.add_argument(
+        "--seconds", type=flag_types.number(1.0), default=30.0, help="drive of each; default 30"
+    )
+    parser.add_argument(
+        "--trials", type=flag_types.whole(1), default=20, help="offsets of each; default 20"
+    )
+    parser.add_argument(
+        "--offsets-deg",
+        type=flag_types.number(above=0.0, most=5.0),
+        nargs="+",
+        default=[0.2, 0.3, 1.0],
+        metavar="DEG",
+        help="how far one gimbal is aside; default 0.2 0.3 1",
+    )
+    parser.add_argument(
+        "--jobs",
+        type=flag_types.whole(0),
+        default=0,
+        help="worker processes; default one for each core",
+    )
+
+
+EXPERIMENT = Experiment(
+    "alarms",
+    run,
+    [
+        "tsd-lab alarms",
+        "tsd-lab alarms --plant mujoco --seeds 6 --trials 10",
+        "tsd-lab alarms --offsets-deg 0.25 0.5 --seeds 4 --jobs 1",
+    ],
+    robot="tsd",
+    seed_of="the first robot of a row",
+    add_own_flags=_flags,
+)
