@@ -131,12 +131,13 @@ def test_stop_acts_on_the_live_robots_while_a_recording_plays(page: Page, served
         live.drive(0.2)
         assert page.answer("stop", t="stop")["ok"]
         live.until(lambda: live.mode == "stopped")
-        assert live.answer("reset", t="reset")["ok"]
+        live.until(lambda: live.answer("reset", t="reset")["ok"])  # Refused for half a second.
         live.until(lambda: live.mode == "disarmed")
     page.send(t="pause")
 
 
 def test_a_mark_is_kept_with_the_recording_and_shown(page: Page, folder: Path) -> None:
+    page.send(t="pause")
     seek(page, 2.5)
     assert page.answer("mark", t="mark", note="it slipped <here>")["ok"]
     (mark,) = read_marks(folder / NAME)
@@ -181,6 +182,6 @@ def test_the_list_has_what_can_be_shown(served: Site) -> None:
         one.request("GET", "/recordings")
         answer = one.getresponse()
         (listed,) = json.loads(answer.read())
-    assert answer.headers["Content-Type"] == "application/json; charset=utf-8"
+    assert answer.headers["Content-Type"] == "application/json"
     assert (listed["name"], listed["robots"]) == (NAME, ["tsd"])
     assert listed["duration_s"] > 6.0

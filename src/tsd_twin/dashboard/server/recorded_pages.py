@@ -92,6 +92,9 @@ class RecordedPages:
         if page not in self._views:
             if not _NAME.fullmatch(name) or not (self._folder / name).is_file():
                 raise web.HTTPNotFound(text="There is no such recording.")
+            if len(self._views) >= MOST_VIEWS:  # Those that linger give way.
+                idle = [each for each in self._views if not self._uses.get(each)]
+                await asyncio.gather(*(self._close(each) for each in idle))
             if len(self._views) >= MOST_VIEWS:
                 raise web.HTTPServiceUnavailable(text="Too many pages show recordings.")
             self._loop = asyncio.get_running_loop()
