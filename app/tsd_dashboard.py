@@ -55,7 +55,18 @@ def serve(args: argparse.Namespace) -> None:
     with program.client_bus(args) as bus:
         if args.zenoh_config and not bus.wait_for_peer(_PATIENCE_S):
             _LOG.warning("no robot lets us in yet: it is off, or refuses the certificate")
-        asyncio.run(dashboard.run(bus, args.host, args.port, stop, ready, rules, first=first))
+        asyncio.run(
+            dashboard.run(
+                bus,
+                args.host,
+                args.port,
+                stop,
+                ready,
+                rules,
+                first=first,
+                recordings=args.record_dir,
+            )
+        )
 
 
 def rules_of(args: argparse.Namespace) -> AccessSettings:
@@ -143,6 +154,12 @@ def main() -> None:
         default=[],
         metavar="ID",
         help="a robot that comes first in the menu, the first one is shown; may be repeated",
+    )
+    PARSER.add_argument(
+        "--record-dir",
+        type=Path,
+        metavar="FOLDER",
+        help="folder of recordings that pages may show",
     )
     add_access_flags()
     program.run(PARSER, serve)

@@ -83,6 +83,7 @@ def demonstrate(args: argparse.Namespace) -> None:
         "--port",
         str(page_port),
         *(["--verbose"] if args.verbose else []),
+        *(["--record-dir", str(folder)] if folder else []),
     ]
     with contextlib.ExitStack() as running:
         robots_ready = [

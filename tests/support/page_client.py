@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Coroutine, Generator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, TypeVar
 
 from websockets.exceptions import ConnectionClosed
@@ -20,6 +21,7 @@ from tsd_twin.dashboard.robot_discovery import RobotDiscovery
 from tsd_twin.dashboard.scene.picking import DashboardScene
 from tsd_twin.dashboard.server.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.server.http_server import HttpServer
+from tsd_twin.dashboard.server.recorded_pages import RecordedPages
 from tsd_twin.dashboard.server.session_manager import SessionManager
 from tsd_twin.messages.services import Description, Event
 from tsd_twin.node import RobotNode
@@ -44,8 +46,9 @@ class Page:
         user: str = "web",
         cookie: str | None = None,
         socket: ClientConnection | None = None,
+        recording: str = "",
     ) -> None:
-        """`socket` is one that is open already, through a proxy."""
+        """`recording` is shown, if any; `socket` is open already, through a proxy."""
         self.name = page
         self.operator = f"{user}-{page[:8]}"
         self.holds: dict[str, Any] | None = None
@@ -58,7 +61,8 @@ class Page:
         self._changed = threading.Condition()
         self._ended = threading.Event()
         self._socket: ClientConnection = socket or connect(
-            f"ws://127.0.0.1:{port}/teleop?page={page}",
+            f"ws://127.0.0.1:{port}/teleop?page={page}"
+            + (f"&recording={recording}" if recording else ""),
             additional_headers=None if cookie is None else {"Cookie": cookie},
         )
         self._threads = [threading.Thread(target=work) for work in (self._read, self._beat)]
@@ -194,6 +198,7 @@ class Site:
         viser_port: int,
         auth: AuthMiddleware | None,
         page_scene: DashboardScene | None = None,
+        recordings: Path | None = None,
     ) -> None:
         self.released: list[str] = []
         self.chosen: list[tuple[str, str]] = []
@@ -209,7 +214,8 @@ class Site:
             page_scene,
         )
         auth = auth or AuthMiddleware(AccessSettings(allowed_hosts=["robot.example"]))
-        self.gateway = HttpServer(self.sessions, viser_port, auth=auth)
+        recorded = RecordedPages(recordings, self.sessions.stop_all) if recordings else None
+        self.gateway = HttpServer(self.sessions, viser_port, auth=auth, recorded=recorded)
         self._threads = [
             threading.Thread(target=self._loop.run_forever),
             threading.Thread(target=self._poll),
@@ -296,10 +302,11 @@ def site(
     viser_port: int = 1,
     auth: AuthMiddleware | None = None,
     page_scene: DashboardScene | None = None,
+    recordings: Path | None = None,
 ) -> Generator[Site]:
     """A robot and a gateway; without a viser unless a port is given, and without a scene."""
     with robot_on_a_bus() as endpoint, Bus(client_config([endpoint])) as bus:
-        made = Site(bus, viser_port, auth, page_scene)
+        made = Site(bus, viser_port, auth, page_scene, recordings)
         try:
             yield made
         finally:

@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from pathlib import Path
 from typing import Protocol, TypeVar
 
 from tsd_twin.bus import Bus
@@ -22,6 +23,7 @@ from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.dashboard.server.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.server.http_server import HttpServer
+from tsd_twin.dashboard.server.recorded_pages import RecordedPages
 from tsd_twin.dashboard.server.session_manager import SessionManager
 from tsd_twin.dashboard.viser_compat import viser_server
 from tsd_twin.lie import Array
@@ -211,8 +213,11 @@ async def run(
     on_ready: Callable[[int], None],
     rules: AccessSettings,
     first: Sequence[str] = (),
+    recordings: Path | None = None,
 ) -> None:
     """Serve the page until `stop` is set; `on_ready` is called with the port.
+
+    `recordings` is a folder whose recordings pages may show.
 
     `rules` are the access settings; `first` are ids of the robots that come first in the menu.
 
@@ -246,7 +251,12 @@ async def run(
             on_opened=lambda: ticker.wake(),
             roster=roster,
         )
-        gateway = HttpServer(sessions, server.get_port(), auth=AuthMiddleware(rules))
+        gateway = HttpServer(
+            sessions,
+            server.get_port(),
+            auth=AuthMiddleware(rules),
+            recorded=RecordedPages(recordings, sessions.stop_all) if recordings else None,
+        )
         panels = PanelManager(
             server,
             scene,

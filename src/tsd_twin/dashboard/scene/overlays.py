@@ -27,9 +27,9 @@ class RateLimiter:
         self._last_s = -math.inf
 
     def is_due(self, now_s: float) -> bool:
-        """Return whether a period has passed since this last returned True."""
+        """Return whether a period has passed since this last returned True, or time went back."""
         # A little early counts: callers come in steps of their own period.
-        if now_s - self._last_s < self._period_s - 1e-3:
+        if 0.0 <= now_s - self._last_s < self._period_s - 1e-3:
             return False
         self._last_s = now_s
         return True

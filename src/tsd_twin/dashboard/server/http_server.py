@@ -12,15 +12,18 @@ import msgspec
 from aiohttp import web
 from cryptography import x509
 
+from tsd_twin.dashboard.recorded_view import RecordedView
 from tsd_twin.dashboard.server.auth import (
     HEADERS,
     AccessSettings,
     AuthMiddleware,
+    Principal,
     is_proxy,
     principal_of,
 )
 from tsd_twin.dashboard.server.connection_limits import ConnectionLimiter, quiet_log
 from tsd_twin.dashboard.server.pages import STATIC, IndexPage, LoginRoutes
+from tsd_twin.dashboard.server.recorded_pages import RecordedPages
 from tsd_twin.dashboard.server.session_manager import SessionManager
 from tsd_twin.dashboard.server.socket_limits import TELEOP, SocketReader
 from tsd_twin.dashboard.server.viser_proxy import PAGE_ID, ViserProxy
@@ -83,9 +86,14 @@ class HttpServer:
     """One HTTP server on one event loop."""
 
     def __init__(
-        self, sessions: SessionManager, viser_port: int, *, auth: AuthMiddleware | None = None
+        self,
+        sessions: SessionManager,
+        viser_port: int,
+        *,
+        auth: AuthMiddleware | None = None,
+        recorded: RecordedPages | None = None,
     ) -> None:
-        """Load viser's page.
+        """Load viser's page; `recorded` serves the pages that show recordings.
 
         Without `auth`, all requests from this machine are accepted, and no others.
 
@@ -102,6 +110,7 @@ class HttpServer:
         self._connection_limiter = ConnectionLimiter(
             lambda peer: is_proxy(peer, self._auth.rules.proxy)
         )
+        self._recorded = recorded
         self._runner: web.AppRunner | None = None
         self._background_tasks: list[asyncio.Task[None]] = []
         self.port = 0
@@ -125,6 +134,9 @@ class HttpServer:
         app.router.add_get("/healthz", self._serve_health)
         app.router.add_get("/teleop", self._serve_page_socket)
         app.router.add_get("/viser/{page}", self._serve_viser)
+        if self._recorded is not None:
+            app.router.add_get("/recordings", self._recorded.serve_list)
+            app.router.add_get("/recorded/{name}/{page}", self._serve_recorded_viser)
         self._login_routes.add_to(app.router)
         app.router.add_static("/static", STATIC)
         runner = web.AppRunner(
@@ -157,6 +169,8 @@ class HttpServer:
             task.cancel()
         await self.sessions.close_sockets()
         await self._proxy.close()
+        if self._recorded is not None:
+            await self._recorded.close()
         await self._connection_limiter.close()
         await self._runner.cleanup()
         self._runner = None
@@ -186,6 +200,19 @@ class HttpServer:
             request, page, principal, lambda socket: self._auth.close_on_logout(principal, socket)
         )
 
+    async def _serve_recorded_viser(self, request: web.Request) -> web.StreamResponse:
+        assert self._recorded is not None  # noqa: S101  Or there is no such route.
+        page, principal = self._page_of(request, request.match_info["page"]), principal_of(request)
+        await self._reader.admit(request, principal.key or page)
+        async with self._recorded.view(page, request.match_info["name"], principal) as view:
+            return await self._proxy.serve(
+                request,
+                page,
+                principal,
+                lambda socket: self._auth.close_on_logout(principal, socket),
+                port=view.viser_port,
+            )
+
     async def _serve_page_socket(self, request: web.Request) -> web.StreamResponse:
         page, principal = (
             self._page_of(request, request.query.get("page", "")),
@@ -193,6 +220,22 @@ class HttpServer:
         )
         key = principal.key or page
         await self._reader.admit(request, key)
+        recording = request.query.get("recording")
+        if recording is None:
+            return await self._run_page(request, page, principal, key, None)
+        if self._recorded is None:
+            raise web.HTTPNotFound(text="This dashboard shows no recordings.")
+        async with self._recorded.view(page, recording, principal) as view:
+            return await self._run_page(request, page, principal, key, view)
+
+    async def _run_page(
+        self,
+        request: web.Request,
+        page: str,
+        principal: Principal,
+        key: str,
+        view: RecordedView | None,
+    ) -> web.StreamResponse:
         socket = web.WebSocketResponse(
             timeout=_CLOSE_TIMEOUT_S,
             compress=False,
@@ -204,7 +247,12 @@ class HttpServer:
         messages = self._reader.messages(request, socket, TELEOP, key)
         holding = self._auth.close_on_logout(principal, socket)
         name = request.query.get("name", "")
-        await self.sessions.run_session(page, principal, socket, messages, holding, name=name)
+        if view is None or self._recorded is None:
+            await self.sessions.run_session(page, principal, socket, messages, holding, name=name)
+        else:
+            await self._recorded.run_session(
+                page, view, principal, socket, messages, holding, name=name
+            )
         await self._reader.close_cut_off(request, socket)
         return socket
 

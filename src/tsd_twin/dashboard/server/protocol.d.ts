@@ -354,6 +354,9 @@ type ServerMessage =
 
 /** The messages by their `t`, and the three events of the link itself. */
 type LinkEvents = { [M in Exclude<ServerMessage, HeartbeatReply> as M["t"]]: M } & {
+  timeline: Timeline;
+  cursor: Cursor;
+  past: PastStates;
   up: undefined;
   down: undefined;
   beat: undefined;
@@ -439,8 +442,60 @@ interface MotionSource {
   readonly command?: FollowPlan;
 }
 
+// Of a page that shows a recording: recorded_protocol.py.
+
+interface TimelineEvent {
+  t_s: number;
+  robot: string;
+  kind: string;
+  text: string;
+  count: number;
+}
+
+interface Timeline {
+  t: "timeline";
+  name: string;
+  start_ms: number;
+  duration_s: number;
+  events: TimelineEvent[];
+}
+
+interface Cursor {
+  t: "cursor";
+  t_s: number;
+  playing: boolean;
+  speed: number;
+}
+
+interface PastStates {
+  t: "past";
+  states: RobotState[];
+}
+
+type TimelineRequest =
+  | { t: "seek"; t_s: number }
+  | { t: "play"; speed: number }
+  | { t: "pause" }
+  | { t: "step"; back: boolean }
+  | { t: "mark"; note: string };
+
+/** A line of the list of recordings. */
+interface RecordingName {
+  name: string;
+  start_ms: number;
+  duration_s: number;
+  robots: string[];
+  marks: number;
+  is_whole: boolean;
+}
+
 interface Window {
-  tsd: Readonly<{ page: string; hasFocus: () => boolean; plain: boolean }>;
+  tsd: Readonly<{
+    page: string;
+    hasFocus: () => boolean;
+    plain: boolean;
+    recording: string | null;
+  }>;
   /** Of the page that records, for the window of its plots. */
   tsdPlots?: { recorder: Recorder; stop: () => void; scheme: () => string };
   uPlot?: typeof import("uplot");

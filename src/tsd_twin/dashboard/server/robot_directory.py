@@ -17,6 +17,7 @@ from tsd_twin.dashboard.server.lease import RpcExecutor
 from tsd_twin.dashboard.server.protocol import RobotName, RobotState
 from tsd_twin.dashboard.server.telemetry import RobotTelemetry
 from tsd_twin.messages.services import Event
+from tsd_twin.recording.replay import HARDWARE
 
 MAX_ROBOTS = 64
 MAX_EVENTS = 30
@@ -129,6 +130,10 @@ class RobotDirectory:
         if link is not None and link.snapshot.status is not None:
             self._mode_since_s(robot_id, link.snapshot.status.mode)
 
+    def live_links(self) -> list[RobotMonitor]:
+        """Return the clients of all robots but replays of recordings, which cannot be stopped."""
+        return [link for link in list(self._discovery.links.values()) if not _is_replay(link)]
+
     async def measure_round_trips(self, is_watched: Callable[[], bool] = lambda: True) -> None:
         """Measure the round-trip times of robots; runs until cancelled.
 
@@ -157,6 +162,11 @@ class RobotDirectory:
             link.round_trips.clear()
         else:
             link.round_trips.add(took_s)
+
+
+def _is_replay(link: RobotMonitor) -> bool:
+    status = link.snapshot.status
+    return status is not None and status.hardware.get("kind") == HARDWARE
 
 
 def _state_age_s(link: RobotMonitor) -> float:

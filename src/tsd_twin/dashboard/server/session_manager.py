@@ -9,6 +9,7 @@ from typing import Literal
 
 from aiohttp import WSMessage, WSMsgType, web
 
+from tsd_twin.client import procedures
 from tsd_twin.dashboard.robot_roster import RobotRoster
 from tsd_twin.dashboard.scene.picking import DashboardScene, EmptyPageScene
 from tsd_twin.dashboard.scene.view_settings import ViewSettings
@@ -18,7 +19,7 @@ from tsd_twin.dashboard.server.map_data import MapData
 from tsd_twin.dashboard.server.protocol import PanelSliders, SphereClick, encode_message
 from tsd_twin.dashboard.server.robot_directory import RobotClients, RobotDirectory
 from tsd_twin.dashboard.server.session import Session
-from tsd_twin.messages.services import Event
+from tsd_twin.messages.services import Event, Reply
 
 
 def _ignore(*_args: str) -> None:
@@ -89,6 +90,15 @@ class SessionManager:
     def rejected(self) -> int:
         """Number of invalid messages from pages."""
         return self._rejected + sum(session.rejected for session in self._sessions.values())
+
+    async def stop_all(self, operator: str) -> Reply:
+        """Stop all live robots: published to all first, then repeated until each acknowledges."""
+        links = self.directory.live_links()
+        for link in links:
+            link.send_stop(procedures.stop_payload(operator))
+        replies = await asyncio.gather(*(self._executor.stop(link, operator) for link in links))
+        refused = [reply for reply in replies if not reply.ok]
+        return refused[0] if refused else Reply(bool(links), "" if links else "no robot is there")
 
     # State and events to the pages.
 

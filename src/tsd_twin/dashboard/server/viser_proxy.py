@@ -202,20 +202,25 @@ class ViserProxy:
         page_id: str,
         principal: Principal,
         holding: Callable[[web.WebSocketResponse], AbstractContextManager[None]],
+        *,
+        port: int | None = None,
     ) -> web.StreamResponse:
-        """Answer `GET viser/<page>`; the page's socket is open within `holding` it."""
+        """Answer `GET viser/<page>`; the page's socket is open within `holding` it.
+
+        `port` is that of another viser server, which moves nothing: no sliders are shown.
+        """
         if self._client is None:
             self._client = ClientSession()
         offered = request.headers.get("Sec-WebSocket-Protocol", "")
         protocols = [name.strip() for name in offered.split(",") if name.strip()]
         try:
             viser = await self._client.ws_connect(
-                self._url,
+                self._url if port is None else f"ws://127.0.0.1:{port}/",
                 protocols=protocols,
                 headers={
                     KEY_HEADER: access_key(),
                     PAGE_HEADER: page_id,
-                    ROLE_HEADER: principal.identity.role,
+                    ROLE_HEADER: principal.identity.role if port is None else Role.VIEWER,
                     DARK_HEADER: _display_option(request, "dark"),
                     PLAIN_HEADER: _display_option(request, "plain"),
                 },

@@ -6,7 +6,10 @@
 
   const bytes = crypto.getRandomValues(new Uint8Array(8));
   const id = Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
-  const socket = new URL(`viser/${id}`, location.href);
+  // A page that shows a recording has a scene of its own.
+  const recording = new URL(location.href).searchParams.get("recording");
+  const path = recording === null ? "viser" : `recorded/${encodeURIComponent(recording)}`;
+  const socket = new URL(`${path}/${id}`, location.href);
   socket.protocol = location.protocol === "https:" ? "wss:" : "ws:";
 
   // Which colours the operator likes, and whether a processor has to draw it all: then the scene
@@ -39,7 +42,7 @@
   const hasFocus = document.hasFocus.bind(document);
   document.hasFocus = () => true;
 
-  window.tsd = Object.freeze({ page: id, hasFocus, plain });
+  window.tsd = Object.freeze({ page: id, hasFocus, plain, recording });
 
   function drawsInSoftware() {
     const context = document.createElement("canvas").getContext("webgl2");

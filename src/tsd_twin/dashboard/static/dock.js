@@ -4,6 +4,7 @@ import { tooltip } from "./button.js";
 import { el, icon, setAttribute, setText } from "./dom.js";
 import { fixed } from "./format.js";
 import { SpringControl } from "./held_controls.js";
+import { SHOWS_RECORDING } from "./permission.js";
 
 const STICK_MARGIN_PX = 22; // Half of the knob: it stays inside.
 const TURN_MARGIN_PX = 28;
@@ -228,7 +229,8 @@ export class StopButton {
     );
     link.on(["state", "down"], () => {
       const mode = link.isStale() ? "" : link.state?.status.mode;
-      this.button.toggleAttribute("data-calm", mode === "stopped" || mode === "fault");
+      const isCalm = mode === "stopped" || mode === "fault";
+      this.button.toggleAttribute("data-calm", isCalm && !SHOWS_RECORDING);
     });
   }
 }

@@ -105,7 +105,7 @@ export class Link {
     socket.close();
   }
 
-  /** Send a message now or never; return whether it went out. @param {PageMessage} message */
+  /** Send a message now or never; return whether it went out. @param {PageMessage | TimelineRequest} message */
   send(message) {
     const socket = this._socket;
     if (socket?.readyState !== WebSocket.OPEN) return false;
@@ -159,6 +159,7 @@ export class Link {
   _connect() {
     const address = new URL(`teleop?page=${this.page}`, location.href);
     address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
+    if (window.tsd.recording !== null) address.searchParams.set("recording", window.tsd.recording);
     if (this.name !== "") address.searchParams.set("name", this.name);
     const socket = new WebSocket(address);
     this._socket = socket;

@@ -27,6 +27,7 @@ import { takeMotionNote } from "./reload_note.js";
 import { SphereGoTo } from "./sphere.js";
 import { StatusBar } from "./status_bar.js";
 import { StatusCard } from "./status_card.js";
+import { TimelineBar } from "./timeline.js";
 import { ViewKeeper } from "./view_settings.js";
 import { Waypoints } from "./waypoints.js";
 
@@ -36,7 +37,7 @@ const TOLD_MS = 1000;
 // The last ones take away what others show.
 const STYLES = [
   ...["base", "frame", "bar", "buttons", "notices", "card", "dock"],
-  ...["key_sheet", "first_steps", "small", "account", "module", "map"],
+  ...["key_sheet", "first_steps", "small", "account", "module", "map", "timeline"],
 ];
 
 const link = new Link(window.tsd.page, typedName());
@@ -104,6 +105,8 @@ const inner = el(
   tooltip.element,
 );
 const account = new Account(link, inner);
+const timeline = new TimelineBar(link, inner);
+inner.append(timeline.element);
 bar.element.append(account.element);
 stopButton.element.append(account.watching);
 const key = (/** @type {string} */ name) => el("kbd", name);
@@ -182,7 +185,7 @@ link.open();
 
 /** @param {KeyboardEvent} event */
 function keyOfFocused(event) {
-  for (const each of [keySheet, waypoints, map, view]) if (each.key(event)) return true;
+  for (const each of [keySheet, timeline, waypoints, map, view]) if (each.key(event)) return true;
   const focused = root.activeElement;
   if (focused === stick.pad) return stick.key(event);
   if (focused === turn.track) return turn.key(event);

@@ -7,7 +7,11 @@ import { known } from "./link.js";
 const MOVABLE = new Set(["ready", "driving"]);
 export const LATCHED = new Set(["stopped", "fault"]);
 
-export const WATCHES = "You watch: a viewer does not drive.";
+/** Whether this page shows a recording, whose states say nothing of the live robots. */
+export const SHOWS_RECORDING = (globalThis.window?.tsd?.recording ?? null) !== null;
+export const WATCHES = SHOWS_RECORDING
+  ? "This is a recording: press L for the live robots. STOP stops those."
+  : "You watch: a viewer does not drive.";
 
 /** @param {Link} link */
 export function watches(link) {

@@ -31,6 +31,10 @@ export class Recorder {
     this._requestedMs = -Infinity;
     link.on("state", (state) => this._take(state));
     link.on("robot", (robot) => this._begin(robot));
+    link.on("past", ({ states }) => {
+      this.buffer.clear(); // The cursor of a recording has jumped.
+      for (const state of states) this._take(state);
+    });
   }
 
   get windowS() {

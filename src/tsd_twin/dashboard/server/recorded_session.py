@@ -1,0 +1,308 @@
+"""Session of a page that shows a recording: it can look, mark, and stop the live robots."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+from collections.abc import Awaitable, Callable, Sequence
+from typing import Any, cast
+
+import msgspec
+
+from tsd_twin.client.connection import RobotMonitor
+from tsd_twin.dashboard.recorded_view import RecordedView
+from tsd_twin.dashboard.scene.view_settings import ViewSettings
+from tsd_twin.dashboard.server.auth import Principal, operator_name
+from tsd_twin.dashboard.server.protocol import (
+    ActionReply,
+    HeartbeatReply,
+    PageHeartbeat,
+    RobotName,
+    RobotState,
+    SelectPlotFields,
+    SelectRobot,
+    SessionInfo,
+    SetView,
+    StopCommand,
+    StudentRequest,
+    ViewChanged,
+    decode_page_message,
+    encode_message,
+)
+from tsd_twin.dashboard.server.recorded_protocol import (
+    AddMark,
+    Cursor,
+    PastStates,
+    Pause,
+    Play,
+    RecordedPageMessage,
+    Seek,
+    StepStatus,
+    Timeline,
+    TimelineEvent,
+)
+from tsd_twin.dashboard.server.session import SendQueue
+from tsd_twin.dashboard.server.telemetry import RobotTelemetry
+from tsd_twin.errors import MessageError, RecordingError
+from tsd_twin.messages.services import Reply
+from tsd_twin.recording.events import EventKind, RecordedEvent, read_events
+from tsd_twin.recording.marks import Mark, add_mark, read_marks
+from tsd_twin.recording.player import Player, RecordedRobot
+from tsd_twin.security import Role
+
+PAST_S, PAST_HZ = 20.0, 5.0
+"""States before the cursor that plots get after a jump."""
+_SETTLED_S = 0.25
+"""Time after the last jump of a scrub."""
+REFUSAL = "this is a recording: press L for the live robots"
+_DECODER = msgspec.json.Decoder(RecordedPageMessage)
+_STATE_EVERY = 2
+"""Frames from one state to the next."""
+
+
+class RecordedSession:
+    """Session of one page with its view; on the event loop."""
+
+    def __init__(
+        self,
+        page: str,
+        view: RecordedView,
+        stop_all: Callable[[str], Awaitable[Reply]],
+        *,
+        principal: Principal,
+        name: str = "",
+    ) -> None:
+        """`stop_all` stops all live robots on behalf of an operator."""
+        self.page = page
+        self.principal = principal
+        self.send_queue = SendQueue()
+        self.rejected = 0
+        """Number of invalid messages."""
+        self._view = view
+        self._stop_all = stop_all
+        self._operator = f"{operator_name(principal, name)}-{page[:8]}"
+        self._telemetry = {
+            # A recorded robot has all of a live one that is shown.
+            robot.id: RobotTelemetry(cast("RobotMonitor", robot))
+            for robot in view.player.robots.values()
+        }
+        self._plot_fields: Sequence[str] = ()
+        self._numbers = itertools.count(1)
+        self._frames = itertools.count()
+        self._loop = asyncio.get_running_loop()
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._cursor = Cursor(t_s=-1.0, playing=False, speed=1.0)
+        self._jumps = 0
+        self._past_player: Player | None = None
+        self._past_lock = asyncio.Lock()
+
+    async def open(self) -> None:
+        """Tell the page about the recording, and go on with what is shown."""
+        roster = self._view.roster
+        self._send(
+            SessionInfo(
+                operator=self._operator,
+                role=Role.VIEWER,
+                user=self.principal.user,
+                may_stop=self.principal.may_stop,
+                robots=[
+                    RobotName(
+                        id=robot.id,
+                        title=robot.robot.title,
+                        colour="#{:02x}{:02x}{:02x}".format(*roster.colour(robot.id)),
+                    )
+                    for robot in self._view.player.robots.values()
+                ],
+                robot=self._view.robot_id,
+            )
+        )
+        self._send(self._telemetry[self._view.robot_id].info())
+        await self._send_timeline()
+        self._view.on_shown = self._on_shown
+
+    def close(self) -> None:
+        """End."""
+        self._view.on_shown = lambda: None
+        for task in self._tasks:
+            task.cancel()
+        if self._past_player is not None:
+            self._past_player.close()
+
+    # From the page.
+
+    def receive(self, text: str | bytes) -> None:
+        """Handle one message; what would move a robot is refused."""
+        try:
+            message: RecordedPageMessage = _DECODER.decode(text)
+        except (msgspec.DecodeError, UnicodeError, RecursionError):
+            self._refuse(text)
+            return
+        match message:
+            case PageHeartbeat():
+                self.send_queue.acknowledge(message.seen)
+                self._send(HeartbeatReply(sent_ms=message.sent_ms))
+            case StopCommand():
+                self._start(self._stop())
+            case AddMark():
+                self._start(self._mark(message.note))
+            case SelectRobot():
+                self.select_robot(message.id)
+            case SelectPlotFields():
+                self._plot_fields = message.names
+            case SetView():
+                self._view.set_view(self.page, message.settings, look=message.look)
+            case StudentRequest():
+                self._send(ActionReply(to="student", ok=False, reason=REFUSAL))
+            case Seek() | Play() | Pause() | StepStatus():
+                self._move(message)
+
+    def _move(self, message: Seek | Play | Pause | StepStatus) -> None:
+        if isinstance(message, Seek | StepStatus):
+            self._jumps += 1
+            self._start(self._send_past(self._jumps))
+        match message:
+            case Seek():
+                self._view.seek(message.t_s)
+            case Play():
+                self._view.play(message.speed)
+            case Pause():
+                self._view.pause()
+            case StepStatus():
+                self._view.step(back=message.back)
+
+    def select_robot(self, robot_id: str) -> None:
+        """Show another robot of the recording."""
+        if robot_id in self._telemetry and robot_id != self._view.robot_id:
+            self._plot_fields = ()
+            self._view.select_robot(self.page, robot_id)
+            self.send_queue.drop_states()
+            self._send(self._telemetry[robot_id].info())
+
+    def on_view(self, settings: ViewSettings) -> None:
+        """Send view settings that were changed in the panel, for the page to keep."""
+        self._send(ViewChanged(settings=settings))
+
+    def _refuse(self, text: str | bytes) -> None:
+        try:
+            message = decode_page_message(text)
+        except MessageError as error:
+            self.rejected += 1
+            if self.rejected == 1:
+                self._send(ActionReply(to="message", ok=False, reason=str(error)))
+            return
+        tag = str(message.__struct_config__.tag)
+        self._send(ActionReply(to=tag, ok=False, reason=REFUSAL))
+
+    async def _stop(self) -> None:
+        reply = Reply(False, "a viewer only watches")
+        if self.principal.may_stop:
+            reply = await self._stop_all(self._operator)
+        self._send(ActionReply(to="stop", ok=reply.ok, reason=reply.reason))
+
+    async def _mark(self, note: str) -> None:
+        if self.principal.identity.role is Role.VIEWER:
+            self._send(ActionReply(to="mark", ok=False, reason="a viewer only watches"))
+            return
+        index = self._view.player.index
+        log_ns = index.start_ns + round(1e9 * self._view.player.t_s)
+        try:
+            await asyncio.to_thread(add_mark, index.path, Mark(log_ns, note, self._operator))
+        except RecordingError as error:
+            self._send(ActionReply(to="mark", ok=False, reason=str(error)))
+            return
+        self._send(ActionReply(to="mark", ok=True))
+        await self._send_timeline()
+
+    def _start(self, work: Any) -> None:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    # To the page.
+
+    async def _send_timeline(self) -> None:
+        index = self._view.player.index
+        events = await asyncio.to_thread(read_events, index)
+        marks = await asyncio.to_thread(read_marks, index.path)
+        self._send(
+            Timeline(
+                name=index.path.name,
+                start_ms=index.start_ns // 1_000_000,
+                duration_s=self._view.player.duration_s,
+                events=[*map(_event, filter(_is_notable, events))]
+                + [
+                    TimelineEvent(1e-9 * (mark.log_ns - index.start_ns), "", "mark", mark.note, 1)
+                    for mark in marks
+                ],
+            )
+        )
+
+    async def _send_past(self, jump: int) -> None:
+        """Send the states before the time that is shown, once the last of several jumps is over."""
+        await asyncio.sleep(_SETTLED_S)
+        async with self._past_lock:
+            if jump == self._jumps:
+                states = await asyncio.to_thread(self._past)
+                self._send(PastStates(states=states))
+
+    def _past(self) -> list[RobotState]:
+        """States of the selected robot, from a player of their own: the view goes on meanwhile."""
+        view, robot_id = self._view, self._view.robot_id
+        if self._past_player is None:
+            self._past_player = Player(view.player.index.path, robot_id)
+        if robot_id not in self._past_player.robots:
+            self._past_player.close()
+            self._past_player = Player(view.player.index.path, robot_id)
+        robot = self._past_player.robots[robot_id]
+        telemetry = RobotTelemetry(cast("RobotMonitor", robot))
+        states: list[RobotState] = []
+        end_s = view.player.t_s
+        for i in range(round(PAST_S * PAST_HZ), 0, -1):
+            self._past_player.seek(end_s - i / PAST_HZ)
+            if end_s >= i / PAST_HZ and (state := self._state(telemetry, robot)) is not None:
+                states.append(state)
+        return states
+
+    def _state(self, telemetry: RobotTelemetry, robot: RecordedRobot) -> RobotState | None:
+        snapshot = robot.snapshot
+        if snapshot.status is None or not robot.alive:
+            return None
+        now_s = self._view.player.t_s
+        state = telemetry.state(
+            snapshot, snapshot.status, now_s, mode_age_s=0.0, round_trips=robot.round_trips
+        )
+        plot = telemetry.plot_fields.values(self._plot_fields, snapshot)
+        return msgspec.structs.replace(state, plot=plot)
+
+    def _on_shown(self) -> None:
+        """On the thread of the view."""
+        if next(self._frames) % _STATE_EVERY == 0 and not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._show)
+
+    def _show(self) -> None:
+        view, robot_id = self._view, self._view.robot_id
+        playback = view.playback
+        cursor = Cursor(
+            t_s=round(view.player.t_s, 4), playing=playback.playing, speed=playback.speed
+        )
+        if cursor != self._cursor:
+            self._cursor = cursor
+            self.send_queue.put_panel(encode_message(cursor))
+        robot = view.player.robots[robot_id]
+        state = self._state(self._telemetry[robot_id], robot)
+        if state is not None:
+            # A number of its own: a recording that stands still goes on being shown.
+            number = next(self._numbers)
+            state = msgspec.structs.replace(state, seen=number)
+            self.send_queue.put_state(number, encode_message(state))
+
+    def _send(self, message: Any) -> None:
+        self.send_queue.put(encode_message(message))
+
+
+def _is_notable(event: RecordedEvent) -> bool:
+    return event.kind is not EventKind.OTHER
+
+
+def _event(event: RecordedEvent) -> TimelineEvent:
+    return TimelineEvent(event.t_s, event.robot, event.kind, event.text, event.count)
