@@ -1,23 +1,39 @@
-"""Processor load and disk space of a recorder, beside a bare subscriber of the same messages."""
+"""Processor load and disk space of a recorder, and each put of the bus looked for in its files.
+
+`python -m bench.recording --seconds 3600` takes an hour.
+"""
 
 from __future__ import annotations
 
+import argparse
+import base64
 import contextlib
 import sys
 import tempfile
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+
+import msgspec
+import numpy as np
+import zenoh
+from mcap.reader import make_reader
 
 import tsd_twin
 from bench.bus import program
 from bench.idle import share_of_a_core
 from bench.table import Row
+from tsd_twin.recording.channels import RAW
 
 _SETTLE_S = 3.0
 _SECONDS = 20.0
 _SMALLEST_S = 0.5
+_LEG_S = 3.0
+"""Time of one velocity; each fifth is a rest."""
+_BEFORE_RESET_S = 1.0
+"""A robot refuses the reset of a stop that has only just begun."""
 
 _FLOOR = """
 import sys
@@ -35,48 +51,147 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
     The bare subscriber and the recorder listen one after the other to the same robot.
     """
     settle_s, seconds = (_SMALLEST_S, _SMALLEST_S) if smallest else (_SETTLE_S, _SECONDS)
-    mock = [*_run("tsd_mock"), "--listen", "tcp/127.0.0.1:0", "--noise", "1"]
-    with program(mock) as endpoint, tempfile.TemporaryDirectory() as folder, _driven(endpoint):
+    return measure(settle_s, seconds, seconds)
+
+
+def measure(settle_s: float, floor_s: float, seconds: float) -> Iterator[Row]:
+    """Measure a bare subscriber for `floor_s`, then a recorder for `seconds`."""
+    mock = program([*_run("tsd_mock"), "--listen", "tcp/127.0.0.1:0", "--noise", "1"])
+    with mock as endpoint, tempfile.TemporaryDirectory() as folder, _driven(endpoint) as driven:
         bare = program([sys.executable, "-c", _FLOOR, endpoint])
         with bare:
-            floor = share_of_a_core(bare.process.pid, settle_s, seconds)
+            floor = share_of_a_core(bare.process.pid, settle_s, floor_s)
         recorder = program([*_run("tsd_record"), "--connect", endpoint, "--dir", folder])
-        with recorder as file:
+        with recorder:
             time.sleep(settle_s)
-            before, start_s = Path(file).stat().st_size, time.monotonic()
+            puts = _Puts(endpoint)
+            before, start_s = _size_mb(folder), time.monotonic()
             load = share_of_a_core(recorder.process.pid, 0.0, seconds)
-            grown_mb = (Path(file).stat().st_size - before) / 1e6
-            mb_per_min = 60.0 * grown_mb / (time.monotonic() - start_s)
+            minutes = (time.monotonic() - start_s) / 60.0
+            grown_mb = _size_mb(folder) - before
+            puts.close()
+            time.sleep(_SMALLEST_S)  # The recorder may have a put later than the subscriber.
+        counted, missing = puts.total, puts.missing_in(Path(folder))
     yield Row("recorder of one robot, of one core", load, 6.0, "%", f"subscriber {floor:.1f} %")
-    yield Row("recording of one robot that drives", mb_per_min, 2.5, "MB/min", "design")
+    about = f"{grown_mb:.1f} MB in {minutes:.1f} min, {driven.stops} stops"
+    yield Row("recording of one robot that drives", grown_mb / minutes, 2.5, "MB/min", about)
+    recorded = 100.0 * (1.0 - missing / max(counted, 1))
+    about = f"{missing} of {counted} counted by bare Zenoh are missing"
+    yield Row("puts of the bus that are on record", recorded, 100.0, "%", about, at_least=True)
 
 
 def _run(name: str) -> list[str]:
     return [sys.executable, "-m", name, "--until-eof"]
 
 
+def _size_mb(folder: str) -> float:
+    return sum(path.stat().st_size for path in Path(folder).iterdir()) / 1e6
+
+
+class _Puts:
+    """All that is put on a bus, noted by a subscriber that shares no code with the recorder."""
+
+    def __init__(self, endpoint: str) -> None:
+        config = zenoh.Config()
+        config.insert_json5("mode", '"client"')
+        config.insert_json5("connect/endpoints", f'["{endpoint}"]')
+        config.insert_json5("scouting/multicast/enabled", "false")
+        self._seen: Counter[tuple[str, int]] = Counter()
+        self._session = zenoh.open(config)
+        self._subscriber = self._session.declare_subscriber("twin/**", self._note)
+
+    @property
+    def total(self) -> int:
+        """Number of puts."""
+        return self._seen.total()
+
+    def close(self) -> None:
+        """End."""
+        self._subscriber.undeclare()
+        self._session.close()
+
+    def missing_in(self, folder: Path) -> int:
+        """Return how many are in no file of a folder with the same key and payload."""
+        missing = self._seen.copy()
+        for path in folder.glob("*.mcap"):
+            with path.open("rb") as file:
+                for _schema, channel, message in make_reader(file).iter_messages(
+                    log_time_order=False
+                ):
+                    key, payload = channel.topic, message.data
+                    if key.endswith(RAW):
+                        encoded = msgspec.json.decode(payload).get("payload")
+                        if encoded is None:
+                            continue
+                        key, payload = key.removesuffix(RAW), base64.b64decode(encoded)
+                    missing[key, hash(payload)] -= 1
+        return sum(count for count in missing.values() if count > 0)
+
+    def _note(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._seen[str(sample.key_expr), hash(sample.payload.to_bytes())] += 1
+
+
 class _driven:  # noqa: N801  It is used as a function.
-    """A robot that is driven in circles meanwhile."""
+    """A robot that is driven meanwhile, with another velocity every few seconds, and rests."""
 
     def __init__(self, endpoint: str) -> None:
         self._endpoint = endpoint
         self._stop, self._drives = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._drive)
+        self.stops = 0
+        """How often the robot stopped by itself, as it does on a machine that is busy."""
 
-    def __enter__(self) -> None:
+    def __enter__(self) -> _driven:
         self._thread.start()
         if not self._drives.wait(30.0):
             raise RuntimeError("the robot does not drive")
+        return self
 
     def __exit__(self, *_: object) -> None:
         self._stop.set()
         self._thread.join()
 
     def _drive(self) -> None:
-        with tsd_twin.connect(self._endpoint) as robot, robot.control("bench") as base:
-            self._drives.set()
+        random = np.random.default_rng(1)
+        with tsd_twin.connect(self._endpoint) as robot:
             while not self._stop.is_set():
-                # A machine that is busy stops the robot now and then.
-                with contextlib.suppress(tsd_twin.RobotStopped):
-                    base.set_velocity(vx_mps=0.3, omega_rad_per_s=0.5)
+                with contextlib.suppress(tsd_twin.TwinError):  # It stopped by itself.
+                    with robot.control("bench", arm=False) as base:
+                        if robot.state.mode in ("stopped", "fault"):
+                            base.reset()
+                        base.arm()
+                        self._drives.set()
+                        self._legs(robot, base, random)
+                if not self._stop.is_set():
+                    self.stops += 1
+                    robot.sleep(_BEFORE_RESET_S)
+
+    def _legs(
+        self,
+        robot: tsd_twin.RobotClient,
+        base: tsd_twin.RobotControl,
+        random: np.random.Generator,
+    ) -> None:
+        for leg in range(1_000_000):
+            vx_mps, omega_rad_per_s = random.uniform(-1.0, 1.0, size=2) * (leg % 5 > 0)
+            end_s = time.monotonic() + _LEG_S
+            while time.monotonic() < end_s:
+                if self._stop.is_set():
+                    return
+                base.set_velocity(
+                    vx_mps=0.5 * float(vx_mps), omega_rad_per_s=float(omega_rad_per_s)
+                )
                 robot.sleep(0.05)
+
+
+def main() -> None:
+    """Measure for a time that is given."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=3600.0)
+    for row in measure(_SETTLE_S, _SECONDS, parser.parse_args().seconds):
+        print(row, flush=True)
+
+
+if __name__ == "__main__":
+    main()
