@@ -156,13 +156,15 @@ class _driven:  # noqa: N801  It is used as a function.
         random = np.random.default_rng(1)
         with tsd_twin.connect(self._endpoint) as robot:
             while not self._stop.is_set():
-                with contextlib.suppress(tsd_twin.TwinError):  # It stopped by itself.
-                    with robot.control("bench", arm=False) as base:
-                        if robot.state.mode in ("stopped", "fault"):
-                            base.reset()
-                        base.arm()
-                        self._drives.set()
-                        self._legs(robot, base, random)
+                with (
+                    contextlib.suppress(tsd_twin.TwinError),  # It stopped by itself.
+                    robot.control("bench", arm=False) as base,
+                ):
+                    if robot.state.mode in ("stopped", "fault"):
+                        base.reset()
+                    base.arm()
+                    self._drives.set()
+                    self._legs(robot, base, random)
                 if not self._stop.is_set():
                     self.stops += 1
                     robot.sleep(_BEFORE_RESET_S)

@@ -66,11 +66,11 @@ def test_a_mock_under_a_camera_is_driven_and_what_is_wrong_with_it_found(
     assert lab.process.returncode == 0
     assert is_picture(folder / "calibrate.png")
     log = folder / "calibrate_log.csv"
-    assert len(read_recordings(str(log), 3)) == 1
     # Where the simulated gimbals stand when their servos say zero, by the seed.
     robot = robots.description_of_kind(
         robots.parse_description(BUILT, "built"), SingularityDescription
     )
+    assert len(read_recordings(str(log), robot)) == 1
     machine = simulate(robot, seed=4, noise=1.0, errors=1.0)
     true = np.array(machine.joints).reshape(-1, 3)[:, :2]
     assert np.abs(np.degrees(true)).max() > 0.2

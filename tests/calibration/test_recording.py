@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +24,9 @@ from tsd_twin.experiment import Output
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.commands import PoseStamped, Sample, encode_pose
 from tsd_twin.messages.ros import JointState, encode_joints
-from tsd_twin.messages.status import encode_stamp
+from tsd_twin.messages.status import Status, encode_stamp, encode_status
+from tsd_twin.recording.channels import EntryMaker
+from tsd_twin.recording.file import RecordingFile
 from tsd_twin.robots import SingularityDescription
 
 ROBOT = robots.description_of_kind(robots.load_robot("tsd"), SingularityDescription)
@@ -52,17 +56,74 @@ def pose(seen_s: float, x_m: float, heading: float = 0.0, ahead_s: float = AHEAD
     return Sample("twin/tsd/sensor/pose", encode_pose(message), b"")
 
 
-def heard(seconds: float = 2.0, late_s: float = 0.08, jump_s: float = 0.0) -> RobotRecorder:
-    """All that comes in a while; the wall clock jumps in the middle."""
-    recorder = RobotRecorder(ROBOT)
+def samples(
+    seconds: float = 2.0, late_s: float = 0.08, jump_s: float = 0.0
+) -> Iterator[tuple[float, Sample]]:
+    """All that comes in a while, with its time; the wall clock jumps in the middle."""
     for i in range(round(seconds / 0.02)):
         now_s = 100.0 + 0.02 * i
         ahead_s = AHEAD_S + (jump_s if i > 0.5 * seconds / 0.02 else 0.0)
-        recorder.add_joints(joints(now_s, np.full(6, 0.001 * i), np.full(3, 200.0), ahead_s))
-        recorder.add_setpoint(joints(now_s, np.zeros(6), np.array([250.0, 200.0, 200.0]), ahead_s))
+        told = np.array([250.0, 200.0, 200.0])
+        yield now_s, joints(now_s, np.full(6, 0.001 * i), np.full(3, 200.0), ahead_s)
+        setpoint = joints(now_s, np.zeros(6), told, ahead_s)
+        yield now_s, replace(setpoint, key="twin/tsd/state/setpoint")
         if i % 2:
-            recorder.add_pose(pose(now_s - late_s, now_s - late_s, 0.0, ahead_s))
+            yield now_s, pose(now_s - late_s, now_s - late_s, 0.0, ahead_s)
+
+
+def heard(seconds: float = 2.0, late_s: float = 0.08, jump_s: float = 0.0) -> RobotRecorder:
+    recorder = RobotRecorder(ROBOT)
+    take = {
+        "joints": recorder.add_joints,
+        "setpoint": recorder.add_setpoint,
+        "pose": recorder.add_pose,
+    }
+    for _, sample in samples(seconds, late_s, jump_s):
+        take[sample.key.rsplit("/", 1)[1]](sample)
     return recorder
+
+
+def written(path: Path, *modes: tuple[float, str], robots_in_it: int = 1) -> Path:
+    """A file of `tsd-record`; each mode is from that time on."""
+    file, make = RecordingFile(path), EntryMaker()
+    for now_s, sample in samples():
+        log_ns = round((now_s + AHEAD_S) * 1e9)
+        mode = [mode for since_s, mode in modes if since_s <= now_s][-1]
+        status = Status(mode, hardware={"battery_v": 10.8})
+        stamp = encode_stamp(1, round(now_s * 1e9))
+        for number in range(robots_in_it):
+            name = "tsd" if number == 0 else f"tsd-{number}"
+            said = Sample(f"twin/{name}/state/status", encode_status(status), stamp)
+            for each in (said, replace(sample, key=sample.key.replace("/tsd/", f"/{name}/"))):
+                for entry in make.of_sample(each, log_ns):
+                    file.add(entry)
+    file.close()
+    return path
+
+
+def test_a_file_of_the_recorder_has_the_drive_that_was_heard(tmp_path: Path) -> None:
+    """It begins when the robot is ready, and ends when it stops."""
+    modes = [(0.0, "disarmed"), (100.5, "ready"), (100.8, "driving"), (101.5, "stopped")]
+    (found,) = read_recordings(str(written(tmp_path / "run.mcap", *modes)), ROBOT)
+    once = heard().recording(100.5, 101.48, battery_v=10.8)
+    for name in ("t_s", "angles_rad", "commanded_rad_per_s", "camera_s", "camera_poses"):
+        np.testing.assert_allclose(getattr(found, name), getattr(once, name), atol=1e-6)
+
+
+def test_each_time_that_it_drives_is_a_run_and_standing_is_none(tmp_path: Path) -> None:
+    twice = [(0.0, "driving"), (100.6, "disarmed"), (101.0, "ready"), (101.2, "driving")]
+    runs = read_recordings(str(written(tmp_path / "twice.mcap", *twice)), ROBOT)
+    assert [round(float(run.t_s[-1]), 2) for run in runs] == [0.58, 0.98]
+    for name, modes, robots_in_it, says in (
+        ("ready", [(0.0, "ready")], 1, "does not drive"),
+        ("two", [(0.0, "driving")], 2, "has 2 robots"),
+    ):
+        path = written(tmp_path / f"{name}.mcap", *modes, robots_in_it=robots_in_it)
+        with pytest.raises(TwinError, match=says):
+            read_recordings(str(path), ROBOT)
+    (tmp_path / "none.mcap").write_text("not a recording")
+    with pytest.raises(TwinError, match="no recording"):
+        read_recordings(str(tmp_path / "none.mcap"), ROBOT)
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.08, 1.0])
@@ -115,7 +176,7 @@ def test_a_recording_in_a_file_is_the_same_again(tmp_path: Path) -> None:
     out = Output(tmp_path)
     out.table("log", recording_columns([once, once]))
     assert len(set(table(tmp_path / "log.csv")["run"])) == 2
-    for again in read_recordings(str(tmp_path / "log.csv"), 3):
+    for again in read_recordings(str(tmp_path / "log.csv"), ROBOT):
         np.testing.assert_allclose(again.t_s, once.t_s, atol=1e-5)
         np.testing.assert_allclose(again.angles_rad, once.angles_rad, atol=1e-6)
         np.testing.assert_allclose(again.commanded_rad_per_s, once.commanded_rad_per_s, rtol=1e-5)

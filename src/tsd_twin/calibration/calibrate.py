@@ -128,8 +128,9 @@ def _flags(parser: argparse.ArgumentParser) -> None:
     add_bus_flags(parser)
     parser.add_argument(
         "--log",
-        metavar="FILE.csv",
-        help="drives that were recorded, not simulated; with --drive, one more is added to them",
+        metavar="FILE",
+        help="drives that were recorded, not simulated: a recording of tsd-record, run.mcap, or a "
+        "CSV file; with --drive, one more is added to them",
     )
     parser.add_argument(
         "--robot",
@@ -171,7 +172,7 @@ EXPERIMENT = Experiment(
         "tsd-lab calibrate --same-speed                  what is unobservable at one speed",
         "tsd-lab calibrate --drive --room 1.5            drive the robot of this machine, guided",
         "tsd-lab calibrate --drive --log lab/calibrate_log.csv    and add to earlier recordings",
-        "tsd-lab calibrate --log run.csv --robot my.toml --write-to my.toml     write the result",
+        "tsd-lab calibrate --log run.mcap --robot my.toml --write-to my.toml    write the result",
     ],
     seed_of="the simulated robot and its noise",
     add_own_flags=_flags,

@@ -26,7 +26,7 @@ from tsd_twin.calibration.guided_drive import (
     plan_route,
     requested_command_age_s,
 )
-from tsd_twin.calibration.recording import Recording, RobotRecorder, read_recordings
+from tsd_twin.calibration.recording import Recording, RobotRecorder, battery_v, read_recordings
 from tsd_twin.calibration.report import edit_description
 from tsd_twin.calibration.simulated_runs import PerturbedRobot, random_robot, spin_ratios
 from tsd_twin.calibration.terminal import KeyWatcher, ask_line, print_line
@@ -36,7 +36,7 @@ from tsd_twin.experiment import PERCENT_STEPS, Output, in_percent_steps
 from tsd_twin.lie import Array
 from tsd_twin.messages import topics
 from tsd_twin.messages.ros import decode_odometry
-from tsd_twin.messages.status import Status, decode_stamp
+from tsd_twin.messages.status import decode_stamp
 from tsd_twin.robots import SingularityDescription, description_of_kind
 
 _RATIO_TOLERANCE = 0.05
@@ -104,7 +104,7 @@ def drive_on_bus(args: argparse.Namespace, out: Output) -> DrivenData:
     """
     with connect(args) as client:
         robot = description_of_kind(client.robot, SingularityDescription)
-        earlier = read_recordings(args.log, robot.drive.modules) if args.log else []
+        earlier = read_recordings(args.log, robot) if args.log else []
         route = plan_route(robot, args.room, args.speed)
         subscriber = _RobotSubscriber(client, robot, CalibrationDriver(robot, route))
         _wait_for_camera(subscriber, client.id)
@@ -180,7 +180,7 @@ class _RobotSubscriber:
         self._first_s = self._now_s
         for _ in control.driving(interruptible(self._step, keys, pause_s)):
             yield self._driver.progress
-        self._battery_v = _battery_v(self._client.client.state.status)
+        self._battery_v = battery_v(self._client.client.state.status)
 
     def _wait_for_a_pose(self, control: RobotControl) -> None:
         """Stand still until a pose measurement of the robot at rest has arrived."""
@@ -247,12 +247,6 @@ def _confirm(args: argparse.Namespace, robot_id: str, route: CalibrationRoute) -
     ask_line("Enter begins: ")
 
 
-def _battery_v(status: Status) -> float | None:
-    """Reported battery voltage, None when there is none."""
-    volts = status.hardware.get("battery_v")
-    return float(volts) if isinstance(volts, int | float) and 0.0 < volts < np.inf else None
-
-
 LOG_TABLE = "calibrate_log"
 """File of the recordings."""
 _RUN_SPACING_S = 60.0
@@ -292,7 +286,7 @@ def _without_bus(args: argparse.Namespace, out: Output) -> CalibrationData:
     text = robots.read_description(args.robot)
     robot = description_of_kind(robots.load_robot(args.robot), SingularityDescription)
     if args.log:
-        recordings = recording.read_recordings(args.log, robot.drive.modules)
+        recordings = recording.read_recordings(args.log, robot)
         return CalibrationData(args.log, text, robot, recordings)
     true = random_robot(robot, np.random.default_rng(args.seed))
     what = "simulated machine with errors of its own"

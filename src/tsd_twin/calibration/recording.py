@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
@@ -12,10 +12,14 @@ import numpy as np
 
 from tsd_twin.errors import MessageError, TwinError
 from tsd_twin.lie import SE2, Array
+from tsd_twin.messages import topics
 from tsd_twin.messages.commands import Sample, decode_pose_measurement
 from tsd_twin.messages.ros import decode_joints
-from tsd_twin.messages.status import decode_stamp
+from tsd_twin.messages.status import Status, decode_stamp, decode_status, encode_stamp
+from tsd_twin.recording import open_recording
+from tsd_twin.recording.reading import entries
 from tsd_twin.robots import SingularityDescription
+from tsd_twin.safety import Mode
 
 _Row: TypeAlias = dict[str, float]
 _POSE_COLUMNS = ("x_m", "y_m", "heading_rad")
@@ -86,14 +90,18 @@ def angle_columns(modules: int) -> list[str]:
     return [f"module{i + 1}_{part}_rad" for i in range(modules) for part in ("alpha", "beta")]
 
 
-def read_recordings(file: str, modules: int) -> list[Recording]:
-    """Read recordings from a CSV file of `recording_columns`; empty or `nan` is not measured.
+def read_recordings(file: str, robot: SingularityDescription) -> list[Recording]:
+    """Read the drives in a recording of `tsd-record`, or in a CSV file of `recording_columns`.
 
-    A row may hold joints, a pose, or both. Measured wheel speeds may be left out.
+    Of a CSV file, empty or `nan` is not measured. A row may hold joints, a pose, or both. Measured
+    wheel speeds may be left out.
 
     Raises:
         TwinError: the file cannot be read, lacks a column, or has too few rows.
     """
+    if file.endswith(".mcap"):
+        return _read_mcap(Path(file), robot)
+    modules = robot.drive.modules
     try:
         with Path(file).open(newline="", encoding="utf-8") as opened:
             rows = [
@@ -112,6 +120,68 @@ def read_recordings(file: str, modules: int) -> list[Recording]:
         _parse_recording([row for row in rows if row.get("run", 0.0) == run], modules, file)
         for run in runs
     ]
+
+
+def _read_mcap(path: Path, robot: SingularityDescription) -> list[Recording]:
+    """Return one recording for each time that the robot was ready or drove, if it moved then."""
+    found = open_recording(path)
+    if len(found.robots) != 1:
+        raise TwinError(
+            f"{path} has {len(found.robots)} robots: export one, tsd-record export --robot ID"
+        )
+    of = found.robots[0]
+    recorder = RobotRecorder(robot)
+    take: dict[str, Callable[[Sample], object]] = {
+        topics.JOINTS.key(of): recorder.add_joints,
+        topics.SETPOINT.key(of): recorder.add_setpoint,
+        topics.SENSOR_POSE.key(of): recorder.add_pose,
+    }
+    drives: list[_Drive] = []
+    drive: _Drive | None = None
+    for entry in entries(path, [*take, topics.STATUS.key(of)]):
+        if entry.topic in take:
+            stamp = encode_stamp(entry.sequence, entry.publish_ns)
+            take[entry.topic](Sample(entry.topic, entry.data, stamp))
+            continue
+        try:
+            status = decode_status(entry.data)
+        except MessageError:
+            continue
+        now_s = entry.publish_ns * 1e-9
+        if status.mode not in _UP:
+            drive = None
+            continue
+        if drive is None:
+            drive = _Drive(now_s)
+            drives.append(drive)
+        drive.take(now_s, status)
+    moved = [each for each in drives if each.moved]
+    if not moved:
+        raise TwinError(f"{path}: the robot does not drive in it")
+    return [recorder.recording(each.first_s, each.last_s, each.battery_v) for each in moved]
+
+
+_UP = frozenset({Mode.READY, Mode.DRIVING})
+
+
+class _Drive:
+    """Time from the first to the last status of a robot that was ready or drove."""
+
+    def __init__(self, first_s: float) -> None:
+        self.first_s = self.last_s = first_s
+        self.moved = False
+        self.battery_v: float | None = None
+
+    def take(self, now_s: float, status: Status) -> None:
+        self.last_s = now_s
+        self.moved |= status.mode == Mode.DRIVING
+        self.battery_v = battery_v(status) or self.battery_v
+
+
+def battery_v(status: Status) -> float | None:
+    """Reported battery voltage, None when there is none."""
+    volts = status.hardware.get("battery_v")
+    return float(volts) if isinstance(volts, int | float) and 0.0 < volts < np.inf else None
 
 
 def _parse_recording(rows: list[_Row], modules: int, file: str) -> Recording:

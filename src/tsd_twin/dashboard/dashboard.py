@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Protocol, TypeVar
 
 from tsd_twin.bus import Bus
-from tsd_twin.client.connection import RobotMonitor
+from tsd_twin.client.connection import RobotMonitor, Snapshot
 from tsd_twin.dashboard.robot_discovery import RobotDiscovery
 from tsd_twin.dashboard.robot_roster import RobotRoster
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
@@ -326,6 +326,12 @@ class SceneExecutor:
         """Apply the view settings of a page; `look` turns its camera to the robot."""
         self._worker.submit_latest(
             ("view", page), lambda: self._panels().set_view(page, settings, look=look)
+        )
+
+    def show_past(self, page: str, past: Snapshot | None, ago_s: float) -> None:
+        """Draw the robot of a page as it was some seconds ago, beside the live one, or no more."""
+        self._worker.submit_latest(
+            ("past", page), lambda: self._panels().show_past(page, past, ago_s)
         )
 
     def envelope(self, robot_id: str) -> Array | None:

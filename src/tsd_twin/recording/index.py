@@ -154,7 +154,9 @@ class RecordingIndex:
             RecordingError: the file is damaged.
         """
         chunks = [self._topics[topic] for topic in topics if topic in self._topics]
-        places = {place for each in chunks for place in each.places if place.end_ns > after_ns}
+        places = {
+            place for each in chunks for place in list(each.places) if place.end_ns > after_ns
+        }
         for place in sorted(places):
             for entry in self._read(place, topics):
                 if entry.log_ns > after_ns:
@@ -254,7 +256,7 @@ class RecordingIndex:
         """Yield the messages of a chunk, of some topics or of all."""
         wanted = {
             number: (channel.topic, channel.message_encoding, self._type(channel))
-            for number, channel in self._channels.items()
+            for number, channel in list(self._channels.items())  # It may grow meanwhile.
             if topics is None or channel.topic in topics
         }
         for kind, body in self._records(place):

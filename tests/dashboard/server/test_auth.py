@@ -29,7 +29,14 @@ from tsd_twin.security.users import ABSOLUTE_S, LoginRateLimiter
 PAGE = "0123456789abcdef"
 OTHER = "fedcba9876543210"
 EVERYTHING = ["/healthz", "/static/overlay.js", "/static/page.css", f"/teleop?page={PAGE}"]
-EVERYTHING += [f"/viser/{PAGE}", "/nothing", "/static/", "/recordings", f"/recorded/a.mcap/{PAGE}"]
+EVERYTHING += [
+    f"/viser/{PAGE}",
+    "/nothing",
+    "/static/",
+    "/recordings",
+    "/recordings/a.mcap/path",
+    f"/recorded/a.mcap/{PAGE}",
+]
 VISER = Subprotocol(f"viser-v{viser.__version__}")
 
 

@@ -30,6 +30,8 @@ PREDICTED: Rgb = (235, 80, 160)
 """Colour of the predicted pose."""
 ENVELOPE: Rgb = (232, 90, 60)
 """Colour of the stop envelope."""
+PAST: Rgb = (245, 189, 74)
+"""Colour of the past, as of all that belongs to recordings."""
 SUSPECT: Rgb = (225, 40, 40)
 """Colour of a suspected fault."""
 STALE: Rgb = (128, 132, 138)
@@ -68,6 +70,8 @@ TRUE_POSES, ALTERNATIVE_POSES, TRAILS, AXIS_LABELS = (
 the floor."""
 ROUTES = f"{ROOT}/p"
 """Node of all planned paths."""
+PAST_NODE = f"{ROOT}/h"
+"""Node of the robot of a page as it was some seconds ago, in the scene of that page."""
 _SHARED_NODES = {
     Layer.TRUTH: TRUE_POSES,
     Layer.OTHER: ALTERNATIVE_POSES,

@@ -8,8 +8,10 @@ import threading
 import numpy as np
 import viser
 
+from tsd_twin.client.connection import Snapshot
 from tsd_twin.dashboard.scene import appearance
 from tsd_twin.dashboard.scene.appearance import (
+    PAST_NODE,
     ROOT,
     Layer,
     disable_shadows_and_reflections,
@@ -18,7 +20,8 @@ from tsd_twin.dashboard.scene.appearance import (
 )
 from tsd_twin.dashboard.scene.overlays import ARROW_HEAD_M, MIN_ARROW_SPEED_MPS, arrow_points
 from tsd_twin.dashboard.scene.picking import CameraPose, floor_points, sphere_point
-from tsd_twin.dashboard.scene.robot_overlays import add_wireframe
+from tsd_twin.dashboard.scene.robot_geometry import JointReader, RobotShape
+from tsd_twin.dashboard.scene.robot_overlays import add_wireframe, set_planar_pose
 from tsd_twin.dashboard.scene.robot_visual import RobotVisual
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.tilt_exaggeration import ExaggeratedTilt, hide_links
@@ -29,7 +32,7 @@ from tsd_twin.dashboard.scene.view_settings import (
 )
 from tsd_twin.dashboard.viser_compat.viser_server import CAMERA_OFFSET_M, LOOK_AT_M
 from tsd_twin.kinematics import JointKind
-from tsd_twin.lie import SE2, Array
+from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.models import Link
 
 
@@ -99,6 +102,78 @@ class PosePreview:
         hide_links(self._client, body, body.id)
 
 
+class PastGhost:
+    """Ghost in one client's scene: edges and moving links of a robot where it was, with a label."""
+
+    def __init__(self, client: viser.ClientHandle) -> None:
+        self._client = client
+        self._frame: viser.FrameHandle | None = None
+        self._label: viser.LabelHandle | None = None
+        self._links: dict[Link, viser.BatchedGlbHandle] = {}
+        self._reader: JointReader | None = None
+
+    def draw(self, body: RobotVisual | None, past: Snapshot | None, ago_s: float) -> None:
+        """Show what a robot sent some seconds ago; None hides the ghost."""
+        shown = body is not None and past is not None and past.odom is not None
+        if self._frame is not None and self._frame.visible != shown:
+            self._frame.visible = shown
+        if body is None or past is None or past.odom is None:
+            return
+        if self._frame is None:
+            self._frame = self._client.scene.add_frame(PAST_NODE, show_axes=False)
+            add_wireframe(
+                self._client.scene,
+                f"{PAST_NODE}/c",
+                body.meshes.shape,
+                appearance.PAST,
+                visible=True,
+            )
+            self._reader = JointReader(body.link.kinematics)
+        shape, ball = body.meshes.shape, SO3.identity()
+        if past.odom.wxyz is None:
+            set_planar_pose(self._frame, past.odom.xy_heading)
+        else:
+            ball = SO3(past.odom.wxyz)
+        text = f"{body.id} {ago_s:.1f} s ago"
+        if self._label is None:
+            self._label = self._client.scene.add_label(
+                f"{PAST_NODE}/n",
+                text,
+                position=(0.0, 0.0, shape.height_m + _LABEL_ABOVE_M),
+                anchor="bottom-center",
+            )
+        elif self._label.text != text:
+            self._label.text = text
+        joints = (
+            None
+            if past.joints is None or self._reader is None
+            else self._reader.vector(past.joints)
+        )
+        if joints is not None:
+            self._pose(shape, joints, ball)
+
+    def clear(self) -> None:
+        """Forget the nodes of this client."""
+        self._frame = self._label = self._reader = None
+        self._links.clear()
+
+    def _pose(self, shape: RobotShape, joints: Array, ball: SO3) -> None:
+        wheels = np.array([joint.kind is JointKind.VELOCITY for joint in shape.kinematics.joints])
+        poses = shape.skeleton.poses(SE2.identity(), ball, np.where(wheels, 0.0, joints))
+        for kind in shape.moving:
+            if kind in self._links:
+                self._links[kind].batched_wxyzs = poses[kind].wxyz.astype(np.float32)
+                self._links[kind].batched_positions = poses[kind].position.astype(np.float32)
+            else:
+                self._links[kind] = self._client.scene.add_batched_glb(
+                    f"{PAST_NODE}/{kind}",
+                    shape.tinted(kind, appearance.PAST),
+                    *poses[kind],
+                    lod="off",
+                )
+
+
+_LABEL_ABOVE_M = 0.05
 _LOOK_AT_TOLERANCE_M = 0.05
 """A camera that looks at a place this near to the robot has not been moved away from it."""
 
@@ -122,6 +197,8 @@ class ClientView:
         self._preview_joints: Array | None = None
         self._preview = PosePreview(client)
         self._tilt = ExaggeratedTilt(client)
+        self._past: tuple[Snapshot | None, float] = None, 0.0
+        self._ghost = PastGhost(client)
 
     # Selection and camera.
 
@@ -234,6 +311,15 @@ class ClientView:
                 hide_links(self._client, body, body.id)  # The end of the preview has shown them.
         self._client.flush()
 
+    # The past.
+
+    def show_past(self, past: Snapshot | None, ago_s: float) -> None:
+        """Draw the selected robot as it was some seconds ago, for this client; None ends it."""
+        with self._scene.lock, self._client.atomic():
+            self._past = past, ago_s
+            self._ghost.draw(self.visual, *self._past)
+        self._client.flush()
+
     def _draw_preview(self) -> None:
         body, joints = self.visual, self._preview_joints
         if body is None:
@@ -269,6 +355,7 @@ class ClientView:
             own.reset()
             self._preview.clear()
             self._tilt.clear()
+            self._ghost.clear()
             self._tilt.factor = self._settings.tilt
             self._select_available()
             self._world = self._add_world(own)
@@ -280,6 +367,7 @@ class ClientView:
                 self._tilt.start(body, rings=Layer.SETPOINT not in self._settings.hidden)
             if self._preview_joints is not None:
                 self._draw_preview()
+            self._ghost.draw(body, *self._past)
         self._client.flush()
 
     def _add_world(self, own: viser.SceneApi) -> viser.FrameHandle | None:
@@ -315,6 +403,7 @@ class ClientView:
         shown = shown or self._scene.default_robot_id
         if shown != self._robot_id:
             self._robot_id, self._preview_joints = shown, None
+            self._past = None, 0.0
             self._bring_into_view()
 
     def _hide_layers(self, own: viser.SceneApi) -> None:

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 import viser
 
+from tsd_twin.client.connection import Snapshot
 from tsd_twin.dashboard.scene.appearance import Layer
 from tsd_twin.dashboard.scene.client_view import ClientView
 from tsd_twin.dashboard.scene.robot_geometry import FLOOR_AXES, axis_limits, twist_axes_of
@@ -349,6 +350,10 @@ class Panel:
     def pick_floor(self, shares: Array) -> Array:
         """Floor points (m, 2) in `odom` at screen positions, as `floor_points`."""
         return self._view.pick_floor(shares)
+
+    def show_past(self, past: Snapshot | None, ago_s: float) -> None:
+        """Draw the robot as it was some seconds ago, beside the live one; None ends it."""
+        self._view.show_past(past, ago_s)
 
     def set_view(self, settings: ViewSettings, *, look: bool) -> None:
         """Apply the view settings of the page; `look` turns the camera to the robot."""

@@ -8,6 +8,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 import viser
 
+from tsd_twin.client.connection import Snapshot
 from tsd_twin.dashboard.scene.panel import Panel, SliderMode
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.view_settings import ViewSettings
@@ -92,6 +93,11 @@ class PanelManager:
         """Apply the view settings of a page; `look` turns its camera to the robot."""
         for panel in self._panels_of(page):
             panel.set_view(settings, look=look)
+
+    def show_past(self, page: str, past: Snapshot | None, ago_s: float) -> None:
+        """Draw the robot of a page as it was some seconds ago, beside the live one, or no more."""
+        for panel in self._panels_of(page):
+            panel.show_past(past, ago_s)
 
     def pick_floor(self, page: str, shares: Array) -> Array:
         """Floor points (m, 2) in `odom` at screen positions of a page, as

@@ -11,6 +11,7 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 import viser
 
+from tsd_twin.client.connection import Snapshot
 from tsd_twin.dashboard.scene.robot_geometry import RobotShape
 from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.lie import SO3, Array
@@ -84,6 +85,10 @@ class DashboardScene(PageScene, Protocol):
         """Apply the view settings of a page; `look` turns its camera to the robot."""
         ...
 
+    def show_past(self, page: str, past: Snapshot | None, ago_s: float) -> None:
+        """Draw the robot of a page as it was some seconds ago, beside the live one, or no more."""
+        ...
+
     def envelope(self, robot_id: str) -> Array | None:
         """Drawn stop envelope (n, 2) in the frame of a robot; None at rest."""
         ...
@@ -107,6 +112,9 @@ class EmptyPageScene:
 
     def apply_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
         """Change nothing."""
+
+    def show_past(self, page: str, past: Snapshot | None, ago_s: float) -> None:
+        """Draw nothing."""
 
     def envelope(self, robot_id: str) -> Array | None:  # noqa: ARG002  The shape.
         """Return no area."""

@@ -136,6 +136,7 @@ class HttpServer:
         app.router.add_get("/viser/{page}", self._serve_viser)
         if self._recorded is not None:
             app.router.add_get("/recordings", self._recorded.serve_list)
+            app.router.add_get("/recordings/{name}/path", self._recorded.serve_path)
             app.router.add_get("/recorded/{name}/{page}", self._serve_recorded_viser)
         self._login_routes.add_to(app.router)
         app.router.add_static("/static", STATIC)

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 
-from tsd_twin.client.connection import RobotMonitor
+from tsd_twin.client.connection import RobotMonitor, Snapshot
 from tsd_twin.dashboard.scene.picking import DashboardScene
 from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.dashboard.server.protocol import FloorPoint, MapLines, MapRobot, MapState
@@ -59,11 +59,13 @@ class MapData:
         links: Callable[[], Mapping[str, RobotMonitor]],
         scene: DashboardScene,
         on_lines: Callable[[], None],
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """`links` returns the clients of all robots; `on_lines` is called after a path has
-        changed.
+        changed; `clock` is that of the times at which their states were received.
         """
         self._links, self._scene, self._on_lines = links, scene, on_lines
+        self._clock = clock
         self._trails: dict[str, MapTrail] = {}
         self._routes: dict[str, list[FloorPoint]] = {}
 
@@ -71,7 +73,11 @@ class MapData:
         """Continue the trail of a robot that has sent something."""
         pose = self._pose(robot_id)
         if pose is not None:
-            self._trails.setdefault(robot_id, MapTrail()).add(float(pose[0]), float(pose[1]))
+            self.extend_trail(robot_id, float(pose[0]), float(pose[1]))
+
+    def extend_trail(self, robot_id: str, x_m: float, y_m: float) -> None:
+        """Continue the trail of a robot to a place in `odom`."""
+        self._trails.setdefault(robot_id, MapTrail()).add(x_m, y_m)
 
     def on_robots_changed(self) -> None:
         """Forget robots that have left."""
@@ -86,7 +92,7 @@ class MapData:
 
     def state(self, shown: str) -> MapState:
         """Return what moves; `shown` is the robot that the page shows."""
-        now_s = time.monotonic()
+        now_s = self._clock()
         robots: list[MapRobot] = []
         for robot_id, link in self._links().items():
             if (pose := self._pose(robot_id)) is None:
@@ -129,6 +135,10 @@ class MapData:
     def apply_view(self, page: str, settings: ViewSettings, *, look: bool) -> None:
         """Apply the view settings of a page; `look` turns its camera to the robot."""
         self._scene.apply_view(page, settings, look=look)
+
+    def show_past(self, page: str, past: Snapshot | None, ago_s: float) -> None:
+        """Draw the robot of a page as it was some seconds ago, beside the live one, or no more."""
+        self._scene.show_past(page, past, ago_s)
 
 
 def _points(rows: Array) -> list[FloorPoint]:

@@ -195,6 +195,14 @@ interface RobotState {
   route: RouteState | null;
   plot: { [name: string]: number | null };
   map: MapState | null;
+  past: PastState | null;
+}
+
+interface PastState {
+  ago_s: number;
+  mode: string;
+  pose: Triple | null;
+  twist: Triple | null;
 }
 
 interface RobotName {
@@ -411,6 +419,7 @@ type PageMessage =
   | { t: "robot"; id: string }
   | { t: "view"; settings: ViewSettings; look: boolean }
   | { t: "map"; on: boolean }
+  | { t: "look_back"; ago_s: number | null }
   | { t: "plot_fields"; names: string[] }
   | { t: "clear_plan" | "release" | "panel_released" | "arm" | "disarm" | "reset" | "stop" };
 
@@ -478,6 +487,12 @@ type TimelineRequest =
   | { t: "pause" }
   | { t: "step"; back: boolean }
   | { t: "mark"; note: string };
+
+interface RecordedPath {
+  robot: string;
+  colour: string;
+  points: FloorPoint[];
+}
 
 /** A line of the list of recordings. */
 interface RecordingName {

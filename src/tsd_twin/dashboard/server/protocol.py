@@ -161,6 +161,16 @@ class ShowMap(Message, frozen=True, tag="map"):
     on: bool
 
 
+LOOK_BACK_S = 30.0
+"""Time for which the past of a robot is kept."""
+
+
+class LookBack(Message, frozen=True, tag="look_back"):
+    """Request to draw the robot as it was some seconds ago beside the live one; null ends it."""
+
+    ago_s: Annotated[float, Meta(ge=0.1, le=LOOK_BACK_S)] | None
+
+
 class StudentRequest(Message, frozen=True, tag="student"):
     """Request of the figures of a shipped robot with some knobs turned; it concerns no robot."""
 
@@ -194,6 +204,7 @@ PageMessage: TypeAlias = (
     | SelectPlotFields
     | SetView
     | ShowMap
+    | LookBack
     | StudentRequest
 )
 _DECODER = msgspec.json.Decoder(PageMessage)
@@ -353,6 +364,15 @@ class MapState(msgspec.Struct, frozen=True):
     """Stop envelope of the robot that the page shows, in the frame of that robot; null at rest."""
 
 
+class PastState(msgspec.Struct, frozen=True):
+    """What the robot was doing some seconds ago, while its past is drawn."""
+
+    ago_s: float
+    mode: str
+    pose: Triple | None
+    twist: Triple | None
+
+
 class RobotState(Message, frozen=True, tag="state"):
     """State of the robot."""
 
@@ -381,6 +401,8 @@ class RobotState(Message, frozen=True, tag="state"):
     """Values that this page has requested for its plots."""
     map: MapState | None = None
     """While the page shows its map."""
+    past: PastState | None = None
+    """While the page draws the past beside it."""
 
 
 class MapLines(Message, frozen=True, tag="map_lines"):

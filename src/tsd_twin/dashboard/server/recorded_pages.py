@@ -14,17 +14,22 @@ import msgspec
 from aiohttp import WSMessage, WSMsgType, web
 
 from tsd_twin.dashboard.recorded_view import RecordedView
+from tsd_twin.dashboard.robot_roster import RobotRoster
 from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.dashboard.server.auth import Principal
+from tsd_twin.dashboard.server.recorded_protocol import RecordedPath
 from tsd_twin.dashboard.server.recorded_session import RecordedSession
 from tsd_twin.errors import TwinError
 from tsd_twin.messages.services import Reply
 from tsd_twin.recording.catalogue import Catalogue
+from tsd_twin.recording.player import Player
 
 MOST_VIEWS = 5
 """Pages that show recordings at the same time; each has a scene in memory."""
 LINGER_S = 3.0
 """A view stays for so long without a socket: both of a page come and go by themselves."""
+_PATH_POINTS = 64
+_PATHS_KEPT = 256
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,120}\.mcap")
 
 
@@ -36,6 +41,7 @@ class RecordedPages:
         self._stop_all = stop_all
         self._catalogue = Catalogue(folder)
         self._listing = asyncio.Lock()
+        self._paths: dict[tuple[str, int], bytes] = {}
         self._views: dict[str, asyncio.Task[RecordedView]] = {}
         self._uses: dict[str, int] = {}
         self._owners: dict[str, Principal] = {}
@@ -77,6 +83,28 @@ class RecordedPages:
             headers={"Cache-Control": "no-store"},
         )
 
+    async def serve_path(self, request: web.Request) -> web.StreamResponse:
+        """Answer `GET recordings/<name>/path`: where the robots drove, as JSON."""
+        path = self._file(request.match_info["name"])
+        try:
+            async with self._listing:
+                key = path.name, path.stat().st_size
+                if key not in self._paths:
+                    self._paths[key] = await asyncio.to_thread(_paths_of, path)
+                    for oldest in list(self._paths)[:-_PATHS_KEPT]:
+                        del self._paths[oldest]
+                body = self._paths[key]
+        except (TwinError, OSError) as error:
+            raise web.HTTPNotFound(text="It cannot be shown.") from error
+        return web.Response(
+            body=body, content_type="application/json", headers={"Cache-Control": "no-store"}
+        )
+
+    def _file(self, name: str) -> Path:
+        if not _NAME.fullmatch(name) or not (self._folder / name).is_file():
+            raise web.HTTPNotFound(text="There is no such recording.")
+        return self._folder / name
+
     @contextlib.asynccontextmanager
     async def view(
         self, page: str, name: str, principal: Principal
@@ -90,8 +118,7 @@ class RecordedPages:
         if owner is not None and owner.key != principal.key:
             raise web.HTTPForbidden(text="This page belongs to another login.")
         if page not in self._views:
-            if not _NAME.fullmatch(name) or not (self._folder / name).is_file():
-                raise web.HTTPNotFound(text="There is no such recording.")
+            path = self._file(name)
             if len(self._views) >= MOST_VIEWS:  # Those that linger give way.
                 idle = [each for each in self._views if not self._uses.get(each)]
                 await asyncio.gather(*(self._close(each) for each in idle))
@@ -100,7 +127,7 @@ class RecordedPages:
             self._loop = asyncio.get_running_loop()
             self._owners[page] = principal
             self._views[page] = asyncio.create_task(
-                asyncio.to_thread(RecordedView, self._folder / name, self._on_robot, self._on_view)
+                asyncio.to_thread(RecordedView, path, self._on_robot, self._on_view)
             )
         self._uses[page] = self._uses.get(page, 0) + 1
         try:
@@ -176,3 +203,29 @@ class RecordedPages:
             with contextlib.suppress(Exception):  # It could not be opened.
                 view = await task
                 await asyncio.to_thread(view.close)
+
+
+def _paths_of(path: Path) -> bytes:
+    """Return the paths of all robots of a recording as JSON.
+
+    Raises:
+        RecordingError: it is none.
+    """
+    player, roster = Player(path), RobotRoster()
+    try:
+        points: dict[str, list[tuple[float, float]]] = {each: [] for each in player.robots}
+        for i in range(_PATH_POINTS + 1):
+            player.seek(player.duration_s * i / _PATH_POINTS)
+            for robot_id, robot in player.robots.items():
+                odom = robot.snapshot.odom
+                if odom is not None and odom.wxyz is None:
+                    x, y, _ = (round(float(number), 3) for number in odom.xy_heading)
+                    points[robot_id].append((x, y))
+    finally:
+        player.close()
+    return msgspec.json.encode(
+        [
+            RecordedPath(each, "#{:02x}{:02x}{:02x}".format(*roster.colour(each)), places)
+            for each, places in points.items()
+        ]
+    )

@@ -9,12 +9,14 @@ import msgspec
 from msgspec import Meta
 
 from tsd_twin.dashboard.server.protocol import (
+    FloorPoint,
     Message,
     PageHeartbeat,
     RobotState,
     SelectPlotFields,
     SelectRobot,
     SetView,
+    ShowMap,
     StopCommand,
     StudentRequest,
 )
@@ -61,6 +63,7 @@ RecordedPageMessage: TypeAlias = (
     | SelectRobot
     | SelectPlotFields
     | SetView
+    | ShowMap
     | StudentRequest
 )
 """What such a page may send: nothing that moves a robot."""
@@ -84,6 +87,16 @@ class Timeline(Message, frozen=True, tag="timeline"):
     """Wall clock of the recorder at its start."""
     duration_s: float
     events: Sequence[TimelineEvent]
+
+
+class RecordedPath(msgspec.Struct, frozen=True):
+    """Path of a robot, for the small picture of a recording in the list."""
+
+    robot: str
+    colour: str
+    """As `#rrggbb`."""
+    points: Sequence[FloorPoint]
+    """Places at equal times, in `odom`; none of a sphere."""
 
 
 class PastStates(Message, frozen=True, tag="past"):

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Coroutine, Sequence
 from typing import Any, cast
 
 import msgspec
 
 from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.dashboard.recorded_view import RecordedView
+from tsd_twin.dashboard.scene.picking import EmptyPageScene
 from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.dashboard.server.auth import Principal, operator_name
+from tsd_twin.dashboard.server.map_data import MapData
 from tsd_twin.dashboard.server.protocol import (
     ActionReply,
     HeartbeatReply,
@@ -23,6 +25,7 @@ from tsd_twin.dashboard.server.protocol import (
     SelectRobot,
     SessionInfo,
     SetView,
+    ShowMap,
     StopCommand,
     StudentRequest,
     ViewChanged,
@@ -44,6 +47,7 @@ from tsd_twin.dashboard.server.recorded_protocol import (
 from tsd_twin.dashboard.server.session import SendQueue
 from tsd_twin.dashboard.server.telemetry import RobotTelemetry
 from tsd_twin.errors import MessageError, RecordingError
+from tsd_twin.lie import Array
 from tsd_twin.messages.services import Reply
 from tsd_twin.recording.events import EventKind, RecordedEvent, read_events
 from tsd_twin.recording.marks import Mark, add_mark, read_marks
@@ -58,6 +62,25 @@ REFUSAL = "this is a recording: press L for the live robots"
 _DECODER = msgspec.json.Decoder(RecordedPageMessage)
 _STATE_EVERY = 2
 """Frames from one state to the next."""
+_GROWN_S = 5.0
+"""The timeline of a recording that is being written is sent again when it is longer by this."""
+_MAX_CONCURRENT_STOPS = 2
+"""The second starts after the first, so a third adds nothing."""
+
+
+class _ViewScene(EmptyPageScene):
+    """Scene of a view, as the map needs it."""
+
+    def __init__(self, view: RecordedView) -> None:
+        self._scene = view.scene
+
+    def envelope(self, robot_id: str) -> Array | None:
+        """Drawn stop envelope (n, 2) in the frame of a robot; None at rest."""
+        return self._scene.envelope(robot_id)
+
+    def reach_m(self, robot_id: str) -> float:
+        """Radius of a robot around its base."""
+        return self._scene.reach_m(robot_id)
 
 
 class RecordedSession:
@@ -95,6 +118,17 @@ class RecordedSession:
         self._jumps = 0
         self._past_player: Player | None = None
         self._past_lock = asyncio.Lock()
+        self._settling: asyncio.TimerHandle | None = None
+        self._stopping: set[asyncio.Task[None]] = set()
+        self._marking = False
+        self._told_s = 0.0
+        self._shows_map = False
+        self._map_data = MapData(
+            lambda: cast("dict[str, RobotMonitor]", view.player.robots),
+            _ViewScene(view),
+            lambda: None,
+            clock=lambda: view.player.t_s,
+        )
 
     async def open(self) -> None:
         """Tell the page about the recording, and go on with what is shown."""
@@ -123,6 +157,8 @@ class RecordedSession:
     def close(self) -> None:
         """End."""
         self._view.on_shown = lambda: None
+        if self._settling is not None:
+            self._settling.cancel()
         for task in self._tasks:
             task.cancel()
         if self._past_player is not None:
@@ -142,24 +178,31 @@ class RecordedSession:
                 self.send_queue.acknowledge(message.seen)
                 self._send(HeartbeatReply(sent_ms=message.sent_ms))
             case StopCommand():
-                self._start(self._stop())
+                self._stop()
             case AddMark():
-                self._start(self._mark(message.note))
+                self._mark(message.note)
+            case StudentRequest():
+                self._send(ActionReply(to="student", ok=False, reason=REFUSAL))
+            case SelectRobot() | SelectPlotFields() | ShowMap() | SetView():
+                self._show_otherwise(message)
+            case Seek() | Play() | Pause() | StepStatus():
+                self._move(message)
+
+    def _show_otherwise(self, message: SelectRobot | SelectPlotFields | ShowMap | SetView) -> None:
+        match message:
             case SelectRobot():
                 self.select_robot(message.id)
             case SelectPlotFields():
                 self._plot_fields = message.names
+            case ShowMap():
+                self._shows_map = message.on
+                self._settle()
             case SetView():
                 self._view.set_view(self.page, message.settings, look=message.look)
-            case StudentRequest():
-                self._send(ActionReply(to="student", ok=False, reason=REFUSAL))
-            case Seek() | Play() | Pause() | StepStatus():
-                self._move(message)
 
     def _move(self, message: Seek | Play | Pause | StepStatus) -> None:
         if isinstance(message, Seek | StepStatus):
-            self._jumps += 1
-            self._start(self._send_past(self._jumps))
+            self._settle()
         match message:
             case Seek():
                 self._view.seek(message.t_s)
@@ -193,16 +236,29 @@ class RecordedSession:
         tag = str(message.__struct_config__.tag)
         self._send(ActionReply(to=tag, ok=False, reason=REFUSAL))
 
-    async def _stop(self) -> None:
-        reply = Reply(False, "a viewer only watches")
-        if self.principal.may_stop:
-            reply = await self._stop_all(self._operator)
+    def _stop(self) -> None:
+        if not self.principal.may_stop:
+            self._send(ActionReply(to="stop", ok=False, reason="a viewer only watches"))
+        elif len(self._stopping) < _MAX_CONCURRENT_STOPS:
+            task = self._start(self._stop_and_answer())
+            self._stopping.add(task)
+            task.add_done_callback(self._stopping.discard)
+
+    async def _stop_and_answer(self) -> None:
+        reply = await self._stop_all(self._operator)
         self._send(ActionReply(to="stop", ok=reply.ok, reason=reply.reason))
 
-    async def _mark(self, note: str) -> None:
+    def _mark(self, note: str) -> None:
+        refusal = "a mark is being written" if self._marking else ""
         if self.principal.identity.role is Role.VIEWER:
-            self._send(ActionReply(to="mark", ok=False, reason="a viewer only watches"))
+            refusal = "a viewer only watches"
+        if refusal:
+            self._send(ActionReply(to="mark", ok=False, reason=refusal))
             return
+        self._marking = True
+        self._start(self._add_mark(note))
+
+    async def _add_mark(self, note: str) -> None:
         index = self._view.player.index
         log_ns = index.start_ns + round(1e9 * self._view.player.t_s)
         try:
@@ -210,18 +266,22 @@ class RecordedSession:
         except RecordingError as error:
             self._send(ActionReply(to="mark", ok=False, reason=str(error)))
             return
+        finally:
+            self._marking = False
         self._send(ActionReply(to="mark", ok=True))
         await self._send_timeline()
 
-    def _start(self, work: Any) -> None:
+    def _start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         task = asyncio.create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
+        return task
 
     # To the page.
 
     async def _send_timeline(self) -> None:
         index = self._view.player.index
+        self._told_s = self._view.player.duration_s
         events = await asyncio.to_thread(read_events, index)
         marks = await asyncio.to_thread(read_marks, index.path)
         self._send(
@@ -237,13 +297,28 @@ class RecordedSession:
             )
         )
 
-    async def _send_past(self, jump: int) -> None:
+    def _settle(self) -> None:
         """Send the states before the time that is shown, once the last of several jumps is over."""
-        await asyncio.sleep(_SETTLED_S)
+        self._jumps += 1
+        jump = self._jumps
+        if self._settling is not None:
+            self._settling.cancel()
+        self._settling = self._loop.call_later(
+            _SETTLED_S, lambda: self._start(self._send_past(jump))
+        )
+
+    async def _send_past(self, jump: int) -> None:
         async with self._past_lock:
-            if jump == self._jumps:
-                states = await asyncio.to_thread(self._past)
-                self._send(PastStates(states=states))
+            if jump != self._jumps:
+                return
+            states = await asyncio.to_thread(self._past)
+        self._send(PastStates(states=states))
+        self._map_data.clear_trails()
+        for state in states:
+            if state.pose is not None:
+                self._map_data.extend_trail(self._view.robot_id, *state.pose[:2])
+        if self._shows_map:
+            self._send(self._map_data.lines(trails=True))
 
     def _past(self) -> list[RobotState]:
         """States of the selected robot, from a player of their own: the view goes on meanwhile."""
@@ -288,12 +363,16 @@ class RecordedSession:
         if cursor != self._cursor:
             self._cursor = cursor
             self.send_queue.put_panel(encode_message(cursor))
+        if abs(view.player.duration_s - self._told_s) > _GROWN_S:
+            self._start(self._send_timeline())
+        self._map_data.on_status(robot_id)
         robot = view.player.robots[robot_id]
         state = self._state(self._telemetry[robot_id], robot)
         if state is not None:
             # A number of its own: a recording that stands still goes on being shown.
             number = next(self._numbers)
-            state = msgspec.structs.replace(state, seen=number)
+            shown = self._map_data.state(robot_id) if self._shows_map else None
+            state = msgspec.structs.replace(state, seen=number, map=shown)
             self.send_queue.put_state(number, encode_message(state))
 
     def _send(self, message: Any) -> None:

@@ -11,10 +11,11 @@ from collections.abc import Callable, Mapping
 from typing import Protocol
 
 from tsd_twin.client import procedures
-from tsd_twin.client.connection import RobotMonitor
+from tsd_twin.client.connection import RobotMonitor, Snapshot
 from tsd_twin.dashboard.robot_roster import RobotRoster
 from tsd_twin.dashboard.server.lease import RpcExecutor
 from tsd_twin.dashboard.server.protocol import RobotName, RobotState
+from tsd_twin.dashboard.server.state_history import StateHistory
 from tsd_twin.dashboard.server.telemetry import RobotTelemetry
 from tsd_twin.messages.services import Event
 from tsd_twin.recording.replay import HARDWARE
@@ -55,6 +56,7 @@ class RobotDirectory:
         self._telemetry: dict[str, RobotTelemetry] = {}
         self._events: dict[str, deque[tuple[float, Event]]] = {}
         self._modes: dict[str, tuple[str, float]] = {}
+        self._histories: dict[str, tuple[RobotMonitor, StateHistory]] = {}
         self._measuring: set[asyncio.Task[None]] = set()
 
     def robot_names(self) -> list[RobotName]:
@@ -124,11 +126,26 @@ class RobotDirectory:
             _state_age_s(link) < LIVE_TIMEOUT_S for link in list(self._discovery.links.values())
         )
 
-    def note_mode(self, robot_id: str) -> None:
-        """Record since when a robot has been in its mode, which no page sees now."""
+    def note_status(self, robot_id: str) -> None:
+        """Note the newest state of a robot: its history, and since when it has been in its mode."""
         link = self._discovery.links.get(robot_id)
-        if link is not None and link.snapshot.status is not None:
-            self._mode_since_s(robot_id, link.snapshot.status.mode)
+        if link is None or link.snapshot.status is None:
+            return
+        self._mode_since_s(robot_id, link.snapshot.status.mode)
+        if robot_id not in self._histories or self._histories[robot_id][0] is not link:
+            known = self._discovery.links  # Of robots that have left, or were restarted, none.
+            self._histories = {
+                each: kept for each, kept in self._histories.items() if each in known
+            }
+            self._histories[robot_id] = link, StateHistory()
+        self._histories[robot_id][1].add(link.snapshot)
+
+    def past(self, robot_id: str, ago_s: float) -> Snapshot | None:
+        """Return what a robot sent some seconds ago; None when no page was open then."""
+        link, history = self._histories.get(robot_id, (None, None))
+        if link is None or history is None or link is not self._discovery.links.get(robot_id):
+            return None
+        return history.at(link.snapshot.received_s - ago_s)
 
     def live_links(self) -> list[RobotMonitor]:
         """Return the clients of all robots but replays of recordings, which cannot be stopped."""

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 import msgspec
 
 from tsd_twin.client import procedures
+from tsd_twin.client.connection import Snapshot
 from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.dashboard.server.auth import Principal, operator_name
 from tsd_twin.dashboard.server.lease import LeaseClient, RpcExecutor
@@ -27,9 +28,11 @@ from tsd_twin.dashboard.server.protocol import (
     FollowPlan,
     HeartbeatReply,
     LeaseAction,
+    LookBack,
     PageHeartbeat,
     PageMessage,
     PanelSlidersReleased,
+    PastState,
     PlanRequest,
     ReleaseControls,
     ResetRequest,
@@ -194,6 +197,8 @@ class Session:
         self._plot_fields: Sequence[str] = ()
         self._map_data = map_data
         self._shows_map = False
+        self._ago_s: float | None = None
+        self._past: Snapshot | None = None
 
     def on_robots_changed(self) -> None:
         """Send session info with the list of robots; select a robot if none is selected."""
@@ -292,7 +297,14 @@ class Session:
             case PanelSlidersReleased():
                 if self._role is not Role.VIEWER:  # Viewers have no sliders.
                     self._on_released(self.page)
-            case SelectRobot() | SelectPlotFields() | SetView() | ShowMap() | StudentRequest():
+            case (
+                SelectRobot()
+                | SelectPlotFields()
+                | SetView()
+                | ShowMap()
+                | LookBack()
+                | StudentRequest()
+            ):
                 self._show(message)
             case LeaseAction() if self._role is Role.VIEWER:
                 self._send(ActionReply(to="lease", ok=False, reason=_VIEWER_REFUSAL))
@@ -302,7 +314,8 @@ class Session:
                 self._request_as_holder(message)
 
     def _show(
-        self, message: SelectRobot | SelectPlotFields | SetView | ShowMap | StudentRequest
+        self,
+        message: SelectRobot | SelectPlotFields | SetView | ShowMap | LookBack | StudentRequest,
     ) -> None:
         match message:
             case SelectRobot():
@@ -316,6 +329,9 @@ class Session:
                 self._shows_map, was_shown = message.on, self._shows_map
                 if not was_shown:
                     self.send_map_lines(trails=True)
+            case LookBack():
+                self._ago_s = message.ago_s
+                self._show_past()
             case StudentRequest():
                 self._student.request(message)
 
@@ -399,6 +415,8 @@ class Session:
         self._teleop.release("another robot is shown")
         self._teleop.navigation.clear()
         await self._lease_client.release_lease()
+        self._ago_s = None
+        self._show_past()
         self.robot_id, self._plot_fields = robot_id, ()
         self._send_robot()
         self._on_chosen(self.page, robot_id)
@@ -429,8 +447,25 @@ class Session:
             route=self._teleop.navigation.route_state,
             plot=self._plot_values(),
             map=self._map_data.state(self.robot_id or "") if self._shows_map else None,
+            past=self._show_past(),
         )
         self.send_queue.put_state(state.seen, encode_message(state))
+
+    def _show_past(self) -> PastState | None:
+        """Draw the robot as it was, if that is asked for, and return what it was doing."""
+        ago_s, view = self._ago_s, self._directory.view(self.robot_id)
+        past = None
+        if ago_s is not None and view is not None:
+            past = self._directory.past(view.link.id, ago_s)
+        if past is not self._past:
+            self._past = past
+            self._map_data.show_past(self.page, past, ago_s or 0.0)
+        if ago_s is None or past is None or past.status is None or view is None:
+            return None
+        told = view.state(
+            past, past.status, past.received_s, mode_age_s=0.0, round_trips=view.link.round_trips
+        )
+        return PastState(ago_s, told.status.mode, told.pose, told.twist)
 
     def _plot_values(self) -> dict[str, float | None]:
         view = self._directory.view(self.robot_id) if self._plot_fields else None

@@ -105,8 +105,8 @@ class SessionManager:
     def on_status(self, robot_id: str) -> None:
         """Decide on a robot's new status in all sessions that have it selected, then show it."""
         self._map_data.on_status(robot_id)
+        self.directory.note_status(robot_id)
         if not (sessions := self._sessions_showing(robot_id)):
-            self.directory.note_mode(robot_id)
             return
         if (state := self.directory.state(robot_id)) is None:
             return

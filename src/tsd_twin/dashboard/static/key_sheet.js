@@ -11,6 +11,11 @@ const KEYS = [
   ["G", "hold to go along the path"],
   ["M", "open or close the map"],
   ["1 2 3", "camera: 3-D, top, chase"],
+  ["K", "of a recording: play, pause"],
+  ["N P", "of a recording: next, previous event or mark"],
+  [". ,", "of a recording: one status on, one back"],
+  ["B", "of a recording: mark this time with a note"],
+  ["L", "back to the live robots, or to now"],
   ["Esc", "delete the path; close this sheet"],
   ["Tab", "go to the next control; STOP is the first"],
   ["Enter", "press a button, tick a box; hold it on Reset stop"],
@@ -30,6 +35,7 @@ const COLOURS = [
   ["other", "#e85678", "the other estimate, of robots that have two"],
   ["preview", "#be46e6", "what the sliders would do, in mode preview"],
   ["suspect", "#e12828", "a wheel that does not follow"],
+  ["past", "#f5bd4a", "a ghost: where the robot was some seconds ago"],
   ["stale", "#80848a", "a robot that is silent"],
 ];
 

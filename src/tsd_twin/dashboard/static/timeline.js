@@ -1,15 +1,19 @@
-// Timeline: live, or a recording that this page shows. A page shows one or the other: a recording has
-// a scene and a session of its own on the server, in which nothing moves a robot but STOP.
+// Timeline: the past of the live robots, or a recording that this page shows. A page shows one or the
+// other: a recording has a scene and a session of its own on the server, in which nothing moves a robot
+// but STOP.
 
 import { Button } from "./button.js";
-import { el, setText } from "./dom.js";
+import { el, setAttribute, setText, svg } from "./dom.js";
 import { fixed } from "./format.js";
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 8, 16];
 const NEAR_S = 0.05;
+const BACK_S = 30;
 /** @type {Record<string, number>} Seconds. */
 const ARROWS = { ArrowLeft: -1, ArrowRight: 1, PageDown: -10, PageUp: 10 };
 const NOTE_LENGTH = 200;
+const SEND_MS = 50; // The server closes a socket that floods.
+const PICTURE = { width: 72, height: 48, margin: 4 };
 const SIGNS = /** @type {Record<string, string>} */ ({
   stop: "■",
   drop: "↓",
@@ -19,105 +23,241 @@ const SIGNS = /** @type {Record<string, string>} */ ({
   mark: "◆",
 });
 
+/** A rail with a cursor, which pointer and arrow keys move. */
+class Rail {
+  /** @param {string} name @param {(share: number) => void} move @param {(step: number) => void} step */
+  constructor(name, move, step) {
+    this.cursor = el("i.cursor");
+    this.element = el("div.place", { role: "slider", tabindex: 0, "aria-label": name });
+    this._move = move;
+    this.fill([]);
+    this.element.addEventListener("pointerdown", (event) => this._scrub(event, true));
+    this.element.addEventListener("pointermove", (event) => this._scrub(event, false));
+    this.element.addEventListener("keydown", (event) => {
+      const change = ARROWS[event.key];
+      if (change === undefined) return;
+      event.preventDefault();
+      event.stopPropagation(); // Or the camera moves, too.
+      step(change);
+    });
+  }
+
+  /** @param {Element[]} signs */
+  fill(signs) {
+    this.element.replaceChildren(el("i.rail"), ...signs, this.cursor);
+  }
+
+  /** @param {number} share @param {string} text @param {number} value */
+  draw(share, text, value) {
+    this.cursor.style.left = `${100 * Math.max(0, Math.min(1, share))}%`;
+    setAttribute(this.element, "aria-valuenow", fixed(value, 2).replace("\u2212", "-"));
+    setAttribute(this.element, "aria-valuetext", text);
+  }
+
+  /** @param {PointerEvent} event @param {boolean} begins */
+  _scrub(event, begins) {
+    if (event.target instanceof HTMLButtonElement) return;
+    if (begins) this.element.setPointerCapture(event.pointerId);
+    else if (!this.element.hasPointerCapture(event.pointerId)) return;
+    const box = this.element.getBoundingClientRect();
+    this._move(Math.max(0, Math.min(1, (event.clientX - box.left) / box.width)));
+  }
+}
+
+/** Sends the newest message at once, or when the last one is a while ago. */
+class Throttle {
+  /** @param {Link} link */
+  constructor(link) {
+    this._link = link;
+    /** @type {TimelineRequest | PageMessage | null} */
+    this._waiting = null;
+    this._timer = 0;
+  }
+
+  /** @param {TimelineRequest | PageMessage} message */
+  send(message) {
+    this._waiting = message;
+    if (this._timer === 0) this._flush();
+  }
+
+  _flush() {
+    this._timer = 0;
+    if (this._waiting === null) return;
+    this._link.send(this._waiting);
+    this._waiting = null;
+    this._timer = setTimeout(() => this._flush(), SEND_MS);
+  }
+}
+
 export class TimelineBar {
   /** Marks `frame` when this page shows a recording. @param {Link} link @param {HTMLElement} frame */
   constructor(link, frame) {
     this._link = link;
+    this._frame = frame;
+    this._throttle = new Throttle(link);
     /** @type {Timeline | null} */
     this._timeline = null;
     /** @type {Cursor} */
     this._cursor = { t: "cursor", t_s: 0, playing: false, speed: 1 };
+    /** @type {number | null} */
+    this._agoS = null;
     this.recording = window.tsd.recording;
+    this._list = new RecordingList(this.recording);
+    this._word = el("span.word", { role: "status", "aria-label": "What is shown" });
+    this._time = el("span.time.number", { role: "status", "aria-label": "Time" });
     this.element = el("section.timeline.surface", { "aria-label": "Timeline", hidden: true });
     frame.toggleAttribute("data-recording", this.recording !== null);
-    if (this.recording === null) this._offer();
-    else this._show(this.recording);
+    if (this.recording === null) this._showLive();
+    else this._showRecording(this.recording);
   }
 
   /** Take a key event; return whether it was for the timeline. @param {KeyboardEvent} event */
   key(event) {
-    if (this.recording === null) return false;
+    if (event.code === "Escape" && this._list.isOpen) {
+      if (event.type === "keydown") this._list.toggle(false);
+      return true;
+    }
     const act = this._keys[event.key.toLowerCase()];
     if (act === undefined) return false;
-    if (event.type === "keydown") act();
+    if (event.type === "keydown" && (!event.repeat || event.key === "." || event.key === ","))
+      act();
     return true;
   }
 
   /** @type {Record<string, () => void>} */
   get _keys() {
+    if (this.recording === null)
+      return this._agoS === null ? {} : { l: () => this._lookBack(null) };
     return {
       l: () => goTo(null),
       k: () => this._toggle(),
       n: () => this._jump(1),
       p: () => this._jump(-1),
-      ".": () => this._send({ t: "step", back: false }),
-      ",": () => this._send({ t: "step", back: true }),
-      m: () => this._note?.focus(),
+      ".": () => this._link.send({ t: "step", back: false }),
+      ",": () => this._link.send({ t: "step", back: true }),
+      b: () => this._openNote(true),
     };
   }
 
-  /** Offer the recordings of the server, if it has any, below the live robots. */
-  async _offer() {
-    const answer = await fetch("recordings").catch(() => undefined);
-    if (answer?.status !== 200) return;
-    const menu = el("select", { "aria-label": "Recording" }, el("option", { value: "" }, "LIVE"));
-    const fill = (/** @type {RecordingName[]} */ found) =>
-      menu.replaceChildren(
-        el("option", { value: "" }, "LIVE"),
-        ...found.map((each) => el("option", { value: each.name }, titleOf(each))),
-      );
-    fill(await answer.json());
-    menu.addEventListener("focus", async () => {
-      const newest = await fetch("recordings").catch(() => undefined);
-      if (newest?.status === 200 && menu.value === "") fill(await newest.json());
-    });
-    menu.addEventListener("change", () => menu.value !== "" && goTo(menu.value));
-    this.element.append(el("span", "Recordings"), menu);
-    this.element.hidden = false;
+  // Live: the last half minute, drawn beside the robot.
+
+  async _showLive() {
+    this._rail = new Rail(
+      "Time in the last 30 seconds",
+      (share) => this._lookBack(BACK_S * (1 - share)),
+      (step) => this._lookBack((this._agoS ?? 0) - step),
+    );
+    setAttribute(this._rail.element, "aria-valuemin", -BACK_S);
+    setAttribute(this._rail.element, "aria-valuemax", 0);
+    this._now = new Button("Now", () => this._lookBack(null), { kind: "quiet", tip: "Key L" });
+    this._now.element.hidden = true;
+    this.element.append(
+      this._word,
+      el("span.caption", "\u2212 30 s"),
+      this._rail.element,
+      this._time,
+      this._now.element,
+      this._list.button.element,
+      this._list.element,
+    );
+    this._drawLive(null);
+    this._link.on("state", ({ past }) => this._drawLive(past));
+    this._link.on(["robot", "up"], () => (this._agoS = null));
+    this.element.hidden = !(await this._list.fill());
   }
 
+  /** Draw the robot as it was so long ago, too, or no more. @param {number | null} agoS */
+  _lookBack(agoS) {
+    const isNow = agoS === null || agoS < 0.1;
+    this._agoS = isNow ? null : Math.min(BACK_S, Math.round(10 * agoS) / 10);
+    this._throttle.send({ t: "look_back", ago_s: this._agoS });
+    this._drawLive(null);
+  }
+
+  /** @param {PastState | null} past */
+  _drawLive(past) {
+    const ago = this._agoS;
+    const isBack = ago !== null;
+    this._frame.toggleAttribute("data-past", isBack);
+    setText(this._word, isBack ? `GHOST ${fixed(ago, 1)} s AGO` : "LIVE");
+    const speed = past?.twist ? Math.hypot(past.twist[0], past.twist[1]) : null;
+    const said = past === null || ago === null ? "nothing is kept of then" : told(past, speed);
+    setText(this._time, isBack ? said : "");
+    if (this._now) this._now.element.hidden = !isBack;
+    this._rail?.draw(
+      1 - (ago ?? 0) / BACK_S,
+      isBack ? `${fixed(ago, 1)} s ago` : "now",
+      -(ago ?? 0),
+    );
+  }
+
+  // A recording.
+
   /** @param {string} name */
-  _show(name) {
-    this._play = new Button("Play", () => this._toggle(), { kind: "quiet" });
+  _showRecording(name) {
+    setText(this._word, "RECORDING");
+    this._play = new Button("▶", () => this._toggle(), { kind: "quiet", tip: "Play (K)" });
+    setAttribute(this._play.button, "aria-label", "Play");
     this._speed = el(
       "select",
       { "aria-label": "Speed of the recording" },
       ...SPEEDS.map((each) => el("option", { value: each, selected: each === 1 }, `${each}x`)),
     );
     this._speed.addEventListener("change", () => {
-      if (this._cursor.playing) this._send({ t: "play", speed: Number(this._speed?.value) });
+      if (this._cursor.playing) this._link.send({ t: "play", speed: Number(this._speed?.value) });
     });
-    this._place = el("div.place", {
-      role: "slider",
-      tabindex: 0,
-      "aria-label": "Time in the recording",
-      "aria-valuemin": 0,
-    });
-    this._mark = el("i.cursor");
-    this._time = el("span.time.number", { role: "status", "aria-label": "Time" });
+    this._rail = new Rail(
+      "Time in the recording",
+      (share) => this._timeline && this._seek(share * this._timeline.duration_s),
+      (step) => this._seek(Math.max(0, this._cursor.t_s + step)),
+    );
+    setAttribute(this._rail.element, "aria-valuemin", 0);
     this._note = el("input", {
       type: "text",
       maxlength: NOTE_LENGTH,
-      placeholder: "note, then Enter (M)",
+      hidden: true,
+      placeholder: "note, then Enter",
       "aria-label": "Mark this time with a note",
     });
     this._note.addEventListener("keydown", (event) => this._onNote(event));
-    this._place.addEventListener("pointerdown", (event) => this._scrub(event, true));
-    this._place.addEventListener("keydown", (event) => this._onArrow(event));
-    this._place.addEventListener("pointermove", (event) => this._scrub(event, false));
+    this._note.addEventListener("blur", () => this._openNote(false));
+    const small = (
+      /** @type {string} */ sign,
+      /** @type {string} */ what,
+      /** @type {() => void} */ act,
+    ) => {
+      const button = new Button(sign, act, { kind: "quiet", tip: what });
+      setAttribute(button.button, "aria-label", what.replace(/ \(.\)$/, ""));
+      return button.element;
+    };
+    const unfold = new Button("⋯", () => this.element.toggleAttribute("data-open"), {
+      kind: "quiet unfold",
+    });
+    setAttribute(unfold.button, "aria-label", "More of the timeline");
     this.element.append(
-      el("span.word", "RECORDING"),
-      el("span", name),
-      new Button("Previous event", () => this._jump(-1), { kind: "quiet" }).element,
-      this._play.element,
-      new Button("Next event", () => this._jump(1), { kind: "quiet" }).element,
-      this._speed,
-      this._place,
+      this._word,
+      el("span.name.more", { title: name }, name),
+      el(
+        "span.row",
+        small("⏮", "Previous event (P)", () => this._jump(-1)),
+        this._play.element,
+        small("⏭", "Next event (N)", () => this._jump(1)),
+      ),
+      this._rail.element,
       this._time,
-      this._note,
-      new Button("Live", () => goTo(null), { kind: "quiet" }).element,
+      el(
+        "span.row.more",
+        this._speed,
+        this._note,
+        small("◆", "Mark (B)", () => this._openNote(true)),
+      ),
+      unfold.element,
+      this._list.button.element,
+      new Button("Live", () => goTo(null), { kind: "quiet", tip: "Key L" }).element,
+      this._list.element,
     );
     this.element.hidden = false;
+    this._list.fill();
     this._link.on("timeline", (timeline) => this._fill(timeline));
     this._link.on("cursor", (cursor) => this._draw(cursor));
   }
@@ -133,32 +273,40 @@ export class TimelineBar {
           type: "button",
           tabindex: -1,
           title: `${fixed(event.t_s, 1)} s ${event.kind}: ${event.text}`,
+          "data-kind": event.kind,
           style: `left: ${(100 * event.t_s) / timeline.duration_s}%`,
-          onclick: () => this._send({ t: "seek", t_s: event.t_s }),
+          onclick: () => this._seek(event.t_s),
         },
         SIGNS[event.kind] ?? "•",
       ),
     );
-    this._place?.replaceChildren(el("i.rail"), ...signs, /** @type {Element} */ (this._mark));
-    this._place?.setAttribute("aria-valuemax", String(timeline.duration_s));
+    this._rail?.fill(signs);
+    if (this._rail) setAttribute(this._rail.element, "aria-valuemax", timeline.duration_s);
     this._draw(this._cursor);
   }
 
   /** @param {Cursor} cursor */
   _draw(cursor) {
     this._cursor = cursor;
-    if (this._timeline === null || !this._mark || !this._time || !this._place) return;
+    if (this._timeline === null) return;
     const { start_ms: start, duration_s: duration } = this._timeline;
-    this._mark.style.left = `${(100 * cursor.t_s) / duration}%`;
-    this._place.setAttribute("aria-valuenow", fixed(cursor.t_s, 2));
-    const clock = new Date(start + 1000 * cursor.t_s).toLocaleTimeString([], { hour12: false });
-    setText(this._time, `${clock} · ${fixed(cursor.t_s, 1)} s`);
-    this._play?.become(cursor.playing ? "Pause" : "Play", "Key K");
+    const time = new Date(start + 1000 * cursor.t_s).toLocaleTimeString([], { hour12: false });
+    const text = `${time} · ${fixed(cursor.t_s, 1)} s`;
+    this._rail?.draw(cursor.t_s / duration, text, cursor.t_s);
+    setText(this._time, text);
+    this._play?.become(cursor.playing ? "⏸" : "▶", cursor.playing ? "Pause (K)" : "Play (K)");
+    if (this._play)
+      setAttribute(this._play.button, "aria-label", cursor.playing ? "Pause" : "Play");
   }
 
   _toggle() {
-    if (this._cursor.playing) this._send({ t: "pause" });
-    else this._send({ t: "play", speed: Number(this._speed?.value) });
+    if (this._cursor.playing) this._link.send({ t: "pause" });
+    else this._link.send({ t: "play", speed: Number(this._speed?.value) });
+  }
+
+  /** @param {number} t_s */
+  _seek(t_s) {
+    this._throttle.send({ t: "seek", t_s });
   }
 
   /** @param {1 | -1} direction */
@@ -169,51 +317,134 @@ export class TimelineBar {
       direction > 0
         ? events.find((each) => each.t_s > t_s + NEAR_S)
         : events.findLast((each) => each.t_s < t_s - NEAR_S);
-    if (next !== undefined) this._send({ t: "seek", t_s: next.t_s });
+    if (next !== undefined) this._seek(next.t_s);
   }
 
-  /** @param {PointerEvent} event @param {boolean} begins */
-  _scrub(event, begins) {
-    const place = /** @type {HTMLElement} */ (this._place);
-    if (this._timeline === null || event.target instanceof HTMLButtonElement) return;
-    if (begins) place.setPointerCapture(event.pointerId);
-    else if (!place.hasPointerCapture(event.pointerId)) return;
-    const box = place.getBoundingClientRect();
-    const share = Math.max(0, Math.min(1, (event.clientX - box.left) / box.width));
-    this._send({ t: "seek", t_s: share * this._timeline.duration_s });
-  }
-
-  /** @param {KeyboardEvent} event */
-  _onArrow(event) {
-    const change = ARROWS[event.key];
-    if (change === undefined) return;
-    event.preventDefault();
-    event.stopPropagation(); // Or the camera moves, too.
-    this._send({ t: "seek", t_s: Math.max(0, this._cursor.t_s + change) });
+  /** @param {boolean} opens */
+  _openNote(opens) {
+    if (!this._note) return;
+    if (opens) this.element.toggleAttribute("data-open", true);
+    this._note.hidden = !opens;
+    if (opens) this._note.focus();
   }
 
   /** @param {KeyboardEvent} event */
   _onNote(event) {
     const note = /** @type {HTMLInputElement} */ (this._note);
     if (event.key === "Enter" && note.value !== "") {
-      this._send({ t: "mark", note: note.value });
+      this._link.send({ t: "mark", note: note.value });
       note.value = "";
       note.blur();
     } else if (event.key === "Escape") note.blur();
   }
+}
 
-  /** @param {TimelineRequest} message */
-  _send(message) {
-    this._link.send(message);
+/** The list of recordings, each with a small picture of where it went. */
+class RecordingList {
+  /** @param {string | null} shown */
+  constructor(shown) {
+    this._shown = shown;
+    this.button = new Button("Recordings", () => this.toggle(!this.isOpen), { kind: "quiet" });
+    setAttribute(this.button.button, "aria-expanded", "false");
+    this.element = el("div.recordings.surface", {
+      hidden: true,
+      role: "group",
+      "aria-label": "Recordings",
+    });
+  }
+
+  get isOpen() {
+    return !this.element.hidden;
+  }
+
+  /** @param {boolean} opens */
+  toggle(opens) {
+    this.element.hidden = !opens;
+    setAttribute(this.button.button, "aria-expanded", String(opens));
+    if (opens) this.fill();
+    else this.button.button.focus();
+  }
+
+  /** Fill the list anew; return whether the server has recordings. */
+  async fill() {
+    const answer = await fetch("recordings").catch(() => undefined);
+    if (answer?.status !== 200) return false;
+    /** @type {RecordingName[]} */
+    const found = await answer.json();
+    const lines = found.map((each) => this._line(each));
+    this.element.replaceChildren(...(lines.length > 0 ? lines : ["There are no recordings yet."]));
+    return true;
+  }
+
+  /** @param {RecordingName} recording */
+  _line(recording) {
+    const { name, start_ms: start, duration_s: length, robots, marks, is_whole: whole } = recording;
+    const picture = svg("svg.picture", {
+      viewBox: `0 0 ${PICTURE.width} ${PICTURE.height}`,
+      "aria-hidden": "true",
+    });
+    if (this.isOpen) drawPaths(picture, name);
+    const minutes = length < 60 ? `${fixed(length, 0)} s` : `${fixed(length / 60, 1)} min`;
+    const notes = [robots.join(", "), marks > 0 ? `${marks} ◆` : "", whole ? "" : "being recorded"];
+    return el(
+      "button.recording",
+      {
+        type: "button",
+        title: name,
+        "aria-current": name === this._shown ? "true" : null,
+        onclick: () => goTo(name),
+      },
+      picture,
+      el(
+        "span",
+        el("b", `${new Date(start).toLocaleString()} · ${minutes}`),
+        el("span.muted", notes.filter(Boolean).join(" · ")),
+      ),
+    );
   }
 }
 
-/** @param {RecordingName} recording */
-function titleOf({ start_ms: start, duration_s: duration, robots, marks, is_whole: whole }) {
-  const minutes = duration < 60 ? `${fixed(duration, 0)} s` : `${fixed(duration / 60, 1)} min`;
-  const notes = marks > 0 ? `, ${marks} ◆` : "";
-  const growing = whole ? "" : ", being recorded";
-  return `${new Date(start).toLocaleString()} · ${minutes} · ${robots.join(", ")}${notes}${growing}`;
+/** @param {SVGElement} picture @param {string} name */
+async function drawPaths(picture, name) {
+  const answer = await fetch(`recordings/${encodeURIComponent(name)}/path`).catch(() => undefined);
+  if (answer?.status !== 200) return;
+  /** @type {RecordedPath[]} */
+  const paths = await answer.json();
+  const every = paths.flatMap(({ points }) => points);
+  if (every.length === 0) return;
+  // As on the map: x is up, y to the left.
+  const across = every.map(([, y]) => -y);
+  const down = every.map(([x]) => -x);
+  const [left, top] = [Math.min(...across), Math.min(...down)];
+  const wide = Math.max(Math.max(...across) - left, 0.5);
+  const high = Math.max(Math.max(...down) - top, 0.5);
+  const { width, height, margin } = PICTURE;
+  const scale = Math.min((width - 2 * margin) / wide, (height - 2 * margin) / high);
+  const place = (
+    /** @type {number} */ value,
+    /** @type {number} */ low,
+    /** @type {number} */ room,
+  ) => fixed((value - low) * scale + room, 1);
+  const aside = (width - (Math.max(...across) - left) * scale) / 2;
+  const above = (height - (Math.max(...down) - top) * scale) / 2;
+  for (const { colour, points } of paths) {
+    const line = points.map(([x, y]) => `${place(-y, left, aside)},${place(-x, top, above)}`);
+    picture.append(svg("polyline", { points: line.join(" "), stroke: colour }));
+    const [x, y] = points.at(-1) ?? [0, 0];
+    picture.append(
+      svg("circle", {
+        cx: place(-y, left, aside),
+        cy: place(-x, top, above),
+        r: 2.5,
+        fill: colour,
+      }),
+    );
+  }
+}
+
+/** @param {PastState} past @param {number | null} speed */
+function told({ mode }, speed) {
+  return speed === null ? mode : `${mode}, ${fixed(speed, 2)} m/s`;
 }
 
 /** Load this page anew, for a recording or for the live robots. @param {string | null} recording */
