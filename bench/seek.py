@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
+import secrets
+import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
 import psutil
+from websockets.sync.client import connect
 
+from bench.bus import program
 from bench.table import Row, percentile
 from tsd_twin import robots
 from tsd_twin.messages import topics
@@ -29,6 +35,10 @@ _CHUNK = 20
 """Periods in a chunk, as the recorder flushes."""
 _EVENT_EVERY = 1500
 _SEEKS = 500
+_PAGES = 5
+_BETWEEN_S = 0.05
+"""As a page sends them while its cursor is dragged."""
+_PATIENCE_S = 30.0
 
 
 def rows(*, smallest: bool = False) -> Iterator[Row]:
@@ -50,11 +60,68 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
         grown_mb = (process.memory_info().rss - before) / 1e6
         player.close()
         size_mb = path.stat().st_size / 1e6
+        in_page = list(_page_rows(Path(folder), seeks))
     about = f"{size_mb:.0f} MB, {len(events)} events"
     median = f"median {percentile(taken_ms, 0.5):.1f} ms"
     yield Row("seek in an hour, 95th percentile", percentile(taken_ms, 0.95), 100.0, "ms", median)
     yield Row("recording of an hour, opened", 1000.0 * opened_s, 1000.0, "ms", about)
     yield Row("memory after as many seeks again", grown_mb, 10.0, "MB", f"{seeks} seeks")
+    yield from in_page
+
+
+def _page_rows(folder: Path, seeks: int) -> Iterator[Row]:
+    """Seek in the sockets of five pages, one after the other and all in turn."""
+    run = [sys.executable, "-m"]
+    page = [*run, "tsd_dashboard", "--port", "0", "--until-eof", "--record-dir", str(folder)]
+    with program([*run, "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"]) as endpoint:
+        dashboard = program([*page, "--connect", endpoint])
+        with dashboard as url, contextlib.ExitStack() as open_pages:
+            first, *others = pages = [RecordedPage(url, open_pages) for _ in range(_PAGES)]
+            process, random = psutil.Process(dashboard.process.pid), np.random.default_rng(2)
+            times_s = random.uniform(1.0, first.duration_s, size=(3, seeks)).round(3)
+            taken_ms = [first.seek_ms(t_s) for t_s in times_s[0]]
+            for number, t_s in enumerate(times_s[1]):
+                others[number % len(others)].seek_ms(t_s)
+            before = process.memory_info().rss
+            for number, t_s in enumerate([*times_s[2], *times_s[0]]):
+                pages[number % len(pages)].seek_ms(t_s)
+            grown_mb = (process.memory_info().rss - before) / 1e6
+            size_mb = process.memory_info().rss / 1e6
+    about = f"median {percentile(taken_ms, 0.5):.0f}, worst {max(taken_ms):.0f} ms; {_PAGES} pages"
+    what = "seek in an hour to the state in the page's socket, p95"
+    yield Row(what, percentile(taken_ms, 0.95), 100.0, "ms", about)
+    about = f"{2 * seeks} seeks of {_PAGES} pages; {size_mb:.0f} MB in all"
+    yield Row("memory of the dashboard after more seeks", grown_mb, 10.0, "MB", about)
+
+
+class RecordedPage:
+    """Page that shows the recording of an hour, without a browser."""
+
+    def __init__(self, url: str, stack: contextlib.ExitStack) -> None:
+        address = f"{url.replace('http://', 'ws://')}teleop?recording=hour.mcap&page="
+        self._socket = stack.enter_context(connect(address + secrets.token_hex(8), max_size=None))
+        self.duration_s = float(
+            self._until(lambda message: message["t"] == "timeline")["duration_s"]
+        )
+
+    def seek_ms(self, t_s: float) -> float:
+        """Show a time, and return how long it took until its state was here."""
+        start_s = time.perf_counter()
+        self._socket.send(msgspec.json.encode({"t": "seek", "t_s": t_s}).decode())
+        self._until(lambda message: message["t"] == "cursor" and abs(message["t_s"] - t_s) < 1e-3)
+        self._until(lambda message: message["t"] == "state")
+        taken_s = time.perf_counter() - start_s
+        time.sleep(max(0.0, _BETWEEN_S - taken_s))
+        return 1000.0 * taken_s
+
+    def _until(self, condition: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+        while True:
+            message = msgspec.json.decode(self._socket.recv(timeout=_PATIENCE_S))
+            if message["t"] == "state" and message["seen"] % 4 == 0:
+                beat = {"t": "heartbeat", "seen": message["seen"], "sent_ms": 0.0, "focus": True}
+                self._socket.send(msgspec.json.encode(beat).decode())
+            if condition(message):
+                return message
 
 
 def _seek_ms(player: Player, t_s: float) -> float:

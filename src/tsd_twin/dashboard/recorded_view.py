@@ -6,6 +6,7 @@ and no live robot can be reached through it.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import queue
 import threading
@@ -51,8 +52,8 @@ class RecordedView:
         """Robot that is selected."""
         self.roster = RobotRoster()
         self.playback = Playback(self.player.duration_s, time.monotonic())
-        self.on_shown: Callable[[], None] = lambda: None
-        """Called on the thread of the view after each frame."""
+        self.on_shown: Callable[[bool], None] = _ignore
+        """Called on the thread of the view after each frame, with whether its time has jumped."""
         self._requests: queue.SimpleQueue[Callable[[float], None]] = queue.SimpleQueue()
         self._stop = threading.Event()
         self._refreshed_s = 0.0
@@ -86,6 +87,7 @@ class RecordedView:
     def close(self) -> None:
         """End; blocks for a moment."""
         self._stop.set()
+        self._requests.put(_ignore)
         self._thread.join()
         self._server.stop()
         self.player.close()
@@ -130,8 +132,10 @@ class RecordedView:
         self._jumped = True
 
     def _run(self) -> None:
-        while not self._stop.wait(1.0 / RATE_HZ):
+        while not self._stop.is_set():
             try:
+                with contextlib.suppress(queue.Empty):  # What is asked for is shown at once.
+                    self._requests.get(timeout=1.0 / RATE_HZ)(time.monotonic())
                 self._frame(time.monotonic())
             except RecordingError as error:  # Damaged at this place: others can be shown.
                 self.playback.pause(time.monotonic())
@@ -147,14 +151,14 @@ class RecordedView:
             self.player.refresh()
             self.playback.duration_s = self.player.duration_s
         self.player.seek(self.playback.t_s(now_s))
-        if self._jumped:
-            self._jumped = False
+        jumped, self._jumped = self._jumped, False
+        if jumped:
             self.scene.clear_trails()
         for robot in self.player.robots.values():
             age_s = self.player.t_s - robot.snapshot.received_s
             self.scene.set_stale(robot.id, age_s > STALE_S or not robot.alive)
         self.scene.draw()
-        self.on_shown()
+        self.on_shown(jumped)
 
 
 def _ignore(*_: object) -> None:

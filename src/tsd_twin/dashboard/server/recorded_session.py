@@ -156,7 +156,7 @@ class RecordedSession:
 
     def close(self) -> None:
         """End."""
-        self._view.on_shown = lambda: None
+        self._view.on_shown = lambda _jumped: None
         if self._settling is not None:
             self._settling.cancel()
         for task in self._tasks:
@@ -349,9 +349,9 @@ class RecordedSession:
         plot = telemetry.plot_fields.values(self._plot_fields, snapshot)
         return msgspec.structs.replace(state, plot=plot)
 
-    def _on_shown(self) -> None:
+    def _on_shown(self, jumped: bool) -> None:
         """On the thread of the view."""
-        if next(self._frames) % _STATE_EVERY == 0 and not self._loop.is_closed():
+        if (next(self._frames) % _STATE_EVERY == 0 or jumped) and not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._show)
 
     def _show(self) -> None:
