@@ -1,6 +1,6 @@
 """Processor load and disk space of a recorder, and each put of the bus looked for in its files.
 
-`python -m bench.recording --seconds 3600` takes an hour.
+`python -m bench.recording --seconds 3600` takes an hour; `--kills 20` kills a recorder as often.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import msgspec
 import numpy as np
 import zenoh
 from mcap.reader import make_reader
+from rosbags.highlevel import AnyReader
 
 import tsd_twin
 from bench.bus import program
@@ -30,6 +31,8 @@ from tsd_twin.recording.channels import RAW
 _SETTLE_S = 3.0
 _SECONDS = 20.0
 _SMALLEST_S = 0.5
+_KILLS = 5
+_BEGUN_BYTES = 5000
 _LEG_S = 3.0
 """Time of one velocity; each fifth is a rest."""
 _BEFORE_RESET_S = 1.0
@@ -51,7 +54,8 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
     The bare subscriber and the recorder listen one after the other to the same robot.
     """
     settle_s, seconds = (_SMALLEST_S, _SMALLEST_S) if smallest else (_SETTLE_S, _SECONDS)
-    return measure(settle_s, seconds, seconds)
+    yield from measure(settle_s, seconds, seconds)
+    yield from kill(1 if smallest else _KILLS)
 
 
 def measure(settle_s: float, floor_s: float, seconds: float) -> Iterator[Row]:
@@ -78,6 +82,43 @@ def measure(settle_s: float, floor_s: float, seconds: float) -> Iterator[Row]:
     recorded = 100.0 * (1.0 - missing / max(counted, 1))
     about = f"{missing} of {counted} counted by bare Zenoh are missing"
     yield Row("puts of the bus that are on record", recorded, 100.0, "%", about, at_least=True)
+
+
+def kill(count: int) -> Iterator[Row]:
+    """Kill recorders at random moments, and measure what was lost, read by code of others."""
+    mock = program([*_run("tsd_mock"), "--listen", "tcp/127.0.0.1:0", "--noise", "1"])
+    chance, killed_ns = np.random.default_rng(1), dict[Path, int]()
+    with mock as endpoint, tempfile.TemporaryDirectory() as folder, _driven(endpoint):
+        record = [*_run("tsd_record"), "--connect", endpoint, "--dir", folder]
+        for _ in range(count):
+            recorder = program(record)
+            with recorder as path:
+                while Path(path).stat().st_size < _BEGUN_BYTES:
+                    time.sleep(0.05)
+                time.sleep(chance.uniform(0.0, 1.0))
+                killed_ns[Path(path)] = time.time_ns()
+                recorder.process.kill()
+        with program(record):
+            pass  # It completes them.
+        lost_s = [1e-9 * (at_ns - _last_state_ns(path)) for path, at_ns in killed_ns.items()]
+    about = f"{count} kills, median {np.median(lost_s):.2f} s; read by mcap and rosbags"
+    yield Row("lost by kill -9 of a recorder, worst", max(lost_s), 1.0, "s", about)
+
+
+def _last_state_ns(path: Path) -> int:
+    """Return when the last state in a file was received, by two readers that are not ours."""
+    with path.open("rb") as file:
+        times_ns = [
+            message.log_time
+            for _, channel, message in make_reader(file, validate_crcs=True).iter_messages()
+            if "/state/" in channel.topic
+        ]
+    with AnyReader([path]) as reader:
+        states = [each for each in reader.connections if "/state/odom" in each.topic]
+        odometry = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(states)]
+    if not odometry:
+        raise RuntimeError(f"{path} has no odometry")
+    return max(times_ns)
 
 
 def _run(name: str) -> list[str]:
@@ -191,7 +232,9 @@ def main() -> None:
     """Measure for a time that is given."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=3600.0)
-    for row in measure(_SETTLE_S, _SECONDS, parser.parse_args().seconds):
+    parser.add_argument("--kills", type=int, default=0)
+    args = parser.parse_args()
+    for row in kill(args.kills) if args.kills else measure(_SETTLE_S, _SECONDS, args.seconds):
         print(row, flush=True)
 
 

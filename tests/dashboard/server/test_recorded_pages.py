@@ -14,13 +14,16 @@ from typing import Any
 import numpy as np
 import pytest
 from websockets.exceptions import InvalidStatus
+from websockets.frames import Frame, Opcode
 
 from tests.support.page_client import PATIENCE_S, Page, Site, site
 from tests.support.recorded_drives import START_NS, recorded_circle
+from tsd_twin.dashboard.server.socket_limits import GRACE, POLICY_VIOLATION, TELEOP
 from tsd_twin.recording.marks import read_marks
 from tsd_twin.recording.player import Player
 
 NAME = "drive.mcap"
+TOO_MANY = round((1.0 + GRACE) * TELEOP.messages.burst) + 100
 COMMANDS: list[dict[str, Any]] = [
     {"t": "drive", "vx": 0.2, "vy": 0.0, "omega": 0.0, "seen": 1},
     {"t": "lease", "op": "acquire", "take_over": True},
@@ -170,6 +173,53 @@ def test_five_pages_seek_at_once_and_each_has_its_state_soon(served: Site) -> No
             page.close()
 
 
+def test_the_map_follows_the_cursor(page: Page, folder: Path) -> None:
+    page.send(t="map", on=True)
+    for t_s in (2.0, 5.0):
+        state = seek(page, t_s)
+        (robot,) = state["map"]["robots"]
+        np.testing.assert_allclose(robot["pose"], state["pose"], atol=1e-4)
+        assert (robot["id"], robot["stale"]) == ("tsd", False)
+        # And the way that led there, not the one to where the cursor was before.
+        page.until(
+            lambda here=robot["pose"][:2]: np.allclose(
+                page.last("map_lines")["trails"]["tsd"][-1], here, atol=0.15
+            )
+        )
+    player = Player(folder / NAME)
+    (start,) = [player.robots["tsd"].snapshot.odom]
+    assert start is not None
+    np.testing.assert_allclose(
+        page.last("map_lines")["trails"]["tsd"][0], start.xy_heading[:2], atol=0.1
+    )
+    player.close()
+    page.send(t="map", on=False)
+    page.until(lambda: page.state["map"] is None)
+
+
+@pytest.mark.parametrize("kind", ["seek", "mark"])
+def test_a_page_that_floods_is_cut_off_and_another_goes_on(
+    page: Page, served: Site, folder: Path, kind: str
+) -> None:
+    marks = len(read_marks(folder / NAME))
+    text = {"seek": '{"t":"seek","t_s":1.5}', "mark": '{"t":"mark","note":"again"}'}[kind]
+    data = Frame(Opcode.TEXT, text.encode()).serialize(mask=True)
+    with served.page(f"{len(kind) + ord(kind[0]):016x}", recording=NAME) as flooding:
+        flooding.until(lambda: flooding.last("timeline"))
+        flooding.send_together(data * TOO_MANY)
+        assert flooding.until(lambda: flooding.closed) == POLICY_VIOLATION
+    assert len(read_marks(folder / NAME)) - marks <= TELEOP.kinds["mark"].burst
+    assert seek(page, 3.0)["pose"]
+
+
+def test_a_page_that_scrubs_faster_than_it_may_is_not_cut_off(page: Page) -> None:
+    data = Frame(Opcode.TEXT, b'{"t":"seek","t_s":1.5}').serialize(mask=True)
+    page.send_together(data * 200)
+    time.sleep(2.0)  # The quota is there again.
+    assert seek(page, 2.0)["pose"]
+    assert page.closed is None
+
+
 @pytest.mark.parametrize("name", ["missing.mcap", "notes.mcap", "..%2foutside.mcap", ".", "%00"])
 def test_what_is_no_recording_of_the_folder_is_not_shown(served: Site, name: str) -> None:
     with pytest.raises(InvalidStatus) as refused:
@@ -177,11 +227,57 @@ def test_what_is_no_recording_of_the_folder_is_not_shown(served: Site, name: str
     assert refused.value.response.status_code == 404
 
 
-def test_the_list_has_what_can_be_shown(served: Site) -> None:
+def get(served: Site, path: str) -> tuple[int, Any]:
     with closing(http.client.HTTPConnection("127.0.0.1", served.port, timeout=PATIENCE_S)) as one:
-        one.request("GET", "/recordings")
+        one.request("GET", path)
         answer = one.getresponse()
-        (listed,) = json.loads(answer.read())
-    assert answer.headers["Content-Type"] == "application/json"
+        body = answer.read()
+    whole = answer.headers["Content-Type"] == "application/json"
+    return answer.status, json.loads(body) if whole else body
+
+
+def test_the_list_has_what_can_be_shown(served: Site) -> None:
+    status, (listed,) = get(served, "/recordings")
+    assert status == 200
     assert (listed["name"], listed["robots"]) == (NAME, ["tsd"])
     assert listed["duration_s"] > 6.0
+
+
+def test_the_picture_of_a_recording_is_the_way_that_the_robot_went(
+    served: Site, folder: Path
+) -> None:
+    status, (path,) = get(served, f"/recordings/{NAME}/path")
+    assert (status, path["robot"], len(path["points"])) == (200, "tsd", 65)
+    player = Player(folder / NAME)
+    for share in (0.0, 0.5, 1.0):
+        player.seek(share * player.duration_s)
+        odom = player.robots["tsd"].snapshot.odom
+        assert odom is not None
+        shown = path["points"][round(share * 64)]
+        np.testing.assert_allclose(shown, odom.xy_heading[:2], atol=1e-3)
+    player.close()
+    for name in ("missing.mcap", "notes.mcap", "..%2foutside.mcap"):
+        assert get(served, f"/recordings/{name}/path")[0] == 404
+
+
+def test_the_last_half_minute_of_a_live_robot_is_shown_on_request(served: Site) -> None:
+    with served.page("00000000000000dd") as live:
+        live.make_ready()
+        live.drive(0.2, omega=0.3)
+        began = live.state["robot_s"]
+        live.until(lambda: live.state["robot_s"] > began + 1.5)
+        assert live.state["past"] is None
+        live.send(t="look_back", ago_s=1.0)
+        past = live.until(lambda: live.state["past"])
+        now_s = live.state["robot_s"]
+        then = min(live.all("state"), key=lambda state: abs(state["robot_s"] - (now_s - 1.0)))
+        assert (past["ago_s"], past["mode"]) == (1.0, "driving")
+        np.testing.assert_allclose(past["pose"], then["pose"], atol=0.06)
+        assert np.hypot(*np.subtract(past["pose"], live.state["pose"])[:2]) > 0.1
+        live.send(t="look_back", ago_s=29.0)  # No page was open then, or the site was not there.
+        live.send(t="look_back", ago_s=None)
+        live.until(lambda: live.state["past"] is None)
+        for wrong in (31.0, 0.0, -1.0, "x"):
+            live.send(t="look_back", ago_s=wrong)
+        live.until(lambda: live.last("reply")["to"] == "message")
+        assert live.state["past"] is None

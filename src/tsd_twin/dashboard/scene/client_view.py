@@ -134,6 +134,8 @@ class PastGhost:
             set_planar_pose(self._frame, past.odom.xy_heading)
         else:
             ball = SO3(past.odom.wxyz)
+            aside_m = _BESIDE * shape.reach_m  # It turns in place: the ghost would be inside it.
+            self._frame.position = (float(body.pose[0]), float(body.pose[1]) - aside_m, 0.0)
         text = f"{body.id} {ago_s:.1f} s ago"
         if self._label is None:
             self._label = self._client.scene.add_label(
@@ -174,6 +176,8 @@ class PastGhost:
 
 
 _LABEL_ABOVE_M = 0.05
+_BESIDE = 2.2
+"""Distance of the ghost of a sphere from it, in radii of the robot."""
 _LOOK_AT_TOLERANCE_M = 0.05
 """A camera that looks at a place this near to the robot has not been moved away from it."""
 

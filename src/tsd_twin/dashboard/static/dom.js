@@ -124,6 +124,12 @@ const ICONS = {
   plus: [["path", { d: "M8 3v10M3 8h10", ...LINE }]],
   minus: [["path", { d: "M3 8h10", ...LINE }]],
   tick: [["path", { d: "M3 8.5 6.5 12 13 4.5", ...LINE }]],
+  play: [["path", { d: "M4 2.5 13 8 4 13.5Z", ...SOLID }]],
+  pause: [["path", { d: "M5 3v10M11 3v10", ...LINE, "stroke-width": 3 }]],
+  previous: [["path", { d: "M13 3 6 8 13 13ZM3 3v10", ...LINE, fill: "currentColor" }]],
+  next: [["path", { d: "M3 3 10 8 3 13ZM13 3v10", ...LINE, fill: "currentColor" }]],
+  mark: [["path", { d: "M8 2 13 8 8 14 3 8Z", ...SOLID }]],
+  more: [["path", { d: "M3 8v.1M8 8v.1M13 8v.1", ...LINE, "stroke-width": 3 }]],
   close: [["path", { d: "M4 4l8 8M12 4l-8 8", ...LINE }]],
 };
 

@@ -21,7 +21,7 @@ import { isNotable, Notices, StaleBanner, StopAlarm } from "./notices.js";
 import { typedName } from "./operator_name.js";
 import { PanelSliders } from "./panel_sliders.js";
 import { fillPanelTabs } from "./panel_tabs.js";
-import { LATCHED, notDrive } from "./permission.js";
+import { LATCHED, notDrive, SHOWS_RECORDING } from "./permission.js";
 import { PoseReadout } from "./pose_readout.js";
 import { takeMotionNote } from "./reload_note.js";
 import { SphereGoTo } from "./sphere.js";
@@ -142,6 +142,7 @@ link.on("event", (event) => {
 });
 link.on("reply", ({ to, ok, reason }) => {
   if (!ok && to !== "stop") notices.say(sentence(reason || "the request was refused"));
+  if (ok && to === "stop" && SHOWS_RECORDING) notices.say("The live robots are stopped.");
 });
 card.onReset = () => {
   // Not when the operator is elsewhere by now.

@@ -3,7 +3,7 @@
 // but STOP.
 
 import { Button } from "./button.js";
-import { el, setAttribute, setText, svg } from "./dom.js";
+import { el, icon, setAttribute, setText, svg } from "./dom.js";
 import { fixed } from "./format.js";
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4, 8, 16];
@@ -106,6 +106,7 @@ export class TimelineBar {
     this._word = el("span.word", { role: "status", "aria-label": "What is shown" });
     this._time = el("span.time.number", { role: "status", "aria-label": "Time" });
     this.element = el("section.timeline.surface", { "aria-label": "Timeline", hidden: true });
+    frame.append(this._list.element);
     frame.toggleAttribute("data-recording", this.recording !== null);
     if (this.recording === null) this._showLive();
     else this._showRecording(this.recording);
@@ -158,7 +159,6 @@ export class TimelineBar {
       this._time,
       this._now.element,
       this._list.button.element,
-      this._list.element,
     );
     this._drawLive(null);
     this._link.on("state", ({ past }) => this._drawLive(past));
@@ -196,8 +196,8 @@ export class TimelineBar {
   /** @param {string} name */
   _showRecording(name) {
     setText(this._word, "RECORDING");
-    this._play = new Button("▶", () => this._toggle(), { kind: "quiet", tip: "Play (K)" });
-    setAttribute(this._play.button, "aria-label", "Play");
+    this._play = iconButton("play", "Play (K)", () => this._toggle());
+    this._play.button.append(icon("pause"));
     this._speed = el(
       "select",
       { "aria-label": "Speed of the recording" },
@@ -221,41 +221,21 @@ export class TimelineBar {
     });
     this._note.addEventListener("keydown", (event) => this._onNote(event));
     this._note.addEventListener("blur", () => this._openNote(false));
-    const small = (
-      /** @type {string} */ sign,
-      /** @type {string} */ what,
-      /** @type {() => void} */ act,
-    ) => {
-      const button = new Button(sign, act, { kind: "quiet", tip: what });
-      setAttribute(button.button, "aria-label", what.replace(/ \(.\)$/, ""));
-      return button.element;
-    };
-    const unfold = new Button("⋯", () => this.element.toggleAttribute("data-open"), {
-      kind: "quiet unfold",
-    });
-    setAttribute(unfold.button, "aria-label", "More of the timeline");
     this.element.append(
       this._word,
-      el("span.name.more", { title: name }, name),
-      el(
-        "span.row",
-        small("⏮", "Previous event (P)", () => this._jump(-1)),
-        this._play.element,
-        small("⏭", "Next event (N)", () => this._jump(1)),
-      ),
+      this._play.element,
+      iconButton("previous", "Previous event (P)", () => this._jump(-1), "more").element,
+      iconButton("next", "Next event (N)", () => this._jump(1), "more").element,
+      el("span.name", { title: name }, name),
       this._rail.element,
-      this._time,
-      el(
-        "span.row.more",
-        this._speed,
-        this._note,
-        small("◆", "Mark (B)", () => this._openNote(true)),
-      ),
-      unfold.element,
+      el("span.row.more", this._time, this._speed),
+      this._note,
+      iconButton("mark", "Mark (B)", () => this._openNote(true), "more").element,
       this._list.button.element,
       new Button("Live", () => goTo(null), { kind: "quiet", tip: "Key L" }).element,
-      this._list.element,
+      iconButton("more", "More of the timeline", () => this._unfold(), "unfold").element,
     );
+    this._list.button.element.classList.add("more");
     this.element.hidden = false;
     this._list.fill();
     this._link.on("timeline", (timeline) => this._fill(timeline));
@@ -294,9 +274,12 @@ export class TimelineBar {
     const text = `${time} · ${fixed(cursor.t_s, 1)} s`;
     this._rail?.draw(cursor.t_s / duration, text, cursor.t_s);
     setText(this._time, text);
-    this._play?.become(cursor.playing ? "⏸" : "▶", cursor.playing ? "Pause (K)" : "Play (K)");
-    if (this._play)
-      setAttribute(this._play.button, "aria-label", cursor.playing ? "Pause" : "Play");
+    if (this._play) name(this._play, cursor.playing ? "Pause (K)" : "Play (K)");
+    this._play?.button.toggleAttribute("data-playing", cursor.playing);
+  }
+
+  _unfold() {
+    this.element.toggleAttribute("data-open");
   }
 
   _toggle() {
@@ -440,6 +423,21 @@ async function drawPaths(picture, name) {
       }),
     );
   }
+}
+
+/** @param {string} shape @param {string} tip With its key. @param {() => void} press */
+function iconButton(shape, tip, press, kind = "") {
+  const button = new Button("", press, { kind: "quiet", tip });
+  if (kind !== "") button.element.classList.add(kind);
+  button.button.prepend(icon(shape));
+  name(button, tip);
+  return button;
+}
+
+/** @param {Button} button @param {string} tip */
+function name(button, tip) {
+  button.become("", tip);
+  setAttribute(button.button, "aria-label", tip.replace(/ \(.\)$/, ""));
 }
 
 /** @param {PastState} past @param {number | null} speed */

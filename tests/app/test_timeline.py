@@ -1,0 +1,168 @@
+"""The timeline in a browser: the last half minute, and a recording that drives nothing."""
+
+from __future__ import annotations
+
+import re
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+import tsd_twin
+from tests.app.conftest import Program
+from tests.support.browser import FLAGS_WITHOUT_SCENE, PATIENCE_MS, mode, press_until
+from tests.support.recorded_drives import START_NS, recorded_circle
+from tsd_twin.recording.marks import Mark, add_mark, read_marks
+
+pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
+
+NAME = "drive.mcap"
+MARK_S = 6.0
+SECONDS = 12
+
+
+class Driver:
+    """Program that drives the live robot until that is stopped."""
+
+    def __init__(self, endpoint: str) -> None:
+        self.robot = tsd_twin.connect(endpoint)
+        self.ended = threading.Event()
+        self._thread = threading.Thread(target=self._drive)
+        self._thread.start()
+
+    @property
+    def holder(self) -> str | None:
+        return self.robot.state.status.lease.holder
+
+    def close(self) -> None:
+        self.ended.set()
+        self._thread.join()
+        self.robot.close()
+
+    def _drive(self) -> None:
+        while not self.ended.is_set():
+            # A machine that is busy may stop it.
+            with (
+                suppress(tsd_twin.ClientError),
+                self.robot.control("alice", arm=False) as base,
+            ):
+                if self.robot.state.mode == "fault":
+                    base.reset()
+                base.arm()
+                while not self.ended.is_set():
+                    base.set_velocity(vx_mps=0.05, omega_rad_per_s=0.2)
+                    self.robot.sleep(0.05)
+            if self.robot.state.mode == "stopped":
+                return
+            self.robot.sleep(0.5)
+
+
+def shown_s(page: Page) -> float:
+    rail = page.get_by_role("slider", name="Time in the recording")
+    return float(rail.get_attribute("aria-valuenow") or "nan")
+
+
+def until(condition: Callable[[], object], page: Page, what: str) -> None:
+    end_s = time.monotonic() + PATIENCE_MS / 1000
+    while not condition():
+        assert time.monotonic() < end_s, what
+        page.wait_for_timeout(50)
+
+
+@pytest.mark.parametrize("browser", [FLAGS_WITHOUT_SCENE], indirect=True, ids=["no scene"])
+def test_a_recording_is_looked_at_while_the_live_robot_drives_and_is_stopped(
+    browser: Browser, start: Callable[..., Program], tmp_path: Path
+) -> None:
+    path = recorded_circle(tmp_path / NAME, SECONDS)
+    add_mark(path, Mark(START_NS + round(MARK_S * 1e9), "here <b>"))
+    demo = start(
+        *("tsd_demo", "--no-browser", "--until-eof", "--port", "0", "--bus-port", "0"),
+        *("--record-dir", str(tmp_path)),
+    )
+    url, endpoint = re.findall(r"(?:http|tcp)\S+?(?=/? |;)", demo.ready())
+    page = browser.new_page(viewport={"width": 1280, "height": 720})
+    page.goto(url)
+    mode(page, "disarmed")
+    word = page.get_by_role("status", name="What is shown")
+    expect(word).to_have_text("LIVE")
+
+    # The last half minute: the live robot stays in the page.
+    rail = page.get_by_role("slider", name="Time in the last 30 seconds")
+    rail.focus()
+    page.keyboard.press("ArrowLeft")
+    expect(word).to_have_text("GHOST 1.0 s AGO")
+    expect(page.get_by_role("status", name="Time", exact=True)).to_contain_text(
+        "disarmed, 0.00 m/s", timeout=PATIENCE_MS
+    )
+    page.keyboard.press("l")
+    expect(word).to_have_text("LIVE")
+
+    # The list has a picture of where it went, and what it has.
+    press_until(page, "Recordings", page.get_by_role("group", name="Recordings"))
+    line = page.get_by_title(NAME)
+    expect(line).to_contain_text("tsd · 1 ◆", timeout=PATIENCE_MS)
+    expect(line.locator("polyline")).to_have_count(1, timeout=PATIENCE_MS)
+    line.click()
+    page.wait_for_url(f"**recording={NAME}")
+    expect(word).to_have_text("RECORDING", timeout=PATIENCE_MS)
+    expect(page.locator("#tsd-overlay .stick")).to_be_hidden()
+    expect(page.locator("#tsd-overlay .turn")).to_be_hidden()
+
+    driver = Driver(endpoint)
+    try:
+        until(lambda: driver.robot.state.mode == "driving", page, "the live robot does not drive")
+
+        # Scrub, step, play, next mark, a mark of one's own.
+        rail = page.get_by_role("slider", name="Time in the recording")
+        until(lambda: float(rail.get_attribute("aria-valuemax") or 0) > SECONDS, page, "no time")
+        box = rail.bounding_box()
+        assert box is not None
+        length_s = float(rail.get_attribute("aria-valuemax") or 0)
+        y = box["y"] + box["height"] - 3
+        page.mouse.move(box["x"] + 0.2 * box["width"], y)
+        page.mouse.down()
+        page.mouse.move(box["x"] + 0.4 * box["width"], y, steps=8)
+        page.mouse.up()
+        until(lambda: abs(shown_s(page) - 0.4 * length_s) < 0.3, page, "it does not scrub")
+        before_s = shown_s(page)
+        page.keyboard.press(".")
+        until(lambda: 0.0 < shown_s(page) - before_s < 0.2, page, "it does not step")
+        page.keyboard.press("n")
+        until(lambda: abs(shown_s(page) - MARK_S) < 0.01, page, "it does not go to the mark")
+        page.keyboard.press("k")
+        until(lambda: shown_s(page) > MARK_S + 0.5, page, "it does not play")
+        page.keyboard.press("k")
+        expect(page.get_by_role("button", name="Play", exact=True)).to_be_visible(
+            timeout=PATIENCE_MS
+        )
+        page.keyboard.press("b")
+        page.keyboard.type("it slipped")
+        page.keyboard.press("Enter")
+        until(lambda: len(read_marks(path)) == 2, page, "it is not marked")
+        assert read_marks(path)[-1].note == "it slipped"
+
+        # Nothing here drives the live robot, and STOP stops it.
+        state = driver.robot.state.status.command
+        for key in ("w", "e", "g"):
+            page.keyboard.down(key)
+            page.wait_for_timeout(200)
+            page.keyboard.up(key)
+        assert driver.holder in ("alice", None)
+        assert driver.robot.state.status.command.dropped == state.dropped
+        until(lambda: driver.robot.state.mode == "driving", page, "the live robot does not drive")
+        page.keyboard.press("Space")
+        until(lambda: driver.robot.state.mode == "stopped", page, "STOP does not stop it")
+        messages = page.get_by_role("log", name="Messages")
+        expect(messages).to_contain_text("The live robots are stopped", timeout=PATIENCE_MS)
+    finally:
+        driver.close()
+    expect(word).to_have_text("RECORDING")
+    page.keyboard.press("l")
+    expect(word).to_have_text("LIVE", timeout=PATIENCE_MS)
+    mode(page, "stopped")
+    assert "recording=" not in page.url
+    page.close()
