@@ -22,7 +22,7 @@ from bench.table import Row, percentile
 from tsd_twin import robots
 from tsd_twin.messages import topics
 from tsd_twin.messages.ros import JointState, Odometry, encode_joints, encode_odometry
-from tsd_twin.messages.status import Status, encode_status
+from tsd_twin.messages.status import LimitStatus, Status, encode_status
 from tsd_twin.messages.topics import Service
 from tsd_twin.recording.channels import CDR, JSON, Entry
 from tsd_twin.recording.events import read_events
@@ -34,6 +34,7 @@ _PERIOD_NS = 20_000_000
 _CHUNK = 20
 """Periods in a chunk, as the recorder flushes."""
 _EVENT_EVERY = 1500
+_LIMITS = LimitStatus(1.0, 3.0, 0.25)
 _SEEKS = 500
 _PAGES = 5
 _BETWEEN_S = 0.05
@@ -78,7 +79,7 @@ def _page_rows(folder: Path, seeks: int) -> Iterator[Row]:
         with dashboard as url, contextlib.ExitStack() as open_pages:
             first, *others = pages = [RecordedPage(url, open_pages) for _ in range(_PAGES)]
             process, random = psutil.Process(dashboard.process.pid), np.random.default_rng(2)
-            times_s = random.uniform(1.0, first.duration_s, size=(3, seeks)).round(3)
+            times_s = random.uniform(1.0, first.duration_s, size=(3, seeks)).round(3).tolist()
             taken_ms = [first.seek_ms(t_s) for t_s in times_s[0]]
             for number, t_s in enumerate(times_s[1]):
                 others[number % len(others)].seek_ms(t_s)
@@ -167,4 +168,4 @@ def _messages(
     for topic in (topics.JOINTS, topics.SETPOINT):
         yield topic, encode_joints(JointState(joints, noise[0], noise[1], log_ns))
     if period % 2 == 0:
-        yield topics.STATUS, encode_status(Status("driving"))
+        yield topics.STATUS, encode_status(Status("driving", limits=_LIMITS))

@@ -161,3 +161,13 @@ def test_a_command_in_the_axes_of_the_world_does_not_turn_with_the_robot() -> No
     assert ghost[0] == pytest.approx(0.15, abs=0.02)
     assert abs(ghost[1]) < 0.02
     assert ghost[2] == pytest.approx(0.6, abs=0.05)
+
+
+@pytest.mark.parametrize("speed_mps", [0.0, -1.0, math.nan])
+def test_a_status_whose_limits_are_none_predicts_nothing(speed_mps: float) -> None:
+    feed, setpoint = RobotFeed(), DRIVE.inverse(np.array([0.3, 0.0, 0.0]))
+    limits = LimitStatus(speed_mps, 3.0, AGE_S)
+    feed.say(pose=np.zeros(3), setpoint=setpoint, status=Status(Mode.DRIVING, limits=limits))
+    found = MotionPredictor(DRIVE, ROBOT).predict(feed.snapshot, setpoint, [], trips_of(0.1))
+    assert found.path is None
+    assert found.arrival_pose is None

@@ -59,6 +59,8 @@ class MotionPredictor:
         twist = self._kinematics.forward(setpoint).twist
         heading = float(odom.xy_heading[2])
         share = status.limits.speed_mps / self._limits.speed_mps
+        if not share > 0.0:
+            return NO_PREDICTION  # Anyone may put a status on a bus without access rules.
         trip_s = trips.median_s()
         arrival_pose = None
         if trip_s is not None and trip_s >= MIN_DELAY_S and status.mode == Mode.DRIVING:

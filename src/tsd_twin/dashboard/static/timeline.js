@@ -119,7 +119,8 @@ export class TimelineBar {
       return true;
     }
     const act = this._keys[event.key.toLowerCase()];
-    if (act === undefined) return false;
+    const isPlots = event.target instanceof Element && event.target.closest('[data-tsd="plots"]');
+    if (act === undefined || isPlots) return false; // P pauses plots that have the focus.
     if (event.type === "keydown" && (!event.repeat || event.key === "." || event.key === ","))
       act();
     return true;
