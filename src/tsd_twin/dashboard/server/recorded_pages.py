@@ -30,6 +30,8 @@ LINGER_S = 3.0
 """A view stays for so long without a socket: both of a page come and go by themselves."""
 _PATH_POINTS = 64
 _PATHS_KEPT = 256
+_PATH_BYTES = 1 << 20
+"""The picture of a recording that is being written is made anew when it has grown by so much."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,120}\.mcap")
 
 
@@ -88,7 +90,7 @@ class RecordedPages:
         path = self._file(request.match_info["name"])
         try:
             async with self._listing:
-                key = path.name, path.stat().st_size
+                key = path.name, path.stat().st_size // _PATH_BYTES
                 if key not in self._paths:
                     self._paths[key] = await asyncio.to_thread(_paths_of, path)
                     for oldest in list(self._paths)[:-_PATHS_KEPT]:
