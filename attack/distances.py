@@ -43,7 +43,7 @@ Fault = Callable[[Scene], tuple[float, float]]
 """Breaks something, and returns when that began and when it is over, on the monotonic clock."""
 
 
-ATTEMPTS = 3
+ATTEMPTS = 8
 """To have a robot at full speed when the fault comes, also on a busy machine."""
 
 
