@@ -15,6 +15,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -133,13 +134,13 @@ class _Puts:
     """All that is put on a bus, noted by a subscriber that shares no code with the recorder."""
 
     def __init__(self, endpoint: str) -> None:
-        config = zenoh.Config()
+        config: Any = zenoh.Config()
         config.insert_json5("mode", '"client"')
         config.insert_json5("connect/endpoints", f'["{endpoint}"]')
         config.insert_json5("scouting/multicast/enabled", "false")
         self._seen: Counter[tuple[str, int]] = Counter()
-        self._session = zenoh.open(config)
-        self._subscriber = self._session.declare_subscriber("twin/**", self._note)
+        self._session: Any = zenoh.open(config)
+        self._subscriber: Any = self._session.declare_subscriber("twin/**", self._note)
 
     @property
     def total(self) -> int:

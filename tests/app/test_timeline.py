@@ -127,7 +127,7 @@ def test_a_recording_is_looked_at_while_the_live_robot_drives_and_is_stopped(
         page.mouse.down()
         page.mouse.move(box["x"] + 0.4 * box["width"], y, steps=8)
         page.mouse.up()
-        until(lambda: abs(shown_s(page) - 0.4 * length_s) < 0.3, page, "it does not scrub")
+        until(lambda: abs(shown_s(page) - 0.4 * length_s) < 0.05, page, "it does not scrub")
         before_s = shown_s(page)
         page.keyboard.press(".")
         until(lambda: 0.0 < shown_s(page) - before_s < 0.2, page, "it does not step")
