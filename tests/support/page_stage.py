@@ -157,6 +157,7 @@ def state(mode: str = "disarmed", *, you: bool = False, **changed: Any) -> dict[
         "route": None,
         "plot": {},
         "map": None,
+        "past": None,
     } | changed
 
 
@@ -232,6 +233,8 @@ def _answer(asked: Route) -> None:
     elif path.startswith("static/") and file.is_file():
         kind = mimetypes.guess_type(file.name)[0] or "application/octet-stream"
         asked.fulfill(body=file.read_text(encoding="utf-8"), content_type=kind)
+    elif path == "recordings":  # With it, the timeline is there.
+        asked.fulfill(body="[]", content_type="application/json")
     else:
         asked.fulfill(status=404, body="")
 
@@ -253,6 +256,7 @@ def page_stage(browser: Browser, *, hints: bool = False) -> Generator[PageStage]
     )
     # Sizes and places are those of the style sheets.
     page.wait_for_function("overlay().querySelector('.frame').style.visibility === ''")
+    page.wait_for_function("overlay().querySelector('.timeline').hidden === false")
     stage = PageStage(page)
     stage.choose("tsd")
     stage.show(state())

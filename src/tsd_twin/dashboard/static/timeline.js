@@ -28,12 +28,17 @@ class Rail {
   /** @param {string} name @param {(share: number) => void} move @param {(step: number) => void} step */
   constructor(name, move, step) {
     this.cursor = el("i.cursor");
-    this.element = el("div.place", { role: "slider", tabindex: 0, "aria-label": name });
+    this.slider = el(
+      "div.slider",
+      { role: "slider", tabindex: 0, "aria-label": name },
+      el("i.rail"),
+      this.cursor,
+    );
+    this.element = el("div.place", this.slider);
     this._move = move;
-    this.fill([]);
-    this.element.addEventListener("pointerdown", (event) => this._scrub(event, true));
-    this.element.addEventListener("pointermove", (event) => this._scrub(event, false));
-    this.element.addEventListener("keydown", (event) => {
+    this.slider.addEventListener("pointerdown", (event) => this._scrub(event, true));
+    this.slider.addEventListener("pointermove", (event) => this._scrub(event, false));
+    this.slider.addEventListener("keydown", (event) => {
       const change = ARROWS[event.key];
       if (change === undefined) return;
       event.preventDefault();
@@ -44,22 +49,23 @@ class Rail {
 
   /** @param {Element[]} signs */
   fill(signs) {
-    this.element.replaceChildren(el("i.rail"), ...signs, this.cursor);
+    // The slider stays: it may have the focus, or a pointer.
+    for (const old of [...this.element.children].slice(1)) old.remove();
+    this.element.append(...signs);
   }
 
   /** @param {number} share @param {string} text @param {number} value */
   draw(share, text, value) {
     this.cursor.style.left = `${100 * Math.max(0, Math.min(1, share))}%`;
-    setAttribute(this.element, "aria-valuenow", fixed(value, 2).replace("\u2212", "-"));
-    setAttribute(this.element, "aria-valuetext", text);
+    setAttribute(this.slider, "aria-valuenow", fixed(value, 2).replace("\u2212", "-"));
+    setAttribute(this.slider, "aria-valuetext", text);
   }
 
   /** @param {PointerEvent} event @param {boolean} begins */
   _scrub(event, begins) {
-    if (event.target instanceof HTMLButtonElement) return;
-    if (begins) this.element.setPointerCapture(event.pointerId);
-    else if (!this.element.hasPointerCapture(event.pointerId)) return;
-    const box = this.element.getBoundingClientRect();
+    if (begins) this.slider.setPointerCapture(event.pointerId);
+    else if (!this.slider.hasPointerCapture(event.pointerId)) return;
+    const box = this.slider.getBoundingClientRect();
     this._move(Math.max(0, Math.min(1, (event.clientX - box.left) / box.width)));
   }
 }
@@ -149,8 +155,8 @@ export class TimelineBar {
       (share) => this._lookBack(BACK_S * (1 - share)),
       (step) => this._lookBack((this._agoS ?? 0) - step),
     );
-    setAttribute(this._rail.element, "aria-valuemin", -BACK_S);
-    setAttribute(this._rail.element, "aria-valuemax", 0);
+    setAttribute(this._rail.slider, "aria-valuemin", -BACK_S);
+    setAttribute(this._rail.slider, "aria-valuemax", 0);
     this._now = new Button("Now", () => this._lookBack(null), { kind: "quiet", tip: "Key L" });
     this._now.element.hidden = true;
     this.element.append(
@@ -212,7 +218,7 @@ export class TimelineBar {
       (share) => this._timeline && this._seek(share * this._timeline.duration_s),
       (step) => this._seek(Math.max(0, this._cursor.t_s + step)),
     );
-    setAttribute(this._rail.element, "aria-valuemin", 0);
+    setAttribute(this._rail.slider, "aria-valuemin", 0);
     this._note = el("input", {
       type: "text",
       maxlength: NOTE_LENGTH,
@@ -262,7 +268,7 @@ export class TimelineBar {
       ),
     );
     this._rail?.fill(signs);
-    if (this._rail) setAttribute(this._rail.element, "aria-valuemax", timeline.duration_s);
+    if (this._rail) setAttribute(this._rail.slider, "aria-valuemax", timeline.duration_s);
     this._draw(this._cursor);
   }
 
