@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Generator
 from pathlib import Path
 
@@ -38,6 +39,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if "timed" not in marks and name_of(item.nodeid) in slow:
             item.add_marker("slow")
     items.sort(key=_order)
+
+
+def pytest_collection_finish() -> None:
+    """Take what is loaded now out of each search for garbage: that took 6 % of a run."""
+    gc.collect()
+    gc.freeze()
 
 
 def _order(item: pytest.Item) -> bool:
