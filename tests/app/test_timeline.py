@@ -129,8 +129,9 @@ def test_a_recording_is_looked_at_while_the_live_robot_drives_and_is_stopped(
         page.mouse.up()
         until(lambda: abs(shown_s(page) - 0.4 * length_s) < 0.05, page, "it does not scrub")
         before_s = shown_s(page)
-        page.keyboard.press(".")
-        until(lambda: 0.0 < shown_s(page) - before_s < 0.2, page, "it does not step")
+        for _ in range(3):  # The first one may be nearer than what is shown of a second.
+            page.keyboard.press(".")
+        until(lambda: 0.05 < shown_s(page) - before_s < 0.25, page, "it does not step")
         page.keyboard.press("n")
         until(lambda: abs(shown_s(page) - MARK_S) < 0.01, page, "it does not go to the mark")
         page.keyboard.press("k")
