@@ -97,7 +97,7 @@ BOXES = """() => {
 
 @pytest.fixture(scope="module")
 def stage(browser: Browser) -> Generator[PageStage]:
-    with page_stage(browser) as opened:
+    with page_stage(browser, recordings=True) as opened:
         opened.page.evaluate(ON_TOP)
         yield opened
 

@@ -236,12 +236,13 @@ class _Silent(SimpleHTTPRequestHandler):
 
 
 @contextmanager
-def _served() -> Generator[str]:
+def _served(*, recordings: bool) -> Generator[str]:
     """Serve the page and the files of the source tree; yield the address."""
     with tempfile.TemporaryDirectory() as folder:
         Path(folder, "index.html").write_text(_HTML, "utf-8")
         Path(folder, "static").symlink_to(STATIC)
-        Path(folder, "recordings").write_text("[]", "utf-8")  # With it, the timeline is there.
+        if recordings:
+            Path(folder, "recordings").write_text("[]", "utf-8")
         with ThreadingHTTPServer(("127.0.0.1", 0), partial(_Silent, directory=folder)) as files:
             serving = threading.Thread(target=files.serve_forever, args=(0.1,))
             serving.start()
@@ -262,8 +263,12 @@ def _page_of(browser: Browser) -> Page:
 
 
 @contextmanager
-def page_stage(browser: Browser, *, hints: bool = False) -> Generator[PageStage]:
+def page_stage(
+    browser: Browser, *, hints: bool = False, recordings: bool = False
+) -> Generator[PageStage]:
     """Open the page with one robot, tsd; hints of the first visit only when asked for.
+
+    With a server that has `recordings` the page has a timeline.
 
     Each stage has an address of its own, so the page remembers nothing of the last one.
     """
@@ -273,7 +278,7 @@ def page_stage(browser: Browser, *, hints: bool = False) -> Generator[PageStage]
     def failed(error: object) -> None:
         failures.append(str(error))
 
-    with _served() as address:
+    with _served(recordings=recordings) as address:
         page.set_viewport_size({"width": 1280, "height": 720})
         page.on("pageerror", failed)
         page.goto(f"{address}{'?hints' if hints else ''}")
@@ -282,7 +287,8 @@ def page_stage(browser: Browser, *, hints: bool = False) -> Generator[PageStage]
         )
         # Sizes and places are those of the style sheets.
         page.wait_for_function("overlay().querySelector('.frame').style.visibility === ''")
-        page.wait_for_function("overlay().querySelector('.timeline').hidden === false")
+        hidden = str(not recordings).lower()
+        page.wait_for_function(f"overlay().querySelector('.timeline').hidden === {hidden}")
         stage = PageStage(page)
         stage.choose("tsd")
         stage.show(state())
