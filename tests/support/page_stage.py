@@ -287,8 +287,8 @@ def page_stage(
         )
         # Sizes and places are those of the style sheets.
         page.wait_for_function("overlay().querySelector('.frame').style.visibility === ''")
-        hidden = str(not recordings).lower()
-        page.wait_for_function(f"overlay().querySelector('.timeline').hidden === {hidden}")
+        if recordings:
+            page.wait_for_function("!overlay().querySelector('.timeline').hidden")
         stage = PageStage(page)
         stage.choose("tsd")
         stage.show(state())
