@@ -34,6 +34,7 @@ export function known(value) {
 const HEARTBEAT_MS = 100;
 const SERVER_TIMEOUT_MS = 2000; // No echo for this long: the connection is lost, whatever the browser says.
 const RETRY_MS = 500;
+const FIRST_BEATS = 50; // Five seconds in which the page ran: loading may block it for longer.
 const MAX_BUFFERED_BYTES = 1024; // What waits in the browser is too old already to be sent.
 const URGENT = new Set(["release", "stop"]); // Sent in any case: all that they do is stop the robot.
 
@@ -48,6 +49,7 @@ export class Link {
     this.page = page;
     this.name = name;
     this.connected = false;
+    this._connectingBeats = FIRST_BEATS; // Left for the first connection.
     /** @type {SessionInfo | null} */
     this.welcome = null;
     /** @type {RobotInfo | null} */
@@ -125,6 +127,11 @@ export class Link {
     return performance.now() - this.stateMs + (this.state?.age_ms ?? 0);
   }
 
+  /** Whether the first connection is still expected: a page that loads has lost nothing. */
+  isConnecting() {
+    return !this.connected && this._connectingBeats > 0;
+  }
+
   isStale() {
     return !this.connected || this.ageMs() > STALE_MS;
   }
@@ -165,6 +172,7 @@ export class Link {
     socket.onopen = () => {
       this._echoMs = performance.now();
       this.connected = true;
+      this._connectingBeats = 0;
       this._emit("up");
       this._sendHeartbeat();
     };
@@ -188,6 +196,7 @@ export class Link {
   }
 
   _sendHeartbeat() {
+    if (this._connectingBeats > 0) this._connectingBeats -= 1;
     if (this.connected) {
       const now = performance.now();
       if (now - this._echoMs > SERVER_TIMEOUT_MS) {
