@@ -18,7 +18,7 @@ import tsd_twin
 from tests.support.logged_runs import GYRO, TEXTS, LoggedRun, eventful_run
 from tsd_twin import robots
 from tsd_twin.control import RobotController, robot_controller, snapshot
-from tsd_twin.control.snapshot import LeaseIds
+from tsd_twin.control.logged_controller import LeaseIds
 from tsd_twin.errors import TwinError
 from tsd_twin.messages import input_log
 from tsd_twin.messages.input_log import (
@@ -33,7 +33,7 @@ from tsd_twin.messages.input_log import (
 )
 from tsd_twin.messages.status import LoopStatus
 from tsd_twin.recording.channels import Entry
-from tsd_twin.recording.redaction import Redactor
+from tsd_twin.recording.export import Redactor
 from tsd_twin.recording.rerun import Rerun, WhatIf, stretches
 from tsd_twin.safety import lease, supervisor
 
