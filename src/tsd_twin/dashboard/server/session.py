@@ -1,6 +1,6 @@
-"""Session of one page: what comes in decides, what goes out only shows.
+"""Session of one page: acts on messages of the page and statuses of its robot.
 
-Messages of the page and statuses of its robot come in; states, events and replies go out.
+States, events and replies go out, and decide nothing.
 """
 
 from __future__ import annotations
