@@ -188,6 +188,26 @@ def test_controls_of_several_robots_do_not_touch_in_the_bar(stage: PageStage, wi
     stage.choose("tsd")
 
 
+ANSWERS = """() => ["Keep control", "Hand over"].filter((name) => {
+  const button = [...overlay().querySelectorAll(".handover .button")].find(
+    (each) => each.textContent === name);
+  const {left, right, top, bottom} = button.getBoundingClientRect();
+  const [x, y] = [(left + right) / 2, (top + bottom) / 2];
+  return [[left + 3, y], [right - 3, y], [x, top + 3], [x, bottom - 3]].some(
+    (at) => !button.contains(overlay().elementFromPoint(...at)));
+})"""
+"""Answers to a request for control of which a part is not to be seen."""
+
+
+@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
+def test_both_answers_to_a_request_for_control_can_be_pressed(
+    stage: PageStage, size: tuple[int, int]
+) -> None:
+    stage.resize(*size)
+    stage.show(STATES["is asked"])
+    assert stage.page.evaluate(ANSWERS) == []
+
+
 @pytest.mark.parametrize("size", SIZES[:9] + SIZES[13:14], ids=lambda size: f"{size[0]}x{size[1]}")
 @pytest.mark.parametrize("mode", ["stopped", "fault", "arming"])
 def test_cards_do_not_lie_on_the_robot(stage: PageStage, size: tuple[int, int], mode: str) -> None:

@@ -70,6 +70,8 @@ test("a connection that is lost is said at once", () => {
   link.open();
   pass(300);
   newestSocket().onopen();
+  assert.ok(link.isLoading()); // No state has come.
   newestSocket().onclose();
+  assert.ok(!link.isLoading());
   assert.equal(notTake(link), "No connection to the dashboard.");
 });

@@ -34,7 +34,7 @@ export function known(value) {
 const HEARTBEAT_MS = 100;
 const SERVER_TIMEOUT_MS = 2000; // No echo for this long: the connection is lost, whatever the browser says.
 const RETRY_MS = 500;
-const FIRST_BEATS = 50; // Five seconds in which the page ran: loading may block it for longer.
+const LOADING_BEATS = 50; // Five seconds in which the page ran: loading may block it for longer.
 const MAX_BUFFERED_BYTES = 1024; // What waits in the browser is too old already to be sent.
 const URGENT = new Set(["release", "stop"]); // Sent in any case: all that they do is stop the robot.
 
@@ -49,7 +49,7 @@ export class Link {
     this.page = page;
     this.name = name;
     this.connected = false;
-    this._connectingBeats = FIRST_BEATS; // Left for the first connection.
+    this._loadingBeats = LOADING_BEATS; // Left until the first state has to be there.
     /** @type {SessionInfo | null} */
     this.welcome = null;
     /** @type {RobotInfo | null} */
@@ -127,9 +127,9 @@ export class Link {
     return performance.now() - this.stateMs + (this.state?.age_ms ?? 0);
   }
 
-  /** Whether the first connection is still expected: a page that loads has lost nothing. */
-  isConnecting() {
-    return !this.connected && this._connectingBeats > 0;
+  /** Whether the first state is still expected: a page that loads has lost nothing. */
+  isLoading() {
+    return this._loadingBeats > 0;
   }
 
   isStale() {
@@ -172,7 +172,6 @@ export class Link {
     socket.onopen = () => {
       this._echoMs = performance.now();
       this.connected = true;
-      this._connectingBeats = 0;
       this._emit("up");
       this._sendHeartbeat();
     };
@@ -191,12 +190,15 @@ export class Link {
     this._trips = [];
     this._seen = [];
     this.pageMs = this.pageJitterMs = null;
-    if (was) this._emit("down");
+    if (was) {
+      this._loadingBeats = 0;
+      this._emit("down");
+    }
     setTimeout(() => this._connect(), RETRY_MS);
   }
 
   _sendHeartbeat() {
-    if (this._connectingBeats > 0) this._connectingBeats -= 1;
+    if (this._loadingBeats > 0) this._loadingBeats -= 1;
     if (this.connected) {
       const now = performance.now();
       if (now - this._echoMs > SERVER_TIMEOUT_MS) {
@@ -220,6 +222,7 @@ export class Link {
       case "state":
         this.state = message;
         this.stateMs = performance.now();
+        this._loadingBeats = 0;
         this._count(message.seen);
         break;
       case "robot":

@@ -107,7 +107,7 @@ function circleOf(view, { pose: [x, y], reach_m: reach }) {
 }
 
 /** Names beside the robots; that of the robot in view has the first choice. @type {typeof drawGrid} */
-function drawNames(pen, view, { ink, robots, shown }) {
+function drawNames(pen, view, { names, ink, robots, shown }) {
   const ordered = [...robots].sort((a, b) => Number(b === shown) - Number(a === shown));
   const texts = ordered.map(({ id, stale }) => (stale ? `${id} (silent)` : id));
   const places = labelPlaces(
@@ -116,9 +116,14 @@ function drawNames(pen, view, { ink, robots, shown }) {
       width: pen.measureText(texts[i]).width,
     })),
   );
-  pen.fillStyle = ink;
   pen.textAlign = "center";
-  for (const [i, place] of places.entries()) pen.fillText(texts[i], ...place);
+  for (const [i, [x, y]] of places.entries()) {
+    pen.fillStyle = ink;
+    pen.fillText(texts[i], x, y);
+    pen.fillStyle = names.find(({ id }) => id === ordered[i].id)?.colour ?? ESTIMATE;
+    const { width } = pen.measureText(texts[i]);
+    pen.fillRect(x - width / 2, y + 3, width, 2); // In its colour: which robot it belongs to.
+  }
 }
 
 /** Scale bar and arrow along x, in the lower left corner. @type {typeof drawGrid} */

@@ -149,7 +149,7 @@ export class StaleBanner {
     this.veil.hidden = !stale;
     this.banner.hidden = !stale;
     if (!stale) return;
-    this.banner.toggleAttribute("data-waits", link.isConnecting());
+    this.banner.toggleAttribute("data-waits", link.isLoading());
     const ageMs = link.ageMs();
     const isShown = Number.isFinite(ageMs);
     setText(this._text, this._headline(isShown));

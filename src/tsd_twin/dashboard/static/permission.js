@@ -16,7 +16,7 @@ export function watches(link) {
 
 /** Return why nothing comes from the dashboard. @param {Link} link */
 export function notConnected(link) {
-  return link.isConnecting() ? "Connecting to the dashboard" : "No connection to the dashboard";
+  return link.isLoading() ? "Connecting to the dashboard" : "No connection to the dashboard";
 }
 
 /** @param {Link} link */

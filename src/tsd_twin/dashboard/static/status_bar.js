@@ -102,7 +102,7 @@ export class StatusBar {
   /** @param {string | null} mode */
   _drawMode(mode) {
     const without = this._link.robot === null ? "no robot" : "no signal";
-    const word = mode ?? (this._link.isConnecting() ? "connecting" : without);
+    const word = mode ?? (this._link.isLoading() ? "connecting" : without);
     const shape = mode ?? "none";
     if (shape !== this._shownMode) this._modeIcon.replaceChildren(icon(shape));
     this._shownMode = shape;
@@ -151,7 +151,7 @@ export class StatusBar {
     this._shownGrade = grade;
     setAttribute(this._linkStatus, "data-grade", grade);
     setText(this._grade, grade === "none" ? "" : grade);
-    const none = this._link.isConnecting() ? "–" : "no link";
+    const none = this._link.isLoading() ? "–" : "no link";
     setText(this._ms, lost ? none : `${trip === null ? "–" : Math.round(trip)} ms`);
   }
 
