@@ -331,7 +331,7 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
         },
     )
     of_thesis = args.robot == THESIS_ROBOT
-    _draw_budget(worst, middle, high, out, of_thesis=of_thesis)
+    _draw_budget(beside, line_middle, line_high, out, of_thesis=of_thesis)
     lines = [
         "largest error of position on the open-loop square, % of the side (median, 95 of 100):",
         f"  {'':20} {'in time':>11} {'from the line':>15}",
@@ -369,7 +369,7 @@ def _draw_errors(
 
 
 def _draw_budget(
-    worst: dict[str, Array],
+    beside: dict[str, Array],
     middle: dict[str, float],
     high: dict[str, float],
     out: Output,
@@ -378,7 +378,7 @@ def _draw_budget(
 ) -> None:
     figure: Any = experiment.new_figure(10.0, 4.4, "What each error costs on the open-loop square")
     left, right = figure.subplots(1, 2, width_ratios=[1.3, 1.0])
-    names = list(worst)[::-1]
+    names = list(beside)[::-1]
     rows = np.arange(len(names))
     left.barh(rows, [high[n] for n in names], 0.7, color="#f0c8b4", label="95 of 100 runs")
     left.barh(
@@ -390,16 +390,16 @@ def _draw_budget(
     )
     left.set_yticks(rows, names)
     experiment.label_axes(
-        left, "largest error of position (% of the side)", "", "one at a time, and together"
+        left, "largest distance from the line (% of the side)", "", "one at a time, and together"
     )
     experiment.add_legend(left, loc="upper right")
-    right.hist(worst[_ALL_SOURCES], 60, color=experiment.TRUTH_COLOUR)
+    right.hist(beside[_ALL_SOURCES], 60, color=experiment.TRUTH_COLOUR)
     if of_thesis:
         line: dict[str, Any] = {"color": experiment.REFERENCE_COLOUR, "linestyle": "--"}
         left.axvline(100 * THESIS_SHARE, linewidth=1.0, **line)
         right.axvline(100 * THESIS_SHARE, linewidth=1.0, label="thesis", **line)
     experiment.label_axes(
-        right, "largest error of position (% of the side)", "runs", "all of them, run by run"
+        right, "largest distance from the line (% of the side)", "runs", "all of them, run by run"
     )
     experiment.add_legend(right)
     out.figure("budget", figure)
