@@ -321,3 +321,20 @@ def test_what_the_robot_has_learned_is_shown_with_its_standard_deviation(stage: 
         ("gyro bias", "0.020 ± 0.007 °/s"),
     ):
         expect(table.get_by_role("row").filter(has_text=name)).to_contain_text(figures)
+
+
+@pytest.mark.parametrize(("contents", "clicks"), [("block", 1), ("none", 0)])
+def test_an_open_drawer_is_folded_also_before_its_contents_are_there(
+    stage: PageStage, contents: str, clicks: int
+) -> None:
+    stage.page.evaluate(
+        """(display) => document.querySelector("canvas").parentElement.insertAdjacentHTML(
+        "beforebegin", `<div id="drawer" style="position: fixed; bottom: 0">
+        <div style="cursor: pointer; height: 40px" onclick="drawer.append('clicked')"></div>
+        <div style="display: ${display}"></div></div>`)""",
+        contents,
+    )
+    stage.resize(520, 390)
+    drawer = stage.page.locator("#drawer")
+    expect(drawer).to_have_attribute("data-tsd-drawer", "")
+    expect(drawer).to_have_text("clicked" * clicks)
