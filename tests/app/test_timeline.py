@@ -16,7 +16,7 @@ import tsd_twin
 from tests.app.conftest import Program
 from tests.support.browser import FLAGS_WITHOUT_SCENE, PATIENCE_MS, mode, press_until
 from tests.support.recorded_drives import START_NS, recorded_circle
-from tsd_twin.recording.marks import Mark, add_mark, read_marks
+from tsd_twin.recording.events import Mark, add_mark, read_marks
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from tsd_twin.dashboard.robot_roster import RobotRoster
+from tsd_twin.dashboard.scene.appearance import RobotRoster
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.view_settings import ViewSettings

@@ -19,7 +19,7 @@ from websockets.frames import Frame, Opcode
 from tests.support.page_client import PATIENCE_S, Page, Site, site
 from tests.support.recorded_drives import START_NS, recorded_circle
 from tsd_twin.dashboard.server.socket_limits import GRACE, POLICY_VIOLATION, TELEOP
-from tsd_twin.recording.marks import read_marks
+from tsd_twin.recording.events import read_marks
 from tsd_twin.recording.player import Player
 
 NAME = "drive.mcap"

@@ -14,7 +14,7 @@ import msgspec
 from aiohttp import WSMessage, WSMsgType, web
 
 from tsd_twin.dashboard.recorded_view import RecordedView
-from tsd_twin.dashboard.robot_roster import RobotRoster
+from tsd_twin.dashboard.scene.appearance import RobotRoster
 from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.dashboard.server.auth import Principal
 from tsd_twin.dashboard.server.recorded_protocol import RecordedPath

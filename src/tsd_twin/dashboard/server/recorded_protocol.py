@@ -8,11 +8,9 @@ from typing import Annotated, TypeAlias
 import msgspec
 from msgspec import Meta
 
-from tsd_twin.dashboard.server.protocol import (
-    FloorPoint,
+from tsd_twin.dashboard.server.messages_from_page import (
     Message,
     PageHeartbeat,
-    RobotState,
     SelectPlotFields,
     SelectRobot,
     SetView,
@@ -20,7 +18,11 @@ from tsd_twin.dashboard.server.protocol import (
     StopCommand,
     StudentRequest,
 )
-from tsd_twin.recording.marks import NOTE_LENGTH
+from tsd_twin.dashboard.server.messages_to_page import (
+    FloorPoint,
+    RobotState,
+)
+from tsd_twin.recording.events import NOTE_LENGTH
 from tsd_twin.recording.playback import LEAST_SPEED, MOST_SPEED
 
 

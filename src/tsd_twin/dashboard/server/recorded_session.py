@@ -15,21 +15,23 @@ from tsd_twin.dashboard.scene.picking import EmptyPageScene
 from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.dashboard.server.auth import Principal, operator_name
 from tsd_twin.dashboard.server.map_data import MapData
-from tsd_twin.dashboard.server.protocol import (
-    ActionReply,
-    HeartbeatReply,
+from tsd_twin.dashboard.server.messages_from_page import (
     PageHeartbeat,
-    RobotName,
-    RobotState,
     SelectPlotFields,
     SelectRobot,
-    SessionInfo,
     SetView,
     ShowMap,
     StopCommand,
     StudentRequest,
-    ViewChanged,
     decode_page_message,
+)
+from tsd_twin.dashboard.server.messages_to_page import (
+    ActionReply,
+    HeartbeatReply,
+    RobotName,
+    RobotState,
+    SessionInfo,
+    ViewChanged,
     encode_message,
 )
 from tsd_twin.dashboard.server.recorded_protocol import (
@@ -44,13 +46,19 @@ from tsd_twin.dashboard.server.recorded_protocol import (
     Timeline,
     TimelineEvent,
 )
-from tsd_twin.dashboard.server.session import SendQueue
+from tsd_twin.dashboard.server.socket_limits import SendQueue
 from tsd_twin.dashboard.server.telemetry import RobotTelemetry
 from tsd_twin.errors import MessageError, RecordingError
 from tsd_twin.lie import Array
 from tsd_twin.messages.services import Reply
-from tsd_twin.recording.events import EventKind, RecordedEvent, read_events
-from tsd_twin.recording.marks import Mark, add_mark, read_marks
+from tsd_twin.recording.events import (
+    EventKind,
+    Mark,
+    RecordedEvent,
+    add_mark,
+    read_events,
+    read_marks,
+)
 from tsd_twin.recording.player import Player, RecordedRobot
 from tsd_twin.security import Role
 

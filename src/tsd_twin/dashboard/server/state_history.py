@@ -7,7 +7,7 @@ from collections import deque
 from operator import attrgetter
 
 from tsd_twin.client.connection import Snapshot
-from tsd_twin.dashboard.server.protocol import LOOK_BACK_S
+from tsd_twin.dashboard.server.messages_from_page import LOOK_BACK_S
 
 SPACING_S = 0.1
 _SLACK_S = 1.0
