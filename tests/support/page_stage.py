@@ -33,7 +33,7 @@ _HTML = """<!doctype html><html data-mantine-color-scheme="light"><body style="m
 _SOCKET = """
 if (location.protocol === "http:" && location.search !== "?hints")
   localStorage.setItem("tsd.hints", "seen");
-window.tsd = {page: "0123456789abcdef", hasFocus: () => true, plain: true};
+window.tsd = {page: "0123456789abcdef", hasFocus: () => true, plain: true, recording: null};
 window.sent = [];
 window.now = null;
 window.WebSocket = class {
