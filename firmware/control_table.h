@@ -7,15 +7,15 @@
 #include <stdint.h>
 
 #define CT_MODEL 2014
-#define CT_FW_VERSION 1
+#define CT_FW_VERSION 2
 #define CT_BOARD_ID 200
-#define CT_TABLE_VERSION 1
+#define CT_TABLE_VERSION 2
 #define CT_SERVOS 6
 #define CT_ESCS 3
 #define CT_RC_CHANNELS 6
 #define CT_ZERO_THROTTLE 2000
 #define CT_FULL_THROTTLE 4000
-#define CT_SIZE 154
+#define CT_SIZE 157
 
 typedef enum {  // Source of the joint commands.
   BOARD_DISARMED = 0,
@@ -31,6 +31,7 @@ typedef enum {  // Why the board last disarmed itself; stays until it is armed a
   TRIP_RC_TOOK_OVER = 4,
   TRIP_SERVO = 5,
   TRIP_WATCHDOG = 6,
+  TRIP_DRIVE = 7,
 } trip_code_t;
 
 typedef enum {  // Why arming was last refused; 0 once it succeeds.
@@ -43,6 +44,7 @@ typedef enum {  // Why arming was last refused; 0 once it succeeds.
   REFUSAL_KILL = 6,
   REFUSAL_RC = 7,
   REFUSAL_SETUP = 8,
+  REFUSAL_DRIVE = 9,
 } refusal_code_t;
 
 // Identity of the board, and fixed parameters.
@@ -59,7 +61,7 @@ typedef enum {  // Why arming was last refused; 0 once it succeeds.
 
 // Measurements and states: one READ in each cycle.
 #define CT_TELEMETRY 59
-#define CT_TELEMETRY_SIZE 95
+#define CT_TELEMETRY_SIZE 98
 
 typedef struct __attribute__((packed)) {
   // identity: read only
@@ -91,25 +93,27 @@ typedef struct __attribute__((packed)) {
   uint8_t refusal;  // 65: Why arming was last refused: `Refusal`.
   uint8_t reset_cause;  // 66: Why the board started: `ResetCause`.
   uint16_t beat;  // 67: Echo of the newest heartbeat.
-  uint8_t esc_ready;  // 69: 1: zero throttle was put out for `esc_hold_ms`.
-  uint8_t servo_found;  // 70: Bit i: servo i answered a ping.
-  uint8_t servo_alive;  // 71: Bit i: servo i answered within the last 50 ms.
-  uint8_t servo_protocol;  // 72: Bit i: servo i speaks Protocol 2.0, else 1.0.
-  uint8_t servo_fault;  // 73: Bit i: servo i reports a hardware error.
-  uint16_t throttle_out[3];  // 74: Pulse that is put out. [0.5 us]
-  int16_t position[6];  // 80: Gimbals from neutral. [step]
-  int16_t velocity[6];  // 92: Gimbals. [step/s]
-  int16_t current[6];  // 104: Of the servos. [mA]
-  uint8_t voltage[6];  // 116: At the servos. [0.1 V]
-  uint8_t temperature[6];  // 122: Of the servos. [deg C]
-  uint16_t rc[6];  // 128: Pulses of the receiver: forward, left, turn, speed, kill, manual; 0: no pulses. [us]
-  uint16_t battery_mv;  // 140: Of the battery. [mV]
-  uint16_t crc_errors;  // 142: Packets from the PC with a wrong sum.
-  uint16_t rx_errors;  // 144: Bytes from the PC lost, or cut packets given up.
-  uint16_t servo_errors;  // 146: Answers of servos that were missing or wrong.
-  uint16_t overruns;  // 148: Cycles that took longer than 10 ms.
-  uint16_t trips;  // 150: Times that the board disarmed itself since power came.
-  uint16_t resets;  // 152: Resets since power came.
+  uint8_t drive_on;  // 69: 1: the speed controllers have power, behind the contactor.
+  uint8_t esc_ready;  // 70: 1: zero throttle was put out for `esc_hold_ms`, since the speed controllers got power and since the last disarming.
+  uint8_t servo_found;  // 71: Bit i: servo i answered a ping.
+  uint8_t servo_alive;  // 72: Bit i: servo i answered within the last 50 ms.
+  uint8_t servo_protocol;  // 73: Bit i: servo i speaks Protocol 2.0, else 1.0.
+  uint8_t servo_fault;  // 74: Bit i: servo i reports a hardware error.
+  uint16_t throttle_out[3];  // 75: Pulse that is put out. [0.5 us]
+  int16_t position[6];  // 81: Gimbals from neutral. [step]
+  int16_t velocity[6];  // 93: Gimbals. [step/s]
+  int16_t current[6];  // 105: Of the servos. [mA]
+  uint8_t voltage[6];  // 117: At the servos. [0.1 V]
+  uint8_t temperature[6];  // 123: Of the servos. [deg C]
+  uint16_t rc[6];  // 129: Pulses of the receiver: forward, left, turn, speed, kill, manual; 0: no pulses. [us]
+  uint16_t battery_mv;  // 141: Of the battery. [mV]
+  uint16_t drive_mv;  // 143: Of the speed controllers, behind the contactor. [mV]
+  uint16_t crc_errors;  // 145: Packets from the PC with a wrong sum.
+  uint16_t rx_errors;  // 147: Bytes from the PC lost, or cut packets given up.
+  uint16_t servo_errors;  // 149: Answers of servos that were missing or wrong.
+  uint16_t overruns;  // 151: Cycles that took longer than 10 ms.
+  uint16_t trips;  // 153: Times that the board disarmed itself since power came.
+  uint16_t resets;  // 155: Resets since power came.
 } control_table_t;
 
 _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
@@ -117,8 +121,8 @@ _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
 // X(name, address, type, count, default): every item.
 #define CT_ITEMS(X) \
   X(model, 0, uint16_t, 1, 2014) \
-  X(fw, 2, uint8_t, 1, 1) \
-  X(table_version, 3, uint8_t, 1, 1) \
+  X(fw, 2, uint8_t, 1, 2) \
+  X(table_version, 3, uint8_t, 1, 2) \
   X(id, 4, uint8_t, 1, 200) \
   X(host_baud, 5, uint32_t, 1, 1000000) \
   X(servo_baud, 9, uint32_t, 1, 1000000) \
@@ -141,25 +145,27 @@ _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
   X(refusal, 65, uint8_t, 1, 0) \
   X(reset_cause, 66, uint8_t, 1, 0) \
   X(beat, 67, uint16_t, 1, 0) \
-  X(esc_ready, 69, uint8_t, 1, 0) \
-  X(servo_found, 70, uint8_t, 1, 0) \
-  X(servo_alive, 71, uint8_t, 1, 0) \
-  X(servo_protocol, 72, uint8_t, 1, 0) \
-  X(servo_fault, 73, uint8_t, 1, 0) \
-  X(throttle_out, 74, uint16_t, 3, 2000) \
-  X(position, 80, int16_t, 6, 0) \
-  X(velocity, 92, int16_t, 6, 0) \
-  X(current, 104, int16_t, 6, 0) \
-  X(voltage, 116, uint8_t, 6, 0) \
-  X(temperature, 122, uint8_t, 6, 0) \
-  X(rc, 128, uint16_t, 6, 0) \
-  X(battery_mv, 140, uint16_t, 1, 0) \
-  X(crc_errors, 142, uint16_t, 1, 0) \
-  X(rx_errors, 144, uint16_t, 1, 0) \
-  X(servo_errors, 146, uint16_t, 1, 0) \
-  X(overruns, 148, uint16_t, 1, 0) \
-  X(trips, 150, uint16_t, 1, 0) \
-  X(resets, 152, uint16_t, 1, 0)
+  X(drive_on, 69, uint8_t, 1, 0) \
+  X(esc_ready, 70, uint8_t, 1, 0) \
+  X(servo_found, 71, uint8_t, 1, 0) \
+  X(servo_alive, 72, uint8_t, 1, 0) \
+  X(servo_protocol, 73, uint8_t, 1, 0) \
+  X(servo_fault, 74, uint8_t, 1, 0) \
+  X(throttle_out, 75, uint16_t, 3, 2000) \
+  X(position, 81, int16_t, 6, 0) \
+  X(velocity, 93, int16_t, 6, 0) \
+  X(current, 105, int16_t, 6, 0) \
+  X(voltage, 117, uint8_t, 6, 0) \
+  X(temperature, 123, uint8_t, 6, 0) \
+  X(rc, 129, uint16_t, 6, 0) \
+  X(battery_mv, 141, uint16_t, 1, 0) \
+  X(drive_mv, 143, uint16_t, 1, 0) \
+  X(crc_errors, 145, uint16_t, 1, 0) \
+  X(rx_errors, 147, uint16_t, 1, 0) \
+  X(servo_errors, 149, uint16_t, 1, 0) \
+  X(overruns, 151, uint16_t, 1, 0) \
+  X(trips, 153, uint16_t, 1, 0) \
+  X(resets, 155, uint16_t, 1, 0)
 
 // X(name, address, type, count, least, most): every item that can be written.
 #define CT_WRITABLE(X) \

@@ -6,6 +6,7 @@
 #include "esc.h"
 #include "manual.h"
 #include "pins.h"
+#include "power.h"
 #include "receiver.h"
 #include "servos.h"
 #include "setup.h"
@@ -17,6 +18,7 @@
 static bool arm_was_written = true;
 // Since the last beat. Counted up instead of compared with a clock: nothing can wrap.
 static uint16_t beat_age_ms;
+// Zero throttle at speed controllers with power, since they got it and since the last source left.
 static uint16_t zero_throttle_ms;
 static bool manual_before = true;
 
@@ -32,6 +34,7 @@ void safety_start(void) {
 static void disarm(void) {
   table.mode = BOARD_DISARMED;
   table.arm = 0;
+  zero_throttle_ms = 0;
 }
 
 static void trip(trip_code_t reason) {
@@ -67,12 +70,15 @@ static bool goals_zero(void) {
   return true;
 }
 
+static bool held(void) { return zero_throttle_ms >= CT_DEFAULT(esc_hold_ms); }
+
 // Reason against any source of joint commands.
 static refusal_code_t refusal_to_anybody(void) {
   if (!setup_known()) return REFUSAL_SETUP;
-  if (!table.esc_ready) return REFUSAL_ESC_HOLD;
+  if (!power_drive()) return REFUSAL_DRIVE;
   if (receiver_kills()) return REFUSAL_KILL;
   if (!servos_well()) return REFUSAL_SERVO;
+  if (!held()) return REFUSAL_ESC_HOLD;
   return REFUSAL_NONE;
 }
 
@@ -115,6 +121,7 @@ static trip_code_t reason_to_trip(void) {
   bool pc = table.mode == BOARD_ARMED;
   if (receiver_seen() && !receiver_present()) return TRIP_RC_LOST;
   if (receiver_kills()) return TRIP_KILL;
+  if (!power_drive()) return TRIP_DRIVE;
   if (!servos_well()) return TRIP_SERVO;
   if (pc && receiver_manual()) return TRIP_RC_TOOK_OVER;
   if (pc && beat_age_ms >= CT_DEFAULT(heartbeat_timeout_ms)) return TRIP_HEARTBEAT;
@@ -123,12 +130,14 @@ static trip_code_t reason_to_trip(void) {
 
 // The radio control gets the robot when its switch is moved, and loses it when it is moved back.
 // A switch that stands at "manual" when the receiver is first heard has to be moved there again.
-static void look_at_switch(void) {
+static void look_at_switch(bool takes_over) {
   bool manual = receiver_manual(), edge = manual && !manual_before;
   manual_before = manual || !receiver_present();
   if (table.mode == BOARD_RC && !manual) disarm();
   if (table.mode != BOARD_DISARMED || !edge) return;
   table.refusal = refusal_to_anybody();
+  // The speed controllers had power all the time, and its stick says zero throttle.
+  if (takes_over && table.refusal == REFUSAL_ESC_HOLD) table.refusal = REFUSAL_NONE;
   if (!table.refusal && !manual_speed_is_zero()) table.refusal = REFUSAL_THROTTLE;
   if (table.refusal) return;
   manual_begin();
@@ -157,15 +166,26 @@ static void put_out(void) {
   }
 }
 
+// Speed controllers that just got power may take any throttle for one to spin up to, or for the
+// start of their calibration: from then on they get 2 s of zero throttle first.
+static void hold_zero_throttle(void) {
+  if (!power_drive()) {
+    zero_throttle_ms = 0;
+  } else if (table.mode == BOARD_DISARMED && !held()) {
+    zero_throttle_ms++;
+  }
+}
+
 void safety_tick(void) {
   if (beat_age_ms < UINT16_MAX) beat_age_ms++;
-  if (zero_throttle_ms < CT_DEFAULT(esc_hold_ms)) zero_throttle_ms++;
-  table.esc_ready = zero_throttle_ms >= CT_DEFAULT(esc_hold_ms);
+  hold_zero_throttle();
   trip_code_t reason = table.mode == BOARD_DISARMED ? TRIP_NONE : reason_to_trip();
   if (reason) trip(reason);
-  look_at_switch();
+  look_at_switch(reason == TRIP_RC_TOOK_OVER);
   if (table.mode == BOARD_RC) manual_tick();
   put_out();
+  table.drive_on = power_drive();
+  table.esc_ready = held();
   table.trips = watchdog_memory.trips;
   table.resets = watchdog_memory.resets;
   watchdog_kick();

@@ -2,8 +2,8 @@
 """Robot in a box: the compiled firmware, simulated in real time behind a pseudo-terminal.
 
 Start it, then start the bridge with the printed path. Commands on standard input inject faults:
-hang, reset, freeze 1, unplug 2, garbage 100, dead 3, alive 3, battery 11.2, kill on, manual on,
-sticks 0.5 0 0 1, lose, show. It runs on after the end of the input, until SIGINT or SIGTERM.
+hang, reset, freeze 1, unplug 2, garbage 100, dead 3, alive 3, battery 11.2, contactor open, kill on,
+manual on, sticks 0.5 0 0 1, lose, show. It runs on after the end of the input, until SIGINT or SIGTERM.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from tsd_twin.dynamixel.control_table import ADDRESS
 
 
 def _switch(word: str) -> bool:
-    return {"on": True, "off": False}[word]
+    return {"on": True, "closed": True, "off": False, "open": False}[word]
 
 
 def show(robot: RealTimeSimulation) -> str:
@@ -28,6 +28,7 @@ def show(robot: RealTimeSimulation) -> str:
             "pose": simulation.plant.pose.xy_heading.tolist(),
             "mode": simulation.board.peek(simulation.table_address + ADDRESS["mode"]),
             "resets": simulation.board.resets,
+            "drive_v": round(simulation.power.drive_v, 2),
         }
     )
 
@@ -49,6 +50,7 @@ class FaultCommands:
             "dead": lambda number: self._dead(number, dead=True),
             "alive": lambda number: self._dead(number, dead=False),
             "battery": lambda volts: simulation.set_battery(float(volts)),
+            "contactor": lambda word: simulation.set_contactor(closed=_switch(word)),
             "sticks": lambda *words: simulation.set_sticks(*map(float, words)),
             "kill": lambda word: self._switches(kill=_switch(word)),
             "manual": lambda word: self._switches(manual=_switch(word)),

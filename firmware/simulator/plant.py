@@ -33,6 +33,7 @@ class RobotPlant:
         self._step_rad = self.simulation.actuation.servos.step_rad
         self._now_s = 0.0
         self._commands: tuple[float, ...] = ()
+        self._driven = True
 
     @property
     def gimbals(self) -> Array:
@@ -44,10 +45,12 @@ class RobotPlant:
         """Pose in the world."""
         return self.simulation.pose
 
-    def follow(self, now_s: float, servos: Sequence[Mx64], pulses_us: Sequence[float]) -> None:
+    def follow(
+        self, now_s: float, servos: Sequence[Mx64], pulses_us: Sequence[float], *, driven: bool
+    ) -> None:
         """Advance to `now_s`, then apply the goals and update the positions of the servos.
 
-        A pulse of 0 is none at all.
+        A pulse of 0 is none at all. Speed controllers that are not `driven` have no power.
         """
         self.simulation.advance(now_s - self._now_s)
         self._now_s = now_s
@@ -56,7 +59,10 @@ class RobotPlant:
             servo.goal if servo.torque and not servo.dead and not servo.jammed else None
             for servo in servos
         ]
-        commands = (*goals, *pulses_us)
+        if driven != self._driven:
+            self._driven = driven
+            self.simulation.lose_drive()
+        commands = (*goals, *pulses_us, driven)
         if commands != self._commands:
             self._commands = commands
             self._command(goals, angles, pulses_us)
@@ -79,7 +85,7 @@ class RobotPlant:
         )
         setpoint = np.zeros(9)
         setpoint[_ANGLES] = self._goals
-        setpoint[_WHEELS] = self._speeds(np.array(pulses_us))
+        setpoint[_WHEELS] = self._speeds(np.array(pulses_us)) * self._driven
         if min(pulses_us) > 0.0:  # Controllers without a signal do not begin to arm.
             self.simulation.command(setpoint)
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from firmware.simulator import board as boards
 from firmware.simulator.mx64 import Mx64
 from firmware.simulator.plant import RobotPlant
+from firmware.simulator.power import PowerSimulation
 from firmware.simulator.servo_bus import ServoBusSimulation
 from tsd_twin.dynamixel.control_table import ADDRESS
 from tsd_twin.robots import SingularityDescription, description_of_kind, load_robot
@@ -18,6 +19,8 @@ STRAIGHT = (False,) * 6
 _STEP_S = 0.004
 """The robot moves on at least this often, while there is traffic on the bus."""
 _STICK_US, _SPEED_US = 400, 800
+_ZERO_US = 1001.0
+_DIVIDER = 4.0
 
 
 class FirmwareSimulation:
@@ -45,6 +48,7 @@ class FirmwareSimulation:
         self.plant = RobotPlant(
             description_of_kind(load_robot("tsd"), SingularityDescription), neutral, reverse
         )
+        self.power = PowerSimulation()
         self._moved_s = 0.0
         self._receiver = [1500, 1500, 1500, 1100, 1900, 1100]
         self.board.on_request(self._on_request)
@@ -67,9 +71,15 @@ class FirmwareSimulation:
 
     def set_battery(self, volts: float) -> None:
         """Set the battery voltage."""
-        self.board.set_adc(0, volts / 4.0)
+        self.power.battery_v = volts
+        self._put_voltages()
         for servo in self.servos:
             servo.volts = volts
+
+    def set_contactor(self, *, closed: bool) -> None:
+        """Close the contactor of the drive, or open it as either stop does."""
+        self._move()
+        self.power.contactor = closed
 
     def set_sticks(self, forward: float, left: float, turn: float, speed: float) -> None:
         """Move the sticks of the radio control, from -1 to 1; `speed` from 0 to 1."""
@@ -95,5 +105,12 @@ class FirmwareSimulation:
             self.board.reply(*answer)
 
     def _move(self) -> None:
+        pulses_us, power = self.pulses_us(), self.power
+        power.advance(self.board.now_s - self._moved_s, throttle=max(pulses_us) > _ZERO_US)
         self._moved_s = self.board.now_s
-        self.plant.follow(self._moved_s, self.servos, self.pulses_us())
+        self._put_voltages()
+        self.plant.follow(self._moved_s, self.servos, pulses_us, driven=power.driven)
+
+    def _put_voltages(self) -> None:
+        self.board.set_adc(0, self.power.battery_v / _DIVIDER)
+        self.board.set_adc(1, self.power.drive_v / _DIVIDER)

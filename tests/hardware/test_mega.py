@@ -379,6 +379,7 @@ def test_a_node_that_hangs_is_not_obeyed_any_more(it: Bench) -> None:
     [
         ({"mode": int(BoardMode.RC)}, "the radio control has the robot"),
         ({"servo_alive": 0b111011}, "servo 3 (module2_alpha): no answer"),
+        ({"drive_on": 0}, "the speed controllers have no power: the stop circuit is open"),
         ({"servo_fault": 0b000001}, "servo 1 (module1_alpha): hardware error"),
     ],
 )

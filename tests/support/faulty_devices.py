@@ -62,7 +62,14 @@ class PretendBoard:
 
     def __init__(self) -> None:
         self.identity = Identity()
-        self.telemetry = Telemetry(esc_ready=1, servo_found=63, servo_alive=63, battery_mv=12000)
+        self.telemetry = Telemetry(
+            drive_on=1,
+            esc_ready=1,
+            servo_found=63,
+            servo_alive=63,
+            battery_mv=12000,
+            drive_mv=12000,
+        )
         self.table = bytearray(TABLE_SIZE)
         self.obeys_arm = True
         self.silent = False

@@ -134,9 +134,14 @@ class FirmwareHost:
         self.simulation.run(HOLD_S)
         return self
 
-    def arm(self) -> Telemetry:
-        """Take the arm switch from 0 to 1; return what the board says to that."""
+    def arm(self, *, at_once: bool = False) -> Telemetry:
+        """Take the arm switch from 0 to 1; return what the board says to that.
+
+        Unless `at_once`, zero throttle is held before for as long as it takes.
+        """
         self.cycle(0)
+        if not at_once and not self.telemetry().esc_ready:
+            self.simulation.run(HOLD_S)
         self.cycle(1)
         return self.telemetry()
 

@@ -107,7 +107,7 @@ def the_hold_of_the_speed_controllers_is_kept(bench: Bench) -> None:
     pilot.simulation.run(CYCLE_S)
     assert pilot.set_up() == 0
     pilot.simulation.run(1.9)
-    seen = pilot.arm()
+    seen = pilot.arm(at_once=True)
     assert (seen.mode, seen.refusal, seen.esc_ready) == (
         BoardMode.DISARMED,
         Refusal.ESC_HOLD,
@@ -117,6 +117,59 @@ def the_hold_of_the_speed_controllers_is_kept(bench: Bench) -> None:
     assert pilot.drive(0.1, throttle=ZERO).mode == BoardMode.DISARMED
     seen = pilot.arm()
     assert (seen.mode, seen.refusal, seen.esc_ready) == (BoardMode.ARMED, Refusal.NONE, 1)
+
+
+def after_every_disarming_the_hold_begins_again(bench: Bench) -> None:
+    pilot = bench.pilot().get_driving()
+    pilot.simulation.run(0.6)
+    assert pilot.telemetry().trip == Trip.HEARTBEAT
+    seen = pilot.arm(at_once=True)
+    assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.ESC_HOLD)
+    assert pilot.arm().mode == BoardMode.ARMED
+    pilot.simulation.board.send(pilot.command(0) + pilot.command(1))
+    pilot.simulation.run(CYCLE_S)
+    assert pilot.telemetry().refusal == Refusal.ESC_HOLD, "not even within a millisecond"
+
+
+def the_stop_circuit_stops(bench: Bench) -> None:
+    pilot = bench.pilot(receiver=True).get_driving(TILTED)
+    pilot.simulation.set_contactor(closed=False)
+    seen = pilot.drive(0.15, goal=TILTED)
+    assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.DRIVE)
+    assert max(pilot.simulation.pulses_us()) < 1001.0
+    pilot.simulation.run(0.5)
+    assert [servo.goal for servo in pilot.simulation.servos] == NEUTRAL_GOALS
+    assert pilot.arm().refusal == Refusal.DRIVE
+    pilot.simulation.set_switches(manual=True)
+    pilot.simulation.run(0.1)
+    seen = pilot.telemetry()
+    assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.DRIVE), "nor by radio control"
+
+
+def power_at_the_drive_moves_nothing(bench: Bench) -> None:
+    pilot = bench.pilot().get_driving()
+    pilot.simulation.set_contactor(closed=False)
+    pilot.drive(0.5)
+    pilot.simulation.set_contactor(closed=True)
+    for _ in range(4):
+        assert pilot.drive(0.5).mode == BoardMode.DISARMED, "1 again and again"
+        assert max(pilot.simulation.pulses_us()) < 1001.0
+    pilot.simulation.set_contactor(closed=False)
+    pilot.simulation.run(0.5)
+    pilot.simulation.set_contactor(closed=True)
+    pilot.simulation.run(1.9)
+    seen = pilot.arm(at_once=True)
+    assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.ESC_HOLD)
+    assert pilot.arm().mode == BoardMode.ARMED
+
+
+def a_drive_that_is_not_measured_does_not_arm(bench: Bench) -> None:
+    pilot = bench.pilot().get_ready()
+    for volts in (0.0, 0.7 * 12.0):
+        pilot.simulation.power.contactor = False
+        pilot.simulation.power.drive_v = volts
+        pilot.simulation.run(0.03)
+        assert pilot.arm(at_once=True).refusal == Refusal.DRIVE, volts
 
 
 def arming_wants_zero_throttle_and_zero_goals(bench: Bench) -> None:

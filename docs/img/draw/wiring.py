@@ -36,7 +36,7 @@ def _pin(sheet: Sheet, at: Point, words: str, *, left: bool) -> None:
 
 def _board(sheet: Sheet) -> None:
     _thing(sheet, (330, 90), (230, 330), "Arduino Mega 2560", "firmware/, 5 V from USB")
-    for y, words in ((170, "USB"), (230, "A8 to A13"), (330, "A0"), (395, "GND")):
+    for y, words in ((170, "USB"), (230, "A8 to A13"), (330, "A0"), (360, "A1"), (395, "GND")):
         _pin(sheet, (330, y), words, left=True)
     pins = ((150, "TX1 18"), (170, "RX1 19"), (190, "D22 direction"), (285, "D6"))
     for y, words in (*pins, (310, "D7"), (335, "D8"), (395, "GND")):
@@ -106,6 +106,13 @@ def _power(sheet: Sheet) -> None:
     sheet.text((200, 424), "radio stop", size=11, colour=RED)
     sheet.line([(285, 486), (285, 330), (326, 330)], colour=AMBER, width=2)
     sheet.text((278, 350), "30 k\u03a9 over 10 k\u03a9", size=11, colour=AMBER, anchor="end")
+    # Behind the contactor: across below the board to A1.
+    sheet.line(
+        [(720, 430), (720, 380), (612, 380), (612, 408), (312, 408), (312, 360), (326, 360)],
+        colour=AMBER,
+        width=2,
+    )
+    sheet.text((306, 376), "30 k\u03a9 over 10 k\u03a9", size=11, colour=AMBER, anchor="end")
     sheet.line([(60, 540), (60, 572), (985, 572), (985, 190), (950, 190)], colour=INK, width=2)
     sheet.line([(575, 572), (575, 395), (563, 395)], colour=INK, width=2)
     ground = "one ground: battery, board, servos, speed controllers, receiver"

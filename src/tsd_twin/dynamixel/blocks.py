@@ -18,9 +18,9 @@ class Identity(Packed):
 
     model: int = 2014
     """Kind of board."""
-    fw: int = 1
+    fw: int = 2
     """Version of the firmware, as a ping answers it."""
-    table_version: int = 1
+    table_version: int = 2
     """Version of this table."""
     id: int = 200
     """Id on the wire."""
@@ -83,7 +83,7 @@ class Telemetry(Packed):
     """Measurements and states: one READ in each cycle."""
 
     ADDRESS: ClassVar[int] = 59
-    LAYOUT: ClassVar[Struct] = Struct("<IBBBBHBBBBB3H6h6h6h6B6B6HHHHHHHH")
+    LAYOUT: ClassVar[Struct] = Struct("<IBBBBHBBBBBB3H6h6h6h6B6B6HHHHHHHHH")
 
     millis: int = 0
     """Since the reset [ms]."""
@@ -97,8 +97,12 @@ class Telemetry(Packed):
     """Why the board started: `ResetCause`."""
     beat: int = 0
     """Echo of the newest heartbeat."""
+    drive_on: int = 0
+    """1: the speed controllers have power, behind the contactor."""
     esc_ready: int = 0
-    """1: zero throttle was put out for `esc_hold_ms`."""
+    """1: zero throttle was put out for `esc_hold_ms`, since the speed controllers got power and
+    since the last disarming.
+    """
     servo_found: int = 0
     """Bit i: servo i answered a ping."""
     servo_alive: int = 0
@@ -123,6 +127,8 @@ class Telemetry(Packed):
     """Pulses of the receiver: forward, left, turn, speed, kill, manual; 0: no pulses [us]."""
     battery_mv: int = 0
     """Of the battery [mV]."""
+    drive_mv: int = 0
+    """Of the speed controllers, behind the contactor [mV]."""
     crc_errors: int = 0
     """Packets from the PC with a wrong sum."""
     rx_errors: int = 0

@@ -13,8 +13,8 @@ from itertools import islice
 from struct import Struct
 from typing import Any, ClassVar, Literal, Self, cast
 
-TABLE_VERSION = 1
-FW_VERSION = 1
+TABLE_VERSION = 2
+FW_VERSION = 2
 MODEL = 2014
 """What a ping answers; the year of the thesis."""
 BOARD_ID = 200
@@ -150,7 +150,13 @@ TELEMETRY = Block(
         Item("refusal", "u8", "Why arming was last refused: `Refusal`."),
         Item("reset_cause", "u8", "Why the board started: `ResetCause`."),
         Item("beat", "u16", "Echo of the newest heartbeat."),
-        Item("esc_ready", "u8", "1: zero throttle was put out for `esc_hold_ms`."),
+        Item("drive_on", "u8", "1: the speed controllers have power, behind the contactor."),
+        Item(
+            "esc_ready",
+            "u8",
+            "1: zero throttle was put out for `esc_hold_ms`, since the speed controllers got power "
+            "and since the last disarming.",
+        ),
         Item("servo_found", "u8", "Bit i: servo i answered a ping."),
         Item("servo_alive", "u8", "Bit i: servo i answered within the last 50 ms."),
         Item("servo_protocol", "u8", "Bit i: servo i speaks Protocol 2.0, else 1.0."),
@@ -171,6 +177,7 @@ TELEMETRY = Block(
             RC_CHANNELS,
         ),
         Item("battery_mv", "u16", "Of the battery.", unit="mV"),
+        Item("drive_mv", "u16", "Of the speed controllers, behind the contactor.", unit="mV"),
         Item("crc_errors", "u16", "Packets from the PC with a wrong sum."),
         Item("rx_errors", "u16", "Bytes from the PC lost, or cut packets given up."),
         Item("servo_errors", "u16", "Answers of servos that were missing or wrong."),
@@ -226,6 +233,8 @@ class Trip(IntEnum):
     """A servo of `servos_expected` no longer answers, or reports a hardware error."""
     WATCHDOG = 6
     """The firmware hung, and its watchdog reset it."""
+    DRIVE = 7
+    """The speed controllers lost their power: the stop circuit opened."""
 
 
 class Refusal(IntEnum):
@@ -233,7 +242,8 @@ class Refusal(IntEnum):
 
     NONE = 0
     ESC_HOLD = 1
-    """Zero throttle has not been put out for `esc_hold_ms` yet."""
+    """Zero throttle has not been put out for `esc_hold_ms` yet, at speed controllers with power, since
+    the last disarming."""
     THROTTLE = 2
     """A throttle of the command block is not zero throttle."""
     GOAL = 3
@@ -248,6 +258,8 @@ class Refusal(IntEnum):
     """The radio control has the robot."""
     SETUP = 8
     """No set-up was ever written: where neutral is, is not known."""
+    DRIVE = 9
+    """The speed controllers have no power: the stop circuit is open."""
 
 
 class ResetCause(IntFlag):

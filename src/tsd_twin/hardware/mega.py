@@ -53,6 +53,7 @@ TRIPS: dict[int, str] = {
     Trip.RC_TOOK_OVER: "the radio control took over",
     Trip.SERVO: "a servo does not answer or has an error",
     Trip.WATCHDOG: "its firmware hung and was restarted",
+    Trip.DRIVE: "the stop circuit opened: the speed controllers lost their power",
 }
 REFUSALS: dict[int, str] = {
     Refusal.NONE: "it does not say why",
@@ -64,6 +65,7 @@ REFUSALS: dict[int, str] = {
     Refusal.KILL: "the kill switch of the radio control is on",
     Refusal.RC: "the radio control has the robot",
     Refusal.SETUP: "its set-up was not written: neutral positions are unknown",
+    Refusal.DRIVE: "the speed controllers have no power: the stop circuit is open",
 }
 
 
@@ -419,7 +421,9 @@ class MegaHardware:
             return f"{self._joints.named(broken)}: hardware error"
         if lost:
             return lost
-        if not board.esc_ready:
+        if not board.drive_on:
+            return REFUSALS[Refusal.DRIVE]
+        if board.mode != BoardMode.ARMED and not board.esc_ready:
             return "the speed controllers have not had zero throttle for 2 s yet"
         if 0 < board.rc[RcChannel.KILL] <= SWITCH_US:
             return REFUSALS[Refusal.KILL]
@@ -431,6 +435,7 @@ class MegaHardware:
             "board": MODES.get(board.mode, board.mode),
             "last_trip": TRIPS.get(board.trip, board.trip) if board.trip else "none",
             "battery_v": round(board.battery_mv / 1000.0, 2),
+            "drive_v": round(board.drive_mv / 1000.0, 2),
             "esc_armed": bool(board.esc_ready),
             "pulse_us": [pulse / 2.0 for pulse in board.throttle_out],
             "rc_us": list(board.rc),

@@ -59,6 +59,11 @@ class SpeedControllers:
         self._is_idle = False
         return np.where(self._was_armed, signal, self._zero_throttle)
 
+    def lose_power(self) -> None:
+        """Lose power: no motor is driven, and they arm anew."""
+        self._was_armed[...] = self._holding[...] = self._is_idle = False
+        self._held_s[...] = 0.0
+
     def advance(self, dt_s: float) -> None:
         """Advance by `dt_s` seconds."""
         if self._is_idle:
@@ -368,6 +373,12 @@ class Actuation:
         self.speed_goals[...] = self.motors.speed(signal) * self._speed_share
         self._all_on = bool(self.speed_goals.all())
         self._last_speeds = speed_bytes if self.controllers.is_repeatable else b""
+
+    def lose_drive(self) -> None:
+        """Take the power of the speed controllers away: no motor is driven, and they arm anew."""
+        self.controllers.lose_power()
+        self.speed_goals[...] = 0.0
+        self._all_on, self._repeatable, self._last_speeds = False, None, b""
 
     def checked(self, setpoint: Array) -> Array:
         """Set-points (..., n), one for each robot.

@@ -1,0 +1,15 @@
+// Voltages of the battery and of the drive, each over a divider.
+#ifndef POWER_H
+#define POWER_H
+
+#include <stdbool.h>
+
+void power_start(void);
+
+// To be called each millisecond: brings table.battery_mv and table.drive_mv up to date.
+void power_tick(void);
+
+// The speed controllers have power: the voltage behind the contactor is there.
+bool power_drive(void);
+
+#endif
