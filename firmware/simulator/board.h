@@ -36,7 +36,7 @@ typedef struct {
 typedef struct {
   uint32_t pulses, width; /* Of the newest pulse, in cycles. */
   uint32_t unarmed_widest; /* Of pulses in disarmed mode. */
-  avr_cycle_count_t rise, first_rise;
+  avr_cycle_count_t rise, fall, first_rise;
   bool wanted, wanted_before;
 } esc_t;
 
@@ -44,6 +44,7 @@ typedef struct board {
   avr_io_t io; /* First: simavr calls it at each reset. */
   avr_t *avr;
   uint32_t resets;
+  bool off; /* Without power, or in its boot loader: no pin is driven. */
   uint16_t mode_address; /* Address of the board mode: source of joint commands, 0 is none. */
   queue_t to_board, to_host;
   /* Servo bus. */

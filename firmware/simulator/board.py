@@ -9,6 +9,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from tsd_twin.dynamixel.control_table import ResetCause
+
 FIRMWARE = Path(__file__).parents[1]
 BUILD = FIRMWARE / "build"
 HZ = 16_000_000
@@ -38,7 +40,7 @@ class Pulse:
 
     count: int
     us: float
-    """Width of the newest."""
+    """Width of the newest; 0 when they have ceased."""
     unarmed_us: float
     """Width of the widest pulse in disarmed mode."""
     first_s: float
@@ -151,6 +153,14 @@ class Board:
         """Make the firmware hang with interrupts off, until the next reset."""
         self._lib.board_hang(self._board)
 
+    def off(self) -> None:
+        """Take its power away: no pin is driven."""
+        self._lib.board_off(self._board)
+
+    def on(self, cause: ResetCause, *, lose_memory: bool = True) -> None:
+        """Start it again."""
+        self._lib.board_on(self._board, int(cause), lose_memory)
+
     def reset(self, *, power: bool = False) -> None:
         """Reset it by its pin, or as power does that comes back."""
         self._lib.board_reset(self._board, power)
@@ -194,6 +204,8 @@ def _library() -> ctypes.CDLL:
         ("poke", ctypes.c_uint16, ctypes.c_uint8),
         ("poke_eeprom", ctypes.c_uint16, ctypes.c_uint8),
         ("hang",),
+        ("off",),
+        ("on", ctypes.c_uint8, ctypes.c_bool),
         ("reset", ctypes.c_bool),
         ("ask", ctypes.c_char_p, pointer, u32, ctypes.c_char_p, u32, ctypes.c_char_p, u32, u32),
     ):

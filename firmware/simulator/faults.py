@@ -12,7 +12,9 @@ from tsd_twin.dynamixel.control_table import ADDRESS
 
 
 def _switch(word: str) -> bool:
-    return {"on": True, "closed": True, "off": False, "open": False}[word]
+    return {"on": True, "closed": True, "whole": True, "off": False, "open": False, "blown": False}[
+        word
+    ]
 
 
 def show(robot: RealTimeSimulation) -> str:
@@ -43,7 +45,9 @@ class FaultCommands:
         self._commands: dict[str, Callable[..., object]] = {
             "show": lambda: print(show(robot), flush=True),  # noqa: T201
             "hang": simulation.board.hang,
-            "reset": simulation.board.reset,
+            "reset": simulation.reset,
+            "brownout": lambda seconds: simulation.brown_out(float(seconds)),
+            "fuse": lambda word: simulation.set_servo_fuse(whole=_switch(word)),
             "freeze": lambda seconds: robot.freeze(float(seconds)),
             "unplug": lambda seconds: robot.unplug(float(seconds)),
             "garbage": lambda count: robot.garbage(os.urandom(int(count))),

@@ -50,6 +50,7 @@ class Mx64:
         self.registers = REGISTERS[version]
         self.dead = False
         """Injected fault: no responses, and the motor holds its position."""
+        self.powered = True
         self.jammed = False
         """Injected fault: it answers, but does not move."""
         self.fault = False
@@ -66,6 +67,17 @@ class Mx64:
     def torque(self) -> bool:
         """Whether torque is enabled."""
         return bool(self._memory[self.registers.torque])
+
+    @property
+    def answers(self) -> bool:
+        """Whether it has power and is not dead."""
+        return self.powered and not self.dead
+
+    def set_power(self, volts: float, least_v: float) -> None:
+        """Set its voltage; below `least_v` it is off, and forgets that torque was enabled."""
+        self.volts, self.powered = volts, volts >= least_v
+        if not self.powered:
+            self._memory[self.registers.torque] = 0
 
     @property
     def goal(self) -> int:

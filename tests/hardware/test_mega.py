@@ -17,7 +17,7 @@ from tests.support.faulty_devices import Peer, PretendBoard, plugged
 from tsd_twin import robots
 from tsd_twin.dynamixel import protocol2
 from tsd_twin.dynamixel.blocks import Command, Identity, Setup
-from tsd_twin.dynamixel.control_table import BoardMode, Trip
+from tsd_twin.dynamixel.control_table import BoardMode, ResetCause, Trip
 from tsd_twin.hardware import HardwareError, MegaHardware, ServoCalibration
 from tsd_twin.hardware.serial_transport import LIMIT, WINDOW_S
 from tsd_twin.node import HasWatchdog, RobotIO
@@ -150,7 +150,7 @@ def test_the_heartbeat_is_the_count_of_words_and_nothing_else(it: Bench) -> None
 @pytest.mark.parametrize(
     ("identity", "words"),
     [
-        (Identity(table_version=9), "control table 9: this program needs model 2014 with table 1"),
+        (Identity(table_version=9), "control table 9: this program needs model 2014 with table 2"),
         (Identity(model=311), "is model 311"),
     ],
 )
@@ -260,6 +260,56 @@ def test_a_board_that_restarts_is_set_up_again_and_stays_disarmed(it: Bench) -> 
     it.until(lambda: len(it.board.setups) == 2, "set up again", armed=True)
     it.until(lambda: len(it.board.commands) > count + 20, "cycles", armed=True)
     assert not any(command.arm for command in it.board.commands[-15:])
+
+
+@pytest.mark.parametrize(
+    ("cause", "fault"),
+    [
+        (ResetCause.BROWN_OUT, "the controller board has restarted: its supply had sagged"),
+        (ResetCause.POWER_ON, "the controller board has restarted: it had lost its power"),
+    ],
+)
+def test_a_board_that_restarts_says_why(it: Bench, cause: ResetCause, fault: str) -> None:
+    it.arm()
+    it.board.telemetry = replace(
+        it.board.telemetry, millis=0, resets=1, mode=0, reset_cause=int(cause)
+    )
+    it.until(lambda: it.fault, "noticed", armed=True)
+    assert it.fault == fault
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"millis": 1500, "reset_cause": int(ResetCause.EXTERNAL)}, "cut RESET-EN"),
+        ({"millis": 1500, "reset_cause": 0}, "cut RESET-EN"),
+        ({"battery_mv": 300}, "runs with 0.3 V of battery: USB feeds it"),
+        ({"millis": 1500, "reset_cause": int(ResetCause.POWER_ON)}, ""),
+        ({}, ""),
+    ],
+)
+def test_a_mistake_in_the_wiring_is_recognised_when_it_connects(
+    tmp_path: Path, change: dict[str, int], told: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    board = PretendBoard()
+    board.telemetry = replace(board.telemetry, **change)
+    with plugged(tmp_path, board) as peer:
+        robot = MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
+        wiring = robot.hardware()["wiring"]
+        robot.close()
+    assert len(wiring) == bool(told)
+    assert told in "".join(wiring)
+    assert told in caplog.text
+
+
+def test_a_board_that_lost_its_power_with_the_plug_is_recognised(it: Bench) -> None:
+    it.arm()
+    it.peer.unplug()
+    it.until(lambda: "not connected" in it.fault, "gone", armed=True)
+    it.board.telemetry = replace(it.board.telemetry, millis=10, reset_cause=1, mode=0)
+    it.peer.plug_in()
+    it.until(lambda: it.robot.hardware()["connected"], "back", armed=True)
+    assert "lost its power together with the line" in it.robot.hardware()["wiring"][0]
 
 
 def test_a_board_that_falls_silent_is_a_fault_within_a_tenth_of_a_second(it: Bench) -> None:

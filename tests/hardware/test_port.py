@@ -7,6 +7,7 @@ import fcntl
 import os
 import pty
 import socket
+import sys
 from collections.abc import Generator
 from pathlib import Path
 
@@ -14,7 +15,15 @@ import pytest
 import serial
 
 from tsd_twin.hardware import PortError
-from tsd_twin.hardware.serial_transport import _open_error, open_port, persistent_name
+from tsd_twin.hardware.serial_transport import (
+    _open_error,
+    close_port,
+    open_port,
+    persistent_name,
+)
+
+TIOCGEXCL = 0x80045440
+"""Linux: whether a terminal is locked with TIOCEXCL."""
 
 
 @pytest.fixture
@@ -56,8 +65,26 @@ def test_a_port_in_use(terminal: tuple[int, str]) -> None:
     name = terminal[1]
     port = open_port(name, 115200, 0.01)
     assert refusal(name) == f"{name} is in use by another program: end it first"
-    port.close()
-    open_port(name, 115200, 0.01).close()
+    close_port(port)
+    close_port(open_port(name, 115200, 0.01))
+
+
+def test_a_port_in_use_is_locked_for_programs_that_ask_nobody(terminal: tuple[int, str]) -> None:
+    """The kernel refuses to open it, except for root, for whom only the lock can be seen."""
+    slave = os.open(terminal[1], os.O_RDWR | os.O_NOCTTY)
+
+    def locked() -> bool:
+        return bool(int.from_bytes(fcntl.ioctl(slave, TIOCGEXCL, bytes(4)), sys.byteorder))
+
+    assert not locked()
+    port = open_port(terminal[1], 115200, 0.01)
+    assert locked()
+    if os.geteuid() != 0:
+        with pytest.raises(OSError, match="busy"):
+            os.open(terminal[1], os.O_RDWR | os.O_NOCTTY)
+    close_port(port)
+    assert not locked()
+    os.close(slave)
 
 
 def test_a_port_that_another_kind_of_program_has_locked(terminal: tuple[int, str]) -> None:

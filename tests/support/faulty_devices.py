@@ -63,6 +63,7 @@ class PretendBoard:
     def __init__(self) -> None:
         self.identity = Identity()
         self.telemetry = Telemetry(
+            millis=100_000,
             drive_on=1,
             esc_ready=1,
             servo_found=63,

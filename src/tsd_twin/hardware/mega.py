@@ -25,6 +25,7 @@ from tsd_twin.dynamixel.control_table import (
     BoardMode,
     RcChannel,
     Refusal,
+    ResetCause,
     Trip,
 )
 from tsd_twin.dynamixel.packets import ALERT, Fault, Status
@@ -67,6 +68,53 @@ REFUSALS: dict[int, str] = {
     Refusal.SETUP: "its set-up was not written: neutral positions are unknown",
     Refusal.DRIVE: "the speed controllers have no power: the stop circuit is open",
 }
+
+
+_STARTED_MS = 4000
+"""A board that has run for less was reset when its port was opened, or just got power."""
+_MEASURED_MS = 500
+"""After this, the board has measured its battery."""
+_BATTERY_LEAST_MV = 5000
+"""A board that runs although its battery is below this is fed by something else."""
+_RESTARTED = "the controller board has restarted"
+RESETS: dict[int, str] = {
+    ResetCause.POWER_ON: "it had lost its power",
+    ResetCause.EXTERNAL: "by its reset pin",
+    ResetCause.BROWN_OUT: "its supply had sagged",
+    ResetCause.WATCHDOG: "its firmware hung",
+}
+
+
+def restart_reason(cause: int) -> str:
+    """Text for a board that has restarted; a boot loader may have cleared the cause."""
+    causes = [text for bit, text in RESETS.items() if cause & bit]
+    return ": ".join([_RESTARTED, *causes[:1]])
+
+
+def wiring_faults(telemetry: Telemetry, *, opened: bool, returned: bool) -> dict[str, str]:
+    """Mistakes in the wiring of a board that telemetry shows, by a short name; empty without one.
+
+    `opened` says that its port was just opened, `returned` that it was connected before.
+    """
+    found: dict[str, str] = {}
+    young, powered = telemetry.millis < _STARTED_MS, telemetry.reset_cause & ResetCause.POWER_ON
+    if opened and young and not powered:
+        found["auto-reset"] = (
+            "opening the port resets the controller board, whose outputs are not driven until its "
+            "boot loader ends: cut RESET-EN, or use an adapter without DTR"
+        )
+    if opened and young and powered and returned:
+        found["usb power lost"] = (
+            "the controller board lost its power together with the line: unless the battery was "
+            "off too, USB feeds it, and no board was there to stop the robot; feed it from the "
+            "servo battery, and cut the 5 V of USB"
+        )
+    if telemetry.millis > _MEASURED_MS and telemetry.battery_mv < _BATTERY_LEAST_MV:
+        found["usb power"] = (
+            f"the controller board runs with {telemetry.battery_mv / 1000.0:.1f} V of battery: "
+            "USB feeds it; cut the 5 V of USB, or the wire to A0 is off"
+        )
+    return found
 
 
 class _State(Enum):
@@ -225,6 +273,9 @@ class ControllerBoard:
         self.report: BoardReport | None = None
         self.disconnect_reason = ""
         """Reason of a lost connection; else empty."""
+        self.wiring_faults: dict[str, str] = {}
+        """Mistakes in the wiring that were seen, by a short name; replaced as a whole."""
+        self._was_connected = False
         self._joints = joints
         self._servos = servos
         self._switch = ArmSwitch()
@@ -243,6 +294,8 @@ class ControllerBoard:
             HardwareError: it is another device, or does not answer.
         """
         telemetry = handshake(transport, self._setup, self.baud)
+        self._find_wiring_faults(telemetry, opened=self.report is None)
+        self._was_connected = True
         self.report = BoardReport(telemetry, time.monotonic(), self._switch.lost)
         self.disconnect_reason = ""
 
@@ -270,13 +323,15 @@ class ControllerBoard:
             return False
         self.health.add_round_trip(now_s - began_s)
         if before is not None and _restarted(before.telemetry, telemetry):
-            _LOG.warning("the controller board has restarted")
-            self._switch.mark_lost("the controller board has restarted")
+            reason = restart_reason(telemetry.reset_cause)
+            _LOG.warning("%s", reason)
+            self._switch.mark_lost(reason)
             self.connect(transport)
         elif before is not None:
             corrupt = corrupt or _has_receive_errors(before.telemetry, telemetry)
         self._add_cycle(corrupt, now_s)
         self._switch.update(telemetry)
+        self._find_wiring_faults(telemetry, opened=False)
         self.report = BoardReport(telemetry, now_s, self._switch.lost)
         return True
 
@@ -292,6 +347,12 @@ class ControllerBoard:
             request = protocol2.write(BOARD_ID, Command.ADDRESS, REST_COMMAND.pack())
             if transport.request(request, 1, ANSWER_S):
                 return
+
+    def _find_wiring_faults(self, telemetry: Telemetry, *, opened: bool) -> None:
+        found = wiring_faults(telemetry, opened=opened, returned=self._was_connected)
+        for name in found.keys() - self.wiring_faults.keys():
+            _LOG.warning("%s", found[name])
+            self.wiring_faults = {**self.wiring_faults, name: found[name]}
 
     def _add_cycle(self, corrupt: bool, now_s: float) -> None:
         errors = self.health.packet_errors
@@ -405,6 +466,7 @@ class MegaHardware:
         status: dict[str, Any] = {"kind": "mega", "connected": report is not None}
         if report is not None:
             status |= self._status(report.telemetry)
+            status["wiring"] = list(board.wiring_faults.values())
             status["age_ms"] = round(1000.0 * (time.monotonic() - report.heard_s), 1)
         return status | {"link": board.health.status()}
 

@@ -5,6 +5,7 @@ that imports pyserial.
 from __future__ import annotations
 
 import errno
+import fcntl
 import logging
 import math
 import termios
@@ -160,12 +161,35 @@ def open_port(name: str, baud: int, timeout_s: float) -> Port:
         )
     except (*GONE, ValueError) as error:
         raise PortError(_open_error(name, error)) from error
+    _set_exclusive(port, termios.TIOCEXCL)
     try:
         port.set_low_latency_mode(True)
     except (*GONE, ValueError, AttributeError, NotImplementedError) as error:
         # Only FTDI chips know it; they wait 16 ms for more to send without.
         _LOG.debug("%s: no low latency mode: %s", name, error)
     return port
+
+
+def close_port(port: Port) -> None:
+    """Unlock and close a port; also after it is gone."""
+    # A device that another program holds open, as the simulator does, would stay locked.
+    _set_exclusive(port, termios.TIOCNXCL)
+    try:
+        port.close()
+    except GONE:
+        return
+
+
+def _set_exclusive(port: Any, request: int) -> None:
+    """Lock the device against programs that do not look at the lock of pyserial, or unlock it.
+
+    pyserial locks with `flock` only, which other programs need not ask for. The kernel refuses to
+    open a device that is locked with TIOCEXCL, except for root.
+    """
+    try:
+        fcntl.ioctl(port.fileno(), request)
+    except (OSError, AttributeError, ValueError) as error:  # A URL has no device here.
+        _LOG.debug("no exclusive mode: %s", error)
 
 
 def persistent_name(name: str, links: Path = _BY_ID) -> str:
@@ -303,7 +327,4 @@ class SerialTransport:
 
     def close(self) -> None:
         """Close the port; also after it is gone."""
-        try:
-            self._port.close()
-        except GONE:
-            return
+        close_port(self._port)
