@@ -15,7 +15,7 @@
 #define CT_RC_CHANNELS 6
 #define CT_ZERO_THROTTLE 2000
 #define CT_FULL_THROTTLE 4000
-#define CT_SIZE 157
+#define CT_SIZE 166
 
 typedef enum {  // Source of the joint commands.
   BOARD_DISARMED = 0,
@@ -51,17 +51,17 @@ typedef enum {  // Why arming was last refused; 0 once it succeeds.
 #define CT_IDENTITY 0
 #define CT_IDENTITY_SIZE 21
 
-// Parameters of the robot; the bridge writes them when it connects. Kept without power.
+// Parameters of the robot; the bridge writes them when it connects. Kept without power. Written as a whole, 2 s after the last throttle: error 5 for a part, error 7 before.
 #define CT_SETUP 21
 #define CT_SETUP_SIZE 16
 
 // Joint commands: one WRITE of the whole block in each cycle; a partial one is error 5.
 #define CT_COMMAND 37
-#define CT_COMMAND_SIZE 22
+#define CT_COMMAND_SIZE 26
 
 // Measurements and states: one READ in each cycle.
-#define CT_TELEMETRY 59
-#define CT_TELEMETRY_SIZE 98
+#define CT_TELEMETRY 63
+#define CT_TELEMETRY_SIZE 103
 
 typedef struct __attribute__((packed)) {
   // identity: read only
@@ -81,39 +81,42 @@ typedef struct __attribute__((packed)) {
   uint16_t goal_limit;  // 34: Goals are held within ± this. [step]
   uint8_t servos_expected;  // 36: Bit i: servo i must answer to arm and to stay armed; 0 when others drive the servos.
   // command: read and write
-  uint16_t heartbeat;  // 37: Any change is a beat; arming needs one.
+  uint16_t heartbeat;  // 37: A change is a beat, while armed only forwards; arming needs one. A block that is behind while armed is error 7.
   uint8_t arm;  // 39: Going from 0 to 1 arms, unless there is a reason to refuse; 0 disarms. After a trip it has to be written 0 first: 1 again and again never arms again.
   uint8_t torque;  // 40: 0 switches servo torque off, while disarmed only.
   uint16_t throttle[3];  // 41: Pulse to each speed controller; put out while armed. [0.5 us]
   int16_t goal[6];  // 47: Gimbals from neutral: alpha and beta of module 1, then 2, then 3; obeyed while armed. [step]
+  uint16_t session[2];  // 59: As `nonce`, or the block only disarms: with `arm` 1 it is error 7.
   // telemetry: read only
-  uint32_t millis;  // 59: Since the reset. [ms]
-  uint8_t mode;  // 63: Source of the joint commands: `BoardMode`.
-  uint8_t trip;  // 64: Why the board last disarmed itself, until it arms: `Trip`.
-  uint8_t refusal;  // 65: Why arming was last refused: `Refusal`.
-  uint8_t reset_cause;  // 66: Why the board started: `ResetCause`.
-  uint16_t beat;  // 67: Echo of the newest heartbeat.
-  uint8_t drive_on;  // 69: 1: the speed controllers have power, behind the contactor.
-  uint8_t esc_ready;  // 70: 1: zero throttle was put out for `esc_hold_ms`, since the speed controllers got power and since the last disarming.
-  uint8_t servo_found;  // 71: Bit i: servo i answered a ping.
-  uint8_t servo_alive;  // 72: Bit i: servo i answered within the last 50 ms.
-  uint8_t servo_protocol;  // 73: Bit i: servo i speaks Protocol 2.0, else 1.0.
-  uint8_t servo_fault;  // 74: Bit i: servo i reports a hardware error.
-  uint16_t throttle_out[3];  // 75: Pulse that is put out. [0.5 us]
-  int16_t position[6];  // 81: Gimbals from neutral. [step]
-  int16_t velocity[6];  // 93: Gimbals. [step/s]
-  int16_t current[6];  // 105: Of the servos. [mA]
-  uint8_t voltage[6];  // 117: At the servos. [0.1 V]
-  uint8_t temperature[6];  // 123: Of the servos. [deg C]
-  uint16_t rc[6];  // 129: Pulses of the receiver: forward, left, turn, speed, kill, manual; 0: no pulses. [us]
-  uint16_t battery_mv;  // 141: Of the battery. [mV]
-  uint16_t drive_mv;  // 143: Of the speed controllers, behind the contactor. [mV]
-  uint16_t crc_errors;  // 145: Packets from the PC with a wrong sum.
-  uint16_t rx_errors;  // 147: Bytes from the PC lost, or cut packets given up.
-  uint16_t servo_errors;  // 149: Answers of servos that were missing or wrong.
-  uint16_t overruns;  // 151: Cycles that took longer than 10 ms.
-  uint16_t trips;  // 153: Times that the board disarmed itself since power came.
-  uint16_t resets;  // 155: Resets since power came.
+  uint32_t millis;  // 63: Since the reset. [ms]
+  uint8_t mode;  // 67: Source of the joint commands: `BoardMode`.
+  uint8_t trip;  // 68: Why the board last disarmed itself, until it arms: `Trip`.
+  uint8_t refusal;  // 69: Why arming was last refused: `Refusal`.
+  uint8_t reset_cause;  // 70: Why the board started: `ResetCause`.
+  uint16_t beat;  // 71: Echo of the heartbeat that was written last.
+  uint16_t nonce[2];  // 73: Number of this session; another after each start, each disarming, and each 1 in `arm` that does not arm.
+  uint8_t setup_known;  // 77: 1: the setup was written, now or before.
+  uint8_t drive_on;  // 78: 1: the speed controllers have power, behind the contactor.
+  uint8_t esc_ready;  // 79: 1: zero throttle was put out for `esc_hold_ms`, since the speed controllers got power and since the last disarming.
+  uint8_t servo_found;  // 80: Bit i: servo i answered a ping.
+  uint8_t servo_alive;  // 81: Bit i: servo i answered within the last 50 ms.
+  uint8_t servo_protocol;  // 82: Bit i: servo i speaks Protocol 2.0, else 1.0.
+  uint8_t servo_fault;  // 83: Bit i: servo i reports a hardware error.
+  uint16_t throttle_out[3];  // 84: Pulse that is put out. [0.5 us]
+  int16_t position[6];  // 90: Gimbals from neutral. [step]
+  int16_t velocity[6];  // 102: Gimbals. [step/s]
+  int16_t current[6];  // 114: Of the servos. [mA]
+  uint8_t voltage[6];  // 126: At the servos. [0.1 V]
+  uint8_t temperature[6];  // 132: Of the servos. [deg C]
+  uint16_t rc[6];  // 138: Pulses of the receiver: forward, left, turn, speed, kill, manual; 0: no pulses. [us]
+  uint16_t battery_mv;  // 150: Of the battery. [mV]
+  uint16_t drive_mv;  // 152: Of the speed controllers, behind the contactor. [mV]
+  uint16_t crc_errors;  // 154: Packets from the PC with a wrong sum.
+  uint16_t rx_errors;  // 156: Bytes from the PC lost, or cut packets given up.
+  uint16_t servo_errors;  // 158: Answers of servos that were missing or wrong.
+  uint16_t overruns;  // 160: Cycles that took longer than 10 ms.
+  uint16_t trips;  // 162: Times that the board disarmed itself since power came.
+  uint16_t resets;  // 164: Resets since power came.
 } control_table_t;
 
 _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
@@ -139,33 +142,36 @@ _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
   X(torque, 40, uint8_t, 1, 1) \
   X(throttle, 41, uint16_t, 3, 2000) \
   X(goal, 47, int16_t, 6, 0) \
-  X(millis, 59, uint32_t, 1, 0) \
-  X(mode, 63, uint8_t, 1, 0) \
-  X(trip, 64, uint8_t, 1, 0) \
-  X(refusal, 65, uint8_t, 1, 0) \
-  X(reset_cause, 66, uint8_t, 1, 0) \
-  X(beat, 67, uint16_t, 1, 0) \
-  X(drive_on, 69, uint8_t, 1, 0) \
-  X(esc_ready, 70, uint8_t, 1, 0) \
-  X(servo_found, 71, uint8_t, 1, 0) \
-  X(servo_alive, 72, uint8_t, 1, 0) \
-  X(servo_protocol, 73, uint8_t, 1, 0) \
-  X(servo_fault, 74, uint8_t, 1, 0) \
-  X(throttle_out, 75, uint16_t, 3, 2000) \
-  X(position, 81, int16_t, 6, 0) \
-  X(velocity, 93, int16_t, 6, 0) \
-  X(current, 105, int16_t, 6, 0) \
-  X(voltage, 117, uint8_t, 6, 0) \
-  X(temperature, 123, uint8_t, 6, 0) \
-  X(rc, 129, uint16_t, 6, 0) \
-  X(battery_mv, 141, uint16_t, 1, 0) \
-  X(drive_mv, 143, uint16_t, 1, 0) \
-  X(crc_errors, 145, uint16_t, 1, 0) \
-  X(rx_errors, 147, uint16_t, 1, 0) \
-  X(servo_errors, 149, uint16_t, 1, 0) \
-  X(overruns, 151, uint16_t, 1, 0) \
-  X(trips, 153, uint16_t, 1, 0) \
-  X(resets, 155, uint16_t, 1, 0)
+  X(session, 59, uint16_t, 2, 0) \
+  X(millis, 63, uint32_t, 1, 0) \
+  X(mode, 67, uint8_t, 1, 0) \
+  X(trip, 68, uint8_t, 1, 0) \
+  X(refusal, 69, uint8_t, 1, 0) \
+  X(reset_cause, 70, uint8_t, 1, 0) \
+  X(beat, 71, uint16_t, 1, 0) \
+  X(nonce, 73, uint16_t, 2, 0) \
+  X(setup_known, 77, uint8_t, 1, 0) \
+  X(drive_on, 78, uint8_t, 1, 0) \
+  X(esc_ready, 79, uint8_t, 1, 0) \
+  X(servo_found, 80, uint8_t, 1, 0) \
+  X(servo_alive, 81, uint8_t, 1, 0) \
+  X(servo_protocol, 82, uint8_t, 1, 0) \
+  X(servo_fault, 83, uint8_t, 1, 0) \
+  X(throttle_out, 84, uint16_t, 3, 2000) \
+  X(position, 90, int16_t, 6, 0) \
+  X(velocity, 102, int16_t, 6, 0) \
+  X(current, 114, int16_t, 6, 0) \
+  X(voltage, 126, uint8_t, 6, 0) \
+  X(temperature, 132, uint8_t, 6, 0) \
+  X(rc, 138, uint16_t, 6, 0) \
+  X(battery_mv, 150, uint16_t, 1, 0) \
+  X(drive_mv, 152, uint16_t, 1, 0) \
+  X(crc_errors, 154, uint16_t, 1, 0) \
+  X(rx_errors, 156, uint16_t, 1, 0) \
+  X(servo_errors, 158, uint16_t, 1, 0) \
+  X(overruns, 160, uint16_t, 1, 0) \
+  X(trips, 162, uint16_t, 1, 0) \
+  X(resets, 164, uint16_t, 1, 0)
 
 // X(name, address, type, count, least, most): every item that can be written.
 #define CT_WRITABLE(X) \
@@ -177,6 +183,7 @@ _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
   X(arm, 39, uint8_t, 1, 0, 1) \
   X(torque, 40, uint8_t, 1, 0, 1) \
   X(throttle, 41, uint16_t, 3, 2000, 4000) \
-  X(goal, 47, int16_t, 6, -1023, 1023)
+  X(goal, 47, int16_t, 6, -1023, 1023) \
+  X(session, 59, uint16_t, 2, 0, 65535)
 
 #endif

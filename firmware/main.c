@@ -5,6 +5,7 @@
 #include "clock.h"
 #include "crc16.h"
 #include "host.h"
+#include "nonce.h"
 #include "power.h"
 #include "receiver.h"
 #include "safety.h"
@@ -28,6 +29,7 @@ int main(void) {
   table_start();
   watchdog_remember();
   setup_start();
+  nonce_start();
   safety_start();
   receiver_start();
   power_start();

@@ -24,6 +24,8 @@ typedef enum {
 #define PACKET_LONGEST 160
 #define PACKET_ROOM (CT_SIZE + CT_SIZE / 3 + 14)
 
+_Static_assert(PACKET_ROOM <= 255, "lengths are bytes");
+
 typedef struct {
   uint8_t id;
   uint8_t instruction;

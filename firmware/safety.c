@@ -2,9 +2,11 @@
 
 #include <avr/io.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "esc.h"
 #include "manual.h"
+#include "nonce.h"
 #include "pins.h"
 #include "power.h"
 #include "receiver.h"
@@ -20,6 +22,7 @@ static bool arm_was_written = true;
 static uint16_t beat_age_ms;
 // Zero throttle at speed controllers with power, since they got it and since the last source left.
 static uint16_t zero_throttle_ms;
+static uint16_t rest_ms;  // Since the last throttle, or the start.
 static bool manual_before = true;
 
 void safety_start(void) {
@@ -35,6 +38,7 @@ static void disarm(void) {
   table.mode = BOARD_DISARMED;
   table.arm = 0;
   zero_throttle_ms = 0;
+  nonce_draw();
 }
 
 static void trip(trip_code_t reason) {
@@ -97,24 +101,46 @@ static void give_to(board_code_t mode) {
   table.trip = TRIP_NONE;
 }
 
-void safety_command(void) {
-  bool beat = table.heartbeat != table.beat;
-  bool wanted = table.arm, edge = wanted && !arm_was_written;
-  arm_was_written = wanted;
-  if (beat) {
-    table.beat = table.heartbeat;
-    beat_age_ms = 0;
-  }
-  if (!wanted) {
-    if (table.mode == BOARD_ARMED) disarm();
-  } else if (table.mode != BOARD_ARMED) {
-    table.arm = 0;
-    if (!edge || !beat) return;
+// Takes the block over; only then it counts.
+static void take(const control_table_t *wanted) {
+  table.heartbeat = wanted->heartbeat;
+  table.arm = wanted->arm;
+  table.torque = wanted->torque;
+  memcpy(table.throttle, wanted->throttle, sizeof table.throttle);
+  memcpy(table.goal, wanted->goal, sizeof table.goal);
+  memcpy(table.session, wanted->session, sizeof table.session);
+}
+
+static void ask_to_arm(bool edge, bool beat) {
+  table.arm = 0;
+  if (edge && beat) {
     table.refusal = refusal_to_pc();
-    if (table.refusal) return;
-    table.arm = 1;
-    give_to(BOARD_ARMED);
+    if (!table.refusal) {
+      table.arm = 1;
+      give_to(BOARD_ARMED);
+      return;
+    }
   }
+  nonce_draw();  // Sent again, it must not arm later either.
+}
+
+bool safety_command(const control_table_t *wanted) {
+  bool armed = table.mode == BOARD_ARMED;
+  int16_t ahead = wanted->heartbeat - table.heartbeat;
+  bool ours = nonce_is(wanted->session) && !(armed && ahead < 0);
+  table.beat = wanted->heartbeat;
+  if (!wanted->arm && armed) disarm();
+  if (!ours) return !wanted->arm;
+  bool edge = wanted->arm && !arm_was_written;
+  arm_was_written = wanted->arm;
+  take(wanted);
+  if (ahead) beat_age_ms = 0;
+  if (wanted->arm && !armed) ask_to_arm(edge, ahead);
+  return true;
+}
+
+bool safety_at_rest(void) {
+  return table.mode == BOARD_DISARMED && rest_ms >= CT_DEFAULT(esc_hold_ms);
 }
 
 static trip_code_t reason_to_trip(void) {
@@ -152,6 +178,7 @@ static void put_out(void) {
   int16_t limit = table.goal_limit;
   for (uint8_t i = 0; i < CT_ESCS; i++) {
     table.throttle_out[i] = pc || rc ? throttle[i] : CT_ZERO_THROTTLE;
+    if (table.throttle_out[i] != CT_ZERO_THROTTLE) rest_ms = 0;
   }
   for (uint8_t i = 0; i < CT_SERVOS; i++) {
     int16_t wanted = pc || rc ? goal[i] : 0;
@@ -178,12 +205,14 @@ static void hold_zero_throttle(void) {
 
 void safety_tick(void) {
   if (beat_age_ms < UINT16_MAX) beat_age_ms++;
+  if (rest_ms < CT_DEFAULT(esc_hold_ms)) rest_ms++;
   hold_zero_throttle();
   trip_code_t reason = table.mode == BOARD_DISARMED ? TRIP_NONE : reason_to_trip();
   if (reason) trip(reason);
   look_at_switch(reason == TRIP_RC_TOOK_OVER);
   if (table.mode == BOARD_RC) manual_tick();
   put_out();
+  table.setup_known = setup_known();
   table.drive_on = power_drive();
   table.esc_ready = held();
   table.trips = watchdog_memory.trips;

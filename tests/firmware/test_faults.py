@@ -23,7 +23,7 @@ def test_every_fault_is_listed() -> None:
 
 @pytest.mark.parametrize(
     ("fault", "cells"),
-    zip(FAULTS, ROWS, strict=True),
+    list(zip(FAULTS, ROWS, strict=True)),
     ids=lambda value: re.sub(r"\W+", "_", "_".join(value[:2])) if isinstance(value, list) else "",
 )
 def test_it_goes_as_far_as_it_says_and_moves_only_after_a_new_arming(

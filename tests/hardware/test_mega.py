@@ -183,16 +183,22 @@ def test_a_board_that_the_radio_control_has_is_met_if_it_knows_its_set_up(
     with plugged(tmp_path, board) as peer:
         for _ in range(2):
             MegaHardware(ROBOT, peer.port, Motors.of(ROBOT)).close()
-        assert len(board.setups) == 2, "told again, since it may not know that it knows"
+        assert len(board.setups) == 1, "told once: it says that it knows"
         board.obeys_arm = False
         board.telemetry = replace(board.telemetry, mode=BoardMode.RC)
         robot = MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
         assert robot.fault(time.monotonic()) == "the radio control has the robot"
         robot.close()
-        assert len(board.setups) == 2
+        assert len(board.setups) == 1
         board.error = 7
         with pytest.raises(HardwareError, match="cannot be set up while the radio control has"):
             MegaHardware(ROBOT, peer.port, Motors.of(ROBOT), ServoCalibration({"module1_beta": 9}))
+
+
+def test_the_commands_carry_the_session_of_the_board(it: Bench) -> None:
+    it.arm()
+    it.board.telemetry = replace(it.board.telemetry, nonce=(7, 65535))
+    it.until(lambda: it.told.session == (7, 65535), "of this session", armed=True)
 
 
 def test_a_port_at_which_nobody_answers_is_named(

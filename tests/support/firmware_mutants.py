@@ -64,8 +64,8 @@ MUTANTS = (
     Mutant(
         "any write is a beat",
         "safety.c",
-        "  if (beat) {\n    table.beat",
-        "  beat = true;\n  if (beat) {\n    table.beat",
+        "  if (ahead) beat_age_ms = 0;",
+        "  beat_age_ms = 0;",
         "reading_and_old_beats_do_not_keep_it_going",
     ),
     Mutant(
@@ -79,8 +79,10 @@ MUTANTS = (
         "reading feeds the heartbeat",
         "host.c",
         "      read(packet);\n",
-        "      read(packet);\n      { extern void safety_command(void);\n"
-        "        table.heartbeat++; safety_command(); }\n",
+        "      read(packet);\n      { extern bool safety_command(const control_table_t *);\n"
+        "        table.heartbeat++; control_table_t again = table;\n"
+        "        memcpy(again.session, table.nonce, sizeof again.session);\n"
+        "        again.heartbeat++; safety_command(&again); }\n",
         "reading_and_old_beats_do_not_keep_it_going",
     ),
     Mutant(
@@ -93,8 +95,8 @@ MUTANTS = (
     Mutant(
         "a trip is not latched: 1 arms again",
         "safety.c",
-        "edge = wanted && !arm_was_written;",
-        "edge = wanted;",
+        "edge = wanted->arm && !arm_was_written;",
+        "edge = wanted->arm;",
         "after_a_trip_only_a_new_arming_arms",
     ),
     Mutant(
@@ -107,15 +109,15 @@ MUTANTS = (
     Mutant(
         "arming wants no beat",
         "safety.c",
-        "if (!edge || !beat) return;",
-        "if (!edge) return;",
+        "  if (edge && beat) {",
+        "  if (edge || beat) {",
         "arming_wants_a_fresh_command",
     ),
     Mutant(
         "disarming wants a beat",
         "safety.c",
-        "  if (!wanted) {\n    if (table.mode",
-        "  if (!wanted && beat) {\n    if (table.mode",
+        "  if (!wanted->arm && armed) disarm();",
+        "  if (!wanted->arm && armed && ahead) disarm();",
         "a_disarming_counts_without_a_beat",
     ),
     Mutant(
@@ -205,9 +207,51 @@ MUTANTS = (
     Mutant(
         "the setup can be written while armed",
         "table.c",
-        "  if (setup && table.mode != BOARD_DISARMED) return ANSWER_ACCESS;\n",
+        "  if (setup && !safety_at_rest()) return ANSWER_ACCESS;\n",
         "",
         "writes_that_are_wrong_change_nothing",
+    ),
+    Mutant(
+        "a part of the setup can be written",
+        "table.c",
+        "  if (setup && length != CT_SETUP_SIZE) return ANSWER_LENGTH;\n",
+        "",
+        "writes_that_are_wrong_change_nothing",
+    ),
+    Mutant(
+        "the setup can be written while the wheels run down",
+        "safety.c",
+        "table.mode == BOARD_DISARMED && rest_ms >= CT_DEFAULT(esc_hold_ms);",
+        "table.mode == BOARD_DISARMED;",
+        "a_setup_waits_until_the_wheels_have_run_down",
+    ),
+    Mutant(
+        "the session is not looked at",
+        "nonce.c",
+        "return nonce[0] == table.nonce[0] && nonce[1] == table.nonce[1];",
+        "return nonce || table.nonce;",
+        "a_recorded_session_arms_nothing",
+    ),
+    Mutant(
+        "a disarming does not end the session",
+        "safety.c",
+        "  zero_throttle_ms = 0;\n  nonce_draw();\n}",
+        "  zero_throttle_ms = 0;\n}",
+        "a_recorded_session_arms_nothing",
+    ),
+    Mutant(
+        "a refused arming does not end the session",
+        "safety.c",
+        "  nonce_draw();  // Sent again, it must not arm later either.\n",
+        "",
+        "a_recorded_session_arms_nothing",
+    ),
+    Mutant(
+        "an older command is a beat",
+        "safety.c",
+        "nonce_is(wanted->session) && !(armed && ahead < 0);",
+        "nonce_is(wanted->session);",
+        "commands_that_come_again_are_no_beats",
     ),
     Mutant(
         "telemetry can be written",

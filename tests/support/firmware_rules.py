@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tests.support.firmware_host import CRUISE, CYCLE_S, ZERO, Bench, write
+from tests.support.firmware_host import CRUISE, CYCLE_S, HOLD_S, ZERO, Bench, write
 from tsd_twin.dynamixel.blocks import Command, Identity, Setup
 from tsd_twin.dynamixel.control_table import ADDRESS, BoardMode, Refusal, ResetCause, Trip
 
@@ -103,9 +103,8 @@ def a_lost_tick_ends_in_a_reset(bench: Bench) -> None:
 
 
 def the_hold_of_the_speed_controllers_is_kept(bench: Bench) -> None:
-    pilot = bench.pilot()
-    pilot.simulation.run(CYCLE_S)
-    assert pilot.set_up() == 0
+    pilot = bench.pilot().get_ready()
+    pilot.simulation.board.reset()
     pilot.simulation.run(1.9)
     seen = pilot.arm(at_once=True)
     assert (seen.mode, seen.refusal, seen.esc_ready) == (
@@ -119,6 +118,50 @@ def the_hold_of_the_speed_controllers_is_kept(bench: Bench) -> None:
     assert (seen.mode, seen.refusal, seen.esc_ready) == (BoardMode.ARMED, Refusal.NONE, 1)
 
 
+def a_recorded_session_arms_nothing(bench: Bench) -> None:
+    pilot = bench.pilot().get_driving()
+    pilot.drive(0.2, arm=0, throttle=ZERO)
+    pilot.cycle(1)  # Refused: it must not be taken later either.
+    assert pilot.telemetry().mode == BoardMode.DISARMED
+    session = bytes(pilot.sent)
+    for restart in ("", "reset", "power"):
+        if restart:
+            pilot.simulation.board.reset(power=restart == "power")
+        pilot.simulation.run(HOLD_S)
+        for _ in range(2):
+            pilot.simulation.board.send(session)
+            pilot.simulation.run(1.0)
+            pilot.simulation.board.receive()
+            seen = pilot.telemetry()
+            assert (seen.mode, seen.refusal, seen.esc_ready) == (
+                BoardMode.DISARMED,
+                Refusal.NONE if restart else Refusal.ESC_HOLD,
+                1,
+            )
+    assert pilot.arm().mode == BoardMode.ARMED
+
+
+def commands_that_come_again_are_no_beats(bench: Bench) -> None:
+    pilot = bench.pilot().get_driving()
+    older = [pilot.command(1, CRUISE) for _ in range(60)]
+    pilot.cycle(1, CRUISE)
+    for command in older:
+        assert pilot.ask(command)[0] == 7
+        pilot.simulation.run(0.005)
+    seen = pilot.telemetry()
+    assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.HEARTBEAT)
+
+
+def a_setup_waits_until_the_wheels_have_run_down(bench: Bench) -> None:
+    pilot = bench.pilot().get_driving()
+    pilot.cycle(0)
+    assert pilot.set_up() == 7
+    pilot.simulation.run(1.8)
+    assert pilot.set_up() == 7
+    pilot.simulation.run(0.2)
+    assert pilot.set_up() == 0
+
+
 def after_every_disarming_the_hold_begins_again(bench: Bench) -> None:
     pilot = bench.pilot().get_driving()
     pilot.simulation.run(0.6)
@@ -128,7 +171,7 @@ def after_every_disarming_the_hold_begins_again(bench: Bench) -> None:
     assert pilot.arm().mode == BoardMode.ARMED
     pilot.simulation.board.send(pilot.command(0) + pilot.command(1))
     pilot.simulation.run(CYCLE_S)
-    assert pilot.telemetry().refusal == Refusal.ESC_HOLD, "not even within a millisecond"
+    assert pilot.mode() == BoardMode.DISARMED, "not even within a millisecond"
 
 
 def the_stop_circuit_stops(bench: Bench) -> None:
@@ -305,6 +348,8 @@ def writes_that_are_wrong_change_nothing(bench: Bench) -> None:
         (write(Command.ADDRESS, good + b"\0"), 7),
         (write(Setup.ADDRESS, Setup().pack()), 7),
         (write(Setup.ADDRESS, Setup().pack() + good), 7),
+        (write(Setup.ADDRESS, Setup().pack()[:2]), 5),
+        (write(Setup.ADDRESS + 1, Setup().pack()[1:]), 5),
         (write(0, b"\0"), 7),
         (write(ADDRESS["mode"], b"\1"), 7),
         (write(ADDRESS["throttle_out"], b"\xa0\x0f"), 7),

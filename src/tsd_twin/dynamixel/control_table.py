@@ -88,7 +88,8 @@ IDENTITY = Block(
 SETUP = Block(
     "setup",
     "setup",
-    "Parameters of the robot; the bridge writes them when it connects. Kept without power.",
+    "Parameters of the robot; the bridge writes them when it connects. Kept without power. Written as "
+    "a whole, 2 s after the last throttle: error 5 for a part, error 7 before.",
     (
         Item("neutral", "u16", "Servo position of neutral.", 2048, (0, 4095), "step", SERVOS),
         Item("reverse", "u8", "Bit i: servo i turns the other way.", 0, (0, 63)),
@@ -108,7 +109,14 @@ COMMAND = Block(
     "w",
     "Joint commands: one WRITE of the whole block in each cycle; a partial one is error 5.",
     (
-        Item("heartbeat", "u16", "Any change is a beat; arming needs one.", 0, (0, 65535)),
+        Item(
+            "heartbeat",
+            "u16",
+            "A change is a beat, while armed only forwards; arming needs one. A block that is behind "
+            "while armed is error 7.",
+            0,
+            (0, 65535),
+        ),
         Item(
             "arm",
             "u8",
@@ -136,6 +144,14 @@ COMMAND = Block(
             "step",
             SERVOS,
         ),
+        Item(
+            "session",
+            "u16",
+            "As `nonce`, or the block only disarms: with `arm` 1 it is error 7.",
+            0,
+            (0, 65535),
+            count=2,
+        ),
     ),
 )
 
@@ -149,7 +165,15 @@ TELEMETRY = Block(
         Item("trip", "u8", "Why the board last disarmed itself, until it arms: `Trip`."),
         Item("refusal", "u8", "Why arming was last refused: `Refusal`."),
         Item("reset_cause", "u8", "Why the board started: `ResetCause`."),
-        Item("beat", "u16", "Echo of the newest heartbeat."),
+        Item("beat", "u16", "Echo of the heartbeat that was written last."),
+        Item(
+            "nonce",
+            "u16",
+            "Number of this session; another after each start, each disarming, and each 1 in `arm` "
+            "that does not arm.",
+            count=2,
+        ),
+        Item("setup_known", "u8", "1: the setup was written, now or before."),
         Item("drive_on", "u8", "1: the speed controllers have power, behind the contactor."),
         Item(
             "esc_ready",

@@ -171,6 +171,9 @@ SETTLE_S = 0.03
 """Silence after which no response to an older request can follow."""
 _BOOT_S = 4.0
 """To open its port resets the board, whose boot loader then waits about a second for uploads."""
+_RUN_DOWN_S = 3.0
+"""The board refuses to be set up for 2 s after the last throttle."""
+_AGAIN_S = 0.1
 _TRY_S = 0.3
 _TRIES = 3
 
@@ -196,11 +199,34 @@ def handshake(transport: SerialTransport, setup: Setup, baud: int) -> Telemetry:
     telemetry = Telemetry.unpack(_request_data(transport, READ_DELAY, Telemetry.LAYOUT.size))
     size = Setup.LAYOUT.size
     has = _request_data(transport, protocol2.read(BOARD_ID, Setup.ADDRESS, size), size)
-    # While the radio control drives it cannot be written. Else it is written even if it is the
-    # same: a board without a written set-up does not arm.
-    if telemetry.mode != BoardMode.RC or has != setup.pack():
-        _request_data(transport, protocol2.write(BOARD_ID, Setup.ADDRESS, setup.pack()))
+    # A board without a written set-up does not arm, though it has these values by default.
+    if not telemetry.setup_known or has != setup.pack():
+        if telemetry.mode == BoardMode.RC:
+            raise HardwareError(
+                f"the controller board at {transport.name} cannot be set up while the radio "
+                "control has the robot: switch manual off"
+            )
+        _write_setup(transport, setup)
     return telemetry
+
+
+def _write_setup(transport: SerialTransport, setup: Setup) -> None:
+    """Write the set-up; the board takes it once its wheels have run down.
+
+    Raises:
+        HardwareError: it refuses, or does not answer.
+    """
+    request = protocol2.write(BOARD_ID, Setup.ADDRESS, setup.pack())
+    end_s = time.monotonic() + _RUN_DOWN_S
+    while True:
+        error = _request(transport, request).error & ~ALERT
+        if not error:
+            return
+        if error != Fault.ACCESS or time.monotonic() > end_s:
+            raise HardwareError(
+                f"the controller board at {transport.name} refuses its set-up: error {error}"
+            )
+        time.sleep(_AGAIN_S)
 
 
 def _wait_for_answer(transport: SerialTransport, baud: int) -> None:
@@ -215,20 +241,22 @@ def _wait_for_answer(transport: SerialTransport, baud: int) -> None:
 
 
 def _request_data(transport: SerialTransport, request: bytes, size: int = 0) -> bytes:
-    """Return the `size` bytes of the response; the request is repeated until one comes."""
+    """Return the `size` bytes of the response."""
+    answer = _request(transport, request, size)
+    if error := answer.error & ~ALERT:
+        raise HardwareError(
+            f"the controller board at {transport.name} refuses its set-up: error {error}"
+        )
+    return answer.data
+
+
+def _request(transport: SerialTransport, request: bytes, size: int = 0) -> Status:
+    """Return the response with `size` bytes, or an error; the request is repeated until it comes."""
     for _ in range(_TRIES):
         for answer in transport.request(request, 1, _TRY_S):
-            if (error := answer.error & ~ALERT) == Fault.ACCESS:
-                raise HardwareError(
-                    f"the controller board at {transport.name} cannot be set up while the radio "
-                    "control has the robot: switch manual off"
-                )
-            if error:
-                raise HardwareError(
-                    f"the controller board at {transport.name} refuses its set-up: error {error}"
-                )
-            if len(answer.data) == size:  # Otherwise the response belongs to an older request.
-                return answer.data
+            # Otherwise the response belongs to an older request.
+            if answer.error & ~ALERT or len(answer.data) == size:
+                return answer
     raise HardwareError(f"the controller board at {transport.name} does not answer as it should")
 
 
@@ -371,6 +399,7 @@ class ControllerBoard:
             arm=arm,
             throttle=padded(self._joints.throttles(wanted.setpoint), ESCS, ZERO_THROTTLE),
             goal=padded(goals, SERVOS, 0),
+            session=self.report.telemetry.nonce if self.report else (0, 0),
         )
 
 
