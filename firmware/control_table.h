@@ -51,7 +51,7 @@ typedef enum {  // Why arming was last refused; 0 once it succeeds.
 #define CT_IDENTITY 0
 #define CT_IDENTITY_SIZE 21
 
-// Parameters of the robot; the bridge writes them when it connects. Kept without power. Written as a whole, 2 s after the last throttle: error 5 for a part, error 7 before.
+// Parameters of the robot; kept without power. Written as a whole, 2 s after a throttle.
 #define CT_SETUP 21
 #define CT_SETUP_SIZE 16
 
@@ -81,7 +81,7 @@ typedef struct __attribute__((packed)) {
   uint16_t goal_limit;  // 34: Goals are held within ± this. [step]
   uint8_t servos_expected;  // 36: Bit i: servo i must answer to arm and to stay armed; 0 when others drive the servos.
   // command: read and write
-  uint16_t heartbeat;  // 37: A change is a beat, while armed only forwards; arming needs one. A block that is behind while armed is error 7.
+  uint16_t heartbeat;  // 37: A change is a beat; arming needs one. While armed, a block that is behind is error 7.
   uint8_t arm;  // 39: Going from 0 to 1 arms, unless there is a reason to refuse; 0 disarms. After a trip it has to be written 0 first: 1 again and again never arms again.
   uint8_t torque;  // 40: 0 switches servo torque off, while disarmed only.
   uint16_t throttle[3];  // 41: Pulse to each speed controller; put out while armed. [0.5 us]

@@ -48,6 +48,11 @@ class RobotPlant:
         """Pose in the world."""
         return self.simulation.pose
 
+    @property
+    def driven(self) -> bool:
+        """Whether a wheel is driven."""
+        return bool(self.simulation.actuation.speed_goals.any())
+
     def follow(
         self,
         now_s: float,

@@ -19,7 +19,6 @@ STRAIGHT = (False,) * 6
 _STEP_S = 0.004
 """The robot moves on at least this often, while there is traffic on the bus."""
 _STICK_US, _SPEED_US = 400, 800
-_ZERO_US = 1001.0
 _TICK_S = 1e-7
 _DIVIDER = 4.0
 
@@ -144,7 +143,7 @@ class FirmwareSimulation:
 
     def _move(self) -> None:
         pulses_us, power = self.pulses_us(), self.power
-        power.advance(self.board.now_s - self._moved_s, throttle=max(pulses_us) > _ZERO_US)
+        power.advance(self.board.now_s - self._moved_s, throttle=self.plant.driven)
         self._moved_s = self.board.now_s
         self._put_voltages()
         self.plant.follow(self._moved_s, self.servos, pulses_us, power)

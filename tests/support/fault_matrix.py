@@ -163,9 +163,9 @@ def measure(fault: Fault, bench: Bench) -> Result:
     fault.inject(simulation)
     off_s = math.inf
     while (passed_s := simulation.board.now_s - start_s) < _WATCHED_S:
-        _go_on(pilot, goal, fault)
-        if not plant.simulation.actuation.speed_goals.any():
+        if not plant.driven:
             off_s = min(off_s, passed_s)
+        _go_on(pilot, goal, fault)
     result = Result(
         off_s,
         float(np.hypot(*(plant.pose.xy_heading[:2] - start_m))),

@@ -56,7 +56,7 @@ class FirmwareHost:
         self.beat = 0
         self.session = (0, 0)
         """Newest nonce of the board."""
-        self.sent = bytearray()
+        self.sent: list[bytes] = []
         """What a program that listened to the line would have recorded."""
         self.missed = 0
         """Cycles without both answers."""
@@ -114,7 +114,7 @@ class FirmwareHost:
     ) -> Telemetry | None:
         """Write and read as a bridge does in one cycle; None when an answer is missing."""
         command = self.command(arm, throttle, goal, torque=torque, fresh=fresh)
-        self.sent += command + READ_TELEMETRY
+        self.sent.append(command + READ_TELEMETRY)
         self.simulation.board.send(command + READ_TELEMETRY)
         self.simulation.run(CYCLE_S)
         answers = packets(self.simulation.board.receive())

@@ -119,25 +119,22 @@ def the_hold_of_the_speed_controllers_is_kept(bench: Bench) -> None:
 
 
 def a_recorded_session_arms_nothing(bench: Bench) -> None:
-    pilot = bench.pilot().get_driving()
-    pilot.drive(0.2, arm=0, throttle=ZERO)
-    pilot.cycle(1)  # Refused: it must not be taken later either.
-    assert pilot.telemetry().mode == BoardMode.DISARMED
-    session = bytes(pilot.sent)
-    for restart in ("", "reset", "power"):
-        if restart:
-            pilot.simulation.board.reset(power=restart == "power")
-        pilot.simulation.run(HOLD_S)
-        for _ in range(2):
-            pilot.simulation.board.send(session)
-            pilot.simulation.run(1.0)
+    for refused in (False, True):
+        pilot = bench.pilot().get_driving()
+        pilot.drive(0.2, arm=0, throttle=ZERO)
+        if refused:  # It must not be taken later either.
+            assert pilot.arm(at_once=True).refusal == Refusal.ESC_HOLD
+        for restart in ("", "reset", "power"):
+            if restart:
+                pilot.simulation.board.reset(power=restart == "power")
+            pilot.simulation.run(HOLD_S)
+            for command in pilot.sent:
+                pilot.simulation.board.send(command)
+                pilot.simulation.run(CYCLE_S)
+                assert max(pilot.simulation.pulses_us()) < 1001.0
             pilot.simulation.board.receive()
             seen = pilot.telemetry()
-            assert (seen.mode, seen.refusal, seen.esc_ready) == (
-                BoardMode.DISARMED,
-                Refusal.NONE if restart else Refusal.ESC_HOLD,
-                1,
-            )
+            assert (seen.mode, seen.trips, seen.esc_ready) == (BoardMode.DISARMED, 0, 1)
     assert pilot.arm().mode == BoardMode.ARMED
 
 

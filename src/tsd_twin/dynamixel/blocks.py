@@ -40,7 +40,7 @@ class Identity(Packed):
 
 @dataclass(frozen=True, slots=True)
 class Setup(Packed):
-    """Parameters of the robot; the bridge writes them when it connects. Kept without power. Written as a whole, 2 s after the last throttle: error 5 for a part, error 7 before."""
+    """Parameters of the robot; kept without power. Written as a whole, 2 s after a throttle."""
 
     ADDRESS: ClassVar[int] = 21
     LAYOUT: ClassVar[Struct] = Struct("<6HBHB")
@@ -63,9 +63,7 @@ class Command(Packed):
     LAYOUT: ClassVar[Struct] = Struct("<HBB3H6h2H")
 
     heartbeat: int = 0
-    """A change is a beat, while armed only forwards; arming needs one. A block that is behind
-    while armed is error 7.
-    """
+    """A change is a beat; arming needs one. While armed, a block that is behind is error 7."""
     arm: int = 0
     """Going from 0 to 1 arms, unless there is a reason to refuse; 0 disarms. After a trip it
     has to be written 0 first: 1 again and again never arms again.

@@ -88,8 +88,7 @@ IDENTITY = Block(
 SETUP = Block(
     "setup",
     "setup",
-    "Parameters of the robot; the bridge writes them when it connects. Kept without power. Written as "
-    "a whole, 2 s after the last throttle: error 5 for a part, error 7 before.",
+    "Parameters of the robot; kept without power. Written as a whole, 2 s after a throttle.",
     (
         Item("neutral", "u16", "Servo position of neutral.", 2048, (0, 4095), "step", SERVOS),
         Item("reverse", "u8", "Bit i: servo i turns the other way.", 0, (0, 63)),
@@ -112,8 +111,7 @@ COMMAND = Block(
         Item(
             "heartbeat",
             "u16",
-            "A change is a beat, while armed only forwards; arming needs one. A block that is behind "
-            "while armed is error 7.",
+            "A change is a beat; arming needs one. While armed, a block that is behind is error 7.",
             0,
             (0, 65535),
         ),
@@ -266,8 +264,8 @@ class Refusal(IntEnum):
 
     NONE = 0
     ESC_HOLD = 1
-    """Zero throttle has not been put out for `esc_hold_ms` yet, at speed controllers with power, since
-    the last disarming."""
+    """Zero throttle has not been put out for `esc_hold_ms` yet, at speed controllers with power,
+    since the last disarming."""
     THROTTLE = 2
     """A throttle of the command block is not zero throttle."""
     GOAL = 3

@@ -251,7 +251,7 @@ def _request_data(transport: SerialTransport, request: bytes, size: int = 0) -> 
 
 
 def _request(transport: SerialTransport, request: bytes, size: int = 0) -> Status:
-    """Return the response with `size` bytes, or an error; the request is repeated until it comes."""
+    """Return the response with `size` bytes, or an error; the request is repeated."""
     for _ in range(_TRIES):
         for answer in transport.request(request, 1, _TRY_S):
             # Otherwise the response belongs to an older request.
