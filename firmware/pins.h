@@ -25,7 +25,6 @@
 #define BATTERY_CHANNEL 0
 #define DRIVE_CHANNEL 1
 #define DIVIDER 4
-#define ADC_REFERENCE_MV 5000UL
 
 // LED on the board: on while there is a source of joint commands (D13).
 #define LIGHT_DDR DDRB

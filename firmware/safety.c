@@ -80,6 +80,7 @@ static bool held(void) { return zero_throttle_ms >= CT_DEFAULT(esc_hold_ms); }
 static refusal_code_t refusal_to_anybody(void) {
   if (!setup_known()) return REFUSAL_SETUP;
   if (!power_drive()) return REFUSAL_DRIVE;
+  if (power_low()) return REFUSAL_BATTERY;
   if (receiver_kills()) return REFUSAL_KILL;
   if (!servos_well()) return REFUSAL_SERVO;
   if (!held()) return REFUSAL_ESC_HOLD;
@@ -148,6 +149,7 @@ static trip_code_t reason_to_trip(void) {
   if (receiver_seen() && !receiver_present()) return TRIP_RC_LOST;
   if (receiver_kills()) return TRIP_KILL;
   if (!power_drive()) return TRIP_DRIVE;
+  if (power_empty()) return TRIP_BATTERY;
   if (!servos_well()) return TRIP_SERVO;
   if (pc && receiver_manual()) return TRIP_RC_TOOK_OVER;
   if (pc && beat_age_ms >= CT_DEFAULT(heartbeat_timeout_ms)) return TRIP_HEARTBEAT;

@@ -136,6 +136,11 @@ void board_set_adc(board_t *board, uint32_t channel, uint32_t millivolts) {
                 millivolts);
 }
 
+/* Sets the supply of the chip, its analogue reference. */
+void board_set_supply(board_t *board, uint32_t millivolts) {
+  board->avr->vcc = board->avr->avcc = millivolts;
+}
+
 uint8_t board_peek(board_t *board, uint16_t address) { return board->avr->data[address]; }
 void board_poke(board_t *board, uint16_t address, uint8_t value) {
   board->avr->data[address] = value;

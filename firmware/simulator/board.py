@@ -137,6 +137,10 @@ class Board:
         """Set the voltage at an analogue input."""
         self._lib.board_set_adc(self._board, channel, round(1000.0 * volts))
 
+    def set_supply(self, volts: float) -> None:
+        """Set the supply of the board, which is the reference of its analogue inputs."""
+        self._lib.board_set_supply(self._board, round(1000.0 * volts))
+
     def peek(self, address: int) -> int:
         """Byte of memory."""
         return self._lib.board_peek(self._board, address)
@@ -200,6 +204,7 @@ def _library() -> ctypes.CDLL:
         ("esc", u32, pointer),
         ("set_rc", pointer),
         ("set_adc", u32, u32),
+        ("set_supply", u32),
         ("peek", ctypes.c_uint16),
         ("poke", ctypes.c_uint16, ctypes.c_uint8),
         ("poke_eeprom", ctypes.c_uint16, ctypes.c_uint8),

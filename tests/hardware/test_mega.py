@@ -195,6 +195,26 @@ def test_a_board_that_the_radio_control_has_is_met_if_it_knows_its_set_up(
             MegaHardware(ROBOT, peer.port, Motors.of(ROBOT), ServoCalibration({"module1_beta": 9}))
 
 
+def test_the_thresholds_of_the_battery_are_told_to_the_board_and_warned_of(
+    it: Bench, caplog: pytest.LogCaptureFixture
+) -> None:
+    battery = ROBOT.battery
+    written = it.board.setups[0]
+    assert written.battery_arm_mv == pytest.approx(1000.0 * battery.arm_v)
+    assert written.battery_stop_mv == pytest.approx(1000.0 * battery.stop_v)
+    low_v = round(0.5 * (battery.warn_v + battery.arm_v), 1)
+    it.board.telemetry = replace(it.board.telemetry, battery_mv=round(1000.0 * low_v))
+    it.until(lambda: it.robot.hardware()["warnings"], "warned")
+    assert it.robot.hardware()["warnings"] == [f"the battery is low: below {battery.warn_v:g} V"]
+    assert caplog.text.count("the battery is low") == 1
+    assert it.fault == ""
+    it.board.telemetry = replace(it.board.telemetry, battery_mv=round(990.0 * battery.arm_v))
+    it.until(lambda: it.fault, "refused")
+    assert it.fault == f"the battery is too low to arm: {0.99 * battery.arm_v:.1f} V"
+    it.board.telemetry = replace(it.board.telemetry, battery_mv=12500)
+    it.until(lambda: not it.fault and not it.robot.hardware()["warnings"], "well")
+
+
 def test_the_commands_carry_the_session_of_the_board(it: Bench) -> None:
     it.arm()
     it.board.telemetry = replace(it.board.telemetry, nonce=(7, 65535))
@@ -301,7 +321,7 @@ def test_a_mistake_in_the_wiring_is_recognised_when_it_connects(
     board.telemetry = replace(board.telemetry, **change)
     with plugged(tmp_path, board) as peer:
         robot = MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
-        wiring = robot.hardware()["wiring"]
+        wiring = robot.hardware()["warnings"]
         robot.close()
     assert len(wiring) == bool(told)
     assert told in "".join(wiring)
@@ -315,7 +335,7 @@ def test_a_board_that_lost_its_power_with_the_plug_is_recognised(it: Bench) -> N
     it.board.telemetry = replace(it.board.telemetry, millis=10, reset_cause=1, mode=0)
     it.peer.plug_in()
     it.until(lambda: it.robot.hardware()["connected"], "back", armed=True)
-    assert "lost its power together with the line" in it.robot.hardware()["wiring"][0]
+    assert "lost its power together with the line" in it.robot.hardware()["warnings"][0]
 
 
 def test_a_board_that_falls_silent_is_a_fault_within_a_tenth_of_a_second(it: Bench) -> None:

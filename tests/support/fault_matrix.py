@@ -103,6 +103,18 @@ FAULTS = (
         "connect it, 2 s, reset, arm",
     ),
     Fault(
+        "battery at 8.0 V",
+        lambda it: it.set_battery(8.0),
+        lambda it: it.set_battery(12.0),
+        "charge it, 2 s, reset, arm",
+    ),
+    Fault(
+        "battery at 6.0 V",
+        lambda it: it.set_battery(6.0),
+        lambda it: it.set_battery(12.0),
+        "charge it, 2 s, reset, arm",
+    ),
+    Fault(
         "brown-out of the board, 0.1 s", lambda it: it.brown_out(0.1), _nothing, "2 s, reset, arm"
     ),
     Fault("reset of the board", lambda it: it.reset(), _nothing, "2 s, reset, arm"),

@@ -149,6 +149,37 @@ def commands_that_come_again_are_no_beats(bench: Bench) -> None:
     assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.HEARTBEAT)
 
 
+def a_low_battery_does_not_arm(bench: Bench) -> None:
+    pilot = bench.pilot().get_ready(Setup(battery_arm_mv=11000))
+    pilot.simulation.set_battery(10.8)
+    pilot.simulation.run(0.06)
+    assert pilot.arm().refusal == Refusal.BATTERY
+    pilot.simulation.set_battery(11.2)
+    pilot.simulation.run(0.06)
+    assert pilot.arm().mode == BoardMode.ARMED
+
+
+def an_empty_battery_stops(bench: Bench) -> None:
+    pilot = bench.pilot().get_ready(Setup(battery_stop_mv=10000))
+    assert pilot.arm().mode == BoardMode.ARMED
+    for volts, seconds in ((9.7, 0.9), (10.5, 0.2), (9.7, 0.9)):
+        pilot.simulation.set_battery(volts)
+        assert pilot.drive(seconds).mode == BoardMode.ARMED, "a motor that starts does that"
+    seen = pilot.drive(0.2)
+    assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.BATTERY)
+    assert max(pilot.simulation.pulses_us()) < 1001.0
+
+
+def the_supply_is_no_measure_of_the_battery(bench: Bench) -> None:
+    pilot = bench.pilot()
+    for supply_v in (4.6, 5.4):
+        pilot.simulation.board.set_supply(supply_v)
+        pilot.simulation.run(0.06)
+        seen = pilot.telemetry()
+        assert abs(seen.supply_mv - 1000.0 * supply_v) < 50.0
+        assert abs(seen.battery_mv - 12000.0) < 150.0
+
+
 def a_setup_waits_until_the_wheels_have_run_down(bench: Bench) -> None:
     pilot = bench.pilot().get_driving()
     pilot.cycle(0)

@@ -43,7 +43,7 @@ class Setup(Packed):
     """Parameters of the robot; kept without power. Written as a whole, 2 s after a throttle."""
 
     ADDRESS: ClassVar[int] = 21
-    LAYOUT: ClassVar[Struct] = Struct("<6HBHB")
+    LAYOUT: ClassVar[Struct] = Struct("<6HBHBHHH")
 
     neutral: tuple[int, ...] = (2048,) * 6
     """Servo position of neutral [step]."""
@@ -53,13 +53,19 @@ class Setup(Packed):
     """Goals are held within ± this [step]."""
     servos_expected: int = 63
     """Bit i: servo i must answer to arm and to stay armed; 0 when others drive the servos."""
+    battery_arm_mv: int = 0
+    """No arming below this [mV]."""
+    battery_stop_mv: int = 0
+    """Trips below this for 1 s [mV]."""
+    bandgap_mv: int = 1100
+    """Of the chip's bandgap, which its supply is measured against [mV]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Command(Packed):
     """Joint commands: one WRITE of the whole block in each cycle; a partial one is error 5."""
 
-    ADDRESS: ClassVar[int] = 37
+    ADDRESS: ClassVar[int] = 43
     LAYOUT: ClassVar[Struct] = Struct("<HBB3H6h2H")
 
     heartbeat: int = 0
@@ -84,8 +90,8 @@ class Command(Packed):
 class Telemetry(Packed):
     """Measurements and states: one READ in each cycle."""
 
-    ADDRESS: ClassVar[int] = 63
-    LAYOUT: ClassVar[Struct] = Struct("<IBBBBH2HBBBBBBB3H6h6h6h6B6B6HHHHHHHHH")
+    ADDRESS: ClassVar[int] = 69
+    LAYOUT: ClassVar[Struct] = Struct("<IBBBBH2HBBBBBBB3H6h6h6h6B6B6HHHHHHHHHH")
 
     millis: int = 0
     """Since the reset [ms]."""
@@ -137,6 +143,8 @@ class Telemetry(Packed):
     """Of the battery [mV]."""
     drive_mv: int = 0
     """Of the speed controllers, behind the contactor [mV]."""
+    supply_mv: int = 0
+    """Of the board; the reference of the other two [mV]."""
     crc_errors: int = 0
     """Packets from the PC with a wrong sum."""
     rx_errors: int = 0

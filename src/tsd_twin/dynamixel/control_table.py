@@ -100,6 +100,16 @@ SETUP = Block(
             63,
             (0, 63),
         ),
+        Item("battery_arm_mv", "u16", "No arming below this.", 0, (0, 65535), "mV"),
+        Item("battery_stop_mv", "u16", "Trips below this for 1 s.", 0, (0, 65535), "mV"),
+        Item(
+            "bandgap_mv",
+            "u16",
+            "Of the chip's bandgap, which its supply is measured against.",
+            1100,
+            (1000, 1200),
+            "mV",
+        ),
     ),
 )
 
@@ -200,6 +210,7 @@ TELEMETRY = Block(
         ),
         Item("battery_mv", "u16", "Of the battery.", unit="mV"),
         Item("drive_mv", "u16", "Of the speed controllers, behind the contactor.", unit="mV"),
+        Item("supply_mv", "u16", "Of the board; the reference of the other two.", unit="mV"),
         Item("crc_errors", "u16", "Packets from the PC with a wrong sum."),
         Item("rx_errors", "u16", "Bytes from the PC lost, or cut packets given up."),
         Item("servo_errors", "u16", "Answers of servos that were missing or wrong."),
@@ -257,6 +268,8 @@ class Trip(IntEnum):
     """The firmware hung, and its watchdog reset it."""
     DRIVE = 7
     """The speed controllers lost their power: the stop circuit opened."""
+    BATTERY = 8
+    """The battery was below `battery_stop_mv` for 1 s."""
 
 
 class Refusal(IntEnum):
@@ -282,6 +295,8 @@ class Refusal(IntEnum):
     """No set-up was ever written: where neutral is, is not known."""
     DRIVE = 9
     """The speed controllers have no power: the stop circuit is open."""
+    BATTERY = 10
+    """The battery is below `battery_arm_mv`."""
 
 
 class ResetCause(IntFlag):

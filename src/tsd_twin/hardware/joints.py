@@ -50,6 +50,8 @@ class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Position that a servo reports with its gimbal upright; 2048 unless given."""
     reversed: Sequence[str] = ()
     """Joints whose servo turns the other way."""
+    bandgap_mv: Annotated[int, Meta(ge=1000, le=1200)] = 1100
+    """Voltage of the bandgap of the board's chip, which its voltages are measured against."""
 
     @staticmethod
     def read(file: str) -> ServoCalibration:

@@ -41,6 +41,7 @@ from tsd_twin.hardware.joints import (
 from tsd_twin.hardware.serial_transport import HardwareError, LinkHealth, SerialTransport
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityDescription
+from tsd_twin.robots.description import Battery
 from tsd_twin.safety import Heartbeat
 
 ANSWERS = 3
@@ -54,6 +55,7 @@ TRIPS: dict[int, str] = {
     Trip.RC_TOOK_OVER: "the radio control took over",
     Trip.SERVO: "a servo does not answer or has an error",
     Trip.WATCHDOG: "its firmware hung and was restarted",
+    Trip.BATTERY: "the battery is empty",
     Trip.DRIVE: "the stop circuit opened: the speed controllers lost their power",
 }
 REFUSALS: dict[int, str] = {
@@ -66,6 +68,7 @@ REFUSALS: dict[int, str] = {
     Refusal.KILL: "the kill switch of the radio control is on",
     Refusal.RC: "the radio control has the robot",
     Refusal.SETUP: "its set-up was not written: neutral positions are unknown",
+    Refusal.BATTERY: "the battery is too low",
     Refusal.DRIVE: "the speed controllers have no power: the stop circuit is open",
 }
 
@@ -265,6 +268,8 @@ BAUD = 1_000_000
 ANSWER_S = 0.04
 """Response time-out of a cycle: two lost responses stay below `SILENT_S`."""
 _LEAVING = 5
+_RECOVERED_V = 0.3
+"""A battery rises by this when its load is gone, and is as low as before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,11 +295,15 @@ class ControllerBoard:
         self,
         joints: JointConverter,
         calibration: ServoCalibration,
+        battery: Battery,
         *,
         servos: bool = True,
         baud: int = BAUD,
     ) -> None:
         """Configure for a board that drives the servos too, or the speed controllers only."""
+        self._battery = battery
+        self.battery_warning = ""
+        """Text while the battery is low; else empty."""
         self.baud = baud
         self.health = LinkHealth("the serial line")
         self.command = JointCommand(np.zeros(joints.count), Heartbeat(False, 0), 0.0)
@@ -313,6 +322,9 @@ class ControllerBoard:
             sum(1 << i for i, turned in enumerate(reverse) if turned),
             joints.goal_limit,
             joints.servos if servos else 0,
+            round(1000.0 * battery.arm_v),
+            round(1000.0 * battery.stop_v),
+            calibration.bandgap_mv,
         )
 
     def connect(self, transport: SerialTransport) -> None:
@@ -360,6 +372,7 @@ class ControllerBoard:
         self._add_cycle(corrupt, now_s)
         self._switch.update(telemetry)
         self._find_wiring_faults(telemetry, opened=False)
+        self._watch_battery(telemetry.battery_mv / 1000.0)
         self.report = BoardReport(telemetry, now_s, self._switch.lost)
         return True
 
@@ -381,6 +394,14 @@ class ControllerBoard:
         for name in found.keys() - self.wiring_faults.keys():
             _LOG.warning("%s", found[name])
             self.wiring_faults = {**self.wiring_faults, name: found[name]}
+
+    def _watch_battery(self, volts: float) -> None:
+        warn_v = self._battery.warn_v
+        if volts < warn_v and not self.battery_warning:
+            self.battery_warning = f"the battery is low: below {warn_v:g} V"
+            _LOG.warning("%s", self.battery_warning)
+        elif volts > warn_v + _RECOVERED_V:
+            self.battery_warning = ""
 
     def _add_cycle(self, corrupt: bool, now_s: float) -> None:
         errors = self.health.packet_errors
@@ -454,8 +475,11 @@ class MegaHardware:
         self._joints = JointConverter(robot, throttle)
         calibration = calibration or ServoCalibration()
         calibration.check_joint_names(self._joints.names)
-        self._board = ControllerBoard(self._joints, calibration, servos=servos, baud=baud)
+        self._board = ControllerBoard(
+            self._joints, calibration, robot.battery, servos=servos, baud=baud
+        )
         self._expected = self._joints.servos if servos else 0
+        self._arm_mv = round(1000.0 * robot.battery.arm_v)
         self._heartbeat = Heartbeat(False, 0)
         self._read_s = 0.0
         self._thread = DeviceThread(port, self._board)
@@ -495,7 +519,8 @@ class MegaHardware:
         status: dict[str, Any] = {"kind": "mega", "connected": report is not None}
         if report is not None:
             status |= self._status(report.telemetry)
-            status["wiring"] = list(board.wiring_faults.values())
+            told = [board.battery_warning] if board.battery_warning else []
+            status["warnings"] = [*told, *board.wiring_faults.values()]
             status["age_ms"] = round(1000.0 * (time.monotonic() - report.heard_s), 1)
         return status | {"link": board.health.status()}
 
@@ -514,6 +539,8 @@ class MegaHardware:
             return lost
         if not board.drive_on:
             return REFUSALS[Refusal.DRIVE]
+        if board.mode != BoardMode.ARMED and board.battery_mv < self._arm_mv:
+            return f"the battery is too low to arm: {board.battery_mv / 1000.0:.1f} V"
         if board.mode != BoardMode.ARMED and not board.esc_ready:
             return "the speed controllers have not had zero throttle for 2 s yet"
         if 0 < board.rc[RcChannel.KILL] <= SWITCH_US:
@@ -527,6 +554,7 @@ class MegaHardware:
             "last_trip": TRIPS.get(board.trip, board.trip) if board.trip else "none",
             "battery_v": round(board.battery_mv / 1000.0, 2),
             "drive_v": round(board.drive_mv / 1000.0, 2),
+            "supply_v": round(board.supply_mv / 1000.0, 2),
             "esc_armed": bool(board.esc_ready),
             "pulse_us": [pulse / 2.0 for pulse in board.throttle_out],
             "rc_us": list(board.rc),
