@@ -81,6 +81,7 @@ static refusal_code_t refusal_to_anybody(void) {
   if (!setup_known()) return REFUSAL_SETUP;
   if (!power_drive()) return REFUSAL_DRIVE;
   if (power_low()) return REFUSAL_BATTERY;
+  if (receiver_lost()) return REFUSAL_RECEIVER;
   if (receiver_kills()) return REFUSAL_KILL;
   if (!servos_well()) return REFUSAL_SERVO;
   if (!held()) return REFUSAL_ESC_HOLD;
@@ -146,7 +147,7 @@ bool safety_at_rest(void) {
 
 static trip_code_t reason_to_trip(void) {
   bool pc = table.mode == BOARD_ARMED;
-  if (receiver_seen() && !receiver_present()) return TRIP_RC_LOST;
+  if (receiver_lost()) return TRIP_RC_LOST;
   if (receiver_kills()) return TRIP_KILL;
   if (!power_drive()) return TRIP_DRIVE;
   if (power_empty()) return TRIP_BATTERY;

@@ -168,8 +168,8 @@ def test_the_radio_control_drives_by_the_kinematics_of_the_drive(bench: Bench) -
 
 
 def dead(stick: float) -> float:
-    """The share that is left of a stick outside its dead zone of 20 in 400 us."""
-    return math.copysign(max(0.0, abs(stick) - 0.05) / 0.95, stick)
+    """The share of a stick between its dead bands of 20 in 400 us at the centre and the end."""
+    return math.copysign(min(1.0, max(0.0, abs(stick) - 0.05) / 0.9), stick)
 
 
 def test_sticks_that_jump_are_approached_within_the_acceleration(bench: Bench) -> None:

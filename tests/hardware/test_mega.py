@@ -19,6 +19,7 @@ from tsd_twin.dynamixel import protocol2
 from tsd_twin.dynamixel.blocks import Command, Identity, Setup
 from tsd_twin.dynamixel.control_table import BoardMode, ResetCause, Trip
 from tsd_twin.hardware import HardwareError, MegaHardware, ServoCalibration
+from tsd_twin.hardware.joints import Receiver
 from tsd_twin.hardware.serial_transport import LIMIT, WINDOW_S
 from tsd_twin.node import HasWatchdog, RobotIO
 from tsd_twin.safety import Heartbeat
@@ -213,6 +214,36 @@ def test_the_thresholds_of_the_battery_are_told_to_the_board_and_warned_of(
     assert it.fault == f"the battery is too low to arm: {0.99 * battery.arm_v:.1f} V"
     it.board.telemetry = replace(it.board.telemetry, battery_mv=12500)
     it.until(lambda: not it.fault and not it.robot.hardware()["warnings"], "well")
+
+
+@pytest.mark.parametrize(
+    ("receiver", "pulses", "fault", "warned"),
+    [
+        (Receiver(), (0,) * 6, "no pulses of forward, left, turn, speed, kill, manual", False),
+        (Receiver(), (1500, 1500, 1500, 1100, 0, 1100), "no pulses of kill", False),
+        (None, (1500, 0, 1500, 1100, 1900, 1100), "no pulses of left", True),
+        (None, (1500, 1500, 1500, 1100, 1900, 1100), "", True),
+        (None, (0,) * 6, "", False),
+    ],
+)
+def test_what_is_missing_of_the_radio_control_is_named_before_arming(
+    tmp_path: Path,
+    receiver: Receiver | None,
+    pulses: tuple[int, ...],
+    fault: str,
+    warned: bool,
+) -> None:
+    board = PretendBoard()
+    board.telemetry = replace(board.telemetry, rc=pulses)
+    with plugged(tmp_path, board) as peer:
+        calibration = ServoCalibration(receiver=receiver)
+        robot = MegaHardware(ROBOT, peer.port, Motors.of(ROBOT), calibration)
+        assert robot.fault(time.monotonic()).endswith(fault)
+        assert bool(fault) == bool(robot.fault(time.monotonic()))
+        assert ("--setup" in "".join(robot.hardware()["warnings"])) == warned
+        robot.close()
+    assert board.setups[0].receiver_expected == (receiver is not None)
+    assert board.setups[0].stick_low == (receiver or Receiver()).low_us
 
 
 def test_the_commands_carry_the_session_of_the_board(it: Bench) -> None:

@@ -457,6 +457,20 @@ MUTANTS = (
         "a_lost_radio_control_is_missed_after_a_reset_too",
     ),
     Mutant(
+        "an expected receiver is not missed",
+        "receiver.c",
+        "(table.receiver_expected || watchdog_memory.receiver_seen)",
+        "watchdog_memory.receiver_seen",
+        "an_expected_receiver_is_missed_when_power_comes",
+    ),
+    Mutant(
+        "all sticks end alike",
+        "manual.c",
+        "int16_t low = table.stick_low[RC_SPEED];",
+        "int16_t low = 1100;",
+        "the_radio_control_begins_at_the_low_end_of_its_stick",
+    ),
+    Mutant(
         "the radio control cannot take over",
         "safety.c",
         "  if (pc && receiver_manual()) return TRIP_RC_TOOK_OVER;\n",

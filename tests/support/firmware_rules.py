@@ -427,7 +427,7 @@ def a_lost_radio_control_stops(bench: Bench) -> None:
     seen = pilot.drive(0.2)
     assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.RC_LOST)
     assert max(pilot.simulation.pulses_us()) < 1001.0
-    assert pilot.arm().refusal == Refusal.KILL
+    assert pilot.arm().refusal == Refusal.RECEIVER
 
 
 def a_wire_of_the_receiver_that_is_off_stops(bench: Bench) -> None:
@@ -438,7 +438,9 @@ def a_wire_of_the_receiver_that_is_off_stops(bench: Bench) -> None:
         assert max(pilot.simulation.pulses_us()) < 1001.0
     pilot = bench.pilot()
     pilot.simulation.lose_receiver(0, 1, 2, 3, 5)
-    assert pilot.get_ready().arm().refusal == Refusal.KILL, "the kill switch alone is no receiver"
+    assert pilot.get_ready().arm().refusal == Refusal.RECEIVER, (
+        "the kill switch alone is no receiver"
+    )
 
 
 def a_lost_radio_control_is_missed_after_a_reset_too(bench: Bench) -> None:
@@ -446,7 +448,30 @@ def a_lost_radio_control_is_missed_after_a_reset_too(bench: Bench) -> None:
     pilot.simulation.lose_receiver()
     pilot.simulation.board.reset()
     pilot.simulation.run(2.1)
-    assert pilot.arm().refusal == Refusal.KILL
+    assert pilot.arm().refusal == Refusal.RECEIVER
+
+
+def an_expected_receiver_is_missed_when_power_comes(bench: Bench) -> None:
+    pilot = bench.pilot(receiver=True).get_ready(Setup(receiver_expected=1))
+    assert pilot.arm().mode == BoardMode.ARMED
+    pilot.simulation.lose_receiver()
+    pilot.simulation.board.reset(power=True)
+    pilot.simulation.run(HOLD_S)
+    assert pilot.arm().refusal == Refusal.RECEIVER
+    pilot.simulation.set_switches()
+    pilot.simulation.run(0.1)
+    assert pilot.arm().mode == BoardMode.ARMED
+
+
+def the_radio_control_begins_at_the_low_end_of_its_stick(bench: Bench) -> None:
+    for low_us, begins in ((1100, False), (1135, True)):
+        pilot = bench.pilot(receiver=True)
+        pilot.get_ready(Setup(stick_low=(1100, 1100, 1100, low_us)))
+        pilot.simulation.set_sticks(0.0, 0.0, 0.0, 0.05)  # 1140 us.
+        pilot.simulation.run(0.05)
+        pilot.simulation.set_switches(manual=True)
+        pilot.simulation.run(0.1)
+        assert pilot.mode() == (BoardMode.RC if begins else BoardMode.DISARMED)
 
 
 def the_radio_control_takes_over_and_gives_back(bench: Bench) -> None:

@@ -43,7 +43,7 @@ class Setup(Packed):
     """Parameters of the robot; kept without power. Written as a whole, 2 s after a throttle."""
 
     ADDRESS: ClassVar[int] = 21
-    LAYOUT: ClassVar[Struct] = Struct("<6HBHBHHH")
+    LAYOUT: ClassVar[Struct] = Struct("<6HBHBHHHB4H4H4HB")
 
     neutral: tuple[int, ...] = (2048,) * 6
     """Servo position of neutral [step]."""
@@ -59,13 +59,23 @@ class Setup(Packed):
     """Trips below this for 1 s [mV]."""
     bandgap_mv: int = 1100
     """Of the chip's bandgap, which its supply is measured against [mV]."""
+    receiver_expected: int = 0
+    """1: a receiver must be there to arm and stay armed, though none was seen since power came."""
+    stick_low: tuple[int, ...] = (1100,) * 4
+    """Pulse at the low end of forward, left, turn, speed [us]."""
+    stick_centre: tuple[int, ...] = (1500,) * 4
+    """At rest; of the speed unused [us]."""
+    stick_high: tuple[int, ...] = (1900,) * 4
+    """At the high end [us]."""
+    stick_dead: int = 20
+    """Dead band at the centre, and at both ends [us]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Command(Packed):
     """Joint commands: one WRITE of the whole block in each cycle; a partial one is error 5."""
 
-    ADDRESS: ClassVar[int] = 43
+    ADDRESS: ClassVar[int] = 69
     LAYOUT: ClassVar[Struct] = Struct("<HBB3H6h2H")
 
     heartbeat: int = 0
@@ -90,7 +100,7 @@ class Command(Packed):
 class Telemetry(Packed):
     """Measurements and states: one READ in each cycle."""
 
-    ADDRESS: ClassVar[int] = 69
+    ADDRESS: ClassVar[int] = 95
     LAYOUT: ClassVar[Struct] = Struct("<IBBBBH2HBBBBBBB3H6h6h6h6B6B6HHHHHHHHHH")
 
     millis: int = 0

@@ -22,6 +22,10 @@ BOARD_ID = 200
 SERVOS = 6
 ESCS = 3
 RC_CHANNELS = 6
+STICKS = 4
+"""The first four channels: forward, left, turn, speed."""
+RC_US = (800, 2200)
+"""Pulses of a receiver, at the least and at the most."""
 ZERO_THROTTLE = 2000
 """In half microseconds."""
 FULL_THROTTLE = 4000
@@ -110,6 +114,26 @@ SETUP = Block(
             (1000, 1200),
             "mV",
         ),
+        Item(
+            "receiver_expected",
+            "u8",
+            "1: a receiver must be there to arm and stay armed, though none was seen since power "
+            "came.",
+            0,
+            (0, 1),
+        ),
+        Item(
+            "stick_low",
+            "u16",
+            "Pulse at the low end of forward, left, turn, speed.",
+            1100,
+            RC_US,
+            "us",
+            STICKS,
+        ),
+        Item("stick_centre", "u16", "At rest; of the speed unused.", 1500, RC_US, "us", STICKS),
+        Item("stick_high", "u16", "At the high end.", 1900, RC_US, "us", STICKS),
+        Item("stick_dead", "u8", "Dead band at the centre, and at both ends.", 20, (0, 100), "us"),
     ),
 )
 
@@ -288,7 +312,7 @@ class Refusal(IntEnum):
     NOT_NEUTRAL = 5
     """A gimbal is measured more than `neutral_band` from neutral."""
     KILL = 6
-    """The kill switch is on, or the radio control was there and is lost."""
+    """The kill switch is on."""
     RC = 7
     """The radio control has the robot."""
     SETUP = 8
@@ -297,6 +321,8 @@ class Refusal(IntEnum):
     """The speed controllers have no power: the stop circuit is open."""
     BATTERY = 10
     """The battery is below `battery_arm_mv`."""
+    RECEIVER = 11
+    """A receiver is expected, or was there, and a channel has no pulses."""
 
 
 class ResetCause(IntFlag):

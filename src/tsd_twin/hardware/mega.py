@@ -34,6 +34,7 @@ from tsd_twin.hardware.joints import (
     CENTRE,
     JointCommand,
     JointConverter,
+    Receiver,
     ServoCalibration,
     ThrottleLaw,
     padded,
@@ -65,6 +66,7 @@ REFUSALS: dict[int, str] = {
     Refusal.GOAL: "the goals of the gimbals are not neutral",
     Refusal.SERVO: "a servo does not answer or has an error",
     Refusal.NOT_NEUTRAL: "the gimbals are not at neutral tilt",
+    Refusal.RECEIVER: "the radio control is off, or a wire of its receiver",
     Refusal.KILL: "the kill switch of the radio control is on",
     Refusal.RC: "the radio control has the robot",
     Refusal.SETUP: "its set-up was not written: neutral positions are unknown",
@@ -187,21 +189,10 @@ def handshake(transport: SerialTransport, setup: Setup, baud: int) -> Telemetry:
     Raises:
         HardwareError: it is missing, another device, or refuses.
     """
-    _wait_for_answer(transport, baud)
-    size = Identity.LAYOUT.size
-    read = protocol2.read(BOARD_ID, Identity.ADDRESS, size)
-    identity = Identity.unpack(_request_data(transport, read, size))
-    if identity.model != MODEL or identity.table_version != TABLE_VERSION:
-        raise HardwareError(
-            f"the device at {transport.name} is model {identity.model} with control table "
-            f"{identity.table_version}: this program needs model {MODEL} with table "
-            f"{TABLE_VERSION}; flash the firmware that comes with it"
-        )
-    # A board that was not reset may still be armed, which would refuse the set-up.
-    _request_data(transport, protocol2.write(BOARD_ID, Command.ADDRESS, REST_COMMAND.pack()))
-    telemetry = Telemetry.unpack(_request_data(transport, READ_DELAY, Telemetry.LAYOUT.size))
+    find_board(transport, baud)
+    telemetry = Telemetry.unpack(request_data(transport, READ_DELAY, Telemetry.LAYOUT.size))
     size = Setup.LAYOUT.size
-    has = _request_data(transport, protocol2.read(BOARD_ID, Setup.ADDRESS, size), size)
+    has = request_data(transport, protocol2.read(BOARD_ID, Setup.ADDRESS, size), size)
     # A board without a written set-up does not arm, though it has these values by default.
     if not telemetry.setup_known or has != setup.pack():
         if telemetry.mode == BoardMode.RC:
@@ -211,6 +202,26 @@ def handshake(transport: SerialTransport, setup: Setup, baud: int) -> Telemetry:
             )
         _write_setup(transport, setup)
     return telemetry
+
+
+def find_board(transport: SerialTransport, baud: int) -> None:
+    """Wait for a board, check what it is, and disarm it.
+
+    Raises:
+        HardwareError: it is missing, or another device.
+    """
+    _wait_for_answer(transport, baud)
+    size = Identity.LAYOUT.size
+    read = protocol2.read(BOARD_ID, Identity.ADDRESS, size)
+    identity = Identity.unpack(request_data(transport, read, size))
+    if identity.model != MODEL or identity.table_version != TABLE_VERSION:
+        raise HardwareError(
+            f"the device at {transport.name} is model {identity.model} with control table "
+            f"{identity.table_version}: this program needs model {MODEL} with table "
+            f"{TABLE_VERSION}; flash the firmware that comes with it"
+        )
+    # A board that was not reset may still be armed, which would refuse the set-up.
+    request_data(transport, protocol2.write(BOARD_ID, Command.ADDRESS, REST_COMMAND.pack()))
 
 
 def _write_setup(transport: SerialTransport, setup: Setup) -> None:
@@ -243,7 +254,7 @@ def _wait_for_answer(transport: SerialTransport, baud: int) -> None:
     transport.drain(SETTLE_S)
 
 
-def _request_data(transport: SerialTransport, request: bytes, size: int = 0) -> bytes:
+def request_data(transport: SerialTransport, request: bytes, size: int = 0) -> bytes:
     """Return the `size` bytes of the response."""
     answer = _request(transport, request, size)
     if error := answer.error & ~ALERT:
@@ -325,7 +336,10 @@ class ControllerBoard:
             round(1000.0 * battery.arm_v),
             round(1000.0 * battery.stop_v),
             calibration.bandgap_mv,
+            int(calibration.receiver is not None),
+            *_stick_pulses(calibration.receiver or Receiver()),
         )
+        self.receiver_expected = calibration.receiver is not None
 
     def connect(self, transport: SerialTransport) -> None:
         """Check model and version of the control table, and configure the board.
@@ -443,11 +457,19 @@ def _has_receive_errors(before: Telemetry, after: Telemetry) -> bool:
 
 
 _COUNTERS = ("crc_errors", "rx_errors", "servo_errors", "overruns", "trips", "resets")
+_UNEXPECTED_RECEIVER = (
+    "the calibration has no receiver, and one sends pulses: the next time the board has power it "
+    "arms without it; run 'tsd-bridge --setup'"
+)
 MODES: dict[int, str] = {
     BoardMode.DISARMED: "disarmed",
     BoardMode.ARMED: "armed",
     BoardMode.RC: "radio control",
 }
+
+
+def _stick_pulses(receiver: Receiver) -> tuple[tuple[int, ...], ...]:
+    return receiver.low_us, receiver.centre_us, receiver.high_us
 
 
 class MegaHardware:
@@ -520,6 +542,8 @@ class MegaHardware:
         if report is not None:
             status |= self._status(report.telemetry)
             told = [board.battery_warning] if board.battery_warning else []
+            if any(report.telemetry.rc) and not board.receiver_expected:
+                told.append(_UNEXPECTED_RECEIVER)
             status["warnings"] = [*told, *board.wiring_faults.values()]
             status["age_ms"] = round(1000.0 * (time.monotonic() - report.heard_s), 1)
         return status | {"link": board.health.status()}
@@ -543,6 +567,9 @@ class MegaHardware:
             return f"the battery is too low to arm: {board.battery_mv / 1000.0:.1f} V"
         if board.mode != BoardMode.ARMED and not board.esc_ready:
             return "the speed controllers have not had zero throttle for 2 s yet"
+        missing = [RcChannel(i).name.lower() for i, us in enumerate(board.rc) if not us]
+        if missing and (self._board.receiver_expected or len(missing) < len(board.rc)):
+            return f"{REFUSALS[Refusal.RECEIVER]}: no pulses of {', '.join(missing)}"
         if 0 < board.rc[RcChannel.KILL] <= SWITCH_US:
             return REFUSALS[Refusal.KILL]
         manual = board.rc[RcChannel.MANUAL] > SWITCH_US
