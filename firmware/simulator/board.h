@@ -18,6 +18,8 @@
 #define PCICR 0x68
 #define PCMSK2 0x6D
 #define UBRR0 0xC4
+#define UCSR1B 0xC9
+#define RXEN1 0x10
 #define UBRR1 0xCC
 #define OCR4AH 0xA9
 #define OCR4CH 0xAD
@@ -50,7 +52,9 @@ typedef struct board {
   /* Servo bus. */
   bool sending;
   uint8_t request[LONGEST_REQUEST];
-  uint32_t request_length, strays, cuts, collisions;
+  uint32_t request_length, strays, cuts, collisions, deaf;
+  uint8_t byte; /* Of a reply, on its way. */
+  bool arriving, heard;
   queue_t to_bus;
   void (*on_request)(const uint8_t *bytes, uint32_t length);
   esc_t esc[3];

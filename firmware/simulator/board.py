@@ -116,9 +116,11 @@ class Board:
         """Send bytes to the board as servos do, `delay_us` from now."""
         self._lib.board_reply(self._board, data, len(data), delay_us)
 
-    def bus_faults(self) -> tuple[int, int, int]:
-        """Return bytes sent while listening, requests cut by the pin, replies talked over."""
-        counts = (ctypes.c_uint32 * 3)()
+    def bus_faults(self) -> tuple[int, int, int, int]:
+        """Return bytes sent while listening, requests cut by the pin, replies talked over, and
+        bytes that came before the board listened.
+        """
+        counts = (ctypes.c_uint32 * 4)()
         self._lib.board_bus_faults(self._board, counts)
         return tuple(counts)  # type: ignore[return-value]
 

@@ -73,6 +73,21 @@ def test_servos_of_either_protocol_are_found_told_and_read(
     assert moving.velocity[4] == pytest.approx(top, rel=0.02)
 
 
+@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("delay_us", [20, 50, 100])
+def test_servos_that_answer_soon_are_heard_and_leave_time(
+    delay_us: int, version: int, bench: Bench
+) -> None:
+    pilot = bench.pilot(version, receiver=True)
+    for servo in pilot.simulation.servos:
+        servo.return_delay_us = delay_us
+    for cycle in range(100):
+        pilot.cycle(0, goal=wave(cycle))
+    seen = pilot.telemetry()
+    assert seen.servo_alive == 0b111111
+    assert (seen.servo_errors, seen.overruns, pilot.missed) == (0, 0, 1), "one before it started"
+
+
 def test_the_pose_is_that_of_the_mock_with_the_same_commands(bench: Bench) -> None:
     """From pulse to spin and from goal to gimbal nothing is lost: both roll the same way."""
     pilot = bench.pilot().get_ready()

@@ -13,10 +13,12 @@ from pathlib import Path
 
 import pytest
 import serial
+from serial.tools import list_ports_common
 
 from tsd_twin.hardware import PortError
 from tsd_twin.hardware.serial_transport import (
     _open_error,
+    chip_warning,
     close_port,
     open_port,
     persistent_name,
@@ -67,6 +69,34 @@ def test_a_port_in_use(terminal: tuple[int, str]) -> None:
     assert refusal(name) == f"{name} is in use by another program: end it first"
     close_port(port)
     close_port(open_port(name, 115200, 0.01))
+
+
+@pytest.mark.parametrize(
+    ("vid", "pid", "baud", "named"),
+    [
+        (0x2341, 0x0042, 1_000_000, "ATmega16U2"),
+        (0x1A86, 0x7523, 500_000, "CH340"),
+        (0x2341, 0x0042, 115_200, ""),
+        (0x0403, 0x6001, 1_000_000, ""),
+        (None, None, 1_000_000, ""),
+    ],
+)
+def test_a_usb_chip_that_corrupts_bytes_at_this_rate_is_named(
+    vid: int | None,
+    pid: int | None,
+    baud: int,
+    named: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    port = list_ports_common.ListPortInfo(str(tmp_path / "ttyACM0"))
+    port.vid, port.pid = vid, pid
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [port])
+    (tmp_path / "by-id").symlink_to(tmp_path / "ttyACM0")
+    warning = chip_warning(str(tmp_path / "by-id"), baud)
+    assert bool(warning) == bool(named)
+    assert named in warning
+    assert chip_warning(str(tmp_path / "ttyS0"), baud) == ""
 
 
 def test_a_port_in_use_is_locked_for_programs_that_ask_nobody(terminal: tuple[int, str]) -> None:

@@ -178,7 +178,7 @@ class FirmwareHost:
         widest = max(self.simulation.board.pulse(i).unarmed_us for i in range(3))
         faults = self.simulation.board.bus_faults()
         assert widest < 1001.0, f"a pulse of {widest} us in disarmed mode"
-        assert faults == (0, 0, 0), "the servo bus was not kept clean"
+        assert faults == (0, 0, 0, 0), "the servo bus was not kept clean"
 
 
 class Bench:

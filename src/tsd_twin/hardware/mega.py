@@ -39,7 +39,12 @@ from tsd_twin.hardware.joints import (
     ThrottleLaw,
     padded,
 )
-from tsd_twin.hardware.serial_transport import HardwareError, LinkHealth, SerialTransport
+from tsd_twin.hardware.serial_transport import (
+    HardwareError,
+    LinkHealth,
+    SerialTransport,
+    chip_warning,
+)
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.robots.description import Battery
@@ -349,6 +354,7 @@ class ControllerBoard:
         """
         telemetry = handshake(transport, self._setup, self.baud)
         self._find_wiring_faults(telemetry, opened=self.report is None)
+        self._warn("usb chip", chip_warning(transport.name, self.baud))
         self._was_connected = True
         self.report = BoardReport(telemetry, time.monotonic(), self._switch.lost)
         self.disconnect_reason = ""
@@ -405,9 +411,13 @@ class ControllerBoard:
 
     def _find_wiring_faults(self, telemetry: Telemetry, *, opened: bool) -> None:
         found = wiring_faults(telemetry, opened=opened, returned=self._was_connected)
-        for name in found.keys() - self.wiring_faults.keys():
-            _LOG.warning("%s", found[name])
-            self.wiring_faults = {**self.wiring_faults, name: found[name]}
+        for name, text in found.items():
+            self._warn(name, text)
+
+    def _warn(self, name: str, text: str) -> None:
+        if text and name not in self.wiring_faults:
+            _LOG.warning("%s", text)
+            self.wiring_faults = {**self.wiring_faults, name: text}
 
     def _watch_battery(self, volts: float) -> None:
         warn_v = self._battery.warn_v

@@ -215,6 +215,31 @@ def serial_ports() -> list[str]:
     return [f"{persistent_name(port.device)}  {port.device}: {port.description}" for port in found]
 
 
+_SLOW_CHIPS = {
+    (0x2341, 0x0010): "ATmega16U2",
+    (0x2341, 0x0042): "ATmega16U2",
+    (0x2A03, 0x0042): "ATmega16U2",
+    (0x1A86, 0x7523): "CH340",
+}
+"""USB chips of a Mega and of its clones, by vendor and product."""
+_SAFE_BAUD = 115_200
+
+
+def chip_warning(name: str, baud: int) -> str:
+    """Text for a port whose USB chip is known to corrupt bytes at this rate; else empty."""
+    if baud <= _SAFE_BAUD or "://" in name:
+        return ""
+    device = str(Path(name).resolve())
+    for port in list_ports.comports():
+        chip = _SLOW_CHIPS.get((port.vid, port.pid))
+        if chip and str(Path(port.device).resolve()) == device:
+            return (
+                f"the USB chip at {name} is of type {chip}, which corrupts bytes at {baud} Bd: "
+                "use an adapter with an FTDI chip"
+            )
+    return ""
+
+
 def _open_error(name: str, error: BaseException) -> str:
     match _number(error):
         case errno.ENOENT:
