@@ -342,6 +342,8 @@ def test_a_board_that_restarts_says_why(it: Bench, cause: ResetCause, fault: str
         ({"millis": 1500, "reset_cause": 0}, "cut RESET-EN"),
         ({"battery_mv": 300}, "runs with 0.3 V of battery: USB feeds it"),
         ({"millis": 1500, "reset_cause": int(ResetCause.POWER_ON)}, ""),
+        ({"millis": 1500, "reset_cause": int(ResetCause.WATCHDOG)}, ""),
+        ({"millis": 1500, "reset_cause": int(ResetCause.BROWN_OUT)}, ""),
         ({}, ""),
     ],
 )

@@ -108,7 +108,8 @@ def wiring_faults(telemetry: Telemetry, *, opened: bool, returned: bool) -> dict
     """
     found: dict[str, str] = {}
     young, powered = telemetry.millis < _STARTED_MS, telemetry.reset_cause & ResetCause.POWER_ON
-    if opened and young and not powered:
+    # A boot loader may have cleared the cause.
+    if opened and young and not telemetry.reset_cause & ~ResetCause.EXTERNAL:
         found["auto-reset"] = (
             "opening the port resets the controller board, whose outputs are not driven until its "
             "boot loader ends: cut RESET-EN, or use an adapter without DTR"
