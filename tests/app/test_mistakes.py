@@ -174,6 +174,8 @@ OTHERS: dict[str, str] = {
         --port /dev/nowhere --calibration binary
         --port /dev/nowhere --calibration text
         --port /dev/nowhere --servos /dev/nowhere
+        --port /dev/nowhere --setup
+        --port /dev/nowhere --setup --calibration new.toml
     """,
     "tsd_demo": """
         --port BUSY
