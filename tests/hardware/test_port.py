@@ -99,7 +99,7 @@ def test_a_usb_chip_that_corrupts_bytes_at_this_rate_is_named(
     assert chip_warning(str(tmp_path / "ttyS0"), baud) == ""
 
 
-def test_a_port_in_use_is_locked_for_programs_that_ask_nobody(terminal: tuple[int, str]) -> None:
+def test_a_port_in_use_is_locked_for_programs_without_locks_too(terminal: tuple[int, str]) -> None:
     """The kernel refuses to open it, except for root, for whom only the lock can be seen."""
     slave = os.open(terminal[1], os.O_RDWR | os.O_NOCTTY)
 
