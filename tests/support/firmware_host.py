@@ -143,6 +143,7 @@ class FirmwareHost:
         self.simulation.run(HOLD_S)
         assert self.set_up(setup) == 0
         self.simulation.run(_SET_UP_S)
+        self.telemetry()  # A bridge knows its session.
         return self
 
     def arm(self, *, at_once: bool = False) -> Telemetry:
@@ -150,7 +151,7 @@ class FirmwareHost:
 
         Unless `at_once`, zero throttle is held before for as long as it takes.
         """
-        self.telemetry()  # A bridge knows its session.
+        self.telemetry()
         self.cycle(0)
         if not at_once and not self.telemetry().esc_ready:
             self.simulation.run(HOLD_S)

@@ -237,7 +237,7 @@ def power_at_the_drive_moves_nothing(bench: Bench) -> None:
 def a_drive_that_is_not_measured_does_not_arm(bench: Bench) -> None:
     pilot = bench.pilot().get_ready()
     for volts in (0.0, 0.7 * 12.0):
-        pilot.simulation.power.contactor = False
+        pilot.simulation.power.stop_circuit = False
         pilot.simulation.power.drive_v = volts
         pilot.simulation.run(0.03)
         assert pilot.arm(at_once=True).refusal == Refusal.DRIVE, volts
