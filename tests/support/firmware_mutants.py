@@ -438,7 +438,7 @@ MUTANTS = (
     Mutant(
         "a lost radio control is no reason to stop",
         "safety.c",
-        "if (receiver_seen() && !receiver_present()) return TRIP_RC_LOST;",
+        "  if (receiver_lost()) return TRIP_RC_LOST;\n",
         "",
         "a_lost_radio_control_stops",
     ),

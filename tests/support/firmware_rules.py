@@ -60,7 +60,7 @@ def after_a_trip_only_a_new_arming_arms(bench: Bench) -> None:
     pilot = bench.pilot().get_driving()
     pilot.simulation.run(0.6)
     assert pilot.drive(0.5).mode == BoardMode.DISARMED, "1 again and again"
-    assert pilot.drive(0.5, throttle=ZERO).mode == BoardMode.DISARMED
+    assert pilot.drive(HOLD_S, throttle=ZERO).mode == BoardMode.DISARMED
     assert max(pilot.simulation.pulses_us()) < 1001.0
     seen = pilot.arm()
     assert (seen.mode, seen.trip) == (BoardMode.ARMED, Trip.NONE)
