@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from firmware.simulator import protocol2
-from tests.support.firmware_host import PING, Bench, write
+from tests.support.firmware_host import PING, Bench, read, write
 from tsd_twin.dynamixel.blocks import Command, Telemetry
 from tsd_twin.dynamixel.control_table import BOARD_ID, FW_VERSION, MODEL, BoardMode
 
@@ -117,11 +117,7 @@ def test_what_looks_like_a_header_inside_a_packet_is_stuffed_both_ways(bench: Be
     pilot = bench.pilot().get_ready()
     for goal in ((-1, -3, -1, -3, -1, -3), (-1, -1, -3, -3, -1, -513)):
         pilot.cycle(0, goal=goal)
-        error, data = pilot.ask(
-            protocol2.packet(
-                BOARD_ID, protocol2.READ, Command.ADDRESS.to_bytes(2, "little") + b"\x16\0"
-            )
-        )
+        error, data = pilot.ask(read(Command.ADDRESS, Command.LAYOUT.size))
         assert error == 0
         assert Command.unpack(data).goal == goal
 
