@@ -18,7 +18,6 @@ from tsd_twin.lab import (
     follow,
     go_to,
     motors,
-    omni_paths,
     omni_step,
     square,
 )
@@ -36,7 +35,7 @@ EXPERIMENTS: tuple[Experiment, ...] = (
     calibrate.EXPERIMENT,
     zeroing.EXPERIMENT,
     omni_step.EXPERIMENT,
-    omni_paths.EXPERIMENT,
+    follow.OMNI_PATHS,
     atlas.EXPERIMENT,
     rerun_experiment.EXPERIMENT,
 )

@@ -14,9 +14,12 @@ from tsd_twin import robots
 from tsd_twin.calibration import recording, simulated_runs
 from tsd_twin.calibration.control import (
     CalibratedRobot,
+    KeyWatcher,
+    ask_line,
     connect,
     interruptible,
     longest_pause_s,
+    print_line,
 )
 from tsd_twin.calibration.guided_drive import (
     POSE_TIMEOUT_S,
@@ -29,7 +32,6 @@ from tsd_twin.calibration.guided_drive import (
 from tsd_twin.calibration.recording import Recording, RobotRecorder, read_recordings
 from tsd_twin.calibration.report import edit_description
 from tsd_twin.calibration.simulated_runs import PerturbedRobot, random_robot, spin_ratios
-from tsd_twin.calibration.terminal import KeyWatcher, ask_line, print_line
 from tsd_twin.client import RobotControl
 from tsd_twin.errors import MessageError, TwinError
 from tsd_twin.experiment import PERCENT_STEPS, Output, in_percent_steps

@@ -22,8 +22,8 @@ _ARMING_SHARE = 0.9
 class SpeedControllers:
     """Arming state machine of speed controllers from power-up on; arrays have one entry per motor.
 
-    The hold starts with the first command, before which there is no signal, and again with each
-    signal that is not zero throttle. Once armed, a controller stays so.
+    The hold starts with the first command, and again with each signal that is not zero throttle.
+    Once armed, a controller stays so.
     """
 
     def __init__(self, shape: tuple[int, ...], zero_throttle: float, hold_s: float) -> None:
@@ -135,13 +135,11 @@ class Motors:
 
 @dataclass(frozen=True, slots=True)
 class Servos:
-    """Model of position servos, on arrays of any shape.
+    """Model of position servos under proportional control, as the MX-64; arrays of any shape.
 
-    A servo turns towards its goal at `approach_rate_per_s` times the error, and never faster than
-    its speed limit: position control with a proportional gain, as the MX-64 has it. Close to the
-    goal the voltage is too low for the friction of the gears, and it stays where it is. Its encoder
-    is on the output shaft; between that and the motor is play, and a motor that reverses crosses it
-    alone. The load of the gimbals is neglected.
+    A servo turns at `approach_rate_per_s` times its error, up to its speed limit. Within the dead
+    band the voltage is too low for the friction of the gears. Between motor and output shaft, which
+    has the encoder, is play; a motor that reverses crosses it first. Gimbals have no load.
     """
 
     step_rad: float
@@ -190,10 +188,7 @@ class Servos:
         return np.clip(self.approach_rate_per_s * error * moves, -limit, limit)
 
     def after(self, angle: Array, goal: Array, elapsed_s: Array) -> Array:
-        """Angle `elapsed_s` later, exactly: top speed first, then exponential.
-
-        Without play; see `cross`.
-        """
+        """Angle `elapsed_s` later without play, exactly: top speed first, then exponential."""
         error = goal - angle
         distance = np.abs(error)
         limit, rate = self.speed_limit_rad_per_s, self.approach_rate_per_s
@@ -227,12 +222,11 @@ class Servos:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WheelSurface:
-    """The radius at which wheels of a drive roll, by the tilt of their axles.
+    """Rolling radius of printed wheels by the tilt of their axles.
 
-    Layers lie across the axle. A surface of them is up to half a layer outside or inside of the
-    sphere, and passes from one to the other once in a layer; what rolls on its edges rounds them.
-    Where the first layer begins differs from wheel to wheel. That a hard wheel on a hard floor
-    would stand on an edge, and be driven by it whatever its tilt, is not in here.
+    Layers lie across the axle; their surface is up to half a layer outside or inside of the sphere,
+    one period per layer, with a phase for each wheel. Not modelled: a hard wheel that stands on the
+    edge of a layer.
     """
 
     kinematics: SingularityKinematics
@@ -284,10 +278,9 @@ class SimulationOptions(TypedDict, total=False):
 class Actuation:
     """Turns set-points into goals of servos and motors, and joints into measurements.
 
-    `noise` scales the standard deviations of the description: 0 is none, 1 is as described. Gimbal
-    angles are noisy each time they are measured; the speed of each wheel is off by a share that
-    stays the same for the run. The machine is as its `[calibration]` says, which the robot knows.
-    `robot.errors` are those of a built machine, as they are described, and it knows none of them.
+    `noise` scales the standard deviations of the description. Measured gimbal angles have noise;
+    the speed of each wheel is off by a constant share. The controller knows the `[calibration]` of
+    the machine, and none of its `robot.errors`.
     """
 
     def __init__(
@@ -323,8 +316,7 @@ class Actuation:
         self._random = np.random.default_rng(seed)
         self._angle_noise_rad = noise * float(np.radians(robot.noise.gimbal_angle_deg))
         spin_errors = noise * robot.noise.spin_share * self._random.standard_normal(shape)
-        # The curves were measured at the nominal voltage; a speed controller passes on a share of
-        # what the battery has.
+        # The curves were measured at the nominal voltage.
         self._speed_share = (
             self.battery_v / nominal_v * (1.0 + spin_errors) * self._offsets.scale[self.wheels]
         )

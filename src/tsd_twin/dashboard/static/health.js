@@ -107,6 +107,7 @@ function sections(link, { status, age_ms: age, robot_ms: robot }) {
       "states lost": `${fixed(100 * link.lost, 1)} %`,
       "age of the state": `${fixed(age, 0)} ms`,
     },
+    Page: { "scene drawn by": window.tsd.plain ? "the processor, slowly" : "the graphics card" },
     Commands: {
       accepted: String(command.accepted),
       "round trip": milliseconds(command.echo_s),
