@@ -19,7 +19,6 @@ from tsd_twin.dynamixel.control_table import (
     FULL_THROTTLE,
     RC_US,
     SERVOS,
-    STICKS,
     ZERO_THROTTLE,
 )
 from tsd_twin.hardware.serial_transport import HardwareError
@@ -57,10 +56,10 @@ _Pulses = tuple[_Pulse, _Pulse, _Pulse, _Pulse]
 class Receiver(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """`[receiver]` of a calibration: there is one, whose sticks end and rest at these pulses."""
 
-    low_us: _Pulses = (1100,) * STICKS
+    low_us: _Pulses = (1100, 1100, 1100, 1100)
     """Forward, left, turn, speed."""
-    centre_us: _Pulses = (1500,) * STICKS
-    high_us: _Pulses = (1900,) * STICKS
+    centre_us: _Pulses = (1500, 1500, 1500, 1500)
+    high_us: _Pulses = (1900, 1900, 1900, 1900)
 
 
 class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

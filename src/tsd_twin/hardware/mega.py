@@ -334,6 +334,7 @@ class ControllerBoard:
         self._servos = servos
         self._switch = ArmSwitch()
         reverse = [sign < 0 for sign in calibration.signs(joints.names)]
+        sticks = calibration.receiver or Receiver()
         self._setup = Setup(
             padded(calibration.neutral(joints.names), SERVOS, CENTRE),
             sum(1 << i for i, turned in enumerate(reverse) if turned),
@@ -343,7 +344,9 @@ class ControllerBoard:
             round(1000.0 * battery.stop_v),
             calibration.bandgap_mv,
             int(calibration.receiver is not None),
-            *_stick_pulses(calibration.receiver or Receiver()),
+            stick_low=sticks.low_us,
+            stick_centre=sticks.centre_us,
+            stick_high=sticks.high_us,
         )
         self.receiver_expected = calibration.receiver is not None
 
@@ -477,10 +480,6 @@ MODES: dict[int, str] = {
     BoardMode.ARMED: "armed",
     BoardMode.RC: "radio control",
 }
-
-
-def _stick_pulses(receiver: Receiver) -> tuple[tuple[int, ...], ...]:
-    return receiver.low_us, receiver.centre_us, receiver.high_us
 
 
 class MegaHardware:
