@@ -17,6 +17,7 @@ from tsd_twin.lab import (
     consistency,
     follow,
     go_to,
+    mismatch,
     motors,
     omni_step,
     square,
@@ -26,6 +27,7 @@ from tsd_twin.recording import rerun_experiment
 EXPERIMENTS: tuple[Experiment, ...] = (
     motors.EXPERIMENT,
     square.EXPERIMENT,
+    mismatch.EXPERIMENT,
     follow.EXPERIMENT,
     go_to.EXPERIMENT,
     budget.EXPERIMENT,

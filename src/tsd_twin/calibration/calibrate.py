@@ -38,7 +38,12 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     robot, recordings = drives.robot, drives.recordings
     volt_share = VOLT_STEP / math.sqrt(12.0) / robot.battery.nominal_v
     found = fit_calibration(
-        robot.kinematics(), recordings, _camera(robot), robot.joint_errors(), volt_share
+        robot.kinematics(),
+        recordings,
+        _camera(robot),
+        robot.joint_errors(),
+        volt_share,
+        drives.learned,
     )
     rows = report.parameter_table(robot, found, drives.true)
     out.table("calibrate", report.parameter_columns(rows))

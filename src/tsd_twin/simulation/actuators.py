@@ -5,7 +5,7 @@ surface.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypedDict
 
 import numpy as np
@@ -145,7 +145,7 @@ class Servos:
     step_rad: float
     """Goals and measurements are whole numbers of this."""
     speed_limit_rad_per_s: float | Array
-    approach_rate_per_s: float
+    approach_rate_per_s: float | Array
     angle_limit_rad: float
     """A goal beyond this, on either side, is taken for the last step within it."""
     dead_band_rad: float = 0.0
@@ -297,6 +297,7 @@ class Actuation:
         """Indices of the gimbals in the joint vector."""
         self.wheels = np.flatnonzero([kind is JointKind.VELOCITY for kind in kinds])
         """Indices of the wheels in the joint vector."""
+        self._joints = len(kinds)
         shape = (*batch, len(self.wheels))
         self._offsets = robot.actuator_offsets()
         # A separate random generator: the errors of construction are independent of the noise.
@@ -306,9 +307,11 @@ class Actuation:
         given = nominal_v * (1.0 + off) if battery_v is None else battery_v
         self.battery_v: Array = np.broadcast_to(given, off.shape)
         """(..., 1): voltage, of each robot."""
-        self._mean_battery_v = float(self.battery_v.mean())
         self.surface = WheelSurface.of(self.kinematics, robot.errors.layer_m, built, shape)
+        self._sound_servos = Servos.of(robot, nominal_v)
         self.servos = Servos.of(robot, self.battery_v)
+        self.servo_shares: Array = np.ones((*batch, len(self.angles)))
+        """(..., 2k): speed of each servo relative to a sound one."""
         self.motors = Motors.of(robot)
         self.controllers = SpeedControllers(
             shape, float(self.motors.signals[0]), robot.motor.arming_hold_s
@@ -316,10 +319,11 @@ class Actuation:
         self._random = np.random.default_rng(seed)
         self._angle_noise_rad = noise * float(np.radians(robot.noise.gimbal_angle_deg))
         spin_errors = noise * robot.noise.spin_share * self._random.standard_normal(shape)
-        # The curves were measured at the nominal voltage.
-        self._speed_share = (
-            self.battery_v / nominal_v * (1.0 + spin_errors) * self._offsets.scale[self.wheels]
-        )
+        self._nominal_v = nominal_v
+        self._sound_share = (1.0 + spin_errors) * self._offsets.scale[self.wheels]
+        self._wheel_shares: Array = np.ones(shape)
+        self._unloaded: Array = np.zeros(shape)
+        """(..., k): speeds by the motor table for the newest signals."""
         self._offset = self._offsets.offset[self.angles]
         wrong = np.radians(robot.errors.zero_deg)
         self.zero_rad: Array = self._offset + wrong * built.standard_normal(
@@ -362,15 +366,45 @@ class Actuation:
         if speed_bytes == self._last_speeds:
             return
         signal = self.controllers.command(self.motors.signal(speeds))
-        self.speed_goals[...] = self.motors.speed(signal) * self._speed_share
-        self._all_on = bool(self.speed_goals.all())
+        self._unloaded[...] = self.motors.speed(signal)
+        self._set_speed_goals()
         self._last_speeds = speed_bytes if self.controllers.is_repeatable else b""
 
     def lose_drive(self) -> None:
         """Take the power of the speed controllers away: no motor is driven, and they arm anew."""
         self.controllers.lose_power()
-        self.speed_goals[...] = 0.0
-        self._all_on, self._repeatable, self._last_speeds = False, None, b""
+        self._unloaded[...] = 0.0
+        self._set_speed_goals()
+        self._repeatable, self._last_speeds = None, b""
+
+    def degrade(self, shares: Array) -> None:
+        """Let each joint be slower from now on: `shares` (..., n) of a sound one's speed."""
+        shares = np.broadcast_to(shares, (*self.goals.shape[:-1], self._joints))
+        self.servo_shares = shares[..., self.angles].copy()
+        self._wheel_shares = shares[..., self.wheels].copy()
+        self._update_supply()
+
+    def set_battery(self, battery_v: float) -> None:
+        """Set the voltage of the battery from now on."""
+        self.battery_v = np.full_like(self.battery_v, battery_v)
+        self._update_supply()
+
+    def _update_supply(self) -> None:
+        sound = self._sound_servos
+        limit = sound.speed_limit_rad_per_s * self.battery_v / self._nominal_v
+        self.servos = replace(
+            sound,
+            speed_limit_rad_per_s=limit * self.servo_shares,
+            approach_rate_per_s=sound.approach_rate_per_s * self.servo_shares,
+        )
+        self._set_speed_goals()
+        self._repeatable = None  # The same set-points now mean another motion.
+
+    def _set_speed_goals(self) -> None:
+        # The curves were measured at the nominal voltage.
+        share = self.battery_v / self._nominal_v * self._sound_share * self._wheel_shares
+        self.speed_goals[...] = self._unloaded * share
+        self._all_on = bool(self.speed_goals.all())
 
     def checked(self, setpoint: Array) -> Array:
         """Set-points (..., n), one for each robot.
@@ -380,7 +414,7 @@ class Actuation:
         """
         if not np.isfinite(setpoint).all():
             raise ValueError(f"set-points must be finite, these are {setpoint}")
-        shape = (*self.goals.shape[:-1], len(self.angles) + len(self.wheels))
+        shape = (*self.goals.shape[:-1], self._joints)
         return setpoint if np.shape(setpoint) == shape else np.broadcast_to(setpoint, shape)
 
     def after(self, joints: Array, elapsed_s: Array) -> Array:
@@ -436,8 +470,8 @@ class Actuation:
         """Whether nothing changes any more."""
         turning = np.abs(self.servos.rate(joints[..., self.angles], self.goals))
         off = np.abs(joints[..., self.wheels] - self.speed_goals)
-        slowest = _SETTLED * self.servos.approach_rate_per_s
-        return bool(turning.max() < slowest and off.max() < _SETTLED)
+        slowest = _SETTLED * np.asarray(self.servos.approach_rate_per_s)
+        return bool((turning < slowest).all() and off.max() < _SETTLED)
 
     def measure(self, joints: Array) -> Array:
         """Joint vector (..., n), its angles as the servos report them: in whole steps.
@@ -454,7 +488,7 @@ class Actuation:
     def hardware_status(self) -> dict[str, object]:
         """Voltage, whether the speed controllers are armed, and what pulses they get."""
         return {
-            "battery_v": self._mean_battery_v,
+            "battery_v": float(self.battery_v.mean()),
             "esc_armed": bool(self.controllers.armed.all()),
             "pulse_us": self.motors.pulse_us(self.controllers.signal).tolist(),
         }

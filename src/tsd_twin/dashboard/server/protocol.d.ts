@@ -62,6 +62,11 @@ interface PoseSensorStatus {
   dropped: Record<string, number>;
 }
 
+interface LearnedError {
+  value: number;
+  sigma: number;
+}
+
 interface LoopStatus {
   hz: number;
   overruns: number;
@@ -87,6 +92,7 @@ interface Status {
   consistency: ConsistencyStatus;
   wheel_speed: WheelSpeedStatus | null;
   pose_sensor: PoseSensorStatus | null;
+  learned: Record<string, LearnedError> | null;
   loop: LoopStatus;
   hardware: Hardware;
 }
