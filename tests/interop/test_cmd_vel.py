@@ -227,6 +227,16 @@ def test_a_person_who_asks_gets_control_when_no_twist_moves_the_robot() -> None:
     assert operator.state is State.LOST
 
 
+def test_a_twist_that_no_robot_reads_for_a_while_does_not_move_one_when_it_is_read_again() -> None:
+    """The name of its topic changes when a second robot comes, and back when that one goes."""
+    operator = holder()
+    assert moves(operator.on_twist(PUSH, 0.1, MINE, 0.1))
+    for i in range(60):
+        operator.on_unread(0.15 + PERIOD_S * i)
+    now_s = 0.15 + PERIOD_S * 60
+    assert not moves(operator.on_twist(PUSH, now_s, MINE, now_s))
+
+
 def test_the_same_sentence_is_not_said_fifty_times_a_second() -> None:
     operator = CmdVelOperator(ME)
     bad = CmdVel((math.nan, 0.0, 0.0, 0.0, 0.0, 0.0))

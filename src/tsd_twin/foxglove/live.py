@@ -289,6 +289,8 @@ class LiveOperator:
             known = [each.names for each in self._fleet.sources.values() if each.names]
             names = ", ".join(each.topic(CMD_VEL.name) for each in known) or "no robot is there"
             self._say(f"nothing reads {topic[:100]}; publish to {names}")
+            for _, driver in self._drivers.values():
+                driver.machine.on_unread(now_s)
             return
         source, _ = found
         try:

@@ -219,6 +219,10 @@ class CmdVelOperator:
         self._driven_s = self._used_s = now_s
         return [Drive(message.twist, message.frame or BASE)]
 
+    def on_unread(self, now_s: float) -> None:
+        """Note a twist on a topic that no robot reads now; held on, it must not move one later."""
+        self._must_pause, self._heard_s = True, now_s
+
     def _refusal(self, message: CmdVel) -> str:
         if not all(math.isfinite(number) for number in message.twist):
             return "cmd_vel has a number that is not finite: it is ignored"
@@ -247,8 +251,7 @@ class CmdVelOperator:
 
     def _drop(self, now_s: float, reason: str) -> list[Action]:
         self.dropped += 1
-        self._heard_s = now_s
-        self._must_pause = True
+        self.on_unread(now_s)
         return self._say(now_s, reason)
 
     def _say(self, now_s: float, text: str) -> list[Action]:

@@ -20,6 +20,7 @@ _HOST = re.compile(
 """`name`, `address` or `[IPv6 address]`, each alone or with a port."""
 _ORIGIN = re.compile(rf"(?P<scheme>https?)://(?P<host>{_HOST.pattern})")
 
+
 def origin_refusal(
     host: str | None,
     origin: str | None,
