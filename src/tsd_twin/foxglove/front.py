@@ -310,13 +310,12 @@ class _Client:
     async def _from_client(self) -> None:
         async for message in self._socket:
             now_s = time.monotonic()
-            if message.type is WSMsgType.PONG:
-                self._on_pong(bytes(message.data), now_s)
-                continue
             if not self._budget.spend(len(message.data or b""), now_s):
                 await self.end(aiohttp.WSCloseCode.POLICY_VIOLATION, "too many messages")
                 return
-            if message.type is WSMsgType.PING:
+            if message.type is WSMsgType.PONG:
+                self._on_pong(bytes(message.data), now_s)
+            elif message.type is WSMsgType.PING:
                 await self._socket.pong(message.data)
             elif message.type is WSMsgType.TEXT:
                 await self._on_text(message.data)

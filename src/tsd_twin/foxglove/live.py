@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import msgspec
 
@@ -71,7 +72,10 @@ class MeshFiles:
                 several = load_parts(self.robot).values()
                 self._parts = {part.file: part for parts in several for part in parts}
             part = self._parts.get(name)
-            return None if part is None else bytes(part.mesh.export(file_type="stl"))
+        if part is None:
+            return None
+        mesh: Any = part.mesh
+        return bytes(mesh.export(file_type="stl"))
 
 
 class RobotSource:

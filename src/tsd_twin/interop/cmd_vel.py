@@ -83,7 +83,8 @@ def decode_cmd_vel(encoding: str, type_name: str, payload: bytes) -> CmdVel:
     if encoding == "cdr":
         if stamped:
             message = decode_twist(payload)
-            return CmdVel(tuple(message.twist.tolist()), message.frame)
+            vx, vy, vz, wx, wy, wz = message.twist.tolist()
+            return CmdVel((vx, vy, vz, wx, wy, wz), message.frame)
         raw = decode_cdr(payload, TWIST)
         return _cmd_vel(raw.linear, raw.angular)
     if encoding == "json":

@@ -411,8 +411,12 @@ def diagnose(status: Status) -> list[tuple[str, int, str, dict[str, object]]]:
             "commands",
             OK,
             f"{command.accepted} counted",
-            {"age_s": command.age_s, "echo_s": command.echo_s, "counted": command.accepted}
-            | {f"dropped_{name}": count for name, count in _fields(command.dropped)},
+            {
+                "age_s": command.age_s,
+                "echo_s": command.echo_s,
+                "counted": command.accepted,
+                **{f"dropped_{name}": count for name, count in _fields(command.dropped)},
+            },
         ),
         (
             "consistency",
