@@ -6,6 +6,8 @@ import asyncio
 import json
 import re
 import signal
+import socket
+import ssl
 import struct
 import subprocess
 import sys
@@ -31,6 +33,7 @@ from tests.support.foxglove_client import (
     twist_cdr,
     twist_json,
 )
+from tests.support.provisioning import provision_folder
 from tests.support.recorded_drives import RecordedDrive
 from tests.support.robot_node import QUICK
 from tsd_twin import robots
@@ -38,6 +41,7 @@ from tsd_twin.bus import Bus, as_client, client_config
 from tsd_twin.foxglove.front import FOXGLOVE_ORIGIN, LARGEST_BYTES, SILENT_S
 from tsd_twin.interop.mapping import PUBLISHED, SERVICES
 from tsd_twin.recording.file import RecordingFile
+from tsd_twin.security import CertificateRequest
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 
@@ -231,8 +235,8 @@ def test_a_client_that_is_killed_leaves_a_robot_at_rest_and_free(stage: Stage) -
             await driver.pause()
             await driver.push(SPEED_MPS, 0.8)
             last_m = it.x_m
-            socket = driver.client._websocket
-            socket.transport.abort()  # As the system does for a process that is killed.
+            # As the system does for a process that is killed.
+            driver.client._websocket.transport.abort()
             await it.until(lambda: it.status["lease"]["holder"] is None, "still held")
             await it.until_still()
             assert it.x_m - last_m < ALLOWANCE_M + 0.04 * SPEED_MPS
@@ -275,23 +279,21 @@ def test_a_client_that_answers_no_ping_drives_nothing_and_is_cut_off(stage: Stag
             await asyncio.to_thread(arm_and_release, stage.endpoint)
             async with (
                 aiohttp.ClientSession() as session,
-                session.ws_connect(stage.url, protocols=(PROTOCOL,), autoping=False) as socket,
+                session.ws_connect(stage.url, protocols=(PROTOCOL,), autoping=False) as line,
             ):
                 channel = {"id": 1, "topic": "/cmd_vel", "encoding": "json", "schemaName": TWIST}
-                await socket.send_json({"op": "advertise", "channels": [channel]})
+                await line.send_json({"op": "advertise", "channels": [channel]})
                 start_s, start_m = time.monotonic(), it.x_m
                 await asyncio.sleep(0.4)
 
                 async def push() -> None:
                     while True:
-                        await socket.send_bytes(struct.pack("<BI", 1, 1) + twist_json(0.5))
+                        await line.send_bytes(struct.pack("<BI", 1, 1) + twist_json(0.5))
                         await asyncio.sleep(0.05)
 
                 pushing = asyncio.create_task(push())
                 texts = [
-                    message.data
-                    async for message in socket
-                    if message.type is aiohttp.WSMsgType.TEXT
+                    message.data async for message in line if message.type is aiohttp.WSMsgType.TEXT
                 ]
                 pushing.cancel()
                 assert SILENT_S - 0.5 < time.monotonic() - start_s < SILENT_S + 5.0
@@ -317,12 +319,12 @@ def test_hostile_messages_move_nothing_and_end_nothing(stage: Stage) -> None:
             await it.publish(twist_json(0.5), topic="/other/cmd_vel")
             await it.publish(twist_json(0.5), encoding="protobuf")
             await it.publish(twist_cdr(0.5)[:20], encoding="cdr")
-            socket = it.client._websocket
+            line = it.client._websocket
             noise = np.random.default_rng(1)
             for _ in range(50):
-                await socket.send(noise.bytes(noise.integers(60)))
+                await line.send(noise.bytes(noise.integers(60)))
             for text in ("{}", "[", "null", '{"op": "nothing"}', '{"op": "advertise"}', "x" * 9999):
-                await socket.send(text)
+                await line.send(text)
             await asyncio.sleep(0.5)
             assert abs(it.x_m - start_m) < 1e-3
             assert it.status["mode"] == "ready"
@@ -367,19 +369,48 @@ def test_foreign_pages_and_names_are_refused_before_the_socket_is_open(stage: St
 
 
 def test_other_machines_need_a_token_and_tls(start: Any, tmp_path: Path) -> None:
-    open_door = start("tsd_foxglove", "--host", "0.0.0.0", "--port", "0")
-    assert open_door.wait() == 1
-    assert "--token-file" in open_door.sentence
-    token = str(tmp_path / "token")
-    plain = start("tsd_foxglove", "--host", "0.0.0.0", "--port", "0", "--token-file", token)
-    assert plain.wait() == 1
-    assert "--tls-cert" in plain.sentence
-    assert Path(token).stat().st_mode & 0o077 == 0
+    nowhere = ("--connect", "tcp/127.0.0.1:1")
+    beyond = ("tsd_foxglove", "--host", "0.0.0.0", "--port", "0", *nowhere)
+    token = tmp_path / "token"
     (tmp_path / "short").write_text("secret\n")
     (tmp_path / "short").chmod(0o600)
-    short = start("tsd_foxglove", "--token-file", str(tmp_path / "short"))
-    assert short.wait() == 1
-    assert "24" in short.sentence
+    for flags, word in (
+        ((), "--token-file"),
+        (("--token-file", str(token)), "--tls-cert"),
+        (("--token-file", str(tmp_path / "short")), "24"),
+    ):
+        refused = start(*beyond, *flags)
+        assert refused.wait() == 1
+        assert word in refused.sentence
+    assert token.stat().st_mode & 0o077 == 0
+    provision_folder(tmp_path / "keys", CertificateRequest(("robot.example",)))
+    pem, key = str(tmp_path / "keys/robot.pem"), str(tmp_path / "keys/robot.key")
+    program = start(*beyond, "--token-file", str(token), "--tls-cert", pem, "--tls-key", key)
+    port = int(url_of(program).rpartition(":")[2])
+    trust = ssl.create_default_context(cafile=tmp_path / "keys/ca.pem")
+
+    def code(path: str, **headers: str) -> int:
+        with socket.create_connection(("127.0.0.1", port)) as line:
+            try:
+                url = f"wss://robot.example:{port}/{path}"
+                with connect(
+                    url,
+                    sock=line,
+                    ssl=trust,
+                    subprotocols=[PROTOCOL],
+                    additional_headers=headers,
+                    server_hostname="robot.example",
+                ):
+                    return 101
+            except InvalidStatus as error:
+                return error.response.status_code
+
+    secret = token.read_text().strip()
+    assert code(f"?token={secret}") == 101
+    assert code("", Authorization=f"Bearer {secret}") == 101
+    assert code("") == code(f"?token={secret}x") == code("?token=") == 401
+    assert code(f"?token={secret}", Origin="https://evil.example") == 403
+    assert program.end() == 0
 
 
 def test_without_the_extra_it_says_how_to_install_it() -> None:
