@@ -178,7 +178,7 @@ def measure(task: Task) -> list[Result]:
                     phase_s = random.Random(seed).uniform(0.0, PHASE_S)  # noqa: S311
                     _run(scene, CAUSES[name], robot, result, phase_s)
         except (TimeoutError, AssertionError, OSError, TwinError) as error:
-            failure = f"{type(error).__name__}: {error}".splitlines()[0]
+            failure = f"{type(error).__name__}: {error}".splitlines()[0][:100]
     for result in results.values():
         if len(result.ways_m) < task.runs:
             result.failure = failure
