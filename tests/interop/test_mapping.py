@@ -129,7 +129,7 @@ def test_every_link_stands_where_another_reader_of_the_urdf_puts_it(
     """The tree of `/tf`, from `odom` down, against yourdfpy."""
     angles, joints = measured(name, angle)
     frames = tree_of(
-        mapping(name), {topics.ODOM: odometry((1.0, -2.0, 0.5)), topics.JOINTS: joints}
+        mapping(name), {topics.JOINTS: joints, topics.ODOM: odometry((1.0, -2.0, 0.5))}
     )
     oracle: Any = URDF.load(str(urdf_file(name)), load_meshes=False, build_scene_graph=True)
     oracle.update_cfg(angles)
@@ -171,7 +171,7 @@ def test_names_and_frames_have_the_namespace_when_there_are_several_robots(names
     assert 2.0 * math.atan2(turn.z, turn.w) == pytest.approx(0.5)
     _, joints = measured("tsd", 0.1)
     for frame, (parent, _) in tree_of(
-        it, {topics.ODOM: odometry((0, 0, 0)), topics.JOINTS: joints}
+        it, {topics.JOINTS: joints, topics.ODOM: odometry((0, 0, 0))}
     ).items():
         assert frame.startswith(prefix)
         assert parent.startswith(prefix)
@@ -298,10 +298,26 @@ def test_a_pose_that_is_not_finite_reaches_no_tree_of_frames() -> None:
 def test_nothing_is_made_for_topics_that_no_client_wants() -> None:
     it = mapping("tsd")
     _, joints = measured("tsd", 0.1)
-    for topic, payload in ((topics.ODOM, odometry((0, 0, 0))), (topics.JOINTS, joints)):
+    streams = ((topics.JOINTS, joints), (topics.ODOM, odometry((0, 0, 0))))
+    for topic, payload in streams:
         assert not list(it.convert(topic, payload, lambda _name: False))
-        (only,) = it.convert(topic, payload, lambda name: name == "/tf")
-        assert only.name == "/tf"
+    made = [
+        message
+        for topic, payload in streams
+        for message in it.convert(topic, payload, lambda name: name == "/tf")
+    ]
+    assert [message.name for message in made] == ["/tf"], "pose and joints in one message"
+
+
+def test_joints_that_come_no_more_are_not_sent_again_with_a_new_pose() -> None:
+    it = mapping("tsd")
+    _, joints = measured("tsd", 0.1)
+    list(it.convert(topics.JOINTS, joints))
+    sizes = [
+        len(decoded(it.convert(topics.ODOM, odometry((0, 0, 0))))["/tf"].transforms)
+        for _ in range(2)
+    ]
+    assert sizes == [10, 1]
 
 
 def test_the_table_is_whole() -> None:

@@ -193,6 +193,7 @@ class RobotMapping:
         self._urdf = _MESH.sub(rf"\g<1>{mesh_uri}\g<2>\g<3>", urdf)
         self._wheels = WheelAngles()
         self._stamp_ns = 0
+        self._moved: list[tuple[Transform, int]] = []
         self._diagnosed: tuple[str, int] = ("", 0)
 
     def static(self) -> list[RosMessage]:
@@ -201,7 +202,10 @@ class RobotMapping:
         fixed = self._tree.fixed
         if self._tree.ball is not None:  # The robot stands; its sphere turns.
             fixed = [Transform(ODOM, FOOTPRINT, (0.0, 0.0, 0.0), IDENTITY), *fixed]
-        return [self._message(DESCRIPTION, text), self._transforms(TF_STATIC, fixed, 0)]
+        return [
+            self._message(DESCRIPTION, text),
+            self._transforms(TF_STATIC, ((each, 0) for each in fixed)),
+        ]
 
     def convert(
         self, topic: Topic, payload: bytes, wanted: Callable[[str], bool] = lambda _name: True
@@ -244,7 +248,9 @@ class RobotMapping:
                 moved = [Transform(ODOM, FOOTPRINT, position, quaternion)]
             else:
                 moved = self._tree.moving(self._tree.ring_angles(quaternion))
-            yield self._transforms(TF, moved, stamp_ns(raw))
+            at_ns, joints = stamp_ns(raw), self._moved
+            self._moved = []
+            yield self._transforms(TF, [*((each, at_ns) for each in moved), *joints])
         row = _ODOMETRY[topic]
         if row not in rows:
             return
@@ -267,7 +273,8 @@ class RobotMapping:
         if measured:
             angles = self._wheels.update(joints.names, position, velocity, joints.stamp_ns)
         if TF in rows:
-            yield self._transforms(TF, self._tree.moving(angles), joints.stamp_ns)
+            # A robot sends its pose right after its joints: one message has both.
+            self._moved = [(each, joints.stamp_ns) for each in self._tree.moving(angles)]
         row = JOINT_STATES if measured else JOINT_SETPOINTS
         if row not in rows:
             return
@@ -286,7 +293,7 @@ class RobotMapping:
             ),
         )
 
-    def _transforms(self, row: RosTopic, transforms: Iterable[Transform], at_ns: int) -> RosMessage:
+    def _transforms(self, row: RosTopic, transforms: Iterable[tuple[Transform, int]]) -> RosMessage:
         stamped = [
             make_message(
                 "geometry_msgs/msg/TransformStamped",
@@ -294,7 +301,7 @@ class RobotMapping:
                 child_frame_id=self.names.frame(each.child),
                 transform=_transform(each),
             )
-            for each in transforms
+            for each, at_ns in transforms
         ]
         return self._message(row, make_message(row.type, transforms=stamped))
 
