@@ -192,7 +192,8 @@ def test_lost_control_is_not_taken_back_by_any_twists(
     assert Acquire() not in operator.on_twist(PUSH, later_s, FREE, later_s), "it is lost as before"
     assert operator.on_request(later_s)
     operator.acquired(later_s)
-    assert moves(operator.on_twist(PUSH, later_s + PAUSE_S, MINE, later_s + PAUSE_S))
+    again_s = later_s + PAUSE_S + 0.01
+    assert moves(operator.on_twist(PUSH, again_s, MINE, again_s))
 
 
 def test_another_operator_is_not_disturbed_and_the_stick_has_to_be_let_go_before_it_takes() -> None:
