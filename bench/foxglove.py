@@ -12,7 +12,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import psutil
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
 from websockets.typing import Subprotocol
 
 from bench.bus import client_commands, paced, program, watch_setpoint
@@ -21,7 +22,7 @@ from tsd_twin.bus import Bus, client_config
 
 _COMMANDS, _SMALLEST = 600, 20
 _PERIOD_S = 0.02
-_CALL, _PUBLISH = 2, 1
+_CALL, _PUBLISH, _RESPONSE = 2, 1, 3
 _ALLOWED_SHARE = 15.0
 """Percent of a core, with every topic of one robot subscribed."""
 
@@ -61,9 +62,9 @@ def foxglove_commands(bus: Bus, url: str, pid: int, count: int) -> tuple[list[fl
     with connect(url, subprotocols=[Subprotocol("foxglove.sdk.v1")]) as socket:
         arm = _subscribe_to_all(socket)
         socket.send(struct.pack("<BIII", _CALL, arm, 1, 4) + b"json{}")
-        while (message := socket.recv())[:1] != b"\x03":
+        while not (isinstance(message := socket.recv(), bytes) and message[0] == _RESPONSE):
             pass
-        assert b'"success":true' in bytes(message[13:])
+        assert b'"success":true' in message
         reading = threading.Thread(target=_read, args=(socket,), daemon=True)
         reading.start()
         time.sleep(0.6)
@@ -92,7 +93,7 @@ def foxglove_commands(bus: Bus, url: str, pid: int, count: int) -> tuple[list[fl
     return times_ms, load
 
 
-def _subscribe_to_all(socket: ClientConnection) -> int:
+def _subscribe_to_all(socket: Connection) -> int:
     """Subscribe to every topic; return the number of the service `arm`."""
     known: set[int] = set()
     while True:
@@ -109,6 +110,6 @@ def _subscribe_to_all(socket: ClientConnection) -> int:
                     return service["id"]
 
 
-def _read(socket: ClientConnection) -> None:
+def _read(socket: Connection) -> None:
     for _ in socket:
         pass

@@ -215,7 +215,11 @@ def _listener(web: Any, on_subscribe: Callable[[str], None], playback: Playback 
     methods: dict[str, Any] = {"on_subscribe": subscribed}
     if playback is not None:
         on_request = playback.on_request
-        methods["on_playback_control_request"] = lambda _self, request: on_request(request)
+
+        def requested(_self: Any, request: Any) -> Any:
+            return on_request(request)
+
+        methods["on_playback_control_request"] = requested
     return type("_Listener", (web.ServerListener,), methods)()
 
 

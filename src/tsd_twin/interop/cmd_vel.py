@@ -30,6 +30,7 @@ AT_REST_S = 0.3
 """A request for control is granted when no twist moved the robot for this long."""
 SAY_AGAIN_S = 2.0
 """The same sentence is repeated no more often."""
+_REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _DRIVABLE = frozenset({Mode.READY, Mode.DRIVING})
 
 
@@ -248,7 +249,7 @@ class CmdVelOperator:
         """Act on a zero: it ends a motion, and neither takes nor keeps the lease."""
         self._must_pause = False
         in_motion = self.state is State.HELD and now_s - self._driven_s < AT_REST_S
-        return [Drive((0.0,) * 6, BASE)] if in_motion else []
+        return [Drive(_REST, BASE)] if in_motion else []
 
     def _drop(self, now_s: float, reason: str) -> list[Action]:
         self.dropped += 1
