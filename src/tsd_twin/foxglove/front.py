@@ -310,6 +310,8 @@ class _Client:
     async def _from_client(self) -> None:
         async for message in self._socket:
             now_s = time.monotonic()
+            if message.type is WSMsgType.ERROR:
+                return  # A message that is too long, or no WebSocket: aiohttp closes it.
             if not self._budget.spend(len(message.data or b""), now_s):
                 await self.end(aiohttp.WSCloseCode.POLICY_VIOLATION, "too many messages")
                 return

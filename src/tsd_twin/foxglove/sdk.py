@@ -8,6 +8,7 @@ The only module that imports the SDK, which is an optional extra.
 from __future__ import annotations
 
 import importlib
+import logging
 import ssl
 import threading
 from collections.abc import Callable, Collection, Sequence
@@ -72,6 +73,8 @@ class SdkServer:
             MissingExtraError: the SDK is not installed.
         """
         self._sdk = load_sdk()
+        # It logs each mistake of a client, which could fill a disk; the client is told as well.
+        logging.getLogger("foxglove").setLevel(logging.CRITICAL)
         web: Any = importlib.import_module("foxglove.websocket")
         self._context: Any = self._sdk.Context()
         self._channels: dict[str, Any] = {}
