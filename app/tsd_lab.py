@@ -17,8 +17,8 @@ from tsd_twin.lab import (
     consistency,
     follow,
     go_to,
+    mismatch,
     motors,
-    omni_paths,
     omni_step,
     square,
 )
@@ -27,6 +27,7 @@ from tsd_twin.recording import rerun_experiment
 EXPERIMENTS: tuple[Experiment, ...] = (
     motors.EXPERIMENT,
     square.EXPERIMENT,
+    mismatch.EXPERIMENT,
     follow.EXPERIMENT,
     go_to.EXPERIMENT,
     budget.EXPERIMENT,
@@ -36,7 +37,7 @@ EXPERIMENTS: tuple[Experiment, ...] = (
     calibrate.EXPERIMENT,
     zeroing.EXPERIMENT,
     omni_step.EXPERIMENT,
-    omni_paths.EXPERIMENT,
+    follow.OMNI_PATHS,
     atlas.EXPERIMENT,
     rerun_experiment.EXPERIMENT,
 )

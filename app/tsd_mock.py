@@ -15,7 +15,7 @@ from tsd_twin.lie import SE2
 from tsd_twin.node import OverheadCamera, RobotIO
 from tsd_twin.robot_program import Companion
 from tsd_twin.robots import RobotDescription
-from tsd_twin.simulation import BoardModel, RobotWithStuckJoint, StuckJoint
+from tsd_twin.simulation import BoardModel, StuckJoint, Wear, WornRobot
 from tsd_twin.simulation.robot import USUAL_LEAN_DEG
 
 PARSER = program.parser(
@@ -27,6 +27,7 @@ PARSER = program.parser(
         "tsd-mock --listen tcp/127.0.0.1:0          on a free port, which it prints",
         "tsd-mock --noise 1                         with the noise of the description",
         "tsd-mock --jam module2_alpha@3             with a gimbal that sticks at 3 degrees",
+        "tsd-mock --wear module2_wheel=-5%@20       with a wheel that loses speed after 20 s",
         "tsd-mock --noise 1 --errors 1              and all that is wrong with a built robot",
         "tsd-mock --noise 1 --camera                and a camera above the floor, which it fuses",
         "tsd-mock --plant mujoco                    rigid bodies on a floor, not equations",
@@ -38,9 +39,11 @@ def joints(robot: RobotDescription, args: argparse.Namespace) -> RobotIO:
     """Simulated joints, behind a simulated board."""
     pose = pose_at(robot, args)
     jams = [StuckJoint.parse(text, robot) for text in args.jam]
-    simulated = RobotWithStuckJoint(
+    wear = [Wear.parse(text, robot) for text in args.wear]
+    simulated = WornRobot(
         robot,
-        jams,
+        wear,
+        jams=jams,
         seed=args.seed,
         noise=args.noise,
         pose=pose,
@@ -110,6 +113,14 @@ def main() -> None:
         metavar="GIMBAL[@DEGREES]",
         help=f"let a gimbal stick once it leans so far, {USUAL_LEAN_DEG:g} degrees unless given; "
         "may be repeated",
+    )
+    PARSER.add_argument(
+        "--wear",
+        action="append",
+        default=[],
+        metavar="PART=-SIZE[@SECONDS]",
+        help="let a joint be slower, as in module2_alpha=-30%%, or the battery weaker, as in "
+        "battery=-1V, after so many seconds of driving, 0 unless given; may be repeated",
     )
     PARSER.add_argument(
         "--camera",

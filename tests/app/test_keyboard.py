@@ -114,7 +114,7 @@ def hold_until_it_moves(page: Page, key: str, focused: Locator | None = None) ->
 
 def choose_drive(page: Page) -> None:
     """Choose the mode of the sliders in its list."""
-    chosen = page.locator("input").and_(page.get_by_label("mode", exact=True))
+    chosen = page.locator("input").and_(page.get_by_label("Mode", exact=True))
     tab_to(page, chosen)
     for _ in range(_TRIES):
         if chosen.input_value() == "drive":

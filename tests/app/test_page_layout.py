@@ -31,6 +31,7 @@ SIZES = (
     (1440, 900),
     (1024, 600),
     (956, 720),  # The first one beside the panel.
+    (1116, 900),  # And the second one.
     (853, 480),  # And at a zoom of 150 %,
     (593, 480),  # beside the panel, too.
     (700, 600),  # The third one beside the panel.
@@ -93,6 +94,14 @@ BOXES = """() => {
   const cut = who.scrollWidth > who.clientWidth + 1 || who.scrollHeight > who.clientHeight + 1;
   return {...boxes, covers, cut};
 }"""
+
+
+RESET = """() => {
+  const box = overlay().querySelector(".card .button").getBoundingClientRect();
+  const at = (y) => overlay().elementFromPoint((box.left + box.right) / 2, y)?.closest(".card");
+  return {top: box.top, bottom: box.bottom, whole: Boolean(at(box.top + 2) && at(box.bottom - 2))};
+}"""
+"""Place of the reset in the card, and whether all of it is to be seen."""
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +168,47 @@ def test_stop_never_moves_and_is_never_covered(stage: PageStage, size: tuple[int
             assert box["bottom"] <= height, (name, control, box)
 
 
-@pytest.mark.parametrize("size", SIZES[:8] + SIZES[12:13], ids=lambda size: f"{size[0]}x{size[1]}")
+ROW = """() => ["driver .button", "facts", "last"].map((name) => {
+  const {left, right} = overlay().querySelector(`.group.${name}`).getBoundingClientRect();
+  return {left, right};
+})"""
+"""Places of the button of control, of the link and of the last group, in the bar."""
+
+
+@pytest.mark.parametrize("width", [956, 1000, 1061, 1116, 1229, 1231, 1280])
+def test_controls_of_several_robots_do_not_touch_in_the_bar(stage: PageStage, width: int) -> None:
+    stage.resize(width, 720)
+    for names in (["mecanum", "tsd"], ["robot-with-a-name-of-31-letters", "tsd"]):
+        stage.choose(*names)
+        for shown in (state("driving", **MINE), state(lease={"holder": "bob-with-a-long-name"})):
+            stage.show(shown)
+            control, facts, last = stage.page.evaluate(ROW)
+            assert facts["left"] - control["right"] >= 4, (names, control, facts)
+            assert last["left"] >= facts["right"], (names, facts, last)
+    stage.choose("tsd")
+
+
+ANSWERS = """() => ["Keep control", "Hand over"].filter((name) => {
+  const button = [...overlay().querySelectorAll(".handover .button")].find(
+    (each) => each.textContent === name);
+  const {left, right, top, bottom} = button.getBoundingClientRect();
+  const [x, y] = [(left + right) / 2, (top + bottom) / 2];
+  return [[left + 3, y], [right - 3, y], [x, top + 3], [x, bottom - 3]].some(
+    (at) => !button.contains(overlay().elementFromPoint(...at)));
+})"""
+"""Answers to a request for control of which a part is not to be seen."""
+
+
+@pytest.mark.parametrize("size", SIZES, ids=lambda size: f"{size[0]}x{size[1]}")
+def test_both_answers_to_a_request_for_control_can_be_pressed(
+    stage: PageStage, size: tuple[int, int]
+) -> None:
+    stage.resize(*size)
+    stage.show(STATES["is asked"])
+    assert stage.page.evaluate(ANSWERS) == []
+
+
+@pytest.mark.parametrize("size", SIZES[:9] + SIZES[13:14], ids=lambda size: f"{size[0]}x{size[1]}")
 @pytest.mark.parametrize("mode", ["stopped", "fault", "arming"])
 def test_cards_do_not_lie_on_the_robot(stage: PageStage, size: tuple[int, int], mode: str) -> None:
     """A robot that is followed is in the middle, about a third of the picture high."""
@@ -168,6 +217,9 @@ def test_cards_do_not_lie_on_the_robot(stage: PageStage, size: tuple[int, int], 
     stage.show(state(mode, status={"stop_reason": "software stop by web-01234567"}, **MINE))
     card = stage.page.evaluate(BOXES)["card"]
     assert card["shown"]
+    if mode != "arming":  # The reset can be used without scrolling, above the stick.
+        reset = stage.page.evaluate(RESET)
+        assert reset["whole"], reset
     reach = 0.14 * height
     left, right = width / 2 - reach, width / 2 + reach
     beside = card["right"] <= left or card["left"] >= right

@@ -305,6 +305,24 @@ def test_what_was_the_drawer_of_a_phone_is_let_alone_when_it_is_one_no_more(
     expect(marked).to_have_count(0)
 
 
+def test_what_the_robot_has_learned_is_shown_with_its_standard_deviation(stage: PageStage) -> None:
+    stage.page.evaluate("document.querySelector('aside').style.width = '320px'")
+    learned = {
+        "module1_wheel_share": {"value": 0.012, "sigma": 0.0015},
+        "creep_x_mps": {"value": 0.0005, "sigma": 0.00025},
+        "gyro_bias_rad_per_s": {"value": 0.00035, "sigma": 0.00012},
+    }
+    table = stage.page.get_by_role("table", name="Learned while driving")
+    expect(table).to_have_count(0)
+    stage.show(state(status={"learned": learned}))
+    for name, figures in (
+        ("module1 wheel", "1.20 ± 0.15 %"),
+        ("creep x", "0.50 ± 0.25 mm/s"),
+        ("gyro bias", "0.020 ± 0.007 °/s"),
+    ):
+        expect(table.get_by_role("row").filter(has_text=name)).to_contain_text(figures)
+
+
 @pytest.mark.parametrize(("contents", "clicks"), [("block", 1), ("none", 0)])
 def test_an_open_drawer_is_folded_also_before_its_contents_are_there(
     stage: PageStage, contents: str, clicks: int

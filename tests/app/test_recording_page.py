@@ -14,7 +14,7 @@ from playwright.sync_api import Browser, Page, expect
 from tests.app.conftest import Program
 from tests.support.browser import PATIENCE_MS, QUICK
 from tests.support.recorded_drives import START_NS, recorded_circle
-from tsd_twin.recording.marks import Mark, add_mark
+from tsd_twin.recording.events import Mark, add_mark
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(240)]
 

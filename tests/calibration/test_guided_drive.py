@@ -14,13 +14,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tsd_twin import robots
-from tsd_twin.calibration.fit import fit_calibration
+from tsd_twin.calibration.fit import CalibrationProblem, fit_calibration
 from tsd_twin.calibration.guided_drive import POSE_TIMEOUT_S, CalibrationDriver, plan_route
 from tsd_twin.calibration.recording import Recording
 from tsd_twin.calibration.simulated_runs import PerturbedRobot, with_calibration
 from tsd_twin.calibration.zeroing import twist_by_zero_offsets
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2, Array
+from tsd_twin.messages.status import LearnedError
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.simulation import Camera, CameraNoise
 from tsd_twin.virtual_robot import VirtualRobot
@@ -112,6 +113,25 @@ def test_it_drives_its_tour_within_the_area_and_what_is_wrong_is_found() -> None
     # No wheel speed was measured, so the radius stands for its product with what they share.
     assert 0.04 * found.wheel_radius == pytest.approx(0.0404, rel=0.005)
     assert 0.15 * found.pivot_radius == pytest.approx(0.149, rel=0.005)
+
+
+@pytest.mark.parametrize("is_measured", [False, True])
+def test_the_fit_starts_from_what_the_robot_has_learned(is_measured: bool) -> None:
+    """Zeros as they are; wheels that are 1 % too fast in the mean are as much too large."""
+    told = np.full((2, 3), 260.0)
+    spins = told if is_measured else np.full((2, 3), np.nan)
+    poses = np.zeros((2, 3))
+    run = Recording(np.arange(2.0), np.zeros((2, 6)), told, spins, np.arange(2.0), poses)
+    problem = CalibrationProblem(ROBOT.kinematics(), [run])
+    shares = np.array([0.02, 0.01, 0.0])
+    learned = {f"module{i + 1}_wheel_share": LearnedError(shares[i], 0.001) for i in range(3)}
+    learned |= {"module2_beta_rad": LearnedError(0.003, 0.001), "creep_x_mps": LearnedError(1, 1)}
+    start = problem.corrections(problem.start(learned))
+    assert start.offset_rad == pytest.approx(np.array([[0.0, 0.0], [0.0, 0.003], [0.0, 0.0]]))
+    assert start.wheel_radius == pytest.approx(1.01)
+    assert start.pivot_radius == 1.0
+    assert start.spin == pytest.approx(1.0 + (0.0 if is_measured else 1.0) * (shares - 0.01))
+    assert not problem.start({}).any()
 
 
 def test_a_robot_that_turns_by_itself_against_its_way_still_turns_both_ways() -> None:

@@ -15,9 +15,9 @@ from tsd_twin.dashboard.recording_page.build import LONGEST_S, build
 from tsd_twin.errors import TwinError
 from tsd_twin.messages.services import Event
 from tsd_twin.recording.channels import JSON, Entry
+from tsd_twin.recording.events import Mark, add_mark
 from tsd_twin.recording.export import Part
 from tsd_twin.recording.file import RecordingFile
-from tsd_twin.recording.marks import Mark, add_mark
 
 SPITEFUL = "</script><script>alert(1)</script><!-- \u2028"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsd_twin.dashboard.robot_roster import ROBOT_COLOURS, RobotRoster
+from tsd_twin.dashboard.scene.appearance import ROBOT_COLOURS, RobotRoster
 
 IDS = st.lists(st.sampled_from("abcdefgh"), unique=True)
 LIGHT, DARK = (255, 255, 255), (27, 31, 37)

@@ -9,7 +9,7 @@ import pytest
 
 from tests.support.markdown_pages import page
 from tsd_twin.dashboard.scene.tilt_exaggeration import MOST_TILT_RAD
-from tsd_twin.dashboard.server.protocol import StudentRequest
+from tsd_twin.dashboard.server.messages_from_page import StudentRequest
 from tsd_twin.dashboard.server.student import answer
 
 ROWS = re.findall(

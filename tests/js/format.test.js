@@ -9,13 +9,19 @@ test("operators have their names, and pages without a name their numbers", () =>
   assert.equal(withNames("anna-8c30fedb asks bob-m-0123abcd."), "anna asks bob-m.");
   assert.equal(withNames("web-8c30fedb drives"), "web-8c30fedb drives");
   assert.equal(withNames("module2 is off by 0.12345678"), "module2 is off by 0.12345678");
-  assert.equal(sentence("anna-8c30fedb drives; ask for control"), "Anna drives; ask for control.");
-  assert.equal(sentence("web-8c30fedb drives"), "Web-8c30fedb drives.");
+});
+
+test("a sentence begins with a capital, unless with the id of an operator", () => {
+  assert.equal(sentence("anna-8c30fedb drives; ask for control"), "anna drives; ask for control.");
+  assert.equal(sentence("web-8c30fedb drives"), "web-8c30fedb drives.");
+  assert.equal(sentence("script has control now"), "script has control now.");
+  assert.equal(sentence("the robot is arming"), "The robot is arming.");
+  assert.equal(sentence("take control first"), "Take control first.");
 });
 
 test("a stop says who pressed it", () => {
   assert.equal(stopReason("software stop by web-8c30fedb", "web-8c30fedb"), "You pressed STOP.");
-  assert.equal(stopReason("software stop by anna-8c30fedb", "web-1"), "Anna stopped the robot.");
+  assert.equal(stopReason("software stop by anna-8c30fedb", "web-1"), "anna stopped the robot.");
   assert.equal(stopReason("smoke", "web-1"), "Smoke.");
   assert.equal(stopReason("", undefined), "No reason given.");
 });

@@ -1,7 +1,11 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { connect, pass } from "./browser.js";
+import { connect, openPage, pass } from "./browser.js";
+
+const STATIC = "../../src/tsd_twin/dashboard/static";
+const { Link } = await import(`${STATIC}/link.js`);
+const { notConnected, notTake } = await import(`${STATIC}/permission.js`);
 
 test("a listener hears messages of its types until its signal aborts", () => {
   const { link, state, say } = connect();
@@ -43,4 +47,31 @@ test("another name of the operator goes out with a new connection, and the same 
   assert.equal(socket.readyState, 3);
   pass(1000);
   assert.equal(newestSocket().address.searchParams.get("name"), "anna");
+});
+
+test("a page that loads is connecting, and without a connection for five seconds it says so", () => {
+  const { newestSocket } = connect();
+  openPage();
+  const link = new Link("page");
+  link.open();
+  pass(4900);
+  assert.equal(notConnected(link), "Connecting to the dashboard");
+  assert.equal(notTake(link), "Connecting to the dashboard.");
+  pass(200);
+  assert.equal(notTake(link), "No connection to the dashboard.");
+  newestSocket().onopen();
+  assert.equal(notTake(link), "No robot is on the bus.");
+});
+
+test("a connection that is lost is said at once", () => {
+  const { newestSocket } = connect();
+  openPage();
+  const link = new Link("page");
+  link.open();
+  pass(300);
+  newestSocket().onopen();
+  assert.ok(link.isLoading()); // No state has come.
+  newestSocket().onclose();
+  assert.ok(!link.isLoading());
+  assert.equal(notTake(link), "No connection to the dashboard.");
 });

@@ -4,7 +4,7 @@ import { test } from "node:test";
 import { connect } from "./browser.js";
 
 const STATIC = "../../src/tsd_twin/dashboard/static";
-const { lengthText, MapTrails, MapView } = await import(`${STATIC}/map_view.js`);
+const { labelPlaces, lengthText, MapTrails, MapView } = await import(`${STATIC}/map_view.js`);
 
 const BOX = { left: 10, top: 60, width: 300, height: 200 };
 
@@ -132,4 +132,35 @@ test("what was kept is sent with each connection, and nothing without it", () =>
 test("presets never put the controls or the view away", () => {
   for (const { away } of Object.values(PRESETS))
     assert.ok(!away.includes("Drive") && !away.includes("View"));
+});
+
+test("names of robots do not overlap, however near to one another the robots are", () => {
+  const width = 48;
+  for (const apartPx of [0, 3, 10, 25, 60, 200]) {
+    for (const [stepX, stepY] of [
+      [1, 0],
+      [0, 1],
+      [0.7, -0.7],
+    ]) {
+      const robots = [0, 1, 2, 3, 4].map((i) => ({
+        at: [100 + i * apartPx * stepX, 80 + i * apartPx * stepY],
+        radius: 9,
+        width,
+      }));
+      const places = labelPlaces(robots);
+      for (const [i, a] of places.entries())
+        for (const b of places.slice(i + 1))
+          assert.ok(Math.abs(a[0] - b[0]) >= width || Math.abs(a[1] - b[1]) >= 12, `${a} ${b}`);
+    }
+  }
+});
+
+test("a name stands on no robot where there is room beside it", () => {
+  const robots = [
+    { at: [100, 80], radius: 9, width: 30 },
+    { at: [100, 110], radius: 9, width: 30 },
+  ];
+  const [first, second] = labelPlaces(robots);
+  assert.deepEqual(first, [100, 80 - 9 - 14]); // Below it is the other one.
+  assert.deepEqual(second, [100, 110 + 9 + 24]);
 });

@@ -29,7 +29,7 @@ for (const [request, check] of Object.entries({ ...HELD, drive: notDrive })) {
     const { link, state } = connect();
     const lease = { ...LEASE, holder: "bob" };
     state({ lease, refusals: refusals({ without_lease: "bob has control" }) }, { you: false });
-    assert.equal(check(link), "Bob has control.");
+    assert.equal(check(link), "bob has control.");
   });
 
   test(`${request}: a lost link comes before what the robot said last`, () => {

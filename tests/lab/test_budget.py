@@ -42,9 +42,18 @@ def test_without_errors_it_is_at_every_corner_in_time() -> None:
     assert outcome.closure_m[0] < 1e-9
 
 
+def test_servos_that_lag_are_late_but_beside_the_line_only_at_corners() -> None:
+    """As on a plot of y against x: half of the way that is rounded off, or less."""
+    outcome = drive_open_loop(ROBOT, SQUARE, errors(lag=1.0))
+    assert 0.1 * outcome.worst_m[0] < outcome.line_m[0] < 0.5 * outcome.worst_m[0]
+
+
 @pytest.mark.parametrize("share", [-0.03, 0.02])
 def test_wheels_that_are_all_too_fast_make_a_larger_square(share: float) -> None:
     outcome = drive_open_loop(ROBOT, SQUARE, errors(spin_share=np.full((1, 3), share)))
+    # Inside of the square the nearest line is a side, outside of its far corner that corner.
+    beside = -share if share < 0.0 else np.sqrt(2.0) * share
+    assert outcome.line_m[0] == pytest.approx(beside, rel=1e-6)
     assert outcome.worst_m[0] == pytest.approx(np.sqrt(2.0) * abs(share), rel=1e-6)
     assert outcome.closure_m[0] == pytest.approx(0.0, abs=1e-9)
 
@@ -150,6 +159,8 @@ def test_it_says_what_each_error_costs_and_together_it_is_five_to_twenty_percent
     assert list(rows) == [
         *(source.name for source in ERROR_SOURCES),
         "all of these",
+        *(f"all, friction {friction}" for friction in ("0.5", "0.35", "0.2")),
+        *(f"all, {rpm} rpm" for rpm in ("3,750", "5,000")),
         MOTOR_LINE.name,
         "all and the line",
     ]
@@ -158,6 +169,12 @@ def test_it_says_what_each_error_costs_and_together_it_is_five_to_twenty_percent
     # The thesis saw at most 16 %: half of all robots with these errors do worse.
     assert 5.0 < float(every["median_percent"]) < 20.0
     assert all(any(name in line for line in lines) for name in rows)
+    # The less friction, the more slip; and less is seen on a plot of y against x than in time.
+    slides = [float(rows[f"all, friction {each}"]["median_percent"]) for each in (0.5, 0.35, 0.2)]
+    assert float(every["median_percent"]) < slides[0] < slides[1] < slides[2]
+    assert all(
+        float(row["line_median_percent"]) <= float(row["median_percent"]) for row in rows.values()
+    )
     # Errors that are independent do not add up to more than their sum.
     alone = [float(rows[source.name]["p95_percent"]) for source in ERROR_SOURCES]
     assert max(alone) < float(every["p95_percent"]) < sum(alone)

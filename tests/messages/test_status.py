@@ -15,6 +15,7 @@ from tsd_twin.messages.status import (
     CommandStatus,
     ConsistencyStatus,
     DropCounts,
+    LearnedError,
     LeaseStatus,
     LimitStatus,
     LoopStatus,
@@ -51,6 +52,7 @@ statuses = st.builds(
         finite,
         st.dictionaries(texts, finite, max_size=4),
     ),
+    learned=st.none() | st.dictionaries(texts, st.builds(LearnedError, finite, finite), max_size=4),
     loop=st.builds(LoopStatus, finite, counts, finite),
     hardware=st.dictionaries(texts, st.none() | texts | finite | st.lists(finite), max_size=4),
 )

@@ -18,7 +18,7 @@ from tsd_twin.messages.input_log import InputBatch, ServeCall, StopCall, encode_
 from tsd_twin.messages.ros import BASE, JointState, TwistStamped, encode_joints, encode_twist
 from tsd_twin.messages.status import encode_stamp
 from tsd_twin.recording.channels import RAW, Entry, EntryMaker, RawMessage
-from tsd_twin.recording.redaction import Redactor
+from tsd_twin.recording.export import Redactor
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 TWIST = encode_twist(TwistStamped(BASE, np.arange(6.0)))

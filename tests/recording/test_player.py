@@ -21,11 +21,10 @@ from tsd_twin.messages.status import decode_status
 from tsd_twin.recording import RecordingFolder, reading
 from tsd_twin.recording.catalogue import Catalogue
 from tsd_twin.recording.channels import JSON, Entry
-from tsd_twin.recording.events import EventKind, read_events
+from tsd_twin.recording.events import EventKind, Mark, add_mark, marks_file, read_events, read_marks
 from tsd_twin.recording.export import Part, to_mcap
 from tsd_twin.recording.file import RecordingFile
 from tsd_twin.recording.index import RecordingIndex
-from tsd_twin.recording.marks import Mark, add_mark, marks_file, read_marks
 from tsd_twin.recording.player import Player
 
 STREAMS: dict[str, tuple[topics.Topic, Callable[[bytes], Any]]] = {

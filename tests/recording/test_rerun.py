@@ -17,8 +17,8 @@ import pytest
 import tsd_twin
 from tests.support.logged_runs import GYRO, TEXTS, LoggedRun, eventful_run
 from tsd_twin import robots
-from tsd_twin.control import RobotController, robot_controller, snapshot
-from tsd_twin.control.snapshot import LeaseIds
+from tsd_twin.control import RobotController, robot_controller
+from tsd_twin.control.logged_controller import LeaseIds, dump_state, load_state
 from tsd_twin.errors import TwinError
 from tsd_twin.messages import input_log
 from tsd_twin.messages.input_log import (
@@ -33,7 +33,7 @@ from tsd_twin.messages.input_log import (
 )
 from tsd_twin.messages.status import LoopStatus
 from tsd_twin.recording.channels import Entry
-from tsd_twin.recording.redaction import Redactor
+from tsd_twin.recording.export import Redactor
 from tsd_twin.recording.rerun import Rerun, WhatIf, stretches
 from tsd_twin.safety import lease, supervisor
 
@@ -207,7 +207,7 @@ def test_every_input_of_the_controller_is_on_record() -> None:
 
 
 def state_of(controller: RobotController) -> bytes:
-    return snapshot.dump(controller, LeaseIds(bytes), frozenset({"_events"}))
+    return dump_state(controller, LeaseIds(bytes), frozenset({"_events"}))
 
 
 def test_what_is_not_logged_changes_no_state() -> None:
@@ -289,7 +289,7 @@ def test_a_state_from_another_person_runs_no_code(
     state: bytes, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(TwinError, match="cannot be read"):
-        snapshot.load(state, bytes)
+        load_state(state, bytes)
     assert capsys.readouterr().out == ""
 
 

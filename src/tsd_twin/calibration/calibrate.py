@@ -22,10 +22,9 @@ from tsd_twin.calibration.collect import (
     next_run_advice,
     spin_ratio_of,
 )
-from tsd_twin.calibration.control import add_bus_flags
+from tsd_twin.calibration.control import add_bus_flags, ask_yes, print_line
 from tsd_twin.calibration.fit import CalibrationFit, fit_calibration
 from tsd_twin.calibration.report import write_description
-from tsd_twin.calibration.terminal import ask_yes, print_line
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityDescription
@@ -39,7 +38,12 @@ def run(args: argparse.Namespace, out: Output) -> list[str]:
     robot, recordings = drives.robot, drives.recordings
     volt_share = VOLT_STEP / math.sqrt(12.0) / robot.battery.nominal_v
     found = fit_calibration(
-        robot.kinematics(), recordings, _camera(robot), robot.joint_errors(), volt_share
+        robot.kinematics(),
+        recordings,
+        _camera(robot),
+        robot.joint_errors(),
+        volt_share,
+        drives.learned,
     )
     rows = report.parameter_table(robot, found, drives.true)
     out.table("calibrate", report.parameter_columns(rows))

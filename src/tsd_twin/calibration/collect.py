@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -14,9 +14,12 @@ from tsd_twin import robots
 from tsd_twin.calibration import recording, simulated_runs
 from tsd_twin.calibration.control import (
     CalibratedRobot,
+    KeyWatcher,
+    ask_line,
     connect,
     interruptible,
     longest_pause_s,
+    print_line,
 )
 from tsd_twin.calibration.guided_drive import (
     POSE_TIMEOUT_S,
@@ -29,14 +32,13 @@ from tsd_twin.calibration.guided_drive import (
 from tsd_twin.calibration.recording import Recording, RobotRecorder, read_recordings
 from tsd_twin.calibration.report import edit_description
 from tsd_twin.calibration.simulated_runs import PerturbedRobot, random_robot, spin_ratios
-from tsd_twin.calibration.terminal import KeyWatcher, ask_line, print_line
 from tsd_twin.client import RobotControl
 from tsd_twin.errors import MessageError, TwinError
 from tsd_twin.experiment import PERCENT_STEPS, Output, in_percent_steps
 from tsd_twin.lie import Array
 from tsd_twin.messages import topics
 from tsd_twin.messages.ros import decode_odometry
-from tsd_twin.messages.status import Status, decode_stamp
+from tsd_twin.messages.status import LearnedError, Status, decode_stamp
 from tsd_twin.robots import SingularityDescription, description_of_kind
 
 _RATIO_TOLERANCE = 0.05
@@ -94,6 +96,8 @@ class DrivenData(NamedTuple):
     robot: SingularityDescription
     recordings: list[Recording]
     """Recordings of `--log`, and the new one."""
+    learned: Mapping[str, LearnedError]
+    """Errors that the robot itself has learned."""
 
 
 def drive_on_bus(args: argparse.Namespace, out: Output) -> DrivenData:
@@ -124,9 +128,9 @@ def drive_on_bus(args: argparse.Namespace, out: Output) -> DrivenData:
                 in_percent_steps(drive, 1.0), "driving, any key stops", PERCENT_STEPS
             ):
                 pass
-        return DrivenData(
-            client.id, client.description_text, robot, [*earlier, subscriber.recording()]
-        )
+        recordings = [*earlier, subscriber.recording()]
+        learned = subscriber.learned
+        return DrivenData(client.id, client.description_text, robot, recordings, learned)
 
 
 class _RobotSubscriber:
@@ -147,6 +151,8 @@ class _RobotSubscriber:
         self._finished_s: float | None = None
         self._odometry_received_s = -np.inf
         self._battery_v: float | None = None
+        self.learned: Mapping[str, LearnedError] = {}
+        """Errors that the robot itself has learned by the end of the drive."""
 
     def set_driver(self, driver: CalibrationDriver) -> None:
         """Replace the driver that commands the robot."""
@@ -180,7 +186,8 @@ class _RobotSubscriber:
         self._first_s = self._now_s
         for _ in control.driving(interruptible(self._step, keys, pause_s)):
             yield self._driver.progress
-        self._battery_v = _battery_v(self._client.client.state.status)
+        status = self._client.client.state.status
+        self._battery_v, self.learned = _battery_v(status), status.learned or {}
 
     def _wait_for_a_pose(self, control: RobotControl) -> None:
         """Stand still until a pose measurement of the robot at rest has arrived."""
@@ -270,6 +277,8 @@ class CalibrationData:
     recordings: list[Recording]
     true: SingularityDescription | None = None
     """True parameters of a simulated robot."""
+    learned: Mapping[str, LearnedError] = field(default_factory=dict[str, LearnedError])
+    """Errors that a robot on the bus has learned itself."""
 
 
 def collect(args: argparse.Namespace, out: Output) -> CalibrationData:
@@ -284,7 +293,9 @@ def _from_bus(args: argparse.Namespace, out: Output) -> CalibrationData:
     """Drive the robot on the bus, and add the earlier recordings."""
     out.refuse_overwrite(f"{LOG_TABLE}.csv", args.log)
     came = drive_on_bus(args, out)
-    return CalibrationData(came.id, came.description_text, came.robot, came.recordings)
+    return CalibrationData(
+        came.id, came.description_text, came.robot, came.recordings, learned=came.learned
+    )
 
 
 def _without_bus(args: argparse.Namespace, out: Output) -> CalibrationData:

@@ -4,7 +4,7 @@ poses.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,6 +15,7 @@ from tsd_twin.calibration.recording import Recording
 from tsd_twin.errors import TwinError
 from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import SE2, Array
+from tsd_twin.messages.status import LearnedError
 from tsd_twin.robots import JointErrors
 from tsd_twin.simulation import CameraNoise
 
@@ -68,6 +69,22 @@ class CalibrationProblem:
         offset = unknowns[: 2 * k].reshape(k, 2)
         radii = 1.0 + unknowns[2 * k : 2 * k + 2]
         return Corrections(offset, float(radii[0]), float(radii[1]), spin, float(unknowns[-1]))
+
+    def start(self, learned: Mapping[str, LearnedError]) -> Array:
+        """Vector (u,) of what the robot itself has `learned`, by the names of its status.
+
+        A wheel that is too fast is one that is too large, where speeds are measured.
+        """
+        start = np.zeros(len(self.prior))
+        modules = range(1, self.modules + 1)
+        names = [f"module{i}_{part}_rad" for i in modules for part in ("alpha", "beta")]
+        shares = [f"module{i}_wheel_share" for i in modules]
+        found = {name: each.value for name, each in learned.items()}
+        start[: 2 * self.modules] = [found.get(name, 0.0) for name in names]
+        faster = np.array([found.get(name, 0.0) for name in shares])
+        start[2 * self.modules] = faster.mean()
+        start[2 * self.modules + 2 : -1] = self._spins.T @ faster
+        return start
 
     def sigma(self, covariance: Array) -> Corrections:
         """Standard deviation of each correction, from the covariance (u, u)."""
@@ -215,13 +232,14 @@ def fit_calibration(
     noise: CameraNoise,
     joints: JointErrors,
     speed_share: float = 0.0,
+    learned: Mapping[str, LearnedError] | None = None,
 ) -> CalibrationFit:
     """Fit the corrections to camera poses, weighted by the noise of the camera and of `joints`.
 
     `speed_share` is the standard deviation of a common factor of all wheel speeds, due to the
     battery voltage. The starts of the runs are unknown as well. The initial guess comes from short
     parts of the runs, each started at a camera pose: a gimbal error of a degree rotates a run many
-    times over.
+    times over. That fit begins with what the robot itself has `learned`.
 
     Raises:
         TwinError: the fit does not converge.
@@ -266,7 +284,8 @@ def fit_calibration(
             rows.append(block)
         return np.concatenate([*rows, np.eye(count, len(scaled))])
 
-    guess: Any = _least_squares(rough, np.zeros(count), ftol=1e-3, **_ROBUST)
+    first_guess = problem.start(learned or {}) / problem.prior
+    guess: Any = _least_squares(rough, first_guess, ftol=1e-3, **_ROBUST)
     starts = np.array([run.camera_poses[0] for run in recordings])
     first = np.concatenate([guess.x, (starts * weights).ravel()])
     best: Any = _least_squares(whole, first, jac=slopes, x_scale="jac", ftol=1e-8)

@@ -16,9 +16,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tsd_twin import experiment, flag_types
-from tsd_twin.calibration.control import CalibratedRobot, add_bus_flags, connect
+from tsd_twin.calibration.control import (
+    CalibratedRobot,
+    add_bus_flags,
+    ask_displacement,
+    ask_line,
+    connect,
+    print_line,
+)
 from tsd_twin.calibration.report import write_description
-from tsd_twin.calibration.terminal import ask_displacement, ask_line, print_line
 from tsd_twin.client import RobotControl
 from tsd_twin.client.connection import RobotConnection
 from tsd_twin.errors import MessageError

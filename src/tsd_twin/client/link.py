@@ -209,7 +209,7 @@ class BusLink(RobotConnection):
         return None if sample is None else self.decode_odometry(sample.payload)
 
     def attach(self, protocol: ControlProtocol) -> None:
-        """Hand states to a protocol from now on; the face sends what is due."""
+        """Hand states to a protocol from now on; the client sends what is due."""
         with self.lock:
             if self._status is not None:
                 protocol.receive_status(self._status, self._status_seq, self._received_s)

@@ -1,7 +1,7 @@
 """Operator protocol without I/O: lease, commands, set-point time-out.
 
 Time is an argument, in seconds of any monotonic clock. Received messages go in, commands and
-requests come out; the faces (`robot`, `aio`), the simulated robot and the dashboard move them.
+requests come out; `robot`, `aio`, the simulated robot and the dashboard transport them.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _REORDERED = 20
 _NUMBERS_APART = 1000
 """Between the numbers of two leases: more than a previous holder can have under way."""
 _MOST_NUMBERS = 2**53
-"""Beyond this, a number that the robot shows is not continued: it may be the last that fits."""
+"""A higher number that the robot shows is not continued: it may be the last that fits."""
 _ROUND_TRIPS = 8
 _STILL_MPS, _STILL_RAD_PER_S = 0.02, 0.05
 REST = (0.0, 0.0, 0.0)
@@ -72,7 +72,7 @@ class TwistCommand:
 class ControlProtocol:
     """State machine of one operator and one robot: lease, sequence numbers, set-point.
 
-    Not thread-safe: the faces call it under one lock.
+    Not thread-safe: its users call it under one lock.
     """
 
     def __init__(self, robot_id: str, robot: RobotDescription, operator: str) -> None:
@@ -167,8 +167,7 @@ class ControlProtocol:
         self._lost, self._failure, self._stops = "", None, None
         self._setpoint = self._rest_seq = None
         self.max_age_s = reply.max_age_s
-        # Numbers go on rising from those that the robot has shown, so that a status which shows
-        # one of them was sent after the robot had counted it.
+        # Above the numbers that the robot has shown: a status with one of these has counted it.
         counted = 0 if self.status is None else self.status.command.seq
         self._seq = max(self._seq, counted if counted < _MOST_NUMBERS else 0) + _NUMBERS_APART
 
@@ -265,9 +264,7 @@ class ControlProtocol:
         """Check that the motion may go on.
 
         Raises:
-            ControlLost: the lease ended.
-            RobotSilent: no status for a second.
-            RobotStopped: the robot is latched or not armed, or began to stop by itself.
+            ClientError: control was lost, the robot is silent, or it stopped by itself.
         """
         self.check_lease()
         self._check_silence(now_s)
@@ -286,8 +283,7 @@ class ControlProtocol:
     ) -> TwistCommand:
         """Return the next command: three numbers of the twist, in `base_link` or `odom`.
 
-        It echoes `status_seq`, the number of the newest status that the operator has seen; without
-        it, that of the newest status received.
+        It echoes `status_seq`, by default the number of the newest status received.
 
         Raises:
             ControlLost: the lease is not held.
@@ -326,7 +322,7 @@ class ControlProtocol:
     def set_velocity(self, twist: Sequence[float], frame: str, now_s: float) -> TwistCommand | None:
         """Put a set-point in force for `SETPOINT_TIMEOUT_S`; return a command to send at once.
 
-        None: the last one that was sent at once is less than 10 ms old, `due` returns the next.
+        None, and the next one comes from `due`, if the last one is less than 10 ms old.
 
         Raises:
             ClientError: as `begin_motion` and `check_motion`; a failure since the last set-point.
@@ -347,8 +343,7 @@ class ControlProtocol:
     def due(self, now_s: float) -> TwistCommand | None:
         """Return the command that is due for the set-point in force, zero once it has expired.
 
-        A failure ends the motion without another command, so that the robot stops by itself; the
-        next `set_velocity` raises it.
+        A failure ends the motion without another command, and the next `set_velocity` raises it.
         """
         if self._setpoint is None:
             return None

@@ -1,7 +1,7 @@
-"""Steps of a procedure, and its execution by a face.
+"""Steps of a procedure, and its execution by a client.
 
 A procedure is a generator without I/O: it yields what it needs (`Call`, `Send`, `Sleep` ...) and is
-resumed with an `Outcome`. A face performs the steps: in a thread, on an event loop, or in virtual
+resumed with an `Outcome`. A client performs the steps: in a thread, on an event loop, or in virtual
 time.
 """
 

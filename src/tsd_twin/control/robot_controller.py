@@ -318,6 +318,7 @@ class RobotController:
             consistency=consistency,
             wheel_speed=self._wheel_speed.status(float(self.joints[self._wheels].mean())),
             pose_sensor=self._estimator.pose_sensor.status(now_s),
+            learned=self._estimator.learned(),
             loop=loop,
             hardware=hardware,
         )

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from statistics import fmean
 from typing import Any
 
@@ -20,6 +20,7 @@ from tsd_twin.estimation import (
     Estimate,
     FusedEstimate,
     FusionResult,
+    GyroOdometry,
     SpinModel,
     sensor_odometry_of,
 )
@@ -28,7 +29,12 @@ from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.commands import Sample, decode_pose_measurement
 from tsd_twin.messages.ros import Odometry
 from tsd_twin.messages.services import Event
-from tsd_twin.messages.status import ConsistencyStatus, PoseSensorDrops, PoseSensorStatus
+from tsd_twin.messages.status import (
+    ConsistencyStatus,
+    LearnedError,
+    PoseSensorDrops,
+    PoseSensorStatus,
+)
 from tsd_twin.robots import RobotDescription
 
 AHEAD_S = 0.01
@@ -160,6 +166,7 @@ class StateEstimator:
         self._corrected = None
         if self.kinematics.pose_type is SE2:
             self._corrected = FusedEstimate(self.kinematics, self._inner, robot.pose_sensor)
+        self._constant_rows = self._inner.constant_rows()
         self._best: Estimate = self._corrected or self._inner
         self.pose_sensor = PoseMeasurements(self._corrected)
         """Measurements of an external pose sensor."""
@@ -204,6 +211,8 @@ class StateEstimator:
             self._second.follow(joints, self.sensors, motion, dt_s)
         if self._corrected is not None:
             self._corrected.follow(now_s)
+            if isinstance(self._second, GyroOdometry) and self._second.comparison is not None:
+                self._corrected.learning.compare(now_s, self._second.comparison)
         self._consistency.advance(joints, dt_s, modelled=modelled)
 
     @property
@@ -258,6 +267,13 @@ class StateEstimator:
             return _message(self._plain if self._inner is self._second else self._second, stamp_ns)
         corrected = self._corrected is not None and self._corrected.is_corrected
         return _message(self._plain, stamp_ns) if corrected else None
+
+    def learned(self) -> Mapping[str, LearnedError] | None:
+        """Constant errors that a pose sensor or a gyro has shown; None before any has."""
+        if self._corrected is None or not self._corrected.learning.has_measured:
+            return None
+        found = self._corrected.learning.learned(self._constant_rows)
+        return {name: LearnedError(each.value, each.sigma) for name, each in found.items()}
 
     def consistency(self, *, wheels_spin: bool) -> ConsistencyStatus:
         """Consistency of the joints; wheels at rest carry no information on gimbals."""

@@ -16,7 +16,7 @@ from typing import Protocol, TypeVar
 from tsd_twin.bus import Bus
 from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.dashboard.robot_discovery import RobotDiscovery
-from tsd_twin.dashboard.robot_roster import RobotRoster
+from tsd_twin.dashboard.scene.appearance import RobotRoster
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.scene.view_settings import ViewSettings

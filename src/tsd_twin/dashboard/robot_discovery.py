@@ -236,25 +236,25 @@ class RobotDiscovery:
             events.append(self._events.popleft())
         return events
 
-    def _on_liveliness(self, key: str, lives: bool) -> None:
+    def _on_liveliness(self, key: str, is_alive: bool) -> None:
         try:
             robot_id = topics.robot_of(key)
         except BusError:
             return  # Liveliness tokens are not authenticated; a robot has a valid id.
-        if lives:
+        if is_alive:
             self._coming.add_robot(robot_id)
         else:
             self._coming.remove_robot(robot_id)
 
-    def _note_instance(self, key: str, lives: bool) -> None:
+    def _note_instance(self, key: str, is_alive: bool) -> None:
         try:
             instances = self._instances.setdefault(topics.robot_of(key), set())
         except BusError:
             return
-        if lives and key not in instances and self._instance_count < _INSTANCES:
+        if is_alive and key not in instances and self._instance_count < _INSTANCES:
             self._instance_count += 1
             instances.add(key)
-        elif not lives and key in instances:
+        elif not is_alive and key in instances:
             self._instance_count -= 1
             instances.remove(key)
         if not instances:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from tsd_twin.estimation.consistency import ConsistencyMonitor, ConsistencyResult
+from tsd_twin.estimation.learned import ConstantsFilter
 from tsd_twin.estimation.pose_filter import DriftFilter, PoseFilter
 from tsd_twin.estimation.pose_fusion import FusedEstimate, FusionResult
 from tsd_twin.estimation.pose_region import (
@@ -15,6 +16,7 @@ from tsd_twin.estimation.pose_spread import PoseErrors, TwistErrors, exponential
 from tsd_twin.estimation.sensor_odometry import (
     DeadReckoning,
     Estimate,
+    GyroOdometry,
     SensorOdometry,
     sensor_odometry_of,
     with_gyro,
@@ -33,11 +35,13 @@ __all__ = [
     "REGION_SHARE",
     "ConsistencyMonitor",
     "ConsistencyResult",
+    "ConstantsFilter",
     "DeadReckoning",
     "DriftFilter",
     "Estimate",
     "FusedEstimate",
     "FusionResult",
+    "GyroOdometry",
     "JointOdometry",
     "OrientationOdometry",
     "PlanarOdometry",

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tsd_twin.estimation.learned import ConstantsFilter
 from tsd_twin.estimation.pose_filter import PoseFilter
 from tsd_twin.estimation.pose_spread import PoseErrors, TwistErrors
 from tsd_twin.estimation.relocalization import GATE, PoseHypothesis
@@ -91,6 +92,8 @@ class FusedEstimate:
         """When a pose was last used or set; None before the step that follows."""
         self._hypothesis: PoseHypothesis | None = None
         self._rested = False
+        self.learning = ConstantsFilter(inner.spread.constants)
+        """The constant errors, learned from the poses that are used."""
 
     @property
     def is_corrected(self) -> bool:
@@ -122,11 +125,13 @@ class FusedEstimate:
         self.inner.set_pose(pose, errors)
         self._past.clear()
         self._filter = self._hypothesis = self._used_s = None
+        self.learning.forget_pose()
 
     def follow(self, now_s: float) -> None:
         """Update with the step of the inner estimate to `now_s`."""
         inner = self.inner
         twist, errors = inner.motion.twist, inner.errors
+        self.learning.follow(now_s, twist, errors)
         self._past.append(_EstimateRecord(now_s, twist, errors, inner.pose, inner.spread.state))
         if self._used_s is None:
             self._used_s = now_s
@@ -169,6 +174,7 @@ class FusedEstimate:
         if distance_sq > GATE or not is_founded:
             return self._test(running, pose, at_s, distance_sq, at_rest, is_founded)
         running.fuse_pose(pose, self._noise, at_s, self._mounting)
+        self.learning.fuse_pose(pose, self._noise, self._mounting, at_s)
         self._used_s = at_s if self._used_s is None else max(self._used_s, at_s)
         if self._hypothesis is not None:
             self._hypothesis.vote_against()
@@ -204,7 +210,9 @@ class FusedEstimate:
                 return FusionResult.FAR
         self._filter, self._hypothesis, self._used_s = held.filter, None, at_s
         if distance_sq <= GATE:
+            self.learning.fuse_pose(pose, self._noise, self._mounting, at_s)
             return FusionResult.USED
+        self.learning.forget_pose()
         self.inner.set_pose(held.filter.pose, held.filter.errors)
         return FusionResult.FOUND
 

@@ -5,11 +5,13 @@ sphere.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from statistics import fmean, variance
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
+from tsd_twin.estimation.learned import Comparison
 from tsd_twin.estimation.pose_spread import PoseErrors, PoseSpread, TwistErrors
 from tsd_twin.estimation.wheel_odometry import OrientationOdometry, PlanarOdometry
 from tsd_twin.kinematics import SphereKinematics, TwistSolution
@@ -38,6 +40,12 @@ def with_gyro(
     return twist + gain * off[..., None], covariance - gain[..., :, None] * column[..., None, :]
 
 
+_COMPARED = 10
+"""Steps over which gyro and wheels are compared."""
+_COMPARED_S = 0.1
+"""Their time, about."""
+_APART_S = 0.01
+"""Largest time by which the joints may be behind the gyro."""
 _RANGE_RAD_PER_S = math.radians(2000.0)
 """Range limit of a small gyro; a larger reading is discarded."""
 
@@ -62,18 +70,54 @@ class GyroOdometry(PlanarOdometry):
         self._sigma = math.hypot(self._noise_rad_per_s, self._bias)
         self._rate = math.nan
         self._reads = False
-        self._wheels: Array = np.zeros((3, 3))
+        self._wheels = TwistErrors.none(self.spread.constants)
+        self._compared: list[float] = []
+        self._compared_from = 0.0
+        """Turn rate by the wheels at the first comparison."""
+        self.comparison: Comparison | None = None
+        """Comparison of the gyro with the wheels that ended with the last step, or None."""
+
+    def constant_rows(self) -> Mapping[str, Array]:
+        """Return what the constants (m,) add to each parameter of the robot."""
+        bias = self._bias * np.eye(self.spread.constants)[self._constants.count]
+        return {**super().constant_rows(), "gyro_bias_rad_per_s": bias}
 
     def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:
         """Update with joints (n,) and the turn rate (1,), measured `dt_s` after the last ones."""
         rate = self._mean_rate(sensors)
         reads = math.isfinite(rate)
+        self._compare(rate, float(motion.twist[2]))
         if reads:
-            twist, _ = with_gyro(motion.twist, self._wheels, np.array(rate), self._sigma)
+            covariance = self._wheels.covariance
+            twist, _ = with_gyro(motion.twist, covariance, np.array(rate), self._sigma)
             motion = TwistSolution(twist, motion.residual)
         if reads is not self._reads:
             self._reads, self._until_refresh = reads, 0
         self._move(motion, joints, dt_s)
+
+    def _compare(self, rate: float, by_wheels: float) -> None:
+        self.comparison = None
+        if not math.isfinite(rate):
+            self._compared.clear()
+            return
+        if not self._compared:
+            self._compared_from = by_wheels
+        self._compared.append(rate - by_wheels)
+        if len(self._compared) < _COMPARED:
+            return
+        difference, wheels = fmean(self._compared), self._wheels
+        row = wheels.by_constants[2].copy()
+        row[self._constants.count] = self._bias
+        # Rounded angles stay the same for many steps, so their error is not averaged.
+        by_wheels_alone = wheels.covariance[2, 2] - np.square(wheels.by_constants[2]).sum()
+        # What gimbals seem to turn, by their noise, and wheels that spin up, add to that.
+        noise = self._noise_rad_per_s**2
+        seen = variance(self._compared) / _COMPARED
+        faster = by_wheels - self._compared_from
+        total = max(float(by_wheels_alone), seen, 0.0) + noise / _COMPARED
+        total += (_APART_S * faster / _COMPARED_S) ** 2
+        self._compared.clear()
+        self.comparison = Comparison(difference, row, total)
 
     def _mean_rate(self, sensors: Array) -> float:
         """Return the mean turn rate of the step, NaN when there is no reading at its end."""
@@ -83,17 +127,17 @@ class GyroOdometry(PlanarOdometry):
 
     def _twist_errors(self, joints: Array, dt_s: float) -> TwistErrors:
         wheels = super()._twist_errors(joints, dt_s)
-        self._wheels = wheels.covariance
+        self._wheels = wheels
         if not self._reads:
             return wheels
-        gain = self._wheels[:, 2] / (self._wheels[2, 2] + self._sigma**2)
+        gain = wheels.covariance[:, 2] / (wheels.covariance[2, 2] + self._sigma**2)
         keep = np.eye(3)
         keep[:, 2] -= gain
         by_constants = keep @ wheels.by_constants
-        by_constants[:, self._constants.count] = gain * self._bias
+        by_constants[:, self._constants.count] = -gain * self._bias
         noise = dt_s * self._noise_rad_per_s**2 * np.outer(gain, gain)
         white_per_s = keep @ wheels.white_per_s @ keep.T + noise
-        _, covariance = with_gyro(np.zeros(3), self._wheels, np.array(0.0), self._sigma)
+        _, covariance = with_gyro(np.zeros(3), wheels.covariance, np.array(0.0), self._sigma)
         return TwistErrors(by_constants, white_per_s, covariance)
 
 
@@ -126,6 +170,22 @@ class DeadWheelOdometry(PlanarOdometry):
         self._rate = 0.0
         self._rates: Array | None = None
 
+    def constant_rows(self) -> Mapping[str, Array]:
+        """Return what the constants (m,) add to each parameter of the robot."""
+        sensors, first = self._sensors, self._constants.count
+        mounting = math.radians(sensors.mounting_deg)
+        drift = math.radians(sensors.gyro_drift_deg_per_h) / 3600.0
+        sizes = {
+            "dead_wheel1_share": sensors.radius_share,
+            "dead_wheel2_share": sensors.radius_share,
+            "dead_wheel1_mounting_rad": mounting,
+            "dead_wheel2_mounting_rad": mounting,
+            "gyro_bias_rad_per_s": drift,
+        }
+        unit = np.eye(self.spread.constants)[first:]
+        own = {name: size * row for (name, size), row in zip(sizes.items(), unit, strict=False)}
+        return {**super().constant_rows(), **own}
+
     def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:
         """Update with both angles and the rate, (3,), measured `dt_s` after the last ones."""
         before, self._rates = self._rates, None
@@ -151,8 +211,8 @@ class DeadWheelOdometry(PlanarOdometry):
         own[:, :2] = by_rates[:, :2] * (sensors.radius_share * self._rates[:2])
         # A wheel that is turned also measures part of the motion across it.
         across = self._across @ self.motion.twist
-        own[:, 2:4] = by_rates[:, :2] * (math.radians(sensors.mounting_deg) * across)
-        own[:, 4] = by_rates[:, 2] * math.radians(sensors.gyro_drift_deg_per_h) / 3600.0
+        own[:, 2:4] = -by_rates[:, :2] * (math.radians(sensors.mounting_deg) * across)
+        own[:, 4] = -by_rates[:, 2] * math.radians(sensors.gyro_drift_deg_per_h) / 3600.0
         # A pulse, evenly spread; of the way in a step, both ends are rounded.
         pulses = by_rates[:, :2] * (2.0 * math.pi / sensors.pulses_per_turn / math.sqrt(12.0))
         rounding = pulses @ pulses.T
@@ -220,6 +280,10 @@ class DeadReckoning(Estimate, Protocol):
     @property
     def motion(self) -> TwistSolution:
         """Mean motion during the last step, with its residual."""
+        ...
+
+    def constant_rows(self) -> Mapping[str, Array]:
+        """Return what the constants (m,) add to each parameter of the robot."""
         ...
 
     @property

@@ -5,7 +5,7 @@ speeds.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Generic
 
 import numpy as np
@@ -94,6 +94,7 @@ class ConstantErrors:
 
     def __init__(self, kinematics: Kinematics[Any], noise: JointErrors) -> None:
         is_angle = np.array([joint.kind is JointKind.POSITION for joint in kinematics.joints])
+        self._kinematics = kinematics
         joints = len(is_angle)
         zeros = noise.zero_rad * np.eye(joints)[is_angle]
         self._zeros = zeros[zeros.any(axis=1)]
@@ -120,16 +121,53 @@ class ConstantErrors:
         if self._turn_rad_per_s > 0.0:
             columns.append(np.array([[0.0], [0.0], [turns * self._turn_rad_per_s]]))
         if self._slip_lag_s > 0.0:
-            columns.append(turns * self._slip_lag_s * acceleration[:, None])
+            columns.append(-turns * self._slip_lag_s * acceleration[:, None])
         return np.concatenate(columns, axis=1)
 
     def of_joints(self, joints: Array) -> Array:
         """Return the errors (n, m) of `joints` (n,), but for constants that no joint shows."""
         return np.concatenate([self._zeros, self._shares * joints]).T
 
+    def rows(self) -> dict[str, Array]:
+        """Return what the constants add to each parameter of the robot, (m,); units are in names.
+
+        A wheel's speed is off by its own share and the common one. The creep is the twist of a
+        robot whose commanded gimbals are upright.
+        """
+        rows: dict[str, Array] = {}
+        zeros, shares = len(self._zeros), len(self._zeros) + len(self._shares)
+        by_joint = np.zeros((len(self._is_speed), self.count))
+        by_joint[:, :zeros], by_joint[:, zeros:shares] = self._zeros.T, self._shares.T
+        names = [joint.name for joint in self._kinematics.joints]
+        for name, is_speed, row in zip(names, self._is_speed, by_joint, strict=True):
+            if row.any():
+                rows[f"{name}_share" if is_speed else f"{name}_rad"] = row
+        at_rest = self._kinematics.inverse(np.zeros(3))
+        creep = self.of_twist(at_rest, _slopes(self._kinematics, at_rest)[0], np.zeros(3))
+        creep[:, zeros:shares] = 0.0
+        for name, row in zip(("x_mps", "y_mps", "turn_rad_per_s"), creep, strict=True):
+            if row.any():
+                rows[f"creep_{name}"] = row
+        if self._slip_lag_s > 0.0:
+            rows["slip_lag_s"] = self._slip_lag_s * np.eye(self.count)[-1]
+        return rows
+
 
 _NUDGE = 1e-6
 """Step of finite differences: radians, or a share of a speed."""
+
+
+def _slopes(kinematics: Kinematics[Any], joints: Array) -> tuple[Array, Array]:
+    """Return the Jacobians (3, n) and (r, n) of twist and residual at `joints` (n,)."""
+    # By differences, all joints in one batch.
+    steps = _NUDGE * np.maximum(1.0, np.abs(joints))
+    nudged = np.tile(joints, (len(joints) + 1, 1))
+    nudged[1:] += np.diag(steps)
+    motion = kinematics.forward(nudged)
+    slopes = ((motion.twist[1:] - motion.twist[0]) / steps[:, None]).T
+    return slopes, ((motion.residual[1:] - motion.residual[0]) / steps[:, None]).T
+
+
 _CONTRADICTION = 10.0
 """Squared residual over its expectation beyond which joints contradict each other: a healthy robot
 exceeds it once in thousands of samples."""
@@ -179,6 +217,11 @@ class JointOdometry(Generic[PoseT]):
     def twist_covariance(self) -> Array:
         """(3, 3): covariance of the twist, in `base_link`; larger when joints are inconsistent."""
         return self.errors.covariance
+
+    def constant_rows(self) -> Mapping[str, Array]:
+        """Return what the constants (m,) add to each parameter of the robot."""
+        rows, count = self._constants.rows(), self.spread.constants
+        return {name: np.pad(row, (0, count - len(row))) for name, row in rows.items()}
 
     @property
     def end_twist(self) -> Array:
@@ -233,13 +276,7 @@ class JointOdometry(Generic[PoseT]):
 
     def _twist_errors(self, joints: Array, dt_s: float) -> TwistErrors:
         """Return the errors of the twist at `joints` (n,), for samples every `dt_s`."""
-        # The Jacobian of the forward kinematics by differences, all joints in one batch.
-        steps = _NUDGE * np.maximum(1.0, np.abs(joints))
-        nudged = np.tile(joints, (len(joints) + 1, 1))
-        nudged[1:] += np.diag(steps)
-        motion = self._kinematics.forward(nudged)
-        slopes = ((motion.twist[1:] - motion.twist[0]) / steps[:, None]).T
-        left = ((motion.residual[1:] - motion.residual[0]) / steps[:, None]).T
+        slopes, left = _slopes(self._kinematics, joints)
         constant, white = self._constants.of_joints(joints), self._noise.white
         explained = np.square(left @ constant).sum() + np.square(left * white).sum()
         doubt = self._doubt(float(explained))

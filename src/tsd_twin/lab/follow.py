@@ -1,19 +1,26 @@
-"""Experiment `follow`: a path, timed to the limits, on the simulated robot, open or closed loop."""
+"""Experiments `follow` and `omni-paths`: paths timed to the limits, driven in open or closed loop.
+
+`follow` drives any path on any robot. `omni-paths` drives those of Savnani et al. 2019, line,
+parabola, sine and circle, under PID with noise.
+"""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from typing import Any
 
 from tsd_twin import experiment, flag_types, robots
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.lab import tracking
 from tsd_twin.lab.observer import Loop, make_observer
-from tsd_twin.lab.tracking import TrackingRecord, follow_trajectory
+from tsd_twin.lab.tracking import TrackingRecord, follow_trajectory, named_path
+from tsd_twin.lie import SE2
 from tsd_twin.motion.paths import Path
 from tsd_twin.motion.routes import FixedHeading, HeadingProfile, Route, TangentHeading
 from tsd_twin.motion.tracking import TrackingController, TrackingSettings
 from tsd_twin.motion.trajectory import plan
+from tsd_twin.robots import OmniDescription, description_of_kind
 from tsd_twin.simulation import Frame, SimRobot
 from tsd_twin.virtual_robot import VirtualRobot
 
@@ -117,4 +124,60 @@ EXPERIMENT = Experiment(
     noise=True,
     seed_of="all noise",
     add_own_flags=_flags,
+)
+
+
+HEADING_PROFILES: Mapping[str, HeadingProfile] = {
+    "line": FixedHeading(),
+    "parabola": FixedHeading(),
+    "sine": FixedHeading(),
+    "circle": TangentHeading(),
+}
+"""Paths of the paper (Eq. 17 to 20) with their headings: tangential on arcs."""
+
+
+def run_omni_paths(args: argparse.Namespace, out: Output) -> list[str]:
+    """Line, parabola, sine and circle under PID with noise: error figures of each."""
+    robot = description_of_kind(robots.load_robot(args.robot), OmniDescription)
+    records: dict[str, TrackingRecord] = {}
+    for name, heading in out.progress(HEADING_PROFILES.items(), "driving", len(HEADING_PROFILES)):
+        records[name] = run_path(robot, name, heading, args.noise, args.seed)
+        out.table(f"omni-paths_{name}", records[name].columns())
+    _draw_omni_paths(robot, records, out)
+    return [f"{name}: {record.errors().sentence()}" for name, record in records.items()]
+
+
+def run_path(
+    robot: OmniDescription, name: str, heading: HeadingProfile, noise: float, seed: int
+) -> TrackingRecord:
+    """Record of one path under feed-forward and PID."""
+    virtual = VirtualRobot(robot, SimRobot(robot, seed=seed, noise=noise))
+    drive = robot.kinematics()
+    trajectory = plan(Route(named_path(name), heading), drive, robot.limits, share=SHARE)
+    tracker = TrackingController(trajectory, TrackingSettings(lag_s=robot.lag_s))
+    return follow_trajectory(virtual, trajectory, tracker, _estimated_pose)
+
+
+def _estimated_pose(virtual: VirtualRobot) -> SE2:
+    return SE2(virtual.odometry().xy_heading)
+
+
+def _draw_omni_paths(
+    robot: OmniDescription, records: Mapping[str, TrackingRecord], out: Output
+) -> None:
+    figure = experiment.new_figure(14.0, 6.6, f"{robot.title}: paths under PID with noise")
+    above, below = figure.subplots(2, len(records), height_ratios=[3, 2])
+    for from_above, error, (name, record) in zip(above, below, records.items(), strict=True):
+        tracking.draw_positions(from_above, record, [], name)
+        tracking.draw_errors(error, record, "error in time")
+    out.figure("omni-paths", figure)
+
+
+OMNI_PATHS = Experiment(
+    "omni-paths",
+    run_omni_paths,
+    ["tsd-lab omni-paths --out lab", "tsd-lab omni-paths --robot kiwi --noise 0"],
+    robot="omni4",
+    noise=True,
+    seed_of="the noise",
 )

@@ -98,6 +98,34 @@ _NO_LIMIT_MPS2 = 1000.0
 """Acceleration limit of the thesis, which had none: corners at the speed of the servos."""
 
 
+def _replace(table: str, **values: float) -> Callable[..., SingularityDescription]:
+    """Return what gives a robot other values in one table of its description."""
+
+    def change(robot: SingularityDescription) -> SingularityDescription:
+        changed = msgspec.structs.replace(getattr(robot, table), **values)
+        return msgspec.structs.replace(robot, **{table: changed})
+
+    return change
+
+
+def _slower_motors(robot: SingularityDescription) -> SingularityDescription:
+    motor = robot.motor
+    up_s, down_s = 2.0 * motor.time_constant_up_s, 2.0 * motor.time_constant_down_s
+    return _replace("motor", time_constant_up_s=up_s, time_constant_down_s=down_s)(robot)
+
+
+MISMATCHES: dict[str, Callable[[SingularityDescription], SingularityDescription]] = {
+    "contact patch 2 mm": _replace("floor", patch_radius_m=0.002),
+    "friction 0.5": _replace("floor", friction=0.5),
+    "friction 0.35": _replace("floor", friction=0.35),
+    "servo approach rate 20/s": _replace("servo", approach_rate_per_s=20.0),
+    "servo torque halved": _replace("servo", stall_torque_nm=3.0),
+    "motor time constants doubled": _slower_motors,
+    "mass 4 kg": _replace("mass", total_kg=4.0),
+}
+"""In what a true robot may differ from its description, for robots like `tsd`."""
+
+
 @dataclass(frozen=True, slots=True)
 class Square:
     """Settings of a square run, as by the flags of `tsd-lab square`."""
@@ -112,6 +140,8 @@ class Square:
     """Friction assumed by the robot, relative to the true one."""
     turns: bool
     """Whether the robot first turns in place to measure its spin."""
+    differs: str = ""
+    """In which of `MISMATCHES` the simulated robot differs from the described one; empty: none."""
 
     @staticmethod
     def of(args: argparse.Namespace, seed: int) -> Square:
@@ -148,8 +178,12 @@ class Square:
                 speed_mps=SPEED_MPS,
                 smooth_s=SMOOTH_S,
             )
+        true = robot
+        if self.differs:
+            known = description_of_kind(robot, SingularityDescription)
+            true = MISMATCHES[self.differs](known)
         simulated = SimRobot(
-            robot, seed=self.seed, noise=self.noise, plant=self.plant, errors=self.errors
+            true, seed=self.seed, noise=self.noise, plant=self.plant, errors=self.errors
         )
         virtual = VirtualRobot(robot, simulated)
         slip = self._slip(robot) if self.plant == "mujoco" else None
@@ -201,13 +235,16 @@ def _with_limits(
     return msgspec.structs.replace(robot, limits=limits)
 
 
-_NAMES = ("RMS time-tracking", "maximum cross-track", "closure")
-_COLUMNS = ("rms_percent", "cross_track_percent", "closure_percent")
-_KEYS = ("rms_m", "cross_track_m", "closure_m")
+_NAMES = ("RMS time-tracking", "maximum cross-track", "closure", "largest in time")
+_DRAWN = _NAMES[:3]
+_COLUMNS = ("rms_percent", "cross_track_percent", "closure_percent", "largest_percent")
+_KEYS = ("rms_m", "cross_track_m", "closure_m", "worst_m")
 
 
 @dataclass(frozen=True, slots=True)
-class _SquareResult:
+class SquareResult:
+    """Errors of a square, and its time."""
+
     seed: int
     duration_s: float
     errors: TrackingErrors
@@ -215,15 +252,15 @@ class _SquareResult:
 
 def run_seeds(squares: Sequence[Square], out: Output) -> list[str]:
     """Simulate all squares in parallel on all cores; draw and report the spread of the errors."""
-    driven = list(out.progress(_drive_squares(squares), "driving squares", len(squares)))
-    percent = np.array([[_percent(one.errors, key) for key in _KEYS] for one in driven])
+    driven = list(out.progress(drive_squares(squares), "driving squares", len(squares)))
+    percent = np.array([[percent_of(one.errors, key) for key in _KEYS] for one in driven])
     out.table(
         "squares",
         {"seed": [float(one.seed) for one in driven]} | dict(zip(_COLUMNS, percent.T, strict=True)),
     )
     first = squares[0]
     title = f"{len(driven)} squares of 1 m in {driven[0].duration_s:.2f} s, loop: {first.loop}"
-    _draw_errors(percent, title, out)
+    _draw_errors(percent[:, : len(_DRAWN)], title, out)
     return [
         f"{title}, seeds {driven[0].seed} to {driven[-1].seed}; "
         "per cent of the side (median, 95 of 100, worst):",
@@ -234,19 +271,21 @@ def run_seeds(squares: Sequence[Square], out: Output) -> list[str]:
     ]
 
 
-def _drive_squares(squares: Sequence[Square]) -> Iterator[_SquareResult]:
+def drive_squares(squares: Sequence[Square]) -> Iterator[SquareResult]:
+    """Simulate squares in parallel on all cores."""
     # Spawned processes: matplotlib and threads are not safe with a fork.
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(os.cpu_count() or 1, len(squares)), context) as pool:
         yield from pool.map(_drive_square, squares)
 
 
-def _drive_square(square: Square) -> _SquareResult:
+def _drive_square(square: Square) -> SquareResult:
     trajectory, record = square.drive()
-    return _SquareResult(square.seed, trajectory.duration_s, record.errors())
+    return SquareResult(square.seed, trajectory.duration_s, record.errors())
 
 
-def _percent(errors: TrackingErrors, key: str) -> float:
+def percent_of(errors: TrackingErrors, key: str) -> float:
+    """Return one of the errors, per cent of the side."""
     return 100.0 * float(getattr(errors, key)) / errors.size_m
 
 
@@ -264,7 +303,7 @@ def _draw_errors(percent: Array, title: str, out: Output) -> None:
         axes.plot(beside, of, ".", color=colour, markersize=7)
         median = float(np.median(of))
         axes.plot([row - 0.35, row + 0.35], [median, median], color=colour, linewidth=1.2)
-    axes.set_xticks(range(len(_NAMES)), _NAMES)
+    axes.set_xticks(range(len(_DRAWN)), _DRAWN)
     axes.set_ylim(bottom=0.0)
     experiment.label_axes(
         axes, "", "error (% of the side)", "each dot is a robot, the line is the median"

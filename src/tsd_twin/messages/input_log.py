@@ -86,7 +86,7 @@ class Snapshot(msgspec.Struct, frozen=True):
     build: str
     """Digest of the code that ran; other code may not understand the state."""
     state: bytes
-    """As `tsd_twin.control.snapshot` writes it."""
+    """As `tsd_twin.control.logged_controller` writes it."""
     leases: list[bytes]
     """Lease ids that the state may contain."""
 

@@ -137,6 +137,13 @@ class PoseSensorStatus(msgspec.Struct, frozen=True):
     dropped: PoseSensorDrops = msgspec.field(default_factory=PoseSensorDrops)
 
 
+class LearnedError(msgspec.Struct, frozen=True):
+    """Constant error of the robot that it has learned, in the unit of its name."""
+
+    value: float
+    sigma: float
+
+
 class LoopStatus(msgspec.Struct, frozen=True):
     """Timing of the control loop: rate, overruns and jitter."""
 
@@ -170,6 +177,8 @@ class Status(msgspec.Struct, frozen=True):
     """Present for robots whose wheels spin also at standstill."""
     pose_sensor: PoseSensorStatus | None = None
     """Null until a first pose measurement has arrived."""
+    learned: Mapping[str, LearnedError] | None = None
+    """Constant errors by name; null without a measurement that shows any."""
     loop: LoopStatus = LoopStatus()
     hardware: Mapping[str, Any] = {}
 

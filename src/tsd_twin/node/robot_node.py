@@ -110,11 +110,11 @@ class DuplicateIdMonitor:
         """Undeclare the token."""
         self._token.close()
 
-    def _on_token(self, key: str, lives: bool) -> None:
+    def _on_token(self, key: str, is_alive: bool) -> None:
         # On the thread of the bus; the loop only checks whether the set is empty.
         if key == self._own:
             return
-        if lives:
+        if is_alive:
             self._others.add(key)
         else:
             self._others.discard(key)

@@ -10,9 +10,15 @@ from tsd_twin.recording.data import (
     TopicSummary,
     open_recording,
 )
-from tsd_twin.recording.events import EventKind, RecordedEvent, read_events
+from tsd_twin.recording.events import (
+    EventKind,
+    Mark,
+    RecordedEvent,
+    add_mark,
+    read_events,
+    read_marks,
+)
 from tsd_twin.recording.folder import RecordingFolder
-from tsd_twin.recording.marks import Mark, add_mark, read_marks
 from tsd_twin.recording.player import Player, RecordedRobot
 from tsd_twin.recording.recorder import ALLOWED, EVERYTHING, Recorder
 from tsd_twin.recording.replay import Replay, play

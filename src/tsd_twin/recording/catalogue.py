@@ -18,8 +18,8 @@ from mcap.stream_reader import MAGIC_SIZE
 
 from tsd_twin.errors import RecordingError
 from tsd_twin.recording.channels import robot_of
+from tsd_twin.recording.events import read_marks
 from tsd_twin.recording.index import RecordingIndex
-from tsd_twin.recording.marks import read_marks
 from tsd_twin.recording.reading import is_whole
 
 _HEADER = struct.Struct("<BQ")

@@ -12,8 +12,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from tsd_twin.errors import RecordingError, TwinError
+from tsd_twin.recording.events import marks_file
 from tsd_twin.recording.file import McapWriter, RecordingFile
-from tsd_twin.recording.marks import marks_file
 from tsd_twin.recording.reading import entries, is_whole
 
 _PATTERN = "tsd-*.mcap"

@@ -108,11 +108,11 @@ class Recorder:
         # The wall clock as it was at the start: a clock that is set must not turn times round.
         return self._epoch_ns + time.monotonic_ns()
 
-    def _receive_life(self, bus: Bus, key: str, lives: bool) -> None:
-        self._put((key, {"alive": lives}))
+    def _receive_life(self, bus: Bus, key: str, is_alive: bool) -> None:
+        self._put((key, {"alive": is_alive}))
         if key.endswith("/alive"):
             robot = robot_of(key)
-            if lives:  # It may have been started again, with another description.
+            if is_alive:  # It may have been started again, with another description.
                 self._alive[robot] = bus
                 self._describe(robot, bus)
             else:

@@ -14,8 +14,7 @@ import numpy as np
 
 from tsd_twin import robots
 from tsd_twin.control import RobotController
-from tsd_twin.control.logged_controller import estimate_numbers
-from tsd_twin.control.snapshot import load
+from tsd_twin.control.logged_controller import estimate_numbers, load_state
 from tsd_twin.errors import MessageError, RecordingError, TwinError
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages import topics
@@ -150,7 +149,7 @@ class Rerun:
             self.controller = RobotController(robot, self._lease, pose=pose)
         else:
             assert first.snapshot is not None  # noqa: S101  A stretch begins with one.
-            self.controller = load(first.snapshot.state, self._lease)
+            self.controller = load_state(first.snapshot.state, self._lease)
         self._result = RerunResult(self.controller.robot)
         self._start_s: float | None = None
         self._requests: list[str] = []

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from tsd_twin.robots.compliance import JointCompliance
 from tsd_twin.robots.description import (
     RPM,
     Gyro,
+    JointCompliance,
     JointErrors,
     PoseSensor,
     RobotDescription,

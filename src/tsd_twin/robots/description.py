@@ -18,7 +18,6 @@ from msgspec import Meta
 from tsd_twin.errors import TwinError
 from tsd_twin.kinematics import Joint, Kinematics, SingularityKinematics
 from tsd_twin.lie import Array
-from tsd_twin.robots.compliance import JointCompliance
 
 RPM = math.pi / 30.0
 """One turn a minute in radians a second."""
@@ -176,6 +175,38 @@ class SpinUp:
     """Time constant when the wheel gets faster."""
     down_s: float
     """Time constant when it gets slower."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointCompliance:
+    """Deviations of position joints of a healthy robot from where they should be.
+
+    Joints give way to forces at their contacts. A contact that slides has a force in proportion to
+    its slip, as long as that is small.
+    """
+
+    by_acceleration: Array
+    """(n, 3): deviation for an acceleration over the ground, rad for m/s^2 and rad/s^2."""
+    by_force: Array
+    """(n, m): deviation for the force of the floor along each number of the residual, rad/N."""
+    friction_n: float
+    """Friction of a sliding contact."""
+    spin_to_slip_m: float
+    """Slip over the wheel speed at which the force is 71 % of the friction."""
+    lag_s: float
+    """Time constant with which joints follow their set-points."""
+    play_rad: float
+    """Total backlash: a joint that reverses is behind by up to this, and by no more than its
+    lag."""
+    dead_band_rad: float
+    """Largest error that a joint at rest may keep."""
+
+    def by_slip(self, spin_rad_per_s: float) -> Array:
+        """Return the deviation (n, m) for the slip of each contact, rad for m/s."""
+        slip_mps = self.spin_to_slip_m * abs(spin_rad_per_s)
+        if slip_mps <= 0.0:
+            return np.zeros_like(self.by_force)
+        return self.friction_n / slip_mps * self.by_force
 
 
 class RobotDescription(Table, frozen=True, kw_only=True):

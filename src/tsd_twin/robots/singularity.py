@@ -12,12 +12,12 @@ import numpy as np
 from msgspec import Meta
 
 from tsd_twin.kinematics import Joint, JointKind, SingularityKinematics
-from tsd_twin.robots.compliance import JointCompliance
 from tsd_twin.robots.description import (
     RPM,
     ActuatorOffsets,
     Floor,
     Gyro,
+    JointCompliance,
     JointErrors,
     ModelErrors,
     NotNegative,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from copy import deepcopy
 from functools import cache
 from typing import Any
@@ -12,8 +12,7 @@ import tomlkit
 
 from tsd_twin.errors import RobotFileError
 from tsd_twin.robots.description import RobotDescription
-from tsd_twin.robots.kinds import kind_of
-from tsd_twin.robots.knobs import Knob, set_value, value_at
+from tsd_twin.robots.kinds import Knob, kind_of
 from tsd_twin.robots.loader import description_of_tables, load_robot, read_description, robot_names
 
 
@@ -39,7 +38,7 @@ def knobs_of(robot: RobotDescription) -> dict[str, tuple[Knob, str, float]]:
     return {
         key: (knob, label, float(value_at(tables, key)))
         for knob in kind_of(robot).knobs
-        for key, label in knob.places(tables)
+        for key, label in _places(knob, tables)
     }
 
 
@@ -89,3 +88,27 @@ def _checked(robot: RobotDescription, changes: Mapping[str, float]) -> Mapping[s
                 robot.name, f"{key} is {value:g}", f"from {knob.least:g} to {knob.most:g}"
             )
     return changes
+
+
+def _places(knob: Knob, tables: Any) -> Iterator[tuple[str, str]]:
+    """Yield the key of each number in `tables`, and its label."""
+    before, star, after = knob.key.partition("*")
+    if not star:
+        yield knob.key, knob.label
+        return
+    for i in range(len(value_at(tables, before.rstrip(".")))):
+        yield f"{before}{i}{after}", knob.label.format(i + 1)
+
+
+def value_at(tables: Any, key: str) -> Any:
+    """Return the value at a key; entries of lists are counted from 0."""
+    for part in key.split("."):
+        tables = tables[int(part) if isinstance(tables, list) else part]
+    return tables
+
+
+def set_value(tables: Any, key: str, value: float) -> None:
+    """Set the number at a key."""
+    above, _, last = key.rpartition(".")
+    table = value_at(tables, above)
+    table[int(last) if isinstance(table, list) else last] = value

@@ -14,6 +14,7 @@ from tsd_twin.simulation.robot import (
 )
 from tsd_twin.simulation.sensors import Camera, CameraNoise, Frame, Simulation, YawGyro
 from tsd_twin.simulation.singularity import KinematicPlant, SingularitySimulation
+from tsd_twin.simulation.wear import Wear, WornRobot
 
 __all__ = [
     "PLANTS",
@@ -31,7 +32,9 @@ __all__ = [
     "SpeedControllers",
     "StuckJoint",
     "Truth",
+    "Wear",
     "WheelSurface",
+    "WornRobot",
     "YawGyro",
     "simulate",
 ]

@@ -5,7 +5,7 @@ surface.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypedDict
 
 import numpy as np
@@ -22,8 +22,8 @@ _ARMING_SHARE = 0.9
 class SpeedControllers:
     """Arming state machine of speed controllers from power-up on; arrays have one entry per motor.
 
-    The hold starts with the first command, before which there is no signal, and again with each
-    signal that is not zero throttle. Once armed, a controller stays so.
+    The hold starts with the first command, and again with each signal that is not zero throttle.
+    Once armed, a controller stays so.
     """
 
     def __init__(self, shape: tuple[int, ...], zero_throttle: float, hold_s: float) -> None:
@@ -130,19 +130,17 @@ class Motors:
 
 @dataclass(frozen=True, slots=True)
 class Servos:
-    """Model of position servos, on arrays of any shape.
+    """Model of position servos under proportional control, as the MX-64; arrays of any shape.
 
-    A servo turns towards its goal at `approach_rate_per_s` times the error, and never faster than
-    its speed limit: position control with a proportional gain, as the MX-64 has it. Close to the
-    goal the voltage is too low for the friction of the gears, and it stays where it is. Its encoder
-    is on the output shaft; between that and the motor is play, and a motor that reverses crosses it
-    alone. The load of the gimbals is neglected.
+    A servo turns at `approach_rate_per_s` times its error, up to its speed limit. Within the dead
+    band the voltage is too low for the friction of the gears. Between motor and output shaft, which
+    has the encoder, is play; a motor that reverses crosses it first. Gimbals have no load.
     """
 
     step_rad: float
     """Goals and measurements are whole numbers of this."""
     speed_limit_rad_per_s: float | Array
-    approach_rate_per_s: float
+    approach_rate_per_s: float | Array
     angle_limit_rad: float
     """A goal beyond this, on either side, is taken for the last step within it."""
     dead_band_rad: float = 0.0
@@ -185,10 +183,7 @@ class Servos:
         return np.clip(self.approach_rate_per_s * error * moves, -limit, limit)
 
     def after(self, angle: Array, goal: Array, elapsed_s: Array) -> Array:
-        """Angle `elapsed_s` later, exactly: top speed first, then exponential.
-
-        Without play; see `cross`.
-        """
+        """Angle `elapsed_s` later without play, exactly: top speed first, then exponential."""
         error = goal - angle
         distance = np.abs(error)
         limit, rate = self.speed_limit_rad_per_s, self.approach_rate_per_s
@@ -222,12 +217,11 @@ class Servos:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WheelSurface:
-    """The radius at which wheels of a drive roll, by the tilt of their axles.
+    """Rolling radius of printed wheels by the tilt of their axles.
 
-    Layers lie across the axle. A surface of them is up to half a layer outside or inside of the
-    sphere, and passes from one to the other once in a layer; what rolls on its edges rounds them.
-    Where the first layer begins differs from wheel to wheel. That a hard wheel on a hard floor
-    would stand on an edge, and be driven by it whatever its tilt, is not in here.
+    Layers lie across the axle; their surface is up to half a layer outside or inside of the sphere,
+    one period per layer, with a phase for each wheel. Not modelled: a hard wheel that stands on the
+    edge of a layer.
     """
 
     kinematics: SingularityKinematics
@@ -279,10 +273,9 @@ class SimulationOptions(TypedDict, total=False):
 class Actuation:
     """Turns set-points into goals of servos and motors, and joints into measurements.
 
-    `noise` scales the standard deviations of the description: 0 is none, 1 is as described. Gimbal
-    angles are noisy each time they are measured; the speed of each wheel is off by a share that
-    stays the same for the run. The machine is as its `[calibration]` says, which the robot knows.
-    `robot.errors` are those of a built machine, as they are described, and it knows none of them.
+    `noise` scales the standard deviations of the description. Measured gimbal angles have noise;
+    the speed of each wheel is off by a constant share. The controller knows the `[calibration]` of
+    the machine, and none of its `robot.errors`.
     """
 
     def __init__(
@@ -299,6 +292,7 @@ class Actuation:
         """Indices of the gimbals in the joint vector."""
         self.wheels = np.flatnonzero([kind is JointKind.VELOCITY for kind in kinds])
         """Indices of the wheels in the joint vector."""
+        self._joints = len(kinds)
         shape = (*batch, len(self.wheels))
         self._offsets = robot.actuator_offsets()
         # A separate random generator: the errors of construction are independent of the noise.
@@ -308,9 +302,11 @@ class Actuation:
         given = nominal_v * (1.0 + off) if battery_v is None else battery_v
         self.battery_v: Array = np.broadcast_to(given, off.shape)
         """(..., 1): voltage, of each robot."""
-        self._mean_battery_v = float(self.battery_v.mean())
         self.surface = WheelSurface.of(self.kinematics, robot.errors.layer_m, built, shape)
+        self._sound_servos = Servos.of(robot, nominal_v)
         self.servos = Servos.of(robot, self.battery_v)
+        self.servo_shares: Array = np.ones((*batch, len(self.angles)))
+        """(..., 2k): speed of each servo relative to a sound one."""
         self.motors = Motors.of(robot)
         self.controllers = SpeedControllers(
             shape, float(self.motors.signals[0]), robot.motor.arming_hold_s
@@ -318,11 +314,11 @@ class Actuation:
         self._random = np.random.default_rng(seed)
         self._angle_noise_rad = noise * float(np.radians(robot.noise.gimbal_angle_deg))
         spin_errors = noise * robot.noise.spin_share * self._random.standard_normal(shape)
-        # The curves were measured at the nominal voltage; a speed controller passes on a share of
-        # what the battery has.
-        self._speed_share = (
-            self.battery_v / nominal_v * (1.0 + spin_errors) * self._offsets.scale[self.wheels]
-        )
+        self._nominal_v = nominal_v
+        self._sound_share = (1.0 + spin_errors) * self._offsets.scale[self.wheels]
+        self._wheel_shares: Array = np.ones(shape)
+        self._unloaded: Array = np.zeros(shape)
+        """(..., k): speeds by the motor table for the newest signals."""
         self._offset = self._offsets.offset[self.angles]
         wrong = np.radians(robot.errors.zero_deg)
         self.zero_rad: Array = self._offset + wrong * built.standard_normal(
@@ -365,9 +361,38 @@ class Actuation:
         if speed_bytes == self._last_speeds:
             return
         signal = self.controllers.command(self.motors.signal(speeds))
-        self.speed_goals[...] = self.motors.speed(signal) * self._speed_share
-        self._all_on = bool(self.speed_goals.all())
+        self._unloaded[...] = self.motors.speed(signal)
+        self._set_speed_goals()
         self._last_speeds = speed_bytes if self.controllers.is_repeatable else b""
+
+    def degrade(self, shares: Array) -> None:
+        """Let each joint be slower from now on: `shares` (..., n) of a sound one's speed."""
+        shares = np.broadcast_to(shares, (*self.goals.shape[:-1], self._joints))
+        self.servo_shares = shares[..., self.angles].copy()
+        self._wheel_shares = shares[..., self.wheels].copy()
+        self._update_supply()
+
+    def set_battery(self, battery_v: float) -> None:
+        """Set the voltage of the battery from now on."""
+        self.battery_v = np.full_like(self.battery_v, battery_v)
+        self._update_supply()
+
+    def _update_supply(self) -> None:
+        sound = self._sound_servos
+        limit = sound.speed_limit_rad_per_s * self.battery_v / self._nominal_v
+        self.servos = replace(
+            sound,
+            speed_limit_rad_per_s=limit * self.servo_shares,
+            approach_rate_per_s=sound.approach_rate_per_s * self.servo_shares,
+        )
+        self._set_speed_goals()
+        self._repeatable = None  # The same set-points now mean another motion.
+
+    def _set_speed_goals(self) -> None:
+        # The curves were measured at the nominal voltage.
+        share = self.battery_v / self._nominal_v * self._sound_share * self._wheel_shares
+        self.speed_goals[...] = self._unloaded * share
+        self._all_on = bool(self.speed_goals.all())
 
     def checked(self, setpoint: Array) -> Array:
         """Set-points (..., n), one for each robot.
@@ -377,7 +402,7 @@ class Actuation:
         """
         if not np.isfinite(setpoint).all():
             raise ValueError(f"set-points must be finite, these are {setpoint}")
-        shape = (*self.goals.shape[:-1], len(self.angles) + len(self.wheels))
+        shape = (*self.goals.shape[:-1], self._joints)
         return setpoint if np.shape(setpoint) == shape else np.broadcast_to(setpoint, shape)
 
     def after(self, joints: Array, elapsed_s: Array) -> Array:
@@ -433,8 +458,8 @@ class Actuation:
         """Whether nothing changes any more."""
         turning = np.abs(self.servos.rate(joints[..., self.angles], self.goals))
         off = np.abs(joints[..., self.wheels] - self.speed_goals)
-        slowest = _SETTLED * self.servos.approach_rate_per_s
-        return bool(turning.max() < slowest and off.max() < _SETTLED)
+        slowest = _SETTLED * np.asarray(self.servos.approach_rate_per_s)
+        return bool((turning < slowest).all() and off.max() < _SETTLED)
 
     def measure(self, joints: Array) -> Array:
         """Joint vector (..., n), its angles as the servos report them: in whole steps.
@@ -451,7 +476,7 @@ class Actuation:
     def hardware_status(self) -> dict[str, object]:
         """Voltage, whether the speed controllers are armed, and what pulses they get."""
         return {
-            "battery_v": self._mean_battery_v,
+            "battery_v": float(self.battery_v.mean()),
             "esc_armed": bool(self.controllers.armed.all()),
             "pulse_us": self.motors.pulse_us(self.controllers.signal).tolist(),
         }

@@ -198,10 +198,8 @@ class MujocoSimulation:
         floor = robot.floor
         self._patch = patch or ContactPatch(floor.friction, floor.patch_radius_m)
         servos = self.actuation.servos
-        share = float(self.actuation.battery_v.mean()) / robot.battery.nominal_v
-        self._stall_nm = robot.servo.stall_torque_nm * share
-        # Near the goal, full voltage times the gain times the error settles at the servo's speed.
-        self._gain_per_rad = servos.approach_rate_per_s / servos.speed_limit_rad_per_s
+        self._robot = robot
+        self._set_supply()
         self._mujoco = load_mujoco()
         self._model: Any = build_mujoco_model(robot)
         self._data: Any = self._mujoco.MjData(self._model)
@@ -240,6 +238,26 @@ class MujocoSimulation:
     def command(self, setpoint: Array) -> None:
         """Give all actuators new set-points, as `Actuation.command` takes them."""
         self.actuation.command(setpoint)
+
+    def degrade(self, shares: Array) -> None:
+        """Slow joints down, as `Actuation.degrade` takes them."""
+        self.actuation.degrade(shares)
+        self._set_supply()
+
+    def set_battery(self, battery_v: float) -> None:
+        """Set the voltage of the battery."""
+        self.actuation.set_battery(battery_v)
+        self._set_supply()
+
+    def _set_supply(self) -> None:
+        """Derive torque and gain of the servos from the battery and what is left of each servo."""
+        actuation, robot = self.actuation, self._robot
+        share = float(actuation.battery_v.mean()) / robot.battery.nominal_v
+        self._stall_nm = robot.servo.stall_torque_nm * share * actuation.servo_shares
+        # Near the goal, full voltage times the gain times the error settles at the servo's speed.
+        self._gain_per_rad = (
+            actuation.servos.approach_rate_per_s / actuation.servos.speed_limit_rad_per_s
+        )
 
     def advance(self, dt_s: float) -> None:
         """Let `dt_s` seconds pass, in steps of MuJoCo; what is less than one is left for later."""

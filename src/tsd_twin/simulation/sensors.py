@@ -48,6 +48,14 @@ class Simulation(Protocol):
         """
         ...
 
+    def degrade(self, shares: Array) -> None:
+        """Let each joint be slower from now on: `shares` (..., n) of a sound one's speed."""
+        ...
+
+    def set_battery(self, battery_v: float) -> None:
+        """Set the voltage of the battery from now on."""
+        ...
+
     def advance(self, dt_s: float) -> None:
         """Advance by `dt_s` seconds."""
         ...
@@ -95,6 +103,14 @@ class SimulationWrapper(Generic[S]):
     def command(self, setpoint: Array) -> None:
         """Set all actuators' set-points, as the wrapped simulation takes them."""
         self.simulation.command(setpoint)
+
+    def degrade(self, shares: Array) -> None:
+        """Slow joints of the wrapped simulation down."""
+        self.simulation.degrade(shares)
+
+    def set_battery(self, battery_v: float) -> None:
+        """Set the voltage of the battery."""
+        self.simulation.set_battery(battery_v)
 
     def advance(self, dt_s: float) -> None:
         """Advance by `dt_s` seconds."""

@@ -98,8 +98,21 @@ class SingularitySimulation:
     def command(self, setpoint: Array) -> None:
         """Give all actuators new set-points, as `Actuation.command` takes them."""
         if self.actuation.command(setpoint):
-            self._stands = False
-            self._displacements.clear()
+            self._forget()
+
+    def degrade(self, shares: Array) -> None:
+        """Slow joints down, as `Actuation.degrade` takes them."""
+        self.actuation.degrade(shares)
+        self._forget()
+
+    def set_battery(self, battery_v: float) -> None:
+        """Set the voltage of the battery."""
+        self.actuation.set_battery(battery_v)
+        self._forget()
+
+    def _forget(self) -> None:
+        self._stands = False
+        self._displacements.clear()
 
     def advance(self, dt_s: float) -> None:
         """Let `dt_s` seconds pass: in short steps while joints move, in one when all are still."""

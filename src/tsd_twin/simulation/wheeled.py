@@ -75,9 +75,11 @@ class GearedSimulation(ABC):
         self.battery_v = robot.battery.nominal_v if battery_v is None else battery_v
         self.joints: Array = np.zeros(shape)
         """(..., k): true wheel speeds."""
+        self._setpoint = np.zeros(shape)
         self._goals = np.zeros(shape)
-        share = self.battery_v / robot.battery.nominal_v
-        self._motors = GearedMotors.of(robot.motor, inertia_kg_m2, share)
+        self._shares = np.ones(shape)
+        self._robot, self._driven_kg_m2 = robot, inertia_kg_m2
+        self.set_battery(self.battery_v)
         self._random = np.random.default_rng(seed)
         self._scale = 1.0 + noise * robot.noise.spin_share * self._random.standard_normal(shape)
 
@@ -89,7 +91,19 @@ class GearedSimulation(ABC):
         """
         if not np.isfinite(setpoint).all():
             raise ValueError(f"set-points must be finite, these are {setpoint}")
-        self._goals[...] = np.broadcast_to(setpoint, self.joints.shape)
+        self._setpoint[...] = setpoint
+        self._goals = self._setpoint * self._shares
+
+    def degrade(self, shares: Array) -> None:
+        """Let each wheel be slower from now on: `shares` (..., k) of its set-point."""
+        self._shares[...] = shares
+        self._goals = self._setpoint * self._shares
+
+    def set_battery(self, battery_v: float) -> None:
+        """Set the voltage of the battery from now on."""
+        self.battery_v = battery_v
+        share = battery_v / self._robot.battery.nominal_v
+        self._motors = GearedMotors.of(self._robot.motor, self._driven_kg_m2, share)
 
     def advance(self, dt_s: float) -> None:
         """Advance by `dt_s` seconds."""

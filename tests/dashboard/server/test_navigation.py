@@ -26,8 +26,9 @@ from tsd_twin.dashboard.scene.picking import (
     floor_points,
 )
 from tsd_twin.dashboard.server.lease import RpcExecutor
+from tsd_twin.dashboard.server.messages_from_page import MAX_POINTS, PlanRequest
+from tsd_twin.dashboard.server.messages_to_page import ActionReply
 from tsd_twin.dashboard.server.navigation import NavigationSession
-from tsd_twin.dashboard.server.protocol import MAX_POINTS, ActionReply, PlanRequest
 from tsd_twin.errors import PathError
 from tsd_twin.lie import SO3
 from tsd_twin.messages.status import Refusals, Status, WheelSpeedStatus

@@ -10,27 +10,29 @@ import msgspec
 import pytest
 
 from tsd_twin.dashboard.scene.appearance import Layer
-from tsd_twin.dashboard.server import protocol
+from tsd_twin.dashboard.server import messages_from_page, messages_to_page
+from tsd_twin.dashboard.server.messages_from_page import Message
 from tsd_twin.messages import status
 from tsd_twin.robots import KINDS
 
-TYPES = Path(protocol.__file__).with_name("protocol.d.ts").read_text(encoding="utf-8")
-STATIC = Path(protocol.__file__).parents[1] / "static"
+SERVER = Path(messages_to_page.__file__).parent
+TYPES = (SERVER / "protocol.d.ts").read_text(encoding="utf-8")
+STATIC = SERVER.parent / "static"
 DECLARED = {
     name: set(re.findall(r"^  (\w+)\??:", body, re.MULTILINE))
     for name, body in re.findall(r"^interface (\w+) \{\n(.*?)^\}", TYPES, re.MULTILINE | re.DOTALL)
 }
 STRUCTS = {
     name: struct
-    for module in (protocol, status)
+    for module in (messages_from_page, messages_to_page, status)
     for name, struct in vars(module).items()
     if isinstance(struct, type) and issubclass(struct, msgspec.Struct)
 }
-FROM_PAGE = set(get_args(protocol.PageMessage))
+FROM_PAGE = set(get_args(messages_from_page.PageMessage))
 FROM_SERVER = {
     struct
     for struct in STRUCTS.values()
-    if issubclass(struct, protocol.Message) and struct not in FROM_PAGE | {protocol.Message}
+    if issubclass(struct, Message) and struct not in FROM_PAGE | {Message}
 }
 
 

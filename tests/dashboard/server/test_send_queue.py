@@ -8,7 +8,7 @@ from collections.abc import Callable
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsd_twin.dashboard.server.session import MAX_QUEUED, MAX_UNACKNOWLEDGED, SendQueue
+from tsd_twin.dashboard.server.socket_limits import MAX_QUEUED, MAX_UNACKNOWLEDGED, SendQueue
 
 
 class Pipe:

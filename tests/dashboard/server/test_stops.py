@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from tests.support.page_client import site
 from tests.support.recorders import settle
-from tsd_twin.dashboard.server.protocol import RobotState
+from tsd_twin.dashboard.server.messages_to_page import RobotState
 from tsd_twin.dashboard.server.session import Session
 from tsd_twin.messages.commands import Sample, decode_command
 from tsd_twin.messages.status import LeaseStatus

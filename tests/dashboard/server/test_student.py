@@ -15,12 +15,8 @@ from hypothesis import strategies as st
 
 from tests.support.page_client import Site
 from tsd_twin.bus import Bus, node_config
-from tsd_twin.dashboard.server.protocol import (
-    StudentFigures,
-    StudentRequest,
-    decode_page_message,
-    encode_message,
-)
+from tsd_twin.dashboard.server.messages_from_page import StudentRequest, decode_page_message
+from tsd_twin.dashboard.server.messages_to_page import StudentFigures, encode_message
 from tsd_twin.dashboard.server.student import answer, figures_of
 from tsd_twin.errors import MessageError, RobotFileError
 from tsd_twin.kinematics import SingularityKinematics

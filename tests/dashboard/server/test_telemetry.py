@@ -11,7 +11,7 @@ import pytest
 
 from tests.support.robot_feed import RobotFeed
 from tsd_twin import robots
-from tsd_twin.dashboard.server.protocol import encode_message
+from tsd_twin.dashboard.server.messages_to_page import encode_message
 from tsd_twin.dashboard.server.telemetry import RobotTelemetry, SphereTelemetry
 from tsd_twin.lie import SO3
 

@@ -11,7 +11,7 @@ import pytest
 
 from tests.support.page_client import Page, Site, site
 from tests.support.recorders import CommandRecorder, settle
-from tsd_twin.dashboard.server.session import MAX_UNACKNOWLEDGED
+from tsd_twin.dashboard.server.socket_limits import MAX_UNACKNOWLEDGED
 from tsd_twin.messages.services import Event
 
 OTHER = "fedcba9876543210"

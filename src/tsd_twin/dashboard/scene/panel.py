@@ -59,7 +59,7 @@ class DriveTab:
         self._on_moved = on_moved
         self._on_robot = on_robot
         self._robot: viser.GuiDropdownHandle[str] = gui.add_dropdown(
-            "robot", [""], hint="Robot to watch and to drive"
+            "Robot", [""], hint="Robot to watch and to drive"
         )
         self._sliders = [
             gui.add_slider(
@@ -73,7 +73,7 @@ class DriveTab:
             for one in FLOOR_AXES
         ]
         self._mode: viser.GuiDropdownHandle[str] = gui.add_dropdown(
-            "mode",
+            "Mode",
             [str(mode) for mode in SliderMode],
             hint="preview: only your picture moves; drive: the robot moves",
         )

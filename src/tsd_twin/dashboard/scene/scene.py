@@ -11,7 +11,6 @@ import msgspec
 import numpy as np
 import viser
 
-from tsd_twin.dashboard.robot_roster import RobotRoster
 from tsd_twin.dashboard.scene import appearance
 from tsd_twin.dashboard.scene.appearance import (
     ALTERNATIVE_POSES,
@@ -20,6 +19,7 @@ from tsd_twin.dashboard.scene.appearance import (
     ROUTES,
     TRAILS,
     TRUE_POSES,
+    RobotRoster,
 )
 from tsd_twin.dashboard.scene.picking import OnClick
 from tsd_twin.dashboard.scene.robot_geometry import RobotShape

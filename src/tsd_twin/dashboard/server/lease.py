@@ -15,7 +15,8 @@ from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.client.procedures import LeaseRequestState
 from tsd_twin.client.protocol import RENEW_PERIOD_S, ControlProtocol
 from tsd_twin.client.steps import Call, Outcome, Procedure, SendStop, Step, run_async
-from tsd_twin.dashboard.server.protocol import ActionReply, LeaseAction
+from tsd_twin.dashboard.server.messages_from_page import LeaseAction
+from tsd_twin.dashboard.server.messages_to_page import ActionReply
 from tsd_twin.errors import TwinError
 from tsd_twin.messages.services import HolderRequest, LeaseReply, Reply
 from tsd_twin.messages.status import LeaseStatus

@@ -11,7 +11,7 @@ from concurrent.futures import Future
 from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.dashboard.scene.picking import DashboardScene
 from tsd_twin.dashboard.scene.view_settings import ViewSettings
-from tsd_twin.dashboard.server.protocol import FloorPoint, MapLines, MapRobot, MapState
+from tsd_twin.dashboard.server.messages_to_page import FloorPoint, MapLines, MapRobot, MapState
 from tsd_twin.lie import SE2, Array
 
 TRAIL_SPACING_M = 0.05

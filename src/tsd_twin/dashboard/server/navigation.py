@@ -18,7 +18,8 @@ from tsd_twin.client.motions import PlanLimits, plan
 from tsd_twin.dashboard.scene.overlays import ROUTE_POINTS
 from tsd_twin.dashboard.scene.picking import PageScene
 from tsd_twin.dashboard.server.lease import RpcExecutor
-from tsd_twin.dashboard.server.protocol import ActionReply, PlanRequest, RouteState
+from tsd_twin.dashboard.server.messages_from_page import PlanRequest
+from tsd_twin.dashboard.server.messages_to_page import ActionReply, RouteState
 from tsd_twin.errors import PathError
 from tsd_twin.lie import SE2, Array, wrap
 from tsd_twin.motion.routes import NavigationGoal

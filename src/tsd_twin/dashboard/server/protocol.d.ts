@@ -1,5 +1,5 @@
 // Types of the messages between page and dashboard server, for the type check of the page's scripts.
-// Names and fields are those of protocol.py and of tsd_twin/messages/status.py.
+// Names and fields are those of messages_from_page.py, messages_to_page.py and tsd_twin/messages/status.py.
 
 type Triple = [number, number, number];
 /** Metres on the floor. */
@@ -62,6 +62,11 @@ interface PoseSensorStatus {
   dropped: Record<string, number>;
 }
 
+interface LearnedError {
+  value: number;
+  sigma: number;
+}
+
 interface LoopStatus {
   hz: number;
   overruns: number;
@@ -87,6 +92,7 @@ interface Status {
   consistency: ConsistencyStatus;
   wheel_speed: WheelSpeedStatus | null;
   pose_sensor: PoseSensorStatus | null;
+  learned: Record<string, LearnedError> | null;
   loop: LoopStatus;
   hardware: Hardware;
 }

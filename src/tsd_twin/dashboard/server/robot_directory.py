@@ -12,9 +12,9 @@ from typing import Protocol
 
 from tsd_twin.client import procedures
 from tsd_twin.client.connection import RobotMonitor
-from tsd_twin.dashboard.robot_roster import RobotRoster
+from tsd_twin.dashboard.scene.appearance import RobotRoster
 from tsd_twin.dashboard.server.lease import RpcExecutor
-from tsd_twin.dashboard.server.protocol import RobotName, RobotState
+from tsd_twin.dashboard.server.messages_to_page import RobotName, RobotState
 from tsd_twin.dashboard.server.telemetry import RobotTelemetry
 from tsd_twin.messages.services import Event
 

@@ -1,14 +1,13 @@
-"""Session of one page: what comes in decides, what goes out only shows.
+"""Session of one page: acts on messages of the page and statuses of its robot.
 
-Messages of the page and statuses of its robot come in; states, events and replies go out.
+States, events and replies go out, and decide nothing.
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 
@@ -17,15 +16,12 @@ from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.dashboard.server.auth import Principal, operator_name
 from tsd_twin.dashboard.server.lease import LeaseClient, RpcExecutor
 from tsd_twin.dashboard.server.map_data import MapData
-from tsd_twin.dashboard.server.navigation import NavigationSession
-from tsd_twin.dashboard.server.protocol import (
-    ActionReply,
+from tsd_twin.dashboard.server.messages_from_page import (
     ArmRequest,
     ClearPlan,
     DisarmRequest,
     DriveCommand,
     FollowPlan,
-    HeartbeatReply,
     LeaseAction,
     PageHeartbeat,
     PageMessage,
@@ -33,106 +29,35 @@ from tsd_twin.dashboard.server.protocol import (
     PlanRequest,
     ReleaseControls,
     ResetRequest,
-    RobotEvent,
-    RobotState,
     SelectPlotFields,
     SelectRobot,
-    SessionInfo,
     SetSpeedLevel,
     SetView,
     SetWheelSpeed,
     ShowMap,
     StopCommand,
     StudentRequest,
-    ViewChanged,
     decode_page_message,
+)
+from tsd_twin.dashboard.server.messages_to_page import (
+    ActionReply,
+    HeartbeatReply,
+    RobotEvent,
+    RobotState,
+    SessionInfo,
+    ViewChanged,
     encode_message,
 )
+from tsd_twin.dashboard.server.navigation import NavigationSession
 from tsd_twin.dashboard.server.robot_directory import RobotDirectory
-from tsd_twin.dashboard.server.student_session import StudentSession
+from tsd_twin.dashboard.server.socket_limits import SendQueue
+from tsd_twin.dashboard.server.student import StudentSession
 from tsd_twin.dashboard.server.teleop import TeleopController
 from tsd_twin.errors import MessageError
 from tsd_twin.messages.services import Event, Reply
 from tsd_twin.messages.status import Status
 from tsd_twin.messages.topics import Service
 from tsd_twin.security import Role
-
-MAX_QUEUED = 64
-"""Replies and events that wait for a slow page; then the oldest are dropped."""
-MAX_UNACKNOWLEDGED = 12
-"""States in flight that the page has not acknowledged; then no more are sent until it does."""
-
-
-class Socket(Protocol):
-    """Sending part of a WebSocket."""
-
-    async def send_str(self, data: str) -> None:
-        """Send a text frame; waits while the socket is full."""
-        ...
-
-
-class SendQueue:
-    """Send queue of one page, which keeps only the newest state; event loop only.
-
-    Back pressure of the socket is not enough: the kernel buffers seconds of old states.
-    The page confirms the states it has seen, so no more than `MAX_UNACKNOWLEDGED` are ever on the
-    way.
-    """
-
-    def __init__(self) -> None:
-        self._messages: deque[str] = deque(maxlen=MAX_QUEUED)
-        self._panel: str | None = None
-        self._state: tuple[int, str] | None = None
-        self._unacknowledged: deque[int] = deque()
-        self._wake = asyncio.Event()
-
-    def put(self, text: str) -> None:
-        """Queue a reply or an event."""
-        self._messages.append(text)
-        self._wake.set()
-
-    def put_panel(self, text: str) -> None:
-        """Queue the slider positions, in place of waiting ones."""
-        self._panel = text
-        self._wake.set()
-
-    def put_state(self, number: int, text: str) -> None:
-        """Queue a state, in place of a waiting one."""
-        self._state = (number, text)
-        self._wake.set()
-
-    def acknowledge(self, number: int) -> None:
-        """Record that the page has received the state with this number."""
-        if number in self._unacknowledged:
-            while self._unacknowledged.popleft() != number:
-                pass
-            self._wake.set()
-
-    def drop_states(self) -> None:
-        """Discard waiting states: another robot is selected, and its numbers restart."""
-        self._state = None
-        self._unacknowledged.clear()
-
-    async def run(self, socket: Socket) -> None:
-        """Send queued messages until the socket is closed."""
-        while True:
-            await self._wake.wait()
-            self._wake.clear()
-            while (text := self._next()) is not None:
-                await socket.send_str(text)
-
-    def _next(self) -> str | None:
-        if self._messages:
-            return self._messages.popleft()
-        if self._panel is not None:
-            text, self._panel = self._panel, None
-            return text
-        if self._state is not None and len(self._unacknowledged) < MAX_UNACKNOWLEDGED:
-            (number, text), self._state = self._state, None
-            self._unacknowledged.append(number)
-            return text
-        return None
-
 
 _HOLDER_SERVICES: Mapping[type[ArmRequest | DisarmRequest | ResetRequest], Service] = {
     ArmRequest: Service.ARM,

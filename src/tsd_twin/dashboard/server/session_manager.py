@@ -9,13 +9,13 @@ from typing import Literal
 
 from aiohttp import WSMessage, WSMsgType, web
 
-from tsd_twin.dashboard.robot_roster import RobotRoster
+from tsd_twin.dashboard.scene.appearance import RobotRoster
 from tsd_twin.dashboard.scene.picking import DashboardScene, EmptyPageScene
 from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.dashboard.server.auth import Principal
 from tsd_twin.dashboard.server.lease import RpcExecutor
 from tsd_twin.dashboard.server.map_data import MapData
-from tsd_twin.dashboard.server.protocol import PanelSliders, SphereClick, encode_message
+from tsd_twin.dashboard.server.messages_to_page import PanelSliders, SphereClick, encode_message
 from tsd_twin.dashboard.server.robot_directory import RobotClients, RobotDirectory
 from tsd_twin.dashboard.server.session import Session
 from tsd_twin.messages.services import Event

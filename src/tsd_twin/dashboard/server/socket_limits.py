@@ -1,5 +1,6 @@
-"""Limits of one socket: rates and sizes checked before decoding, and fair reception beside other
-sockets.
+"""Limits of one socket: rates and sizes of what comes in, and a bounded queue of what goes out.
+
+Messages are checked before they are decoded, and sockets are received fairly beside each other.
 """
 
 from __future__ import annotations
@@ -9,16 +10,22 @@ import logging
 import re
 import socket as sockets
 import time
+from collections import deque
 from collections.abc import AsyncGenerator, Mapping
 from dataclasses import dataclass
 from enum import Enum, auto
 from types import MappingProxyType
+from typing import Protocol
 
 from aiohttp import WSMessage, WSMsgType, web
 
 from tsd_twin.dashboard.scene.overlays import RateLimiter
 from tsd_twin.dashboard.server.connection_limits import limit_bytes
 
+MAX_QUEUED = 64
+"""Replies and events that wait for a slow page; then the oldest are dropped."""
+MAX_UNACKNOWLEDGED = 12
+"""States in flight that the page has not acknowledged; then no more are sent until it does."""
 POLICY_VIOLATION = 1008
 """Close code of a socket that floods."""
 TOO_MUCH = "too many messages: this socket is closed"
@@ -334,3 +341,74 @@ def limit_receive_buffer(request: web.Request) -> None:
     connection = request.get_extra_info("socket")
     if connection is not None:
         connection.setsockopt(sockets.SOL_SOCKET, sockets.SO_RCVBUF, _RECEIVE_BYTES)
+
+
+class Socket(Protocol):
+    """Sending part of a WebSocket."""
+
+    async def send_str(self, data: str) -> None:
+        """Send a text frame; waits while the socket is full."""
+        ...
+
+
+class SendQueue:
+    """Send queue of one page, which keeps only the newest state; event loop only.
+
+    Back pressure of the socket is not enough: the kernel buffers seconds of old states.
+    The page confirms the states it has seen, so no more than `MAX_UNACKNOWLEDGED` are ever on the
+    way.
+    """
+
+    def __init__(self) -> None:
+        self._messages: deque[str] = deque(maxlen=MAX_QUEUED)
+        self._panel: str | None = None
+        self._state: tuple[int, str] | None = None
+        self._unacknowledged: deque[int] = deque()
+        self._wake = asyncio.Event()
+
+    def put(self, text: str) -> None:
+        """Queue a reply or an event."""
+        self._messages.append(text)
+        self._wake.set()
+
+    def put_panel(self, text: str) -> None:
+        """Queue the slider positions, in place of waiting ones."""
+        self._panel = text
+        self._wake.set()
+
+    def put_state(self, number: int, text: str) -> None:
+        """Queue a state, in place of a waiting one."""
+        self._state = (number, text)
+        self._wake.set()
+
+    def acknowledge(self, number: int) -> None:
+        """Record that the page has received the state with this number."""
+        if number in self._unacknowledged:
+            while self._unacknowledged.popleft() != number:
+                pass
+            self._wake.set()
+
+    def drop_states(self) -> None:
+        """Discard waiting states: another robot is selected, and its numbers restart."""
+        self._state = None
+        self._unacknowledged.clear()
+
+    async def run(self, socket: Socket) -> None:
+        """Send queued messages until the socket is closed."""
+        while True:
+            await self._wake.wait()
+            self._wake.clear()
+            while (text := self._next()) is not None:
+                await socket.send_str(text)
+
+    def _next(self) -> str | None:
+        if self._messages:
+            return self._messages.popleft()
+        if self._panel is not None:
+            text, self._panel = self._panel, None
+            return text
+        if self._state is not None and len(self._unacknowledged) < MAX_UNACKNOWLEDGED:
+            (number, text), self._state = self._state, None
+            self._unacknowledged.append(number)
+            return text
+        return None

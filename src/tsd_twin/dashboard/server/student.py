@@ -1,27 +1,29 @@
 """Answers to the Student tab: a shipped robot with some knobs turned, in numbers.
 
-Pure: no bus, no clock, no robot. The mathematics is that of `robots` and `kinematics`.
+`answer` is pure: no bus, no clock, no robot. The mathematics is that of `robots` and `kinematics`.
 """
 
 from __future__ import annotations
 
+import asyncio
 import math
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
 import numpy as np
 
 from tsd_twin.dashboard.scene.robot_geometry import twist_axes_of
-from tsd_twin.dashboard.server.protocol import (
+from tsd_twin.dashboard.server.lease import RpcExecutor
+from tsd_twin.dashboard.server.messages_from_page import StudentRequest, Triple
+from tsd_twin.dashboard.server.messages_to_page import (
     ShippedRobot,
     StudentFigure,
     StudentFigures,
     StudentKnob,
     StudentOutline,
     StudentReply,
-    StudentRequest,
     StudentWheel,
-    Triple,
     TwistAxisInfo,
 )
 from tsd_twin.errors import RobotFileError
@@ -48,6 +50,39 @@ _DIRECTIONS = 360
 """Directions without turning that are searched for the fastest and the slowest one."""
 _LARGEST = 1e6
 """Twists are cut to this, in m/s or rad/s: nothing overflows."""
+
+
+class StudentSession:
+    """Student requests of one page: one is computed at a time, and the newest comes next.
+
+    Event loop only; the computation is on the planning thread.
+    """
+
+    def __init__(self, executor: RpcExecutor, send_message: Callable[[Any], None]) -> None:
+        self._executor = executor
+        self._send_message = send_message
+        self._next: StudentRequest | None = None
+        self._task: asyncio.Task[None] | None = None
+
+    def request(self, request: StudentRequest) -> None:
+        """Answer a request, unless a newer one comes before its turn."""
+        self._next = request
+        if self._task is None:
+            self._task = asyncio.create_task(self._answer())
+
+    def close(self) -> None:
+        """Answer no more."""
+        self._next = None
+        if self._task is not None:
+            self._task.cancel()
+
+    async def _answer(self) -> None:
+        try:
+            while self._next is not None:
+                request, self._next = self._next, None
+                self._send_message(await self._executor.plan(answer, request))
+        finally:
+            self._task = None
 
 
 def answer(request: StudentRequest) -> StudentReply:
@@ -134,10 +169,10 @@ def _figures(robot: RobotDescription, drive: Kinematics[Any]) -> list[StudentFig
         StudentFigure("Fastest direction", _short(speeds[fast]), "m/s", _towards(fast)),
         StudentFigure("Top turn rate", _short(tops[2]), "rad/s"),
     ]
-    if (gears := robot.wheel_speed_range) is not None:
-        rim_mps = gears.kinematics.wheel_radius_m * gears.kinematics.spin_rad_per_s
-        step_mps = rim_mps * gears.servo_step_rad
-        turn = step_mps / gears.kinematics.pivot_radius_m
+    if (wheel_speeds := robot.wheel_speed_range) is not None:
+        rim_mps = wheel_speeds.kinematics.wheel_radius_m * wheel_speeds.kinematics.spin_rad_per_s
+        step_mps = rim_mps * wheel_speeds.servo_step_rad
+        turn = step_mps / wheel_speeds.kinematics.pivot_radius_m
         figures += [
             StudentFigure("Speed for one servo step", _short(1000.0 * step_mps), "mm/s"),
             StudentFigure("Turn rate for one servo step", _short(turn), "rad/s"),

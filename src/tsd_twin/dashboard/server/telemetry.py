@@ -9,19 +9,19 @@ import numpy as np
 
 from tsd_twin.client.connection import RobotMonitor, RoundTrips, Snapshot
 from tsd_twin.dashboard.scene.robot_geometry import commanded_joints, twist_axes_of
-from tsd_twin.dashboard.server.plot_fields import PlotFields
-from tsd_twin.dashboard.server.protocol import (
+from tsd_twin.dashboard.server.messages_from_page import Triple
+from tsd_twin.dashboard.server.messages_to_page import (
     EstimateDifference,
     GimbalState,
     RobotInfo,
     RobotState,
     SpeedLimits,
     SphereState,
-    Triple,
     TwistAxisInfo,
     WheelSpeedLimits,
     WheelState,
 )
+from tsd_twin.dashboard.server.plot_fields import PlotFields
 from tsd_twin.kinematics import JointKind, OmniKinematics, SphereKinematics
 from tsd_twin.lie import SE2, SO3, Array, wrap
 from tsd_twin.messages.ros import JointState, Odometry
@@ -53,17 +53,17 @@ class GimbalTelemetry:
 
     def info(self) -> dict[str, Any]:
         """Return the fields of `RobotInfo`."""
-        gears = self._robot.wheel_speed_range
+        speeds = self._robot.wheel_speed_range
         return {
             "panel": "gimbals",
             "max_tilt_deg": self._robot.drive.max_tilt_deg,
             "modules": self._drive.actuators,
             "wheel_speed_limits": WheelSpeedLimits(
-                least_rpm=math.ceil(gears.least_rad_per_s / RPM - _ROUNDING),
-                most_rpm=math.floor(gears.most_rad_per_s / RPM + _ROUNDING),
+                least_rpm=math.ceil(speeds.least_rad_per_s / RPM - _ROUNDING),
+                most_rpm=math.floor(speeds.most_rad_per_s / RPM + _ROUNDING),
                 usual_rpm=round(self._drive.spin_rad_per_s / RPM),
                 wheel_radius_m=self._drive.wheel_radius_m,
-                servo_step_deg=math.degrees(gears.servo_step_rad),
+                servo_step_deg=math.degrees(speeds.servo_step_rad),
             ),
         }
 

@@ -13,17 +13,16 @@ from typing import Any, TypeAlias
 from tsd_twin.client import ClientError
 from tsd_twin.client.protocol import REST
 from tsd_twin.dashboard.server.lease import Lease, LeaseClient
-from tsd_twin.dashboard.server.navigation import NavigationSession
-from tsd_twin.dashboard.server.protocol import (
-    ActionReply,
+from tsd_twin.dashboard.server.messages_from_page import (
     ClearPlan,
-    ControlsReleased,
     DriveCommand,
     FollowPlan,
     PlanRequest,
     ReleaseControls,
     SetSpeedLevel,
 )
+from tsd_twin.dashboard.server.messages_to_page import ActionReply, ControlsReleased
+from tsd_twin.dashboard.server.navigation import NavigationSession
 from tsd_twin.errors import MessageError, PathError
 from tsd_twin.messages.ros import BASE
 from tsd_twin.messages.status import Status

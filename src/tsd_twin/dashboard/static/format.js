@@ -26,10 +26,15 @@ export function clock(ms) {
   return new Date(ms).toLocaleTimeString([], { timeStyle: "medium", hour12: false });
 }
 
+// A text that begins with the id of an operator; ids stay as they are.
+const ID_FIRST =
+  /^[a-z0-9_-]+ (has (control|given)|drives|asks|is asked|keeps|does not|took|sent|stopped)\b/;
+
 /** Return a text of a robot or the server with a capital and a full stop. @param {string} text */
 export function sentence(text) {
   const named = withNames(text);
-  return `${named[0].toUpperCase()}${named.slice(1)}.`;
+  const first = ID_FIRST.test(named) ? named[0] : named[0].toUpperCase();
+  return `${first}${named.slice(1)}.`;
 }
 
 /**

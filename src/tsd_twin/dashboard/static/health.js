@@ -83,7 +83,7 @@ export class Health {
 
 /** @type {(link: Link, state: RobotState) => Sections} */
 function sections(link, { status, age_ms: age, robot_ms: robot }) {
-  const { loop, command, lease, limits, consistency, pose_sensor: poses } = status;
+  const { loop, command, lease, limits, consistency, pose_sensor: poses, learned } = status;
   const explained = Object.entries(consistency.explained).map(([name, level]) => [
     `· ${called(name)} explains`,
     times(level),
@@ -107,6 +107,7 @@ function sections(link, { status, age_ms: age, robot_ms: robot }) {
       "states lost": `${fixed(100 * link.lost, 1)} %`,
       "age of the state": `${fixed(age, 0)} ms`,
     },
+    Page: { "scene drawn by": window.tsd.plain ? "the processor, slowly" : "the graphics card" },
     Commands: {
       accepted: String(command.accepted),
       "round trip": milliseconds(command.echo_s),
@@ -122,6 +123,7 @@ function sections(link, { status, age_ms: age, robot_ms: robot }) {
       "stop distance without link": `${fixed(limits.stop_allowance_m, 2)} m`,
     },
     ...(poses ? { "Outside poses": seen(poses) } : {}),
+    ...(learned ? { "Learned while driving": errors(learned) } : {}),
     ...tables("Hardware", status.hardware),
   };
 }
@@ -145,6 +147,25 @@ function seen({ hz, late_s: late, used, found, dropped }) {
     "too far off": String(found),
     ...lost(dropped),
   };
+}
+
+/** @type {[string, number, number, string][]} End of a name; factor, digits and unit of the page. */
+const UNITS = [
+  ["_rad_per_s", 180 / Math.PI, 3, "°/s"],
+  ["_rad", 180 / Math.PI, 3, "°"],
+  ["_mps", 1000, 2, "mm/s"],
+  ["_share", 100, 2, "%"],
+  ["_s", 1000, 1, "ms"],
+];
+
+/** Constant errors, each with its standard deviation. @param {Record<string, LearnedError>} learned */
+function errors(learned) {
+  const rows = Object.entries(learned).map(([name, { value, sigma }]) => {
+    const [end, factor, digits, unit] = known(UNITS.find(([last]) => name.endsWith(last)) ?? null);
+    const figures = [value, sigma].map((figure) => fixed(factor * figure, digits));
+    return [name.slice(0, -end.length).replaceAll("_", " "), `${figures.join(" ± ")} ${unit}`];
+  });
+  return Object.fromEntries(rows);
 }
 
 /** @param {Record<string, number>} dropped */

@@ -34,6 +34,7 @@ export function known(value) {
 const HEARTBEAT_MS = 100;
 const SERVER_TIMEOUT_MS = 2000; // No echo for this long: the connection is lost, whatever the browser says.
 const RETRY_MS = 500;
+const LOADING_BEATS = 50; // Five seconds in which the page ran: loading may block it for longer.
 const MAX_BUFFERED_BYTES = 1024; // What waits in the browser is too old already to be sent.
 const URGENT = new Set(["release", "stop"]); // Sent in any case: all that they do is stop the robot.
 
@@ -48,6 +49,7 @@ export class Link {
     this.page = page;
     this.name = name;
     this.connected = false;
+    this._loadingBeats = LOADING_BEATS; // Left until the first state has to be there.
     /** @type {SessionInfo | null} */
     this.welcome = null;
     /** @type {RobotInfo | null} */
@@ -125,6 +127,11 @@ export class Link {
     return performance.now() - this.stateMs + (this.state?.age_ms ?? 0);
   }
 
+  /** Whether the first state is still expected: a page that loads has lost nothing. */
+  isLoading() {
+    return this._loadingBeats > 0;
+  }
+
   isStale() {
     return !this.connected || this.ageMs() > STALE_MS;
   }
@@ -183,11 +190,15 @@ export class Link {
     this._trips = [];
     this._seen = [];
     this.pageMs = this.pageJitterMs = null;
-    if (was) this._emit("down");
+    if (was) {
+      this._loadingBeats = 0;
+      this._emit("down");
+    }
     setTimeout(() => this._connect(), RETRY_MS);
   }
 
   _sendHeartbeat() {
+    if (this._loadingBeats > 0) this._loadingBeats -= 1;
     if (this.connected) {
       const now = performance.now();
       if (now - this._echoMs > SERVER_TIMEOUT_MS) {
@@ -211,6 +222,7 @@ export class Link {
       case "state":
         this.state = message;
         this.stateMs = performance.now();
+        this._loadingBeats = 0;
         this._count(message.seen);
         break;
       case "robot":

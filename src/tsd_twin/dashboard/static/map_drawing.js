@@ -1,6 +1,6 @@
 // Drawing of the map. Colours are those of the scene, which the sheet of keys names.
 
-import { lengthText } from "./map_view.js";
+import { labelPlaces, lengthText } from "./map_view.js";
 
 const [ESTIMATE, ROUTE, ENVELOPE, STALE] = ["#2484e3", "#966eff", "#e85a3c", "#80848a"];
 const FONT = "600 12px system-ui, sans-serif";
@@ -41,6 +41,7 @@ export function drawMap(pen, view, content) {
   }
   for (const robot of robots) if (robot !== shown) drawRobot(pen, view, content, robot);
   if (shown) drawRobot(pen, view, content, shown); // Above the others.
+  if (content.names.length > 1) drawNames(pen, view, content);
   if (stroke.length > 0) {
     pen.beginPath();
     for (const pixels of stroke) pen.lineTo(...pixels);
@@ -71,10 +72,9 @@ function drawGrid(pen, view, { size: { width, height }, line }) {
  * @param {CanvasRenderingContext2D} pen @param {MapView} view @param {MapContent} content
  * @param {MapRobot} robot
  */
-function drawRobot(pen, view, { names, ink, isStale }, robot) {
-  const [x, y, heading] = robot.pose;
-  const radius = Math.max(LEAST_RADIUS_PX, robot.reach_m * view.scale);
-  const at = view.toPicture([x, y]);
+function drawRobot(pen, view, { names, isStale }, robot) {
+  const heading = robot.pose[2];
+  const { at, radius } = circleOf(view, robot);
   const name = names.find(({ id }) => id === robot.id);
   const colour = robot.stale || isStale ? STALE : (name?.colour ?? ESTIMATE);
   // The tip points ahead: x of the world is up, y left.
@@ -99,10 +99,30 @@ function drawRobot(pen, view, { names, ink, isStale }, robot) {
   pen.closePath();
   pen.fillStyle = colour;
   pen.fill();
-  if (names.length > 1) {
+}
+
+/** @param {MapView} view @param {MapRobot} robot */
+function circleOf(view, { pose: [x, y], reach_m: reach }) {
+  return { at: view.toPicture([x, y]), radius: Math.max(LEAST_RADIUS_PX, reach * view.scale) };
+}
+
+/** Names beside the robots; that of the robot in view has the first choice. @type {typeof drawGrid} */
+function drawNames(pen, view, { names, ink, robots, shown }) {
+  const ordered = [...robots].sort((a, b) => Number(b === shown) - Number(a === shown));
+  const texts = ordered.map(({ id, stale }) => (stale ? `${id} (silent)` : id));
+  const places = labelPlaces(
+    ordered.map((robot, i) => ({
+      ...circleOf(view, robot),
+      width: pen.measureText(texts[i]).width,
+    })),
+  );
+  pen.textAlign = "center";
+  for (const [i, [x, y]] of places.entries()) {
     pen.fillStyle = ink;
-    pen.textAlign = "center";
-    pen.fillText(robot.stale ? `${robot.id} (silent)` : robot.id, at[0], at[1] + radius + 24);
+    pen.fillText(texts[i], x, y);
+    pen.fillStyle = names.find(({ id }) => id === ordered[i].id)?.colour ?? ESTIMATE;
+    const { width } = pen.measureText(texts[i]);
+    pen.fillRect(x - width / 2, y + 3, width, 2); // In its colour: which robot it belongs to.
   }
 }
 

@@ -79,6 +79,58 @@ export class MapView {
   }
 }
 
+const LABEL_GAP_PX = 14; // The tip of a robot fits in.
+const LABEL_PX = 16; // Height of a name with its gap.
+
+/**
+ * Return where the names of robots are centred on the base of their letters, in pixels: below,
+ * above, right or left of their circles, none on another name, and on no circle if there is room.
+ * @param {{ at: [number, number], radius: number, width: number }[]} robots
+ * @returns {[number, number][]}
+ */
+export function labelPlaces(robots) {
+  /** @type {{ left: number, right: number, top: number, bottom: number }[]} */
+  const taken = [];
+  const circles = robots.map(({ at: [x, y], radius }) => ({
+    left: x - radius,
+    right: x + radius,
+    top: y - radius,
+    bottom: y + radius,
+  }));
+  return robots.map(({ at: [x, y], radius, width }) => {
+    const [aside, below] = [radius + LABEL_GAP_PX + width / 2, radius + LABEL_GAP_PX + 10];
+    /** @type {[number, number][]} */
+    const places = [
+      [x, y + below],
+      [x, y - radius - LABEL_GAP_PX],
+      [x + aside, y + 4],
+      [x - aside, y + 4],
+      ...robots.map(
+        (_, i) => /** @type {[number, number]} */ ([x, y + below + (i + 1) * LABEL_PX]),
+      ),
+    ];
+    const boxOf = (/** @type {[number, number]} */ [right, down]) => ({
+      left: right - width / 2 - 2,
+      right: right + width / 2 + 2,
+      top: down - LABEL_PX + 4,
+      bottom: down + 4,
+    });
+    const isFree = (/** @type {[number, number]} */ place, /** @type {typeof taken} */ others) => {
+      const box = boxOf(place);
+      return others.every(
+        ({ left, right, top, bottom }) =>
+          box.right <= left || box.left >= right || box.bottom <= top || box.top >= bottom,
+      );
+    };
+    const place =
+      places.find((each) => isFree(each, [...taken, ...circles])) ??
+      places.find((each) => isFree(each, taken)) ??
+      places[0];
+    taken.push(boxOf(place));
+    return place;
+  });
+}
+
 /** @param {number} metres */
 export function lengthText(metres) {
   if (metres < 0.995) return `${Math.round(100 * metres)} cm`;

@@ -4,6 +4,7 @@
 import { Button } from "./button.js";
 import { el, icon, setText } from "./dom.js";
 import { duration } from "./format.js";
+import { notConnected } from "./permission.js";
 
 const SHOWN_MS = 6000;
 const READ_MS = 2000; // One that is no longer true stays for so long, so that it can be read.
@@ -148,6 +149,7 @@ export class StaleBanner {
     this.veil.hidden = !stale;
     this.banner.hidden = !stale;
     if (!stale) return;
+    this.banner.toggleAttribute("data-waits", link.isLoading());
     const ageMs = link.ageMs();
     const isShown = Number.isFinite(ageMs);
     setText(this._text, this._headline(isShown));
@@ -159,7 +161,7 @@ export class StaleBanner {
 
   /** @param {boolean} isShown */
   _headline(isShown) {
-    if (!this._link.connected) return "No connection to the dashboard";
+    if (!this._link.connected) return notConnected(this._link);
     if (this._link.robot === null) return "Waiting for a robot";
     return isShown ? "The robot is silent" : "Waiting for the robot";
   }

@@ -31,7 +31,9 @@ import { ViewKeeper } from "./view_settings.js";
 import { Waypoints } from "./waypoints.js";
 
 const NARROW_PX = 600; // As in small.css.
-const LEVEL_IN_DOCK_PX = 1060; // Up to here the bar has no room for it.
+// Up to these widths the bar has no room for it; with several robots it names them, too.
+const LEVEL_IN_DOCK_PX = 1060;
+const LEVEL_IN_DOCK_SEVERAL_PX = 1230;
 const TOLD_MS = 1000;
 // The last ones take away what others show.
 const STYLES = [
@@ -216,6 +218,7 @@ function showColour() {
   const shown = robots.find(({ id }) => id === link.robot?.id);
   inner.toggleAttribute("data-several", robots.length > 1 && shown !== undefined);
   inner.style.setProperty("--robot", shown?.colour ?? "transparent");
+  layOut();
 }
 
 /** @param {Unit} unit @param {{ speed: number, turn: number }} scale */
@@ -256,7 +259,9 @@ function isNarrow() {
 
 function layOut() {
   // An element that moves loses focus and pointer, so it moves only when it has to.
-  const levelPlace = host.clientWidth <= LEVEL_IN_DOCK_PX ? right : bar.level;
+  const several = (link.welcome?.robots.length ?? 0) > 1;
+  const widest = several ? LEVEL_IN_DOCK_SEVERAL_PX : LEVEL_IN_DOCK_PX;
+  const levelPlace = host.clientWidth <= widest ? right : bar.level;
   if (level.element.parentElement !== levelPlace) levelPlace.prepend(level.element);
   inner.toggleAttribute("data-drawer", frame.phone.matches);
   reserve();
@@ -269,4 +274,5 @@ function reserve() {
   const above = isNarrow() && !waypoints.element.hidden;
   const bottom = box.bottom - (above ? waypoints.element : dock).getBoundingClientRect().top;
   frame.reserve(top, bottom + 8);
+  inner.style.setProperty("--bar", `${bar.element.offsetHeight}px`);
 }

@@ -20,6 +20,7 @@ const NAMES = {
   ".mantine-ActionIcon-root:has(.tabler-icon-arrow-back)": "Back to the controls",
   ".mantine-Notification-closeButton": "Close this notice",
 };
+const SLOW_SCENE = "Software WebGL rendering detected"; // The Health tab says it.
 const LABEL_LEVELS = 8; // How far above a control viser's label may be.
 
 /** @type {Record<string, string[]>} */
@@ -59,6 +60,7 @@ export function fillPanelTabs(link, waypoints, sphereGoTo, guides, view, stop) {
   const filled = new Map();
   const fill = () => {
     addAriaLabels();
+    closeSlowSceneNotice();
     putTabsAway();
     if (model.isLinked && openTab("Student")) model.isLinked = false;
     for (const [place, controller] of filled) {
@@ -139,6 +141,17 @@ function putTabsAway() {
   for (const tab of document.querySelectorAll("[role=tab]")) {
     const isAway = away.includes(tab.textContent.trim());
     tab.toggleAttribute("data-tsd-away", isAway && tab.getAttribute("aria-selected") !== "true");
+  }
+}
+
+/** Close viser's notice of a scene without a graphics card, which lies on the robot or the map. */
+function closeSlowSceneNotice() {
+  for (const title of document.querySelectorAll(".mantine-Notification-title")) {
+    if (title.textContent !== SLOW_SCENE) continue;
+    const notice = /** @type {HTMLElement} */ (title.closest(".mantine-Notification-root"));
+    notice.style.display = "none"; // At once: a busy page ends transitions late.
+    /** @type {HTMLElement | null} */
+    (notice.querySelector(".mantine-Notification-closeButton"))?.click();
   }
 }
 

@@ -14,9 +14,14 @@ export function watches(link) {
   return link.welcome?.role === "viewer";
 }
 
+/** Return why nothing comes from the dashboard. @param {Link} link */
+export function notConnected(link) {
+  return link.isLoading() ? "Connecting to the dashboard" : "No connection to the dashboard";
+}
+
 /** @param {Link} link */
 function notAllowed(link) {
-  if (!link.connected) return "No connection to the dashboard.";
+  if (!link.connected) return `${notConnected(link)}.`;
   if (link.robot === null) return "No robot is on the bus.";
   if (link.isStale()) return "The robot has gone silent.";
   return watches(link) ? WATCHES : null;

@@ -5,7 +5,7 @@ import { el, icon, setAttribute, setText } from "./dom.js";
 import { fixed, withNames } from "./format.js";
 import { kindOf } from "./kinds.js";
 import { known } from "./link.js";
-import { notArm, notDisarm, notTake } from "./permission.js";
+import { notArm, notConnected, notDisarm, notTake } from "./permission.js";
 
 const AT_REST = new Set(["disarmed", "stopped", "fault"]);
 
@@ -101,7 +101,8 @@ export class StatusBar {
 
   /** @param {string | null} mode */
   _drawMode(mode) {
-    const word = mode ?? (this._link.robot === null ? "no robot" : "no signal");
+    const without = this._link.robot === null ? "no robot" : "no signal";
+    const word = mode ?? (this._link.isLoading() ? "connecting" : without);
     const shape = mode ?? "none";
     if (shape !== this._shownMode) this._modeIcon.replaceChildren(icon(shape));
     this._shownMode = shape;
@@ -133,6 +134,7 @@ export class StatusBar {
     setText(this._name, name);
     setText(this._does, does);
     setAttribute(this._who, "title", you ? null : holder);
+    this._who.toggleAttribute("data-you", you);
     if (you) this.control.become("Release control", "The robot comes to rest");
     else if (waits) this.control.become("Withdraw request", "Ask for control no longer");
     else if (holder === null) this.control.become("Take control", "One operator drives at a time");
@@ -149,12 +151,13 @@ export class StatusBar {
     this._shownGrade = grade;
     setAttribute(this._linkStatus, "data-grade", grade);
     setText(this._grade, grade === "none" ? "" : grade);
-    setText(this._ms, lost ? "no link" : `${trip === null ? "–" : Math.round(trip)} ms`);
+    const none = this._link.isLoading() ? "–" : "no link";
+    setText(this._ms, lost ? none : `${trip === null ? "–" : Math.round(trip)} ms`);
   }
 
   _explainLink() {
     const { connected, pageMs, pageJitterMs, lost, state } = this._link;
-    if (!connected) return "No connection to the dashboard.";
+    if (!connected) return `${notConnected(this._link)}.`;
     const { used } = this._link.quality();
     const allowed = 1000 * (state?.status.limits.max_command_age_s ?? NaN);
     return (

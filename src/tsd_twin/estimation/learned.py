@@ -1,0 +1,228 @@
+"""Constant errors of a robot, learned while it drives: extended Kalman filter of them and the pose.
+
+The filter is beside the estimate of the pose and does not change it. Derived in
+`docs/estimation.md`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from tsd_twin.estimation.pose_spread import TwistErrors
+from tsd_twin.estimation.relocalization import GATE
+from tsd_twin.lie import SE2, Array, wrap
+
+_STEPS_KEPT = 128
+"""Steps that wait for late poses: more than a second of them."""
+_FORGET_S = 600.0
+"""Time constant with which constants may change, such as that of a battery that sags."""
+
+CAUTION = 0.005
+"""Share of the twist that is an error of its own in each second: printed layers, for example, and
+gimbals in their dead bands."""
+
+
+class Comparison(NamedTuple):
+    """Reading of a sensor less the joints' prediction of it: `by_constants @ u` and noise."""
+
+    difference: float
+    by_constants: Array
+    """(m,)."""
+    variance: float
+
+
+class LearnedError(NamedTuple):
+    """Constant error of the robot, in the unit of its name."""
+
+    value: float
+    sigma: float
+
+
+class _Step(NamedTuple):
+    end_s: float
+    twist: Array
+    errors: TwistErrors
+
+
+class ConstantsFilter:
+    """Extended Kalman filter of the constants of `TwistErrors`, and of the pose that they lead to.
+
+    It follows the same twists as the estimate of the pose, each corrected by the constants learned
+    so far, up to the time of the newest measured pose. So a late pose needs no recomputation; one
+    that is older than the last is not used.
+    """
+
+    def __init__(self, constants: int) -> None:
+        self._state: Array = np.zeros(3 + constants)
+        """Pose and constants."""
+        self._covariance: Array = np.diag([0.0] * 3 + [1.0] * constants)
+        self._steps: deque[_Step] = deque()
+        self._at_s: float | None = None
+        """Time of the pose; None without one."""
+        self._measured_s: float | None = None
+        """Time of the last comparison."""
+        self._errors = TwistErrors.none(constants)
+        self._begin()
+
+    @property
+    def has_measured(self) -> bool:
+        """Whether any measurement has come."""
+        return self._at_s is not None or self._measured_s is not None
+
+    @property
+    def constants(self) -> Array:
+        """(m,): estimated constants, in units of their described standard deviations."""
+        return self._state[3:]
+
+    @property
+    def covariance(self) -> Array:
+        """(m, m): covariance of `constants`."""
+        return self._covariance[3:, 3:]
+
+    def learned(self, rows: Mapping[str, Array]) -> dict[str, LearnedError]:
+        """Return the errors that are `rows` (m,) times the constants."""
+        return {
+            name: LearnedError(
+                float(row @ self.constants), math.sqrt(float(row @ self.covariance @ row))
+            )
+            for name, row in rows.items()
+        }
+
+    def follow(self, now_s: float, twist: Array, errors: TwistErrors) -> None:
+        """Follow a step to `now_s` with a mean `twist` (3,), which has `errors`."""
+        if self._at_s is None:
+            return  # Without a pose, twists carry no information.
+        self._steps.append(_Step(now_s, twist, errors))
+        if len(self._steps) > _STEPS_KEPT:
+            self._carry(self._steps[0].end_s)
+
+    def forget_pose(self) -> None:
+        """Forget the pose, for it was set, or the robot was carried."""
+        self._at_s = None
+        self._steps.clear()
+        self._begin()
+
+    def compare(self, now_s: float, found: Comparison) -> None:
+        """Fuse the comparison of a sensor with the joints."""
+        if self._at_s is None and self._measured_s is not None:
+            self._forget(now_s - self._measured_s)
+        self._measured_s = now_s
+        rows = np.concatenate([np.zeros(3), found.by_constants])[None]
+        off = np.array([found.difference]) - rows @ self._state
+        self._correct(rows, off, np.array([[found.variance]]))
+
+    def fuse_pose(self, pose: SE2, covariance: Array, mounting: Array, at_s: float) -> None:
+        """Fuse a pose measured at `at_s`; `mounting` (3, m) is what the constants add to it.
+
+        A pose that contradicts the constants makes the filter begin anew from that pose: the robot
+        slid, or was carried.
+        """
+        if self._at_s is not None:
+            if at_s <= self._at_s:
+                return
+            self._carry(at_s)
+            self._end_block()
+            rows = np.hstack([np.eye(3), mounting])
+            off = pose.xy_heading - rows @ self._state
+            off[2] = wrap(off[2])
+            expected = rows @ self._covariance @ rows.T + covariance
+            if off @ np.linalg.solve(expected, off) <= GATE:
+                self._correct(rows, off, covariance)
+                self._begin()
+                return
+        self._begin_at(pose, covariance, mounting, at_s)
+
+    def _begin_at(self, pose: SE2, covariance: Array, mounting: Array, at_s: float) -> None:
+        while self._steps and self._steps[0].end_s <= at_s:
+            self._steps.popleft()
+        self._at_s = at_s
+        self._state[:3] = pose.xy_heading - mounting @ self.constants
+        crossed = -mounting @ self.covariance
+        self._covariance[:3, :3] = covariance + mounting @ self.covariance @ mounting.T
+        self._covariance[:3, 3:], self._covariance[3:, :3] = crossed, crossed.T
+        self._begin()
+
+    def _correct(self, rows: Array, off: Array, noise: Array) -> None:
+        """Kalman update, Joseph form."""
+        innovation = rows @ self._covariance @ rows.T + noise
+        gain = np.linalg.solve(innovation, rows @ self._covariance).T
+        keep = np.eye(len(self._state)) - gain @ rows
+        self._state = self._state + gain @ off
+        self._covariance = keep @ self._covariance @ keep.T + gain @ noise @ gain.T
+
+    def _forget(self, seconds: float) -> None:
+        """Let constants change a little; their stationary distribution is the described one."""
+        keep = math.exp(-seconds / _FORGET_S)
+        self._state[3:] *= keep
+        self._covariance[3:] *= keep
+        self._covariance[:, 3:] *= keep
+        self._covariance[3:, 3:] += (1.0 - keep * keep) * np.eye(len(self._state) - 3)
+
+    def _begin(self) -> None:
+        """Begin a block of steps with the same errors of the twist."""
+        self._rate: Array = self._errors.by_constants @ self.constants
+        """(3,): correction of the twist."""
+        self._elapsed_s = 0.0
+        self._heading, self._turned = float(self._state[2]), 0.0
+        self._way = self._by_velocity = self._by_turn_rate = 0j
+        self._mid_heading_s = self._speed_s = self._turn_rate_s = 0.0
+
+    def _carry(self, until_s: float) -> None:
+        """Follow the steps up to a time."""
+        at_s = self._at_s or 0.0
+        while self._steps and at_s < until_s:
+            step = self._steps[0]
+            end_s = min(step.end_s, until_s)
+            if step.errors is not self._errors:
+                self._end_block()
+                self._errors = step.errors
+                self._begin()
+            self._add(step.twist, end_s - at_s)
+            at_s = end_s
+            if end_s == step.end_s:
+                self._steps.popleft()
+        self._at_s = at_s
+
+    def _add(self, twist: Array, dt_s: float) -> None:
+        vx, vy, omega = (twist + self._rate).tolist()
+        middle = self._heading + 0.5 * omega * dt_s
+        turn = complex(math.cos(middle), math.sin(middle))
+        way = dt_s * turn * complex(vx, vy)
+        self._by_turn_rate += 1j * way * (self._elapsed_s + 0.5 * dt_s)
+        self._by_velocity += dt_s * turn
+        self._way += way
+        self._speed_s += dt_s * math.hypot(vx, vy)
+        self._turn_rate_s += dt_s * abs(omega)
+        self._mid_heading_s += dt_s * middle
+        self._heading += omega * dt_s
+        self._turned += omega * dt_s
+        self._elapsed_s += dt_s
+
+    def _end_block(self) -> None:
+        """Propagate state and covariance over the block."""
+        dt_s = self._elapsed_s
+        if dt_s == 0.0:
+            return
+        x, y = self._way.real, self._way.imag
+        c, s = self._by_velocity.real, self._by_velocity.imag
+        far, left = self._by_turn_rate.real, self._by_turn_rate.imag
+        self._state[:2] += x, y
+        self._state[2] += self._turned
+        by_twist = np.array([[c, -s, far], [s, c, left], [0.0, 0.0, dt_s]])
+        move = np.eye(len(self._state))
+        move[0, 2], move[1, 2] = -y, x
+        move[:3, 3:] = by_twist @ self._errors.by_constants
+        heading = self._mid_heading_s / dt_s
+        c, s = math.cos(heading), math.sin(heading)
+        axes = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        self._covariance = move @ self._covariance @ move.T
+        self._covariance[:3, :3] += dt_s * axes @ self._errors.white_per_s @ axes.T
+        own = CAUTION * np.array([self._speed_s, self._speed_s, self._turn_rate_s]) / dt_s
+        self._covariance[:3, :3] += dt_s * np.diag(np.square(own))
+        self._forget(dt_s)
+        self._begin()
