@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 
 from tsd_twin import flag_types, program, robot_program
 from tsd_twin.hardware import (
@@ -12,6 +13,7 @@ from tsd_twin.hardware import (
     ServoCalibration,
     U2D2Hardware,
     serial_ports,
+    set_up_receiver,
 )
 from tsd_twin.hardware.mega import BAUD
 from tsd_twin.node import RobotIO
@@ -26,6 +28,7 @@ PARSER = program.parser(
         "tsd-bridge --port /dev/ttyACM0             the triple singularity drive",
         "tsd-bridge --port /dev/serial/by-id/usb-Arduino_...-if00 --calibration mine.toml",
         "tsd-bridge --port /dev/ttyACM0 --servos /dev/ttyUSB0",
+        "tsd-bridge --port /dev/ttyACM0 --calibration mine.toml --setup   learn the radio control",
         "tsd-bridge --port socket://192.168.1.7:4004   a board behind ser2net or socat",
     ],
 )
@@ -35,6 +38,11 @@ def joints(robot: RobotDescription, args: argparse.Namespace) -> RobotIO:
     """Connected hardware interface."""
     if not args.port:
         raise HardwareError("--port is missing: 'tsd-bridge --list' shows what ports there are")
+    if args.setup:
+        if not args.calibration:
+            raise HardwareError("--setup needs --calibration FILE, which it writes to")
+        set_up_receiver(args.port, args.baud, Path(args.calibration))
+        sys.exit(0)
     calibration = (
         ServoCalibration.read(args.calibration) if args.calibration else ServoCalibration()
     )
@@ -72,6 +80,11 @@ def main() -> None:
     )
     PARSER.add_argument(
         "--calibration", metavar="FILE", help="TOML: neutral steps and turned servos"
+    )
+    PARSER.add_argument(
+        "--setup",
+        action="store_true",
+        help="learn sticks and fail-safe of the radio control, write them into the file and end",
     )
     robot_program.serve(PARSER, joints)
 

@@ -11,12 +11,12 @@ from tsd_twin import flag_types, program
 from tsd_twin.bus import DEFAULT_ENDPOINT
 from tsd_twin.dashboard import dashboard
 from tsd_twin.dashboard.dashboard import tune_malloc
-from tsd_twin.dashboard.server import http_server
 from tsd_twin.dashboard.server.auth import DEFAULT_IDENTITY, AccessSettings
 from tsd_twin.dashboard.server.connection_limits import allow_many_files
 from tsd_twin.errors import TwinError
 from tsd_twin.messages import topics
 from tsd_twin.security import Role, Users
+from tsd_twin.security.web_access import certificate_host_names, server_tls_context
 
 _LOG = logging.getLogger(__name__)
 _PATIENCE_S = 3.0
@@ -80,8 +80,8 @@ def rules_of(args: argparse.Namespace) -> AccessSettings:
     if (args.tls_cert is None) != (args.tls_key is None):
         raise TwinError("--tls-cert and --tls-key go together: name both, or neither")
     if args.tls_cert is not None:
-        context = http_server.server_tls_context(args.tls_cert, args.tls_key)
-        names += http_server.certificate_host_names(args.tls_cert)
+        context = server_tls_context(args.tls_cert, args.tls_key)
+        names += certificate_host_names(args.tls_cert)
     owner = program.certificate(args) or DEFAULT_IDENTITY
     if owner.role is Role.SENSOR:
         raise TwinError(f"'{owner.name}' is a sensor: a dashboard needs an operator, or a viewer")

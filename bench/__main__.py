@@ -19,6 +19,7 @@ PARTS = (
     "idle",
     "recording",
     "seek",
+    "foxglove",
 )
 
 

@@ -20,7 +20,7 @@ void host_start(void) {
 static uint16_t word(const uint8_t *bytes) { return bytes[0] | (uint16_t)bytes[1] << 8; }
 
 static void answer(answer_t error, const uint8_t *data, uint8_t length) {
-  static uint8_t parameters[1 + CT_SIZE], out[PACKET_ROOM];
+  static uint8_t parameters[1 + PACKET_READ_LONGEST], out[PACKET_ROOM];
   parameters[0] = error;
   memcpy(parameters + 1, data, length);
   // Without room the PC has asked again before it was answered: it gets the first answers.
@@ -38,7 +38,7 @@ static void read(const packet_t *packet) {
     return;
   }
   uint16_t address = word(packet->parameters), length = word(packet->parameters + 2);
-  if (length == 0 || length > CT_SIZE) {
+  if (length == 0 || length > PACKET_READ_LONGEST) {
     answer(ANSWER_LENGTH, NULL, 0);
   } else if (address > CT_SIZE - length) {
     answer(ANSWER_ACCESS, NULL, 0);

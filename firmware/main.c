@@ -2,10 +2,11 @@
 #include <avr/interrupt.h>
 #include <stdbool.h>
 
-#include "battery.h"
 #include "clock.h"
 #include "crc16.h"
 #include "host.h"
+#include "nonce.h"
+#include "power.h"
 #include "receiver.h"
 #include "safety.h"
 #include "servos.h"
@@ -18,7 +19,7 @@ static void tick(void) {
   receiver_tick();
   servos_tick();
   host_tick();
-  battery_tick();
+  power_tick();
   setup_tick();
   safety_tick();
 }
@@ -28,9 +29,10 @@ int main(void) {
   table_start();
   watchdog_remember();
   setup_start();
+  nonce_start();
   safety_start();
   receiver_start();
-  battery_start();
+  power_start();
   servos_start();
   host_start();
   clock_start();

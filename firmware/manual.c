@@ -9,34 +9,32 @@
 #include "table.h"
 
 #define PERIOD_MS 20
-#define CENTRE_US 1500
-#define DEAD_US 20
-#define TRAVEL_US 400  // From the centre to the end.
-#define SPEED_LOW_US 1100
-#define SPEED_TRAVEL_US 780  // Less than the stick has: its end is the end.
-
 uint16_t manual_throttle[CT_ESCS];
 int16_t manual_goal[CT_SERVOS];
 
 static twist_t twist;
 static uint8_t phase;
 
-// Stick from -1 to 1, with a dead zone at the centre.
+// Part of `span` beyond the dead bands at both of its ends, from 0 to 1.
+static float part(int16_t off, int16_t span) {
+  int16_t dead = table.stick_dead;
+  if (off <= dead || span <= 2 * dead) return 0.0f;
+  return fmin(1.0f, (float)(off - dead) / (float)(span - 2 * dead));
+}
+
+// Stick from -1 to 1.
 static float stick(channel_t channel) {
-  int16_t off = table.rc[channel] - CENTRE_US;
-  if (off > -DEAD_US && off < DEAD_US) return 0.0f;
-  return fmin(1.0f, fmax(-1.0f, (off < 0 ? off + DEAD_US : off - DEAD_US) /
-                                    (float)(TRAVEL_US - DEAD_US)));
+  int16_t us = table.rc[channel], centre = table.stick_centre[channel];
+  return us < centre ? -part(centre - us, centre - table.stick_low[channel])
+                     : part(us - centre, table.stick_high[channel] - centre);
 }
 
-static uint16_t speed_us(void) {
-  uint16_t us = table.rc[RC_SPEED];
-  if (us <= SPEED_LOW_US) return 0;
-  us -= SPEED_LOW_US;
-  return us < SPEED_TRAVEL_US ? us : SPEED_TRAVEL_US;
+static float speed(void) {
+  int16_t low = table.stick_low[RC_SPEED];
+  return part(table.rc[RC_SPEED] - low, table.stick_high[RC_SPEED] - low);
 }
 
-bool manual_speed_is_zero(void) { return speed_us() == 0; }
+bool manual_speed_is_zero(void) { return speed() <= 0.0f; }
 
 static twist_t wanted(void) {
   twist_t goal = {stick(RC_FORWARD), stick(RC_LEFT), stick(RC_TURN)};
@@ -72,8 +70,9 @@ void manual_tick(void) {
     if (phase == ROBOT_MODULES) memcpy(manual_goal, goals, sizeof goals);
   }
   if (++phase == PERIOD_MS) phase = 0;
+  float share = speed();
   for (uint8_t i = 0; i < CT_ESCS; i++) {
-    uint32_t span = ROBOT_CRUISE_THROTTLE[i] - CT_ZERO_THROTTLE;
-    manual_throttle[i] = CT_ZERO_THROTTLE + span * speed_us() / SPEED_TRAVEL_US;
+    uint16_t span = ROBOT_CRUISE_THROTTLE[i] - CT_ZERO_THROTTLE;
+    manual_throttle[i] = CT_ZERO_THROTTLE + (uint16_t)(share * span);
   }
 }

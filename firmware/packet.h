@@ -19,10 +19,13 @@ typedef enum {
   PACKET_SYNC_WRITE = 0x83,
 } instruction_t;
 
-// The longest packet that is understood, and room for the longest that is made: a read of the
-// whole table, stuffed as much as can be.
+// The longest packet that is understood, and room for the longest that is made: a read of
+// PACKET_READ_LONGEST bytes, stuffed as much as can be.
 #define PACKET_LONGEST 160
-#define PACKET_ROOM (CT_SIZE + CT_SIZE / 3 + 14)
+#define PACKET_READ_LONGEST 160
+#define PACKET_ROOM (PACKET_READ_LONGEST + PACKET_READ_LONGEST / 3 + 14)
+
+_Static_assert(PACKET_ROOM <= 255, "lengths are bytes");
 
 typedef struct {
   uint8_t id;

@@ -20,10 +20,11 @@
 #define RC_MASK PCMSK2
 #define RC_PINS 0x3f
 
-// Battery over a divider of 30 and 10 kilo-ohm at ADC0 (A0).
+// Battery at ADC0 (A0), speed controllers behind the contactor at ADC1 (A1): each over a divider of
+// 30 and 10 kilo-ohm.
 #define BATTERY_CHANNEL 0
-#define BATTERY_DIVIDER 4
-#define ADC_REFERENCE_MV 5000UL
+#define DRIVE_CHANNEL 1
+#define DIVIDER 4
 
 // LED on the board: on while there is a source of joint commands (D13).
 #define LIGHT_DDR DDRB

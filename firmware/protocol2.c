@@ -7,6 +7,8 @@
 #define TORQUE_ENABLE 64
 #define GOAL_POSITION 116
 #define PRESENT 126  // Current (2), velocity (4), position (4), ..., voltage (2), temperature.
+#define MOST_SPEED 100000
+#define MOST_STEPS 1000000000
 #define SOME 10
 #define ALL 21
 
@@ -54,12 +56,17 @@ static int32_t i32(const uint8_t *bytes) {
   return (uint16_t)i16(bytes) | (uint32_t)(uint16_t)i16(bytes + 2) << 16;
 }
 
+// A servo may report anything; what is reckoned with it must not overflow.
+static int32_t within(int32_t value, int32_t most) {
+  return value > most ? most : value < -most ? -most : value;
+}
+
 static bool report(servo_report_t *report) {
   const uint8_t *present = reply.parameters + 1;
   if (reply.count != 1 + SOME && reply.count != 1 + ALL) return false;
   report->current = ((int32_t)i16(present) * 860) >> 8;    // 3.36 mA
-  report->velocity = (i32(present + 2) * 4002) >> 8;  // 0.229 turns a minute
-  report->position = i32(present + 6);
+  report->velocity = (within(i32(present + 2), MOST_SPEED) * 4002) >> 8;  // 0.229 turns a minute
+  report->position = within(i32(present + 6), MOST_STEPS);
   if (reply.count == 1 + ALL) {
     report->voltage = present[18];
     report->temperature = present[20];

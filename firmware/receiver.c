@@ -68,10 +68,10 @@ bool receiver_present(void) {
   return true;
 }
 
-bool receiver_seen(void) { return watchdog_memory.receiver_seen; }
-
-bool receiver_kills(void) {
-  return receiver_seen() && (!receiver_present() || table.rc[RC_KILL] <= SWITCH_US);
+bool receiver_lost(void) {
+  return (table.receiver_expected || watchdog_memory.receiver_seen) && !receiver_present();
 }
+
+bool receiver_kills(void) { return receiver_present() && table.rc[RC_KILL] <= SWITCH_US; }
 
 bool receiver_manual(void) { return receiver_present() && table.rc[RC_MANUAL] > SWITCH_US; }

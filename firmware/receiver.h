@@ -14,11 +14,11 @@ void receiver_tick(void);
 // All channels have pulses.
 bool receiver_present(void);
 
-// A channel had pulses at some time since power came: from then on all are needed, also after a
-// reset. Who wired the kill switch alone must not believe that it is heard.
-bool receiver_seen(void);
+// A channel that is needed has no pulses. All are, if the setup says so, or once any had some since
+// power came, also over resets: a kill switch that is wired alone must not be taken for one that works.
+bool receiver_lost(void);
 
-// The kill switch is on, or its state is unknown. A robot without receiver has none.
+// The kill switch is on.
 bool receiver_kills(void);
 
 // The switch between PC and radio control stands at the latter.

@@ -2,10 +2,13 @@
 
 #include <avr/io.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "esc.h"
 #include "manual.h"
+#include "nonce.h"
 #include "pins.h"
+#include "power.h"
 #include "receiver.h"
 #include "servos.h"
 #include "setup.h"
@@ -17,7 +20,9 @@
 static bool arm_was_written = true;
 // Since the last beat. Counted up instead of compared with a clock: nothing can wrap.
 static uint16_t beat_age_ms;
+// Zero throttle at speed controllers with power, since they got it and since the last source left.
 static uint16_t zero_throttle_ms;
+static uint16_t rest_ms;  // Since the last throttle, or the start.
 static bool manual_before = true;
 
 void safety_start(void) {
@@ -32,6 +37,8 @@ void safety_start(void) {
 static void disarm(void) {
   table.mode = BOARD_DISARMED;
   table.arm = 0;
+  zero_throttle_ms = 0;
+  nonce_draw();
 }
 
 static void trip(trip_code_t reason) {
@@ -67,12 +74,17 @@ static bool goals_zero(void) {
   return true;
 }
 
+static bool held(void) { return zero_throttle_ms >= CT_DEFAULT(esc_hold_ms); }
+
 // Reason against any source of joint commands.
 static refusal_code_t refusal_to_anybody(void) {
   if (!setup_known()) return REFUSAL_SETUP;
-  if (!table.esc_ready) return REFUSAL_ESC_HOLD;
+  if (!power_drive()) return REFUSAL_DRIVE;
+  if (power_low()) return REFUSAL_BATTERY;
+  if (receiver_lost()) return REFUSAL_RECEIVER;
   if (receiver_kills()) return REFUSAL_KILL;
   if (!servos_well()) return REFUSAL_SERVO;
+  if (!held()) return REFUSAL_ESC_HOLD;
   return REFUSAL_NONE;
 }
 
@@ -91,30 +103,54 @@ static void give_to(board_code_t mode) {
   table.trip = TRIP_NONE;
 }
 
-void safety_command(void) {
-  bool beat = table.heartbeat != table.beat;
-  bool wanted = table.arm, edge = wanted && !arm_was_written;
-  arm_was_written = wanted;
-  if (beat) {
-    table.beat = table.heartbeat;
-    beat_age_ms = 0;
-  }
-  if (!wanted) {
-    if (table.mode == BOARD_ARMED) disarm();
-  } else if (table.mode != BOARD_ARMED) {
-    table.arm = 0;
-    if (!edge || !beat) return;
+// Takes the block over; only then it counts.
+static void take(const control_table_t *wanted) {
+  table.heartbeat = wanted->heartbeat;
+  table.arm = wanted->arm;
+  table.torque = wanted->torque;
+  memcpy(table.throttle, wanted->throttle, sizeof table.throttle);
+  memcpy(table.goal, wanted->goal, sizeof table.goal);
+  memcpy(table.session, wanted->session, sizeof table.session);
+}
+
+static void ask_to_arm(bool edge, bool beat) {
+  table.arm = 0;
+  if (edge && beat) {
     table.refusal = refusal_to_pc();
-    if (table.refusal) return;
-    table.arm = 1;
-    give_to(BOARD_ARMED);
+    if (!table.refusal) {
+      table.arm = 1;
+      give_to(BOARD_ARMED);
+      return;
+    }
   }
+  nonce_draw();  // Sent again, it must not arm later either.
+}
+
+bool safety_command(const control_table_t *wanted) {
+  bool armed = table.mode == BOARD_ARMED;
+  int16_t ahead = wanted->heartbeat - table.heartbeat;
+  bool ours = nonce_is(wanted->session) && !(armed && ahead < 0);
+  table.beat = wanted->heartbeat;
+  if (!wanted->arm && armed) disarm();
+  if (!ours) return !wanted->arm;
+  bool edge = wanted->arm && !arm_was_written;
+  arm_was_written = wanted->arm;
+  take(wanted);
+  if (ahead) beat_age_ms = 0;
+  if (wanted->arm && !armed) ask_to_arm(edge, ahead);
+  return true;
+}
+
+bool safety_at_rest(void) {
+  return table.mode == BOARD_DISARMED && rest_ms >= CT_DEFAULT(esc_hold_ms);
 }
 
 static trip_code_t reason_to_trip(void) {
   bool pc = table.mode == BOARD_ARMED;
-  if (receiver_seen() && !receiver_present()) return TRIP_RC_LOST;
+  if (receiver_lost()) return TRIP_RC_LOST;
   if (receiver_kills()) return TRIP_KILL;
+  if (!power_drive()) return TRIP_DRIVE;
+  if (power_empty()) return TRIP_BATTERY;
   if (!servos_well()) return TRIP_SERVO;
   if (pc && receiver_manual()) return TRIP_RC_TOOK_OVER;
   if (pc && beat_age_ms >= CT_DEFAULT(heartbeat_timeout_ms)) return TRIP_HEARTBEAT;
@@ -123,12 +159,14 @@ static trip_code_t reason_to_trip(void) {
 
 // The radio control gets the robot when its switch is moved, and loses it when it is moved back.
 // A switch that stands at "manual" when the receiver is first heard has to be moved there again.
-static void look_at_switch(void) {
+static void look_at_switch(bool takes_over) {
   bool manual = receiver_manual(), edge = manual && !manual_before;
   manual_before = manual || !receiver_present();
   if (table.mode == BOARD_RC && !manual) disarm();
   if (table.mode != BOARD_DISARMED || !edge) return;
   table.refusal = refusal_to_anybody();
+  // The speed controllers had power all the time, and its stick says zero throttle.
+  if (takes_over && table.refusal == REFUSAL_ESC_HOLD) table.refusal = REFUSAL_NONE;
   if (!table.refusal && !manual_speed_is_zero()) table.refusal = REFUSAL_THROTTLE;
   if (table.refusal) return;
   manual_begin();
@@ -143,6 +181,7 @@ static void put_out(void) {
   int16_t limit = table.goal_limit;
   for (uint8_t i = 0; i < CT_ESCS; i++) {
     table.throttle_out[i] = pc || rc ? throttle[i] : CT_ZERO_THROTTLE;
+    if (table.throttle_out[i] != CT_ZERO_THROTTLE) rest_ms = 0;
   }
   for (uint8_t i = 0; i < CT_SERVOS; i++) {
     int16_t wanted = pc || rc ? goal[i] : 0;
@@ -157,15 +196,28 @@ static void put_out(void) {
   }
 }
 
+// Speed controllers that just got power may take any throttle for one to spin up to, or for the
+// start of their calibration: from then on they get 2 s of zero throttle first.
+static void hold_zero_throttle(void) {
+  if (!power_drive()) {
+    zero_throttle_ms = 0;
+  } else if (table.mode == BOARD_DISARMED && !held()) {
+    zero_throttle_ms++;
+  }
+}
+
 void safety_tick(void) {
   if (beat_age_ms < UINT16_MAX) beat_age_ms++;
-  if (zero_throttle_ms < CT_DEFAULT(esc_hold_ms)) zero_throttle_ms++;
-  table.esc_ready = zero_throttle_ms >= CT_DEFAULT(esc_hold_ms);
+  if (rest_ms < CT_DEFAULT(esc_hold_ms)) rest_ms++;
+  hold_zero_throttle();
   trip_code_t reason = table.mode == BOARD_DISARMED ? TRIP_NONE : reason_to_trip();
   if (reason) trip(reason);
-  look_at_switch();
+  look_at_switch(reason == TRIP_RC_TOOK_OVER);
   if (table.mode == BOARD_RC) manual_tick();
   put_out();
+  table.setup_known = setup_known();
+  table.drive_on = power_drive();
+  table.esc_ready = held();
   table.trips = watchdog_memory.trips;
   table.resets = watchdog_memory.resets;
   watchdog_kick();

@@ -40,15 +40,13 @@ answer_t table_write(uint16_t address, const uint8_t *data, uint16_t length) {
   if (length == 0) return ANSWER_LENGTH;
   if (!setup && !command) return ANSWER_ACCESS;
   if (command && length != CT_COMMAND_SIZE) return ANSWER_LENGTH;
-  if (setup && table.mode != BOARD_DISARMED) return ANSWER_ACCESS;
+  if (setup && length != CT_SETUP_SIZE) return ANSWER_LENGTH;
+  if (setup && !safety_at_rest()) return ANSWER_ACCESS;
   wanted = table;
   memcpy((uint8_t *)&wanted + address, data, length);
   if (!within_limits((const uint8_t *)&wanted)) return ANSWER_RANGE;
-  memcpy((uint8_t *)&table + address, data, length);
-  if (command) {
-    safety_command();
-  } else {
-    setup_written();
-  }
+  if (command) return safety_command(&wanted) ? ANSWER_OK : ANSWER_ACCESS;
+  table = wanted;
+  setup_written();
   return ANSWER_OK;
 }

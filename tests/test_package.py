@@ -26,6 +26,7 @@ NEEDED = (
     "tsd_lab.py",
     "tsd_record.py",
     "tsd_replay.py",
+    "tsd_foxglove.py",
     "tsd_twin/robots/tsd.toml",
     "tsd_twin/dashboard/static/overlay.js",
     "tsd_twin/dashboard/static/vendor/uPlot.iife.min.js",

@@ -2,8 +2,9 @@
 """Robot in a box: the compiled firmware, simulated in real time behind a pseudo-terminal.
 
 Start it, then start the bridge with the printed path. Commands on standard input inject faults:
-hang, reset, freeze 1, unplug 2, garbage 100, dead 3, alive 3, battery 11.2, kill on, manual on,
-sticks 0.5 0 0 1, lose, show. It runs on after the end of the input, until SIGINT or SIGTERM.
+hang, reset, brownout 0.1, freeze 1, unplug 2, garbage 100, dead 3, alive 3, battery 11.2,
+contactor open, fuse blown, kill on, manual on, sticks 0.5 0 0 1, lose, show. It runs on after the
+end of the input, until SIGINT or SIGTERM.
 """
 
 from __future__ import annotations
@@ -13,9 +14,11 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from firmware.simulator.faults import FaultCommands
+from firmware.simulator.power import Wiring
 from firmware.simulator.real_time import RealTimeSimulation
 from firmware.simulator.simulation import FirmwareSimulation
 
@@ -30,9 +33,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--link", type=Path, help="name for the port that stays over an unplugging")
     parser.add_argument("--protocol", type=int, choices=(1, 2), default=2, help="of the servos")
     parser.add_argument("--no-receiver", action="store_true", help="without a radio control")
+    drawn = Wiring()
+    parser.add_argument(
+        "--supply", choices=("servos", "usb", "both"), default=drawn.supply, help="of the board"
+    )
+    parser.add_argument("--auto-reset", action="store_true", help="opening the port resets it")
+    parser.add_argument("--boot-loader", type=float, default=drawn.boot_loader_s, metavar="SECONDS")
     flags = parser.parse_args(arguments)
+    wiring = replace(
+        drawn,
+        supply=flags.supply,
+        auto_reset=flags.auto_reset,
+        boot_loader_s=flags.boot_loader,
+    )
     robot = RealTimeSimulation(
-        FirmwareSimulation(flags.protocol, receiver=not flags.no_receiver), flags.link
+        FirmwareSimulation(flags.protocol, receiver=not flags.no_receiver, wiring=wiring),
+        flags.link,
     )
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     print(f"ready: {robot.path}", flush=True)  # noqa: T201

@@ -96,10 +96,33 @@ void board_close(board_t *board) {
 uint64_t board_cycle(board_t *board) { return board->avr->cycle; }
 uint32_t board_resets(board_t *board) { return board->resets; }
 
+/* Takes the chip's power away. */
+void board_off(board_t *board) {
+  if (board->off) return;
+  avr_reset(board->avr);
+  board->resets--;
+  board->off = true;
+}
+
+/* Starts it again, with `cause` in MCUSR. */
+void board_on(board_t *board, uint8_t cause, bool lose_memory) {
+  avr_t *avr = board->avr;
+  board->off = false;
+  if (lose_memory) memset(avr->data + avr->ioend + 1, 0xa5, avr->ramend - avr->ioend);
+  avr_reset(avr);
+  if (cause & 1) avr_regbit_set(avr, avr->reset_flags.porf);
+  if (cause & 2) avr_regbit_set(avr, avr->reset_flags.extrf);
+  if (cause & 4) avr_regbit_set(avr, avr->reset_flags.borf);
+}
+
 /* Runs to `cycle`, or until what is awaited came; false when the firmware crashed. */
 bool board_run(board_t *board, uint64_t cycle) {
   avr_t *avr = board->avr;
   board->answered = false;
+  if (board->off) {
+    if (cycle > avr->cycle) avr->cycle = cycle;
+    return true;
+  }
   if (cycle > avr->cycle) avr_cycle_timer_register(avr, cycle - avr->cycle, slice_end, board);
   while (avr->cycle < cycle && !board->answered) {
     int state = avr_run(avr);
@@ -111,6 +134,11 @@ bool board_run(board_t *board, uint64_t cycle) {
 void board_set_adc(board_t *board, uint32_t channel, uint32_t millivolts) {
   avr_raise_irq(avr_io_getirq(board->avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_ADC0 + channel),
                 millivolts);
+}
+
+/* Sets the supply of the chip, its analogue reference. */
+void board_set_supply(board_t *board, uint32_t millivolts) {
+  board->avr->vcc = board->avr->avcc = millivolts;
 }
 
 uint8_t board_peek(board_t *board, uint16_t address) { return board->avr->data[address]; }
@@ -134,10 +162,5 @@ void board_hang(board_t *board) {
 }
 
 /* Resets the chip as its reset pin does, or as power does that comes back. */
-void board_reset(board_t *board, bool power) {
-  avr_t *avr = board->avr;
-  if (power) memset(avr->data + avr->ioend + 1, 0xa5, avr->ramend - avr->ioend);
-  avr_reset(avr);
-  avr_regbit_set(avr, power ? avr->reset_flags.porf : avr->reset_flags.extrf);
-}
+void board_reset(board_t *board, bool power) { board_on(board, power ? 1 : 2, power); }
 

@@ -18,6 +18,8 @@
 #define PCICR 0x68
 #define PCMSK2 0x6D
 #define UBRR0 0xC4
+#define UCSR1B 0xC9
+#define RXEN1 0x10
 #define UBRR1 0xCC
 #define OCR4AH 0xA9
 #define OCR4CH 0xAD
@@ -36,7 +38,7 @@ typedef struct {
 typedef struct {
   uint32_t pulses, width; /* Of the newest pulse, in cycles. */
   uint32_t unarmed_widest; /* Of pulses in disarmed mode. */
-  avr_cycle_count_t rise, first_rise;
+  avr_cycle_count_t rise, fall, first_rise;
   bool wanted, wanted_before;
 } esc_t;
 
@@ -44,12 +46,15 @@ typedef struct board {
   avr_io_t io; /* First: simavr calls it at each reset. */
   avr_t *avr;
   uint32_t resets;
+  bool off; /* Without power, or in its boot loader: no pin is driven. */
   uint16_t mode_address; /* Address of the board mode: source of joint commands, 0 is none. */
   queue_t to_board, to_host;
   /* Servo bus. */
   bool sending;
   uint8_t request[LONGEST_REQUEST];
-  uint32_t request_length, strays, cuts, collisions;
+  uint32_t request_length, strays, cuts, collisions, deaf;
+  uint8_t byte; /* Of a reply, on its way. */
+  bool arriving, heard;
   queue_t to_bus;
   void (*on_request)(const uint8_t *bytes, uint32_t length);
   esc_t esc[3];

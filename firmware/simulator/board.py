@@ -9,6 +9,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from tsd_twin.dynamixel.control_table import ResetCause
+
 FIRMWARE = Path(__file__).parents[1]
 BUILD = FIRMWARE / "build"
 HZ = 16_000_000
@@ -38,7 +40,7 @@ class Pulse:
 
     count: int
     us: float
-    """Width of the newest."""
+    """Width of the newest; 0 when they have ceased."""
     unarmed_us: float
     """Width of the widest pulse in disarmed mode."""
     first_s: float
@@ -114,9 +116,11 @@ class Board:
         """Send bytes to the board as servos do, `delay_us` from now."""
         self._lib.board_reply(self._board, data, len(data), delay_us)
 
-    def bus_faults(self) -> tuple[int, int, int]:
-        """Return bytes sent while listening, requests cut by the pin, replies talked over."""
-        counts = (ctypes.c_uint32 * 3)()
+    def bus_faults(self) -> tuple[int, int, int, int]:
+        """Return bytes sent while listening, requests cut by the pin, replies talked over, and
+        bytes that came before the board listened.
+        """
+        counts = (ctypes.c_uint32 * 4)()
         self._lib.board_bus_faults(self._board, counts)
         return tuple(counts)  # type: ignore[return-value]
 
@@ -135,6 +139,10 @@ class Board:
         """Set the voltage at an analogue input."""
         self._lib.board_set_adc(self._board, channel, round(1000.0 * volts))
 
+    def set_supply(self, volts: float) -> None:
+        """Set the supply of the board, which is the reference of its analogue inputs."""
+        self._lib.board_set_supply(self._board, round(1000.0 * volts))
+
     def peek(self, address: int) -> int:
         """Byte of memory."""
         return self._lib.board_peek(self._board, address)
@@ -150,6 +158,14 @@ class Board:
     def hang(self) -> None:
         """Make the firmware hang with interrupts off, until the next reset."""
         self._lib.board_hang(self._board)
+
+    def off(self) -> None:
+        """Take its power away: no pin is driven."""
+        self._lib.board_off(self._board)
+
+    def on(self, cause: ResetCause, *, lose_memory: bool = True) -> None:
+        """Start it again."""
+        self._lib.board_on(self._board, int(cause), lose_memory)
 
     def reset(self, *, power: bool = False) -> None:
         """Reset it by its pin, or as power does that comes back."""
@@ -190,10 +206,13 @@ def _library() -> ctypes.CDLL:
         ("esc", u32, pointer),
         ("set_rc", pointer),
         ("set_adc", u32, u32),
+        ("set_supply", u32),
         ("peek", ctypes.c_uint16),
         ("poke", ctypes.c_uint16, ctypes.c_uint8),
         ("poke_eeprom", ctypes.c_uint16, ctypes.c_uint8),
         ("hang",),
+        ("off",),
+        ("on", ctypes.c_uint8, ctypes.c_bool),
         ("reset", ctypes.c_bool),
         ("ask", ctypes.c_char_p, pointer, u32, ctypes.c_char_p, u32, ctypes.c_char_p, u32, u32),
     ):

@@ -11,13 +11,20 @@
    pin is high, and take its fall for the end of the request. */
 static avr_cycle_count_t feed_bus(avr_t *avr, avr_cycle_count_t when, void *param) {
   board_t *board = param;
-  uint8_t byte = 0;
-  if (!queue_take(&board->to_bus, &byte)) return 0;
-  if (board->sending) {
-    board->collisions++;
-  } else {
-    avr_raise_irq(uart(board, '1', UART_IRQ_INPUT), byte);
+  if (board->arriving) {
+    board->arriving = false;
+    if (board->sending) {
+      board->collisions++;
+    } else if (board->heard) {
+      avr_raise_irq(uart(board, '1', UART_IRQ_INPUT), board->byte);
+    } else {
+      board->deaf++;
+    }
   }
+  if (!queue_take(&board->to_bus, &board->byte)) return 0;
+  /* A byte whose start bit comes before the receiver is on is lost. */
+  board->heard = avr->data[UCSR1B] & RXEN1;
+  board->arriving = true;
   return when + byte_cycles(avr, UBRR1);
 }
 
@@ -69,6 +76,7 @@ void bus_reset(board_t *board) {
   board->sending = false;
   board->request_length = 0;
   board->to_bus.tail = board->to_bus.head;
+  board->arriving = false;
 }
 
 void board_on_request(board_t *board, void (*call)(const uint8_t *, uint32_t)) {
@@ -84,10 +92,11 @@ void board_reply(board_t *board, const uint8_t *bytes, uint32_t count, uint32_t 
 }
 
 /* Counts of what must not happen on the bus: bytes sent while the pin says listen, requests that
-   the pin cut short, replies that the board talked over. */
+   the pin cut short, replies that the board talked over, bytes that came before it listened. */
 void board_bus_faults(board_t *board, uint32_t *counts) {
   counts[0] = board->strays;
   counts[1] = board->cuts;
   counts[2] = board->collisions;
+  counts[3] = board->deaf;
 }
 

@@ -12,7 +12,9 @@ from tsd_twin.dynamixel.control_table import ADDRESS
 
 
 def _switch(word: str) -> bool:
-    return {"on": True, "off": False}[word]
+    return {"on": True, "closed": True, "whole": True, "off": False, "open": False, "blown": False}[
+        word
+    ]
 
 
 def show(robot: RealTimeSimulation) -> str:
@@ -28,6 +30,7 @@ def show(robot: RealTimeSimulation) -> str:
             "pose": simulation.plant.pose.xy_heading.tolist(),
             "mode": simulation.board.peek(simulation.table_address + ADDRESS["mode"]),
             "resets": simulation.board.resets,
+            "drive_v": round(simulation.power.drive_v, 2),
         }
     )
 
@@ -42,13 +45,16 @@ class FaultCommands:
         self._commands: dict[str, Callable[..., object]] = {
             "show": lambda: print(show(robot), flush=True),  # noqa: T201
             "hang": simulation.board.hang,
-            "reset": simulation.board.reset,
+            "reset": simulation.reset,
+            "brownout": lambda seconds: simulation.brown_out(float(seconds)),
+            "fuse": lambda word: simulation.set_servo_fuse(whole=_switch(word)),
             "freeze": lambda seconds: robot.freeze(float(seconds)),
             "unplug": lambda seconds: robot.unplug(float(seconds)),
             "garbage": lambda count: robot.garbage(os.urandom(int(count))),
             "dead": lambda number: self._dead(number, dead=True),
             "alive": lambda number: self._dead(number, dead=False),
             "battery": lambda volts: simulation.set_battery(float(volts)),
+            "contactor": lambda word: simulation.set_contactor(closed=_switch(word)),
             "sticks": lambda *words: simulation.set_sticks(*map(float, words)),
             "kill": lambda word: self._switches(kill=_switch(word)),
             "manual": lambda word: self._switches(manual=_switch(word)),

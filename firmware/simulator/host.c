@@ -33,6 +33,7 @@ void host_open(board_t *board) {
 void host_reset(board_t *board) { board->to_board.tail = board->to_board.head; }
 
 void board_send(board_t *board, const uint8_t *bytes, uint32_t count) {
+  if (board->off) return;
   queue_put(&board->to_board, bytes, count);
   if (!avr_cycle_timer_status(board->avr, feed_host, board)) {
     avr_cycle_timer_register(board->avr, 1, feed_host, board);

@@ -26,20 +26,25 @@ class Registers:
     """One unit of velocity."""
     fault: int
     """Error of a status when the hardware is in trouble."""
+    alarm_v: float
+    """Lowest voltage without one, as it comes from the factory."""
 
 
 REGISTERS = {
     1: Registers(
         protocol1, 310, torque=24, goal=(30, 2), position=(36, 2), velocity=(38, 2),
         voltage=(42, 1), temperature=43, current=(68, 2),
-        steps_per_s=0.114 * 4096 / 60, fault=0x20,
+        steps_per_s=0.114 * 4096 / 60, fault=0x20, alarm_v=6.0,
     ),
     2: Registers(
         protocol2, 311, torque=64, goal=(116, 4), position=(132, 4), velocity=(128, 4),
         voltage=(144, 2), temperature=146, current=(126, 2),
-        steps_per_s=0.229 * 4096 / 60, fault=0x80,
+        steps_per_s=0.229 * 4096 / 60, fault=0x80, alarm_v=9.5,
     ),
 }  # fmt: skip
+
+
+_LOW_VOLTAGE = {protocol1: 0x01, protocol2: 0x80}
 
 
 class Mx64:
@@ -50,6 +55,7 @@ class Mx64:
         self.registers = REGISTERS[version]
         self.dead = False
         """Injected fault: no responses, and the motor holds its position."""
+        self.powered = True
         self.jammed = False
         """Injected fault: it answers, but does not move."""
         self.fault = False
@@ -66,6 +72,17 @@ class Mx64:
     def torque(self) -> bool:
         """Whether torque is enabled."""
         return bool(self._memory[self.registers.torque])
+
+    @property
+    def answers(self) -> bool:
+        """Whether it has power and is not dead."""
+        return self.powered and not self.dead
+
+    def set_power(self, volts: float, least_v: float) -> None:
+        """Set its voltage; below `least_v` it is off, and forgets that torque was enabled."""
+        self.volts, self.powered = volts, volts >= least_v
+        if not self.powered:
+            self._memory[self.registers.torque] = 0
 
     @property
     def goal(self) -> int:
@@ -96,7 +113,10 @@ class Mx64:
     def status(self, data: bytes = b"") -> bytes:
         """Answer of this servo."""
         registers = self.registers
-        return registers.protocol.status(self.number, data, registers.fault if self.fault else 0)
+        fault = registers.fault if self.fault else 0
+        if self.volts < registers.alarm_v:
+            fault |= _LOW_VOLTAGE[registers.protocol]
+        return registers.protocol.status(self.number, data, fault)
 
     def answer_to_ping(self) -> bytes:
         """Answer, which has model and version with the newer firmware only."""

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from firmware.simulator.mx64 import Mx64
+from firmware.simulator.power import PowerSimulation
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.simulation import SingularitySimulation
@@ -32,7 +33,10 @@ class RobotPlant:
         self._sign = np.where(reverse, -1.0, 1.0)
         self._step_rad = self.simulation.actuation.servos.step_rad
         self._now_s = 0.0
+        self._wheels = np.zeros(3)
         self._commands: tuple[float, ...] = ()
+        self._driven = True
+        self._signal_s = 0.0
 
     @property
     def gimbals(self) -> Array:
@@ -44,19 +48,36 @@ class RobotPlant:
         """Pose in the world."""
         return self.simulation.pose
 
-    def follow(self, now_s: float, servos: Sequence[Mx64], pulses_us: Sequence[float]) -> None:
+    @property
+    def driven(self) -> bool:
+        """Whether a wheel is driven."""
+        return bool(self.simulation.actuation.speed_goals.any())
+
+    def follow(
+        self,
+        now_s: float,
+        servos: Sequence[Mx64],
+        pulses_us: Sequence[float],
+        power: PowerSimulation,
+    ) -> None:
         """Advance to `now_s`, then apply the goals and update the positions of the servos.
 
-        A pulse of 0 is none at all.
+        A pulse of 0 is none at all: the controllers drive on for as long as they wait for one.
         """
         self.simulation.advance(now_s - self._now_s)
         self._now_s = now_s
         angles = self.gimbals
         goals = [
-            servo.goal if servo.torque and not servo.dead and not servo.jammed else None
+            servo.goal if servo.torque and servo.answers and not servo.jammed else None
             for servo in servos
         ]
-        commands = (*goals, *pulses_us)
+        if min(pulses_us) > 0.0:
+            self._signal_s = now_s
+        driven = power.driven and now_s - self._signal_s <= power.wiring.signal_timeout_s
+        if driven != self._driven:
+            self._driven = driven
+            self.simulation.lose_drive()
+        commands = (*goals, *pulses_us, driven)
         if commands != self._commands:
             self._commands = commands
             self._command(goals, angles, pulses_us)
@@ -79,9 +100,11 @@ class RobotPlant:
         )
         setpoint = np.zeros(9)
         setpoint[_ANGLES] = self._goals
-        setpoint[_WHEELS] = self._speeds(np.array(pulses_us))
-        if min(pulses_us) > 0.0:  # Controllers without a signal do not begin to arm.
-            self.simulation.command(setpoint)
+        setpoint[_WHEELS] = self._speeds(np.array(pulses_us)) * self._driven
+        if min(pulses_us) == 0.0:  # Without a signal they do as before, and do not begin to arm.
+            setpoint[_WHEELS] = self._wheels if self._driven else 0.0
+        self._wheels = setpoint[_WHEELS]
+        self.simulation.command(setpoint)
 
     def _speeds(self, pulses_us: Array) -> Array:
         motors = self.simulation.actuation.motors

@@ -18,6 +18,7 @@ static void on_esc(avr_irq_t *irq, uint32_t value, void *param) {
   if (!esc->rise) return;
   esc->width = now - esc->rise;
   esc->rise = 0;
+  esc->fall = now;
   esc->pulses++;
   /* A pulse that began within 20 ms of the disarming may have been on its way. */
   if (!esc->wanted && !esc->wanted_before && esc->width > esc->unarmed_widest) {
@@ -46,11 +47,11 @@ void pulses_reset(board_t *board) {
   for (int i = 0; i < 3; i++) board->esc[i].rise = 0;
 }
 
-/* Pulses seen, width of the newest, widest in disarmed mode, first rise; cycles. */
+/* Pulses seen, width of the newest or 0 if they have ceased, widest in disarmed mode, first rise; cycles. */
 void board_esc(board_t *board, uint32_t index, uint64_t *facts) {
   const esc_t *esc = &board->esc[index];
   facts[0] = esc->pulses;
-  facts[1] = esc->width;
+  facts[1] = board->avr->cycle - esc->fall < US(25000) ? esc->width : 0;
   facts[2] = esc->unarmed_widest;
   facts[3] = esc->first_rise;
 }

@@ -5,8 +5,11 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
+import math
 import os
 import select
+import termios
 import time
 import tty
 from pathlib import Path
@@ -17,6 +20,8 @@ _SLICE_S = 0.0005
 """Bytes wait this long at most until the board gets them."""
 _AT_ONCE = 10
 """Slices that are caught up with before it listens again."""
+_OPENED_S = 1.0
+"""A line on which no byte came for this long is taken for one that is opened anew."""
 _START_S = 0.01
 """Time after which the firmware receives."""
 _BEHIND_S = 0.05
@@ -32,6 +37,8 @@ class RealTimeSimulation:
         self._ends: tuple[int, int] | None = None
         self._frozen_until_s = 0.0
         self._unplugged_until_s = 0.0
+        self._heard_s = -math.inf
+        self._locked = False
         simulation.run(_START_S)
         self._due_s = time.monotonic()
         self._plug_in()
@@ -54,6 +61,7 @@ class RealTimeSimulation:
         for end in self._ends or ():
             os.close(end)
         self._ends = None
+        self.simulation.set_usb(plugged=False)
 
     def freeze(self, seconds: float) -> None:
         """Let the board stand still for a while, its watchdog and its pulses with it."""
@@ -69,6 +77,8 @@ class RealTimeSimulation:
         now_s = time.monotonic()
         if self._ends is None and now_s >= self._unplugged_until_s:
             self._plug_in()
+        if now_s - self._heard_s > _OPENED_S:
+            self._unlock()
         frozen = now_s < self._frozen_until_s
         if frozen or now_s - self._due_s > _BEHIND_S:
             self._due_s = now_s
@@ -98,10 +108,27 @@ class RealTimeSimulation:
 
     def _forward(self, master: int) -> None:
         try:
-            self.simulation.board.send(os.read(master, 4096))
+            data = os.read(master, 4096)
+            now_s = time.monotonic()
+            # That a program opens a pty cannot be seen; it is taken for opened with the first byte.
+            if now_s - self._heard_s > _OPENED_S:
+                self.simulation.open_port()
+            self._heard_s = now_s
+            self._locked = True
+            self.simulation.board.send(data)
         except OSError as error:
             if error.errno not in (errno.EIO, errno.EAGAIN):
                 raise
+
+    def _unlock(self) -> None:
+        """Undo TIOCEXCL of a program that was killed: its last close would do it on a real port."""
+        if not self._ends or not self._locked:
+            return
+        with contextlib.suppress(BlockingIOError):  # Another program has the port.
+            fcntl.flock(self._ends[1], fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.ioctl(self._ends[1], termios.TIOCNXCL)
+            fcntl.flock(self._ends[1], fcntl.LOCK_UN)
+            self._locked = False
 
     def _plug_in(self) -> None:
         # The other end stays open here too: it would be gone when a program closes it.
@@ -109,6 +136,7 @@ class RealTimeSimulation:
         tty.setraw(slave)
         os.set_blocking(master, False)
         self._ends = (master, slave)
+        self.simulation.set_usb(plugged=True)
         if self._link:
             self._link.unlink(missing_ok=True)
             self._link.symlink_to(os.ttyname(slave))

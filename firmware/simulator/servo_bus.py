@@ -32,7 +32,7 @@ class ServoBusSimulation:
             self._sync_write(protocol, parameters)
             return None
         servo = self.servos.get(number)
-        if servo is None or servo.dead or servo.registers.protocol is not protocol:
+        if servo is None or not servo.answers or servo.registers.protocol is not protocol:
             return None
         return self._reply(servo, instruction, parameters), servo.return_delay_us
 
@@ -52,5 +52,5 @@ class ServoBusSimulation:
         size, rest = int.from_bytes(rest[:head], "little"), rest[head:]
         for at in range(0, len(rest), size + 1):
             servo = self.servos.get(rest[at])
-            if servo is not None and not servo.dead and servo.registers.protocol is protocol:
+            if servo is not None and servo.answers and servo.registers.protocol is protocol:
                 servo.write(address, rest[at + 1 : at + 1 + size])

@@ -9,8 +9,9 @@ from pathlib import Path
 from firmware.simulator import board as boards
 from firmware.simulator.mx64 import Mx64
 from firmware.simulator.plant import RobotPlant
+from firmware.simulator.power import AS_DRAWN, SERVO_LEAST_V, PowerSimulation, Wiring
 from firmware.simulator.servo_bus import ServoBusSimulation
-from tsd_twin.dynamixel.control_table import ADDRESS
+from tsd_twin.dynamixel.control_table import ADDRESS, ResetCause
 from tsd_twin.robots import SingularityDescription, description_of_kind, load_robot
 
 NEUTRAL = (2048,) * 6
@@ -18,6 +19,8 @@ STRAIGHT = (False,) * 6
 _STEP_S = 0.004
 """The robot moves on at least this often, while there is traffic on the bus."""
 _STICK_US, _SPEED_US = 400, 800
+_TICK_S = 1e-7
+_DIVIDER = 4.0
 
 
 class FirmwareSimulation:
@@ -35,6 +38,7 @@ class FirmwareSimulation:
         elf: Path | None = None,
         neutral: Sequence[int] = NEUTRAL,
         reverse: Sequence[bool] = STRAIGHT,
+        wiring: Wiring = AS_DRAWN,
     ) -> None:
         elf = boards.build() if elf is None else elf
         self.table_address = boards.symbol(elf, "table")
@@ -45,6 +49,11 @@ class FirmwareSimulation:
         self.plant = RobotPlant(
             description_of_kind(load_robot("tsd"), SingularityDescription), neutral, reverse
         )
+        self.power = PowerSimulation(wiring)
+        self._starts_s: float | None = None
+        """When the board starts that is off: after its boot loader, or a brown-out."""
+        self._start_cause = ResetCause.POWER_ON
+        self._has_power = True
         self._moved_s = 0.0
         self._receiver = [1500, 1500, 1500, 1100, 1900, 1100]
         self.board.on_request(self._on_request)
@@ -58,8 +67,16 @@ class FirmwareSimulation:
 
     def run(self, seconds: float) -> None:
         """Let time pass."""
-        self.board.run(seconds)
-        self._move()
+        end_s = self.board.now_s + seconds
+        while (left_s := end_s - self.board.now_s) > _TICK_S:
+            if self._starts_s is not None or not self._has_power:
+                left_s = min(left_s, _STEP_S)  # Nothing on the bus moves the robot meanwhile.
+            self.board.run(left_s)
+            self._move()
+            if self._starts_s is not None and self.board.now_s >= self._starts_s:
+                self._starts_s = None
+                power_on = self._start_cause == ResetCause.POWER_ON
+                self.board.on(self._start_cause, lose_memory=power_on)
 
     def pulses_us(self) -> list[float]:
         """Widths of the pulses to the speed controllers."""
@@ -67,9 +84,39 @@ class FirmwareSimulation:
 
     def set_battery(self, volts: float) -> None:
         """Set the battery voltage."""
-        self.board.set_adc(0, volts / 4.0)
-        for servo in self.servos:
-            servo.volts = volts
+        self._move()
+        self.power.battery_v = volts
+        self._switch()
+
+    def set_contactor(self, *, closed: bool) -> None:
+        """Close the contactor of the drive, or open it as either stop does."""
+        self._move()
+        self.power.stop_circuit = closed
+
+    def set_servo_fuse(self, *, whole: bool) -> None:
+        """Blow the fuse of the servos, and of what is fed behind it, or replace it."""
+        self._move()
+        self.power.servo_fuse = whole
+        self._switch()
+
+    def set_usb(self, *, plugged: bool) -> None:
+        """Switch the 5 V of the PC on or off; bytes are the business of the caller."""
+        self._move()
+        self.power.usb = plugged
+        self._switch()
+
+    def open_port(self) -> None:
+        """Do what a program does to the board that opens its port."""
+        if self.power.wiring.auto_reset and self._has_power:
+            self.reset()
+
+    def reset(self) -> None:
+        """Reset the board by its pin."""
+        self._start(ResetCause.EXTERNAL, self.power.wiring.boot_loader_s)
+
+    def brown_out(self, seconds: float) -> None:
+        """Keep the supply of the board below what it needs for a while."""
+        self._start(ResetCause.BROWN_OUT, seconds + self.power.wiring.boot_loader_s)
 
     def set_sticks(self, forward: float, left: float, turn: float, speed: float) -> None:
         """Move the sticks of the radio control, from -1 to 1; `speed` from 0 to 1."""
@@ -95,5 +142,33 @@ class FirmwareSimulation:
             self.board.reply(*answer)
 
     def _move(self) -> None:
+        pulses_us, power = self.pulses_us(), self.power
+        power.advance(self.board.now_s - self._moved_s, throttle=self.plant.driven)
         self._moved_s = self.board.now_s
-        self.plant.follow(self._moved_s, self.servos, self.pulses_us())
+        self._put_voltages()
+        self.plant.follow(self._moved_s, self.servos, pulses_us, power)
+
+    def _switch(self) -> None:
+        """Give power to what has some now, and take it from the rest."""
+        self._put_voltages()
+        for servo in self.servos:
+            servo.set_power(self.power.servo_v, SERVO_LEAST_V)
+        if self.power.board == self._has_power:
+            return
+        self._has_power = self.power.board
+        self._starts_s = None
+        if self._has_power:
+            self._start(ResetCause.POWER_ON, self.power.wiring.boot_loader_s)
+        else:
+            self.board.off()
+
+    def _start(self, cause: ResetCause, after_s: float) -> None:
+        self.board.off()
+        self._start_cause, self._starts_s = cause, self.board.now_s + after_s
+        if after_s <= 0.0:
+            self._starts_s = None
+            self.board.on(cause, lose_memory=cause == ResetCause.POWER_ON)
+
+    def _put_voltages(self) -> None:
+        self.board.set_adc(0, self.power.battery_v / _DIVIDER)
+        self.board.set_adc(1, self.power.drive_v / _DIVIDER)

@@ -124,7 +124,7 @@ def test_map_camera_presets_and_the_window_of_the_plots(
     path = page.get_by_role("status", name="Path")
     expect(path).to_contain_text(re.compile(r"\d m, \d"), timeout=PATIENCE_MS)
     # viser's notice of a missing graphics card does not lie on map and robot.
-    notice = page.locator(".mantine-Notification-root:visible")
+    notice = page.locator(".mantine-Notification-root:visible").filter(has_text="WebGL")
     expect(notice).to_have_count(0, timeout=PATIENCE_MS)
     page.keyboard.press("3")
     tab(page, "View").click(timeout=PATIENCE_MS)

@@ -105,6 +105,11 @@ FLAGS: dict[str, str] = {
         x.mcap --speed -1
         x.mcap --speed inf
     """,
+    "tsd_foxglove": """
+        --port 65536
+        --port -1
+        --allow-host a/b
+    """,
 }
 """Flags that cannot be: exit code 2."""
 
@@ -174,6 +179,8 @@ OTHERS: dict[str, str] = {
         --port /dev/nowhere --calibration binary
         --port /dev/nowhere --calibration text
         --port /dev/nowhere --servos /dev/nowhere
+        --port /dev/nowhere --setup
+        --port /dev/nowhere --setup --calibration new.toml
     """,
     "tsd_demo": """
         --port BUSY
@@ -274,6 +281,19 @@ OTHERS: dict[str, str] = {
         folder
         binary
         empty
+    """,
+    "tsd_foxglove": """
+        --port BUSY
+        --host 0.0.0.0 --port 0
+        --port 0 --token-file folder
+        --port 0 --token-file text
+        --port 0 --connect nonsense
+        --port 0 --zenoh-config nowhere.json5
+        --port 0 --operator A
+        --port 0 --robot a/b
+        --port 0 --recording nowhere.mcap
+        --port 0 --recording binary
+        --port 0 --tls-cert text
     """,
 }
 """Flags that could be, with files, devices, hosts or names that do not fit."""

@@ -154,7 +154,8 @@ def test_a_log_without_poses_is_refused(machine: Calibrated, tmp_path: Path) -> 
 
 
 def test_other_layouts_of_a_description_are_edited_as_well() -> None:
-    text = TEXT.replace("[battery]\nnominal_v = 12.0\n", "", 1)
+    before, _, after = TEXT.partition("[battery]")
+    text = f"{before}[{after.partition('[')[2]}"
     text = "battery.nominal_v = 12.0 # Three cells.\n" + text
     changed = edit_description(text, "my.toml", {"calibration": {"spin_scale": [1.0, 1.1, 1.0]}})
     assert "battery.nominal_v = 12.0 # Three cells.\n" in changed

@@ -73,6 +73,21 @@ def test_servos_of_either_protocol_are_found_told_and_read(
     assert moving.velocity[4] == pytest.approx(top, rel=0.02)
 
 
+@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("delay_us", [20, 50, 100])
+def test_servos_that_answer_soon_are_heard_and_leave_time(
+    delay_us: int, version: int, bench: Bench
+) -> None:
+    pilot = bench.pilot(version, receiver=True)
+    for servo in pilot.simulation.servos:
+        servo.return_delay_us = delay_us
+    for cycle in range(100):
+        pilot.cycle(0, goal=wave(cycle))
+    seen = pilot.telemetry()
+    assert seen.servo_alive == 0b111111
+    assert (seen.servo_errors, seen.overruns, pilot.missed) == (0, 0, 1), "one before it started"
+
+
 def test_the_pose_is_that_of_the_mock_with_the_same_commands(bench: Bench) -> None:
     """From pulse to spin and from goal to gimbal nothing is lost: both roll the same way."""
     pilot = bench.pilot().get_ready()
@@ -168,8 +183,8 @@ def test_the_radio_control_drives_by_the_kinematics_of_the_drive(bench: Bench) -
 
 
 def dead(stick: float) -> float:
-    """The share that is left of a stick outside its dead zone of 20 in 400 us."""
-    return math.copysign(max(0.0, abs(stick) - 0.05) / 0.95, stick)
+    """The share of a stick between its dead bands of 20 in 400 us at the centre and the end."""
+    return math.copysign(min(1.0, max(0.0, abs(stick) - 0.05) / 0.9), stick)
 
 
 def test_sticks_that_jump_are_approached_within_the_acceleration(bench: Bench) -> None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from firmware.simulator import protocol2
-from tests.support.firmware_host import PING, Bench, write
+from tests.support.firmware_host import PING, Bench, read, write
 from tsd_twin.dynamixel.blocks import Command, Telemetry
 from tsd_twin.dynamixel.control_table import BOARD_ID, FW_VERSION, MODEL, BoardMode
 
 CASES = 100_000
+LONGEST_READ = 160
 HEADER = b"\xff\xff\xfd\x00"
 ANSWER = protocol2.status(BOARD_ID, MODEL.to_bytes(2, "little") + bytes([FW_VERSION]))
 BATCH = 2000
@@ -92,7 +93,7 @@ def test_every_length_of_read_is_answered_with_what_stands_there(bench: Bench) -
     pilot = bench.pilot()
     pilot.simulation.run(0.2)
     size = Telemetry.ADDRESS + Telemetry.LAYOUT.size
-    for length in range(1, size + 1):
+    for length in range(1, LONGEST_READ + 1):
         request = protocol2.packet(
             BOARD_ID, protocol2.READ, (size - length).to_bytes(2, "little") + bytes([length, 0])
         )
@@ -100,6 +101,7 @@ def test_every_length_of_read_is_answered_with_what_stands_there(bench: Bench) -
         assert (error, len(data)) == (0, length)
     for parameters in (
         b"\0\0\0\0",
+        b"\0\0" + bytes([LONGEST_READ + 1, 0]),
         b"\0\0\xff\xff",
         b"\xff\xff\1\0",
         bytes([size, 0, 1, 0]),
@@ -115,11 +117,7 @@ def test_what_looks_like_a_header_inside_a_packet_is_stuffed_both_ways(bench: Be
     pilot = bench.pilot().get_ready()
     for goal in ((-1, -3, -1, -3, -1, -3), (-1, -1, -3, -3, -1, -513)):
         pilot.cycle(0, goal=goal)
-        error, data = pilot.ask(
-            protocol2.packet(
-                BOARD_ID, protocol2.READ, Command.ADDRESS.to_bytes(2, "little") + b"\x16\0"
-            )
-        )
+        error, data = pilot.ask(read(Command.ADDRESS, Command.LAYOUT.size))
         assert error == 0
         assert Command.unpack(data).goal == goal
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dynamixel_sdk as sdk
 
 from firmware.simulator.simulation import FirmwareSimulation
-from tests.support.firmware_host import Bench
+from tests.support.firmware_host import HOLD_S, Bench
 from tsd_twin.dynamixel.blocks import Setup
 from tsd_twin.dynamixel.control_table import ADDRESS, BOARD_ID, FW_VERSION, MODEL
 
@@ -41,15 +41,18 @@ class SimulationPort:
 
 def test_the_makers_software_pings_reads_and_writes(bench: Bench) -> None:
     pilot = bench.pilot()
-    pilot.simulation.run(0.05)
+    pilot.simulation.run(HOLD_S)
     port, handler = SimulationPort(pilot.simulation), sdk.Protocol2PacketHandler()
     assert handler.ping(port, BOARD_ID) == (MODEL, sdk.COMM_SUCCESS, 0)
     assert handler.read1ByteTxRx(port, BOARD_ID, ADDRESS["fw"]) == (FW_VERSION, 0, 0)
     assert handler.read4ByteTxRx(port, BOARD_ID, ADDRESS["host_baud"]) == (1_000_000, 0, 0)
+    assert handler.write2ByteTxRx(port, BOARD_ID, ADDRESS["neutral"], 2000) == (0, 5)
     for neutral in (0, 1234, 4095):
-        assert handler.write2ByteTxRx(port, BOARD_ID, ADDRESS["neutral"], neutral) == (0, 0)
+        data = list(Setup(neutral=(neutral,) * 6).pack())
+        assert handler.writeTxRx(port, BOARD_ID, Setup.ADDRESS, len(data), data) == (0, 0)
         assert handler.read2ByteTxRx(port, BOARD_ID, ADDRESS["neutral"]) == (neutral, 0, 0)
-    assert handler.write2ByteTxRx(port, BOARD_ID, ADDRESS["neutral"], 4096) == (0, 4)
+    data = list(Setup(neutral=(4096,) * 6).pack())
+    assert handler.writeTxRx(port, BOARD_ID, Setup.ADDRESS, len(data), data) == (0, 4)
     assert handler.write1ByteTxRx(port, BOARD_ID, ADDRESS["mode"], 1) == (0, 7)
     setup = Setup(neutral=(2000, 2010, 2020, 2030, 2040, 2050), reverse=5, goal_limit=100)
     data = list(setup.pack())

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tests.support.firmware_host import CRUISE, CYCLE_S, ZERO, Bench, FirmwareHost
+from tests.support.firmware_host import CRUISE, CYCLE_S, HOLD_S, ZERO, Bench, FirmwareHost
 
 STEPS = 80
 TIMEOUT_S = 0.5 + 0.04
@@ -87,6 +87,7 @@ class Walk:
             self._manual,
             self._lose,
             self._servo,
+            self._contactor,
         ]
 
     def step(self) -> None:
@@ -98,6 +99,7 @@ class Walk:
         self._manual(on=False)
         for servo in self.simulation.servos:
             servo.dead = False
+        self.simulation.set_contactor(closed=True)
         self.oracle.obstacles.clear()
         self._let(0.3)
 
@@ -124,8 +126,9 @@ class Walk:
         if self._random.random() < 0.7:
             self.mend()
         self._cycle(0)
-        self._let(0.2)
+        self._let(float(self._random.choice([0.2, HOLD_S], p=[0.2, 0.8])))
         self._cycle(1)
+        self._drive()
 
     def _drive(self) -> None:
         for _ in range(self._random.integers(1, 40)):
@@ -193,6 +196,16 @@ class Walk:
         self.oracle.event(self._now_s())
         self.simulation.lose_receiver()
         self._let(0.3)
+
+    def _contactor(self) -> None:
+        self.simulation.set_contactor(closed=False)
+        self.oracle.obstacles.add("stop circuit")
+        self.oracle.event(self._now_s())
+        self._let(0.3)
+        if self._random.integers(2):
+            self.simulation.set_contactor(closed=True)
+            self.oracle.obstacles.discard("stop circuit")
+            self._let(float(self._random.choice([0.05, 2.2])))
 
     def _servo(self) -> None:
         servo = self.simulation.servos[self._random.integers(6)]

@@ -17,8 +17,9 @@ from tests.support.faulty_devices import Peer, PretendBoard, plugged
 from tsd_twin import robots
 from tsd_twin.dynamixel import protocol2
 from tsd_twin.dynamixel.blocks import Command, Identity, Setup
-from tsd_twin.dynamixel.control_table import BoardMode, Trip
+from tsd_twin.dynamixel.control_table import BoardMode, ResetCause, Trip
 from tsd_twin.hardware import HardwareError, MegaHardware, ServoCalibration
+from tsd_twin.hardware.joints import Receiver
 from tsd_twin.hardware.serial_transport import LIMIT, WINDOW_S
 from tsd_twin.node import HasWatchdog, RobotIO
 from tsd_twin.safety import Heartbeat
@@ -150,7 +151,7 @@ def test_the_heartbeat_is_the_count_of_words_and_nothing_else(it: Bench) -> None
 @pytest.mark.parametrize(
     ("identity", "words"),
     [
-        (Identity(table_version=9), "control table 9: this program needs model 2014 with table 1"),
+        (Identity(table_version=9), "control table 9: this program needs model 2014 with table 2"),
         (Identity(model=311), "is model 311"),
     ],
 )
@@ -183,16 +184,72 @@ def test_a_board_that_the_radio_control_has_is_met_if_it_knows_its_set_up(
     with plugged(tmp_path, board) as peer:
         for _ in range(2):
             MegaHardware(ROBOT, peer.port, Motors.of(ROBOT)).close()
-        assert len(board.setups) == 2, "told again, since it may not know that it knows"
+        assert len(board.setups) == 1, "told once: it says that it knows"
         board.obeys_arm = False
         board.telemetry = replace(board.telemetry, mode=BoardMode.RC)
         robot = MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
         assert robot.fault(time.monotonic()) == "the radio control has the robot"
         robot.close()
-        assert len(board.setups) == 2
+        assert len(board.setups) == 1
         board.error = 7
         with pytest.raises(HardwareError, match="cannot be set up while the radio control has"):
             MegaHardware(ROBOT, peer.port, Motors.of(ROBOT), ServoCalibration({"module1_beta": 9}))
+
+
+def test_the_thresholds_of_the_battery_are_told_to_the_board_and_warned_of(
+    it: Bench, caplog: pytest.LogCaptureFixture
+) -> None:
+    battery = ROBOT.battery
+    written = it.board.setups[0]
+    assert written.battery_arm_mv == pytest.approx(1000.0 * battery.arm_v)
+    assert written.battery_stop_mv == pytest.approx(1000.0 * battery.stop_v)
+    low_v = round(0.5 * (battery.warn_v + battery.arm_v), 1)
+    it.board.telemetry = replace(it.board.telemetry, battery_mv=round(1000.0 * low_v))
+    it.until(lambda: it.robot.hardware()["warnings"], "warned")
+    assert it.robot.hardware()["warnings"] == [f"the battery is low: below {battery.warn_v:g} V"]
+    assert caplog.text.count("the battery is low") == 1
+    assert it.fault == ""
+    it.board.telemetry = replace(it.board.telemetry, battery_mv=round(990.0 * battery.arm_v))
+    it.until(lambda: it.fault, "refused")
+    assert it.fault == f"the battery is too low to arm: {0.99 * battery.arm_v:.1f} V"
+    it.board.telemetry = replace(it.board.telemetry, battery_mv=12500)
+    it.until(lambda: not it.fault and not it.robot.hardware()["warnings"], "well")
+
+
+@pytest.mark.parametrize(
+    ("receiver", "pulses", "fault", "warned"),
+    [
+        (Receiver(), (0,) * 6, "no pulses of forward, left, turn, speed, kill, manual", False),
+        (Receiver(), (1500, 1500, 1500, 1100, 0, 1100), "no pulses of kill", False),
+        (None, (1500, 0, 1500, 1100, 1900, 1100), "no pulses of left", True),
+        (None, (1500, 1500, 1500, 1100, 1900, 1100), "", True),
+        (None, (0,) * 6, "", False),
+    ],
+)
+def test_what_is_missing_of_the_radio_control_is_named_before_arming(
+    tmp_path: Path,
+    receiver: Receiver | None,
+    pulses: tuple[int, ...],
+    fault: str,
+    warned: bool,
+) -> None:
+    board = PretendBoard()
+    board.telemetry = replace(board.telemetry, rc=pulses)
+    with plugged(tmp_path, board) as peer:
+        calibration = ServoCalibration(receiver=receiver)
+        robot = MegaHardware(ROBOT, peer.port, Motors.of(ROBOT), calibration)
+        assert robot.fault(time.monotonic()).endswith(fault)
+        assert bool(fault) == bool(robot.fault(time.monotonic()))
+        assert ("--setup" in "".join(robot.hardware()["warnings"])) == warned
+        robot.close()
+    assert board.setups[0].receiver_expected == (receiver is not None)
+    assert board.setups[0].stick_low == (receiver or Receiver()).low_us
+
+
+def test_the_commands_carry_the_session_of_the_board(it: Bench) -> None:
+    it.arm()
+    it.board.telemetry = replace(it.board.telemetry, nonce=(7, 65535))
+    it.until(lambda: it.told.session == (7, 65535), "of this session", armed=True)
 
 
 def test_a_port_at_which_nobody_answers_is_named(
@@ -260,6 +317,58 @@ def test_a_board_that_restarts_is_set_up_again_and_stays_disarmed(it: Bench) -> 
     it.until(lambda: len(it.board.setups) == 2, "set up again", armed=True)
     it.until(lambda: len(it.board.commands) > count + 20, "cycles", armed=True)
     assert not any(command.arm for command in it.board.commands[-15:])
+
+
+@pytest.mark.parametrize(
+    ("cause", "fault"),
+    [
+        (ResetCause.BROWN_OUT, "the controller board has restarted: its supply had sagged"),
+        (ResetCause.POWER_ON, "the controller board has restarted: it had lost its power"),
+    ],
+)
+def test_a_board_that_restarts_says_why(it: Bench, cause: ResetCause, fault: str) -> None:
+    it.arm()
+    it.board.telemetry = replace(
+        it.board.telemetry, millis=0, resets=1, mode=0, reset_cause=int(cause)
+    )
+    it.until(lambda: it.fault, "noticed", armed=True)
+    assert it.fault == fault
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"millis": 1500, "reset_cause": int(ResetCause.EXTERNAL)}, "cut RESET-EN"),
+        ({"millis": 1500, "reset_cause": 0}, "cut RESET-EN"),
+        ({"battery_mv": 300}, "runs with 0.3 V of battery: USB feeds it"),
+        ({"millis": 1500, "reset_cause": int(ResetCause.POWER_ON)}, ""),
+        ({"millis": 1500, "reset_cause": int(ResetCause.WATCHDOG)}, ""),
+        ({"millis": 1500, "reset_cause": int(ResetCause.BROWN_OUT)}, ""),
+        ({}, ""),
+    ],
+)
+def test_a_mistake_in_the_wiring_is_recognised_when_it_connects(
+    tmp_path: Path, change: dict[str, int], told: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    board = PretendBoard()
+    board.telemetry = replace(board.telemetry, **change)
+    with plugged(tmp_path, board) as peer:
+        robot = MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
+        wiring = robot.hardware()["warnings"]
+        robot.close()
+    assert len(wiring) == bool(told)
+    assert told in "".join(wiring)
+    assert told in caplog.text
+
+
+def test_a_board_that_lost_its_power_with_the_plug_is_recognised(it: Bench) -> None:
+    it.arm()
+    it.peer.unplug()
+    it.until(lambda: "not connected" in it.fault, "gone", armed=True)
+    it.board.telemetry = replace(it.board.telemetry, millis=10, reset_cause=1, mode=0)
+    it.peer.plug_in()
+    it.until(lambda: it.robot.hardware()["connected"], "back", armed=True)
+    assert "lost its power together with the line" in it.robot.hardware()["warnings"][0]
 
 
 def test_a_board_that_falls_silent_is_a_fault_within_a_tenth_of_a_second(it: Bench) -> None:
@@ -380,6 +489,7 @@ def test_a_node_that_hangs_is_not_obeyed_any_more(it: Bench) -> None:
     [
         ({"mode": int(BoardMode.RC)}, "the radio control has the robot"),
         ({"servo_alive": 0b111011}, "servo 3 (module2_alpha): no answer"),
+        ({"drive_on": 0}, "the speed controllers have no power: the stop circuit is open"),
         ({"servo_fault": 0b000001}, "servo 1 (module1_alpha): hardware error"),
     ],
 )

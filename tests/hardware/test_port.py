@@ -7,14 +7,25 @@ import fcntl
 import os
 import pty
 import socket
+import sys
 from collections.abc import Generator
 from pathlib import Path
 
 import pytest
 import serial
+from serial.tools import list_ports_common
 
 from tsd_twin.hardware import PortError
-from tsd_twin.hardware.serial_transport import _open_error, open_port, persistent_name
+from tsd_twin.hardware.serial_transport import (
+    _open_error,
+    chip_warning,
+    close_port,
+    open_port,
+    persistent_name,
+)
+
+TIOCGEXCL = 0x80045440
+"""Linux: whether a terminal is locked with TIOCEXCL."""
 
 
 @pytest.fixture
@@ -56,8 +67,54 @@ def test_a_port_in_use(terminal: tuple[int, str]) -> None:
     name = terminal[1]
     port = open_port(name, 115200, 0.01)
     assert refusal(name) == f"{name} is in use by another program: end it first"
-    port.close()
-    open_port(name, 115200, 0.01).close()
+    close_port(port)
+    close_port(open_port(name, 115200, 0.01))
+
+
+@pytest.mark.parametrize(
+    ("vid", "pid", "baud", "named"),
+    [
+        (0x2341, 0x0042, 1_000_000, "ATmega16U2"),
+        (0x1A86, 0x7523, 500_000, "CH340"),
+        (0x2341, 0x0042, 115_200, ""),
+        (0x0403, 0x6001, 1_000_000, ""),
+        (None, None, 1_000_000, ""),
+    ],
+)
+def test_a_usb_chip_that_corrupts_bytes_at_this_rate_is_named(
+    vid: int | None,
+    pid: int | None,
+    baud: int,
+    named: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    port = list_ports_common.ListPortInfo(str(tmp_path / "ttyACM0"))
+    port.vid, port.pid = vid, pid
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [port])
+    (tmp_path / "by-id").symlink_to(tmp_path / "ttyACM0")
+    warning = chip_warning(str(tmp_path / "by-id"), baud)
+    assert bool(warning) == bool(named)
+    assert named in warning
+    assert chip_warning(str(tmp_path / "ttyS0"), baud) == ""
+
+
+def test_a_port_in_use_is_locked_for_programs_without_locks_too(terminal: tuple[int, str]) -> None:
+    """The kernel refuses to open it, except for root, for whom only the lock can be seen."""
+    slave = os.open(terminal[1], os.O_RDWR | os.O_NOCTTY)
+
+    def locked() -> bool:
+        return bool(int.from_bytes(fcntl.ioctl(slave, TIOCGEXCL, bytes(4)), sys.byteorder))
+
+    assert not locked()
+    port = open_port(terminal[1], 115200, 0.01)
+    assert locked()
+    if os.geteuid() != 0:
+        with pytest.raises(OSError, match="busy"):
+            os.open(terminal[1], os.O_RDWR | os.O_NOCTTY)
+    close_port(port)
+    assert not locked()
+    os.close(slave)
 
 
 def test_a_port_that_another_kind_of_program_has_locked(terminal: tuple[int, str]) -> None:

@@ -31,6 +31,10 @@ def refusal(toml: str) -> str:
     return message
 
 
+_, _, _rest = read_description("tsd").partition("[battery]")
+BATTERY = f"[battery]{_rest.partition('[')[0]}"
+
+
 @pytest.mark.parametrize("name", robot_names())
 def test_every_shipped_robot_loads(name: str) -> None:
     robot = load_robot(name)
@@ -108,7 +112,7 @@ def test_a_misspelt_key_is_named_with_the_key_that_was_meant(
         ("wheel_radius_m = 0.04\n", "'wheel_radius_m' is missing in [drive]", "azimuths_deg, "),
         ('kind = "singularity"\n', "'kind' is missing in [drive]", "kinds are singularity"),
         ('name = "tsd"\n', "'name' is missing in the top level", "valid here: name, title"),
-        ("[battery]\nnominal_v = 12.0\n", "'battery' is missing in the top level", "battery"),
+        (BATTERY, "'battery' is missing in the top level", "battery"),
     ],
 )
 def test_a_missing_key_is_named(old: str, key: str, valid: str) -> None:
@@ -286,3 +290,8 @@ def test_what_would_take_a_reader_for_ever_is_refused_in_one_sentence(toml: str,
     assert says in message
     assert len(message) < 200
     assert time.monotonic() - start_s < 3.0
+
+
+def test_thresholds_of_the_battery_that_do_not_rise_are_refused() -> None:
+    message = refusal(edited("stop_v = 10.0", "stop_v = 11.1"))
+    assert "stop_v, arm_v and warn_v must rise in this order" in message

@@ -62,7 +62,15 @@ class PretendBoard:
 
     def __init__(self) -> None:
         self.identity = Identity()
-        self.telemetry = Telemetry(esc_ready=1, servo_found=63, servo_alive=63, battery_mv=12000)
+        self.telemetry = Telemetry(
+            millis=100_000,
+            drive_on=1,
+            esc_ready=1,
+            servo_found=63,
+            servo_alive=63,
+            battery_mv=12000,
+            drive_mv=12000,
+        )
         self.table = bytearray(TABLE_SIZE)
         self.obeys_arm = True
         self.silent = False
@@ -76,6 +84,7 @@ class PretendBoard:
         self._decoder = Decoder(protocol2)
         self._kept: list[bytes] = []
         self.error = 0
+        """Answer to a set-up."""
         self.commands: list[Command] = []
         self.setups: list[Setup] = []
 
@@ -109,12 +118,13 @@ class PretendBoard:
             length = int.from_bytes(packet.params[2:4], "little")
             return protocol2.status(packet.id, 0, bytes(self.table[address : address + length]))
         self._write(address, packet.params[2:])
-        return protocol2.status(packet.id, self.error)
+        return protocol2.status(packet.id, self.error if address == Setup.ADDRESS else 0)
 
     def _write(self, address: int, data: bytes) -> None:
         self.table[address : address + len(data)] = data
         if address == Setup.ADDRESS:
             self.setups.append(Setup.unpack(data))
+            self.telemetry = replace(self.telemetry, setup_known=1)
         else:
             self.commands.append(Command.unpack(data))
             self.telemetry = replace(self.telemetry, beat=self.commands[-1].heartbeat)

@@ -13,6 +13,8 @@ from tsd_twin.dynamixel.blocks import Command, Setup, Telemetry
 from tsd_twin.dynamixel.control_table import BOARD_ID, ZERO_THROTTLE, BoardMode
 
 CYCLE_S = 0.01
+_SET_UP_S = 0.3
+"""After this all servos hold, and the set-up is in EEPROM."""
 HOLD_S = 2.05
 """After this a board that got power may be armed."""
 CRUISE = (2414, 2411, 2417)
@@ -52,6 +54,10 @@ class FirmwareHost:
     def __init__(self, simulation: FirmwareSimulation) -> None:
         self.simulation = simulation
         self.beat = 0
+        self.session = (0, 0)
+        """Newest nonce of the board."""
+        self.sent: list[bytes] = []
+        """What a program that listened to the line would have recorded."""
         self.missed = 0
         """Cycles without both answers."""
 
@@ -69,7 +75,11 @@ class FirmwareHost:
     def telemetry(self) -> Telemetry:
         error, data = self.ask(READ_TELEMETRY)
         assert error == 0
-        return Telemetry.unpack(data)
+        return self._heard(Telemetry.unpack(data))
+
+    def _heard(self, telemetry: Telemetry) -> Telemetry:
+        self.session = telemetry.nonce
+        return telemetry
 
     def mode(self) -> BoardMode:
         return BoardMode(self.telemetry().mode)
@@ -90,7 +100,7 @@ class FirmwareHost:
     ) -> bytes:
         """Return a whole command block, as a packet."""
         self.beat = (self.beat + fresh) % 65536
-        block = Command(self.beat, arm, torque, tuple(throttle), tuple(goal))
+        block = Command(self.beat, arm, torque, tuple(throttle), tuple(goal), self.session)
         return write(Command.ADDRESS, block.pack())
 
     def cycle(
@@ -104,6 +114,7 @@ class FirmwareHost:
     ) -> Telemetry | None:
         """Write and read as a bridge does in one cycle; None when an answer is missing."""
         command = self.command(arm, throttle, goal, torque=torque, fresh=fresh)
+        self.sent.append(command + READ_TELEMETRY)
         self.simulation.board.send(command + READ_TELEMETRY)
         self.simulation.run(CYCLE_S)
         answers = packets(self.simulation.board.receive())
@@ -111,7 +122,7 @@ class FirmwareHost:
         if parsed is None:
             self.missed += 1
             return None
-        return Telemetry.unpack(parsed[2][1:])
+        return self._heard(Telemetry.unpack(parsed[2][1:]))
 
     def drive(
         self,
@@ -129,14 +140,21 @@ class FirmwareHost:
 
     def get_ready(self, setup: Setup | None = None) -> FirmwareHost:
         """Set up, and wait until arming is possible."""
-        self.simulation.run(CYCLE_S)
-        assert self.set_up(setup) == 0
         self.simulation.run(HOLD_S)
+        assert self.set_up(setup) == 0
+        self.simulation.run(_SET_UP_S)
+        self.telemetry()  # A bridge knows its session.
         return self
 
-    def arm(self) -> Telemetry:
-        """Take the arm switch from 0 to 1; return what the board says to that."""
+    def arm(self, *, at_once: bool = False) -> Telemetry:
+        """Take the arm switch from 0 to 1; return what the board says to that.
+
+        Unless `at_once`, zero throttle is held before for as long as it takes.
+        """
+        self.telemetry()
         self.cycle(0)
+        if not at_once and not self.telemetry().esc_ready:
+            self.simulation.run(HOLD_S)
         self.cycle(1)
         return self.telemetry()
 
@@ -161,7 +179,7 @@ class FirmwareHost:
         widest = max(self.simulation.board.pulse(i).unarmed_us for i in range(3))
         faults = self.simulation.board.bus_faults()
         assert widest < 1001.0, f"a pulse of {widest} us in disarmed mode"
-        assert faults == (0, 0, 0), "the servo bus was not kept clean"
+        assert faults == (0, 0, 0, 0), "the servo bus was not kept clean"
 
 
 class Bench:

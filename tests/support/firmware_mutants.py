@@ -64,8 +64,8 @@ MUTANTS = (
     Mutant(
         "any write is a beat",
         "safety.c",
-        "  if (beat) {\n    table.beat",
-        "  beat = true;\n  if (beat) {\n    table.beat",
+        "  if (ahead) beat_age_ms = 0;",
+        "  beat_age_ms = 0;",
         "reading_and_old_beats_do_not_keep_it_going",
     ),
     Mutant(
@@ -79,8 +79,10 @@ MUTANTS = (
         "reading feeds the heartbeat",
         "host.c",
         "      read(packet);\n",
-        "      read(packet);\n      { extern void safety_command(void);\n"
-        "        table.heartbeat++; safety_command(); }\n",
+        "      read(packet);\n      { extern bool safety_command(const control_table_t *);\n"
+        "        table.heartbeat++; control_table_t again = table;\n"
+        "        memcpy(again.session, table.nonce, sizeof again.session);\n"
+        "        again.heartbeat++; safety_command(&again); }\n",
         "reading_and_old_beats_do_not_keep_it_going",
     ),
     Mutant(
@@ -93,8 +95,8 @@ MUTANTS = (
     Mutant(
         "a trip is not latched: 1 arms again",
         "safety.c",
-        "edge = wanted && !arm_was_written;",
-        "edge = wanted;",
+        "edge = wanted->arm && !arm_was_written;",
+        "edge = wanted->arm;",
         "after_a_trip_only_a_new_arming_arms",
     ),
     Mutant(
@@ -107,15 +109,15 @@ MUTANTS = (
     Mutant(
         "arming wants no beat",
         "safety.c",
-        "if (!edge || !beat) return;",
-        "if (!edge) return;",
+        "  if (edge && beat) {",
+        "  if (edge || beat) {",
         "arming_wants_a_fresh_command",
     ),
     Mutant(
         "disarming wants a beat",
         "safety.c",
-        "  if (!wanted) {\n    if (table.mode",
-        "  if (!wanted && beat) {\n    if (table.mode",
+        "  if (!wanted->arm && armed) disarm();",
+        "  if (!wanted->arm && armed && ahead) disarm();",
         "a_disarming_counts_without_a_beat",
     ),
     Mutant(
@@ -205,9 +207,51 @@ MUTANTS = (
     Mutant(
         "the setup can be written while armed",
         "table.c",
-        "  if (setup && table.mode != BOARD_DISARMED) return ANSWER_ACCESS;\n",
+        "  if (setup && !safety_at_rest()) return ANSWER_ACCESS;\n",
         "",
         "writes_that_are_wrong_change_nothing",
+    ),
+    Mutant(
+        "a part of the setup can be written",
+        "table.c",
+        "  if (setup && length != CT_SETUP_SIZE) return ANSWER_LENGTH;\n",
+        "",
+        "writes_that_are_wrong_change_nothing",
+    ),
+    Mutant(
+        "the setup can be written while the wheels run down",
+        "safety.c",
+        "table.mode == BOARD_DISARMED && rest_ms >= CT_DEFAULT(esc_hold_ms);",
+        "table.mode == BOARD_DISARMED;",
+        "a_setup_waits_until_the_wheels_have_run_down",
+    ),
+    Mutant(
+        "the session is not looked at",
+        "nonce.c",
+        "return nonce[0] == table.nonce[0] && nonce[1] == table.nonce[1];",
+        "return nonce || table.nonce;",
+        "a_recorded_session_arms_nothing",
+    ),
+    Mutant(
+        "a disarming does not end the session",
+        "safety.c",
+        "  zero_throttle_ms = 0;\n  nonce_draw();\n}",
+        "  zero_throttle_ms = 0;\n}",
+        "a_recorded_session_arms_nothing",
+    ),
+    Mutant(
+        "a refused arming does not end the session",
+        "safety.c",
+        "  nonce_draw();  // Sent again, it must not arm later either.\n",
+        "",
+        "a_recorded_session_arms_nothing",
+    ),
+    Mutant(
+        "an older command is a beat",
+        "safety.c",
+        "nonce_is(wanted->session) && !(armed && ahead < 0);",
+        "nonce_is(wanted->session);",
+        "commands_that_come_again_are_no_beats",
     ),
     Mutant(
         "telemetry can be written",
@@ -219,9 +263,72 @@ MUTANTS = (
     Mutant(
         "the hold of the speed controllers is not kept",
         "safety.c",
-        "  if (!table.esc_ready) return REFUSAL_ESC_HOLD;\n",
+        "  if (!held()) return REFUSAL_ESC_HOLD;\n",
         "",
         "the_hold_of_the_speed_controllers_is_kept",
+    ),
+    Mutant(
+        "a disarming does not begin it again",
+        "safety.c",
+        "  table.arm = 0;\n  zero_throttle_ms = 0;\n",
+        "  table.arm = 0;\n",
+        "after_every_disarming_the_hold_begins_again",
+    ),
+    Mutant(
+        "power does not begin it again",
+        "safety.c",
+        "  if (!power_drive()) {\n    zero_throttle_ms = 0;\n  } else if",
+        "  if",
+        "power_at_the_drive_moves_nothing",
+    ),
+    Mutant(
+        "the stop circuit is not looked at",
+        "safety.c",
+        "  if (!power_drive()) return TRIP_DRIVE;\n",
+        "",
+        "the_stop_circuit_stops",
+    ),
+    Mutant(
+        "arming without power at the drive",
+        "safety.c",
+        "  if (!power_drive()) return REFUSAL_DRIVE;\n",
+        "",
+        "the_stop_circuit_stops",
+    ),
+    Mutant(
+        "a part of the battery's voltage is enough",
+        "power.c",
+        " && table.drive_mv / 3 >= table.battery_mv / 4;",
+        ";",
+        "a_drive_that_is_not_measured_does_not_arm",
+    ),
+    Mutant(
+        "arming with a low battery",
+        "safety.c",
+        "  if (power_low()) return REFUSAL_BATTERY;\n",
+        "",
+        "a_low_battery_does_not_arm",
+    ),
+    Mutant(
+        "an empty battery is no reason to stop",
+        "safety.c",
+        "  if (power_empty()) return TRIP_BATTERY;\n",
+        "",
+        "an_empty_battery_stops",
+    ),
+    Mutant(
+        "a short dip is an empty battery",
+        "power.c",
+        "    empty_ms = 0;\n  } else if",
+        "  } else if",
+        "an_empty_battery_stops",
+    ),
+    Mutant(
+        "the supply is taken for 5 V",
+        "power.c",
+        "(uint32_t)table.supply_mv * DIVIDER",
+        "5000UL * DIVIDER",
+        "the_supply_is_no_measure_of_the_battery",
     ),
     Mutant(
         "arming with throttle",
@@ -331,7 +438,7 @@ MUTANTS = (
     Mutant(
         "a lost radio control is no reason to stop",
         "safety.c",
-        "if (receiver_seen() && !receiver_present()) return TRIP_RC_LOST;",
+        "  if (receiver_lost()) return TRIP_RC_LOST;\n",
         "",
         "a_lost_radio_control_stops",
     ),
@@ -348,6 +455,20 @@ MUTANTS = (
         "watchdog_memory.magic != MAGIC || (cause & _BV(PORF))",
         "true",
         "a_lost_radio_control_is_missed_after_a_reset_too",
+    ),
+    Mutant(
+        "an expected receiver is not missed",
+        "receiver.c",
+        "(table.receiver_expected || watchdog_memory.receiver_seen)",
+        "watchdog_memory.receiver_seen",
+        "an_expected_receiver_is_missed_when_power_comes",
+    ),
+    Mutant(
+        "all sticks end alike",
+        "manual.c",
+        "int16_t low = table.stick_low[RC_SPEED];",
+        "int16_t low = 1100;",
+        "the_radio_control_begins_at_the_low_end_of_its_stick",
     ),
     Mutant(
         "the radio control cannot take over",

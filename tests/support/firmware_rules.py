@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tests.support.firmware_host import CRUISE, CYCLE_S, ZERO, Bench, write
+from tests.support.firmware_host import CRUISE, CYCLE_S, HOLD_S, ZERO, Bench, write
 from tsd_twin.dynamixel.blocks import Command, Identity, Setup
 from tsd_twin.dynamixel.control_table import ADDRESS, BoardMode, Refusal, ResetCause, Trip
 
@@ -60,7 +60,7 @@ def after_a_trip_only_a_new_arming_arms(bench: Bench) -> None:
     pilot = bench.pilot().get_driving()
     pilot.simulation.run(0.6)
     assert pilot.drive(0.5).mode == BoardMode.DISARMED, "1 again and again"
-    assert pilot.drive(0.5, throttle=ZERO).mode == BoardMode.DISARMED
+    assert pilot.drive(HOLD_S, throttle=ZERO).mode == BoardMode.DISARMED
     assert max(pilot.simulation.pulses_us()) < 1001.0
     seen = pilot.arm()
     assert (seen.mode, seen.trip) == (BoardMode.ARMED, Trip.NONE)
@@ -103,11 +103,10 @@ def a_lost_tick_ends_in_a_reset(bench: Bench) -> None:
 
 
 def the_hold_of_the_speed_controllers_is_kept(bench: Bench) -> None:
-    pilot = bench.pilot()
-    pilot.simulation.run(CYCLE_S)
-    assert pilot.set_up() == 0
+    pilot = bench.pilot().get_ready()
+    pilot.simulation.board.reset()
     pilot.simulation.run(1.9)
-    seen = pilot.arm()
+    seen = pilot.arm(at_once=True)
     assert (seen.mode, seen.refusal, seen.esc_ready) == (
         BoardMode.DISARMED,
         Refusal.ESC_HOLD,
@@ -117,6 +116,131 @@ def the_hold_of_the_speed_controllers_is_kept(bench: Bench) -> None:
     assert pilot.drive(0.1, throttle=ZERO).mode == BoardMode.DISARMED
     seen = pilot.arm()
     assert (seen.mode, seen.refusal, seen.esc_ready) == (BoardMode.ARMED, Refusal.NONE, 1)
+
+
+def a_recorded_session_arms_nothing(bench: Bench) -> None:
+    for refused in (False, True):
+        pilot = bench.pilot().get_driving()
+        pilot.drive(0.2, arm=0, throttle=ZERO)
+        if refused:  # It must not be taken later either.
+            assert pilot.arm(at_once=True).refusal == Refusal.ESC_HOLD
+        for restart in ("", "reset", "power"):
+            if restart:
+                pilot.simulation.board.reset(power=restart == "power")
+            pilot.simulation.run(HOLD_S)
+            for command in pilot.sent:
+                pilot.simulation.board.send(command)
+                pilot.simulation.run(CYCLE_S)
+                assert max(pilot.simulation.pulses_us()) < 1001.0
+            pilot.simulation.board.receive()
+            seen = pilot.telemetry()
+            assert (seen.mode, seen.trips, seen.esc_ready) == (BoardMode.DISARMED, 0, 1)
+    assert pilot.arm().mode == BoardMode.ARMED
+
+
+def commands_that_come_again_are_no_beats(bench: Bench) -> None:
+    pilot = bench.pilot().get_driving()
+    older = [pilot.command(1, CRUISE) for _ in range(60)]
+    pilot.cycle(1, CRUISE)
+    for command in older:
+        assert pilot.ask(command)[0] == 7
+        pilot.simulation.run(0.005)
+    seen = pilot.telemetry()
+    assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.HEARTBEAT)
+
+
+def a_low_battery_does_not_arm(bench: Bench) -> None:
+    pilot = bench.pilot().get_ready(Setup(battery_arm_mv=11000))
+    pilot.simulation.set_battery(10.8)
+    pilot.simulation.run(0.06)
+    assert pilot.arm().refusal == Refusal.BATTERY
+    pilot.simulation.set_battery(11.2)
+    pilot.simulation.run(0.06)
+    assert pilot.arm().mode == BoardMode.ARMED
+
+
+def an_empty_battery_stops(bench: Bench) -> None:
+    pilot = bench.pilot().get_ready(Setup(battery_stop_mv=10000))
+    assert pilot.arm().mode == BoardMode.ARMED
+    for volts, seconds in ((9.7, 0.9), (10.5, 0.2), (9.7, 0.9)):
+        pilot.simulation.set_battery(volts)
+        assert pilot.drive(seconds).mode == BoardMode.ARMED, "a motor that starts does that"
+    seen = pilot.drive(0.2)
+    assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.BATTERY)
+    assert max(pilot.simulation.pulses_us()) < 1001.0
+
+
+def the_supply_is_no_measure_of_the_battery(bench: Bench) -> None:
+    pilot = bench.pilot()
+    for supply_v in (4.6, 5.4):
+        pilot.simulation.board.set_supply(supply_v)
+        pilot.simulation.run(0.06)
+        seen = pilot.telemetry()
+        assert abs(seen.supply_mv - 1000.0 * supply_v) < 50.0
+        assert abs(seen.battery_mv - 12000.0) < 150.0
+
+
+def a_setup_waits_until_the_wheels_have_run_down(bench: Bench) -> None:
+    pilot = bench.pilot().get_driving()
+    pilot.cycle(0)
+    assert pilot.set_up() == 7
+    pilot.simulation.run(1.8)
+    assert pilot.set_up() == 7
+    pilot.simulation.run(0.2)
+    assert pilot.set_up() == 0
+
+
+def after_every_disarming_the_hold_begins_again(bench: Bench) -> None:
+    pilot = bench.pilot().get_driving()
+    pilot.simulation.run(0.6)
+    assert pilot.telemetry().trip == Trip.HEARTBEAT
+    seen = pilot.arm(at_once=True)
+    assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.ESC_HOLD)
+    assert pilot.arm().mode == BoardMode.ARMED
+    pilot.simulation.board.send(pilot.command(0) + pilot.command(1))
+    pilot.simulation.run(CYCLE_S)
+    assert pilot.mode() == BoardMode.DISARMED, "not even within a millisecond"
+
+
+def the_stop_circuit_stops(bench: Bench) -> None:
+    pilot = bench.pilot(receiver=True).get_driving(TILTED)
+    pilot.simulation.set_contactor(closed=False)
+    seen = pilot.drive(0.15, goal=TILTED)
+    assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.DRIVE)
+    assert max(pilot.simulation.pulses_us()) < 1001.0
+    pilot.simulation.run(0.5)
+    assert [servo.goal for servo in pilot.simulation.servos] == NEUTRAL_GOALS
+    assert pilot.arm().refusal == Refusal.DRIVE
+    pilot.simulation.set_switches(manual=True)
+    pilot.simulation.run(0.1)
+    seen = pilot.telemetry()
+    assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.DRIVE), "nor by radio control"
+
+
+def power_at_the_drive_moves_nothing(bench: Bench) -> None:
+    pilot = bench.pilot().get_driving()
+    pilot.simulation.set_contactor(closed=False)
+    pilot.drive(0.5)
+    pilot.simulation.set_contactor(closed=True)
+    for _ in range(4):
+        assert pilot.drive(0.5).mode == BoardMode.DISARMED, "1 again and again"
+        assert max(pilot.simulation.pulses_us()) < 1001.0
+    pilot.simulation.set_contactor(closed=False)
+    pilot.simulation.run(0.5)
+    pilot.simulation.set_contactor(closed=True)
+    pilot.simulation.run(1.9)
+    seen = pilot.arm(at_once=True)
+    assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.ESC_HOLD)
+    assert pilot.arm().mode == BoardMode.ARMED
+
+
+def a_drive_that_is_not_measured_does_not_arm(bench: Bench) -> None:
+    pilot = bench.pilot().get_ready()
+    for volts in (0.0, 0.7 * 12.0):
+        pilot.simulation.power.stop_circuit = False
+        pilot.simulation.power.drive_v = volts
+        pilot.simulation.run(0.03)
+        assert pilot.arm(at_once=True).refusal == Refusal.DRIVE, volts
 
 
 def arming_wants_zero_throttle_and_zero_goals(bench: Bench) -> None:
@@ -252,6 +376,8 @@ def writes_that_are_wrong_change_nothing(bench: Bench) -> None:
         (write(Command.ADDRESS, good + b"\0"), 7),
         (write(Setup.ADDRESS, Setup().pack()), 7),
         (write(Setup.ADDRESS, Setup().pack() + good), 7),
+        (write(Setup.ADDRESS, Setup().pack()[:2]), 5),
+        (write(Setup.ADDRESS + 1, Setup().pack()[1:]), 5),
         (write(0, b"\0"), 7),
         (write(ADDRESS["mode"], b"\1"), 7),
         (write(ADDRESS["throttle_out"], b"\xa0\x0f"), 7),
@@ -301,7 +427,7 @@ def a_lost_radio_control_stops(bench: Bench) -> None:
     seen = pilot.drive(0.2)
     assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.RC_LOST)
     assert max(pilot.simulation.pulses_us()) < 1001.0
-    assert pilot.arm().refusal == Refusal.KILL
+    assert pilot.arm().refusal == Refusal.RECEIVER
 
 
 def a_wire_of_the_receiver_that_is_off_stops(bench: Bench) -> None:
@@ -312,7 +438,9 @@ def a_wire_of_the_receiver_that_is_off_stops(bench: Bench) -> None:
         assert max(pilot.simulation.pulses_us()) < 1001.0
     pilot = bench.pilot()
     pilot.simulation.lose_receiver(0, 1, 2, 3, 5)
-    assert pilot.get_ready().arm().refusal == Refusal.KILL, "the kill switch alone is no receiver"
+    assert pilot.get_ready().arm().refusal == Refusal.RECEIVER, (
+        "the kill switch alone is no receiver"
+    )
 
 
 def a_lost_radio_control_is_missed_after_a_reset_too(bench: Bench) -> None:
@@ -320,7 +448,30 @@ def a_lost_radio_control_is_missed_after_a_reset_too(bench: Bench) -> None:
     pilot.simulation.lose_receiver()
     pilot.simulation.board.reset()
     pilot.simulation.run(2.1)
-    assert pilot.arm().refusal == Refusal.KILL
+    assert pilot.arm().refusal == Refusal.RECEIVER
+
+
+def an_expected_receiver_is_missed_when_power_comes(bench: Bench) -> None:
+    pilot = bench.pilot(receiver=True).get_ready(Setup(receiver_expected=1))
+    assert pilot.arm().mode == BoardMode.ARMED
+    pilot.simulation.lose_receiver()
+    pilot.simulation.board.reset(power=True)
+    pilot.simulation.run(HOLD_S)
+    assert pilot.arm().refusal == Refusal.RECEIVER
+    pilot.simulation.set_switches()
+    pilot.simulation.run(0.1)
+    assert pilot.arm().mode == BoardMode.ARMED
+
+
+def the_radio_control_begins_at_the_low_end_of_its_stick(bench: Bench) -> None:
+    for low_us, begins in ((1100, False), (1135, True)):
+        pilot = bench.pilot(receiver=True)
+        pilot.get_ready(Setup(stick_low=(1100, 1100, 1100, low_us)))
+        pilot.simulation.set_sticks(0.0, 0.0, 0.0, 0.05)  # 1140 us.
+        pilot.simulation.run(0.05)
+        pilot.simulation.set_switches(manual=True)
+        pilot.simulation.run(0.1)
+        assert pilot.mode() == (BoardMode.RC if begins else BoardMode.DISARMED)
 
 
 def the_radio_control_takes_over_and_gives_back(bench: Bench) -> None:

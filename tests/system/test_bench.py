@@ -26,6 +26,7 @@ ROWS = {
     "idle": 2,
     "recording": 2,
     "seek": 3,
+    "foxglove": 3,
 }
 ROW = re.compile(r"^(\S.+?) +([-+.e\d]+) .*[<>]= .* (ok  |MISS)")
 """What is measured, how much, and whether that reaches what it is to reach."""

@@ -165,6 +165,11 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         return self._protocol.has_lease
 
     @property
+    def lost_reason(self) -> str:
+        """Why the lease ended; empty before it was held."""
+        return self._protocol.lost_reason
+
+    @property
     def asked_by(self) -> str | None:
         """The operator who asks for control, if any."""
         return self._link.state().lease.asked_by

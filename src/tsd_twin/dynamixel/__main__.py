@@ -33,7 +33,16 @@ _C_TYPES: dict[Type, str] = {
 }
 _LETTERS: dict[Type, str] = {"u8": "B", "u16": "H", "u32": "I", "i16": "h"}
 _ACCESS = {"r": "read only", "w": "read and write", "setup": "read; write while disarmed"}
-_CONSTANTS = ("MODEL", "FW_VERSION", "BOARD_ID", "TABLE_VERSION", "SERVOS", "ESCS", "RC_CHANNELS")
+_CONSTANTS = (
+    "MODEL",
+    "FW_VERSION",
+    "BOARD_ID",
+    "TABLE_VERSION",
+    "SERVOS",
+    "ESCS",
+    "RC_CHANNELS",
+    "STICKS",
+)
 _THROTTLES = ("ZERO_THROTTLE", "FULL_THROTTLE")
 
 

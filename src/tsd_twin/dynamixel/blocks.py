@@ -18,9 +18,9 @@ class Identity(Packed):
 
     model: int = 2014
     """Kind of board."""
-    fw: int = 1
+    fw: int = 2
     """Version of the firmware, as a ping answers it."""
-    table_version: int = 1
+    table_version: int = 2
     """Version of this table."""
     id: int = 200
     """Id on the wire."""
@@ -40,10 +40,10 @@ class Identity(Packed):
 
 @dataclass(frozen=True, slots=True)
 class Setup(Packed):
-    """Parameters of the robot; the bridge writes them when it connects. Kept without power."""
+    """Parameters of the robot; kept without power. Written as a whole, 2 s after a throttle."""
 
     ADDRESS: ClassVar[int] = 21
-    LAYOUT: ClassVar[Struct] = Struct("<6HBHB")
+    LAYOUT: ClassVar[Struct] = Struct("<6HBHBHHHB4H4H4HB")
 
     neutral: tuple[int, ...] = (2048,) * 6
     """Servo position of neutral [step]."""
@@ -53,17 +53,33 @@ class Setup(Packed):
     """Goals are held within ± this [step]."""
     servos_expected: int = 63
     """Bit i: servo i must answer to arm and to stay armed; 0 when others drive the servos."""
+    battery_arm_mv: int = 0
+    """No arming below this [mV]."""
+    battery_stop_mv: int = 0
+    """Trips below this for 1 s [mV]."""
+    bandgap_mv: int = 1100
+    """Of the chip's bandgap, which its supply is measured against [mV]."""
+    receiver_expected: int = 0
+    """1: a receiver must be there to arm and stay armed, though none was seen since power came."""
+    stick_low: tuple[int, ...] = (1100,) * 4
+    """Pulse at the low end of forward, left, turn, speed [us]."""
+    stick_centre: tuple[int, ...] = (1500,) * 4
+    """At rest; of the speed unused [us]."""
+    stick_high: tuple[int, ...] = (1900,) * 4
+    """At the high end [us]."""
+    stick_dead: int = 20
+    """Dead band at the centre, and at both ends [us]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Command(Packed):
     """Joint commands: one WRITE of the whole block in each cycle; a partial one is error 5."""
 
-    ADDRESS: ClassVar[int] = 37
-    LAYOUT: ClassVar[Struct] = Struct("<HBB3H6h")
+    ADDRESS: ClassVar[int] = 69
+    LAYOUT: ClassVar[Struct] = Struct("<HBB3H6h2H")
 
     heartbeat: int = 0
-    """Any change is a beat; arming needs one."""
+    """A change is a beat; arming needs one. While armed, a block that is behind is error 7."""
     arm: int = 0
     """Going from 0 to 1 arms, unless there is a reason to refuse; 0 disarms. After a trip it
     has to be written 0 first: 1 again and again never arms again.
@@ -76,14 +92,16 @@ class Command(Packed):
     """Gimbals from neutral: alpha and beta of module 1, then 2, then 3; obeyed while armed
     [step].
     """
+    session: tuple[int, ...] = (0,) * 2
+    """As `nonce`, or the block only disarms: with `arm` 1 it is error 7."""
 
 
 @dataclass(frozen=True, slots=True)
 class Telemetry(Packed):
     """Measurements and states: one READ in each cycle."""
 
-    ADDRESS: ClassVar[int] = 59
-    LAYOUT: ClassVar[Struct] = Struct("<IBBBBHBBBBB3H6h6h6h6B6B6HHHHHHHH")
+    ADDRESS: ClassVar[int] = 95
+    LAYOUT: ClassVar[Struct] = Struct("<IBBBBH2HBBBBBBB3H6h6h6h6B6B6HHHHHHHHHH")
 
     millis: int = 0
     """Since the reset [ms]."""
@@ -96,9 +114,19 @@ class Telemetry(Packed):
     reset_cause: int = 0
     """Why the board started: `ResetCause`."""
     beat: int = 0
-    """Echo of the newest heartbeat."""
+    """Echo of the heartbeat that was written last."""
+    nonce: tuple[int, ...] = (0,) * 2
+    """Number of this session; another after each start, each disarming, and each 1 in `arm`
+    that does not arm.
+    """
+    setup_known: int = 0
+    """1: the setup was written, now or before."""
+    drive_on: int = 0
+    """1: the speed controllers have power, behind the contactor."""
     esc_ready: int = 0
-    """1: zero throttle was put out for `esc_hold_ms`."""
+    """1: zero throttle was put out for `esc_hold_ms`, since the speed controllers got power and
+    since the last disarming.
+    """
     servo_found: int = 0
     """Bit i: servo i answered a ping."""
     servo_alive: int = 0
@@ -123,6 +151,10 @@ class Telemetry(Packed):
     """Pulses of the receiver: forward, left, turn, speed, kill, manual; 0: no pulses [us]."""
     battery_mv: int = 0
     """Of the battery [mV]."""
+    drive_mv: int = 0
+    """Of the speed controllers, behind the contactor [mV]."""
+    supply_mv: int = 0
+    """Of the board; the reference of the other two [mV]."""
     crc_errors: int = 0
     """Packets from the PC with a wrong sum."""
     rx_errors: int = 0

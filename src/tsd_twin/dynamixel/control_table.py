@@ -13,8 +13,8 @@ from itertools import islice
 from struct import Struct
 from typing import Any, ClassVar, Literal, Self, cast
 
-TABLE_VERSION = 1
-FW_VERSION = 1
+TABLE_VERSION = 2
+FW_VERSION = 2
 MODEL = 2014
 """What a ping answers; the year of the thesis."""
 BOARD_ID = 200
@@ -22,6 +22,10 @@ BOARD_ID = 200
 SERVOS = 6
 ESCS = 3
 RC_CHANNELS = 6
+STICKS = 4
+"""The first four channels: forward, left, turn, speed."""
+RC_US = (800, 2200)
+"""Pulses of a receiver, at the least and at the most."""
 ZERO_THROTTLE = 2000
 """In half microseconds."""
 FULL_THROTTLE = 4000
@@ -88,7 +92,7 @@ IDENTITY = Block(
 SETUP = Block(
     "setup",
     "setup",
-    "Parameters of the robot; the bridge writes them when it connects. Kept without power.",
+    "Parameters of the robot; kept without power. Written as a whole, 2 s after a throttle.",
     (
         Item("neutral", "u16", "Servo position of neutral.", 2048, (0, 4095), "step", SERVOS),
         Item("reverse", "u8", "Bit i: servo i turns the other way.", 0, (0, 63)),
@@ -100,6 +104,36 @@ SETUP = Block(
             63,
             (0, 63),
         ),
+        Item("battery_arm_mv", "u16", "No arming below this.", 0, (0, 65535), "mV"),
+        Item("battery_stop_mv", "u16", "Trips below this for 1 s.", 0, (0, 65535), "mV"),
+        Item(
+            "bandgap_mv",
+            "u16",
+            "Of the chip's bandgap, which its supply is measured against.",
+            1100,
+            (1000, 1200),
+            "mV",
+        ),
+        Item(
+            "receiver_expected",
+            "u8",
+            "1: a receiver must be there to arm and stay armed, though none was seen since power "
+            "came.",
+            0,
+            (0, 1),
+        ),
+        Item(
+            "stick_low",
+            "u16",
+            "Pulse at the low end of forward, left, turn, speed.",
+            1100,
+            RC_US,
+            "us",
+            STICKS,
+        ),
+        Item("stick_centre", "u16", "At rest; of the speed unused.", 1500, RC_US, "us", STICKS),
+        Item("stick_high", "u16", "At the high end.", 1900, RC_US, "us", STICKS),
+        Item("stick_dead", "u8", "Dead band at the centre, and at both ends.", 20, (0, 100), "us"),
     ),
 )
 
@@ -108,7 +142,13 @@ COMMAND = Block(
     "w",
     "Joint commands: one WRITE of the whole block in each cycle; a partial one is error 5.",
     (
-        Item("heartbeat", "u16", "Any change is a beat; arming needs one.", 0, (0, 65535)),
+        Item(
+            "heartbeat",
+            "u16",
+            "A change is a beat; arming needs one. While armed, a block that is behind is error 7.",
+            0,
+            (0, 65535),
+        ),
         Item(
             "arm",
             "u8",
@@ -136,6 +176,14 @@ COMMAND = Block(
             "step",
             SERVOS,
         ),
+        Item(
+            "session",
+            "u16",
+            "As `nonce`, or the block only disarms: with `arm` 1 it is error 7.",
+            0,
+            (0, 65535),
+            count=2,
+        ),
     ),
 )
 
@@ -149,8 +197,22 @@ TELEMETRY = Block(
         Item("trip", "u8", "Why the board last disarmed itself, until it arms: `Trip`."),
         Item("refusal", "u8", "Why arming was last refused: `Refusal`."),
         Item("reset_cause", "u8", "Why the board started: `ResetCause`."),
-        Item("beat", "u16", "Echo of the newest heartbeat."),
-        Item("esc_ready", "u8", "1: zero throttle was put out for `esc_hold_ms`."),
+        Item("beat", "u16", "Echo of the heartbeat that was written last."),
+        Item(
+            "nonce",
+            "u16",
+            "Number of this session; another after each start, each disarming, and each 1 in `arm` "
+            "that does not arm.",
+            count=2,
+        ),
+        Item("setup_known", "u8", "1: the setup was written, now or before."),
+        Item("drive_on", "u8", "1: the speed controllers have power, behind the contactor."),
+        Item(
+            "esc_ready",
+            "u8",
+            "1: zero throttle was put out for `esc_hold_ms`, since the speed controllers got power "
+            "and since the last disarming.",
+        ),
         Item("servo_found", "u8", "Bit i: servo i answered a ping."),
         Item("servo_alive", "u8", "Bit i: servo i answered within the last 50 ms."),
         Item("servo_protocol", "u8", "Bit i: servo i speaks Protocol 2.0, else 1.0."),
@@ -171,6 +233,8 @@ TELEMETRY = Block(
             RC_CHANNELS,
         ),
         Item("battery_mv", "u16", "Of the battery.", unit="mV"),
+        Item("drive_mv", "u16", "Of the speed controllers, behind the contactor.", unit="mV"),
+        Item("supply_mv", "u16", "Of the board; the reference of the other two.", unit="mV"),
         Item("crc_errors", "u16", "Packets from the PC with a wrong sum."),
         Item("rx_errors", "u16", "Bytes from the PC lost, or cut packets given up."),
         Item("servo_errors", "u16", "Answers of servos that were missing or wrong."),
@@ -226,6 +290,10 @@ class Trip(IntEnum):
     """A servo of `servos_expected` no longer answers, or reports a hardware error."""
     WATCHDOG = 6
     """The firmware hung, and its watchdog reset it."""
+    DRIVE = 7
+    """The speed controllers lost their power: the stop circuit opened."""
+    BATTERY = 8
+    """The battery was below `battery_stop_mv` for 1 s."""
 
 
 class Refusal(IntEnum):
@@ -233,7 +301,8 @@ class Refusal(IntEnum):
 
     NONE = 0
     ESC_HOLD = 1
-    """Zero throttle has not been put out for `esc_hold_ms` yet."""
+    """Zero throttle has not been put out for `esc_hold_ms` yet, at speed controllers with power,
+    since the last disarming."""
     THROTTLE = 2
     """A throttle of the command block is not zero throttle."""
     GOAL = 3
@@ -243,11 +312,17 @@ class Refusal(IntEnum):
     NOT_NEUTRAL = 5
     """A gimbal is measured more than `neutral_band` from neutral."""
     KILL = 6
-    """The kill switch is on, or the radio control was there and is lost."""
+    """The kill switch is on."""
     RC = 7
     """The radio control has the robot."""
     SETUP = 8
     """No set-up was ever written: where neutral is, is not known."""
+    DRIVE = 9
+    """The speed controllers have no power: the stop circuit is open."""
+    BATTERY = 10
+    """The battery is below `battery_arm_mv`."""
+    RECEIVER = 11
+    """A receiver is expected, or was there, and a channel has no pulses."""
 
 
 class ResetCause(IntFlag):

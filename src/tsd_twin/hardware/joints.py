@@ -14,7 +14,13 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from tsd_twin.dynamixel.control_table import ESCS, FULL_THROTTLE, SERVOS, ZERO_THROTTLE
+from tsd_twin.dynamixel.control_table import (
+    ESCS,
+    FULL_THROTTLE,
+    RC_US,
+    SERVOS,
+    ZERO_THROTTLE,
+)
 from tsd_twin.hardware.serial_transport import HardwareError
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import Array
@@ -43,6 +49,19 @@ class JointCommand:
 CENTRE = 2048
 
 
+_Pulse = Annotated[int, Meta(ge=RC_US[0], le=RC_US[1])]
+_Pulses = tuple[_Pulse, _Pulse, _Pulse, _Pulse]
+
+
+class Receiver(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """`[receiver]` of a calibration: there is one, whose sticks end and rest at these pulses."""
+
+    low_us: _Pulses = (1100, 1100, 1100, 1100)
+    """Forward, left, turn, speed."""
+    centre_us: _Pulses = (1500, 1500, 1500, 1500)
+    high_us: _Pulses = (1900, 1900, 1900, 1900)
+
+
 class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Neutral positions and directions of servos, read from a TOML file."""
 
@@ -50,6 +69,10 @@ class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Position that a servo reports with its gimbal upright; 2048 unless given."""
     reversed: Sequence[str] = ()
     """Joints whose servo turns the other way."""
+    bandgap_mv: Annotated[int, Meta(ge=1000, le=1200)] = 1100
+    """Voltage of the bandgap of the board's chip, which its voltages are measured against."""
+    receiver: Receiver | None = None
+    """The receiver of a radio control; without it, none is expected."""
 
     @staticmethod
     def read(file: str) -> ServoCalibration:

@@ -25,6 +25,7 @@ from tsd_twin.dynamixel.control_table import (
     BoardMode,
     RcChannel,
     Refusal,
+    ResetCause,
     Trip,
 )
 from tsd_twin.dynamixel.packets import ALERT, Fault, Status
@@ -33,13 +34,20 @@ from tsd_twin.hardware.joints import (
     CENTRE,
     JointCommand,
     JointConverter,
+    Receiver,
     ServoCalibration,
     ThrottleLaw,
     padded,
 )
-from tsd_twin.hardware.serial_transport import HardwareError, LinkHealth, SerialTransport
+from tsd_twin.hardware.serial_transport import (
+    HardwareError,
+    LinkHealth,
+    SerialTransport,
+    chip_warning,
+)
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityDescription
+from tsd_twin.robots.description import Battery
 from tsd_twin.safety import Heartbeat
 
 ANSWERS = 3
@@ -53,6 +61,8 @@ TRIPS: dict[int, str] = {
     Trip.RC_TOOK_OVER: "the radio control took over",
     Trip.SERVO: "a servo does not answer or has an error",
     Trip.WATCHDOG: "its firmware hung and was restarted",
+    Trip.BATTERY: "the battery is empty",
+    Trip.DRIVE: "the stop circuit opened: the speed controllers lost their power",
 }
 REFUSALS: dict[int, str] = {
     Refusal.NONE: "it does not say why",
@@ -61,10 +71,61 @@ REFUSALS: dict[int, str] = {
     Refusal.GOAL: "the goals of the gimbals are not neutral",
     Refusal.SERVO: "a servo does not answer or has an error",
     Refusal.NOT_NEUTRAL: "the gimbals are not at neutral tilt",
+    Refusal.RECEIVER: "the radio control is off, or a wire of its receiver",
     Refusal.KILL: "the kill switch of the radio control is on",
     Refusal.RC: "the radio control has the robot",
     Refusal.SETUP: "its set-up was not written: neutral positions are unknown",
+    Refusal.BATTERY: "the battery is too low",
+    Refusal.DRIVE: "the speed controllers have no power: the stop circuit is open",
 }
+
+
+_STARTED_MS = 4000
+"""A board that has run for less was reset when its port was opened, or just got power."""
+_MEASURED_MS = 500
+"""After this, the board has measured its battery."""
+_BATTERY_LEAST_MV = 5000
+"""A board that runs although its battery is below this is fed by something else."""
+_RESTARTED = "the controller board has restarted"
+RESETS: dict[int, str] = {
+    ResetCause.POWER_ON: "it had lost its power",
+    ResetCause.EXTERNAL: "by its reset pin",
+    ResetCause.BROWN_OUT: "its supply had sagged",
+    ResetCause.WATCHDOG: "its firmware hung",
+}
+
+
+def restart_reason(cause: int) -> str:
+    """Text for a board that has restarted; a boot loader may have cleared the cause."""
+    causes = [text for bit, text in RESETS.items() if cause & bit]
+    return ": ".join([_RESTARTED, *causes[:1]])
+
+
+def wiring_faults(telemetry: Telemetry, *, opened: bool, returned: bool) -> dict[str, str]:
+    """Mistakes in the wiring of a board that telemetry shows, by a short name; empty without one.
+
+    `opened` says that its port was just opened, `returned` that it was connected before.
+    """
+    found: dict[str, str] = {}
+    young, powered = telemetry.millis < _STARTED_MS, telemetry.reset_cause & ResetCause.POWER_ON
+    # A boot loader may have cleared the cause.
+    if opened and young and not telemetry.reset_cause & ~ResetCause.EXTERNAL:
+        found["auto-reset"] = (
+            "opening the port resets the controller board, whose outputs are not driven until its "
+            "boot loader ends: cut RESET-EN, or use an adapter without DTR"
+        )
+    if opened and young and powered and returned:
+        found["usb power lost"] = (
+            "the controller board lost its power together with the line: unless the battery was "
+            "off too, USB feeds it, and no board was there to stop the robot; feed it from the "
+            "servo battery, and cut the 5 V of USB"
+        )
+    if telemetry.millis > _MEASURED_MS and telemetry.battery_mv < _BATTERY_LEAST_MV:
+        found["usb power"] = (
+            f"the controller board runs with {telemetry.battery_mv / 1000.0:.1f} V of battery: "
+            "USB feeds it; cut the 5 V of USB, or the wire to A0 is off"
+        )
+    return found
 
 
 class _State(Enum):
@@ -121,6 +182,9 @@ SETTLE_S = 0.03
 """Silence after which no response to an older request can follow."""
 _BOOT_S = 4.0
 """To open its port resets the board, whose boot loader then waits about a second for uploads."""
+_RUN_DOWN_S = 3.0
+"""The board refuses to be set up for 2 s after the last throttle."""
+_AGAIN_S = 0.1
 _TRY_S = 0.3
 _TRIES = 3
 
@@ -131,10 +195,31 @@ def handshake(transport: SerialTransport, setup: Setup, baud: int) -> Telemetry:
     Raises:
         HardwareError: it is missing, another device, or refuses.
     """
+    find_board(transport, baud)
+    telemetry = Telemetry.unpack(request_data(transport, READ_DELAY, Telemetry.LAYOUT.size))
+    size = Setup.LAYOUT.size
+    has = request_data(transport, protocol2.read(BOARD_ID, Setup.ADDRESS, size), size)
+    # A board without a written set-up does not arm, though it has these values by default.
+    if not telemetry.setup_known or has != setup.pack():
+        if telemetry.mode == BoardMode.RC:
+            raise HardwareError(
+                f"the controller board at {transport.name} cannot be set up while the radio "
+                "control has the robot: switch manual off"
+            )
+        _write_setup(transport, setup)
+    return telemetry
+
+
+def find_board(transport: SerialTransport, baud: int) -> None:
+    """Wait for a board, check what it is, and disarm it.
+
+    Raises:
+        HardwareError: it is missing, or another device.
+    """
     _wait_for_answer(transport, baud)
     size = Identity.LAYOUT.size
     read = protocol2.read(BOARD_ID, Identity.ADDRESS, size)
-    identity = Identity.unpack(_request_data(transport, read, size))
+    identity = Identity.unpack(request_data(transport, read, size))
     if identity.model != MODEL or identity.table_version != TABLE_VERSION:
         raise HardwareError(
             f"the device at {transport.name} is model {identity.model} with control table "
@@ -142,15 +227,26 @@ def handshake(transport: SerialTransport, setup: Setup, baud: int) -> Telemetry:
             f"{TABLE_VERSION}; flash the firmware that comes with it"
         )
     # A board that was not reset may still be armed, which would refuse the set-up.
-    _request_data(transport, protocol2.write(BOARD_ID, Command.ADDRESS, REST_COMMAND.pack()))
-    telemetry = Telemetry.unpack(_request_data(transport, READ_DELAY, Telemetry.LAYOUT.size))
-    size = Setup.LAYOUT.size
-    has = _request_data(transport, protocol2.read(BOARD_ID, Setup.ADDRESS, size), size)
-    # While the radio control drives it cannot be written. Else it is written even if it is the
-    # same: a board without a written set-up does not arm.
-    if telemetry.mode != BoardMode.RC or has != setup.pack():
-        _request_data(transport, protocol2.write(BOARD_ID, Setup.ADDRESS, setup.pack()))
-    return telemetry
+    request_data(transport, protocol2.write(BOARD_ID, Command.ADDRESS, REST_COMMAND.pack()))
+
+
+def _write_setup(transport: SerialTransport, setup: Setup) -> None:
+    """Write the set-up; the board takes it once its wheels have run down.
+
+    Raises:
+        HardwareError: it refuses, or does not answer.
+    """
+    request = protocol2.write(BOARD_ID, Setup.ADDRESS, setup.pack())
+    end_s = time.monotonic() + _RUN_DOWN_S
+    while True:
+        error = _request(transport, request).error & ~ALERT
+        if not error:
+            return
+        if error != Fault.ACCESS or time.monotonic() > end_s:
+            raise HardwareError(
+                f"the controller board at {transport.name} refuses its set-up: error {error}"
+            )
+        time.sleep(_AGAIN_S)
 
 
 def _wait_for_answer(transport: SerialTransport, baud: int) -> None:
@@ -164,21 +260,23 @@ def _wait_for_answer(transport: SerialTransport, baud: int) -> None:
     transport.drain(SETTLE_S)
 
 
-def _request_data(transport: SerialTransport, request: bytes, size: int = 0) -> bytes:
-    """Return the `size` bytes of the response; the request is repeated until one comes."""
+def request_data(transport: SerialTransport, request: bytes, size: int = 0) -> bytes:
+    """Return the `size` bytes of the response."""
+    answer = _request(transport, request, size)
+    if error := answer.error & ~ALERT:
+        raise HardwareError(
+            f"the controller board at {transport.name} refuses its set-up: error {error}"
+        )
+    return answer.data
+
+
+def _request(transport: SerialTransport, request: bytes, size: int = 0) -> Status:
+    """Return the response with `size` bytes, or an error; the request is repeated."""
     for _ in range(_TRIES):
         for answer in transport.request(request, 1, _TRY_S):
-            if (error := answer.error & ~ALERT) == Fault.ACCESS:
-                raise HardwareError(
-                    f"the controller board at {transport.name} cannot be set up while the radio "
-                    "control has the robot: switch manual off"
-                )
-            if error:
-                raise HardwareError(
-                    f"the controller board at {transport.name} refuses its set-up: error {error}"
-                )
-            if len(answer.data) == size:  # Otherwise the response belongs to an older request.
-                return answer.data
+            # Otherwise the response belongs to an older request.
+            if answer.error & ~ALERT or len(answer.data) == size:
+                return answer
     raise HardwareError(f"the controller board at {transport.name} does not answer as it should")
 
 
@@ -187,6 +285,8 @@ BAUD = 1_000_000
 ANSWER_S = 0.04
 """Response time-out of a cycle: two lost responses stay below `SILENT_S`."""
 _LEAVING = 5
+_RECOVERED_V = 0.3
+"""A battery rises by this when its load is gone, and is as low as before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,27 +312,43 @@ class ControllerBoard:
         self,
         joints: JointConverter,
         calibration: ServoCalibration,
+        battery: Battery,
         *,
         servos: bool = True,
         baud: int = BAUD,
     ) -> None:
         """Configure for a board that drives the servos too, or the speed controllers only."""
+        self._battery = battery
+        self.battery_warning = ""
+        """Text while the battery is low; else empty."""
         self.baud = baud
         self.health = LinkHealth("the serial line")
         self.command = JointCommand(np.zeros(joints.count), Heartbeat(False, 0), 0.0)
         self.report: BoardReport | None = None
         self.disconnect_reason = ""
         """Reason of a lost connection; else empty."""
+        self.wiring_faults: dict[str, str] = {}
+        """Mistakes in the wiring that were seen, by a short name; replaced as a whole."""
+        self._was_connected = False
         self._joints = joints
         self._servos = servos
         self._switch = ArmSwitch()
         reverse = [sign < 0 for sign in calibration.signs(joints.names)]
+        sticks = calibration.receiver or Receiver()
         self._setup = Setup(
             padded(calibration.neutral(joints.names), SERVOS, CENTRE),
             sum(1 << i for i, turned in enumerate(reverse) if turned),
             joints.goal_limit,
             joints.servos if servos else 0,
+            round(1000.0 * battery.arm_v),
+            round(1000.0 * battery.stop_v),
+            calibration.bandgap_mv,
+            int(calibration.receiver is not None),
+            stick_low=sticks.low_us,
+            stick_centre=sticks.centre_us,
+            stick_high=sticks.high_us,
         )
+        self.receiver_expected = calibration.receiver is not None
 
     def connect(self, transport: SerialTransport) -> None:
         """Check model and version of the control table, and configure the board.
@@ -241,6 +357,9 @@ class ControllerBoard:
             HardwareError: it is another device, or does not answer.
         """
         telemetry = handshake(transport, self._setup, self.baud)
+        self._find_wiring_faults(telemetry, opened=self.report is None)
+        self._warn("usb chip", chip_warning(transport.name, self.baud))
+        self._was_connected = True
         self.report = BoardReport(telemetry, time.monotonic(), self._switch.lost)
         self.disconnect_reason = ""
 
@@ -268,13 +387,16 @@ class ControllerBoard:
             return False
         self.health.add_round_trip(now_s - began_s)
         if before is not None and _restarted(before.telemetry, telemetry):
-            _LOG.warning("the controller board has restarted")
-            self._switch.mark_lost("the controller board has restarted")
+            reason = restart_reason(telemetry.reset_cause)
+            _LOG.warning("%s", reason)
+            self._switch.mark_lost(reason)
             self.connect(transport)
         elif before is not None:
             corrupt = corrupt or _has_receive_errors(before.telemetry, telemetry)
         self._add_cycle(corrupt, now_s)
         self._switch.update(telemetry)
+        self._find_wiring_faults(telemetry, opened=False)
+        self._watch_battery(telemetry.battery_mv / 1000.0)
         self.report = BoardReport(telemetry, now_s, self._switch.lost)
         return True
 
@@ -290,6 +412,24 @@ class ControllerBoard:
             request = protocol2.write(BOARD_ID, Command.ADDRESS, REST_COMMAND.pack())
             if transport.request(request, 1, ANSWER_S):
                 return
+
+    def _find_wiring_faults(self, telemetry: Telemetry, *, opened: bool) -> None:
+        found = wiring_faults(telemetry, opened=opened, returned=self._was_connected)
+        for name, text in found.items():
+            self._warn(name, text)
+
+    def _warn(self, name: str, text: str) -> None:
+        if text and name not in self.wiring_faults:
+            _LOG.warning("%s", text)
+            self.wiring_faults = {**self.wiring_faults, name: text}
+
+    def _watch_battery(self, volts: float) -> None:
+        warn_v = self._battery.warn_v
+        if volts < warn_v and not self.battery_warning:
+            self.battery_warning = f"the battery is low: below {warn_v:g} V"
+            _LOG.warning("%s", self.battery_warning)
+        elif volts > warn_v + _RECOVERED_V:
+            self.battery_warning = ""
 
     def _add_cycle(self, corrupt: bool, now_s: float) -> None:
         errors = self.health.packet_errors
@@ -308,6 +448,7 @@ class ControllerBoard:
             arm=arm,
             throttle=padded(self._joints.throttles(wanted.setpoint), ESCS, ZERO_THROTTLE),
             goal=padded(goals, SERVOS, 0),
+            session=self.report.telemetry.nonce if self.report else (0, 0),
         )
 
 
@@ -330,6 +471,10 @@ def _has_receive_errors(before: Telemetry, after: Telemetry) -> bool:
 
 
 _COUNTERS = ("crc_errors", "rx_errors", "servo_errors", "overruns", "trips", "resets")
+_UNEXPECTED_RECEIVER = (
+    "the calibration has no receiver, and one sends pulses: the next time the board has power it "
+    "arms without it; run 'tsd-bridge --setup'"
+)
 MODES: dict[int, str] = {
     BoardMode.DISARMED: "disarmed",
     BoardMode.ARMED: "armed",
@@ -362,8 +507,11 @@ class MegaHardware:
         self._joints = JointConverter(robot, throttle)
         calibration = calibration or ServoCalibration()
         calibration.check_joint_names(self._joints.names)
-        self._board = ControllerBoard(self._joints, calibration, servos=servos, baud=baud)
+        self._board = ControllerBoard(
+            self._joints, calibration, robot.battery, servos=servos, baud=baud
+        )
         self._expected = self._joints.servos if servos else 0
+        self._arm_mv = round(1000.0 * robot.battery.arm_v)
         self._heartbeat = Heartbeat(False, 0)
         self._read_s = 0.0
         self._thread = DeviceThread(port, self._board)
@@ -403,6 +551,10 @@ class MegaHardware:
         status: dict[str, Any] = {"kind": "mega", "connected": report is not None}
         if report is not None:
             status |= self._status(report.telemetry)
+            told = [board.battery_warning] if board.battery_warning else []
+            if any(report.telemetry.rc) and not board.receiver_expected:
+                told.append(_UNEXPECTED_RECEIVER)
+            status["warnings"] = [*told, *board.wiring_faults.values()]
             status["age_ms"] = round(1000.0 * (time.monotonic() - report.heard_s), 1)
         return status | {"link": board.health.status()}
 
@@ -419,8 +571,15 @@ class MegaHardware:
             return f"{self._joints.named(broken)}: hardware error"
         if lost:
             return lost
-        if not board.esc_ready:
+        if not board.drive_on:
+            return REFUSALS[Refusal.DRIVE]
+        if board.mode != BoardMode.ARMED and board.battery_mv < self._arm_mv:
+            return f"the battery is too low to arm: {board.battery_mv / 1000.0:.1f} V"
+        if board.mode != BoardMode.ARMED and not board.esc_ready:
             return "the speed controllers have not had zero throttle for 2 s yet"
+        missing = [RcChannel(i).name.lower() for i, us in enumerate(board.rc) if not us]
+        if missing and (self._board.receiver_expected or len(missing) < len(board.rc)):
+            return f"{REFUSALS[Refusal.RECEIVER]}: no pulses of {', '.join(missing)}"
         if 0 < board.rc[RcChannel.KILL] <= SWITCH_US:
             return REFUSALS[Refusal.KILL]
         manual = board.rc[RcChannel.MANUAL] > SWITCH_US
@@ -431,6 +590,8 @@ class MegaHardware:
             "board": MODES.get(board.mode, board.mode),
             "last_trip": TRIPS.get(board.trip, board.trip) if board.trip else "none",
             "battery_v": round(board.battery_mv / 1000.0, 2),
+            "drive_v": round(board.drive_mv / 1000.0, 2),
+            "supply_v": round(board.supply_mv / 1000.0, 2),
             "esc_armed": bool(board.esc_ready),
             "pulse_us": [pulse / 2.0 for pulse in board.throttle_out],
             "rc_us": list(board.rc),

@@ -5,6 +5,7 @@ that imports pyserial.
 from __future__ import annotations
 
 import errno
+import fcntl
 import logging
 import math
 import termios
@@ -160,12 +161,35 @@ def open_port(name: str, baud: int, timeout_s: float) -> Port:
         )
     except (*GONE, ValueError) as error:
         raise PortError(_open_error(name, error)) from error
+    _set_exclusive(port, termios.TIOCEXCL)
     try:
         port.set_low_latency_mode(True)
     except (*GONE, ValueError, AttributeError, NotImplementedError) as error:
         # Only FTDI chips know it; they wait 16 ms for more to send without.
         _LOG.debug("%s: no low latency mode: %s", name, error)
     return port
+
+
+def close_port(port: Port) -> None:
+    """Unlock and close a port; also after it is gone."""
+    # A device that another program holds open, as the simulator does, would stay locked.
+    _set_exclusive(port, termios.TIOCNXCL)
+    try:
+        port.close()
+    except GONE:
+        return
+
+
+def _set_exclusive(port: Any, request: int) -> None:
+    """Lock the device against programs that do not look at the lock of pyserial, or unlock it.
+
+    pyserial locks with `flock` only, which other programs need not ask for. The kernel refuses to
+    open a device that is locked with TIOCEXCL, except for root.
+    """
+    try:
+        fcntl.ioctl(port.fileno(), request)
+    except (OSError, AttributeError, ValueError) as error:  # A URL has no device here.
+        _LOG.debug("no exclusive mode: %s", error)
 
 
 def persistent_name(name: str, links: Path = _BY_ID) -> str:
@@ -189,6 +213,31 @@ def serial_ports() -> list[str]:
     except TypeError:  # A device that vanishes during the scan: pyserial #774.
         found = sorted(list_ports.comports())
     return [f"{persistent_name(port.device)}  {port.device}: {port.description}" for port in found]
+
+
+_SLOW_CHIPS = {
+    (0x2341, 0x0010): "ATmega16U2",
+    (0x2341, 0x0042): "ATmega16U2",
+    (0x2A03, 0x0042): "ATmega16U2",
+    (0x1A86, 0x7523): "CH340",
+}
+"""USB chips of a Mega and of its clones, by vendor and product."""
+_SAFE_BAUD = 115_200
+
+
+def chip_warning(name: str, baud: int) -> str:
+    """Text for a port whose USB chip is known to corrupt bytes at this rate; else empty."""
+    if baud <= _SAFE_BAUD or "://" in name:
+        return ""
+    device = str(Path(name).resolve())
+    for port in list_ports.comports():
+        chip = _SLOW_CHIPS.get((port.vid, port.pid))
+        if chip and str(Path(port.device).resolve()) == device:
+            return (
+                f"the USB chip at {name} is of type {chip}, which corrupts bytes at {baud} Bd: "
+                "use an adapter with an FTDI chip"
+            )
+    return ""
 
 
 def _open_error(name: str, error: BaseException) -> str:
@@ -303,7 +352,4 @@ class SerialTransport:
 
     def close(self) -> None:
         """Close the port; also after it is gone."""
-        try:
-            self._port.close()
-        except GONE:
-            return
+        close_port(self._port)

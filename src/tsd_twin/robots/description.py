@@ -108,6 +108,22 @@ class Battery(Table, frozen=True):
     """`[battery]`."""
 
     nominal_v: Positive
+    warn_v: NotNegative = 0.0
+    """Below this, operators are warned; 0 is never, here and below."""
+    arm_v: NotNegative = 0.0
+    """Below this, the controller board refuses to arm."""
+    stop_v: NotNegative = 0.0
+    """Below this for a second, the controller board stops and shuts off the wheels."""
+
+    def __post_init__(self) -> None:
+        """Check the order.
+
+        Raises:
+            ValueError: they do not rise.
+        """
+        thresholds = [volts for volts in (self.stop_v, self.arm_v, self.warn_v) if volts]
+        if thresholds != sorted(thresholds):
+            raise ValueError("stop_v, arm_v and warn_v must rise in this order")
 
 
 class Body(Table, frozen=True):

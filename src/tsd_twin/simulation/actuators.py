@@ -59,6 +59,11 @@ class SpeedControllers:
         self._is_idle = False
         return np.where(self._was_armed, signal, self._zero_throttle)
 
+    def lose_power(self) -> None:
+        """Lose power: no motor is driven, and they arm anew."""
+        self._was_armed[...] = self._holding[...] = self._is_idle = False
+        self._held_s[...] = 0.0
+
     def advance(self, dt_s: float) -> None:
         """Advance by `dt_s` seconds."""
         if self._is_idle:
@@ -364,6 +369,13 @@ class Actuation:
         self._unloaded[...] = self.motors.speed(signal)
         self._set_speed_goals()
         self._last_speeds = speed_bytes if self.controllers.is_repeatable else b""
+
+    def lose_drive(self) -> None:
+        """Take the power of the speed controllers away: no motor is driven, and they arm anew."""
+        self.controllers.lose_power()
+        self._unloaded[...] = 0.0
+        self._set_speed_goals()
+        self._repeatable, self._last_speeds = None, b""
 
     def degrade(self, shares: Array) -> None:
         """Let each joint be slower from now on: `shares` (..., n) of a sound one's speed."""

@@ -114,6 +114,12 @@ class SingularitySimulation:
         self._stands = False
         self._displacements.clear()
 
+    def lose_drive(self) -> None:
+        """Take the power of the speed controllers away, as `Actuation.lose_drive`."""
+        self.actuation.lose_drive()
+        self._stands = False
+        self._displacements.clear()
+
     def advance(self, dt_s: float) -> None:
         """Let `dt_s` seconds pass: in short steps while joints move, in one when all are still."""
         self.actuation.controllers.advance(dt_s)

@@ -32,8 +32,8 @@ from tests.support.raw_http import (
 )
 from tsd_twin.dashboard.server.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.server.connection_limits import ConnectionLimits
-from tsd_twin.dashboard.server.http_server import server_tls_context
 from tsd_twin.security import CertificateRequest
+from tsd_twin.security.web_access import server_tls_context
 
 PAGE = "0123456789abcdef"
 FULL = 503

@@ -6,12 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsd_twin.dashboard.server.auth import (
-    ClientAddress,
-    is_loopback,
-    origin_refusal,
-    resolve_client_address,
-)
+from tsd_twin.dashboard.server.auth import ClientAddress, resolve_client_address
+from tsd_twin.security.web_access import is_loopback, origin_refusal
 
 SAID = {
     "X-Forwarded-For": "203.0.113.9, 198.51.100.7",

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import ssl
 from collections.abc import Callable
-from pathlib import Path
 from typing import cast
 
 import msgspec
 from aiohttp import web
-from cryptography import x509
 
 from tsd_twin.dashboard.recorded_view import RecordedView
 from tsd_twin.dashboard.server.auth import (
@@ -28,49 +25,6 @@ from tsd_twin.dashboard.server.session_manager import SessionManager
 from tsd_twin.dashboard.server.socket_limits import TELEOP, SocketReader
 from tsd_twin.dashboard.server.viser_proxy import PAGE_ID, ViserProxy
 from tsd_twin.errors import TwinError
-from tsd_twin.security import refuse_public
-
-
-def server_tls_context(certificate: Path, key: Path) -> ssl.SSLContext:
-    """Return the TLS context of a server, version 1.2 or newer.
-
-    Raises:
-        TwinError: a file is missing, others can read the key, or the two do not belong together.
-    """
-    certificate_host_names(certificate)
-    refuse_public(key)
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.minimum_version = ssl.TLSVersion.TLSv1_2
-    try:
-        # Without a password function OpenSSL would ask at the terminal, and wait.
-        context.load_cert_chain(certificate, key, password=lambda: "")
-    except ssl.SSLError as error:
-        if error.reason == "KEY_VALUES_MISMATCH":
-            raise TwinError(f"{key} is not the key of {certificate}") from error
-        raise TwinError(f"{key} cannot be read as a private key without a passphrase") from error
-    except OSError as error:
-        raise TwinError(f"{key} cannot be read: {error.strerror}") from error
-    return context
-
-
-def certificate_host_names(certificate: Path) -> list[str]:
-    """Return the host names, without patterns, that the first certificate in a file is good for.
-
-    Raises:
-        TwinError: there is none in the file.
-    """
-    try:
-        first = x509.load_pem_x509_certificates(certificate.read_bytes())[0]
-    except OSError as error:
-        raise TwinError(f"{certificate} cannot be read: {error.strerror}") from error
-    except ValueError as error:
-        raise TwinError(f"{certificate} cannot be read as a certificate in PEM") from error
-    try:
-        names = first.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-    except (x509.ExtensionNotFound, ValueError):
-        return []
-    return [name for name in names.get_values_for_type(x509.DNSName) if "*" not in name]
-
 
 _MAX_BODY_BYTES = 2048
 _MAX_MESSAGE_BYTES = 16 * 2**10

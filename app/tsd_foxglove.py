@@ -1,0 +1,170 @@
+"""`tsd-foxglove`: the robots on the bus, or a recording, for Foxglove."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import logging
+import os
+import secrets
+from functools import partial
+from pathlib import Path
+
+from tsd_twin import flag_types, program
+from tsd_twin.errors import TwinError
+from tsd_twin.foxglove import FOXGLOVE_ORIGIN, Access, load_sdk, serve_live, serve_recording
+from tsd_twin.messages import topics
+from tsd_twin.security import Role, refuse_public
+from tsd_twin.security.web_access import certificate_host_names, server_tls_context
+
+_LOG = logging.getLogger(__name__)
+PORT = 8765
+OPERATOR = "foxglove"
+SHORTEST_TOKEN = 24
+"""Characters of a token: no client guesses one."""
+
+PARSER = program.parser(
+    "tsd-foxglove",
+    "Show the robots on the bus in Foxglove, with the topics and types of ROS 2, and drive them "
+    "by cmd_vel.",
+    [
+        "tsd-foxglove                                     then open ws://127.0.0.1:8765",
+        "tsd-foxglove --connect tcp/127.0.0.1:7448        another robot; may be repeated",
+        "tsd-foxglove --view-only                         nothing can be driven",
+        "tsd-foxglove --recording run.mcap                a recording, with playback controls",
+        "tsd-foxglove --host 0.0.0.0 --token-file token --tls-cert it.pem --tls-key it.key",
+        "                                                 for other machines",
+    ],
+)
+
+
+def serve(args: argparse.Namespace) -> None:
+    """Run until SIGINT or SIGTERM.
+
+    Raises:
+        TwinError: a package, file or port cannot be used.
+    """
+    load_sdk()
+    stop = program.stop_event(args)
+    access = access_of(args)
+    access.check(args.host)
+
+    def ready(port: int) -> None:
+        scheme = "ws" if access.tls is None else "wss"
+        host = f"[{args.host}]" if ":" in args.host else args.host
+        program.say_ready(f"tsd-foxglove on {scheme}://{host}:{port}")
+
+    address = (args.host, args.port)
+    if args.recording is not None:
+        asyncio.run(serve_recording(args.recording, address, access, stop, ready))
+        return
+    identity = program.certificate(args)
+    name = identity.name if identity is not None else topics.checked(args.operator)
+    asyncio.run(
+        serve_live(
+            partial(program.client_bus, args),
+            address,
+            access,
+            stop,
+            ready,
+            operator=name,
+            may_drive=not args.view_only and (identity is None or identity.role is Role.OPERATOR),
+            only=[topics.checked(robot) for robot in args.robot],
+        )
+    )
+
+
+def access_of(args: argparse.Namespace) -> Access:
+    """Access settings from the flags.
+
+    Raises:
+        TwinError: one flag needs another, or a file cannot be used.
+    """
+    if (args.tls_cert is None) != (args.tls_key is None):
+        raise TwinError("--tls-cert and --tls-key go together: name both, or neither")
+    names, tls = list(args.allow_host), None
+    if args.tls_cert is not None:
+        tls = server_tls_context(args.tls_cert, args.tls_key)
+        names += certificate_host_names(args.tls_cert)
+    token = None if args.token_file is None else token_of(args.token_file)
+    return Access(token, tls, names, (FOXGLOVE_ORIGIN, *args.allow_origin))
+
+
+def token_of(file: Path) -> str:
+    """Return the token in a file; a file that is missing is made.
+
+    Raises:
+        TwinError: it cannot be used, others can read it, or the token is short.
+    """
+    try:
+        if not file.exists():
+            descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+            with os.fdopen(descriptor, "w", encoding="ascii") as new:
+                new.write(secrets.token_urlsafe(32) + "\n")
+        refuse_public(file)
+        token = file.read_text("ascii").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise TwinError(f"{file} cannot be used as a token file: {error}") from error
+    if len(token) < SHORTEST_TOKEN or not token.isprintable() or " " in token:
+        raise TwinError(f"{file} needs one line with a token of {SHORTEST_TOKEN} or more letters")
+    return token
+
+
+def main() -> None:
+    """Read the flags and run."""
+    program.add_client_flags(PARSER)
+    PARSER.add_argument(
+        "--host", default="127.0.0.1", help="address to listen on; default 127.0.0.1"
+    )
+    PARSER.add_argument(
+        "--port", type=flag_types.PORT, default=PORT, help=f"default {PORT}; 0 is a free one"
+    )
+    PARSER.add_argument(
+        "--robot",
+        action="append",
+        default=[],
+        metavar="ID",
+        help="show this robot only; may be repeated; default: all, up to 16",
+    )
+    PARSER.add_argument(
+        "--operator",
+        default=OPERATOR,
+        metavar="NAME",
+        help=f"name on the bus before `-` and 8 digits; default {OPERATOR}, or the certificate's",
+    )
+    PARSER.add_argument("--view-only", action="store_true", help="no cmd_vel and no services")
+    PARSER.add_argument(
+        "--recording",
+        type=Path,
+        metavar="FILE",
+        help="a recording of tsd-record instead of live robots",
+    )
+    made = PARSER.add_argument_group("access", "docs/foxglove.md goes step by step.")
+    made.add_argument(
+        "--allow-origin",
+        action="append",
+        default=[],
+        metavar="ORIGIN",
+        help=f"a site whose pages may connect, beside {FOXGLOVE_ORIGIN}; may be repeated",
+    )
+    made.add_argument(
+        "--allow-host",
+        type=flag_types.host_name,
+        action="append",
+        default=[],
+        metavar="NAME[:PORT]",
+        help="a name that clients know it by, beside those in the certificate; may be repeated",
+    )
+    made.add_argument(
+        "--token-file",
+        type=Path,
+        metavar="FILE",
+        help="the secret that clients have to bring; made if there is none",
+    )
+    made.add_argument("--tls-cert", type=Path, metavar="FILE", help="certificate chain in PEM")
+    made.add_argument("--tls-key", type=Path, metavar="FILE", help="its private key")
+    program.run(PARSER, serve)
+
+
+if __name__ == "__main__":
+    main()

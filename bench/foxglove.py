@@ -1,0 +1,115 @@
+"""`tsd-foxglove`: delay of a twist, beside the client library in the same run, and its load."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import struct
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import psutil
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
+from websockets.typing import Subprotocol
+
+from bench.bus import client_commands, paced, program, watch_setpoint
+from bench.table import Row, percentile
+from tsd_twin.bus import Bus, client_config
+
+_COMMANDS, _SMALLEST = 600, 20
+_PERIOD_S = 0.02
+_CALL, _PUBLISH, _RESPONSE = 2, 1, 3
+_ALLOWED_SHARE = 15.0
+"""Percent of a core, with every topic of one robot subscribed."""
+
+
+def rows(*, smallest: bool = False) -> Iterator[Row]:
+    """Measure with one robot, and one client that subscribes to everything."""
+    count = _SMALLEST if smallest else _COMMANDS
+    mock = [sys.executable, "-m", "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"]
+    with program(mock) as endpoint, Bus(client_config([endpoint])) as bus:
+        plain_ms = client_commands(bus, endpoint, count)
+    with program(mock) as endpoint, Bus(client_config([endpoint])) as bus:
+        flags = ["--connect", endpoint, "--port", "0", "--until-eof"]
+        adapter = program([sys.executable, "-m", "tsd_foxglove", *flags])
+        with adapter as url:
+            twist_ms, load = foxglove_commands(bus, url, adapter.process.pid, count)
+    for name, share in (("p50", 0.5), ("p99", 0.99)):
+        plain = percentile(plain_ms, share)
+        yield Row(
+            f"cmd_vel from Foxglove to set-point published, {name}",
+            percentile(twist_ms, share),
+            plain + 10.0,
+            "ms",
+            f"client set_velocity {plain:.2f} ms + 10 ms",
+        )
+    yield Row(
+        "tsd-foxglove, all topics of one robot, cmd_vel at 50 Hz",
+        load,
+        _ALLOWED_SHARE,
+        "%",
+        "of a core",
+    )
+
+
+def foxglove_commands(bus: Bus, url: str, pid: int, count: int) -> tuple[list[float], float]:
+    """Return times from a published twist to the set-point that shows it, and processor share."""
+    came = watch_setpoint(bus)
+    with connect(url, subprotocols=[Subprotocol("foxglove.sdk.v1")]) as socket:
+        arm = _subscribe_to_all(socket)
+        socket.send(struct.pack("<BIII", _CALL, arm, 1, 4) + b"json{}")
+        while not (isinstance(message := socket.recv(), bytes) and message[0] == _RESPONSE):
+            pass
+        assert b'"success":true' in message
+        reading = threading.Thread(target=_read, args=(socket,), daemon=True)
+        reading.start()
+        time.sleep(0.6)
+        channel = {
+            "id": 1,
+            "topic": "/cmd_vel",
+            "encoding": "json",
+            "schemaName": "geometry_msgs/Twist",
+        }
+        socket.send(json.dumps({"op": "advertise", "channels": [channel]}))
+        speeds = itertools.cycle([0.40, 0.42])
+
+        def send() -> None:
+            came.clear()
+            twist = json.dumps({"linear": {"x": next(speeds)}}).encode()
+            socket.send(struct.pack("<BI", _PUBLISH, 1) + twist)
+
+        for _ in range(25):  # Up to speed first.
+            send()
+            time.sleep(_PERIOD_S)
+        adapter = psutil.Process(pid)
+        adapter.cpu_percent()
+        times_ms = paced(send, came, count)
+        load = adapter.cpu_percent()
+    reading.join()
+    return times_ms, load
+
+
+def _subscribe_to_all(socket: Connection) -> int:
+    """Subscribe to every topic; return the number of the service `arm`."""
+    known: set[int] = set()
+    while True:
+        text = socket.recv()
+        message: dict[str, Any] = json.loads(text) if isinstance(text, str) else {"op": ""}
+        if message["op"] == "advertise":
+            new = {each["id"] for each in message["channels"]} - known
+            pairs = [{"id": each, "channelId": each} for each in new]
+            socket.send(json.dumps({"op": "subscribe", "subscriptions": pairs}))
+            known |= new
+        if message["op"] == "advertiseServices":
+            for service in message["services"]:
+                if service["name"] == "/arm":
+                    return service["id"]
+
+
+def _read(socket: Connection) -> None:
+    for _ in socket:
+        pass

@@ -1,0 +1,126 @@
+// Fuzzer of everything that parses bytes from a line: packets of the PC, answers of servos. Compiled
+// for the PC with the sanitizers of addresses and undefined behaviour: `make fuzz`, then
+// `build/fuzz SEED ROUNDS`. Any mistake ends it.
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "crc16.h"
+#include "packet.h"
+#include "servo.h"
+
+#define LONGEST 400
+#define BODY 60  // Longest parameters of a packet that is written and read again.
+
+static uint32_t state;
+
+static uint32_t draw(uint32_t below) {
+  state ^= state << 13;
+  state ^= state >> 17;
+  state ^= state << 5;
+  return state % below;
+}
+
+// Many bytes that look like a header, and few values in general: rare states come often.
+static uint8_t draw_byte(void) {
+  static const uint8_t LIKELY[] = {0xff, 0xff, 0xfd, 0x00, 0x55, 0x01, 0x02, 0x03, 200};
+  return draw(3) ? LIKELY[draw(sizeof LIKELY)] : (uint8_t)draw(256);
+}
+
+static void demand(bool holds, const char *what) {
+  if (holds) return;
+  fprintf(stderr, "%s\n", what);
+  abort();
+}
+
+static void inspect(const packet_t *packet, const decoder_t *decoder) {
+  const uint8_t *end = packet->parameters + packet->count;
+  demand(packet->parameters >= decoder->bytes && end <= decoder->bytes + PACKET_LONGEST,
+         "a packet outside its buffer");
+  uint32_t sum = 0;
+  for (const uint8_t *at = packet->parameters; at < end; at++) sum += *at;
+  demand(sum <= 255U * PACKET_LONGEST, "a sum that cannot be");
+}
+
+static uint32_t feed(decoder_t *decoder, const uint8_t *bytes, uint32_t count, packet_t *last) {
+  uint32_t found = 0;
+  packet_t packet;
+  for (uint32_t i = 0; i < count; i++) {
+    if (!decoder_push(decoder, bytes[i])) continue;
+    while (decoder_take(decoder, &packet)) {
+      inspect(&packet, decoder);
+      *last = packet;
+      found++;
+    }
+  }
+  return found;
+}
+
+// Any bytes; after them and a pause a packet is understood.
+static void fuzz_decoder(void) {
+  decoder_t decoder;
+  packet_t packet, last = {0};
+  uint8_t bytes[LONGEST], out[PACKET_ROOM], parameters[BODY];
+  decoder_clear(&decoder);
+  uint32_t count = draw(LONGEST);
+  for (uint32_t i = 0; i < count; i++) bytes[i] = draw_byte();
+  feed(&decoder, bytes, count, &last);
+  while (decoder_give_up(&decoder)) {
+    while (decoder_take(&decoder, &packet)) inspect(&packet, &decoder);
+  }
+  uint8_t length = draw(BODY);
+  for (uint8_t i = 0; i < length; i++) parameters[i] = draw_byte();
+  uint8_t size = packet_write(out, 200, PACKET_WRITE, parameters, length);
+  demand(feed(&decoder, out, size, &last) == 1, "a packet that is not understood");
+  demand(last.count == length && !memcmp(last.parameters, parameters, length),
+         "a packet that is another");
+}
+
+// Longest read that is answered, stuffed as much as can be.
+static void fuzz_longest(void) {
+  uint8_t out[PACKET_ROOM], parameters[1 + PACKET_READ_LONGEST];
+  static const uint8_t HEADER[] = {0xff, 0xff, 0xfd};
+  uint32_t offset = draw(3);
+  for (uint32_t i = 0; i < sizeof parameters; i++) parameters[i] = HEADER[(i + offset) % 3];
+  uint8_t size = packet_write(out, 200, PACKET_STATUS, parameters, sizeof parameters);
+  demand(size <= PACKET_ROOM, "an answer that is longer than its room");
+}
+
+static void fuzz_servo(const protocol_t *protocol) {
+  servo_report_t report = {0};
+  uint8_t id = 1 + draw(3);
+  protocol->listen();
+  for (uint32_t i = 0; i < LONGEST; i++) {
+    reply_t reply = protocol->receive(draw_byte(), id);
+    if (reply == REPLY_NONE) continue;
+    if (reply != REPLY_BROKEN) protocol->report(&report);
+    protocol->listen();  // As the caller does with each request.
+  }
+}
+
+// A whole and right answer with any numbers in it.
+static void fuzz_report(void) {
+  uint8_t out[PACKET_ROOM], parameters[22] = {0};
+  servo_report_t report = {0};
+  for (uint8_t i = 1; i < sizeof parameters; i++) parameters[i] = draw_byte();
+  uint8_t size = packet_write(out, 1, PACKET_STATUS, parameters, draw(2) ? 11 : 22);
+  PROTOCOL_2.listen();
+  reply_t reply = REPLY_NONE;
+  for (uint8_t i = 0; i < size; i++) reply = PROTOCOL_2.receive(out[i], 1);
+  demand(reply == REPLY_OK && PROTOCOL_2.report(&report), "an answer that is not understood");
+}
+
+int main(int count, char **arguments) {
+  if (count != 3) return 2;
+  state = (uint32_t)strtoul(arguments[1], NULL, 10) * 2654435761U + 1U;
+  uint32_t rounds = (uint32_t)strtoul(arguments[2], NULL, 10);
+  crc16_start();
+  for (uint32_t i = 0; i < rounds; i++) {
+    fuzz_decoder();
+    fuzz_longest();
+    fuzz_servo(&PROTOCOL_1);
+    fuzz_servo(&PROTOCOL_2);
+    fuzz_report();
+  }
+  return 0;
+}

@@ -1,0 +1,17 @@
+// Number of a session: a command that arms, or is a beat, has to carry it. What was recorded in
+// another session therefore arms nothing when it is sent again.
+#ifndef NONCE_H
+#define NONCE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+// Counts this start in EEPROM, and draws the first.
+void nonce_start(void);
+
+// Draws another into table.nonce; no earlier one comes again.
+void nonce_draw(void);
+
+bool nonce_is(const uint16_t *nonce);
+
+#endif

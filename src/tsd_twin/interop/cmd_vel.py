@@ -1,0 +1,323 @@
+"""`cmd_vel` as an operator: decoding of twists, and when they move the robot. Pure.
+
+`cmd_vel` has no lease, no number and no echo, so the adapter is the operator: it takes the lease
+when a twist comes and the robot is free, lets the newest twist stand for 0.2 s, and never takes
+back a lease that it has lost. Time is an argument; messages go in, actions come out.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import msgspec
+
+from tsd_twin.errors import MessageError
+from tsd_twin.messages.ros import BASE, ODOM, decode_cdr, decode_twist
+from tsd_twin.safety import Mode
+
+TWIST, TWIST_STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
+LARGEST = 100.0
+"""Of each number, m/s or rad/s; a larger one is a mistake in the units, not a fast robot."""
+MAX_AGE_S = 0.25
+"""A twist that may be older than this when it comes in does not count."""
+PAUSE_S = 0.5
+"""Twists that were held while they did not count must pause for this long, or be zero once."""
+IDLE_S = 30.0
+"""Without a twist or a request for this long, the lease is given back, and the robot disarmed."""
+AT_REST_S = 0.3
+"""A request for control is granted when no twist moved the robot for this long."""
+SAY_AGAIN_S = 2.0
+"""The same sentence is repeated no more often."""
+_REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_DRIVABLE = frozenset({Mode.READY, Mode.DRIVING})
+
+
+class _Vector(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+
+
+class _Twist(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    linear: _Vector = _Vector()
+    angular: _Vector = _Vector()
+
+
+class _Header(msgspec.Struct, frozen=True):
+    frame_id: str = ""
+
+
+class _TwistStamped(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    twist: _Twist
+    header: _Header = _Header()
+
+
+@dataclass(frozen=True, slots=True)
+class CmdVel:
+    """A twist as it came in; the numbers may be anything, also NaN."""
+
+    twist: tuple[float, float, float, float, float, float]
+    """(vx, vy, vz, wx, wy, wz), m/s and rad/s in `frame`."""
+    frame: str = ""
+    """`base_link`, `odom`, or empty for `base_link`."""
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether it commands standstill."""
+        return not any(self.twist)
+
+
+def decode_cmd_vel(encoding: str, type_name: str, payload: bytes) -> CmdVel:
+    """Decode a `geometry_msgs` Twist or TwistStamped, in `cdr` or `json`.
+
+    The stamp is not used: clocks differ, and a command must not depend on them.
+
+    Raises:
+        MessageError: `shape`, when it is none.
+    """
+    package, _, name = type_name.replace("/msg/", "/").partition("/")
+    if package != "geometry_msgs" or name not in ("Twist", "TwistStamped"):
+        raise MessageError("shape", f"cmd_vel is {TWIST} or {TWIST_STAMPED}, not '{type_name}'")
+    stamped = name == "TwistStamped"
+    if encoding == "cdr":
+        if stamped:
+            message = decode_twist(payload)
+            vx, vy, vz, wx, wy, wz = message.twist.tolist()
+            return CmdVel((vx, vy, vz, wx, wy, wz), message.frame)
+        raw = decode_cdr(payload, TWIST)
+        return _cmd_vel(raw.linear, raw.angular)
+    if encoding == "json":
+        try:
+            if stamped:
+                whole = msgspec.json.decode(payload, type=_TwistStamped)
+                return _cmd_vel(whole.twist.linear, whole.twist.angular, whole.header.frame_id)
+            twist = msgspec.json.decode(payload, type=_Twist)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+            raise MessageError("shape", f"not a {name}: {error}") from error
+        return _cmd_vel(twist.linear, twist.angular)
+    raise MessageError("shape", f"cmd_vel is encoded as cdr or json, not '{encoding}'")
+
+
+def _cmd_vel(linear: _Vector, angular: _Vector, frame: str = "") -> CmdVel:
+    # Of CDR these are messages of rosbags, with the same fields.
+    return CmdVel((linear.x, linear.y, linear.z, angular.x, angular.y, angular.z), frame)
+
+
+@dataclass(frozen=True, slots=True)
+class RobotView:
+    """Part of the newest status that decides about a twist."""
+
+    mode: str
+    holder: str | None = None
+    """Operator who has the lease."""
+    asked_by: str | None = None
+    """Operator who asks the holder for it."""
+    reason: str = ""
+    """Why the robot does not move now, as it says itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class Acquire:
+    """Action: acquire the lease, then call `acquired` or `denied`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """Action: put a twist in force for 0.2 s; call `motion_failed` or `lost` when it fails."""
+
+    twist: tuple[float, float, float, float, float, float]
+    frame: str
+
+
+@dataclass(frozen=True, slots=True)
+class HandOver:
+    """Action: hand the lease to the operator who asks for it."""
+
+    asker: str
+
+
+@dataclass(frozen=True, slots=True)
+class GiveBack:
+    """Action: command zero, disarm, and release the lease."""
+
+
+@dataclass(frozen=True, slots=True)
+class Say:
+    """Action: tell the publisher."""
+
+    text: str
+
+
+Action = Acquire | Drive | HandOver | GiveBack | Say
+
+
+class State(StrEnum):
+    """Relation of the adapter to the lease."""
+
+    FREE = "free"
+    TAKING = "taking"
+    """The lease is being acquired."""
+    HELD = "held"
+    LOST = "lost"
+    """It was taken away or handed over: only the service `arm` takes it again."""
+
+
+class CmdVelOperator:
+    """State machine of one publisher of `cmd_vel` for one robot.
+
+    Twists that come while they cannot count, such as during arming, do not begin to count when the
+    reason ends: the publisher has to pause, or to send zero, first.
+    """
+
+    def __init__(self, operator: str, max_age_s: float = MAX_AGE_S) -> None:
+        """`operator` is the name on the bus."""
+        self.operator = operator
+        self.state = State.FREE
+        self.dropped = 0
+        """Twists that did not count."""
+        self._max_age_s = max_age_s
+        self._must_pause = False
+        self._heard_s = self._driven_s = self._used_s = self._not_before_s = -math.inf
+        self._lost, self._was_lost = "", False
+        self._said: dict[str, float] = {}
+
+    # Twists.
+
+    def on_twist(
+        self, message: CmdVel, now_s: float, view: RobotView, sent_after_s: float | None = None
+    ) -> list[Action]:
+        """Decide about a twist that has come in at `now_s`.
+
+        `sent_after_s` is a time, on the same clock, before which it cannot have been sent; None
+        where the transport gives no such bound.
+        """
+        paused = now_s - self._heard_s >= PAUSE_S
+        reason = self._refusal(message)
+        if reason:
+            return self._drop(now_s, reason)
+        if message.is_zero:
+            return self._rest(now_s)  # However late: it can only stop the robot.
+        if sent_after_s is not None and now_s - sent_after_s > self._max_age_s:
+            # What a stalled link delivers late: the publisher may have let go since.
+            return self._drop(now_s, "cmd_vel comes too late: the link has stalled, or is slow")
+        reason = self._obstacle(view)
+        if reason:
+            return self._drop(now_s, reason)
+        self._heard_s = now_s
+        if self._must_pause and not paused:
+            self.dropped += 1
+            return self._say(now_s, "cmd_vel moves the robot again after a pause, or a zero")
+        self._must_pause = False
+        if sent_after_s is not None and sent_after_s < self._not_before_s:
+            self.dropped += 1
+            return []  # It was sent before the lease was granted, or a request was done.
+        if self.state is State.FREE:
+            self.state = State.TAKING
+            return [Acquire()]
+        if self.state is State.TAKING:
+            return []
+        self._driven_s = self._used_s = now_s
+        return [Drive(message.twist, message.frame or BASE)]
+
+    def on_unread(self, now_s: float) -> None:
+        """Note a twist on a topic that no robot reads now; held on, it must not move one later."""
+        self._must_pause, self._heard_s = True, now_s
+
+    def _refusal(self, message: CmdVel) -> str:
+        if not all(math.isfinite(number) for number in message.twist):
+            return "cmd_vel has a number that is not finite: it is ignored"
+        if any(abs(number) > LARGEST for number in message.twist):
+            return f"cmd_vel is beyond {LARGEST:g} m/s or rad/s: it is ignored"
+        if message.frame not in ("", BASE, ODOM):
+            return f"cmd_vel in the frame '{message.frame}' is ignored: use {BASE} or {ODOM}"
+        return ""
+
+    def _obstacle(self, view: RobotView) -> str:
+        """Return why a twist other than zero cannot move the robot now; empty when it can."""
+        if self.state is State.LOST:
+            return f"{self._lost}; the service arm takes control again"
+        if view.holder not in (None, self.operator):
+            return f"{view.holder} has control: cmd_vel does not move the robot"
+        if view.mode not in _DRIVABLE:
+            reason = view.reason or f"the robot is {view.mode}"
+            return f"{reason}: cmd_vel does not move the robot; call the service arm"
+        return ""
+
+    def _rest(self, now_s: float) -> list[Action]:
+        """Act on a zero: it ends a motion, and neither takes nor keeps the lease."""
+        self._must_pause = False
+        in_motion = self.state is State.HELD and now_s - self._driven_s < AT_REST_S
+        return [Drive(_REST, BASE)] if in_motion else []
+
+    def _drop(self, now_s: float, reason: str) -> list[Action]:
+        self.dropped += 1
+        self.on_unread(now_s)
+        return self._say(now_s, reason)
+
+    def _say(self, now_s: float, text: str) -> list[Action]:
+        said_s = self._said.get(text, -math.inf)
+        if now_s - said_s < SAY_AGAIN_S:
+            return []
+        # Sentences may have numbers in them: only recent ones are kept.
+        self._said = {key: at_s for key, at_s in self._said.items() if now_s - at_s < SAY_AGAIN_S}
+        self._said[text] = now_s
+        return [Say(text)]
+
+    # The lease.
+
+    def on_request(self, now_s: float) -> bool:
+        """Note a request that needs the lease, and return whether it has to be acquired first.
+
+        A twist that is held meanwhile must not move the robot when the request is done. A request
+        is a decision of a person, so that it also ends `LOST`.
+        """
+        self._must_pause, self._used_s = True, now_s
+        if self.state is State.HELD:
+            return False
+        self._was_lost, self.state = self.state is State.LOST, State.TAKING
+        return True
+
+    def request_done(self, now_s: float) -> None:
+        """Note the end of a request: what was sent before, and comes in later, does not count."""
+        self._must_pause, self._used_s, self._not_before_s = True, now_s, now_s
+
+    def acquired(self, now_s: float) -> None:
+        """Note that the lease was granted."""
+        self.state, self._was_lost = State.HELD, False
+        self._not_before_s = self._used_s = now_s
+
+    def denied(self, reason: str, now_s: float) -> list[Action]:
+        """Note that the lease was not granted."""
+        self.state, self._must_pause = State.LOST if self._was_lost else State.FREE, True
+        return self._say(now_s, reason)
+
+    def lost(self, reason: str, now_s: float) -> list[Action]:
+        """Note that the lease was taken away, or has ended."""
+        if self.state is not State.HELD:
+            return []
+        self.state, self._must_pause, self._lost = State.LOST, True, f"control is lost: {reason}"
+        return self._say(now_s, f"{self._lost}; the service arm takes control again")
+
+    def released(self) -> None:
+        """Note that the lease was given back."""
+        self.state, self._must_pause = State.FREE, True
+
+    def motion_failed(self, reason: str, now_s: float) -> list[Action]:
+        """Note that a motion has ended, because the robot has stopped by itself or is silent."""
+        return self._drop(now_s, reason)
+
+    def poll(self, now_s: float, view: RobotView) -> list[Action]:
+        """Return what is due without a message: hand-over, and the end of an unused lease."""
+        if self.state is not State.HELD or now_s - self._driven_s < AT_REST_S:
+            return []
+        if view.asked_by is not None and view.holder == self.operator:
+            asker, self.state, self._must_pause = view.asked_by, State.LOST, True
+            self._lost = f"control was handed over to {asker}"
+            return [HandOver(asker), *self._say(now_s, self._lost)]
+        if now_s - self._used_s >= IDLE_S:
+            self.released()
+            text = f"no cmd_vel for {IDLE_S:g} s: the robot is disarmed, and control is released"
+            return [GiveBack(), *self._say(now_s, text)]
+        return []

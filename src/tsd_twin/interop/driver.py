@@ -1,0 +1,199 @@
+"""Driver of one robot by `cmd_vel`: carries out the actions of `CmdVelOperator` over the bus.
+
+It belongs to one event loop, and so to the adapter; the lease, numbers, echoes and the time-out of
+set-points are those of the client library.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+from tsd_twin.client import (
+    AsyncRobotClient,
+    AsyncRobotControl,
+    ControlDenied,
+    ControlLost,
+    RequestRefused,
+)
+from tsd_twin.errors import TwinError
+from tsd_twin.interop.cmd_vel import (
+    Acquire,
+    Action,
+    CmdVel,
+    CmdVelOperator,
+    Drive,
+    GiveBack,
+    HandOver,
+    RobotView,
+    Say,
+)
+from tsd_twin.lie import SO3
+
+_LOG = logging.getLogger(__name__)
+_POLL_S = 0.1
+
+
+class RobotDriver:
+    """One publisher of `cmd_vel`, as an operator of one robot."""
+
+    def __init__(self, robot: AsyncRobotClient, operator: str, say: Callable[[str], None]) -> None:
+        """`operator` is its name on the bus; `say` tells the publisher a sentence."""
+        self.machine = CmdVelOperator(operator, robot.description.limits.max_command_age_s)
+        self._robot, self._say = robot, say
+        self._turning = robot.description.kinematics().pose_type is SO3
+        self._control: AsyncRobotControl | None = None
+        self._using = asyncio.Lock()  # One request at a time changes the lease.
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._start(self._poll())
+
+    def on_cmd_vel(self, message: CmdVel, now_s: float, sent_after_s: float | None) -> None:
+        """Act on a twist that has come in."""
+        self._perform(self.machine.on_twist(message, now_s, self._view(), sent_after_s))
+
+    async def call(self, service: str) -> tuple[bool, str]:
+        """Carry out `arm`, `disarm`, `stop` or `reset`; return whether it worked, and a text."""
+        try:
+            if service == "stop":  # It needs no lease, and waits for nothing.
+                await self._robot.stop(f"by {self.machine.operator}")
+            else:
+                async with self._using:
+                    await self._request(service)
+        except TwinError as error:
+            refused = isinstance(error, ControlDenied | RequestRefused)
+            return False, error.reason if refused else str(error)
+        return True, self._robot.state.mode.value
+
+    async def close(self) -> None:
+        """Command zero, disarm and release, if the lease is held."""
+        tasks = list(self._tasks)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        await self._release()
+
+    # Requests.
+
+    async def _request(self, service: str) -> None:
+        if self.machine.on_request(self._robot.time_s):
+            await self._acquire()
+        control = self._control
+        assert control is not None  # noqa: S101  `_acquire` has made it, or raised.
+        try:
+            match service:
+                case "arm":
+                    await control.arm()
+                case "disarm":
+                    await control.disarm()
+                    await self._release()
+                case _:
+                    await control.reset()
+        finally:
+            self.machine.request_done(self._robot.time_s)
+
+    async def _acquire(self) -> None:
+        """Acquire the lease.
+
+        Raises:
+            ClientError: it is not granted.
+        """
+        await self._end_control()  # Of a lease that was lost, so that its tasks end.
+        control = self._robot.control(self.machine.operator, arm=False)
+        try:
+            await control.acquire()
+        except BaseException as error:
+            reason = error.reason if isinstance(error, ControlDenied) else str(error)
+            self._perform(self.machine.denied(reason, self._robot.time_s))
+            raise
+        self._control = control
+        self.machine.acquired(self._robot.time_s)
+
+    async def _release(self) -> None:
+        await self._end_control()
+        self.machine.released()
+
+    async def _end_control(self) -> None:
+        control, self._control = self._control, None
+        if control is not None:
+            with contextlib.suppress(TwinError):  # The robot is silent: it stops by itself.
+                await control.release()
+
+    async def _take(self) -> None:
+        with contextlib.suppress(TwinError):  # `_acquire` has said why.
+            async with self._using:
+                await self._acquire()
+
+    async def _give_back(self) -> None:
+        async with self._using:
+            await self._release()
+
+    async def _hand_over(self, asker: str) -> None:
+        control = self._control
+        try:
+            if control is not None:
+                await control.hand_over(asker)
+        except TwinError as error:
+            self._say(str(error))
+
+    # Actions.
+
+    def _perform(self, actions: list[Action]) -> None:
+        for action in actions:
+            match action:
+                case Acquire():
+                    self._start(self._take())
+                case Drive():
+                    self._drive(action)
+                case HandOver(asker):
+                    self._start(self._hand_over(asker))
+                case GiveBack():
+                    self._start(self._give_back())
+                case Say(text):
+                    self._say(text)
+
+    def _drive(self, action: Drive) -> None:
+        control = self._control
+        if control is None:
+            return
+        vx, vy, _, wx, wy, wz = action.twist
+        try:
+            if self._turning:
+                control.set_turn_rate(
+                    wx_rad_per_s=wx, wy_rad_per_s=wy, wz_rad_per_s=wz, frame=action.frame
+                )
+            else:
+                control.set_velocity(vx_mps=vx, vy_mps=vy, omega_rad_per_s=wz, frame=action.frame)
+        except ControlLost:
+            self._note_loss(control)
+        except TwinError as error:
+            self._perform(self.machine.motion_failed(str(error), self._robot.time_s))
+
+    def _note_loss(self, control: AsyncRobotControl) -> None:
+        self._perform(self.machine.lost(control.lost_reason, self._robot.time_s))
+
+    def _view(self) -> RobotView:
+        status = self._robot.state.status
+        return RobotView(
+            status.mode, status.lease.holder, status.lease.asked_by, status.no_drive_reason
+        )
+
+    async def _poll(self) -> None:
+        while True:
+            await asyncio.sleep(_POLL_S)
+            control = self._control
+            if control is not None and not control.is_held:
+                self._note_loss(control)
+            self._perform(self.machine.poll(self._robot.time_s, self._view()))
+
+    def _start(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._end)
+
+    def _end(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            _LOG.error("a request failed", exc_info=error)

@@ -1,0 +1,454 @@
+"""Table of ROS topics and the conversion of our streams into their messages. Pure.
+
+The table is the one place that says which stream is which topic, type, quality of service and
+frame; the adapters and docs/foxglove.md use it.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+
+from tsd_twin.errors import MessageError
+from tsd_twin.interop.frames import (
+    FOOTPRINT,
+    IDENTITY,
+    Transform,
+    UrdfTree,
+    WheelAngles,
+    parse_urdf,
+    rotated_back,
+)
+from tsd_twin.messages import topics
+from tsd_twin.messages.ros import (
+    BASE,
+    ODOM,
+    decode_cdr,
+    decode_joints,
+    encode_cdr,
+    make_header,
+    make_message,
+    stamp_ns,
+)
+from tsd_twin.messages.services import Event, decode_json
+from tsd_twin.messages.status import Status, decode_status
+from tsd_twin.messages.topics import Topic
+from tsd_twin.safety import LATCHED, Mode
+
+
+class RosQoS(StrEnum):
+    """Quality of service of a ROS topic; history is KEEP_LAST."""
+
+    SENSOR = "best effort, volatile, depth 5"
+    STATE = "reliable, volatile, depth 10"
+    LATCHED = "reliable, transient local, depth 1"
+    COMMAND = "reliable, volatile, depth 1"
+
+
+@dataclass(frozen=True, slots=True)
+class RosTopic:
+    """One row of the table."""
+
+    name: str
+    """Relative names get the namespace of the robot; `/tf` and the like are shared by all."""
+    type: str
+    qos: RosQoS
+    source: str
+    """Keys of the bus below `twin/<robot>/`."""
+    frame: str = ""
+    """`frame_id` and what is in it."""
+
+
+JSON_TEXT = "std_msgs/msg/String"
+TF = RosTopic(
+    "/tf", "tf2_msgs/msg/TFMessage", RosQoS.STATE, "state/odom, state/joints",
+    f"{ODOM} to {FOOTPRINT}, and all joints that move",
+)  # fmt: skip
+TF_STATIC = RosTopic(
+    "/tf_static", "tf2_msgs/msg/TFMessage", RosQoS.LATCHED, "desc",
+    f"{FOOTPRINT} to {BASE}, and all fixed joints",
+)  # fmt: skip
+ODOMETRY = RosTopic(
+    "odom", "nav_msgs/msg/Odometry", RosQoS.STATE, "state/odom", f"{ODOM} to {FOOTPRINT}"
+)
+ALTERNATIVE = RosTopic(
+    "odom/alternative", "nav_msgs/msg/Odometry", RosQoS.STATE, "state/odom_alternative",
+    f"{ODOM} to {FOOTPRINT}",
+)  # fmt: skip
+TRUTH = RosTopic(
+    "odom/truth", "nav_msgs/msg/Odometry", RosQoS.STATE, "state/truth", f"{ODOM} to {FOOTPRINT}"
+)
+JOINT_STATES = RosTopic(
+    "joint_states", "sensor_msgs/msg/JointState", RosQoS.STATE, "state/joints", BASE
+)
+JOINT_SETPOINTS = RosTopic(
+    "joint_setpoints", "sensor_msgs/msg/JointState", RosQoS.STATE, "state/setpoint", BASE
+)
+DESCRIPTION = RosTopic("robot_description", "std_msgs/msg/String", RosQoS.LATCHED, "desc")
+DIAGNOSTICS = RosTopic(
+    "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", RosQoS.STATE, "state/status"
+)
+BATTERY = RosTopic(
+    "battery_state", "sensor_msgs/msg/BatteryState", RosQoS.SENSOR, "state/status", BASE
+)
+EVENTS = RosTopic("events", "rcl_interfaces/msg/Log", RosQoS.STATE, "event/*")
+STATUS = RosTopic("status", JSON_TEXT, RosQoS.STATE, "state/status")
+SENSOR_POSE = RosTopic(
+    "sensor_pose", "geometry_msgs/msg/PoseStamped", RosQoS.SENSOR, "sensor/pose", ODOM
+)
+PUBLISHED = (
+    TF, TF_STATIC, ODOMETRY, ALTERNATIVE, TRUTH, JOINT_STATES, JOINT_SETPOINTS, DESCRIPTION,
+    DIAGNOSTICS, BATTERY, EVENTS, STATUS, SENSOR_POSE,
+)  # fmt: skip
+"""Topics that the adapters publish."""
+LATCHED_TOPICS = frozenset(row for row in PUBLISHED if row.qos is RosQoS.LATCHED)
+"""Topics whose newest message later subscribers get as well."""
+CMD_VEL = RosTopic(
+    "cmd_vel", "geometry_msgs/msg/Twist", RosQoS.COMMAND, "cmd/*/twist", f"{BASE} or {ODOM}"
+)
+"""Topic that they subscribe to; also `geometry_msgs/msg/TwistStamped`."""
+SERVICES = ("arm", "disarm", "stop", "reset")
+"""Services of the type `std_srvs/srv/Trigger`, relative to the namespace of the robot."""
+
+SOURCES: Mapping[Topic, tuple[RosTopic, ...]] = {
+    topics.ODOM: (ODOMETRY, TF),
+    topics.ODOM_ALTERNATIVE: (ALTERNATIVE,),
+    topics.TRUTH: (TRUTH,),
+    topics.JOINTS: (JOINT_STATES, TF),
+    topics.SETPOINT: (JOINT_SETPOINTS,),
+    topics.STATUS: (STATUS, DIAGNOSTICS, BATTERY),
+    topics.EVENT: (EVENTS,),
+    topics.SENSOR_POSE: (SENSOR_POSE,),
+}
+"""Topics that are made of each stream of the bus."""
+_ODOMETRY = {topics.ODOM: ODOMETRY, topics.ODOM_ALTERNATIVE: ALTERNATIVE, topics.TRUTH: TRUTH}
+_DIAGNOSTICS_EVERY_S = 1.0
+_MESH = re.compile(r'(<mesh\s[^>]*?filename=")([^":]*)(")')
+
+
+@dataclass(frozen=True, slots=True)
+class RosNames:
+    """Names of one robot: relative topics and frames, with a namespace when there are several."""
+
+    namespace: str
+    """Part of a ROS name that stands for the robot."""
+    shared: bool
+    """Whether there are several robots, so that the namespace is used."""
+
+    def topic(self, name: str) -> str:
+        """Return the absolute name of a topic or a service."""
+        if name.startswith("/"):
+            return name
+        return f"/{self.namespace}/{name}" if self.shared else f"/{name}"
+
+    def frame(self, name: str) -> str:
+        """Return the id of a frame."""
+        return f"{self.namespace}/{name}" if self.shared else name
+
+
+def namespaces(robots: Iterable[str]) -> dict[str, RosNames]:
+    """Return the names of all robots: a ROS name has no dash, and begins with a letter."""
+    names: dict[str, RosNames] = {}
+    used: set[str] = set()
+    ids = sorted(robots)
+    for robot in ids:
+        word = robot.replace("-", "_")
+        word = word if word[0].isalpha() else f"robot_{word}"
+        while word in used:
+            word += "_"
+        used.add(word)
+        names[robot] = RosNames(word, len(ids) > 1)
+    return names
+
+
+@dataclass(frozen=True, slots=True)
+class RosMessage:
+    """A message for one topic."""
+
+    topic: RosTopic
+    name: str
+    """Absolute name of the topic."""
+    payload: bytes
+    """CDR of its type."""
+
+
+class RobotMapping:
+    """Conversion of the messages of one robot; it keeps wheel angles and the newest stamp."""
+
+    def __init__(self, robot: str, names: RosNames, urdf: str, mesh_uri: str) -> None:
+        """`mesh_uri` goes before the name of each mesh file of the URDF.
+
+        Raises:
+            MessageError: the URDF is none.
+        """
+        self.names = names
+        self._robot = robot
+        self._tree: UrdfTree = parse_urdf(urdf)
+        self._urdf = _MESH.sub(rf"\g<1>{mesh_uri}\g<2>\g<3>", urdf)
+        self._wheels = WheelAngles()
+        self._stamp_ns = 0
+        self._moved: list[tuple[Transform, int]] = []
+        self._diagnosed: tuple[str, int] = ("", 0)
+
+    def static(self) -> list[RosMessage]:
+        """Return the messages that never change: the URDF, and the fixed frames."""
+        text = make_message("std_msgs/msg/String", data=self._urdf)
+        fixed = self._tree.fixed
+        if self._tree.ball is not None:  # The robot stands; its sphere turns.
+            fixed = [Transform(ODOM, FOOTPRINT, (0.0, 0.0, 0.0), IDENTITY), *fixed]
+        return [
+            self._message(DESCRIPTION, text),
+            self._transforms(TF_STATIC, ((each, 0) for each in fixed)),
+        ]
+
+    def convert(
+        self, topic: Topic, payload: bytes, wanted: Callable[[str], bool] = lambda _name: True
+    ) -> Iterator[RosMessage]:
+        """Yield the messages for one message of the bus, those of topics that are `wanted`.
+
+        Raises:
+            MessageError: the payload cannot be read.
+        """
+        rows = [row for row in SOURCES.get(topic, ()) if wanted(self.names.topic(row.name))]
+        if topic in _ODOMETRY:
+            yield from self._odometry(topic, payload, rows)
+        elif topic in (topics.JOINTS, topics.SETPOINT):
+            yield from self._joints(topic, payload, rows)
+        elif topic is topics.STATUS and rows:
+            yield from self._status(payload, rows)
+        elif topic is topics.EVENT and rows:
+            yield self._event(decode_json(payload, Event, "an event"))
+        elif topic is topics.SENSOR_POSE and rows:
+            raw = decode_cdr(payload, SENSOR_POSE.type)
+            raw.header.frame_id = self.names.frame(raw.header.frame_id)
+            yield self._message(SENSOR_POSE, raw)
+
+    # Poses and joints.
+
+    def _odometry(
+        self, topic: Topic, payload: bytes, rows: Sequence[RosTopic]
+    ) -> Iterator[RosMessage]:
+        raw = decode_cdr(payload, ODOMETRY.type)
+        if topic is topics.ODOM:
+            self._stamp_ns = stamp_ns(raw)
+        at, turn = raw.pose.pose.position, raw.pose.pose.orientation
+        numbers = (at.x, at.y, at.z, turn.w, turn.x, turn.y, turn.z)
+        if not all(map(math.isfinite, numbers)):
+            raise MessageError("nonfinite", "a pose must be finite numbers")
+        position, quaternion = (at.x, at.y, at.z), (turn.w, turn.x, turn.y, turn.z)
+        ball = self._tree.ball_frame
+        if TF in rows:
+            if ball is None:
+                moved = [Transform(ODOM, FOOTPRINT, position, quaternion)]
+            else:
+                moved = self._tree.moving(self._tree.ring_angles(quaternion))
+            at_ns, joints = stamp_ns(raw), self._moved
+            self._moved = []
+            yield self._transforms(TF, [*((each, at_ns) for each in moved), *joints])
+        row = _ODOMETRY[topic]
+        if row not in rows:
+            return
+        if ball is not None:
+            # On the bus about the axes of the base, in ROS about those of the child frame.
+            spin = raw.twist.twist.angular
+            spin.x, spin.y, spin.z = rotated_back(quaternion, (spin.x, spin.y, spin.z))
+        raw.header.frame_id = self.names.frame(ODOM)
+        raw.child_frame_id = self.names.frame(ball or FOOTPRINT)
+        yield self._message(row, raw)
+
+    def _joints(
+        self, topic: Topic, payload: bytes, rows: Sequence[RosTopic]
+    ) -> Iterator[RosMessage]:
+        joints = decode_joints(payload)
+        measured = topic is topics.JOINTS
+        position: Sequence[float] = joints.position_rad.tolist()
+        velocity: Sequence[float] = joints.velocity_rad_per_s.tolist()
+        angles = dict(zip(joints.names, position, strict=True))
+        if measured:
+            angles = self._wheels.update(joints.names, position, velocity, joints.stamp_ns)
+        if TF in rows:
+            # A robot sends its pose right after its joints: one message has both.
+            self._moved = [(each, joints.stamp_ns) for each in self._tree.moving(angles)]
+        row = JOINT_STATES if measured else JOINT_SETPOINTS
+        if row not in rows:
+            return
+        # Sensors such as a gyro stand among the joints on the bus, and are none in the URDF.
+        kept = [i for i, name in enumerate(joints.names) if name in self._tree.joints]
+        names = [joints.names[i] for i in kept]
+        yield self._message(
+            row,
+            make_message(
+                row.type,
+                header=make_header(joints.stamp_ns, self.names.frame(BASE)),
+                name=names,
+                position=np.array([angles[name] for name in names], dtype=np.float64),
+                velocity=np.array([velocity[i] for i in kept], dtype=np.float64),
+                effort=np.empty(0),
+            ),
+        )
+
+    def _transforms(self, row: RosTopic, transforms: Iterable[tuple[Transform, int]]) -> RosMessage:
+        stamped = [
+            make_message(
+                "geometry_msgs/msg/TransformStamped",
+                header=make_header(at_ns, self.names.frame(each.parent)),
+                child_frame_id=self.names.frame(each.child),
+                transform=_transform(each),
+            )
+            for each, at_ns in transforms
+        ]
+        return self._message(row, make_message(row.type, transforms=stamped))
+
+    # Status and events.
+
+    def _status(self, payload: bytes, rows: Sequence[RosTopic]) -> Iterator[RosMessage]:
+        status = decode_status(payload)
+        if STATUS in rows:
+            yield self._message(STATUS, make_message(JSON_TEXT, data=payload.decode()))
+        if DIAGNOSTICS not in rows and BATTERY not in rows:
+            return
+        second = int(1e-9 * self._stamp_ns / _DIAGNOSTICS_EVERY_S)
+        if self._diagnosed == (status.mode, second):
+            return
+        self._diagnosed = (status.mode, second)
+        if DIAGNOSTICS in rows:
+            yield self._diagnostics(status)
+        volts = _volts(status)
+        if BATTERY in rows and volts is not None:
+            yield self._battery(volts)
+
+    def _diagnostics(self, status: Status) -> RosMessage:
+        array = make_message(
+            DIAGNOSTICS.type,
+            header=make_header(self._stamp_ns, ""),
+            status=[
+                make_message(
+                    "diagnostic_msgs/msg/DiagnosticStatus",
+                    level=level,
+                    name=f"{self._robot}: {name}",
+                    message=text,
+                    hardware_id=self._robot,
+                    values=[
+                        make_message("diagnostic_msgs/msg/KeyValue", key=key, value=str(value))
+                        for key, value in values.items()
+                    ],
+                )
+                for name, level, text, values in diagnose(status)
+            ],
+        )
+        return self._message(DIAGNOSTICS, array)
+
+    def _battery(self, volts: float) -> RosMessage:
+        unknown = math.nan  # What BatteryState asks for where nothing is measured.
+        message = make_message(
+            BATTERY.type,
+            header=make_header(self._stamp_ns, self.names.frame(BASE)),
+            voltage=volts,
+            temperature=unknown,
+            current=unknown,
+            charge=unknown,
+            capacity=unknown,
+            design_capacity=unknown,
+            percentage=unknown,
+            power_supply_status=0,
+            power_supply_health=0,
+            power_supply_technology=0,
+            present=True,
+            cell_voltage=np.empty(0, dtype=np.float32),
+            cell_temperature=np.empty(0, dtype=np.float32),
+            location="",
+            serial_number="",
+        )
+        return self._message(BATTERY, message)
+
+    def _event(self, event: Event) -> RosMessage:
+        sec, nanosec = divmod(self._stamp_ns, 1_000_000_000)
+        message = make_message(
+            EVENTS.type,
+            stamp=make_message("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec),
+            level=_LEVELS.get(event.kind, _INFO),
+            name=f"{self._robot}.{event.kind}",
+            msg=event.text,
+            file="",
+            function=event.rule,
+            line=0,
+        )
+        return self._message(EVENTS, message)
+
+    def _message(self, row: RosTopic, message: Any) -> RosMessage:
+        return RosMessage(row, self.names.topic(row.name), encode_cdr(message))
+
+
+def _transform(each: Transform) -> Any:
+    x, y, z = each.position_m
+    w, qx, qy, qz = each.turn
+    return make_message(
+        "geometry_msgs/msg/Transform",
+        translation=make_message("geometry_msgs/msg/Vector3", x=x, y=y, z=z),
+        rotation=make_message("geometry_msgs/msg/Quaternion", x=qx, y=qy, z=qz, w=w),
+    )
+
+
+_INFO, _WARN = 20, 30
+_LEVELS = {"drop": _WARN, "refusal": _WARN, "consistency": _WARN, "id": _WARN, "clamp": _INFO}
+"""Levels of `rcl_interfaces/msg/Log` by the kind of the event."""
+OK, WARN, ERROR = 0, 1, 2
+"""Levels of `diagnostic_msgs/msg/DiagnosticStatus`."""
+
+
+def diagnose(status: Status) -> list[tuple[str, int, str, dict[str, object]]]:
+    """Return name, level, sentence and values of each diagnostic of a robot."""
+    level = ERROR if status.mode == Mode.FAULT else WARN if status.mode in LATCHED else OK
+    command, consistency, loop = status.command, status.consistency, status.loop
+    suspect = consistency.suspect
+    found: list[tuple[str, int, str, dict[str, object]]] = [
+        (
+            "mode",
+            level,
+            status.stop_reason or status.mode,
+            {"mode": status.mode, "holder": status.lease.holder or "", "stops": status.stops},
+        ),
+        (
+            "commands",
+            OK,
+            f"{command.accepted} counted",
+            {
+                "age_s": command.age_s,
+                "echo_s": command.echo_s,
+                "counted": command.accepted,
+                **{f"dropped_{name}": count for name, count in _fields(command.dropped)},
+            },
+        ),
+        (
+            "consistency",
+            OK if suspect is None else WARN,
+            "consistent" if suspect is None else f"{suspect} contradicts the others",
+            {"residual_mps": consistency.residual_mps, "level": consistency.level},
+        ),
+        (
+            "loop",
+            OK,
+            f"{loop.hz:.0f} Hz",
+            {"hz": loop.hz, "overruns": loop.overruns, "jitter_p99_ms": loop.jitter_p99_ms},
+        ),
+    ]
+    volts = _volts(status)
+    if volts is not None:
+        found.append(("battery", OK, f"{volts:.1f} V", {"voltage_v": volts}))
+    return found
+
+
+def _fields(counts: Any) -> Iterator[tuple[str, int]]:
+    for name in counts.__struct_fields__:
+        yield name, getattr(counts, name)
+
+
+def _volts(status: Status) -> float | None:
+    volts = status.hardware.get("battery_v")
+    return float(volts) if isinstance(volts, int | float) and math.isfinite(volts) else None

@@ -1,0 +1,491 @@
+"""`tsd-foxglove` as a user meets it, with a client of the protocol that is not ours."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import re
+import signal
+import socket
+import ssl
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Coroutine, Generator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import numpy as np
+import pytest
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+from websockets.typing import Subprotocol
+
+import tsd_twin
+from tests.app.conftest import PATIENCE_S, Program
+from tests.support.foxglove_client import (
+    TWIST,
+    ForeignClient,
+    foreign_client,
+    twist_cdr,
+    twist_json,
+)
+from tests.support.provisioning import provision_folder
+from tests.support.recorded_drives import RecordedDrive
+from tests.support.robot_node import QUICK
+from tsd_twin import robots
+from tsd_twin.bus import Bus, as_client, client_config
+from tsd_twin.foxglove.front import FOXGLOVE_ORIGIN, SILENT_S
+from tsd_twin.interop.mapping import PUBLISHED, SERVICES
+from tsd_twin.recording.file import RecordingFile
+from tsd_twin.security import CertificateRequest
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
+
+PROTOCOL = Subprotocol("foxglove.sdk.v1")
+ALLOWANCE_M = robots.load_robot("tsd").limits.stop_allowance_m
+SPEED_MPS = 0.8
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A robot and the adapter, as processes of their own."""
+
+    endpoint: str
+    url: str
+    adapter: Program
+
+    def run(self, work: Coroutine[Any, Any, None]) -> None:
+        asyncio.run(work)
+
+
+def url_of(program: Program) -> str:
+    return program.ready().split()[-1]
+
+
+@pytest.fixture(scope="module")
+def stage(tmp_path_factory: pytest.TempPathFactory) -> Generator[Stage]:
+    toml = tmp_path_factory.mktemp("robot") / "tsd.toml"
+    toml.write_text(QUICK, encoding="utf-8")
+    programs = [Program(["tsd_mock", "--listen", "tcp/127.0.0.1:0", "--robot", str(toml)])]
+    try:
+        endpoint = programs[0].ready().split()[-1]
+        programs.append(Program(["tsd_foxglove", "--connect", endpoint, "--port", "0"]))
+        yield Stage(endpoint, url_of(programs[1]), programs[1])
+        assert programs[1].end() == 0
+        assert "Traceback" not in programs[1].sentence, programs[1].sentence
+        assert len(programs[1].errors) < 50, "a client fills the log with its mistakes"
+    finally:
+        for program in programs:
+            program.clean_up()
+
+
+@pytest.fixture(autouse=True)
+def at_rest(request: pytest.FixtureRequest) -> Generator[None]:
+    """Each test leaves the robot free, and begins with it disarmed."""
+    yield
+    if "stage" in request.fixturenames:
+        stage: Stage = request.getfixturevalue("stage")
+        with (
+            tsd_twin.connect(stage.endpoint) as robot,
+            robot.control("cleaner", take_over=True, arm=False) as base,
+        ):
+            if robot.state.mode in ("stopped", "fault"):
+                base.reset()
+
+
+def arm_and_release(endpoint: str) -> None:
+    """Leave the robot ready, without an operator: for ten seconds it stays so."""
+    with Bus(as_client(client_config([endpoint]), PATIENCE_S)) as bus:
+
+        def ask(service: str, **request: object) -> Any:
+            return json.loads(bus.query(f"twin/tsd/{service}", json.dumps(request).encode()))
+
+        lease = ask("srv/lease", op="acquire", operator="arms")["lease"]
+        assert ask("srv/arm", lease=lease)["ok"]
+        with tsd_twin.connect(endpoint) as robot:
+            end_s = time.monotonic() + PATIENCE_S
+            while robot.state.mode != "ready":
+                assert time.monotonic() < end_s
+                ask("srv/lease", op="renew", operator="arms", lease=lease)
+                robot.sleep(0.1)
+        ask("srv/lease", op="release", operator="arms", lease=lease)
+
+
+def test_a_foreign_client_sees_all_topics_and_gets_the_urdf_with_its_meshes(stage: Stage) -> None:
+    async def work() -> None:
+        async with foreign_client(stage.url) as it:
+            names = {row.name if row.name[0] == "/" else f"/{row.name}" for row in PUBLISHED}
+            await it.until(lambda: names <= set(it.topics), "not all topics")
+            assert set(it.services) == {f"/{name}" for name in SERVICES}
+            schemas = {each["topic"]: each for each in it.client.channels.values()}
+            for row in PUBLISHED:
+                if row.name != "status":
+                    channel = schemas[row.name if row.name[0] == "/" else f"/{row.name}"]
+                    assert channel["schemaName"] == row.type
+                    assert channel["encoding"] == "cdr"
+            await it.subscribe(
+                *("/tf", "/tf_static", "/odom", "/joint_states", "/joint_setpoints"),
+                *("/robot_description", "/diagnostics", "/battery_state"),
+            )
+            moved = {each.child_frame_id for each in it.message("/tf").transforms}
+            assert moved & {"base_footprint", "module1_inner"}
+            assert it.message("/odom").header.frame_id == "odom"
+            assert it.message("/battery_state").voltage > 5.0
+            assert len(it.message("/joint_states").name) == 9
+            text = it.message("/robot_description").data
+            uris = re.findall(r'filename="(package://[^"]+)"', text)
+            assert len(uris) > 5
+            for uri in (uris[0], uris[-1]):
+                mesh = await it.client.fetch_asset(uri)
+                assert len(mesh) == 84 + 50 * struct.unpack_from("<I", mesh, 80)[0], "an STL file"
+            for uri in ("package://tsd_description/meshes/../../etc/passwd", "file:///etc/passwd"):
+                with pytest.raises(Exception, match=r".+"):
+                    await it.client.fetch_asset(uri)
+
+    stage.run(work())
+
+
+@pytest.mark.parametrize("encoding", ["json", "cdr"])
+def test_a_foreign_client_arms_drives_and_silence_stops_the_robot(
+    stage: Stage, encoding: str
+) -> None:
+    """Within the distance that is promised for a link that fails."""
+
+    async def work() -> None:
+        async with foreign_client(stage.url) as it:
+            answer = await it.call("/arm")
+            assert answer == {"success": True, "message": "ready"}
+            assert it.status["lease"]["holder"].startswith("foxglove-")
+            await it.pause()
+            start_m = it.x_m
+            await it.push(SPEED_MPS, 1.2, encoding)
+            last_m, last_s = it.x_m, time.monotonic()
+            assert last_m - start_m > 0.3
+            await it.until(lambda: it.status["mode"] == "ready", "it does not stop")
+            await it.until_still()
+            # The newest pose that has come in is up to two periods of the stream old.
+            travel_m = it.x_m - last_m
+            assert travel_m < ALLOWANCE_M + 0.04 * SPEED_MPS, travel_m
+            assert time.monotonic() - last_s < 10.0
+            assert it.status["stops"] == 0, "the adapter has sent zeros"
+
+    stage.run(work())
+
+
+def test_a_person_who_takes_over_has_control_and_twists_do_not_take_it_back(stage: Stage) -> None:
+    async def work() -> None:
+        async with foreign_client(stage.url) as it:
+            await it.call("/arm")
+            await it.pause()
+            pushing = asyncio.create_task(it.push(0.3, 30.0))
+            await it.until(lambda: it.status["mode"] == "driving", "it does not drive")
+            person = await tsd_twin.connect_async(stage.endpoint)
+            control = person.control("person", take_over=True, arm=False, reason="mine")
+            await control.acquire()
+            await it.until(lambda: it.status["lease"]["holder"] == "person", "no take-over")
+            await it.until(lambda: any("control is lost" in text for text in it.said), "not told")
+            await it.until_still()
+            at_m = it.x_m
+            await asyncio.sleep(0.5)
+            await control.release()
+            await person.close()
+            await it.until(lambda: it.status["lease"]["holder"] is None, "not released")
+            await asyncio.sleep(1.0)
+            assert not pushing.done()
+            assert abs(it.x_m - at_m) < 0.01, "a held stick moves nothing"
+            pushing.cancel()
+            await it.pause()
+            await it.push(0.3, 0.5)
+            assert it.status["lease"]["holder"] is None, "nor does a new push"
+            assert (await it.call("/arm"))["success"]
+            await it.pause()
+            await it.push(0.3, 0.6)
+            assert it.x_m - at_m > 0.02, "the service arm takes control again"
+
+    stage.run(work())
+
+
+def test_services_stop_reset_and_disarm_and_their_refusals(stage: Stage) -> None:
+    async def work() -> None:
+        async with foreign_client(stage.url) as it, foreign_client(stage.url) as other:
+            await it.call("/arm")
+            refused = await other.call("/arm")
+            assert not refused["success"]
+            assert it.status["lease"]["holder"] in refused["message"]
+            assert (await other.call("/stop"))["success"], "each may stop"
+            await it.until(lambda: it.status["mode"] == "stopped", "not stopped")
+            assert not (await it.call("/arm"))["success"]
+            assert await it.call("/reset") == {"success": True, "message": "disarmed"}
+            assert (await it.call("/arm"))["success"]
+            assert (await it.call("/disarm"))["success"]
+            await it.until(lambda: it.status["lease"]["holder"] is None, "not released")
+
+    stage.run(work())
+
+
+def test_a_client_that_is_killed_leaves_a_robot_at_rest_and_free(stage: Stage) -> None:
+    async def work() -> None:
+        async with foreign_client(stage.url) as it:
+            driver = ForeignClient(stage.url)
+            await driver.client.connect()
+            await driver.call("/arm")
+            await driver.pause()
+            await driver.push(SPEED_MPS, 0.8)
+            last_m = it.x_m
+            # As the system does for a process that is killed.
+            driver.client._websocket.transport.abort()
+            await it.until(lambda: it.status["lease"]["holder"] is None, "still held")
+            await it.until_still()
+            assert it.x_m - last_m < ALLOWANCE_M + 0.04 * SPEED_MPS
+            assert it.status["mode"] == "disarmed"
+            await driver.client.disconnect()
+
+    stage.run(work())
+
+
+def test_the_adapter_that_hangs_drives_on_with_no_command_of_before(stage: Stage) -> None:
+    """Stopped for three seconds while twists pile up in its buffers; the stick is held on."""
+
+    async def work() -> None:
+        async with foreign_client(stage.url) as it:
+            await it.call("/arm")
+            await it.pause()
+            pushing = asyncio.create_task(it.push(SPEED_MPS, 6.0))
+            await asyncio.sleep(1.0)
+            stage.adapter.process.send_signal(signal.SIGSTOP)
+            with tsd_twin.connect(stage.endpoint) as robot:
+                robot.sleep(0.1)
+                last_m = robot.state.truth.pose.x_m
+                await asyncio.sleep(1.5)
+                still_m = robot.state.truth.pose.x_m
+                assert still_m - last_m < ALLOWANCE_M
+                stage.adapter.process.send_signal(signal.SIGCONT)
+                await asyncio.sleep(1.5)
+                assert abs(robot.state.truth.pose.x_m - still_m) < 0.01
+            pushing.cancel()
+            await asyncio.gather(pushing, return_exceptions=True)
+
+    stage.run(work())
+
+
+def test_a_client_that_answers_no_ping_drives_nothing_and_is_cut_off(stage: Stage) -> None:
+    """Without answers the age of its twists has no bound: so it is with a link that has stalled."""
+
+    async def work() -> None:
+        async with foreign_client(stage.url) as it:
+            await asyncio.to_thread(arm_and_release, stage.endpoint)
+            async with (
+                aiohttp.ClientSession() as session,
+                session.ws_connect(stage.url, protocols=(PROTOCOL,), autoping=False) as line,
+            ):
+                channel = {"id": 1, "topic": "/cmd_vel", "encoding": "json", "schemaName": TWIST}
+                await line.send_json({"op": "advertise", "channels": [channel]})
+                start_s, start_m = time.monotonic(), it.x_m
+                await asyncio.sleep(0.4)
+
+                async def push() -> None:
+                    while True:
+                        await line.send_bytes(struct.pack("<BI", 1, 1) + twist_json(0.5))
+                        await asyncio.sleep(0.05)
+
+                pushing = asyncio.create_task(push())
+                texts = [
+                    message.data async for message in line if message.type is aiohttp.WSMsgType.TEXT
+                ]
+                pushing.cancel()
+                assert SILENT_S - 0.5 < time.monotonic() - start_s < SILENT_S + 5.0
+                assert any("comes too late" in text for text in texts), texts
+                assert abs(it.x_m - start_m) < 1e-3
+
+    stage.run(work())
+
+
+async def closed_by(url: str, data: bytes | str, patience_s: float = PATIENCE_S) -> int | None:
+    """Return the code with which the connection is closed that sends this; None if it is not."""
+    async with (
+        aiohttp.ClientSession() as session,
+        session.ws_connect(url, protocols=(PROTOCOL,)) as line,
+    ):
+        await (line.send_str(data) if isinstance(data, str) else line.send_bytes(data))
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(patience_s):
+                async for _ in line:
+                    pass
+        return line.close_code
+
+
+def test_hostile_messages_move_nothing_and_end_nothing(stage: Stage) -> None:
+    async def work() -> None:
+        async with foreign_client(stage.url) as it:
+            await it.call("/arm")
+            await it.pause()
+            start_m = it.x_m
+            await it.publish(twist_json(float("nan")))
+            await it.publish(twist_cdr(float("nan")), encoding="cdr")
+            await it.publish(twist_cdr(float("inf")), encoding="cdr")
+            await it.publish(twist_cdr(1e300), encoding="cdr")
+            await it.publish(b'{"linear": {"x": 1e999}}')
+            await it.publish(b'{"speed": 1}')
+            await it.publish(twist_json(0.5), schema="nav_msgs/msg/Odometry")
+            await it.publish(twist_json(0.5), topic="/other/cmd_vel")
+            await it.publish(twist_json(0.5), encoding="protobuf")
+            await it.publish(twist_cdr(0.5)[:20], encoding="cdr")
+            line = it.client._websocket
+            noise = np.random.default_rng(1)
+            for _ in range(50):
+                await line.send(noise.bytes(noise.integers(60)))
+            for text in ("{}", "[", "null", '{"op": "nothing"}', '{"op": "advertise"}', "x" * 9999):
+                await line.send(text)
+            await asyncio.sleep(0.5)
+            assert abs(it.x_m - start_m) < 1e-3
+            assert it.status["mode"] == "ready"
+            assert any("not finite" in text for text in it.said)
+            ids = [{"id": i, "channelId": i} for i in range(1000)]
+            many = json.dumps({"op": "subscribe", "subscriptions": ids})
+            assert await closed_by(stage.url, bytes(1_000_000)) == 1009, "it is too long"
+            # It floods itself with errors, which ends its own connection at most.
+            await closed_by(stage.url, many, patience_s=2.0)
+            await it.until(lambda: abs(it.x_m - start_m) < 1e-3, "moved")
+            await it.pause()
+            await it.push(0.4, 0.6)
+            assert it.x_m - start_m > 0.05, "this client still drives"
+
+    stage.run(work())
+
+
+def test_foreign_pages_and_names_are_refused_before_the_socket_is_open(stage: Stage) -> None:
+    def code(**headers: str) -> int:
+        try:
+            with connect(stage.url, subprotocols=[PROTOCOL], additional_headers=headers):
+                return 101
+        except InvalidStatus as error:
+            return error.response.status_code
+
+    assert code() == 101
+    assert code(Origin=FOXGLOVE_ORIGIN) == 101
+    for origin in ("https://evil.example", "null", "file://", f"{FOXGLOVE_ORIGIN}.evil.example"):
+        assert code(Origin=origin) == 403
+    with pytest.raises(InvalidStatus, match="400"), connect(stage.url):
+        pass
+
+
+def test_other_machines_need_a_token_and_tls(start: Any, tmp_path: Path) -> None:
+    nowhere = ("--connect", "tcp/127.0.0.1:1")
+    beyond = ("tsd_foxglove", "--host", "0.0.0.0", "--port", "0", *nowhere)
+    token = tmp_path / "token"
+    (tmp_path / "short").write_text("secret\n")
+    (tmp_path / "short").chmod(0o600)
+    for flags, word in (
+        ((), "--token-file"),
+        (("--token-file", str(token)), "--tls-cert"),
+        (("--token-file", str(tmp_path / "short")), "24"),
+    ):
+        refused = start(*beyond, *flags)
+        assert refused.wait() == 1
+        assert word in refused.sentence
+    assert token.stat().st_mode & 0o077 == 0
+    provision_folder(tmp_path / "keys", CertificateRequest(("robot.example",)))
+    pem, key = str(tmp_path / "keys/robot.pem"), str(tmp_path / "keys/robot.key")
+    program = start(*beyond, "--token-file", str(token), "--tls-cert", pem, "--tls-key", key)
+    port = int(url_of(program).rpartition(":")[2])
+    trust = ssl.create_default_context(cafile=tmp_path / "keys/ca.pem")
+
+    def code(path: str, **headers: str) -> int:
+        with socket.create_connection(("127.0.0.1", port)) as line:
+            try:
+                url = f"wss://robot.example:{port}/{path}"
+                with connect(
+                    url,
+                    sock=line,
+                    ssl=trust,
+                    subprotocols=[PROTOCOL],
+                    additional_headers=headers,
+                    server_hostname="robot.example",
+                ):
+                    return 101
+            except InvalidStatus as error:
+                return error.response.status_code
+
+    secret = token.read_text().strip()
+    assert code(f"?token={secret}") == 101
+    assert code("", Authorization=f"Bearer {secret}") == 101
+    assert code("") == code(f"?token={secret}x") == code("?token=") == 401
+    assert code(f"?token={secret}", Origin="https://evil.example") == 403
+    assert program.end() == 0
+
+
+def test_without_the_extra_it_says_how_to_install_it() -> None:
+    text = "import sys; sys.modules['foxglove'] = None; import tsd_foxglove; tsd_foxglove.main()"
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    assert "pip install" in done.stderr
+    assert "[foxglove]" in done.stderr
+
+
+def recorded(path: Path) -> Path:
+    file = RecordingFile(path)
+    drive = RecordedDrive(file)
+    drive.circle(6)
+    file.close()
+    return path
+
+
+def test_a_recording_plays_pauses_and_seeks_for_who_brings_the_token(
+    start: Any, tmp_path: Path
+) -> None:
+    path, token = recorded(tmp_path / "run.mcap"), tmp_path / "token"
+    program = start(
+        *("tsd_foxglove", "--recording", str(path), "--port", "0", "--token-file", str(token))
+    )
+    url = url_of(program)
+    for bad in (url, f"{url}/?token=wrong"):
+        with pytest.raises(InvalidStatus, match="401"), connect(bad, subprotocols=[PROTOCOL]):
+            pass
+
+    async def work() -> None:
+        it = ForeignClient(f"{url}/?token={token.read_text().strip()}")
+        await it.client.connect()
+        await it.until(lambda: it.client.server_info, "no server info")
+        info: Any = it.client.server_info
+        start_ns, end_ns = (
+            info[f"data{which}Time"]["sec"] * 10**9 + info[f"data{which}Time"]["nsec"]
+            for which in ("Start", "End")
+        )
+        assert 6.0 < 1e-9 * (end_ns - start_ns) < 20.0
+        await it.until(lambda: "/odom" in it.topics, "no odometry")
+        assert not it.services
+        await it.client.subscribe("/odom")
+        await it.client.subscribe("/robot_description")
+
+        async def control(play: bool, speed: float, seek_ns: int | None) -> None:
+            # Command, speed, whether to seek, time, and the number of the request.
+            command = (0 if play else 1, speed, seek_ns is not None, seek_ns or 0, 0)
+            await it.client._websocket.send(b"\x03" + struct.pack("<BfBQI", *command))
+
+        def shown_s() -> float:
+            stamp = it.message("/odom").header.stamp
+            return 1e-9 * (stamp.sec * 10**9 + stamp.nanosec - start_ns)
+
+        await control(False, 1.0, start_ns + 5 * 10**9)
+        await it.until(lambda: it.counted["/odom"], "a seek shows nothing")
+        assert shown_s() == pytest.approx(5.0, abs=0.05)
+        paused = it.counted["/odom"]
+        await asyncio.sleep(0.3)
+        assert it.counted["/odom"] == paused
+        await control(True, 4.0, None)
+        await it.until(lambda: it.counted["/odom"] > paused + 20, "it does not play")
+        assert shown_s() > 5.3
+        await control(False, 1.0, start_ns + 10**9)
+        await it.until(lambda: abs(shown_s() - 1.0) < 0.05, "it does not seek back")
+        assert "<robot" in it.message("/robot_description").data
+        await it.client.disconnect()
+
+    asyncio.run(work())
+    assert program.end() == 0
+    assert "Traceback" not in program.sentence

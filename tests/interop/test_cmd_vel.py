@@ -1,0 +1,302 @@
+"""`cmd_vel` as an operator: which twists move the robot, and who has control; without time."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tsd_twin.errors import MessageError
+from tsd_twin.interop.cmd_vel import (
+    AT_REST_S,
+    IDLE_S,
+    LARGEST,
+    MAX_AGE_S,
+    PAUSE_S,
+    TWIST,
+    TWIST_STAMPED,
+    Acquire,
+    Action,
+    CmdVel,
+    CmdVelOperator,
+    Drive,
+    GiveBack,
+    HandOver,
+    RobotView,
+    Say,
+    State,
+    decode_cmd_vel,
+)
+from tsd_twin.messages.ros import (
+    BASE,
+    ODOM,
+    TwistStamped,
+    encode_cdr,
+    encode_twist,
+    make_twist,
+)
+from tsd_twin.safety import Mode
+
+ME = "foxglove-1"
+PUSH = CmdVel((0.5, 0.0, 0.0, 0.0, 0.0, 0.0))
+ZERO = CmdVel((0.0,) * 6)
+PERIOD_S = 0.05
+FREE, MINE = RobotView("ready"), RobotView("driving", ME)
+REST = Drive((0.0,) * 6, BASE)
+
+
+def holder(now_s: float = 0.0) -> CmdVelOperator:
+    """An operator that has just been granted the lease."""
+    operator = CmdVelOperator(ME)
+    assert operator.on_twist(PUSH, now_s, FREE, now_s) == [Acquire()]
+    operator.acquired(now_s)
+    return operator
+
+
+def moves(actions: list[Action]) -> bool:
+    return any(isinstance(action, Drive) and any(action.twist) for action in actions)
+
+
+def texts(actions: list[Action]) -> str:
+    return " ".join(action.text for action in actions if isinstance(action, Say))
+
+
+def test_a_twist_takes_a_free_robot_and_the_next_one_drives_it() -> None:
+    operator = holder()
+    assert operator.on_twist(PUSH, 0.05, MINE, 0.05) == [Drive(PUSH.twist, BASE)]
+    odom = CmdVel(PUSH.twist, ODOM)
+    assert operator.on_twist(odom, 0.1, MINE, 0.1) == [Drive(PUSH.twist, ODOM)]
+
+
+def test_zeros_take_no_lease_and_keep_none() -> None:
+    operator = CmdVelOperator(ME)
+    assert not any(operator.on_twist(ZERO, 0.1 * i, FREE, 0.1 * i) for i in range(100))
+    operator = holder()
+    for i in range(1, round(IDLE_S / 0.1)):
+        assert not operator.on_twist(ZERO, 0.1 * i, MINE, 0.1 * i)
+        assert not operator.poll(0.1 * i, MINE)
+    assert GiveBack() in operator.poll(IDLE_S, MINE)
+    assert operator.state is State.FREE
+
+
+@given(st.floats(), st.integers(0, 5), st.booleans())
+def test_only_finite_numbers_of_a_plausible_size_move_it(
+    number: float, axis: int, held: bool
+) -> None:
+    twist = [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]
+    twist[axis] = number
+    operator = holder() if held else CmdVelOperator(ME)
+    x, y, z, wx, wy, wz = twist
+    actions = operator.on_twist(CmdVel((x, y, z, wx, wy, wz)), 1.0, MINE if held else FREE, 1.0)
+    plausible = math.isfinite(number) and abs(number) <= LARGEST
+    acts = any(isinstance(action, Drive | Acquire) for action in actions)
+    assert acts == (plausible and any(twist))
+
+
+def test_a_frame_that_the_robot_does_not_know_is_refused() -> None:
+    actions = holder().on_twist(CmdVel(PUSH.twist, "map"), 1.0, MINE, 1.0)
+    assert not moves(actions)
+    assert "'map'" in texts(actions)
+
+
+@given(st.floats(0.0, 1.0))
+def test_a_twist_that_may_be_too_old_does_not_count(age_s: float) -> None:
+    operator = holder()
+    assert moves(operator.on_twist(PUSH, 5.0, MINE, 5.0 - age_s)) == (
+        5.0 - (5.0 - age_s) <= MAX_AGE_S
+    )
+
+
+def test_what_a_stalled_link_delivers_at_once_moves_nothing_until_the_publisher_has_paused() -> (
+    None
+):
+    """Five seconds of twists come in together; the publisher still holds its stick."""
+    operator = holder()
+    assert moves(operator.on_twist(PUSH, 1.0, MINE, 1.0))
+    for i in range(100):
+        assert not moves(operator.on_twist(PUSH, 6.0 + 1e-4 * i, MINE, 1.0))
+    for i in range(40):  # Fresh ones follow without a pause.
+        assert not moves(operator.on_twist(PUSH, 6.1 + PERIOD_S * i, MINE, 6.1 + PERIOD_S * i))
+    after_s = 6.1 + 39 * PERIOD_S + PAUSE_S
+    assert moves(operator.on_twist(PUSH, after_s, MINE, after_s))
+
+
+def test_a_late_zero_still_ends_a_motion() -> None:
+    operator = holder()
+    assert moves(operator.on_twist(PUSH, 1.0, MINE, 1.0))
+    assert operator.on_twist(ZERO, 1.1, MINE, -5.0) == [REST]
+
+
+@pytest.mark.parametrize("mode", sorted(set(Mode) - {Mode.READY, Mode.DRIVING}))
+def test_a_stick_that_is_held_while_the_robot_cannot_move_does_not_start_it_later(
+    mode: str,
+) -> None:
+    operator = CmdVelOperator(ME)
+    actions = operator.on_twist(PUSH, 0.0, RobotView(mode, reason="because of this"), 0.0)
+    assert "because of this" in texts(actions)
+    for i in range(1, 60):
+        actions = operator.on_twist(PUSH, PERIOD_S * i, FREE, PERIOD_S * i)
+        assert Acquire() not in actions
+    last_s = PERIOD_S * 59
+    assert operator.on_twist(ZERO, last_s + 0.01, FREE, last_s) == []
+    assert operator.on_twist(PUSH, last_s + 0.02, FREE, last_s) == [Acquire()]
+
+
+def test_what_was_sent_before_the_end_of_arming_does_not_count_after_it() -> None:
+    operator = CmdVelOperator(ME)
+    assert operator.on_request(0.0), "the lease is needed"
+    operator.acquired(0.1)
+    assert not moves(operator.on_twist(PUSH, 0.2, RobotView("disarmed", ME), 0.2))
+    operator.request_done(3.0)
+    ready = RobotView("ready", ME)
+    assert not moves(operator.on_twist(PUSH, 3.1, ready, 2.95)), "held back, after a pause"
+    late_s = 3.1 + PAUSE_S
+    assert moves(operator.on_twist(PUSH, late_s, ready, late_s - 0.05))
+
+
+def test_twists_during_a_request_move_nothing_when_it_is_done() -> None:
+    operator = holder()
+    assert not operator.on_request(1.0), "the lease is held"
+    arming = RobotView("arming", ME)
+    for i in range(60):
+        assert not moves(operator.on_twist(PUSH, 1.0 + PERIOD_S * i, arming, 1.0 + PERIOD_S * i))
+    operator.request_done(4.0)
+    for i in range(1, 60):
+        now_s = 4.0 + PERIOD_S * i
+        assert not moves(operator.on_twist(PUSH, now_s, RobotView("ready", ME), now_s))
+
+
+@given(st.lists(st.tuples(st.floats(0.01, 3.0), st.booleans(), st.booleans()), max_size=40))
+def test_lost_control_is_not_taken_back_by_any_twists(
+    steps: list[tuple[float, bool, bool]],
+) -> None:
+    operator = holder()
+    assert moves(operator.on_twist(PUSH, 0.1, MINE, 0.1))
+    said = operator.lost("bob has control now", 0.2)
+    assert "bob has control now" in texts(said)
+    now_s = 0.2
+    for step_s, zero, free in steps:
+        now_s += step_s
+        view = FREE if free else RobotView("driving", "bob")
+        actions = operator.on_twist(ZERO if zero else PUSH, now_s, view, now_s)
+        assert not any(isinstance(action, Drive | Acquire) for action in actions)
+        assert not operator.poll(now_s, view)
+    assert operator.on_request(now_s), "a request of a person takes it"
+    operator.denied("bob drives", now_s)
+    later_s = now_s + 10.0
+    assert Acquire() not in operator.on_twist(PUSH, later_s, FREE, later_s), "it is lost as before"
+    assert operator.on_request(later_s)
+    operator.acquired(later_s)
+    again_s = later_s + PAUSE_S + 0.01
+    assert moves(operator.on_twist(PUSH, again_s, MINE, again_s))
+
+
+def test_another_operator_is_not_disturbed_and_the_stick_has_to_be_let_go_before_it_takes() -> None:
+    operator = CmdVelOperator(ME)
+    for i in range(20):
+        actions = operator.on_twist(PUSH, PERIOD_S * i, RobotView("driving", "bob"), PERIOD_S * i)
+        assert not moves(actions)
+        assert Acquire() not in actions
+    for i in range(20, 40):  # bob has gone, and the stick is still held.
+        assert Acquire() not in operator.on_twist(PUSH, PERIOD_S * i, FREE, PERIOD_S * i)
+    later_s = PERIOD_S * 39 + PAUSE_S
+    assert operator.on_twist(PUSH, later_s, FREE, later_s) == [Acquire()]
+
+
+def test_a_motion_that_the_robot_has_ended_begins_again_only_after_a_pause() -> None:
+    operator = holder()
+    assert moves(operator.on_twist(PUSH, 1.0, MINE, 1.0))
+    operator.motion_failed("tsd stopped by itself", 1.1)
+    for i in range(20):
+        now_s = 1.15 + PERIOD_S * i
+        assert not moves(operator.on_twist(PUSH, now_s, RobotView("ready", ME), now_s))
+
+
+def test_a_person_who_asks_gets_control_when_no_twist_moves_the_robot() -> None:
+    operator = holder()
+    asked = RobotView("driving", ME, asked_by="bob")
+    for i in range(1, 40):
+        operator.on_twist(PUSH, PERIOD_S * i, asked, PERIOD_S * i)
+        assert not operator.poll(PERIOD_S * i, asked), "not in the middle of a motion"
+    actions = operator.poll(PERIOD_S * 39 + AT_REST_S + 1e-6, asked)
+    assert HandOver("bob") in actions
+    assert operator.state is State.LOST
+
+
+def test_a_twist_that_no_robot_reads_for_a_while_does_not_move_one_when_it_is_read_again() -> None:
+    """The name of its topic changes when a second robot comes, and back when that one goes."""
+    operator = holder()
+    assert moves(operator.on_twist(PUSH, 0.1, MINE, 0.1))
+    for i in range(60):
+        operator.on_unread(0.15 + PERIOD_S * i)
+    now_s = 0.15 + PERIOD_S * 60
+    assert not moves(operator.on_twist(PUSH, now_s, MINE, now_s))
+
+
+def test_the_same_sentence_is_not_said_fifty_times_a_second() -> None:
+    operator = CmdVelOperator(ME)
+    bad = CmdVel((math.nan, 0.0, 0.0, 0.0, 0.0, 0.0))
+    said = [operator.on_twist(bad, 0.02 * i, FREE, 0.02 * i) for i in range(100)]
+    assert sum(map(bool, said)) == 1
+    assert operator.dropped == 100
+
+
+# Decoding.
+
+NUMBERS = (0.5, -0.25, 0.125, 1.0, -2.0, 3.0)
+LINEAR = dict(zip("xyz", NUMBERS[:3], strict=True))
+ANGULAR = dict(zip("xyz", NUMBERS[3:], strict=True))
+AS_JSON = {"linear": LINEAR, "angular": ANGULAR}
+
+
+@pytest.mark.parametrize("name", [TWIST, "geometry_msgs/Twist"])
+def test_a_twist_means_the_same_in_each_encoding(name: str) -> None:
+    cdr = encode_cdr(make_twist(NUMBERS))
+    assert decode_cmd_vel("cdr", name, cdr) == CmdVel(NUMBERS)
+    assert decode_cmd_vel("json", name, json.dumps(AS_JSON).encode()) == CmdVel(NUMBERS)
+
+
+@pytest.mark.parametrize("name", [TWIST_STAMPED, "geometry_msgs/TwistStamped"])
+def test_of_a_stamped_twist_the_frame_counts_and_the_stamp_does_not(name: str) -> None:
+    for stamp in (0, 10**18):
+        cdr = encode_twist(TwistStamped(ODOM, np.array(NUMBERS), stamp))
+        assert decode_cmd_vel("cdr", name, cdr) == CmdVel(NUMBERS, ODOM)
+    header: dict[str, Any] = {"stamp": {"sec": 1, "nanosec": 2}, "frame_id": ODOM}
+    text = json.dumps({"header": header, "twist": AS_JSON}).encode()
+    assert decode_cmd_vel("json", name, text) == CmdVel(NUMBERS, ODOM)
+
+
+@pytest.mark.parametrize(
+    ("encoding", "name", "payload"),
+    [
+        ("json", TWIST, b'{"linear": {"x": NaN}}'),
+        ("json", TWIST, b'{"linear": {"x": "1"}}'),
+        ("json", TWIST, b'{"speed": 1.0}'),
+        ("json", TWIST, b"[" * 100_000),
+        ("json", TWIST, b"\xff\xfe"),
+        ("json", TWIST_STAMPED, json.dumps(AS_JSON).encode()),
+        ("json", "nav_msgs/msg/Odometry", b"{}"),
+        ("cdr", TWIST, b""),
+        ("cdr", TWIST, b"\0\1\0\0" + bytes(20)),
+        ("cdr", TWIST, bytes(1_000_000)),
+        ("protobuf", TWIST, b"{}"),
+        ("json", "", b"{}"),
+    ],
+)
+def test_what_is_no_twist_is_refused(encoding: str, name: str, payload: bytes) -> None:
+    with pytest.raises(MessageError):
+        decode_cmd_vel(encoding, name, payload)
+
+
+@given(st.sampled_from(["cdr", "json"]), st.sampled_from([TWIST, TWIST_STAMPED]), st.binary())
+def test_any_bytes_are_a_twist_or_are_refused(encoding: str, name: str, payload: bytes) -> None:
+    try:
+        message = decode_cmd_vel(encoding, name, payload)
+    except MessageError:
+        return
+    assert len(message.twist) == 6
