@@ -20,6 +20,7 @@ from rosbags.highlevel import AnyReader
 
 import tsd_twin
 from tests.app.conftest import PATIENCE_S, Program, alive, children_of
+from tests.support import scripts
 from tests.support.small_disk import small_disk
 from tsd_twin.bus import Bus, as_client, client_config
 from tsd_twin.messages.commands import Sample
@@ -57,8 +58,9 @@ def file_of(program: Program) -> Path:
 
 
 def drive(endpoint: str, duration_s: float = 1.0) -> None:
-    with tsd_twin.connect(endpoint) as robot, robot.control("alice") as base:
-        base.drive(vx_mps=0.3, omega_rad_per_s=0.3, duration_s=duration_s)
+    scripts.drive(
+        endpoint, vx_mps=0.3, omega_rad_per_s=0.3, duration_s=duration_s, operator="alice"
+    )
 
 
 def size_of(path: Path) -> int:

@@ -36,12 +36,25 @@ def run_script(script: Path, folder: Path, *arguments: str) -> str:
     return done.stdout
 
 
-def drive(endpoint: str, *, vx_mps: float, vy_mps: float, duration_s: float) -> None:
+def drive(
+    endpoint: str,
+    *,
+    vx_mps: float,
+    vy_mps: float = 0.0,
+    omega_rad_per_s: float = 0.0,
+    duration_s: float,
+    operator: str = "script",
+) -> None:
     """Drive a robot; another time when it stopped by itself, as above."""
     for left in reversed(range(_GOES)):
-        with tsd_twin.connect(endpoint) as robot, robot.control("script") as base:
+        with tsd_twin.connect(endpoint) as robot, robot.control(operator) as base:
             try:
-                base.drive(vx_mps=vx_mps, vy_mps=vy_mps, duration_s=duration_s)
+                base.drive(
+                    vx_mps=vx_mps,
+                    vy_mps=vy_mps,
+                    omega_rad_per_s=omega_rad_per_s,
+                    duration_s=duration_s,
+                )
             except (tsd_twin.RobotStopped, tsd_twin.RobotSilent):
                 if not left:
                     raise
