@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-SETTINGS = "[pytest]\nmarkers =\n    timed\n    busy\n"
+SETTINGS = "[pytest]\nmarkers =\n    timed\n    busy\n    slow\n"
 SOUND = "import pytest\n\n@pytest.mark.timed\ndef test_sound(): pass\n\ndef test_sum(): pass\n"
 FAILS_ONCE = """
 import pathlib, pytest
