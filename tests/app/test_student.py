@@ -27,11 +27,6 @@ def address(start: Callable[..., Program]) -> Iterator[str]:
         yield re.findall(r"http://\S+", start("tsd_dashboard", *flags).ready())[0]
 
 
-def open_drawer(page: Page) -> None:
-    """Open the panel on a phone; the page closes it once, when it appears."""
-    page.locator('[data-tsd-drawer] [style*="cursor: pointer"]').first.click(timeout=PATIENCE_MS)
-
-
 def top_speed(page: Page) -> Locator:
     """Return the top speed forward."""
     row = page.locator(".results > div").filter(has_text="Top speed forward")
@@ -52,8 +47,6 @@ def test_a_knob_a_number_the_link_and_the_file(
     page.on("pageerror", lambda error: errors.append(str(error)))
     # The address has the setting: its tab opens by itself, in the drawer of a phone, too.
     page.goto(f"{address}{QUICK}&student=tsd&drive.wheel_radius_m=0.05")
-    if size[0] < 600:
-        open_drawer(page)
     student = page.get_by_role("region", name="Student", exact=True)
     number = student.get_by_role("spinbutton", name="Wheel radius, m")
     expect(number).to_have_value("0.05", timeout=PATIENCE_MS)

@@ -287,6 +287,6 @@ def test_what_waits_is_bounded_and_the_newest_is_kept() -> None:
         coming.add_robot(f"r{i}")
     assert len(coming._pending) <= MAX_PENDING_ROBOTS
     coming.add_robot("newest")
-    until(lambda: they.asked[-1][0] == "newest")
+    until(lambda: [name for name, *_ in they.asked[-1:]] == ["newest"])
     they.takes[-1](b"hello")
     until(lambda: they.met == [("newest", b"hello")])

@@ -24,8 +24,8 @@ ROWS = {
     "plots": 2,
     "start": 1,
     "idle": 2,
-    "recording": 2,
-    "seek": 3,
+    "recording": 4,
+    "seek": 5,
     "foxglove": 3,
 }
 ROW = re.compile(r"^(\S.+?) +([-+.e\d]+) .*[<>]= .* (ok  |MISS)")

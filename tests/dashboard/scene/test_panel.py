@@ -203,7 +203,7 @@ def test_a_change_of_mode_zeroes_the_sliders_first(desk: Desk, viewer: ViserClie
     """So a robot never starts to move by a click on a word."""
     viewer.set("Forward (m/s)", 0.5)
     desk.move()
-    viewer.set("mode", "drive")
+    viewer.set("Mode", "drive")
     assert desk.move() == (PAGE, 0.0, 0.0, 0.0, "drive", False)
     viewer.until(lambda: viewer.control("Forward (m/s)").value == 0.0)
     viewer.set("Left (m/s)", -0.25)
@@ -253,10 +253,10 @@ def test_no_client_can_ask_for_more_than_the_limits(made: Desk, numbers: list[fl
 
 
 def test_a_mode_that_there_is_not_is_no_driving(desk: Desk, viewer: ViserClient) -> None:
-    viewer.set("mode", "ludicrous")
+    viewer.set("Mode", "ludicrous")
     viewer.set("Forward (m/s)", 0.25)
     assert desk.move()[-2] == "preview"
-    viewer.set("mode", "drive")
+    viewer.set("Mode", "drive")
     assert desk.move()[-2] == "drive"
 
 
@@ -370,7 +370,7 @@ def test_a_factor_that_there_is_not_and_a_robot_without_gimbals_change_nothing(
 
 
 def test_mode_drive_shows_no_preview(desk: Desk, viewer: ViserClient) -> None:
-    viewer.set("mode", "drive")
+    viewer.set("Mode", "drive")
     desk.move()
     viewer.set("Forward (m/s)", 0.5)
     desk.move()
@@ -399,12 +399,12 @@ def test_a_client_that_comes_before_the_robot_gets_its_sliders_with_it(desk: Des
 
 
 def test_robots_can_be_chosen_when_there_are_several(desk: Desk, viewer: ViserClient) -> None:
-    assert not viewer.control("robot").props["visible"]
+    assert not viewer.control("Robot").props["visible"]
     bob = RobotFeed("bob")
     desk.scene.add(bob)
-    viewer.until(lambda: viewer.control("robot").props["visible"])
-    viewer.until(lambda: list(viewer.control("robot").props["options"]) == ["tsd", "bob"])
-    viewer.set("robot", "bob")
+    viewer.until(lambda: viewer.control("Robot").props["visible"])
+    viewer.until(lambda: list(viewer.control("Robot").props["options"]) == ["tsd", "bob"])
+    viewer.set("Robot", "bob")
     assert desk.choices.get(timeout=PATIENCE_S) == (PAGE, "bob")
     # The world of this client now keeps bob in its place.
     for x in (1.0, 2.0):
@@ -433,7 +433,7 @@ def test_the_robot_that_is_chosen_is_in_view_whatever_was_chosen_before(
     for names in itertools.permutations(PLACES, 2):
         for name in names:
             desk.panels.select_robot(PAGE, name)
-            viewer.until(lambda name=name: viewer.control("robot").value == name)
+            viewer.until(lambda name=name: viewer.control("Robot").value == name)
             x, y = PLACES[name]
             viewer.until(lambda x=x, y=y: np.allclose(viewer.node("/w").position, (-x, -y, 0.0)))
 
@@ -484,11 +484,11 @@ def test_a_robot_chosen_elsewhere_in_the_page_is_chosen_here(
     viewer.set("Forward (m/s)", 0.5)
     desk.move()
     desk.panels.select_robot(PAGE, "bob")
-    viewer.until(lambda: viewer.control("robot").value == "bob")
+    viewer.until(lambda: viewer.control("Robot").value == "bob")
     viewer.until(lambda: viewer.control("Forward (m/s)").value == 0.0)
     assert desk.choices.empty()
     desk.panels.select_robot(PAGE, "nobody")
-    assert viewer.control("robot").value == "bob"
+    assert viewer.control("Robot").value == "bob"
 
 
 def test_a_panel_has_the_robot_of_its_page_as_soon_as_it_is_there(
@@ -500,9 +500,9 @@ def test_a_panel_has_the_robot_of_its_page_as_soon_as_it_is_there(
     with opened(desk, PAGE) as viewer:
         for _ in range(2):
             desk.scene.add(RobotFeed("bob"))
-            viewer.until(lambda: viewer.control("robot").value == "bob")
+            viewer.until(lambda: viewer.control("Robot").value == "bob")
             desk.scene.remove("bob")
-            viewer.until(lambda: viewer.control("robot").value == "tsd")
+            viewer.until(lambda: viewer.control("Robot").value == "tsd")
     desk.shown.clear()
     assert desk.choices.empty()
 

@@ -88,7 +88,9 @@ class HttpServer:
         app.router.add_get("/healthz", self._serve_health)
         app.router.add_get("/teleop", self._serve_page_socket)
         app.router.add_get("/viser/{page}", self._serve_viser)
-        if self._recorded is not None:
+        if self._recorded is None:
+            app.router.add_get("/recordings", _serve_no_recordings)
+        else:
             app.router.add_get("/recordings", self._recorded.serve_list)
             app.router.add_get("/recordings/{name}/path", self._recorded.serve_path)
             app.router.add_get("/recorded/{name}/{page}", self._serve_recorded_viser)
@@ -219,6 +221,11 @@ class HttpServer:
         if owner is not None and owner.key != principal_of(request).key:
             raise web.HTTPForbidden(text="This page belongs to another login.")
         return page
+
+
+async def _serve_no_recordings(_request: web.Request) -> web.StreamResponse:
+    """Answer `GET recordings` without a list; the page then has no timeline."""
+    return web.Response(status=204, headers={"Cache-Control": "no-store"})
 
 
 async def _add_headers(request: web.Request, response: web.StreamResponse) -> None:

@@ -88,7 +88,9 @@ export class CanvasFrame {
           const handle = beside.querySelector('[style*="cursor: pointer"]');
           const contents = handle?.nextElementSibling;
           const isOpen = contents && getComputedStyle(contents).display !== "none";
-          if (isOpen && handle instanceof HTMLElement) handle.click();
+          // A link to a setting of the Student tab is a link to what is in the drawer.
+          const isWanted = new URLSearchParams(location.search).has("student");
+          if (isOpen && !isWanted && handle instanceof HTMLElement) handle.click();
           return;
         }
       }
