@@ -16,12 +16,13 @@ LANES = re.findall(
     (TESTS.parent / "scripts/run_tests").read_text("utf-8"),
 )
 """What `scripts/run_tests` runs side by side."""
+QUICK, WAITING = "not timed and not slow", "timed and not busy and not programs"
 ALL = "pytestmark = [pytest.mark.system, pytest.mark.busy]\n\n"
 ONE = "@pytest.mark.{}\ndef test_one(): pass\n"
 
 
 def test_each_file_is_in_a_lane() -> None:
-    assert len(LANES) == 4
+    assert len(LANES) == 5
     for path in TESTS.rglob("test_*.py"):
         assert any(may_choose(lane, path) for lane in LANES), path
 
@@ -29,11 +30,11 @@ def test_each_file_is_in_a_lane() -> None:
 @pytest.mark.parametrize(
     ("folder", "text", "chosen"),
     [
-        ("lab", "", {"not timed"}),
-        ("lab", ONE.format("system"), {"not timed", "timed and not busy and not programs"}),
-        ("node", "", {"timed and not busy and not programs"}),
-        ("node", ONE.format("computes"), {"not timed", "timed and not busy and not programs"}),
-        ("node", ONE.format("busy"), {"busy", "timed and not busy and not programs"}),
+        ("lab", "", {QUICK}),
+        ("lab", ONE.format("system"), {QUICK, WAITING}),
+        ("node", "", {WAITING}),
+        ("node", ONE.format("computes"), {QUICK, WAITING}),
+        ("node", ONE.format("busy"), {"busy", WAITING}),
         ("app", "", {"programs"}),
         ("app", ONE.format("busy"), {"busy", "programs"}),
         ("app", ALL, {"busy"}),
@@ -49,12 +50,16 @@ def test_a_file_is_read_by_the_lanes_of_its_tests(
     assert {lane for lane in LANES if may_choose(lane, path)} == chosen
 
 
-def test_of_marks_that_are_not_written_in_files_all_is_possible(
+def test_a_file_may_have_slow_tests_if_one_is_listed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(marks, "TESTS", tmp_path)
-    path = tmp_path / "test_made.py"
-    path.write_text("", "utf-8")
-    assert may_choose("slow", path)
-    assert may_choose("not timed and not slow", path)
-    assert not may_choose("timed and slow", path)
+    monkeypatch.setattr(marks, "listed", lambda: frozenset({"lab/test_made.py::test_one"}))
+    for name, has_slow in (("lab/test_made.py", True), ("lab/test_made_too.py", False)):
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text("", "utf-8")
+        assert may_choose("slow", path) is has_slow
+        assert may_choose("not timed and slow", path) is has_slow
+        assert may_choose("not timed and not slow", path)
+        assert not may_choose("timed and slow", path)

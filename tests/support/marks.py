@@ -10,7 +10,7 @@ from pathlib import Path
 
 from _pytest.mark.expression import Expression
 
-from tests.support.slow_tests import TESTS
+from tests.support.slow_tests import TESTS, listed
 
 TIMED = {"app", "bus", "dashboard", "hardware", "link_emulation", "node", "system"}
 """Folders of tests in which threads, sockets or robots take real time; what is marked `computes`
@@ -45,12 +45,21 @@ def possible_marks(path: Path) -> frozenset[frozenset[str]]:
 def may_choose(expression: str, path: Path) -> bool:
     """Return whether a mark expression, as of `pytest -m`, may choose a test of a file."""
     compiled = Expression.compile(expression)
-    unknown = sorted(compiled.idents() - {*WRITTEN, "timed", "programs"})
+    known = {*WRITTEN, "timed", "programs"}
+    if not has_slow_tests(path):
+        known.add("slow")
+    unknown = sorted(compiled.idents() - known)
     return any(
         compiled.evaluate(lambda name, all_=marks | {*others}: name in all_)
         for marks in possible_marks(path)
         for others in _subsets(unknown)
     )
+
+
+def has_slow_tests(path: Path) -> bool:
+    """Return whether the list of slow tests names one of a file."""
+    start = f"{path.relative_to(TESTS).as_posix()}::"
+    return any(name.startswith(start) for name in listed())
 
 
 def _subsets(names: list[str]) -> Iterator[tuple[str, ...]]:

@@ -10,6 +10,7 @@ import re
 import subprocess
 import sys
 from collections import Counter
+from functools import cache
 from pathlib import Path
 
 TESTS = Path(__file__).parents[1]
@@ -19,6 +20,7 @@ LIMIT_S = 0.5
 _DURATION = re.compile(r"^([\d.]+)s (?:setup|call|teardown) +tests/([^\[\s]+)", re.MULTILINE)
 
 
+@cache
 def listed() -> frozenset[str]:
     """Return the slow tests, as `folder/file::test`."""
     return frozenset(FILE.read_text("ascii").split())
