@@ -54,7 +54,8 @@ def test_a_file_may_have_slow_tests_if_one_is_listed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(marks, "TESTS", tmp_path)
-    monkeypatch.setattr(marks, "listed", lambda: frozenset({"lab/test_made.py::test_one"}))
+    listed = frozenset({"lab/test_made.py::test_one"})
+    monkeypatch.setattr(marks, "listed", lambda: listed)
     for name, has_slow in (("lab/test_made.py", True), ("lab/test_made_too.py", False)):
         path = tmp_path / name
         path.parent.mkdir(exist_ok=True)

@@ -16,7 +16,7 @@ export class ConsistencyMeter {
     this._word = word;
     this._residual = el("span.value");
     this._fill = el("div");
-    const range = { "aria-valuemin": 0, "aria-valuemax": FULL_MPS };
+    const range = { "aria-valuemin": 0, "aria-valuemax": FULL_MPS, "aria-valuenow": 0 };
     this._bar = el("div.meter", { role: "meter", "aria-label": "Conflict", ...range }, this._fill);
     this._verdict = el("p.verdict");
     const head = el("div.head", el("strong", "Conflict"), this._residual, el("span.unit", "m/s"));

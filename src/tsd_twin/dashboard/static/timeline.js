@@ -30,7 +30,7 @@ class Rail {
     this.cursor = el("i.cursor");
     this.slider = el(
       "div.slider",
-      { role: "slider", tabindex: 0, "aria-label": name },
+      { role: "slider", tabindex: 0, "aria-label": name, "aria-valuenow": 0 },
       el("i.rail"),
       this.cursor,
     );

@@ -89,7 +89,7 @@ function row(number, maxRpm) {
   const track = el(
     "div.speed",
     { role: "meter", "aria-label": `Speed of wheel ${number}` },
-    { "aria-valuemin": -maxRpm, "aria-valuemax": maxRpm },
+    { "aria-valuemin": -maxRpm, "aria-valuemax": maxRpm, "aria-valuenow": 0 },
     bar,
     tick,
   );
