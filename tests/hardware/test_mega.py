@@ -312,8 +312,8 @@ def test_a_board_that_restarts_is_set_up_again_and_stays_disarmed(it: Bench) -> 
     count = len(it.board.commands)
     it.board.telemetry = replace(it.board.telemetry, millis=0, resets=1, mode=0)
     it.board.table[Setup.ADDRESS] ^= 1  # It has forgotten, too.
-    it.until(lambda: it.fault, "noticed", armed=True)
-    assert it.fault == "the controller board has restarted"
+    # On a busy machine it falls silent first: what counts is the fault that stays.
+    it.until(lambda: it.fault == "the controller board has restarted", "noticed", armed=True)
     it.until(lambda: len(it.board.setups) == 2, "set up again", armed=True)
     it.until(lambda: len(it.board.commands) > count + 20, "cycles", armed=True)
     assert not any(command.arm for command in it.board.commands[-15:])
@@ -331,8 +331,7 @@ def test_a_board_that_restarts_says_why(it: Bench, cause: ResetCause, fault: str
     it.board.telemetry = replace(
         it.board.telemetry, millis=0, resets=1, mode=0, reset_cause=int(cause)
     )
-    it.until(lambda: it.fault, "noticed", armed=True)
-    assert it.fault == fault
+    it.until(lambda: it.fault == fault, "noticed", armed=True)
 
 
 @pytest.mark.parametrize(
