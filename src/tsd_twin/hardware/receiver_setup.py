@@ -10,8 +10,8 @@ from pathlib import Path
 from tsd_twin.dynamixel import protocol2
 from tsd_twin.dynamixel.blocks import Telemetry
 from tsd_twin.dynamixel.control_table import BOARD_ID, STICKS, SWITCH_US, RcChannel
+from tsd_twin.hardware.handshake import find_board, request_data
 from tsd_twin.hardware.joints import Receiver, ServoCalibration
-from tsd_twin.hardware.mega import find_board, request_data
 from tsd_twin.hardware.serial_transport import HardwareError, SerialTransport
 
 _LOOK_S = 0.5
