@@ -252,15 +252,28 @@ def test_a_page_that_is_loaded_again_in_motion_says_why_the_robot_stopped(stage:
     expect(messages).to_be_empty()
 
 
+SLOW = "From driving to stopping: no command for 180 ms."
+STALLED = "your page stalled for 0.2 s, so the robot stopped"
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        {"t": "event", "kind": "mode", "text": SLOW, "past": False, "robot_s": 1.0, "age_s": 0.0},
+        {"t": "released", "reason": STALLED},
+    ],
+    ids=["robot", "page"],
+)
 def test_what_to_do_after_a_stop_is_not_said_any_more_when_stop_was_pressed(
-    stage: PageStage,
+    stage: PageStage, told: dict[str, object]
 ) -> None:
     notice = stage.page.get_by_text("Let go, then push again")
+    stage.show(state("driving", you=True))
+    if told["t"] == "released":
+        stage.page.keyboard.down("w")  # A page that holds nothing has nothing to let go.
+    stage.say(told)
+    stage.page.keyboard.up("w")
     stage.show(state("ready", you=True))
-    text = "From driving to stopping: no command for 180 ms."
-    stage.say(
-        {"t": "event", "kind": "mode", "text": text, "past": False, "robot_s": 1.0, "age_s": 0.0}
-    )
     expect(notice).to_be_visible()
     stage.show(state("stopped", you=True))
     expect(notice).to_be_hidden(timeout=4000)  # It is read for two seconds; others stay for six.

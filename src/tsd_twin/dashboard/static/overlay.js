@@ -132,14 +132,13 @@ const keys = new Keyboard(drive, {
 for (const source of [stick, turn, keys, new Gamepad(drive, stop), sliders, sphereGoTo, waypoints])
   drive.add(source);
 drive.onChange(draw);
-drive.onMessage = (text, isTrue) => notices.say(text, isTrue);
+drive.onMessage = (text, isTrue) => notices.say(text, untilLatched(isTrue));
 link.on(["state", "beat"], draw);
 link.on("event", (event) => {
   if (event.past || !isNotable(event, link.welcome?.operator)) return;
   // The notice of a page that has stalled has said just now why the robot stops.
   const isTold = event.kind === "mode" && performance.now() - drive.stalledMs < TOLD_MS;
-  // What to do after a stop by itself does not help once the robot is latched: its card says more.
-  const isTrue = () => event.kind !== "mode" || !LATCHED.has(link.state?.status.mode ?? "");
+  const isTrue = () => event.kind !== "mode" || !isLatched();
   if (!isTold) notices.say(noticeOf(event, link.state?.you ?? false), isTrue);
 });
 link.on("reply", ({ to, ok, reason }) => {
@@ -185,6 +184,19 @@ if (takeMotionNote())
     "This page was loaded again while it drove, so the robot stopped. Take control to go on.",
   );
 link.open();
+
+function isLatched() {
+  return LATCHED.has(link.state?.status.mode ?? "");
+}
+
+/**
+ * What to do after a stop by itself does not help once the robot is latched: its card says more.
+ * @param {() => boolean} [isTrue]
+ */
+function untilLatched(isTrue = () => true) {
+  const wasLatched = isLatched();
+  return () => isTrue() && (wasLatched || !isLatched());
+}
 
 /** @param {KeyboardEvent} event */
 function keyOfFocused(event) {
