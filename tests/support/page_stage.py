@@ -157,6 +157,7 @@ def state(mode: str = "disarmed", *, you: bool = False, **changed: Any) -> dict[
         "route": None,
         "plot": {},
         "map": None,
+        "shadow": None,
     } | changed
 
 

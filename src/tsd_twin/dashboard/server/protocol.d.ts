@@ -195,6 +195,37 @@ interface RobotState {
   route: RouteState | null;
   plot: { [name: string]: number | null };
   map: MapState | null;
+  shadow: ShadowReport | null;
+}
+
+interface JointComparison {
+  name: string;
+  unit: string;
+  measured: number | null;
+  simulated: number;
+  band: number;
+  inside: boolean;
+}
+
+interface PoseComparison {
+  names: [string, string, string];
+  units: [string, string, string];
+  difference: Triple;
+  band: Triple;
+  inside: boolean;
+}
+
+interface Drift {
+  part: string;
+  text: string;
+}
+
+interface ShadowReport {
+  compared_s: number;
+  joints: JointComparison[];
+  pose: PoseComparison | null;
+  drifts: Drift[];
+  note: string;
 }
 
 interface RobotName {
@@ -407,7 +438,7 @@ type PageMessage =
   | { t: "wheel_speed"; cruise_speed_rpm: number }
   | { t: "robot"; id: string }
   | { t: "view"; settings: ViewSettings; look: boolean }
-  | { t: "map"; on: boolean }
+  | { t: "map" | "shadow"; on: boolean }
   | { t: "plot_fields"; names: string[] }
   | { t: "clear_plan" | "release" | "panel_released" | "arm" | "disarm" | "reset" | "stop" };
 

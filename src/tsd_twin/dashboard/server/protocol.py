@@ -13,6 +13,7 @@ from tsd_twin.errors import MessageError
 from tsd_twin.messages.services import Event, Operator, ShortText
 from tsd_twin.messages.status import Status
 from tsd_twin.security import Role
+from tsd_twin.shadow import ShadowReport
 
 Count: TypeAlias = Annotated[int, Meta(ge=0, le=2**53)]
 """A number that a browser can hold exactly."""
@@ -161,6 +162,12 @@ class ShowMap(Message, frozen=True, tag="map"):
     on: bool
 
 
+class ShowShadow(Message, frozen=True, tag="shadow"):
+    """Request of the comparison with the shadow twin, with every state while it is `on`."""
+
+    on: bool
+
+
 class StudentRequest(Message, frozen=True, tag="student"):
     """Request of the figures of a shipped robot with some knobs turned; it concerns no robot."""
 
@@ -194,6 +201,7 @@ PageMessage: TypeAlias = (
     | SelectPlotFields
     | SetView
     | ShowMap
+    | ShowShadow
     | StudentRequest
 )
 _DECODER = msgspec.json.Decoder(PageMessage)
@@ -381,6 +389,8 @@ class RobotState(Message, frozen=True, tag="state"):
     """Values that this page has requested for its plots."""
     map: MapState | None = None
     """While the page shows its map."""
+    shadow: ShadowReport | None = None
+    """While the page shows it."""
 
 
 class MapLines(Message, frozen=True, tag="map_lines"):

@@ -42,6 +42,7 @@ from tsd_twin.dashboard.server.protocol import (
     SetView,
     SetWheelSpeed,
     ShowMap,
+    ShowShadow,
     StopCommand,
     StudentRequest,
     ViewChanged,
@@ -194,6 +195,7 @@ class Session:
         self._plot_fields: Sequence[str] = ()
         self._map_data = map_data
         self._shows_map = False
+        self._shows_shadow = False
 
     def on_robots_changed(self) -> None:
         """Send session info with the list of robots; select a robot if none is selected."""
@@ -292,7 +294,14 @@ class Session:
             case PanelSlidersReleased():
                 if self._role is not Role.VIEWER:  # Viewers have no sliders.
                     self._on_released(self.page)
-            case SelectRobot() | SelectPlotFields() | SetView() | ShowMap() | StudentRequest():
+            case (
+                SelectRobot()
+                | SelectPlotFields()
+                | SetView()
+                | ShowMap()
+                | ShowShadow()
+                | StudentRequest()
+            ):
                 self._show(message)
             case LeaseAction() if self._role is Role.VIEWER:
                 self._send(ActionReply(to="lease", ok=False, reason=_VIEWER_REFUSAL))
@@ -302,7 +311,8 @@ class Session:
                 self._request_as_holder(message)
 
     def _show(
-        self, message: SelectRobot | SelectPlotFields | SetView | ShowMap | StudentRequest
+        self,
+        message: SelectRobot | SelectPlotFields | SetView | ShowMap | ShowShadow | StudentRequest,
     ) -> None:
         match message:
             case SelectRobot():
@@ -316,6 +326,8 @@ class Session:
                 self._shows_map, was_shown = message.on, self._shows_map
                 if not was_shown:
                     self.send_map_lines(trails=True)
+            case ShowShadow():
+                self._shows_shadow = message.on
             case StudentRequest():
                 self._student.request(message)
 
@@ -429,6 +441,7 @@ class Session:
             route=self._teleop.navigation.route_state,
             plot=self._plot_values(),
             map=self._map_data.state(self.robot_id or "") if self._shows_map else None,
+            shadow=self._directory.shadow(self.robot_id) if self._shows_shadow else None,
         )
         self.send_queue.put_state(state.seen, encode_message(state))
 
