@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick check bench attack soak format lock vendor docs pictures meshes clean firmware robot-in-a-box avr
+.PHONY: help demo test quick check check-types check-python check-scripts bench attack soak format lock vendor docs pictures meshes clean firmware robot-in-a-box avr
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 22
@@ -23,10 +23,14 @@ quick: .venv/.dev .venv/.js ## Check, beside the quick ones of the tests that on
 	@scripts/run_quick $(ARGS)
 
 check: .venv/.dev .venv/.js ## Format, lint, types, layers
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync check-types check-python check-scripts
+check-types:
+	$(BIN)/pyright
+check-python:
 	$(BIN)/ruff format --check --quiet .
 	$(BIN)/ruff check --quiet .
 	$(BIN)/lint-imports --no-cache > .venv/lint-imports.log || (cat .venv/lint-imports.log; exit 1)
-	$(BIN)/pyright
+check-scripts:
 	$(BIN)/node $(PRETTIER) --log-level=warn --check $(SCRIPTS)
 	$(BIN)/node $(JS)/typescript/bin/tsc --project tests/js
 JS := .venv/js/node_modules

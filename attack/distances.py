@@ -43,7 +43,7 @@ Fault = Callable[[Scene], tuple[float, float]]
 """Breaks something, and returns when that began and when it is over, on the monotonic clock."""
 
 
-ATTEMPTS = 3
+ATTEMPTS = 8
 """To have a robot at full speed when the fault comes, also on a busy machine."""
 
 
@@ -178,7 +178,7 @@ def measure(task: Task) -> list[Result]:
                     phase_s = random.Random(seed).uniform(0.0, PHASE_S)  # noqa: S311
                     _run(scene, CAUSES[name], robot, result, phase_s)
         except (TimeoutError, AssertionError, OSError, TwinError) as error:
-            failure = f"{type(error).__name__}: {error}".splitlines()[0]
+            failure = f"{type(error).__name__}: {error}".splitlines()[0][:100]
     for result in results.values():
         if len(result.ways_m) < task.runs:
             result.failure = failure

@@ -25,7 +25,7 @@ FRAMES = 200
 FLOODS: tuple[tuple[Opcode, bytes], ...] = (
     (Opcode.TEXT, b'{"t":"panel_released"}'),
     (Opcode.TEXT, b'{"t":"panel_released"}'),
-    (Opcode.TEXT, b'{"t":"panel_released"}'),
+    (Opcode.CONT, b""),
     (Opcode.TEXT, b'{"t":"heartbeat","seen":0,"sent_ms":1.0,"focus":true}'),
     (Opcode.TEXT, b'{"t":"robot","id":"unknown"}'),
     (Opcode.TEXT, b'{"t":"drive","vx":1,"vy":0,"omega":0,"seen":0}'),
@@ -34,14 +34,15 @@ FLOODS: tuple[tuple[Opcode, bytes], ...] = (
     (Opcode.TEXT, b'{"t":"plan","kind":"to","points":[[0.5,0.5]],"on":"picture"}'),
     (Opcode.PING, b"x"),
 )
-"""Messages of the viewers, one each."""
+"""Messages of the viewers, one each; or fragments, whose message never ends."""
 
 
 def flood(port: int, cookie: str, number: int, end_s: float, counts: Counter[str]) -> None:
     """Send until the time is over."""
     opcode, payload = FLOODS[number % len(FLOODS)]
-    frame = Frame(opcode, payload).serialize(mask=True)
-    blob = frame * FRAMES
+    fragments = opcode is Opcode.CONT
+    begin = Frame(Opcode.TEXT, b"", fin=False).serialize(mask=True) if fragments else b""
+    blob = Frame(opcode, payload, fin=not fragments).serialize(mask=True) * FRAMES
     while time.monotonic() < end_s:
         try:
             with connect(
@@ -54,6 +55,7 @@ def flood(port: int, cookie: str, number: int, end_s: float, counts: Counter[str
                 counts["sockets"] += 1
                 raw = socket.socket
                 raw.settimeout(1.0)
+                raw.sendall(begin)
                 while time.monotonic() < end_s:
                     raw.sendall(blob)
                     counts["frames"] += FRAMES

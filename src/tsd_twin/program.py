@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import gc
 import logging
 import os
 import re
@@ -171,6 +172,7 @@ def say_ready(what: str) -> None:
 def run(made: argparse.ArgumentParser, body: Callable[[argparse.Namespace], None]) -> None:
     """Parse the flags and run a program; a `TwinError` ends it with a one-sentence message."""
     args = made.parse_args()
+    gc.freeze()  # Modules live as long as the process: each collection, and the end, is shorter.
     logging.basicConfig(
         level=logging.INFO if args.verbose else logging.WARNING,
         format="%(asctime)s %(name)s: %(message)s",

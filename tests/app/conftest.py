@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -82,18 +83,34 @@ class Program:
                 stream.close()
 
 
-@pytest.fixture
-def start() -> Generator[Callable[..., Program]]:
-    """Start programs; all are gone when the test ends."""
+@contextlib.contextmanager
+def starting() -> Generator[Callable[..., Program]]:
+    """Start programs; all are gone at the end, the last one first."""
     started: list[Program] = []
 
     def start(*arguments: str) -> Program:
         started.append(Program(list(arguments)))
         return started[-1]
 
-    yield start
-    for program in started:
-        program.clean_up()
+    try:
+        yield start
+    finally:
+        for program in reversed(started):
+            program.clean_up()
+
+
+@pytest.fixture
+def start() -> Generator[Callable[..., Program]]:
+    """Start programs; all are gone when the test ends."""
+    with starting() as start_one:
+        yield start_one
+
+
+@pytest.fixture(scope="module")
+def start_shared() -> Generator[Callable[..., Program]]:
+    """Start programs that the tests of a module share."""
+    with starting() as start_one:
+        yield start_one
 
 
 def children_of(pid: int) -> list[int]:

@@ -27,6 +27,7 @@ from tests.support.browser import (
     mode,
     press,
 )
+from tests.support.mistaken_programs import start_each
 from tests.support.nginx import nginx
 from tsd_twin.security import Role, Users
 
@@ -77,9 +78,14 @@ def access_flags(folder: Path) -> list[str]:
     ]
 
 
-def served(start: Start, *flags: str) -> str:
-    """Start a robot and a dashboard; return its address."""
-    endpoint = start("tsd_mock", "--listen", "tcp/127.0.0.1:0").ready().split()[-1]
+@pytest.fixture(scope="module")
+def endpoint(start_shared: Start) -> str:
+    """A robot for all tests."""
+    return start_shared("tsd_mock", "--listen", "tcp/127.0.0.1:0").ready().split()[-1]
+
+
+def served(start: Start, endpoint: str, *flags: str) -> str:
+    """Start a dashboard of the robot; return its address."""
     line = start("tsd_dashboard", "--port", "0", "--connect", endpoint, *flags).ready()
     return re.findall(r"https?://\S+", line)[0]
 
@@ -131,24 +137,22 @@ def test_a_password_at_the_terminal_is_asked_for_twice_and_not_echoed(tmp_path: 
 # Refusals.
 
 
-@pytest.mark.parametrize(
-    ("flags", "sentence"),
-    [
-        (["--host", "0.0.0.0"], "--users FILE"),
-        (["--host", "0.0.0.0", "--users", "{users}"], "--tls-cert"),
-        (["--host", "0.0.0.0", "--users", "{users}", "--behind-proxy"], "passwords"),
-        (["--behind-proxy"], "--users FILE"),
-        (["--tls-cert", "{pem}"], "go together"),
-        (["--tls-cert", "{pem}", "--tls-key", "{other}"], "is not the key of"),
-        (["--tls-cert", "{pem}", "--tls-key", "nowhere.key"], "nowhere.key cannot be read"),
-        (["--tls-cert", "{users}", "--tls-key", "{other}"], "as a certificate"),
-        (["--users", "nowhere.toml"], "nowhere.toml cannot be read"),
-        (["--users", "{open}"], "chmod 600"),
-    ],
-)
-def test_what_would_be_open_or_cannot_work_is_one_sentence(
-    start: Start, folder: Path, tmp_path: Path, flags: list[str], sentence: str
-) -> None:
+REFUSALS = [
+    (["--host", "0.0.0.0"], "--users FILE"),
+    (["--host", "0.0.0.0", "--users", "{users}"], "--tls-cert"),
+    (["--host", "0.0.0.0", "--users", "{users}", "--behind-proxy"], "passwords"),
+    (["--behind-proxy"], "--users FILE"),
+    (["--tls-cert", "{pem}"], "go together"),
+    (["--tls-cert", "{pem}", "--tls-key", "{other}"], "is not the key of"),
+    (["--tls-cert", "{pem}", "--tls-key", "nowhere.key"], "nowhere.key cannot be read"),
+    (["--tls-cert", "{users}", "--tls-key", "{other}"], "as a certificate"),
+    (["--users", "nowhere.toml"], "nowhere.toml cannot be read"),
+    (["--users", "{open}"], "chmod 600"),
+]
+"""Flags, and words of the sentence that refuses them."""
+
+
+def test_what_would_be_open_or_cannot_work_is_one_sentence(folder: Path, tmp_path: Path) -> None:
     readable = tmp_path / "users.toml"
     readable.write_bytes((folder / "users.toml").read_bytes())
     readable.chmod(0o644)
@@ -158,16 +162,17 @@ def test_what_would_be_open_or_cannot_work_is_one_sentence(
         "other": folder / "keys" / "ca.key",
         "open": readable,
     }
-    program = start("tsd_dashboard", "--port", "0", *(flag.format(**places) for flag in flags))
-    assert program.wait() == 1
-    assert sentence in program.sentence
-    assert len(program.errors) == 1
+    mistakes = [["--port", "0", *(each.format(**places) for each in row)] for row, _ in REFUSALS]
+    refused = start_each("tsd_dashboard", mistakes, tmp_path)
+    for (flags, sentence), ended in zip(REFUSALS, refused, strict=True):
+        assert ended.code == 1, flags
+        assert sentence in ended.said, flags
+        assert len(ended.said.splitlines()) == 1, flags
 
 
 def test_users_beside_an_open_bus_are_warned_of_before_it_is_ready(
-    start: Start, folder: Path
+    start: Start, folder: Path, endpoint: str
 ) -> None:
-    endpoint = start("tsd_mock", "--listen", "tcp/127.0.0.1:0").ready().split()[-1]
     flags = ("--port", "0", "--connect", endpoint)
     guarded = start("tsd_dashboard", *flags, "--users", str(folder / "users.toml"))
     guarded.ready()
@@ -191,9 +196,9 @@ def log_in(page: Page, name: str, phrase: str = PHRASE) -> None:
 
 @pytest.mark.parametrize("browser", [FLAGS_WITHOUT_SCENE], indirect=True, ids=["no scene"])
 def test_alice_logs_in_drives_under_her_name_and_logs_out(
-    start: Start, folder: Path, context: BrowserContext
+    start: Start, folder: Path, endpoint: str, context: BrowserContext
 ) -> None:
-    url = served(start, "--host", "0.0.0.0", *access_flags(folder))
+    url = served(start, endpoint, "--host", "0.0.0.0", *access_flags(folder))
     url = url.replace("0.0.0.0", "localhost")
     page = context.new_page()
     page.goto(url)
@@ -220,9 +225,9 @@ def test_alice_logs_in_drives_under_her_name_and_logs_out(
 
 
 def test_a_viewer_in_a_browser_has_nothing_to_drive_with_and_goes_when_logged_out(
-    start: Start, folder: Path, context: BrowserContext
+    start: Start, folder: Path, endpoint: str, context: BrowserContext
 ) -> None:
-    url = served(start, *access_flags(folder))
+    url = served(start, endpoint, *access_flags(folder))
     page = context.new_page()
     page.goto(url)
     log_in(page, "guest")
@@ -238,12 +243,12 @@ def test_a_viewer_in_a_browser_has_nothing_to_drive_with_and_goes_when_logged_ou
 
 
 def test_nginx_as_on_the_page_of_the_docs(
-    start: Start, folder: Path, context: BrowserContext, tmp_path: Path
+    start: Start, folder: Path, endpoint: str, context: BrowserContext, tmp_path: Path
 ) -> None:
     with nginx(tmp_path, folder / "keys") as proxy:
         host = f"robots.example:{proxy.port}"
         flags = ("--users", str(folder / "users.toml"), "--behind-proxy", "--allow-host", host)
-        url = served(start, *flags)
+        url = served(start, endpoint, *flags)
         proxy.pass_on_to(url)
         page = context.new_page()
         page.goto(f"https://localhost:{proxy.port}/twin/")

@@ -27,21 +27,11 @@ PIECES = 1000
 
 
 @pytest.fixture(scope="module")
-def shared(tmp_path_factory: pytest.TempPathFactory) -> Generator[Machine]:
+def shared(start_shared: Start, tmp_path_factory: pytest.TempPathFactory) -> Generator[Machine]:
     """One machine for all tests: each leaves it as it likes, and the next gets it ready again."""
-    started: list[Program] = []
-
-    def start(*arguments: str) -> Program:
-        started.append(Program(list(arguments)))
-        return started[-1]
-
-    try:
-        made = Machine(start, tmp_path_factory.mktemp("machine"))
-        yield made
-        made.close()
-    finally:
-        for program in reversed(started):
-            program.clean_up()
+    made = Machine(start_shared, tmp_path_factory.mktemp("machine"))
+    yield made
+    made.close()
 
 
 @pytest.fixture

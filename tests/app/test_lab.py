@@ -11,6 +11,7 @@ import pytest
 from tests.app.conftest import Program
 from tests.support.bus_operator import BusOperator
 from tests.support.experiment_runs import is_picture
+from tests.support.mistaken_programs import start_each
 from tests.support.robot_node import running
 from tsd_lab import EXPERIMENTS
 
@@ -29,14 +30,16 @@ def test_it_prints_figures_and_says_where_the_files_are(start: Start, tmp_path: 
     assert is_picture(folder / "motors.png")
 
 
-def test_help_lists_all_experiments_and_each_has_examples(start: Start) -> None:
-    lists = start("tsd_lab", "--help")
-    each = {e.name: start("tsd_lab", e.name, "--help") for e in EXPERIMENTS}
-    assert lists.wait() == 0
-    for name, shown in each.items():
-        assert any(line.strip().startswith(name) for line in lists.output)
-        assert shown.wait() == 0
-        assert any(line.startswith(f"  tsd-lab {name}") for line in shown.output)
+def test_help_lists_all_experiments_and_each_has_examples(tmp_path: Path) -> None:
+    names = [experiment.name for experiment in EXPERIMENTS]
+    lists, *each = start_each(
+        "tsd_lab", [["--help"], *([name, "--help"] for name in names)], tmp_path
+    )
+    assert lists.code == 0
+    for name, shown in zip(names, each, strict=True):
+        assert any(line.strip().startswith(name) for line in lists.printed.splitlines())
+        assert shown.code == 0
+        assert any(line.startswith(f"  tsd-lab {name}") for line in shown.printed.splitlines())
 
 
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
@@ -52,18 +55,16 @@ def test_zeroing_that_is_interrupted_leaves_the_robot_disarmed_and_free(
         alice.wait_until(lambda: alice.status.lease.holder is None)
 
 
-@pytest.mark.parametrize(
-    ("flags", "sentence"),
-    [
+def test_a_mistake_is_one_sentence(tmp_path: Path) -> None:
+    mistakes = [
         (["square", "--robot", "nope"], "tsd-lab: nope: no such robot"),
         (["follow", "--points", "a", "b"], "tsd-lab: a point is two numbers"),
         (["calibrate", "--log", "nope.csv"], "tsd-lab: nope.csv cannot be read as a log"),
         (["zero", "--connect", "nonsense"], "tsd-lab: 'nonsense' is no endpoint: write it as"),
         (["motors", "--out", "/proc/lab"], "tsd-lab: /proc/lab cannot be written to"),
-    ],
-)
-def test_a_mistake_is_one_sentence(start: Start, flags: list[str], sentence: str) -> None:
-    lab = start("tsd_lab", *flags)
-    assert lab.wait() != 0
-    assert lab.sentence.startswith(sentence)
-    assert "\n" not in lab.sentence
+    ]
+    ended = start_each("tsd_lab", [flags for flags, _ in mistakes], tmp_path)
+    for (flags, sentence), lab in zip(mistakes, ended, strict=True):
+        assert lab.code != 0, flags
+        assert lab.said.startswith(sentence), flags
+        assert lab.said.count("\n") == 1, flags

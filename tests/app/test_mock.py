@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.app.conftest import PATIENCE_S, Program
+from tests.support.mistaken_programs import start_each
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.errors import NoAnswerError
@@ -68,9 +69,8 @@ def test_a_robot_of_ones_own_runs_under_its_own_name(start: Start, tmp_path: Pat
         assert "0.2" in json.loads(description(bus, "mine"))["robot"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
+def test_a_mistake_ends_in_one_clear_sentence(tmp_path: Path) -> None:
+    mistakes = [
         (["--robot", "tds"], ["no such robot", "did you mean 'tsd'"]),
         (["--robot", "missing/my.toml"], ["missing/my.toml", "cannot be read"]),
         (["--listen", "nonsense"], ["'nonsense' is no endpoint", "tcp/127.0.0.1:7447"]),
@@ -80,28 +80,22 @@ def test_a_robot_of_ones_own_runs_under_its_own_name(start: Start, tmp_path: Pat
         ([*ANY_PORT, "--jam", "module9_alpha"], ["'module9_alpha' is no gimbal of tsd"]),
         ([*ANY_PORT, "--robot", "atlas", "--camera"], ["--camera", "only its sphere turns"]),
         (["--colour", "red"], ["unrecognized arguments: --colour red"]),
-    ],
-)
-def test_a_mistake_ends_in_one_clear_sentence(
-    start: Start, arguments: list[str], words: list[str]
-) -> None:
-    mock = start("tsd_mock", *arguments)
-    assert mock.wait() != 0
-    assert "Traceback" not in mock.sentence
-    # What stands before it is how the flags are written, over as many lines as it takes.
-    assert len([x for x in mock.errors if not x.startswith(("usage:", " ")) and x.strip()]) == 1
-    for word in words:
-        assert word in mock.sentence
-
-
-def test_a_misspelt_key_is_named_with_the_file(start: Start, tmp_path: Path) -> None:
-    mine = tmp_path / "mine.toml"
-    mine.write_text(robots.read_description("tsd").replace("max_tilt_deg", "max_tlit_deg"))
-    mock = start("tsd_mock", "--robot", str(mine), *ANY_PORT)
-    assert mock.wait() == 1
-    assert "mine.toml" in mock.sentence
-    assert "max_tlit_deg" in mock.sentence
-    assert "did you mean 'max_tilt_deg'" in mock.sentence
+        (
+            ["--robot", "misspelt.toml"],
+            ["misspelt.toml", "max_tlit_deg", "did you mean 'max_tilt_deg'"],
+        ),
+    ]
+    misspelt = robots.read_description("tsd").replace("max_tilt_deg", "max_tlit_deg")
+    (tmp_path / "misspelt.toml").write_text(misspelt)
+    ended = start_each("tsd_mock", [arguments for arguments, _ in mistakes], tmp_path)
+    for (arguments, words), mock in zip(mistakes, ended, strict=True):
+        assert mock.code != 0, arguments
+        assert "Traceback" not in mock.said
+        # What stands before it is how the flags are written, over as many lines as it takes.
+        said = mock.said.splitlines()
+        assert len([x for x in said if not x.startswith(("usage:", " ")) and x.strip()]) == 1
+        for word in words:
+            assert word in mock.said, arguments
 
 
 def test_a_port_in_use_is_named(start: Start) -> None:
@@ -139,11 +133,11 @@ def test_a_second_robot_with_the_same_id_refuses_and_the_first_runs_on(start: St
     assert first.process.poll() is None
 
 
-def test_help_shows_examples(start: Start) -> None:
-    mock = start("tsd_mock", "--help")
-    assert mock.wait() == 0
-    assert "examples:" in "\n".join(mock.output)
-    assert "--robot" in "\n".join(mock.output)
+def test_help_shows_examples(tmp_path: Path) -> None:
+    (shown,) = start_each("tsd_mock", [["--help"]], tmp_path)
+    assert shown.code == 0
+    assert "examples:" in shown.printed
+    assert "--robot" in shown.printed
 
 
 def test_its_camera_tells_the_robot_where_it_is(start: Start) -> None:

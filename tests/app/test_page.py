@@ -14,7 +14,15 @@ import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect
 
 from tests.app.conftest import Program
-from tests.support.browser import PATIENCE_MS, QUICK, centre, mode, press, take_control_and_arm
+from tests.support.browser import (
+    PATIENCE_MS,
+    QUICK,
+    centre,
+    give_back,
+    mode,
+    press,
+    take_control_and_arm,
+)
 from tsd_twin.bus import Bus, Config, client_config
 from tsd_twin.dashboard.viser_compat.viser_server import (
     CAMERA_OFFSET_M,
@@ -136,9 +144,11 @@ class Demo:
     failures: list[str]
 
 
-@pytest.fixture
-def demo(start: Callable[..., Program], browser: Browser) -> Iterator[Demo]:
-    line = start("tsd_demo", "--no-record", "--no-browser", "--until-eof", *ANY_PORTS).ready()
+@pytest.fixture(scope="module")
+def shared(start_shared: Callable[..., Program], browser: Browser) -> Iterator[Demo]:
+    """One demo and one page for all tests: starting them takes most of the time."""
+    flags = ("--no-record", "--no-browser", "--until-eof", *ANY_PORTS)
+    line = start_shared("tsd_demo", *flags).ready()
     url, endpoint = re.findall(r"http://\S+|tcp/[\d.:]+", line)
     context = browser.new_context(viewport={"width": 960, "height": 600})
     page = context.new_page()
@@ -155,6 +165,14 @@ def demo(start: Callable[..., Program], browser: Browser) -> Iterator[Demo]:
         press(page, "Skip")
         yield Demo(page, watcher, console, failures)
     context.close()
+
+
+@pytest.fixture
+def demo(shared: Demo) -> Iterator[Demo]:
+    """The demo with its robot disarmed, under no operator's control, and at rest."""
+    yield shared
+    give_back(shared.page)
+    shared.watcher.until(lambda: shared.watcher.at_rest, "standstill")
 
 
 _ORDER = """() => new Promise((done) => {

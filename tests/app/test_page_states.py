@@ -303,3 +303,20 @@ def test_what_was_the_drawer_of_a_phone_is_let_alone_when_it_is_one_no_more(
     expect(drawer).not_to_have_attribute("data-tsd-drawer", "")
     stage.resize(1280, 720)
     expect(marked).to_have_count(0)
+
+
+@pytest.mark.parametrize(("contents", "clicks"), [("block", 1), ("none", 0)])
+def test_an_open_drawer_is_folded_also_before_its_contents_are_there(
+    stage: PageStage, contents: str, clicks: int
+) -> None:
+    stage.page.evaluate(
+        """(display) => document.querySelector("canvas").parentElement.insertAdjacentHTML(
+        "beforebegin", `<div id="drawer" style="position: fixed; bottom: 0">
+        <div style="cursor: pointer; height: 40px" onclick="drawer.append('clicked')"></div>
+        <div style="display: ${display}"></div></div>`)""",
+        contents,
+    )
+    stage.resize(520, 390)
+    drawer = stage.page.locator("#drawer")
+    expect(drawer).to_have_attribute("data-tsd-drawer", "")
+    expect(drawer).to_have_text("clicked" * clicks)

@@ -80,6 +80,16 @@ class Stage:
         self.page.get_by_role("tab", name="Plots").click(timeout=PATIENCE_MS)
         expect(self.area.locator(".u-over").first).to_be_visible(timeout=PATIENCE_MS)
 
+    def reset(self) -> None:
+        """Go back to what a first visit shows: the usual fields, the last 20 s, and going on."""
+        self.button("Fields").click()
+        self.button("Usual fields").click()
+        self.button("Fields").click()
+        self.window.select_option("20")
+        if self.button("Go on").is_visible():
+            self.button("Go on").click()
+        expect(self.button("Pause")).to_be_visible()
+
     def choose(self, name: str) -> None:
         """By keyboard: the space bar would be STOP."""
         self.button("Fields").click()
@@ -112,10 +122,11 @@ class Stage:
             span_s = max(times_s, default=0.0) - min(times_s, default=0.0)
 
 
-@pytest.fixture
-def stage(browser: Browser, start: Callable[..., Program]) -> Iterator[Stage]:
-    endpoint = start("tsd_mock", "--listen", "tcp/127.0.0.1:0").ready().split()[-1]
-    dashboard = start("tsd_dashboard", "--port", "0", "--connect", endpoint)
+@pytest.fixture(scope="module")
+def shared(browser: Browser, start_shared: Callable[..., Program]) -> Iterator[Stage]:
+    """One robot and one page for all tests: starting them takes most of the time."""
+    endpoint = start_shared("tsd_mock", "--listen", "tcp/127.0.0.1:0").ready().split()[-1]
+    dashboard = start_shared("tsd_dashboard", "--port", "0", "--connect", endpoint)
     url = re.findall(r"http://\S+", dashboard.ready())[0]
     page = browser.new_page(viewport={"width": 900, "height": 700})
     page.add_init_script("localStorage.setItem('tsd.hints', 'seen')")
@@ -128,6 +139,12 @@ def stage(browser: Browser, start: Callable[..., Program]) -> Iterator[Stage]:
         yield made
     page.close()
     assert errors == []
+
+
+@pytest.fixture
+def stage(shared: Stage) -> Iterator[Stage]:
+    yield shared
+    shared.reset()
 
 
 def test_a_file_of_the_plots_holds_what_another_subscriber_saw(

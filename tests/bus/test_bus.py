@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Callable
 
 import pytest
@@ -121,6 +123,32 @@ def test_what_is_far_too_long_for_a_command_does_not_arrive(
     publisher.put(b"x" * 5000)
     publisher.put(b"x" * 4000)
     assert len(box.next().payload) == 4000
+
+
+def test_a_publisher_can_be_closed_while_another_thread_puts(robot: Bus) -> None:
+    """As when a robot comes back while it is driven: Zenoh alone raises RuntimeError on both."""
+    publishers = [robot.publisher(f"twin/tsd/test/{number}", QoS.REAL_TIME) for number in range(50)]
+    errors: list[BaseException] = []
+
+    def put_until_closed() -> None:
+        for publisher in publishers:
+            try:
+                while True:
+                    publisher.put(b"x")
+            except BusError:
+                continue  # It has been closed.
+            except BaseException as error:
+                errors.append(error)
+                return
+
+    putting = threading.Thread(target=put_until_closed)
+    putting.start()
+    for publisher in publishers:
+        time.sleep(0.001)
+        publisher.close()
+    putting.join(10.0)
+    assert not putting.is_alive()
+    assert errors == []
 
 
 def test_a_closed_session_is_used_in_vain_and_says_so(robot: Bus) -> None:

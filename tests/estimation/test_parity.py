@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 
 from tsd_twin import robots
-from tsd_twin.estimation.consistency import ParityTest
+from tsd_twin.estimation.consistency import ParityTest, chi_square_bound
 from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import Array
 
@@ -38,6 +38,13 @@ def test_the_threshold_is_that_of_three_degrees_of_freedom() -> None:
     assert test.threshold == pytest.approx(chi2.isf(1e-4, 3), rel=1e-9)
     other = ParityTest.at(DRIVE, DRIVE.inverse(np.zeros(3)), sigmas(0.05), false_alarm=0.05)
     assert other.threshold == pytest.approx(chi2.isf(0.05, 3), rel=1e-9)
+
+
+@pytest.mark.parametrize("dimensions", range(1, 13))
+def test_a_bound_is_the_quantile_of_the_chi_square(dimensions: int) -> None:
+    for beyond in (0.29, 0.05, 0.01, 1e-4, 1e-9):
+        bound = chi_square_bound(dimensions, beyond)
+        assert bound == pytest.approx(chi2.isf(beyond, dimensions), rel=1e-13)
 
 
 @pytest.mark.parametrize("tilt_deg", [0.05, 0.3])

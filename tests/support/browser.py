@@ -93,6 +93,23 @@ def take_control_and_arm(page: Page, robot: str = "") -> None:
     mode(page, "ready")
 
 
+def give_back(page: Page) -> None:
+    """Let go of all that drives, and disarm and release the robot, whatever a test has left."""
+    page.mouse.up()
+    for key in "wasdqeg":
+        page.keyboard.up(key)
+    free = page.get_by_role("button", name="Take control", exact=True)
+    said = page.get_by_role("status", name="Mode")
+    for _ in range(PATIENCE_MS // 100):  # Each turn waits for 100 ms.
+        if "disarmed" not in said.inner_text().lower():
+            click_through(page, "Take control", "Reset stop", "Disarm")
+        elif not free.is_visible():
+            click_through(page, "Release control")
+        else:
+            return
+    raise AssertionError(f"neither disarmed nor free: {said.inner_text()}")
+
+
 def centre(page: Page, role: str, name: str) -> tuple[float, float, float]:
     """Return the centre of an element, and half its height, in pixels."""
     box = page.get_by_role(role, name=name).bounding_box()

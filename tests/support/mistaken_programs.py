@@ -1,4 +1,4 @@
-"""Programs started with mistakes, many of one program in one process that has imported it once."""
+"""Programs that end at once, as after a mistake, many of one program in one process."""
 
 from __future__ import annotations
 
@@ -16,28 +16,32 @@ _RUNNER = """
 import importlib, json, os, signal, sys, tempfile
 module = importlib.import_module(sys.argv[1])
 for flags in json.loads(sys.argv[2]):
-    with tempfile.TemporaryFile() as errors:
+    with tempfile.TemporaryFile() as errors, tempfile.TemporaryFile() as output:
         child = os.fork()
         if child == 0:
             signal.alarm(int(sys.argv[3]))
             os.dup2(errors.fileno(), 2)
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+            os.dup2(output.fileno(), 1)
             os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
             sys.argv = [sys.argv[1], *flags]
             try:
                 module.main()
             except SystemExit as end:
+                sys.stdout.flush()
                 if isinstance(end.code, str):
                     os.write(2, (end.code + "\\n").encode())
                 os._exit(1 if isinstance(end.code, str) else end.code or 0)
             except BaseException:
                 sys.excepthook(*sys.exc_info())
                 os._exit(99)
+            sys.stdout.flush()
             os._exit(0)
         _, status = os.waitpid(child, 0)
-        errors.seek(0)
-        said = errors.read().decode()
-    print(json.dumps([os.waitstatus_to_exitcode(status), said]), flush=True)
+        texts = []
+        for file in (errors, output):
+            file.seek(0)
+            texts.append(file.read().decode())
+    print(json.dumps([os.waitstatus_to_exitcode(status), *texts]), flush=True)
 """
 
 
@@ -48,6 +52,8 @@ class Ended:
     code: int
     said: str
     """Text on standard error."""
+    printed: str
+    """Text on standard output."""
 
 
 def start_each(module: str, mistakes: Sequence[Sequence[str]], folder: Path) -> list[Ended]:

@@ -1,25 +1,26 @@
 """The page of the dashboard in a browser, with the test as its server and without a scene.
 
-The files come from the source tree and the socket is answered in the page, so a state of the robot,
-or any other message, is shown at once.
+The files are served from the source tree and the socket is answered in the page, so a state of the
+robot, or any other message, is shown at once.
 """
 
 from __future__ import annotations
 
 import copy
-import mimetypes
+import tempfile
+import threading
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
-from playwright.sync_api import Browser, Page, Route
+from playwright.sync_api import Browser, Page
 
 from tsd_twin.dashboard import server
 
 STATIC = Path(server.__file__).parents[1] / "static"
-ORIGIN = "http://localhost:9/"
-"""Nothing is sent to it: every request is answered here."""
 OPERATOR = "web-01234567"
 _HTML = """<!doctype html><html data-mantine-color-scheme="light"><body style="margin:0">
 <div style="position:fixed;inset:0"><canvas data-engine></canvas></div>
@@ -30,6 +31,8 @@ _HTML = """<!doctype html><html data-mantine-color-scheme="light"><body style="m
 <svg class="tabler-icon tabler-icon-cloud-check" width="10" height="10"></svg>
 <script type="module" src="static/overlay.js"></script></body></html>"""
 _SOCKET = """
+if (location.protocol === "http:" && location.search !== "?hints")
+  localStorage.setItem("tsd.hints", "seen");
 window.tsd = {page: "0123456789abcdef", hasFocus: () => true, plain: true};
 window.sent = [];
 window.now = null;
@@ -225,38 +228,63 @@ def welcome(names: list[dict[str, str]]) -> dict[str, Any]:
     }
 
 
-def _answer(asked: Route) -> None:
-    path = asked.request.url.removeprefix(ORIGIN).partition("?")[0]
-    file = STATIC / Path(path).name
-    if not path:
-        asked.fulfill(body=_HTML, content_type="text/html")
-    elif path.startswith("static/") and file.is_file():
-        kind = mimetypes.guess_type(file.name)[0] or "application/octet-stream"
-        asked.fulfill(body=file.read_text(encoding="utf-8"), content_type=kind)
-    else:
-        asked.fulfill(status=404, body="")
+class _Silent(SimpleHTTPRequestHandler):
+    """Serves files, and logs nothing."""
+
+    def log_message(self, *_: object) -> None:
+        """Say nothing."""
+
+
+@contextmanager
+def _served() -> Generator[str]:
+    """Serve the page and the files of the source tree; yield the address."""
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder, "index.html").write_text(_HTML, "utf-8")
+        Path(folder, "static").symlink_to(STATIC)
+        with ThreadingHTTPServer(("127.0.0.1", 0), partial(_Silent, directory=folder)) as files:
+            serving = threading.Thread(target=files.serve_forever, args=(0.1,))
+            serving.start()
+            try:
+                yield f"http://127.0.0.1:{files.server_port}/"
+            finally:
+                files.shutdown()
+                serving.join()
+
+
+def _page_of(browser: Browser) -> Page:
+    """Return the page that all stages of a browser use, one after another: a new one costs more."""
+    if browser.contexts:
+        return browser.contexts[0].pages[0]
+    page = browser.new_context().new_page()
+    page.add_init_script(_SOCKET)
+    return page
 
 
 @contextmanager
 def page_stage(browser: Browser, *, hints: bool = False) -> Generator[PageStage]:
-    """Open the page with one robot, tsd; hints of the first visit only when asked for."""
-    context = browser.new_context(viewport={"width": 1280, "height": 720})
-    page = context.new_page()
+    """Open the page with one robot, tsd; hints of the first visit only when asked for.
+
+    Each stage has an address of its own, so the page remembers nothing of the last one.
+    """
+    page = _page_of(browser)
     failures: list[str] = []
-    page.on("pageerror", lambda error: failures.append(str(error)))
-    page.route(f"{ORIGIN}**", _answer)
-    page.add_init_script(_SOCKET)
-    if not hints:
-        page.add_init_script("localStorage.setItem('tsd.hints', 'seen')")
-    page.goto(ORIGIN)
-    page.wait_for_function(
-        "Boolean(window.socket?.onmessage) && overlay().querySelector('.stop') !== null"
-    )
-    # Sizes and places are those of the style sheets.
-    page.wait_for_function("overlay().querySelector('.frame').style.visibility === ''")
-    stage = PageStage(page)
-    stage.choose("tsd")
-    stage.show(state())
-    yield stage
-    context.close()
+
+    def failed(error: object) -> None:
+        failures.append(str(error))
+
+    with _served() as address:
+        page.set_viewport_size({"width": 1280, "height": 720})
+        page.on("pageerror", failed)
+        page.goto(f"{address}{'?hints' if hints else ''}")
+        page.wait_for_function(
+            "Boolean(window.socket?.onmessage) && overlay().querySelector('.stop') !== null"
+        )
+        # Sizes and places are those of the style sheets.
+        page.wait_for_function("overlay().querySelector('.frame').style.visibility === ''")
+        stage = PageStage(page)
+        stage.choose("tsd")
+        stage.show(state())
+        yield stage
+        page.goto("about:blank")
+        page.remove_listener("pageerror", failed)
     assert failures == []

@@ -21,19 +21,22 @@ from tsd_twin.messages.topics import QoS
 
 
 class Publisher:
-    """Publisher on one key; a put never blocks."""
+    """Publisher on one key; a put never blocks. Any thread may use or close it."""
 
     def __init__(self, publisher: zenoh.Publisher | zenoh.ext.AdvancedPublisher) -> None:
         self._publisher = publisher
+        # Zenoh refuses to undeclare a publisher during a put, and to put while it is undeclared.
+        self._lock = threading.Lock()
 
     def put(self, payload: bytes, attachment: bytes = b"") -> None:
         """Send a payload; a missing subscriber is no error.
 
         Raises:
-            BusError: the session is closed.
+            BusError: the session or the publisher is closed.
         """
         try:
-            self._publisher.put(payload, attachment=attachment or None)
+            with self._lock:
+                self._publisher.put(payload, attachment=attachment or None)
         except zenoh.ZError as error:
             raise BusError(reason(error)) from error
 
@@ -47,7 +50,8 @@ class Publisher:
 
     def close(self) -> None:
         """Undeclare the publisher."""
-        self._publisher.undeclare()
+        with self._lock:
+            self._publisher.undeclare()
 
 
 class Subscriber:

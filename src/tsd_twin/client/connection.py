@@ -34,6 +34,7 @@ from tsd_twin.robots import RobotDescription
 
 _DESCRIPTION_S = 5.0
 """A session that has just joined does not hear of every robot at once."""
+_ASK_AGAIN_S = 0.02
 _DESCRIPTION_BYTES = 2**20
 """A description is its TOML and its URDF, some 30 kB."""
 _MAX_SENT_COMMANDS = 100
@@ -94,6 +95,7 @@ class RobotConnection:
             except NoAnswerError:
                 if time.monotonic() > end_s:
                     raise
+                time.sleep(_ASK_AGAIN_S)  # Without such a robot the answer is none, and at once.
 
     def now_s(self) -> float:
         """Return the time of the monotonic clock."""

@@ -182,13 +182,14 @@ class RobotDiscovery:
         came: list[str] = []
         while not self._fetched.empty():
             link = self._fetched.get()
-            if link.id in self._links:  # It was restarted, perhaps as another robot.
-                self._links[link.id].close()
-            elif len(self._links) >= MOST_ROBOTS:
+            before = self._links.get(link.id)
+            if before is None and len(self._links) >= MOST_ROBOTS:
                 link.close()
                 continue
             self._links[link.id] = link
             came.append(link.id)
+            if before is not None:  # It was restarted, perhaps as another robot.
+                before.close()
         for link in self._links.values():
             link.has_duplicate = len(self._instances.get(link.id, ())) > 1
         if came:

@@ -14,7 +14,7 @@ from tsd_twin.errors import MeshError
 from tsd_twin.models.links import draw_parts, kinematic_tree
 from tsd_twin.models.solids import Link, Material, Part, Parts
 from tsd_twin.models.urdf import urdf
-from tsd_twin.robots import RobotDescription, load_robot, robot_names
+from tsd_twin.robots import RobotDescription, SphereDescription, load_robot, robot_names
 from tsd_twin.robots.description import Colour, Positive, Share
 
 if TYPE_CHECKING:
@@ -100,7 +100,8 @@ _NOT_DRAWN = {
     "title", "sources", "assumptions", "limits", "battery", "pose_sensor",
     "calibration", "noise", "errors", "floor", "gyro",
 }  # fmt: skip
-"""Fields of descriptions that no model depends on."""
+"""Fields of descriptions that no model depends on; nor `motor`, but for a sphere, whose wheels turn
+as fast as its motors can."""
 
 
 def robot_urdf(robot: RobotDescription) -> str:
@@ -120,11 +121,12 @@ def robot_urdf(robot: RobotDescription) -> str:
 
 def _drawn_alike(a: RobotDescription, b: RobotDescription) -> bool:
     """Whether two robots are of one kind and equal in all that their models depend on."""
-    return type(a) is type(b) and all(
-        getattr(a, name) == getattr(b, name)
-        for name in a.__struct_fields__
-        if name not in _NOT_DRAWN
-    )
+    names = set(a.__struct_fields__) - _not_drawn(a)
+    return type(a) is type(b) and all(getattr(a, name) == getattr(b, name) for name in names)
+
+
+def _not_drawn(robot: RobotDescription) -> set[str]:
+    return _NOT_DRAWN if isinstance(robot, SphereDescription) else {*_NOT_DRAWN, "motor"}
 
 
 def read_model(folder: Path, kinds: Sequence[Link]) -> Parts:

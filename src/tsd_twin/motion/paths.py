@@ -11,11 +11,6 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.interpolate import (
-    BPoly,  # pyright: ignore
-    CubicSpline,  # pyright: ignore
-    make_interp_spline,  # pyright: ignore
-)
 
 from tsd_twin.errors import PathError
 from tsd_twin.lie import Array, sinc, wrap
@@ -201,6 +196,9 @@ def spline(points_m: Array | Sequence[Sequence[float]]) -> Curve:
     closed = bool(np.allclose(points[0], points[-1], rtol=0.0, atol=1e-9))
     if closed:
         points = np.concatenate([points[:-1], points[:1]])
+    # A quarter of a second: imported where a path bends, which is not needed to drive.
+    from scipy.interpolate import CubicSpline  # pyright: ignore
+
     ends = "periodic" if closed else "natural"
     knots = np.concatenate([[0.0], np.cumsum(chords)])
     return Curve(CubicSpline(knots, points, bc_type=ends), knots, smooth=False)
@@ -218,6 +216,8 @@ def function(
     y = np.broadcast_to(np.asarray(f(x), dtype=float), x.shape)
     if not np.isfinite(y).all() or start_x_m == end_x_m:
         raise PathError(f"f(x) must be finite from {start_x_m} to {end_x_m}, two different places")
+    from scipy.interpolate import make_interp_spline  # pyright: ignore  As in `spline`.
+
     # scipy has no types for it.
     smooth: Any = make_interp_spline(t, np.stack([x, y], axis=-1), k=5)  # pyright: ignore
     return Curve(smooth, t)
@@ -244,6 +244,8 @@ def blend(start_m: Array, corner_m: Array, end_m: Array) -> Curve:
 
 
 def _bezier(points: Array) -> Any:
+    from scipy.interpolate import BPoly  # pyright: ignore  As in `spline`.
+
     return BPoly(points[:, None, :], _UNIT)
 
 

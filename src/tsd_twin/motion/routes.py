@@ -8,8 +8,6 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-from scipy import interpolate  # pyright: ignore
-from scipy.interpolate import CubicSpline  # pyright: ignore
 
 from tsd_twin.errors import PathError
 from tsd_twin.lie import SE2, Array, wrap
@@ -95,6 +93,8 @@ class SampledHeading:
     def __init__(self, s_m: Sequence[float], heading_rad: Sequence[float]) -> None:
         if len(s_m) != len(heading_rad) or len(s_m) < 2 or np.min(np.diff(s_m)) <= 0.0:
             raise PathError("a heading profile needs two rising arc lengths or more, with headings")
+        from scipy.interpolate import CubicSpline  # pyright: ignore  Late, as in `paths`.
+
         spline: Any = CubicSpline(s_m, heading_rad, bc_type="clamped")
         self._by_order = [spline, spline.derivative(1), spline.derivative(2)]
         self._ends = float(s_m[0]), float(s_m[-1])
@@ -263,6 +263,8 @@ def _smooth(points: Array) -> Path:
 
 
 def _fit(points: Array, weights: Array, at: Array, rms_m: float) -> Any:
+    from scipy import interpolate  # pyright: ignore  Late, as in `paths`.
+
     # scipy has no types for it. With the full output it does not warn about a near-convergence.
     scipy: Any = interpolate
     fit = scipy.splprep(points.T, w=weights, u=at, s=len(at) * rms_m**2, k=5, full_output=1)

@@ -36,6 +36,11 @@ class PathConstraints:
         self._kinematics, self._limits, self._share = kinematics, limits, share
         starts, ends = s[:-1] + _INSIDE_M, s[1:] - _INSIDE_M
         self._points: RoutePoints = route.at(np.stack([starts, ends], axis=-1))
+        bend = self._points.bend
+        # Both have `a` along the path; across it, the centripetal part over ground or in the body.
+        self._aside: Array = np.maximum(
+            np.abs(self._points.curvature), np.hypot(bend[..., 0], bend[..., 1])
+        )
         self.lengths_m: Array = np.diff(s)
         self.slowing = -0.5 / self.lengths_m
         """(n,): lowest a / u, at which a cell ends at rest."""
@@ -61,12 +66,7 @@ class PathConstraints:
     def _usage(self, cell: Any, end: int, a: Array, u: Array) -> Array:
         points, limits = self._points, self._limits
         change = points.per_m[cell, end] * a[..., None] + points.bend[cell, end] * u[..., None]
-        # Both have `a` along the path; across it, the centripetal part over ground or in the body.
-        bend = points.bend[cell, end]
-        aside = np.maximum(
-            np.abs(points.curvature[cell, end]), np.hypot(bend[..., 0], bend[..., 1])
-        )
-        across = aside * u
+        across = self._aside[cell, end] * u
         linear = np.where(a < 0.0, limits.deceleration_mps2, limits.acceleration_mps2)
         turn = np.abs(change[..., 2]) / limits.angular_acceleration_rad_per_s2
         joints = self._kinematics.rate_utilization(change, 1.0)

@@ -153,9 +153,7 @@ def test_a_camera_that_nobody_touches_follows_the_robot(desk: Desk, page: Page) 
 def test_a_key_on_a_slider_poses_the_gimbals(page: Page) -> None:
     slider = page.get_by_role("slider").first
     slider.focus()
-    for _ in range(20):
-        slider.press("ArrowRight")
-        page.wait_for_timeout(60)  # viser drops what comes within 50 ms of something else.
+    page.keyboard.press("End")
     until(page, lambda shown: magenta(shown) > 200)
     page.get_by_role("button", name="Zero").click()
     expect(slider).to_have_attribute("aria-valuenow", "0", timeout=1e3 * PATIENCE_S)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections.abc import Generator
@@ -63,6 +64,22 @@ def test_a_page_that_floods_is_cut_off_and_stays_out_for_a_while(
         assert int(refused.value.response.headers["Retry-After"]) >= 1
     with guarded.page("00000000000000ac", user="alice", cookie=alice) as page:
         page.make_ready()
+
+
+def test_a_flood_of_fragments_that_never_become_a_message_is_cut_off(guarded: Site) -> None:
+    """Empty ones never get too long, and the limits of messages never see them."""
+    guest = cookie_of(guarded.port, "guest")
+    with guarded.page("00000000000000aa", user="guest", cookie=guest) as page:
+        page.until(lambda: page.state)
+        page.send_together(Frame(Opcode.TEXT, b"", fin=False).serialize(mask=True))
+        fragments = Frame(Opcode.CONT, b"", fin=False).serialize(mask=True) * 1000
+        for _ in range(2 + int(TELEOP.on_the_wire.burst / len(fragments))):
+            with contextlib.suppress(OSError):
+                page.send_together(fragments)
+        page.until(lambda: page.closed is not None)
+        with pytest.raises(InvalidStatus) as refused:
+            Page(guarded.port, "00000000000000ab", cookie=guest)
+        assert refused.value.response.status_code == 429
 
 
 def test_a_flood_of_wishes_to_spring_back_reaches_the_panel_a_few_times(served: Site) -> None:

@@ -77,6 +77,7 @@ class _Connection(asyncio.Protocol):
         """When it came, or when its last request was answered."""
         self.handshake: asyncio.Task[Any] | None = None
         self._transport: asyncio.Transport | None = None
+        self._exceeds: Callable[[int], bool] | None = None
         self._inner = inner
         self._on_lost = on_lost
         self._stalled: tuple[int, float] | None = None
@@ -88,7 +89,10 @@ class _Connection(asyncio.Protocol):
         self._inner.connection_made(transport)
 
     def data_received(self, data: bytes) -> None:
-        self._inner.data_received(data)
+        if self._exceeds is not None and self._exceeds(len(data)):
+            self.drop()
+        else:
+            self._inner.data_received(data)
 
     def eof_received(self) -> bool | None:
         return self._inner.eof_received()
@@ -104,6 +108,10 @@ class _Connection(asyncio.Protocol):
     def connection_lost(self, exc: Exception | None) -> None:
         self._on_lost(self)
         self._inner.connection_lost(exc)
+
+    def limit_bytes(self, exceeds: Callable[[int], bool]) -> None:
+        """Drop the connection once `exceeds` returns True for the number of bytes that came."""
+        self._exceeds = exceeds
 
     # Time-outs.
 
@@ -206,10 +214,7 @@ class ConnectionLimiter:
     @web.middleware
     async def admit(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Count an authenticated request, or refuse it when its user has too many connections."""
-        transport = request.transport
-        connection = None if transport is None else transport.get_protocol()
-        if not isinstance(connection, _Connection):
-            raise ConnectionResetError("the connection has gone")
+        connection = _connection_of(request)
         principal = principal_or_none(request)
         if principal is not None:
             user = principal.user or ""
@@ -325,6 +330,27 @@ class ConnectionLimiter:
         for listener in self._listeners:
             listener.close()
         self._listeners.clear()
+
+
+def limit_bytes(request: web.Request, exceeds: Callable[[int], bool]) -> None:
+    """Drop the connection of a request once `exceeds` returns True for the bytes that came.
+
+    Frames that no message is made of, such as fragments without an end, never reach a handler.
+    """
+    _connection_of(request).limit_bytes(exceeds)
+
+
+def _connection_of(request: web.Request) -> _Connection:
+    """Return the connection of a request.
+
+    Raises:
+        ConnectionResetError: it has gone.
+    """
+    transport = request.transport
+    connection = None if transport is None else transport.get_protocol()
+    if not isinstance(connection, _Connection):
+        raise ConnectionResetError("the connection has gone")
+    return connection
 
 
 def allow_many_files() -> None:

@@ -17,6 +17,7 @@ from types import MappingProxyType
 from aiohttp import WSMessage, WSMsgType, web
 
 from tsd_twin.dashboard.scene.overlays import RateLimiter
+from tsd_twin.dashboard.server.connection_limits import limit_bytes
 
 POLICY_VIOLATION = 1008
 """Close code of a socket that floods."""
@@ -24,6 +25,8 @@ TOO_MUCH = "too many messages: this socket is closed"
 """Close reason of a socket that floods."""
 GRACE = 2.0
 """A socket is closed once it owes this many times its burst, beyond the burst itself."""
+_ON_THE_WIRE = 2.0
+"""Bytes on the wire for each byte of the shortest messages: a frame has a header of six."""
 _KIND = re.compile(r'\s*\{\s*"t"\s*:\s*"([a-z_]{1,20})"')
 _NEVER_DROPPED = frozenset({"stop", "release"})
 """Kinds that only make the robot stop."""
@@ -82,6 +85,12 @@ class SocketLimits:
     """Further limits of single kinds of text messages."""
     other: Quota
     """Limit of text messages whose kind cannot be told, or has no limit of its own."""
+
+    @property
+    def on_the_wire(self) -> Quota:
+        """Limit of all bytes; beyond what closes a socket that sends whole messages."""
+        size = self.size
+        return Quota(_ON_THE_WIRE * size.per_s, _ON_THE_WIRE * (1.0 + GRACE) * size.burst)
 
 
 TELEOP = SocketLimits(
@@ -249,6 +258,15 @@ class SocketReader:
         `socket` must not answer pings by itself: a flood of them would never come here.
         """
         limiter = SocketLimiter(limits)
+        wire = Bucket(limits.on_the_wire)
+
+        def exceeds(count: int) -> bool:
+            if wire.take(float(count), time.monotonic()) >= 0.0:
+                return False
+            self._note(key)
+            return True
+
+        limit_bytes(request, exceeds)
         in_a_row, before_s = 0, 0.0
         while True:
             if in_a_row >= TURN:

@@ -84,10 +84,11 @@ export class CanvasFrame {
         if (beside !== node && style.position === "fixed" && style.bottom === "0px") {
           this._drawer = beside;
           beside.setAttribute("data-tsd-drawer", "");
-          if (beside.getBoundingClientRect().height > 80) {
-            const handle = beside.querySelector('[style*="cursor: pointer"]');
-            if (handle instanceof HTMLElement) handle.click(); // It starts open, over the scene.
-          }
+          // It starts open, over the scene; how high it is says nothing before its contents are there.
+          const handle = beside.querySelector('[style*="cursor: pointer"]');
+          const contents = handle?.nextElementSibling;
+          const isOpen = contents && getComputedStyle(contents).display !== "none";
+          if (isOpen && handle instanceof HTMLElement) handle.click();
           return;
         }
       }
