@@ -32,7 +32,8 @@ def states(robot: RobotClient, seconds: float, *, vx_mps: float = 0.4) -> Iterat
 
 
 def feed(twin: ShadowTwin, state: RobotState) -> None:
-    twin.advance(state.joints, state.setpoint, state.odom.message, state.status)
+    stamp_ns = state.joints.stamp_ns
+    twin.advance(stamp_ns, state.joints, state.setpoint, state.odom.message, state.status)
 
 
 @pytest.mark.parametrize("name", robots.robot_names())
@@ -85,8 +86,9 @@ def test_states_that_come_twice_late_or_are_no_numbers_change_nothing() -> None:
             np.full(3, math.nan),
             state.joints.stamp_ns + 5_000_000,
         )
-        disturbed.advance(state.joints, nan, None, None)
-        disturbed.advance(JointState(["other"], np.zeros(1), np.zeros(1), 1), nan, None, None)
+        disturbed.advance(nan.stamp_ns, state.joints, nan, None, None)
+        other = JointState(["other"], np.zeros(1), np.zeros(1))
+        disturbed.advance(nan.stamp_ns, other, state.setpoint, None, None)
         before = state
     assert disturbed.report() == clean.report()
 
@@ -113,7 +115,7 @@ def test_a_pose_that_is_set_is_no_motion() -> None:
                 odom = type(odom)(
                     moved, odom.twist, odom.pose_covariance, odom.twist_covariance, odom.stamp_ns
                 )
-            twin.advance(state.joints, state.setpoint, odom, state.status)
+            twin.advance(odom.stamp_ns, state.joints, state.setpoint, odom, state.status)
             report = twin.report()
             assert report.pose is None or report.pose.inside
     assert report.pose is not None
@@ -133,5 +135,5 @@ def test_messages_that_come_one_by_one_in_any_order_are_put_together() -> None:
             else:
                 feed(direct, state)
             for name in random.permutation(list(parts)):
-                fed.add(str(name), parts[str(name)])
+                fed.add(str(name), parts[str(name)], state.joints.stamp_ns)
     assert fed.twin.report() == direct.report()

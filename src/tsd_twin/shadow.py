@@ -348,7 +348,7 @@ _PER_SECOND = 10.0
 class ShadowTwin:
     """Shadow twin of one robot: fed with its messages, it reports what differs.
 
-    No clock and no I/O: the stamps of the messages are its time.
+    No clock and no I/O: the stamps are its time.
     """
 
     def __init__(self, robot: RobotDescription) -> None:
@@ -388,16 +388,24 @@ class ShadowTwin:
         self._newest: tuple[SE2 | SO3, Array] | None = None
 
     def advance(
-        self, joints: JointState, setpoint: JointState, odom: Odometry | None, status: Status | None
+        self,
+        stamp_ns: int,
+        joints: JointState,
+        setpoint: JointState,
+        odom: Odometry | None,
+        status: Status | None,
     ) -> None:
-        """Take the messages of one period of the robot; older ones than the last are ignored."""
+        """Take the messages of one period of the robot; older ones than the last are ignored.
+
+        `stamp_ns` is the time of the period, best on the robot's monotonic clock.
+        """
         measured, wanted = self._vector(joints), self._vector(setpoint)
         if measured is None or wanted is None or not np.isfinite(wanted).all():
             return
-        dt_s = 1e-9 * (joints.stamp_ns - self._last_ns)
+        dt_s = 1e-9 * (stamp_ns - self._last_ns)
         if self._bank is not None and -_GAP_S < dt_s <= 0.0:
             return
-        self._last_ns = joints.stamp_ns
+        self._last_ns = stamp_ns
         goes_on = self._bank is not None and 0.0 < dt_s <= _GAP_S
         if status is not None:
             self._take_status(status, dt_s if goes_on else 0.0)
@@ -645,14 +653,19 @@ class ShadowFeed:
         """Newest status."""
         self._waiting: dict[int, dict[str, Any]] = {}
 
-    def add(self, stream: str, message: Any) -> None:
-        """Take a `JointState` of `joints` or `setpoint`, or an `Odometry` of `odom`."""
-        parts = self._waiting.setdefault(message.stamp_ns, {})
+    def add(self, stream: str, message: Any, robot_ns: int) -> None:
+        """Take a `JointState` of `joints` or `setpoint`, or an `Odometry` of `odom`.
+
+        `robot_ns` is the robot's monotonic clock when it was sent: equal for those of a period.
+        """
+        parts = self._waiting.setdefault(robot_ns, {})
         parts[stream] = message
         if len(parts) == len(STREAMS):
-            for stamp_ns in [each for each in self._waiting if each <= message.stamp_ns]:
-                del self._waiting[stamp_ns]
-            self.twin.advance(parts["joints"], parts["setpoint"], parts["odom"], self.status)
+            for each in [each for each in self._waiting if each <= robot_ns]:
+                del self._waiting[each]
+            self.twin.advance(
+                robot_ns, parts["joints"], parts["setpoint"], parts["odom"], self.status
+            )
         elif len(self._waiting) > 2 * _KEPT:
             del self._waiting[min(self._waiting)]
 

@@ -37,7 +37,7 @@ def test_a_worn_part_is_named_in_time_and_no_other(
 ) -> None:
     # A straight shows wheels, and starts and stops show servos.
     manoeuvre = "straight 1 m/s" if camera else "full stick"
-    case = Case(robot, plant, errors, 800, manoeuvre, 14.0, camera, wear, 8.0)
+    case = Case(robot, plant, errors, 800, manoeuvre, 13.0, camera, wear, 8.0)
     result = drive(case)
     assert result.found_s <= WITHIN_S, result.named
     assert result.wrong == 0, result.named

@@ -128,7 +128,7 @@ def health_of_recording(path: Path, robot_id: str | None, out: Output) -> list[s
                     feed.status = decode_status(entry.data)
                 else:
                     name, decode = decoders[entry.topic]
-                    feed.add(name, decode(entry.data))
+                    feed.add(name, decode(entry.data), entry.publish_ns)
             except MessageError:
                 continue
             if t_s >= next_s:
@@ -182,7 +182,8 @@ def health_of_robot(args: argparse.Namespace, out: Output) -> list[str]:
 
 
 def _feed(twin: ShadowTwin, state: RobotState) -> None:
-    twin.advance(state.joints, state.setpoint, state.odom.message, state.status)
+    stamp_ns = state.joints.stamp_ns
+    twin.advance(stamp_ns, state.joints, state.setpoint, state.odom.message, state.status)
 
 
 # Simulated robots.

@@ -20,7 +20,7 @@ def twins() -> int:
 def drive_to_and_fro(page: Page, seconds: float) -> None:
     end_s, sign = time.monotonic() + seconds, 1.0
     while time.monotonic() < end_s and not (page.state["shadow"] or {"drifts": []})["drifts"]:
-        page.holds = {"vx": 0.5 * sign, "vy": 0.3 * sign, "omega": 0.0}
+        page.drive(0.5 * sign, 0.3 * sign)
         sign = -sign
         time.sleep(0.4)
 
@@ -42,7 +42,7 @@ def test_a_page_that_shows_it_is_told_of_a_servo_that_gets_slow() -> None:
                 assert report["drifts"] == []
                 assert len(report["joints"]) == 9
                 worn.wear(Wear("module2_alpha", 0.3))
-                drive_to_and_fro(page, PATIENCE_S)
+                drive_to_and_fro(page, 2.0 * PATIENCE_S)
                 (drift,) = page.state["shadow"]["drifts"]
                 assert drift["part"] == "module2_alpha"
                 assert "servo of module 2 alpha" in drift["text"]

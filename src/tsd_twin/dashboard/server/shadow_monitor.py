@@ -13,7 +13,7 @@ from tsd_twin.client.connection import RobotConnection
 from tsd_twin.errors import MessageError
 from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.ros import decode_joints
-from tsd_twin.messages.status import decode_status
+from tsd_twin.messages.status import decode_stamp, decode_status
 from tsd_twin.messages.topics import ODOM, STATUS, Topic
 from tsd_twin.shadow import STREAMS, ShadowFeed, ShadowReport, ShadowTwin
 
@@ -87,15 +87,19 @@ class ShadowMonitor:
                     for each in stream.take_samples():
                         message = _decoded(link, STREAMS[name], each)
                         if message is not None:
-                            feed.add(name, message)
+                            feed.add(name, *message)
                 self._report = feed.twin.report()
 
 
 def _decoded(link: RobotConnection, topic: Topic, sample: Sample) -> Any:
-    """Return a message; None if it is none: another program writes on this key."""
+    """Return a status, or another message with the time of the robot's monotonic clock.
+
+    None if it is none: another program writes on this key.
+    """
     try:
         if topic is STATUS:
             return decode_status(sample.payload)
-        return (link.decode_odometry if topic is ODOM else decode_joints)(sample.payload)
+        decode = link.decode_odometry if topic is ODOM else decode_joints
+        return decode(sample.payload), decode_stamp(sample.attachment)[1]
     except MessageError:
         return None
