@@ -13,6 +13,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
+import numpy.typing as npt
 
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, SO3, Array
@@ -114,7 +115,7 @@ class _Cusum:
         self.sums = np.clip(self.sums + ratios, 0.0, 2.0 * _EVIDENCE)
 
     @property
-    def named(self) -> Array:
+    def named(self) -> npt.NDArray[np.bool_]:
         """(faults,): whether there is enough evidence."""
         return self.sums >= _EVIDENCE
 
@@ -196,7 +197,7 @@ class _ServoTest:
             self._judge(calm)
             self._block, self._samples, self._block_s = np.zeros_like(self._block), 0, 0.0
 
-    def _judge(self, calm: Array) -> None:
+    def _judge(self, calm: npt.NDArray[np.bool_]) -> None:
         """Weigh the sums of a block."""
         (strength, match), count = self._block, self._samples
         tells = strength > count * max(_LEAST_RAD, _LEAST_PLAY * self._play_rad) ** 2
@@ -385,7 +386,7 @@ class ShadowTwin:
         self._rolled: Any = kinematics.pose_type.identity()
         self._since_block_s = 0.0
         self._since_sample_s = 0.0
-        self._newest: tuple[SE2 | SO3, Array] | None = None
+        self._newest: tuple[Any, Array] | None = None
 
     def advance(
         self,
@@ -529,10 +530,10 @@ class ShadowTwin:
 
     def _take_pose(self, bank: Simulation, odom: Odometry, dt_s: float) -> None:
         """Remember the measured pose and the simulated ones, and test the wheels."""
-        pose = SE2(odom.xy_heading) if self._planar else SO3(np.asarray(odom.wxyz))
+        pose: Any = SE2(odom.xy_heading) if self._planar else SO3(np.asarray(odom.wxyz))
         if self._newest is not None:
             before, twist = self._newest
-            moved = (before.inverse() @ pose).log()  # pyright: ignore[reportOperatorIssue]
+            moved: Array = (before.inverse() @ pose).log()
             if np.abs(moved - dt_s * twist).max() > _JUMP:
                 self._poses.clear()  # It was set, or found again elsewhere.
                 self._since_block_s = 0.0

@@ -14,7 +14,8 @@ from tsd_twin.lie import Array
 from tsd_twin.robots import RobotDescription
 from tsd_twin.simulation.robot import RobotWithStuckJoint
 
-_FORM = re.compile(r"(?P<part>[a-z0-9_]+)=-(?P<size>[0-9.]+)(?P<unit>%|V)(?:@(?P<after>[0-9.]+))?")
+_NUMBER = r"\d+(?:\.\d+)?"
+_FORM = re.compile(rf"(?P<part>\w+)=-(?P<size>{_NUMBER})(?P<unit>%|V)(?:@(?P<after>{_NUMBER}))?")
 _BATTERY = "battery"
 _DRIVING = 0.02
 """Metres or radians a second of the true motion above which a robot drives."""
@@ -38,12 +39,9 @@ class Wear:
         Raises:
             TwinError: the text is malformed, or the robot has no such joint.
         """
-        found = _FORM.fullmatch(text)
-        try:
-            size = float(found["size"]) if found else 0.0
-            after_s = float(found["after"] or 0.0) if found else 0.0
-        except ValueError:
-            found = None
+        found, size, after_s = _FORM.fullmatch(text), 0.0, 0.0
+        if found is not None:
+            size, after_s = float(found["size"]), float(found["after"] or 0.0)
         joints = [joint.name for joint in robot.kinematics().joints]
         if found is None or (found["part"] == _BATTERY) != (found["unit"] == "V"):
             raise TwinError(f"--wear: '{text}' is not like {joints[0]}=-30%@10 or {_BATTERY}=-1V")
