@@ -351,3 +351,36 @@ def test_an_open_drawer_is_folded_also_before_its_contents_are_there(
     drawer = stage.page.locator("#drawer")
     expect(drawer).to_have_attribute("data-tsd-drawer", "")
     expect(drawer).to_have_text("clicked" * clicks)
+
+
+def test_health_asks_for_the_shadow_twin_while_it_is_shown_and_says_what_it_names(
+    stage: PageStage,
+) -> None:
+    joints = [
+        {"name": "module1_alpha", "unit": "°", "measured": 1.0, "simulated": 1.5, "band": 0.2}
+        | {"inside": False},
+        {"name": "module1_beta", "unit": "°", "measured": 2.0, "simulated": 1.95, "band": 0.2}
+        | {"inside": True},
+        {"name": "module1_wheel", "unit": "rpm", "measured": None, "simulated": 2500.0}
+        | {"band": 90.0, "inside": True},
+    ]
+    pose = {"names": ["ahead", "left", "heading"], "units": ["mm", "mm", "°"], "inside": False}
+    pose |= {"difference": [12.0, -3.0, 4.0], "band": [20.0, 20.0, 2.0]}
+    drifts = [{"part": "module1_alpha", "text": "The servo of module 1 alpha follows 30 % slower."}]
+    shadow = {"compared_s": 61.0, "joints": joints, "pose": pose, "drifts": drifts, "note": "N"}
+    stage.show(state(shadow=shadow))
+    table = stage.page.get_by_role("table", name="Measured minus simulated", include_hidden=True)
+    for text in (
+        "module1 alpha−0.50 of ±0.20 °, outside",
+        "module1 beta0.05 of ±0.20 °",
+        "module1 wheelnot measured",
+        "motion ahead12 of ±20 mm",
+        "motion heading4.00 of ±2.00 °, outside",
+        "compared for61 s",
+    ):
+        expect(table).to_contain_text(text)
+    expect(table.locator("tr[data-suspect]")).to_have_count(2)
+    expect(stage.page.get_by_text("follows 30 % slower.")).to_have_count(1)
+    assert {"t": "shadow", "on": True} in stage.sent("shadow")
+    stage.show(state(shadow=None))
+    expect(table).to_have_count(0)

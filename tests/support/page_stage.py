@@ -161,6 +161,7 @@ def state(mode: str = "disarmed", *, you: bool = False, **changed: Any) -> dict[
         "plot": {},
         "map": None,
         "past": None,
+        "shadow": None,
     } | changed
 
 
