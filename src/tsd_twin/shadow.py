@@ -125,6 +125,10 @@ _SHARED_S, _OWN_S = 5.0, 60.0
 _SHARED_LAG_S, _OWN_LAG_S = 0.01, 0.003
 """Standard deviation of the lag of all servos, and of one from that of the others."""
 _MOST_OWN_LAG_S = 0.002
+_MOST_LEAN = 1.5
+"""Largest share of the reckoned lean: it is 0 without loads, and 1 on the reckoned floor."""
+_SOFTER = SLOW_SERVO / (1.0 - SLOW_SERVO)
+"""By how much more a slow servo gives way, as a share."""
 _USUAL_MPS2 = 1.0
 """Acceleration for which servos give way, until it is learned how much they do."""
 _OFFSET_S = 2.0
@@ -165,7 +169,8 @@ class _ServoTest:
         self._noise2 = np.full(count, known2)
         self._means = np.zeros((2, count))
         self._blocks = np.full(count, _KNOWN_BLOCKS)
-        self._shared, self._own, self._size = (np.zeros((2, count)) for _ in range(3))
+        self._shared = np.zeros((5, count))
+        self._own, self._size = np.zeros((2, count)), np.zeros((2, count))
         self._block, self._samples, self._block_s = np.zeros((2, count)), 0, 0.0
         self._before = np.zeros(count)
 
@@ -174,13 +179,26 @@ class _ServoTest:
         self._before = nominal
         self._block, self._samples, self._block_s = np.zeros((2, len(self._names))), 0, 0.0
 
-    def add(self, measured: Array, nominal: Array, slow: Array, dt_s: float, *, warm: bool) -> None:
-        """Add measured angles (m,), and those of a sound robot and of one with slow servos."""
+    def add(
+        self,
+        measured: Array,
+        nominal: Array,
+        slow: Array,
+        lean: Array,
+        dt_s: float,
+        *,
+        warm: bool,
+    ) -> None:
+        """Add measured angles (m,), and those of a sound robot and of one with slow servos.
+
+        `lean` (m,) is by how much the servos of a sound robot give way to its acceleration.
+        """
         rate, self._before = (nominal - self._before) / dt_s, nominal
         if not warm or not np.isfinite(measured).all():
             return
-        error, fault = measured - nominal, slow - nominal
-        shared = self._lag(error, rate, dt_s)
+        shared, yields = self._shared_by_others(measured - nominal, rate, lean, dt_s)
+        error = measured - nominal - yields * lean
+        fault = slow - nominal + _SOFTER * yields * lean
         weight, push = self._own
         own = push / (weight + self._floor2 / _OWN_LAG_S**2)
         left = error + (shared + np.clip(own, -_MOST_OWN_LAG_S, _MOST_OWN_LAG_S)) * rate
@@ -212,13 +230,23 @@ class _ServoTest:
         self._noise2 += learns * (seen - self._noise2) / self._blocks
         self._noise2 = np.maximum(self._noise2, self._floor2)
 
-    def _lag(self, error: Array, rate: Array, dt_s: float) -> Array:
-        """Return the lag (m,), seconds, that the other servos have: by least squares."""
+    def _shared_by_others(
+        self, error: Array, rate: Array, lean: Array, dt_s: float
+    ) -> tuple[Array, Array]:
+        """Return the lag (m,), seconds, and the share of the lean (m,) that the other servos have.
+
+        By least squares: what is known of all servos but one.
+        """
         self._shared *= 1.0 - dt_s / _SHARED_S
-        self._shared += [rate**2, -error * rate]
-        weight, push = self._shared.sum(axis=1, keepdims=True) - self._shared
-        prior = self._floor2 / _SHARED_LAG_S**2
-        return push / (weight + prior)
+        self._shared += [rate**2, -rate * lean, lean**2, -error * rate, error * lean]
+        others = self._shared.sum(axis=1, keepdims=True) - self._shared
+        rate2, both, lean2, by_rate, by_lean = others
+        rate2 = rate2 + self._floor2 / _SHARED_LAG_S**2
+        lean2 = lean2 + self._floor2
+        determinant = rate2 * lean2 - both**2
+        lag = (lean2 * by_rate - both * by_lean) / determinant
+        yields = (rate2 * by_lean - both * by_rate) / determinant
+        return lag, np.clip(yields, 0.0, _MOST_LEAN)
 
     def bands(self, rate: Array) -> Array:
         """Bands (m,), radians, of servos that turn at `rate` (m,), rad/s."""
@@ -265,7 +293,7 @@ class _WheelTest:
         weighed = np.linalg.solve(spread, faults).T
         strength = np.einsum("fd,df->f", weighed, faults)
         match = weighed @ innovation
-        self._cusum.add(np.clip(weight * (match - 0.5 * strength), -4.0, 8.0))
+        self._cusum.add(np.clip(weight * (match - 0.5 * strength), -3.0, 5.0))
         self._size = np.where(self._cusum.sums > 0.0, self._size + np.array([strength, match]), 0.0)
         if self._cusum.sums.max() < _SUSPICION:
             gain = np.linalg.solve(spread, per_loss @ self._covariance).T
@@ -342,6 +370,8 @@ _FUSED = 0.45
 """Standard deviation of a fused pose over that of the sensor."""
 _LAG_SHARE = 0.25
 """Share of the lag of the motion that the simulation may have wrong."""
+_STEP_SHARE = 0.5
+"""Time from one compared window to the next, as a share of its length: its weight as well."""
 _PER_SECOND = 10.0
 """Rate at which poses are remembered, and measured wheel speeds are tested."""
 
@@ -374,15 +404,19 @@ class ShadowTwin:
         self._has_gyro = any(joint.name == "gyro" for joint in robot.sensors)
         errors, gives = robot.joint_errors(), robot.joint_compliance()
         dead_band_rad = 0.0 if gives is None else gives.dead_band_rad
+        self._gives = gives
+        self._twist = np.zeros(3)
         self._angle_rad = math.hypot(errors.zero_rad, dead_band_rad / math.sqrt(3.0))
         self._lag_s = max(errors.slip_lag_s, _LAG_SHARE * robot.lag_s)
+        self._turn_rad_per_s = errors.turn_rad_per_s
+        self._droop_s2_per_m2 = robot.spin_droop_s2_per_m2
         self._bank: Simulation | None = None
         self._last_ns = 0
         self._measured = np.zeros(len(self._joints))
         self._setpoint = self._rates = self._nominal = self._measured
         self._compared_s = 0.0
         self._sensed_s = 0.0
-        self._poses: deque[tuple[float, Any, Any, Any, Array]] = deque()
+        self._poses: deque[tuple[float, Any, Any, Any, Array, Array]] = deque()
         self._rolled: Any = kinematics.pose_type.identity()
         self._since_block_s = 0.0
         self._since_sample_s = 0.0
@@ -477,6 +511,7 @@ class ShadowTwin:
         self._bank, self._setpoint, self._measured = bank, wanted, measured
         self._nominal, self._rates = bank.joints[0].copy(), np.zeros(len(wanted))
         self._servo_test.restart(self._nominal[self._angles])
+        self._twist = self._kinematics.forward(self._nominal).twist
         self._compared_s = self._since_block_s = 0.0
         self._rolled = self._kinematics.pose_type.identity()
         self._poses.clear()
@@ -501,9 +536,21 @@ class ShadowTwin:
                 measured[self._angles],
                 simulated[0, self._angles],
                 simulated[self._slow_servos, self._angles],
+                self._lean(dt_s),
                 dt_s,
                 warm=self._compared_s > _WARM_UP_S,
             )
+
+    def _lean(self, dt_s: float) -> Array:
+        """Return by how much the servos (m,) give way to the acceleration of the sound robot."""
+        twist, before = self._kinematics.forward(self._nominal).twist, self._twist
+        self._twist = twist
+        if self._gives is None:
+            return np.zeros(len(self._angles))
+        vx, vy, omega = twist.tolist()
+        over_ground = (twist - before) / dt_s + np.array([-omega * vy, omega * vx, 0.0])
+        lean: Array = self._gives.by_acceleration @ over_ground
+        return lean[self._angles]
 
     def _speed_noise(self) -> Array:
         """Standard deviation (k,) of measured wheel speeds, beside errors that are constant."""
@@ -543,14 +590,15 @@ class ShadowTwin:
         if self._poses and now_s - self._poses[-1][0] < 1.0 / _PER_SECOND - 1e-6:
             return
         rolled = self._rolled if len(self._angles) else bank.pose
-        self._poses.append((now_s, pose, rolled, bank.pose, self._nominal))
+        twist = self._kinematics.forward(self._nominal).twist
+        self._poses.append((now_s, pose, rolled, bank.pose, self._nominal, twist))
         while len(self._poses) > 1 and self._poses[1][0] <= now_s - WINDOW_S + 1e-6:
             self._poses.popleft()
         if now_s <= _WARM_UP_S:
             return
         if self._robot.measures_spin:
             self._test_wheel_speeds(bank, 1.0 / _PER_SECOND)
-        elif self._since_block_s >= WINDOW_S and now_s > _WARM_UP_S + WINDOW_S:
+        elif self._since_block_s >= _STEP_SHARE * WINDOW_S and now_s > _WARM_UP_S + WINDOW_S:
             self._test_motion()
 
     def _motion(self) -> tuple[Array, Array, Array, float] | None:
@@ -559,16 +607,22 @@ class ShadowTwin:
         """
         if len(self._poses) < 2:
             return None
-        start_s, was, rolled_was, sim_was, joints_was = self._poses[0]
-        end_s, pose, rolled, sim_pose, joints = self._poses[-1]
+        start_s, was, rolled_was, sim_was, *_ = self._poses[0]
+        end_s, pose, rolled, sim_pose, joints, _ = self._poses[-1]
         took_s = end_s - start_s
         measured = (was.inverse() @ pose).log()
         simulated = (sim_was.inverse() @ sim_pose).log()
         per_loss = (simulated[self._slow_wheels] - simulated[0]).T / SLOW_WHEEL
-        forward = self._kinematics.forward
-        change = np.abs(forward(joints).twist - forward(joints_was).twist)
+        forward, twists = self._kinematics.forward, np.array([each[-1] for each in self._poses])
+        change = np.abs(np.diff(twists, axis=0)).sum(axis=0)
         sigma = 0.005 * np.abs(simulated[0]).max() + self._lag_s * change
         noise = np.diag(sigma**2)
+        # A robot that speeds up takes energy out of its wheels, and may take more from some.
+        changed_m2_per_s2 = np.abs(np.diff(np.square(twists[:, :2]).sum(axis=1))).sum()
+        droop = self._droop_s2_per_m2 * changed_m2_per_s2 * per_loss
+        together = droop.sum(axis=1)
+        noise += droop @ droop.T + np.outer(together, together)
+        noise[2, 2] += (took_s * self._turn_rad_per_s) ** 2
         if len(self._angles):
             nudge = 1e-4
             nudged = joints + nudge * np.eye(len(joints))[self._angles]
@@ -592,7 +646,7 @@ class ShadowTwin:
             if not self._has_gyro:
                 return
             error, per_loss, noise = error[2:], per_loss[2:], noise[2:, 2:]
-        self._wheel_test.add(error, per_loss, noise, 1.0, took_s)
+        self._wheel_test.add(error, per_loss, noise, _STEP_SHARE, _STEP_SHARE * took_s)
 
     def _compare_joints(self) -> tuple[JointComparison, ...]:
         bands, scale = np.zeros(len(self._joints)), np.full(len(self._joints), 1.0 / RPM)
