@@ -25,15 +25,18 @@ from tsd_twin.simulation import simulate
 from tsd_twin.simulation.sensors import Simulation
 
 SLOW_SERVO = 0.30
-"""Fault that the tests of servos look for: half of it is the smallest one that is ever named."""
+"""Share of its speed that a servo has lost: the fault that is looked for. Less than a third of it is
+never named."""
 SLOW_WHEEL = 0.05
+"""The same of a wheel; less than half of it is never named."""
 LOW_BATTERY = 0.05
-"""The same for the battery, as a share of the nominal voltage."""
+"""The same of the battery, as a share of the nominal voltage."""
 WINDOW_S = 1.0
 """Length of the sliding window in which the pose is compared: estimates drift over longer ones."""
 
-_EVIDENCE = 12.0
-"""Logarithm of the likelihood ratio at which a fault is named."""
+_EVIDENCE, _WHEEL_EVIDENCE = 12.0, 8.0
+"""Logarithm of the likelihood ratio at which a fault is named: sound robots reach half of it on
+servos, whose errors are less like normal numbers, and a quarter on wheels."""
 _SUSPICION = 2.0
 """Evidence above which a test no longer adapts to the robot: it would learn the fault."""
 _MARGIN = 3.0
@@ -107,17 +110,18 @@ def _percent(share: float) -> str:
 class _Cusum:
     """Cumulative sums of log-likelihood ratios, one for each fault."""
 
-    def __init__(self, faults: int) -> None:
+    def __init__(self, faults: int, threshold: float) -> None:
         self.sums = np.zeros(faults)
+        self._threshold = threshold
 
     def add(self, ratios: Array) -> None:
         """Add log-likelihood ratios (faults,); sums stay between 0 and twice the threshold."""
-        self.sums = np.clip(self.sums + ratios, 0.0, 2.0 * _EVIDENCE)
+        self.sums = np.clip(self.sums + ratios, 0.0, 2.0 * self._threshold)
 
     @property
     def named(self) -> npt.NDArray[np.bool_]:
         """(faults,): whether there is enough evidence."""
-        return self.sums >= _EVIDENCE
+        return self.sums >= self._threshold
 
 
 _SHARED_S, _OWN_S = 5.0, 60.0
@@ -129,7 +133,7 @@ _MOST_LEAN = 1.5
 """Largest share of the reckoned lean: it is 0 without loads, and 1 on the reckoned floor."""
 _SOFTER = SLOW_SERVO / (1.0 - SLOW_SERVO)
 """By how much more a slow servo gives way, as a share."""
-_USUAL_MPS2 = 1.0
+_USUAL_MPS2 = 3.0
 """Acceleration for which servos give way, until it is learned how much they do."""
 _OFFSET_S = 2.0
 """Memory of the mean difference, of a servo under a load that lasts or within its dead band."""
@@ -137,6 +141,12 @@ _BLOCK_S = 0.5
 """Errors of angles are alike for a while: their sums over this are taken for independent."""
 _KNOWN_BLOCKS, _MOST_BLOCKS = 10.0, 120.0
 """Blocks that the noise of the description counts for, and after which older ones count less."""
+_LEAST_BLOCKS = 4.0
+"""Blocks from which the noise is learned before anything is named."""
+_SEEN_SHARE = 0.6
+"""Share of the reckoned fault that shows at least: the inertia of a rotor lags behind as before."""
+_MOST_RATIO = 4.0
+"""Most that a block counts: a single one, or two, name nothing."""
 _LEAST_RAD, _LEAST_PLAY = math.radians(0.006), 0.06
 """Root mean square by which a slow servo must be behind a sound one in a block that counts; and the
 same as a share of the play, which holds up slow motions more than a slow servo does."""
@@ -161,7 +171,7 @@ class _ServoTest:
         self._delay_s = 2.0 * robot.delay_s
         self._still_rad = math.hypot(3.0 * math.sqrt(self._floor2), dead_band_rad)
         count = len(names)
-        self._cusum = _Cusum(count)
+        self._cusum = _Cusum(count, _EVIDENCE)
         load_rad = 0.0
         if gives is not None:
             load_rad = float(np.abs(gives.by_acceleration[:, :2]).max()) * _USUAL_MPS2
@@ -221,8 +231,9 @@ class _ServoTest:
         tells = strength > count * max(_LEAST_RAD, _LEAST_PLAY * self._play_rad) ** 2
         noise2 = np.maximum(self._noise2, np.median(self._noise2))
         noise2 = noise2 + _SERVO_MODEL_SHARE**2 * strength
-        ratios = tells * (match - 0.5 * strength) / noise2
-        self._cusum.add(np.clip(ratios, -6.0, 8.0))
+        ratios = _SEEN_SHARE * (match - 0.5 * _SEEN_SHARE * strength) / noise2
+        ready = self._blocks >= _KNOWN_BLOCKS + _LEAST_BLOCKS
+        self._cusum.add(ready * tells * np.clip(ratios, -3.0, _MOST_RATIO))
         self._size = np.where(self._cusum.sums > 0.0, self._size + self._block, 0.0)
         learns = tells & calm
         self._blocks = np.minimum(self._blocks + learns, _MOST_BLOCKS)
@@ -279,7 +290,7 @@ class _WheelTest:
         self.prior: Array = self._own**2 * np.eye(count) + self._common**2
         """(k, k): covariance of the losses of sound wheels."""
         self._covariance = self.prior
-        self._cusum = _Cusum(count + 1)
+        self._cusum = _Cusum(count + 1, _WHEEL_EVIDENCE)
         self._size = np.zeros((2, count + 1))
 
     def add(self, error: Array, per_loss: Array, noise: Array, weight: float, dt_s: float) -> None:
@@ -335,7 +346,7 @@ class _BatteryTest:
 
     def __init__(self, nominal_v: float) -> None:
         self._nominal_v = nominal_v
-        self._cusum = _Cusum(1)
+        self._cusum = _Cusum(1, _EVIDENCE)
         self._count, self._start = 0, 0.0
         self.share = 1.0
         """Newest voltage over the nominal one."""

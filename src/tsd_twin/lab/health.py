@@ -20,7 +20,8 @@ from tsd_twin.client.simulated import SimulationLink
 from tsd_twin.client.state import RobotState
 from tsd_twin.errors import MessageError, TwinError
 from tsd_twin.experiment import PERCENT_STEPS, Experiment, Output, in_percent_steps
-from tsd_twin.lab.alarms import MANOEUVRES, TwistAt
+from tsd_twin.lab import alarms
+from tsd_twin.lab.alarms import TwistAt
 from tsd_twin.lie import SE2, SO3
 from tsd_twin.messages.commands import PoseStamped, encode_pose
 from tsd_twin.messages.ros import BASE, decode_joints, decode_odometry
@@ -189,6 +190,14 @@ def _feed(twin: ShadowTwin, state: RobotState) -> None:
 # Simulated robots.
 
 
+def _arc(random: np.random.Generator) -> TwistAt:
+    """Drive with one twist all the time: an arc at 80 % of the top speed."""
+    angle, side = random.uniform(0.0, 2.0 * np.pi), random.choice([-1.0, 1.0])
+    vx, vy = 0.8 * math.cos(angle), 0.8 * math.sin(angle)
+    return lambda _: (vx, vy, 0.6 * side)
+
+
+MANOEUVRES = alarms.MANOEUVRES | {"arc": _arc}
 STAND, MIXED = "stand", "mixed"
 _TURN_S = 30.0
 """Time of each manoeuvre, where they are mixed."""
@@ -296,18 +305,19 @@ def _camera_noise(robot: RobotDescription) -> CameraNoise:
 
 def _simulations(args: argparse.Namespace, out: Output) -> list[str]:
     camera = bool(args.camera)
-    common = {"camera": camera, "seconds": args.seconds, "plant": args.plant}
     seeds = range(args.seed, args.seed + args.seeds)
     manoeuvres = [MIXED] if not args.wear else list(MANOEUVRES)
     cases = [
         Case(
             args.robot,
-            errors=errors,
-            seed=seed,
-            manoeuvre=manoeuvre,
-            wear=wear,
-            wear_s=0.5 * args.seconds if wear else 0.0,
-            **common,
+            args.plant,
+            errors,
+            seed,
+            manoeuvre,
+            args.seconds,
+            camera,
+            wear,
+            0.5 * args.seconds if wear else 0.0,
         )
         for errors in args.errors
         for wear in args.wear or [""]
