@@ -41,6 +41,7 @@ def test_a_sound_robot_is_inside_its_bands_and_nothing_drifts(name: str) -> None
     twin = ShadowTwin(robots.load_robot(name))
     joints = [joint.name for joint in robots.load_robot(name).kinematics().joints]
     outside = total = 0
+    report = twin.report()
     with SimulatedRobot(name, seed=900, noise=1.0) as robot:
         for state in states(robot, 5.0, vx_mps=0.2):
             feed(twin, state)
@@ -107,6 +108,7 @@ def test_after_a_gap_it_begins_anew_where_the_robot_is() -> None:
 
 def test_a_pose_that_is_set_is_no_motion() -> None:
     twin = ShadowTwin(robots.load_robot("kiwi"))
+    report = twin.report()
     with SimulatedRobot("kiwi", seed=903, noise=1.0) as robot:
         for i, state in enumerate(states(robot, 5.0)):
             odom = state.odom.message

@@ -25,8 +25,8 @@ from tsd_twin.simulation import simulate
 from tsd_twin.simulation.sensors import Simulation
 
 SLOW_SERVO = 0.30
-"""Share of its speed that a servo has lost: the fault that is looked for. Less than a third of it is
-never named."""
+"""Share of its speed that a servo has lost: the fault that is looked for. Less than a third of it
+is never named."""
 SLOW_WHEEL = 0.05
 """The same of a wheel; less than half of it is never named."""
 LOW_BATTERY = 0.05
