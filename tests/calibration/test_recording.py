@@ -26,7 +26,7 @@ from tsd_twin.messages.commands import PoseStamped, Sample, encode_pose
 from tsd_twin.messages.ros import JointState, encode_joints
 from tsd_twin.messages.status import Status, encode_stamp, encode_status
 from tsd_twin.recording.channels import EntryMaker
-from tsd_twin.recording.file import RecordingFile
+from tsd_twin.recording.mcap_file import RecordingFile
 from tsd_twin.robots import SingularityDescription
 
 ROBOT = robots.description_of_kind(robots.load_robot("tsd"), SingularityDescription)

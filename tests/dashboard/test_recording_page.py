@@ -17,7 +17,7 @@ from tsd_twin.messages.services import Event
 from tsd_twin.recording.channels import JSON, Entry
 from tsd_twin.recording.events import Mark, add_mark
 from tsd_twin.recording.export import Part
-from tsd_twin.recording.file import RecordingFile
+from tsd_twin.recording.mcap_file import RecordingFile
 
 SPITEFUL = "</script><script>alert(1)</script><!-- \u2028"
 

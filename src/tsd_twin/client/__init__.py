@@ -2,7 +2,10 @@
 
 from tsd_twin.client.aio import AsyncRobotClient, AsyncRobotControl, connect_async
 from tsd_twin.client.discovery import connect
-from tsd_twin.client.errors import (
+from tsd_twin.client.robot import RobotClient, RobotControl
+from tsd_twin.client.simulated import SimulatedRobot
+from tsd_twin.client.state import OdometryState, PlanarPose, PlanarTwist, RobotState, Subscription
+from tsd_twin.errors import (
     ClientError,
     ControlDenied,
     ControlLost,
@@ -13,9 +16,6 @@ from tsd_twin.client.errors import (
     RobotStopped,
     SeveralRobotsFound,
 )
-from tsd_twin.client.robot import RobotClient, RobotControl
-from tsd_twin.client.simulated import SimulatedRobot
-from tsd_twin.client.state import OdometryState, PlanarPose, PlanarTwist, RobotState, Subscription
 
 __all__ = [
     "AsyncRobotClient",

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tsd_twin.bus import DEFAULT_ENDPOINT, Bus, Config, as_client, client_config, from_file
-from tsd_twin.client.errors import NoRobotFound, SeveralRobotsFound
 from tsd_twin.client.link import BusLink
 from tsd_twin.client.robot import RobotClient
-from tsd_twin.errors import BusError, NoAnswerError
+from tsd_twin.errors import BusError, NoAnswerError, NoRobotFound, SeveralRobotsFound
 from tsd_twin.messages import topics
 from tsd_twin.security import certificate_identity, client_settings
 

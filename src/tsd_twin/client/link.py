@@ -10,11 +10,10 @@ from typing import Any, Protocol
 
 from tsd_twin.bus import Bus
 from tsd_twin.client.connection import RobotConnection, numbered_status
-from tsd_twin.client.errors import RobotSilent
 from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.client.state import RobotState, Subscription
 from tsd_twin.client.steps import BlockingPort
-from tsd_twin.errors import MessageError
+from tsd_twin.errors import MessageError, RobotSilent
 from tsd_twin.messages import topics
 from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.ros import JointState, Odometry, decode_joints

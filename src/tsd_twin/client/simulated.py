@@ -15,12 +15,12 @@ import numpy as np
 
 from tsd_twin import robots
 from tsd_twin.client import procedures
-from tsd_twin.client.errors import ClientError
 from tsd_twin.client.protocol import ControlProtocol, TwistCommand
 from tsd_twin.client.robot import RobotClient
 from tsd_twin.client.state import RobotState, Subscription
 from tsd_twin.client.steps import run
 from tsd_twin.control import RobotController
+from tsd_twin.errors import ClientError
 from tsd_twin.lie import SE2
 from tsd_twin.messages import topics
 from tsd_twin.messages.commands import Sample

@@ -17,10 +17,9 @@ from typing import Protocol, TypeVar
 from tsd_twin.bus import Bus
 from tsd_twin.client.connection import RobotMonitor, Snapshot
 from tsd_twin.dashboard.robot_discovery import RobotDiscovery
-from tsd_twin.dashboard.scene.appearance import RobotRoster
+from tsd_twin.dashboard.scene.appearance import RobotRoster, ViewSettings
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.dashboard.server.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.server.http_server import HttpServer
 from tsd_twin.dashboard.server.recorded_pages import RecordedPages

@@ -12,8 +12,8 @@ import numpy as np
 
 from tsd_twin.bus import Bus
 from tsd_twin.control import LoggedController
+from tsd_twin.control.logged_controller import InputBatch, encode_batch
 from tsd_twin.messages import topics
-from tsd_twin.messages.input_log import InputBatch, encode_batch
 
 _LOG = logging.getLogger(__name__)
 

@@ -20,15 +20,15 @@ from hypothesis import strategies as st
 from tests.support.link_sockets import eventually
 from tests.support.robot_feed import RobotFeed, link_poses
 from tests.support.viser_client import CAMERA, PATIENCE_S, Node, ViserClient, viser_client
-from tsd_twin.dashboard.scene.appearance import Layer
-from tsd_twin.dashboard.scene.panel_manager import PanelManager
-from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.scene.tilt_exaggeration import exaggerate_tilt
-from tsd_twin.dashboard.scene.view_settings import (
+from tsd_twin.dashboard.scene.appearance import (
     CameraPreset,
+    Layer,
     TruePoseDisplay,
     ViewSettings,
 )
+from tsd_twin.dashboard.scene.panel_manager import PanelManager
+from tsd_twin.dashboard.scene.robot_visual import exaggerate_tilt
+from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.viser_compat import viser_server
 from tsd_twin.dashboard.viser_compat.viser_server import LOOK_AT_M, page_of
 from tsd_twin.lie import SE2

@@ -11,8 +11,8 @@ import msgspec
 
 from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.dashboard.recorded_view import RecordedView
+from tsd_twin.dashboard.scene.appearance import ViewSettings
 from tsd_twin.dashboard.scene.picking import EmptyPageScene
-from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.dashboard.server.auth import Principal, operator_name
 from tsd_twin.dashboard.server.map_data import MapData
 from tsd_twin.dashboard.server.messages_from_page import (

@@ -13,7 +13,7 @@ import msgspec
 
 from tsd_twin.client import procedures
 from tsd_twin.client.connection import Snapshot
-from tsd_twin.dashboard.scene.view_settings import ViewSettings
+from tsd_twin.dashboard.scene.appearance import ViewSettings
 from tsd_twin.dashboard.server.auth import Principal, operator_name
 from tsd_twin.dashboard.server.lease import LeaseClient, RpcExecutor
 from tsd_twin.dashboard.server.map_data import MapData
