@@ -11,14 +11,18 @@ import pytest
 
 from tests.support.experiment_runs import table
 from tsd_twin import robots
-from tsd_twin.calibration.collect import missing_spin_ratios, next_run_advice, spin_ratio_of
+from tsd_twin.calibration.collect import (
+    missing_spin_ratios,
+    next_run_advice,
+    spin_ratio_of,
+    spin_ratios,
+)
 from tsd_twin.calibration.recording import (
     Recording,
     RobotRecorder,
     read_recordings,
     recording_columns,
 )
-from tsd_twin.calibration.simulated_runs import spin_ratios
 from tsd_twin.errors import TwinError
 from tsd_twin.experiment import Output
 from tsd_twin.lie import SE2, Array

@@ -255,7 +255,7 @@ def test_the_commands_carry_the_session_of_the_board(it: Bench) -> None:
 def test_a_port_at_which_nobody_answers_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tsd_twin.hardware.handshake._BOOT_S", 0.2)
+    monkeypatch.setattr("tsd_twin.hardware.controller_board._BOOT_S", 0.2)
     board = PretendBoard()
     board.silent = True
     with (

@@ -16,6 +16,7 @@ from typing import Protocol, TypeVar
 
 from tsd_twin.bus import Bus
 from tsd_twin.client.connection import RobotMonitor, Snapshot
+from tsd_twin.dashboard import viser_compat
 from tsd_twin.dashboard.robot_discovery import RobotDiscovery
 from tsd_twin.dashboard.scene.appearance import RobotRoster, ViewSettings
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
@@ -24,7 +25,6 @@ from tsd_twin.dashboard.server.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.server.http_server import HttpServer
 from tsd_twin.dashboard.server.recorded_pages import RecordedPages
 from tsd_twin.dashboard.server.session_manager import SessionManager
-from tsd_twin.dashboard.viser_compat import viser_server
 from tsd_twin.lie import Array
 from tsd_twin.messages.services import Event
 
@@ -236,7 +236,7 @@ async def run(
     def on_chosen(page: str, robot_id: str) -> None:
         worker.submit_latest(("choose", page), lambda: panels.select_robot(page, robot_id))
 
-    server = viser_server.start_server(TITLE)
+    server = viser_compat.start_server(TITLE)
     try:
         roster = RobotRoster(first)
         scene = Scene(server, roster)

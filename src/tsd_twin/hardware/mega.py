@@ -22,15 +22,18 @@ from tsd_twin.dynamixel.control_table import (
     Refusal,
 )
 from tsd_twin.dynamixel.packets import Status
-from tsd_twin.hardware.arm_switch import (
+from tsd_twin.hardware.controller_board import (
+    READ_DELAY,
     REFUSALS,
+    REST_COMMAND,
+    SETTLE_S,
     TRIPS,
     ArmSwitch,
+    handshake,
     restart_reason,
     wiring_faults,
 )
 from tsd_twin.hardware.device_thread import SILENT_S, DeviceThread, connection_fault
-from tsd_twin.hardware.handshake import READ_DELAY, REST_COMMAND, SETTLE_S, handshake
 from tsd_twin.hardware.joints import (
     CENTRE,
     JointCommand,

@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 
 from tsd_twin import experiment, flag_types, robots
+from tsd_twin.client.simulated import PERIOD_S, VirtualRobot
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.status import CommandStatus
@@ -23,7 +24,6 @@ from tsd_twin.motion.routes import NavigationGoal
 from tsd_twin.motion.tracking import ExecutionPhase, ExecutionStep, TrajectoryExecutor
 from tsd_twin.motion.trajectory import plan
 from tsd_twin.simulation import SimRobot
-from tsd_twin.virtual_robot import PERIOD_S, VirtualRobot
 
 HELD = 2
 """Periods for which a command holds: a page sends one every 20 ms."""

@@ -27,7 +27,7 @@ from tsd_twin.dashboard.scene.robot_geometry import JointReader, RobotShape
 from tsd_twin.dashboard.scene.robot_overlays import add_wireframe, set_planar_pose
 from tsd_twin.dashboard.scene.robot_visual import ExaggeratedTilt, RobotVisual, hide_links
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.viser_compat.viser_server import CAMERA_OFFSET_M, LOOK_AT_M
+from tsd_twin.dashboard.viser_compat import CAMERA_OFFSET_M, LOOK_AT_M
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.models import Link

@@ -12,7 +12,7 @@ from tsd_twin.client.connection import Snapshot
 from tsd_twin.dashboard.scene.appearance import ViewSettings
 from tsd_twin.dashboard.scene.panel import Panel, SliderMode
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.viser_compat.viser_server import (
+from tsd_twin.dashboard.viser_compat import (
     has_no_gpu,
     is_disconnected,
     is_viewer,

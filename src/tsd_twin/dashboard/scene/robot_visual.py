@@ -25,7 +25,7 @@ from tsd_twin.dashboard.scene.robot_overlays import (
     RobotOverlays,
     SetpointRings,
 )
-from tsd_twin.dashboard.viser_compat.viser_server import scale_instances
+from tsd_twin.dashboard.viser_compat import scale_instances
 from tsd_twin.kinematics import JointKind, Kinematics
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.models import Link
