@@ -1,5 +1,5 @@
-"""Controller board: handshake and set-up, arming, and what telemetry says of trips, refusals, restarts
-and wiring.
+"""Controller board: handshake and set-up, arming, and what telemetry says of trips, refusals and
+restarts.
 """
 
 from __future__ import annotations
