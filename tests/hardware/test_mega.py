@@ -15,9 +15,9 @@ import pytest
 
 from tests.support.faulty_devices import Peer, PretendBoard, plugged
 from tsd_twin import robots
-from tsd_twin.dynamixel import protocol2
 from tsd_twin.dynamixel.blocks import Command, Identity, Setup
 from tsd_twin.dynamixel.control_table import BoardMode, ResetCause, Trip
+from tsd_twin.dynamixel.packets import protocol2
 from tsd_twin.hardware import HardwareError, MegaHardware, ServoCalibration
 from tsd_twin.hardware.joints import Receiver
 from tsd_twin.hardware.serial_transport import LIMIT, WINDOW_S

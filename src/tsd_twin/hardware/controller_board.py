@@ -7,7 +7,6 @@ from __future__ import annotations
 import time
 from enum import Enum, auto
 
-from tsd_twin.dynamixel import protocol2
 from tsd_twin.dynamixel.blocks import Command, Identity, Setup, Telemetry
 from tsd_twin.dynamixel.control_table import (
     BOARD_ID,
@@ -18,7 +17,7 @@ from tsd_twin.dynamixel.control_table import (
     ResetCause,
     Trip,
 )
-from tsd_twin.dynamixel.packets import ALERT, Fault, Status
+from tsd_twin.dynamixel.packets import ALERT, Fault, Status, protocol2
 from tsd_twin.hardware.serial_transport import HardwareError, SerialTransport
 
 REST_COMMAND = Command()

@@ -17,7 +17,7 @@ from tsd_twin import robots
 from tsd_twin.dashboard.scene.robot_geometry import JointReader, LinkPoses, Skeleton
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.ros import JointState
-from tsd_twin.models import files, kinematic_tree, load_parts
+from tsd_twin.models import kinematic_tree, load_parts, urdf
 
 small = st.floats(-1e-9, 1e-9)
 anything = st.floats(-50.0, 50.0) | small
@@ -34,7 +34,7 @@ class Model:
         self.drive: Any = self.robot.kinematics()
         self.tree = kinematic_tree(self.robot)
         self.skeleton = Skeleton(self.tree, self.drive)
-        text = files(self.robot, load_parts(self.robot))
+        text = urdf(self.robot, load_parts(self.robot))
         self.urdf = yourdfpy.URDF.load(io.BytesIO(text.encode()), load_meshes=False)
 
     def names(self, kind: str) -> tuple[str, ...]:
