@@ -87,7 +87,7 @@ export class Health {
         setText(cell, value);
         const isAccused = name === "suspect" || name.startsWith(`· ${suspect} `);
         const isOutside = title === SHADOW && value.endsWith(OUTSIDE);
-        const isMarked = isOutside || (title === "Conflict" && suspect !== "none" && isAccused);
+        const isMarked = isOutside || (title === "Consistency" && suspect !== "none" && isAccused);
         cell.parentElement?.toggleAttribute("data-suspect", isMarked);
       }
     }
@@ -112,7 +112,7 @@ function sections(link, { status, age_ms: age, robot_ms: robot, shadow }) {
     times(level),
   ]);
   return {
-    Conflict: {
+    Consistency: {
       suspect: called(consistency.suspect),
       residual: `${fixed(1000 * consistency.residual_mps, 1)} mm/s`,
       evidence: times(consistency.level),
