@@ -13,7 +13,7 @@ from tests.support.experiment_runs import run
 from tests.support.recorded_drives import RecordedDrive
 from tsd_twin.errors import TwinError
 from tsd_twin.lab.health import Case, drive
-from tsd_twin.recording.file import RecordingFile
+from tsd_twin.recording.mcap_file import RecordingFile
 
 WITHIN_S = 5.0
 

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from tsd_twin import experiment, flag_types, robots
-from tsd_twin.client.discovery import connect
-from tsd_twin.client.robot import RobotClient
+from tsd_twin.client.robot import RobotClient, connect
 from tsd_twin.client.simulated import SimulationLink
 from tsd_twin.client.state import RobotState
 from tsd_twin.errors import MessageError, TwinError
@@ -27,7 +26,8 @@ from tsd_twin.messages.commands import PoseStamped, encode_pose
 from tsd_twin.messages.ros import BASE, decode_joints, decode_odometry
 from tsd_twin.messages.status import decode_status
 from tsd_twin.messages.topics import STATUS
-from tsd_twin.recording import Recording, open_recording, reading
+from tsd_twin.recording import Recording, open_recording
+from tsd_twin.recording.mcap_file import entries
 from tsd_twin.robots import RobotDescription
 from tsd_twin.shadow import STREAMS, Drift, ShadowFeed, ShadowReport, ShadowTwin
 from tsd_twin.simulation import PLANTS, Camera, CameraNoise, Wear, WornRobot
@@ -122,7 +122,7 @@ def health_of_recording(path: Path, robot_id: str | None, out: Output) -> list[s
 
     def replay() -> Iterator[float]:
         nonlocal next_s
-        for entry in reading.entries(path, [*decoders, status_key]):
+        for entry in entries(path, [*decoders, status_key]):
             t_s = 1e-9 * (entry.log_ns - recording.start_ns)
             try:
                 if entry.topic == status_key:
