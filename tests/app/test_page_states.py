@@ -279,6 +279,22 @@ def test_what_to_do_after_a_stop_is_not_said_any_more_when_stop_was_pressed(
     expect(notice).to_be_hidden(timeout=4000)  # It is read for two seconds; others stay for six.
 
 
+@pytest.mark.parametrize("by", ["page", "robot"])
+def test_why_the_robot_stopped_is_told_once_whichever_tells_first(
+    stage: PageStage, by: str
+) -> None:
+    toasts = stage.page.locator(".toast")
+    stage.show(state("driving", you=True))
+    stage.page.keyboard.down("w")
+    event = {"t": "event", "kind": "mode", "text": SLOW, "past": False, "robot_s": 1.0}
+    told = [event | {"age_s": 0.0}, {"t": "released", "reason": STALLED}]
+    for message in told if by == "robot" else reversed(told):
+        stage.say(message)
+    stage.page.keyboard.up("w")
+    first = "No command for 180 ms" if by == "robot" else "Your page stalled for 0.2 s"
+    expect(toasts).to_have_text([f"{first}, so the robot stopped. Let go, then push again."])
+
+
 def test_events_have_the_time_of_the_page(stage: PageStage) -> None:
     said = {"t": "event", "kind": "mode", "text": "it was stopped", "past": True}
     stage.say(said | {"robot_s": 12.5, "age_s": 3600.0})
