@@ -295,6 +295,18 @@ def test_why_the_robot_stopped_is_told_once_whichever_tells_first(
     expect(toasts).to_have_text([f"{first}, so the robot stopped. Let go, then push again."])
 
 
+def test_a_take_over_is_told_once_with_its_reason(stage: PageStage) -> None:
+    toasts = stage.page.locator(".toast")
+    stage.show(state("ready", you=True))
+    event = {"t": "event", "kind": "lease", "past": False, "robot_s": 1.0, "age_s": 0.0}
+    stage.say(event | {"text": f"bob took control over from {OPERATOR}: it is my robot."})
+    stage.say(event | {"text": "You have lost control: bob has control now."})
+    expect(toasts).to_have_text([f"bob took control over from {OPERATOR}: it is my robot."])
+    stage.page.wait_for_timeout(1100)
+    stage.say(event | {"text": "You have lost control: carl has control now."})
+    expect(toasts).to_have_count(2)
+
+
 def test_events_have_the_time_of_the_page(stage: PageStage) -> None:
     said = {"t": "event", "kind": "mode", "text": "it was stopped", "past": True}
     stage.say(said | {"robot_s": 12.5, "age_s": 3600.0})

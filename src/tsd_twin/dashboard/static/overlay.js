@@ -37,6 +37,7 @@ const LEVEL_IN_DOCK_PX = 1060;
 const LEVEL_IN_DOCK_SEVERAL_PX = 1230;
 const TOLD_MS = 1000;
 let toldMs = -Infinity; // When it was last told why a motion has ended.
+let takenMs = -Infinity; // When it was last told that control was taken over.
 // The last ones take away what others show.
 const STYLES = [
   ...["base", "frame", "bar", "buttons", "notices", "card", "dock"],
@@ -139,6 +140,9 @@ drive.onMessage = (text, isTrue) => {
 link.on(["state", "beat"], draw);
 link.on("event", (event) => {
   if (event.past || !isNotable(event, link.welcome?.operator)) return;
+  if (event.kind === "lease" && / took control over /.test(event.text))
+    takenMs = performance.now(); // With the reason, so that the loss is not told again.
+  else if (event.kind === "lease" && performance.now() - takenMs < TOLD_MS) return;
   const text = noticeOf(event, link.state?.you ?? false);
   const isTrue = () => event.kind !== "mode" || !isLatched();
   if (!isAgain(text) || isFirstToTell()) notices.say(text, isTrue);
