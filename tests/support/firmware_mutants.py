@@ -34,10 +34,8 @@ class Mutant:
         made = "build/native/libfirmware.so" if self.native else "build/firmware.elf"
         shutil.copytree(FIRMWARE / "native", folder / "native")
         objects = folder / Path(made).parent
-        objects.mkdir(parents=True)
         kept = (FIRMWARE / made).parent
-        for path in [*kept.glob("*.o"), *kept.glob("*.d")]:
-            shutil.copy2(path, objects)
+        shutil.copytree(kept, objects, dirs_exist_ok=True)
         path = folder / self.file
         text = path.read_text(encoding="utf-8")
         assert text.count(self.old) == 1, f"{self.file} has not one {self.old!r}"
