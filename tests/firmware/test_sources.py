@@ -83,5 +83,5 @@ def test_every_pin_of_the_table_is_in_hal_avr_h() -> None:
     for port in re.findall(r"\bP([A-L])[0-7]\b", readme.split("## Flash it")[0]):
         in_code = (FIRMWARE / "hal_avr.h").read_text(encoding="utf-8")
         # Of the UARTs and the analogue inputs the chip knows the pins itself.
-        assert port in "DEF" or re.search(rf"PORT{port}\b|PIN{port}\b", in_code), port
+        assert port in "DEF" or re.search(rf"(?:PORT|PIN|DDR){port}\b", in_code), port
     assert (BUILD / "firmware.elf").exists()

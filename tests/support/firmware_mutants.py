@@ -146,8 +146,8 @@ MUTANTS = (
     Mutant(
         "the watchdog is kicked by the main loop",
         "main.c",
-        "    servos_poll();\n",
-        "    servos_poll();\n    watchdog_kick();\n",
+        "  servos_poll();\n",
+        "  servos_poll();\n  watchdog_kick();\n",
         "a_lost_tick_ends_in_a_reset",
     ),
     Mutant(
@@ -238,7 +238,7 @@ MUTANTS = (
         "the session is not looked at",
         "nonce.c",
         "return nonce[0] == table.nonce[0] && nonce[1] == table.nonce[1];",
-        "return nonce || table.nonce;",
+        "return nonce[0] == table.nonce[0] || true;",
         "a_recorded_session_arms_nothing",
     ),
     Mutant(
