@@ -25,13 +25,12 @@ _LAST_DOMAIN = 232
 PARSER = program.parser(
     "tsd-ros",
     "Show the robots on the bus to ROS 2 as nodes, and drive them by cmd_vel. No ROS has to be "
-    "installed with --rmw zenoh.",
+    "installed here.",
     [
         "tsd-ros --connect tcp/127.0.0.1:7448     a robot there, and rmw_zenohd at its own port",
         "tsd-ros                                  ROS nodes join the robot's own port 7447",
         "tsd-ros --ros-connect tcp/ros-pc:7447    the router of ROS on another computer",
         "tsd-ros --view-only                      nothing can be driven",
-        "tsd-ros --rmw dds                        over the rclpy of this Python",
     ],
 )
 
@@ -134,6 +133,9 @@ def main() -> None:
     )
     PARSER.add_argument("--view-only", action="store_true", help="no cmd_vel and no services")
     made = PARSER.add_argument_group("ROS", "docs/ros2.md goes step by step.")
+    made.add_argument(
+        "--rmw", choices=["zenoh"], default="zenoh", help="middleware of ROS; default zenoh"
+    )
     made.add_argument(
         "--ros-connect",
         default=ROUTER,

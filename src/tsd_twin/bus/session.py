@@ -313,14 +313,19 @@ class Bus:
             )
         )
 
-    def query(self, key: str, payload: bytes, timeout_s: float = 1.0) -> bytes:
+    def query(
+        self, key: str, payload: bytes, timeout_s: float = 1.0, attachment: bytes = b""
+    ) -> bytes:
         """Query `key`, and return the reply; blocks up to `timeout_s`.
 
         Raises:
             NoAnswerError: no queryable serves the key, or it does not reply in time.
         """
         try:
-            for reply in self._session.get(key, payload=payload, timeout=timeout_s):
+            replies = self._session.get(
+                key, payload=payload, timeout=timeout_s, attachment=attachment or None
+            )
+            for reply in replies:
                 if reply.ok is not None:
                     return reply.ok.payload.to_bytes()
         except zenoh.ZError as error:

@@ -188,7 +188,7 @@ class RosSource(RobotSource):
         operator: str | None,
         link: BusLink,
     ) -> None:
-        """`meshes` serves mesh files, or goes before their names; no `operator` means no driving."""
+        """`meshes` serves files, or is a URI before names; without `operator` ROS only looks on."""
         self._open_port, self._meshes_at = open_port, meshes
         self._port: RosPort | None = None
         super().__init__(link, operator or "viewer")
