@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick check check-types check-python check-scripts bench attack soak format lock vendor docs pictures meshes clean firmware robot-in-a-box avr
+.PHONY: help demo test test-long quick check check-types check-python check-scripts bench attack soak format lock vendor docs pictures meshes clean firmware robot-in-a-box avr
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 22
@@ -16,6 +16,9 @@ demo: .venv/.run ## Drive the simulated robot in the browser
 test: check browser avr ## Check, then run all tests
 	$(BIN)/node $(NODE_TEST) 'tests/js/*.test.js'
 	@scripts/run_tests $(ARGS)
+
+test-long: .venv/.dev browser avr ## Run the tests that take longest, which make test leaves out
+	@scripts/run_tests --long $(ARGS)
 # The page's scripts name no type: a browser knows that they are modules, Node.js finds out.
 NODE_TEST := --disable-warning=MODULE_TYPELESS_PACKAGE_JSON --test-reporter=dot --test
 

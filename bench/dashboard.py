@@ -20,8 +20,8 @@ from bench.bus import program
 from bench.table import Row, percentile
 from tests.support.robot_feed import RobotFeed
 from tests.support.viser_client import CAMERA, decoded
+from tsd_twin.dashboard import viser_compat
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.viser_compat import viser_server
 
 _SECONDS, _FRAMES = 8.0, 600
 _SMALLEST = 1.0, 30
@@ -66,7 +66,7 @@ def load(pid: int, url: str, viewers: int, seconds: float) -> tuple[float, dict[
 
 def latencies(frames: int) -> tuple[float, list[float]]:
     """Return p99 of a bare viser node and all times of our scene, in ms, at 60 Hz."""
-    server = viser_server.start_server("bench")
+    server = viser_compat.start_server("bench")
     try:
         bare = server.scene.add_frame("/bare", show_axes=False)
 
@@ -94,7 +94,7 @@ def timed(port: int, node: str, move: Callable[[float], None], frames: int) -> l
     """Return how long each new position takes from here to a socket in another process, in ms."""
     spawn = mp.get_context("spawn")
     ours, theirs = spawn.Pipe()
-    reader = spawn.Process(target=receive, args=(port, viser_server.access_key(), node, theirs))
+    reader = spawn.Process(target=receive, args=(port, viser_compat.access_key(), node, theirs))
     reader.start()
     ours.recv()
     set_s: dict[int, float] = {}
@@ -112,7 +112,7 @@ def receive(port: int, key: str, node: str, pipe: Connection) -> None:
     """Note when each position arrives; positions are numbered by where they are."""
     got_s: dict[int, float] = {}
     url = f"ws://127.0.0.1:{port}"
-    headers = {viser_server.KEY_HEADER: key}
+    headers = {viser_compat.KEY_HEADER: key}
     with connect(
         url,
         subprotocols=[PROTOCOL],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import psutil
 
@@ -48,8 +48,14 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
 
 def share_of_a_core(pid: int, settle_s: float, seconds: float) -> float:
     """Processor time of a process in percent of one core, measured once it has settled."""
-    process = psutil.Process(pid)
+    return shares_of_a_core([pid], settle_s, seconds)[0]
+
+
+def shares_of_a_core(pids: Sequence[int], settle_s: float, seconds: float) -> list[float]:
+    """Processor times of processes over the same time, in percent of one core."""
+    processes = [psutil.Process(pid) for pid in pids]
     time.sleep(settle_s)
-    process.cpu_percent()
+    for process in processes:
+        process.cpu_percent()
     time.sleep(seconds)
-    return process.cpu_percent()
+    return [process.cpu_percent() for process in processes]

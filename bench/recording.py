@@ -21,18 +21,22 @@ import msgspec
 import numpy as np
 import zenoh
 from mcap.reader import make_reader
+from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 
 import tsd_twin
-from bench.bus import program
-from bench.idle import share_of_a_core
-from bench.table import Row
+from bench.bus import client_commands, program
+from bench.idle import share_of_a_core, shares_of_a_core
+from bench.table import Row, percentile
+from tsd_twin.bus import Bus, client_config
 from tsd_twin.recording.channels import RAW
 
 _SETTLE_S = 3.0
 _SECONDS = 20.0
 _SMALLEST_S = 0.5
 _KILLS = 5
+_COMMANDS = 300
+_FEW_COMMANDS = 20
 _BEGUN_BYTES = 5000
 _LEG_S = 3.0
 """Time of one velocity; each fifth is a rest."""
@@ -56,13 +60,19 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
     """
     settle_s, seconds = (_SMALLEST_S, _SMALLEST_S) if smallest else (_SETTLE_S, _SECONDS)
     yield from measure(settle_s, seconds, seconds)
+    yield from beside(settle_s, seconds, smallest=smallest)
     yield from kill(1 if smallest else _KILLS)
 
 
 def measure(settle_s: float, floor_s: float, seconds: float) -> Iterator[Row]:
-    """Measure a bare subscriber for `floor_s`, then a recorder for `seconds`."""
+    """Measure a bare subscriber, then a recorder for `seconds`, each beside a dashboard."""
     mock = program([*_run("tsd_mock"), "--listen", "tcp/127.0.0.1:0", "--noise", "1"])
-    with mock as endpoint, tempfile.TemporaryDirectory() as folder, _driven(endpoint) as driven:
+    with (
+        mock as endpoint,
+        tempfile.TemporaryDirectory() as folder,
+        program([*_run("tsd_dashboard"), "--port", "0", "--connect", endpoint]),
+        _driven(endpoint) as driven,
+    ):
         bare = program([sys.executable, "-c", _FLOOR, endpoint])
         with bare:
             floor = share_of_a_core(bare.process.pid, settle_s, floor_s)
@@ -83,6 +93,40 @@ def measure(settle_s: float, floor_s: float, seconds: float) -> Iterator[Row]:
     recorded = 100.0 * (1.0 - missing / max(counted, 1))
     about = f"{missing} of {counted} counted by bare Zenoh are missing"
     yield Row("puts of the bus that are on record", recorded, 100.0, "%", about, at_least=True)
+
+
+def beside(settle_s: float, seconds: float, *, smallest: bool = False) -> Iterator[Row]:
+    """Measure node, dashboard and commands beside a recorder, and without one before and after."""
+    count = _FEW_COMMANDS if smallest else _COMMANDS
+    mock = program([*_run("tsd_mock"), "--listen", "tcp/127.0.0.1:0", "--noise", "1"])
+    with mock as endpoint, tempfile.TemporaryDirectory() as folder:
+        dashboard = program([*_run("tsd_dashboard"), "--port", "0", "--connect", endpoint])
+        with dashboard:
+            pids = mock.process.pid, dashboard.process.pid
+
+            def once() -> tuple[NDArray[np.float64], float]:
+                with _driven(endpoint):
+                    loads = shares_of_a_core(pids, settle_s, seconds)
+                with Bus(client_config([endpoint])) as bus:
+                    return np.array(loads), percentile(client_commands(bus, endpoint, count), 0.5)
+
+            before = once()
+            with program([*_run("tsd_record"), "--connect", endpoint, "--dir", folder]):
+                during = once()
+            after = once()
+    without = (before[0] + after[0]) / 2.0
+    for name, load, alone, ends in zip(
+        ("node", "dashboard"),
+        during[0],
+        without,
+        zip(before[0], after[0], strict=True),
+        strict=True,
+    ):
+        about = f"without one {ends[0]:.1f} % before, {ends[1]:.1f} % after"
+        yield Row(f"{name} beside a recorder, of one core", load, 1.1 * alone, "%", about)
+    about = f"without one {before[1]:.2f} ms before, {after[1]:.2f} ms after"
+    limit_ms = max(before[1], after[1]) + 1.0
+    yield Row("set_velocity to set-point beside a recorder, p50", during[1], limit_ms, "ms", about)
 
 
 def kill(count: int) -> Iterator[Row]:

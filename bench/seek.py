@@ -26,7 +26,7 @@ from tsd_twin.messages.status import LimitStatus, Status, encode_status
 from tsd_twin.messages.topics import Service
 from tsd_twin.recording.channels import CDR, JSON, Entry
 from tsd_twin.recording.events import read_events
-from tsd_twin.recording.file import RecordingFile
+from tsd_twin.recording.mcap_file import RecordingFile
 from tsd_twin.recording.player import Player
 
 START_NS = 1_700_000_000_000_000_000

@@ -56,6 +56,7 @@ def test_a_file_may_have_slow_tests_if_one_is_listed(
     monkeypatch.setattr(marks, "TESTS", tmp_path)
     listed = frozenset({"lab/test_made.py::test_one"})
     monkeypatch.setattr(marks, "listed", lambda: listed)
+    monkeypatch.setattr(marks, "long_listed", frozenset[str])
     for name, has_slow in (("lab/test_made.py", True), ("lab/test_made_too.py", False)):
         path = tmp_path / name
         path.parent.mkdir(exist_ok=True)

@@ -1,16 +1,25 @@
 """Errors of this project.
 
 ```
-TwinError               anything below; its text is one sentence for the person at the keyboard
-├── RobotFileError      a robot description is missing, misspelt or impossible
-├── MessageError        a peer sent something that cannot be read (theirs, not ours)
-├── BusError            the bus cannot be opened, or is used in a way that is not allowed
-│   └── NoAnswerError   a service did not answer in time
-├── LinkError           a description of a simulated link cannot be read (in link_emulation)
-├── PathError           a path that no robot can follow
-├── RecordingError       a file is no recording, or lacks a topic
-├── MeshError           a generated part is missing or is not a closed solid
-└── MissingExtraError   an optional package that was asked for is not installed
+TwinError                   anything below; its text is one sentence for the person at the keyboard
+├── RobotFileError          a robot description is missing, misspelt or impossible
+├── MessageError            a peer sent something that cannot be read (theirs, not ours)
+├── BusError                the bus cannot be opened, or is used in a way that is not allowed
+│   └── NoAnswerError       a service did not answer in time
+├── LinkError               a description of a simulated link cannot be read (in link_emulation)
+├── PathError               a path that no robot can follow
+├── RecordingError          a file is no recording, or lacks a topic
+├── MeshError               a generated part is missing or is not a closed solid
+├── MissingExtraError       an optional package that was asked for is not installed
+└── ClientError             raised by the client library; a refusal has the robot's own sentence
+    ├── NoRobotFound        no robot answers at the endpoint
+    ├── SeveralRobotsFound  more than one does, and none was named
+    ├── ControlDenied       the lease is not granted; `holder` has it
+    ├── ControlLost         the lease ended: taken over, handed over or expired
+    ├── RequestRefused      the robot refused to arm, reset, set its pose ...
+    ├── RobotStopped        the robot is latched, or began to stop by itself
+    ├── RobotSilent         the robot does not answer, or sends no status
+    └── MotionFailed        the robot left its path or did not come to rest
 ```
 
 Any other exception is a bug.
@@ -88,3 +97,54 @@ def install_command(extra: str) -> str:
     marked = re.compile(rf"\bextra\s*==\s*[\"']{extra}[\"']")
     packages = [parts[0].strip() for parts in needed if marked.search(parts[-1])]
     return f"{install} {shlex.join(packages)}"
+
+
+# The names are those of events, as a script reads them: `except ControlLost`.
+
+
+class ClientError(TwinError):
+    """Base class of the errors of the client library."""
+
+
+class NoRobotFound(ClientError):  # noqa: N818  Reads as what happened.
+    """No robot answers."""
+
+
+class SeveralRobotsFound(ClientError):  # noqa: N818  Reads as what happened.
+    """More than one robot is on the bus, and none was named."""
+
+
+class ControlDenied(ClientError):  # noqa: N818  Reads as what happened.
+    """The robot does not grant the lease."""
+
+    def __init__(self, robot: str, reason: str, holder: str | None = None) -> None:
+        super().__init__(f"{robot} gives no control: {reason}")
+        self.reason = reason
+        """The robot's own sentence."""
+        self.holder = holder
+        """The operator who has control, if any."""
+
+
+class ControlLost(ClientError):  # noqa: N818  Reads as what happened.
+    """The lease ended before it was released."""
+
+
+class RequestRefused(ClientError):  # noqa: N818  Reads as what happened.
+    """The robot refused a request."""
+
+    def __init__(self, robot: str, what: str, reason: str) -> None:
+        super().__init__(f"{robot} refuses to {what}: {reason}")
+        self.reason = reason
+        """The robot's own sentence."""
+
+
+class RobotStopped(ClientError):  # noqa: N818  Reads as what happened.
+    """The robot is stopped or faulty, is not armed, or began to stop by itself."""
+
+
+class RobotSilent(ClientError):  # noqa: N818  Reads as what happened.
+    """The robot does not answer, or has sent no status for a second."""
+
+
+class MotionFailed(ClientError):  # noqa: N818  Reads as what happened.
+    """The robot did not reach the goal of a motion; it was brought to rest."""

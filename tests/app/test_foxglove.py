@@ -41,7 +41,7 @@ from tsd_twin import robots
 from tsd_twin.bus import Bus, as_client, client_config
 from tsd_twin.foxglove.front import FOXGLOVE_ORIGIN, SILENT_S
 from tsd_twin.interop.mapping import PUBLISHED, SERVICES
-from tsd_twin.recording.file import RecordingFile
+from tsd_twin.recording.mcap_file import RecordingFile
 from tsd_twin.security import CertificateRequest
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Generator
-from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from tests.app.conftest import Program
 from tests.support.browser import PATIENCE_MS, give_back, mode
-from tsd_twin.dashboard.scene import appearance
-from tsd_twin.dashboard.server.pages import STATIC
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]
 
@@ -266,11 +263,3 @@ def test_the_name_that_an_operator_types_is_kept_and_shown_to_others(page: Page)
     expect(page.get_by_text("you drive", exact=True)).to_be_visible(timeout=PATIENCE_MS)
     expect(other.get_by_text("anna-muller drives", exact=True)).to_be_visible(timeout=PATIENCE_MS)
     other.close()
-
-
-def test_the_sheet_names_the_colours_of_the_scene() -> None:
-    text = Path(STATIC, "key_sheet.js").read_text("utf-8")
-    named = dict(re.findall(r'\["(\w+)", "(#[0-9a-f]{6})", ', text))
-    assert named
-    for name, colour in named.items():
-        assert colour == "#{:02x}{:02x}{:02x}".format(*getattr(appearance, name.upper()))

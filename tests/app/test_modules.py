@@ -28,7 +28,7 @@ _PRESSES = 20
 _SHOWN = """() => {
 window.shownMs = new Promise((resolve) => {
   const look = () => {
-    const notice = document.querySelector("#tsd-overlay")?.shadowRoot.querySelector(".conflict");
+    const notice = document.querySelector("#tsd-overlay")?.shadowRoot.querySelector(".consistency");
     if (notice && !notice.hidden) resolve(Date.now());
     else eachFrame(look);
   };

@@ -24,7 +24,7 @@ from tests.support.browser import (
     take_control_and_arm,
 )
 from tsd_twin.bus import Bus, Config, client_config
-from tsd_twin.dashboard.viser_compat.viser_server import (
+from tsd_twin.dashboard.viser_compat import (
     CAMERA_OFFSET_M,
     FIELD_OF_VIEW_RAD,
     LOOK_AT_M,

@@ -23,11 +23,11 @@ from tests.app.conftest import PATIENCE_S, Program, alive, children_of
 from tests.support import scripts
 from tests.support.small_disk import small_disk
 from tsd_twin.bus import Bus, as_client, client_config
+from tsd_twin.control.logged_controller import LeaseDrawn, decode_batch
 from tsd_twin.messages.commands import Sample
-from tsd_twin.messages.input_log import LeaseDrawn, decode_batch
 from tsd_twin.messages.status import decode_stamp
 from tsd_twin.messages.topics import QoS, Service
-from tsd_twin.recording import Recording, read_marks, reading
+from tsd_twin.recording import Recording, mcap_file, read_marks
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(240)]
 
@@ -68,7 +68,7 @@ def size_of(path: Path) -> int:
 
 
 def last_state_ns(path: Path) -> int:
-    return max(entry.log_ns for entry in reading.entries(path) if "/state/" in entry.topic)
+    return max(entry.log_ns for entry in mcap_file.entries(path) if "/state/" in entry.topic)
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +114,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> Generator[tuple[Path, Co
         assert recorder.end() == 0
         assert recorder.sentence == ""
         recorded: dict[str, set[int]] = {}
-        for entry in reading.entries(path):
+        for entry in mcap_file.entries(path):
             recorded.setdefault(entry.topic, set()).add(entry.sequence)
         for key, seen in numbers.items():
             assert seen <= recorded[key], f"{key} is not whole"
@@ -197,7 +197,7 @@ def test_an_export_has_no_lease_id_and_runs_again(
     key = "twin/tsd/log/inputs"
     drawn = [
         call.id
-        for entry in reading.entries(path, {key})
+        for entry in mcap_file.entries(path, {key})
         for call in decode_batch(entry.data).calls
         if isinstance(call, LeaseDrawn)
     ]
@@ -205,7 +205,7 @@ def test_an_export_has_no_lease_id_and_runs_again(
     part = tmp_path / "part.mcap"
     export = start("tsd_record", "export", str(path), "--out", str(part), "--from", "1.5")
     assert export.wait() == 0, export.sentence
-    for entry in reading.entries(part):
+    for entry in mcap_file.entries(part):
         assert not any(each in entry.data or each.hex().encode() in entry.data for each in drawn)
     rerun = start("tsd_lab", "rerun", str(part), "--out", str(tmp_path / "lab"))
     assert rerun.wait() == 0, rerun.sentence

@@ -11,14 +11,18 @@ import pytest
 
 from tests.support.experiment_runs import table
 from tsd_twin import robots
-from tsd_twin.calibration.collect import missing_spin_ratios, next_run_advice, spin_ratio_of
+from tsd_twin.calibration.collect import (
+    missing_spin_ratios,
+    next_run_advice,
+    spin_ratio_of,
+    spin_ratios,
+)
 from tsd_twin.calibration.recording import (
     Recording,
     RobotRecorder,
     read_recordings,
     recording_columns,
 )
-from tsd_twin.calibration.simulated_runs import spin_ratios
 from tsd_twin.errors import TwinError
 from tsd_twin.experiment import Output
 from tsd_twin.lie import SE2, Array
@@ -26,7 +30,7 @@ from tsd_twin.messages.commands import PoseStamped, Sample, encode_pose
 from tsd_twin.messages.ros import JointState, encode_joints
 from tsd_twin.messages.status import Status, encode_stamp, encode_status
 from tsd_twin.recording.channels import EntryMaker
-from tsd_twin.recording.file import RecordingFile
+from tsd_twin.recording.mcap_file import RecordingFile
 from tsd_twin.robots import SingularityDescription
 
 ROBOT = robots.description_of_kind(robots.load_robot("tsd"), SingularityDescription)

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from tests.support.experiment_runs import is_picture, run, table
 from tests.support.robot_node import PATIENCE_S, QUICK, RunningNode, matched, running
 from tsd_twin import connect, robots
+from tsd_twin.calibration.collect import PerturbedRobot, with_calibration
 from tsd_twin.calibration.control import CalibratedRobot, ask_displacement
-from tsd_twin.calibration.simulated_runs import PerturbedRobot, with_calibration
 from tsd_twin.calibration.zeroing import (
     PoseTracker,
     ZeroOffsetDrift,

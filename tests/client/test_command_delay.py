@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsd_twin.client.command_delay import CommandDelay
 from tsd_twin.messages.status import CommandStatus
+from tsd_twin.motion.prediction import CommandDelay
 
 
 def measured(delay: CommandDelay, *reports: tuple[int, float | None, float]) -> None:

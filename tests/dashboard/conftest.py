@@ -7,11 +7,11 @@ from collections.abc import Generator
 import pytest
 import viser
 
-from tsd_twin.dashboard.viser_compat import viser_server
+from tsd_twin.dashboard import viser_compat
 
 
 @pytest.fixture(scope="module")
 def server() -> Generator[viser.ViserServer]:
-    started = viser_server.start_server("test")
+    started = viser_compat.start_server("test")
     yield started
     started.stop()

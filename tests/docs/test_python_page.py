@@ -9,9 +9,8 @@ from pathlib import Path
 import pytest
 
 import tsd_twin
-from tests.app.conftest import Program
 from tests.support.markdown_pages import code, page, quoted, section, tables
-from tests.support.scripts import run_script
+from tests.support.scripts import mock_endpoint, run_script
 from tsd_twin import __all__
 from tsd_twin.bus import DEFAULT_ENDPOINT
 from tsd_twin.client.protocol import SETPOINT_TIMEOUT_S, SILENCE_S
@@ -22,12 +21,8 @@ SCRIPTS = code(PAGE, "python")
 
 @pytest.fixture(scope="module")
 def endpoint() -> Generator[str]:
-    mock = Program(["tsd_mock", "--listen", "tcp/127.0.0.1:0"])
-    try:
-        yield mock.ready().split()[-1]
-    finally:
-        mock.end()
-        mock.clean_up()
+    with mock_endpoint() as found:
+        yield found
 
 
 @pytest.mark.system

@@ -8,7 +8,7 @@ from urllib.parse import parse_qsl
 import pytest
 
 from tests.support.markdown_pages import page
-from tsd_twin.dashboard.scene.tilt_exaggeration import MOST_TILT_RAD
+from tsd_twin.dashboard.scene.robot_visual import MOST_TILT_RAD
 from tsd_twin.dashboard.server.messages_from_page import StudentRequest
 from tsd_twin.dashboard.server.student import answer
 

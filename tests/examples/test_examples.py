@@ -18,7 +18,7 @@ import pytest
 import tsd_twin
 from tests.app.conftest import Program
 from tests.support.markdown_pages import ROOT
-from tests.support.scripts import run_script
+from tests.support.scripts import mock_endpoint, run_script
 
 FOLDER = ROOT / "examples"
 SCRIPTS = sorted(path.stem for path in FOLDER.glob("*.py"))
@@ -27,13 +27,8 @@ PATIENCE_S = 90.0
 
 @pytest.fixture(scope="module")
 def endpoint() -> Generator[str]:
-    """A mock that all scripts drive, one after the other."""
-    mock = Program(["tsd_mock", "--listen", "tcp/127.0.0.1:0"])
-    try:
-        yield mock.ready().split()[-1]
-    finally:
-        mock.end()
-        mock.clean_up()
+    with mock_endpoint() as found:
+        yield found
 
 
 def run(name: str, folder: Path, *arguments: str) -> str:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from tsd_twin.dynamixel.blocks import Telemetry
 from tsd_twin.dynamixel.control_table import BoardMode, Refusal, Trip
-from tsd_twin.hardware.arm_switch import ANSWERS, REFUSALS, TRIPS, ArmSwitch
+from tsd_twin.hardware.controller_board import ANSWERS, REFUSALS, TRIPS, ArmSwitch
 
 OFF = Telemetry(mode=BoardMode.DISARMED)
 ON = Telemetry(mode=BoardMode.ARMED)

@@ -15,9 +15,9 @@ import pytest
 
 from tests.support.faulty_devices import Peer, PretendBoard, plugged
 from tsd_twin import robots
-from tsd_twin.dynamixel import protocol2
 from tsd_twin.dynamixel.blocks import Command, Identity, Setup
 from tsd_twin.dynamixel.control_table import BoardMode, ResetCause, Trip
+from tsd_twin.dynamixel.packets import protocol2
 from tsd_twin.hardware import HardwareError, MegaHardware, ServoCalibration
 from tsd_twin.hardware.joints import Receiver
 from tsd_twin.hardware.serial_transport import LIMIT, WINDOW_S
@@ -255,7 +255,7 @@ def test_the_commands_carry_the_session_of_the_board(it: Bench) -> None:
 def test_a_port_at_which_nobody_answers_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tsd_twin.hardware.handshake._BOOT_S", 0.2)
+    monkeypatch.setattr("tsd_twin.hardware.controller_board._BOOT_S", 0.2)
     board = PretendBoard()
     board.silent = True
     with (

@@ -18,7 +18,7 @@ from tsd_twin.kinematics import (
     SingularityKinematics,
     SphereKinematics,
 )
-from tsd_twin.kinematics.reach import largest_projection, largest_twist, section, shadow
+from tsd_twin.kinematics.base import largest_projection, largest_twist, section, shadow
 from tsd_twin.lie import Array
 
 calm = settings(deadline=None, max_examples=40)

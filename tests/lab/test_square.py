@@ -15,6 +15,7 @@ import pytest
 
 from tests.support.experiment_runs import is_picture, run, table
 from tsd_twin import robots
+from tsd_twin.client.simulated import VirtualRobot
 from tsd_twin.errors import TwinError
 from tsd_twin.estimation import Slip
 from tsd_twin.lab.observer import Loop, make_observer
@@ -22,7 +23,6 @@ from tsd_twin.lab.square import Square
 from tsd_twin.lab.tracking import TrackingRecord
 from tsd_twin.robots import SingularityDescription, description_of_kind
 from tsd_twin.simulation import SimRobot
-from tsd_twin.virtual_robot import VirtualRobot
 
 TSD = description_of_kind(robots.load_robot("tsd"), SingularityDescription)
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, rule, run_state_machine_as_test
 
 from tsd_twin import robots
+from tsd_twin.client.simulated import PERIOD_S, VirtualRobot
 from tsd_twin.errors import PathError
 from tsd_twin.lie import SE2, Array, wrap
 from tsd_twin.motion import TwistLimiter
@@ -28,7 +29,6 @@ from tsd_twin.motion.tracking import (
 from tsd_twin.motion.trajectory import plan
 from tsd_twin.robots import RobotDescription
 from tsd_twin.simulation import SimRobot
-from tsd_twin.virtual_robot import PERIOD_S, VirtualRobot
 
 PLANAR = ["tsd", "omni4", "kiwi", "mecanum"]
 HELD = 2

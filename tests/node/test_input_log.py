@@ -12,9 +12,9 @@ from tests.support.robot_node import ANY_PORT, QUICK, Mailbox, RunningNode, runn
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.control import LoggedController
+from tsd_twin.control.logged_controller import InputBatch, StepCall, decode_batch
 from tsd_twin.messages import topics
-from tsd_twin.messages.input_log import InputBatch, StepCall, decode_batch
-from tsd_twin.node.input_log import InputLogPublisher
+from tsd_twin.node.robot_node import InputLogPublisher
 from tsd_twin.recording.rerun import Rerun, stretches
 
 KEY = topics.INPUTS.key("tsd")

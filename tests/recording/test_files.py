@@ -22,8 +22,7 @@ from tsd_twin.errors import RecordingError, TwinError
 from tsd_twin.messages.ros import Odometry, encode_odometry
 from tsd_twin.recording import RecordingFolder
 from tsd_twin.recording.channels import CDR, JSON, Entry
-from tsd_twin.recording.file import RecordingFile
-from tsd_twin.recording.reading import entries, is_whole
+from tsd_twin.recording.mcap_file import RecordingFile, entries, is_whole
 
 ODOM = "twin/tsd/state/odom"
 STEP_NS = 20_000_000
@@ -185,7 +184,7 @@ FULL = """
 import resource, sys
 from pathlib import Path
 from tests.recording.test_files import entry, by_mcap, plain
-from tsd_twin.recording.file import RecordingFile
+from tsd_twin.recording.mcap_file import RecordingFile
 file = RecordingFile(Path(sys.argv[1]))
 resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, resource.RLIM_INFINITY))
 failed = 0
@@ -219,7 +218,7 @@ KILLED = """
 import sys, time
 from pathlib import Path
 from tests.recording.test_files import entry
-from tsd_twin.recording.file import RecordingFile
+from tsd_twin.recording.mcap_file import RecordingFile
 file = RecordingFile(Path(sys.argv[1]))
 for i in range(100_000):
     file.add(entry(i))

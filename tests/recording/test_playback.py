@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsd_twin.recording.playback import Playback
+from tsd_twin.recording.player import Playback
 
 ACTS = st.one_of(
     st.tuples(st.just("play"), st.floats(-1.0, 100.0)),

@@ -18,13 +18,13 @@ from tsd_twin.messages import topics
 from tsd_twin.messages.ros import decode_joints, decode_odometry
 from tsd_twin.messages.services import Event
 from tsd_twin.messages.status import decode_status
-from tsd_twin.recording import RecordingFolder, reading
-from tsd_twin.recording.catalogue import Catalogue
+from tsd_twin.recording import RecordingFolder, mcap_file
 from tsd_twin.recording.channels import JSON, Entry
 from tsd_twin.recording.events import EventKind, Mark, add_mark, marks_file, read_events, read_marks
 from tsd_twin.recording.export import Part, to_mcap
-from tsd_twin.recording.file import RecordingFile
+from tsd_twin.recording.folder import Catalogue
 from tsd_twin.recording.index import RecordingIndex
+from tsd_twin.recording.mcap_file import RecordingFile
 from tsd_twin.recording.player import Player
 
 STREAMS: dict[str, tuple[topics.Topic, Callable[[bytes], Any]]] = {
@@ -62,7 +62,7 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def played(path: Path) -> Iterator[tuple[int, dict[tuple[str, str], Entry]]]:
     """Yield the newest message that can be decoded of each stream, after each message."""
     newest: dict[tuple[str, str], Entry] = {}
-    for entry in reading.entries(path):
+    for entry in mcap_file.entries(path):
         robot = entry.topic.split("/")[1]
         for name, (topic, decode) in STREAMS.items():
             if entry.topic == topic.key(robot):
@@ -127,7 +127,7 @@ def test_a_snapshot_is_the_same_object_until_something_changes(driven: Path) -> 
 def test_a_robot_is_alive_while_its_node_was(driven: Path) -> None:
     player = Player(driven)
     other = player.robots["other"]
-    entries = [e for e in reading.entries(driven) if e.topic == topics.alive_key("other")]
+    entries = [e for e in mcap_file.entries(driven) if e.topic == topics.alive_key("other")]
     came_s, went_s = (1e-9 * (entry.log_ns - START_NS) for entry in entries)
     for t_s, alive in ((came_s - 0.1, False), (came_s + 0.1, True), (went_s + 0.1, False)):
         player.seek(t_s)
@@ -139,7 +139,7 @@ def test_a_robot_is_alive_while_its_node_was(driven: Path) -> None:
 def test_stepping_by_status_shows_each_once(driven: Path) -> None:
     player = Player(driven)
     key = topics.STATUS.key("tsd")
-    numbers = [entry.sequence for entry in reading.entries(driven, {key})]
+    numbers = [entry.sequence for entry in mcap_file.entries(driven, {key})]
     player.seek(0.0)
     forward: list[int] = []
     for _ in numbers:
@@ -193,7 +193,7 @@ def test_messages_that_were_written_out_of_order_are_found_by_their_time(tmp_pat
         if number % 10 == 9:
             file.flush()
     file.close()
-    in_order = list(reading.entries(path))
+    in_order = list(mcap_file.entries(path))
     times_ns = [entry.log_ns for entry in in_order]
     index = RecordingIndex(path)
     for at_ns in random.integers(min(times_ns) - 5, max(times_ns) + 5, size=200).tolist():
@@ -260,7 +260,7 @@ def test_marks_stay_beside_a_recording_and_go_with_it(driven: Path, tmp_path: Pa
     assert read_marks(path) == [early, late]
     with pytest.raises(RecordingError, match="at most 200"):
         add_mark(path, msgspec.structs.replace(late, note=201 * "x"))
-    assert list(reading.entries(path)) == list(reading.entries(driven))
+    assert list(mcap_file.entries(path)) == list(mcap_file.entries(driven))
     RecordingFolder(tmp_path, 1).remove_oldest()
     assert list(tmp_path.iterdir()) == []
 

@@ -18,19 +18,22 @@ import tsd_twin
 from tests.support.logged_runs import GYRO, TEXTS, LoggedRun, eventful_run
 from tsd_twin import robots
 from tsd_twin.control import RobotController, robot_controller
-from tsd_twin.control.logged_controller import LeaseIds, dump_state, load_state
-from tsd_twin.errors import TwinError
-from tsd_twin.messages import input_log
-from tsd_twin.messages.input_log import (
+from tsd_twin.control.logged_controller import (
     InputBatch,
+    LeaseDrawn,
+    LeaseIds,
     PosesCall,
     SentCall,
     ServeCall,
     StatusCall,
     StepCall,
     StopCall,
+    decode_batch,
+    dump_state,
     encode_batch,
+    load_state,
 )
+from tsd_twin.errors import TwinError
 from tsd_twin.messages.status import LoopStatus
 from tsd_twin.recording.channels import Entry
 from tsd_twin.recording.export import Redactor
@@ -69,7 +72,7 @@ def test_the_run_has_all_that_a_controller_can_be_given(name: str) -> None:
     kinds = {type(call) for call in run.calls}
     planar = name != "atlas"
     assert kinds == {
-        input_log.LeaseDrawn, ServeCall, StopCall, StepCall, StatusCall, SentCall,
+        LeaseDrawn, ServeCall, StopCall, StepCall, StatusCall, SentCall,
         *([PosesCall] if planar else []),
     }  # fmt: skip
     assert any(step.measured is None for step in run.steps)
@@ -295,7 +298,7 @@ def test_a_state_from_another_person_runs_no_code(
 
 def test_a_log_without_lease_ids_runs_all_the_same() -> None:
     run = run_of("tsd")
-    ids = {call.id for call in run.calls if isinstance(call, input_log.LeaseDrawn)}
+    ids = {call.id for call in run.calls if isinstance(call, LeaseDrawn)}
     assert len(ids) >= 3
     redactor = Redactor()
     key = "twin/tsd/log/inputs"
@@ -305,7 +308,7 @@ def test_a_log_without_lease_ids_runs_all_the_same() -> None:
     ]
     for payload in payloads:
         assert not any(each in payload or each.hex().encode() in payload for each in ids)
-    batches = [input_log.decode_batch(payload) for payload in payloads]
+    batches = [decode_batch(payload) for payload in payloads]
     for first in (0, 20, 40):
         (stretch,) = stretches(batches[first:])
         assert Rerun(stretch, run.text).run().difference is None

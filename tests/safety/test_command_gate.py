@@ -17,7 +17,7 @@ from tsd_twin.errors import MessageError
 from tsd_twin.messages.commands import Command, Sample, encode_attachment
 from tsd_twin.messages.ros import TwistStamped, encode_twist
 from tsd_twin.safety import Lease
-from tsd_twin.safety.command_gate import CommandGate
+from tsd_twin.safety.lease import CommandGate
 
 LEASE_ID = b"L" * 16
 REASONS = ("stale", "lease", "order", "nonfinite", "key", "shape")

@@ -32,11 +32,41 @@ def twist_cdr(vx_mps: float) -> bytes:
     return bytes(STORE.serialize_cdr(message, TWIST))
 
 
+class _EndsWhenClosed:
+    """A socket of which the client hears that it is closed.
+
+    When a server closes normally, the loop of the client would go on without a pause, for ever, and
+    hold up all else in this process.
+    """
+
+    def __init__(self, socket: Any, on_closed: Callable[[], None]) -> None:
+        self._socket, self._on_closed = socket, on_closed
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._socket, name)
+
+    async def __aiter__(self) -> AsyncGenerator[bytes | str]:
+        async for raw in self._socket:
+            yield raw
+        self._on_closed()
+
+
+class _Client(WebSocketBridgeClient):
+    """Client that ends when its server closes the connection."""
+
+    async def _attempt_connection(self) -> None:
+        await super()._attempt_connection()
+        self._websocket: Any = _EndsWhenClosed(self._websocket, self._give_up)
+
+    def _give_up(self) -> None:
+        self._should_connect = False
+
+
 class ForeignClient:
     """One connection, with the newest message of each topic."""
 
     def __init__(self, url: str) -> None:
-        self.client = WebSocketBridgeClient(url)
+        self.client = _Client(url)
         self.newest: dict[str, tuple[str, bytes]] = {}
         self.counted: Counter[str] = Counter()
         self.said: list[str] = []

@@ -12,10 +12,16 @@ import numpy as np
 from tests.support.controller_harness import ControllerHarness, HarnessOperator
 from tsd_twin import robots
 from tsd_twin.control import LoggedController
+from tsd_twin.control.logged_controller import (
+    Call,
+    InputBatch,
+    StepCall,
+    decode_batch,
+    encode_batch,
+)
 from tsd_twin.lie import SE2
 from tsd_twin.messages import topics
 from tsd_twin.messages.commands import PoseStamped, Sample, encode_pose
-from tsd_twin.messages.input_log import Call, InputBatch, StepCall, decode_batch, encode_batch
 from tsd_twin.messages.status import LoopStatus
 from tsd_twin.messages.topics import Service
 from tsd_twin.robots import RobotDescription

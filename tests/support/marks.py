@@ -10,7 +10,7 @@ from pathlib import Path
 
 from _pytest.mark.expression import Expression
 
-from tests.support.slow_tests import TESTS, listed
+from tests.support.slow_tests import TESTS, listed, long_listed
 
 TIMED = {"app", "bus", "dashboard", "hardware", "link_emulation", "node", "system"}
 """Folders of tests in which threads, sockets or robots take real time; what is marked `computes`
@@ -46,8 +46,7 @@ def may_choose(expression: str, path: Path) -> bool:
     """Return whether a mark expression, as of `pytest -m`, may choose a test of a file."""
     compiled = Expression.compile(expression)
     known = {*WRITTEN, "timed", "programs"}
-    if not has_slow_tests(path):
-        known.add("slow")
+    known |= {mark for mark, names in _lists().items() if not _has_one(names, path)}
     unknown = sorted(compiled.idents() - known)
     return any(
         compiled.evaluate(lambda name, all_=marks | {*others}: name in all_)
@@ -56,10 +55,13 @@ def may_choose(expression: str, path: Path) -> bool:
     )
 
 
-def has_slow_tests(path: Path) -> bool:
-    """Return whether the list of slow tests names one of a file."""
+def _lists() -> dict[str, frozenset[str]]:
+    return {"slow": listed(), "long": long_listed()}
+
+
+def _has_one(names: frozenset[str], path: Path) -> bool:
     start = f"{path.relative_to(TESTS).as_posix()}::"
-    return any(name.startswith(start) for name in listed())
+    return any(name.startswith(start) for name in names)
 
 
 def _subsets(names: list[str]) -> Iterator[tuple[str, ...]]:

@@ -17,7 +17,7 @@ from tsd_twin.messages.services import Event
 from tsd_twin.messages.status import encode_stamp, encode_status
 from tsd_twin.messages.topics import Service, Topic
 from tsd_twin.recording.channels import EntryMaker
-from tsd_twin.recording.file import RecordingFile
+from tsd_twin.recording.mcap_file import RecordingFile
 from tsd_twin.simulation import SimRobot
 
 START_NS = 1_700_000_000_000_000_000

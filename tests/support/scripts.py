@@ -5,13 +5,27 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 
 import tsd_twin
+from tests.app.conftest import Program
 
 PATIENCE_S = 90.0
 _GOES = 3
 _STARVED = re.compile(r"(RobotStopped: .* stopped by itself|RobotSilent): ")
+
+
+@contextmanager
+def mock_endpoint() -> Generator[str]:
+    """Endpoint of a mock that scripts drive, one after the other."""
+    mock = Program(["tsd_mock", "--listen", "tcp/127.0.0.1:0"])
+    try:
+        yield mock.ready().split()[-1]
+    finally:
+        mock.end()
+        mock.clean_up()
 
 
 def run_script(script: Path, folder: Path, *arguments: str) -> str:

@@ -7,8 +7,7 @@ import numpy as np
 from firmware.simulator.mx64 import Mx64
 from firmware.simulator.servo_bus import ServoBusSimulation
 from tsd_twin import robots
-from tsd_twin.dynamixel import protocol1, protocol2
-from tsd_twin.dynamixel.packets import Decoder, Instruction, Packet
+from tsd_twin.dynamixel.packets import Decoder, Instruction, Packet, protocol1, protocol2
 from tsd_twin.hardware import u2d2
 from tsd_twin.simulation import Servos
 

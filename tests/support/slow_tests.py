@@ -15,6 +15,9 @@ from pathlib import Path
 
 TESTS = Path(__file__).parents[1]
 FILE = TESTS / "slow_tests.txt"
+LONG_FILE = TESTS / "long_tests.txt"
+"""Tests, or single cases of them, for `make test-long`: the same laws over more of their cases, and
+what takes more than about five seconds of processor."""
 LIMIT_S = 0.5
 """Beyond this a test is slow, all its cases together."""
 _DURATION = re.compile(r"^([\d.]+)s (?:setup|call|teardown) +tests/([^\[\s]+)", re.MULTILINE)
@@ -24,6 +27,18 @@ _DURATION = re.compile(r"^([\d.]+)s (?:setup|call|teardown) +tests/([^\[\s]+)", 
 def listed() -> frozenset[str]:
     """Return the slow tests, as `folder/file::test`."""
     return frozenset(FILE.read_text("ascii").split())
+
+
+@cache
+def long_listed() -> frozenset[str]:
+    """Return the long tests, as `folder/file::test` or `folder/file::test[case]`."""
+    return frozenset(LONG_FILE.read_text("utf-8").splitlines())
+
+
+def is_long(node_id: str) -> bool:
+    """Return whether a test, or one of its cases, is for `make test-long`."""
+    case = node_id.removeprefix("tests/")
+    return case in long_listed() or name_of(node_id) in long_listed()
 
 
 def name_of(node_id: str) -> str:

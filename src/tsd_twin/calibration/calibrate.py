@@ -25,11 +25,11 @@ from tsd_twin.calibration.collect import (
 from tsd_twin.calibration.control import add_bus_flags, ask_yes, print_line
 from tsd_twin.calibration.fit import CalibrationFit, fit_calibration
 from tsd_twin.calibration.report import write_description
+from tsd_twin.client.simulated import VOLT_STEP
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.simulation import CameraNoise
-from tsd_twin.virtual_robot import VOLT_STEP
 
 
 def run(args: argparse.Namespace, out: Output) -> list[str]:

@@ -17,7 +17,7 @@ from tsd_twin.messages.commands import Sample, decode_pose_measurement
 from tsd_twin.messages.ros import decode_joints
 from tsd_twin.messages.status import Status, decode_stamp, decode_status, encode_stamp
 from tsd_twin.recording import open_recording
-from tsd_twin.recording.reading import entries
+from tsd_twin.recording.mcap_file import entries
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.safety import Mode
 

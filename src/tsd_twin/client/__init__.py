@@ -1,8 +1,10 @@
 """Client library: connect to a robot, read its state, take control, drive."""
 
 from tsd_twin.client.aio import AsyncRobotClient, AsyncRobotControl, connect_async
-from tsd_twin.client.discovery import connect
-from tsd_twin.client.errors import (
+from tsd_twin.client.robot import RobotClient, RobotControl, connect
+from tsd_twin.client.simulated import SimulatedRobot
+from tsd_twin.client.state import OdometryState, PlanarPose, PlanarTwist, RobotState, Subscription
+from tsd_twin.errors import (
     ClientError,
     ControlDenied,
     ControlLost,
@@ -13,9 +15,6 @@ from tsd_twin.client.errors import (
     RobotStopped,
     SeveralRobotsFound,
 )
-from tsd_twin.client.robot import RobotClient, RobotControl
-from tsd_twin.client.simulated import SimulatedRobot
-from tsd_twin.client.state import OdometryState, PlanarPose, PlanarTwist, RobotState, Subscription
 
 __all__ = [
     "AsyncRobotClient",

@@ -10,10 +10,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from tsd_twin.client.errors import ClientError, MotionFailed
 from tsd_twin.client.protocol import COMMAND_PERIOD_S, REST, ControlProtocol
 from tsd_twin.client.steps import Compute, Procedure, Send, Sleep
-from tsd_twin.errors import PathError
+from tsd_twin.errors import ClientError, MotionFailed, PathError
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.ros import BASE

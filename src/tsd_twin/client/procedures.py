@@ -10,10 +10,9 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from tsd_twin.client.errors import ControlDenied, RequestRefused, RobotSilent, RobotStopped
 from tsd_twin.client.protocol import REST, SILENCE_S, ControlProtocol
 from tsd_twin.client.steps import Call, NextStatus, Procedure, Send, SendStop
-from tsd_twin.errors import MessageError
+from tsd_twin.errors import ControlDenied, MessageError, RequestRefused, RobotSilent, RobotStopped
 from tsd_twin.messages.ros import BASE
 from tsd_twin.messages.services import (
     HolderRequest,

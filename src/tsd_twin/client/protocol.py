@@ -16,9 +16,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from tsd_twin.client.command_delay import CommandDelay
-from tsd_twin.client.errors import ClientError, ControlLost, RobotSilent, RobotStopped
-from tsd_twin.errors import MessageError
+from tsd_twin.errors import ClientError, ControlLost, MessageError, RobotSilent, RobotStopped
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages import topics
@@ -26,6 +24,7 @@ from tsd_twin.messages.commands import encode_attachment
 from tsd_twin.messages.ros import BASE, ODOM, Odometry, TwistStamped, encode_twist
 from tsd_twin.messages.services import LeaseReply, LeaseRequest, decode_json
 from tsd_twin.messages.status import Status
+from tsd_twin.motion.prediction import CommandDelay
 from tsd_twin.robots import RobotDescription
 from tsd_twin.safety import LATCHED, Mode
 

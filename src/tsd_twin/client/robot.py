@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any, Self, TypeVar
 
 from tsd_twin.client import motions, procedures
 from tsd_twin.client.base import QUEUE, BaseClient, BaseControl
-from tsd_twin.client.link import Link
+from tsd_twin.client.link import Link, open_link
 from tsd_twin.client.motions import TwistSource
 from tsd_twin.client.protocol import RENEW_PERIOD_S, REST
 from tsd_twin.client.state import RobotState, Subscription
@@ -309,3 +310,25 @@ def _uninterrupted(work: Callable[[], None], link: Link) -> None:
             failures.append(interrupt)
     if failures:
         raise failures[-1]
+
+
+def connect(
+    endpoint: str | Sequence[str] | None = None,
+    *,
+    robot: str | None = None,
+    certificate: str | Path | None = None,
+    zenoh_config: str | Path | None = None,
+) -> RobotClient:
+    """Connect to a robot on the bus.
+
+    Without an endpoint, that of the demo and the mock on this machine, as `tsd-dashboard` does.
+    `robot` is an id, needed when there are several. `certificate` is the `.pem` that `tsd-certs`
+    has made for an operator, beside its `.key` and the `ca.pem`; `zenoh_config` is a JSON5 file
+    instead of both.
+
+    Raises:
+        NoRobotFound: no robot answers there.
+        SeveralRobotsFound: there are several, and none was named.
+        TwinError: a file cannot be used, or the robot cannot be understood.
+    """
+    return RobotClient(*open_link(endpoint, robot, certificate, zenoh_config))

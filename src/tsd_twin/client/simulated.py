@@ -1,39 +1,44 @@
-"""Simulated robot with the interface of a client, in virtual time: no bus, no clock, no threads.
+"""Simulated robots in virtual time: no bus, no clock, no threads.
 
-Time passes only inside calls that wait: `drive`, `go_to`, `sleep`, arming, the iterators. The
-controller is the one that runs on the machine, with the same lease, gate and limits.
+`SimulatedRobot` has the interface of a client; time passes only inside calls that wait: `drive`,
+`go_to`, `sleep`, arming, the iterators. `VirtualRobot`, for experiments, is driven one period at a
+time. The controller of both is the one that runs on the machine, with the same lease, gate and
+limits.
 """
 
 from __future__ import annotations
 
 import itertools
+import json
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import msgspec
 import numpy as np
 
 from tsd_twin import robots
 from tsd_twin.client import procedures
-from tsd_twin.client.errors import ClientError
 from tsd_twin.client.protocol import ControlProtocol, TwistCommand
 from tsd_twin.client.robot import RobotClient
 from tsd_twin.client.state import RobotState, Subscription
 from tsd_twin.client.steps import run
 from tsd_twin.control import RobotController
-from tsd_twin.lie import SE2
+from tsd_twin.errors import ClientError, TwinError
+from tsd_twin.lie import SE2, Array
 from tsd_twin.messages import topics
 from tsd_twin.messages.commands import Sample
-from tsd_twin.messages.ros import Odometry
-from tsd_twin.messages.services import Event
-from tsd_twin.messages.status import LoopStatus
-from tsd_twin.messages.topics import Service
+from tsd_twin.messages.ros import BASE, Odometry
+from tsd_twin.messages.services import Event, LeaseReply
+from tsd_twin.messages.status import LoopStatus, Status
+from tsd_twin.messages.topics import Service, twist_key
 from tsd_twin.robots import RobotDescription
+from tsd_twin.safety import Mode
 from tsd_twin.simulation import SimRobot
 
 PERIOD_S = 0.01
 _STATE_EVERY = 2
 _STATUS_EVERY = 5
+"""Periods between two status messages."""
 _EXACT = np.zeros((3, 3))
 
 
@@ -228,3 +233,139 @@ class SimulatedRobot(RobotClient):
             raise ClientError(f"{description.name} turns a sphere in place: it has no such pose")
         simulated = SimRobot(description, seed, noise, pose=start, plant=plant, errors=errors)
         super().__init__(SimulationLink(description, simulated, start), "script")
+
+
+VOLT_STEP = 0.1
+"""Resolution of the supply voltage reported by an MX-64 (Robotis e-Manual, present voltage)."""
+_LAB = "lab"
+_ARMING_S = 60.0
+_ANY_M = 1000.0
+
+
+class VirtualRobot:
+    """Robot controller and simulator in virtual time, driven by twists, without a bus.
+
+    The rules of the real robot apply: arming, limits, command gate. Poses are relative to the
+    start: once ready, the robot is at its mark, and its estimate is set to zero. A simulation that
+    has been used before continues from `start_s`.
+
+    Raises:
+        TwinError: the robot does not move over a floor, or does not become ready.
+    """
+
+    def __init__(self, robot: RobotDescription, simulated: SimRobot, start_s: float = 0.0) -> None:
+        ids = itertools.count(1)
+        # No link can fail in virtual time: the lease need not cap the speed.
+        limits = msgspec.structs.replace(robot.limits, stop_allowance_m=_ANY_M)
+        robot = msgspec.structs.replace(robot, limits=limits)
+        self.controller = RobotController(robot, lambda: next(ids).to_bytes(16, "big"))
+        self.simulated = simulated
+        self.now_s = start_s
+        self.spin_share = 1.0
+        """True wheel speed over the one assumed by the controller; commands are corrected by it."""
+        self._periods = itertools.count()
+        self._status_seq = 0
+        self._mark = SE2.identity()
+        self._step(None)
+        self._true_pose()
+        self._protocol = ControlProtocol(robot.name, robot, _LAB)
+        self._lease = self._acquire()
+        self._arm()
+        self.mark()
+
+    def mark(self) -> None:
+        """Set the mark to the present true pose, and the estimate to zero."""
+        self._mark = self._true_pose()
+        self._call_service(Service.SET_POSE, {"lease": self._lease} | _xyh(0.0, 0.0, 0.0))
+
+    def choose_drive_speed(self, spin_rpm: float) -> None:
+        """Choose the speed of wheels that always spin.
+
+        Raises:
+            TwinError: the robot has no such wheels, or they cannot turn so fast.
+        """
+        self._call_service(Service.SPEED, {"lease": self._lease, "cruise_speed_rpm": spin_rpm})
+
+    def drive(self, twist: Array) -> None:
+        """Run one control period with the command `twist` (3,), in the body frame."""
+        self._step(twist / self.spin_share)
+
+    @property
+    def truth(self) -> SE2:
+        """True pose, relative to the mark."""
+        return self._mark.inverse() @ self._true_pose()
+
+    @property
+    def true_twist(self) -> Array:
+        """(3,): true twist, in the body frame."""
+        return self.simulated.truth(self.now_s).twist
+
+    def odometry(self) -> Odometry:
+        """Robot's own odometry, relative to the mark."""
+        return self.controller.odometry(round(self.now_s * 1e9))
+
+    def status(self) -> Status:
+        """Status."""
+        return self.controller.status(self.now_s, LoopStatus(), {})
+
+    def _true_pose(self) -> SE2:
+        pose = self.simulated.truth(self.now_s).pose
+        if not isinstance(pose, SE2):
+            raise TwinError(
+                f"{self.controller.robot.name} turns a sphere in place: it follows no path"
+            )
+        return pose
+
+    def _arm(self) -> None:
+        self._call_service(Service.ARM, {"lease": self._lease})
+        end_s = self.now_s + _ARMING_S
+        while self.controller.supervisor.mode is not Mode.READY:
+            self._step(np.zeros(3))
+            if self.now_s > end_s:
+                raise TwinError(
+                    f"the robot does not get ready: {self.controller.supervisor.reason}"
+                )
+
+    def _step(self, twist: Array | None) -> None:
+        self.now_s += PERIOD_S
+        samples = [] if twist is None else [self._sample(twist)]
+        mode = self.controller.supervisor.mode
+        setpoint = self.controller.step(self.now_s, self.simulated.read(self.now_s), samples)
+        self.simulated.write(setpoint, self.now_s)
+        # As the node does: on a change of mode at once, since no older status may be echoed then.
+        if next(self._periods) % _STATUS_EVERY == 0 or self.controller.supervisor.mode is not mode:
+            self._status_seq += 1
+            self.controller.record_status_sent(self._status_seq, self.now_s)
+
+    def _sample(self, twist: Array) -> Sample:
+        self._protocol.status_seq = self._status_seq
+        command = self._protocol.command(twist, BASE, self.now_s)
+        key = twist_key(self.controller.robot.name, _LAB)
+        return Sample(key, command.payload, command.attachment)
+
+    def _acquire(self) -> str:
+        reply = self.controller.serve(
+            Service.LEASE, json.dumps({"op": "acquire", "operator": _LAB}).encode(), self.now_s
+        )
+        if not isinstance(reply, LeaseReply):
+            raise TwinError(f"{Service.LEASE}: {reply.reason}")
+        self._protocol.grant(reply, self.now_s)
+        return self._protocol.lease_hex
+
+    def _call_service(self, service: Service, request: Mapping[str, object]) -> None:
+        reply = self.controller.serve(service, json.dumps(request).encode(), self.now_s)
+        if not (getattr(reply, "ok", True) and getattr(reply, "granted", True)):
+            raise TwinError(f"{service.value}: {reply.reason}")
+
+
+def _xyh(x_m: float, y_m: float, heading_rad: float) -> dict[str, object]:
+    return {"x_m": x_m, "y_m": y_m, "heading_rad": heading_rad}
+
+
+def voltage_share(robot: VirtualRobot) -> float:
+    """Wheel speed relative to nominal voltage, from the voltage that servos report."""
+    nominal_v = robot.controller.robot.battery.nominal_v
+    battery_v = robot.simulated.hardware().get("battery_v")
+    if not isinstance(battery_v, float):
+        return 1.0
+    return VOLT_STEP * round(battery_v / VOLT_STEP) / nominal_v

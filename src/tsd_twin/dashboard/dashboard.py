@@ -16,16 +16,15 @@ from typing import Protocol, TypeVar
 
 from tsd_twin.bus import Bus
 from tsd_twin.client.connection import RobotMonitor, Snapshot
+from tsd_twin.dashboard import viser_compat
 from tsd_twin.dashboard.robot_discovery import RobotDiscovery
-from tsd_twin.dashboard.scene.appearance import RobotRoster
+from tsd_twin.dashboard.scene.appearance import RobotRoster, ViewSettings
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.dashboard.server.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.server.http_server import HttpServer
 from tsd_twin.dashboard.server.recorded_pages import RecordedPages
 from tsd_twin.dashboard.server.session_manager import SessionManager
-from tsd_twin.dashboard.viser_compat import viser_server
 from tsd_twin.lie import Array
 from tsd_twin.messages.services import Event
 
@@ -237,7 +236,7 @@ async def run(
     def on_chosen(page: str, robot_id: str) -> None:
         worker.submit_latest(("choose", page), lambda: panels.select_robot(page, robot_id))
 
-    server = viser_server.start_server(TITLE)
+    server = viser_compat.start_server(TITLE)
     try:
         roster = RobotRoster(first)
         scene = Scene(server, roster)

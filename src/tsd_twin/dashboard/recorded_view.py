@@ -14,14 +14,12 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from tsd_twin.dashboard.scene.appearance import RobotRoster
+from tsd_twin.dashboard import viser_compat
+from tsd_twin.dashboard.scene.appearance import RobotRoster, ViewSettings
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.scene.view_settings import ViewSettings
-from tsd_twin.dashboard.viser_compat import viser_server
 from tsd_twin.errors import RecordingError
-from tsd_twin.recording.playback import Playback
-from tsd_twin.recording.player import Player
+from tsd_twin.recording.player import Playback, Player
 
 RATE_HZ = 30.0
 STALE_S = 0.3
@@ -58,7 +56,7 @@ class RecordedView:
         self._stop = threading.Event()
         self._refreshed_s = 0.0
         self._jumped = False
-        self._server = viser_server.start_server(path.name)
+        self._server = viser_compat.start_server(path.name)
         try:
             self.scene = Scene(self._server, self.roster)
             self.panels = PanelManager(

@@ -109,7 +109,7 @@ def structs() -> str:
         "from struct import Struct",
         "from typing import ClassVar",
         "",
-        "from tsd_twin.dynamixel.control_table import Packed",
+        "from tsd_twin.dynamixel.packets import Packed",
     ]
     for block in BLOCKS:
         lines += ["", "", *_dataclass(block)]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from struct import Struct
 from typing import ClassVar
 
-from tsd_twin.dynamixel.control_table import Packed
+from tsd_twin.dynamixel.packets import Packed
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,11 +7,9 @@ as well, and the base class of the generated blocks.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import IntEnum, IntFlag
-from itertools import islice
-from struct import Struct
-from typing import Any, ClassVar, Literal, Self, cast
+from typing import Literal
 
 TABLE_VERSION = 2
 FW_VERSION = 2
@@ -348,32 +346,3 @@ class RcChannel(IntEnum):
 
 
 SWITCH_US = 1500
-
-
-@dataclass(frozen=True, slots=True)
-class Packed:
-    """Numbers, and arrays of as many numbers as their default has, in the order of the bytes."""
-
-    ADDRESS: ClassVar[int]
-    LAYOUT: ClassVar[Struct]
-
-    def pack(self) -> bytes:
-        """Bytes of the block."""
-        numbers: list[int] = []
-        for field in fields(self):
-            value: int | tuple[int, ...] = getattr(self, field.name)
-            numbers.extend(value if isinstance(value, tuple) else (value,))
-        return self.LAYOUT.pack(*numbers)
-
-    @classmethod
-    def unpack(cls, data: bytes) -> Self:
-        """Block in these bytes."""
-        numbers = iter(cls.LAYOUT.unpack(data))
-        values: dict[str, Any] = {}
-        for field in fields(cls):
-            default = cast("int | tuple[int, ...]", field.default)
-            if isinstance(default, tuple):
-                values[field.name] = tuple(islice(numbers, len(default)))
-            else:
-                values[field.name] = next(numbers)
-        return cls(**values)

@@ -1,14 +1,16 @@
-"""Dynamixel packets without their framing, CRC-16, and the decoder that finds packets in a byte
-stream.
-"""
+"""Dynamixel packets: frames of Protocol 1.0 and 2.0, CRC-16, stream decoder, packed numbers."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import cache
-from typing import Protocol
+from itertools import islice
+from struct import Struct, pack, unpack_from
+from typing import Any, ClassVar, Self, cast
 
 
 def crc16(data: bytes) -> int:
@@ -86,22 +88,155 @@ class Status:
     data: bytes = b""
 
 
-class Framing(Protocol):
-    """Framing of one protocol version; implemented by the modules `protocol1` and `protocol2`."""
+class Framing(ABC):
+    """Framing of one version of the protocol: frames of requests and responses, and back."""
 
-    HEADER: bytes
+    HEADER: ClassVar[bytes]
+    OVERHEAD: ClassVar[int]
+    """Bytes of a frame without parameters."""
+    NUMBER: ClassVar[str]
+    """Format of an address or a length, as `struct` has it."""
 
+    @abstractmethod
+    def encode(self, packet: Packet) -> bytes:
+        """Frame of a packet."""
+
+    @abstractmethod
     def size(self, head: bytes) -> int | None:
         """Return how long the frame is that begins so; None: more is needed; 0: no frame does."""
-        ...
+
+    @abstractmethod
+    def decode(self, frame: bytes) -> Packet | None:
+        """Packet in a whole frame; None: the sum is wrong."""
+
+    @abstractmethod
+    def as_status(self, packet: Packet) -> Status | None:
+        """Answer that a packet is; None: it is none."""
+
+    @abstractmethod
+    def status(self, device: int, error: int, data: bytes = b"") -> bytes:
+        """Frame of an answer."""
+
+    def ping(self, device: int) -> bytes:
+        """Request a response, to find a device; in Protocol 2.0 with model and firmware version."""
+        return self.encode(Packet(device, Instruction.PING))
+
+    def read(self, device: int, address: int, length: int) -> bytes:
+        """Ask for `length` bytes of the table of a device."""
+        return self.encode(Packet(device, Instruction.READ, self._numbers(address, length)))
+
+    def write(self, device: int, address: int, data: bytes) -> bytes:
+        """Write into the table of a device."""
+        return self.encode(Packet(device, Instruction.WRITE, self._numbers(address) + data))
+
+    def sync_write(self, address: int, data: Mapping[int, bytes]) -> bytes:
+        """Write the same part of the tables of several devices; there is no response."""
+        (length,) = {len(part) for part in data.values()}
+        params = self._numbers(address, length)
+        params += b"".join(bytes([device]) + part for device, part in data.items())
+        return self.encode(Packet(BROADCAST, Instruction.SYNC_WRITE, params))
+
+    def _numbers(self, *numbers: int) -> bytes:
+        return pack(f"<{len(numbers)}{self.NUMBER}", *numbers)
+
+
+class Protocol1(Framing):
+    """Dynamixel Protocol 1.0, the factory protocol of an MX-64 of 2014.
+
+    Frame: FF FF, id, length (of what follows), instruction or error, parameters, inverted sum.
+    https://emanual.robotis.com/docs/en/dxl/protocol1/
+    """
+
+    HEADER = b"\xff\xff"
+    OVERHEAD = 6
+    NUMBER = "B"
+
+    def encode(self, packet: Packet) -> bytes:
+        """Frame of a packet."""
+        inner = bytes([packet.id, len(packet.params) + 2, packet.code]) + packet.params
+        return self.HEADER + inner + bytes([_inverted_sum(inner)])
+
+    def size(self, head: bytes) -> int | None:
+        """Return the length of a frame by its first four bytes."""
+        if len(head) < 4:
+            return None
+        return 4 + head[3] if head[2] <= BROADCAST and head[3] >= 2 else 0
 
     def decode(self, frame: bytes) -> Packet | None:
         """Packet in a whole frame; None: the sum is wrong."""
-        ...
+        if _inverted_sum(frame[2:-1]) != frame[-1]:
+            return None
+        return Packet(frame[2], frame[4], frame[5:-1])
+
+    def as_status(self, packet: Packet) -> Status | None:
+        """Packet as a status; Protocol 1.0 does not mark status packets."""
+        return Status(packet.id, packet.code, packet.params)
+
+    def status(self, device: int, error: int, data: bytes = b"") -> bytes:
+        """Frame of an answer; the error is in place of the instruction."""
+        return self.encode(Packet(device, error, data))
+
+
+def _inverted_sum(inner: bytes) -> int:
+    return ~sum(inner) & 0xFF
+
+
+_LIKE_HEADER = b"\xff\xff\xfd"
+_STUFFED = b"\xff\xff\xfd\xfd"
+_BODY = 7
+"""Where the instruction of a frame of Protocol 2.0 is."""
+_SUM = 2
+
+
+class Protocol2(Framing):
+    """Dynamixel Protocol 2.0: a header, stuffing that keeps it out of the data, and a CRC.
+
+    Frame: FF FF FD 00, id, length (2 bytes, of what follows), instruction, parameters, CRC
+    (2 bytes). https://emanual.robotis.com/docs/en/dxl/protocol2/
+    """
+
+    HEADER = b"\xff\xff\xfd\x00"
+    OVERHEAD = 10
+    NUMBER = "H"
+
+    def encode(self, packet: Packet) -> bytes:
+        """Frame of a packet, with stuffing."""
+        # The pattern does not overlap with itself: one pass finds every place.
+        body = (bytes([packet.code]) + packet.params).replace(_LIKE_HEADER, _STUFFED)
+        frame = self.HEADER + pack("<BH", packet.id, len(body) + _SUM) + body
+        return frame + pack("<H", crc16(frame))
+
+    def size(self, head: bytes) -> int | None:
+        """Return the length of a frame by its first seven bytes."""
+        if len(head) < _BODY:
+            return None
+        device, length = unpack_from("<BH", head, len(self.HEADER))
+        return _BODY + length if device <= BROADCAST and device != 0xFD and length > _SUM else 0
+
+    def decode(self, frame: bytes) -> Packet | None:
+        """Packet in a whole frame; None: the CRC is wrong."""
+        if crc16(frame[:-_SUM]) != unpack_from("<H", frame, len(frame) - _SUM)[0]:
+            return None
+        body = frame[_BODY:-_SUM].replace(_STUFFED, _LIKE_HEADER)
+        return Packet(frame[4], body[0], body[1:])
 
     def as_status(self, packet: Packet) -> Status | None:
         """Answer that a packet is; None: it is none."""
-        ...
+        if packet.code != Instruction.STATUS or not packet.params:
+            return None
+        return Status(packet.id, packet.params[0], packet.params[1:])
+
+    def status(self, device: int, error: int, data: bytes = b"") -> bytes:
+        """Frame of an answer."""
+        return self.encode(Packet(device, Instruction.STATUS, bytes([error]) + data))
+
+    def sync_read(self, devices: Sequence[int], address: int, length: int) -> bytes:
+        """Ask several devices for the same part of their tables; they answer in this order."""
+        params = self._numbers(address, length) + bytes(devices)
+        return self.encode(Packet(BROADCAST, Instruction.SYNC_READ, params))
+
+
+protocol1, protocol2 = Protocol1(), Protocol2()
 
 
 class Decoder:
@@ -179,3 +314,32 @@ class Decoder:
     def _skip(self, count: int) -> None:
         self.skipped += count
         del self._kept[:count]
+
+
+@dataclass(frozen=True, slots=True)
+class Packed:
+    """Numbers, and arrays of as many numbers as their default has, in the order of the bytes."""
+
+    ADDRESS: ClassVar[int]
+    LAYOUT: ClassVar[Struct]
+
+    def pack(self) -> bytes:
+        """Bytes of the block."""
+        numbers: list[int] = []
+        for field in fields(self):
+            value: int | tuple[int, ...] = getattr(self, field.name)
+            numbers.extend(value if isinstance(value, tuple) else (value,))
+        return self.LAYOUT.pack(*numbers)
+
+    @classmethod
+    def unpack(cls, data: bytes) -> Self:
+        """Block in these bytes."""
+        numbers = iter(cls.LAYOUT.unpack(data))
+        values: dict[str, Any] = {}
+        for field in fields(cls):
+            default = cast("int | tuple[int, ...]", field.default)
+            if isinstance(default, tuple):
+                values[field.name] = tuple(islice(numbers, len(default)))
+            else:
+                values[field.name] = next(numbers)
+        return cls(**values)

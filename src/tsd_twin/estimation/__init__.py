@@ -6,13 +6,15 @@ from tsd_twin.estimation.consistency import ConsistencyMonitor, ConsistencyResul
 from tsd_twin.estimation.learned import ConstantsFilter
 from tsd_twin.estimation.pose_filter import DriftFilter, PoseFilter
 from tsd_twin.estimation.pose_fusion import FusedEstimate, FusionResult
-from tsd_twin.estimation.pose_region import (
+from tsd_twin.estimation.pose_spread import (
     REGION_SHARE,
+    PoseErrors,
+    TwistErrors,
     encloses,
+    exponential_error,
     heading_region_rad,
     position_region,
 )
-from tsd_twin.estimation.pose_spread import PoseErrors, TwistErrors, exponential_error
 from tsd_twin.estimation.sensor_odometry import (
     DeadReckoning,
     Estimate,

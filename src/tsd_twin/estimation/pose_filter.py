@@ -15,10 +15,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tsd_twin.estimation.consistency import FALSE_ALARM, chi_square_bound
 from tsd_twin.estimation.pose_spread import PoseErrors, exponential_error
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array, wrap
 
+GATE = chi_square_bound(3, FALSE_ALARM)
+"""Squared Mahalanobis distance of three numbers that one right pose in 10,000 exceeds."""
 _POSITION = np.eye(3)[:2]
 _HEADING = np.eye(3)[2:]
 _POSE = np.eye(3)

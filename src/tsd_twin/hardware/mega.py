@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from tsd_twin.dynamixel import protocol2
 from tsd_twin.dynamixel.blocks import Command, Setup, Telemetry
 from tsd_twin.dynamixel.control_table import (
     BOARD_ID,
@@ -21,16 +20,18 @@ from tsd_twin.dynamixel.control_table import (
     RcChannel,
     Refusal,
 )
-from tsd_twin.dynamixel.packets import Status
-from tsd_twin.hardware.arm_switch import (
+from tsd_twin.dynamixel.packets import Status, protocol2
+from tsd_twin.hardware.controller_board import (
+    READ_DELAY,
     REFUSALS,
+    REST_COMMAND,
+    SETTLE_S,
     TRIPS,
     ArmSwitch,
+    handshake,
     restart_reason,
     wiring_faults,
 )
-from tsd_twin.hardware.device_thread import SILENT_S, DeviceThread, connection_fault
-from tsd_twin.hardware.handshake import READ_DELAY, REST_COMMAND, SETTLE_S, handshake
 from tsd_twin.hardware.joints import (
     CENTRE,
     JointCommand,
@@ -41,9 +42,12 @@ from tsd_twin.hardware.joints import (
     padded,
 )
 from tsd_twin.hardware.serial_transport import (
+    SILENT_S,
+    DeviceThread,
     LinkHealth,
     SerialTransport,
     chip_warning,
+    connection_fault,
 )
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityDescription

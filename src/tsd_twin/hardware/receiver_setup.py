@@ -7,10 +7,10 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from tsd_twin.dynamixel import protocol2
 from tsd_twin.dynamixel.blocks import Telemetry
 from tsd_twin.dynamixel.control_table import BOARD_ID, STICKS, SWITCH_US, RcChannel
-from tsd_twin.hardware.handshake import find_board, request_data
+from tsd_twin.dynamixel.packets import protocol2
+from tsd_twin.hardware.controller_board import find_board, request_data
 from tsd_twin.hardware.joints import Receiver, ServoCalibration
 from tsd_twin.hardware.serial_transport import HardwareError, SerialTransport
 

@@ -14,12 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from tsd_twin.dynamixel import protocol1, protocol2
-from tsd_twin.dynamixel.packets import ALERT, Status
-from tsd_twin.hardware.device_thread import SILENT_S, DeviceThread, connection_fault
+from tsd_twin.dynamixel.packets import ALERT, Status, protocol1, protocol2
 from tsd_twin.hardware.joints import JointCommand, JointConverter, ServoCalibration, ThrottleLaw
 from tsd_twin.hardware.mega import BAUD, MegaHardware
-from tsd_twin.hardware.serial_transport import HardwareError, LinkHealth, SerialTransport
+from tsd_twin.hardware.serial_transport import (
+    SILENT_S,
+    DeviceThread,
+    HardwareError,
+    LinkHealth,
+    SerialTransport,
+    connection_fault,
+)
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.safety import Heartbeat

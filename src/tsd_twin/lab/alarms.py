@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from tsd_twin import experiment, flag_types, robots
+from tsd_twin.client.simulated import PERIOD_S, VirtualRobot
 from tsd_twin.errors import TwinError
 from tsd_twin.estimation.consistency import FALSE_ALARM
 from tsd_twin.experiment import Experiment, Output
@@ -18,7 +19,6 @@ from tsd_twin.kinematics import JointKind, Kinematics
 from tsd_twin.lie import Array
 from tsd_twin.messages.status import ConsistencyStatus
 from tsd_twin.simulation import PLANTS, SimRobot
-from tsd_twin.virtual_robot import PERIOD_S, VirtualRobot
 
 _STATUS_PERIODS = 5
 """Control periods from one status to the next."""

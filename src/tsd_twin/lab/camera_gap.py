@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from tsd_twin import experiment, flag_types
+from tsd_twin.client.simulated import PERIOD_S
 from tsd_twin.control.state_estimator import StateEstimator
 from tsd_twin.estimation import exponential_error
 from tsd_twin.estimation.consistency import FALSE_ALARM, chi_square_bound
@@ -32,7 +33,6 @@ from tsd_twin.messages.ros import Odometry
 from tsd_twin.messages.topics import SENSOR_POSE
 from tsd_twin.robots import PoseSensor
 from tsd_twin.simulation import PLANTS, Camera, CameraNoise, Frame, simulate
-from tsd_twin.virtual_robot import PERIOD_S
 
 
 class Picture(StrEnum):

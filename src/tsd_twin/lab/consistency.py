@@ -14,6 +14,7 @@ import numpy as np
 from scipy.special import gammaincinv  # pyright: ignore
 
 from tsd_twin import experiment, flag_types, robots
+from tsd_twin.client.simulated import PERIOD_S, VirtualRobot
 from tsd_twin.control.state_estimator import StateEstimator
 from tsd_twin.errors import TwinError
 from tsd_twin.estimation import (
@@ -30,7 +31,6 @@ from tsd_twin.messages.commands import PoseStamped, Sample, encode_pose
 from tsd_twin.messages.topics import SENSOR_POSE
 from tsd_twin.robots import Gyro, RobotDescription, SingularityDescription
 from tsd_twin.simulation import PLANTS, Camera, CameraNoise, SimRobot, Simulation, simulate
-from tsd_twin.virtual_robot import PERIOD_S, VirtualRobot
 
 TIMES_S = (2.0, 5.0, 20.0)
 MOUNTED, CONSTANT = "mounted", "2 cm off"

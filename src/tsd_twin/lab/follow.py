@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from tsd_twin import experiment, flag_types, robots
+from tsd_twin.client.simulated import VirtualRobot
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.lab import tracking
 from tsd_twin.lab.observer import Loop, make_observer
@@ -22,7 +23,6 @@ from tsd_twin.motion.tracking import TrackingController, TrackingSettings
 from tsd_twin.motion.trajectory import plan
 from tsd_twin.robots import OmniDescription, description_of_kind
 from tsd_twin.simulation import Frame, SimRobot
-from tsd_twin.virtual_robot import VirtualRobot
 
 SHARE = 0.8
 """Share of the limits used by the trajectory; the rest is a margin for correction."""

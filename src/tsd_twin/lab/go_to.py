@@ -14,16 +14,16 @@ import msgspec
 import numpy as np
 
 from tsd_twin import experiment, flag_types, robots
-from tsd_twin.client.command_delay import CommandDelay
+from tsd_twin.client.simulated import PERIOD_S, VirtualRobot
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.status import CommandStatus
 from tsd_twin.motion import TwistLimiter
+from tsd_twin.motion.prediction import CommandDelay
 from tsd_twin.motion.routes import NavigationGoal
 from tsd_twin.motion.tracking import ExecutionPhase, ExecutionStep, TrajectoryExecutor
 from tsd_twin.motion.trajectory import plan
 from tsd_twin.simulation import SimRobot
-from tsd_twin.virtual_robot import PERIOD_S, VirtualRobot
 
 HELD = 2
 """Periods for which a command holds: a page sends one every 20 ms."""

@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tsd_twin.client.simulated import PERIOD_S, VirtualRobot, voltage_share
 from tsd_twin.estimation import DriftFilter, Slip, with_gyro
 from tsd_twin.estimation.wheel_odometry import JointNoise
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import Gyro
 from tsd_twin.simulation import Camera, CameraNoise, Frame, YawGyro
-from tsd_twin.virtual_robot import PERIOD_S, VirtualRobot, voltage_share
 
 
 def twist_from_wheels(robot: VirtualRobot, slip: Slip | None) -> Array:

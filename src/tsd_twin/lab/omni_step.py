@@ -12,12 +12,12 @@ import msgspec
 import numpy as np
 
 from tsd_twin import experiment, flag_types, robots
+from tsd_twin.client.simulated import PERIOD_S, VirtualRobot
 from tsd_twin.experiment import Axes, Experiment, Output
 from tsd_twin.lie import Array
 from tsd_twin.robots import OmniDescription, description_of_kind
 from tsd_twin.robots.description import Limits
 from tsd_twin.simulation import SimRobot, simulate
-from tsd_twin.virtual_robot import PERIOD_S, VirtualRobot
 
 _SETTLE_S = 1.0
 _LONGEST_S = 120.0

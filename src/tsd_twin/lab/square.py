@@ -19,6 +19,7 @@ import msgspec
 import numpy as np
 
 from tsd_twin import experiment, flag_types, robots
+from tsd_twin.client.simulated import PERIOD_S, VirtualRobot
 from tsd_twin.estimation import Slip
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.lab import tracking
@@ -31,7 +32,6 @@ from tsd_twin.motion.tracking import Gains, TrackingController, TrackingSettings
 from tsd_twin.motion.trajectory import SpeedProfile, Trajectory, plan
 from tsd_twin.robots import RPM, RobotDescription, SingularityDescription, description_of_kind
 from tsd_twin.simulation import PLANTS, Camera, CameraNoise, Frame, SimRobot
-from tsd_twin.virtual_robot import PERIOD_S, VirtualRobot
 
 _FEEDFORWARD_STEP_S = 0.005
 

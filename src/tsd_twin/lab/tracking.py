@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsd_twin import experiment
+from tsd_twin.client.simulated import PERIOD_S, VirtualRobot
 from tsd_twin.errors import PathError
 from tsd_twin.experiment import Axes
 from tsd_twin.lie import SE2, Array
@@ -16,7 +17,6 @@ from tsd_twin.motion.paths import Path, arc, function, line, parabola, polyline,
 from tsd_twin.motion.tracking import TrackingController
 from tsd_twin.motion.trajectory import Trajectory
 from tsd_twin.simulation import Frame
-from tsd_twin.virtual_robot import PERIOD_S, VirtualRobot
 
 _RIGHT = np.array([[0.0, 0.0], [0.7, 0.5], [1.4, 0.0], [0.7, -0.5], [0.0, 0.0]])
 _EIGHT = np.concatenate([_RIGHT, _RIGHT[1:] * [-1.0, 1.0]])

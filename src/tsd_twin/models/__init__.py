@@ -8,6 +8,7 @@ from tsd_twin.models.files import (
     read_model,
     robot_urdf,
     shipped_model,
+    urdf,
     write_model,
 )
 from tsd_twin.models.links import (
@@ -20,7 +21,6 @@ from tsd_twin.models.links import (
     kinematic_tree,
 )
 from tsd_twin.models.solids import Link, Material, Part, Parts
-from tsd_twin.models.urdf import urdf
 
 __all__ = [
     "BASE",

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from manifold3d import CrossSection, Manifold, OpType
 
 from tsd_twin.models import solids
-from tsd_twin.models.platform_layout import PlatformLayout
+from tsd_twin.models.omni_wheel import PlatformLayout
 from tsd_twin.models.singularity_layout import Decks, Layout
 from tsd_twin.models.solids import (
     Drawing,

@@ -21,8 +21,7 @@ from tsd_twin.models.links import (
     about_z,
     chassis_mass_kg,
 )
-from tsd_twin.models.omni_wheel import WheelPlan, motor_drawings
-from tsd_twin.models.platform_layout import MOTOR, Mount, PlatformLayout
+from tsd_twin.models.omni_wheel import MOTOR, Mount, PlatformLayout, WheelPlan, motor_drawings
 from tsd_twin.models.solids import (
     Drawing,
     Link,

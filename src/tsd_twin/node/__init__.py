@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from tsd_twin.node.hardware_interface import HasTruth, HasWatchdog, RobotIO, Truth
 from tsd_twin.node.overhead_camera import OverheadCamera
-from tsd_twin.node.robot_node import PERIOD_S, RobotNode
+from tsd_twin.node.robot_node import PERIOD_S, HasTruth, HasWatchdog, RobotIO, RobotNode, Truth
 
 __all__ = ["PERIOD_S", "HasTruth", "HasWatchdog", "OverheadCamera", "RobotIO", "RobotNode", "Truth"]

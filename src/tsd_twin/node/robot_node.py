@@ -1,22 +1,30 @@
-"""Robot node: the 100 Hz loop between the bus, the control loop and the hardware interface of one
-robot.
+"""Robot node: the 100 Hz loop between bus, control loop and hardware interface of a robot.
+
+Simulator and real robots implement that interface. While a recorder listens, all inputs of the
+controller are published, too.
 """
 
 from __future__ import annotations
 
+import functools
+import hashlib
 import logging
 import math
+import platform
 import secrets
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
 
 import msgspec
 import numpy as np
 
 from tsd_twin.bus import Bus, Publisher
 from tsd_twin.control import LoggedController
+from tsd_twin.control.logged_controller import InputBatch, encode_batch
 from tsd_twin.errors import BusError
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages import topics
@@ -24,9 +32,137 @@ from tsd_twin.messages.ros import Odometry, encode_joints, encode_odometry, warm
 from tsd_twin.messages.services import Description, Event, duplicate_id_text
 from tsd_twin.messages.status import LoopStatus, encode_stamp, encode_status
 from tsd_twin.messages.topics import QoS, Service
-from tsd_twin.node.hardware_interface import HasTruth, HasWatchdog, RobotIO
-from tsd_twin.node.input_log import InputLogPublisher, build
 from tsd_twin.robots import RobotDescription
+from tsd_twin.safety import Heartbeat
+
+
+class RobotIO(Protocol):
+    """Hardware interface to the joints of a robot; all calls come from one thread."""
+
+    def read(self, now_s: float) -> Array | None:
+        """New measurement, NaN where a value is missing; None when there is none.
+
+        (n + s,): the joints of the drive, then `robot.sensors`, which may be omitted.
+        """
+        ...
+
+    def write(self, setpoint: Array, now_s: float) -> None:
+        """Send the set-point (n,); a wheel speed of zero means zero throttle."""
+        ...
+
+    def hardware(self) -> Mapping[str, Any]:
+        """Hardware part of the status: `kind`, and diagnostics of the hardware."""
+        ...
+
+    def close(self) -> None:
+        """Bring the robot to rest and close the connection."""
+        ...
+
+
+@runtime_checkable
+class HasWatchdog(Protocol):
+    """Hardware with its own command watchdog."""
+
+    def fault(self, now_s: float) -> str:
+        """Fault that the board reports, as a part of a sentence; "" without a fault."""
+        ...
+
+    def set_heartbeat(self, heartbeat: Heartbeat) -> None:
+        """Set the heartbeat that is sent with the next set-point."""
+        ...
+
+
+class Truth(Protocol):
+    """True state of a simulated robot."""
+
+    @property
+    def pose(self) -> SE2 | SO3:
+        """Pose in the world."""
+        ...
+
+    @property
+    def twist(self) -> Array:
+        """(3,): twist in the base frame."""
+        ...
+
+
+@runtime_checkable
+class HasTruth(Protocol):
+    """Simulated hardware, whose true motion is known."""
+
+    def truth(self, now_s: float) -> Truth:
+        """True pose and twist at `now_s`."""
+        ...
+
+
+_BATCH = 20
+"""Periods in a message: five messages a second."""
+_SNAPSHOT_EVERY = 150
+"""Batches between two snapshots: 30 s, which a file loses at most at its beginning."""
+_EARLY = 50
+"""Batches that wait for a first subscriber: a recorder that is started with the node has all."""
+_PURE = ("control", "safety", "estimation", "motion", "messages", "robots", "kinematics")
+
+
+class InputLogPublisher:
+    """Publisher of the input log of a controller; without a subscriber nothing is logged.
+
+    The log of the first 10 s waits for one, so that it begins with the node. Later it begins with
+    a snapshot.
+    """
+
+    def __init__(self, bus: Bus, robot_id: str, controller: LoggedController) -> None:
+        topic = topics.INPUTS
+        self._publisher = bus.publisher(topic.key(robot_id), topic.qos, topic.type)
+        self._controller = controller
+        self._early: list[InputBatch] | None = []
+        self._periods = 0
+        self._batches = 0
+        self._failed = False
+
+    def step(self) -> None:
+        """Send what was logged, once in a while; called at the end of each period."""
+        self._periods += 1
+        if self._periods % _BATCH == 0 and not self._failed:
+            self.flush()
+
+    def flush(self) -> None:
+        """Send what was logged since the last message; an error ends the log, not the robot."""
+        try:
+            self._flush()
+        except Exception:
+            _LOG.exception("the inputs of the controller are logged no longer")
+            self._failed = True
+            self._controller.end_log()
+
+    def _flush(self) -> None:
+        controller, wanted = self._controller, self._publisher.has_subscribers
+        if controller.logs:
+            self._batches += 1
+            batch = controller.take_log(snapshot=wanted and self._batches % _SNAPSHOT_EVERY == 0)
+            if wanted:
+                for waiting in (*(self._early or ()), batch):
+                    self._publisher.put(encode_batch(waiting))
+                self._early = None
+            elif self._early is not None and len(self._early) < _EARLY:
+                self._early.append(batch)
+            else:
+                self._early = None
+                controller.end_log()
+        elif wanted:
+            controller.begin_log()
+
+
+@functools.cache
+def build() -> str:
+    """Return a digest of the code that a controller runs, numpy and the processor included."""
+    folder = Path(__file__).parents[1]
+    digest = hashlib.sha256(f"{np.__version__} {platform.machine()}".encode())
+    files = [folder / "lie.py", *(file for name in _PURE for file in (folder / name).glob("*.py"))]
+    for file in sorted(files):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
 
 _REMEMBERED = 500
 _SLEEP_S = 0.02

@@ -2,7 +2,6 @@
 exported.
 """
 
-from tsd_twin.recording.catalogue import Catalogue, RecordingSummary
 from tsd_twin.recording.data import (
     RecordedMessage,
     Recording,
@@ -18,7 +17,7 @@ from tsd_twin.recording.events import (
     read_events,
     read_marks,
 )
-from tsd_twin.recording.folder import RecordingFolder
+from tsd_twin.recording.folder import Catalogue, RecordingFolder, RecordingSummary
 from tsd_twin.recording.player import Player, RecordedRobot
 from tsd_twin.recording.recorder import ALLOWED, EVERYTHING, Recorder
 from tsd_twin.recording.replay import Replay, play

@@ -18,7 +18,7 @@ from tsd_twin.lie import Array
 from tsd_twin.messages.ros import decode_cdr
 from tsd_twin.messages.services import Description
 from tsd_twin.messages.topics import Service
-from tsd_twin.recording import reading
+from tsd_twin.recording import mcap_file
 from tsd_twin.recording.channels import CDR, JSON, MSGPACK, RAW, Entry, robot_of
 
 Column: TypeAlias = NDArray[Any]
@@ -104,7 +104,7 @@ class Recording:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        listed = reading.topic_list(path)
+        listed = mcap_file.topic_list(path)
         self.topics: dict[str, TopicSummary] = {
             topic: TopicSummary(topic, ros_type or encoding, count)
             for topic, encoding, ros_type, count in listed
@@ -114,7 +114,7 @@ class Recording:
             sorted({robot_of(topic) for topic in self.topics} - {"", "*"})
         )
         """Ids of the robots."""
-        self.start_ns, end_ns = reading.time_span_ns(path)
+        self.start_ns, end_ns = mcap_file.time_span_ns(path)
         """Wall clock of the recorder at the start."""
         self.duration_s = (end_ns - self.start_ns) * 1e-9
 
@@ -197,7 +197,7 @@ class Recording:
         return key
 
     def _entries(self, keys: Sequence[str], start_s: float, end_s: float | None) -> Iterator[Entry]:
-        return reading.entries(
+        return mcap_file.entries(
             self.path,
             frozenset(keys),
             from_ns=self.start_ns + round(start_s * 1e9),

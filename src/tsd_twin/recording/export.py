@@ -14,10 +14,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from tsd_twin.errors import MessageError, TwinError
-from tsd_twin.messages import topics
-from tsd_twin.messages.commands import Sample
-from tsd_twin.messages.input_log import (
+from tsd_twin.control.logged_controller import (
     Call,
     InputBatch,
     LeaseDrawn,
@@ -29,12 +26,15 @@ from tsd_twin.messages.input_log import (
     decode_batch,
     encode_batch,
 )
+from tsd_twin.errors import MessageError, TwinError
+from tsd_twin.messages import topics
+from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.topics import Service
-from tsd_twin.recording import reading
+from tsd_twin.recording import mcap_file
 from tsd_twin.recording.channels import JSON, MSGPACK, RAW, Entry, RawMessage, robot_of, topic_of
 from tsd_twin.recording.data import Recording, open_recording
 from tsd_twin.recording.events import add_mark, read_marks
-from tsd_twin.recording.file import McapWriter
+from tsd_twin.recording.mcap_file import McapWriter
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +146,7 @@ def _entries(part: Part, recording: Recording) -> Iterator[Entry]:
     if part.start_s > 0.0:
         for entry in _before(part, recording, start_ns):
             yield entry._replace(log_ns=start_ns)
-    for entry in reading.entries(part.path, from_ns=start_ns, until_ns=end_ns):
+    for entry in mcap_file.entries(part.path, from_ns=start_ns, until_ns=end_ns):
         if part.robot in (None, robot_of(entry.topic)):
             yield entry
 
@@ -160,7 +160,7 @@ def _before(part: Part, recording: Recording, start_ns: int) -> Iterator[Entry]:
         if topic.endswith(("/alive", f"/{Service.DESC}", f"/{topics.INPUTS.path}"))
         and part.robot in (None, robot_of(topic))
     }
-    for entry in reading.entries(part.path, needed, until_ns=start_ns):
+    for entry in mcap_file.entries(part.path, needed, until_ns=start_ns):
         if topic_of(entry.topic) is topics.INPUTS and not _begins(entry):
             kept.setdefault(entry.topic, []).append(entry)
         else:

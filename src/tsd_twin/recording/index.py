@@ -23,7 +23,7 @@ from mcap.stream_reader import get_chunk_data_stream
 
 from tsd_twin.errors import RecordingError
 from tsd_twin.recording.channels import Entry
-from tsd_twin.recording.reading import MAGIC, is_whole
+from tsd_twin.recording.mcap_file import MAGIC, is_whole
 
 _HEADER = struct.Struct("<BQ")
 """Kind and length of a record."""

@@ -18,8 +18,8 @@ from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.services import Event
 from tsd_twin.messages.topics import QoS, Service
 from tsd_twin.recording.channels import EntryMaker, robot_of
-from tsd_twin.recording.file import RecordingFile
 from tsd_twin.recording.folder import RecordingFolder
+from tsd_twin.recording.mcap_file import RecordingFile
 
 EVERYTHING = ("twin/**",)
 """Keys of a bus without access rules."""

@@ -16,7 +16,7 @@ from tsd_twin.messages import topics
 from tsd_twin.messages.services import LeaseReply, Reply
 from tsd_twin.messages.status import encode_stamp
 from tsd_twin.messages.topics import Service
-from tsd_twin.recording import reading
+from tsd_twin.recording import mcap_file
 from tsd_twin.recording.channels import RAW, Entry, topic_of
 from tsd_twin.recording.data import Recording
 
@@ -81,7 +81,7 @@ class Replay:
             and not topic.endswith(RAW)
             and topic_of(topic) is not None
         }
-        return reading.entries(self._recording.path, wanted)
+        return mcap_file.entries(self._recording.path, wanted)
 
     def _serve_until(self, due_s: float, stop: threading.Event) -> None:
         while True:

@@ -14,11 +14,7 @@ import numpy as np
 
 from tsd_twin import robots
 from tsd_twin.control import RobotController
-from tsd_twin.control.logged_controller import estimate_numbers, load_state
-from tsd_twin.errors import MessageError, RecordingError, TwinError
-from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.messages import topics
-from tsd_twin.messages.input_log import (
+from tsd_twin.control.logged_controller import (
     Call,
     InputBatch,
     LeaseDrawn,
@@ -29,10 +25,15 @@ from tsd_twin.messages.input_log import (
     StepCall,
     StopCall,
     decode_batch,
+    estimate_numbers,
+    load_state,
 )
+from tsd_twin.errors import MessageError, RecordingError, TwinError
+from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.messages import topics
 from tsd_twin.messages.status import LoopStatus
 from tsd_twin.messages.topics import Service
-from tsd_twin.recording import reading
+from tsd_twin.recording import mcap_file
 from tsd_twin.recording.data import Recording
 from tsd_twin.robots import RobotDescription
 from tsd_twin.safety import Mode
@@ -121,7 +122,7 @@ def recorded_batches(recording: Recording, robot: str) -> Iterator[InputBatch]:
     key = topics.INPUTS.key(robot)
     if key not in recording.topics:
         raise RecordingError(f"{recording.path} has no input log of {robot}")
-    for entry in reading.entries(recording.path, {key}):
+    for entry in mcap_file.entries(recording.path, {key}):
         try:
             yield decode_batch(entry.data)
         except MessageError as error:

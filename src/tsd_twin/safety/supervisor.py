@@ -15,8 +15,7 @@ from tsd_twin.messages.commands import Command, Sample
 from tsd_twin.messages.services import Event, LeaseReply, LeaseRequest, Reply, StopRequest
 from tsd_twin.messages.status import ArmingStatus
 from tsd_twin.robots import RobotDescription
-from tsd_twin.safety.command_gate import CommandGate
-from tsd_twin.safety.lease import HandOver, Lease, LeaseEvents, LeaseManager, held_by
+from tsd_twin.safety.lease import CommandGate, HandOver, Lease, LeaseEvents, LeaseManager, held_by
 
 
 class Mode(StrEnum):

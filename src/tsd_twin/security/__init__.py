@@ -14,7 +14,7 @@ from tsd_twin.security.access_rules import (
     client_settings,
     robot_settings,
 )
-from tsd_twin.security.provisioning import (
+from tsd_twin.security.certificates import (
     CertificateRequest,
     KeyFolder,
     certificate_identity,

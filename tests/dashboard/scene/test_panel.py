@@ -20,17 +20,17 @@ from hypothesis import strategies as st
 from tests.support.link_sockets import eventually
 from tests.support.robot_feed import RobotFeed, link_poses
 from tests.support.viser_client import CAMERA, PATIENCE_S, Node, ViserClient, viser_client
-from tsd_twin.dashboard.scene.appearance import Layer
-from tsd_twin.dashboard.scene.panel_manager import PanelManager
-from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.scene.tilt_exaggeration import exaggerate_tilt
-from tsd_twin.dashboard.scene.view_settings import (
+from tsd_twin.dashboard import viser_compat
+from tsd_twin.dashboard.scene.appearance import (
     CameraPreset,
+    Layer,
     TruePoseDisplay,
     ViewSettings,
 )
-from tsd_twin.dashboard.viser_compat import viser_server
-from tsd_twin.dashboard.viser_compat.viser_server import LOOK_AT_M, page_of
+from tsd_twin.dashboard.scene.panel_manager import PanelManager
+from tsd_twin.dashboard.scene.robot_visual import exaggerate_tilt
+from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.viser_compat import LOOK_AT_M, page_of
 from tsd_twin.lie import SE2
 from tsd_twin.robots import load_robot
 
@@ -77,7 +77,7 @@ class Desk:
 
 @pytest.fixture(scope="module")
 def made() -> Generator[Desk]:
-    server = viser_server.start_server("test")
+    server = viser_compat.start_server("test")
     yield Desk(server, Scene(server))
     server.stop()
 

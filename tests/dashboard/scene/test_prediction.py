@@ -13,7 +13,7 @@ from tests.support.controller_harness import ROBOT, ControllerHarness
 from tests.support.robot_feed import RobotFeed
 from tsd_twin.client.connection import RoundTrips, SentCommand
 from tsd_twin.dashboard.scene.overlays import swept_outline
-from tsd_twin.dashboard.scene.prediction import MotionPredictor, Prediction
+from tsd_twin.dashboard.scene.robot_overlays import MotionPredictor, Prediction
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages.ros import BASE, ODOM
 from tsd_twin.messages.status import LimitStatus, Status

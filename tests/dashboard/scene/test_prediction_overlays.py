@@ -10,9 +10,9 @@ import pytest
 from tests.support.robot_feed import RobotFeed
 from tests.support.viser_client import ViserClient, viser_client
 from tsd_twin.client.connection import SentCommand
+from tsd_twin.dashboard import viser_compat
 from tsd_twin.dashboard.scene.appearance import Layer, overlay_node
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.viser_compat import viser_server
 from tsd_twin.messages.status import LimitStatus, Status
 
 AREA = f"{overlay_node(Layer.ENVELOPE, 'tsd')}/a"
@@ -27,7 +27,7 @@ EVERY_S = 0.11
 
 @pytest.fixture(scope="module")
 def scene() -> Generator[Scene]:
-    server = viser_server.start_server("test")
+    server = viser_compat.start_server("test")
     yield Scene(server)
     server.stop()
 

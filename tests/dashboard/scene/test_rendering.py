@@ -12,11 +12,11 @@ from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from tests.support.browser import CHEAP_FLAGS, executable
 from tests.support.robot_feed import RobotFeed
+from tsd_twin.dashboard import viser_compat
 from tsd_twin.dashboard.scene.client_view import ClientView
 from tsd_twin.dashboard.scene.panel_manager import PanelManager
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.dashboard.server.pages import STATIC
-from tsd_twin.dashboard.viser_compat import viser_server
 from tsd_twin.lie import Array
 
 SIZE = (360, 300)
@@ -50,7 +50,7 @@ class Desk:
         """Return a page whose panel and robot can be seen, and the view that it is."""
         before = self.server.get_clients().keys()
         page = self._browser.new_page(
-            viewport={"width": SIZE[0] + viser_server.PANEL_WIDTH_PX, "height": SIZE[1]}
+            viewport={"width": SIZE[0] + viser_compat.PANEL_WIDTH_PX, "height": SIZE[1]}
         )
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         page.goto(f"http://127.0.0.1:{self.server.get_port()}/?fixedDpr=0.5")
@@ -66,8 +66,8 @@ class Desk:
 def desk(browser: Browser) -> Generator[Desk]:
     with pytest.MonkeyPatch.context() as unlocked:
         # The page is viser's own here, and no gateway stands between that could bring the key.
-        unlocked.setattr(viser_server, "has_access_key", lambda _request: True)
-        server = viser_server.start_server("test")
+        unlocked.setattr(viser_compat, "has_access_key", lambda _request: True)
+        server = viser_compat.start_server("test")
         made = Desk(server, browser)
         yield made
         for context in browser.contexts:

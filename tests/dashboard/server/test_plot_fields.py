@@ -16,8 +16,7 @@ from tests.support.robot_feed import RobotFeed
 from tsd_twin import robots
 from tsd_twin.client.connection import SentCommand
 from tsd_twin.dashboard.server.messages_from_page import MAX_FIELD_NAME, MAX_PLOT_FIELDS
-from tsd_twin.dashboard.server.plot_fields import REQUEST_TIMEOUT_S, PlotFields
-from tsd_twin.dashboard.server.telemetry import RobotTelemetry
+from tsd_twin.dashboard.server.telemetry import REQUEST_TIMEOUT_S, PlotFields, RobotTelemetry
 from tsd_twin.lie import SE2, SO3
 from tsd_twin.messages import topics
 from tsd_twin.messages.ros import BASE, ODOM, decode_joints

@@ -22,7 +22,7 @@ from tsd_twin.errors import MessageError, RobotFileError
 from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.models import load_parts
 from tsd_twin.robots import load_robot, parse_description, robot_names
-from tsd_twin.robots.variants import variant
+from tsd_twin.robots.loader import variant
 
 calm = settings(deadline=None, max_examples=40)
 RPM = math.pi / 30.0

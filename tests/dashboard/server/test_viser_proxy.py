@@ -14,7 +14,7 @@ from websockets.typing import Subprotocol
 
 from tests.support.page_client import PATIENCE_S, Site, site
 from tests.support.viser_client import CAMERA, ViserClient
-from tsd_twin.dashboard.viser_compat.viser_server import page_of
+from tsd_twin.dashboard.viser_compat import page_of
 
 PAGE = "0123456789abcdef"
 VISER = f"viser-v{viser.__version__}"

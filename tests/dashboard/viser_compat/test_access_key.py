@@ -16,8 +16,8 @@ from websockets.typing import Subprotocol
 
 from tests.support.browser import CHEAP_FLAGS, PATIENCE_MS, executable
 from tests.support.viser_client import viser_client
-from tsd_twin.dashboard.viser_compat import viser_server
-from tsd_twin.dashboard.viser_compat.viser_server import KEY_HEADER, access_key
+from tsd_twin.dashboard import viser_compat
+from tsd_twin.dashboard.viser_compat import KEY_HEADER, access_key
 
 VISER = Subprotocol(f"viser-v{viser.__version__}")
 
@@ -64,7 +64,7 @@ def test_with_the_key_it_works_as_ever(server: viser.ViserServer) -> None:
 def test_other_servers_of_this_process_stay_open_to_all() -> None:
     """Ours alone asks: nothing is left changed in the library."""
     before = websockets.asyncio.server.serve
-    viser_server.start_server("test").stop()
+    viser_compat.start_server("test").stop()
     assert websockets.asyncio.server.serve is before
     other = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
     with connect(f"ws://127.0.0.1:{other.get_port()}", subprotocols=[VISER]) as socket:

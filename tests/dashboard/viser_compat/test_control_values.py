@@ -10,7 +10,7 @@ import pytest
 import viser
 
 from tests.support.viser_client import ViserClient, viser_client
-from tsd_twin.dashboard.viser_compat.patches import value_fits
+from tsd_twin.dashboard.viser_compat import value_fits
 
 
 @pytest.fixture(scope="module")

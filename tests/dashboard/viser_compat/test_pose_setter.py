@@ -11,7 +11,7 @@ import viser
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsd_twin.dashboard.viser_compat import patches
+from tsd_twin.dashboard import viser_compat
 
 pytestmark = pytest.mark.computes
 
@@ -29,19 +29,19 @@ def sent(setter: Any, steps: list[tuple[float, float, float]]) -> tuple[list[Any
 
 @given(STEPS)
 def test_the_same_messages_are_sent(steps: list[tuple[float, float, float]]) -> None:
-    assert sent(patches.set_pose_vector, steps) == sent(patches.ORIGINAL_SETTER, steps)
+    assert sent(viser_compat.set_pose_vector, steps) == sent(viser_compat.ORIGINAL_SETTER, steps)
 
 
 def test_an_array_is_as_good_and_another_length_is_a_mistake() -> None:
-    assert sent(patches.set_pose_vector, [np.array([1.0, 2.0, 3.0])]) == (  # type: ignore[list-item]
+    assert sent(viser_compat.set_pose_vector, [np.array([1.0, 2.0, 3.0])]) == (  # type: ignore[list-item]
         [(1.0, 2.0, 3.0)],
         [1.0, 2.0, 3.0],
     )
     with pytest.raises(ValueError, match="2 numbers are given, 3 are needed"):
-        sent(patches.set_pose_vector, [(1.0, 2.0)])  # type: ignore[list-item]
+        sent(viser_compat.set_pose_vector, [(1.0, 2.0)])  # type: ignore[list-item]
 
 
 def test_nodes_are_set_so() -> None:
-    patches.install_fast_pose_setter()
+    viser_compat.install_fast_pose_setter()
     scene = vars(sys.modules[viser.SceneNodeHandle.__module__])
-    assert patches.set_pose_vector in scene.values()
+    assert viser_compat.set_pose_vector in scene.values()

@@ -10,7 +10,7 @@ from typing import Any
 
 from tests.support.robot_node import PATIENCE_S
 from tests.support.viser_client import viser_client
-from tsd_twin.dashboard.viser_compat import viser_server
+from tsd_twin.dashboard import viser_compat
 
 FRAMES = 400
 PAUSE_S = 0.05
@@ -46,7 +46,7 @@ def watched(server: Any, event: Any) -> tuple[Waiters, int]:
 
 
 def test_only_the_loop_looks_for_who_waits_whoever_fills_a_queue() -> None:
-    server = viser_server.start_server("test")
+    server = viser_compat.start_server("test")
     come: queue.Queue[Any] = queue.Queue()
     server.on_client_connect(come.put)
     try:

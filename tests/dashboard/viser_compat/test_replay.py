@@ -22,7 +22,7 @@ from viser.infra import _infra as infra
 from viser.infra._async_message_buffer import AsyncMessageBuffer
 
 from tests.support.viser_client import ViserClient, viser_client
-from tsd_twin.dashboard.viser_compat import patches, viser_server
+from tsd_twin.dashboard import viser_compat
 from tsd_twin.errors import TwinError
 
 DAY = 100_000_000
@@ -31,7 +31,7 @@ DAY = 100_000_000
 
 @pytest.fixture
 def server() -> Generator[viser.ViserServer]:
-    made = viser_server.start_server("test")
+    made = viser_compat.start_server("test")
     yield made
     made.stop()
 
@@ -172,7 +172,7 @@ async def told(loop_of: str, story: list[Burst], client: int) -> list[Note]:
     buffer = AsyncMessageBuffer(asyncio.get_running_loop(), persistent_messages=True)
     buffer.window_duration_sec = 0.0
     if loop_of == "ours":
-        buffer._window_loop = partial(patches.message_windows, buffer)
+        buffer._window_loop = partial(viser_compat.message_windows, buffer)
     came: list[Note] = []
     windows: Loop | None = None
     for burst in story:
@@ -209,8 +209,11 @@ def test_nothing_is_sent_in_the_middle_of_an_atomic_block(server: viser.ViserSer
     buffer = server._websock_server._broadcast_buffer
     with server.atomic():
         server.scene.add_frame("/half")
-        assert patches.next_message_window(buffer, 0, -1, buffer.message_counter - 1) == ([], -1)
-    messages, _ = patches.next_message_window(buffer, 0, -1, buffer.message_counter - 1)
+        assert viser_compat.next_message_window(buffer, 0, -1, buffer.message_counter - 1) == (
+            [],
+            -1,
+        )
+    messages, _ = viser_compat.next_message_window(buffer, 0, -1, buffer.message_counter - 1)
     assert any(getattr(message, "name", None) == "/half" for message in messages)
 
 
@@ -233,12 +236,12 @@ def test_the_inside_of_viser_is_the_one_that_was_read(inside: type) -> None:
 
 def test_the_version_is_the_one_that_is_installed_for_users() -> None:
     root = Path(__file__).parents[3]
-    assert f'"viser=={patches.VISER_VERSION}"' in (root / "pyproject.toml").read_text()
+    assert f'"viser=={viser_compat.VISER_VERSION}"' in (root / "pyproject.toml").read_text()
 
 
 def test_another_version_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(viser, "__version__", "9.9.9")
     before = set(threading.enumerate())
     with pytest.raises(TwinError, match=r"viser 9\.9\.9 is installed.*needs 1\.1\.1"):
-        viser_server.start_server("test")
+        viser_compat.start_server("test")
     assert set(threading.enumerate()) == before

@@ -12,12 +12,12 @@ import viser
 
 from tests.support.page_client import PATIENCE_S
 from tests.support.viser_client import viser_client
-from tsd_twin.dashboard.viser_compat import viser_server
+from tsd_twin.dashboard import viser_compat
 
 
 @pytest.fixture
 def server() -> Generator[viser.ViserServer]:
-    made = viser_server.start_server("test")
+    made = viser_compat.start_server("test")
     yield made
     made.stop()
 
@@ -29,7 +29,7 @@ def test_it_listens_on_the_loopback_alone(server: viser.ViserServer) -> None:
 
 
 def test_two_of_them_have_a_port_each(server: viser.ViserServer) -> None:
-    other = viser_server.start_server("test")
+    other = viser_compat.start_server("test")
     ports = {server.get_port(), other.get_port()}
     other.stop()
     assert len(ports) == 2
@@ -38,7 +38,7 @@ def test_two_of_them_have_a_port_each(server: viser.ViserServer) -> None:
 
 def test_it_says_nothing(capfd: pytest.CaptureFixture[str]) -> None:
     """Standard output is where a program says that it is ready, and nothing else."""
-    server = viser_server.start_server("test")
+    server = viser_compat.start_server("test")
     with viser_client(server.get_port()):
         pass
     server.stop()
@@ -58,7 +58,7 @@ def test_no_client_can_make_it_public(server: viser.ViserServer) -> None:
 
 @pytest.mark.parametrize("dark", [True, False])
 def test_colours_are_as_asked_for(dark: bool) -> None:
-    server = viser_server.start_server("test", dark=dark)
+    server = viser_compat.start_server("test", dark=dark)
     with viser_client(server.get_port()) as viewer:
         assert viewer.dark is dark
         assert viewer.camera.keys() >= {"SetCameraPositionMessage", "SetCameraLookAtMessage"}
@@ -68,7 +68,7 @@ def test_colours_are_as_asked_for(dark: bool) -> None:
 def test_stopping_ends_it_while_clients_look_on() -> None:
     """The port is closed, clients see the end, and no thread is left that could answer."""
     before = set(threading.enumerate())
-    server = viser_server.start_server("test")
+    server = viser_compat.start_server("test")
     port = server.get_port()
     with viser_client(port) as viewer:
         server.stop()

@@ -1,4 +1,4 @@
-"""Colours, layers with their scene nodes, lights, and the roster of robots.
+"""Colours, layers with their scene nodes, lights, view settings of a page, and roster of robots.
 
 Colours are distinct for colour-blind people.
 """
@@ -8,9 +8,11 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterable, Sequence
 from enum import StrEnum
-from typing import TypeAlias
+from typing import Annotated, TypeAlias
 
+import msgspec
 import viser
+from msgspec import Meta
 
 Rgb: TypeAlias = tuple[int, int, int]
 
@@ -158,3 +160,46 @@ class RobotRoster:
         with self._lock:
             number = self._numbers.setdefault(robot_id, len(self._numbers))
         return ROBOT_COLOURS[number % len(ROBOT_COLOURS)]
+
+
+class CameraPreset(StrEnum):
+    """Camera presets; the values are the labels in the panel."""
+
+    ISO = "3-D"
+    TOP = "top"
+    CHASE = "chase"
+    """Behind the robot: the picture turns along with it, while the camera follows it."""
+
+
+class TruePoseDisplay(StrEnum):
+    """Display condition of the true pose; the values are the labels in the panel."""
+
+    DIFFERS = "when it differs"
+    ALWAYS = "always"
+    NEVER = "never"
+
+
+class TiltFactor(StrEnum):
+    """Factors of the drawn tilt; the values are the labels in the panel."""
+
+    TRUE = "x1"
+    THREE = "x3"
+    TEN = "x10"
+
+    @property
+    def number(self) -> int:
+        """The factor."""
+        return int(self.value[1:])
+
+
+class ViewSettings(msgspec.Struct, frozen=True):
+    """View settings of one page, as it keeps them."""
+
+    camera: CameraPreset = CameraPreset.ISO
+    follow: bool = True
+    """Whether the camera moves with the robot."""
+    hidden: Annotated[Sequence[Layer], Meta(max_length=len(Layer))] = ()
+    true_pose: TruePoseDisplay = TruePoseDisplay.DIFFERS
+    tilt: TiltFactor = TiltFactor.TRUE
+    dark: bool | None = None
+    """Dark or light colours; None as the browser prefers."""

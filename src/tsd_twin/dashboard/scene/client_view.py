@@ -13,7 +13,10 @@ from tsd_twin.dashboard.scene import appearance
 from tsd_twin.dashboard.scene.appearance import (
     PAST_NODE,
     ROOT,
+    CameraPreset,
     Layer,
+    TruePoseDisplay,
+    ViewSettings,
     disable_shadows_and_reflections,
     layer_nodes,
     robot_node,
@@ -22,15 +25,9 @@ from tsd_twin.dashboard.scene.overlays import ARROW_HEAD_M, MIN_ARROW_SPEED_MPS,
 from tsd_twin.dashboard.scene.picking import CameraPose, floor_points, sphere_point
 from tsd_twin.dashboard.scene.robot_geometry import JointReader, RobotShape
 from tsd_twin.dashboard.scene.robot_overlays import add_wireframe, set_planar_pose
-from tsd_twin.dashboard.scene.robot_visual import RobotVisual
+from tsd_twin.dashboard.scene.robot_visual import ExaggeratedTilt, RobotVisual, hide_links
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.scene.tilt_exaggeration import ExaggeratedTilt, hide_links
-from tsd_twin.dashboard.scene.view_settings import (
-    CameraPreset,
-    TruePoseDisplay,
-    ViewSettings,
-)
-from tsd_twin.dashboard.viser_compat.viser_server import CAMERA_OFFSET_M, LOOK_AT_M
+from tsd_twin.dashboard.viser_compat import CAMERA_OFFSET_M, LOOK_AT_M
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.models import Link

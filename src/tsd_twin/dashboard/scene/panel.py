@@ -12,18 +12,18 @@ import numpy as np
 import viser
 
 from tsd_twin.client.connection import Snapshot
-from tsd_twin.dashboard.scene.appearance import Layer
-from tsd_twin.dashboard.scene.client_view import ClientView
-from tsd_twin.dashboard.scene.robot_geometry import FLOOR_AXES, axis_limits, twist_axes_of
-from tsd_twin.dashboard.scene.robot_visual import SPIN_SLOWDOWN, RobotVisual
-from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.scene.view_settings import (
+from tsd_twin.dashboard.scene.appearance import (
     CameraPreset,
+    Layer,
     TiltFactor,
     TruePoseDisplay,
     ViewSettings,
 )
-from tsd_twin.dashboard.viser_compat.viser_server import rename_tab, set_theme
+from tsd_twin.dashboard.scene.client_view import ClientView
+from tsd_twin.dashboard.scene.robot_geometry import FLOOR_AXES, axis_limits, twist_axes_of
+from tsd_twin.dashboard.scene.robot_visual import SPIN_SLOWDOWN, RobotVisual
+from tsd_twin.dashboard.scene.scene import Scene
+from tsd_twin.dashboard.viser_compat import rename_tab, set_theme
 from tsd_twin.lie import Array
 from tsd_twin.motion import TwistLimiter
 from tsd_twin.robots import KINDS, kind_of

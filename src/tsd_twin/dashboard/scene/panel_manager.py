@@ -9,10 +9,10 @@ import numpy as np
 import viser
 
 from tsd_twin.client.connection import Snapshot
+from tsd_twin.dashboard.scene.appearance import ViewSettings
 from tsd_twin.dashboard.scene.panel import Panel, SliderMode
 from tsd_twin.dashboard.scene.scene import Scene
-from tsd_twin.dashboard.scene.view_settings import ViewSettings
-from tsd_twin.dashboard.viser_compat.viser_server import (
+from tsd_twin.dashboard.viser_compat import (
     has_no_gpu,
     is_disconnected,
     is_viewer,

@@ -12,8 +12,8 @@ import numpy as np
 import viser
 
 from tsd_twin.client.connection import Snapshot
+from tsd_twin.dashboard.scene.appearance import ViewSettings
 from tsd_twin.dashboard.scene.robot_geometry import RobotShape
-from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.lie import SO3, Array
 
 MAX_DISTANCE_M = 60.0

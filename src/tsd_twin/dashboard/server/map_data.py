@@ -9,8 +9,8 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 
 from tsd_twin.client.connection import RobotMonitor, Snapshot
+from tsd_twin.dashboard.scene.appearance import ViewSettings
 from tsd_twin.dashboard.scene.picking import DashboardScene
-from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.dashboard.server.messages_to_page import FloorPoint, MapLines, MapRobot, MapState
 from tsd_twin.lie import SE2, Array
 

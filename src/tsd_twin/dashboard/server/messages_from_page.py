@@ -7,7 +7,7 @@ from typing import Annotated, Literal, TypeAlias
 import msgspec
 from msgspec import Meta
 
-from tsd_twin.dashboard.scene.view_settings import ViewSettings
+from tsd_twin.dashboard.scene.appearance import ViewSettings
 from tsd_twin.errors import MessageError
 from tsd_twin.messages.services import Operator, ShortText
 

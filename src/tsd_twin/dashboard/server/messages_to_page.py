@@ -7,7 +7,7 @@ from typing import Any, Literal, TypeAlias
 
 import msgspec
 
-from tsd_twin.dashboard.scene.view_settings import ViewSettings
+from tsd_twin.dashboard.scene.appearance import ViewSettings
 from tsd_twin.dashboard.server.messages_from_page import Message, Triple
 from tsd_twin.messages.services import Event
 from tsd_twin.messages.status import Status

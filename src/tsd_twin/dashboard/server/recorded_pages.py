@@ -14,14 +14,13 @@ import msgspec
 from aiohttp import WSMessage, WSMsgType, web
 
 from tsd_twin.dashboard.recorded_view import RecordedView
-from tsd_twin.dashboard.scene.appearance import RobotRoster
-from tsd_twin.dashboard.scene.view_settings import ViewSettings
+from tsd_twin.dashboard.scene.appearance import RobotRoster, ViewSettings
 from tsd_twin.dashboard.server.auth import Principal
 from tsd_twin.dashboard.server.recorded_protocol import RecordedPath
 from tsd_twin.dashboard.server.recorded_session import RecordedSession
 from tsd_twin.errors import TwinError
 from tsd_twin.messages.services import Reply
-from tsd_twin.recording.catalogue import Catalogue
+from tsd_twin.recording.folder import Catalogue
 from tsd_twin.recording.player import Player
 
 MOST_VIEWS = 5

@@ -23,7 +23,7 @@ from tsd_twin.dashboard.server.messages_to_page import (
     RobotState,
 )
 from tsd_twin.recording.events import NOTE_LENGTH
-from tsd_twin.recording.playback import LEAST_SPEED, MOST_SPEED
+from tsd_twin.recording.player import LEAST_SPEED, MOST_SPEED
 
 
 class Seek(Message, frozen=True, tag="seek"):

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-from collections.abc import Awaitable, Callable, Coroutine, Sequence
+from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any, cast
 
 import msgspec
 
 from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.dashboard.recorded_view import RecordedView
+from tsd_twin.dashboard.scene.appearance import ViewSettings
 from tsd_twin.dashboard.scene.picking import EmptyPageScene
-from tsd_twin.dashboard.scene.view_settings import ViewSettings
-from tsd_twin.dashboard.server.auth import Principal, operator_name
+from tsd_twin.dashboard.server.auth import Principal
 from tsd_twin.dashboard.server.map_data import MapData
 from tsd_twin.dashboard.server.messages_from_page import (
     PageHeartbeat,
@@ -46,7 +46,7 @@ from tsd_twin.dashboard.server.recorded_protocol import (
     Timeline,
     TimelineEvent,
 )
-from tsd_twin.dashboard.server.socket_limits import SendQueue
+from tsd_twin.dashboard.server.session import VIEWER_REFUSAL, PageSession
 from tsd_twin.dashboard.server.telemetry import RobotTelemetry
 from tsd_twin.errors import MessageError, RecordingError
 from tsd_twin.lie import Array
@@ -72,8 +72,6 @@ _STATE_EVERY = 2
 """Frames from one state to the next."""
 _GROWN_S = 5.0
 """The timeline of a recording that is being written is sent again when it is longer by this."""
-_MAX_CONCURRENT_STOPS = 2
-"""The second starts after the first, so a third adds nothing."""
 
 
 class _ViewScene(EmptyPageScene):
@@ -91,7 +89,7 @@ class _ViewScene(EmptyPageScene):
         return self._scene.reach_m(robot_id)
 
 
-class RecordedSession:
+class RecordedSession(PageSession):
     """Session of one page with its view; on the event loop."""
 
     def __init__(
@@ -104,20 +102,14 @@ class RecordedSession:
         name: str = "",
     ) -> None:
         """`stop_all` stops all live robots on behalf of an operator."""
-        self.page = page
-        self.principal = principal
-        self.send_queue = SendQueue()
-        self.rejected = 0
-        """Number of invalid messages."""
+        super().__init__(page, principal, name)
         self._view = view
         self._stop_all = stop_all
-        self._operator = f"{operator_name(principal, name)}-{page[:8]}"
         self._telemetry = {
             # A recorded robot has all of a live one that is shown.
             robot.id: RobotTelemetry(cast("RobotMonitor", robot))
             for robot in view.player.robots.values()
         }
-        self._plot_fields: Sequence[str] = ()
         self._numbers = itertools.count(1)
         self._frames = itertools.count()
         self._loop = asyncio.get_running_loop()
@@ -127,10 +119,8 @@ class RecordedSession:
         self._past_player: Player | None = None
         self._past_lock = asyncio.Lock()
         self._settling: asyncio.TimerHandle | None = None
-        self._stopping: set[asyncio.Task[None]] = set()
         self._marking = False
         self._told_s = 0.0
-        self._shows_map = False
         self._map_data = MapData(
             lambda: cast("dict[str, RobotMonitor]", view.player.robots),
             _ViewScene(view),
@@ -237,29 +227,21 @@ class RecordedSession:
         try:
             message = decode_page_message(text)
         except MessageError as error:
-            self.rejected += 1
-            if self.rejected == 1:
-                self._send(ActionReply(to="message", ok=False, reason=str(error)))
+            self.reject(str(error))
             return
         tag = str(message.__struct_config__.tag)
         self._send(ActionReply(to=tag, ok=False, reason=REFUSAL))
 
     def _stop(self) -> None:
-        if not self.principal.may_stop:
-            self._send(ActionReply(to="stop", ok=False, reason="a viewer only watches"))
-        elif len(self._stopping) < _MAX_CONCURRENT_STOPS:
-            task = self._start(self._stop_and_answer())
-            self._stopping.add(task)
-            task.add_done_callback(self._stopping.discard)
-
-    async def _stop_and_answer(self) -> None:
-        reply = await self._stop_all(self._operator)
-        self._send(ActionReply(to="stop", ok=reply.ok, reason=reply.reason))
+        if self.principal.may_stop:
+            self._acknowledge_stop(lambda: self._stop_all(self._operator))
+        else:
+            self._refuse_stop()
 
     def _mark(self, note: str) -> None:
         refusal = "a mark is being written" if self._marking else ""
         if self.principal.identity.role is Role.VIEWER:
-            refusal = "a viewer only watches"
+            refusal = VIEWER_REFUSAL
         if refusal:
             self._send(ActionReply(to="mark", ok=False, reason=refusal))
             return
@@ -382,9 +364,6 @@ class RecordedSession:
             shown = self._map_data.state(robot_id) if self._shows_map else None
             state = msgspec.structs.replace(state, seen=number, map=shown)
             self.send_queue.put_state(number, encode_message(state))
-
-    def _send(self, message: Any) -> None:
-        self.send_queue.put(encode_message(message))
 
 
 def _is_notable(event: RecordedEvent) -> bool:

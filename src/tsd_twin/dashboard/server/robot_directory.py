@@ -3,22 +3,51 @@
 from __future__ import annotations
 
 import asyncio
+import bisect
 import itertools
 import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from operator import attrgetter
 from typing import Protocol
 
 from tsd_twin.client import procedures
 from tsd_twin.client.connection import RobotMonitor, Snapshot
 from tsd_twin.dashboard.scene.appearance import RobotRoster
 from tsd_twin.dashboard.server.lease import RpcExecutor
+from tsd_twin.dashboard.server.messages_from_page import LOOK_BACK_S
 from tsd_twin.dashboard.server.messages_to_page import RobotName, RobotState
-from tsd_twin.dashboard.server.state_history import StateHistory
 from tsd_twin.dashboard.server.telemetry import RobotTelemetry
 from tsd_twin.messages.services import Event
 from tsd_twin.recording.replay import HARDWARE
+
+SPACING_S = 0.1
+_SLACK_S = 1.0
+"""Kept for longer, so that the oldest time that can be asked for is there."""
+
+
+class StateHistory:
+    """Snapshots of one robot, at least `SPACING_S` apart."""
+
+    def __init__(self) -> None:
+        self._kept: deque[Snapshot] = deque()
+
+    def add(self, snapshot: Snapshot) -> None:
+        """Keep a snapshot, if enough time has passed since the last one that was kept."""
+        now_s = snapshot.received_s
+        # A little early counts: statuses come at a period of their own.
+        if self._kept and now_s - self._kept[-1].received_s < SPACING_S - 0.01:
+            return
+        self._kept.append(snapshot)
+        while self._kept[0].received_s < now_s - LOOK_BACK_S - _SLACK_S:
+            self._kept.popleft()
+
+    def at(self, received_s: float) -> Snapshot | None:
+        """Return the newest snapshot up to a time; None when none is so old."""
+        count = bisect.bisect_right(self._kept, received_s, key=attrgetter("received_s"))
+        return self._kept[count - 1] if count else None
+
 
 MAX_ROBOTS = 64
 MAX_EVENTS = 30

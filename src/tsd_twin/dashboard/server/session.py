@@ -6,14 +6,14 @@ States, events and replies go out, and decide nothing.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any
 
 import msgspec
 
 from tsd_twin.client import procedures
 from tsd_twin.client.connection import Snapshot
-from tsd_twin.dashboard.scene.view_settings import ViewSettings
+from tsd_twin.dashboard.scene.appearance import ViewSettings
 from tsd_twin.dashboard.server.auth import Principal, operator_name
 from tsd_twin.dashboard.server.lease import LeaseClient, RpcExecutor
 from tsd_twin.dashboard.server.map_data import MapData
@@ -67,12 +67,54 @@ _HOLDER_SERVICES: Mapping[type[ArmRequest | DisarmRequest | ResetRequest], Servi
     DisarmRequest: Service.DISARM,
     ResetRequest: Service.RESET,
 }
-_VIEWER_REFUSAL = "a viewer only watches"
+VIEWER_REFUSAL = "a viewer only watches"
 _MAX_CONCURRENT_STOPS = 2
 """The second starts after the first, so a third adds nothing."""
 
 
-class Session:
+class PageSession:
+    """Base class of the sessions of pages: its page and login, what goes out, stops under way."""
+
+    def __init__(self, page: str, principal: Principal, name: str) -> None:
+        """`principal` owns the page; each page has an operator id of its own.
+
+        `name` is what the operator has typed, which counts where there are no logins.
+        """
+        self.page = page
+        self.principal = principal
+        self.send_queue = SendQueue()
+        self.rejected = 0
+        """Number of invalid messages."""
+        self._operator = f"{operator_name(principal, name)}-{page[:8]}"
+        self._plot_fields: Sequence[str] = ()
+        self._shows_map = False
+        self._stopping: set[asyncio.Task[None]] = set()
+
+    def reject(self, reason: str) -> None:
+        """Count an invalid message; the page receives one reply."""
+        self.rejected += 1
+        if self.rejected == 1:
+            self._send(ActionReply(to="message", ok=False, reason=reason))
+
+    def _refuse_stop(self) -> None:
+        self._send(ActionReply(to="stop", ok=False, reason=VIEWER_REFUSAL))
+
+    def _acknowledge_stop(self, stop: Callable[[], Awaitable[Reply]]) -> None:
+        """Send the page the robot's reply, unless two of its stops are under way."""
+        if len(self._stopping) < _MAX_CONCURRENT_STOPS:
+            task = asyncio.create_task(self._stop_and_answer(stop))
+            self._stopping.add(task)
+            task.add_done_callback(self._stopping.discard)
+
+    async def _stop_and_answer(self, stop: Callable[[], Awaitable[Reply]]) -> None:
+        reply = await stop()
+        self._send(ActionReply(to="stop", ok=reply.ok, reason=reply.reason))
+
+    def _send(self, message: Any) -> None:
+        self.send_queue.put(encode_message(message))
+
+
+class Session(PageSession):
     """Session of one page on the event loop; calls that wait for a robot are tasks of the
     session.
     """
@@ -89,20 +131,11 @@ class Session:
         map_data: MapData,
         name: str = "",
     ) -> None:
-        """`principal` owns the page; each page has an operator id of its own.
-
-        `name` is what the operator has typed, which counts where there are no logins.
-        """
-        self.page = page
-        self.principal = principal
-        self.send_queue = SendQueue()
+        super().__init__(page, principal, name)
         self.robot_id: str | None = None
         """The robot that is watched."""
         self.view: ViewSettings | None = None
         """View settings, if the page or its panel has sent any."""
-        self.rejected = 0
-        """Number of invalid messages."""
-        self._operator = f"{operator_name(principal, name)}-{page[:8]}"
         self._role = principal.identity.role
         self._directory = directory
         self._executor = executor
@@ -117,11 +150,8 @@ class Session:
             lambda: on_released(page),
         )
         self._student = StudentSession(executor, self._send)
-        self._stopping: set[asyncio.Task[None]] = set()
         self._motion: DriveCommand | FollowPlan | None = None
-        self._plot_fields: Sequence[str] = ()
         self._map_data = map_data
-        self._shows_map = False
         self._ago_s: float | None = None
         self._past: Snapshot | None = None
 
@@ -198,12 +228,6 @@ class Session:
         except MessageError as error:
             self.reject(str(error))
 
-    def reject(self, reason: str) -> None:
-        """Count an invalid message; the page receives one reply."""
-        self.rejected += 1
-        if self.rejected == 1:
-            self._send(ActionReply(to="message", ok=False, reason=reason))
-
     def _dispatch(self, message: PageMessage) -> None:
         match message:
             case StopCommand():
@@ -232,7 +256,7 @@ class Session:
             ):
                 self._show(message)
             case LeaseAction() if self._role is Role.VIEWER:
-                self._send(ActionReply(to="lease", ok=False, reason=_VIEWER_REFUSAL))
+                self._send(ActionReply(to="lease", ok=False, reason=VIEWER_REFUSAL))
             case LeaseAction():
                 self._on_lease_action(message)
             case ArmRequest() | DisarmRequest() | ResetRequest() | SetWheelSpeed():
@@ -287,21 +311,17 @@ class Session:
             view.link.send_stop(procedures.stop_payload(self._operator))
         self._motion = None
         if not self.principal.may_stop:
-            self._send(ActionReply(to="stop", ok=False, reason=_VIEWER_REFUSAL))
+            self._refuse_stop()
             return
         self._teleop.release("software stop")
         self._teleop.navigation.clear()
-        if len(self._stopping) < _MAX_CONCURRENT_STOPS:
-            task = asyncio.create_task(self._stop_and_answer())
-            self._stopping.add(task)
-            task.add_done_callback(self._stopping.discard)
+        self._acknowledge_stop(self._repeat_stop)
 
-    async def _stop_and_answer(self) -> None:
+    async def _repeat_stop(self) -> Reply:
         view = self._directory.view(self.robot_id)
-        reply = Reply(False, "no robot is shown")
-        if view is not None:
-            reply = await self._executor.stop(view.link, self._operator)
-        self._send(ActionReply(to="stop", ok=reply.ok, reason=reply.reason))
+        if view is None:
+            return Reply(False, "no robot is shown")
+        return await self._executor.stop(view.link, self._operator)
 
     def _on_lease_action(self, message: LeaseAction) -> None:
         lease_client = self._lease_client
@@ -422,6 +442,3 @@ class Session:
             self.send_event(event, past=True, age_s=age_s)
         if (state := self._directory.state(view.link.id)) is not None:
             self.show(state)
-
-    def _send(self, message: Any) -> None:
-        self.send_queue.put(encode_message(message))

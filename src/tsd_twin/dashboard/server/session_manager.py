@@ -10,9 +10,8 @@ from typing import Literal
 from aiohttp import WSMessage, WSMsgType, web
 
 from tsd_twin.client import procedures
-from tsd_twin.dashboard.scene.appearance import RobotRoster
+from tsd_twin.dashboard.scene.appearance import RobotRoster, ViewSettings
 from tsd_twin.dashboard.scene.picking import DashboardScene, EmptyPageScene
-from tsd_twin.dashboard.scene.view_settings import ViewSettings
 from tsd_twin.dashboard.server.auth import Principal
 from tsd_twin.dashboard.server.lease import RpcExecutor
 from tsd_twin.dashboard.server.map_data import MapData

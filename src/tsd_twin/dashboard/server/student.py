@@ -28,7 +28,7 @@ from tsd_twin.dashboard.server.messages_to_page import (
 )
 from tsd_twin.errors import RobotFileError
 from tsd_twin.kinematics import Kinematics
-from tsd_twin.kinematics.reach import largest_twist, section, shadow
+from tsd_twin.kinematics.base import largest_twist, section, shadow
 from tsd_twin.lie import SE2, Array
 from tsd_twin.models import check_room
 from tsd_twin.robots import (
@@ -42,7 +42,7 @@ from tsd_twin.robots import (
     load_robot,
     robot_names,
 )
-from tsd_twin.robots.variants import knobs_of, variant, variant_toml
+from tsd_twin.robots.loader import knobs_of, variant, variant_toml
 
 _OUTLINE_POINTS = 60
 _PLANES = ((0, 1), (0, 2), (1, 2))

@@ -22,7 +22,7 @@ from msgspec import Meta
 
 from tsd_twin.dashboard.server.auth import Principal
 from tsd_twin.dashboard.server.socket_limits import VISER, SocketReader
-from tsd_twin.dashboard.viser_compat.viser_server import (
+from tsd_twin.dashboard.viser_compat import (
     DARK_HEADER,
     KEY_HEADER,
     PAGE_HEADER,

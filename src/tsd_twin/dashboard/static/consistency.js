@@ -17,9 +17,18 @@ export class ConsistencyMeter {
     this._residual = el("span.value");
     this._fill = el("div");
     const range = { "aria-valuemin": 0, "aria-valuemax": FULL_MPS, "aria-valuenow": 0 };
-    this._bar = el("div.meter", { role: "meter", "aria-label": "Conflict", ...range }, this._fill);
+    this._bar = el(
+      "div.meter",
+      { role: "meter", "aria-label": "Consistency", ...range },
+      this._fill,
+    );
     this._verdict = el("p.verdict");
-    const head = el("div.head", el("strong", "Conflict"), this._residual, el("span.unit", "m/s"));
+    const head = el(
+      "div.head",
+      el("strong", "Consistency"),
+      this._residual,
+      el("span.unit", "m/s"),
+    );
     this.elements = [head, this._bar, this._verdict];
   }
 
@@ -48,7 +57,7 @@ export class ConsistencyWarning {
     this._what = el("strong", { role: "alert" });
     this._then = el("span.then");
     const text = el("div.what", this._what, this._then);
-    this.element = el("div.conflict.surface", { hidden: true }, icon("fault"), text);
+    this.element = el("div.consistency.surface", { hidden: true }, icon("fault"), text);
     link.on("state", (state) => this._draw(state));
     link.on("beat", () => this._hide());
     link.on("robot", () => ((this._untilMs = -Infinity), this._hide()));

@@ -64,7 +64,7 @@ export class Health {
         const cell = known(this._cells.get(`${title} ${name}`) ?? null);
         setText(cell, value);
         const isAccused = name === "suspect" || name.startsWith(`· ${suspect} `);
-        const isMarked = title === "Conflict" && suspect !== "none" && isAccused;
+        const isMarked = title === "Consistency" && suspect !== "none" && isAccused;
         cell.parentElement?.toggleAttribute("data-suspect", isMarked);
       }
     }
@@ -89,7 +89,7 @@ function sections(link, { status, age_ms: age, robot_ms: robot }) {
     times(level),
   ]);
   return {
-    Conflict: {
+    Consistency: {
       suspect: called(consistency.suspect),
       residual: `${fixed(1000 * consistency.residual_mps, 1)} mm/s`,
       evidence: times(consistency.level),

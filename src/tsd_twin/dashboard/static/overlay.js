@@ -57,7 +57,7 @@ const stale = new StaleBanner(link);
 const alarm = new StopAlarm(drive);
 const keySheet = new KeySheet(root);
 const firstSteps = new FirstSteps(link);
-const conflict = new ConsistencyWarning(link);
+const consistency = new ConsistencyWarning(link);
 const card = new StatusCard(link);
 const stick = new Joystick(drive);
 const turn = new TurnSlider(drive);
@@ -87,7 +87,7 @@ const dock = el("div.dock", stopButton.element, left, right); // Tab reaches STO
 const pose = new PoseReadout(link, map.button);
 const messages = el(
   "div.messages",
-  ...[stale.banner, alarm.element, alone, conflict.element, preview],
+  ...[stale.banner, alarm.element, alone, consistency.element, preview],
   ...[handOver.element, notices.element, keySheet.element],
 );
 // The dock is at the bottom whatever is above it: what has no room there can be scrolled.
