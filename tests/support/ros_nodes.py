@@ -74,8 +74,9 @@ def header(frame: str = "") -> Any:
 class ForeignNode:
     """Publishers and subscribers of the other implementation, with the newest messages."""
 
-    def __init__(self, router: zenoh.Session, port: int) -> None:
+    def __init__(self, router: zenoh.Session, port: int, domain: int = 0) -> None:
         self.router = router
+        self._domain = domain
         self._port = port
         self.newest: dict[str, Any] = {}
         self.counted: Counter[str] = Counter()
@@ -86,13 +87,21 @@ class ForeignNode:
     def close(self) -> None:
         for part in self._parts:
             part.close()
+
+    def leave(self) -> None:
+        """Close the session, which all nodes of a process share."""
+        self.close()
         ZenohSession.get_instance("127.0.0.1", self._port).close()
 
     def publisher(self, topic: str, type_name: str) -> ROS2Publisher:
         made = ROS2Publisher(
-            topic, type_name, self._whole(type_name), router_port=self._port, domain_id=0,
+            topic,
+            type_name,
+            self._whole(type_name),
+            router_port=self._port,
+            domain_id=self._domain,
             type_hash=foreign_hash(type_name),
-        )  # fmt: skip
+        )
         self._parts.append(made)
         return made
 
@@ -100,11 +109,16 @@ class ForeignNode:
         durability = QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE
         self._parts.append(
             ROS2Subscriber(
-                topic, type_name, functools.partial(self._take, topic),
-                self._whole(type_name), router_port=self._port, domain_id=0,
-                type_hash=foreign_hash(type_name), qos=QosProfile(durability=durability),
+                topic,
+                type_name,
+                functools.partial(self._take, topic),
+                self._whole(type_name),
+                router_port=self._port,
+                domain_id=self._domain,
+                type_hash=foreign_hash(type_name),
+                qos=QosProfile(durability=durability),
             )
-        )  # fmt: skip
+        )
 
     def _whole(self, type_name: str) -> str:
         return STORE.generate_msgdef(type_name, ros_version=2)[0]
@@ -131,7 +145,7 @@ class ForeignNode:
         handler = zenoh.handlers.Callback(
             lambda reply: found.append(str(reply.ok.key_expr)), complete.set, indirect=False
         )
-        self.router.liveliness().get("@ros2_lv/0/**", handler, timeout=5.0)
+        self.router.liveliness().get(f"@ros2_lv/{self._domain}/**", handler, timeout=5.0)
         assert complete.wait(PATIENCE_S)
         return found
 
@@ -140,7 +154,7 @@ class ForeignNode:
         self._sequence += 1
         gid = bytes(range(16))
         replies = self.router.get(
-            f"0/{service.strip('/')}/std_srvs::srv::dds_::Trigger_/{TRIGGER_HASH}",
+            f"{self._domain}/{service.strip('/')}/std_srvs::srv::dds_::Trigger_/{TRIGGER_HASH}",
             payload=b"\0\1\0\0\0",
             attachment=struct.pack("<qqB16s", self._sequence, time.time_ns(), 16, gid),
             target=zenoh.QueryTarget.ALL_COMPLETE,

@@ -105,6 +105,8 @@ class RobotDriver:
     ) -> None:
         """Act with the lease; one that was acquired for this is given back unless `keep`."""
         async with self._using:
+            if self._control is not None and not self._control.is_held:
+                self._note_loss(self._control)
             acquired = self.machine.on_request(self._robot.time_s)
             if acquired:
                 await self._acquire()

@@ -7,7 +7,7 @@ import contextlib
 import logging
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Coroutine
 from functools import partial
 from typing import Any, Generic, TypeVar
 
@@ -101,7 +101,11 @@ class RobotSource(ABC):
         if names is None:
             return
         mapping = RobotMapping(self.id, names, self._urdf, self.mesh_uri(names))
-        await self.show(names)
+        try:
+            await self.show(names)
+        except TwinError:
+            self.names = None
+            raise
         for message in mapping.static():
             self.publish(message)
         with self._lock:
@@ -223,9 +227,7 @@ class Fleet(Generic[SourceT]):
             self._alive[robot] = self._numbers
         else:
             self._alive.pop(robot, None)
-        task = asyncio.create_task(self._settle(robot))
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
+        self._start(self._settle(robot))
 
     async def _settle(self, robot: str) -> None:
         """Bring what is shown of a robot to what is on the bus."""
@@ -271,3 +273,14 @@ class Fleet(Generic[SourceT]):
                     await source.rename(names[source.id])
                 except TwinError as error:
                     _LOG.warning("%s cannot be shown: %s", source.id, error)
+                    if isinstance(error, BusError):
+                        self._start(self._rename_later())
+
+    async def _rename_later(self) -> None:
+        await asyncio.sleep(_RETRY_S)
+        await self._rename()
+
+    def _start(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
