@@ -119,7 +119,8 @@ class RobotSource(ABC):
 
     async def close(self) -> None:
         """Leave the robot."""
-        await self.client.close()
+        with contextlib.suppress(TwinError):  # It has gone, and stops by itself.
+            await self.client.close()
 
     @abstractmethod
     async def show(self, names: RosNames) -> None:
