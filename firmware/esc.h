@@ -5,9 +5,11 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "hal.h"
+
 // Begins with zero throttle: a controller that sees more when it gets power may take it for the
 // start of its calibration. No caller is needed, the start of the program runs it.
-__attribute__((naked, used, section(".init3"))) void esc_start(void);
+HAL_AT_RESET void esc_start(void);
 
 // Widths in half microseconds, from the next pulse on.
 void esc_put(const uint16_t *half_us);

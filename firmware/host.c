@@ -22,7 +22,7 @@ static uint16_t word(const uint8_t *bytes) { return bytes[0] | (uint16_t)bytes[1
 static void answer(answer_t error, const uint8_t *data, uint8_t length) {
   static uint8_t parameters[1 + PACKET_READ_LONGEST], out[PACKET_ROOM];
   parameters[0] = error;
-  memcpy(parameters + 1, data, length);
+  if (length) memcpy(parameters + 1, data, length);
   // Without room the PC has asked again before it was answered: it gets the first answers.
   host_line_send(out, packet_write(out, CT_BOARD_ID, PACKET_STATUS, parameters, 1 + length));
 }
@@ -70,6 +70,7 @@ static void handle(const packet_t *packet) {
       break;
     default:
       answer(ANSWER_INSTRUCTION, NULL, 0);
+      break;
   }
 }
 

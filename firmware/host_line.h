@@ -10,7 +10,7 @@ bool host_line_receive(uint8_t *byte);
 bool host_line_waiting(void);
 
 // Sends all of it, or nothing when there is no room.
-bool host_line_send(const uint8_t *bytes, uint8_t length);
+void host_line_send(const uint8_t *bytes, uint8_t length);
 
 // Whether bytes came faster than they were fetched, since the last call.
 bool host_line_overrun(void);

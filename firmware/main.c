@@ -1,9 +1,9 @@
 // Firmware of the triple singularity drive for the Arduino Mega (ATmega2560).
-#include <avr/interrupt.h>
-#include <stdbool.h>
+#include "main.h"
 
 #include "clock.h"
 #include "crc16.h"
+#include "hal.h"
 #include "host.h"
 #include "nonce.h"
 #include "power.h"
@@ -24,7 +24,7 @@ static void tick(void) {
   safety_tick();
 }
 
-int main(void) {
+void main_start(void) {
   crc16_start();
   table_start();
   watchdog_remember();
@@ -36,11 +36,19 @@ int main(void) {
   servos_start();
   host_start();
   clock_start();
-  sei();
-  while (true) {
-    bool more = host_poll();
-    servos_poll();
-    while (clock_tick()) tick();
-    if (!more) clock_sleep();
-  }
+  hal_interrupts_start();
 }
+
+void main_turn(void) {
+  bool more = host_poll();
+  servos_poll();
+  while (clock_tick()) tick();
+  if (!more) hal_sleep();
+}
+
+#ifdef __AVR__
+int main(void) {
+  main_start();
+  while (true) main_turn();
+}
+#endif

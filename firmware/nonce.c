@@ -1,17 +1,18 @@
 #include "nonce.h"
 
-#include <avr/eeprom.h>
-
+#include "hal.h"
 #include "table.h"
 
-#define STARTS ((uint16_t *)128)  // In EEPROM, behind the setup.
+#define STARTS 128  // In EEPROM, behind the setup.
 
 // Not cleared at the start: another number each time power comes, should EEPROM fail.
-static uint16_t draws __attribute__((section(".noinit")));
+static HAL_KEPT uint16_t draws;
 
 void nonce_start(void) {
-  uint16_t starts = eeprom_read_word(STARTS) + 1;
-  eeprom_update_word(STARTS, starts);
+  uint16_t starts = hal_eeprom_read(STARTS) | (uint16_t)hal_eeprom_read(STARTS + 1) << 8;
+  starts++;
+  hal_eeprom_write(STARTS, starts & 0xff);
+  hal_eeprom_write(STARTS + 1, starts >> 8);
   table.nonce[0] = starts;
   nonce_draw();
 }

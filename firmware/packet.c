@@ -104,7 +104,7 @@ uint8_t packet_write(uint8_t *out, uint8_t id, uint8_t instruction, const uint8_
   memcpy(out, START, sizeof START);
   out[4] = id;
   out[HEADER] = instruction;
-  memcpy(out + HEADER + 1, parameters, count);
+  if (count) memcpy(out + HEADER + 1, parameters, count);
   uint8_t end = stuffed(out + HEADER, 1 + count) + HEADER;
   uint16_t length = end - HEADER + 2;
   out[5] = length & 0xff;

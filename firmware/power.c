@@ -1,13 +1,10 @@
 #include "power.h"
 
-#include <avr/io.h>
-
-#include "pins.h"
+#include "hal.h"
 #include "table.h"
 
 #define SAMPLES 4
-#define GROUND 0x1f  // The converter's own 0 V.
-#define BANDGAP 0x1e
+#define DIVIDER 4  // 30 and 10 kilo-ohm.
 #define FULL_SCALE 1023UL
 #define DRIVE_LEAST_MV 5000
 #define EMPTY_MS 1000  // A motor that starts pulls it down for less.
@@ -15,18 +12,15 @@
 // In turn, one each millisecond. Ground between two inputs empties the sampling capacitor: an input
 // whose wire is off reads nearly 0, and not what the other has. The bandgap has a high impedance: its
 // first conversion is not used.
-static const uint8_t CHANNELS[] = {GROUND, DRIVE_CHANNEL, GROUND, BATTERY_CHANNEL, BANDGAP, BANDGAP};
+static const hal_adc_t INPUTS[] = {ADC_GROUND,  ADC_DRIVE,   ADC_GROUND,
+                                   ADC_BATTERY, ADC_BANDGAP, ADC_BANDGAP};
+#define TURNS (sizeof INPUTS / sizeof INPUTS[0])
 static uint8_t turn;
 static uint16_t empty_ms;
 
-static void convert(void) {
-  ADMUX = _BV(REFS0) | CHANNELS[turn];  // Against the supply of 5 V.
-  ADCSRA |= _BV(ADSC);
-}
-
 void power_start(void) {
-  ADCSRA = _BV(ADEN) | _BV(ADPS2) | _BV(ADPS1) | _BV(ADPS0);  // 16 MHz / 128.
-  convert();
+  hal_adc_start();
+  hal_adc_convert(INPUTS[turn]);
 }
 
 // Of inputs over a divider; `sum` is that of SAMPLES.
@@ -37,11 +31,11 @@ static uint16_t millivolts(uint16_t sum) {
 static void measure(void) {
   static uint16_t drive, battery, bandgap;
   static uint8_t samples;
-  if (ADCSRA & _BV(ADSC)) return;
-  if (CHANNELS[turn] == DRIVE_CHANNEL) drive += ADC;
-  if (CHANNELS[turn] == BATTERY_CHANNEL) battery += ADC;
-  if (turn == sizeof CHANNELS - 1) bandgap += ADC;
-  if (++turn == sizeof CHANNELS) {
+  if (hal_adc_busy()) return;
+  if (INPUTS[turn] == ADC_DRIVE) drive += hal_adc_value();
+  if (INPUTS[turn] == ADC_BATTERY) battery += hal_adc_value();
+  if (turn == TURNS - 1) bandgap += hal_adc_value();
+  if (++turn == TURNS) {
     turn = 0;
     if (++samples == SAMPLES) {
       table.supply_mv = bandgap ? table.bandgap_mv * (FULL_SCALE * SAMPLES) / bandgap : 0;
@@ -51,7 +45,7 @@ static void measure(void) {
       samples = 0;
     }
   }
-  convert();
+  hal_adc_convert(INPUTS[turn]);
 }
 
 bool power_drive(void) {

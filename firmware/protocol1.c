@@ -21,7 +21,7 @@ static uint8_t length;
 
 static uint8_t sum(const uint8_t *bytes, uint8_t count) {
   uint8_t total = 0;
-  while (count--) total += *bytes++;
+  for (uint8_t i = 0; i < count; i++) total += bytes[i];
   return ~total;
 }
 
@@ -29,7 +29,7 @@ static uint8_t request(uint8_t *out, uint8_t id, uint8_t instruction, const uint
                        uint8_t count) {
   uint8_t header[] = {0xff, 0xff, id, count + 2, instruction};
   memcpy(out, header, sizeof header);
-  memcpy(out + 5, parameters, count);
+  if (count) memcpy(out + 5, parameters, count);
   out[5 + count] = sum(out + 2, 3 + count);
   return 6 + count;
 }

@@ -1,10 +1,6 @@
 #include "receiver.h"
 
-#include <avr/interrupt.h>
-#include <avr/io.h>
-#include <util/atomic.h>
-
-#include "pins.h"
+#include "hal.h"
 #include "table.h"
 #include "watchdog.h"
 
@@ -17,11 +13,11 @@ static volatile uint16_t width[CT_RC_CHANNELS];  // [0.5 us]
 static volatile uint8_t news;
 static uint8_t age_ms[CT_RC_CHANNELS];
 
-ISR(PCINT2_vect) {
+HAL_INTERRUPT(receiver) {
   static uint8_t before;
   static uint16_t rise[CT_RC_CHANNELS];
-  uint16_t now = TCNT5;
-  uint8_t pins = RC_INPUT & RC_PINS, changed = pins ^ before;
+  uint16_t now = hal_half_us();
+  uint8_t pins = hal_receiver_pins(), changed = pins ^ before;
   before = pins;
   for (uint8_t i = 0, mask = 1; changed; i++, mask <<= 1, changed >>= 1) {
     if (!(changed & 1)) continue;
@@ -36,15 +32,13 @@ ISR(PCINT2_vect) {
 
 void receiver_start(void) {
   for (uint8_t i = 0; i < CT_RC_CHANNELS; i++) age_ms[i] = 255;
-  RC_PULL_UPS |= RC_PINS;  // A wire that came off makes no pulses.
-  RC_MASK = RC_PINS;
-  PCICR |= _BV(PCIE2);
+  hal_receiver_start();
 }
 
 void receiver_tick(void) {
   uint16_t widths[CT_RC_CHANNELS];
   uint8_t fresh = 0;
-  ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
+  HAL_ATOMIC {
     fresh = news;
     news = 0;
     for (uint8_t i = 0; i < CT_RC_CHANNELS; i++) widths[i] = width[i];

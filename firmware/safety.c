@@ -1,13 +1,12 @@
 #include "safety.h"
 
-#include <avr/io.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "esc.h"
+#include "hal.h"
 #include "manual.h"
 #include "nonce.h"
-#include "pins.h"
 #include "power.h"
 #include "receiver.h"
 #include "servos.h"
@@ -27,11 +26,11 @@ static bool manual_before = true;
 
 void safety_start(void) {
   table.reset_cause = watchdog_reset_cause();
-  if (table.reset_cause & _BV(WDRF)) {
+  if (table.reset_cause & HAL_CAUSE_WATCHDOG) {
     table.trip = TRIP_WATCHDOG;
     watchdog_memory.trips++;
   }
-  LIGHT_DDR |= LIGHT;
+  hal_light_start();
 }
 
 static void disarm(void) {
@@ -189,11 +188,7 @@ static void put_out(void) {
   }
   servo_command.torque = setup_known() && (table.torque || pc || rc);
   esc_put(table.throttle_out);
-  if (pc || rc) {
-    LIGHT_PORT |= LIGHT;
-  } else {
-    LIGHT_PORT &= ~LIGHT;
-  }
+  hal_light(pc || rc);
 }
 
 // Speed controllers that just got power may take any throttle for one to spin up to, or for the

@@ -1,13 +1,6 @@
 #include "servo_line.h"
 
-#include <avr/interrupt.h>
-#include <avr/io.h>
-
-#include "baud.h"
-#include "clock.h"
-#include "pins.h"
-
-_Static_assert(BAUD_FITS(SERVO_BAUD), "SERVO_BAUD cannot be made of 16 MHz");
+#include "hal.h"
 
 static uint8_t request[SERVO_LINE_ROOM];
 static volatile uint8_t sent, length;
@@ -18,43 +11,29 @@ static uint8_t in[256];
 static volatile uint8_t in_head;
 static uint8_t in_tail;
 
-#define SENDING (_BV(UDRIE1) | _BV(TXEN1))  // Deaf meanwhile: it would hear itself.
-#define ENDING (_BV(TXCIE1) | _BV(TXEN1))
-#define LISTENING (_BV(RXCIE1) | _BV(RXEN1) | _BV(TXEN1))
-
 // As short as that of the other line. A byte that is broken breaks the sum of its packet.
-ISR(USART1_RX_vect) {
+HAL_INTERRUPT(bus_byte) {
   uint8_t head = in_head;
-  in[head] = UDR1;
+  in[head] = hal_bus_receive();
   in_head = head + 1;
-  CLOCK_WAKE();
+  hal_wake();
 }
 
-ISR(USART1_UDRE_vect) {
+HAL_INTERRUPT(bus_empty) {
   uint8_t at = sent;
-  if (at + 1 == length) {
-    // A gap between bytes has raised this flag already; only the end of the last one counts.
-    UCSR1A = _BV(U2X1) | _BV(TXC1);
-    UCSR1B = ENDING;
-  }
-  UDR1 = request[at];
+  if (at + 1 == length) hal_bus_mode(BUS_ENDING);
+  hal_bus_send(request[at]);
   sent = at + 1;
 }
 
-ISR(USART1_TX_vect) {
-  BUS_PORT &= ~BUS_SEND;  // The servos wait two bits at least; this takes less.
+HAL_INTERRUPT(bus_sent) {
+  hal_bus_drive(false);  // The servos wait two bits at least; this takes less.
   sending = false;
-  UCSR1B = LISTENING;
-  CLOCK_WAKE();
+  hal_bus_mode(BUS_LISTENING);
+  hal_wake();
 }
 
-void servo_line_start(void) {
-  BUS_DDR |= BUS_SEND;
-  UCSR1A = _BV(U2X1);
-  UBRR1 = BAUD_REGISTER(SERVO_BAUD);
-  UCSR1C = _BV(UCSZ11) | _BV(UCSZ10);
-  UCSR1B = LISTENING;
-}
+void servo_line_start(void) { hal_bus_start(); }
 
 uint8_t *servo_line_request(void) { return request; }
 
@@ -63,8 +42,8 @@ void servo_line_send(uint8_t count) {
   sent = 0;
   length = count;
   sending = true;
-  BUS_PORT |= BUS_SEND;
-  UCSR1B = SENDING;
+  hal_bus_drive(true);
+  hal_bus_mode(BUS_SENDING);
 }
 
 bool servo_line_sending(void) { return sending; }

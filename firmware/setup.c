@@ -1,9 +1,9 @@
 #include "setup.h"
 
-#include <avr/eeprom.h>
 #include <string.h>
 
 #include "crc16.h"
+#include "hal.h"
 #include "table.h"
 
 typedef struct __attribute__((packed)) {
@@ -21,7 +21,7 @@ static bool known;
 static uint8_t *in_table(void) { return (uint8_t *)&table + CT_SETUP; }
 
 void setup_start(void) {
-  eeprom_read_block(&image, NULL, sizeof image);
+  for (uint8_t i = 0; i < sizeof image; i++) ((uint8_t *)&image)[i] = hal_eeprom_read(i);
   uint16_t sum = crc16(0, (const uint8_t *)&image, SUMMED);
   if (image.version != CT_TABLE_VERSION || image.sum != sum) return;
   memcpy(in_table(), image.bytes, CT_SETUP_SIZE);
@@ -40,7 +40,7 @@ void setup_written(void) {
 
 void setup_tick(void) {
   // A write takes 3 ms in the background; waiting for it would hold up everything else.
-  if (stored == sizeof image || !eeprom_is_ready()) return;
-  eeprom_update_byte((uint8_t *)NULL + stored, ((const uint8_t *)&image)[stored]);
+  if (stored == sizeof image || !hal_eeprom_ready()) return;
+  hal_eeprom_write(stored, ((const uint8_t *)&image)[stored]);
   stored++;
 }

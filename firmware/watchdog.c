@@ -1,35 +1,31 @@
 #include "watchdog.h"
 
-#include <avr/io.h>
-#include <avr/wdt.h>
-
 #include "control_table.h"
+#include "hal.h"
 #include "table.h"
 
 #define MAGIC 0x7d5a
 
 // Not cleared at the start.
-memory_t watchdog_memory __attribute__((section(".noinit")));
-static uint8_t cause __attribute__((section(".noinit")));
+HAL_KEPT memory_t watchdog_memory;
+static HAL_KEPT uint8_t cause;
 
-_Static_assert(CT_DEFAULT(watchdog_ms) == 250, "as WDTO_250MS");
+_Static_assert(CT_DEFAULT(watchdog_ms) == HAL_WATCHDOG_MS, "as the table says");
 
-// Runs before memory is set up: after a watchdog reset the watchdog runs on, at 16 ms.
-__attribute__((naked, used, section(".init3"))) void watchdog_start(void);
+// After a watchdog reset the watchdog runs on, at 16 ms.
 void watchdog_start(void) {
-  cause = MCUSR;
-  MCUSR = 0;
-  wdt_enable(WDTO_250MS);
+  cause = hal_reset_cause();
+  hal_watchdog_start();
 }
 
 uint8_t watchdog_reset_cause(void) { return cause; }
 
 void watchdog_remember(void) {
-  if (watchdog_memory.magic != MAGIC || (cause & _BV(PORF))) {
+  if (watchdog_memory.magic != MAGIC || (cause & HAL_CAUSE_POWER)) {
     watchdog_memory = (memory_t){.magic = MAGIC};
   } else {
     watchdog_memory.resets++;
   }
 }
 
-void watchdog_kick(void) { wdt_reset(); }
+void watchdog_kick(void) { hal_watchdog_kick(); }

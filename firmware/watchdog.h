@@ -5,6 +5,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "hal.h"
+
 // Since power came.
 typedef struct {
   uint16_t magic;
@@ -15,7 +17,9 @@ typedef struct {
 
 extern memory_t watchdog_memory;
 
-// Why the board started: MCUSR.
+HAL_AT_RESET void watchdog_start(void);
+
+// Why the board started.
 uint8_t watchdog_reset_cause(void);
 
 // Counts this start; forgets all when power came.

@@ -141,10 +141,10 @@ void board_set_supply(board_t *board, uint32_t millivolts) {
   board->avr->vcc = board->avr->avcc = millivolts;
 }
 
+/* TIMSK2: the tick of a millisecond ceases, all else goes on. */
+void board_stop_tick(board_t *board) { board->avr->data[0x70] = 0; }
+
 uint8_t board_peek(board_t *board, uint16_t address) { return board->avr->data[address]; }
-void board_poke(board_t *board, uint16_t address, uint8_t value) {
-  board->avr->data[address] = value;
-}
 
 void board_poke_eeprom(board_t *board, uint16_t address, uint8_t value) {
   avr_eeprom_desc_t byte = {.ee = &value, .offset = address, .size = 1};

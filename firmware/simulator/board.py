@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+import _ctypes
 import ctypes
+import shutil
 import subprocess
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,8 +29,18 @@ def build() -> Path:
     return BUILD / "firmware.elf"
 
 
-def symbol(elf: Path, name: str) -> int:
-    """Address of a variable in memory."""
+def build_native() -> Path:
+    """Build the firmware as a library for this machine, if need be; return it."""
+    subprocess.run(["make", "-s", "-C", str(FIRMWARE), "native"], check=True)  # noqa: S603, S607
+    return BUILD / "native/libfirmware.so"
+
+
+def table_address(elf: Path) -> int:
+    """Address of the control table in memory; a library counts from there."""
+    return 0 if elf.suffix == ".so" else _symbol(elf, "table")
+
+
+def _symbol(elf: Path, name: str) -> int:
     run = ["avr-nm", str(elf)]
     listing = subprocess.run(run, check=True, capture_output=True, text=True).stdout  # noqa: S603
     found = [line.split()[0] for line in listing.splitlines() if line.split()[-1] == name]
@@ -48,16 +61,19 @@ class Pulse:
 
 
 class Board:
-    """An ATmega2560 at 16 MHz with its firmware; nothing happens but in `run`.
+    """The controller board with its firmware; nothing happens but in `run`.
 
-    `mode_address` is the address of the board mode in memory; pulses are classified by it.
+    `elf` is the firmware for the ATmega2560, run cycle by cycle at 16 MHz, or the library of it for
+    this machine: the same program, which takes no time. `mode_address` is the address of the board
+    mode in memory; pulses are classified by it.
     """
 
     def __init__(self, elf: Path, mode_address: int = 0) -> None:
-        self._lib = _library()
+        self._lib = _library(elf)
         self._board = self._lib.board_open(str(elf).encode(), mode_address)
         if not self._board:
             raise OSError(f"cannot load {elf}")
+        self._native = elf.suffix == ".so"
         self._receive = ctypes.create_string_buffer(65536)
         self._call: ctypes._FuncPointer | None = None
         self._raised: BaseException | None = None
@@ -66,6 +82,8 @@ class Board:
         """Free it."""
         if self._board:
             self._lib.board_close(self._board)
+            if self._native:
+                _ctypes.dlclose(self._lib._handle)  # noqa: SLF001
         self._board = None
 
     @property
@@ -147,13 +165,20 @@ class Board:
         """Byte of memory."""
         return self._lib.board_peek(self._board, address)
 
-    def poke(self, address: int, value: int) -> None:
-        """Change a byte of memory, to inject a fault."""
-        self._lib.board_poke(self._board, address, value)
+    def stop_tick(self) -> None:
+        """Stop the timer of the millisecond, and nothing else, until the next reset."""
+        self._lib.board_stop_tick(self._board)
 
     def poke_eeprom(self, address: int, value: int) -> None:
         """Change a byte of the memory that outlives power."""
         self._lib.board_poke_eeprom(self._board, address, value)
+
+    def lose_byte(self) -> None:
+        """Flag the next byte from the PC as one that came after a lost one; without the chip only.
+
+        simavr has too much room for bytes to lose any.
+        """
+        self._lib.board_overrun(self._board)
 
     def hang(self) -> None:
         """Make the firmware hang with interrupts off, until the next reset."""
@@ -186,8 +211,15 @@ class Board:
         )  # fmt: skip
 
 
-def _library() -> ctypes.CDLL:
-    lib = ctypes.CDLL(str(BUILD / "libboard.so"))
+def _copy(library: Path) -> ctypes.CDLL:
+    """Load a library once more: each copy has its own memory."""
+    with tempfile.TemporaryDirectory() as folder:
+        copy = shutil.copy(library, folder)
+        return ctypes.CDLL(copy)
+
+
+def _library(program: Path) -> ctypes.CDLL:
+    lib = _copy(program) if program.suffix == ".so" else ctypes.CDLL(str(BUILD / "libboard.so"))
     lib.board_open.argtypes = [ctypes.c_char_p, ctypes.c_uint16]
     lib.board_open.restype = ctypes.c_void_p
     lib.board_cycle.restype = ctypes.c_uint64
@@ -208,7 +240,7 @@ def _library() -> ctypes.CDLL:
         ("set_adc", u32, u32),
         ("set_supply", u32),
         ("peek", ctypes.c_uint16),
-        ("poke", ctypes.c_uint16, ctypes.c_uint8),
+        ("stop_tick",),
         ("poke_eeprom", ctypes.c_uint16, ctypes.c_uint8),
         ("hang",),
         ("off",),
@@ -217,5 +249,7 @@ def _library() -> ctypes.CDLL:
         ("ask", ctypes.c_char_p, pointer, u32, ctypes.c_char_p, u32, ctypes.c_char_p, u32, u32),
     ):
         getattr(lib, f"board_{name}").argtypes = [pointer, *arguments]
+    if program.suffix == ".so":
+        lib.board_overrun.argtypes = [pointer]
     lib.board_peek.restype = ctypes.c_uint8
     return lib

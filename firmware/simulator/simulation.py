@@ -41,7 +41,7 @@ class FirmwareSimulation:
         wiring: Wiring = AS_DRAWN,
     ) -> None:
         elf = boards.build() if elf is None else elf
-        self.table_address = boards.symbol(elf, "table")
+        self.table_address = boards.table_address(elf)
         self.board = boards.Board(elf, self.table_address + ADDRESS["mode"])
         versions = [version] * 6 if isinstance(version, int) else version
         self.servos = [Mx64(i + 1, versions[i]) for i in range(6)]

@@ -58,7 +58,7 @@ def test_a_click_on_the_map_asks_as_one_in_the_scene_does(stage: PageStage) -> N
     # Who is not in control plans nothing, and is told why.
     page.mouse.click(*at(1.0, 0.5))
     notices = page.locator("#tsd-overlay .messages")
-    expect(notices).to_contain_text("You are not in control.")
+    expect(notices).to_contain_text("Take control first.")
     assert stage.sent("plan", "lease", "drive", "follow_plan") == []
     stage.show(state("ready", you=True, **MAP))
     page.mouse.click(*at(1.0, 0.5))

@@ -279,6 +279,34 @@ def test_what_to_do_after_a_stop_is_not_said_any_more_when_stop_was_pressed(
     expect(notice).to_be_hidden(timeout=4000)  # It is read for two seconds; others stay for six.
 
 
+@pytest.mark.parametrize("by", ["page", "robot"])
+def test_why_the_robot_stopped_is_told_once_whichever_tells_first(
+    stage: PageStage, by: str
+) -> None:
+    toasts = stage.page.locator(".toast")
+    stage.show(state("driving", you=True))
+    stage.page.keyboard.down("w")
+    event = {"t": "event", "kind": "mode", "text": SLOW, "past": False, "robot_s": 1.0}
+    told = [event | {"age_s": 0.0}, {"t": "released", "reason": STALLED}]
+    for message in told if by == "robot" else reversed(told):
+        stage.say(message)
+    stage.page.keyboard.up("w")
+    first = "No command for 180 ms" if by == "robot" else "Your page stalled for 0.2 s"
+    expect(toasts).to_have_text([f"{first}, so the robot stopped. Let go, then push again."])
+
+
+def test_a_take_over_is_told_once_with_its_reason(stage: PageStage) -> None:
+    toasts = stage.page.locator(".toast")
+    stage.show(state("ready", you=True))
+    event = {"t": "event", "kind": "lease", "past": False, "robot_s": 1.0, "age_s": 0.0}
+    stage.say(event | {"text": f"bob took control over from {OPERATOR}: it is my robot."})
+    stage.say(event | {"text": "You have lost control: bob has control now."})
+    expect(toasts).to_have_text([f"bob took control over from {OPERATOR}: it is my robot."])
+    stage.page.wait_for_timeout(1100)
+    stage.say(event | {"text": "You have lost control: carl has control now."})
+    expect(toasts).to_have_count(2)
+
+
 def test_events_have_the_time_of_the_page(stage: PageStage) -> None:
     said = {"t": "event", "kind": "mode", "text": "it was stopped", "past": True}
     stage.say(said | {"robot_s": 12.5, "age_s": 3600.0})

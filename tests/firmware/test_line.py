@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from firmware.simulator import protocol2
-from tests.support.firmware_host import PING, Bench, read, write
+from tests.support.firmware_host import PING, Bench, packets, read, write
 from tsd_twin.dynamixel.blocks import Command, Telemetry
 from tsd_twin.dynamixel.control_table import BOARD_ID, FW_VERSION, MODEL, BoardMode
 
 CASES = 100_000
+CASES_ON_CHIP = 6_000
 LONGEST_READ = 160
 HEADER = b"\xff\xff\xfd\x00"
 ANSWER = protocol2.status(BOARD_ID, MODEL.to_bytes(2, "little") + bytes([FW_VERSION]))
@@ -58,14 +60,15 @@ def absurd(random: np.random.Generator) -> bytes:
 KINDS = (garbage, cut, flipped, headers, absurd)
 
 
+@pytest.mark.parametrize("cases_count", [CASES_ON_CHIP, CASES])
 def test_a_hundred_thousand_broken_packets_are_each_followed_by_an_answered_ping(
-    bench: Bench,
+    cases_count: int, bench: Bench, native_bench: Bench
 ) -> None:
-    pilot = bench.pilot()
+    pilot = (bench if cases_count == CASES_ON_CHIP else native_bench).pilot()
     pilot.simulation.servo_bus.servos.clear()
     pilot.simulation.run(0.3)
     random = np.random.default_rng(7)
-    for start in range(0, CASES, BATCH):
+    for start in range(0, cases_count, BATCH):
         cases = [KINDS[(start + i) % len(KINDS)](random) for i in range(BATCH)]
         answered = pilot.simulation.board.count_answered(cases, PING, ANSWER, 0.05)
         assert answered == BATCH, cases[answered].hex()
@@ -87,6 +90,31 @@ def test_an_armed_board_drives_on_among_garbage(bench: Bench) -> None:
     assert seen.throttle_out == (2414, 2411, 2417)
     assert seen.mode == BoardMode.ARMED
     assert pilot.missed == 0
+
+
+def test_answers_without_room_are_left_out_as_a_whole(native_bench: Bench) -> None:
+    pilot = native_bench.pilot()
+    pilot.simulation.run(0.1)
+    for length in (20, 97, LONGEST_READ):
+        asked = read(0, length)
+        pilot.simulation.board.send(asked * 40)
+        pilot.simulation.run(0.1)
+        answers = packets(pilot.simulation.board.receive())
+        assert 2 <= len(answers) < 40
+        for answer in answers:
+            parsed = protocol2.parse(answer)
+            assert parsed is not None
+            assert len(parsed[2]) == 1 + length
+    assert pilot.ask(PING)[0] == 0
+
+
+def test_lost_bytes_are_counted(native_bench: Bench) -> None:
+    pilot = native_bench.pilot()
+    pilot.simulation.run(0.1)
+    for lost in range(1, 4):
+        pilot.simulation.board.lose_byte()
+        assert pilot.telemetry().rx_errors == lost
+        assert pilot.telemetry().rx_errors == lost
 
 
 def test_every_length_of_read_is_answered_with_what_stands_there(bench: Bench) -> None:

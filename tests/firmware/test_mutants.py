@@ -17,8 +17,9 @@ README = (FIRMWARE / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: re.sub(r"\W+", "_", mutant.what))
-def test_mutant_breaks_its_law(mutant: Mutant, elf: Path, tmp_path: Path) -> None:
+def test_mutant_breaks_its_law(mutant: Mutant, elf: Path, native: Path, tmp_path: Path) -> None:
     assert elf.exists()
+    assert native.exists()
     bench = Bench(mutant.build(tmp_path))
     broken = ""
     try:

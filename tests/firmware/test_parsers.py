@@ -22,21 +22,31 @@ def fuzz(program: Path, seed: int) -> subprocess.CompletedProcess[str]:
     return subprocess.run(run, capture_output=True, text=True, check=False)
 
 
-def build(folder: Path) -> Path:
-    run = ["make", "-s", "-C", str(folder), "fuzz"]
+def build(folder: Path, goal: str) -> Path:
+    run = ["make", "-s", "-C", str(folder), goal]
     subprocess.run(run, check=True)
-    return folder / "build/fuzz"
+    return folder / goal
 
 
 @pytest.fixture(scope="module")
 def program() -> Path:
-    return build(FIRMWARE)
+    return build(FIRMWARE, "build/fuzz")
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_no_bytes_lead_out_of_bounds_or_to_undefined_behaviour(program: Path, seed: int) -> None:
     result = fuzz(program, seed)
     assert result.returncode == 0, result.stderr
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_nothing_from_outside_leads_to_undefined_behaviour_or_pulses_while_disarmed(
+    seed: int,
+) -> None:
+    program = build(FIRMWARE, "build/fuzz_board")
+    result = fuzz(program, seed)
+    assert result.returncode == 0, result.stderr
+    assert int(result.stdout.split()[2]) > ROUNDS // 20, "it has to be armed, or nothing is shown"
 
 
 @pytest.mark.parametrize(("file", "old", "new"), SPOILT)
@@ -48,5 +58,5 @@ def test_a_missing_bound_is_noticed(file: str, old: str, new: str, tmp_path: Pat
     (tmp_path / "fuzz").mkdir()
     (tmp_path / "fuzz/packets.c").write_bytes((FIRMWARE / "fuzz/packets.c").read_bytes())
     (tmp_path / file).write_text(text.replace(old, new), encoding="utf-8")
-    program = build(tmp_path)
+    program = build(tmp_path, "build/fuzz")
     assert any(fuzz(program, seed).returncode for seed in range(4))

@@ -11,3 +11,8 @@ from tests.support.firmware_rules import LAWS
 @pytest.mark.parametrize("name", LAWS)
 def test_law(name: str, bench: Bench) -> None:
     LAWS[name](bench)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_law_holds_without_the_chip(name: str, native_bench: Bench) -> None:
+    LAWS[name](native_bench)

@@ -216,8 +216,11 @@ class Walk:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_no_wheel_is_driven_that_nobody_wanted_to_turn(seed: int, bench: Bench) -> None:
-    walk = Walk(bench.pilot(1 + seed % 2, receiver=True).get_ready(), seed)
+def test_no_wheel_is_driven_that_nobody_wanted_to_turn(
+    seed: int, bench: Bench, native_bench: Bench
+) -> None:
+    on = bench if seed == 0 else native_bench
+    walk = Walk(on.pilot(1 + seed % 2, receiver=True).get_ready(), seed)
     for _ in range(STEPS):
         walk.step()
     assert walk.driven > 30, "it has to drive, or nothing is shown"

@@ -7,7 +7,7 @@ import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
-from firmware.simulator.board import BUILD, FIRMWARE
+from firmware.simulator.board import FIRMWARE
 
 
 @dataclass(frozen=True)
@@ -21,22 +21,31 @@ class Mutant:
     law: str
     """Name of the law in `laws.py` that it breaks."""
 
+    @property
+    def native(self) -> bool:
+        """Whether its law also notices it on this machine, where the program takes no time."""
+        return self.file not in _OF_THE_CHIP
+
     def build(self, folder: Path) -> Path:
         """Build the firmware with this mistake in it; return where it is."""
         sources = [*FIRMWARE.glob("*.c"), *FIRMWARE.glob("*.h"), FIRMWARE / "Makefile"]
         for source in sources:
             shutil.copy2(source, folder)
-        objects = folder / "build"
-        objects.mkdir()
-        for made in [*BUILD.glob("*.o"), *BUILD.glob("*.d")]:
-            shutil.copy2(made, objects)
+        made = "build/native/libfirmware.so" if self.native else "build/firmware.elf"
+        shutil.copytree(FIRMWARE / "native", folder / "native")
+        objects = folder / Path(made).parent
+        kept = (FIRMWARE / made).parent
+        shutil.copytree(kept, objects, dirs_exist_ok=True)
         path = folder / self.file
         text = path.read_text(encoding="utf-8")
         assert text.count(self.old) == 1, f"{self.file} has not one {self.old!r}"
         path.write_text(text.replace(self.old, self.new), encoding="utf-8")
-        run = ["make", "-s", "-C", str(folder), "build/firmware.elf"]
+        run = ["make", "-s", "-C", str(folder), made]
         subprocess.run(run, check=True)
-        return objects / "firmware.elf"
+        return folder / made
+
+
+_OF_THE_CHIP = ("hal_avr.h", "main.c")
 
 
 MUTANTS = (
@@ -123,13 +132,13 @@ MUTANTS = (
     Mutant(
         "the watchdog is not started",
         "watchdog.c",
-        "  wdt_enable(WDTO_250MS);",
-        "  wdt_disable();",
+        "  hal_watchdog_start();\n",
+        "",
         "a_hang_ends_in_a_reset_and_standstill",
     ),
     Mutant(
         "the watchdog takes two seconds",
-        "watchdog.c",
+        "hal_avr.h",
         "wdt_enable(WDTO_250MS)",
         "wdt_enable(WDTO_2S)",
         "a_hang_ends_in_a_reset_and_standstill",
@@ -137,8 +146,8 @@ MUTANTS = (
     Mutant(
         "the watchdog is kicked by the main loop",
         "main.c",
-        "    servos_poll();\n",
-        "    servos_poll();\n    watchdog_kick();\n",
+        "  servos_poll();\n",
+        "  servos_poll();\n  watchdog_kick();\n",
         "a_lost_tick_ends_in_a_reset",
     ),
     Mutant(
@@ -158,13 +167,13 @@ MUTANTS = (
     Mutant(
         "the cause of a reset is lost",
         "watchdog.c",
-        "  cause = MCUSR;\n",
+        "  cause = hal_reset_cause();\n",
         "  cause = 0;\n",
         "after_a_reset_only_a_new_arming_arms",
     ),
     Mutant(
         "the speed controllers get no signal",
-        "esc.c",
+        "hal_avr.h",
         "  TCCR4B = _BV(WGM43) | _BV(WGM42) | _BV(CS41);",
         "",
         "zero_throttle_from_the_first_millisecond",
@@ -172,8 +181,8 @@ MUTANTS = (
     Mutant(
         "the first pulse is not zero throttle",
         "esc.c",
-        "OCR4A = OCR4B = OCR4C = CT_ZERO_THROTTLE - 1;",
-        "OCR4A = OCR4B = OCR4C = CT_FULL_THROTTLE - 1;",
+        "hal_esc_start(CT_ZERO_THROTTLE);",
+        "hal_esc_start(CT_FULL_THROTTLE);",
         "zero_throttle_from_the_first_millisecond",
     ),
     Mutant(
@@ -229,7 +238,7 @@ MUTANTS = (
         "the session is not looked at",
         "nonce.c",
         "return nonce[0] == table.nonce[0] && nonce[1] == table.nonce[1];",
-        "return nonce || table.nonce;",
+        "return nonce[0] == table.nonce[0] || true;",
         "a_recorded_session_arms_nothing",
     ),
     Mutant(
@@ -452,9 +461,23 @@ MUTANTS = (
     Mutant(
         "a reset forgets what was there",
         "watchdog.c",
-        "watchdog_memory.magic != MAGIC || (cause & _BV(PORF))",
+        "watchdog_memory.magic != MAGIC || (cause & HAL_CAUSE_POWER)",
         "true",
         "a_lost_radio_control_is_missed_after_a_reset_too",
+    ),
+    Mutant(
+        "power does not make a new start",
+        "watchdog.c",
+        "watchdog_memory.magic != MAGIC || (cause & HAL_CAUSE_POWER)",
+        "watchdog_memory.magic != MAGIC && (cause & HAL_CAUSE_POWER)",
+        "power_makes_a_new_start",
+    ),
+    Mutant(
+        "bytes wait for the next millisecond",
+        "host_line.c",
+        "  in_head = head + 1;\n  hal_wake();\n",
+        "  in_head = head + 1;\n",
+        "questions_are_answered_at_once",
     ),
     Mutant(
         "an expected receiver is not missed",
@@ -508,7 +531,7 @@ MUTANTS = (
     Mutant(
         "the servo bus is not let go of",
         "servo_line.c",
-        "  BUS_PORT &= ~BUS_SEND;",
+        "  hal_bus_drive(false);",
         "",
         "silence_stops",
     ),

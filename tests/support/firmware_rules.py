@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tests.support.firmware_host import CRUISE, CYCLE_S, HOLD_S, ZERO, Bench, write
+from tests.support.firmware_host import CRUISE, CYCLE_S, HOLD_S, PING, ZERO, Bench, write
 from tsd_twin.dynamixel.blocks import Command, Identity, Setup
 from tsd_twin.dynamixel.control_table import ADDRESS, BoardMode, Refusal, ResetCause, Trip
 
@@ -93,9 +93,7 @@ def a_hang_ends_in_a_reset_and_standstill(bench: Bench) -> None:
 
 def a_lost_tick_ends_in_a_reset(bench: Bench) -> None:
     pilot = bench.pilot().get_driving()
-    pilot.simulation.board.poke(
-        0x70, 0
-    )  # TIMSK2: the tick of a millisecond ceases, all else goes on.
+    pilot.simulation.board.stop_tick()
     for _ in range(30):
         pilot.cycle(1, CRUISE)
     assert pilot.simulation.board.resets == 1
@@ -529,6 +527,32 @@ def the_radio_control_is_stopped_like_the_pc(bench: Bench) -> None:
         seen = pilot.telemetry()
         assert (seen.mode, seen.trip) == (BoardMode.DISARMED, trip)
         assert max(pilot.simulation.pulses_us()) < 1001.0
+
+
+def power_makes_a_new_start(bench: Bench) -> None:
+    pilot = bench.pilot(receiver=True).get_driving()
+    pilot.simulation.run(0.6)
+    pilot.simulation.lose_receiver()
+    for cause, lose_memory in ((ResetCause.POWER_ON, False), (ResetCause.BROWN_OUT, True)):
+        pilot.simulation.board.off()
+        pilot.simulation.run(0.05)
+        pilot.simulation.board.on(cause, lose_memory=lose_memory)
+        pilot.simulation.run(HOLD_S)
+        seen = pilot.telemetry()
+        assert (seen.trips, seen.resets, seen.reset_cause) == (0, 0, cause)
+        assert pilot.arm().mode == BoardMode.ARMED, "the receiver was forgotten"
+        pilot.drive(0.1, arm=0, throttle=ZERO)
+
+
+def questions_are_answered_at_once(bench: Bench) -> None:
+    pilot = bench.pilot()
+    pilot.simulation.run(0.1)
+    for _ in range(20):
+        pilot.simulation.board.receive()
+        pilot.simulation.board.send(PING)
+        pilot.simulation.run(0.00058)
+        assert len(pilot.simulation.board.receive()) == 14
+        pilot.simulation.run(0.00037)
 
 
 Law = Callable[[Bench], None]

@@ -35,7 +35,7 @@ def _pin(sheet: Sheet, at: Point, words: str, *, left: bool) -> None:
 
 
 def _board(sheet: Sheet) -> None:
-    _thing(sheet, (330, 90), (230, 330), "Arduino Mega 2560", "firmware/; RESET-EN cut")
+    _thing(sheet, (330, 90), (230, 318), "Arduino Mega 2560", "firmware/; RESET-EN cut")
     for y, words in ((170, "USB"), (230, "A8 to A13"), (330, "A0"), (360, "A1"), (395, "GND")):
         _pin(sheet, (330, y), words, left=True)
     pins = ((150, "TX1 18"), (170, "RX1 19"), (190, "D22 direction"), (285, "D6"))
@@ -68,7 +68,7 @@ def _servos(sheet: Sheet) -> None:
         sheet.text((x + 15, y + 20), f"id {i + 1}", size=11, halo=False)
     sheet.text((868, 126), "six MX-64, one chain", size=13, style="b", halo=False)
     order = "modules 1, 2, 3 from the left: \u03b1 above \u03b2"
-    sheet.text((860, 224), order, size=10, colour=GREY)
+    sheet.text((848, 226), order, size=10, colour=GREY)
 
 
 def _controllers(sheet: Sheet) -> None:
@@ -93,13 +93,13 @@ def _power(sheet: Sheet) -> None:
     sheet.text((285, 504), "fuses", size=11, halo=False)
     sheet.line([(320, 500), (968, 500), (968, 155), (948, 155)], colour=RED, width=3, arrow=True)
     unswitched = "12 V to the servos:\nnot switched, so that\nthey hold neutral"
-    sheet.text((958, 400), unswitched, size=11, colour=RED, anchor="end")
+    sheet.text((958, 436), unswitched, size=11, colour=RED, anchor="end")
     sheet.line([(610, 500), (610, 450), (640, 450)], colour=RED, width=3)
     sheet.line([(400, 500), (400, 524), (420, 524)], colour=RED, width=3)
     sheet.box((420, 512), (130, 24), colour=RED)
     sheet.text((485, 528), "regulator to 5 V", size=11, halo=False)
     sheet.line([(550, 524), (590, 524), (590, 370), (564, 370)], colour=RED, width=2, arrow=True)
-    sheet.text((700, 488), "its coil behind the servos' fuse", size=10, colour=RED)
+    sheet.text((708, 488), "its coil behind the servos' fuse", size=10, colour=RED)
     sheet.box((640, 430), (120, 40), colour=RED, fill="#fdecea")
     sheet.text((700, 447), "contactor", size=12, style="b", halo=False)
     sheet.text((700, 462), "opened by either stop", size=10, halo=False)
@@ -111,14 +111,14 @@ def _power(sheet: Sheet) -> None:
     sheet.line([(120, 301), (120, 432), (640, 432)], colour=RED, dash="5 4", arrow=True)
     sheet.text((200, 424), "radio stop", size=11, colour=RED)
     sheet.line([(285, 486), (285, 330), (326, 330)], colour=AMBER, width=2)
-    sheet.text((278, 350), "30 k\u03a9 over 10 k\u03a9", size=11, colour=AMBER, anchor="end")
+    sheet.text((278, 350), "A0: 30 k\u03a9 over 10 k\u03a9", size=11, colour=AMBER, anchor="end")
     # Behind the contactor: across below the board to A1.
     sheet.line(
-        [(720, 430), (720, 380), (612, 380), (612, 408), (312, 408), (312, 360), (326, 360)],
+        [(720, 430), (720, 380), (612, 380), (612, 420), (312, 420), (312, 360), (326, 360)],
         colour=AMBER,
         width=2,
     )
-    sheet.text((306, 376), "30 k\u03a9 over 10 k\u03a9", size=11, colour=AMBER, anchor="end")
+    sheet.text((278, 376), "A1: 30 k\u03a9 over 10 k\u03a9", size=11, colour=AMBER, anchor="end")
     sheet.line([(60, 540), (60, 572), (985, 572), (985, 190), (950, 190)], colour=INK, width=2)
     sheet.line([(575, 572), (575, 395), (563, 395)], colour=INK, width=2)
     ground = "one ground: battery, board, servos, speed controllers, receiver"

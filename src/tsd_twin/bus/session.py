@@ -15,6 +15,7 @@ import zenoh
 import zenoh.ext
 
 from tsd_twin.bus.config import Config, reason
+from tsd_twin.bus.half_open import HalfOpenWatch
 from tsd_twin.errors import BusError, NoAnswerError
 from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.topics import QoS
@@ -210,9 +211,15 @@ class Bus:
         try:
             settings = config.parsed()
             self._joins = bool(json.loads(settings.get_json("connect/endpoints")))
+            is_client = json.loads(settings.get_json("mode")) == "client"
+            listens = not is_client and bool(json.loads(settings.get_json("listen/endpoints")))
+            open_timeout_s = json.loads(settings.get_json("transport/unicast/open_timeout")) / 1000
+            began_s = time.monotonic()
             self._session = zenoh.open(settings)
         except zenoh.ZError as error:
             raise BusError(f"cannot open the bus at {config.where}: {reason(error)}") from error
+        if self._joins and not listens:
+            self._kept.append(HalfOpenWatch(self._session, began_s, open_timeout_s))
 
     def __enter__(self) -> Self:
         return self

@@ -3,6 +3,7 @@
 import { el, isVisible, setText } from "./dom.js";
 import { clock, fixed } from "./format.js";
 import { known } from "./link.js";
+import { quantityOf } from "./plot_fields.js";
 
 /** @type {Record<string, string>} */
 const REASONS = {
@@ -192,12 +193,20 @@ function milliseconds(seconds) {
  * @returns {Sections}
  */
 function tables(title, facts) {
-  const rows = Object.entries(facts).map(([name, value]) => [name.replaceAll("_", " "), value]);
+  const spaced = (/** @type {string} */ name) => name.replaceAll("_", " ");
+  const rows = Object.entries(facts);
+  const figures = rows
+    .filter(([, value]) => !isGroup(value))
+    .map(([name, value]) => {
+      const { quantity, unit = "" } = quantityOf(name);
+      return [spaced(quantity), `${written(value)} ${unit}`.trimEnd()];
+    });
   const groups = rows.filter(([, value]) => isGroup(value));
-  const figures = rows.filter(([, value]) => !isGroup(value));
   return Object.assign(
-    { [title]: Object.fromEntries(figures.map(([name, value]) => [name, written(value)])) },
-    ...groups.map(([name, value]) => tables(`${title}: ${name}`, /** @type {Hardware} */ (value))),
+    { [title]: Object.fromEntries(figures) },
+    ...groups.map(([name, value]) =>
+      tables(`${title}: ${spaced(name)}`, /** @type {Hardware} */ (value)),
+    ),
   );
 }
 
