@@ -27,6 +27,7 @@ ROWS = {
     "recording": 4,
     "seek": 5,
     "foxglove": 3,
+    "ros": 3,
 }
 ROW = re.compile(r"^(\S.+?) +([-+.e\d]+) .*[<>]= .* (ok  |MISS)")
 """What is measured, how much, and whether that reaches what it is to reach."""
