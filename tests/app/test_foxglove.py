@@ -354,7 +354,8 @@ def test_hostile_messages_move_nothing_and_end_nothing(stage: Stage) -> None:
             assert any("not finite" in text for text in it.said)
             ids = [{"id": i, "channelId": i} for i in range(1000)]
             many = json.dumps({"op": "subscribe", "subscriptions": ids})
-            assert await closed_by(stage.url, bytes(1_000_000)) == 1009, "it is too long"
+            # Too long. The reason may be lost: the connection ends before all of it is sent.
+            assert await closed_by(stage.url, bytes(1_000_000)) in (1009, 1006)
             # It floods itself with errors, which ends its own connection at most.
             await closed_by(stage.url, many, patience_s=2.0)
             await it.until(lambda: abs(it.x_m - start_m) < 1e-3, "moved")
