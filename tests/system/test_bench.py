@@ -24,7 +24,7 @@ ROWS = {
     "plots": 2,
     "start": 1,
     "idle": 2,
-    "recording": 4,
+    "recording": 7,
     "seek": 5,
     "foxglove": 3,
     "ros": 3,
