@@ -175,6 +175,19 @@ def test_targets_are_large_enough_for_fingers(
     assert not any(found.values()), report(found)
 
 
+def test_tabs_of_the_panel_are_large_enough_for_fingers(
+    served: Served, open_page: Callable[..., Page]
+) -> None:
+    """On a tablet, beside the scene."""
+    touch = {"viewport": {"width": 768, "height": 1024}, "has_touch": True, "is_mobile": True}
+    page = open_page("light", **touch)
+    page.goto(served.url)
+    mode(page, "disarmed")
+    expect(page.get_by_role("tab").first).to_be_visible(timeout=PATIENCE_MS)
+    found = page.evaluate(SMALL, FINGER_PX)
+    assert not [each for each in found if 'role="tab"' in each], report({"tablet": found})
+
+
 def open_drawer(page: Page) -> Iterator[str]:
     """Open the panel of a phone, and yield the names of its tabs."""
     page.locator("[data-tsd-drawer]").click(position={"x": 180, "y": 16}, timeout=PATIENCE_MS)
