@@ -175,7 +175,7 @@ def test_targets_are_large_enough_for_fingers(
     assert not any(found.values()), report(found)
 
 
-def test_tabs_of_the_panel_are_large_enough_for_fingers(
+def test_the_panel_of_a_tablet_is_large_enough_for_fingers(
     served: Served, open_page: Callable[..., Page]
 ) -> None:
     """On a tablet, beside the scene."""

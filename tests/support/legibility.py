@@ -96,7 +96,7 @@ SMALL = (
       const boxes = [node, ...(node.labels ?? [])].map((each) => each.getBoundingClientRect());
       const more = getComputedStyle(node, "::after");
       const beyond = (side) => more.position === "absolute" && more.content !== "none"
-        ? Math.min(20, Math.max(0, -parseFloat(more[side]))) : 0;
+        ? Math.min(32, Math.max(0, -parseFloat(more[side]))) : 0;
       const width = Math.max(...boxes.map(({ right }) => right)) + beyond("right") -
         Math.min(...boxes.map(({ left }) => left)) + beyond("left");
       const height = Math.max(...boxes.map(({ bottom }) => bottom)) + beyond("bottom") -
