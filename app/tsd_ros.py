@@ -118,20 +118,7 @@ def ros_config(args: argparse.Namespace) -> Config:
 def main() -> None:
     """Read the flags and run."""
     program.add_client_flags(PARSER)
-    PARSER.add_argument(
-        "--robot",
-        action="append",
-        default=[],
-        metavar="ID",
-        help="show this robot only; may be repeated; default: all, up to 16",
-    )
-    PARSER.add_argument(
-        "--operator",
-        default=OPERATOR,
-        metavar="NAME",
-        help=f"name on the bus before `-` and 8 digits; default {OPERATOR}, or the certificate's",
-    )
-    PARSER.add_argument("--view-only", action="store_true", help="no cmd_vel and no services")
+    program.add_adapter_flags(PARSER, OPERATOR)
     made = PARSER.add_argument_group("ROS", "docs/ros2.md goes step by step.")
     made.add_argument(
         "--rmw", choices=["zenoh"], default="zenoh", help="middleware of ROS; default zenoh"
