@@ -14,9 +14,10 @@ from tsd_twin.simulation.robot import (
 )
 from tsd_twin.simulation.sensors import Camera, CameraNoise, Frame, Simulation, YawGyro
 from tsd_twin.simulation.singularity import KinematicPlant, SingularitySimulation
-from tsd_twin.simulation.wear import Wear, WornRobot
+from tsd_twin.simulation.wear import BATTERY, Wear, WornRobot
 
 __all__ = [
+    "BATTERY",
     "PLANTS",
     "BoardModel",
     "Camera",
