@@ -249,7 +249,7 @@ class WheelTest:
         self.prior: Array = own**2 * np.eye(count) + common**2
         """(k, k): covariance of the losses of sound wheels."""
         self._first2 = np.concatenate([np.diag(self.prior), sizes**2])
-        self._state = np.zeros(count + len(sizes))
+        self._state: Array = np.zeros(count + len(sizes))
         self._covariance = np.diag(self._first2)
         self._covariance[:count, :count] = self.prior
         self._faults = np.zeros((len(self._state), count + 1))
