@@ -16,7 +16,6 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
-from playwright.sync_api import TimeoutError as PatienceError
 
 from tests.app.conftest import Program
 from tests.support.browser import (
@@ -187,11 +186,15 @@ def test_targets_are_large_enough_for_fingers(
 
 
 def too_small(page: Page) -> list[str]:
-    """Return what is too small for fingers, once what has been opened has its style sheets."""
-    with contextlib.suppress(PatienceError):
-        none = f"(least) => ({SMALL})(least).length === 0"
-        page.wait_for_function(none, arg=FINGER_PX, timeout=3000)
-    return page.evaluate(SMALL, FINGER_PX)
+    """Return what is too small for fingers, once what has been opened is there with its styles."""
+    found, looks = list[str](), 0
+    for _ in range(30):
+        found = page.evaluate(SMALL, FINGER_PX)
+        looks = 0 if found else looks + 1
+        if looks == 3:
+            break
+        page.wait_for_timeout(100)
+    return found
 
 
 def open_drawer(page: Page) -> Iterator[str]:

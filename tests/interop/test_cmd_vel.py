@@ -300,3 +300,22 @@ def test_any_bytes_are_a_twist_or_are_refused(encoding: str, name: str, payload:
     except MessageError:
         return
     assert len(message.twist) == 6
+
+
+@pytest.mark.parametrize("first", ["a twist", "a poll"])
+def test_time_in_which_the_program_stood_still_is_no_pause_of_the_publisher(first: str) -> None:
+    """All twists of that time may be lost; a stick that is held on is not pushed anew."""
+    operator, ready = holder(), RobotView("ready", ME)
+    assert moves(operator.on_twist(PUSH, 0.05, MINE, 0.05))
+    operator.poll(0.1, MINE)
+    start_s = 0.1 + 5.0 * PAUSE_S
+    if first == "a poll":
+        operator.poll(start_s, ready)
+    for i in range(40):
+        now_s = start_s + PERIOD_S * i
+        assert not moves(operator.on_twist(PUSH, now_s, ready, now_s))
+        operator.poll(now_s, ready)
+    paused_s = start_s + PERIOD_S * 39 + PAUSE_S
+    for share in np.linspace(0.0, 1.0, 11):
+        operator.poll(paused_s - (1.0 - share) * PAUSE_S, ready)
+    assert moves(operator.on_twist(PUSH, paused_s, ready, paused_s))
