@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from tsd_twin.simulation.actuators import Motors, Servos, SpeedControllers, WheelSurface
 from tsd_twin.simulation.robot import (
+    BATTERY,
     PLANTS,
     BoardModel,
     RobotWithStuckJoint,
     SimRobot,
     StuckJoint,
     Truth,
+    Wear,
+    WornRobot,
     simulate,
 )
 from tsd_twin.simulation.sensors import Camera, CameraNoise, Frame, Simulation, YawGyro
 from tsd_twin.simulation.singularity import KinematicPlant, SingularitySimulation
-from tsd_twin.simulation.wear import BATTERY, Wear, WornRobot
 
 __all__ = [
     "BATTERY",
