@@ -25,8 +25,7 @@ from tsd_twin.interop.mapping import (
     RosTopic,
 )
 from tsd_twin.messages.ros import TRIGGER
-from tsd_twin.ros.inputs import UNTOLD, Origin
-from tsd_twin.ros.port import NODE, Inputs, types_of
+from tsd_twin.ros.port import NODE, UNTOLD, Inputs, Origin, types_of
 
 _LOG = logging.getLogger(__name__)
 _END_S = 2.0
