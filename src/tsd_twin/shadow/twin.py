@@ -95,6 +95,9 @@ _INDEPENDENT = 0.3
 """Share of the measured wheel speeds that are independent of those before."""
 _LAG_NOISE = 0.25
 """Share of the standard deviation of the lag that is new in each block."""
+_MOST_CHANGE = np.array([0.7, 0.7, 1.5])
+"""Change of the twist in a block, m/s and rad/s, above which the block tells nothing: wheels slide,
+and no model of it is good enough."""
 _DROOP_OWN = 0.5
 """Share of the energy for a change of speed that may come from a single wheel."""
 _REST = np.array([1e-3, 1e-3, 2.5e-3])
@@ -375,20 +378,20 @@ class ShadowTwin:
         rows = np.hstack([per_loss, turn, lag, by_angle, -_carried(measured), np.eye(3)])
         expected = (rolled_was.inverse() @ rolled).log()
         error = measured - (expected if expected.ndim == 1 else expected[0])
-        return _Motion(error, rows, noise, turned)
+        return _Motion(error, rows, noise, change, turned)
 
     def _test_motion(self) -> None:
         """Compare the motion in the last block, where something shows it but the joints."""
-        seconds, self._since_block_s = self._since_block_s, 0.0
         motion = self._motion(_BLOCK_S)
-        if motion is None:
+        if motion is None or (motion.change > _MOST_CHANGE).any():
             return
+        seconds, self._since_block_s = self._since_block_s, 0.0
         sensed = self._sensed_s >= _SENSED_S + WINDOW_S
         if not sensed and not self._has_gyro:
             return
         test, moves = self._wheel_test, np.exp(-motion.turned / max(self._dead_band_rad, 1e-9))
         # The end of one block is the start of the next, and the pose there is off once.
-        goes_on = 1.0 if sensed and seconds < 1.5 * _BLOCK_S else 0.0
+        goes_on = 1.0 if sensed and seconds < 1.1 * _BLOCK_S else 0.0
         ends = [0.0] * 3 + [goes_on] * 3 if self._ends_swapped else [goes_on] * 3 + [0.0] * 3
         test.keep(np.concatenate([[1.0, 1.0], moves, ends]), _BLOCK_S)
         rows = motion.rows.copy()
@@ -456,6 +459,8 @@ class _Motion:
     """(3, k + n): its change per share that a wheel loses, and per nuisance."""
     noise: Array
     """(3, 3): covariance of the rest."""
+    change: Array
+    """(3,): way of the twist, forth and back."""
     turned: Array
     """(m,): way of each gimbal, rad."""
 
