@@ -119,20 +119,7 @@ def main() -> None:
     PARSER.add_argument(
         "--port", type=flag_types.PORT, default=PORT, help=f"default {PORT}; 0 is a free one"
     )
-    PARSER.add_argument(
-        "--robot",
-        action="append",
-        default=[],
-        metavar="ID",
-        help="show this robot only; may be repeated; default: all, up to 16",
-    )
-    PARSER.add_argument(
-        "--operator",
-        default=OPERATOR,
-        metavar="NAME",
-        help=f"name on the bus before `-` and 8 digits; default {OPERATOR}, or the certificate's",
-    )
-    PARSER.add_argument("--view-only", action="store_true", help="no cmd_vel and no services")
+    program.add_adapter_flags(PARSER, OPERATOR)
     PARSER.add_argument(
         "--recording",
         type=Path,

@@ -20,6 +20,7 @@ PARTS = (
     "recording",
     "seek",
     "foxglove",
+    "ros",
 )
 
 

@@ -85,13 +85,13 @@ def measure(settle_s: float, floor_s: float, seconds: float) -> Iterator[Row]:
             minutes = (time.monotonic() - start_s) / 60.0
             grown_mb = _size_mb(folder) - before
             puts.close()
-            time.sleep(_SMALLEST_S)  # The recorder may have a put later than the subscriber.
-        counted, missing = puts.total, puts.missing_in(Path(folder))
+            time.sleep(settle_s)  # The recorder may have a put later than the subscriber.
+        counted, missing, where = puts.total, *puts.missing_in(Path(folder))
     yield Row("recorder of one robot, of one core", load, 6.0, "%", f"subscriber {floor:.1f} %")
     about = f"{grown_mb:.1f} MB in {minutes:.1f} min, {driven.stops} stops"
     yield Row("recording of one robot that drives", grown_mb / minutes, 2.5, "MB/min", about)
     recorded = 100.0 * (1.0 - missing / max(counted, 1))
-    about = f"{missing} of {counted} counted by bare Zenoh are missing"
+    about = f"{missing} of {counted} counted by bare Zenoh are missing{where}"
     yield Row("puts of the bus that are on record", recorded, 100.0, "%", about, at_least=True)
 
 
@@ -183,6 +183,8 @@ class _Puts:
         config.insert_json5("connect/endpoints", f'["{endpoint}"]')
         config.insert_json5("scouting/multicast/enabled", "false")
         self._seen: Counter[tuple[str, int]] = Counter()
+        self._at_s: dict[tuple[str, int], float] = {}
+        self._start_s = time.monotonic()
         self._session: Any = zenoh.open(config)
         self._subscriber: Any = self._session.declare_subscriber("twin/**", self._note)
 
@@ -196,8 +198,8 @@ class _Puts:
         self._subscriber.undeclare()
         self._session.close()
 
-    def missing_in(self, folder: Path) -> int:
-        """Return how many are in no file of a folder with the same key and payload."""
+    def missing_in(self, folder: Path) -> tuple[int, str]:
+        """Return how many are in no file of a folder with the same key and payload, and when."""
         missing = self._seen.copy()
         for path in folder.glob("*.mcap"):
             with path.open("rb") as file:
@@ -211,11 +213,20 @@ class _Puts:
                             continue
                         key, payload = key.removesuffix(RAW), base64.b64decode(encoded)
                     missing[key, hash(payload)] -= 1
-        return sum(count for count in missing.values() if count > 0)
+        lost = [put for put, count in missing.items() if count > 0]
+        if not lost:
+            return 0, ""
+        at_s = sorted(self._at_s[put] for put in lost)
+        where = (
+            f", put from {at_s[0]:.2f} to {at_s[-1]:.2f} s, on {len({key for key, _ in lost})} keys"
+        )
+        return sum(missing[put] for put in lost), where
 
     def _note(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:
-            self._seen[str(sample.key_expr), hash(sample.payload.to_bytes())] += 1
+            put = str(sample.key_expr), hash(sample.payload.to_bytes())
+            self._seen[put] += 1
+            self._at_s[put] = time.monotonic() - self._start_s
 
 
 class _driven:  # noqa: N801  It is used as a function.

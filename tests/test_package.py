@@ -27,6 +27,7 @@ NEEDED = (
     "tsd_record.py",
     "tsd_replay.py",
     "tsd_foxglove.py",
+    "tsd_ros.py",
     "tsd_twin/robots/tsd.toml",
     "tsd_twin/dashboard/static/overlay.js",
     "tsd_twin/dashboard/static/vendor/uPlot.iife.min.js",

@@ -131,6 +131,24 @@ def add_client_flags(made: argparse.ArgumentParser) -> None:
     made.add_argument("--zenoh-config", metavar="FILE", help="a JSON5 file, for TLS and access")
 
 
+def add_adapter_flags(made: argparse.ArgumentParser, operator: str) -> None:
+    """Add the flags of an adapter to other tools: `--robot`, `--operator` and `--view-only`."""
+    made.add_argument(
+        "--robot",
+        action="append",
+        default=[],
+        metavar="ID",
+        help="show this robot only; may be repeated; default: all, up to 16",
+    )
+    made.add_argument(
+        "--operator",
+        default=operator,
+        metavar="NAME",
+        help=f"name on the bus before `-` and 8 digits; default {operator}, or the certificate's",
+    )
+    made.add_argument("--view-only", action="store_true", help="no cmd_vel and no services")
+
+
 def client_bus(args: argparse.Namespace) -> Bus:
     """Open the bus that the flags of `add_client_flags` ask for."""
     if args.zenoh_config:

@@ -132,12 +132,12 @@ def test_a_hand_on_the_page_moves_pulses_and_gimbals_and_its_health_is_shown(des
             break
     mode(page, "stopped")
     page.get_by_role("tab", name="Health").click()
-    shows(page, "Hardware", {"board": "disarmed", "battery v": r"1\d(\.\d+)?", "last trip": ".+"})
-    link = {"round trip ms": r"\d+\.\d+", "missed": r"\d+", "broken": r"\d+", "reconnects": r"\d+"}
+    shows(page, "Hardware", {"board": "disarmed", "battery": r"1\d(\.\d+)? V", "last trip": ".+"})
+    link = {"round trip": r"\d+\.\d+ ms", "missed": r"\d+", "broken": r"\d+", "reconnects": r"\d+"}
     shows(page, "Hardware: link", link)
     shows(page, "Hardware: counters", {"crc errors": r"\d+", "rx errors": r"\d+"})
-    six = {"alive": r"yes(, yes){5}", "temperature c": r"\d\d(, \d\d){5}"}
-    shows(page, "Hardware: servos", six | {"voltage v": r"1\d(\.\d)?(, 1\d(\.\d)?){5}"})
+    six = {"alive": r"yes(, yes){5}", "temperature": r"\d\d(, \d\d){5} °C"}
+    shows(page, "Hardware: servos", six | {"voltage": r"1\d(\.\d)?(, 1\d(\.\d)?){5} V"})
 
 
 def shows(page: Page, group: str, facts: dict[str, str]) -> None:

@@ -58,3 +58,11 @@ def test_the_tooltip_of_a_focused_button_ends_when_the_pointer_shows_another(pag
     page.get_by_role("button", name="Hide controls").hover()
     expect(tip).to_have_text("Hides the stick")
     assert page.evaluate(TEXTS, 1500) == ["Hides the stick"]
+
+
+def test_a_reason_is_shown_no_longer_than_it_holds(page: Page) -> None:
+    page.evaluate("hide.allow('Not now.'); hide.use()")
+    tip = page.locator(".tip")
+    expect(tip).to_have_text("Not now.")
+    page.evaluate("hide.allow(null)")
+    expect(tip).to_be_hidden()

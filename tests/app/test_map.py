@@ -58,7 +58,7 @@ def test_a_click_on_the_map_asks_as_one_in_the_scene_does(stage: PageStage) -> N
     # Who is not in control plans nothing, and is told why.
     page.mouse.click(*at(1.0, 0.5))
     notices = page.locator("#tsd-overlay .messages")
-    expect(notices).to_contain_text("You are not in control.")
+    expect(notices).to_contain_text("Take control first.")
     assert stage.sent("plan", "lease", "drive", "follow_plan") == []
     stage.show(state("ready", you=True, **MAP))
     page.mouse.click(*at(1.0, 0.5))
@@ -75,12 +75,17 @@ def test_a_click_on_the_map_asks_as_one_in_the_scene_does(stage: PageStage) -> N
     assert [*start, *end] == pytest.approx([0.0, 0.0, 0.3, 0.3], abs=1.0 / scale)
     # While the path is held, it is not changed by a click, as in the scene.
     stage.show(state("ready", you=True, route=route("planned"), **MAP))
-    page.keyboard.down("g")
-    page.wait_for_function("sent.some(({t}) => t === 'follow_plan')")
-    page.mouse.click(*at(1.0, 0.5))
-    page.keyboard.up("g")
-    page.wait_for_function("sent.some(({t}) => t === 'release')")
-    assert stage.sent("plan", "clear_plan") == []
+    for _ in range(5):
+        page.keyboard.down("g")
+        page.wait_for_function("sent.some(({t}) => t === 'follow_plan')")
+        page.mouse.click(*at(1.0, 0.5))
+        has_stalled = page.evaluate("sent.some(({t}) => t === 'release')")
+        page.keyboard.up("g")
+        page.wait_for_function("sent.some(({t}) => t === 'release')")
+        changed = stage.sent("plan", "clear_plan")
+        if not has_stalled:  # A page that stalls on a busy machine lets go by itself.
+            break
+    assert changed == []
     # A line, when one is to be drawn.
     page.get_by_role("button", name="Draw", exact=True).click()
     page.mouse.move(*at(0.0, 0.0))

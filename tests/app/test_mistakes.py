@@ -110,6 +110,12 @@ FLAGS: dict[str, str] = {
         --port -1
         --allow-host a/b
     """,
+    "tsd_ros": """
+        --domain -1
+        --domain 233
+        --mesh-port 65536
+        --rmw dds
+    """,
 }
 """Flags that cannot be: exit code 2."""
 
@@ -294,6 +300,14 @@ OTHERS: dict[str, str] = {
         --port 0 --recording nowhere.mcap
         --port 0 --recording binary
         --port 0 --tls-cert text
+    """,
+    "tsd_ros": """
+        --ros-connect nonsense
+        --ros-connect tcp/127.0.0.1:1
+        --ros-zenoh-config nowhere.json5
+        --zenoh-config nowhere.json5
+        --operator A
+        --robot a/b
     """,
 }
 """Flags that could be, with files, devices, hosts or names that do not fit."""

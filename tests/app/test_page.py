@@ -18,6 +18,7 @@ from tests.support.browser import (
     PATIENCE_MS,
     QUICK,
     centre,
+    get_ready,
     give_back,
     mode,
     press,
@@ -74,7 +75,8 @@ def stick_forward(page: Page) -> Press:
 class Watcher:
     """What crosses the bus, seen by somebody who is neither page nor robot."""
 
-    def __init__(self, bus: Bus) -> None:
+    def __init__(self, bus: Bus, page: Page) -> None:
+        self._page = page
         self._news = threading.Condition()
         self.truth: Array = np.zeros(3)
         self.twist: Array = np.zeros(3)
@@ -112,7 +114,8 @@ class Watcher:
         """Hold a control until the truth is as expected.
 
         A page that is drawn without a GPU stalls at times. Then the robot stops, as it must, and
-        obeys only a control that has been let go: so let go and press again, as a person would.
+        obeys only a control that has been let go: so let go and press again, as a person would,
+        who also takes control again when the page has lost it.
         """
         for _ in range(_PRESSES):
             press.down()
@@ -121,6 +124,7 @@ class Watcher:
                     return
             press.up()
             self.until(lambda: self.at_rest, "standstill")
+            get_ready(self._page)
         raise AssertionError(f"never: {what}, at {self.truth}")
 
     @property
@@ -158,7 +162,7 @@ def shared(start_shared: Callable[..., Program], browser: Browser) -> Iterator[D
     page.on("pageerror", lambda error: failures.append(str(error)))
     page.on("requestfailed", lambda request: failures.append(request.url))
     with Bus(observer(endpoint)) as bus:
-        watcher = Watcher(bus)
+        watcher = Watcher(bus, page)
         page.goto(url + QUICK)
         skip = page.get_by_role("button", name="Skip")
         expect(skip).to_be_visible(timeout=PATIENCE_MS)

@@ -188,6 +188,24 @@ def test_controls_of_several_robots_do_not_touch_in_the_bar(stage: PageStage, wi
     stage.choose("tsd")
 
 
+@pytest.mark.parametrize(
+    "names", [["tsd", "omni4"], ["mecanum", "tsd"]], ids=lambda names: names[0]
+)
+def test_the_bar_of_a_phone_has_two_rows_with_several_robots(
+    stage: PageStage, names: list[str]
+) -> None:
+    stage.resize(390, 844)
+    stage.choose(*names)
+    for mode in ("stopped", "driving", "arming"):
+        stage.show(state(mode, **MINE))
+        control, facts = stage.page.evaluate("""() => [".driver .button", ".facts"].map((name) => {
+          const {top, bottom} = overlay().querySelector(name).getBoundingClientRect();
+          return (top + bottom) / 2;
+        })""")
+        assert abs(control - facts) < 8, mode
+    stage.choose("tsd")
+
+
 ANSWERS = """() => ["Keep control", "Hand over"].filter((name) => {
   const button = [...overlay().querySelectorAll(".handover .button")].find(
     (each) => each.textContent === name);

@@ -279,6 +279,34 @@ def test_what_to_do_after_a_stop_is_not_said_any_more_when_stop_was_pressed(
     expect(notice).to_be_hidden(timeout=4000)  # It is read for two seconds; others stay for six.
 
 
+@pytest.mark.parametrize("by", ["page", "robot"])
+def test_why_the_robot_stopped_is_told_once_whichever_tells_first(
+    stage: PageStage, by: str
+) -> None:
+    toasts = stage.page.locator(".toast")
+    stage.show(state("driving", you=True))
+    stage.page.keyboard.down("w")
+    event = {"t": "event", "kind": "mode", "text": SLOW, "past": False, "robot_s": 1.0}
+    told = [event | {"age_s": 0.0}, {"t": "released", "reason": STALLED}]
+    for message in told if by == "robot" else reversed(told):
+        stage.say(message)
+    stage.page.keyboard.up("w")
+    first = "No command for 180 ms" if by == "robot" else "Your page stalled for 0.2 s"
+    expect(toasts).to_have_text([f"{first}, so the robot stopped. Let go, then push again."])
+
+
+def test_a_take_over_is_told_once_with_its_reason(stage: PageStage) -> None:
+    toasts = stage.page.locator(".toast")
+    stage.show(state("ready", you=True))
+    event = {"t": "event", "kind": "lease", "past": False, "robot_s": 1.0, "age_s": 0.0}
+    stage.say(event | {"text": f"bob took control over from {OPERATOR}: it is my robot."})
+    stage.say(event | {"text": "You have lost control: bob has control now."})
+    expect(toasts).to_have_text([f"bob took control over from {OPERATOR}: it is my robot."])
+    stage.page.wait_for_timeout(1100)
+    stage.say(event | {"text": "You have lost control: carl has control now."})
+    expect(toasts).to_have_count(2)
+
+
 def test_events_have_the_time_of_the_page(stage: PageStage) -> None:
     said = {"t": "event", "kind": "mode", "text": "it was stopped", "past": True}
     stage.say(said | {"robot_s": 12.5, "age_s": 3600.0})
@@ -351,3 +379,36 @@ def test_an_open_drawer_is_folded_also_before_its_contents_are_there(
     drawer = stage.page.locator("#drawer")
     expect(drawer).to_have_attribute("data-tsd-drawer", "")
     expect(drawer).to_have_text("clicked" * clicks)
+
+
+def test_health_asks_for_the_shadow_twin_while_it_is_shown_and_says_what_it_names(
+    stage: PageStage,
+) -> None:
+    joints = [
+        {"name": "module1_alpha", "unit": "°", "measured": 1.0, "simulated": 1.5, "band": 0.2}
+        | {"inside": False},
+        {"name": "module1_beta", "unit": "°", "measured": 2.0, "simulated": 1.95, "band": 0.2}
+        | {"inside": True},
+        {"name": "module1_wheel", "unit": "rpm", "measured": None, "simulated": 2500.0}
+        | {"band": 90.0, "inside": True},
+    ]
+    pose = {"names": ["ahead", "left", "heading"], "units": ["mm", "mm", "°"], "inside": False}
+    pose |= {"difference": [12.0, -3.0, 4.0], "band": [20.0, 20.0, 2.0]}
+    drifts = [{"part": "module1_alpha", "text": "The servo of module 1 alpha follows 30 % slower."}]
+    shadow = {"compared_s": 61.0, "joints": joints, "pose": pose, "drifts": drifts, "note": "N"}
+    stage.show(state(shadow=shadow))
+    table = stage.page.get_by_role("table", name="Measured minus simulated", include_hidden=True)
+    for text in (
+        "module1 alpha−0.50 of ±0.20 °, outside",
+        "module1 beta0.05 of ±0.20 °",
+        "module1 wheelnot measured",
+        "motion ahead12 of ±20 mm",
+        "motion heading4.00 of ±2.00 °, outside",
+        "compared for61 s",
+    ):
+        expect(table).to_contain_text(text)
+    expect(table.locator("tr[data-suspect]")).to_have_count(2)
+    expect(stage.page.get_by_text("follows 30 % slower.")).to_have_count(1)
+    assert {"t": "shadow", "on": True} in stage.sent("shadow")
+    stage.show(state(shadow=None))
+    expect(table).to_have_count(0)

@@ -111,7 +111,8 @@ def test_the_panel_of_each_robot_has_what_it_has(browser: Browser) -> None:
     """In one scene; no gimbals where there are none, and sliders by the names of its twist."""
     shown = {"omni4": ("Wheels", "Forward (m/s)"), "atlas": ("Sphere", "Roll right (rad/s)")}
     with demo(*shown) as address, opened(browser, address, drawn=True) as page:
-        menu = page.get_by_role("combobox", name="Robot", exact=True)
+        bar = page.locator("#tsd-overlay")
+        menu = bar.get_by_role("combobox", name="Robot", exact=True)
         expect(menu).to_have_value("omni4", timeout=PATIENCE_MS)  # Named first.
         for name, (tab, slider) in shown.items():
             choose(page, name)

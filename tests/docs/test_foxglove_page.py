@@ -6,8 +6,8 @@ import json
 from typing import Any
 
 from tests.support.markdown_pages import ROOT, page, quoted, section, tables
-from tsd_twin.foxglove import front, live, sdk
-from tsd_twin.interop import cmd_vel
+from tsd_twin.foxglove import front, sdk
+from tsd_twin.interop import cmd_vel, fleet
 from tsd_twin.interop.mapping import CMD_VEL, PUBLISHED, SERVICES
 
 PAGE = page("foxglove.md")
@@ -39,7 +39,7 @@ def test_times_and_limits_are_those_of_the_code() -> None:
     assert f"a ping {1 / front.PING_S:.0f} times a second" in driving
     rows = {row[0]: row[1] for row in tables(section(PAGE, "## Who may connect"))[0]}
     assert rows["clients"] == str(front.MOST_CLIENTS)
-    assert rows["robots"] == str(live.MOST_ROBOTS)
+    assert rows["robots"] == str(fleet.MOST_ROBOTS)
     assert rows["length of a message of a client"] == f"{front.LARGEST_BYTES // 1024} KiB"
     flood = f"{front.MOST_MESSAGES:,} messages, {front.MOST_BYTES // 1024} KiB"
     assert rows["of one client in a second"] == flood

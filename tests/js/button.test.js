@@ -40,9 +40,9 @@ test("a refusal is shown at once, and a press that outlasts it acts", () => {
 test("a long press that is still refused when it ends does not act", () => {
   const { button, calls, node } = made();
   fire(node, "pointerdown", { button: 0 });
-  button.allow("You are not in control.");
+  button.allow("Take control first.");
   pass(1000);
-  assert.deepEqual(calls, ["You are not in control."]);
+  assert.deepEqual(calls, ["Take control first."]);
 });
 
 test("what follows a long press waits until its key has come up, which would press that too", () => {

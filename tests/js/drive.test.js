@@ -173,11 +173,11 @@ test("a confirmed stop is not repeated", () => {
   assert.deepEqual(take("stop"), []);
 });
 
-const PUSH_AGAIN = "You are not in control. Let go, then push again.";
+const TAKE_FIRST = "Take control first.";
 for (const [name, status, fields, notices] of [
   ["the robot is stopped, as its card says,", { mode: "stopped" }, {}, []],
   ["the robot comes to rest, as an event says,", { mode: "stopping" }, {}, []],
-  ["control is lost", { lease: { holder: "bob" } }, { you: false }, [PUSH_AGAIN]],
+  ["control is lost", { lease: { holder: "bob" } }, { you: false }, [TAKE_FIRST]],
 ]) {
   test(`when ${name}, controls are released and do nothing until they are used anew`, () => {
     const { drive, push, stick, state, take, said } = driven();
@@ -229,6 +229,10 @@ for (const [reason, notices] of [
   [
     "your page stalled for 0.2 s, so the robot stopped",
     ["Your page stalled for 0.2 s, so the robot stopped. Let go, then push again."],
+  ],
+  [
+    "your page was silent for 1 s, so it lost control: take it again",
+    ["Your page was silent for 1 s, so it lost control: take it again."],
   ],
   ["software stop", []],
   ["control is lost: bob took it over", []],

@@ -164,3 +164,15 @@ test("a name stands on no robot where there is room beside it", () => {
   assert.deepEqual(first, [100, 80 - 9 - 14]); // Below it is the other one.
   assert.deepEqual(second, [100, 110 + 9 + 24]);
 });
+
+test("a name is not cut at the edge of the picture", () => {
+  const robots = [
+    { at: [290, 80], radius: 9, width: 60 },
+    { at: [5, 80], radius: 9, width: 60 },
+    { at: [400, 80], radius: 9, width: 60 }, // Its robot is not in the picture.
+  ];
+  const [right, left, beyond] = labelPlaces(robots, [0, 300]);
+  assert.ok(right[0] + 30 <= 300);
+  assert.ok(left[0] - 30 >= 0);
+  assert.equal(beyond[0], 400);
+});

@@ -48,7 +48,7 @@ for (const [request, check] of Object.entries({ ...HELD, drive: notDrive })) {
       state({ lease: LEASE, ...missing });
       assert.equal(check(link), null);
       state({ lease: { ...LEASE, holder: "bob" }, ...missing }, { you: false });
-      assert.equal(check(link), "You are not in control.");
+      assert.equal(check(link), "Take control first.");
     });
   }
 }

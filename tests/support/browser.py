@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import re
 import shutil
 
 from playwright.sync_api import Locator, Page, expect
@@ -28,6 +30,14 @@ CHEAP_FLAGS = (*FLAGS, "--disable-gpu-compositing")
 FLAGS_WITHOUT_SCENE = (*_EITHER, "--disable-gpu", "--disable-software-rasterizer")
 """A browser that has no WebGL: all controls and no scene, which costs a test machine most."""
 PATIENCE_MS = 60_000
+_PRESSES = 20
+_NEAR = re.compile(r"(^|\D)\d{1,2} ms")
+_CENTRE = """(found) => {
+  const usable = found.find((each) => each.getAttribute("aria-disabled") !== "true");
+  if (usable === undefined) return null;
+  const { left, top, width, height } = usable.getBoundingClientRect();
+  return [left + width / 2, top + height / 2];
+}"""
 QUICK = "?fixedDpr=0.2"
 """Fewer pixels: the processor of a test machine draws them all."""
 
@@ -87,10 +97,43 @@ def click_through(page: Page, *names: str) -> None:
 def take_control_and_arm(page: Page, robot: str = "") -> None:
     """Do what a newcomer does first; of several robots the buttons have the name."""
     mode(page, "disarmed")
-    press_until(page, "Take control", page.get_by_role("button", name="Release control"))
+    get_ready(page, robot)
+
+
+def get_ready(page: Page, robot: str = "") -> None:
+    """Take control and arm with the mouse, as often as it takes.
+
+    A page that gets no time is silent, and loses control; its robot may be in a fault then. One
+    that is slow when it takes control is granted less speed, as over a far link.
+    """
+    said = page.get_by_role("status", name="Mode")
+    held = page.get_by_role("button", name="Release control")
     arm, disarm = (f"{word} {robot}".rstrip() for word in ("Arm", "Disarm"))
-    press_until(page, arm, page.get_by_role("button", name=disarm, exact=True))
-    mode(page, "ready")
+    armed = page.get_by_role("button", name=disarm, exact=True)
+    for _ in range(_PRESSES):
+        with contextlib.suppress(AssertionError):
+            link = page.get_by_role("status", name="Link")
+            expect(link).to_contain_text(_NEAR, timeout=PATIENCE_MS / _PRESSES)
+        if held.is_visible() and re.search("ready|driving", said.inner_text(), re.IGNORECASE):
+            return
+        click_through(page, "Reset stop")  # Which a mouse would have to hold.
+        for name, then in (("Take control", held), (arm, armed)):
+            if _press_now(page, name):
+                with contextlib.suppress(AssertionError):
+                    expect(then).to_be_visible(timeout=PATIENCE_MS / _PRESSES)
+    raise AssertionError(f"not in control and armed: {said.inner_text()}")
+
+
+def _press_now(page: Page, name: str) -> bool:
+    """Press a button with the mouse, and return whether it can be used now."""
+    button, before = page.get_by_role("button", name=name, exact=True), None
+    while (place := button.evaluate_all(_CENTRE)) is not None:
+        if place == before:  # What is beside it moves it no more.
+            page.mouse.click(*place)
+            return True
+        before = place
+        page.wait_for_timeout(100)
+    return False
 
 
 def give_back(page: Page) -> None:

@@ -22,7 +22,7 @@ from tsd_twin.dashboard import server
 
 STATIC = Path(server.__file__).parents[1] / "static"
 OPERATOR = "web-01234567"
-_HTML = """<!doctype html><html data-mantine-color-scheme="light"><body style="margin:0">
+_HTML = """<!doctype html><html lang="en" data-mantine-color-scheme="light"><body style="margin:0">
 <div style="position:fixed;inset:0"><canvas data-engine></canvas></div>
 <aside style="position:fixed;right:0;top:0;width:0;height:100%;overflow:hidden">
 <div data-tsd="wheel_speed"></div><div data-tsd="route"></div><div data-tsd="health"></div></aside>
@@ -161,6 +161,7 @@ def state(mode: str = "disarmed", *, you: bool = False, **changed: Any) -> dict[
         "plot": {},
         "map": None,
         "past": None,
+        "shadow": None,
     } | changed
 
 

@@ -1,24 +1,31 @@
-"""TCP relay in front of a robot; it sees when a connection has been given up."""
+"""TCP relay in front of a robot; it sees when a connection has been given up, and can delay one."""
 
 from __future__ import annotations
 
 import contextlib
 import socket
 import threading
+import time
 from collections.abc import Callable
 from typing import Self
 
 
 class Relay:
-    """TCP relay that closes both sides when one closes."""
+    """TCP relay that closes both sides when one closes; the first connection may have to wait."""
 
-    def __init__(self, endpoint: str, on_given_up: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        endpoint: str,
+        on_given_up: Callable[[], None] = lambda: None,
+        first_wait_s: float = 0.0,
+    ) -> None:
         self._to = ("127.0.0.1", int(endpoint.rpartition(":")[2]))
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._open: set[socket.socket] = set()
         self._threads = [threading.Thread(target=self._accept)]
         self.endpoint = f"{endpoint[:3]}/127.0.0.1:{self._listener.getsockname()[1]}"
         self._on_given_up = on_given_up
+        self._wait_s = first_wait_s
 
     def __enter__(self) -> Self:
         self._threads[0].start()
@@ -40,6 +47,8 @@ class Relay:
                 near, _ = self._listener.accept()
             except OSError:
                 return
+            time.sleep(self._wait_s)
+            self._wait_s = 0.0
             far = socket.create_connection(self._to)
             self._open |= {near, far}
             thread = threading.Thread(target=self._carry, args=(near, far))

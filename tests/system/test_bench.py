@@ -24,9 +24,10 @@ ROWS = {
     "plots": 2,
     "start": 1,
     "idle": 2,
-    "recording": 4,
+    "recording": 7,
     "seek": 5,
     "foxglove": 3,
+    "ros": 3,
 }
 ROW = re.compile(r"^(\S.+?) +([-+.e\d]+) .*[<>]= .* (ok  |MISS)")
 """What is measured, how much, and whether that reaches what it is to reach."""

@@ -24,8 +24,13 @@ NO_ANSWER = "no answer from that address"
 _LEASE_MS = 1000
 _FAR_LEASE_MS = 3000
 """Session timeout: a stream on a slow link may repeat a keep-alive twice before it arrives."""
-_HANDSHAKE_MS = 4000
-"""Opening takes three round trips: 2.7 s over the slowest link that a lease allows commands on."""
+_OPEN_MS = 5000
+"""Opening takes three round trips: 2.7 s over the slowest link that a lease allows commands on.
+
+A connection that took more than 4 s is opened anew, see `half_open`.
+"""
+_ACCEPT_MS = 10_000
+"""Far longer than the other side waits: Zenoh must not give up while a handshake can succeed."""
 _MIXED = "?rel=1;mixed_rel=1"
 _TLS = "transport/link/tls"
 _FILES = (
@@ -240,8 +245,8 @@ def _common(mode: str, connect: Sequence[str], listen: Sequence[str] = ()) -> di
         "queries_default_timeout": 1000,
         "transport": {
             "unicast": {
-                "open_timeout": _HANDSHAKE_MS,
-                "accept_timeout": _HANDSHAKE_MS,
+                "open_timeout": _OPEN_MS,
+                "accept_timeout": _ACCEPT_MS,
                 "max_sessions": 64,
             },
             "link": {"tx": {"lease": _FAR_LEASE_MS if far else _LEASE_MS, "keep_alive": 4}},

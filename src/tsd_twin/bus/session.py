@@ -15,6 +15,7 @@ import zenoh
 import zenoh.ext
 
 from tsd_twin.bus.config import Config, reason
+from tsd_twin.bus.half_open import HalfOpenWatch
 from tsd_twin.errors import BusError, NoAnswerError
 from tsd_twin.messages.commands import Sample
 from tsd_twin.messages.topics import QoS
@@ -82,15 +83,20 @@ class Request:
         self._key = key
         self._query = query
         self.payload = query.payload.to_bytes() if query.payload is not None else b""
+        self.attachment = query.attachment.to_bytes() if query.attachment is not None else b""
 
-    def reply(self, payload: bytes) -> None:
+    def reply(self, payload: bytes, attachment: bytes = b"") -> None:
         """Send the reply; a client that has disconnected is no error."""
         try:
             # The requested key may be a pattern, and a reply must name one key.
-            self._query.reply(self._key, payload)
+            self._query.reply(self._key, payload, attachment=attachment or None)
             self._query.drop()
         except zenoh.ZError:
             return
+
+    def drop(self) -> None:
+        """End the request without a reply, which the client learns at once."""
+        self._query.drop()
 
 
 class Queryable:
@@ -205,9 +211,15 @@ class Bus:
         try:
             settings = config.parsed()
             self._joins = bool(json.loads(settings.get_json("connect/endpoints")))
+            is_client = json.loads(settings.get_json("mode")) == "client"
+            listens = not is_client and bool(json.loads(settings.get_json("listen/endpoints")))
+            open_timeout_s = json.loads(settings.get_json("transport/unicast/open_timeout")) / 1000
+            began_s = time.monotonic()
             self._session = zenoh.open(settings)
         except zenoh.ZError as error:
             raise BusError(f"cannot open the bus at {config.where}: {reason(error)}") from error
+        if self._joins and not listens:
+            self._kept.append(HalfOpenWatch(self._session, began_s, open_timeout_s))
 
     def __enter__(self) -> Self:
         return self
@@ -241,8 +253,15 @@ class Bus:
         finally:
             listener.undeclare()
 
-    def publisher(self, key: str, qos: QoS, type_name: str = "json") -> Publisher:
-        """Publisher; `type_name` is that of a `Topic`."""
+    @property
+    def id(self) -> str:
+        """Id of this session, in hexadecimal."""
+        return str(self._session.zid())
+
+    def publisher(
+        self, key: str, qos: QoS, type_name: str = "json", *, kept: int = EVENTS_KEPT
+    ) -> Publisher:
+        """Publisher; `type_name` is that of a `Topic`, `kept` the length of a history."""
         encoding = _ENCODINGS.get(type_name)
         if encoding is None:
             encoding = zenoh.Encoding.APPLICATION_CDR.with_schema(type_name)
@@ -252,7 +271,7 @@ class Bus:
                     self._session,
                     key,
                     encoding=encoding,
-                    cache=zenoh.ext.CacheConfig(max_samples=EVENTS_KEPT),
+                    cache=zenoh.ext.CacheConfig(max_samples=kept),
                     publisher_detection=True,
                 )
             )
@@ -273,6 +292,17 @@ class Bus:
         queryable = self._session.declare_queryable(key, ring)
         return Queryable(key, queryable, depth, patterns=patterns)
 
+    def serve(self, key: str, on_request: Callable[[Request], None]) -> None:
+        """Call `on_request` with each query to exactly this key."""
+
+        def take(query: zenoh.Query) -> None:
+            if str(query.key_expr) == key:
+                on_request(Request(key, query))
+            else:
+                query.drop()
+
+        self._kept.append(self._session.declare_queryable(key, take, complete=True))
+
     def subscribe(self, key: str, on_sample: Callable[[Sample], None]) -> None:
         """Call `on_sample` with every sample of a key expression."""
         self._kept.append(
@@ -290,14 +320,19 @@ class Bus:
             )
         )
 
-    def query(self, key: str, payload: bytes, timeout_s: float = 1.0) -> bytes:
+    def query(
+        self, key: str, payload: bytes, timeout_s: float = 1.0, attachment: bytes = b""
+    ) -> bytes:
         """Query `key`, and return the reply; blocks up to `timeout_s`.
 
         Raises:
             NoAnswerError: no queryable serves the key, or it does not reply in time.
         """
         try:
-            for reply in self._session.get(key, payload=payload, timeout=timeout_s):
+            replies = self._session.get(
+                key, payload=payload, timeout=timeout_s, attachment=attachment or None
+            )
+            for reply in replies:
                 if reply.ok is not None:
                     return reply.ok.payload.to_bytes()
         except zenoh.ZError as error:

@@ -17,8 +17,8 @@ import msgspec
 from tsd_twin import robots
 from tsd_twin.errors import MessageError, RecordingError, TwinError
 from tsd_twin.foxglove.front import Access, Front
-from tsd_twin.foxglove.live import MeshFiles, package_of
 from tsd_twin.foxglove.sdk import Playback, SdkServer
+from tsd_twin.interop.fleet import MeshFiles, package_of
 from tsd_twin.interop.mapping import PUBLISHED, SOURCES, RobotMapping, namespaces
 from tsd_twin.messages.services import Description
 from tsd_twin.messages.topics import Service

@@ -9,7 +9,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-from collections.abc import Callable, Coroutine
+import math
+from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any
 
 from tsd_twin.client import (
@@ -32,6 +33,7 @@ from tsd_twin.interop.cmd_vel import (
     Say,
 )
 from tsd_twin.lie import SO3
+from tsd_twin.messages.commands import PoseStamped
 
 _LOG = logging.getLogger(__name__)
 _POLL_S = 0.1
@@ -56,16 +58,29 @@ class RobotDriver:
 
     async def call(self, service: str) -> tuple[bool, str]:
         """Carry out `arm`, `disarm`, `stop` or `reset`; return whether it worked, and a text."""
-        try:
-            if service == "stop":  # It needs no lease, and waits for nothing.
-                await self._robot.stop(f"by {self.machine.operator}")
+        match service:
+            case "stop":  # It needs no lease, and waits for nothing.
+                return await self._answer(self._stop())
+            case "arm":
+                return await self._answer(self._request(lambda control: control.arm()))
+            case "disarm":
+                return await self._answer(self._request(self._disarm))
+            case _:
+                return await self._answer(self._request(lambda control: control.reset()))
+
+    async def set_pose(self, pose: PoseStamped) -> tuple[bool, str]:
+        """Set the estimate, at rest only; a lease that is acquired for it is given back."""
+        x, y, z, w = (float(pose.wxyz[i]) for i in (1, 2, 3, 0))
+
+        async def act(control: AsyncRobotControl) -> None:
+            if self._turning:
+                await control.set_orientation(x=x, y=y, z=z, w=w)
             else:
-                async with self._using:
-                    await self._request(service)
-        except TwinError as error:
-            refused = isinstance(error, ControlDenied | RequestRefused)
-            return False, error.reason if refused else str(error)
-        return True, self._robot.state.mode.value
+                x_m, y_m = float(pose.position_m[0]), float(pose.position_m[1])
+                heading_rad = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+                await control.set_pose(x_m=x_m, y_m=y_m, heading_rad=heading_rad)
+
+        return await self._answer(self._request(act, keep=False))
 
     async def close(self) -> None:
         """Command zero, disarm and release, if the lease is held."""
@@ -77,22 +92,39 @@ class RobotDriver:
 
     # Requests.
 
-    async def _request(self, service: str) -> None:
-        if self.machine.on_request(self._robot.time_s):
-            await self._acquire()
-        control = self._control
-        assert control is not None  # noqa: S101  `_acquire` has made it, or raised.
+    async def _answer(self, work: Coroutine[Any, Any, None]) -> tuple[bool, str]:
         try:
-            match service:
-                case "arm":
-                    await control.arm()
-                case "disarm":
-                    await control.disarm()
+            await work
+        except TwinError as error:
+            refused = isinstance(error, ControlDenied | RequestRefused)
+            return False, error.reason if refused else str(error)
+        return True, self._robot.state.mode.value
+
+    async def _request(
+        self, act: Callable[[AsyncRobotControl], Awaitable[None]], *, keep: bool = True
+    ) -> None:
+        """Act with the lease; one that was acquired for this is given back unless `keep`."""
+        async with self._using:
+            if self._control is not None and not self._control.is_held:
+                self._note_loss(self._control)
+            acquired = self.machine.on_request(self._robot.time_s)
+            if acquired:
+                await self._acquire()
+            control = self._control
+            assert control is not None  # noqa: S101  `_acquire` has made it, or raised.
+            try:
+                await act(control)
+            finally:
+                self.machine.request_done(self._robot.time_s)
+                if acquired and not keep:
                     await self._release()
-                case _:
-                    await control.reset()
-        finally:
-            self.machine.request_done(self._robot.time_s)
+
+    async def _stop(self) -> None:
+        await self._robot.stop(f"by {self.machine.operator}")
+
+    async def _disarm(self, control: AsyncRobotControl) -> None:
+        await control.disarm()
+        await self._release()
 
     async def _acquire(self) -> None:
         """Acquire the lease.

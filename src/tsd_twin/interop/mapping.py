@@ -1,7 +1,7 @@
 """Table of ROS topics and the conversion of our streams into their messages. Pure.
 
 The table is the one place that says which stream is which topic, type, quality of service and
-frame; the adapters and docs/foxglove.md use it.
+frame; the adapters, docs/foxglove.md and docs/ros2.md use it.
 """
 
 from __future__ import annotations
@@ -48,7 +48,8 @@ class RosQoS(StrEnum):
     SENSOR = "best effort, volatile, depth 5"
     STATE = "reliable, volatile, depth 10"
     LATCHED = "reliable, transient local, depth 1"
-    COMMAND = "reliable, volatile, depth 1"
+    COMMAND = "best effort, volatile, depth 1"
+    """Takes reliable publishers as well, and repeats nothing that is old."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +114,12 @@ CMD_VEL = RosTopic(
     "cmd_vel", "geometry_msgs/msg/Twist", RosQoS.COMMAND, "cmd/*/twist", f"{BASE} or {ODOM}"
 )
 """Topic that they subscribe to; also `geometry_msgs/msg/TwistStamped`."""
+_POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+INITIAL_POSE = RosTopic("initialpose", _POSE, RosQoS.STATE, "srv/set_pose", ODOM)
+MEASURED_POSE = RosTopic("measured_pose", _POSE, RosQoS.SENSOR, "sensor/pose", ODOM)
+"""Pose from a sensor; `sensor_pose` shows what came in."""
+READ = (CMD_VEL, INITIAL_POSE, MEASURED_POSE)
+"""Topics that a ROS adapter subscribes to."""
 SERVICES = ("arm", "disarm", "stop", "reset")
 """Services of the type `std_srvs/srv/Trigger`, relative to the namespace of the robot."""
 
@@ -367,6 +374,10 @@ class RobotMapping:
         )
         return self._message(BATTERY, message)
 
+    def sentence(self, text: str) -> RosMessage:
+        """Return a warning of the adapter for `events`."""
+        return self._event(Event("adapter", text))
+
     def _event(self, event: Event) -> RosMessage:
         sec, nanosec = divmod(self._stamp_ns, 1_000_000_000)
         message = make_message(
@@ -396,7 +407,14 @@ def _transform(each: Transform) -> Any:
 
 
 _INFO, _WARN = 20, 30
-_LEVELS = {"drop": _WARN, "refusal": _WARN, "consistency": _WARN, "id": _WARN, "clamp": _INFO}
+_LEVELS = {
+    "adapter": _WARN,
+    "drop": _WARN,
+    "refusal": _WARN,
+    "consistency": _WARN,
+    "id": _WARN,
+    "clamp": _INFO,
+}
 """Levels of `rcl_interfaces/msg/Log` by the kind of the event."""
 OK, WARN, ERROR = 0, 1, 2
 """Levels of `diagnostic_msgs/msg/DiagnosticStatus`."""

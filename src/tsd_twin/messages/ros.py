@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
@@ -88,6 +89,70 @@ def definition(type_name: str) -> str:
         KeyError: there is no such type.
     """
     return _store().generate_msgdef(type_name, ros_version=2)[0]
+
+
+TRIGGER = "std_srvs/srv/Trigger"
+"""Type of the services of a robot in ROS."""
+
+
+@functools.cache
+def type_hash(type_name: str) -> str:
+    """Return the hash of the definition of a ROS 2 type by REP 2011, `RIHS01_` and 64 digits.
+
+    Raises:
+        KeyError: there is no such type.
+    """
+    return (_services() if "/srv/" in type_name else _store()).hash_rihs01(type_name)
+
+
+def encode_trigger_response(success: bool, message: str) -> bytes:
+    """CDR of a response of `std_srvs/srv/Trigger`."""
+    name = f"{TRIGGER}_Response"
+    response = _services().types[name](success=success, message=message)
+    return bytes(_services().serialize_cdr(response, name))
+
+
+@functools.cache
+def _services() -> Any:
+    """Type store of `Trigger`: rosbags has no definitions of services."""
+
+    def named(name: str) -> Any:
+        return Nodetype.NAME, name
+
+    def base(name: str) -> Any:
+        return Nodetype.BASE, (name, 0)
+
+    made: Any = get_typestore(Stores.EMPTY)
+    info, request, response = (
+        "service_msgs/msg/ServiceEventInfo",
+        f"{TRIGGER}_Request",
+        f"{TRIGGER}_Response",
+    )
+    time = "builtin_interfaces/msg/Time"
+    gid = (Nodetype.ARRAY, (base("uint8"), 16))  # rosbags has it as `char`, another hash.
+    fields: dict[str, list[tuple[str, Any]]] = {
+        time: [("sec", base("int32")), ("nanosec", base("uint32"))],
+        info: [
+            ("event_type", base("uint8")),
+            ("stamp", named(time)),
+            ("client_gid", gid),
+            ("sequence_number", base("int64")),
+        ],
+        request: [],
+        response: [("success", base("bool")), ("message", base("string"))],
+        f"{TRIGGER}_Event": [
+            ("info", named(info)),
+            ("request", (Nodetype.SEQUENCE, (named(request), 1))),
+            ("response", (Nodetype.SEQUENCE, (named(response), 1))),
+        ],
+        TRIGGER: [
+            ("request_message", named(request)),
+            ("response_message", named(response)),
+            ("event_message", named(f"{TRIGGER}_Event")),
+        ],
+    }
+    made.register({name: ([], members) for name, members in fields.items()})
+    return made
 
 
 @functools.cache

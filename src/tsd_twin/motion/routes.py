@@ -215,7 +215,7 @@ class NavigationGoal:
         way = np.concatenate([here[None, :2], self.points])
         length_m = float(np.hypot(*np.diff(way, axis=0).T).sum())
         if not np.isfinite(length_m) or length_m > LONGEST_M:
-            raise PathError(f"a route may have {LONGEST_M:g} m at most")
+            raise PathError(f"a path may be {LONGEST_M:g} m long at most")
         if self.is_done(start):
             raise PathError("the robot is there already")
         path: Path

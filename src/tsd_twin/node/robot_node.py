@@ -130,7 +130,7 @@ class InputLogPublisher:
         """Send what was logged since the last message; an error ends the log, not the robot."""
         try:
             self._flush()
-        except Exception:
+        except Exception:  # Whatever fails here must not stop a robot that drives.
             _LOG.exception("the inputs of the controller are logged no longer")
             self._failed = True
             self._controller.end_log()

@@ -226,7 +226,7 @@ def topic_list(path: Path) -> list[tuple[str, str, str, int]]:
                     )
                     for channel in summary.channels.values()
                 )
-    except Exception as error:  # As below.
+    except Exception as error:  # A damaged file raises anything.
         raise RecordingError(f"{path} cannot be read: {error}") from error
     counted: dict[tuple[str, str, str], int] = {}
     for entry in entries(path):
@@ -255,7 +255,7 @@ def _indexed(
     try:
         for schema, channel, message in found:
             yield _entry(schema, channel, message)
-    except Exception as error:  # As below.
+    except Exception as error:  # A damaged file raises anything.
         raise RecordingError(f"{file.name} is damaged: {error}") from error
 
 

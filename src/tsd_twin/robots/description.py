@@ -283,6 +283,15 @@ class RobotDescription(Table, frozen=True, kw_only=True):
         raise NotImplementedError
 
     @property
+    def spin_droop_s2_per_m2(self) -> float:
+        """Share of their speed that spinning wheels lose to the robot when it speeds up.
+
+        For the difference of the squares of its speed after and before; 0 where wheels turn with
+        the robot only.
+        """
+        return 0.0
+
+    @property
     def wheel_speed_range(self) -> WheelSpeedRange | None:
         """The speeds that its wheels may spin at, where they always spin and one can be chosen."""
         return None

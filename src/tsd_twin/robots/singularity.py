@@ -215,6 +215,15 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         return self._spin_torque_nm / (stiffness_nm_s * self.drive.cruise_speed_rpm * RPM)
 
     @property
+    def spin_droop_s2_per_m2(self) -> float:
+        """Share of their speed that the wheels lose when the robot takes its energy from them."""
+        inertia_kg_m2 = self.mass.wheel_kg * self.drive.wheel_radius_m**2 * 2.0 / 3.0
+        spin_rad_per_s = self.drive.cruise_speed_rpm * RPM
+        # Both energies have a half; a share of the speed is half of that of its square.
+        energy_j = self.drive.modules * inertia_kg_m2 * spin_rad_per_s**2
+        return 0.5 * self.mass.total_kg / energy_j
+
+    @property
     def floor_turn_rad_per_s(self) -> float:
         """Turn rate of a robot that stands, since the floor brakes all wheels in one direction.
 

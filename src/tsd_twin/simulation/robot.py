@@ -18,6 +18,7 @@ from tsd_twin.robots import KINDS, RobotDescription, SingularityDescription, imp
 from tsd_twin.simulation.mujoco_plant import MujocoSimulation
 from tsd_twin.simulation.sensors import Actuated, DelayWrapper, GyroSimulation, Simulation
 from tsd_twin.simulation.singularity import SingularitySimulation
+from tsd_twin.simulation.wheeled import GearedSimulation
 
 
 def _singularity(plant: Callable[..., Actuated]) -> Callable[..., Simulation]:
@@ -58,12 +59,14 @@ def simulate(
     pose: Any = None,
     plant: str = "kinematic",
     errors: float = 0.0,
+    step_s: float | None = None,
 ) -> Simulation:
     """Return `batch` robots of one description, all at the same virtual time; `()` is a single one.
 
     `noise` scales the standard deviations of the description: 0 is none, 1 is as described. `pose`
     is the start pose, of the pose type of the kinematics. `plant` is one of `PLANTS`. `errors`
-    scales the model errors of the description, such as gimbal zeros; 0 is none.
+    scales the model errors of the description, such as gimbal zeros; 0 is none. `step_s` is the
+    longest step of integration of robots on geared motors, if another than theirs.
 
     Raises:
         RobotFileError: there is no such plant for robots of this kind.
@@ -75,7 +78,10 @@ def simulate(
         raise RobotFileError(robot.name, f"the plant `{plant}` cannot move it", f"only {kinds}")
     make: Callable[..., Simulation] = implementation(reference)
     built = robot.with_errors(errors)
-    return make(built, batch, seed=seed, noise=noise, battery_v=battery_v, pose=pose)
+    made = make(built, batch, seed=seed, noise=noise, battery_v=battery_v, pose=pose)
+    if step_s is not None and isinstance(made, GearedSimulation):
+        made.longest_step_s = step_s
+    return made
 
 
 _SHORTEST_STEP_S = 1e-9

@@ -152,7 +152,7 @@ def test_a_control_that_is_held_before_control_is_taken_does_nothing(two: Two) -
         alice.make_ready()
         bob.until(lambda: bob.state)
         bob.holds = {"vx": 0.2, "vy": 0.0, "omega": 0.0}
-        bob.until(lambda: bob.last("released")["reason"] == "you do not have control")
+        bob.until(lambda: bob.last("released")["reason"] == "take control first")
         commands = CommandRecorder(two.there, bob)
         assert bob.take(take_over=True)["ok"]
         bob.until(lambda: bob.state["you"] and bob.mode == "ready")

@@ -197,6 +197,13 @@ def test_the_map_follows_the_cursor(page: Page, folder: Path) -> None:
     page.until(lambda: page.state["map"] is None)
 
 
+def test_its_health_tab_has_no_shadow_twin_and_is_not_refused(page: Page) -> None:
+    before = len(page.all("reply"))
+    page.send(t="shadow", on=True)
+    assert seek(page, 3.0)["shadow"] is None
+    assert len(page.all("reply")) == before
+
+
 @pytest.mark.parametrize("kind", ["seek", "mark"])
 def test_a_page_that_floods_is_cut_off_and_another_goes_on(
     page: Page, served: Site, folder: Path, kind: str

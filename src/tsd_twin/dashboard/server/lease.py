@@ -329,7 +329,7 @@ class LeaseClient:
             await self._executor.run(lease.link, renewing)
             await asyncio.sleep(0.5 * RENEW_PERIOD_S)
         self._release_controls(
-            f"your page was silent for {HEARTBEAT_TIMEOUT_S:g} s, so it lost control"
+            f"your page was silent for {HEARTBEAT_TIMEOUT_S:g} s, so it lost control: take it again"
         )
         self._renewing = None  # Releasing cancels this task.
         await self.release_lease()

@@ -159,6 +159,12 @@ class LookBack(Message, frozen=True, tag="look_back"):
     ago_s: Annotated[float, Meta(ge=0.1, le=LOOK_BACK_S)] | None
 
 
+class ShowShadow(Message, frozen=True, tag="shadow"):
+    """Request of the comparison with the shadow twin, with every state while it is `on`."""
+
+    on: bool
+
+
 class StudentRequest(Message, frozen=True, tag="student"):
     """Request of the figures of a shipped robot with some knobs turned; it concerns no robot."""
 
@@ -193,6 +199,7 @@ PageMessage: TypeAlias = (
     | SetView
     | ShowMap
     | LookBack
+    | ShowShadow
     | StudentRequest
 )
 _DECODER = msgspec.json.Decoder(PageMessage)

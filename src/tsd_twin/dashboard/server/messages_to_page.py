@@ -12,6 +12,7 @@ from tsd_twin.dashboard.server.messages_from_page import Message, Triple
 from tsd_twin.messages.services import Event
 from tsd_twin.messages.status import Status
 from tsd_twin.security import Role
+from tsd_twin.shadow import ShadowReport
 
 FloorPoint: TypeAlias = tuple[float, float]
 """Metres on the floor."""
@@ -202,6 +203,8 @@ class RobotState(Message, frozen=True, tag="state"):
     """While the page shows its map."""
     past: PastState | None = None
     """While the page draws the past beside it."""
+    shadow: ShadowReport | None = None
+    """While the page shows it."""
 
 
 class MapLines(Message, frozen=True, tag="map_lines"):

@@ -202,6 +202,7 @@ interface RobotState {
   plot: { [name: string]: number | null };
   map: MapState | null;
   past: PastState | null;
+  shadow: ShadowReport | null;
 }
 
 interface PastState {
@@ -209,6 +210,36 @@ interface PastState {
   mode: string;
   pose: Triple | null;
   twist: Triple | null;
+}
+
+interface JointComparison {
+  name: string;
+  unit: string;
+  measured: number | null;
+  simulated: number;
+  band: number;
+  inside: boolean;
+}
+
+interface PoseComparison {
+  names: [string, string, string];
+  units: [string, string, string];
+  difference: Triple;
+  band: Triple;
+  inside: boolean;
+}
+
+interface Drift {
+  part: string;
+  text: string;
+}
+
+interface ShadowReport {
+  compared_s: number;
+  joints: JointComparison[];
+  pose: PoseComparison | null;
+  drifts: Drift[];
+  note: string;
 }
 
 interface RobotName {
@@ -424,7 +455,7 @@ type PageMessage =
   | { t: "wheel_speed"; cruise_speed_rpm: number }
   | { t: "robot"; id: string }
   | { t: "view"; settings: ViewSettings; look: boolean }
-  | { t: "map"; on: boolean }
+  | { t: "map" | "shadow"; on: boolean }
   | { t: "look_back"; ago_s: number | null }
   | { t: "plot_fields"; names: string[] }
   | { t: "clear_plan" | "release" | "panel_released" | "arm" | "disarm" | "reset" | "stop" };

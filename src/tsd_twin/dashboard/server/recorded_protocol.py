@@ -15,6 +15,7 @@ from tsd_twin.dashboard.server.messages_from_page import (
     SelectRobot,
     SetView,
     ShowMap,
+    ShowShadow,
     StopCommand,
     StudentRequest,
 )
@@ -66,6 +67,7 @@ RecordedPageMessage: TypeAlias = (
     | SelectPlotFields
     | SetView
     | ShowMap
+    | ShowShadow
     | StudentRequest
 )
 """What such a page may send: nothing that moves a robot."""

@@ -21,6 +21,7 @@ from tsd_twin.dashboard.server.messages_from_page import (
     SelectRobot,
     SetView,
     ShowMap,
+    ShowShadow,
     StopCommand,
     StudentRequest,
     decode_page_message,
@@ -183,6 +184,8 @@ class RecordedSession(PageSession):
                 self._send(ActionReply(to="student", ok=False, reason=REFUSAL))
             case SelectRobot() | SelectPlotFields() | ShowMap() | SetView():
                 self._show_otherwise(message)
+            case ShowShadow():
+                pass  # `tsd-lab health` compares recordings: a cursor that jumps cannot.
             case Seek() | Play() | Pause() | StepStatus():
                 self._move(message)
 

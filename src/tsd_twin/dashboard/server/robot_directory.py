@@ -18,9 +18,11 @@ from tsd_twin.dashboard.scene.appearance import RobotRoster
 from tsd_twin.dashboard.server.lease import RpcExecutor
 from tsd_twin.dashboard.server.messages_from_page import LOOK_BACK_S
 from tsd_twin.dashboard.server.messages_to_page import RobotName, RobotState
+from tsd_twin.dashboard.server.shadow_monitor import ShadowMonitor
 from tsd_twin.dashboard.server.telemetry import RobotTelemetry
 from tsd_twin.messages.services import Event
 from tsd_twin.recording.replay import HARDWARE
+from tsd_twin.shadow import ShadowReport
 
 SPACING_S = 0.1
 _SLACK_S = 1.0
@@ -83,6 +85,7 @@ class RobotDirectory:
         self._executor = executor
         self._roster = roster or RobotRoster()
         self._telemetry: dict[str, RobotTelemetry] = {}
+        self._shadows: dict[str, tuple[RobotMonitor, ShadowMonitor]] = {}
         self._events: dict[str, deque[tuple[float, Event]]] = {}
         self._modes: dict[str, tuple[str, float]] = {}
         self._histories: dict[str, tuple[RobotMonitor, StateHistory]] = {}
@@ -125,6 +128,23 @@ class RobotDirectory:
             mode_age_s=now_s - self._mode_since_s(view.link.id, snapshot.status.mode),
             round_trips=view.link.round_trips,
         )
+
+    def shadow(self, robot_id: str | None) -> ShadowReport | None:
+        """Return how a robot differs from its shadow twin, which runs while this is called."""
+        view = self.view(robot_id)
+        if view is None:
+            return None
+        known = self._shadows.get(view.link.id)
+        if known is None or known[0] is not view.link:
+            if known is not None:
+                known[1].end()  # The robot was restarted.
+            self._shadows[view.link.id] = known = (view.link, ShadowMonitor(view.link))
+        return known[1].report()
+
+    def close(self) -> None:
+        """End all shadow twins."""
+        for _, monitor in self._shadows.values():
+            monitor.close()
 
     def add_event(self, robot_id: str, event: Event) -> None:
         """Store an event, which may arrive before its robot is known."""

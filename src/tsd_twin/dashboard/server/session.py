@@ -37,6 +37,7 @@ from tsd_twin.dashboard.server.messages_from_page import (
     SetView,
     SetWheelSpeed,
     ShowMap,
+    ShowShadow,
     StopCommand,
     StudentRequest,
     decode_page_message,
@@ -154,6 +155,7 @@ class Session(PageSession):
         self._map_data = map_data
         self._ago_s: float | None = None
         self._past: Snapshot | None = None
+        self._shows_shadow = False
 
     def on_robots_changed(self) -> None:
         """Send session info with the list of robots; select a robot if none is selected."""
@@ -252,6 +254,7 @@ class Session(PageSession):
                 | SetView()
                 | ShowMap()
                 | LookBack()
+                | ShowShadow()
                 | StudentRequest()
             ):
                 self._show(message)
@@ -264,7 +267,13 @@ class Session(PageSession):
 
     def _show(
         self,
-        message: SelectRobot | SelectPlotFields | SetView | ShowMap | LookBack | StudentRequest,
+        message: SelectRobot
+        | SelectPlotFields
+        | SetView
+        | ShowMap
+        | LookBack
+        | ShowShadow
+        | StudentRequest,
     ) -> None:
         match message:
             case SelectRobot():
@@ -281,6 +290,8 @@ class Session(PageSession):
             case LookBack():
                 self._ago_s = message.ago_s
                 self._show_past()
+            case ShowShadow():
+                self._shows_shadow = message.on
             case StudentRequest():
                 self._student.request(message)
 
@@ -393,6 +404,7 @@ class Session(PageSession):
             plot=self._plot_values(),
             map=self._map_data.state(self.robot_id or "") if self._shows_map else None,
             past=self._show_past(),
+            shadow=self._directory.shadow(self.robot_id) if self._shows_shadow else None,
         )
         self.send_queue.put_state(state.seen, encode_message(state))
 

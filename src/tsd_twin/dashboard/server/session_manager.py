@@ -70,6 +70,7 @@ class SessionManager:
     def close(self) -> None:
         """Stop, after the last session has ended."""
         self._loop = None
+        self.directory.close()
         self._executor.close()
 
     async def close_sockets(self) -> None:

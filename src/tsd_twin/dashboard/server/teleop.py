@@ -250,7 +250,7 @@ class TeleopController:
         lease = self._lease_client.lease
         if lease is None:
             if self._deadman.refuse_command():  # Held in a hand-over, it must not start motion.
-                self._send_message(ControlsReleased(reason="you do not have control"))
+                self._send_message(ControlsReleased(reason="take control first"))
             return None
         if not self._deadman.on_command(time.monotonic()):
             return None

@@ -41,6 +41,10 @@ class Tooltip {
 
   /** @param {HTMLElement} node @param {string} text */
   _write(node, text) {
+    if (text === "") {
+      this._hide(); // Such as the reason of a button that can be used by now.
+      return;
+    }
     setText(this.element, text);
     const frame = known(this.element.parentElement).getBoundingClientRect();
     const target = node.getBoundingClientRect();

@@ -41,12 +41,10 @@ export class Drive {
     this._sentMs = -Infinity;
     /** @type {{ robot: string | undefined, sinceMs: number, sentMs: number, doubted: boolean } | null} */
     this._stop = null; // Until it is confirmed.
-    this.stalledMs = -Infinity; // When the gateway last said that this page has stalled.
     link.on("state", (state) => this._checkState(state));
     link.on("beat", () => this._retryStop());
     link.on("down", () => this.release("The connection is lost.", false, () => !link.connected));
     link.on("released", ({ reason }) => {
-      if (reason.startsWith("your page")) this.stalledMs = performance.now();
       this.release(TOLD_ELSEWHERE.test(reason) ? "" : againNotice(sentence(reason)), true);
     });
     link.on("reply", ({ to, ok }) => {

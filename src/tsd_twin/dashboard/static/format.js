@@ -46,9 +46,19 @@ export function withNames(text) {
   return text.replace(/\b(?!web-)([a-z0-9_][a-z0-9_-]*?)-[0-9a-f]{8}\b/g, "$1");
 }
 
-/** Return the notice of a motion that has ended. @param {string} why A sentence. */
+const AGAIN = "Let go, then push again.";
+
+/** Whether a notice tells why a motion has ended, and how to go on. @param {string} text */
+export function isAgain(text) {
+  return text.endsWith(AGAIN);
+}
+
+/**
+ * Return the notice of a motion that has ended; without control, pushing again does not help.
+ * @param {string} why A sentence.
+ */
 export function againNotice(why) {
-  return `${why} Let go, then push again.`;
+  return /\bcontrol\b/i.test(why) ? why : `${why} ${AGAIN}`;
 }
 
 /**

@@ -79,10 +79,10 @@ class Dial {
     this.element = el(
       "section.module",
       { "aria-label": `Module ${number}` },
+      el("div.title", el("strong", `Module ${number}`), this._state, button),
       face,
       el(
         "dl",
-        el("div.title", el("dt", `Module ${number}`), el("dd", this._state, button)),
         row("tilt", this._tilt, "°"),
         row("α", this._alpha, "°"),
         row("β", this._beta, "°"),

@@ -3,6 +3,7 @@
 import { el, isVisible, setText } from "./dom.js";
 import { clock, fixed } from "./format.js";
 import { known } from "./link.js";
+import { quantityOf } from "./plot_fields.js";
 
 /** @type {Record<string, string>} */
 const REASONS = {
@@ -20,6 +21,8 @@ const REASONS = {
   far: "far from the estimate",
 };
 const LINES = 40;
+const SHADOW = "Measured minus simulated";
+const OUTSIDE = "outside";
 
 /** @typedef {Record<string, Record<string, string>>} Sections Rows by the title of their table. */
 
@@ -30,11 +33,15 @@ export class Health {
     /** @type {Map<string, HTMLElement>} */
     this._cells = new Map(); // By title and name of their rows.
     this._tables = el("div.tables");
+    this._drifts = el("div.drifts", { role: "status" });
+    this._isShown = false;
     const attributes = { role: "log", "aria-live": "polite", "aria-label": "Events", tabindex: 0 };
     this._log = el("ol");
     const log = el("div.log", attributes, this._log);
-    place.append(this._tables, el("div.head", el("strong", "Events")), log);
-    link.on("state", (state) => isVisible(place.host) && this._show(state), signal);
+    place.append(this._drifts, this._tables, el("div.head", el("strong", "Events")), log);
+    link.on("state", (state) => this._showIf(isVisible(place.host), state), signal);
+    link.on("up", () => (this._isShown = false), signal);
+    signal.addEventListener("abort", () => this._request(false));
     link.on("event", () => this._add(known(link.history.at(-1) ?? null)), signal);
     link.on("robot", () => this._log.replaceChildren(), signal);
     for (const event of link.history) this._add(event);
@@ -48,8 +55,24 @@ export class Health {
     this._log.children[LINES]?.remove();
   }
 
+  /** The server compares with a shadow twin only while that is on show. @param {boolean} isOn */
+  _request(isOn) {
+    if (isOn !== this._isShown) this._link.send({ t: "shadow", on: isOn });
+    this._isShown = isOn;
+  }
+
+  /** @param {boolean} isOn @param {RobotState} state */
+  _showIf(isOn, state) {
+    this._request(isOn);
+    if (isOn) this._show(state);
+  }
+
   /** @param {RobotState} state */
   _show(state) {
+    const texts = state.shadow?.drifts.map(({ text }) => text) ?? [];
+    if (texts.join() !== [...this._drifts.children].map((each) => each.textContent).join()) {
+      this._drifts.replaceChildren(...texts.map((text) => el("p", text)));
+    }
     const suspect = called(state.status.consistency.suspect);
     const tables = Object.entries(sections(this._link, state));
     const keys = tables.flatMap(([title, rows]) =>
@@ -64,7 +87,8 @@ export class Health {
         const cell = known(this._cells.get(`${title} ${name}`) ?? null);
         setText(cell, value);
         const isAccused = name === "suspect" || name.startsWith(`· ${suspect} `);
-        const isMarked = title === "Consistency" && suspect !== "none" && isAccused;
+        const isOutside = title === SHADOW && value.endsWith(OUTSIDE);
+        const isMarked = isOutside || (title === "Consistency" && suspect !== "none" && isAccused);
         cell.parentElement?.toggleAttribute("data-suspect", isMarked);
       }
     }
@@ -82,7 +106,7 @@ export class Health {
 }
 
 /** @type {(link: Link, state: RobotState) => Sections} */
-function sections(link, { status, age_ms: age, robot_ms: robot }) {
+function sections(link, { status, age_ms: age, robot_ms: robot, shadow }) {
   const { loop, command, lease, limits, consistency, pose_sensor: poses, learned } = status;
   const explained = Object.entries(consistency.explained).map(([name, level]) => [
     `· ${called(name)} explains`,
@@ -95,6 +119,7 @@ function sections(link, { status, age_ms: age, robot_ms: robot }) {
       evidence: times(consistency.level),
       ...Object.fromEntries(explained),
     },
+    ...(shadow ? { [SHADOW]: compared(shadow) } : {}),
     Loop: {
       rate: `${fixed(loop.hz, 1)} Hz`,
       "jitter p99": `${fixed(loop.jitter_p99_ms, 2)} ms`,
@@ -132,6 +157,33 @@ function sections(link, { status, age_ms: age, robot_ms: robot }) {
 function called(name) {
   const [, first, rest, number] = /^(.)(.*?)(\d+)$/.exec(name ?? "") ?? [];
   return number === undefined ? (name ?? "none") : `${first.toUpperCase()}${rest} ${number}`;
+}
+
+/**
+ * Rows of the comparison with the shadow twin; a value outside of its band says so.
+ * @param {ShadowReport} shadow
+ */
+function compared({ compared_s: seconds, joints, pose, note }) {
+  const rows = joints.map(({ name, unit, measured, simulated, band, inside }) => [
+    name.replaceAll("_", " "),
+    measured === null ? "not measured" : within(measured - simulated, band, unit, inside),
+  ]);
+  const motion = pose?.names.map((name, i) => {
+    const inside = Math.abs(pose.difference[i]) <= pose.band[i];
+    return [`motion ${name}`, within(pose.difference[i], pose.band[i], pose.units[i], inside)];
+  });
+  return {
+    ...Object.fromEntries([...rows, ...(motion ?? [])]),
+    "compared for": `${fixed(seconds, 0)} s`,
+    ...(note ? { note } : {}),
+  };
+}
+
+/** @param {number} difference @param {number} band @param {string} unit @param {boolean} inside */
+function within(difference, band, unit, inside) {
+  const decimals = unit === "°" ? 2 : 0;
+  const text = `${fixed(difference, decimals)} of ±${fixed(band, decimals)} ${unit}`;
+  return inside ? text : `${text}, ${OUTSIDE}`;
 }
 
 /** How much more than noise would ever be. @param {number} level */
@@ -192,12 +244,20 @@ function milliseconds(seconds) {
  * @returns {Sections}
  */
 function tables(title, facts) {
-  const rows = Object.entries(facts).map(([name, value]) => [name.replaceAll("_", " "), value]);
+  const spaced = (/** @type {string} */ name) => name.replaceAll("_", " ");
+  const rows = Object.entries(facts);
+  const figures = rows
+    .filter(([, value]) => !isGroup(value))
+    .map(([name, value]) => {
+      const { quantity, unit = "" } = quantityOf(name);
+      return [spaced(quantity), `${written(value)} ${unit}`.trimEnd()];
+    });
   const groups = rows.filter(([, value]) => isGroup(value));
-  const figures = rows.filter(([, value]) => !isGroup(value));
   return Object.assign(
-    { [title]: Object.fromEntries(figures.map(([name, value]) => [name, written(value)])) },
-    ...groups.map(([name, value]) => tables(`${title}: ${name}`, /** @type {Hardware} */ (value))),
+    { [title]: Object.fromEntries(figures) },
+    ...groups.map(([name, value]) =>
+      tables(`${title}: ${spaced(name)}`, /** @type {Hardware} */ (value)),
+    ),
   );
 }
 

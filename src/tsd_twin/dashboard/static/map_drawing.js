@@ -115,6 +115,7 @@ function drawNames(pen, view, { names, ink, robots, shown }) {
       ...circleOf(view, robot),
       width: pen.measureText(texts[i]).width,
     })),
+    [view.box.left, view.box.left + view.box.width],
   );
   pen.textAlign = "center";
   for (const [i, [x, y]] of places.entries()) {

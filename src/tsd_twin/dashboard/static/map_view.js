@@ -85,10 +85,12 @@ const LABEL_PX = 16; // Height of a name with its gap.
 /**
  * Return where the names of robots are centred on the base of their letters, in pixels: below,
  * above, right or left of their circles, none on another name, and on no circle if there is room.
+ * A name is not cut at the edges, from `low` to `high`, when its robot is between them.
  * @param {{ at: [number, number], radius: number, width: number }[]} robots
+ * @param {[number, number]} edges
  * @returns {[number, number][]}
  */
-export function labelPlaces(robots) {
+export function labelPlaces(robots, [low, high] = [-Infinity, Infinity]) {
   /** @type {{ left: number, right: number, top: number, bottom: number }[]} */
   const taken = [];
   const circles = robots.map(({ at: [x, y], radius }) => ({
@@ -99,14 +101,16 @@ export function labelPlaces(robots) {
   }));
   return robots.map(({ at: [x, y], radius, width }) => {
     const [aside, below] = [radius + LABEL_GAP_PX + width / 2, radius + LABEL_GAP_PX + 10];
+    const isIn = low <= x && x <= high;
+    const middle = isIn ? Math.max(low + width / 2 + 4, Math.min(x, high - width / 2 - 4)) : x;
     /** @type {[number, number][]} */
     const places = [
-      [x, y + below],
-      [x, y - radius - LABEL_GAP_PX],
+      [middle, y + below],
+      [middle, y - radius - LABEL_GAP_PX],
       [x + aside, y + 4],
       [x - aside, y + 4],
       ...robots.map(
-        (_, i) => /** @type {[number, number]} */ ([x, y + below + (i + 1) * LABEL_PX]),
+        (_, i) => /** @type {[number, number]} */ ([middle, y + below + (i + 1) * LABEL_PX]),
       ),
     ];
     const boxOf = (/** @type {[number, number]} */ [right, down]) => ({

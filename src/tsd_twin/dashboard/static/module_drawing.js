@@ -16,7 +16,7 @@ export class ModuleDrawing {
     this._axle = svg("line.axle");
     this._lever = svg("line.lever");
     this._body = svg("path.cap", { d: `M${-RADIUS} 0A${RADIUS} ${RADIUS} 0 0 0 ${RADIUS} 0Z` });
-    this._sense = svg("text.sense", { x: SIDE, y: MIDDLE - RADIUS - 2, "text-anchor": "middle" });
+    this._sense = svg("text.sense", { x: 4, y: 7 }); // Beside the axle.
     this._lean = svg("line.axle", { x1: ABOVE, y1: MIDDLE });
     this._end = svg("circle.end", { r: 3 });
     this._push = svg("line.push", { x1: ABOVE, y1: MIDDLE });

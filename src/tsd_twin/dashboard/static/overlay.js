@@ -9,7 +9,7 @@ import { Joystick, SpeedLevel, StopButton, TurnSlider } from "./dock.js";
 import { Drive } from "./drive.js";
 import { FloorMap } from "./map.js";
 import { FirstSteps } from "./first_steps.js";
-import { noticeOf, sentence } from "./format.js";
+import { isAgain, noticeOf, sentence } from "./format.js";
 import { Gamepad } from "./gamepad.js";
 import { HandOver } from "./handover.js";
 import { KeySheet } from "./key_sheet.js";
@@ -36,6 +36,8 @@ const NARROW_PX = 600; // As in small.css.
 const LEVEL_IN_DOCK_PX = 1060;
 const LEVEL_IN_DOCK_SEVERAL_PX = 1230;
 const TOLD_MS = 1000;
+let toldMs = -Infinity; // When it was last told why a motion has ended.
+let takenMs = -Infinity; // When it was last told that control was taken over.
 // The last ones take away what others show.
 const STYLES = [
   ...["base", "frame", "bar", "buttons", "notices", "card", "dock"],
@@ -132,14 +134,18 @@ const keys = new Keyboard(drive, {
 for (const source of [stick, turn, keys, new Gamepad(drive, stop), sliders, sphereGoTo, waypoints])
   drive.add(source);
 drive.onChange(draw);
-drive.onMessage = (text, isTrue) => notices.say(text, untilLatched(isTrue));
+drive.onMessage = (text, isTrue) => {
+  if (!isAgain(text) || isFirstToTell()) notices.say(text, untilLatched(isTrue));
+};
 link.on(["state", "beat"], draw);
 link.on("event", (event) => {
   if (event.past || !isNotable(event, link.welcome?.operator)) return;
-  // The notice of a page that has stalled has said just now why the robot stops.
-  const isTold = event.kind === "mode" && performance.now() - drive.stalledMs < TOLD_MS;
+  if (event.kind === "lease" && / took control over /.test(event.text))
+    takenMs = performance.now(); // With the reason, so that the loss is not told again.
+  else if (event.kind === "lease" && performance.now() - takenMs < TOLD_MS) return;
+  const text = noticeOf(event, link.state?.you ?? false);
   const isTrue = () => event.kind !== "mode" || !isLatched();
-  if (!isTold) notices.say(noticeOf(event, link.state?.you ?? false), isTrue);
+  if (!isAgain(text) || isFirstToTell()) notices.say(text, isTrue);
 });
 link.on("reply", ({ to, ok, reason }) => {
   if (!ok && to !== "stop") notices.say(sentence(reason || "the request was refused"));
@@ -184,6 +190,14 @@ if (takeMotionNote())
     "This page was loaded again while it drove, so the robot stopped. Take control to go on.",
   );
 link.open();
+
+/** Page, server and robot may all tell why a motion has ended: the first one does. */
+function isFirstToTell() {
+  const nowMs = performance.now();
+  const isFirst = nowMs - toldMs > TOLD_MS;
+  if (isFirst) toldMs = nowMs;
+  return isFirst;
+}
 
 function isLatched() {
   return LATCHED.has(link.state?.status.mode ?? "");

@@ -42,7 +42,7 @@ function notNow(link, request) {
   const reason = notAllowed(link);
   if (reason !== null) return reason;
   if (known(link.state).you) return robotRefusal(link, request);
-  return robotRefusal(link, "without_lease") ?? "You are not in control.";
+  return robotRefusal(link, "without_lease") ?? "Take control first.";
 }
 
 /** @param {Link} link */

@@ -6,7 +6,7 @@ import { decimalsOf } from "./plot_fields.js";
 
 const GUTTER_PX = 42;
 const HEIGHT_PX = 78;
-const AXIS_PX = 22;
+const AXIS_PX = 26;
 const EDGE_PX = 14; // Half of the last time on the axis.
 const GAP_S = 0.3; // A line is not drawn over what was not seen.
 const ROUND = [1, 2, 5, 10];
@@ -95,7 +95,7 @@ export class PlotChart {
         {
           ...axis,
           size: this._isLast ? AXIS_PX : 0,
-          gap: 2,
+          gap: 7, // Below the lowest number of the other axis.
           splits: (_plot, _axis, fromS, toS, stepS) => this._view.splits(fromS, toS, stepS),
           values: (_plot, at) => at.map((s) => (this._isLast ? this._view.timeText(s) : "")),
         },

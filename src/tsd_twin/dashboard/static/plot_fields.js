@@ -91,11 +91,9 @@ function element(robot, path, i, length) {
 function field(robot, path, keys) {
   const [parent, last] = [path.at(-2) ?? "", path[path.length - 1]];
   const base = last.replace(/^set_/, ""); // A set-point is plotted with what is measured.
-  const suffix = suffixOf(base);
-  const quantity =
-    suffix === undefined || suffix === base ? base : base.slice(0, -suffix.length - 1);
+  const { quantity, unit: own } = quantityOf(base);
   const unit =
-    SUFFIXES[suffix ?? suffixOf(parent) ?? ""] ?? UNITS[base] ?? unitInArray(robot, parent, last);
+    own ?? SUFFIXES[suffixOf(parent) ?? ""] ?? UNITS[base] ?? unitInArray(robot, parent, last);
   const isActuator = path.length === 3 && ACTUATORS.has(path[0]);
   const has = (/** @type {string[]} */ ...names) => names.some((name) => path.includes(name));
   return {
@@ -119,6 +117,18 @@ function field(robot, path, keys) {
     if (has("commanded", "setpoint") || last !== base) return "set";
     return has("requested", "truth", "alternative") ? "other" : "measured";
   }
+}
+
+/**
+ * Return the quantity and the unit in the name of a number, such as "battery" and "V" of "battery_v".
+ * @param {string} key
+ * @returns {{ quantity: string, unit: string | undefined }}
+ */
+export function quantityOf(key) {
+  const suffix = suffixOf(key);
+  if (suffix === undefined) return { quantity: key, unit: undefined };
+  const quantity = suffix === key ? key : key.slice(0, -suffix.length - 1);
+  return { quantity, unit: SUFFIXES[suffix] };
 }
 
 /** @param {string} key */

@@ -54,7 +54,7 @@ export class Presets {
       ),
     );
     show();
-    const hint = "Tabs and layers for driving, for learning how it works, or for all there is.";
+    const hint = "Tabs and layers to drive, to learn how it works, or to look for a fault.";
     place.append(
       el(
         "section.settings",

@@ -1,0 +1,163 @@
+"""`tsd-ros`: the robots on the bus as nodes of ROS 2."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import os
+from collections.abc import Callable
+from functools import partial
+
+from tsd_twin import flag_types, program
+from tsd_twin.bus import Bus, Config, as_client, client_config, from_file
+from tsd_twin.errors import TwinError
+from tsd_twin.interop import RosNames
+from tsd_twin.messages import topics
+from tsd_twin.ros import Inputs, MeshServer, OpenPort, ZenohPort, serve_ros
+from tsd_twin.security import Role
+
+OPERATOR = "ros"
+ROUTER = "tcp/127.0.0.1:7447"
+"""Where rmw_zenohd listens."""
+_PATIENCE_S = 3.0
+_LAST_DOMAIN = 232
+
+PARSER = program.parser(
+    "tsd-ros",
+    "Show the robots on the bus to ROS 2 as nodes, and drive them by cmd_vel. No ROS has to be "
+    "installed here.",
+    [
+        "tsd-ros --connect tcp/127.0.0.1:7448     a robot there, and rmw_zenohd at its own port",
+        "tsd-ros                                  ROS nodes join the robot's own port 7447",
+        "tsd-ros --ros-connect tcp/ros-pc:7447    the router of ROS on another computer",
+        "tsd-ros --view-only                      nothing can be driven",
+    ],
+)
+
+
+def serve(args: argparse.Namespace) -> None:
+    """Run until SIGINT or SIGTERM.
+
+    Raises:
+        TwinError: a file, an endpoint or a port cannot be used.
+    """
+    stop = program.stop_event(args)
+    identity = program.certificate(args)
+    name = identity.name if identity is not None else topics.checked(args.operator)
+    may_drive = not args.view_only and (identity is None or identity.role is Role.OPERATOR)
+    only = [topics.checked(robot) for robot in args.robot]
+    domain = domain_of(args)
+    open_port, where, close = ports(args, domain)
+    meshes = args.mesh_uri or MeshServer(args.mesh_host, args.mesh_port)
+
+    def ready() -> None:
+        program.say_ready(f"tsd-ros on {where}, domain {domain}")
+
+    open_bus = partial(program.client_bus, args)
+    try:
+        asyncio.run(
+            serve_ros(
+                open_bus,
+                open_port,
+                meshes,
+                stop,
+                ready,
+                operator=name,
+                may_drive=may_drive,
+                only=only,
+            )
+        )
+    finally:
+        close()
+        if isinstance(meshes, MeshServer):
+            meshes.close()
+
+
+def domain_of(args: argparse.Namespace) -> int:
+    """Return the domain of ROS.
+
+    Raises:
+        TwinError: ROS_DOMAIN_ID is none.
+    """
+    if args.domain is not None:
+        return args.domain
+    text = os.environ.get("ROS_DOMAIN_ID") or "0"
+    if not text.isdecimal() or int(text) > _LAST_DOMAIN:
+        raise TwinError(f"ROS_DOMAIN_ID is '{text}', not a number from 0 to {_LAST_DOMAIN}")
+    return int(text)
+
+
+def ports(args: argparse.Namespace, domain: int) -> tuple[OpenPort, str, Callable[[], None]]:
+    """Return what opens ports, where they are, and what ends them all.
+
+    Raises:
+        TwinError: no router answers.
+    """
+    config = ros_config(args)
+    try:
+        Bus(config).close()
+    except TwinError as error:
+        raise TwinError(
+            f"no router of ROS at {config.where} ({error}): start rmw_zenohd, or name another "
+            "with --ros-connect"
+        ) from error
+
+    def open_port(names: RosNames, inputs: Inputs | None) -> ZenohPort:
+        return ZenohPort(Bus(config), domain, names, inputs)
+
+    return open_port, config.where, lambda: None
+
+
+def ros_config(args: argparse.Namespace) -> Config:
+    """Return the configuration of a session to the router of ROS: a client reaches all nodes."""
+    if args.ros_zenoh_config:
+        return as_client(from_file(args.ros_zenoh_config), _PATIENCE_S)
+    return as_client(client_config([args.ros_connect]), _PATIENCE_S)
+
+
+def main() -> None:
+    """Read the flags and run."""
+    program.add_client_flags(PARSER)
+    program.add_adapter_flags(PARSER, OPERATOR)
+    made = PARSER.add_argument_group("ROS", "docs/ros2.md goes step by step.")
+    made.add_argument(
+        "--rmw", choices=["zenoh"], default="zenoh", help="middleware of ROS; default zenoh"
+    )
+    made.add_argument(
+        "--ros-connect",
+        default=ROUTER,
+        metavar="ENDPOINT",
+        help=f"where the router of ROS (rmw_zenohd) listens; default {ROUTER}",
+    )
+    made.add_argument(
+        "--ros-zenoh-config", metavar="FILE", help="a JSON5 file for that connection, for TLS"
+    )
+    made.add_argument(
+        "--domain",
+        type=flag_types.whole(0, _LAST_DOMAIN),
+        metavar="ID",
+        help="domain of ROS; default ROS_DOMAIN_ID, or 0",
+    )
+    made.add_argument(
+        "--mesh-host",
+        default="127.0.0.1",
+        metavar="HOST",
+        help="address that serves meshes for robot_description over HTTP; default 127.0.0.1",
+    )
+    made.add_argument(
+        "--mesh-port",
+        type=flag_types.PORT,
+        default=0,
+        metavar="PORT",
+        help="its port; default 0, a free one",
+    )
+    made.add_argument(
+        "--mesh-uri",
+        metavar="URI",
+        help="what goes before the names of meshes instead, as package://my_robot/meshes/",
+    )
+    program.run(PARSER, serve)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,453 @@
+"""Experiment `health`: a robot, a recording or many simulated robots beside their shadow twins."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tsd_twin import experiment, flag_types, robots
+from tsd_twin.client.robot import RobotClient, connect
+from tsd_twin.client.simulated import SimulationLink
+from tsd_twin.client.state import RobotState
+from tsd_twin.errors import MessageError, TwinError
+from tsd_twin.experiment import PERCENT_STEPS, Experiment, Output, in_percent_steps
+from tsd_twin.lab import alarms
+from tsd_twin.lab.alarms import TwistAt
+from tsd_twin.lie import SE2, SO3
+from tsd_twin.messages.commands import PoseStamped, encode_pose
+from tsd_twin.messages.ros import BASE, decode_joints, decode_odometry
+from tsd_twin.messages.status import decode_status
+from tsd_twin.messages.topics import STATUS
+from tsd_twin.recording import Recording, open_recording
+from tsd_twin.recording.mcap_file import entries
+from tsd_twin.robots import RobotDescription
+from tsd_twin.shadow import STREAMS, Drift, ShadowFeed, ShadowReport, ShadowTwin
+from tsd_twin.simulation import PLANTS, Camera, CameraNoise, Wear, WornRobot
+
+_REPORT_S = 0.1
+
+
+@dataclass(slots=True)
+class Health:
+    """What a shadow twin has named, and its newest report."""
+
+    report: ShadowReport = field(default_factory=lambda: ShadowReport(0.0))
+    named: list[tuple[float, Drift]] = field(default_factory=list[tuple[float, Drift]])
+    """Each part once, with the time at which it was named first."""
+    compared_s: float = 0.0
+
+    def take(self, report: ShadowReport, t_s: float) -> None:
+        """Take a report of a time."""
+        known = {drift.part for _, drift in self.named}
+        self.named += [(t_s, drift) for drift in report.drifts if drift.part not in known]
+        self.compared_s += max(0.0, report.compared_s - self.report.compared_s)
+        self.report = report
+
+
+def _lines(health: Health, what: str) -> list[str]:
+    """Return what is printed of one robot."""
+    report = health.report
+    lines = [f"{what}, compared for {health.compared_s:.1f} s"]
+    if not report.joints:
+        return [*lines, "no joints: nothing can be compared"]
+    lines += _table(
+        ["joint", "measured", "simulated", "difference", "band", ""],
+        [
+            [
+                joint.name,
+                "-" if joint.measured is None else f"{joint.measured:.2f} {joint.unit}",
+                f"{joint.simulated:.2f} {joint.unit}",
+                "-" if joint.measured is None else f"{joint.measured - joint.simulated:.2f}",
+                f"±{joint.band:.2f}",
+                "not measured" if joint.measured is None else _inside(joint.inside),
+            ]
+            for joint in report.joints
+        ],
+    )
+    if report.pose is not None:
+        pose = report.pose
+        rows = zip(pose.names, pose.units, pose.difference, pose.band, strict=True)
+        lines += [
+            f"motion of the last second, {name}: {value:.1f} {unit} off, ±{band:.1f} allowed"
+            for name, unit, value, band in rows
+        ]
+    lines += [f"{t_s:.1f} s: {drift.text}" for t_s, drift in health.named]
+    if not health.named:
+        lines.append("no part drifts")
+    return [*lines, report.note] if report.note else lines
+
+
+def _inside(inside: bool) -> str:
+    return "inside" if inside else "OUTSIDE"
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return a table in Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return [f"| {' | '.join(line)} |" for line in lines]
+
+
+# A recording.
+
+
+def health_of_recording(path: Path, robot_id: str | None, out: Output) -> list[str]:
+    """Return the health of a robot in a recording.
+
+    Raises:
+        TwinError: it is no recording, or has no such robot or several.
+    """
+    recording = open_recording(path)
+    robot_id = robot_id or _only(recording)
+    text = recording.description(robot_id)
+    robot = robots.parse_description(text, f"description of {robot_id}")
+    feed, health = ShadowFeed(ShadowTwin(robot)), Health()
+    turning = robot.kinematics().pose_type is SO3
+    decoders: dict[str, tuple[str, Callable[[bytes], Any]]] = {
+        topic.key(robot_id): (
+            name,
+            partial(decode_odometry, turning=turning) if name == "odom" else decode_joints,
+        )
+        for name, topic in STREAMS.items()
+    }
+    status_key = STATUS.key(robot_id)
+    next_s = 0.0
+
+    def replay() -> Iterator[float]:
+        nonlocal next_s
+        for entry in entries(path, [*decoders, status_key]):
+            t_s = 1e-9 * (entry.log_ns - recording.start_ns)
+            try:
+                if entry.topic == status_key:
+                    feed.status = decode_status(entry.data)
+                else:
+                    name, decode = decoders[entry.topic]
+                    feed.add(name, decode(entry.data), entry.publish_ns)
+            except MessageError:
+                continue
+            if t_s >= next_s:
+                health.take(feed.twin.report(), t_s)
+                next_s = t_s + _REPORT_S
+            yield t_s
+
+    steps = in_percent_steps(replay(), max(recording.duration_s, 1e-9))
+    for _ in out.progress(steps, "comparing", PERCENT_STEPS):
+        pass
+    health.take(feed.twin.report(), recording.duration_s)
+    return _lines(health, f"{robot_id} in {path}")
+
+
+def _only(recording: Recording) -> str:
+    if len(recording.robots) != 1:
+        raise TwinError(
+            f"{', '.join(recording.robots) or 'no robot'} are in {recording.path}: choose with --id"
+        )
+    return recording.robots[0]
+
+
+# A robot on the bus.
+
+
+def health_of_robot(args: argparse.Namespace, out: Output) -> list[str]:
+    """Return the health of a robot on the bus, after `--seconds`.
+
+    Raises:
+        TwinError: no robot answers, or several.
+    """
+    with connect(args.connect, robot=args.id, zenoh_config=args.zenoh_config) as client:
+        twin, health = ShadowTwin(client.link.robot), Health()
+        begin_s = time.monotonic()
+
+        def watch() -> Iterator[float]:
+            next_s = 0.0
+            for state in client.states(args.seconds):
+                _feed(twin, state)
+                t_s = time.monotonic() - begin_s
+                if t_s >= next_s:
+                    health.take(twin.report(), t_s)
+                    next_s = t_s + _REPORT_S
+                yield t_s
+
+        steps = in_percent_steps(watch(), args.seconds)
+        for _ in out.progress(steps, "comparing, drive it", PERCENT_STEPS):
+            pass
+        health.take(twin.report(), time.monotonic() - begin_s)
+        return _lines(health, f"{client.link.id} on the bus")
+
+
+def _feed(twin: ShadowTwin, state: RobotState) -> None:
+    stamp_ns = state.joints.stamp_ns
+    twin.advance(stamp_ns, state.joints, state.setpoint, state.odom.message, state.status)
+
+
+# Simulated robots.
+
+
+def _arc(random: np.random.Generator) -> TwistAt:
+    """Drive with one twist all the time: an arc at 80 % of the top speed."""
+    angle, side = random.uniform(0.0, 2.0 * np.pi), random.choice([-1.0, 1.0])
+    vx, vy = 0.8 * math.cos(angle), 0.8 * math.sin(angle)
+    return lambda _: (vx, vy, 0.6 * side)
+
+
+MANOEUVRES = alarms.MANOEUVRES | {"arc": _arc}
+STAND, MIXED = "stand", "mixed"
+_TURN_S = 30.0
+"""Time of each manoeuvre, where they are mixed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A simulated robot that drives beside its shadow twin."""
+
+    robot: str
+    plant: str
+    errors: float
+    seed: int
+    manoeuvre: str
+    seconds: float
+    camera: bool = False
+    wear: str = ""
+    """As `tsd-mock --wear` has it; "" leaves it sound."""
+    wear_s: float = 0.0
+    """When the wear begins."""
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """What came of a case."""
+
+    case: Case
+    named: list[tuple[float, Drift]]
+    """Named parts; times since the wear began, or since the start."""
+    compared_s: float
+    processor_share: float
+    """Processor time of the twin over the time that it has compared."""
+
+    @property
+    def found_s(self) -> float:
+        """Time until the worn part was named, infinite if it was not."""
+        part = self.case.wear.partition("=")[0]
+        times = [t_s for t_s, drift in self.named if part in drift.part.split(",") and t_s >= 0.0]
+        return min(times, default=math.inf)
+
+    @property
+    def wrong(self) -> int:
+        """Number of parts that were named and are sound."""
+        part = self.case.wear.partition("=")[0]
+        return sum(part not in drift.part.split(",") or t_s < 0.0 for t_s, drift in self.named)
+
+
+def _twists(case: Case, robot: RobotDescription) -> TwistAt:
+    """Return the twist for each time, at up to the limits of the robot."""
+    random = np.random.default_rng([case.seed, 5])
+    made = {name: make(random) for name, make in MANOEUVRES.items()}
+    scale = robot.kinematics().twist_scale_m
+    top, turn = robot.limits.speed_mps / scale, robot.limits.turn_rate_rad_per_s
+    names = [*made, STAND]
+
+    def twist(t_s: float) -> tuple[float, float, float]:
+        name = names[int(t_s / _TURN_S) % len(names)] if case.manoeuvre == MIXED else case.manoeuvre
+        if name == STAND:
+            return (0.0, 0.0, 0.0)
+        x, y, z = made[name](t_s)
+        return (top * x, top * y, turn * z / 3.0)
+
+    return twist
+
+
+def drive(case: Case) -> Result:
+    """Drive one robot beside its twin."""
+    robot = robots.load_robot(case.robot)
+    simulated = WornRobot(robot, seed=case.seed, noise=1.0, plant=case.plant, errors=case.errors)
+    link = SimulationLink(robot, simulated, None)
+    client = RobotClient(link, "lab")
+    camera = Camera(_camera_noise(robot), np.random.default_rng([case.seed, 7]))
+    twin, health, spent_s = ShadowTwin(robot), Health(), 0.0
+    twist_at = _twists(case, robot)
+    with client, client.control() as control:
+        control.arm()
+        begin_s = client.time_s
+        next_s, worn = 0.0, not case.wear
+        for now_s in control.driving(lambda now_s: twist_at(now_s - begin_s), frame=BASE):
+            t_s = now_s - begin_s
+            if t_s >= case.seconds:
+                break
+            if not worn and t_s >= case.wear_s:
+                simulated.wear(Wear.parse(case.wear, robot))
+                worn = True
+            pose = simulated.truth(now_s).pose
+            if case.camera and isinstance(pose, SE2):
+                for frame in camera.capture(now_s, pose):
+                    seen = PoseStamped.planar(SE2(frame.pose), round(1e9 * frame.taken_s))
+                    link.send_pose(encode_pose(seen))
+            state = link.state()
+            at_s = time.process_time()
+            _feed(twin, state)
+            if t_s >= next_s:
+                health.take(twin.report(), t_s - case.wear_s)
+                next_s = t_s + _REPORT_S
+            spent_s += time.process_time() - at_s
+    return Result(case, health.named, health.compared_s, spent_s / max(health.compared_s, 1e-9))
+
+
+def _camera_noise(robot: RobotDescription) -> CameraNoise:
+    sensor = robot.pose_sensor
+    return CameraNoise(sigma_m=sensor.sigma_m, sigma_rad=math.radians(sensor.sigma_deg))
+
+
+def _simulations(args: argparse.Namespace, out: Output) -> list[str]:
+    camera = bool(args.camera)
+    seeds = range(args.seed, args.seed + args.seeds)
+    manoeuvres = [MIXED] if not args.wear else list(MANOEUVRES)
+    cases = [
+        Case(
+            args.robot,
+            args.plant,
+            errors,
+            seed,
+            manoeuvre,
+            args.seconds,
+            camera,
+            wear,
+            0.5 * args.seconds if wear else 0.0,
+        )
+        for errors in args.errors
+        for wear in args.wear or [""]
+        for manoeuvre in manoeuvres
+        for seed in seeds
+    ]
+    for wear in args.wear:
+        Wear.parse(wear, robots.load_robot(args.robot))
+    results = experiment.run_cases(drive, cases, args.jobs, out)
+    out.table(
+        "health",
+        {
+            "robot": [each.case.robot for each in results],
+            "plant": [each.case.plant for each in results],
+            "errors": [each.case.errors for each in results],
+            "seed": [float(each.case.seed) for each in results],
+            "manoeuvre": [each.case.manoeuvre for each in results],
+            "wear": [each.case.wear or "none" for each in results],
+            "compared_s": [each.compared_s for each in results],
+            "found_after_s": [each.found_s for each in results],
+            "wrong_names": [float(each.wrong) for each in results],
+            "processor_share": [each.processor_share for each in results],
+        },
+    )
+    rows: list[list[str]] = []
+    groups = dict.fromkeys(
+        (each.case.errors, each.case.wear, each.case.manoeuvre) for each in results
+    )
+    for errors, wear, manoeuvre in groups:
+        same = [
+            each
+            for each in results
+            if (each.case.errors, each.case.wear, each.case.manoeuvre) == (errors, wear, manoeuvre)
+        ]
+        rows.append(
+            [
+                args.robot + (", camera" if camera else ""),
+                args.plant,
+                f"{errors:g}",
+                manoeuvre,
+                wear or "none",
+                f"{sum(each.compared_s for each in same) / 60.0:.0f} min",
+                _times(same) if wear else "-",
+                f"{sum(each.wrong for each in same)}",
+                f"{100.0 * max(each.processor_share for each in same):.1f} %",
+            ]
+        )
+    said = [
+        f"errors {each.case.errors:g}, seed {each.case.seed}, {each.case.manoeuvre}: {drift.text}"
+        for each in results
+        for t_s, drift in each.named
+        if not each.case.wear or each.case.wear.partition("=")[0] not in drift.part or t_s < 0.0
+    ]
+    head = [
+        *("robot", "plant", "errors", "manoeuvre", "wear", "compared"),
+        *("named after median / p95 / worst", "wrong names", "processor"),
+    ]
+    return [*_table(head, rows), *said]
+
+
+def _times(results: Sequence[Result]) -> str:
+    found = sorted(each.found_s for each in results)
+    shown = [found[len(found) // 2], found[math.ceil(0.95 * len(found)) - 1], found[-1]]
+    return " / ".join("never" if math.isinf(one) else f"{one:.1f} s" for one in shown)
+
+
+def run(args: argparse.Namespace, out: Output) -> list[str]:
+    """What differs between a robot and its shadow twin: of a recording, a live or simulated robots.
+
+    Raises:
+        TwinError: there is no such recording or robot, or several and none was chosen.
+    """
+    if args.log is not None:
+        return health_of_recording(args.log, args.id, out)
+    if args.live:
+        return health_of_robot(args, out)
+    return _simulations(args, out)
+
+
+def _flags(parser: argparse.ArgumentParser) -> None:
+    source = parser.add_mutually_exclusive_group()
+    source.add_argument("--log", type=Path, metavar="FILE", help="a recording of tsd-record")
+    source.add_argument("--live", action="store_true", help="a robot on the bus, while it drives")
+    parser.add_argument("--id", help="robot in the recording or on the bus, if there are several")
+    parser.add_argument(
+        "--connect",
+        action="append",
+        metavar="ENDPOINT",
+        help="where the robot listens, with --live",
+    )
+    parser.add_argument("--zenoh-config", metavar="FILE", help="a JSON5 file, with --live")
+    parser.add_argument(
+        "--seconds",
+        type=flag_types.number(5.0),
+        default=60.0,
+        help="time with --live, and of each simulated robot; default 60",
+    )
+    parser.add_argument("--plant", choices=PLANTS, default="kinematic", help="default kinematic")
+    parser.add_argument(
+        "--errors",
+        type=flag_types.SCALE,
+        nargs="+",
+        default=[0.0, 1.0],
+        metavar="SCALE",
+        help="times [errors] of simulated robots; default 0 1",
+    )
+    parser.add_argument("--camera", action="store_true", help="simulated robots have a camera")
+    parser.add_argument(
+        "--wear",
+        action="append",
+        default=[],
+        metavar="PART=-SIZE",
+        help="let a part of simulated robots wear half-way, as tsd-mock --wear; may be repeated",
+    )
+    parser.add_argument(
+        "--seeds", type=flag_types.whole(1), default=1, help="robots of each row; default 1"
+    )
+    experiment.add_jobs_flag(parser)
+
+
+EXPERIMENT = Experiment(
+    "health",
+    run,
+    [
+        "tsd-lab health --log run.mcap                     a recording",
+        "tsd-lab health --live --seconds 30                a robot on the bus",
+        "tsd-lab health --seconds 1800                     sound robots for half an hour",
+        "tsd-lab health --wear module2_alpha=-30% --seeds 8",
+    ],
+    robot="tsd",
+    seed_of="the first simulated robot of a row",
+    add_own_flags=_flags,
+)

@@ -1,0 +1,452 @@
+"""Shadow twin: simulated robots on the set-points of a real one, and what differs between them.
+
+A bank of simulated robots follows the same set-points: one as described, and each of the others
+with one fault. Where the real robot differs from the first one as one of the others does, a
+sequential test (CUSUM of log-likelihood ratios, Page 1954) gathers evidence for that fault.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from tsd_twin.kinematics import JointKind
+from tsd_twin.lie import SE2, SO3, Array
+from tsd_twin.messages.ros import JointState, Odometry
+from tsd_twin.messages.status import Status
+from tsd_twin.messages.topics import JOINTS, ODOM, SETPOINT
+from tsd_twin.robots import RPM, RobotDescription
+from tsd_twin.shadow.drift_tests import (
+    SLOW_SERVO,
+    SLOW_WHEEL,
+    BatteryTest,
+    Drift,
+    ServoTest,
+    WheelTest,
+)
+from tsd_twin.simulation import simulate
+from tsd_twin.simulation.sensors import Simulation
+
+WINDOW_S = 1.0
+"""Length of the sliding window in which the pose is compared: estimates drift over longer ones."""
+
+_GAP_S = 0.25
+"""Longest time between two states; after a longer one the simulated robots begin anew."""
+_WARM_UP_S = 1.0
+"""Time after which the simulated robots have forgotten how they began."""
+_STEP_S = 0.01
+"""Step of the simulation of geared motors: four times its own, and exact enough."""
+_HELD_SHARE = 0.75
+"""Set-points change every 0.01 s and are seen every 0.02 s: weight of the earlier one."""
+
+
+class JointComparison(msgspec.Struct, frozen=True):
+    """Measured and simulated value of a joint, and the band of their difference."""
+
+    name: str
+    unit: str
+    measured: float | None
+    """Null where it is not measured."""
+    simulated: float
+    band: float
+    """Largest difference that the errors of the description explain, to either side."""
+    inside: bool
+
+
+class PoseComparison(msgspec.Struct, frozen=True):
+    """Measured minus simulated motion in the last second, along the axes at its start."""
+
+    names: tuple[str, str, str]
+    units: tuple[str, str, str]
+    difference: tuple[float, float, float]
+    band: tuple[float, float, float]
+    inside: bool
+
+
+class ShadowReport(msgspec.Struct, frozen=True):
+    """Comparison of a robot with its shadow twin at one time."""
+
+    compared_s: float
+    """For how long they have been compared without a gap."""
+    joints: tuple[JointComparison, ...] = ()
+    pose: PoseComparison | None = None
+    """Null until they have been compared for a second."""
+    drifts: tuple[Drift, ...] = ()
+    note: str = ""
+    """What cannot be tested, and why; "" if all can."""
+
+
+_JUMP = 0.05
+"""Metres, or radians, that the pose may be off its twist between two states; more is a jump."""
+_SENSED_S = 2.0
+"""Time after which an estimate follows a pose sensor."""
+_FUSED = 0.45
+"""Standard deviation of a fused pose over that of the sensor."""
+_LAG_SHARE = 0.25
+"""Share of the lag of the motion that the simulation may have wrong."""
+_STEP_SHARE = 0.5
+"""Time from one compared window to the next, as a share of its length: its weight as well."""
+_PER_SECOND = 10.0
+"""Rate at which poses are remembered, and measured wheel speeds are tested."""
+
+
+class ShadowTwin:
+    """Shadow twin of one robot: fed with its messages, it reports what differs.
+
+    No clock and no I/O: the stamps are its time.
+    """
+
+    def __init__(self, robot: RobotDescription) -> None:
+        self._robot = robot
+        kinematics = robot.kinematics()
+        self._kinematics = kinematics
+        self._joints = [joint.name for joint in kinematics.joints]
+        is_angle = np.array([joint.kind is JointKind.POSITION for joint in kinematics.joints])
+        self._is_angle = is_angle
+        self._angles, self._wheels = np.flatnonzero(is_angle), np.flatnonzero(~is_angle)
+        self._planar = kinematics.pose_type is SE2
+        slow = np.ones((1 + (len(self._angles) > 0) + len(self._wheels), len(self._joints)))
+        self._slow_servos = 1 if len(self._angles) else 0
+        slow[self._slow_servos, self._angles] = 1.0 - SLOW_SERVO
+        first = self._slow_servos + 1
+        slow[range(first, len(slow)), self._wheels] = 1.0 - SLOW_WHEEL
+        self._shares, self._slow_wheels = slow, slice(first, None)
+        names = [self._joints[i] for i in self._wheels]
+        self._servo_test = ServoTest(robot, [self._joints[i] for i in self._angles])
+        self._wheel_test = WheelTest(robot, names)
+        self._battery_test = BatteryTest(robot.battery.nominal_v)
+        self._has_gyro = any(joint.name == "gyro" for joint in robot.sensors)
+        errors, gives = robot.joint_errors(), robot.joint_compliance()
+        dead_band_rad = 0.0 if gives is None else gives.dead_band_rad
+        self._gives = gives
+        self._twist = np.zeros(3)
+        self._angle_rad = math.hypot(errors.zero_rad, dead_band_rad / math.sqrt(3.0))
+        self._lag_s = max(errors.slip_lag_s, _LAG_SHARE * robot.lag_s)
+        self._turn_rad_per_s = errors.turn_rad_per_s
+        self._droop_s2_per_m2 = robot.spin_droop_s2_per_m2
+        self._bank: Simulation | None = None
+        self._last_ns = 0
+        self._measured = np.zeros(len(self._joints))
+        self._setpoint = self._rates = self._nominal = self._measured
+        self._compared_s = 0.0
+        self._sensed_s = 0.0
+        self._poses: deque[tuple[float, Any, Any, Any, Array, Array]] = deque()
+        self._rolled: Any = kinematics.pose_type.identity()
+        self._since_block_s = 0.0
+        self._since_sample_s = 0.0
+        self._newest: tuple[Any, Array] | None = None
+
+    def advance(
+        self,
+        stamp_ns: int,
+        joints: JointState,
+        setpoint: JointState,
+        odom: Odometry | None,
+        status: Status | None,
+    ) -> None:
+        """Take the messages of one period of the robot; older ones than the last are ignored.
+
+        `stamp_ns` is the time of the period, best on the robot's monotonic clock.
+        """
+        measured, wanted = self._vector(joints), self._vector(setpoint)
+        if measured is None or wanted is None or not np.isfinite(wanted).all():
+            return
+        dt_s = 1e-9 * (stamp_ns - self._last_ns)
+        if self._bank is not None and -_GAP_S < dt_s <= 0.0:
+            return
+        self._last_ns = stamp_ns
+        goes_on = self._bank is not None and 0.0 < dt_s <= _GAP_S
+        if status is not None:
+            self._take_status(status, dt_s if goes_on else 0.0)
+        if goes_on:
+            self._step(measured, wanted, dt_s)
+        else:
+            self._restart(measured, wanted)
+        if odom is not None and self._bank is not None:
+            self._take_pose(self._bank, odom, dt_s if goes_on else 0.0)
+
+    def report(self) -> ShadowReport:
+        """Return the comparison of now."""
+        if self._bank is None:
+            return ShadowReport(0.0)
+        drifts = (
+            *self._battery_test.drifts(),
+            *self._servo_test.drifts(),
+            *self._wheel_test.drifts(),
+        )
+        return ShadowReport(
+            round(self._compared_s, 2),
+            self._compare_joints(),
+            self._compare_pose(),
+            drifts,
+            self._note,
+        )
+
+    @property
+    def _note(self) -> str:
+        if self._robot.measures_spin or self._has_gyro or self._sensed_s >= _SENSED_S:
+            return ""
+        return (
+            "Wheel speeds are not measured: a slow wheel shows only with a pose sensor or a gyro."
+        )
+
+    def _vector(self, state: JointState) -> Array | None:
+        """Return angles and speeds (n,) in the order of the kinematics; None if one is missing."""
+        place = {name: i for i, name in enumerate(state.names)}
+        if not all(name in place for name in self._joints):
+            return None
+        rows = [place[name] for name in self._joints]
+        return np.where(self._is_angle, state.position_rad[rows], state.velocity_rad_per_s[rows])
+
+    def _take_status(self, status: Status, dt_s: float) -> None:
+        sensor = status.pose_sensor
+        self._sensed_s = self._sensed_s + dt_s if sensor is not None and sensor.hz > 0.0 else 0.0
+        volts = status.hardware.get("battery_v")
+        if not isinstance(volts, float | int) or not 0.0 < volts < 1000.0:
+            return
+        self._since_sample_s += dt_s
+        if self._since_sample_s < 1.0 / 20.0:
+            return
+        self._since_sample_s = 0.0
+        before = self._battery_test.share
+        self._battery_test.add(float(volts))
+        if self._bank is not None and abs(self._battery_test.share - before) > 1e-3:
+            self._bank.set_battery(float(volts))
+
+    def _restart(self, measured: Array, wanted: Array) -> None:
+        """Let the simulated robots begin where the real one is."""
+        bank = simulate(self._robot, (len(self._shares),), step_s=_STEP_S)
+        # Speed controllers pass nothing on until they are armed.
+        bank.command(np.zeros(len(self._joints)))
+        bank.advance(self._robot.arming_hold_s + 1.0)
+        bank.joints[...] = np.where(np.isfinite(measured), measured, wanted)
+        bank.set_battery(self._battery_test.share * self._robot.battery.nominal_v)
+        bank.degrade(self._shares)
+        self._bank, self._setpoint, self._measured = bank, wanted, measured
+        self._nominal, self._rates = bank.joints[0].copy(), np.zeros(len(wanted))
+        self._servo_test.restart(self._nominal[self._angles])
+        self._twist = self._kinematics.forward(self._nominal).twist
+        self._compared_s = self._since_block_s = 0.0
+        self._rolled = self._kinematics.pose_type.identity()
+        self._poses.clear()
+        self._newest = None
+
+    def _step(self, measured: Array, wanted: Array, dt_s: float) -> None:
+        bank = self._bank
+        assert bank is not None  # noqa: S101  The caller has looked.
+        bank.command(_HELD_SHARE * self._setpoint + (1.0 - _HELD_SHARE) * wanted)
+        bank.advance(dt_s)
+        self._setpoint, self._measured = wanted, measured
+        simulated = bank.joints
+        self._rates = (simulated[0] - self._nominal) / dt_s
+        self._nominal = simulated[0].copy()
+        self._compared_s += dt_s
+        if len(self._angles):
+            # Where gimbals give way, they show it: the rest of the motion is that of the wheels.
+            rolling = np.where(self._is_angle & np.isfinite(measured), measured, simulated[0])
+            twist = self._kinematics.forward(rolling, self._rates).twist
+            self._rolled = self._kinematics.integrate(self._rolled, twist, dt_s)
+            self._servo_test.add(
+                measured[self._angles],
+                simulated[0, self._angles],
+                simulated[self._slow_servos, self._angles],
+                self._lean(dt_s),
+                dt_s,
+                warm=self._compared_s > _WARM_UP_S,
+            )
+
+    def _lean(self, dt_s: float) -> Array:
+        """Return by how much the servos (m,) give way to the acceleration of the sound robot."""
+        twist, before = self._kinematics.forward(self._nominal).twist, self._twist
+        self._twist = twist
+        if self._gives is None:
+            return np.zeros(len(self._angles))
+        vx, vy, omega = twist.tolist()
+        over_ground = (twist - before) / dt_s + np.array([-omega * vy, omega * vx, 0.0])
+        lean: Array = self._gives.by_acceleration @ over_ground
+        return lean[self._angles]
+
+    def _speed_noise(self) -> Array:
+        """Standard deviation (k,) of measured wheel speeds, beside errors that are constant."""
+        speeds, rates = self._nominal[self._wheels], self._rates[self._wheels]
+        top = self._wheel_scale
+        lag_rad_per_s = _LAG_SHARE * self._robot.spin_up().up_s * np.abs(rates)
+        return np.sqrt((0.005 * speeds) ** 2 + (0.003 * top) ** 2 + lag_rad_per_s**2)
+
+    @property
+    def _wheel_scale(self) -> float:
+        """Largest wheel speed at the speed limit, rad/s."""
+        scale = self._kinematics.twist_scale_m
+        twist = np.array([self._robot.limits.speed_mps / scale, 0.0, 0.0])
+        return float(np.abs(self._kinematics.inverse(twist)[self._wheels]).max())
+
+    def _test_wheel_speeds(self, bank: Simulation, dt_s: float) -> None:
+        """Compare measured wheel speeds."""
+        speeds = bank.joints[:, self._wheels]
+        measured = self._measured[self._wheels]
+        if np.isfinite(measured).all():
+            per_loss = (speeds[self._slow_wheels] - speeds[0]).T / SLOW_WHEEL
+            noise = np.diag(self._speed_noise() ** 2)
+            self._wheel_test.add(measured - speeds[0], per_loss, noise, 0.3, dt_s)
+
+    def _take_pose(self, bank: Simulation, odom: Odometry, dt_s: float) -> None:
+        """Remember the measured pose and the simulated ones, and test the wheels."""
+        pose: Any = SE2(odom.xy_heading) if self._planar else SO3(np.asarray(odom.wxyz))
+        if self._newest is not None:
+            before, twist = self._newest
+            moved: Array = (before.inverse() @ pose).log()
+            if np.abs(moved - dt_s * twist).max() > _JUMP:
+                self._poses.clear()  # It was set, or found again elsewhere.
+                self._since_block_s = 0.0
+        self._newest = (pose, odom.twist)
+        self._since_block_s += dt_s
+        now_s = self._compared_s
+        if self._poses and now_s - self._poses[-1][0] < 1.0 / _PER_SECOND - 1e-6:
+            return
+        rolled = self._rolled if len(self._angles) else bank.pose
+        twist = self._kinematics.forward(self._nominal).twist
+        self._poses.append((now_s, pose, rolled, bank.pose, self._nominal, twist))
+        while len(self._poses) > 1 and self._poses[1][0] <= now_s - WINDOW_S + 1e-6:
+            self._poses.popleft()
+        if now_s <= _WARM_UP_S:
+            return
+        if self._robot.measures_spin:
+            self._test_wheel_speeds(bank, 1.0 / _PER_SECOND)
+        elif self._since_block_s >= _STEP_SHARE * WINDOW_S and now_s > _WARM_UP_S + WINDOW_S:
+            self._test_motion()
+
+    def _motion(self) -> tuple[Array, Array, Array, float] | None:
+        """Return measured minus simulated motion (3,) in the window, its change per share that a
+        wheel loses (3, k), the covariance of the rest (3, 3), and the length of the window.
+        """
+        if len(self._poses) < 2:
+            return None
+        start_s, was, rolled_was, sim_was, *_ = self._poses[0]
+        end_s, pose, rolled, sim_pose, joints, _ = self._poses[-1]
+        took_s = end_s - start_s
+        measured = (was.inverse() @ pose).log()
+        simulated = (sim_was.inverse() @ sim_pose).log()
+        per_loss = (simulated[self._slow_wheels] - simulated[0]).T / SLOW_WHEEL
+        forward, twists = self._kinematics.forward, np.array([each[-1] for each in self._poses])
+        change = np.abs(np.diff(twists, axis=0)).sum(axis=0)
+        sigma = 0.005 * np.abs(simulated[0]).max() + self._lag_s * change
+        noise = np.diag(sigma**2)
+        # A robot that speeds up takes energy out of its wheels, and may take more from some.
+        changed_m2_per_s2 = np.abs(np.diff(np.square(twists[:, :2]).sum(axis=1))).sum()
+        droop = self._droop_s2_per_m2 * changed_m2_per_s2 * per_loss
+        together = droop.sum(axis=1)
+        noise += droop @ droop.T + np.outer(together, together)
+        noise[2, 2] += (took_s * self._turn_rad_per_s) ** 2
+        if len(self._angles):
+            nudge = 1e-4
+            nudged = joints + nudge * np.eye(len(joints))[self._angles]
+            by_angle = (forward(nudged).twist - forward(joints).twist).T / nudge
+            noise += (took_s * self._angle_rad) ** 2 * by_angle @ by_angle.T
+        sensor = self._robot.pose_sensor
+        if self._planar and self._sensed_s > 0.0:
+            pose_sigma = np.array([sensor.sigma_m, sensor.sigma_m, math.radians(sensor.sigma_deg)])
+            noise += np.diag((_FUSED * pose_sigma) ** 2)
+        noise += np.diag([1e-3**2] * 3)
+        expected = (rolled_was.inverse() @ rolled).log()
+        return measured - (expected if expected.ndim == 1 else expected[0]), per_loss, noise, took_s
+
+    def _test_motion(self) -> None:
+        """Compare the motion in the last window, where something shows it but the joints."""
+        self._since_block_s, motion = 0.0, self._motion()
+        if motion is None or motion[3] < 0.9 * WINDOW_S:
+            return
+        error, per_loss, noise, took_s = motion
+        if self._sensed_s < _SENSED_S + WINDOW_S:
+            if not self._has_gyro:
+                return
+            error, per_loss, noise = error[2:], per_loss[2:], noise[2:, 2:]
+        self._wheel_test.add(error, per_loss, noise, _STEP_SHARE, _STEP_SHARE * took_s)
+
+    def _compare_joints(self) -> tuple[JointComparison, ...]:
+        bands, scale = np.zeros(len(self._joints)), np.full(len(self._joints), 1.0 / RPM)
+        if len(self._angles):
+            bands[self._angles] = self._servo_test.bands(self._rates[self._angles])
+            scale[self._angles] = 180.0 / math.pi
+        share = math.hypot(*(getattr(self._robot.joint_errors(), name) for name in _SHARES))
+        speeds = np.abs(self._nominal[self._wheels])
+        bands[self._wheels] = 3.0 * np.hypot(share * speeds, self._speed_noise())
+        rows: list[JointComparison] = []
+        for i, name in enumerate(self._joints):
+            is_measured = self._is_angle[i] or self._robot.measures_spin
+            measured = float(self._measured[i]) if is_measured else math.nan
+            known = math.isfinite(measured)
+            rows.append(
+                JointComparison(
+                    name,
+                    "°" if self._is_angle[i] else "rpm",
+                    round(measured * float(scale[i]), 3) if known else None,
+                    round(float(self._nominal[i] * scale[i]), 3),
+                    round(float(bands[i] * scale[i]), 3),
+                    not known or bool(abs(measured - self._nominal[i]) <= bands[i]),
+                )
+            )
+        return tuple(rows)
+
+    def _compare_pose(self) -> PoseComparison | None:
+        motion = self._motion()
+        if motion is None or motion[3] < 0.9 * WINDOW_S or self._compared_s < _WARM_UP_S + WINDOW_S:
+            return None
+        error, per_loss, noise, _ = motion
+        spread = per_loss @ self._wheel_test.prior @ per_loss.T + noise
+        band = 3.0 * np.sqrt(np.diag(spread))
+        scale = np.array([1e3, 1e3, 180.0 / math.pi] if self._planar else [180.0 / math.pi] * 3)
+        return PoseComparison(
+            ("ahead", "left", "heading") if self._planar else ("about X", "about Y", "about Z"),
+            ("mm", "mm", "°") if self._planar else ("°", "°", "°"),
+            _triple(scale * error),
+            _triple(scale * band),
+            bool((np.abs(error) <= band).all()),
+        )
+
+
+_SHARES = ("spin_share", "common_spin_share")
+_KEPT = 8
+"""Periods that wait for a message that is still to come."""
+
+
+class ShadowFeed:
+    """Puts the messages of a period together, which come one by one, and hands them to a twin.
+
+    Set-points between two periods of the other streams, and periods that lack a message, are left
+    out.
+    """
+
+    def __init__(self, twin: ShadowTwin) -> None:
+        self.twin = twin
+        self.status: Status | None = None
+        """Newest status."""
+        self._waiting: dict[int, dict[str, Any]] = {}
+
+    def add(self, stream: str, message: Any, robot_ns: int) -> None:
+        """Take a `JointState` of `joints` or `setpoint`, or an `Odometry` of `odom`.
+
+        `robot_ns` is the robot's monotonic clock when it was sent: equal for those of a period.
+        """
+        parts = self._waiting.setdefault(robot_ns, {})
+        parts[stream] = message
+        if len(parts) == len(STREAMS):
+            for each in [each for each in self._waiting if each <= robot_ns]:
+                del self._waiting[each]
+            self.twin.advance(
+                robot_ns, parts["joints"], parts["setpoint"], parts["odom"], self.status
+            )
+        elif len(self._waiting) > 2 * _KEPT:
+            del self._waiting[min(self._waiting)]
+
+
+STREAMS = {"joints": JOINTS, "setpoint": SETPOINT, "odom": ODOM}
+"""Topics that a twin is fed with, beside the status."""
+
+
+def _triple(values: Array) -> tuple[float, float, float]:
+    a, b, c = (round(float(value), 3) for value in values)
+    return a, b, c

@@ -1,0 +1,91 @@
+"""What a shadow twin names of worn robots, and that it names nothing of sound ones.
+
+The seeds are neither those that it was tuned with nor those of the table in the docs.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.support.experiment_runs import run
+from tests.support.recorded_drives import RecordedDrive
+from tsd_twin.errors import TwinError
+from tsd_twin.lab.health import Case, drive
+from tsd_twin.recording.mcap_file import RecordingFile
+
+WITHIN_S = 5.0
+
+
+@pytest.mark.parametrize(
+    ("robot", "plant", "errors", "camera", "wear"),
+    [
+        ("tsd", "kinematic", 0.0, False, "module2_alpha=-30%"),
+        ("tsd", "kinematic", 1.0, False, "module1_beta=-30%"),
+        ("tsd", "mujoco", 1.0, False, "module3_alpha=-30%"),
+        ("tsd", "kinematic", 0.0, True, "module2_wheel=-5%"),
+        ("tsd", "kinematic", 1.0, False, "battery=-1V"),
+        ("kiwi", "kinematic", 0.0, False, "wheel2=-5%"),
+        ("omni4", "kinematic", 0.0, False, "wheel3=-5%"),
+        ("mecanum", "kinematic", 0.0, False, "wheel1=-5%"),
+        ("atlas", "kinematic", 0.0, False, "wheel2=-5%"),
+    ],
+)
+def test_a_worn_part_is_named_in_time_and_no_other(
+    robot: str, plant: str, errors: float, camera: bool, wear: str
+) -> None:
+    # Steady motions show wheels in the pose; starts and stops show servos, and measured speeds.
+    manoeuvre = "arc" if camera else "full stick"
+    case = Case(robot, plant, errors, 800, manoeuvre, 13.0, camera, wear, 8.0)
+    result = drive(case)
+    assert result.found_s <= WITHIN_S, result.named
+    assert result.wrong == 0, result.named
+
+
+@pytest.mark.parametrize(
+    ("plant", "errors", "manoeuvre"),
+    [
+        ("kinematic", 1.0, "wander"),
+        ("mujoco", 0.0, "straight 1 m/s"),
+        ("mujoco", 1.0, "full stick"),
+        ("mujoco", 1.0, "arc"),
+    ],
+)
+def test_nothing_is_named_of_a_sound_robot(plant: str, errors: float, manoeuvre: str) -> None:
+    result = drive(Case("tsd", plant, errors, 810, manoeuvre, 12.0, camera=True))
+    assert result.named == []
+    assert result.compared_s > 11.0
+
+
+def test_a_recording_says_the_same(tmp_path: Path) -> None:
+    file = RecordingFile(tmp_path / "run.mcap")
+    robot = RecordedDrive(file)
+    pilot = robot.get_ready()
+    for i in range(6):
+        robot.drive(pilot, (0.4 * (i % 2), 0.1, 0.0), 0.5)
+    file.close()
+    lines = run(tmp_path, "health", "--log", str(tmp_path / "run.mcap"))
+    assert len([line for line in lines if line.startswith("| module")]) == 9
+    assert "OUTSIDE" not in "".join(lines)
+    assert "no part drifts" in lines
+    assert any("heading" in line for line in lines)
+
+
+def test_the_experiment_prints_a_row_for_each_kind_of_robot(tmp_path: Path) -> None:
+    flags = ["--seconds", "5", "--errors", "0", "--jobs", "1"]
+    lines = run(tmp_path, "health", "--robot", "kiwi", *flags)
+    assert len([line for line in lines if line.startswith("| kiwi | kinematic | 0 |")]) == 1
+    assert "found_after_s,wrong_names" in (tmp_path / "health.csv").read_text()
+
+
+@pytest.mark.parametrize(
+    ("flags", "words"),
+    [
+        (["--wear", "wheel2=-5%"], "no joint of tsd"),
+        (["--log", "nope.mcap"], "nope.mcap"),
+    ],
+)
+def test_a_mistake_is_one_sentence(tmp_path: Path, flags: list[str], words: str) -> None:
+    with pytest.raises(TwinError, match=words):
+        run(tmp_path, "health", *flags)
