@@ -65,8 +65,8 @@ VENDOR := src/tsd_twin/dashboard/static/vendor
 firmware: avr ## Build the firmware of the controller board
 	@$(MAKE) --no-print-directory -C firmware
 
-mutants: .venv/.dev avr ## Change the firmware by operators; each change has to break a rule. FILES=safety.c is one part
-	OMP_NUM_THREADS=1 nice -n 15 $(BIN)/python -m tests.support.firmware_mutation $(FILES)
+mutants: .venv/.dev avr ## Change the firmware by operators; each change has to break a rule; ARGS=safety.c is one part
+	OMP_NUM_THREADS=1 nice -n 19 $(BIN)/python -m tests.support.firmware_mutation $(ARGS)
 
 robot-in-a-box: .venv/.run avr ## Run the firmware in real time behind a port, for tsd-bridge
 	$(BIN)/python -m firmware.simulator $(ARGS)

@@ -22,7 +22,7 @@ static uint16_t beat_age_ms;
 // Zero throttle at speed controllers with power, since they got it and since the last source left.
 static uint16_t zero_throttle_ms;
 static uint16_t rest_ms;  // Since the last throttle, or the start.
-static bool manual_before = true;
+static bool manual_before;
 
 void safety_start(void) {
   table.reset_cause = watchdog_reset_cause();
@@ -105,7 +105,6 @@ static void give_to(board_code_t mode) {
 // Takes the block over; only then it counts.
 static void take(const control_table_t *wanted) {
   table.heartbeat = wanted->heartbeat;
-  table.arm = wanted->arm;
   table.torque = wanted->torque;
   memcpy(table.throttle, wanted->throttle, sizeof table.throttle);
   memcpy(table.goal, wanted->goal, sizeof table.goal);
@@ -113,7 +112,6 @@ static void take(const control_table_t *wanted) {
 }
 
 static void ask_to_arm(bool edge, bool beat) {
-  table.arm = 0;
   if (edge && beat) {
     table.refusal = refusal_to_pc();
     if (!table.refusal) {

@@ -37,7 +37,6 @@ answer_t table_write(uint16_t address, const uint8_t *data, uint16_t length) {
   static control_table_t wanted;
   bool setup = inside(address, length, CT_SETUP, CT_SETUP_SIZE);
   bool command = inside(address, length, CT_COMMAND, CT_COMMAND_SIZE);
-  if (length == 0) return ANSWER_LENGTH;
   if (!setup && !command) return ANSWER_ACCESS;
   if (command && length != CT_COMMAND_SIZE) return ANSWER_LENGTH;
   if (setup && length != CT_SETUP_SIZE) return ANSWER_LENGTH;

@@ -37,7 +37,7 @@ typedef struct {
   bool wanted, wanted_before;
 } pulse_t;
 
-enum { TICK, HOST_IN, HOST_OUT, BUS_IN, BUS_OUT, RECEIVER, RISE, FALL, WATCHDOG = FALL + CT_ESCS, EVENTS };
+enum { TICK, HOST_IN, HOST_OUT, BUS_IN, BUS_OUT, RECEIVER, RISE, FALL, WATCHDOG = FALL + CT_ESCS, FREE, EVENTS };
 
 static struct {
   uint64_t now, clock_start, due[EVENTS];
@@ -46,7 +46,7 @@ static struct {
   queue_t to_board, to_host, to_bus;
   // The line to the PC.
   uint8_t host_byte;
-  bool host_sending, overrun;
+  bool host_on, host_sending, overrun;
   uint64_t host_free;
   const uint8_t *awaited;
   uint32_t awaited_length;
@@ -71,6 +71,7 @@ static struct {
   uint64_t conversion_ends, storing_ends;
   uint8_t eeprom[EEPROM_SIZE];
   uint8_t cause;
+  bool light_on, light;
 } board;
 
 extern control_table_t table;
@@ -121,7 +122,7 @@ void hal_sleep(void) { board.awake = false; }
 void hal_wake(void) { board.awake = true; }
 
 // The line to the PC.
-void hal_host_start(void) {}
+void hal_host_start(void) { board.host_on = true; }
 
 uint8_t hal_host_flags(void) {
   uint8_t flags = board.overrun ? HAL_OVERRUN : 0x20;  // A bit that says nothing about errors.
@@ -154,7 +155,7 @@ static void host_in(void) {
     return;
   }
   board.due[HOST_IN] = board.now + HOST_BYTE;
-  if (runs()) hal_interrupt_host_byte();
+  if (board.host_on && runs()) hal_interrupt_host_byte();
 }
 
 static void host_out(void) {
@@ -323,13 +324,14 @@ uint8_t hal_reset_cause(void) {
   return cause;
 }
 
-void hal_light_start(void) {}
-void hal_light(bool on) { (void)on; }
+void hal_light_start(void) { board.light_on = true; }
+void hal_light(bool on) { board.light = board.light_on && on; }
 
 // Lets go of all pins.
 static void stop(void) {
   for (int i = 0; i < EVENTS; i++) board.due[i] = NEVER;
-  board.interrupts = board.hung = board.host_sending = false;
+  board.interrupts = board.hung = board.host_on = board.host_sending = false;
+  board.light_on = board.light = false;
   board.driving = board.arriving = board.rc_high = board.rc_listening = false;
   board.request_length = 0;
   board.to_board.tail = board.to_board.head;
@@ -379,6 +381,9 @@ static void happen(int event) {
     case WATCHDOG:
       start(HAL_CAUSE_WATCHDOG);
       break;
+    case FREE:
+      board.due[FREE] = NEVER;
+      break;
     default:
       fall((uint8_t)(event - FALL));
   }
@@ -389,7 +394,7 @@ bool board_run(void *it, uint64_t cycle) {
   (void)it;
   board.answered = false;
   while (!board.answered) {
-    while (!board.off && !board.hung && board.awake) main_turn();
+    while (!board.off && !board.hung && board.awake && board.due[FREE] == NEVER) main_turn();
     int next = 0;
     for (int i = 1; i < EVENTS; i++) {
       if (board.due[i] < board.due[next]) next = i;
@@ -436,6 +441,7 @@ void board_on(void *it, uint8_t cause, bool lose_memory) {
 void board_reset(void *it, bool power) { board_on(it, power ? HAL_CAUSE_POWER : 2, power); }
 void board_hang(void *it) { (void)it, board.hung = true; }
 void board_overrun(void *it) { (void)it, board.overrun = true; }
+void board_busy(void *it, uint32_t us) { (void)it, board.due[FREE] = board.now + US(us); }
 void board_stop_tick(void *it) { (void)it, board.due[TICK] = NEVER; }
 
 void board_send(void *it, const uint8_t *bytes, uint32_t count) {
@@ -507,6 +513,8 @@ void board_set_adc(void *it, uint32_t channel, uint32_t millivolts) {
   (void)it;
   board.input_mv[channel] = millivolts;
 }
+
+bool board_light(void *it) { return (void)it, board.light; }
 
 void board_set_supply(void *it, uint32_t millivolts) { (void)it, board.supply_mv = millivolts; }
 

@@ -24,6 +24,9 @@ uint32_t board_resets(void *board);
 void board_hang(void *board);
 void board_stop_tick(void *board);
 
+// The main loop takes so many microseconds for its next turn, in which only interrupts happen.
+void board_busy(void *board, uint32_t us);
+
 // The next byte from the PC comes with the flag of one that was lost before it.
 void board_overrun(void *board);
 
@@ -46,6 +49,9 @@ void board_bus_faults(void *board, uint32_t *counts);
 // Pulses to a speed controller: how many, width of the newest or 0 if they have ceased, widest while
 // disarmed, when the first began; in cycles.
 void board_esc(void *board, uint32_t index, uint64_t *facts);
+
+// Whether the light is on.
+bool board_light(void *board);
 
 // Inputs.
 void board_set_rc(void *board, const uint32_t *us);

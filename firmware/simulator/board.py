@@ -149,6 +149,11 @@ class Board:
         count, width, unarmed, first = facts
         return Pulse(count, width / _US, unarmed / _US, first / HZ)
 
+    @property
+    def light(self) -> bool:
+        """Whether the light on the board is on; without the chip only."""
+        return self._lib.board_light(self._board)
+
     def set_receiver(self, us: Sequence[int]) -> None:
         """Set the widths of the receiver's six channels; 0 is no pulse."""
         self._lib.board_set_rc(self._board, (ctypes.c_uint32 * 6)(*us))
@@ -179,6 +184,10 @@ class Board:
         simavr has too much room for bytes to lose any.
         """
         self._lib.board_overrun(self._board)
+
+    def keep_busy(self, seconds: float) -> None:
+        """Have the main loop take that long for its next turn; without the chip only."""
+        self._lib.board_busy(self._board, round(1e6 * seconds))
 
     def hang(self) -> None:
         """Make the firmware hang with interrupts off, until the next reset."""
@@ -251,5 +260,8 @@ def _library(program: Path) -> ctypes.CDLL:
         getattr(lib, f"board_{name}").argtypes = [pointer, *arguments]
     if program.suffix == ".so":
         lib.board_overrun.argtypes = [pointer]
+        lib.board_busy.argtypes = [pointer, u32]
+        lib.board_light.argtypes = [pointer]
+        lib.board_light.restype = ctypes.c_bool
     lib.board_peek.restype = ctypes.c_uint8
     return lib
