@@ -281,13 +281,12 @@ def test_the_setup_may_be_written_2000_ms_after_the_last_throttle(native_bench: 
     assert (error, after) == (0, 1999), "the millisecond of the first zero is the first"
 
 
-def test_zero_throttle_once_held_stays_held(native_bench: Bench) -> None:
-    """Longer than sixteen bits count milliseconds; so does the silence of the PC."""
+def test_rest_lasts_longer_than_sixteen_bits_count_milliseconds(native_bench: Bench) -> None:
     pilot = native_bench.pilot().get_ready()
     pilot.simulation.servo_bus.servos.clear()
-    for _ in range(7):
-        pilot.simulation.run(10.0)
-        assert number(pilot, "esc_ready") == 1
+    pilot.simulation.run(66.5 - pilot.simulation.board.now_s)
+    assert number(pilot, "esc_ready") == 1
+    assert pilot.set_up() == 0
 
 
 def test_arm_reads_1_while_the_pc_has_the_robot_and_0_else(native_bench: Bench) -> None:
@@ -412,15 +411,18 @@ def test_a_low_battery_is_not_taken_over_with(native_bench: Bench) -> None:
     assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.BATTERY)
 
 
-def test_servos_hold_under_radio_control(native_bench: Bench) -> None:
+def test_servos_hold_under_radio_control_whatever_the_pc_writes(native_bench: Bench) -> None:
     pilot = native_bench.pilot(receiver=True).get_ready()
+    pilot.simulation.set_switches(manual=True)
+    pilot.simulation.run(0.1)
+    assert pilot.mode() == BoardMode.RC
+    for _ in range(30):
+        pilot.cycle(0, torque=0)
+        assert all(servo.torque for servo in pilot.simulation.servos)
+    pilot.simulation.set_switches()
     for _ in range(30):
         pilot.cycle(0, torque=0)
     assert not any(servo.torque for servo in pilot.simulation.servos)
-    pilot.simulation.set_switches(manual=True)
-    pilot.simulation.run(0.3)
-    assert pilot.mode() == BoardMode.RC
-    assert all(servo.torque for servo in pilot.simulation.servos)
 
 
 def test_what_the_board_knows_is_said(native_bench: Bench) -> None:
