@@ -235,9 +235,13 @@ def number(pilot: FirmwareHost, item: str, size: int = 1) -> int:
     return sum(peek(ADDRESS[item] + i) << 8 * i for i in range(size))
 
 
-def ticks_until(pilot: FirmwareHost, item: str, value: int, size: int = 1) -> int:
-    """Milliseconds of the board until an item has a value."""
+def ticks_until(
+    pilot: FirmwareHost, item: str, value: int, size: int = 1, *, after_s: float = 0.0
+) -> int:
+    """Milliseconds of the board until an item has a value, which it has not within `after_s`."""
     start = number(pilot, "millis", 4)
+    pilot.simulation.run(after_s)
+    assert number(pilot, item, size) != value
     while number(pilot, item, size) != value:
         pilot.simulation.run(0.0002)
         assert number(pilot, "millis", 4) - start <= 3000, item
@@ -249,32 +253,31 @@ def test_silence_lasts_500_ms_and_zero_throttle_2000(native_bench: Bench) -> Non
     pilot.simulation.board.send(pilot.command(1, CRUISE))
     while number(pilot, "beat", 2) != pilot.beat:
         pilot.simulation.run(0.0001)
-    assert ticks_until(pilot, "mode", BoardMode.DISARMED) == 500
+    assert ticks_until(pilot, "mode", BoardMode.DISARMED, after_s=0.49) == 500
     assert number(pilot, "esc_ready") == 0
-    assert ticks_until(pilot, "esc_ready", 1) == 2000
+    assert ticks_until(pilot, "esc_ready", 1, after_s=1.99) == 2000
     pilot.simulation.set_contactor(closed=False)
     pilot.simulation.run(0.5)
     pilot.simulation.set_contactor(closed=True)
     ticks_until(pilot, "drive_on", 1)
-    assert ticks_until(pilot, "esc_ready", 1) == 1999, "the one in which it came is the first"
+    took_ms = ticks_until(pilot, "esc_ready", 1, after_s=1.99)
+    assert took_ms == 1999, "the one in which it came is the first"
 
 
 def test_the_setup_may_be_written_2000_ms_after_the_last_throttle(native_bench: Bench) -> None:
     pilot = native_bench.pilot().get_driving()
     pilot.simulation.board.send(pilot.command(0))
-    ticks_until(pilot, "mode", BoardMode.DISARMED)
     ticks_until(pilot, "throttle_out", ZERO[0], 2)
     start = number(pilot, "millis", 4)
     pilot.simulation.run(1.99)
-    pilot.simulation.board.receive()
-    written = write(Setup.ADDRESS, Setup().pack())
-    error = 7
+    error, after = 7, 0
+    ticks_until(pilot, "millis", number(pilot, "millis", 4) + 1, 4)
     while error == 7:
-        ticks_until(pilot, "millis", number(pilot, "millis", 4) + 1, 4)
-        pilot.simulation.board.send(written)
-        pilot.simulation.run(0.0009)
+        pilot.simulation.board.receive()
+        pilot.simulation.board.send(write(Setup.ADDRESS, Setup().pack()))
+        pilot.simulation.run(0.0007)
         after = number(pilot, "millis", 4) - start
-        pilot.simulation.run(0.0005)
+        ticks_until(pilot, "millis", number(pilot, "millis", 4) + 1, 4)
         parsed = protocol2.parse(pilot.simulation.board.receive())
         assert parsed is not None
         error = parsed[2][0]
