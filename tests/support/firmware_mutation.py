@@ -394,7 +394,7 @@ def main() -> int:
     parser.add_argument("--all", action="store_true", help="print all mutants, not the survivors")
     given = parser.parse_args()
     build_native()
-    broke = json.loads(_BROKE.read_text(encoding="utf-8")) if _BROKE.exists() else {}
+    broke: dict[str, str] = json.loads(_BROKE.read_bytes()) if _BROKE.exists() else {}
     with tempfile.TemporaryDirectory() as name:
         referee = Referee(Path(name))
         broken = referee.prepare(TESTS)
