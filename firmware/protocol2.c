@@ -6,9 +6,9 @@
 
 #define TORQUE_ENABLE 64
 #define GOAL_POSITION 116
-#define CURRENT 126  // And velocity (4), position (4).
-#define MOVING 10
-#define VOLTAGE 144  // And temperature.
+#define VELOCITY 128  // And position (4).
+#define CURRENT 126   // And velocity (4), position (4), ..., voltage (2), temperature.
+#define STATE 21
 #define MOST_SPEED 100000
 #define MOST_STEPS 1000000000
 
@@ -66,14 +66,14 @@ static const uint8_t *data(uint8_t size) {
 }
 
 static void report_moving(const uint8_t *data, servo_report_t *report) {
-  report->current = ((int32_t)i16(data) * 860) >> 8;    // 3.36 mA
-  report->velocity = (within(i32(data + 2), MOST_SPEED) * 4002) >> 8;  // 0.229 turns a minute
-  report->position = within(i32(data + 6), MOST_STEPS);
+  report->velocity = (within(i32(data), MOST_SPEED) * 4002) >> 8;  // 0.229 turns a minute
+  report->position = within(i32(data + 4), MOST_STEPS);
 }
 
 static void report_state(const uint8_t *data, servo_report_t *report) {
-  report->voltage = data[0];
-  report->temperature = data[2];
+  report->current = ((int32_t)i16(data) * 860) >> 8;  // 3.36 mA
+  report->voltage = data[18];
+  report->temperature = data[20];
 }
 
 static void listen(void) { decoder_clear(&decoder); }
@@ -98,8 +98,8 @@ const protocol_t PROTOCOL_2 = {
     .report_moving = report_moving,
     .report_state = report_state,
     .listen = listen,
-    .moving = {CURRENT, MOVING},
-    .state = {VOLTAGE, 3},
+    .moving = {VELOCITY, 8},
+    .state = {CURRENT, STATE},
     .torque = {TORQUE_ENABLE, 1},
     .settings = SETTINGS,
     .setting_count = sizeof SETTINGS / sizeof SETTINGS[0],

@@ -10,6 +10,8 @@
 #define ALIVE_MS 50   // As control_table.h says.
 #define GONE_MS 200   // Then it is looked for by ping, in both protocols.
 #define TORQUE_CYCLES 7  // One of them is left for another request, while armed.
+#define LATE_MS 8        // Of a cycle: another request might not end in it.
+#define SHORT_CYCLES 50
 #define TORQUE_MS 150    // Older than two rounds, what a servo said of its torque is not known.
 
 // The longest reply, 48 bytes of 10 bits, after a return delay of 500 us; in half microseconds.
@@ -18,19 +20,20 @@ _Static_assert(SERVO_BAUD >= 250000, "six servos do not fit into a cycle below t
 
 #define ALL ((1 << CT_SERVOS) - 1)
 
+enum { PING, MOVING, STATE, TORQUE, SETTING, TELL };
 enum { GOALS_2, GOALS_1, ASK, EXTRA = ASK + CT_SERVOS, REST };
 
 servo_command_t servo_command;
 
 static uint8_t step = REST;
-static uint8_t cycle_ms, cycles;
+static uint8_t cycle_ms;
 static bool due;
 
 // The request under way.
 static const protocol_t *protocol;
 static uint8_t servo;
 static bool listening;
-static enum { PING, MOVING, STATE, TORQUE, SETTING, TELL } question;
+static uint8_t question;
 static uint16_t listening_since;
 
 static servo_report_t reports[CT_SERVOS];
@@ -38,9 +41,12 @@ static uint8_t age_ms[CT_SERVOS], torque_age_ms[CT_SERVOS];
 static uint8_t to_tell;  // Bit i: servo i has to be told whether to hold.
 static bool told_torque;
 
-// The request beside goals and positions, one in each cycle.
-static uint8_t torque_turn, state_turn, setting_turn, since_other, others;
+// The request beside goals and positions, one in each cycle: which, and to which servo.
+static uint8_t more, more_to, torque_turn, state_turn, setting_turn, since_other, others;
+static bool more_due;
+static uint8_t short_cycles;  // Cycles to come that have no time of their own for it.
 static uint8_t setting[CT_SERVOS];  // Next one to be read.
+static uint8_t probe;  // Next servo to look for, and in which protocol.
 static uint8_t right[CT_SERVOS];    // Settings in a row that were as they must be.
 
 void servos_start(void) {
@@ -79,61 +85,89 @@ static bool put(uint8_t what, uint8_t i, registers_t registers) {
   return send(protocol->read(servo_line_request(), i + 1, registers));
 }
 
-// Asks where a servo is, or for one that is missing whether it is there, in either protocol.
-static bool ask(uint8_t i) {
-  if (table.servo_found & bit(i)) return put(MOVING, i, spoken_by(i)->moving);
-  question = PING;
-  servo = i;
-  protocol = cycles % 2 ? &PROTOCOL_1 : &PROTOCOL_2;
-  return send(protocol->ping(servo_line_request(), i + 1));
-}
-
-// Tells one servo whether to hold.
-static bool tell(void) {
-  for (servo = 0; servo < CT_SERVOS; servo++) {
-    if (!(to_tell & table.servo_found & bit(servo))) continue;
-    question = TELL;
-    protocol = spoken_by(servo);
-    return send(protocol->set_torque(servo_line_request(), servo + 1, servo_command.torque));
-  }
-  return false;
+static uint8_t first(uint8_t mask) {
+  uint8_t i = 0;
+  while (i < CT_SERVOS && !(mask & bit(i))) i++;
+  return i;
 }
 
 // Next of the servos in `mask` after `i`; `i` when it is empty.
 static uint8_t after(uint8_t i, uint8_t mask) {
-  uint8_t found = i;
+  uint8_t next = i;
   do {
-    found = (found + 1) % CT_SERVOS;
-  } while (found != i && !(mask & bit(found)));
-  return found;
+    next = next + 1 < CT_SERVOS ? next + 1 : 0;
+  } while (next != i && !(mask & bit(next)));
+  return next;
 }
 
-static uint8_t unchecked(void) { return table.servo_found & ~table.servo_checked; }
-
-// Settings of servos that were not checked yet come first.
-static bool ask_setting(void) {
-  setting_turn = after(setting_turn, unchecked() ? unchecked() : table.servo_found);
-  const setting_t *of = &spoken_by(setting_turn)->settings[setting[setting_turn]];
-  return put(SETTING, setting_turn, (registers_t){of->address, of->size});
-}
-
-static bool other(void) {
-  if (tell()) return true;
-  others++;
-  if (others % (unchecked() ? 4 : 2)) return ask_setting();
-  state_turn = after(state_turn, table.servo_found);
-  return put(STATE, state_turn, spoken_by(state_turn)->state);
-}
-
-// Whether a servo still holds is asked often while it has to.
-static bool ask_more(void) {
+// Decides about the request beside goals and positions: mostly whether a servo holds. The others
+// are what a servo has to be told, settings, those that were not checked yet first, and state.
+static void choose_more(void) {
+  bool armed = table.mode != BOARD_DISARMED;
+  uint8_t told = to_tell & table.servo_found, unchecked = table.servo_found & ~table.servo_checked;
+  more_due = true;
   since_other++;
-  if (since_other >= (table.mode == BOARD_DISARMED ? 2 : TORQUE_CYCLES)) {
-    since_other = 0;
-    return other();
+  if (since_other < (armed ? TORQUE_CYCLES : 2)) {
+    more = TORQUE;
+    more_to = torque_turn = after(torque_turn, ALL);
+    return;
   }
-  torque_turn = (torque_turn + 1) % CT_SERVOS;
-  return put(TORQUE, torque_turn, spoken_by(torque_turn)->torque);
+  since_other = 0;
+  others++;
+  if (told) {
+    more = TELL;
+    more_to = first(told);
+  } else if (!armed && others % 4) {
+    more = SETTING;
+    more_to = setting_turn = after(setting_turn, unchecked ? unchecked : table.servo_found);
+  } else {
+    more = STATE;
+    more_to = state_turn = after(state_turn, table.servo_found);
+  }
+}
+
+static bool ask_more(void) {
+  const protocol_t *to = spoken_by(more_to);
+  const setting_t *of = &to->settings[setting[more_to]];
+  more_due = false;
+  if (more == TORQUE) return put(TORQUE, more_to, to->torque);
+  if (more == STATE) return put(STATE, more_to, to->state);
+  if (more == SETTING) return put(SETTING, more_to, (registers_t){of->address, of->size});
+  question = TELL;
+  servo = more_to;
+  protocol = to;
+  return send(to->set_torque(servo_line_request(), servo + 1, servo_command.torque));
+}
+
+// After goals and positions, when the cycle has time for it. With servos that answer late it has
+// none at times: for a while the request then takes the place of the position of its servo.
+static bool ask_more_at_last(void) {
+  if (!more_due) return false;
+  if (table.mode != BOARD_DISARMED && cycle_ms >= LATE_MS) {
+    short_cycles = SHORT_CYCLES;
+    return false;
+  }
+  return ask_more();
+}
+
+// The position of a servo that is not asked for it in this cycle, by its velocity.
+static void reckon(uint8_t i) {
+  reports[i].position += reports[i].velocity / (1000 / SERVOS_CYCLE_MS);
+  gimbals_report(i, &reports[i]);
+}
+
+// Asks where a servo is; of those that are missing one in each cycle whether it is there.
+static bool ask(uint8_t i) {
+  if (short_cycles && more_due && i == more_to) {
+    reckon(i);
+    return ask_more();
+  }
+  if (table.servo_found & bit(i)) return put(MOVING, i, spoken_by(i)->moving);
+  if (i != probe / 2) return false;
+  question = PING;
+  servo = i;
+  protocol = probe % 2 ? &PROTOCOL_1 : &PROTOCOL_2;
+  return send(protocol->ping(servo_line_request(), i + 1));
 }
 
 static bool begin(uint8_t now) {
@@ -143,7 +177,7 @@ static bool begin(uint8_t now) {
     case GOALS_1:
       return send_goals(&PROTOCOL_1, ~table.servo_protocol);
     case EXTRA:
-      return ask_more();
+      return ask_more_at_last();
     default:
       return ask(now - ASK);
   }
@@ -156,10 +190,14 @@ static void next(void) {
 }
 
 static void begin_cycle(void) {
+  do {
+    probe = (probe + 1) % (2 * CT_SERVOS);
+  } while (table.servo_found != ALL && (table.servo_found & bit(probe / 2)));
   due = false;
   if (servo_command.torque != told_torque) to_tell = ALL;
   told_torque = servo_command.torque;
-  cycles++;
+  if (short_cycles) short_cycles--;
+  if (!more_due) choose_more();
   step = GOALS_2;
   if (!begin(step)) next();
 }

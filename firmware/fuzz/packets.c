@@ -101,18 +101,18 @@ static void fuzz_servo(const protocol_t *protocol) {
   protocol->listen();
   for (uint32_t i = 0; i < LONGEST; i++) {
     reply_t reply = protocol->receive(draw_byte(), id);
-    if (reply == REPLY_NONE || reply == REPLY_BROKEN) continue;
-    fuzz_answer(protocol, &report);
+    if (reply == REPLY_NONE) continue;
+    if (reply != REPLY_BROKEN) fuzz_answer(protocol, &report);
     protocol->listen();  // As the caller does with each request.
   }
 }
 
 // A whole and right answer with any numbers in it.
 static void fuzz_report(void) {
-  uint8_t out[PACKET_ROOM], parameters[11] = {0};
+  uint8_t out[PACKET_ROOM], parameters[22] = {0};
   servo_report_t report = {0};
   for (uint8_t i = 1; i < sizeof parameters; i++) parameters[i] = draw_byte();
-  uint8_t size = packet_write(out, 1, PACKET_STATUS, parameters, draw(2) ? 11 : 4);
+  uint8_t size = packet_write(out, 1, PACKET_STATUS, parameters, draw(2) ? 9 : 22);
   PROTOCOL_2.listen();
   reply_t reply = REPLY_NONE;
   for (uint8_t i = 0; i < size; i++) reply = PROTOCOL_2.receive(out[i], 1);

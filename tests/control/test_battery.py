@@ -86,8 +86,8 @@ def test_no_voltage_lets_it_drive_faster_than_its_battery_allows(seed: int) -> N
         direction, frame = random.uniform(0.0, 2.0 * math.pi), (BASE, ODOM)[random.integers(2)]
         twist = (2.0 * math.cos(direction), 2.0 * math.sin(direction), random.uniform(-1.0, 1.0))
         rig.drive(pilot, twist, random.uniform(0.1, 1.5), frame)
-    assert rig.slow_periods > 200
-    assert rig.fast_periods > 200
+    assert rig.slow_periods > 100
+    assert rig.fast_periods > 100
 
 
 def test_at_full_speed_it_slows_down_and_stays_slow_until_it_was_disarmed() -> None:
@@ -106,9 +106,7 @@ def test_at_full_speed_it_slows_down_and_stays_slow_until_it_was_disarmed() -> N
     rig.drive(pilot, (1.0, 0.0, 0.0), 0.12 + (1.0 - LOW_MPS) / LIMITS.deceleration_mps2)
     assert rig.twist[0] == pytest.approx(LOW_MPS)
     (event,) = [event for event in rig.controller.take_events() if event.kind == "battery"]
-    assert event.text == (
-        "The battery is low: below 11.2 V. The speed limit is 50 % of the usual."
-    )
+    assert event.text == ("The battery is low: below 11.2 V. The speed limit is 50 % of the usual.")
     assert rig.status().limits.reason == "the battery is low: below 11.2 V"
     rig.battery_v = 12.6
     rig.drive(pilot, (1.0, 0.0, 0.0), 2.0)

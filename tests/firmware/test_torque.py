@@ -32,6 +32,7 @@ def time_to_trip_s(pilot: FirmwareHost, servo: Mx64, phase_s: float) -> float:
         simulation.run(0.001)
         assert simulation.board.now_s - start_s < 1.0, "it goes on"
     took_s = simulation.board.now_s - start_s
+    simulation.run(CYCLE_S)
     simulation.board.receive()
     return took_s
 

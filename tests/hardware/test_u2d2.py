@@ -214,7 +214,9 @@ def test_torque_that_is_lost_while_armed_is_a_fault_within_a_tenth_of_a_second(
             lost_s = time.monotonic()
             it.until(lambda: it.board.commands[-1].arm == 0, AHEAD)
             took_s.append(time.monotonic() - lost_s)
-            assert it.fault.endswith(": no torque: it restarted, or another program switched it off")
+            assert it.fault.endswith(
+                ": no torque: it restarted, or another program switched it off"
+            )
             it.until(lambda named=servo: named.torque, AHEAD)
     # A machine with other work may hold up a cycle or two; the worst is a matter of the processor.
     assert np.median(took_s) < 0.07

@@ -347,18 +347,16 @@ class MegaHardware:
     def _board_fault(self, board: Telemetry, lost: str) -> str:
         if board.mode == BoardMode.RC:
             return "the radio control has the robot"
-        if dead := self._expected & ~board.servo_alive:
-            return f"{self._joints.named(dead)}: no answer"
-        if broken := self._expected & board.servo_fault:
-            return f"{self._joints.named(broken)}: hardware error"
-        if self._expected & 1 << board.wrong_servo >> 1:
-            return self._wrong_setting(board)
-        if limp := self._expected & board.servo_checked & ~board.servo_torque:
-            return f"{self._joints.named(limp)}: {NO_TORQUE}"
+        if servos := self._servo_fault(board):
+            return servos
         if lost:
             return lost
         if unread := self._expected & ~board.servo_checked:
             return f"{self._joints.named(unread)}: the settings have not been read yet"
+        return self._arming_obstacle(board)
+
+    def _arming_obstacle(self, board: Telemetry) -> str:
+        """Reason why the board would not arm, apart from its servos; empty without one."""
         if not board.drive_on:
             return REFUSALS[Refusal.DRIVE]
         if board.mode != BoardMode.ARMED and board.battery_mv < self._arm_mv:
@@ -372,6 +370,18 @@ class MegaHardware:
             return REFUSALS[Refusal.KILL]
         manual = board.rc[RcChannel.MANUAL] > SWITCH_US
         return "the radio control is switched to manual" if manual else ""
+
+    def _servo_fault(self, board: Telemetry) -> str:
+        """Fault of a servo that the board reports; empty without one."""
+        if dead := self._expected & ~board.servo_alive:
+            return f"{self._joints.named(dead)}: no answer"
+        if broken := self._expected & board.servo_fault:
+            return f"{self._joints.named(broken)}: hardware error"
+        if self._expected & 1 << board.wrong_servo >> 1:
+            return self._wrong_setting(board)
+        if limp := self._expected & board.servo_checked & ~board.servo_torque:
+            return f"{self._joints.named(limp)}: {NO_TORQUE}"
+        return ""
 
     def _wrong_setting(self, board: Telemetry) -> str:
         mask = 1 << board.wrong_servo - 1

@@ -369,9 +369,7 @@ class RobotNode:
         if poses := self._poses.take_samples():
             self._controller.add_pose_measurements(poses, now_s, time.time_ns())
         battery_v = self._battery.battery_v(now_s) if self._battery else None
-        setpoint = self._controller.step(
-            now_s, measured, commands, self._fault(now_s), battery_v
-        )
+        setpoint = self._controller.step(now_s, measured, commands, self._fault(now_s), battery_v)
         self._write(setpoint, now_s)
         self._publish(now_s, tick, bool(commands), rate)
         self._input_log.step()
