@@ -7,8 +7,10 @@ import re
 import numpy as np
 import pytest
 
+from firmware.simulator import protocol1, protocol2
 from firmware.simulator.board import FIRMWARE
 from firmware.simulator.mx64 import Mx64
+from firmware.simulator.servo_bus import ServoBusSimulation
 from tests.support.firmware_host import CRUISE, CYCLE_S, Bench, FirmwareHost
 from tsd_twin.dynamixel.control_table import ADDRESS, BoardMode, Trip
 from tsd_twin.hardware.servo_settings import SETTINGS
@@ -74,3 +76,24 @@ def test_the_settings_of_firmware_and_bridge_are_the_same(protocol: int) -> None
     assert rows is not None
     found = [tuple(map(int, row)) for row in re.findall(r"\{(\d+), (\d+), (-?\d+)\}", rows[1])]
     assert found == [(s.address, s.size, s.wanted) for s in SETTINGS[protocol]]
+
+
+@pytest.mark.parametrize("version", [1, 2, (1, 2, 1, 2, 2, 1)], ids=str)
+def test_no_read_covers_a_register_that_the_manual_does_not_list(
+    version: int | tuple[int, ...], native_bench: Bench
+) -> None:
+    pilot = native_bench.pilot(version).get_driving()
+    pilot.drive(1.0)
+    bus = pilot.simulation.servo_bus
+    assert bus.requests > 1000
+    assert not bus.reserved
+
+
+def test_the_simulated_bus_sees_a_read_of_a_reserved_register() -> None:
+    bus = ServoBusSimulation([Mx64(1, 1), Mx64(2, 2)])
+    bus.answer(protocol1.status(1, bytes([34, 10]), 2))  # A read has the form of a status.
+    bus.answer(protocol2.packet(2, protocol2.READ, bytes([126, 0, 21, 0])))
+    assert not bus.reserved
+    bus.answer(protocol1.status(1, bytes([36, 34]), 2))
+    bus.answer(protocol2.packet(2, protocol2.READ, bytes([64, 0, 72, 0])))
+    assert bus.reserved == {(36, 34), (64, 72)}

@@ -93,6 +93,7 @@ def test_servos_are_set_up_once_and_follow_the_set_point(tmp_path: Path) -> None
         it.until(lambda: np.allclose(it.measured[ANGLES], there, atol=2e-3), AHEAD)
         assert not any(it.board.commands[-1].goal), "the board has no servos"
         assert min(it.board.commands[-1].throttle) > 2000
+        assert not it.chain.bus.reserved, "no read covers a reserved register"
         facts = it.io.hardware()
         assert facts["kind"] == "u2d2"
         assert facts["servos"]["voltage_v"] == [12.0] * 6
