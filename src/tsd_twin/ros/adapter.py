@@ -21,7 +21,7 @@ from tsd_twin.interop.fleet import LONGEST_OPERATOR, Fleet, RobotSource, frames_
 from tsd_twin.interop.mapping import CMD_VEL, INITIAL_POSE, RosMessage, RosNames, RosTopic
 from tsd_twin.messages.requests import encode_pose
 from tsd_twin.messages.ros import ODOM
-from tsd_twin.ros.inputs import Arrivals, OnePublisher, Origin, decode_pose_input
+from tsd_twin.ros.inputs import UNTOLD, Arrivals, OnePublisher, Origin, decode_pose_input
 from tsd_twin.ros.meshes import MeshServer
 from tsd_twin.ros.port import OpenPort, RosPort
 
@@ -31,6 +31,7 @@ MOST_WAITING = 64
 """Messages of one robot that wait for the event loop; the oldest are dropped."""
 MOST_CALLS = 16
 """Services of one robot that are under way at once; `stop` is always carried out."""
+SEVERAL = "it has several publishers, and ROS does not say which one: run twist_mux, or end one"
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +132,13 @@ class RosOperator:
         frames, now_s = frames_of(names), time.monotonic()
         if message.frame in frames:
             message = replace(message, frame=frames[message.frame])
+        if received.origin.publisher == UNTOLD:
+            if not message.is_zero:
+                raise MessageError("publishers", SEVERAL)
+            self._driver.on_cmd_vel(message, now_s, sent_after_s)
+            # A zero of one publisher does not release the stick that another one holds.
+            self._driver.machine.on_unread(now_s)
+            return
         if not self._turn.admits(received.origin.publisher, not message.is_zero, now_s):
             if not message.is_zero:
                 self._say("cmd_vel of a second publisher is ignored: only one drives at a time")

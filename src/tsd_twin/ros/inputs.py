@@ -20,6 +20,8 @@ MOST_PUBLISHERS = 64
 """Publishers whose clocks are known at once; the one that was silent longest is forgotten."""
 DRIFT = 1e-3
 """Seconds in a second that two clocks may drift apart."""
+UNTOLD = b""
+"""Publisher of a message where the middleware does not say which one of several it was."""
 _UNIT = 0.01
 """How far the length of a quaternion may be from one."""
 
