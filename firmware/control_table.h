@@ -7,16 +7,16 @@
 #include <stdint.h>
 
 #define CT_MODEL 2014
-#define CT_FW_VERSION 2
+#define CT_FW_VERSION 3
 #define CT_BOARD_ID 200
-#define CT_TABLE_VERSION 2
+#define CT_TABLE_VERSION 3
 #define CT_SERVOS 6
 #define CT_ESCS 3
 #define CT_RC_CHANNELS 6
 #define CT_STICKS 4
 #define CT_ZERO_THROTTLE 2000
 #define CT_FULL_THROTTLE 4000
-#define CT_SIZE 200
+#define CT_SIZE 208
 
 typedef enum {  // Source of the joint commands.
   BOARD_DISARMED = 0,
@@ -34,6 +34,7 @@ typedef enum {  // Why the board last disarmed itself; stays until it is armed a
   TRIP_WATCHDOG = 6,
   TRIP_DRIVE = 7,
   TRIP_BATTERY = 8,
+  TRIP_TORQUE = 9,
 } trip_code_t;
 
 typedef enum {  // Why arming was last refused; 0 once it succeeds.
@@ -49,6 +50,8 @@ typedef enum {  // Why arming was last refused; 0 once it succeeds.
   REFUSAL_DRIVE = 9,
   REFUSAL_BATTERY = 10,
   REFUSAL_RECEIVER = 11,
+  REFUSAL_SETTING = 12,
+  REFUSAL_TORQUE = 13,
 } refusal_code_t;
 
 // Identity of the board, and fixed parameters.
@@ -65,7 +68,7 @@ typedef enum {  // Why arming was last refused; 0 once it succeeds.
 
 // Measurements and states: one READ in each cycle.
 #define CT_TELEMETRY 95
-#define CT_TELEMETRY_SIZE 105
+#define CT_TELEMETRY_SIZE 113
 
 typedef struct __attribute__((packed)) {
   // identity: read only
@@ -114,22 +117,27 @@ typedef struct __attribute__((packed)) {
   uint8_t servo_alive;  // 113: Bit i: servo i answered within the last 50 ms.
   uint8_t servo_protocol;  // 114: Bit i: servo i speaks Protocol 2.0, else 1.0.
   uint8_t servo_fault;  // 115: Bit i: servo i reports a hardware error.
-  uint16_t throttle_out[3];  // 116: Pulse that is put out. [0.5 us]
-  int16_t position[6];  // 122: Gimbals from neutral. [step]
-  int16_t velocity[6];  // 134: Gimbals. [step/s]
-  int16_t current[6];  // 146: Of the servos. [mA]
-  uint8_t voltage[6];  // 158: At the servos. [0.1 V]
-  uint8_t temperature[6];  // 164: Of the servos. [deg C]
-  uint16_t rc[6];  // 170: Pulses of the receiver: forward, left, turn, speed, kill, manual; 0: no pulses. [us]
-  uint16_t battery_mv;  // 182: Of the battery. [mV]
-  uint16_t drive_mv;  // 184: Of the speed controllers, behind the contactor. [mV]
-  uint16_t supply_mv;  // 186: Of the board; the reference of the other two. [mV]
-  uint16_t crc_errors;  // 188: Packets from the PC with a wrong sum.
-  uint16_t rx_errors;  // 190: Bytes from the PC lost, or cut packets given up.
-  uint16_t servo_errors;  // 192: Answers of servos that were missing or wrong.
-  uint16_t overruns;  // 194: Cycles that took longer than 10 ms.
-  uint16_t trips;  // 196: Times that the board disarmed itself since power came.
-  uint16_t resets;  // 198: Resets since power came.
+  uint8_t servo_torque;  // 116: Bit i: servo i said within the last 150 ms that it holds.
+  uint8_t servo_checked;  // 117: Bit i: all settings of servo i are as they must be.
+  uint8_t wrong_servo;  // 118: Id of a servo with a setting that is not, the next two say which; 0: none.
+  uint8_t wrong_register;  // 119: Its address in the table of the servo.
+  uint32_t wrong_value;  // 120: What it is there.
+  uint16_t throttle_out[3];  // 124: Pulse that is put out. [0.5 us]
+  int16_t position[6];  // 130: Gimbals from neutral. [step]
+  int16_t velocity[6];  // 142: Gimbals. [step/s]
+  int16_t current[6];  // 154: Of the servos. [mA]
+  uint8_t voltage[6];  // 166: At the servos. [0.1 V]
+  uint8_t temperature[6];  // 172: Of the servos. [deg C]
+  uint16_t rc[6];  // 178: Pulses of the receiver: forward, left, turn, speed, kill, manual; 0: no pulses. [us]
+  uint16_t battery_mv;  // 190: Of the battery. [mV]
+  uint16_t drive_mv;  // 192: Of the speed controllers, behind the contactor. [mV]
+  uint16_t supply_mv;  // 194: Of the board; the reference of the other two. [mV]
+  uint16_t crc_errors;  // 196: Packets from the PC with a wrong sum.
+  uint16_t rx_errors;  // 198: Bytes from the PC lost, or cut packets given up.
+  uint16_t servo_errors;  // 200: Answers of servos that were missing or wrong.
+  uint16_t overruns;  // 202: Cycles that took longer than 10 ms.
+  uint16_t trips;  // 204: Times that the board disarmed itself since power came.
+  uint16_t resets;  // 206: Resets since power came.
 } control_table_t;
 
 _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
@@ -137,8 +145,8 @@ _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
 // X(name, address, type, count, default): every item.
 #define CT_ITEMS(X) \
   X(model, 0, uint16_t, 1, 2014) \
-  X(fw, 2, uint8_t, 1, 2) \
-  X(table_version, 3, uint8_t, 1, 2) \
+  X(fw, 2, uint8_t, 1, 3) \
+  X(table_version, 3, uint8_t, 1, 3) \
   X(id, 4, uint8_t, 1, 200) \
   X(host_baud, 5, uint32_t, 1, 1000000) \
   X(servo_baud, 9, uint32_t, 1, 1000000) \
@@ -178,22 +186,27 @@ _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
   X(servo_alive, 113, uint8_t, 1, 0) \
   X(servo_protocol, 114, uint8_t, 1, 0) \
   X(servo_fault, 115, uint8_t, 1, 0) \
-  X(throttle_out, 116, uint16_t, 3, 2000) \
-  X(position, 122, int16_t, 6, 0) \
-  X(velocity, 134, int16_t, 6, 0) \
-  X(current, 146, int16_t, 6, 0) \
-  X(voltage, 158, uint8_t, 6, 0) \
-  X(temperature, 164, uint8_t, 6, 0) \
-  X(rc, 170, uint16_t, 6, 0) \
-  X(battery_mv, 182, uint16_t, 1, 0) \
-  X(drive_mv, 184, uint16_t, 1, 0) \
-  X(supply_mv, 186, uint16_t, 1, 0) \
-  X(crc_errors, 188, uint16_t, 1, 0) \
-  X(rx_errors, 190, uint16_t, 1, 0) \
-  X(servo_errors, 192, uint16_t, 1, 0) \
-  X(overruns, 194, uint16_t, 1, 0) \
-  X(trips, 196, uint16_t, 1, 0) \
-  X(resets, 198, uint16_t, 1, 0)
+  X(servo_torque, 116, uint8_t, 1, 0) \
+  X(servo_checked, 117, uint8_t, 1, 0) \
+  X(wrong_servo, 118, uint8_t, 1, 0) \
+  X(wrong_register, 119, uint8_t, 1, 0) \
+  X(wrong_value, 120, uint32_t, 1, 0) \
+  X(throttle_out, 124, uint16_t, 3, 2000) \
+  X(position, 130, int16_t, 6, 0) \
+  X(velocity, 142, int16_t, 6, 0) \
+  X(current, 154, int16_t, 6, 0) \
+  X(voltage, 166, uint8_t, 6, 0) \
+  X(temperature, 172, uint8_t, 6, 0) \
+  X(rc, 178, uint16_t, 6, 0) \
+  X(battery_mv, 190, uint16_t, 1, 0) \
+  X(drive_mv, 192, uint16_t, 1, 0) \
+  X(supply_mv, 194, uint16_t, 1, 0) \
+  X(crc_errors, 196, uint16_t, 1, 0) \
+  X(rx_errors, 198, uint16_t, 1, 0) \
+  X(servo_errors, 200, uint16_t, 1, 0) \
+  X(overruns, 202, uint16_t, 1, 0) \
+  X(trips, 204, uint16_t, 1, 0) \
+  X(resets, 206, uint16_t, 1, 0)
 
 // X(name, address, type, count, least, most): every item that can be written.
 #define CT_WRITABLE(X) \

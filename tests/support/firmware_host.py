@@ -180,6 +180,8 @@ class FirmwareHost:
         faults = self.simulation.board.bus_faults()
         assert widest < 1001.0, f"a pulse of {widest} us in disarmed mode"
         assert faults == (0, 0, 0, 0), "the servo bus was not kept clean"
+        reserved = self.simulation.servo_bus.reserved
+        assert not reserved, f"reads of reserved registers: {reserved}"
 
 
 class Bench:

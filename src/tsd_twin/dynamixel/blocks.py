@@ -18,9 +18,9 @@ class Identity(Packed):
 
     model: int = 2014
     """Kind of board."""
-    fw: int = 2
+    fw: int = 3
     """Version of the firmware, as a ping answers it."""
-    table_version: int = 2
+    table_version: int = 3
     """Version of this table."""
     id: int = 200
     """Id on the wire."""
@@ -101,7 +101,7 @@ class Telemetry(Packed):
     """Measurements and states: one READ in each cycle."""
 
     ADDRESS: ClassVar[int] = 95
-    LAYOUT: ClassVar[Struct] = Struct("<IBBBBH2HBBBBBBB3H6h6h6h6B6B6HHHHHHHHHH")
+    LAYOUT: ClassVar[Struct] = Struct("<IBBBBH2HBBBBBBBBBBBI3H6h6h6h6B6B6HHHHHHHHHH")
 
     millis: int = 0
     """Since the reset [ms]."""
@@ -135,6 +135,16 @@ class Telemetry(Packed):
     """Bit i: servo i speaks Protocol 2.0, else 1.0."""
     servo_fault: int = 0
     """Bit i: servo i reports a hardware error."""
+    servo_torque: int = 0
+    """Bit i: servo i said within the last 150 ms that it holds."""
+    servo_checked: int = 0
+    """Bit i: all settings of servo i are as they must be."""
+    wrong_servo: int = 0
+    """Id of a servo with a setting that is not, the next two say which; 0: none."""
+    wrong_register: int = 0
+    """Its address in the table of the servo."""
+    wrong_value: int = 0
+    """What it is there."""
     throttle_out: tuple[int, ...] = (2000,) * 3
     """Pulse that is put out [0.5 us]."""
     position: tuple[int, ...] = (0,) * 6
