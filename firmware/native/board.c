@@ -62,9 +62,9 @@ static struct {
   uint16_t width[CT_ESCS];
   // The receiver.
   uint32_t rc_us[CT_RC_CHANNELS];
-  uint8_t rc_channel, rc_pins;
-  bool rc_high, rc_listening;
-  uint64_t rc_frame;
+  uint8_t rc_pins;
+  bool rc_listening, rc_parallel;
+  uint64_t rc_frame, rc_rise[CT_RC_CHANNELS], rc_fall[CT_RC_CHANNELS];
   // The converter and the EEPROM.
   uint32_t input_mv[2], supply_mv;
   uint16_t converted;
@@ -261,32 +261,43 @@ static void fall(uint8_t i) {
   if (unarmed && pulse->width > pulse->unarmed_widest) pulse->unarmed_widest = pulse->width;
 }
 
-// The receiver: one pulse after the other.
+// The receiver: one pulse after the other, or all at once.
 void hal_receiver_start(void) { board.rc_listening = true; }
 uint8_t hal_receiver_pins(void) { return board.rc_pins; }
 
-static void set_pin(bool high) {
-  uint8_t mask = (uint8_t)(1 << board.rc_channel);
-  board.rc_high = high;
-  board.rc_pins = (uint8_t)(high ? board.rc_pins | mask : board.rc_pins & ~mask);
-  if (board.rc_listening && runs()) hal_interrupt_receiver();
+static void plan_pulses(void) {
+  uint64_t rise = board.rc_frame;
+  for (int i = 0; i < CT_RC_CHANNELS; i++) {
+    uint64_t width = US(board.rc_us[i]);
+    board.rc_rise[i] = width ? rise : NEVER;
+    board.rc_fall[i] = width ? rise + width : NEVER;
+    if (!board.rc_parallel) rise += width;
+  }
 }
 
 static void step_receiver(void) {
-  if (board.rc_high) {
-    set_pin(false);
-    board.rc_channel++;
-  }
-  while (board.rc_channel < CT_RC_CHANNELS && !board.rc_us[board.rc_channel]) board.rc_channel++;
-  if (board.rc_channel == CT_RC_CHANNELS) {
-    board.rc_channel = 0;
+  uint8_t before = board.rc_pins;
+  if (board.now >= board.rc_frame) {
+    plan_pulses();
     board.rc_frame += PULSE_PERIOD;
-    if (board.rc_frame <= board.now) board.rc_frame = board.now + PULSE_PERIOD;
-    board.due[RECEIVER] = board.rc_frame;
-    return;
   }
-  set_pin(true);
-  board.due[RECEIVER] = board.now + US(board.rc_us[board.rc_channel]);
+  board.due[RECEIVER] = board.rc_frame;
+  for (int i = 0; i < CT_RC_CHANNELS; i++) {
+    bool falls = board.rc_rise[i] == NEVER;
+    uint64_t *due = falls ? &board.rc_fall[i] : &board.rc_rise[i];
+    if (*due <= board.now) {
+      *due = NEVER;
+      board.rc_pins = (uint8_t)(falls ? board.rc_pins & ~(1 << i) : board.rc_pins | 1 << i);
+      due = &board.rc_fall[i];
+    }
+    if (*due < board.due[RECEIVER]) board.due[RECEIVER] = *due;
+  }
+  if (board.rc_pins != before && board.rc_listening && runs()) hal_interrupt_receiver();
+}
+
+static void begin_pulses(uint64_t after) {
+  for (int i = 0; i < CT_RC_CHANNELS; i++) board.rc_rise[i] = board.rc_fall[i] = NEVER;
+  board.due[RECEIVER] = board.rc_frame = board.now + after;
 }
 
 // The converter, the EEPROM, the watchdog, the light.
@@ -330,11 +341,11 @@ void hal_light(bool on) { (void)on; }
 static void stop(void) {
   for (int i = 0; i < EVENTS; i++) board.due[i] = NEVER;
   board.interrupts = board.hung = board.host_sending = false;
-  board.driving = board.arriving = board.rc_high = board.rc_listening = false;
+  board.driving = board.arriving = board.rc_listening = false;
   board.request_length = 0;
   board.to_board.tail = board.to_board.head;
   board.to_bus.tail = board.to_bus.head;
-  board.rc_channel = board.rc_pins = 0;
+  board.rc_pins = 0;
   board.conversion_ends = board.storing_ends = 0;
 }
 
@@ -343,7 +354,7 @@ static void start(uint8_t cause) {
   board.off = false;
   board.cause |= cause;
   board.resets++;
-  board.due[RECEIVER] = board.now + PULSE_PERIOD;
+  begin_pulses(PULSE_PERIOD);
   put(__start_firmware_data, __stop_firmware_data, image, 0);
   put(__start_firmware_bss, __stop_firmware_bss, NULL, 0);
   watchdog_start();
@@ -501,6 +512,12 @@ void board_esc(void *it, uint32_t index, uint64_t *facts) {
 void board_set_rc(void *it, const uint32_t *us) {
   (void)it;
   memcpy(board.rc_us, us, sizeof board.rc_us);
+}
+
+void board_parallel_rc(void *it, uint32_t cycles) {
+  (void)it;
+  board.rc_parallel = true;
+  begin_pulses(cycles);
 }
 
 void board_set_adc(void *it, uint32_t channel, uint32_t millivolts) {
