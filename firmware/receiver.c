@@ -1,56 +1,55 @@
 #include "receiver.h"
 
 #include "hal.h"
+#include "pulses.h"
+#include "sbus.h"
 #include "table.h"
 #include "watchdog.h"
 
 #define LOST_MS 100
 #define SWITCH_US 1500
-#define SHORTEST_US 800
-#define LONGEST_US 2200
 
-static volatile uint16_t width[CT_RC_CHANNELS];  // [0.5 us]
-static volatile uint8_t news;
-static uint8_t age_ms[CT_RC_CHANNELS];
+static uint8_t age_ms[CT_RECEIVER_CHANNELS];
+static uint8_t kind;
 
-HAL_INTERRUPT(receiver) {
-  static uint8_t before;
-  static uint16_t rise[CT_RC_CHANNELS];
-  uint16_t now = hal_half_us();
-  uint8_t pins = hal_receiver_pins(), changed = pins ^ before;
-  before = pins;
-  for (uint8_t i = 0, mask = 1; changed; i++, mask <<= 1, changed >>= 1) {
-    if (!(changed & 1)) continue;
-    if (pins & mask) {
-      rise[i] = now;
-    } else {
-      width[i] = now - rise[i];
-      news |= mask;
-    }
-  }
+static void forget(void) {
+  for (uint8_t i = 0; i < CT_RECEIVER_CHANNELS; i++) age_ms[i] = 255;
 }
 
 void receiver_start(void) {
-  for (uint8_t i = 0; i < CT_RC_CHANNELS; i++) age_ms[i] = 255;
+  forget();
+  sbus_start();
   hal_receiver_start();
 }
 
+// One of another kind has to be heard first.
+static void follow_setup(void) {
+  if (kind == table.receiver_kind) return;
+  kind = table.receiver_kind;
+  forget();
+  hal_receiver_serial(kind == RECEIVER_SBUS);
+}
+
 void receiver_tick(void) {
-  uint16_t widths[CT_RC_CHANNELS];
-  uint8_t fresh = 0;
-  HAL_ATOMIC {
-    fresh = news;
-    news = 0;
-    for (uint8_t i = 0; i < CT_RC_CHANNELS; i++) widths[i] = width[i];
+  uint16_t us[CT_RECEIVER_CHANNELS] = {0};
+  bool no_signal = false;
+  follow_setup();
+  if (kind == RECEIVER_SBUS) {
+    no_signal = sbus_tick(us);
+  } else {
+    pulses_tick(us);
   }
-  for (uint8_t i = 0; i < CT_RC_CHANNELS; i++) {
-    uint16_t us = widths[i] / 2;
+  for (uint8_t i = 0; i < CT_RECEIVER_CHANNELS; i++) {
     if (age_ms[i] < 255) age_ms[i]++;
-    if (fresh & 1 << i && us >= SHORTEST_US && us <= LONGEST_US) {
-      table.rc[i] = us;
+    if (us[i]) {
+      table.channel[i] = us[i];
       age_ms[i] = 0;
     }
-    if (age_ms[i] > LOST_MS) table.rc[i] = 0;
+    if (no_signal || age_ms[i] > LOST_MS) table.channel[i] = 0;
+  }
+  uint32_t map = table.receiver_map;
+  for (uint8_t i = 0; i < CT_RC_CHANNELS; i++, map >>= 4) {
+    table.rc[i] = table.channel[map & 0xf];
     if (table.rc[i]) watchdog_memory.receiver_seen = true;
   }
 }

@@ -13,6 +13,7 @@
 #include "../hal.h"
 #include "../main.h"
 #include "../watchdog.h"
+#include "radio.h"
 
 #define CYCLES_US (F_CPU / 1000000)
 #define US(us) ((uint64_t)(us) * CYCLES_US)
@@ -25,6 +26,7 @@
 #define STORING US(3400)
 #define PULSE_PERIOD MS(20)
 #define HOST_BYTE (10ULL * 8 * (BAUD_REGISTER(HOST_BAUD) + 1))
+#define RADIO_BYTE (12 * US(10))
 #define BUS_BYTE (10ULL * 8 * (BAUD_REGISTER(SERVO_BAUD) + 1))
 
 typedef struct {
@@ -37,7 +39,7 @@ typedef struct {
   bool wanted, wanted_before;
 } pulse_t;
 
-enum { TICK, HOST_IN, HOST_OUT, BUS_IN, BUS_OUT, RECEIVER, RISE, FALL, WATCHDOG = FALL + CT_ESCS, EVENTS };
+enum { TICK, HOST_IN, HOST_OUT, BUS_IN, BUS_OUT, RECEIVER, RADIO_IN, RADIO_FRAMES, RISE, FALL, WATCHDOG = FALL + CT_ESCS, EVENTS };
 
 static struct {
   uint64_t now, clock_start, due[EVENTS];
@@ -63,7 +65,9 @@ static struct {
   // The receiver.
   uint32_t rc_us[CT_RC_CHANNELS];
   uint8_t rc_pins;
-  bool rc_listening, rc_parallel;
+  bool rc_listening, rc_parallel, rc_serial, sbus, radio_arriving;
+  uint8_t sbus_flags, radio_byte, radio_errors;
+  queue_t to_radio;
   uint64_t rc_frame, rc_rise[CT_RC_CHANNELS], rc_fall[CT_RC_CHANNELS];
   // The converter and the EEPROM.
   uint32_t input_mv[2], supply_mv;
@@ -263,12 +267,33 @@ static void fall(uint8_t i) {
 
 // The receiver: one pulse after the other, or all at once.
 void hal_receiver_start(void) { board.rc_listening = true; }
+void hal_receiver_serial(bool on) {
+  board.rc_listening = !on;
+  board.rc_serial = on;
+}
+uint8_t hal_radio_flags(void) { return board.radio_errors; }
+uint8_t hal_radio_receive(void) { return board.radio_byte; }
+
+static void radio_in(void) {
+  if (board.radio_arriving && board.rc_serial && runs()) hal_interrupt_radio_byte();
+  board.radio_arriving = queue_take(&board.to_radio, &board.radio_byte);
+  board.due[RADIO_IN] = board.radio_arriving ? board.now + RADIO_BYTE : NEVER;
+}
+
+static void send_frame(void) {
+  uint8_t frame[RADIO_FRAME];
+  board.due[RADIO_FRAMES] = board.now + US(RADIO_PERIOD_US);
+  if (!board.sbus || !board.rc_us[0]) return;
+  radio_frame(frame, board.rc_us, CT_RC_CHANNELS, board.sbus_flags);
+  board_radio(&board, frame, sizeof frame, 0);
+}
+
 uint8_t hal_receiver_pins(void) { return board.rc_pins; }
 
 static void plan_pulses(void) {
   uint64_t rise = board.rc_frame;
   for (int i = 0; i < CT_RC_CHANNELS; i++) {
-    uint64_t width = US(board.rc_us[i]);
+    uint64_t width = board.sbus ? 0 : US(board.rc_us[i]);
     board.rc_rise[i] = width ? rise : NEVER;
     board.rc_fall[i] = width ? rise + width : NEVER;
     if (!board.rc_parallel) rise += width;
@@ -341,10 +366,11 @@ void hal_light(bool on) { (void)on; }
 static void stop(void) {
   for (int i = 0; i < EVENTS; i++) board.due[i] = NEVER;
   board.interrupts = board.hung = board.host_sending = false;
-  board.driving = board.arriving = board.rc_listening = false;
+  board.driving = board.arriving = board.rc_listening = board.rc_serial = board.radio_arriving = false;
   board.request_length = 0;
   board.to_board.tail = board.to_board.head;
   board.to_bus.tail = board.to_bus.head;
+  board.to_radio.tail = board.to_radio.head;
   board.rc_pins = 0;
   board.conversion_ends = board.storing_ends = 0;
 }
@@ -355,6 +381,7 @@ static void start(uint8_t cause) {
   board.cause |= cause;
   board.resets++;
   begin_pulses(PULSE_PERIOD);
+  board.due[RADIO_FRAMES] = board.now + US(RADIO_PERIOD_US);
   put(__start_firmware_data, __stop_firmware_data, image, 0);
   put(__start_firmware_bss, __stop_firmware_bss, NULL, 0);
   watchdog_start();
@@ -383,6 +410,12 @@ static void happen(int event) {
       break;
     case RECEIVER:
       step_receiver();
+      break;
+    case RADIO_IN:
+      radio_in();
+      break;
+    case RADIO_FRAMES:
+      send_frame();
       break;
     case RISE:
       rise();
@@ -512,6 +545,20 @@ void board_esc(void *it, uint32_t index, uint64_t *facts) {
 void board_set_rc(void *it, const uint32_t *us) {
   (void)it;
   memcpy(board.rc_us, us, sizeof board.rc_us);
+}
+
+void board_sbus(void *it, bool on, uint8_t flags) {
+  (void)it;
+  board.sbus = on;
+  board.sbus_flags = flags;
+}
+
+void board_radio(void *it, const uint8_t *bytes, uint32_t count, uint8_t errors) {
+  (void)it;
+  if (board.off) return;
+  board.radio_errors = errors;
+  queue_put(&board.to_radio, bytes, count);
+  if (board.due[RADIO_IN] == NEVER) board.due[RADIO_IN] = board.now + 1;
 }
 
 void board_parallel_rc(void *it, uint32_t cycles) {

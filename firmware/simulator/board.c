@@ -34,11 +34,12 @@ static void on_reset(avr_io_t *io) {
   board_t *board = (board_t *)io;
   avr_t *avr = board->avr;
   board->resets++;
-  for (int i = 0; i < 2; i++) uart_reset(&board->uart[i]);
+  for (int i = 0; i < UARTS; i++) uart_reset(&board->uart[i]);
   host_reset(board);
   bus_reset(board);
   pulses_reset(board);
   receiver_reset(board);
+  radio_reset(board);
   if (board->hung) memcpy(avr->flash + board->hung_at, board->hung_over, 4);
   board->hung = false;
   /* Otherwise it looks at the pins in every cycle while they are low. */
@@ -70,7 +71,7 @@ board_t *board_open(const char *elf, uint16_t mode_address) {
   board->io.kind = "board";
   board->io.reset = on_reset;
   avr_register_io(avr, &board->io);
-  for (int i = 0; i < 2; i++) uart_open(&board->uart[i], avr, '0' + i);
+  for (int i = 0; i < UARTS; i++) uart_open(&board->uart[i], avr, "013"[i]);
   interrupts_open(board);
   host_open(board);
   bus_open(board);

@@ -32,6 +32,7 @@ typedef struct {
 } queue_t;
 
 /* A byte in the shift register waits behind two in the buffer. */
+#define UARTS 3
 #define UART_ROOM 3
 #define UART_ERRORS 0x14 /* In UCSRnA: no stop bit, wrong parity. */
 
@@ -57,7 +58,7 @@ typedef struct board {
   uint32_t resets;
   bool off; /* Without power, or in its boot loader: no pin is driven. */
   uint16_t mode_address; /* Address of the board mode: source of joint commands, 0 is none. */
-  uart_t uart[2]; /* To the PC, to the servos. */
+  uart_t uart[UARTS]; /* To the PC, to the servos, from the receiver. */
   /* Interrupts and stack. */
   uint32_t running, longest[64], stack_end;
   avr_cycle_count_t entered;
@@ -77,6 +78,10 @@ typedef struct board {
   /* Receiver. */
   avr_int_vector_t rc_change; /* simavr 1.6 has pin change interrupts at port B only. */
   uint32_t rc_us[RC_CHANNELS];
+  bool sbus; /* One wire with frames; else pulses. */
+  uint8_t sbus_flags, radio_byte, radio_errors;
+  bool radio_arriving;
+  queue_t to_radio;
   bool rc_parallel; /* All pulses begin at once; else one after the other. */
   avr_cycle_count_t rc_frame, rc_rise[RC_CHANNELS], rc_fall[RC_CHANNELS]; /* 0: none. */
   /* A piece of flash that was overwritten to hang the firmware. */
@@ -112,6 +117,7 @@ void pulses_open(board_t *board);
 void pulses_reset(board_t *board);
 void receiver_open(board_t *board);
 void receiver_reset(board_t *board);
+void radio_reset(board_t *board);
 
 bool board_run(board_t *board, uint64_t cycle);
 

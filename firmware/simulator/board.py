@@ -55,6 +55,7 @@ VECTORS = {
     "bus_byte": 36,
     "bus_empty": 37,
     "bus_sent": 38,
+    "radio_byte": 54,
 }
 """Interrupts of the firmware, by their numbers in the ATmega2560."""
 
@@ -193,6 +194,14 @@ class Board:
             self._lib.board_stack(self._board),
         )  # fmt: skip
 
+    def send_frames(self, *, on: bool = True, flags: int = 0) -> None:
+        """Have the receiver send frames of SBUS instead of pulses, with such flags."""
+        self._lib.board_sbus(self._board, on, flags)
+
+    def send_from_receiver(self, data: bytes, errors: int = 0) -> None:
+        """Send bytes on the serial line of the receiver, with such error flags of the UART."""
+        self._lib.board_radio(self._board, data, len(data), errors)
+
     def start_parallel_pulses(self, seconds: float) -> None:
         """Have the pulses of all channels of the receiver begin at once, first in `seconds`."""
         self._lib.board_parallel_rc(self._board, max(1, round(seconds * HZ)))
@@ -286,6 +295,8 @@ def _library(program: Path) -> ctypes.CDLL:
         ("esc", u32, pointer),
         ("set_rc", pointer),
         ("parallel_rc", u32),
+        ("sbus", ctypes.c_bool, ctypes.c_uint8),
+        ("radio", ctypes.c_char_p, u32, ctypes.c_uint8),
         ("set_adc", u32, u32),
         ("set_supply", u32),
         ("peek", ctypes.c_uint16),

@@ -12,7 +12,7 @@
 static void plan(board_t *board) {
   avr_cycle_count_t rise = board->rc_frame;
   for (int i = 0; i < RC_CHANNELS; i++) {
-    avr_cycle_count_t width = US(board->rc_us[i]);
+    avr_cycle_count_t width = board->sbus ? 0 : US(board->rc_us[i]);
     board->rc_rise[i] = width ? rise : NEVER;
     board->rc_fall[i] = width ? rise + width : NEVER;
     if (!board->rc_parallel) rise += width;

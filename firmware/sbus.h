@@ -1,0 +1,34 @@
+// A receiver with one wire for all channels: SBUS, frames of 25 bytes with a bit for "no signal".
+#ifndef SBUS_H
+#define SBUS_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "control_table.h"
+
+#define SBUS_FRAME 25
+#define SBUS_CHANNELS CT_RECEIVER_CHANNELS
+
+// What a frame says.
+typedef enum { SBUS_NONE, SBUS_CHANNELS_HEARD, SBUS_FAILSAFE } sbus_frame_t;
+
+typedef struct {
+  uint8_t bytes[SBUS_FRAME];
+  uint8_t count;  // More than a frame: what comes is left out until the next pause.
+} sbus_decoder_t;
+
+void sbus_clear(sbus_decoder_t *decoder);
+
+// Takes a byte: the first after a pause, one that arrived broken. Returns what a frame says that is
+// complete now, and writes its channels as widths of pulses, in microseconds. A frame that the receiver
+// made up, since it missed one of its transmitter, says nothing.
+sbus_frame_t sbus_push(sbus_decoder_t *decoder, uint8_t byte, bool first, bool broken, uint16_t *us);
+
+void sbus_start(void);
+
+// To be called each millisecond: writes the channels of the newest frame, if there is one; returns
+// whether the receiver says that it has no signal.
+bool sbus_tick(uint16_t *us);
+
+#endif
