@@ -17,7 +17,7 @@
 #define CT_STICKS 4
 #define CT_ZERO_THROTTLE 2000
 #define CT_FULL_THROTTLE 4000
-#define CT_SIZE 249
+#define CT_SIZE 261
 
 typedef enum {  // Source of the joint commands.
   BOARD_DISARMED = 0,
@@ -73,9 +73,9 @@ typedef enum {  // What the receiver of the radio control sends.
 #define CT_TELEMETRY 112
 #define CT_TELEMETRY_SIZE 105
 
-// All that the receiver sends: for its set-up.
+// All that receivers of either kind send: for their set-up.
 #define CT_RADIO 217
-#define CT_RADIO_SIZE 32
+#define CT_RADIO_SIZE 44
 
 typedef struct __attribute__((packed)) {
   // identity: read only
@@ -145,7 +145,7 @@ typedef struct __attribute__((packed)) {
   uint16_t trips;  // 213: Times that the board disarmed itself since power came.
   uint16_t resets;  // 215: Resets since power came.
   // radio: read only
-  uint16_t channel[16];  // 217: Pulses, or channels of a frame; 0: none. [us]
+  uint16_t channel[22];  // 217: The channels of a frame, then the pulses of the wires; 0: none. [us]
 } control_table_t;
 
 _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
@@ -214,7 +214,7 @@ _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
   X(overruns, 211, uint16_t, 1, 0) \
   X(trips, 213, uint16_t, 1, 0) \
   X(resets, 215, uint16_t, 1, 0) \
-  X(channel, 217, uint16_t, 16, 0)
+  X(channel, 217, uint16_t, 22, 0)
 
 // X(name, address, type, count, least, most): every item that can be written.
 #define CT_WRITABLE(X) \

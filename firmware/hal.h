@@ -57,10 +57,9 @@ HAL uint16_t hal_esc_phase(void);  // Since the last pulse began.
 HAL void hal_esc_put(uint8_t i, uint16_t half_us);
 
 // The receiver: pulses, a bit for each wire, whose edges raise an interrupt; or a serial line of
-// 100,000 baud, even parity, two stop bits. One of both is heard, pulses at first.
+// 100,000 baud, even parity, two stop bits. An input without its wire is silent.
 #define HAL_RECEIVER_PINS 0x3f
 HAL void hal_receiver_start(void);
-HAL void hal_receiver_serial(bool on);
 HAL uint8_t hal_receiver_pins(void);
 HAL uint8_t hal_radio_flags(void);  // To be read before each byte.
 HAL uint8_t hal_radio_receive(void);

@@ -131,11 +131,6 @@ HAL void hal_esc_put(uint8_t i, uint16_t half_us) {
 #define RADIO_BAUD 100000UL
 _Static_assert(BAUD_REACHED(RADIO_BAUD) == RADIO_BAUD, "exact with 16 MHz");
 
-HAL void hal_receiver_serial(bool on) {
-  PCICR = on ? 0 : _BV(PCIE2);
-  UCSR3B = on ? _BV(RXCIE3) | _BV(RXEN3) : 0;
-}
-
 HAL void hal_receiver_start(void) {
   PORTK |= HAL_RECEIVER_PINS;  // Pull-ups: a wire that came off makes no pulses.
   PORTJ |= _BV(PJ0);
@@ -143,7 +138,8 @@ HAL void hal_receiver_start(void) {
   UCSR3A = _BV(U2X3);
   UBRR3 = BAUD_REGISTER(RADIO_BAUD);
   UCSR3C = _BV(UPM31) | _BV(USBS3) | _BV(UCSZ31) | _BV(UCSZ30);
-  hal_receiver_serial(false);
+  UCSR3B = _BV(RXCIE3) | _BV(RXEN3);
+  PCICR |= _BV(PCIE2);
 }
 
 HAL uint8_t hal_receiver_pins(void) { return PINK & HAL_RECEIVER_PINS; }

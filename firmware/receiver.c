@@ -9,47 +9,42 @@
 #define LOST_MS 100
 #define SWITCH_US 1500
 
-static uint8_t age_ms[CT_RECEIVER_CHANNELS];
-static uint8_t kind;
+// What both kinds of receiver send: channels of SBUS, then wires with pulses.
+#define WIRES_FROM CT_RECEIVER_CHANNELS
+#define HEARD (CT_RECEIVER_CHANNELS + CT_RC_CHANNELS)
 
-static void forget(void) {
-  for (uint8_t i = 0; i < CT_RECEIVER_CHANNELS; i++) age_ms[i] = 255;
-}
+static uint8_t age_ms[HEARD];
 
 void receiver_start(void) {
-  forget();
+  for (uint8_t i = 0; i < HEARD; i++) age_ms[i] = 255;
   sbus_start();
   hal_receiver_start();
 }
 
-// One of another kind has to be heard first.
-static void follow_setup(void) {
-  if (kind == table.receiver_kind) return;
-  kind = table.receiver_kind;
-  forget();
-  hal_receiver_serial(kind == RECEIVER_SBUS);
-}
-
-void receiver_tick(void) {
-  uint16_t us[CT_RECEIVER_CHANNELS] = {0};
-  bool no_signal = false;
-  follow_setup();
-  if (kind == RECEIVER_SBUS) {
-    no_signal = sbus_tick(us);
-  } else {
-    pulses_tick(us);
-  }
-  for (uint8_t i = 0; i < CT_RECEIVER_CHANNELS; i++) {
+static void hear(void) {
+  uint16_t us[HEARD] = {0};
+  bool no_signal = sbus_tick(us);
+  pulses_tick(us + WIRES_FROM);
+  for (uint8_t i = 0; i < HEARD; i++) {
     if (age_ms[i] < 255) age_ms[i]++;
     if (us[i]) {
       table.channel[i] = us[i];
       age_ms[i] = 0;
     }
-    if (no_signal || age_ms[i] > LOST_MS) table.channel[i] = 0;
+    bool off = no_signal && i < WIRES_FROM;
+    if (off || age_ms[i] > LOST_MS) table.channel[i] = 0;
   }
+}
+
+void receiver_tick(void) {
+  hear();
+  bool sbus = table.receiver_kind == RECEIVER_SBUS;
+  const uint16_t *channels = table.channel + (sbus ? 0 : WIRES_FROM);
+  uint8_t count = sbus ? CT_RECEIVER_CHANNELS : CT_RC_CHANNELS;
   uint32_t map = table.receiver_map;
   for (uint8_t i = 0; i < CT_RC_CHANNELS; i++, map >>= 4) {
-    table.rc[i] = table.channel[map & 0xf];
+    uint8_t channel = map & 0xf;
+    table.rc[i] = channel < count ? channels[channel] : 0;
     if (table.rc[i]) watchdog_memory.receiver_seen = true;
   }
 }

@@ -6,9 +6,8 @@
 #define MISSED 0x04
 #define FAILSAFE 0x08
 #define SKIPPED (SBUS_FRAME + 1)
-#define PAUSE_HALF_US 2000  // Between frames are 4 ms at least, between bytes none.
-#define ROOM 64             // More than two frames.
-#define FIRST 0x01          // Not a bit of HAL_BROKEN.
+#define PAUSE_MS 2  // Between frames are 4 ms at least, between bytes none.
+#define ROOM 64     // More than two frames.
 
 void sbus_clear(sbus_decoder_t *decoder) { decoder->count = SKIPPED; }
 
@@ -35,40 +34,48 @@ sbus_frame_t sbus_push(sbus_decoder_t *decoder, uint8_t byte, bool first, bool b
   if (broken || (decoder->count == 0 && byte != HEADER)) sbus_clear(decoder);
   if (decoder->count >= SBUS_FRAME) return SBUS_NONE;
   decoder->bytes[decoder->count++] = byte;
-  return decoder->count == SBUS_FRAME ? frame(decoder->bytes, us) : SBUS_NONE;
+  if (decoder->count < SBUS_FRAME) return SBUS_NONE;
+  decoder->count = 0;
+  return frame(decoder->bytes, us);
 }
 
 static uint8_t in[ROOM], flags_of[ROOM];
-static volatile uint8_t in_head, in_tail, missing;
+static volatile uint8_t in_head, in_tail;
+static volatile bool full;
 static sbus_decoder_t line;
+static uint8_t silent_ms;
 static bool failsafe;
 
 HAL_INTERRUPT(radio_byte) {
-  static uint16_t before;
-  uint16_t now = hal_half_us();
-  uint8_t flags = hal_radio_flags() & HAL_BROKEN, at = in_head;
-  if ((uint16_t)(now - before) > PAUSE_HALF_US) flags |= FIRST;
-  before = now;
+  uint8_t at = in_head, next = (at + 1) % ROOM;
+  flags_of[at] = hal_radio_flags();
   in[at] = hal_radio_receive();
-  flags_of[at] = flags | missing;
-  uint8_t next = (at + 1) % ROOM;
   if (next == in_tail) {
-    missing = HAL_OVERRUN;
+    full = true;
   } else {
-    missing = 0;
     in_head = next;
   }
 }
 
 void sbus_start(void) {
   sbus_clear(&line);
+  silent_ms = 0;
 }
 
 bool sbus_tick(uint16_t *us) {
+  bool first = silent_ms >= PAUSE_MS;
+  if (silent_ms < PAUSE_MS) silent_ms++;
+  if (full) {
+    full = false;
+    in_tail = in_head;
+    sbus_clear(&line);
+  }
   while (in_tail != in_head) {
     uint8_t at = in_tail;
-    sbus_frame_t heard = sbus_push(&line, in[at], flags_of[at] & FIRST, flags_of[at] & HAL_BROKEN, us);
+    sbus_frame_t heard = sbus_push(&line, in[at], first, flags_of[at] & HAL_BROKEN, us);
     if (heard != SBUS_NONE) failsafe = heard == SBUS_FAILSAFE;
+    first = false;
+    silent_ms = 0;
     in_tail = (at + 1) % ROOM;
   }
   return failsafe;

@@ -15,12 +15,12 @@ typedef enum { SBUS_NONE, SBUS_CHANNELS_HEARD, SBUS_FAILSAFE } sbus_frame_t;
 
 typedef struct {
   uint8_t bytes[SBUS_FRAME];
-  uint8_t count;  // More than a frame: what comes is left out until the next pause.
+  uint8_t count;  // A frame or more: what comes is left out until the next pause.
 } sbus_decoder_t;
 
 void sbus_clear(sbus_decoder_t *decoder);
 
-// Takes a byte: the first after a pause, one that arrived broken. Returns what a frame says that is
+// Takes a byte: `first` after a pause, `broken` when it arrived so. Returns what a frame says that is
 // complete now, and writes its channels as widths of pulses, in microseconds. A frame that the receiver
 // made up, since it missed one of its transmitter, says nothing.
 sbus_frame_t sbus_push(sbus_decoder_t *decoder, uint8_t byte, bool first, bool broken, uint16_t *us);

@@ -65,7 +65,7 @@ static struct {
   // The receiver.
   uint32_t rc_us[CT_RC_CHANNELS];
   uint8_t rc_pins;
-  bool rc_listening, rc_parallel, rc_serial, sbus, radio_arriving;
+  bool rc_listening, rc_parallel, sbus, radio_arriving;
   uint8_t sbus_flags, radio_byte, radio_errors;
   queue_t to_radio;
   uint64_t rc_frame, rc_rise[CT_RC_CHANNELS], rc_fall[CT_RC_CHANNELS];
@@ -267,15 +267,11 @@ static void fall(uint8_t i) {
 
 // The receiver: one pulse after the other, or all at once.
 void hal_receiver_start(void) { board.rc_listening = true; }
-void hal_receiver_serial(bool on) {
-  board.rc_listening = !on;
-  board.rc_serial = on;
-}
 uint8_t hal_radio_flags(void) { return board.radio_errors; }
 uint8_t hal_radio_receive(void) { return board.radio_byte; }
 
 static void radio_in(void) {
-  if (board.radio_arriving && board.rc_serial && runs()) hal_interrupt_radio_byte();
+  if (board.radio_arriving && board.rc_listening && runs()) hal_interrupt_radio_byte();
   board.radio_arriving = queue_take(&board.to_radio, &board.radio_byte);
   board.due[RADIO_IN] = board.radio_arriving ? board.now + RADIO_BYTE : NEVER;
 }
@@ -366,7 +362,7 @@ void hal_light(bool on) { (void)on; }
 static void stop(void) {
   for (int i = 0; i < EVENTS; i++) board.due[i] = NEVER;
   board.interrupts = board.hung = board.host_sending = false;
-  board.driving = board.arriving = board.rc_listening = board.rc_serial = board.radio_arriving = false;
+  board.driving = board.arriving = board.rc_listening = board.radio_arriving = false;
   board.request_length = 0;
   board.to_board.tail = board.to_board.head;
   board.to_bus.tail = board.to_bus.head;

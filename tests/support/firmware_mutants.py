@@ -440,8 +440,8 @@ MUTANTS = (
     Mutant(
         "a lost radio control is not noticed",
         "receiver.c",
-        "no_signal || age_ms[i] > LOST_MS",
-        "no_signal",
+        "off || age_ms[i] > LOST_MS",
+        "off",
         "a_lost_radio_control_stops",
     ),
     Mutant(
@@ -510,8 +510,8 @@ MUTANTS = (
     Mutant(
         "channels are in the order of the wires",
         "receiver.c",
-        "table.channel[map & 0xf]",
-        "table.channel[i]",
+        "uint8_t channel = map & 0xf;",
+        "uint8_t channel = i;",
         "the_channels_of_the_receiver_are_those_of_the_setup",
     ),
     Mutant(

@@ -183,10 +183,10 @@ class Telemetry(Packed):
 
 @dataclass(frozen=True, slots=True)
 class Radio(Packed):
-    """All that the receiver sends: for its set-up."""
+    """All that receivers of either kind send: for their set-up."""
 
     ADDRESS: ClassVar[int] = 217
-    LAYOUT: ClassVar[Struct] = Struct("<16H")
+    LAYOUT: ClassVar[Struct] = Struct("<22H")
 
-    channel: tuple[int, ...] = (0,) * 16
-    """Pulses, or channels of a frame; 0: none [us]."""
+    channel: tuple[int, ...] = (0,) * 22
+    """The channels of a frame, then the pulses of the wires; 0: none [us]."""

@@ -21,7 +21,7 @@ SERVOS = 6
 ESCS = 3
 RC_CHANNELS = 6
 RECEIVER_CHANNELS = 16
-"""That a receiver may send; a wire for each has six."""
+"""Of a receiver with SBUS."""
 STICKS = 4
 """The first four channels: forward, left, turn, speed."""
 RC_US = (800, 2200)
@@ -266,16 +266,16 @@ TELEMETRY = Block(
 RADIO = Block(
     "radio",
     "r",
-    "All that the receiver sends: for its set-up.",
+    "All that receivers of either kind send: for their set-up.",
     (
         Item(
             "channel",
             "u16",
-            "Pulses, or channels of a frame; 0: none.",
+            "The channels of a frame, then the pulses of the wires; 0: none.",
             0,
             None,
             "us",
-            RECEIVER_CHANNELS,
+            RECEIVER_CHANNELS + RC_CHANNELS,
         ),
     ),
 )

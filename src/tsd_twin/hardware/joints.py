@@ -54,8 +54,10 @@ CENTRE = 2048
 _Pulse = Annotated[int, Meta(ge=RC_US[0], le=RC_US[1])]
 _Pulses = tuple[_Pulse, _Pulse, _Pulse, _Pulse]
 _Channel = Annotated[int, Meta(ge=1, le=RECEIVER_CHANNELS)]
-_Low = Annotated[float, Meta(ge=1000.0, le=1200.0)]
-_High = Annotated[float, Meta(ge=1500.0, le=2200.0)]
+LOW_US, HIGH_US = (1000.0, 1200.0), (1500.0, 2200.0)
+"""What the board takes for zero and for full throttle."""
+_Low = Annotated[float, Meta(ge=LOW_US[0], le=LOW_US[1])]
+_High = Annotated[float, Meta(ge=HIGH_US[0], le=HIGH_US[1])]
 
 
 class Receiver(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
