@@ -2,6 +2,7 @@
 
 #include <stdbool.h>
 
+#include "clock.h"
 #include "hal.h"
 
 #define WIRES 6
@@ -33,44 +34,40 @@ HAL_INTERRUPT(receiver) {
   }
 }
 
-static void measure(uint8_t pins, uint16_t half_us, uint16_t *us) {
+static void measure(uint8_t pins, uint16_t half_us, heard_t hear) {
   uint8_t changed = pins ^ high;
   high = pins;
-  for (uint8_t i = 0; i < WIRES; i++) {
-    uint8_t mask = 1 << i;
-    if (!(changed & mask)) continue;
+  for (uint8_t i = 0, mask = 1; changed; i++, mask <<= 1, changed >>= 1) {
+    if (!(changed & 1)) continue;
+    uint16_t us = (uint16_t)(half_us - rise[i]) / 2;
+    if (!(pins & mask) && (known & mask) && us >= SHORTEST_US && us <= LONGEST_US) hear(i, us);
     if (pins & mask) {
       rise[i] = half_us;
       known |= mask;
-    } else if (known & mask) {
-      uint16_t width = (uint16_t)(half_us - rise[i]) / 2;
-      if (width >= SHORTEST_US && width <= LONGEST_US) us[i] = width;
+    } else {
       known &= ~mask;
     }
   }
 }
 
 // The timer wraps: a wire that was high for long must not look like a pulse later.
-static void forget_long_ones(uint16_t now) {
+void pulses_forget(void) {
+  uint16_t now = clock_half_us();
   for (uint8_t i = 0; i < WIRES; i++) {
     if ((uint16_t)(now - rise[i]) / 2 > 2 * LONGEST_US) known &= ~(1 << i);
   }
 }
 
-void pulses_tick(uint16_t *us) {
-  uint16_t now = 0;
-  bool spoilt = false;
-  HAL_ATOMIC {
-    now = hal_half_us();
-    spoilt = full;
+void pulses_tick(heard_t hear) {
+  if (full) {
+    // The tail first: the interrupt says it again when there is no room.
+    tail = head;
     full = false;
-    if (spoilt) tail = head;
+    known = 0;
   }
-  if (spoilt) known = 0;
   while (tail != head) {
     uint8_t at = tail;
-    measure(edges[at].pins, edges[at].half_us, us);
+    measure(edges[at].pins, edges[at].half_us, hear);
     tail = (at + 1) % EDGES;
   }
-  forget_long_ones(now);
 }

@@ -2,9 +2,12 @@
 #ifndef PULSES_H
 #define PULSES_H
 
-#include <stdint.h>
+#include "receiver.h"
 
-// To be called each millisecond: writes the width of each new pulse, in microseconds.
-void pulses_tick(uint16_t *us);
+// To be called each millisecond: tells of each new pulse.
+void pulses_tick(heard_t hear);
+
+// To be called each 5 ms.
+void pulses_forget(void);
 
 #endif

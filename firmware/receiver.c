@@ -6,38 +6,42 @@
 #include "table.h"
 #include "watchdog.h"
 
-#define LOST_MS 100
 #define SWITCH_US 1500
+#define PERIOD_MS 5
+#define LOST_MS 100
 
 // What both kinds of receiver send: channels of SBUS, then wires with pulses.
 #define WIRES_FROM CT_RECEIVER_CHANNELS
 #define HEARD (CT_RECEIVER_CHANNELS + CT_RC_CHANNELS)
 
-static uint8_t age_ms[HEARD];
+static uint8_t age[HEARD];  // [PERIOD_MS]
+static uint8_t phase_ms;
+static bool changed;
 
 void receiver_start(void) {
-  for (uint8_t i = 0; i < HEARD; i++) age_ms[i] = 255;
+  for (uint8_t i = 0; i < HEARD; i++) age[i] = 255;
   sbus_start();
   hal_receiver_start();
 }
 
-static void hear(void) {
-  uint16_t us[HEARD] = {0};
-  bool no_signal = sbus_tick(us);
-  pulses_tick(us + WIRES_FROM);
-  for (uint8_t i = 0; i < HEARD; i++) {
-    if (age_ms[i] < 255) age_ms[i]++;
-    if (us[i]) {
-      table.channel[i] = us[i];
-      age_ms[i] = 0;
-    }
-    bool off = no_signal && i < WIRES_FROM;
-    if (off || age_ms[i] > LOST_MS) table.channel[i] = 0;
-  }
+static void hear(uint8_t channel, uint16_t us) {
+  table.channel[channel] = us;
+  age[channel] = 0;
+  changed = true;
 }
 
-void receiver_tick(void) {
-  hear();
+static void hear_wire(uint8_t wire, uint16_t us) { hear(WIRES_FROM + wire, us); }
+
+static void grow_older(void) {
+  for (uint8_t i = 0; i < HEARD; i++) {
+    if (age[i] < 255) age[i]++;
+    if (age[i] > LOST_MS / PERIOD_MS) table.channel[i] = 0;
+  }
+  pulses_forget();
+  changed = true;  // Or the setup may have.
+}
+
+static void map_channels(void) {
   bool sbus = table.receiver_kind == RECEIVER_SBUS;
   const uint16_t *channels = table.channel + (sbus ? 0 : WIRES_FROM);
   uint8_t count = sbus ? CT_RECEIVER_CHANNELS : CT_RC_CHANNELS;
@@ -47,6 +51,21 @@ void receiver_tick(void) {
     table.rc[i] = channel < count ? channels[channel] : 0;
     if (table.rc[i]) watchdog_memory.receiver_seen = true;
   }
+}
+
+// What nothing has come for is looked at less often: this runs in between the requests of the servos.
+void receiver_tick(void) {
+  if (!sbus_tick(hear)) {
+    for (uint8_t i = 0; i < CT_RECEIVER_CHANNELS; i++) table.channel[i] = 0;
+    changed = true;
+  }
+  pulses_tick(hear_wire);
+  if (++phase_ms == PERIOD_MS) {
+    phase_ms = 0;
+    grow_older();
+  }
+  if (changed) map_channels();
+  changed = false;
 }
 
 bool receiver_present(void) {

@@ -3,6 +3,10 @@
 #define RECEIVER_H
 
 #include <stdbool.h>
+#include <stdint.h>
+
+// Takes a channel, from 0, and the width of its pulse.
+typedef void (*heard_t)(uint8_t channel, uint16_t us);
 
 typedef enum { RC_FORWARD, RC_LEFT, RC_TURN, RC_SPEED, RC_KILL, RC_MANUAL } channel_t;
 

@@ -19,24 +19,24 @@ static uint16_t channel(const uint8_t *data, uint8_t index) {
   return (uint16_t)(bits >> bit) & 0x7ff;
 }
 
-static sbus_frame_t frame(const uint8_t *bytes, uint16_t *us) {
+static sbus_frame_t frame(const uint8_t *bytes, heard_t hear) {
   uint8_t flags = bytes[SBUS_FRAME - 2], last = bytes[SBUS_FRAME - 1];
   // The second version has more kinds of frames.
   if (last != 0 && (last & 0xcf) != 0x04) return SBUS_NONE;
   if (flags & FAILSAFE) return SBUS_FAILSAFE;
   if (flags & MISSED) return SBUS_NONE;
-  for (uint8_t i = 0; i < SBUS_CHANNELS; i++) us[i] = 880 + channel(bytes + 1, i) * 5 / 8;
+  for (uint8_t i = 0; i < SBUS_CHANNELS; i++) hear(i, 880 + channel(bytes + 1, i) * 5 / 8);
   return SBUS_CHANNELS_HEARD;
 }
 
-sbus_frame_t sbus_push(sbus_decoder_t *decoder, uint8_t byte, bool first, bool broken, uint16_t *us) {
+sbus_frame_t sbus_push(sbus_decoder_t *decoder, uint8_t byte, bool first, bool broken, heard_t hear) {
   if (first) decoder->count = 0;
   if (broken || (decoder->count == 0 && byte != HEADER)) sbus_clear(decoder);
   if (decoder->count >= SBUS_FRAME) return SBUS_NONE;
   decoder->bytes[decoder->count++] = byte;
   if (decoder->count < SBUS_FRAME) return SBUS_NONE;
   decoder->count = 0;
-  return frame(decoder->bytes, us);
+  return frame(decoder->bytes, hear);
 }
 
 static uint8_t in[ROOM], flags_of[ROOM];
@@ -62,7 +62,7 @@ void sbus_start(void) {
   silent_ms = 0;
 }
 
-bool sbus_tick(uint16_t *us) {
+bool sbus_tick(heard_t hear) {
   bool first = silent_ms >= PAUSE_MS;
   if (silent_ms < PAUSE_MS) silent_ms++;
   if (full) {
@@ -72,11 +72,11 @@ bool sbus_tick(uint16_t *us) {
   }
   while (in_tail != in_head) {
     uint8_t at = in_tail;
-    sbus_frame_t heard = sbus_push(&line, in[at], first, flags_of[at] & HAL_BROKEN, us);
+    sbus_frame_t heard = sbus_push(&line, in[at], first, flags_of[at] & HAL_BROKEN, hear);
     if (heard != SBUS_NONE) failsafe = heard == SBUS_FAILSAFE;
     first = false;
     silent_ms = 0;
     in_tail = (at + 1) % ROOM;
   }
-  return failsafe;
+  return !failsafe;
 }

@@ -6,6 +6,7 @@
 #include <stdint.h>
 
 #include "control_table.h"
+#include "receiver.h"
 
 #define SBUS_FRAME 25
 #define SBUS_CHANNELS CT_RECEIVER_CHANNELS
@@ -21,14 +22,14 @@ typedef struct {
 void sbus_clear(sbus_decoder_t *decoder);
 
 // Takes a byte: `first` after a pause, `broken` when it arrived so. Returns what a frame says that is
-// complete now, and writes its channels as widths of pulses, in microseconds. A frame that the receiver
-// made up, since it missed one of its transmitter, says nothing.
-sbus_frame_t sbus_push(sbus_decoder_t *decoder, uint8_t byte, bool first, bool broken, uint16_t *us);
+// complete now, and tells of its channels. A frame that the receiver made up, since it missed one of
+// its transmitter, says nothing.
+sbus_frame_t sbus_push(sbus_decoder_t *decoder, uint8_t byte, bool first, bool broken, heard_t hear);
 
 void sbus_start(void);
 
-// To be called each millisecond: writes the channels of the newest frame, if there is one; returns
-// whether the receiver says that it has no signal.
-bool sbus_tick(uint16_t *us);
+// To be called each millisecond: tells of new channels; returns false while the receiver says that it
+// has no signal.
+bool sbus_tick(heard_t hear);
 
 #endif

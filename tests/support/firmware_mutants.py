@@ -440,8 +440,8 @@ MUTANTS = (
     Mutant(
         "a lost radio control is not noticed",
         "receiver.c",
-        "off || age_ms[i] > LOST_MS",
-        "off",
+        "age[i] > LOST_MS / PERIOD_MS",
+        "false",
         "a_lost_radio_control_stops",
     ),
     Mutant(
