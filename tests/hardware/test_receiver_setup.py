@@ -83,13 +83,16 @@ def test_channels_end_points_rest_and_dead_band_are_learned(
 ) -> None:
     person = Person(sent)
     learned = learn_receiver(person.watch, person.ask)
-    assert learned == Receiver(
-        kind=kind,  # type: ignore[arg-type]
-        channels=channels,  # type: ignore[arg-type]
-        low_us=(1104, 1090, 1120, 1104),
-        centre_us=REST[:4],
-        high_us=HIGH[:4],
-        dead_us=30,
+    assert (
+        learned
+        == Receiver(
+            kind=kind,  # type: ignore[arg-type]
+            channels=channels,  # type: ignore[arg-type]
+            low_us=(1104, 1090, 1120, 1104),
+            centre_us=REST[:4],
+            high_us=HIGH[:4],
+            dead_us=30,
+        )
     )
     assert ["on" in person.shown[0], "both" in person.shown[7], "off" in person.shown[-1]] == [
         True

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from pytest import approx
+import pytest
 
 from tests.support.firmware_host import (
     CRUISE,
@@ -487,11 +487,11 @@ def the_channels_of_the_receiver_are_those_of_the_setup(bench: Bench) -> None:
     pilot = bench.pilot(receiver=True)
     # Kill and speed have changed places, as have forward and left.
     pilot.get_ready(Setup(receiver_map=0x534201, receiver_expected=1))
-    assert pilot.telemetry().rc[3:5] == approx((1900, 1100), abs=2)
+    assert pilot.telemetry().rc[3:5] == pytest.approx((1900, 1100), abs=2)
     assert pilot.arm().refusal == Refusal.KILL, "its channel is short"
     pilot.simulation.set_sticks(0.5, 0.0, 0.0, 1.0)
     pilot.simulation.run(0.1)
-    assert pilot.telemetry().rc[:2] == approx((1500, 1700), abs=2)
+    assert pilot.telemetry().rc[:2] == pytest.approx((1500, 1700), abs=2)
     assert pilot.arm().mode == BoardMode.ARMED
 
 
@@ -546,7 +546,7 @@ def pulses_end_where_the_setup_says(bench: Bench) -> None:
         (ZERO, (1000, 1100, 1200)),
     ):
         pilot.drive(0.1, throttle=throttle)
-        assert pilot.simulation.pulses_us() == approx(pulses_us, abs=0.6)
+        assert pilot.simulation.pulses_us() == pytest.approx(pulses_us, abs=0.6)
 
 
 def zero_throttle_changes_without_power_only(bench: Bench) -> None:
@@ -560,7 +560,7 @@ def zero_throttle_changes_without_power_only(bench: Bench) -> None:
     assert pilot.set_up(setup) == 0
     pilot.zero_us = (1000.0, 1000.0, 1050.0)
     pilot.simulation.run(0.1)
-    assert pilot.simulation.pulses_us()[2] == approx(1050.0, abs=0.6)
+    assert pilot.simulation.pulses_us()[2] == pytest.approx(1050.0, abs=0.6)
 
 
 def the_radio_control_takes_over_and_gives_back(bench: Bench) -> None:

@@ -171,7 +171,9 @@ def _learn_channels(look: Callable[[], Pulses], ask: Ask, centre: Sequence[int])
             other = RcChannel(found.index(channel)).name.lower()
             raise HardwareError(f"channel {channel + 1} moved for {name}, and for {other}")
         ends = (centre[channel], centre[channel] + move)
-        if function in (RcChannel.KILL, RcChannel.MANUAL) and not min(ends) <= SWITCH_US < max(ends):
+        if function in (RcChannel.KILL, RcChannel.MANUAL) and not min(ends) <= SWITCH_US < max(
+            ends
+        ):
             raise HardwareError(f"the switch {name} does not pass {SWITCH_US} us")
         found.append(channel)
     return found
