@@ -86,8 +86,8 @@ def main() -> None:
     PARSER.add_argument(
         "--setup",
         action="store_true",
-        help="learn the radio control, ask for the pulses of the speed controllers, write both into "
-        "the file and end",
+        help="learn the radio control, ask for the pulses of the speed controllers, write both "
+        "into the file and end",
     )
     robot_program.serve(PARSER, joints)
 
