@@ -11,17 +11,16 @@ from tsd_twin.errors import TwinError
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.lab import (
     alarms,
-    atlas,
     budget,
     camera_gap,
     consistency,
-    follow,
     go_to,
     health,
     mismatch,
     motors,
-    omni_step,
+    papers,
     square,
+    tracking,
 )
 from tsd_twin.recording import rerun_experiment
 
@@ -29,7 +28,7 @@ EXPERIMENTS: tuple[Experiment, ...] = (
     motors.EXPERIMENT,
     square.EXPERIMENT,
     mismatch.EXPERIMENT,
-    follow.EXPERIMENT,
+    tracking.EXPERIMENT,
     go_to.EXPERIMENT,
     budget.EXPERIMENT,
     consistency.EXPERIMENT,
@@ -38,9 +37,9 @@ EXPERIMENTS: tuple[Experiment, ...] = (
     health.EXPERIMENT,
     calibrate.EXPERIMENT,
     zeroing.EXPERIMENT,
-    omni_step.EXPERIMENT,
-    follow.OMNI_PATHS,
-    atlas.EXPERIMENT,
+    papers.OMNI_STEP,
+    tracking.OMNI_PATHS,
+    papers.ATLAS,
     rerun_experiment.EXPERIMENT,
 )
 """What `tsd-lab` can do; one more is one more file and one more row."""

@@ -16,7 +16,7 @@ import tsd_twin
 from bench.table import Row, percentile
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import Sample, encode_attachment
+from tsd_twin.messages.requests import Sample, encode_attachment
 from tsd_twin.messages.ros import BASE, TwistStamped, decode_joints, encode_twist
 from tsd_twin.messages.status import decode_stamp
 from tsd_twin.messages.topics import QoS, Service
@@ -25,6 +25,8 @@ _COMMANDS = 500
 _SMALLEST = 20
 _PERIOD_S = 0.02
 _HALF_CONTROL_PERIOD_MS = 5.0
+_ADAPTER_SHARE = 15.0
+"""Percent of a core, with every topic of one robot subscribed."""
 
 _ECHO = """
 import sys, threading
@@ -105,37 +107,39 @@ def commands(bus: Bus, count: int) -> list[float]:
     until(lambda: bool(bus.query(Service.LEASE.key(robot), renew)) and seen_mode == "ready")
     out = bus.publisher(topics.twist_key(robot, "bench"), QoS.REAL_TIME, topics.TWIST.type)
     numbers = itertools.count(1)
-    # Small steps of speed, which the limiter passes on whole, so that one set-point shows each.
-    speeds = itertools.cycle([0.40, 0.42])
 
-    def send() -> None:
-        came.clear()
-        twist = np.array([next(speeds), 0.0, 0.0, 0.0, 0.0, 0.0])
+    def send(vx_mps: float) -> None:
+        twist = np.array([vx_mps, 0.0, 0.0, 0.0, 0.0, 0.0])
         out.put(
             encode_twist(TwistStamped(BASE, twist)),
             encode_attachment(next(numbers), bytes.fromhex(lease), seen_seq),
         )
 
-    for _ in range(25):  # Up to speed first.
-        send()
-        time.sleep(_PERIOD_S)
-    return paced(send, came, count)
+    return paced_speeds(send, came, count)
+
+
+def adapter_rows(
+    adapter: str, source: str, plain_ms: list[float], twist_ms: list[float], load: float
+) -> Iterator[Row]:
+    """Rows of an adapter: delay beside that of the client library, and processor load."""
+    for name, share in (("p50", 0.5), ("p99", 0.99)):
+        plain = percentile(plain_ms, share)
+        yield Row(
+            f"cmd_vel from {source} to set-point published, {name}",
+            percentile(twist_ms, share),
+            plain + 10.0,
+            "ms",
+            f"client set_velocity {plain:.2f} ms + 10 ms",
+        )
+    what = f"{adapter}, all topics of one robot, cmd_vel at 50 Hz"
+    yield Row(what, load, _ADAPTER_SHARE, "%", "of a core")
 
 
 def client_commands(bus: Bus, endpoint: str, count: int) -> list[float]:
     """Return times from `set_velocity` of the client to the set-point that shows it, at 50 Hz."""
     came = watch_setpoint(bus)
-    speeds = itertools.cycle([0.40, 0.42])
     with tsd_twin.connect(endpoint) as robot, robot.control("bench") as base:
-
-        def send() -> None:
-            came.clear()
-            base.set_velocity(vx_mps=next(speeds))
-
-        for _ in range(25):  # Up to speed first.
-            send()
-            time.sleep(_PERIOD_S)
-        return paced(send, came, count)
+        return paced_speeds(lambda vx_mps: base.set_velocity(vx_mps=vx_mps), came, count)
 
 
 def watch_setpoint(bus: Bus) -> threading.Event:
@@ -151,6 +155,21 @@ def watch_setpoint(bus: Bus) -> threading.Event:
 
     bus.subscribe(topics.SETPOINT.key("tsd"), on_setpoint)
     return came
+
+
+def paced_speeds(send: Callable[[float], object], came: threading.Event, count: int) -> list[float]:
+    """Return how long the answers to speeds in turn take, in ms, once the robot is up to speed."""
+    # Small steps, which the limiter passes on whole, so that one set-point shows each.
+    speeds = itertools.cycle([0.40, 0.42])
+
+    def send_next() -> None:
+        came.clear()
+        send(next(speeds))
+
+    for _ in range(25):
+        send_next()
+        time.sleep(_PERIOD_S)
+    return paced(send_next, came, count)
 
 
 def paced(send: Callable[[], None], came: threading.Event, count: int) -> list[float]:

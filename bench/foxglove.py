@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import struct
 import sys
@@ -16,15 +15,12 @@ from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 from websockets.typing import Subprotocol
 
-from bench.bus import client_commands, paced, program, watch_setpoint
-from bench.table import Row, percentile
+from bench.bus import adapter_rows, client_commands, paced_speeds, program, watch_setpoint
+from bench.table import Row
 from tsd_twin.bus import Bus, client_config
 
 _COMMANDS, _SMALLEST = 600, 20
-_PERIOD_S = 0.02
 _CALL, _PUBLISH, _RESPONSE = 2, 1, 3
-_ALLOWED_SHARE = 15.0
-"""Percent of a core, with every topic of one robot subscribed."""
 
 
 def rows(*, smallest: bool = False) -> Iterator[Row]:
@@ -38,22 +34,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
         adapter = program([sys.executable, "-m", "tsd_foxglove", *flags])
         with adapter as url:
             twist_ms, load = foxglove_commands(bus, url, adapter.process.pid, count)
-    for name, share in (("p50", 0.5), ("p99", 0.99)):
-        plain = percentile(plain_ms, share)
-        yield Row(
-            f"cmd_vel from Foxglove to set-point published, {name}",
-            percentile(twist_ms, share),
-            plain + 10.0,
-            "ms",
-            f"client set_velocity {plain:.2f} ms + 10 ms",
-        )
-    yield Row(
-        "tsd-foxglove, all topics of one robot, cmd_vel at 50 Hz",
-        load,
-        _ALLOWED_SHARE,
-        "%",
-        "of a core",
-    )
+    yield from adapter_rows("tsd-foxglove", "Foxglove", plain_ms, twist_ms, load)
 
 
 def foxglove_commands(bus: Bus, url: str, pid: int, count: int) -> tuple[list[float], float]:
@@ -75,19 +56,14 @@ def foxglove_commands(bus: Bus, url: str, pid: int, count: int) -> tuple[list[fl
             "schemaName": "geometry_msgs/Twist",
         }
         socket.send(json.dumps({"op": "advertise", "channels": [channel]}))
-        speeds = itertools.cycle([0.40, 0.42])
 
-        def send() -> None:
-            came.clear()
-            twist = json.dumps({"linear": {"x": next(speeds)}}).encode()
+        def send(vx_mps: float) -> None:
+            twist = json.dumps({"linear": {"x": vx_mps}}).encode()
             socket.send(struct.pack("<BI", _PUBLISH, 1) + twist)
 
-        for _ in range(25):  # Up to speed first.
-            send()
-            time.sleep(_PERIOD_S)
         adapter = psutil.Process(pid)
         adapter.cpu_percent()
-        times_ms = paced(send, came, count)
+        times_ms = paced_speeds(send, came, count)
         load = adapter.cpu_percent()
     reading.join()
     return times_ms, load

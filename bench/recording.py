@@ -21,7 +21,6 @@ import msgspec
 import numpy as np
 import zenoh
 from mcap.reader import make_reader
-from numpy.typing import NDArray
 from rosbags.highlevel import AnyReader
 
 import tsd_twin
@@ -36,6 +35,7 @@ _SECONDS = 20.0
 _SMALLEST_S = 0.5
 _KILLS = 5
 _COMMANDS = 300
+_TURNS = 3
 _FEW_COMMANDS = 20
 _BEGUN_BYTES = 5000
 _LEG_S = 3.0
@@ -96,37 +96,43 @@ def measure(settle_s: float, floor_s: float, seconds: float) -> Iterator[Row]:
 
 
 def beside(settle_s: float, seconds: float, *, smallest: bool = False) -> Iterator[Row]:
-    """Measure node, dashboard and commands beside a recorder, and without one before and after."""
-    count = _FEW_COMMANDS if smallest else _COMMANDS
+    """Measure node, dashboard and commands in turns without and beside a recorder."""
+    count, turns = (_FEW_COMMANDS, 1) if smallest else (_COMMANDS, _TURNS)
     mock = program([*_run("tsd_mock"), "--listen", "tcp/127.0.0.1:0", "--noise", "1"])
     with mock as endpoint, tempfile.TemporaryDirectory() as folder:
         dashboard = program([*_run("tsd_dashboard"), "--port", "0", "--connect", endpoint])
         with dashboard:
             pids = mock.process.pid, dashboard.process.pid
 
-            def once() -> tuple[NDArray[np.float64], float]:
+            def once() -> list[float]:
                 with _driven(endpoint):
                     loads = shares_of_a_core(pids, settle_s, seconds)
                 with Bus(client_config([endpoint])) as bus:
-                    return np.array(loads), percentile(client_commands(bus, endpoint, count), 0.5)
+                    return [*loads, percentile(client_commands(bus, endpoint, count), 0.5)]
 
-            before = once()
-            with program([*_run("tsd_record"), "--connect", endpoint, "--dir", folder]):
-                during = once()
-            after = once()
-    without = (before[0] + after[0]) / 2.0
-    for name, load, alone, ends in zip(
-        ("node", "dashboard"),
-        during[0],
-        without,
-        zip(before[0], after[0], strict=True),
-        strict=True,
-    ):
-        about = f"without one {ends[0]:.1f} % before, {ends[1]:.1f} % after"
-        yield Row(f"{name} beside a recorder, of one core", load, 1.1 * alone, "%", about)
-    about = f"without one {before[1]:.2f} ms before, {after[1]:.2f} ms after"
-    limit_ms = max(before[1], after[1]) + 1.0
-    yield Row("set_velocity to set-point beside a recorder, p50", during[1], limit_ms, "ms", about)
+            without, during = [once()], list[list[float]]()
+            for _ in range(turns):  # A turn without one at either end: a machine warms up.
+                with program([*_run("tsd_record"), "--connect", endpoint, "--dir", folder]):
+                    during.append(once())
+                without.append(once())
+    names = "node", "dashboard"
+    for name, beside_one, alone in zip(names, _columns(during), _columns(without), strict=False):
+        about = f"medians; without one {_spread(alone, 1)} %, beside one {_spread(beside_one, 1)} %"
+        limit = max(1.1 * float(np.median(alone)), max(alone))
+        yield Row(f"{name} beside a recorder", float(np.median(beside_one)), limit, "%", about)
+    delays_ms, alone_ms = _columns(during)[2], _columns(without)[2]
+    about = f"without one {_spread(alone_ms, 2)} ms, beside one {_spread(delays_ms, 2)} ms"
+    limit_ms = max(alone_ms) + 1.0
+    name = "set_velocity to set-point beside a recorder, p50"
+    yield Row(name, float(np.median(delays_ms)), limit_ms, "ms", about)
+
+
+def _columns(turns: list[list[float]]) -> list[list[float]]:
+    return [list(column) for column in zip(*turns, strict=True)]
+
+
+def _spread(values: list[float], digits: int) -> str:
+    return f"{np.median(values):.{digits}f} ({min(values):.{digits}f} to {max(values):.{digits}f})"
 
 
 def kill(count: int) -> Iterator[Row]:

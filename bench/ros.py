@@ -10,8 +10,8 @@ from collections.abc import Iterator
 
 import psutil
 
-from bench.bus import client_commands, paced, program, watch_setpoint
-from bench.table import Row, percentile
+from bench.bus import adapter_rows, client_commands, paced_speeds, program, watch_setpoint
+from bench.table import Row
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.interop.mapping import PUBLISHED
 from tsd_twin.messages.ros import TRIGGER, encode_cdr, make_twist, type_hash
@@ -19,9 +19,6 @@ from tsd_twin.messages.topics import QoS
 from tsd_twin.ros.wire import Attachment, topic_key
 
 _COMMANDS, _SMALLEST = 600, 20
-_PERIOD_S = 0.02
-_ALLOWED_SHARE = 15.0
-"""Percent of a core, with every topic of one robot subscribed."""
 _TWIST = "geometry_msgs/msg/Twist"
 _GID = bytes(range(16))
 
@@ -41,18 +38,7 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
         adapter = program([sys.executable, "-m", "tsd_ros", *flags, "--until-eof"])
         with adapter:
             twist_ms, load = ros_commands(bus, router, adapter.process.pid, count)
-    for name, share in (("p50", 0.5), ("p99", 0.99)):
-        plain = percentile(plain_ms, share)
-        yield Row(
-            f"cmd_vel from ROS to set-point published, {name}",
-            percentile(twist_ms, share),
-            plain + 10.0,
-            "ms",
-            f"client set_velocity {plain:.2f} ms + 10 ms",
-        )
-    yield Row(
-        "tsd-ros, all topics of one robot, cmd_vel at 50 Hz", load, _ALLOWED_SHARE, "%", "of a core"
-    )
+    yield from adapter_rows("tsd-ros", "ROS", plain_ms, twist_ms, load)
 
 
 def ros_commands(bus: Bus, router: Bus, pid: int, count: int) -> tuple[list[float], float]:
@@ -70,19 +56,14 @@ def ros_commands(bus: Bus, router: Bus, pid: int, count: int) -> tuple[list[floa
     _arm(router, attachment())
     time.sleep(0.6)
     cmd_vel = router.publisher(topic_key(0, "/cmd_vel", _TWIST, type_hash(_TWIST)), QoS.REAL_TIME)
-    speeds = itertools.cycle([0.40, 0.42])
 
-    def send() -> None:
-        came.clear()
-        twist = encode_cdr(make_twist((next(speeds), 0.0, 0.0, 0.0, 0.0, 0.0)))
+    def send(vx_mps: float) -> None:
+        twist = encode_cdr(make_twist((vx_mps, 0.0, 0.0, 0.0, 0.0, 0.0)))
         cmd_vel.put(twist, attachment())
 
-    for _ in range(25):  # Up to speed first.
-        send()
-        time.sleep(_PERIOD_S)
     adapter = psutil.Process(pid)
     adapter.cpu_percent()
-    times_ms = paced(send, came, count)
+    times_ms = paced_speeds(send, came, count)
     return times_ms, adapter.cpu_percent()
 
 

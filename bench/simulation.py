@@ -20,7 +20,7 @@ from tsd_twin.lab.budget import BATCH, ERROR_SOURCES, drive_open_loop
 from tsd_twin.lab.square import unlimited_trajectory
 from tsd_twin.lab.tracking import named_path
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages.commands import Sample, encode_attachment
+from tsd_twin.messages.requests import Sample, encode_attachment
 from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
 from tsd_twin.messages.topics import Service
 from tsd_twin.motion import TwistLimiter

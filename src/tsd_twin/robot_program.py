@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager
 from tsd_twin import models, program, robots
 from tsd_twin.bus import Bus
 from tsd_twin.lie import SE2, SO3
-from tsd_twin.messages.services import Description
+from tsd_twin.messages.requests import Description
 from tsd_twin.node import RobotIO, RobotNode
 from tsd_twin.robots import RobotDescription
 

@@ -16,7 +16,7 @@ from tests.app.conftest import PATIENCE_S, Program
 from tests.support.browser import CHEAP_FLAGS, PATIENCE_MS, QUICK, executable, take_control_and_arm
 from tsd_twin.bus import Bus, client_config
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.requests import Sample
 from tsd_twin.messages.ros import decode_joints
 from tsd_twin.messages.status import Status, decode_stamp, decode_status
 

@@ -32,7 +32,7 @@ from tsd_twin.dashboard.viser_compat import (
 )
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.requests import Sample
 from tsd_twin.messages.ros import decode_joints, decode_odometry, decode_twist
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(300)]

@@ -26,7 +26,7 @@ from tsd_twin.calibration.recording import (
 from tsd_twin.errors import TwinError
 from tsd_twin.experiment import Output
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages.commands import PoseStamped, Sample, encode_pose
+from tsd_twin.messages.requests import PoseStamped, Sample, encode_pose
 from tsd_twin.messages.ros import JointState, encode_joints
 from tsd_twin.messages.status import Status, encode_stamp, encode_status
 from tsd_twin.recording.channels import EntryMaker

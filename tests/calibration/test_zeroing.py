@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from tests.support.experiment_runs import is_picture, run, table
 from tests.support.robot_node import PATIENCE_S, QUICK, RunningNode, matched, running
+from tsd_mock import OverheadCamera
 from tsd_twin import connect, robots
 from tsd_twin.calibration.collect import PerturbedRobot, with_calibration
 from tsd_twin.calibration.control import CalibratedRobot, ask_displacement
@@ -31,9 +32,8 @@ from tsd_twin.client.connection import RobotConnection
 from tsd_twin.errors import TwinError
 from tsd_twin.lie import SE2
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import PoseStamped, encode_pose
+from tsd_twin.messages.requests import PoseStamped, encode_pose
 from tsd_twin.messages.topics import QoS
-from tsd_twin.node import OverheadCamera
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.simulation import simulate
 

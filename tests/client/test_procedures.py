@@ -17,7 +17,7 @@ from tsd_twin.client import (
 from tsd_twin.client import procedures as steps
 from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.client.steps import Call, NextStatus, Outcome, Procedure, Send, SendStop, Sleep
-from tsd_twin.messages.services import HolderRequest, LeaseReply, LeaseRequest, Reply
+from tsd_twin.messages.requests import HolderRequest, LeaseReply, LeaseRequest, Reply
 from tsd_twin.messages.status import Refusals
 from tsd_twin.messages.topics import Service
 

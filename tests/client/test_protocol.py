@@ -22,8 +22,8 @@ from tsd_twin.client.protocol import (
     ControlProtocol,
     TwistCommand,
 )
+from tsd_twin.messages.requests import LeaseReply, LeaseRequest
 from tsd_twin.messages.ros import decode_twist
-from tsd_twin.messages.services import LeaseReply, LeaseRequest
 from tsd_twin.messages.status import CommandStatus, LeaseStatus, Status
 from tsd_twin.safety import Mode
 

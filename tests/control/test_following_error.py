@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tests.support.controller_harness import ROBOT, ControllerHarness
 from tsd_twin.control.faults import ASIDE_RAD, PATIENCE_S, REMEMBERED_S, FollowingErrorMonitor
-from tsd_twin.messages.services import Event
+from tsd_twin.messages.requests import Event
 from tsd_twin.safety import Mode
 from tsd_twin.simulation import RobotWithStuckJoint, SimRobot, StuckJoint
 

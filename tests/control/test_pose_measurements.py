@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from tests.support.controller_harness import PERIOD_S, ROBOT, ControllerHarness
 from tsd_twin import robots
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages.commands import PoseStamped, Sample, encode_pose
+from tsd_twin.messages.requests import PoseStamped, Sample, encode_pose
 from tsd_twin.messages.ros import BASE, ODOM
 from tsd_twin.messages.status import PoseSensorDrops
 from tsd_twin.robots import RobotDescription

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.support.controller_harness import ROBOT, ControllerHarness
-from tsd_twin.messages.services import LeaseReply
+from tsd_twin.messages.requests import LeaseReply
 from tsd_twin.messages.topics import Service
 from tsd_twin.safety import Mode
 from tsd_twin.simulation import SimRobot

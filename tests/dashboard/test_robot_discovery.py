@@ -25,7 +25,7 @@ from tsd_twin.dashboard.robot_discovery import (
     TakeReply,
 )
 from tsd_twin.messages import topics
-from tsd_twin.messages.services import duplicate_id_text
+from tsd_twin.messages.requests import duplicate_id_text
 from tsd_twin.messages.status import Status, encode_stamp, encode_status
 from tsd_twin.messages.topics import QoS, Service
 

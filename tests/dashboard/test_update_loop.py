@@ -18,7 +18,7 @@ from tsd_twin.dashboard.dashboard import UpdateLoop
 from tsd_twin.dashboard.robot_discovery import RobotDiscovery
 from tsd_twin.dashboard.scene.scene import Scene
 from tsd_twin.messages import topics
-from tsd_twin.messages.services import Event
+from tsd_twin.messages.requests import Event
 from tsd_twin.messages.topics import QoS
 
 AT_ONCE_S = 0.1

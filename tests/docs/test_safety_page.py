@@ -11,7 +11,7 @@ import pytest
 from tests.support.markdown_pages import page, quoted, section, tables
 from tsd_twin import control
 from tsd_twin.control import RobotController
-from tsd_twin.messages.commands import Sample, encode_attachment
+from tsd_twin.messages.requests import Sample, encode_attachment
 from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
 from tsd_twin.messages.topics import Service, twist_key
 from tsd_twin.robots import load_robot

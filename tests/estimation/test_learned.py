@@ -11,7 +11,7 @@ from tsd_twin.control.state_estimator import StateEstimator
 from tsd_twin.estimation import ConstantsFilter, TwistErrors
 from tsd_twin.estimation.learned import CAUTION, Comparison
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages.commands import PoseStamped, Sample, encode_pose
+from tsd_twin.messages.requests import PoseStamped, Sample, encode_pose
 from tsd_twin.messages.topics import SENSOR_POSE
 from tsd_twin.robots import Gyro, SingularityDescription
 from tsd_twin.simulation import Camera, CameraNoise, simulate

@@ -37,6 +37,7 @@ from tsd_twin.interop.mapping import (
 )
 from tsd_twin.lie import SO3
 from tsd_twin.messages import topics
+from tsd_twin.messages.requests import Event
 from tsd_twin.messages.ros import (
     BASE,
     ODOM,
@@ -45,7 +46,6 @@ from tsd_twin.messages.ros import (
     encode_joints,
     encode_odometry,
 )
-from tsd_twin.messages.services import Event
 from tsd_twin.messages.status import ConsistencyStatus, LeaseStatus, Status, encode_status
 from tsd_twin.messages.topics import Topic
 from tsd_twin.models import shipped_model

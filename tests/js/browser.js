@@ -129,6 +129,11 @@ export function pass(ms) {
   }
 }
 
+/** Let time pass in which no script runs, as while a page compiles what it draws with. */
+export function stall(ms) {
+  nowMs += ms;
+}
+
 /** Dispatch an event with these fields at a target, the window without one. */
 export function fire(target, type, fields = {}) {
   const event = Object.assign(new Event(type, { cancelable: true }), fields);

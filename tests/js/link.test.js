@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { connect, openPage, pass } from "./browser.js";
+import { connect, openPage, pass, stall } from "./browser.js";
 
 const STATIC = "../../src/tsd_twin/dashboard/static";
 const { Link } = await import(`${STATIC}/link.js`);
@@ -74,4 +74,18 @@ test("a connection that is lost is said at once", () => {
   newestSocket().onclose();
   assert.ok(!link.isLoading());
   assert.equal(notTake(link), "No connection to the dashboard.");
+});
+
+test("a page that stalls reads what came meanwhile before it takes the connection for lost", () => {
+  const { link, socket, say } = connect();
+  pass(1000);
+  stall(30000);
+  pass(300);
+  assert.ok(link.connected);
+  say({ t: "heartbeat", sent_ms: performance.now() - 30000 });
+  pass(1800);
+  assert.ok(link.connected);
+  pass(400);
+  assert.ok(!link.connected, "no echo for two seconds in which the page ran");
+  assert.equal(socket.readyState, 3);
 });

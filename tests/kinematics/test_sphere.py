@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tests.support.random_kinematics import directions, sphere_drives
 from tsd_twin import robots
 from tsd_twin.kinematics import SphereKinematics
-from tsd_twin.kinematics.sphere import contacts_and_directions, layout_problem
+from tsd_twin.kinematics.omni import contacts_and_directions, sphere_layout_problem
 from tsd_twin.lie import SO3, Array
 
 calm = settings(deadline=None, max_examples=60)
@@ -166,8 +166,8 @@ def test_wheels_that_share_a_plane_of_axes_are_refused() -> None:
     contacts, actuations = contacts_and_directions(
         np.array([0.0, 2.0, 4.0]), np.zeros(3), np.zeros(3)
     )
-    assert "cannot" in layout_problem(contacts[:2], actuations[:2])
-    said = layout_problem(contacts, actuations)
+    assert "cannot" in sphere_layout_problem(contacts[:2], actuations[:2])
+    said = sphere_layout_problem(contacts, actuations)
     assert said.startswith("no wheel can turn the sphere about the axis")
     with pytest.raises(ValueError, match="about the axis"):
         SphereKinematics(contacts, actuations, 0.15, 0.04, np.pi / 8, **WHEELS)

@@ -11,7 +11,7 @@ import pytest
 from tests.support.experiment_runs import is_picture, run, table
 from tsd_twin import robots
 from tsd_twin.errors import RobotFileError, TwinError
-from tsd_twin.lab.atlas import row_effect
+from tsd_twin.lab.papers import row_effect
 
 
 def test_it_prints_the_peaks_of_the_paper_and_leaves_both_curves(tmp_path: Path) -> None:

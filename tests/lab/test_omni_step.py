@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.support.experiment_runs import is_picture, run, table
 from tsd_twin.errors import TwinError
-from tsd_twin.lab.omni_step import PointToPointProfile
+from tsd_twin.lab.papers import PointToPointProfile
 from tsd_twin.lie import Array
 
 limits = st.floats(0.2, 10.0)

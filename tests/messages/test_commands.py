@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tsd_twin.errors import MessageError
 from tsd_twin.lie import Array
-from tsd_twin.messages.commands import Sample, decode_command, encode_attachment
+from tsd_twin.messages.requests import Sample, decode_command, encode_attachment
 from tsd_twin.messages.ros import TwistStamped, encode_twist
 
 KEY = "twin/tsd/cmd/alice/twist"

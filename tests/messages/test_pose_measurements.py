@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from tsd_twin.errors import MessageError
 from tsd_twin.lie import SE2
-from tsd_twin.messages.commands import PoseStamped, Sample, decode_pose_measurement, encode_pose
+from tsd_twin.messages.requests import PoseStamped, Sample, decode_pose_measurement, encode_pose
 from tsd_twin.messages.ros import BASE, ODOM
 
 KEY = "twin/tsd/sensor/pose"

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tsd_twin.errors import MessageError
-from tsd_twin.messages.services import (
+from tsd_twin.messages.requests import (
     HolderRequest,
     LeaseReply,
     LeaseRequest,

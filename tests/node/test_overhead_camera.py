@@ -9,13 +9,13 @@ import numpy as np
 
 from tests.support.bus_operator import BusOperator
 from tests.support.robot_node import QUICK, matched, running
+from tsd_mock import OverheadCamera
 from tsd_twin import robots
 from tsd_twin.lie import SE2
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import PoseStamped, encode_pose
+from tsd_twin.messages.requests import PoseStamped, encode_pose
 from tsd_twin.messages.ros import ODOM, decode_odometry
 from tsd_twin.messages.status import PoseSensorStatus
-from tsd_twin.node import OverheadCamera
 from tsd_twin.simulation import SimRobot
 
 

@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from tsd_twin.control.logged_controller import InputBatch, ServeCall, StopCall, encode_batch
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import PoseStamped, Sample, encode_attachment, encode_pose
+from tsd_twin.messages.requests import PoseStamped, Sample, encode_attachment, encode_pose
 from tsd_twin.messages.ros import BASE, JointState, TwistStamped, encode_joints, encode_twist
 from tsd_twin.messages.status import encode_stamp
 from tsd_twin.recording.channels import RAW, Entry, EntryMaker, RawMessage

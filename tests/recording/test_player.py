@@ -15,8 +15,8 @@ import tsd_twin
 from tests.support.recorded_drives import START_NS, RecordedDrive, recorded_circle
 from tsd_twin.errors import MessageError, RecordingError
 from tsd_twin.messages import topics
+from tsd_twin.messages.requests import Event
 from tsd_twin.messages.ros import decode_joints, decode_odometry
-from tsd_twin.messages.services import Event
 from tsd_twin.messages.status import decode_status
 from tsd_twin.recording import RecordingFolder, mcap_file
 from tsd_twin.recording.channels import JSON, Entry

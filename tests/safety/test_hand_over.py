@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from tests.support.supervisor_harness import SupervisorHarness
-from tsd_twin.messages.services import LeaseReply
+from tsd_twin.messages.requests import LeaseReply
 from tsd_twin.safety import Mode
 from tsd_twin.safety.lease import DENIED_S, REQUEST_TIMEOUT_S, RESERVATION_S
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.support.supervisor_harness import SupervisorHarness, disarm, stop
-from tsd_twin.messages.services import StopRequest
+from tsd_twin.messages.requests import StopRequest
 from tsd_twin.safety import LATCHED, Mode
 
 

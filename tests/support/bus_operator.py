@@ -13,7 +13,7 @@ import numpy as np
 from tests.support.robot_node import PATIENCE_S, RunningNode, matched
 from tsd_twin.lie import Array
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import Sample, encode_attachment
+from tsd_twin.messages.requests import Sample, encode_attachment
 from tsd_twin.messages.ros import (
     BASE,
     JointState,

@@ -27,7 +27,7 @@ from tsd_twin.bus import Bus, client_config
 from tsd_twin.lie import Array
 from tsd_twin.link_emulation import LinkEmulator, LinkSpec
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.requests import Sample
 from tsd_twin.messages.ros import decode_odometry
 from tsd_twin.messages.status import Status, decode_stamp, decode_status
 

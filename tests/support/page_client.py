@@ -23,7 +23,7 @@ from tsd_twin.dashboard.server.auth import AccessSettings, AuthMiddleware
 from tsd_twin.dashboard.server.http_server import HttpServer
 from tsd_twin.dashboard.server.recorded_pages import RecordedPages
 from tsd_twin.dashboard.server.session_manager import SessionManager
-from tsd_twin.messages.services import Description, Event
+from tsd_twin.messages.requests import Description, Event
 from tsd_twin.node import RobotNode
 from tsd_twin.simulation import SimRobot
 

@@ -13,8 +13,7 @@ from tests.support.robot_solids import solid
 from tsd_twin.lie import Array
 from tsd_twin.models import Part
 from tsd_twin.robots import OmniDescription, SphereDescription, load_robot
-from tsd_twin.robots.omni import OmniGeometry, OmniWheel
-from tsd_twin.robots.sphere import SphereGeometry, SphereWheel
+from tsd_twin.robots.omni import OmniGeometry, OmniWheel, SphereGeometry, SphereWheel
 
 
 def omni(name: str) -> OmniDescription:

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from tsd_twin.kinematics import Kinematics, OmniKinematics, SingularityKinematics, SphereKinematics
 from tsd_twin.kinematics import omni as omni_module
-from tsd_twin.kinematics import sphere as sphere_module
 from tsd_twin.lie import Array
 
 
@@ -112,7 +111,7 @@ def omni_drives(draw: st.DrawFn) -> OmniKinematics:
 def sphere_drives(draw: st.DrawFn) -> SphereKinematics:
     """Three to five wheels anywhere on the sphere, turned anyhow."""
     k = draw(st.integers(3, 5))
-    contacts, actuations = sphere_module.contacts_and_directions(
+    contacts, actuations = omni_module.contacts_and_directions(
         np.array([draw(angles) for _ in range(k)]),
         np.array([draw(st.floats(-1.2, 1.2)) for _ in range(k)]),
         np.array([draw(angles) for _ in range(k)]),

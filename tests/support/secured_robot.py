@@ -21,13 +21,13 @@ from tsd_twin.bus.session import sample_of
 from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import Sample
-from tsd_twin.messages.services import (
+from tsd_twin.messages.requests import (
     Description,
     HolderRequest,
     LeaseReply,
     LeaseRequest,
     Reply,
+    Sample,
     decode_json,
 )
 from tsd_twin.messages.status import Status, decode_status

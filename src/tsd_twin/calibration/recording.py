@@ -13,7 +13,7 @@ import numpy as np
 from tsd_twin.errors import MessageError, TwinError
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import Sample, decode_pose_measurement
+from tsd_twin.messages.requests import Sample, decode_pose_measurement
 from tsd_twin.messages.ros import decode_joints
 from tsd_twin.messages.status import Status, decode_stamp, decode_status, encode_stamp
 from tsd_twin.recording import open_recording

@@ -31,7 +31,7 @@ from tsd_twin.errors import MessageError
 from tsd_twin.experiment import PERCENT_STEPS, Experiment, Output, in_percent_steps
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import decode_pose_measurement
+from tsd_twin.messages.requests import decode_pose_measurement
 from tsd_twin.messages.ros import decode_odometry
 from tsd_twin.messages.status import decode_stamp
 from tsd_twin.robots import RPM, SingularityDescription, description_of_kind

@@ -29,7 +29,7 @@ from tsd_twin.client.steps import (
     Step,
     run_async,
 )
-from tsd_twin.messages.services import Event
+from tsd_twin.messages.requests import Event
 
 T = TypeVar("T")
 _Done: TypeAlias = Coroutine[Any, Any, None]

@@ -17,7 +17,7 @@ from tsd_twin.client.protocol import ControlProtocol
 from tsd_twin.client.state import RobotState
 from tsd_twin.client.steps import Procedure
 from tsd_twin.lie import SE2
-from tsd_twin.messages.commands import PoseStamped, encode_pose
+from tsd_twin.messages.requests import PoseStamped, encode_pose
 from tsd_twin.messages.ros import BASE
 from tsd_twin.robots import RobotDescription
 

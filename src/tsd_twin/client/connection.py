@@ -25,9 +25,8 @@ from tsd_twin.client.protocol import TwistCommand
 from tsd_twin.errors import BusError, MessageError, NoAnswerError
 from tsd_twin.lie import SO3, Array
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.requests import Description, Sample, decode_json, duplicate_id_text
 from tsd_twin.messages.ros import JointState, Odometry, decode_joints, decode_odometry, warm_up
-from tsd_twin.messages.services import Description, decode_json, duplicate_id_text
 from tsd_twin.messages.status import Refusals, Status, decode_stamp, decode_status
 from tsd_twin.messages.topics import QoS, Service, Topic
 from tsd_twin.robots import RobotDescription

@@ -24,9 +24,8 @@ from tsd_twin.errors import (
     SeveralRobotsFound,
 )
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.requests import Event, Sample, decode_json
 from tsd_twin.messages.ros import JointState, Odometry, decode_joints
-from tsd_twin.messages.services import Event, decode_json
 from tsd_twin.messages.status import Status
 from tsd_twin.messages.topics import Topic
 from tsd_twin.robots import RobotDescription

@@ -13,8 +13,7 @@ import msgspec
 from tsd_twin.client.protocol import REST, SILENCE_S, ControlProtocol
 from tsd_twin.client.steps import Call, NextStatus, Procedure, Send, SendStop
 from tsd_twin.errors import ControlDenied, MessageError, RequestRefused, RobotSilent, RobotStopped
-from tsd_twin.messages.ros import BASE
-from tsd_twin.messages.services import (
+from tsd_twin.messages.requests import (
     HolderRequest,
     LeaseReply,
     LeaseRequest,
@@ -25,6 +24,7 @@ from tsd_twin.messages.services import (
     StopRequest,
     decode_json,
 )
+from tsd_twin.messages.ros import BASE
 from tsd_twin.messages.status import LeaseStatus, Status
 from tsd_twin.messages.topics import Service
 from tsd_twin.safety import LATCHED, Mode

@@ -20,9 +20,8 @@ from tsd_twin.errors import ClientError, ControlLost, MessageError, RobotSilent,
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import encode_attachment
+from tsd_twin.messages.requests import LeaseReply, LeaseRequest, decode_json, encode_attachment
 from tsd_twin.messages.ros import BASE, ODOM, Odometry, TwistStamped, encode_twist
-from tsd_twin.messages.services import LeaseReply, LeaseRequest, decode_json
 from tsd_twin.messages.status import Status
 from tsd_twin.motion.prediction import CommandDelay
 from tsd_twin.robots import RobotDescription

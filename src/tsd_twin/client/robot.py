@@ -21,8 +21,8 @@ from tsd_twin.client.motions import TwistSource
 from tsd_twin.client.protocol import RENEW_PERIOD_S, REST
 from tsd_twin.client.state import RobotState, Subscription
 from tsd_twin.client.steps import Procedure, Sleep, run, run_stepwise
+from tsd_twin.messages.requests import Event
 from tsd_twin.messages.ros import BASE
-from tsd_twin.messages.services import Event
 
 _LOG = logging.getLogger(__name__)
 _POLL_S = 0.1

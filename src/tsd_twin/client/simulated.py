@@ -26,9 +26,8 @@ from tsd_twin.control import RobotController
 from tsd_twin.errors import ClientError, TwinError
 from tsd_twin.lie import SE2, Array
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.requests import Event, LeaseReply, Sample
 from tsd_twin.messages.ros import BASE, Odometry
-from tsd_twin.messages.services import Event, LeaseReply
 from tsd_twin.messages.status import LoopStatus, Status
 from tsd_twin.messages.topics import Service, twist_key
 from tsd_twin.robots import RobotDescription

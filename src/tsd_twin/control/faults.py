@@ -12,7 +12,7 @@ import numpy as np
 
 from tsd_twin.control.state_estimator import NEUTRAL_RAD, StateEstimator
 from tsd_twin.lie import Array
-from tsd_twin.messages.services import Event
+from tsd_twin.messages.requests import Event
 from tsd_twin.messages.status import ConsistencyStatus
 from tsd_twin.safety import ARMED, Mode, SafetySupervisor
 

@@ -24,9 +24,8 @@ import numpy as np
 from tsd_twin.control.robot_controller import RobotController
 from tsd_twin.errors import MessageError, TwinError
 from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.requests import LeaseReply, Reply, Sample
 from tsd_twin.messages.ros import Odometry
-from tsd_twin.messages.services import LeaseReply, Reply
 from tsd_twin.messages.status import LoopStatus, Status
 from tsd_twin.messages.topics import Service
 from tsd_twin.robots import RobotDescription

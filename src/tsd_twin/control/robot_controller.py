@@ -19,9 +19,8 @@ from tsd_twin.control.state_estimator import StateEstimator
 from tsd_twin.control.wheel_speed import WheelSpeedController
 from tsd_twin.kinematics import JointKind, Kinematics
 from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.requests import Event, LeaseReply, Reply, Sample
 from tsd_twin.messages.ros import ODOM, JointState, Odometry
-from tsd_twin.messages.services import Event, LeaseReply, Reply
 from tsd_twin.messages.status import CommandStatus, LeaseStatus, LimitStatus, LoopStatus, Status
 from tsd_twin.messages.topics import Service
 from tsd_twin.motion import TwistLimiter, clip_to_finite

@@ -13,7 +13,7 @@ from tsd_twin.control.wheel_speed import WheelSpeedController
 from tsd_twin.errors import MessageError
 from tsd_twin.kinematics.base import PoseT
 from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.messages.services import (
+from tsd_twin.messages.requests import (
     HolderRequest,
     LeaseReply,
     LeaseRequest,

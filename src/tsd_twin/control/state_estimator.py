@@ -26,9 +26,8 @@ from tsd_twin.estimation import (
 )
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.messages.commands import Sample, decode_pose_measurement
+from tsd_twin.messages.requests import Event, Sample, decode_pose_measurement
 from tsd_twin.messages.ros import Odometry
-from tsd_twin.messages.services import Event
 from tsd_twin.messages.status import (
     ConsistencyStatus,
     LearnedError,

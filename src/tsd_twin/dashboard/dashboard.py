@@ -26,7 +26,7 @@ from tsd_twin.dashboard.server.http_server import HttpServer
 from tsd_twin.dashboard.server.recorded_pages import RecordedPages
 from tsd_twin.dashboard.server.session_manager import SessionManager
 from tsd_twin.lie import Array
-from tsd_twin.messages.services import Event
+from tsd_twin.messages.requests import Event
 
 _M_MMAP_THRESHOLD = -3
 """From glibc's `malloc.h`."""

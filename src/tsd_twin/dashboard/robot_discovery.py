@@ -17,8 +17,7 @@ from tsd_twin.client.connection import RobotMonitor
 from tsd_twin.dashboard.server.telemetry import RobotTelemetry
 from tsd_twin.errors import BusError, MessageError, TwinError
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import Sample
-from tsd_twin.messages.services import Event, decode_json
+from tsd_twin.messages.requests import Event, Sample, decode_json
 from tsd_twin.messages.topics import Service
 
 _CONNECTOR_LOG = logging.getLogger(__name__)

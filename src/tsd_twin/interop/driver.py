@@ -33,7 +33,7 @@ from tsd_twin.interop.cmd_vel import (
     Say,
 )
 from tsd_twin.lie import SO3
-from tsd_twin.messages.commands import PoseStamped
+from tsd_twin.messages.requests import PoseStamped
 
 _LOG = logging.getLogger(__name__)
 _POLL_S = 0.1

@@ -26,9 +26,8 @@ from tsd_twin.interop.mapping import (
     namespaces,
 )
 from tsd_twin.messages import topics
-from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.requests import Event, Sample
 from tsd_twin.messages.ros import BASE, ODOM
-from tsd_twin.messages.services import Event
 from tsd_twin.messages.topics import Topic
 from tsd_twin.models import Part, load_parts, urdf
 from tsd_twin.robots import RobotDescription

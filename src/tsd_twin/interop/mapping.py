@@ -26,6 +26,7 @@ from tsd_twin.interop.frames import (
     rotated_back,
 )
 from tsd_twin.messages import topics
+from tsd_twin.messages.requests import Event, decode_json
 from tsd_twin.messages.ros import (
     BASE,
     ODOM,
@@ -36,7 +37,6 @@ from tsd_twin.messages.ros import (
     make_message,
     stamp_ns,
 )
-from tsd_twin.messages.services import Event, decode_json
 from tsd_twin.messages.status import Status, decode_status
 from tsd_twin.messages.topics import Topic
 from tsd_twin.safety import LATCHED, Mode

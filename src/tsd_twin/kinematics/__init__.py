@@ -5,9 +5,8 @@ dimensions.
 from __future__ import annotations
 
 from tsd_twin.kinematics.base import Joint, JointKind, Kinematics, TwistSolution
-from tsd_twin.kinematics.omni import OmniKinematics
+from tsd_twin.kinematics.omni import OmniKinematics, SphereKinematics
 from tsd_twin.kinematics.singularity import SingularityKinematics
-from tsd_twin.kinematics.sphere import SphereKinematics
 
 __all__ = [
     "Joint",

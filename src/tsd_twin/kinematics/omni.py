@@ -1,7 +1,12 @@
-"""Kinematics of platforms on wheels with rollers: omni wheels, Killough's three, Mecanum.
+"""Kinematics of wheels with rollers: platforms on omni or Mecanum wheels, a sphere on omni wheels.
 
-Source: Savnani et al. 2019, Eq. 4 for one wheel and Eq. 8 to 11 for four of them. One class does
+Platforms: Savnani et al. 2019, Eq. 4 for one wheel and Eq. 8 to 11 for four of them. One class does
 any number of wheels with any roller angle; `docs/kinematics.md` has symbols and a drawing.
+
+The Atlas platform, a sphere that three omni wheels turn in place: Weiss, Langlois and Hayes 2008.
+The wheels have two rows of rollers, and the contact hops from one row to the other as a wheel
+turns; the ideal kinematics take it to be half-way between. Misprints: Eq. 29 drops the cosine of
+the offset that Eq. 27 has, Eq. 24 has +d^2 for -d^2 in three places.
 """
 
 from __future__ import annotations
@@ -12,7 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tsd_twin.kinematics.base import PlanarMotion, WheelKinematics
-from tsd_twin.lie import Array
+from tsd_twin.lie import SO3, Array
 
 _SINGULAR = 1e-3
 """Smallest ratio of singular values of a layout; below this a motion counts as impossible."""
@@ -85,3 +90,128 @@ def _grip(positions_m: Array, directions_rad: Array, rollers_rad: Array) -> Arra
     c, s = np.cos(directions_rad + rollers_rad), np.sin(directions_rad + rollers_rad)
     x, y = positions_m[:, 0], positions_m[:, 1]
     return np.stack([c, s, s * x - c * y], axis=-1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SphereKinematics(WheelKinematics):
+    """Kinematics of a sphere on three or more omni wheels in any mounting (Eq. 31).
+
+    The base stands still; X forward, Y left, Z up, from the centre of the sphere. A twist is the
+    sphere's angular velocity in the base frame, the joint vector holds the speeds of the wheels.
+    `inverse` and `forward` are ideal; the controller uses them. `true_rows`, `true_inverse` and
+    `true_twist` also model the rows: the angle of a wheel determines which row carries.
+    """
+
+    contacts: Array
+    """(k, 3): unit vectors to the contacts, half-way between the rows of a wheel: R_i (Eq. 21)."""
+    actuations: Array
+    """(k, 3): unit vectors of the driving directions at the contacts: v_i (Eq. 23)."""
+    sphere_radius_m: float
+    row_offset_rad: float
+    """Offset of a row's contact from half-way: arcsin d / (2 (R + r_r)) (Eq. 12); 0 is ideal."""
+    row_rad: float
+    """Angle that a wheel turns through on one row: pi / N with N rollers in each (Eq. 8 to 11)."""
+    axes: Array = field(init=False)
+    """(k, 3): axes that each wheel turns the sphere about: Omega_i = R_i x v_i (Eq. 5)."""
+
+    def __post_init__(self) -> None:
+        """Build the matrices.
+
+        Raises:
+            ValueError: the wheels cannot turn the sphere about every axis.
+        """
+        problem = sphere_layout_problem(self.contacts, self.actuations)
+        if problem:
+            raise ValueError(problem)
+        axes = np.cross(self.contacts, self.actuations)
+        # Ideal: (R / r) Omega_i (Eq. 26).
+        self._set_wheel_matrices(self.sphere_radius_m / self.wheel_radius_m * axes, axes=axes)
+
+    @property
+    def twist_axes(self) -> tuple[int, int, int]:
+        """The sphere turns in place: wx, wy, wz."""
+        return (3, 4, 5)
+
+    @property
+    def pose_type(self) -> type[SO3]:
+        """Poses are orientations of the sphere."""
+        return SO3
+
+    @property
+    def twist_scale_m(self) -> float:
+        """A turn about X or Y moves the top of the sphere by its radius."""
+        return self.sphere_radius_m
+
+    def integrate(self, pose: SO3, twist: Array, dt_s: float) -> SO3:
+        """Return `pose` after `dt_s` seconds of constant `twist` (..., 3), in the base's axes."""
+        return SO3.exp(twist * dt_s) @ pose
+
+    # Dual-row model.
+
+    def side(self, angles_rad: Array) -> Array:
+        """Return (-1)^l for wheels at `angles_rad` (..., k): -1 on the first row, 1 on the second.
+
+        l = floor(N phi / pi mod 2) + 1 (Eq. 8 to 11). On the first, the contact is towards
+        `axes`, which in the mounting of the paper is towards the equator.
+        """
+        return 2.0 * np.mod(np.floor(angles_rad / self.row_rad), 2.0) - 1.0
+
+    def mean_side(self, before_rad: Array, after_rad: Array) -> Array:
+        """Exact mean of `side` between two wheel angles (..., k)."""
+        way = after_rad - before_rad
+        hops = self.row_rad * (self._fold(after_rad) - self._fold(before_rad))
+        still = np.abs(way) < 1e-9 * self.row_rad
+        return np.where(still, self.side(before_rad), hops / np.where(still, 1.0, way))
+
+    def _fold(self, angles_rad: Array) -> Array:
+        """Integral of `side` over N phi / pi: a triangle wave from 0 to -1 and back."""
+        return np.abs(np.mod(angles_rad / self.row_rad, 2.0) - 1.0) - 1.0
+
+    def true_rows(self, side: Array) -> Array:
+        """Wheel speeds from the twist (..., k, 3) with the contacts on `side` (..., k).
+
+        (R / r) (cos dtheta Omega_i + side sin dtheta R_i): the contact R_i moved by dtheta towards
+        or from Omega_i, crossed with v_i. That is Eq. 25 with the cosine that Eq. 29 drops, in any
+        mounting (Eq. 31). A side between -1 and 1 is the mean over a step.
+        """
+        ratio = self.sphere_radius_m / self.wheel_radius_m
+        offset = math.sin(self.row_offset_rad) * side[..., None] * self.contacts
+        return ratio * (math.cos(self.row_offset_rad) * self.axes + offset)
+
+    def true_inverse(self, twist: Array, side: Array) -> Array:
+        """Wheel speeds (..., k) that give the sphere `twist` (..., 3)."""
+        return (self.true_rows(side) @ twist[..., None])[..., 0]
+
+    def true_twist(self, joints: Array, side: Array) -> Array:
+        """Twist (..., 3) that wheel speeds `joints` (..., k) give the sphere."""
+        rows = self.true_rows(side)
+        back = np.linalg.inv(rows) if self.wheels == 3 else np.linalg.pinv(rows)
+        return np.asarray((back @ joints[..., None])[..., 0], dtype=float)
+
+
+def contacts_and_directions(
+    azimuths_rad: Array, below_equator_rad: Array, turns_rad: Array
+) -> tuple[Array, Array]:
+    """Contacts R_i and actuations v_i, (k, 3) each, of wheels given by angles (k,).
+
+    Contact by azimuth and angle below the equator (Eq. 21); a wheel pushes horizontally and
+    counter-clockwise seen from above (Eq. 23), turned about the outward normal by its turn.
+    """
+    c, s = np.cos(azimuths_rad), np.sin(azimuths_rad)
+    up, down = np.cos(below_equator_rad), np.sin(below_equator_rad)
+    contacts = np.stack([up * c, up * s, -down], axis=-1)
+    along = np.stack([-s, c, 0.0 * c], axis=-1)
+    across = np.cross(contacts, along)
+    turns = turns_rad[:, None]
+    return contacts, np.cos(turns) * along + np.sin(turns) * across
+
+
+def sphere_layout_problem(contacts: Array, actuations: Array) -> str:
+    """Text that names a turn wheels (k, 3) cannot make; "" if there is none."""
+    if len(contacts) < 3:
+        return f"{len(contacts)} wheels cannot turn a sphere about all three axes"
+    _, strengths, turns = np.linalg.svd(np.cross(contacts, actuations))
+    if strengths[-1] > _SINGULAR * strengths[0]:
+        return ""
+    x, y, z = turns[-1] + 0.0
+    return f"no wheel can turn the sphere about the axis ({x:.2f}, {y:.2f}, {z:.2f})"

@@ -28,7 +28,7 @@ from tsd_twin.lab.consistency import (
     unmeasured_joints,
 )
 from tsd_twin.lie import SE2, Array, wrap
-from tsd_twin.messages.commands import PoseStamped, Sample, encode_pose
+from tsd_twin.messages.requests import PoseStamped, Sample, encode_pose
 from tsd_twin.messages.ros import Odometry
 from tsd_twin.messages.topics import SENSOR_POSE
 from tsd_twin.robots import PoseSensor

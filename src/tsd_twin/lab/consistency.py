@@ -27,7 +27,7 @@ from tsd_twin.estimation import (
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, Array
-from tsd_twin.messages.commands import PoseStamped, Sample, encode_pose
+from tsd_twin.messages.requests import PoseStamped, Sample, encode_pose
 from tsd_twin.messages.topics import SENSOR_POSE
 from tsd_twin.robots import Gyro, RobotDescription, SingularityDescription
 from tsd_twin.simulation import PLANTS, Camera, CameraNoise, SimRobot, Simulation, simulate

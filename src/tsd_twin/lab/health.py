@@ -22,7 +22,7 @@ from tsd_twin.experiment import PERCENT_STEPS, Experiment, Output, in_percent_st
 from tsd_twin.lab import alarms
 from tsd_twin.lab.alarms import TwistAt
 from tsd_twin.lie import SE2, SO3
-from tsd_twin.messages.commands import PoseStamped, encode_pose
+from tsd_twin.messages.requests import PoseStamped, encode_pose
 from tsd_twin.messages.ros import BASE, decode_joints, decode_odometry
 from tsd_twin.messages.status import decode_status
 from tsd_twin.messages.topics import STATUS

@@ -23,9 +23,8 @@ from tsd_twin.client.simulated import PERIOD_S, VirtualRobot
 from tsd_twin.estimation import Slip
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.lab import tracking
-from tsd_twin.lab.follow import add_loop_flag
 from tsd_twin.lab.observer import Loop, PoseObserver, make_observer
-from tsd_twin.lab.tracking import TrackingErrors, TrackingRecord, follow_trajectory
+from tsd_twin.lab.tracking import TrackingErrors, TrackingRecord, add_loop_flag, follow_trajectory
 from tsd_twin.lie import SE2, Array
 from tsd_twin.motion.routes import Route
 from tsd_twin.motion.tracking import Gains, TrackingController, TrackingSettings

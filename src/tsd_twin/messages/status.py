@@ -11,7 +11,7 @@ from typing import Any, cast
 import msgspec
 
 from tsd_twin.errors import MessageError
-from tsd_twin.messages.services import decode_json
+from tsd_twin.messages.requests import decode_json
 
 _STAMP = struct.Struct("<Qq")
 _LEVELS = 8

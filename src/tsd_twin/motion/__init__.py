@@ -5,6 +5,6 @@ The control loop needs the limiter only. Paths, timing and tracking are imported
 
 from __future__ import annotations
 
-from tsd_twin.motion.limiter import TwistLimiter, clip_to_finite
+from tsd_twin.motion.prediction import TwistLimiter, clip_to_finite
 
 __all__ = ["TwistLimiter", "clip_to_finite"]

@@ -28,8 +28,8 @@ from tsd_twin.control.logged_controller import InputBatch, encode_batch
 from tsd_twin.errors import BusError
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages import topics
+from tsd_twin.messages.requests import Description, Event, duplicate_id_text
 from tsd_twin.messages.ros import Odometry, encode_joints, encode_odometry, warm_up
-from tsd_twin.messages.services import Description, Event, duplicate_id_text
 from tsd_twin.messages.status import LoopStatus, encode_stamp, encode_status
 from tsd_twin.messages.topics import QoS, Service
 from tsd_twin.robots import RobotDescription

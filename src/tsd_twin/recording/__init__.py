@@ -18,9 +18,8 @@ from tsd_twin.recording.events import (
     read_marks,
 )
 from tsd_twin.recording.folder import Catalogue, RecordingFolder, RecordingSummary
-from tsd_twin.recording.player import Player, RecordedRobot
+from tsd_twin.recording.player import Player, RecordedRobot, Replay, play
 from tsd_twin.recording.recorder import ALLOWED, EVERYTHING, Recorder
-from tsd_twin.recording.replay import Replay, play
 
 __all__ = [
     "ALLOWED",

@@ -18,7 +18,7 @@ from pathlib import Path
 import msgspec
 
 from tsd_twin.errors import RecordingError
-from tsd_twin.messages.services import Event
+from tsd_twin.messages.requests import Event
 from tsd_twin.recording.channels import RAW, Entry, robot_of
 from tsd_twin.recording.index import RecordingIndex
 from tsd_twin.safety import Mode

@@ -20,9 +20,8 @@ from tsd_twin.robots.loader import (
     read_description,
     robot_names,
 )
-from tsd_twin.robots.omni import OmniDescription
+from tsd_twin.robots.omni import OmniDescription, SphereDescription
 from tsd_twin.robots.singularity import SingularityDescription
-from tsd_twin.robots.sphere import SphereDescription
 
 __all__ = [
     "DESCRIPTIONS",

@@ -12,9 +12,8 @@ from importlib import import_module
 from typing import Any
 
 from tsd_twin.robots.description import RobotDescription
-from tsd_twin.robots.omni import OmniDescription
+from tsd_twin.robots.omni import OmniDescription, SphereDescription
 from tsd_twin.robots.singularity import SingularityDescription
-from tsd_twin.robots.sphere import SphereDescription
 
 
 @dataclass(frozen=True, slots=True)

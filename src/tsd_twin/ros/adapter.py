@@ -19,7 +19,7 @@ from tsd_twin.interop.cmd_vel import MAX_AGE_S, SAY_AGAIN_S, decode_cmd_vel
 from tsd_twin.interop.driver import RobotDriver
 from tsd_twin.interop.fleet import LONGEST_OPERATOR, Fleet, RobotSource, frames_of
 from tsd_twin.interop.mapping import CMD_VEL, INITIAL_POSE, RosMessage, RosNames, RosTopic
-from tsd_twin.messages.commands import encode_pose
+from tsd_twin.messages.requests import encode_pose
 from tsd_twin.messages.ros import ODOM
 from tsd_twin.ros.inputs import Arrivals, OnePublisher, Origin, decode_pose_input
 from tsd_twin.ros.meshes import MeshServer

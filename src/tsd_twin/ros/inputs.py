@@ -13,7 +13,7 @@ import numpy as np
 
 from tsd_twin.errors import MessageError
 from tsd_twin.interop.cmd_vel import PAUSE_S
-from tsd_twin.messages.commands import PoseStamped
+from tsd_twin.messages.requests import PoseStamped
 from tsd_twin.messages.ros import ODOM, decode_cdr, stamp_ns
 
 MOST_PUBLISHERS = 64

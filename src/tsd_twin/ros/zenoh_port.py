@@ -19,7 +19,7 @@ from tsd_twin.interop.mapping import (
     RosNames,
     RosTopic,
 )
-from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.requests import Sample
 from tsd_twin.messages.ros import TRIGGER, encode_trigger_response, type_hash
 from tsd_twin.messages.topics import QoS
 from tsd_twin.ros.inputs import Origin

@@ -8,8 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from tsd_twin.errors import MessageError
-from tsd_twin.messages.commands import Command, Sample, decode_command
-from tsd_twin.messages.services import LeaseReply, LeaseRequest
+from tsd_twin.messages.requests import Command, LeaseReply, LeaseRequest, Sample, decode_command
 from tsd_twin.messages.status import DropCounts
 from tsd_twin.robots import RobotDescription
 

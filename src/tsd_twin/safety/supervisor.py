@@ -11,8 +11,15 @@ from enum import StrEnum
 import numpy as np
 
 from tsd_twin.errors import MessageError
-from tsd_twin.messages.commands import Command, Sample
-from tsd_twin.messages.services import Event, LeaseReply, LeaseRequest, Reply, StopRequest
+from tsd_twin.messages.requests import (
+    Command,
+    Event,
+    LeaseReply,
+    LeaseRequest,
+    Reply,
+    Sample,
+    StopRequest,
+)
 from tsd_twin.messages.status import ArmingStatus
 from tsd_twin.robots import RobotDescription
 from tsd_twin.safety.lease import CommandGate, HandOver, Lease, LeaseEvents, LeaseManager, held_by

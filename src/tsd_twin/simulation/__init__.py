@@ -10,11 +10,12 @@ from tsd_twin.simulation.robot import (
     SimRobot,
     StuckJoint,
     Truth,
+    Wear,
+    WornRobot,
     simulate,
 )
 from tsd_twin.simulation.sensors import Camera, CameraNoise, Frame, Simulation, YawGyro
 from tsd_twin.simulation.singularity import KinematicPlant, SingularitySimulation
-from tsd_twin.simulation.wear import Wear, WornRobot
 
 __all__ = [
     "PLANTS",

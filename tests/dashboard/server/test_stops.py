@@ -8,7 +8,7 @@ from tests.support.page_client import site
 from tests.support.recorders import settle
 from tsd_twin.dashboard.server.messages_to_page import RobotState
 from tsd_twin.dashboard.server.session import Session
-from tsd_twin.messages.commands import Sample, decode_command
+from tsd_twin.messages.requests import Sample, decode_command
 from tsd_twin.messages.status import LeaseStatus
 from tsd_twin.messages.topics import Service
 

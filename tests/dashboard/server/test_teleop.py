@@ -12,7 +12,7 @@ import pytest
 from tests.support.page_client import Page, Site, site
 from tests.support.recorders import CommandRecorder, settle
 from tsd_twin.dashboard.server.socket_limits import MAX_UNACKNOWLEDGED
-from tsd_twin.messages.services import Event
+from tsd_twin.messages.requests import Event
 
 OTHER = "fedcba9876543210"
 

@@ -18,7 +18,7 @@ from tsd_twin.client.steps import Call, Outcome, Procedure, SendStop, Step, run_
 from tsd_twin.dashboard.server.messages_from_page import LeaseAction
 from tsd_twin.dashboard.server.messages_to_page import ActionReply
 from tsd_twin.errors import TwinError
-from tsd_twin.messages.services import HolderRequest, LeaseReply, Reply
+from tsd_twin.messages.requests import HolderRequest, LeaseReply, Reply
 from tsd_twin.messages.status import LeaseStatus
 from tsd_twin.messages.topics import Service
 

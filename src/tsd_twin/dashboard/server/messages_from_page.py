@@ -9,7 +9,7 @@ from msgspec import Meta
 
 from tsd_twin.dashboard.scene.appearance import ViewSettings
 from tsd_twin.errors import MessageError
-from tsd_twin.messages.services import Operator, ShortText
+from tsd_twin.messages.requests import Operator, ShortText
 
 Count: TypeAlias = Annotated[int, Meta(ge=0, le=2**53)]
 """A number that a browser can hold exactly."""

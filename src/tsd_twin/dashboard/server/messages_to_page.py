@@ -9,7 +9,7 @@ import msgspec
 
 from tsd_twin.dashboard.scene.appearance import ViewSettings
 from tsd_twin.dashboard.server.messages_from_page import Message, Triple
-from tsd_twin.messages.services import Event
+from tsd_twin.messages.requests import Event
 from tsd_twin.messages.status import Status
 from tsd_twin.security import Role
 from tsd_twin.shadow import ShadowReport

@@ -19,7 +19,7 @@ from tsd_twin.dashboard.server.auth import Principal
 from tsd_twin.dashboard.server.recorded_protocol import RecordedPath
 from tsd_twin.dashboard.server.recorded_session import RecordedSession
 from tsd_twin.errors import TwinError
-from tsd_twin.messages.services import Reply
+from tsd_twin.messages.requests import Reply
 from tsd_twin.recording.folder import Catalogue
 from tsd_twin.recording.player import Player
 

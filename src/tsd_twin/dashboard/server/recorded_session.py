@@ -51,7 +51,7 @@ from tsd_twin.dashboard.server.session import VIEWER_REFUSAL, PageSession
 from tsd_twin.dashboard.server.telemetry import RobotTelemetry
 from tsd_twin.errors import MessageError, RecordingError
 from tsd_twin.lie import Array
-from tsd_twin.messages.services import Reply
+from tsd_twin.messages.requests import Reply
 from tsd_twin.recording.events import (
     EventKind,
     Mark,

@@ -20,8 +20,8 @@ from tsd_twin.dashboard.server.messages_from_page import LOOK_BACK_S
 from tsd_twin.dashboard.server.messages_to_page import RobotName, RobotState
 from tsd_twin.dashboard.server.shadow_monitor import ShadowMonitor
 from tsd_twin.dashboard.server.telemetry import RobotTelemetry
-from tsd_twin.messages.services import Event
-from tsd_twin.recording.replay import HARDWARE
+from tsd_twin.messages.requests import Event
+from tsd_twin.recording.player import HARDWARE
 from tsd_twin.shadow import ShadowReport
 
 SPACING_S = 0.1

@@ -58,7 +58,7 @@ from tsd_twin.dashboard.server.socket_limits import SendQueue
 from tsd_twin.dashboard.server.student import StudentSession
 from tsd_twin.dashboard.server.teleop import TeleopController
 from tsd_twin.errors import MessageError
-from tsd_twin.messages.services import Event, Reply
+from tsd_twin.messages.requests import Event, Reply
 from tsd_twin.messages.status import Status
 from tsd_twin.messages.topics import Service
 from tsd_twin.security import Role

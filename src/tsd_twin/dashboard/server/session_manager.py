@@ -18,7 +18,7 @@ from tsd_twin.dashboard.server.map_data import MapData
 from tsd_twin.dashboard.server.messages_to_page import PanelSliders, SphereClick, encode_message
 from tsd_twin.dashboard.server.robot_directory import RobotClients, RobotDirectory
 from tsd_twin.dashboard.server.session import Session
-from tsd_twin.messages.services import Event, Reply
+from tsd_twin.messages.requests import Event, Reply
 
 
 def _ignore(*_args: str) -> None:

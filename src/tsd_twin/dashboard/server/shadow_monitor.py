@@ -11,7 +11,7 @@ from typing import Any
 from tsd_twin.bus import Subscriber
 from tsd_twin.client.connection import RobotConnection
 from tsd_twin.errors import MessageError
-from tsd_twin.messages.commands import Sample
+from tsd_twin.messages.requests import Sample
 from tsd_twin.messages.ros import decode_joints
 from tsd_twin.messages.status import decode_stamp, decode_status
 from tsd_twin.messages.topics import ODOM, STATUS, Topic

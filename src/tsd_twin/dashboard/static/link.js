@@ -33,6 +33,7 @@ export function known(value) {
 // The socket to the gateway, and the newest of everything that it has said.
 const HEARTBEAT_MS = 100;
 const SERVER_TIMEOUT_MS = 2000; // No echo for this long: the connection is lost, whatever the browser says.
+const LONGEST_BEAT_MS = 2 * HEARTBEAT_MS; // A page that stalled for longer has echoes yet to read.
 const RETRY_MS = 500;
 const LOADING_BEATS = 50; // Five seconds in which the page ran: loading may block it for longer.
 const MAX_BUFFERED_BYTES = 1024; // What waits in the browser is too old already to be sent.
@@ -74,7 +75,8 @@ export class Link {
     this._seen = [];
     /** @type {WebSocket | null} */
     this._socket = null;
-    this._echoMs = -Infinity;
+    this._beatMs = performance.now();
+    this._silentMs = 0; // Time without an echo in which the page ran.
   }
 
   /**
@@ -171,7 +173,7 @@ export class Link {
     const socket = new WebSocket(address);
     this._socket = socket;
     socket.onopen = () => {
-      this._echoMs = performance.now();
+      this._silentMs = 0;
       this.connected = true;
       this._emit("up");
       this._sendHeartbeat();
@@ -200,9 +202,11 @@ export class Link {
 
   _sendHeartbeat() {
     if (this._loadingBeats > 0) this._loadingBeats -= 1;
+    const now = performance.now();
+    this._silentMs += Math.min(now - this._beatMs, LONGEST_BEAT_MS);
+    this._beatMs = now;
     if (this.connected) {
-      const now = performance.now();
-      if (now - this._echoMs > SERVER_TIMEOUT_MS) {
+      if (this._silentMs > SERVER_TIMEOUT_MS) {
         const socket = this._socket;
         this._onClose(); // Before closing it: that may take as long as it likes.
         socket?.close();
@@ -259,8 +263,8 @@ export class Link {
 
   /** @param {number} sentMs */
   _measure(sentMs) {
-    this._echoMs = performance.now();
-    this._trips = [...this._trips.slice(1 - MAX_ROUND_TRIPS), this._echoMs - sentMs];
+    this._silentMs = 0;
+    this._trips = [...this._trips.slice(1 - MAX_ROUND_TRIPS), performance.now() - sentMs];
     this.pageMs = medianAndJitter(this._trips.slice(-9)).middle;
     this.pageJitterMs = medianAndJitter(this._trips).jitter;
   }
