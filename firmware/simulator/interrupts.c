@@ -16,7 +16,10 @@ static void on_running(avr_irq_t *irq, uint32_t vector, void *param) {
   if (vector) {
     board->running = vector;
     board->entered = avr->cycle;
-    avr->cycle += ENTRY;
+    for (int i = 0; i < ENTRY; i++) { /* Timers and wires go on meanwhile. */
+      avr->cycle++;
+      avr_cycle_timer_process(avr);
+    }
     return;
   }
   uint32_t took = avr->cycle + RETI - board->entered;
