@@ -117,7 +117,10 @@ def test_interrupts_and_stack_stay_as_the_page_says(bench: Bench) -> None:
     (rows,) = tables(section(README, "### Interrupts and stack"))
     said = {what.strip("`"): int(most) for what, most, *_ in rows}
     taken = timing.interrupts | {"radio_byte": by_radio.interrupts["radio_byte"]}
-    assert taken | {"stack": timing.stack} == said
+    taken["stack"] = timing.stack
+    assert taken.keys() == said.keys()
+    for what, most in said.items():
+        assert 0.9 * most <= taken[what] <= most, what
 
 
 def test_the_pose_is_that_of_the_mock_with_the_same_commands(bench: Bench) -> None:
