@@ -8,34 +8,48 @@
 
 #define SWITCH_US 1500
 #define PERIOD_MS 5
-#define LOST_MS 100
+#define OLDEST (100 / PERIOD_MS)
 
 // What both kinds of receiver send: channels of SBUS, then wires with pulses.
 #define WIRES_FROM CT_RECEIVER_CHANNELS
-#define HEARD (CT_RECEIVER_CHANNELS + CT_RC_CHANNELS)
 
-static uint8_t age[HEARD];  // [PERIOD_MS]
+static uint8_t frame_age = 255, age[CT_RC_CHANNELS];  // [PERIOD_MS]
 static uint8_t phase_ms;
 static bool changed;
 
 void receiver_start(void) {
-  for (uint8_t i = 0; i < HEARD; i++) age[i] = 255;
+  for (uint8_t i = 0; i < CT_RC_CHANNELS; i++) age[i] = 255;
   sbus_start();
   hal_receiver_start();
 }
 
-static void hear(uint8_t channel, uint16_t us) {
+static void hear_channel(uint8_t channel, uint16_t us) {
   table.channel[channel] = us;
-  age[channel] = 0;
+  frame_age = 0;
   changed = true;
 }
 
-static void hear_wire(uint8_t wire, uint16_t us) { hear(WIRES_FROM + wire, us); }
+static void hear_wire(uint8_t wire, uint16_t us) {
+  table.channel[WIRES_FROM + wire] = us;
+  age[wire] = 0;
+  changed = true;
+}
+
+static void forget_channels(void) {
+  for (uint8_t i = 0; i < CT_RECEIVER_CHANNELS; i++) table.channel[i] = 0;
+  changed = true;
+}
+
+static bool expires(uint8_t *older) {
+  if (*older > OLDEST) return false;
+  (*older)++;
+  return *older > OLDEST;
+}
 
 static void grow_older(void) {
-  for (uint8_t i = 0; i < HEARD; i++) {
-    if (age[i] < 255) age[i]++;
-    if (age[i] > LOST_MS / PERIOD_MS) table.channel[i] = 0;
+  if (expires(&frame_age)) forget_channels();
+  for (uint8_t i = 0; i < CT_RC_CHANNELS; i++) {
+    if (expires(&age[i])) table.channel[WIRES_FROM + i] = 0;
   }
   pulses_forget();
   changed = true;  // Or the setup may have.
@@ -55,10 +69,7 @@ static void map_channels(void) {
 
 // What nothing has come for is looked at less often: this runs in between the requests of the servos.
 void receiver_tick(void) {
-  if (!sbus_tick(hear)) {
-    for (uint8_t i = 0; i < CT_RECEIVER_CHANNELS; i++) table.channel[i] = 0;
-    changed = true;
-  }
+  if (!sbus_tick(hear_channel)) forget_channels();
   pulses_tick(hear_wire);
   if (++phase_ms == PERIOD_MS) {
     phase_ms = 0;

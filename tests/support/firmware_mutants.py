@@ -440,7 +440,7 @@ MUTANTS = (
     Mutant(
         "a lost radio control is not noticed",
         "receiver.c",
-        "age[i] > LOST_MS / PERIOD_MS",
+        "expires(&age[i])",
         "false",
         "a_lost_radio_control_stops",
     ),
@@ -480,6 +480,13 @@ MUTANTS = (
         "questions_are_answered_at_once",
     ),
     Mutant(
+        "a line with SBUS that went silent is not noticed",
+        "receiver.c",
+        "expires(&frame_age)",
+        "false",
+        "frames_that_are_not_heard_well_are_none",
+    ),
+    Mutant(
         "the fail-safe of SBUS is not looked at",
         "sbus.c",
         "  if (flags & FAILSAFE) return SBUS_FAILSAFE;\n",
@@ -517,8 +524,8 @@ MUTANTS = (
     Mutant(
         "all speed controllers take pulses of 1 to 2 ms",
         "esc.c",
-        "throttle[i] == CT_ZERO_THROTTLE ? table.pulse_low[i] : pulse(i, throttle[i])",
-        "throttle[i]",
+        "hal_esc_put(i, half_us[i]);",
+        "hal_esc_put(i, throttle[i]);",
         "pulses_end_where_the_setup_says",
     ),
     Mutant(
