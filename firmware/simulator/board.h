@@ -73,6 +73,7 @@ typedef struct board {
   bool arriving, heard;
   queue_t to_bus;
   avr_cycle_count_t bus_sent; /* The last stop bit of the board. */
+  uint32_t turn_around; /* The longest from there to the fall of the direction pin. */
   void (*on_request)(const uint8_t *bytes, uint32_t length);
   esc_t esc[3];
   /* Receiver. */

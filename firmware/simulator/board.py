@@ -70,6 +70,8 @@ class Timing:
     """Bytes from the PC and from the servos that found no room in the chip."""
     longest_wait: tuple[int, int]
     """The longest that a byte from the PC, and from a servo, waited to be read."""
+    turn_around: int
+    """The longest from the last stop bit of a request until the board let go of the servo bus."""
     stack: int
     """Bytes of stack."""
 
@@ -191,7 +193,7 @@ class Board:
         }
         return Timing(
             interrupts, (host_lost, bus_lost), (host_wait, bus_wait),
-            self._lib.board_stack(self._board),
+            self._lib.board_turn_around(self._board), self._lib.board_stack(self._board),
         )  # fmt: skip
 
     def send_frames(self, *, on: bool = True, flags: int = 0) -> None:
@@ -315,6 +317,7 @@ def _library(program: Path) -> ctypes.CDLL:
         lib.board_uart.argtypes = [pointer, u32, pointer]
         lib.board_interrupt.argtypes = [pointer, u32]
         lib.board_stack.argtypes = [pointer]
+        lib.board_turn_around.argtypes = [pointer]
         lib.board_paint.argtypes = [pointer, u32]
     lib.board_peek.restype = ctypes.c_uint8
     return lib

@@ -35,7 +35,13 @@ static void on_bus_byte(avr_irq_t *irq, uint32_t value, void *param) {
     return;
   }
   if (board->request_length < LONGEST_REQUEST) board->request[board->request_length++] = value;
-  board->bus_sent = board->avr->cycle + byte_cycles(&board->uart[1]);
+}
+
+/* A byte is out. */
+static void on_sent(avr_irq_t *irq, uint32_t value, void *param) {
+  (void)irq;
+  board_t *board = param;
+  if (value) board->bus_sent = board->avr->cycle;
 }
 
 static void on_direction(avr_irq_t *irq, uint32_t value, void *param) {
@@ -52,6 +58,8 @@ static void on_direction(avr_irq_t *irq, uint32_t value, void *param) {
     board->cuts++;
     return;
   }
+  uint32_t took = board->avr->cycle - board->bus_sent;
+  if (board->request_length && took > board->turn_around) board->turn_around = took;
   if (board->on_request && board->request_length) {
     board->on_request(board->request, board->request_length);
   }
@@ -61,6 +69,7 @@ void bus_open(board_t *board) {
   avr_irq_t *direction = avr_io_getirq(board->avr, AVR_IOCTL_IOPORT_GETIRQ('A'), 0);
   avr_irq_register_notify(uart_irq(board, '1', UART_IRQ_OUTPUT), on_bus_byte, board);
   avr_irq_register_notify(direction, on_direction, board);
+  avr_irq_register_notify(&board->uart[1].chip->txc.irq[AVR_INT_IRQ_PENDING], on_sent, board);
 }
 
 void bus_reset(board_t *board) {
@@ -87,6 +96,9 @@ void board_reply(board_t *board, const uint8_t *bytes, uint32_t count, uint32_t 
   }
   avr_cycle_timer_register(board->avr, begins > now ? begins - now : 1, feed_bus, board);
 }
+
+/* The longest that it took after the last stop bit of a request until the bus was let go, in cycles. */
+uint32_t board_turn_around(board_t *board) { return board->turn_around; }
 
 /* Counts of what must not happen on the bus: bytes sent while the pin says listen, requests that
    the pin cut short, replies that the board talked over, bytes that came before it listened. */
