@@ -343,7 +343,7 @@ def _under_load(site: _Site, host: str, port: int) -> Row:
         additional_headers={"Cookie": cookie, "Origin": f"https://{host}"},
         ssl=trusting,
     )
-    with _driving(Page(site.port, _PAGE, user="alice", socket=opened)) as page:
+    with _driving(Page(site.port, _PAGE, user="alice", through=opened)) as page:
         calm = _accepted_per_s(page)
         with _loaded(port, host, cookie, trusting) as done:
             start, start_s = sum(done), time.monotonic()

@@ -11,7 +11,7 @@ from hypothesis import settings
 
 from tests.support.marks import WRITTEN, all_marks, may_choose, possible_marks
 from tests.support.robot_node import RunningNode, running
-from tests.support.slow_tests import is_long, listed, name_of
+from tests.support.slow_tests import is_long, listed, name_of, shared
 
 settings.register_profile("unhurried", deadline=None)  # A busy machine is no failure.
 settings.load_profile("unhurried")
@@ -38,6 +38,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(mark)
         if "timed" not in marks and name_of(item.nodeid) in slow:
             item.add_marker("slow")
+            if name_of(item.nodeid) in shared():
+                item.add_marker("shared")
         if is_long(item.nodeid):
             item.add_marker("long")
     items.sort(key=_order)

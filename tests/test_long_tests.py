@@ -7,6 +7,7 @@ import sys
 
 import pytest
 
+from tests.support.priorities import AS_OTHERS
 from tests.support.slow_tests import TESTS, is_long, long_listed, name_of
 
 
@@ -15,7 +16,7 @@ def test_every_line_of_the_list_names_a_test() -> None:
     files = sorted({str(TESTS / name.split("::")[0]) for name in long_listed()})
     flags = ["-q", "--collect-only", "-p", "no:cacheprovider", "-m", "long"]
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", *flags, *files],
+        [*AS_OTHERS, sys.executable, "-m", "pytest", *flags, *files],
         cwd=TESTS.parent, capture_output=True, text=True, timeout=60,
     )  # fmt: skip
     found = {line.removeprefix("tests/") for line in done.stdout.splitlines() if "::" in line}

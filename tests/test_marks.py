@@ -12,11 +12,12 @@ from tests.support.marks import may_choose
 from tests.support.slow_tests import TESTS
 
 LANES = re.findall(
-    r'"((?:not )?(?:timed|busy|programs)[a-z ]*)"',
+    r'"((?:not )?(?:timed|busy|programs)[a-z() ]*)"',
     (TESTS.parent / "scripts/run_tests").read_text("utf-8"),
 )
 """What `scripts/run_tests` runs side by side."""
-QUICK, WAITING = "not timed and not slow", "timed and not busy and not programs"
+QUICK = "not timed and (not slow or shared)"
+WAITING = "timed and not busy and not programs"
 ALL = "pytestmark = [pytest.mark.system, pytest.mark.busy]\n\n"
 ONE = "@pytest.mark.{}\ndef test_one(): pass\n"
 

@@ -16,6 +16,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.priorities import AS_OTHERS
+
 ROOT = Path(__file__).parent.parent
 NEEDED = (
     "tsd_demo.py",
@@ -50,7 +52,8 @@ def wheel_through_sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def build(source: Path, target: str, into: Path) -> None:
-    command = [sys.executable, "-m", "hatchling", "build", "-t", target, "-d", str(into)]
+    command = [*AS_OTHERS, sys.executable, "-m", "hatchling"]
+    command += ["build", "-t", target, "-d", str(into)]
     subprocess.run(command, cwd=source, check=True, capture_output=True)
 
 
@@ -115,7 +118,12 @@ def installed(wheel_through_sdist: Path, tmp_path_factory: pytest.TempPathFactor
 def _run(command: list[str], folder: Path) -> str:
     """Return what a program prints that is started away from the checkout."""
     done = subprocess.run(
-        command, cwd=folder, env=_environment(), capture_output=True, text=True, timeout=60
+        [*AS_OTHERS, *command],
+        cwd=folder,
+        env=_environment(),
+        capture_output=True,
+        text=True,
+        timeout=60,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.priorities import AS_OTHERS
 from tests.support.slow_tests import LIMIT_S, TESTS, listed, name_of, slow
 
 
@@ -36,7 +37,7 @@ def test_they_are_deselected_by_their_mark() -> None:
     file = Path("tests") / min(listed()).split("::")[0]
     flags = ["-q", "--collect-only", "-p", "no:cacheprovider", "-m", "slow"]
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", *flags, str(file)],
+        [*AS_OTHERS, sys.executable, "-m", "pytest", *flags, str(file)],
         cwd=TESTS.parent, capture_output=True, text=True, timeout=60,
     )  # fmt: skip
     found = {name_of(line) for line in done.stdout.splitlines() if "::" in line}

@@ -15,6 +15,7 @@ import pytest
 from playwright.sync_api import Browser, sync_playwright
 
 from tests.support.browser import CHEAP_FLAGS, executable
+from tests.support.priorities import AS_OTHERS, REALTIME
 
 PATIENCE_S = 60.0
 
@@ -23,8 +24,10 @@ class Program:
     """One of our programs, running."""
 
     def __init__(self, arguments: list[str]) -> None:
-        # In real time where the run of all tests asks for it, as a robot on a machine of its own.
-        priority = os.environ.get("TEST_REALTIME", "").split()
+        # What says when it is ready loads like any other program: a second of processor in real
+        # time, which would hold up robots that drive.
+        self._loads = REALTIME and arguments[0] != "tsd_lab"
+        priority = AS_OTHERS if self._loads else REALTIME
         self.process = subprocess.Popen(
             [*priority, sys.executable, "-m", *arguments],
             stdin=subprocess.PIPE,
@@ -46,6 +49,8 @@ class Program:
         for line in stream:
             into.append(line.rstrip("\n"))
             if line.startswith("ready:"):
+                if self._loads:
+                    to_realtime(self.process.pid)
                 self._ready.set()
         self._ready.set()
 
@@ -127,6 +132,18 @@ def alive(pid: int) -> bool:
     """Return whether a process runs, and is no mere entry in the table."""
     fields = stat_of(pid)
     return fields is not None and fields[0] != "Z"
+
+
+def to_realtime(pid: int) -> None:
+    """Let a process and its children run in real time, as a robot on a machine of its own.
+
+    Before what tests compute in real time, of which one thread keeps a processor for 0.1 s.
+    """
+    for child in children_of(pid):
+        to_realtime(child)
+    with contextlib.suppress(OSError):  # A thread may have ended.
+        for task in Path(f"/proc/{pid}/task").iterdir():
+            os.sched_setscheduler(int(task.name), os.SCHED_RR, os.sched_param(2))
 
 
 def stat_of(pid: int) -> list[str] | None:

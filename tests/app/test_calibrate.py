@@ -104,15 +104,30 @@ def test_a_lab_that_is_killed_on_the_way_leaves_the_robot_at_rest(
         node.client() as bus,
         OverheadCamera(bus, node.id),
     ):
-        lab = drive(start, node.endpoint, tmp_path, "--room", "1.2", "--speed", "1")
-        alice.wait_until(lambda: np.hypot(*alice.truth.twist[:2]) > 0.3)
-        lab.end(signal.SIGKILL)
-        killed_at = alice.truth.xy_heading[:2]
-        alice.wait_for("ready")  # By itself; and nobody drives it any more.
-        alice.wait_until(lambda: np.abs(alice.truth.twist).max() < 0.05)
-        # 0.31 m from the last command that counted at 1 m/s, docs/safety.md; it went slower.
-        assert np.hypot(*(alice.truth.xy_heading[:2] - killed_at)) < 0.35
-        alice.wait_until(lambda: alice.status.lease.holder is None)
+        for attempt in range(5):
+            (folder := tmp_path / str(attempt)).mkdir()
+            lab = drive(start, node.endpoint, folder, "--room", "1.2", "--speed", "1")
+            alice.wait_until(
+                lambda it=lab: it.process.poll() or np.hypot(*alice.truth.twist[:2]) > 0.3
+            )
+            if lab.end(signal.SIGKILL) != -signal.SIGKILL:
+                assert re.search(TOO_BUSY, lab.sentence), lab.sentence
+                alice.wait_until(lambda: alice.status.lease.holder is None)
+                continue
+            killed_at = alice.truth.xy_heading[:2]
+            # By itself; and nobody drives it any more.
+            alice.wait_until(lambda: alice.status.mode in ("ready", "disarmed"))
+            stopped = alice.status
+            alice.wait_until(lambda: np.abs(alice.truth.twist).max() < 0.05)
+            # 0.31 m from the last command that counted at 1 m/s, docs/safety.md; it went slower.
+            assert np.hypot(*(alice.truth.xy_heading[:2] - killed_at)) < 0.35
+            alice.wait_until(lambda: alice.status.lease.holder is None)
+            if stopped.mode == "ready":
+                break
+            # A busy machine has stopped the robot a moment before, and the lab was giving up.
+            assert stopped.stop_reason == "disarmed by the operator"
+        else:
+            pytest.fail("the lab never drives until it is killed")
 
 
 def test_without_a_camera_nothing_moves(start: Start, tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from playwright.sync_api import Browser, ConsoleMessage, Page, expect
 
 from tests.app.conftest import Program
 from tests.support.browser import (
+    FEW_FRAMES,
     PATIENCE_MS,
     QUICK,
     centre,
@@ -155,6 +156,7 @@ def shared(start_shared: Callable[..., Program], browser: Browser) -> Iterator[D
     line = start_shared("tsd_demo", *flags).ready()
     url, endpoint = re.findall(r"http://\S+|tcp/[\d.:]+", line)
     context = browser.new_context(viewport={"width": 960, "height": 600})
+    context.add_init_script(FEW_FRAMES)
     page = context.new_page()
     console: list[ConsoleMessage] = []
     failures: list[str] = []

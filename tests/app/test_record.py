@@ -103,9 +103,12 @@ def driven(tmp_path_factory: pytest.TempPathFactory) -> Generator[tuple[Path, Co
             until(lambda: counted["twin/tsd/state/odom"] > 5, "nothing is counted")
             # As a dashboard does, which is a peer.
             command = peer.publisher("twin/tsd/cmd/peer/twist", QoS.REAL_TIME)
-            until(lambda: command.has_subscribers, "no subscriber of commands")
-            for _ in range(20):
+
+            def is_counted() -> bool:
                 command.put(b"not a twist", b"nor an attachment")
+                return counted["twin/tsd/cmd/peer/twist"] >= 20
+
+            until(is_counted, "no subscriber of commands")  # Best effort: the first may be lost.
             drive(endpoint)
             with tsd_twin.connect(endpoint) as robot:
                 robot.stop("enough")
@@ -129,7 +132,7 @@ def test_every_put_of_the_bus_is_in_the_file(driven: tuple[Path, Counter[str]]) 
     in_file = {topic: s.count for topic, s in tsd_twin.open_recording(path).topics.items()}
     assert len(counted) > 8
     assert in_file["twin/tsd/cmd/alice/twist"] == counted["twin/tsd/cmd/alice/twist"] > 40
-    assert in_file["twin/tsd/cmd/peer/twist/raw"] == counted.pop("twin/tsd/cmd/peer/twist") == 20
+    assert in_file["twin/tsd/cmd/peer/twist/raw"] == counted.pop("twin/tsd/cmd/peer/twist") >= 20
     for key, count in counted.items():
         assert in_file[key] >= count, key
     assert in_file["twin/tsd/cmd/alice/twist/raw"] == in_file["twin/tsd/cmd/alice/twist"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 
 import pytest
 
@@ -23,6 +24,11 @@ def test_the_rule_is_in_a_file_and_a_test_proves_it(row: list[str]) -> None:
     (module,) = quoted(code)
     assert (ROOT / "src/tsd_twin" / module).is_file(), f"{module} is not there"
     ((file, _, name),) = [place.partition("::") for place in quoted(test)]
+    assert name in functions_of(file), f"{file} has no {name}"
+
+
+@cache
+def functions_of(file: str) -> set[str]:
+    """Return the names of the tests of a file."""
     tree = ast.parse((ROOT / "tests" / file).read_text(encoding="utf-8"))
-    names = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
-    assert name in names, f"{file} has no {name}"
+    return {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}

@@ -14,6 +14,7 @@ import pytest
 import tsd_twin
 from tests.app.conftest import PATIENCE_S, Program
 from tests.support.markdown_pages import code, page, quoted, section, tables
+from tests.support.scripts import drive
 
 PAGE = page("recording.md")
 SCRIPTS = code(PAGE, "python")
@@ -32,8 +33,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Generator[Path]:
         while path.stat().st_size < 3000:
             assert time.monotonic() < end_s
             time.sleep(0.05)
-        with tsd_twin.connect(endpoint) as robot, robot.control("script") as base:
-            base.drive(vx_mps=0.3, duration_s=0.3)
+        drive(endpoint, vx_mps=0.3, duration_s=0.3)
         programs[1].end()
         path.rename(folder / "run.mcap")
         yield folder

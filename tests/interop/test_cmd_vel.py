@@ -58,6 +58,12 @@ def holder(now_s: float = 0.0) -> CmdVelOperator:
     return operator
 
 
+def poll_until(operator: CmdVelOperator, start_s: float, end_s: float) -> None:
+    """Poll as a program that runs, and has control."""
+    for now_s in np.linspace(start_s, end_s, 11):
+        assert not operator.poll(now_s, RobotView("ready", ME))
+
+
 def moves(actions: list[Action]) -> bool:
     return any(isinstance(action, Drive) and any(action.twist) for action in actions)
 
@@ -193,6 +199,7 @@ def test_lost_control_is_not_taken_back_by_any_twists(
     assert operator.on_request(later_s)
     operator.acquired(later_s)
     again_s = later_s + PAUSE_S + 0.01
+    poll_until(operator, later_s, again_s)
     assert moves(operator.on_twist(PUSH, again_s, MINE, again_s))
 
 
@@ -300,3 +307,20 @@ def test_any_bytes_are_a_twist_or_are_refused(encoding: str, name: str, payload:
     except MessageError:
         return
     assert len(message.twist) == 6
+
+
+@pytest.mark.parametrize("first", ["a twist", "a poll"])
+def test_time_in_which_the_program_stood_still_is_no_pause_of_the_publisher(first: str) -> None:
+    """All twists of that time may be lost; a stick that is held on is not pushed anew."""
+    operator, ready, now_s = holder(), RobotView("ready", ME), 0.0
+    assert moves(operator.on_twist(PUSH, 0.05, MINE, 0.05))
+    operator.poll(0.1, MINE)
+    start_s = 0.1 + 5.0 * PAUSE_S
+    if first == "a poll":
+        operator.poll(start_s, ready)
+    for now_s in start_s + PERIOD_S * np.arange(40):
+        assert not moves(operator.on_twist(PUSH, now_s, ready, now_s))
+        operator.poll(now_s, ready)
+    paused_s = now_s + PAUSE_S
+    poll_until(operator, now_s, paused_s)
+    assert moves(operator.on_twist(PUSH, paused_s, ready, paused_s))

@@ -86,7 +86,8 @@ def test_a_late_subscriber_gets_each_stream_within_two_periods(
             time.sleep(5 * period_s)
     assert min(took_s) < 2.0 * period_s, took_s
     numbers, times_ns = np.array(heard).T
-    assert (np.diff(numbers) >= 3).all()
+    assert (np.diff(numbers) > 0).all()
+    assert np.median(np.diff(numbers)) >= 3.0  # As of the time that it takes.
     np.testing.assert_allclose(
         np.diff(numbers).sum() * period_s, (times_ns[-1] - times_ns[0]) * 1e-9, rtol=0.5
     )

@@ -29,6 +29,15 @@ CHEAP_FLAGS = (*FLAGS, "--disable-gpu-compositing")
 """Draws the scene likewise, but not the rest of the page on an emulated GPU: that costs most."""
 FLAGS_WITHOUT_SCENE = (*_EITHER, "--disable-gpu", "--disable-software-rasterizer")
 """A browser that has no WebGL: all controls and no scene, which costs a test machine most."""
+FEW_FRAMES = """{
+  const next = window.requestAnimationFrame.bind(window);
+  window.requestAnimationFrame = (callback) => setTimeout(() => next(callback), 200);
+}
+"""
+"""Script of a page that draws the scene five times a second at most, as one on a slow computer.
+
+To draw it as often as it can takes most of the processor.
+"""
 PATIENCE_MS = 60_000
 _PRESSES = 20
 _NEAR = re.compile(r"(^|\D)\d{1,2} ms")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from _pytest.mark.expression import Expression
 
-from tests.support.slow_tests import TESTS, listed, long_listed
+from tests.support.slow_tests import TESTS, listed, long_listed, shared
 
 TIMED = {"app", "bus", "dashboard", "hardware", "link_emulation", "node", "system"}
 """Folders of tests in which threads, sockets or robots take real time; what is marked `computes`
@@ -56,7 +56,7 @@ def may_choose(expression: str, path: Path) -> bool:
 
 
 def _lists() -> dict[str, frozenset[str]]:
-    return {"slow": listed(), "long": long_listed()}
+    return {"slow": listed(), "shared": shared(), "long": long_listed()}
 
 
 def _has_one(names: frozenset[str], path: Path) -> bool:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import json
+import socket
 import threading
 import time
 from collections.abc import Callable, Coroutine, Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -34,6 +35,24 @@ BEATS = 5  # A beat for so many times DRIVE_S.
 T = TypeVar("T")
 
 
+class _Socket(socket.socket):
+    """Socket that loses what is sent to a server that has closed it, as that of a browser does.
+
+    The client would take an error for the end, though what the server said last is still to be
+    read: why it has closed.
+    """
+
+    @classmethod
+    def to(cls, port: int) -> _Socket:
+        made = cls()
+        made.connect(("127.0.0.1", port))
+        return made
+
+    def sendall(self, data: Any, flags: int = 0, /) -> None:
+        with suppress(BrokenPipeError, ConnectionResetError):
+            super().sendall(data, flags)
+
+
 class Page:
     """Page client on a socket: sends heartbeats, and drive commands while a control is held."""
 
@@ -45,10 +64,10 @@ class Page:
         acknowledge: bool = True,
         user: str = "web",
         cookie: str | None = None,
-        socket: ClientConnection | None = None,
+        through: ClientConnection | None = None,
         recording: str = "",
     ) -> None:
-        """`recording` is shown, if any; `socket` is open already, through a proxy."""
+        """`recording` is shown, if any; `through` is a connection that is open already."""
         self.name = page
         self.operator = f"{user}-{page[:8]}"
         self.holds: dict[str, Any] | None = None
@@ -60,10 +79,12 @@ class Page:
         self._acknowledge = acknowledge
         self._changed = threading.Condition()
         self._ended = threading.Event()
-        self._socket: ClientConnection = socket or connect(
+        self._sending = threading.Lock()
+        self._socket: ClientConnection = through or connect(
             f"ws://127.0.0.1:{port}/teleop?page={page}"
             + (f"&recording={recording}" if recording else ""),
             additional_headers=None if cookie is None else {"Cookie": cookie},
+            sock=_Socket.to(port),
         )
         self._threads = [threading.Thread(target=work) for work in (self._read, self._beat)]
         for thread in self._threads:
@@ -155,6 +176,12 @@ class Page:
             time.sleep(4 * DRIVE_S)
         raise AssertionError(f"not driving after {_PUSHES} pushes of the stick")
 
+    def let_go(self) -> None:
+        """Let go of the stick: no drive command follows the release."""
+        with self._sending:
+            self.holds = None
+            self.send(t="release")
+
     def close(self) -> None:
         self._ended.set()
         self._socket.close()
@@ -180,8 +207,9 @@ class Page:
         while not self._ended.wait(DRIVE_S):
             seen = self._newest.get("state", {}).get("seen", 0) if self._acknowledge else 0
             try:
-                if self.holds is not None:
-                    self.send(**({"t": "drive", "seen": seen} | self.holds))
+                with self._sending:
+                    if self.holds is not None:
+                        self.send(**({"t": "drive", "seen": seen} | self.holds))
                 if self.beats and count % BEATS == 0:
                     self.send(t="heartbeat", seen=seen, sent_ms=1.0, focus=self.focus)
             except ConnectionClosed:

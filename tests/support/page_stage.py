@@ -229,29 +229,58 @@ def welcome(names: list[dict[str, str]]) -> dict[str, Any]:
     }
 
 
-class _Silent(SimpleHTTPRequestHandler):
-    """Serves files, and logs nothing."""
+class _Handler(SimpleHTTPRequestHandler):
+    """Serves files, which a browser may keep, and logs nothing."""
+
+    def end_headers(self) -> None:
+        """Let the browser keep scripts and styles: to load all of them anew costs most."""
+        kept = self.path.startswith("/static/")
+        self.send_header("Cache-Control", "max-age=3600" if kept else "no-store")
+        super().end_headers()
 
     def log_message(self, *_: object) -> None:
         """Say nothing."""
 
 
-@contextmanager
-def _served(*, recordings: bool) -> Generator[str]:
-    """Serve the page and the files of the source tree; yield the address."""
-    with tempfile.TemporaryDirectory() as folder:
-        Path(folder, "index.html").write_text(_HTML, "utf-8")
-        Path(folder, "static").symlink_to(STATIC)
-        if recordings:
-            Path(folder, "recordings").write_text("[]", "utf-8")
-        with ThreadingHTTPServer(("127.0.0.1", 0), partial(_Silent, directory=folder)) as files:
-            serving = threading.Thread(target=files.serve_forever, args=(0.1,))
-            serving.start()
-            try:
-                yield f"http://127.0.0.1:{files.server_port}/"
-            finally:
-                files.shutdown()
-                serving.join()
+class _Server:
+    """Server of the page and the files of the source tree, for all stages of a browser."""
+
+    def __init__(self) -> None:
+        self._folder = tempfile.TemporaryDirectory()
+        folder = Path(self._folder.name)
+        (folder / "index.html").write_text(_HTML, "utf-8")
+        (folder / "blank.html").write_text("", "utf-8")
+        (folder / "static").symlink_to(STATIC)
+        self._recordings = folder / "recordings"
+        handler = partial(_Handler, directory=self._folder.name)
+        self._files = ThreadingHTTPServer(("127.0.0.1", 0), handler)
+        self.address = f"http://127.0.0.1:{self._files.server_port}/"
+        self._thread = threading.Thread(target=self._files.serve_forever, args=(0.1,))
+        self._thread.start()
+
+    def have_recordings(self, *, wanted: bool) -> None:
+        """Serve a list of recordings, or none."""
+        self._recordings.unlink(missing_ok=True)
+        if wanted:
+            self._recordings.write_text("[]", "utf-8")
+
+    def close(self) -> None:
+        """End, and remove the files."""
+        self._files.shutdown()
+        self._thread.join()
+        self._files.server_close()
+        self._folder.cleanup()
+
+
+_servers: dict[Browser, _Server] = {}
+
+
+def _server_of(browser: Browser) -> _Server:
+    """Return the server of a browser, which ends with it."""
+    if browser not in _servers:
+        _servers[browser] = _Server()
+        browser.once("disconnected", lambda _: _servers.pop(browser).close())
+    return _servers[browser]
 
 
 def _page_of(browser: Browser) -> Page:
@@ -269,31 +298,33 @@ def page_stage(
 ) -> Generator[PageStage]:
     """Open the page with one robot, tsd; hints of the first visit only when asked for.
 
-    With a server that has `recordings` the page has a timeline.
-
-    Each stage has an address of its own, so the page remembers nothing of the last one.
+    With a server that has `recordings` the page has a timeline. The page remembers nothing of the
+    last stage.
     """
-    page = _page_of(browser)
+    page, server = _page_of(browser), _server_of(browser)
     failures: list[str] = []
 
     def failed(error: object) -> None:
         failures.append(str(error))
 
-    with _served(recordings=recordings) as address:
-        page.set_viewport_size({"width": 1280, "height": 720})
-        page.on("pageerror", failed)
-        page.goto(f"{address}{'?hints' if hints else ''}")
-        page.wait_for_function(
-            "Boolean(window.socket?.onmessage) && overlay().querySelector('.stop') !== null"
-        )
-        # Sizes and places are those of the style sheets.
-        page.wait_for_function("overlay().querySelector('.frame').style.visibility === ''")
-        if recordings:
-            page.wait_for_function("!overlay().querySelector('.timeline').hidden")
-        stage = PageStage(page)
-        stage.choose("tsd")
-        stage.show(state())
+    server.have_recordings(wanted=recordings)
+    page.set_viewport_size({"width": 1280, "height": 720})
+    page.on("pageerror", failed)
+    page.goto(f"{server.address}{'?hints' if hints else ''}")
+    page.wait_for_function(
+        "Boolean(window.socket?.onmessage) && overlay().querySelector('.stop') !== null"
+    )
+    # Sizes and places are those of the style sheets.
+    page.wait_for_function("overlay().querySelector('.frame').style.visibility === ''")
+    if recordings:
+        page.wait_for_function("!overlay().querySelector('.timeline').hidden")
+    stage = PageStage(page)
+    stage.choose("tsd")
+    stage.show(state())
+    try:
         yield stage
-        page.goto("about:blank")
+    finally:
+        page.goto(f"{server.address}blank.html")
+        page.evaluate("localStorage.clear(), sessionStorage.clear()")
         page.remove_listener("pageerror", failed)
     assert failures == []

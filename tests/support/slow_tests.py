@@ -18,6 +18,8 @@ FILE = TESTS / "slow_tests.txt"
 LONG_FILE = TESTS / "long_tests.txt"
 """Tests, or single cases of them, for `make test-long`: the same laws over more of their cases, and
 what takes more than about five seconds of processor."""
+SHARED_FOLDERS = ("firmware", "lab")
+"""Their slow tests run with the quick ones, so that both runs of what computes take as long."""
 LIMIT_S = 0.5
 """Beyond this a test is slow, all its cases together."""
 _DURATION = re.compile(r"^([\d.]+)s (?:setup|call|teardown) +tests/([^\[\s]+)", re.MULTILINE)
@@ -27,6 +29,12 @@ _DURATION = re.compile(r"^([\d.]+)s (?:setup|call|teardown) +tests/([^\[\s]+)", 
 def listed() -> frozenset[str]:
     """Return the slow tests, as `folder/file::test`."""
     return frozenset(FILE.read_text("ascii").split())
+
+
+@cache
+def shared() -> frozenset[str]:
+    """Return the slow tests that run with the quick ones."""
+    return frozenset(name for name in listed() if name.startswith(SHARED_FOLDERS))
 
 
 @cache

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import http.client
 import json
-import os
 import random
 import secrets
 import subprocess
@@ -22,6 +21,7 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
 from tests.support.fault_stage import ID, FaultStage, fault_stage
+from tests.support.priorities import AS_OTHERS
 from tests.support.robot_node import PATIENCE_S
 from tests.support.viser_client import CAMERA
 from tsd_twin.bus import Bus, client_config
@@ -74,9 +74,8 @@ def flood(scene: FaultStage, seed: int, count: int, *what: str) -> list[float]:
     """Send malformed samples, and return how long the node took to answer meanwhile."""
     arguments = [scene.endpoint, ID, str(seed), str(count), *what]
     # Another machine would send it: it has no place among the robots in real time.
-    priority = ["chrt", "--other", "0"] if os.environ.get("TEST_REALTIME") else []
     hostile = subprocess.Popen(
-        [*priority, sys.executable, "-m", "tests.system.hostile", *arguments]
+        [*AS_OTHERS, sys.executable, "-m", "tests.system.hostile", *arguments]
     )
     took_s: list[float] = []
     with Bus(client_config([scene.endpoint])) as bus:

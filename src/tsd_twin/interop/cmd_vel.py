@@ -26,6 +26,8 @@ PAUSE_S = 0.5
 """Twists that were held while they did not count must pause for this long, or be zero once."""
 IDLE_S = 30.0
 """Without a twist or a request for this long, the lease is given back, and the robot disarmed."""
+HELD_UP_S = 0.3
+"""A program that does nothing for longer was held up: the robot has stopped meanwhile."""
 AT_REST_S = 0.3
 """A request for control is granted when no twist moved the robot for this long."""
 SAY_AGAIN_S = 2.0
@@ -180,6 +182,7 @@ class CmdVelOperator:
         self._max_age_s = max_age_s
         self._must_pause = False
         self._heard_s = self._driven_s = self._used_s = self._not_before_s = -math.inf
+        self._polled_s = math.inf
         self._lost, self._was_lost = "", False
         self._said: dict[str, float] = {}
 
@@ -193,6 +196,7 @@ class CmdVelOperator:
         `sent_after_s` is a time, on the same clock, before which it cannot have been sent; None
         where the transport gives no such bound.
         """
+        self._note_hold_up(now_s)
         paused = now_s - self._heard_s >= PAUSE_S
         reason = self._refusal(message)
         if reason:
@@ -220,6 +224,14 @@ class CmdVelOperator:
             return []
         self._driven_s = self._used_s = now_s
         return [Drive(message.twist, message.frame or BASE)]
+
+    def _note_hold_up(self, now_s: float) -> None:
+        """Take no time in which this program stood still for a pause of the publisher.
+
+        Twists of that time may be lost on the way, so none of them need come late.
+        """
+        if now_s - self._polled_s > HELD_UP_S:
+            self._must_pause, self._heard_s = True, now_s
 
     def on_unread(self, now_s: float) -> None:
         """Note a twist on a topic that no robot reads now; held on, it must not move one later."""
@@ -309,7 +321,12 @@ class CmdVelOperator:
         return self._drop(now_s, reason)
 
     def poll(self, now_s: float, view: RobotView) -> list[Action]:
-        """Return what is due without a message: hand-over, and the end of an unused lease."""
+        """Return what is due without a message: hand-over, and the end of an unused lease.
+
+        Called several times within `HELD_UP_S`.
+        """
+        self._note_hold_up(now_s)
+        self._polled_s = now_s
         if self.state is not State.HELD or now_s - self._driven_s < AT_REST_S:
             return []
         if view.asked_by is not None and view.holder == self.operator:
