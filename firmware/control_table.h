@@ -17,7 +17,7 @@
 #define CT_STICKS 4
 #define CT_ZERO_THROTTLE 2000
 #define CT_FULL_THROTTLE 4000
-#define CT_SIZE 261
+#define CT_SIZE 269
 
 typedef enum {  // Source of the joint commands.
   BOARD_DISARMED = 0,
@@ -35,6 +35,7 @@ typedef enum {  // Why the board last disarmed itself; stays until it is armed a
   TRIP_WATCHDOG = 6,
   TRIP_DRIVE = 7,
   TRIP_BATTERY = 8,
+  TRIP_TORQUE = 9,
 } trip_code_t;
 
 typedef enum {  // Why arming was last refused; 0 once it succeeds.
@@ -50,6 +51,8 @@ typedef enum {  // Why arming was last refused; 0 once it succeeds.
   REFUSAL_DRIVE = 9,
   REFUSAL_BATTERY = 10,
   REFUSAL_RECEIVER = 11,
+  REFUSAL_SETTING = 12,
+  REFUSAL_TORQUE = 13,
 } refusal_code_t;
 
 typedef enum {  // What the receiver of the radio control sends.
@@ -71,10 +74,10 @@ typedef enum {  // What the receiver of the radio control sends.
 
 // Measurements and states: one READ in each cycle.
 #define CT_TELEMETRY 112
-#define CT_TELEMETRY_SIZE 105
+#define CT_TELEMETRY_SIZE 113
 
 // All that receivers of either kind send: for their set-up.
-#define CT_RADIO 217
+#define CT_RADIO 225
 #define CT_RADIO_SIZE 44
 
 typedef struct __attribute__((packed)) {
@@ -128,24 +131,29 @@ typedef struct __attribute__((packed)) {
   uint8_t servo_alive;  // 130: Bit i: servo i answered within the last 50 ms.
   uint8_t servo_protocol;  // 131: Bit i: servo i speaks Protocol 2.0, else 1.0.
   uint8_t servo_fault;  // 132: Bit i: servo i reports a hardware error.
-  uint16_t throttle_out[3];  // 133: Throttle that is put out.
-  int16_t position[6];  // 139: Gimbals from neutral. [step]
-  int16_t velocity[6];  // 151: Gimbals. [step/s]
-  int16_t current[6];  // 163: Of the servos. [mA]
-  uint8_t voltage[6];  // 175: At the servos. [0.1 V]
-  uint8_t temperature[6];  // 181: Of the servos. [deg C]
-  uint16_t rc[6];  // 187: Pulses of the receiver: forward, left, turn, speed, kill, manual; 0: no pulses. [us]
-  uint16_t battery_mv;  // 199: Of the battery. [mV]
-  uint16_t drive_mv;  // 201: Of the speed controllers, behind the contactor. [mV]
-  uint16_t supply_mv;  // 203: Of the board; the reference of the other two. [mV]
-  uint16_t crc_errors;  // 205: Packets from the PC with a wrong sum.
-  uint16_t rx_errors;  // 207: Bytes from the PC lost, or cut packets given up.
-  uint16_t servo_errors;  // 209: Answers of servos that were missing or wrong.
-  uint16_t overruns;  // 211: Cycles that took longer than 10 ms.
-  uint16_t trips;  // 213: Times that the board disarmed itself since power came.
-  uint16_t resets;  // 215: Resets since power came.
+  uint8_t servo_torque;  // 133: Bit i: servo i said within the last 150 ms that it holds.
+  uint8_t servo_checked;  // 134: Bit i: all settings of servo i are as they must be.
+  uint8_t wrong_servo;  // 135: Id of a servo with a setting that is not, the next two say which; 0: none.
+  uint8_t wrong_register;  // 136: Its address in the table of the servo.
+  uint32_t wrong_value;  // 137: What it is there.
+  uint16_t throttle_out[3];  // 141: Throttle that is put out.
+  int16_t position[6];  // 147: Gimbals from neutral. [step]
+  int16_t velocity[6];  // 159: Gimbals. [step/s]
+  int16_t current[6];  // 171: Of the servos. [mA]
+  uint8_t voltage[6];  // 183: At the servos. [0.1 V]
+  uint8_t temperature[6];  // 189: Of the servos. [deg C]
+  uint16_t rc[6];  // 195: Pulses of the receiver: forward, left, turn, speed, kill, manual; 0: no pulses. [us]
+  uint16_t battery_mv;  // 207: Of the battery. [mV]
+  uint16_t drive_mv;  // 209: Of the speed controllers, behind the contactor. [mV]
+  uint16_t supply_mv;  // 211: Of the board; the reference of the other two. [mV]
+  uint16_t crc_errors;  // 213: Packets from the PC with a wrong sum.
+  uint16_t rx_errors;  // 215: Bytes from the PC lost, or cut packets given up.
+  uint16_t servo_errors;  // 217: Answers of servos that were missing or wrong.
+  uint16_t overruns;  // 219: Cycles that took longer than 10 ms.
+  uint16_t trips;  // 221: Times that the board disarmed itself since power came.
+  uint16_t resets;  // 223: Resets since power came.
   // radio: read only
-  uint16_t channel[22];  // 217: The channels of a frame, then the pulses of the wires; 0: none. [us]
+  uint16_t channel[22];  // 225: The channels of a frame, then the pulses of the wires; 0: none. [us]
 } control_table_t;
 
 _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
@@ -198,23 +206,28 @@ _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
   X(servo_alive, 130, uint8_t, 1, 0) \
   X(servo_protocol, 131, uint8_t, 1, 0) \
   X(servo_fault, 132, uint8_t, 1, 0) \
-  X(throttle_out, 133, uint16_t, 3, 2000) \
-  X(position, 139, int16_t, 6, 0) \
-  X(velocity, 151, int16_t, 6, 0) \
-  X(current, 163, int16_t, 6, 0) \
-  X(voltage, 175, uint8_t, 6, 0) \
-  X(temperature, 181, uint8_t, 6, 0) \
-  X(rc, 187, uint16_t, 6, 0) \
-  X(battery_mv, 199, uint16_t, 1, 0) \
-  X(drive_mv, 201, uint16_t, 1, 0) \
-  X(supply_mv, 203, uint16_t, 1, 0) \
-  X(crc_errors, 205, uint16_t, 1, 0) \
-  X(rx_errors, 207, uint16_t, 1, 0) \
-  X(servo_errors, 209, uint16_t, 1, 0) \
-  X(overruns, 211, uint16_t, 1, 0) \
-  X(trips, 213, uint16_t, 1, 0) \
-  X(resets, 215, uint16_t, 1, 0) \
-  X(channel, 217, uint16_t, 22, 0)
+  X(servo_torque, 133, uint8_t, 1, 0) \
+  X(servo_checked, 134, uint8_t, 1, 0) \
+  X(wrong_servo, 135, uint8_t, 1, 0) \
+  X(wrong_register, 136, uint8_t, 1, 0) \
+  X(wrong_value, 137, uint32_t, 1, 0) \
+  X(throttle_out, 141, uint16_t, 3, 2000) \
+  X(position, 147, int16_t, 6, 0) \
+  X(velocity, 159, int16_t, 6, 0) \
+  X(current, 171, int16_t, 6, 0) \
+  X(voltage, 183, uint8_t, 6, 0) \
+  X(temperature, 189, uint8_t, 6, 0) \
+  X(rc, 195, uint16_t, 6, 0) \
+  X(battery_mv, 207, uint16_t, 1, 0) \
+  X(drive_mv, 209, uint16_t, 1, 0) \
+  X(supply_mv, 211, uint16_t, 1, 0) \
+  X(crc_errors, 213, uint16_t, 1, 0) \
+  X(rx_errors, 215, uint16_t, 1, 0) \
+  X(servo_errors, 217, uint16_t, 1, 0) \
+  X(overruns, 219, uint16_t, 1, 0) \
+  X(trips, 221, uint16_t, 1, 0) \
+  X(resets, 223, uint16_t, 1, 0) \
+  X(channel, 225, uint16_t, 22, 0)
 
 // X(name, address, type, count, least, most): every item that can be written.
 #define CT_WRITABLE(X) \

@@ -21,7 +21,7 @@ from tsd_twin.dynamixel.packets import protocol2
 from tsd_twin.hardware import HardwareError, MegaHardware, ServoCalibration
 from tsd_twin.hardware.joints import Receiver, SpeedControllers
 from tsd_twin.hardware.serial_transport import LIMIT, WINDOW_S
-from tsd_twin.node import HasWatchdog, RobotIO
+from tsd_twin.node import HasBattery, HasWatchdog, RobotIO
 from tsd_twin.safety import Heartbeat
 from tsd_twin.simulation import Motors
 
@@ -273,6 +273,55 @@ def test_what_is_missing_of_the_radio_control_is_named_before_arming(
         robot.close()
     assert board.setups[0].receiver_expected == (receiver is not None)
     assert board.setups[0].stick_low == (receiver or Receiver()).low_us
+
+
+@pytest.mark.parametrize(
+    ("telemetry", "fault"),
+    [
+        (
+            {"servo_checked": 0b011111, "wrong_servo": 6, "wrong_register": 11, "wrong_value": 4},
+            "servo 6 (module3_beta): operating mode (register 11) is 4, and must be 3; set it with "
+            "Dynamixel Wizard",
+        ),
+        (
+            {"servo_checked": 62, "wrong_servo": 1, "wrong_register": 20, "wrong_value": 2**32 - 7},
+            "servo 1 (module1_alpha): homing offset (register 20) is -7, and must be 0; set it "
+            "with Dynamixel Wizard",
+        ),
+        (
+            {
+                "servo_protocol": 0,
+                "servo_checked": 62,
+                "wrong_servo": 1,
+                "wrong_register": 20,
+                "wrong_value": 5,
+            },
+            "servo 1 (module1_alpha): multi-turn offset (register 20) is 5, and must be 0; set it "
+            "with Dynamixel Wizard",
+        ),
+        (
+            {"servo_checked": 0b111011},
+            "servo 3 (module2_alpha): the settings have not been read yet",
+        ),
+        (
+            {"servo_torque": 0b110111},
+            "servo 4 (module2_beta): no torque: it restarted, or another program switched it off",
+        ),
+    ],
+)
+def test_a_servo_that_is_not_set_or_does_not_hold_is_named(
+    it: Bench, telemetry: dict[str, int], fault: str
+) -> None:
+    it.board.telemetry = replace(it.board.telemetry, **telemetry)
+    it.until(lambda: it.fault == fault, "named")
+
+
+def test_the_node_is_told_the_voltage_of_the_battery(it: Bench) -> None:
+    assert isinstance(it.robot, HasBattery)
+    it.board.telemetry = replace(it.board.telemetry, battery_mv=11150)
+    it.until(lambda: it.robot.battery_v(time.monotonic()) == 11.15, "measured")
+    it.peer.unplug()
+    it.until(lambda: it.robot.battery_v(time.monotonic()) is None, "not any more")
 
 
 def test_the_commands_carry_the_session_of_the_board(it: Bench) -> None:

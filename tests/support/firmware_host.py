@@ -193,6 +193,8 @@ class FirmwareHost:
         for pulse_us, zero_us in zip(widest, self.zero_us, strict=True):
             assert pulse_us < zero_us + 1.0, f"a pulse of {pulse_us} us in disarmed mode"
         assert faults == (0, 0, 0, 0), "the servo bus was not kept clean"
+        reserved = self.simulation.servo_bus.reserved
+        assert not reserved, f"reads of reserved registers: {reserved}"
 
 
 class Bench:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from firmware.simulator.mx64 import Mx64
 from tests.support.firmware_host import (
     CRUISE,
     CYCLE_S,
@@ -19,6 +20,7 @@ from tests.support.firmware_host import (
 )
 from tsd_twin.dynamixel.blocks import Command, Identity, Setup
 from tsd_twin.dynamixel.control_table import ADDRESS, BoardMode, Refusal, ResetCause, Trip
+from tsd_twin.hardware.servo_settings import SETTINGS
 
 TILTED = (100, -60, 0, 40, -100, 20)
 NEUTRAL_GOALS = [2048] * 6
@@ -329,7 +331,7 @@ def a_servo_that_dies_stops_and_is_named(bench: Bench) -> None:
     pilot.simulation.run(0.3)
     assert pilot.telemetry().servo_found == 0b110111
     pilot.simulation.servos[3].dead = False
-    pilot.simulation.run(0.3)
+    pilot.simulation.run(0.5)
     assert pilot.arm().mode == BoardMode.ARMED, "it is found again"
 
 
@@ -340,6 +342,73 @@ def a_servo_in_trouble_stops(bench: Bench) -> None:
         seen = pilot.drive(0.1)
         assert (seen.mode, seen.trip, seen.servo_fault) == (BoardMode.DISARMED, Trip.SERVO, 1)
         assert pilot.arm().refusal == Refusal.SERVO
+
+
+def torque_that_is_lost_stops(bench: Bench) -> None:
+    for version, lose in (
+        (2, Mx64.switch_off),
+        (2, Mx64.restart),
+        (1, Mx64.switch_off),
+        (1, lambda servo: servo.set_register(34, 2, 0)),
+    ):
+        pilot = bench.pilot(version).get_driving(TILTED)
+        servo = pilot.simulation.servos[3]
+        servo.goal_enables_torque = False
+        lose(servo)
+        seen = pilot.drive(0.09, goal=TILTED)
+        assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.TORQUE), version
+        assert seen.servo_torque == 0b110111
+        assert pilot.until_quiet(0.03) < 0.03
+        servo.set_register(*servo.registers.limit)
+        pilot.simulation.run(0.5)
+        assert servo.torque, "it holds neutral again"
+        assert servo.position == pytest.approx(2048, abs=1)
+        pilot.simulation.run(1.5)
+        assert pilot.arm().mode == BoardMode.ARMED
+
+
+def a_goal_gives_torque_back_with_protocol_1(bench: Bench) -> None:
+    pilot = bench.pilot(1).get_driving(TILTED)
+    for servo in pilot.simulation.servos:
+        servo.switch_off()
+        pilot.simulation.run(0.011)
+        assert servo.torque
+
+
+def arming_wants_torque(bench: Bench) -> None:
+    pilot = bench.pilot().get_ready()
+    pilot.drive(0.5, arm=0, throttle=ZERO)
+    for _ in range(30):
+        pilot.cycle(0, torque=0)
+    seen = pilot.cycle(1)
+    assert seen is not None
+    assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.TORQUE)
+    pilot.drive(0.4, arm=0, throttle=ZERO)
+    assert pilot.arm().mode == BoardMode.ARMED
+
+
+def settings_of_servos_are_checked(bench: Bench) -> None:
+    for version, settings in SETTINGS.items():
+        pilot = bench.pilot(version)
+        servos = pilot.simulation.servos
+        wrong = [setting.wanted + 1 for setting in settings]
+        for i, setting in enumerate(settings):
+            servos[i % 6].set_register(setting.address, setting.size, wrong[i])
+        pilot.get_ready()
+        for i, setting in enumerate(settings):
+            pilot.simulation.run(1.4)
+            seen = pilot.arm()
+            assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.SETTING)
+            named = (seen.wrong_servo, seen.wrong_register, seen.wrong_value)
+            assert named in {
+                (j % 6 + 1, settings[j].address, wrong[j]) for j in range(i, len(settings))
+            }
+            assert not seen.servo_checked >> seen.wrong_servo - 1 & 1
+            servos[i % 6].set_register(setting.address, setting.size, setting.wanted)
+        pilot.simulation.run(1.4)
+        seen = pilot.arm()
+        assert (seen.mode, seen.servo_checked) == (BoardMode.ARMED, 0b111111)
+        assert seen.wrong_servo == 0
 
 
 def who_is_disarmed_moves_nothing(bench: Bench) -> None:
@@ -637,6 +706,8 @@ def power_makes_a_new_start(bench: Bench) -> None:
 
 def questions_are_answered_at_once(bench: Bench) -> None:
     pilot = bench.pilot()
+    for servo in pilot.simulation.servos:
+        servo.dead = True  # Answers of servos take their time too, on the chip.
     pilot.simulation.run(0.1)
     for _ in range(20):
         pilot.simulation.board.receive()

@@ -113,7 +113,7 @@ class Telemetry(Packed):
     """Measurements and states: one READ in each cycle."""
 
     ADDRESS: ClassVar[int] = 112
-    LAYOUT: ClassVar[Struct] = Struct("<IBBBBH2HBBBBBBB3H6h6h6h6B6B6HHHHHHHHHH")
+    LAYOUT: ClassVar[Struct] = Struct("<IBBBBH2HBBBBBBBBBBBI3H6h6h6h6B6B6HHHHHHHHHH")
 
     millis: int = 0
     """Since the reset [ms]."""
@@ -147,6 +147,16 @@ class Telemetry(Packed):
     """Bit i: servo i speaks Protocol 2.0, else 1.0."""
     servo_fault: int = 0
     """Bit i: servo i reports a hardware error."""
+    servo_torque: int = 0
+    """Bit i: servo i said within the last 150 ms that it holds."""
+    servo_checked: int = 0
+    """Bit i: all settings of servo i are as they must be."""
+    wrong_servo: int = 0
+    """Id of a servo with a setting that is not, the next two say which; 0: none."""
+    wrong_register: int = 0
+    """Its address in the table of the servo."""
+    wrong_value: int = 0
+    """What it is there."""
     throttle_out: tuple[int, ...] = (2000,) * 3
     """Throttle that is put out."""
     position: tuple[int, ...] = (0,) * 6
@@ -185,7 +195,7 @@ class Telemetry(Packed):
 class Radio(Packed):
     """All that receivers of either kind send: for their set-up."""
 
-    ADDRESS: ClassVar[int] = 217
+    ADDRESS: ClassVar[int] = 225
     LAYOUT: ClassVar[Struct] = Struct("<22H")
 
     channel: tuple[int, ...] = (0,) * 22

@@ -236,6 +236,15 @@ TELEMETRY = Block(
         Item("servo_alive", "u8", "Bit i: servo i answered within the last 50 ms."),
         Item("servo_protocol", "u8", "Bit i: servo i speaks Protocol 2.0, else 1.0."),
         Item("servo_fault", "u8", "Bit i: servo i reports a hardware error."),
+        Item("servo_torque", "u8", "Bit i: servo i said within the last 150 ms that it holds."),
+        Item("servo_checked", "u8", "Bit i: all settings of servo i are as they must be."),
+        Item(
+            "wrong_servo",
+            "u8",
+            "Id of a servo with a setting that is not, the next two say which; 0: none.",
+        ),
+        Item("wrong_register", "u8", "Its address in the table of the servo."),
+        Item("wrong_value", "u32", "What it is there."),
         Item("throttle_out", "u16", "Throttle that is put out.", ZERO_THROTTLE, None, "", ESCS),
         Item("position", "i16", "Gimbals from neutral.", 0, None, "step", SERVOS),
         Item("velocity", "i16", "Gimbals.", 0, None, "step/s", SERVOS),
@@ -330,6 +339,8 @@ class Trip(IntEnum):
     """The speed controllers lost their power: the stop circuit opened."""
     BATTERY = 8
     """The battery was below `battery_stop_mv` for 1 s."""
+    TORQUE = 9
+    """A servo of `servos_expected` does not hold: its torque was switched off, or it restarted."""
 
 
 class Refusal(IntEnum):
@@ -359,6 +370,10 @@ class Refusal(IntEnum):
     """The battery is below `battery_arm_mv`."""
     RECEIVER = 11
     """A receiver is expected, or was there, and a channel has no pulses."""
+    SETTING = 12
+    """A setting of a servo of `servos_expected` is not as it must be, or not read yet."""
+    TORQUE = 13
+    """A servo of `servos_expected` does not hold."""
 
 
 class ResetCause(IntFlag):

@@ -139,6 +139,7 @@ TRIPS: dict[int, str] = {
     Trip.SERVO: "a servo does not answer or has an error",
     Trip.WATCHDOG: "its firmware hung and was restarted",
     Trip.BATTERY: "the battery is empty",
+    Trip.TORQUE: "a servo lost its torque",
     Trip.DRIVE: "the stop circuit opened: the speed controllers lost their power",
 }
 REFUSALS: dict[int, str] = {
@@ -153,6 +154,8 @@ REFUSALS: dict[int, str] = {
     Refusal.RC: "the radio control has the robot",
     Refusal.SETUP: "its set-up was not written: neutral positions are unknown",
     Refusal.BATTERY: "the battery is too low",
+    Refusal.SETTING: "a setting of a servo is not as it must be, or not read yet",
+    Refusal.TORQUE: "a servo has no torque",
     Refusal.DRIVE: "the speed controllers have no power: the stop circuit is open",
 }
 

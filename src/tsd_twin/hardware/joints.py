@@ -174,7 +174,8 @@ class JointConverter:
         """Assign the joints of a robot to servos and speed controllers.
 
         Raises:
-            HardwareError: the board has not enough servos or speed controllers for it.
+            HardwareError: the board has not enough servos or speed controllers for it, or another
+            pulse for zero throttle.
         """
         drive = robot.kinematics()
         angles = np.array([joint.kind is JointKind.POSITION for joint in drive.joints])
@@ -185,6 +186,14 @@ class JointConverter:
                 f"the board has {SERVOS} servos and {ESCS} speed controllers"
             )
         self._throttle = throttle
+        zero_us = float(throttle.pulse_us(throttle.signal(np.zeros(len(self._wheels)))).max())
+        if _PULSES_PER_US * zero_us > ZERO_THROTTLE + 1.0:
+            raise HardwareError(
+                f"{robot.name} has zero throttle at {zero_us:g} us (motor.pulse_low_us), the board "
+                f"at {ZERO_THROTTLE / _PULSES_PER_US:g} us, also while it starts: for speed "
+                "controllers that run both ways that is full reverse, and they cannot be used; set "
+                "them to one direction"
+            )
         self._offsets = robot.actuator_offsets()
         self._step_rad = 2.0 * math.pi / robot.servo.steps_per_turn
         self.count = len(drive.joints)
