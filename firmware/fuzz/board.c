@@ -1,6 +1,6 @@
 // Fuzzer of the whole program, compiled for the PC with the sanitizers of addresses and undefined
-// behaviour: random bytes and commands from the PC, random answers of servos, pulses of the receiver,
-// voltages, resets. `make fuzz`, then `build/fuzz_board SEED ROUNDS`. Any mistake ends it, as does a
+// behaviour: random bytes and commands from the PC, random answers of servos, pulses and frames of the
+// receiver, voltages, resets. `make fuzz`, then `build/fuzz_board SEED ROUNDS`. Any mistake ends it, as does a
 // pulse while disarmed.
 #include <stdio.h>
 #include <stdlib.h>
@@ -85,7 +85,9 @@ static void set_up(void) {
   if (!first.model) first = table;
   control_table_t wanted = first;
   uint8_t *block = (uint8_t *)&wanted + CT_SETUP;
+  wanted.receiver_kind = draw(16) == 0;
   if (draw(3) == 0) block[draw(CT_SETUP_SIZE)] = (uint8_t)draw(256);
+  memcpy(wanted.pulse_low, first.pulse_low, sizeof wanted.pulse_low);  // What `main` looks for.
   write_block(CT_SETUP, block, CT_SETUP_SIZE);
 }
 
@@ -102,6 +104,16 @@ static void sticks(void) {
   board_set_rc(board, us);
 }
 
+// Frames, whole or not, and anything.
+static void radio(void) {
+  uint8_t bytes[LONGEST];
+  uint32_t count = draw(2) ? 25 : draw(LONGEST);
+  for (uint32_t i = 0; i < count; i++) bytes[i] = draw_byte();
+  if (count) bytes[0] = draw(8) ? 0x0f : draw_byte();
+  if (count > 24 && draw(8)) bytes[24] = 0;
+  board_radio(board, bytes, count, draw(8) ? 0 : (uint8_t)draw(256));
+}
+
 static void act(void) {
   switch (draw(40)) {
     case 0:
@@ -115,6 +127,15 @@ static void act(void) {
       break;
     case 3:
       board_set_adc(board, draw(2), draw(20) ? 3000 : draw(5000));
+      break;
+    case 6:
+      radio();
+      break;
+    case 7:
+      board_sbus(board, draw(8) == 0, draw(8) ? 0 : (uint8_t)draw(256));
+      break;
+    case 8:
+      board_parallel_rc(board, 1 + draw(320000));
       break;
     case 4:
       if (draw(40) == 0) board_reset(board, draw(2));

@@ -21,6 +21,7 @@ def _switch(word: str) -> bool:
 def show(robot: RealTimeSimulation) -> str:
     """State of the robot and set-points of its actuators, as one line of JSON."""
     simulation = robot.simulation
+    timing = simulation.board.timing()
     return json.dumps(
         {
             "time_s": round(simulation.board.now_s, 6),
@@ -32,6 +33,9 @@ def show(robot: RealTimeSimulation) -> str:
             "mode": simulation.board.peek(simulation.table_address + ADDRESS["mode"]),
             "resets": simulation.board.resets,
             "drive_v": round(simulation.power.drive_v, 2),
+            "interrupt_cycles": timing.interrupts,
+            "lost_bytes": timing.lost,
+            "stack_bytes": timing.stack,
         }
     )
 

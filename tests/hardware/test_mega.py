@@ -19,7 +19,7 @@ from tsd_twin.dynamixel.blocks import Command, Identity, Setup
 from tsd_twin.dynamixel.control_table import BoardMode, ResetCause, Trip
 from tsd_twin.dynamixel.packets import protocol2
 from tsd_twin.hardware import HardwareError, MegaHardware, ServoCalibration
-from tsd_twin.hardware.joints import Receiver
+from tsd_twin.hardware.joints import Receiver, SpeedControllers
 from tsd_twin.hardware.serial_transport import LIMIT, WINDOW_S
 from tsd_twin.node import HasBattery, HasWatchdog, RobotIO
 from tsd_twin.safety import Heartbeat
@@ -175,6 +175,35 @@ def test_a_board_that_refuses_its_set_up_is_not_used(tmp_path: Path) -> None:
         pytest.raises(HardwareError, match="refuses its set-up: error 4"),
     ):
         MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
+
+
+def test_a_board_with_power_at_its_drive_refuses_another_zero_throttle_and_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tsd_twin.hardware.controller_board._RUN_DOWN_S", 0.2)
+    board = PretendBoard()
+    board.error = 7
+    with (
+        plugged(tmp_path, board) as peer,
+        pytest.raises(HardwareError, match="error 7; open the contactor: it takes another zero"),
+    ):
+        MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
+
+
+def test_receiver_and_pulse_ends_of_the_calibration_are_told_to_the_board(tmp_path: Path) -> None:
+    calibration = ServoCalibration(
+        receiver=Receiver(kind="sbus", channels=(2, 1, 4, 3, 16, 6), dead_us=30),
+        speed_controllers=SpeedControllers((1000.0, 1060.0, 1200.0), (2000.0, 1940.5, 2200.0)),
+    )
+    board = PretendBoard()
+    board.telemetry = replace(board.telemetry, throttle_out=(2000, 3000, 4000))
+    with plugged(tmp_path, board) as peer:
+        robot = MegaHardware(ROBOT, peer.port, Motors.of(ROBOT), calibration)
+        assert robot.hardware()["pulse_us"] == [1000.0, 1500.25, 2200.0]
+        robot.close()
+    told = board.setups[0]
+    assert (told.receiver_kind, told.receiver_map, told.stick_dead) == (1, 0x5F2301, 30)
+    assert (told.pulse_low, told.pulse_high) == ((2000, 2120, 2400), (4000, 3881, 4400))
 
 
 def test_a_board_that_the_radio_control_has_is_met_if_it_knows_its_set_up(

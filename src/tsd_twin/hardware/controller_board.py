@@ -30,6 +30,7 @@ _BOOT_S = 4.0
 _RUN_DOWN_S = 3.0
 """The board refuses to be set up for 2 s after the last throttle."""
 _AGAIN_S = 0.1
+_ZERO_MOVES = "it takes another zero throttle only while the speed controllers have no power"
 _TRY_S = 0.3
 _TRIES = 3
 
@@ -90,6 +91,7 @@ def _write_setup(transport: SerialTransport, setup: Setup) -> None:
         if error != Fault.ACCESS or time.monotonic() > end_s:
             raise HardwareError(
                 f"the controller board at {transport.name} refuses its set-up: error {error}"
+                + ("; open the contactor: " + _ZERO_MOVES if error == Fault.ACCESS else "")
             )
         time.sleep(_AGAIN_S)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +19,7 @@ from tsd_twin.dynamixel.control_table import (
     ZERO_THROTTLE,
     BoardMode,
     RcChannel,
+    ReceiverKind,
     Refusal,
 )
 from tsd_twin.dynamixel.packets import Status, protocol2
@@ -122,6 +124,11 @@ class ControllerBoard:
             stick_low=sticks.low_us,
             stick_centre=sticks.centre_us,
             stick_high=sticks.high_us,
+            stick_dead=sticks.dead_us,
+            receiver_kind=ReceiverKind[sticks.kind.upper()],
+            receiver_map=sticks.map,
+            pulse_low=_half_us(calibration.speed_controllers.low_us),
+            pulse_high=_half_us(calibration.speed_controllers.high_us),
         )
         self.receiver_expected = calibration.receiver is not None
 
@@ -227,6 +234,10 @@ class ControllerBoard:
         )
 
 
+def _half_us(pulses_us: Sequence[float]) -> tuple[int, ...]:
+    return tuple(round(2.0 * pulse_us) for pulse_us in pulses_us)
+
+
 def _telemetry(answers: list[Status]) -> Telemetry | None:
     """Telemetry if the responses are those of one write and one read."""
     if [len(answer.data) for answer in answers] != [0, Telemetry.LAYOUT.size]:
@@ -285,6 +296,7 @@ class MegaHardware:
         self._board = ControllerBoard(
             self._joints, calibration, robot.battery, servos=servos, baud=baud
         )
+        self._speed_controllers = calibration.speed_controllers
         self._expected = self._joints.servos if servos else 0
         self._arm_mv = round(1000.0 * robot.battery.arm_v)
         self._heartbeat = Heartbeat(False, 0)
@@ -397,7 +409,7 @@ class MegaHardware:
             "drive_v": round(board.drive_mv / 1000.0, 2),
             "supply_v": round(board.supply_mv / 1000.0, 2),
             "esc_armed": bool(board.esc_ready),
-            "pulse_us": [pulse / 2.0 for pulse in board.throttle_out],
+            "pulse_us": self._speed_controllers.pulses_us(board.throttle_out),
             "rc_us": list(board.rc),
             "counters": {name: getattr(board, name) for name in _COUNTERS},
         }
