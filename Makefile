@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-long quick check check-types check-python check-scripts check-firmware bench attack soak format lock vendor docs pictures meshes clean firmware robot-in-a-box avr
+.PHONY: help demo test test-long test-ros quick check check-types check-python check-scripts check-firmware bench attack soak format lock vendor docs pictures meshes clean firmware robot-in-a-box avr
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 22
@@ -19,6 +19,8 @@ test: check browser avr ## Check, then run all tests
 
 test-long: .venv/.dev browser avr ## Run the tests that take longest, which make test leaves out
 	@scripts/run_tests --long $(ARGS)
+test-ros: .venv/ros/.made ## Test tsd-ros with nodes of rclpy, in an environment of its own
+	.venv/ros/bin/python -m pytest tests/rclpy $(ARGS)
 # The page's scripts name no type: a browser knows that they are modules, Node.js finds out.
 NODE_TEST := --disable-warning=MODULE_TYPELESS_PACKAGE_JSON --test-reporter=dot --test
 
@@ -84,6 +86,7 @@ lock: .venv/.dev ## Resolve the versions that set-up installs
 	$(BIN)/uv pip compile --quiet pyproject.toml --group build $(LOCK) --output-file requirements/run.txt
 	$(BIN)/uv pip compile --quiet pyproject.toml --group build --group docs $(LOCK) --output-file requirements/docs.txt
 	$(BIN)/uv pip compile --quiet pyproject.toml --group dev $(LOCK) --output-file requirements/dev.txt
+	$(BIN)/uv pip compile --quiet requirements/ros.in --constraint requirements/dev.txt $(LOCK) --output-file requirements/ros.txt
 LOCK := --universal --generate-hashes --no-emit-index-url --python-version 3.11 --custom-compile-command "make lock"
 
 browser: ## Install Chromium and nginx, for the tests, when there are none
@@ -115,6 +118,18 @@ clean: ## Remove what set-up made
 	$(PIP) install --require-hashes -r requirements/dev.txt
 	$(PIP) install --no-deps --no-build-isolation -e .
 	@touch .venv/.run .venv/.docs $@
+
+# Its own packages come first; the rest, as this project, are those of .venv.
+.venv/ros/.made: requirements/ros.txt tests/rclpy/make_tf2_msgs.py .venv/.dev
+	@echo "setting up .venv/ros: wheels of ROS 2 Jazzy that github.com/ycheng517/ros-python-wheels builds,"
+	@echo "a third party and not the ROS project; for this test alone"
+	rm -rf .venv/ros
+	$(BIN)/python -m venv .venv/ros
+	.venv/ros/bin/python -m pip --quiet --disable-pip-version-check install --require-hashes -r requirements/ros.txt
+	@site="$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')"; \
+	  echo "import site; site.addsitedir('$$site')" > .venv/ros/$${site#*.venv/}/tsd-twin.pth
+	.venv/ros/bin/python tests/rclpy/make_tf2_msgs.py
+	@touch $@
 
 # Node.js comes with pyright; its launcher of npm is a link that the wheel has made a file.
 .venv/.js: tests/js/package.json tests/js/package-lock.json .venv/.dev

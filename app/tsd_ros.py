@@ -13,7 +13,15 @@ from tsd_twin.bus import Bus, Config, as_client, client_config, from_file
 from tsd_twin.errors import TwinError
 from tsd_twin.interop import RosNames
 from tsd_twin.messages import topics
-from tsd_twin.ros import Inputs, MeshServer, OpenPort, ZenohPort, serve_ros
+from tsd_twin.ros import (
+    DdsPort,
+    Inputs,
+    MeshServer,
+    OpenPort,
+    ZenohPort,
+    check_ros,
+    serve_ros,
+)
 from tsd_twin.security import Role
 
 OPERATOR = "ros"
@@ -24,12 +32,13 @@ _LAST_DOMAIN = 232
 
 PARSER = program.parser(
     "tsd-ros",
-    "Show the robots on the bus to ROS 2 as nodes, and drive them by cmd_vel. No ROS has to be "
-    "installed here.",
+    "Show the robots on the bus to ROS 2 as nodes, and drive them by cmd_vel. Over the protocol of "
+    "rmw_zenoh, the default, no ROS has to be installed here.",
     [
         "tsd-ros --connect tcp/127.0.0.1:7448     a robot there, and rmw_zenohd at its own port",
         "tsd-ros                                  ROS nodes join the robot's own port 7447",
         "tsd-ros --ros-connect tcp/ros-pc:7447    the router of ROS on another computer",
+        "tsd-ros --rmw dds                        a node of the rclpy that is sourced here",
         "tsd-ros --view-only                      nothing can be driven",
     ],
 )
@@ -91,8 +100,11 @@ def ports(args: argparse.Namespace, domain: int) -> tuple[OpenPort, str, Callabl
     """Return what opens ports, where they are, and what ends them all.
 
     Raises:
-        TwinError: no router answers.
+        TwinError: no router answers, or rclpy is not there.
     """
+    if args.rmw == "dds":
+        check_ros()
+        return partial(DdsPort, domain), "DDS", lambda: None
     config = ros_config(args)
     try:
         Bus(config).close()
@@ -121,7 +133,10 @@ def main() -> None:
     program.add_adapter_flags(PARSER, OPERATOR)
     made = PARSER.add_argument_group("ROS", "docs/ros2.md goes step by step.")
     made.add_argument(
-        "--rmw", choices=["zenoh"], default="zenoh", help="middleware of ROS; default zenoh"
+        "--rmw",
+        choices=["zenoh", "dds"],
+        default="zenoh",
+        help="middleware of ROS; default zenoh; dds is a node of rclpy, of a ROS that is sourced",
     )
     made.add_argument(
         "--ros-connect",

@@ -16,7 +16,7 @@ from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.interop.mapping import PUBLISHED
 from tsd_twin.messages.ros import TRIGGER, encode_cdr, make_twist, type_hash
 from tsd_twin.messages.topics import QoS
-from tsd_twin.ros.wire import Attachment, topic_key
+from tsd_twin.ros.zenoh_port import Attachment, topic_key
 
 _COMMANDS, _SMALLEST = 600, 20
 _TWIST = "geometry_msgs/msg/Twist"

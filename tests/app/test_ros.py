@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import http.client
 import math
+import os
 import re
 import signal
 import struct
@@ -35,6 +36,7 @@ from tests.support.ros_nodes import (
     twist,
     vector,
 )
+from tests.support.square_drive import SquareDrive
 from tsd_twin import robots
 from tsd_twin.interop.mapping import LATCHED_TOPICS, PUBLISHED, READ, SERVICES
 
@@ -233,6 +235,23 @@ while True:
         last_m = node.x_m
     stage.until_still()
     assert node.x_m - last_m < ALLOWANCE_M + 0.04 * SPEED_MPS
+
+
+def test_a_node_that_drives_a_square_by_odometry_is_back_at_its_start(stage: Stage) -> None:
+    node = stage.node
+    assert node.call("/arm")[0]
+    stage.pause()
+    drive, start = SquareDrive(0.4, 0.5), node.newest["/odom/truth"].pose.pose.position
+    end_s = time.monotonic() + PATIENCE_S
+    while (twist_now := drive.twist(*node.odom)) is not None:
+        assert time.monotonic() < end_s, f"the square does not end: {node.odom}"
+        vx, vy, omega = twist_now
+        stage.cmd_vel.publish(linear=vector(vx, vy), angular=vector(z=omega))
+        time.sleep(0.05)
+    stage.cmd_vel.publish(linear=vector(), angular=vector())
+    stage.until_still()
+    end = node.newest["/odom/truth"].pose.pose.position
+    assert math.hypot(end.x - start.x, end.y - start.y) < 0.01 * drive.path_m
 
 
 def test_a_person_who_takes_over_has_control_and_twists_do_not_take_it_back(stage: Stage) -> None:
@@ -448,6 +467,17 @@ def test_without_a_router_it_ends_with_one_sentence() -> None:
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1
     assert "rmw_zenohd" in done.stderr
+
+
+def test_without_rclpy_it_says_how_to_have_it() -> None:
+    bare = {name: text for name, text in os.environ.items() if name != "PYTHONPATH"}
+    done = subprocess.run(
+        [sys.executable, "-m", "tsd_ros", "--rmw", "dds"],
+        capture_output=True, text=True, timeout=60, env=bare,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    assert "source /opt/ros/<distro>/setup.bash" in done.stderr
 
 
 def test_a_viewer_publishes_and_reads_nothing(start: Callable[..., Program]) -> None:

@@ -12,7 +12,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from tsd_twin.errors import MessageError
 from tsd_twin.interop.cmd_vel import PAUSE_S
-from tsd_twin.ros.inputs import (
+from tsd_twin.ros.port import (
     DRIFT,
     MOST_PUBLISHERS,
     Arrivals,

@@ -17,7 +17,7 @@ from tsd_twin.errors import MessageError
 from tsd_twin.interop.mapping import PUBLISHED, READ, RosQoS
 from tsd_twin.messages.ros import TRIGGER, encode_trigger_response, type_hash
 from tsd_twin.ros.port import types_of
-from tsd_twin.ros.wire import (
+from tsd_twin.ros.zenoh_port import (
     QOS,
     Attachment,
     Kind,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import math
 import re
 import struct
 import threading
@@ -173,8 +174,15 @@ class ForeignNode:
         return self.newest["/odom/truth"].pose.pose.position.x
 
     @property
+    def odom(self) -> tuple[float, float, float]:
+        pose = self.newest["/odom"].pose.pose
+        heading = 2.0 * math.atan2(pose.orientation.z, pose.orientation.w)
+        return pose.position.x, pose.position.y, heading
+
+    @property
     def speed_mps(self) -> float:
-        return abs(self.newest["/odom/truth"].twist.twist.linear.x)
+        linear = self.newest["/odom/truth"].twist.twist.linear
+        return math.hypot(linear.x, linear.y)
 
     @property
     def status(self) -> Any:

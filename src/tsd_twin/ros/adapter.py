@@ -1,4 +1,4 @@
-"""Robots of the bus as ROS nodes, and ROS as an operator of each robot."""
+"""Robots of the bus as ROS nodes, ROS as an operator of each robot, and a server of mesh files."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection, Coroutine
 from dataclasses import dataclass, replace
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 from tsd_twin.bus import Bus
@@ -21,9 +22,69 @@ from tsd_twin.interop.fleet import LONGEST_OPERATOR, Fleet, RobotSource, frames_
 from tsd_twin.interop.mapping import CMD_VEL, INITIAL_POSE, RosMessage, RosNames, RosTopic
 from tsd_twin.messages.requests import encode_pose
 from tsd_twin.messages.ros import ODOM
-from tsd_twin.ros.inputs import Arrivals, OnePublisher, Origin, decode_pose_input
-from tsd_twin.ros.meshes import MeshServer
-from tsd_twin.ros.port import OpenPort, RosPort
+from tsd_twin.ros.port import (
+    UNTOLD,
+    Arrivals,
+    OnePublisher,
+    OpenPort,
+    Origin,
+    RosPort,
+    decode_pose_input,
+)
+
+_TIMEOUT_S = 5.0
+
+
+class MeshServer:
+    """Server of `/<robot>/<file>`, until it is closed."""
+
+    def __init__(self, host: str, port: int) -> None:
+        """Listen; port 0 takes a free one.
+
+        Raises:
+            TwinError: the address cannot be used.
+        """
+        self.robots: dict[str, Callable[[str], bytes | None]] = {}
+        """Function that returns a file of each robot."""
+        served = self
+
+        class Handler(BaseHTTPRequestHandler):
+            timeout = _TIMEOUT_S
+
+            def do_GET(self) -> None:
+                body = served.file(self.path)
+                self.send_response(404 if body is None else 200)
+                self.send_header("Content-Type", "model/stl")
+                self.send_header("Content-Length", str(len(body or b"")))
+                self.end_headers()
+                self.wfile.write(body or b"")
+
+            def log_message(self, format: str, *args: Any) -> None:  # noqa: A002  As above.
+                """Write no line for each request."""
+
+        try:
+            self._server = ThreadingHTTPServer((host, port), Handler)
+        except OSError as error:
+            raise TwinError(f"port {port} of {host} cannot be used for meshes") from error
+        self._server.daemon_threads = True
+        self._host = host
+        threading.Thread(target=self._server.serve_forever, args=(0.1,), daemon=True).start()
+
+    def uri(self, robot: str) -> str:
+        """Return what goes before the name of each file of a robot."""
+        return f"http://{self._host}:{self._server.server_address[1]}/{robot}/"
+
+    def file(self, path: str) -> bytes | None:
+        """Return a file by the path of a request, None when there is none."""
+        robot, _, name = path.lstrip("/").partition("/")
+        get = self.robots.get(robot)
+        return None if get is None else get(name)
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._server.shutdown()
+        self._server.server_close()
+
 
 _LOG = logging.getLogger(__name__)
 _WATCH_S = 0.05
@@ -31,6 +92,7 @@ MOST_WAITING = 64
 """Messages of one robot that wait for the event loop; the oldest are dropped."""
 MOST_CALLS = 16
 """Services of one robot that are under way at once; `stop` is always carried out."""
+SEVERAL = "it has several publishers, and ROS does not say which one: run twist_mux, or end one"
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +193,13 @@ class RosOperator:
         frames, now_s = frames_of(names), time.monotonic()
         if message.frame in frames:
             message = replace(message, frame=frames[message.frame])
+        if received.origin.publisher == UNTOLD:
+            if not message.is_zero:
+                raise MessageError("publishers", SEVERAL)
+            self._driver.on_cmd_vel(message, now_s, sent_after_s)
+            # A zero of one publisher does not release the stick that another one holds.
+            self._driver.machine.on_unread(now_s)
+            return
         if not self._turn.admits(received.origin.publisher, not message.is_zero, now_s):
             if not message.is_zero:
                 self._say("cmd_vel of a second publisher is ignored: only one drives at a time")

@@ -1,0 +1,239 @@
+"""ROS nodes of the system's rclpy: each robot has a node, and so a participant of DDS, of its own.
+
+rclpy is imported only here, when a port is opened: it comes with ROS, not with this package.
+Messages go through as CDR, so the table of topics and its conversions are those of every port.
+"""
+
+from __future__ import annotations
+
+import importlib
+import itertools
+import logging
+import threading
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+from tsd_twin.errors import TwinError
+from tsd_twin.interop.mapping import (
+    PUBLISHED,
+    READ,
+    SERVICES,
+    RosMessage,
+    RosNames,
+    RosQoS,
+    RosTopic,
+)
+from tsd_twin.messages.ros import TRIGGER
+from tsd_twin.ros.port import NODE, UNTOLD, Inputs, Origin, types_of
+
+_LOG = logging.getLogger(__name__)
+_END_S = 2.0
+_PAUSE_S = 0.01
+_DEPTH = {RosQoS.SENSOR: 5, RosQoS.STATE: 10, RosQoS.LATCHED: 1, RosQoS.COMMAND: 1}
+
+
+def load_rclpy() -> Any:
+    """Import rclpy.
+
+    Raises:
+        TwinError: it is not there.
+    """
+    try:
+        return importlib.import_module("rclpy")
+    except ImportError as error:
+        raise TwinError(
+            f"rclpy of ROS 2 cannot be imported ({error}): run "
+            "`source /opt/ros/<distro>/setup.bash` first, and use the Python of that ROS"
+        ) from error
+
+
+def load_type(type_name: str) -> Any:
+    """Import the class of a message or a service.
+
+    Raises:
+        TwinError: its package is not there.
+    """
+    package, kind, name = type_name.split("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.{kind}"), name)
+    except (ImportError, AttributeError) as error:
+        raise TwinError(
+            f"{type_name} of ROS 2 cannot be imported ({error}): install the package {package}"
+        ) from error
+
+
+def check_ros() -> None:
+    """Import what a port needs, so that a lack of it shows at once.
+
+    Raises:
+        TwinError: rclpy or a type is not there.
+    """
+    load_rclpy()
+    for type_name in (*(row.type for row in PUBLISHED), *itertools.chain(*map(types_of, READ))):
+        load_type(type_name)
+    load_type(TRIGGER)
+
+
+class DdsPort:
+    """Node of one robot, and a second one for the other type of `cmd_vel`.
+
+    A participant of Fast DDS cannot have one topic with two types.
+    """
+
+    def __init__(self, domain: int, names: RosNames, inputs: Inputs | None) -> None:
+        """Without `inputs`, nothing is read and no service is offered.
+
+        Raises:
+            TwinError: ROS cannot open a node.
+        """
+        self._published: dict[str, Any] = {}
+        self._nodes: list[_Node] = []
+        try:
+            self._open(domain, names, inputs)
+        except Exception as error:  # rclpy has no class for all that its middleware refuses.
+            self.close()
+            raise TwinError(f"no node of ROS can be opened: {error}") from error
+
+    def _open(self, domain: int, names: RosNames, inputs: Inputs | None) -> None:
+        namespace = f"/{names.namespace}" if names.shared else "/"
+        self._nodes.append(_Node(NODE, domain, namespace))
+        for row in PUBLISHED:
+            name = names.topic(row.name)
+            self._published[name] = self._nodes[0].publisher(name, row)
+        if inputs is None:
+            return
+        self._nodes.append(_Node(f"{NODE}_stamped", domain, namespace))
+        for row in READ:
+            for node, type_name in zip(self._nodes, types_of(row), strict=False):
+                node.subscribe(names.topic(row.name), row, type_name, inputs)
+        for service in SERVICES:
+            self._nodes[0].serve(names.topic(service), partial(inputs.on_call, service))
+        for node in self._nodes:
+            node.start()
+
+    def wants(self, topic: str) -> bool:
+        """Return whether a topic has a subscriber."""
+        try:
+            return self._published[topic].get_subscription_count() > 0
+        except Exception:  # As for `publish`.
+            return False
+
+    def publish(self, message: RosMessage) -> None:
+        """Publish a message.
+
+        Raises:
+            TwinError: the port has been closed, or the middleware refuses it.
+        """
+        try:
+            self._published[message.name].publish(message.payload)
+        except Exception as error:  # rclpy has no class for all that its middleware refuses.
+            raise TwinError(f"ROS does not publish it: {error}") from error
+
+    def close(self) -> None:
+        """Leave the graph."""
+        for node in self._nodes:
+            node.close()
+
+
+class _Node:
+    """A node of rclpy as the only one of its participant, with a thread for what comes in."""
+
+    def __init__(self, name: str, domain: int, namespace: str) -> None:
+        rclpy: Any = load_rclpy()
+        self._executors: Any = importlib.import_module("rclpy.executors")
+        self._qos: Any = importlib.import_module("rclpy.qos")
+        self._context: Any = rclpy.Context()
+        # Our program has its own flags and handles its own signals.
+        rclpy.init(args=[], context=self._context, domain_id=domain)
+        self._node: Any = rclpy.create_node(
+            name,
+            context=self._context,
+            namespace=namespace,
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
+        self._executor: Any = None
+        self._thread = threading.Thread(target=self._run, name=f"ros {namespace}", daemon=True)
+        self._ending = threading.Event()
+
+    def publisher(self, name: str, row: RosTopic) -> Any:
+        """Return the publisher of a topic."""
+        return self._node.create_publisher(load_type(row.type), name, self._profile(row.qos))
+
+    def subscribe(self, name: str, row: RosTopic, type_name: str, inputs: Inputs) -> None:
+        """Pass the messages of a topic on, as CDR."""
+        numbers = itertools.count()
+
+        # rclpy takes a function with two parameters, by their number, for one of this kind.
+        def receive(payload: bytes, info: Mapping[str, int]) -> None:
+            # rclpy does not say who has published a message, but who may have.
+            several = self._node.get_publishers_info_by_topic(name)
+            if not several:  # It has left since, or is not in the graph yet.
+                return
+            publisher = bytes(several[0].endpoint_gid) if len(several) == 1 else UNTOLD
+            origin = Origin(publisher, next(numbers), info["source_timestamp"])
+            inputs.on_message(row, type_name, payload, origin)
+
+        self._node.create_subscription(
+            load_type(type_name), name, receive, self._profile(row.qos), raw=True
+        )
+
+    def serve(self, name: str, call: Callable[[Callable[[bool, str], None]], None]) -> None:
+        """Offer a service whose answer may come later, from any thread."""
+        trigger = load_type(TRIGGER)
+        service: Any = self._node.create_service(trigger, name, _same_response)
+        send = service.send_response
+
+        # A coroutine instead would be polled by the executor without a pause until it has ended.
+        def answer_later(_response: Any, header: Any) -> None:
+            def answer(success: bool, text: str) -> None:
+                try:
+                    send(trigger.Response(success=success, message=text), header)
+                except Exception as error:  # The client, or this node, has gone meanwhile.
+                    _LOG.info("%s cannot be answered: %s", name, error)
+
+            call(answer)
+
+        service.send_response = answer_later
+
+    def start(self) -> None:
+        """Begin to receive."""
+        self._executor = self._executors.SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._ending.set()
+        if self._executor is not None:
+            self._executor.shutdown(_END_S)
+            self._thread.join(_END_S)
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def _run(self) -> None:
+        while not self._ending.is_set():
+            try:
+                self._executor.spin_once()
+            except Exception as error:  # A request that is none must not end what reads twists.
+                if not self._ending.is_set():
+                    _LOG.warning("a message of ROS is ignored: %s", error)
+                    self._ending.wait(_PAUSE_S)
+
+    def _profile(self, qos: RosQoS) -> Any:
+        made = self._qos
+        reliable = qos in (RosQoS.STATE, RosQoS.LATCHED)
+        latched = qos is RosQoS.LATCHED
+        reliability, durability = made.ReliabilityPolicy, made.DurabilityPolicy
+        return made.QoSProfile(
+            history=made.HistoryPolicy.KEEP_LAST,
+            depth=_DEPTH[qos],
+            reliability=reliability.RELIABLE if reliable else reliability.BEST_EFFORT,
+            durability=durability.TRANSIENT_LOCAL if latched else durability.VOLATILE,
+        )
+
+
+def _same_response(_request: Any, response: Any) -> Any:
+    return response
