@@ -51,6 +51,16 @@ static bool servos_well(void) {
   return (table.servo_alive & expected) == expected && !(table.servo_fault & expected);
 }
 
+static bool servos_hold(void) {
+  uint8_t expected = table.servos_expected;
+  return (table.servo_torque & expected) == expected;
+}
+
+static bool servos_set(void) {
+  uint8_t expected = table.servos_expected;
+  return (table.servo_checked & expected) == expected;
+}
+
 static bool neutral(void) {
   for (uint8_t i = 0; i < CT_SERVOS; i++) {
     bool expected = table.servos_expected & 1 << i;
@@ -83,6 +93,8 @@ static refusal_code_t refusal_to_anybody(void) {
   if (receiver_lost()) return REFUSAL_RECEIVER;
   if (receiver_kills()) return REFUSAL_KILL;
   if (!servos_well()) return REFUSAL_SERVO;
+  if (!servos_set()) return REFUSAL_SETTING;
+  if (!servos_hold()) return REFUSAL_TORQUE;
   if (!held()) return REFUSAL_ESC_HOLD;
   return REFUSAL_NONE;
 }
@@ -149,6 +161,7 @@ static trip_code_t reason_to_trip(void) {
   if (!power_drive()) return TRIP_DRIVE;
   if (power_empty()) return TRIP_BATTERY;
   if (!servos_well()) return TRIP_SERVO;
+  if (!servos_hold()) return TRIP_TORQUE;
   if (pc && receiver_manual()) return TRIP_RC_TOOK_OVER;
   if (pc && beat_age_ms >= CT_DEFAULT(heartbeat_timeout_ms)) return TRIP_HEARTBEAT;
   return TRIP_NONE;

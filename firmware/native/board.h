@@ -55,6 +55,13 @@ bool board_light(void *board);
 
 // Inputs.
 void board_set_rc(void *board, const uint32_t *us);
+// Has the receiver send frames of SBUS with such flags, instead of pulses; has such bytes arrive from
+// it, with bits of HAL_BROKEN.
+void board_sbus(void *board, bool on, uint8_t flags);
+void board_radio(void *board, const uint8_t *bytes, uint32_t count, uint8_t errors);
+
+// Has the pulses of all channels begin at once, the next ones so many cycles from now.
+void board_parallel_rc(void *board, uint32_t cycles);
 void board_set_adc(void *board, uint32_t channel, uint32_t millivolts);
 void board_set_supply(void *board, uint32_t millivolts);
 
