@@ -472,3 +472,16 @@ def test_the_switches_divide_at_1500_us(native_bench: Bench) -> None:
         pilot = native_bench.pilot(receiver=True).get_driving()
         pilot.simulation.board.set_receiver((1500, 1500, 1500, 1100, kill_us, manual_us))
         assert pilot.drive(0.1).mode == mode
+
+
+def test_servos_that_answer_soon_are_all_heard_within_the_cycle(native_bench: Bench) -> None:
+    for version in (1, 2):
+        pilot = native_bench.pilot(version)
+        for servo in pilot.simulation.servos:
+            servo.return_delay_us = 100
+        pilot.simulation.run(1.0)
+        before = pilot.telemetry()
+        assert before.servo_alive == 0b111111
+        pilot.simulation.run(1.0)
+        seen = pilot.telemetry()
+        assert (seen.servo_errors, seen.overruns) == (before.servo_errors, before.overruns)

@@ -154,13 +154,8 @@ def _all_heard(bench: Bench) -> None:
     test_driving.test_servos_of_either_protocol_are_found_told_and_read((1, 2, 1, 2, 2, 1), bench)
 
 
-def _waits(bench: Bench) -> None:
-    test_driving.test_servos_that_answer_soon_are_heard_and_leave_time(100, 2, bench)
-
-
 _TESTS: tuple[Law, ...] = (
     _all_heard,
-    _waits,
     test_driving.test_throttles_are_put_out_to_half_a_microsecond,
     test_driving.test_a_board_that_gets_power_says_who_it_is,
     test_driving.test_battery_and_receiver_are_measured,
