@@ -5,7 +5,7 @@ PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-long test-ros quick check check-types check-python check-scripts check-firmware bench attack soak format lock vendor docs pictures meshes clean firmware robot-in-a-box avr
+.PHONY: help demo test test-long test-ros quick check check-types check-python check-scripts check-firmware bench attack soak format lock vendor docs pictures meshes clean firmware mutants robot-in-a-box avr
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/make \1\t\2/' | expand -t 22
@@ -66,6 +66,9 @@ VENDOR := src/tsd_twin/dashboard/static/vendor
 
 firmware: avr ## Build the firmware of the controller board
 	@$(MAKE) --no-print-directory -C firmware
+
+mutants: .venv/.dev avr ## Change the firmware by operators; each change has to break a rule; ARGS=safety.c is one part
+	OMP_NUM_THREADS=1 nice -n 19 $(BIN)/python -m tests.support.firmware_mutation $(ARGS)
 
 robot-in-a-box: .venv/.run avr ## Run the firmware in real time behind a port, for tsd-bridge
 	$(BIN)/python -m firmware.simulator $(ARGS)

@@ -79,12 +79,15 @@ def main() -> None:
         help=f"of the board, as it was flashed; default {BAUD}",
     )
     PARSER.add_argument(
-        "--calibration", metavar="FILE", help="TOML: neutral steps and turned servos"
+        "--calibration",
+        metavar="FILE",
+        help="TOML: neutral steps, turned servos, radio control, pulses",
     )
     PARSER.add_argument(
         "--setup",
         action="store_true",
-        help="learn sticks and fail-safe of the radio control, write them into the file and end",
+        help="learn the radio control, ask for the pulses of the speed controllers, write both "
+        "into the file and end",
     )
     robot_program.serve(PARSER, joints)
 

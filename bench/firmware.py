@@ -14,6 +14,7 @@ from tsd_twin.dynamixel.control_table import BoardMode
 _DRIVEN_S = 60.0
 _SMALLEST_S = 1.0
 _LONGEST_S = 15.0
+_BYTE_CYCLES, _ROOM_CYCLES, _STACK = 160, 320, 600
 
 
 def rows(*, smallest: bool = False) -> Iterator[Row]:
@@ -30,8 +31,19 @@ def rows(*, smallest: bool = False) -> Iterator[Row]:
     if pilot.mode() is not BoardMode.ARMED or pilot.missed:
         raise RuntimeError(f"the board did not drive for {driven_s:g} s")
     bench.finish()
+    timing = pilot.simulation.board.timing()
     bench.close()
     yield Row(
         f"firmware: {driven_s:g} s at 100 Hz with six servos",
         took_s, _LONGEST_S, "s", "the clock of the board",
     )  # fmt: skip
+    longest = max(timing.interrupts, key=lambda name: timing.interrupts[name])
+    yield Row(
+        "firmware: longest interrupt", timing.interrupts[longest], _BYTE_CYCLES, "cycles",
+        f"{longest}; a byte at 1 Mbaud",
+    )  # fmt: skip
+    yield Row(
+        "firmware: longest wait of a byte", max(timing.longest_wait), _ROOM_CYCLES, "cycles",
+        f"two bytes have room; lost: {sum(timing.lost)}",
+    )  # fmt: skip
+    yield Row("firmware: stack, high water", timing.stack, _STACK, "B", "an eighth of what is free")

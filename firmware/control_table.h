@@ -7,16 +7,17 @@
 #include <stdint.h>
 
 #define CT_MODEL 2014
-#define CT_FW_VERSION 2
+#define CT_FW_VERSION 3
 #define CT_BOARD_ID 200
-#define CT_TABLE_VERSION 2
+#define CT_TABLE_VERSION 3
 #define CT_SERVOS 6
 #define CT_ESCS 3
 #define CT_RC_CHANNELS 6
+#define CT_RECEIVER_CHANNELS 16
 #define CT_STICKS 4
 #define CT_ZERO_THROTTLE 2000
 #define CT_FULL_THROTTLE 4000
-#define CT_SIZE 200
+#define CT_SIZE 269
 
 typedef enum {  // Source of the joint commands.
   BOARD_DISARMED = 0,
@@ -34,6 +35,7 @@ typedef enum {  // Why the board last disarmed itself; stays until it is armed a
   TRIP_WATCHDOG = 6,
   TRIP_DRIVE = 7,
   TRIP_BATTERY = 8,
+  TRIP_TORQUE = 9,
 } trip_code_t;
 
 typedef enum {  // Why arming was last refused; 0 once it succeeds.
@@ -49,7 +51,14 @@ typedef enum {  // Why arming was last refused; 0 once it succeeds.
   REFUSAL_DRIVE = 9,
   REFUSAL_BATTERY = 10,
   REFUSAL_RECEIVER = 11,
+  REFUSAL_SETTING = 12,
+  REFUSAL_TORQUE = 13,
 } refusal_code_t;
+
+typedef enum {  // What the receiver of the radio control sends.
+  RECEIVER_PULSES = 0,
+  RECEIVER_SBUS = 1,
+} receiver_code_t;
 
 // Identity of the board, and fixed parameters.
 #define CT_IDENTITY 0
@@ -57,15 +66,19 @@ typedef enum {  // Why arming was last refused; 0 once it succeeds.
 
 // Parameters of the robot; kept without power. Written as a whole, 2 s after a throttle.
 #define CT_SETUP 21
-#define CT_SETUP_SIZE 48
+#define CT_SETUP_SIZE 65
 
 // Joint commands: one WRITE of the whole block in each cycle; a partial one is error 5.
-#define CT_COMMAND 69
+#define CT_COMMAND 86
 #define CT_COMMAND_SIZE 26
 
 // Measurements and states: one READ in each cycle.
-#define CT_TELEMETRY 95
-#define CT_TELEMETRY_SIZE 105
+#define CT_TELEMETRY 112
+#define CT_TELEMETRY_SIZE 113
+
+// All that receivers of either kind send: for their set-up.
+#define CT_RADIO 225
+#define CT_RADIO_SIZE 44
 
 typedef struct __attribute__((packed)) {
   // identity: read only
@@ -92,44 +105,55 @@ typedef struct __attribute__((packed)) {
   uint16_t stick_centre[4];  // 52: At rest; of the speed unused. [us]
   uint16_t stick_high[4];  // 60: At the high end. [us]
   uint8_t stick_dead;  // 68: Dead band at the centre, and at both ends. [us]
+  uint8_t receiver_kind;  // 69: What the receiver sends: `ReceiverKind`.
+  uint32_t receiver_map;  // 70: Channel of forward, left, turn, speed, kill, manual: 4 bits each, from the lowest.
+  uint16_t pulse_low[3];  // 74: Pulse of zero throttle of each speed controller; another only without power at them. [0.5 us]
+  uint16_t pulse_high[3];  // 80: Of full throttle. [0.5 us]
   // command: read and write
-  uint16_t heartbeat;  // 69: A change is a beat; arming needs one. While armed, a block that is behind is error 7.
-  uint8_t arm;  // 71: Going from 0 to 1 arms, unless there is a reason to refuse; 0 disarms. After a trip it has to be written 0 first: 1 again and again never arms again.
-  uint8_t torque;  // 72: 0 switches servo torque off, while disarmed only.
-  uint16_t throttle[3];  // 73: Pulse to each speed controller; put out while armed. [0.5 us]
-  int16_t goal[6];  // 79: Gimbals from neutral: alpha and beta of module 1, then 2, then 3; obeyed while armed. [step]
-  uint16_t session[2];  // 91: As `nonce`, or the block only disarms: with `arm` 1 it is error 7.
+  uint16_t heartbeat;  // 86: A change is a beat; arming needs one. While armed, a block that is behind is error 7.
+  uint8_t arm;  // 88: Going from 0 to 1 arms, unless there is a reason to refuse; 0 disarms. After a trip it has to be written 0 first: 1 again and again never arms again.
+  uint8_t torque;  // 89: 0 switches servo torque off, while disarmed only.
+  uint16_t throttle[3];  // 90: Of each speed controller, from `pulse_low` at 2000 to `pulse_high` at 4000; put out while armed.
+  int16_t goal[6];  // 96: Gimbals from neutral: alpha and beta of module 1, then 2, then 3; obeyed while armed. [step]
+  uint16_t session[2];  // 108: As `nonce`, or the block only disarms: with `arm` 1 it is error 7.
   // telemetry: read only
-  uint32_t millis;  // 95: Since the reset. [ms]
-  uint8_t mode;  // 99: Source of the joint commands: `BoardMode`.
-  uint8_t trip;  // 100: Why the board last disarmed itself, until it arms: `Trip`.
-  uint8_t refusal;  // 101: Why arming was last refused: `Refusal`.
-  uint8_t reset_cause;  // 102: Why the board started: `ResetCause`.
-  uint16_t beat;  // 103: Echo of the heartbeat that was written last.
-  uint16_t nonce[2];  // 105: Number of this session; another after each start, each disarming, and each 1 in `arm` that does not arm.
-  uint8_t setup_known;  // 109: 1: the setup was written, now or before.
-  uint8_t drive_on;  // 110: 1: the speed controllers have power, behind the contactor.
-  uint8_t esc_ready;  // 111: 1: zero throttle was put out for `esc_hold_ms`, since the speed controllers got power and since the last disarming.
-  uint8_t servo_found;  // 112: Bit i: servo i answered a ping.
-  uint8_t servo_alive;  // 113: Bit i: servo i answered within the last 50 ms.
-  uint8_t servo_protocol;  // 114: Bit i: servo i speaks Protocol 2.0, else 1.0.
-  uint8_t servo_fault;  // 115: Bit i: servo i reports a hardware error.
-  uint16_t throttle_out[3];  // 116: Pulse that is put out. [0.5 us]
-  int16_t position[6];  // 122: Gimbals from neutral. [step]
-  int16_t velocity[6];  // 134: Gimbals. [step/s]
-  int16_t current[6];  // 146: Of the servos. [mA]
-  uint8_t voltage[6];  // 158: At the servos. [0.1 V]
-  uint8_t temperature[6];  // 164: Of the servos. [deg C]
-  uint16_t rc[6];  // 170: Pulses of the receiver: forward, left, turn, speed, kill, manual; 0: no pulses. [us]
-  uint16_t battery_mv;  // 182: Of the battery. [mV]
-  uint16_t drive_mv;  // 184: Of the speed controllers, behind the contactor. [mV]
-  uint16_t supply_mv;  // 186: Of the board; the reference of the other two. [mV]
-  uint16_t crc_errors;  // 188: Packets from the PC with a wrong sum.
-  uint16_t rx_errors;  // 190: Bytes from the PC lost, or cut packets given up.
-  uint16_t servo_errors;  // 192: Answers of servos that were missing or wrong.
-  uint16_t overruns;  // 194: Cycles that took longer than 10 ms.
-  uint16_t trips;  // 196: Times that the board disarmed itself since power came.
-  uint16_t resets;  // 198: Resets since power came.
+  uint32_t millis;  // 112: Since the reset. [ms]
+  uint8_t mode;  // 116: Source of the joint commands: `BoardMode`.
+  uint8_t trip;  // 117: Why the board last disarmed itself, until it arms: `Trip`.
+  uint8_t refusal;  // 118: Why arming was last refused: `Refusal`.
+  uint8_t reset_cause;  // 119: Why the board started: `ResetCause`.
+  uint16_t beat;  // 120: Echo of the heartbeat that was written last.
+  uint16_t nonce[2];  // 122: Number of this session; another after each start, each disarming, and each 1 in `arm` that does not arm.
+  uint8_t setup_known;  // 126: 1: the setup was written, now or before.
+  uint8_t drive_on;  // 127: 1: the speed controllers have power, behind the contactor.
+  uint8_t esc_ready;  // 128: 1: zero throttle was put out for `esc_hold_ms`, since the speed controllers got power and since the last disarming.
+  uint8_t servo_found;  // 129: Bit i: servo i answered a ping.
+  uint8_t servo_alive;  // 130: Bit i: servo i answered within the last 50 ms.
+  uint8_t servo_protocol;  // 131: Bit i: servo i speaks Protocol 2.0, else 1.0.
+  uint8_t servo_fault;  // 132: Bit i: servo i reports a hardware error.
+  uint8_t servo_torque;  // 133: Bit i: servo i said within the last 150 ms that it holds.
+  uint8_t servo_checked;  // 134: Bit i: all settings of servo i are as they must be.
+  uint8_t wrong_servo;  // 135: Id of a servo with a setting that is not, the next two say which; 0: none.
+  uint8_t wrong_register;  // 136: Its address in the table of the servo.
+  uint32_t wrong_value;  // 137: What it is there.
+  uint16_t throttle_out[3];  // 141: Throttle that is put out.
+  int16_t position[6];  // 147: Gimbals from neutral. [step]
+  int16_t velocity[6];  // 159: Gimbals. [step/s]
+  int16_t current[6];  // 171: Of the servos. [mA]
+  uint8_t voltage[6];  // 183: At the servos. [0.1 V]
+  uint8_t temperature[6];  // 189: Of the servos. [deg C]
+  uint16_t rc[6];  // 195: Pulses of the receiver: forward, left, turn, speed, kill, manual; 0: no pulses. [us]
+  uint16_t battery_mv;  // 207: Of the battery. [mV]
+  uint16_t drive_mv;  // 209: Of the speed controllers, behind the contactor. [mV]
+  uint16_t supply_mv;  // 211: Of the board; the reference of the other two. [mV]
+  uint16_t crc_errors;  // 213: Packets from the PC with a wrong sum.
+  uint16_t rx_errors;  // 215: Bytes from the PC lost, or cut packets given up.
+  uint16_t servo_errors;  // 217: Answers of servos that were missing or wrong.
+  uint16_t overruns;  // 219: Cycles that took longer than 10 ms.
+  uint16_t trips;  // 221: Times that the board disarmed itself since power came.
+  uint16_t resets;  // 223: Resets since power came.
+  // radio: read only
+  uint16_t channel[22];  // 225: The channels of a frame, then the pulses of the wires; 0: none. [us]
 } control_table_t;
 
 _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
@@ -137,8 +161,8 @@ _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
 // X(name, address, type, count, default): every item.
 #define CT_ITEMS(X) \
   X(model, 0, uint16_t, 1, 2014) \
-  X(fw, 2, uint8_t, 1, 2) \
-  X(table_version, 3, uint8_t, 1, 2) \
+  X(fw, 2, uint8_t, 1, 3) \
+  X(table_version, 3, uint8_t, 1, 3) \
   X(id, 4, uint8_t, 1, 200) \
   X(host_baud, 5, uint32_t, 1, 1000000) \
   X(servo_baud, 9, uint32_t, 1, 1000000) \
@@ -158,42 +182,52 @@ _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
   X(stick_centre, 52, uint16_t, 4, 1500) \
   X(stick_high, 60, uint16_t, 4, 1900) \
   X(stick_dead, 68, uint8_t, 1, 20) \
-  X(heartbeat, 69, uint16_t, 1, 0) \
-  X(arm, 71, uint8_t, 1, 0) \
-  X(torque, 72, uint8_t, 1, 1) \
-  X(throttle, 73, uint16_t, 3, 2000) \
-  X(goal, 79, int16_t, 6, 0) \
-  X(session, 91, uint16_t, 2, 0) \
-  X(millis, 95, uint32_t, 1, 0) \
-  X(mode, 99, uint8_t, 1, 0) \
-  X(trip, 100, uint8_t, 1, 0) \
-  X(refusal, 101, uint8_t, 1, 0) \
-  X(reset_cause, 102, uint8_t, 1, 0) \
-  X(beat, 103, uint16_t, 1, 0) \
-  X(nonce, 105, uint16_t, 2, 0) \
-  X(setup_known, 109, uint8_t, 1, 0) \
-  X(drive_on, 110, uint8_t, 1, 0) \
-  X(esc_ready, 111, uint8_t, 1, 0) \
-  X(servo_found, 112, uint8_t, 1, 0) \
-  X(servo_alive, 113, uint8_t, 1, 0) \
-  X(servo_protocol, 114, uint8_t, 1, 0) \
-  X(servo_fault, 115, uint8_t, 1, 0) \
-  X(throttle_out, 116, uint16_t, 3, 2000) \
-  X(position, 122, int16_t, 6, 0) \
-  X(velocity, 134, int16_t, 6, 0) \
-  X(current, 146, int16_t, 6, 0) \
-  X(voltage, 158, uint8_t, 6, 0) \
-  X(temperature, 164, uint8_t, 6, 0) \
-  X(rc, 170, uint16_t, 6, 0) \
-  X(battery_mv, 182, uint16_t, 1, 0) \
-  X(drive_mv, 184, uint16_t, 1, 0) \
-  X(supply_mv, 186, uint16_t, 1, 0) \
-  X(crc_errors, 188, uint16_t, 1, 0) \
-  X(rx_errors, 190, uint16_t, 1, 0) \
-  X(servo_errors, 192, uint16_t, 1, 0) \
-  X(overruns, 194, uint16_t, 1, 0) \
-  X(trips, 196, uint16_t, 1, 0) \
-  X(resets, 198, uint16_t, 1, 0)
+  X(receiver_kind, 69, uint8_t, 1, 0) \
+  X(receiver_map, 70, uint32_t, 1, 5517840) \
+  X(pulse_low, 74, uint16_t, 3, 2000) \
+  X(pulse_high, 80, uint16_t, 3, 4000) \
+  X(heartbeat, 86, uint16_t, 1, 0) \
+  X(arm, 88, uint8_t, 1, 0) \
+  X(torque, 89, uint8_t, 1, 1) \
+  X(throttle, 90, uint16_t, 3, 2000) \
+  X(goal, 96, int16_t, 6, 0) \
+  X(session, 108, uint16_t, 2, 0) \
+  X(millis, 112, uint32_t, 1, 0) \
+  X(mode, 116, uint8_t, 1, 0) \
+  X(trip, 117, uint8_t, 1, 0) \
+  X(refusal, 118, uint8_t, 1, 0) \
+  X(reset_cause, 119, uint8_t, 1, 0) \
+  X(beat, 120, uint16_t, 1, 0) \
+  X(nonce, 122, uint16_t, 2, 0) \
+  X(setup_known, 126, uint8_t, 1, 0) \
+  X(drive_on, 127, uint8_t, 1, 0) \
+  X(esc_ready, 128, uint8_t, 1, 0) \
+  X(servo_found, 129, uint8_t, 1, 0) \
+  X(servo_alive, 130, uint8_t, 1, 0) \
+  X(servo_protocol, 131, uint8_t, 1, 0) \
+  X(servo_fault, 132, uint8_t, 1, 0) \
+  X(servo_torque, 133, uint8_t, 1, 0) \
+  X(servo_checked, 134, uint8_t, 1, 0) \
+  X(wrong_servo, 135, uint8_t, 1, 0) \
+  X(wrong_register, 136, uint8_t, 1, 0) \
+  X(wrong_value, 137, uint32_t, 1, 0) \
+  X(throttle_out, 141, uint16_t, 3, 2000) \
+  X(position, 147, int16_t, 6, 0) \
+  X(velocity, 159, int16_t, 6, 0) \
+  X(current, 171, int16_t, 6, 0) \
+  X(voltage, 183, uint8_t, 6, 0) \
+  X(temperature, 189, uint8_t, 6, 0) \
+  X(rc, 195, uint16_t, 6, 0) \
+  X(battery_mv, 207, uint16_t, 1, 0) \
+  X(drive_mv, 209, uint16_t, 1, 0) \
+  X(supply_mv, 211, uint16_t, 1, 0) \
+  X(crc_errors, 213, uint16_t, 1, 0) \
+  X(rx_errors, 215, uint16_t, 1, 0) \
+  X(servo_errors, 217, uint16_t, 1, 0) \
+  X(overruns, 219, uint16_t, 1, 0) \
+  X(trips, 221, uint16_t, 1, 0) \
+  X(resets, 223, uint16_t, 1, 0) \
+  X(channel, 225, uint16_t, 22, 0)
 
 // X(name, address, type, count, least, most): every item that can be written.
 #define CT_WRITABLE(X) \
@@ -209,11 +243,15 @@ _Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");
   X(stick_centre, 52, uint16_t, 4, 800, 2200) \
   X(stick_high, 60, uint16_t, 4, 800, 2200) \
   X(stick_dead, 68, uint8_t, 1, 0, 100) \
-  X(heartbeat, 69, uint16_t, 1, 0, 65535) \
-  X(arm, 71, uint8_t, 1, 0, 1) \
-  X(torque, 72, uint8_t, 1, 0, 1) \
-  X(throttle, 73, uint16_t, 3, 2000, 4000) \
-  X(goal, 79, int16_t, 6, -1023, 1023) \
-  X(session, 91, uint16_t, 2, 0, 65535)
+  X(receiver_kind, 69, uint8_t, 1, 0, 1) \
+  X(receiver_map, 70, uint32_t, 1, 0, 16777215) \
+  X(pulse_low, 74, uint16_t, 3, 2000, 2400) \
+  X(pulse_high, 80, uint16_t, 3, 3000, 4400) \
+  X(heartbeat, 86, uint16_t, 1, 0, 65535) \
+  X(arm, 88, uint8_t, 1, 0, 1) \
+  X(torque, 89, uint8_t, 1, 0, 1) \
+  X(throttle, 90, uint16_t, 3, 2000, 4000) \
+  X(goal, 96, int16_t, 6, -1023, 1023) \
+  X(session, 108, uint16_t, 2, 0, 65535)
 
 #endif

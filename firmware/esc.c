@@ -2,13 +2,33 @@
 
 #include "control_table.h"
 #include "hal.h"
+#include "table.h"
+
+#define LONGEST 4400  // As the limit of pulse_high.
 
 // Runs before memory is set up: the first pulse comes within microseconds of a reset.
 void esc_start(void) { hal_esc_start(CT_ZERO_THROTTLE); }
 
-void esc_put(const uint16_t *half_us) {
+static uint16_t stretched(uint16_t throttle, uint16_t low, uint16_t high) {
+  uint32_t share = throttle - CT_ZERO_THROTTLE;
+  return low + share * (high - low) / (CT_FULL_THROTTLE - CT_ZERO_THROTTLE);
+}
+
+void esc_put(const uint16_t *throttle) {
   // The timer takes new widths over between pulses; written between pulses, they need not wait
   // in it for one that is under way.
-  if (hal_esc_phase() <= CT_FULL_THROTTLE) return;
-  for (uint8_t i = 0; i < CT_ESCS; i++) hal_esc_put(i, half_us[i]);
+  if (hal_esc_phase() <= LONGEST) return;
+  for (uint8_t i = 0; i < CT_ESCS; i++) {
+    // A division takes 40 us: once for each throttle. The ends change at zero throttle only.
+    static uint16_t before[CT_ESCS], half_us[CT_ESCS];
+    if (throttle[i] == CT_ZERO_THROTTLE) {
+      half_us[i] = table.pulse_low[i];
+    } else if (throttle[i] != before[i]) {
+      half_us[i] = stretched(throttle[i], table.pulse_low[i], table.pulse_high[i]);
+    } else {
+      // As before.
+    }
+    before[i] = throttle[i];
+    hal_esc_put(i, half_us[i]);
+  }
 }

@@ -11,7 +11,7 @@
 // start of its calibration. No caller is needed, the start of the program runs it.
 HAL_AT_RESET void esc_start(void);
 
-// Widths in half microseconds, from the next pulse on.
-void esc_put(const uint16_t *half_us);
+// Throttles from the next pulse on, stretched to the ends of each controller's pulses.
+void esc_put(const uint16_t *throttle);
 
 #endif

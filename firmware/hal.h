@@ -13,8 +13,9 @@
 #define HAL extern
 #endif
 
-// HAL_INTERRUPT(name) { ... } is the handler of one of: tick, receiver; of the line to the PC:
-// host_byte, host_empty; of the servo bus: bus_byte, bus_empty, bus_sent.
+// HAL_INTERRUPT(name) { ... } is the handler of one of: tick; of the line to the PC:
+// host_byte, host_empty; of the servo bus: bus_byte, bus_empty, bus_sent; of the receiver: receiver,
+// radio_byte.
 //
 // HAL_ATOMIC { ... } runs without any of them between.
 //
@@ -55,10 +56,14 @@ HAL void hal_esc_start(uint16_t half_us);
 HAL uint16_t hal_esc_phase(void);  // Since the last pulse began.
 HAL void hal_esc_put(uint8_t i, uint16_t half_us);
 
-// The receiver: a bit for each channel. An edge raises its interrupt.
+// The receiver: pulses, a bit for each wire, whose edges raise an interrupt; or a serial line of
+// 100,000 baud, even parity, two stop bits. An input without its wire is silent.
 #define HAL_RECEIVER_PINS 0x3f
 HAL void hal_receiver_start(void);
 HAL uint8_t hal_receiver_pins(void);
+HAL uint8_t hal_radio_flags(void);  // To be read before each byte.
+HAL uint8_t hal_radio_receive(void);
+#define HAL_BROKEN 0x1c  // In the flags: no stop bit, a byte was lost, wrong parity.
 
 // The converter, against the board's supply; full scale is 1023.
 typedef enum { ADC_BATTERY = 0, ADC_DRIVE = 1, ADC_BANDGAP = 0x1e, ADC_GROUND = 0x1f } hal_adc_t;
@@ -96,6 +101,7 @@ HAL void hal_light(bool on);
 #define HAL_KEPT __attribute__((section("kept")))
 HAL_INTERRUPT(tick);
 HAL_INTERRUPT(receiver);
+HAL_INTERRUPT(radio_byte);
 HAL_INTERRUPT(host_byte);
 HAL_INTERRUPT(host_empty);
 HAL_INTERRUPT(bus_byte);

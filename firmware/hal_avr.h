@@ -22,6 +22,7 @@ _Static_assert(BAUD_FITS(SERVO_BAUD), "SERVO_BAUD cannot be made of 16 MHz");
 #define HAL_INTERRUPT(name) HAL_INTERRUPT_##name
 #define HAL_INTERRUPT_tick ISR(TIMER2_COMPA_vect)
 #define HAL_INTERRUPT_receiver ISR(PCINT2_vect)
+#define HAL_INTERRUPT_radio_byte ISR(USART3_RX_vect)
 #define HAL_INTERRUPT_host_byte ISR(USART0_RX_vect)
 #define HAL_INTERRUPT_host_empty ISR(USART0_UDRE_vect)
 #define HAL_INTERRUPT_bus_byte ISR(USART1_RX_vect)
@@ -126,14 +127,26 @@ HAL void hal_esc_put(uint8_t i, uint16_t half_us) {
   if (i == 2) OCR4C = half_us - 1;
 }
 
-// Receiver: six channels on PK0 to PK5 (A8 to A13), pin change interrupt 2.
+// Receiver: six wires on PK0 to PK5 (A8 to A13), pin change interrupt 2; or serial on PJ0 (D15, RX3).
+#define RADIO_BAUD 100000UL
+_Static_assert(BAUD_REACHED(RADIO_BAUD) == RADIO_BAUD, "exact with 16 MHz");
+
 HAL void hal_receiver_start(void) {
   PORTK |= HAL_RECEIVER_PINS;  // Pull-ups: a wire that came off makes no pulses.
+  PORTJ |= _BV(PJ0);
   PCMSK2 = HAL_RECEIVER_PINS;
+  UCSR3A = _BV(U2X3);
+  UBRR3 = BAUD_REGISTER(RADIO_BAUD);
+  UCSR3C = _BV(UPM31) | _BV(USBS3) | _BV(UCSZ31) | _BV(UCSZ30);
+  UCSR3B = _BV(RXCIE3) | _BV(RXEN3);
   PCICR |= _BV(PCIE2);
 }
 
 HAL uint8_t hal_receiver_pins(void) { return PINK & HAL_RECEIVER_PINS; }
+
+_Static_assert(HAL_BROKEN == (_BV(FE3) | _BV(DOR3) | _BV(UPE3)), "as the chip has it");
+HAL uint8_t hal_radio_flags(void) { return UCSR3A; }
+HAL uint8_t hal_radio_receive(void) { return UDR3; }
 
 // Battery at ADC0 (PF0, A0), speed controllers behind the contactor at ADC1 (PF1, A1).
 HAL void hal_adc_start(void) {

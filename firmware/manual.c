@@ -56,7 +56,6 @@ static void approach(twist_t goal) {
 void manual_begin(void) {
   twist = (twist_t){0.0f, 0.0f, 0.0f};
   memset(manual_goal, 0, sizeof manual_goal);
-  for (uint8_t i = 0; i < CT_ESCS; i++) manual_throttle[i] = CT_ZERO_THROTTLE;
   phase = 0;
 }
 

@@ -8,15 +8,15 @@
 #define BROADCAST 0xfe
 #define TORQUE_ENABLE 24
 #define GOAL_POSITION 30
-#define PRESENT 36  // Position (2), speed (2), load (2), voltage, temperature, ..., current (2).
-#define SOME 8
-#define ALL 34
+#define TORQUE_LIMIT 34  // And position (2), speed (2), load (2), voltage, temperature.
+#define MOVING 10
+#define CURRENT 68
 #define FAULTS 0x25  // Overload, overheating, input voltage.
 
 enum { PING = 1, READ = 2, WRITE = 3, SYNC_WRITE = 0x83 };
 
 // FF FF, id, length, error, parameters, sum.
-static uint8_t reply[6 + ALL];
+static uint8_t reply[6 + MOVING];
 static uint8_t length;
 
 static uint8_t sum(const uint8_t *bytes, uint8_t count) {
@@ -41,8 +41,8 @@ static uint8_t set_torque(uint8_t *out, uint8_t id, bool on) {
   return request(out, id, WRITE, parameters, sizeof parameters);
 }
 
-static uint8_t ask(uint8_t *out, uint8_t id, bool all) {
-  uint8_t parameters[] = {PRESENT, all ? ALL : SOME};
+static uint8_t read(uint8_t *out, uint8_t id, registers_t registers) {
+  uint8_t parameters[] = {registers.address, registers.size};
   return request(out, id, READ, parameters, sizeof parameters);
 }
 
@@ -75,21 +75,48 @@ static reply_t receive(uint8_t byte, uint8_t id) {
 
 static uint16_t u16(const uint8_t *bytes) { return bytes[0] | (uint16_t)bytes[1] << 8; }
 
-static bool report(servo_report_t *report) {
-  const uint8_t *present = reply + 5;
-  if (length != 6 + SOME && length != 6 + ALL) return false;
-  uint16_t speed = u16(present + 2);
+static const uint8_t *data(uint8_t size) { return length == 6 + size ? reply + 5 : NULL; }
+
+static void report_moving(const uint8_t *data, servo_report_t *report) {
+  uint16_t speed = u16(data + 4);
   int32_t magnitude = ((int32_t)(speed & 0x3ff) * 1992) >> 8;  // 0.114 turns a minute
-  report->position = u16(present);
+  report->shut_down = !u16(data);
+  report->position = u16(data + 2);
   report->velocity = speed & 0x400 ? -magnitude : magnitude;  // This bit: clockwise.
-  report->voltage = present[6];
-  report->temperature = present[7];
-  if (length == 6 + ALL) {
-    report->current = ((int32_t)u16(present + 32) - 2048) * 9 / 2;  // 4.5 mA
-  }
-  return true;
+  report->voltage = data[8];
+  report->temperature = data[9];
+}
+
+static void report_state(const uint8_t *data, servo_report_t *report) {
+  report->current = ((int32_t)u16(data) - 2048) * 9 / 2;  // 4.5 mA
 }
 
 static void listen(void) { length = 0; }
 
-const protocol_t PROTOCOL_1 = {ping, set_torque, ask, set_goals, receive, report, listen};
+static const setting_t SETTINGS[] = {
+    {6, 2, 0},      // Clockwise angle limit; as the next, of the joint mode.
+    {8, 2, 4095},   // Counter-clockwise angle limit.
+    {20, 2, 0},     // Multi-turn offset.
+    {22, 1, 1},     // Resolution divider.
+    {32, 2, 0},     // Moving speed: as fast as it can.
+    {34, 2, 1023},  // Torque limit.
+    {70, 1, 0},     // Torque control mode.
+    {73, 1, 0},     // Goal acceleration: as much as it can.
+};
+
+const protocol_t PROTOCOL_1 = {
+    .ping = ping,
+    .set_torque = set_torque,
+    .read = read,
+    .set_goals = set_goals,
+    .receive = receive,
+    .data = data,
+    .report_moving = report_moving,
+    .report_state = report_state,
+    .listen = listen,
+    .moving = {TORQUE_LIMIT, MOVING},
+    .state = {CURRENT, 2},
+    .torque = {TORQUE_ENABLE, 1},
+    .settings = SETTINGS,
+    .setting_count = sizeof SETTINGS / sizeof SETTINGS[0],
+};

@@ -6,11 +6,11 @@
 
 #define TORQUE_ENABLE 64
 #define GOAL_POSITION 116
-#define PRESENT 126  // Current (2), velocity (4), position (4), ..., voltage (2), temperature.
+#define VELOCITY 128  // And position (4).
+#define CURRENT 126   // And velocity (4), position (4), ..., voltage (2), temperature.
+#define STATE 21
 #define MOST_SPEED 100000
 #define MOST_STEPS 1000000000
-#define SOME 10
-#define ALL 21
 
 static decoder_t decoder;
 static packet_t reply;
@@ -24,8 +24,8 @@ static uint8_t set_torque(uint8_t *out, uint8_t id, bool on) {
   return packet_write(out, id, PACKET_WRITE, parameters, sizeof parameters);
 }
 
-static uint8_t ask(uint8_t *out, uint8_t id, bool all) {
-  uint8_t parameters[] = {PRESENT, 0, all ? ALL : SOME, 0};
+static uint8_t read(uint8_t *out, uint8_t id, registers_t registers) {
+  uint8_t parameters[] = {registers.address, 0, registers.size, 0};
   return packet_write(out, id, PACKET_READ, parameters, sizeof parameters);
 }
 
@@ -61,19 +61,46 @@ static int32_t within(int32_t value, int32_t most) {
   return value > most ? most : value < -most ? -most : value;
 }
 
-static bool report(servo_report_t *report) {
-  const uint8_t *present = reply.parameters + 1;
-  if (reply.count != 1 + SOME && reply.count != 1 + ALL) return false;
-  report->current = ((int32_t)i16(present) * 860) >> 8;    // 3.36 mA
-  report->velocity = (within(i32(present + 2), MOST_SPEED) * 4002) >> 8;  // 0.229 turns a minute
-  report->position = within(i32(present + 6), MOST_STEPS);
-  if (reply.count == 1 + ALL) {
-    report->voltage = present[18];
-    report->temperature = present[20];
-  }
-  return true;
+static const uint8_t *data(uint8_t size) {
+  return reply.count == 1 + size ? reply.parameters + 1 : NULL;
+}
+
+static void report_moving(const uint8_t *data, servo_report_t *report) {
+  report->velocity = (within(i32(data), MOST_SPEED) * 4002) >> 8;  // 0.229 turns a minute
+  report->position = within(i32(data + 4), MOST_STEPS);
+}
+
+static void report_state(const uint8_t *data, servo_report_t *report) {
+  report->current = ((int32_t)i16(data) * 860) >> 8;  // 3.36 mA
+  report->voltage = data[18];
+  report->temperature = data[20];
 }
 
 static void listen(void) { decoder_clear(&decoder); }
 
-const protocol_t PROTOCOL_2 = {ping, set_torque, ask, set_goals, receive, report, listen};
+static const setting_t SETTINGS[] = {
+    {10, 1, 0},     // Drive mode: not reversed, profiles by velocity.
+    {11, 1, 3},     // Operating mode: position.
+    {20, 4, 0},     // Homing offset.
+    {48, 4, 4095},  // Largest position.
+    {52, 4, 0},     // Smallest position.
+    {108, 4, 0},    // Profile acceleration: as much as it can.
+    {112, 4, 0},    // Profile velocity: as fast as it can.
+};
+
+const protocol_t PROTOCOL_2 = {
+    .ping = ping,
+    .set_torque = set_torque,
+    .read = read,
+    .set_goals = set_goals,
+    .receive = receive,
+    .data = data,
+    .report_moving = report_moving,
+    .report_state = report_state,
+    .listen = listen,
+    .moving = {VELOCITY, 8},
+    .state = {CURRENT, STATE},
+    .torque = {TORQUE_ENABLE, 1},
+    .settings = SETTINGS,
+    .setting_count = sizeof SETTINGS / sizeof SETTINGS[0],
+};

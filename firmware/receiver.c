@@ -1,58 +1,82 @@
 #include "receiver.h"
 
 #include "hal.h"
+#include "pulses.h"
+#include "sbus.h"
 #include "table.h"
 #include "watchdog.h"
 
-#define LOST_MS 100
 #define SWITCH_US 1500
-#define SHORTEST_US 800
-#define LONGEST_US 2200
+#define PERIOD_MS 5
+#define OLDEST (100 / PERIOD_MS)
 
-static volatile uint16_t width[CT_RC_CHANNELS];  // [0.5 us]
-static volatile uint8_t news;
-static uint8_t age_ms[CT_RC_CHANNELS];
+// What both kinds of receiver send: channels of SBUS, then wires with pulses.
+#define WIRES_FROM CT_RECEIVER_CHANNELS
 
-HAL_INTERRUPT(receiver) {
-  static uint8_t before;
-  static uint16_t rise[CT_RC_CHANNELS];
-  uint16_t now = hal_half_us();
-  uint8_t pins = hal_receiver_pins(), changed = pins ^ before;
-  before = pins;
-  for (uint8_t i = 0, mask = 1; changed; i++, mask <<= 1, changed >>= 1) {
-    if (!(changed & 1)) continue;
-    if (pins & mask) {
-      rise[i] = now;
-    } else {
-      width[i] = now - rise[i];
-      news |= mask;
-    }
-  }
-}
+static uint8_t frame_age = 255, age[CT_RC_CHANNELS];  // [PERIOD_MS]
+static uint8_t phase_ms;
+static bool changed;
 
 void receiver_start(void) {
-  for (uint8_t i = 0; i < CT_RC_CHANNELS; i++) age_ms[i] = 255;
+  for (uint8_t i = 0; i < CT_RC_CHANNELS; i++) age[i] = 255;
+  sbus_start();
   hal_receiver_start();
 }
 
-void receiver_tick(void) {
-  uint16_t widths[CT_RC_CHANNELS];
-  uint8_t fresh = 0;
-  HAL_ATOMIC {
-    fresh = news;
-    news = 0;
-    for (uint8_t i = 0; i < CT_RC_CHANNELS; i++) widths[i] = width[i];
-  }
+static void hear_channel(uint8_t channel, uint16_t us) {
+  table.channel[channel] = us;
+  frame_age = 0;
+  changed = true;
+}
+
+static void hear_wire(uint8_t wire, uint16_t us) {
+  table.channel[WIRES_FROM + wire] = us;
+  age[wire] = 0;
+  changed = true;
+}
+
+static void forget_channels(void) {
+  for (uint8_t i = 0; i < CT_RECEIVER_CHANNELS; i++) table.channel[i] = 0;
+  changed = true;
+}
+
+static bool expires(uint8_t *older) {
+  if (*older > OLDEST) return false;
+  (*older)++;
+  return *older > OLDEST;
+}
+
+static void grow_older(void) {
+  if (expires(&frame_age)) forget_channels();
   for (uint8_t i = 0; i < CT_RC_CHANNELS; i++) {
-    uint16_t us = widths[i] / 2;
-    if (age_ms[i] < 255) age_ms[i]++;
-    if (fresh & 1 << i && us >= SHORTEST_US && us <= LONGEST_US) {
-      table.rc[i] = us;
-      age_ms[i] = 0;
-    }
-    if (age_ms[i] > LOST_MS) table.rc[i] = 0;
+    if (expires(&age[i])) table.channel[WIRES_FROM + i] = 0;
+  }
+  pulses_forget();
+  changed = true;  // Or the setup may have.
+}
+
+static void map_channels(void) {
+  bool sbus = table.receiver_kind == RECEIVER_SBUS;
+  const uint16_t *channels = table.channel + (sbus ? 0 : WIRES_FROM);
+  uint8_t count = sbus ? CT_RECEIVER_CHANNELS : CT_RC_CHANNELS;
+  uint32_t map = table.receiver_map;
+  for (uint8_t i = 0; i < CT_RC_CHANNELS; i++, map >>= 4) {
+    uint8_t channel = map & 0xf;
+    table.rc[i] = channel < count ? channels[channel] : 0;
     if (table.rc[i]) watchdog_memory.receiver_seen = true;
   }
+}
+
+// What nothing has come for is looked at less often: this runs in between the requests of the servos.
+void receiver_tick(void) {
+  if (!sbus_tick(hear_channel)) forget_channels();
+  pulses_tick(hear_wire);
+  if (++phase_ms == PERIOD_MS) {
+    phase_ms = 0;
+    grow_older();
+  }
+  if (changed) map_channels();
+  changed = false;
 }
 
 bool receiver_present(void) {

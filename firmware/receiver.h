@@ -1,8 +1,12 @@
-// The receiver of the radio control: one pulse of 1 to 2 ms in 20 ms on each of six wires.
+// The receiver of the radio control, of either kind.
 #ifndef RECEIVER_H
 #define RECEIVER_H
 
 #include <stdbool.h>
+#include <stdint.h>
+
+// Takes a channel, from 0, and the width of its pulse.
+typedef void (*heard_t)(uint8_t channel, uint16_t us);
 
 typedef enum { RC_FORWARD, RC_LEFT, RC_TURN, RC_SPEED, RC_KILL, RC_MANUAL } channel_t;
 
@@ -11,10 +15,10 @@ void receiver_start(void);
 // To be called each millisecond: brings table.rc up to date.
 void receiver_tick(void);
 
-// All channels have pulses.
+// All channels are heard: have pulses, or frames of a receiver that has a signal.
 bool receiver_present(void);
 
-// A channel that is needed has no pulses. All are, if the setup says so, or once any had some since
+// A channel that is needed is not heard. All are, if the setup says so, or once any had some since
 // power came, also over resets: a kill switch that is wired alone must not be taken for one that works.
 bool receiver_lost(void);
 

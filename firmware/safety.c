@@ -22,7 +22,7 @@ static uint16_t beat_age_ms;
 // Zero throttle at speed controllers with power, since they got it and since the last source left.
 static uint16_t zero_throttle_ms;
 static uint16_t rest_ms;  // Since the last throttle, or the start.
-static bool manual_before = true;
+static bool manual_before;
 
 void safety_start(void) {
   table.reset_cause = watchdog_reset_cause();
@@ -49,6 +49,16 @@ static void trip(trip_code_t reason) {
 static bool servos_well(void) {
   uint8_t expected = table.servos_expected;
   return (table.servo_alive & expected) == expected && !(table.servo_fault & expected);
+}
+
+static bool servos_hold(void) {
+  uint8_t expected = table.servos_expected;
+  return (table.servo_torque & expected) == expected;
+}
+
+static bool servos_set(void) {
+  uint8_t expected = table.servos_expected;
+  return (table.servo_checked & expected) == expected;
 }
 
 static bool neutral(void) {
@@ -83,6 +93,8 @@ static refusal_code_t refusal_to_anybody(void) {
   if (receiver_lost()) return REFUSAL_RECEIVER;
   if (receiver_kills()) return REFUSAL_KILL;
   if (!servos_well()) return REFUSAL_SERVO;
+  if (!servos_set()) return REFUSAL_SETTING;
+  if (!servos_hold()) return REFUSAL_TORQUE;
   if (!held()) return REFUSAL_ESC_HOLD;
   return REFUSAL_NONE;
 }
@@ -105,7 +117,6 @@ static void give_to(board_code_t mode) {
 // Takes the block over; only then it counts.
 static void take(const control_table_t *wanted) {
   table.heartbeat = wanted->heartbeat;
-  table.arm = wanted->arm;
   table.torque = wanted->torque;
   memcpy(table.throttle, wanted->throttle, sizeof table.throttle);
   memcpy(table.goal, wanted->goal, sizeof table.goal);
@@ -113,7 +124,6 @@ static void take(const control_table_t *wanted) {
 }
 
 static void ask_to_arm(bool edge, bool beat) {
-  table.arm = 0;
   if (edge && beat) {
     table.refusal = refusal_to_pc();
     if (!table.refusal) {
@@ -151,6 +161,7 @@ static trip_code_t reason_to_trip(void) {
   if (!power_drive()) return TRIP_DRIVE;
   if (power_empty()) return TRIP_BATTERY;
   if (!servos_well()) return TRIP_SERVO;
+  if (!servos_hold()) return TRIP_TORQUE;
   if (pc && receiver_manual()) return TRIP_RC_TOOK_OVER;
   if (pc && beat_age_ms >= CT_DEFAULT(heartbeat_timeout_ms)) return TRIP_HEARTBEAT;
   return TRIP_NONE;

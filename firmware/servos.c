@@ -9,7 +9,10 @@
 
 #define ALIVE_MS 50   // As control_table.h says.
 #define GONE_MS 200   // Then it is looked for by ping, in both protocols.
-#define REMIND_CYCLES 16  // A servo that lost power for a moment is told again what it shall do.
+#define TORQUE_CYCLES 7  // One of them is left for another request, while armed.
+#define LATE_MS 8        // Of a cycle: another request might not end in it.
+#define SHORT_CYCLES 50
+#define TORQUE_MS 150    // Older than two rounds, what a servo said of its torque is not known.
 
 // The longest reply, 48 bytes of 10 bits, after a return delay of 500 us; in half microseconds.
 #define TIMEOUT_HALF_US ((uint16_t)(2 * (800 + 480000000UL / SERVO_BAUD)))
@@ -17,28 +20,37 @@ _Static_assert(SERVO_BAUD >= 250000, "six servos do not fit into a cycle below t
 
 #define ALL ((1 << CT_SERVOS) - 1)
 
+enum { PING, MOVING, STATE, TORQUE, SETTING, TELL };
 enum { GOALS_2, GOALS_1, ASK, EXTRA = ASK + CT_SERVOS, REST };
 
 servo_command_t servo_command;
 
 static uint8_t step = REST;
-static uint8_t cycle_ms, cycles, reminded;
+static uint8_t cycle_ms;
 static bool due;
 
 // The request under way.
 static const protocol_t *protocol;
 static uint8_t servo;
-static bool pinging, listening;
+static bool listening;
+static uint8_t question;
 static uint16_t listening_since;
 
 static servo_report_t reports[CT_SERVOS];
-static uint8_t age_ms[CT_SERVOS];
+static uint8_t age_ms[CT_SERVOS], torque_age_ms[CT_SERVOS];
 static uint8_t to_tell;  // Bit i: servo i has to be told whether to hold.
 static bool told_torque;
+
+// The request beside goals and positions, one in each cycle: which, and to which servo.
+static uint8_t more, more_to, torque_turn, state_turn, setting_turn, since_other, others;
+static bool more_due;
+static uint8_t short_cycles;  // Cycles to come that have no time of their own for it.
+static uint8_t setting[CT_SERVOS];  // Next one to be read.
 static uint8_t probe;  // Next servo to look for, and in which protocol.
+static uint8_t right[CT_SERVOS];    // Settings in a row that were as they must be.
 
 void servos_start(void) {
-  for (uint8_t i = 0; i < CT_SERVOS; i++) age_ms[i] = 255;
+  for (uint8_t i = 0; i < CT_SERVOS; i++) age_ms[i] = torque_age_ms[i] = 255;
   servo_line_start();
 }
 
@@ -65,32 +77,97 @@ static bool send_goals(const protocol_t *to, uint8_t mask) {
   return send(to->set_goals(servo_line_request(), mask & table.servo_found, goals));
 }
 
-static bool ask(uint8_t i) {
+static bool put(uint8_t what, uint8_t i, registers_t registers) {
   if (!(table.servo_found & bit(i))) return false;
+  question = what;
   servo = i;
   protocol = spoken_by(i);
-  // All of a report takes long: one servo at a time, and none in cycles with another request.
-  return send(protocol->ask(servo_line_request(), i + 1, cycles % REMIND_CYCLES == 2 * i + 1));
+  return send(protocol->read(servo_line_request(), i + 1, registers));
 }
 
-// Tells one servo whether to hold, or looks for one that is missing.
-static bool tell_or_ping(void) {
-  uint8_t *request = servo_line_request();
-  for (servo = 0; servo < CT_SERVOS; servo++) {
-    if (!(to_tell & table.servo_found & bit(servo))) continue;
-    pinging = false;
-    protocol = spoken_by(servo);
-    return send(protocol->set_torque(request, servo + 1, servo_command.torque));
+static uint8_t first(uint8_t mask) {
+  uint8_t i = 0;
+  while (i < CT_SERVOS && !(mask & bit(i))) i++;
+  return i;
+}
+
+// Next of the servos in `mask` after `i`; `i` when it is empty.
+static uint8_t after(uint8_t i, uint8_t mask) {
+  uint8_t next = i;
+  do {
+    next = next + 1 < CT_SERVOS ? next + 1 : 0;
+  } while (next != i && !(mask & bit(next)));
+  return next;
+}
+
+// Decides about the request beside goals and positions: mostly whether a servo holds. The others
+// are what a servo has to be told, settings, those that were not checked yet first, and state.
+static void choose_more(void) {
+  bool armed = table.mode != BOARD_DISARMED;
+  uint8_t told = to_tell & table.servo_found, unchecked = table.servo_found & ~table.servo_checked;
+  more_due = true;
+  since_other++;
+  if (since_other < (armed ? TORQUE_CYCLES : 2)) {
+    more = TORQUE;
+    more_to = torque_turn = after(torque_turn, ALL);
+    return;
   }
-  if (table.servo_found == ALL) return false;
-  while (true) {
-    probe = (probe + 1) % (2 * CT_SERVOS);
-    servo = probe / 2;
-    if (table.servo_found & bit(servo)) continue;
-    pinging = true;
-    protocol = probe % 2 ? &PROTOCOL_1 : &PROTOCOL_2;
-    return send(protocol->ping(request, servo + 1));
+  since_other = 0;
+  others++;
+  if (told) {
+    more = TELL;
+    more_to = first(told);
+  } else if (!armed && others % 4) {
+    more = SETTING;
+    more_to = setting_turn = after(setting_turn, unchecked ? unchecked : table.servo_found);
+  } else {
+    more = STATE;
+    more_to = state_turn = after(state_turn, table.servo_found);
   }
+}
+
+static bool ask_more(void) {
+  const protocol_t *to = spoken_by(more_to);
+  const setting_t *of = &to->settings[setting[more_to]];
+  more_due = false;
+  if (more == TORQUE) return put(TORQUE, more_to, to->torque);
+  if (more == STATE) return put(STATE, more_to, to->state);
+  if (more == SETTING) return put(SETTING, more_to, (registers_t){of->address, of->size});
+  question = TELL;
+  servo = more_to;
+  protocol = to;
+  return send(to->set_torque(servo_line_request(), servo + 1, servo_command.torque));
+}
+
+// After goals and positions, when the cycle has time for it. With servos that answer late it has
+// none at times: for a while the request then takes the place of the position of its servo.
+static bool ask_more_at_last(void) {
+  if (!more_due) return false;
+  if (table.mode != BOARD_DISARMED && cycle_ms >= LATE_MS) {
+    short_cycles = SHORT_CYCLES;
+    return false;
+  }
+  return ask_more();
+}
+
+// The position of a servo that is not asked for it in this cycle, by its velocity.
+static void reckon(uint8_t i) {
+  reports[i].position += reports[i].velocity / (1000 / SERVOS_CYCLE_MS);
+  gimbals_report(i, &reports[i]);
+}
+
+// Asks where a servo is; of those that are missing one in each cycle whether it is there.
+static bool ask(uint8_t i) {
+  if (short_cycles && more_due && i == more_to) {
+    reckon(i);
+    return ask_more();
+  }
+  if (table.servo_found & bit(i)) return put(MOVING, i, spoken_by(i)->moving);
+  if (i != probe / 2) return false;
+  question = PING;
+  servo = i;
+  protocol = probe % 2 ? &PROTOCOL_1 : &PROTOCOL_2;
+  return send(protocol->ping(servo_line_request(), i + 1));
 }
 
 static bool begin(uint8_t now) {
@@ -100,7 +177,7 @@ static bool begin(uint8_t now) {
     case GOALS_1:
       return send_goals(&PROTOCOL_1, ~table.servo_protocol);
     case EXTRA:
-      return tell_or_ping();
+      return ask_more_at_last();
     default:
       return ask(now - ASK);
   }
@@ -113,25 +190,22 @@ static void next(void) {
 }
 
 static void begin_cycle(void) {
+  do {
+    probe = (probe + 1) % (2 * CT_SERVOS);
+  } while (table.servo_found != ALL && (table.servo_found & bit(probe / 2)));
   due = false;
   if (servo_command.torque != told_torque) to_tell = ALL;
   told_torque = servo_command.torque;
-  if (++cycles % REMIND_CYCLES == 0) {
-    reminded = (reminded + 1) % CT_SERVOS;
-    to_tell |= bit(reminded);
-  }
+  if (short_cycles) short_cycles--;
+  if (!more_due) choose_more();
   step = GOALS_2;
   if (!begin(step)) next();
 }
 
-static void take_report(uint8_t i) {
-  if (!protocol->report(&reports[i])) {
-    table.servo_errors++;
-    return;
-  }
-  gimbals_report(i, &reports[i]);
-  age_ms[i] = 0;
-  table.servo_alive |= bit(i);
+static int32_t number(const uint8_t *data, uint8_t size) {
+  uint32_t value = 0;
+  for (uint8_t i = size; i > 0; i--) value = value << 8 | data[i - 1];
+  return (int32_t)value;
 }
 
 static void found(uint8_t i) {
@@ -142,11 +216,67 @@ static void found(uint8_t i) {
     table.servo_protocol &= ~bit(i);
   }
   to_tell |= bit(i);
+  setting[i] = right[i] = 0;
+}
+
+static void take_moving(uint8_t i, const uint8_t *data) {
+  protocol->report_moving(data, &reports[i]);
+  gimbals_report(i, &reports[i]);
+  age_ms[i] = 0;
+  table.servo_alive |= bit(i);
+  if (reports[i].shut_down) table.servo_torque &= ~bit(i);
+}
+
+static void take_torque(uint8_t i, bool on) {
+  torque_age_ms[i] = 0;
+  if (on && !reports[i].shut_down) {
+    table.servo_torque |= bit(i);
+  } else {
+    table.servo_torque &= ~bit(i);
+  }
+  if (on != told_torque) to_tell |= bit(i);
+}
+
+static void take_setting(uint8_t i, const uint8_t *data) {
+  const setting_t *of = &protocol->settings[setting[i]];
+  bool named = table.wrong_servo == i + 1 && table.wrong_register == of->address;
+  int32_t value = number(data, of->size);
+  setting[i] = (setting[i] + 1) % protocol->setting_count;
+  if (value != of->wanted) {
+    right[i] = 0;
+    table.servo_checked &= ~bit(i);
+    table.wrong_servo = i + 1;
+    table.wrong_register = of->address;
+    table.wrong_value = (uint32_t)value;
+    return;
+  }
+  if (named) table.wrong_servo = 0;
+  if (right[i] < protocol->setting_count) right[i]++;
+  if (right[i] == protocol->setting_count) table.servo_checked |= bit(i);
+}
+
+static void take_answer(const uint8_t *data) {
+  if (question == MOVING) {
+    take_moving(servo, data);
+  } else if (question == STATE) {
+    protocol->report_state(data, &reports[servo]);
+  } else if (question == TORQUE) {
+    take_torque(servo, data[0] != 0);
+  } else {
+    take_setting(servo, data);
+  }
+}
+
+static uint8_t expected_size(void) {
+  if (question == MOVING) return protocol->moving.size;
+  if (question == STATE) return protocol->state.size;
+  if (question == TORQUE) return protocol->torque.size;
+  return protocol->settings[setting[servo]].size;
 }
 
 static void take_reply(reply_t reply) {
   if (reply == REPLY_NONE || reply == REPLY_BROKEN) {
-    if (step != EXTRA || !pinging) table.servo_errors++;
+    if (question != PING) table.servo_errors++;
     return;
   }
   if (reply == REPLY_FAULT) {
@@ -154,12 +284,17 @@ static void take_reply(reply_t reply) {
   } else {
     table.servo_fault &= ~bit(servo);
   }
-  if (step != EXTRA) {
-    take_report(servo);
-  } else if (pinging) {
+  if (question == PING) {
     found(servo);
-  } else {
+  } else if (question == TELL) {
     to_tell &= ~bit(servo);
+  } else {
+    const uint8_t *data = protocol->data(expected_size());
+    if (data) {
+      take_answer(data);
+    } else {
+      table.servo_errors++;
+    }
   }
 }
 
@@ -191,7 +326,12 @@ void servos_tick(void) {
   for (uint8_t i = 0; i < CT_SERVOS; i++) {
     if (age_ms[i] < 255) age_ms[i]++;
     if (age_ms[i] > ALIVE_MS) table.servo_alive &= ~bit(i);
-    if (age_ms[i] == GONE_MS) table.servo_found &= ~bit(i);
+    if (torque_age_ms[i] < 255) torque_age_ms[i]++;
+    if (torque_age_ms[i] > TORQUE_MS) table.servo_torque &= ~bit(i);
+    if (age_ms[i] != GONE_MS) continue;
+    table.servo_found &= ~bit(i);
+    table.servo_checked &= ~bit(i);
+    if (table.wrong_servo == i + 1) table.wrong_servo = 0;
   }
   if (++cycle_ms < SERVOS_CYCLE_MS) return;
   cycle_ms = 0;

@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "power.h"
 #include "safety.h"
 #include "setup.h"
 
@@ -33,11 +34,15 @@ static bool inside(uint16_t address, uint16_t length, uint16_t block, uint16_t s
   return address >= block && address < block + size && length <= block + size - address;
 }
 
+// At another zero throttle wheels may spin: it is changed only without power at the controllers.
+static bool changes_pulses(const control_table_t *wanted) {
+  return memcmp(wanted->pulse_low, table.pulse_low, sizeof table.pulse_low) != 0;
+}
+
 answer_t table_write(uint16_t address, const uint8_t *data, uint16_t length) {
   static control_table_t wanted;
   bool setup = inside(address, length, CT_SETUP, CT_SETUP_SIZE);
   bool command = inside(address, length, CT_COMMAND, CT_COMMAND_SIZE);
-  if (length == 0) return ANSWER_LENGTH;
   if (!setup && !command) return ANSWER_ACCESS;
   if (command && length != CT_COMMAND_SIZE) return ANSWER_LENGTH;
   if (setup && length != CT_SETUP_SIZE) return ANSWER_LENGTH;
@@ -45,6 +50,7 @@ answer_t table_write(uint16_t address, const uint8_t *data, uint16_t length) {
   wanted = table;
   memcpy((uint8_t *)&wanted + address, data, length);
   if (!within_limits((const uint8_t *)&wanted)) return ANSWER_RANGE;
+  if (changes_pulses(&wanted) && power_drive()) return ANSWER_ACCESS;
   if (command) return safety_command(&wanted) ? ANSWER_OK : ANSWER_ACCESS;
   table = wanted;
   setup_written();

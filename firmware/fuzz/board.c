@@ -1,6 +1,6 @@
 // Fuzzer of the whole program, compiled for the PC with the sanitizers of addresses and undefined
-// behaviour: random bytes and commands from the PC, random answers of servos, pulses of the receiver,
-// voltages, resets. `make fuzz`, then `build/fuzz_board SEED ROUNDS`. Any mistake ends it, as does a
+// behaviour: random bytes and commands from the PC, random answers of servos, pulses and frames of the
+// receiver, voltages, resets. `make fuzz`, then `build/fuzz_board SEED ROUNDS`. Any mistake ends it, as does a
 // pulse while disarmed.
 #include <stdio.h>
 #include <stdlib.h>
@@ -10,6 +10,7 @@
 #include "hal.h"
 #include "native/board.h"
 #include "packet.h"
+#include "servo.h"
 #include "table.h"
 
 #define LONGEST 120
@@ -30,14 +31,32 @@ static uint8_t draw_byte(void) {
   return draw(3) ? LIKELY[draw(sizeof LIKELY)] : (uint8_t)draw(256);
 }
 
-// Mostly what a servo of Protocol 2.0 says, sometimes anything.
+// What is in the registers of a servo of Protocol 2.0: its settings as they must be, torque, position
+// 2048, and zeros.
+static void fill(uint8_t *data, uint8_t address, uint8_t size) {
+  int32_t value = address == PROTOCOL_2.torque.address;
+  for (uint8_t i = 0; i < PROTOCOL_2.setting_count; i++) {
+    if (PROTOCOL_2.settings[i].address == address) value = PROTOCOL_2.settings[i].wanted;
+  }
+  memset(data, 0, size);
+  memcpy(data, &value, size < sizeof value ? size : sizeof value);
+  if (address == PROTOCOL_2.moving.address) data[5] = 8;
+}
+
+// Mostly what a servo says, sometimes anything.
 static void answer(const uint8_t *request, uint32_t length) {
-  uint8_t out[PACKET_ROOM], parameters[22] = {0};
-  uint8_t id = length > 4 ? request[4] : 1;
+  uint8_t out[PACKET_ROOM], parameters[1 + PACKET_LONGEST] = {0};
+  uint8_t id = length > 4 ? request[4] : 1, count = 1;
   if (id == 0 || id > CT_SERVOS) return;
-  for (uint8_t i = 1; i < sizeof parameters; i++) parameters[i] = draw(50) ? 0 : draw_byte();
-  parameters[8] = 8;  // Position 2048.
-  uint8_t count = length > 7 && request[7] == PACKET_PING ? 4 : length > 10 && request[10] == 21 ? 22 : 11;
+  if (length > 7 && request[7] == PACKET_PING) count = 4;
+  if (length > 10 && request[7] == PACKET_READ && request[10] < PACKET_LONGEST) {
+    count = 1 + request[10];
+    fill(parameters + 1, request[8], request[10]);
+  }
+  uint32_t rarely = count > 5 ? 50 : 2000;  // Otherwise it would never stay armed.
+  for (uint8_t i = 1; i < count; i++) {
+    if (draw(rarely) == 0) parameters[i] = draw_byte();
+  }
   uint8_t size = packet_write(out, id, PACKET_STATUS, parameters, count);
   if (draw(300) == 0) out[draw(size)] ^= (uint8_t)(1 << draw(8));
   board_reply(board, out, draw(500) ? size : draw(size), 20 + draw(500));
@@ -66,7 +85,9 @@ static void set_up(void) {
   if (!first.model) first = table;
   control_table_t wanted = first;
   uint8_t *block = (uint8_t *)&wanted + CT_SETUP;
+  wanted.receiver_kind = draw(16) == 0;
   if (draw(3) == 0) block[draw(CT_SETUP_SIZE)] = (uint8_t)draw(256);
+  memcpy(wanted.pulse_low, first.pulse_low, sizeof wanted.pulse_low);  // What `main` looks for.
   write_block(CT_SETUP, block, CT_SETUP_SIZE);
 }
 
@@ -83,6 +104,16 @@ static void sticks(void) {
   board_set_rc(board, us);
 }
 
+// Frames, whole or not, and anything.
+static void radio(void) {
+  uint8_t bytes[LONGEST];
+  uint32_t count = draw(2) ? 25 : draw(LONGEST);
+  for (uint32_t i = 0; i < count; i++) bytes[i] = draw_byte();
+  if (count) bytes[0] = draw(8) ? 0x0f : draw_byte();
+  if (count > 24 && draw(8)) bytes[24] = 0;
+  board_radio(board, bytes, count, draw(8) ? 0 : (uint8_t)draw(256));
+}
+
 static void act(void) {
   switch (draw(40)) {
     case 0:
@@ -96,6 +127,15 @@ static void act(void) {
       break;
     case 3:
       board_set_adc(board, draw(2), draw(20) ? 3000 : draw(5000));
+      break;
+    case 6:
+      radio();
+      break;
+    case 7:
+      board_sbus(board, draw(8) == 0, draw(8) ? 0 : (uint8_t)draw(256));
+      break;
+    case 8:
+      board_parallel_rc(board, 1 + draw(320000));
       break;
     case 4:
       if (draw(40) == 0) board_reset(board, draw(2));

@@ -13,6 +13,7 @@
 #include "../hal.h"
 #include "../main.h"
 #include "../watchdog.h"
+#include "radio.h"
 
 #define CYCLES_US (F_CPU / 1000000)
 #define US(us) ((uint64_t)(us) * CYCLES_US)
@@ -25,6 +26,7 @@
 #define STORING US(3400)
 #define PULSE_PERIOD MS(20)
 #define HOST_BYTE (10ULL * 8 * (BAUD_REGISTER(HOST_BAUD) + 1))
+#define RADIO_BYTE (12 * US(10))
 #define BUS_BYTE (10ULL * 8 * (BAUD_REGISTER(SERVO_BAUD) + 1))
 
 typedef struct {
@@ -37,7 +39,10 @@ typedef struct {
   bool wanted, wanted_before;
 } pulse_t;
 
-enum { TICK, HOST_IN, HOST_OUT, BUS_IN, BUS_OUT, RECEIVER, RISE, FALL, WATCHDOG = FALL + CT_ESCS, EVENTS };
+enum {
+  TICK, HOST_IN, HOST_OUT, BUS_IN, BUS_OUT, RECEIVER, RADIO_IN, RADIO_FRAMES, RISE, FALL,
+  WATCHDOG = FALL + CT_ESCS, FREE, EVENTS
+};
 
 static struct {
   uint64_t now, clock_start, due[EVENTS];
@@ -46,7 +51,7 @@ static struct {
   queue_t to_board, to_host, to_bus;
   // The line to the PC.
   uint8_t host_byte;
-  bool host_sending, overrun;
+  bool host_on, host_sending, overrun;
   uint64_t host_free;
   const uint8_t *awaited;
   uint32_t awaited_length;
@@ -62,15 +67,18 @@ static struct {
   uint16_t width[CT_ESCS];
   // The receiver.
   uint32_t rc_us[CT_RC_CHANNELS];
-  uint8_t rc_channel, rc_pins;
-  bool rc_high, rc_listening;
-  uint64_t rc_frame;
+  uint8_t rc_pins;
+  bool rc_listening, rc_parallel, sbus, radio_arriving;
+  uint8_t sbus_flags, radio_byte, radio_errors;
+  queue_t to_radio;
+  uint64_t rc_frame, rc_rise[CT_RC_CHANNELS], rc_fall[CT_RC_CHANNELS];
   // The converter and the EEPROM.
   uint32_t input_mv[2], supply_mv;
   uint16_t converted;
   uint64_t conversion_ends, storing_ends;
   uint8_t eeprom[EEPROM_SIZE];
   uint8_t cause;
+  bool light_on, light;
 } board;
 
 extern control_table_t table;
@@ -121,7 +129,7 @@ void hal_sleep(void) { board.awake = false; }
 void hal_wake(void) { board.awake = true; }
 
 // The line to the PC.
-void hal_host_start(void) {}
+void hal_host_start(void) { board.host_on = true; }
 
 uint8_t hal_host_flags(void) {
   uint8_t flags = board.overrun ? HAL_OVERRUN : 0x20;  // A bit that says nothing about errors.
@@ -154,7 +162,7 @@ static void host_in(void) {
     return;
   }
   board.due[HOST_IN] = board.now + HOST_BYTE;
-  if (runs()) hal_interrupt_host_byte();
+  if (board.host_on && runs()) hal_interrupt_host_byte();
 }
 
 static void host_out(void) {
@@ -261,32 +269,60 @@ static void fall(uint8_t i) {
   if (unarmed && pulse->width > pulse->unarmed_widest) pulse->unarmed_widest = pulse->width;
 }
 
-// The receiver: one pulse after the other.
+// The receiver: one pulse after the other, or all at once.
 void hal_receiver_start(void) { board.rc_listening = true; }
+uint8_t hal_radio_flags(void) { return board.radio_errors; }
+uint8_t hal_radio_receive(void) { return board.radio_byte; }
+
+static void radio_in(void) {
+  if (board.radio_arriving && board.rc_listening && runs()) hal_interrupt_radio_byte();
+  board.radio_arriving = queue_take(&board.to_radio, &board.radio_byte);
+  board.due[RADIO_IN] = board.radio_arriving ? board.now + RADIO_BYTE : NEVER;
+}
+
+static void send_frame(void) {
+  uint8_t frame[RADIO_FRAME];
+  board.due[RADIO_FRAMES] = board.now + US(RADIO_PERIOD_US);
+  if (!board.sbus || !board.rc_us[0]) return;
+  radio_frame(frame, board.rc_us, CT_RC_CHANNELS, board.sbus_flags);
+  board_radio(&board, frame, sizeof frame, 0);
+}
+
 uint8_t hal_receiver_pins(void) { return board.rc_pins; }
 
-static void set_pin(bool high) {
-  uint8_t mask = (uint8_t)(1 << board.rc_channel);
-  board.rc_high = high;
-  board.rc_pins = (uint8_t)(high ? board.rc_pins | mask : board.rc_pins & ~mask);
-  if (board.rc_listening && runs()) hal_interrupt_receiver();
+static void plan_pulses(void) {
+  uint64_t rise = board.rc_frame;
+  for (int i = 0; i < CT_RC_CHANNELS; i++) {
+    uint64_t width = board.sbus ? 0 : US(board.rc_us[i]);
+    board.rc_rise[i] = width ? rise : NEVER;
+    board.rc_fall[i] = width ? rise + width : NEVER;
+    if (!board.rc_parallel) rise += width;
+  }
 }
 
 static void step_receiver(void) {
-  if (board.rc_high) {
-    set_pin(false);
-    board.rc_channel++;
-  }
-  while (board.rc_channel < CT_RC_CHANNELS && !board.rc_us[board.rc_channel]) board.rc_channel++;
-  if (board.rc_channel == CT_RC_CHANNELS) {
-    board.rc_channel = 0;
+  uint8_t before = board.rc_pins;
+  if (board.now >= board.rc_frame) {
+    plan_pulses();
     board.rc_frame += PULSE_PERIOD;
-    if (board.rc_frame <= board.now) board.rc_frame = board.now + PULSE_PERIOD;
-    board.due[RECEIVER] = board.rc_frame;
-    return;
   }
-  set_pin(true);
-  board.due[RECEIVER] = board.now + US(board.rc_us[board.rc_channel]);
+  board.due[RECEIVER] = board.rc_frame;
+  for (int i = 0; i < CT_RC_CHANNELS; i++) {
+    bool falls = board.rc_rise[i] == NEVER;
+    uint64_t *due = falls ? &board.rc_fall[i] : &board.rc_rise[i];
+    if (*due <= board.now) {
+      *due = NEVER;
+      board.rc_pins = (uint8_t)(falls ? board.rc_pins & ~(1 << i) : board.rc_pins | 1 << i);
+      due = &board.rc_fall[i];
+    }
+    if (*due < board.due[RECEIVER]) board.due[RECEIVER] = *due;
+  }
+  if (board.rc_pins != before && board.rc_listening && runs()) hal_interrupt_receiver();
+}
+
+static void begin_pulses(uint64_t after) {
+  for (int i = 0; i < CT_RC_CHANNELS; i++) board.rc_rise[i] = board.rc_fall[i] = NEVER;
+  board.due[RECEIVER] = board.rc_frame = board.now + after;
 }
 
 // The converter, the EEPROM, the watchdog, the light.
@@ -323,18 +359,20 @@ uint8_t hal_reset_cause(void) {
   return cause;
 }
 
-void hal_light_start(void) {}
-void hal_light(bool on) { (void)on; }
+void hal_light_start(void) { board.light_on = true; }
+void hal_light(bool on) { board.light = board.light_on && on; }
 
 // Lets go of all pins.
 static void stop(void) {
   for (int i = 0; i < EVENTS; i++) board.due[i] = NEVER;
-  board.interrupts = board.hung = board.host_sending = false;
-  board.driving = board.arriving = board.rc_high = board.rc_listening = false;
+  board.interrupts = board.hung = board.host_on = board.host_sending = false;
+  board.light_on = board.light = false;
+  board.driving = board.arriving = board.rc_listening = board.radio_arriving = false;
   board.request_length = 0;
   board.to_board.tail = board.to_board.head;
   board.to_bus.tail = board.to_bus.head;
-  board.rc_channel = board.rc_pins = 0;
+  board.to_radio.tail = board.to_radio.head;
+  board.rc_pins = 0;
   board.conversion_ends = board.storing_ends = 0;
 }
 
@@ -343,7 +381,8 @@ static void start(uint8_t cause) {
   board.off = false;
   board.cause |= cause;
   board.resets++;
-  board.due[RECEIVER] = board.now + PULSE_PERIOD;
+  begin_pulses(PULSE_PERIOD);
+  board.due[RADIO_FRAMES] = board.now + US(RADIO_PERIOD_US);
   put(__start_firmware_data, __stop_firmware_data, image, 0);
   put(__start_firmware_bss, __stop_firmware_bss, NULL, 0);
   watchdog_start();
@@ -373,11 +412,20 @@ static void happen(int event) {
     case RECEIVER:
       step_receiver();
       break;
+    case RADIO_IN:
+      radio_in();
+      break;
+    case RADIO_FRAMES:
+      send_frame();
+      break;
     case RISE:
       rise();
       break;
     case WATCHDOG:
       start(HAL_CAUSE_WATCHDOG);
+      break;
+    case FREE:
+      board.due[FREE] = NEVER;
       break;
     default:
       fall((uint8_t)(event - FALL));
@@ -389,7 +437,7 @@ bool board_run(void *it, uint64_t cycle) {
   (void)it;
   board.answered = false;
   while (!board.answered) {
-    while (!board.off && !board.hung && board.awake) main_turn();
+    while (!board.off && !board.hung && board.awake && board.due[FREE] == NEVER) main_turn();
     int next = 0;
     for (int i = 1; i < EVENTS; i++) {
       if (board.due[i] < board.due[next]) next = i;
@@ -436,6 +484,7 @@ void board_on(void *it, uint8_t cause, bool lose_memory) {
 void board_reset(void *it, bool power) { board_on(it, power ? HAL_CAUSE_POWER : 2, power); }
 void board_hang(void *it) { (void)it, board.hung = true; }
 void board_overrun(void *it) { (void)it, board.overrun = true; }
+void board_busy(void *it, uint32_t us) { (void)it, board.due[FREE] = board.now + US(us); }
 void board_stop_tick(void *it) { (void)it, board.due[TICK] = NEVER; }
 
 void board_send(void *it, const uint8_t *bytes, uint32_t count) {
@@ -503,10 +552,32 @@ void board_set_rc(void *it, const uint32_t *us) {
   memcpy(board.rc_us, us, sizeof board.rc_us);
 }
 
+void board_sbus(void *it, bool on, uint8_t flags) {
+  (void)it;
+  board.sbus = on;
+  board.sbus_flags = flags;
+}
+
+void board_radio(void *it, const uint8_t *bytes, uint32_t count, uint8_t errors) {
+  (void)it;
+  if (board.off) return;
+  board.radio_errors = errors;
+  queue_put(&board.to_radio, bytes, count);
+  if (board.due[RADIO_IN] == NEVER) board.due[RADIO_IN] = board.now + 1;
+}
+
+void board_parallel_rc(void *it, uint32_t cycles) {
+  (void)it;
+  board.rc_parallel = true;
+  begin_pulses(cycles);
+}
+
 void board_set_adc(void *it, uint32_t channel, uint32_t millivolts) {
   (void)it;
   board.input_mv[channel] = millivolts;
 }
+
+bool board_light(void *it) { return (void)it, board.light; }
 
 void board_set_supply(void *it, uint32_t millivolts) { (void)it, board.supply_mv = millivolts; }
 

@@ -24,6 +24,9 @@ uint32_t board_resets(void *board);
 void board_hang(void *board);
 void board_stop_tick(void *board);
 
+// The main loop takes so many microseconds for its next turn, in which only interrupts happen.
+void board_busy(void *board, uint32_t us);
+
 // The next byte from the PC comes with the flag of one that was lost before it.
 void board_overrun(void *board);
 
@@ -47,8 +50,18 @@ void board_bus_faults(void *board, uint32_t *counts);
 // disarmed, when the first began; in cycles.
 void board_esc(void *board, uint32_t index, uint64_t *facts);
 
+// Whether the light is on.
+bool board_light(void *board);
+
 // Inputs.
 void board_set_rc(void *board, const uint32_t *us);
+// Has the receiver send frames of SBUS with such flags, instead of pulses; has such bytes arrive from
+// it, with bits of HAL_BROKEN.
+void board_sbus(void *board, bool on, uint8_t flags);
+void board_radio(void *board, const uint8_t *bytes, uint32_t count, uint8_t errors);
+
+// Has the pulses of all channels begin at once, the next ones so many cycles from now.
+void board_parallel_rc(void *board, uint32_t cycles);
 void board_set_adc(void *board, uint32_t channel, uint32_t millivolts);
 void board_set_supply(void *board, uint32_t millivolts);
 

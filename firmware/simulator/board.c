@@ -21,12 +21,7 @@ void queue_put(queue_t *queue, const uint8_t *bytes, uint32_t count) {
   while (count--) queue->bytes[queue->head++] = *bytes++;
 }
 
-avr_cycle_count_t byte_cycles(const avr_t *avr, uint16_t ubrr) {
-  uint32_t divisor = avr->data[ubrr] | (avr->data[ubrr + 1] & 0xf) << 8;
-  return (divisor + 1) * 8 * 11; /* simavr counts eleven bits. */
-}
-
-avr_irq_t *uart(board_t *board, char name, int irq) {
+avr_irq_t *uart_irq(board_t *board, char name, int irq) {
   return avr_io_getirq(board->avr, AVR_IOCTL_UART_GETIRQ(name), irq);
 }
 
@@ -39,10 +34,12 @@ static void on_reset(avr_io_t *io) {
   board_t *board = (board_t *)io;
   avr_t *avr = board->avr;
   board->resets++;
+  for (int i = 0; i < UARTS; i++) uart_reset(&board->uart[i]);
   host_reset(board);
   bus_reset(board);
   pulses_reset(board);
   receiver_reset(board);
+  radio_reset(board);
   if (board->hung) memcpy(avr->flash + board->hung_at, board->hung_over, 4);
   board->hung = false;
   /* Otherwise it looks at the pins in every cycle while they are low. */
@@ -74,9 +71,8 @@ board_t *board_open(const char *elf, uint16_t mode_address) {
   board->io.kind = "board";
   board->io.reset = on_reset;
   avr_register_io(avr, &board->io);
-  uint32_t flags = 0;
-  avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('0'), &flags);
-  avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('1'), &flags);
+  for (int i = 0; i < UARTS; i++) uart_open(&board->uart[i], avr, "013"[i]);
+  interrupts_open(board);
   host_open(board);
   bus_open(board);
   pulses_open(board);

@@ -17,10 +17,6 @@
 #define PCIFR 0x3B
 #define PCICR 0x68
 #define PCMSK2 0x6D
-#define UBRR0 0xC4
-#define UCSR1B 0xC9
-#define RXEN1 0x10
-#define UBRR1 0xCC
 #define OCR4AH 0xA9
 #define OCR4CH 0xAD
 #define PCINT2_VECTOR 11
@@ -35,6 +31,20 @@ typedef struct {
   uint16_t head, tail;
 } queue_t;
 
+/* A byte in the shift register waits behind two in the buffer. */
+#define UARTS 3
+#define UART_ROOM 3
+#define UART_ERRORS 0x14 /* In UCSRnA: no stop bit, wrong parity. */
+
+typedef struct {
+  avr_uart_t *chip;
+  uint8_t bytes[UART_ROOM], errors[UART_ROOM], count;
+  avr_cycle_count_t ended[UART_ROOM];
+  uint32_t lost, longest_wait;
+  avr_io_write_t control, baud; /* Of simavr. */
+  void *control_param, *baud_param;
+} uart_t;
+
 typedef struct {
   uint32_t pulses, width; /* Of the newest pulse, in cycles. */
   uint32_t unarmed_widest; /* Of pulses in disarmed mode. */
@@ -48,7 +58,13 @@ typedef struct board {
   uint32_t resets;
   bool off; /* Without power, or in its boot loader: no pin is driven. */
   uint16_t mode_address; /* Address of the board mode: source of joint commands, 0 is none. */
+  uart_t uart[UARTS]; /* To the PC, to the servos, from the receiver. */
+  /* Interrupts and stack. */
+  uint32_t running, longest[64], stack_end;
+  avr_cycle_count_t entered;
   queue_t to_board, to_host;
+  uint8_t host_byte; /* On its way. */
+  bool host_arriving;
   /* Servo bus. */
   bool sending;
   uint8_t request[LONGEST_REQUEST];
@@ -56,14 +72,19 @@ typedef struct board {
   uint8_t byte; /* Of a reply, on its way. */
   bool arriving, heard;
   queue_t to_bus;
+  avr_cycle_count_t bus_sent; /* The last stop bit of the board. */
+  uint32_t turn_around; /* The longest from there to the fall of the direction pin. */
   void (*on_request)(const uint8_t *bytes, uint32_t length);
   esc_t esc[3];
   /* Receiver. */
   avr_int_vector_t rc_change; /* simavr 1.6 has pin change interrupts at port B only. */
   uint32_t rc_us[RC_CHANNELS];
-  uint8_t rc_channel;
-  bool rc_high;
-  avr_cycle_count_t rc_frame;
+  bool sbus; /* One wire with frames; else pulses. */
+  uint8_t sbus_flags, radio_byte, radio_errors;
+  bool radio_arriving;
+  queue_t to_radio;
+  bool rc_parallel; /* All pulses begin at once; else one after the other. */
+  avr_cycle_count_t rc_frame, rc_rise[RC_CHANNELS], rc_fall[RC_CHANNELS]; /* 0: none. */
   /* A piece of flash that was overwritten to hang the firmware. */
   avr_flashaddr_t hung_at;
   uint8_t hung_over[4];
@@ -75,12 +96,20 @@ typedef struct board {
 } board_t;
 
 /* Of a byte, at the rate that the firmware set: no line can be flooded beyond it. */
-avr_cycle_count_t byte_cycles(const avr_t *avr, uint16_t ubrr);
-avr_irq_t *uart(board_t *board, char name, int irq);
+avr_cycle_count_t byte_cycles(const uart_t *uart);
+
+/* A UART as the chip has it: a byte begins, a byte is complete. */
+void uart_open(uart_t *uart, avr_t *avr, char name);
+void uart_reset(uart_t *uart);
+bool uart_listens(const uart_t *uart);
+void uart_begin(uart_t *uart);
+void uart_end(uart_t *uart, uint8_t byte, uint8_t errors);
+avr_irq_t *uart_irq(board_t *board, char name, int irq);
 bool queue_take(queue_t *queue, uint8_t *byte);
 void queue_put(queue_t *queue, const uint8_t *bytes, uint32_t count);
 
 /* Each wire connects itself, and forgets what it did at a reset. */
+void interrupts_open(board_t *board);
 void host_open(board_t *board);
 void host_reset(board_t *board);
 void bus_open(board_t *board);
@@ -89,6 +118,7 @@ void pulses_open(board_t *board);
 void pulses_reset(board_t *board);
 void receiver_open(board_t *board);
 void receiver_reset(board_t *board);
+void radio_reset(board_t *board);
 
 bool board_run(board_t *board, uint64_t cycle);
 

@@ -47,6 +47,35 @@ def _symbol(elf: Path, name: str) -> int:
     return int(found[0], 16) & 0xFFFF
 
 
+VECTORS = {
+    "receiver": 11,
+    "tick": 13,
+    "host_byte": 25,
+    "host_empty": 26,
+    "bus_byte": 36,
+    "bus_empty": 37,
+    "bus_sent": 38,
+    "radio_byte": 54,
+}
+"""Interrupts of the firmware, by their numbers in the ATmega2560."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """What the chip was busy with, in cycles of 1/16 us, since the board was opened."""
+
+    interrupts: dict[str, int]
+    """The longest that each interrupt took, from its call to its return."""
+    lost: tuple[int, int]
+    """Bytes from the PC and from the servos that found no room in the chip."""
+    longest_wait: tuple[int, int]
+    """The longest that a byte from the PC, and from a servo, waited to be read."""
+    turn_around: int
+    """The longest from the last stop bit of a request until the board let go of the servo bus."""
+    stack: int
+    """Bytes of stack."""
+
+
 @dataclass(frozen=True)
 class Pulse:
     """Pulses measured on the line to a speed controller."""
@@ -74,6 +103,8 @@ class Board:
         if not self._board:
             raise OSError(f"cannot load {elf}")
         self._native = elf.suffix == ".so"
+        if not self._native:
+            self._lib.board_paint(self._board, _symbol(elf, "_end"))
         self._receive = ctypes.create_string_buffer(65536)
         self._call: ctypes._FuncPointer | None = None
         self._raised: BaseException | None = None
@@ -149,6 +180,39 @@ class Board:
         count, width, unarmed, first = facts
         return Pulse(count, width / _US, unarmed / _US, first / HZ)
 
+    @property
+    def light(self) -> bool:
+        """Whether the light on the board is on; without the chip only."""
+        return self._lib.board_light(self._board)
+
+    def timing(self) -> Timing:
+        """Return what the chip was busy with; not without the chip."""
+        facts = (ctypes.c_uint64 * 2)()
+        uarts: list[tuple[int, ...]] = []
+        for index in range(2):
+            self._lib.board_uart(self._board, index, facts)
+            uarts.append(tuple(facts))
+        (host_lost, host_wait), (bus_lost, bus_wait) = uarts
+        interrupts = {
+            name: self._lib.board_interrupt(self._board, vector) for name, vector in VECTORS.items()
+        }
+        return Timing(
+            interrupts, (host_lost, bus_lost), (host_wait, bus_wait),
+            self._lib.board_turn_around(self._board), self._lib.board_stack(self._board),
+        )  # fmt: skip
+
+    def send_frames(self, *, on: bool = True, flags: int = 0) -> None:
+        """Have the receiver send frames of SBUS instead of pulses, with such flags."""
+        self._lib.board_sbus(self._board, on, flags)
+
+    def send_from_receiver(self, data: bytes, errors: int = 0) -> None:
+        """Send bytes on the serial line of the receiver, with such error flags of the UART."""
+        self._lib.board_radio(self._board, data, len(data), errors)
+
+    def start_parallel_pulses(self, seconds: float) -> None:
+        """Have the pulses of all channels of the receiver begin at once, first in `seconds`."""
+        self._lib.board_parallel_rc(self._board, max(1, round(seconds * HZ)))
+
     def set_receiver(self, us: Sequence[int]) -> None:
         """Set the widths of the receiver's six channels; 0 is no pulse."""
         self._lib.board_set_rc(self._board, (ctypes.c_uint32 * 6)(*us))
@@ -179,6 +243,10 @@ class Board:
         simavr has too much room for bytes to lose any.
         """
         self._lib.board_overrun(self._board)
+
+    def keep_busy(self, seconds: float) -> None:
+        """Have the main loop take that long for its next turn; without the chip only."""
+        self._lib.board_busy(self._board, round(1e6 * seconds))
 
     def hang(self) -> None:
         """Make the firmware hang with interrupts off, until the next reset."""
@@ -237,6 +305,9 @@ def _library(program: Path) -> ctypes.CDLL:
         ("bus_faults", pointer),
         ("esc", u32, pointer),
         ("set_rc", pointer),
+        ("parallel_rc", u32),
+        ("sbus", ctypes.c_bool, ctypes.c_uint8),
+        ("radio", ctypes.c_char_p, u32, ctypes.c_uint8),
         ("set_adc", u32, u32),
         ("set_supply", u32),
         ("peek", ctypes.c_uint16),
@@ -251,5 +322,14 @@ def _library(program: Path) -> ctypes.CDLL:
         getattr(lib, f"board_{name}").argtypes = [pointer, *arguments]
     if program.suffix == ".so":
         lib.board_overrun.argtypes = [pointer]
+        lib.board_busy.argtypes = [pointer, u32]
+        lib.board_light.argtypes = [pointer]
+        lib.board_light.restype = ctypes.c_bool
+    else:
+        lib.board_uart.argtypes = [pointer, u32, pointer]
+        lib.board_interrupt.argtypes = [pointer, u32]
+        lib.board_stack.argtypes = [pointer]
+        lib.board_turn_around.argtypes = [pointer]
+        lib.board_paint.argtypes = [pointer, u32]
     lib.board_peek.restype = ctypes.c_uint8
     return lib

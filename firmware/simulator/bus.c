@@ -1,31 +1,30 @@
 /* The servo bus: one wire, with a pin that says who speaks.
 
    SPDX-License-Identifier: GPL-3.0-or-later, as libsimavr, which this is linked with. */
-#include <stdlib.h>
-#include <string.h>
-
 #include "avr_ioport.h"
 #include "board.h"
 
 /* The servo bus: one wire, so the board hears itself; servos see what is sent while the direction
    pin is high, and take its fall for the end of the request. */
 static avr_cycle_count_t feed_bus(avr_t *avr, avr_cycle_count_t when, void *param) {
+  (void)avr;
   board_t *board = param;
+  uart_t *uart = &board->uart[1];
   if (board->arriving) {
-    board->arriving = false;
     if (board->sending) {
       board->collisions++;
     } else if (board->heard) {
-      avr_raise_irq(uart(board, '1', UART_IRQ_INPUT), board->byte);
+      uart_end(uart, board->byte, 0);
     } else {
       board->deaf++;
     }
   }
-  if (!queue_take(&board->to_bus, &board->byte)) return 0;
+  board->arriving = queue_take(&board->to_bus, &board->byte);
+  if (!board->arriving) return 0;
   /* A byte whose start bit comes before the receiver is on is lost. */
-  board->heard = avr->data[UCSR1B] & RXEN1;
-  board->arriving = true;
-  return when + byte_cycles(avr, UBRR1);
+  board->heard = uart_listens(uart);
+  if (board->heard) uart_begin(uart);
+  return when + byte_cycles(uart);
 }
 
 static void on_bus_byte(avr_irq_t *irq, uint32_t value, void *param) {
@@ -36,15 +35,13 @@ static void on_bus_byte(avr_irq_t *irq, uint32_t value, void *param) {
     return;
   }
   if (board->request_length < LONGEST_REQUEST) board->request[board->request_length++] = value;
-  avr_raise_irq(uart(board, '1', UART_IRQ_INPUT), value);
 }
 
-static const avr_uart_t *bus_uart(const avr_t *avr) {
-  for (const avr_io_t *io = avr->io_port; io; io = io->next) {
-    const avr_uart_t *found = (const avr_uart_t *)io;
-    if (!strcmp(io->kind, "uart") && found->name == '1') return found;
-  }
-  abort();
+/* A byte is out. */
+static void on_sent(avr_irq_t *irq, uint32_t value, void *param) {
+  (void)irq;
+  board_t *board = param;
+  if (value) board->bus_sent = board->avr->cycle;
 }
 
 static void on_direction(avr_irq_t *irq, uint32_t value, void *param) {
@@ -57,10 +54,12 @@ static void on_direction(avr_irq_t *irq, uint32_t value, void *param) {
     board->request_length = 0;
     return;
   }
-  if (bus_uart(board->avr)->tx_cnt) {
+  if (board->uart[1].chip->tx_cnt) {
     board->cuts++;
     return;
   }
+  uint32_t took = board->avr->cycle - board->bus_sent;
+  if (board->request_length && took > board->turn_around) board->turn_around = took;
   if (board->on_request && board->request_length) {
     board->on_request(board->request, board->request_length);
   }
@@ -68,8 +67,9 @@ static void on_direction(avr_irq_t *irq, uint32_t value, void *param) {
 
 void bus_open(board_t *board) {
   avr_irq_t *direction = avr_io_getirq(board->avr, AVR_IOCTL_IOPORT_GETIRQ('A'), 0);
-  avr_irq_register_notify(uart(board, '1', UART_IRQ_OUTPUT), on_bus_byte, board);
+  avr_irq_register_notify(uart_irq(board, '1', UART_IRQ_OUTPUT), on_bus_byte, board);
   avr_irq_register_notify(direction, on_direction, board);
+  avr_irq_register_notify(&board->uart[1].chip->txc.irq[AVR_INT_IRQ_PENDING], on_sent, board);
 }
 
 void bus_reset(board_t *board) {
@@ -83,13 +83,22 @@ void board_on_request(board_t *board, void (*call)(const uint8_t *, uint32_t)) {
   board->on_request = call;
 }
 
-/* What servos answer, `delay_us` after the end of the request. */
+/* What servos answer, `delay_us` after the last stop bit of the request. One that begins while the board still
+   drives the bus is not heard. */
 void board_reply(board_t *board, const uint8_t *bytes, uint32_t count, uint32_t delay_us) {
+  avr_cycle_count_t now = board->avr->cycle, begins = board->bus_sent + US(delay_us);
   queue_put(&board->to_bus, bytes, count);
-  if (!avr_cycle_timer_status(board->avr, feed_bus, board)) {
-    avr_cycle_timer_register(board->avr, US(delay_us) + 1, feed_bus, board);
+  if (avr_cycle_timer_status(board->avr, feed_bus, board)) return;
+  if (begins <= now) {
+    board->arriving = queue_take(&board->to_bus, &board->byte);
+    board->heard = false;
+    begins += byte_cycles(&board->uart[1]);
   }
+  avr_cycle_timer_register(board->avr, begins > now ? begins - now : 1, feed_bus, board);
 }
+
+/* The longest that it took after the last stop bit of a request until the bus was let go, in cycles. */
+uint32_t board_turn_around(board_t *board) { return board->turn_around; }
 
 /* Counts of what must not happen on the bus: bytes sent while the pin says listen, requests that
    the pin cut short, replies that the board talked over, bytes that came before it listened. */

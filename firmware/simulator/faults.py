@@ -7,6 +7,7 @@ import json
 import os
 from collections.abc import Callable
 
+from firmware.simulator.mx64 import Mx64
 from firmware.simulator.real_time import RealTimeSimulation
 from tsd_twin.dynamixel.control_table import ADDRESS
 
@@ -20,6 +21,7 @@ def _switch(word: str) -> bool:
 def show(robot: RealTimeSimulation) -> str:
     """State of the robot and set-points of its actuators, as one line of JSON."""
     simulation = robot.simulation
+    timing = simulation.board.timing()
     return json.dumps(
         {
             "time_s": round(simulation.board.now_s, 6),
@@ -31,6 +33,9 @@ def show(robot: RealTimeSimulation) -> str:
             "mode": simulation.board.peek(simulation.table_address + ADDRESS["mode"]),
             "resets": simulation.board.resets,
             "drive_v": round(simulation.power.drive_v, 2),
+            "interrupt_cycles": timing.interrupts,
+            "lost_bytes": timing.lost,
+            "stack_bytes": timing.stack,
         }
     )
 
@@ -53,6 +58,9 @@ class FaultCommands:
             "garbage": lambda count: robot.garbage(os.urandom(int(count))),
             "dead": lambda number: self._dead(number, dead=True),
             "alive": lambda number: self._dead(number, dead=False),
+            "limp": lambda number: self._servo(number).switch_off(),
+            "restart": lambda number: self._servo(number).restart(),
+            "overload": lambda number: self._servo(number).shut_down(),
             "battery": lambda volts: simulation.set_battery(float(volts)),
             "contactor": lambda word: simulation.set_contactor(closed=_switch(word)),
             "sticks": lambda *words: simulation.set_sticks(*map(float, words)),
@@ -75,7 +83,10 @@ class FaultCommands:
             print(f"not understood: {line.strip()!r}; there are {self.names}", flush=True)  # noqa: T201
 
     def _dead(self, number: str, *, dead: bool) -> None:
-        self._robot.simulation.servo_bus.servos[int(number)].dead = dead
+        self._servo(number).dead = dead
+
+    def _servo(self, number: str) -> Mx64:
+        return self._robot.simulation.servo_bus.servos[int(number)]
 
     def _switches(self, kill: bool | None = None, manual: bool | None = None) -> None:
         self._kill = self._kill if kill is None else kill

@@ -6,11 +6,14 @@
 #include <stddef.h>
 
 static avr_cycle_count_t feed_host(avr_t *avr, avr_cycle_count_t when, void *param) {
+  (void)avr;
   board_t *board = param;
-  uint8_t byte = 0;
-  if (!queue_take(&board->to_board, &byte)) return 0;
-  avr_raise_irq(uart(board, '0', UART_IRQ_INPUT), byte);
-  return when + byte_cycles(avr, UBRR0);
+  uart_t *uart = &board->uart[0];
+  if (board->host_arriving) uart_end(uart, board->host_byte, 0);
+  board->host_arriving = queue_take(&board->to_board, &board->host_byte);
+  if (!board->host_arriving) return 0;
+  uart_begin(uart);
+  return when + byte_cycles(uart);
 }
 
 static void on_host_byte(avr_irq_t *irq, uint32_t value, void *param) {
@@ -27,10 +30,13 @@ static void on_host_byte(avr_irq_t *irq, uint32_t value, void *param) {
 }
 
 void host_open(board_t *board) {
-  avr_irq_register_notify(uart(board, '0', UART_IRQ_OUTPUT), on_host_byte, board);
+  avr_irq_register_notify(uart_irq(board, '0', UART_IRQ_OUTPUT), on_host_byte, board);
 }
 
-void host_reset(board_t *board) { board->to_board.tail = board->to_board.head; }
+void host_reset(board_t *board) {
+  board->to_board.tail = board->to_board.head;
+  board->host_arriving = false;
+}
 
 void board_send(board_t *board, const uint8_t *bytes, uint32_t count) {
   if (board->off) return;

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import ModuleType
 
@@ -28,18 +29,41 @@ class Registers:
     """Error of a status when the hardware is in trouble."""
     alarm_v: float
     """Lowest voltage without one, as it comes from the factory."""
+    defaults: Mapping[tuple[int, int], int]
+    """Registers that are not 0 as it comes, by address and size; those of the RAM again after
+    each restart."""
+    documented: frozenset[int]
+    """Addresses that the manual lists; the others are reserved."""
+    limit: tuple[int, int, int]
+    """Address, size and usual value of the limit of torque: with 0 there is none."""
+    ram: int
+    """Address at which the RAM begins; what is below outlives a restart."""
+
+
+def _addresses(*ranges: tuple[int, int]) -> frozenset[int]:
+    """Addresses in ranges, first and last."""
+    return frozenset(i for first, last in ranges for i in range(first, last + 1))
 
 
 REGISTERS = {
     1: Registers(
         protocol1, 310, torque=24, goal=(30, 2), position=(36, 2), velocity=(38, 2),
         voltage=(42, 1), temperature=43, current=(68, 2),
-        steps_per_s=0.114 * 4096 / 60, fault=0x20, alarm_v=6.0,
+        steps_per_s=0.114 * 4096 / 60, fault=0x20, alarm_v=6.0, limit=(34, 2, 1023), ram=24,
+        defaults={(8, 2): 4095, (14, 2): 1023, (22, 1): 1, (34, 2): 1023},
+        documented=_addresses(
+            (0, 9), (11, 18), (20, 22), (24, 28), (30, 44), (46, 49), (68, 73)
+        ),
     ),
     2: Registers(
         protocol2, 311, torque=64, goal=(116, 4), position=(132, 4), velocity=(128, 4),
         voltage=(144, 2), temperature=146, current=(126, 2),
-        steps_per_s=0.229 * 4096 / 60, fault=0x80, alarm_v=9.5,
+        steps_per_s=0.229 * 4096 / 60, fault=0x80, alarm_v=9.5, limit=(36, 2, 885), ram=64,
+        defaults={(11, 1): 3, (36, 2): 885, (48, 4): 4095},
+        documented=_addresses(
+            (0, 13), (20, 27), (31, 55), (63, 65), (68, 70), (76, 85), (88, 91), (98, 98),
+            (100, 146),
+        ),
     ),
 }  # fmt: skip
 
@@ -64,14 +88,19 @@ class Mx64:
         self.position = 2048
         self.velocity_steps_per_s = 0.0
         self.volts = 12.0
+        self.goal_enables_torque = self.registers.protocol is protocol1
+        """Whether a write of the goal switches torque on, as the factory firmware does it."""
         self._memory = bytearray(256)
+        for register, value in self.registers.defaults.items():
+            self._put(register, value)
         self._put(self.registers.goal, 2048)
         self._memory[self.registers.temperature] = 35
 
     @property
     def torque(self) -> bool:
-        """Whether torque is enabled."""
-        return bool(self._memory[self.registers.torque])
+        """Whether torque is enabled, and not taken away by a shutdown."""
+        at, size, _ = self.registers.limit
+        return bool(self._memory[self.registers.torque]) and any(self._memory[at : at + size])
 
     @property
     def answers(self) -> bool:
@@ -79,10 +108,41 @@ class Mx64:
         return self.powered and not self.dead
 
     def set_power(self, volts: float, least_v: float) -> None:
-        """Set its voltage; below `least_v` it is off, and forgets that torque was enabled."""
+        """Set its voltage; below `least_v` it is off, and forgets what is in its RAM."""
         self.volts, self.powered = volts, volts >= least_v
         if not self.powered:
+            self.restart()
+
+    def restart(self) -> None:
+        """Forget what is in the RAM: torque is off."""
+        registers = self.registers
+        self._memory[registers.ram :] = bytes(256 - registers.ram)
+        for register, value in registers.defaults.items():
+            if register[0] >= registers.ram:
+                self._put(register, value)
+        self._put(registers.goal, self.position)
+        self._memory[registers.temperature] = 35
+
+    def shut_down(self) -> None:
+        """Take torque away because of an overload, as the hardware does it."""
+        self.fault = True
+        if self.registers.protocol is protocol1:
+            self._put(self.registers.limit[:2], 0)
+        else:
             self._memory[self.registers.torque] = 0
+
+    def recover(self) -> None:
+        """Restart after a shutdown, as with a new supply."""
+        self.fault = False
+        self.restart()
+
+    def switch_off(self) -> None:
+        """Switch its torque off, as another program at the bus does."""
+        self._memory[self.registers.torque] = 0
+
+    def set_register(self, address: int, size: int, value: int) -> None:
+        """Change a register as another program at the bus does."""
+        self._put((address, size), value)
 
     @property
     def goal(self) -> int:
@@ -91,9 +151,9 @@ class Mx64:
         return int.from_bytes(self._memory[at : at + size], "little", signed=size == 4)
 
     def write(self, address: int, data: bytes) -> None:
-        """Take a write. One of the goal switches torque on with the factory firmware."""
+        """Take a write."""
         self._memory[address : address + len(data)] = data
-        if self.registers.protocol is protocol1 and address == self.registers.goal[0]:
+        if self.goal_enables_torque and address == self.registers.goal[0]:
             self._memory[self.registers.torque] = 1
 
     def read(self, address: int, length: int) -> bytes:

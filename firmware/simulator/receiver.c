@@ -6,31 +6,42 @@
 #include "avr_ioport.h"
 #include "board.h"
 
-static void set_rc_pin(board_t *board, bool high) {
-  avr_t *avr = board->avr;
-  avr_raise_irq(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('K'), board->rc_channel), high);
-  if (avr->data[PCMSK2] & 1 << board->rc_channel) avr_raise_interrupt(avr, &board->rc_change);
+#define NEVER UINT64_MAX
+
+/* When the pulses of a frame rise and fall: one after the other, or all at once. */
+static void plan(board_t *board) {
+  avr_cycle_count_t rise = board->rc_frame;
+  for (int i = 0; i < RC_CHANNELS; i++) {
+    avr_cycle_count_t width = board->sbus ? 0 : US(board->rc_us[i]);
+    board->rc_rise[i] = width ? rise : NEVER;
+    board->rc_fall[i] = width ? rise + width : NEVER;
+    if (!board->rc_parallel) rise += width;
+  }
 }
 
-/* Six pulses one after the other, as receivers make them. */
+/* All edges of one moment are one interrupt. */
 static avr_cycle_count_t step_receiver(avr_t *avr, avr_cycle_count_t when, void *param) {
-  (void)avr;
   board_t *board = param;
-  if (board->rc_high) {
-    set_rc_pin(board, false);
-    board->rc_high = false;
-    board->rc_channel++;
-  }
-  while (board->rc_channel < RC_CHANNELS && !board->rc_us[board->rc_channel]) board->rc_channel++;
-  if (board->rc_channel == RC_CHANNELS) {
-    board->rc_channel = 0;
+  avr_cycle_count_t next = NEVER;
+  uint8_t changed = 0;
+  if (when >= board->rc_frame) {
+    board->rc_frame = when;
+    plan(board);
     board->rc_frame += RC_FRAME;
-    if (board->rc_frame <= when) board->rc_frame = when + RC_FRAME;
-    return board->rc_frame;
   }
-  set_rc_pin(board, true);
-  board->rc_high = true;
-  return when + US(board->rc_us[board->rc_channel]);
+  for (int i = 0; i < RC_CHANNELS; i++) {
+    bool falls = board->rc_rise[i] == NEVER;
+    avr_cycle_count_t *due = falls ? &board->rc_fall[i] : &board->rc_rise[i];
+    if (*due <= when) {
+      *due = NEVER;
+      changed |= 1 << i;
+      avr_raise_irq(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('K'), i), !falls);
+      due = &board->rc_fall[i];
+    }
+    if (*due < next) next = *due;
+  }
+  if (avr->data[PCMSK2] & changed) avr_raise_interrupt(avr, &board->rc_change);
+  return next < board->rc_frame ? next : board->rc_frame;
 }
 
 void receiver_open(board_t *board) {
@@ -42,13 +53,20 @@ void receiver_open(board_t *board) {
   avr_register_vector(board->avr, &board->rc_change);
 }
 
-void receiver_reset(board_t *board) {
-  board->rc_high = false;
-  board->rc_channel = 0;
-  avr_cycle_timer_register(board->avr, RC_FRAME, step_receiver, board);
+static void begin(board_t *board, avr_cycle_count_t after) {
+  for (int i = 0; i < RC_CHANNELS; i++) board->rc_rise[i] = board->rc_fall[i] = NEVER;
+  board->rc_frame = board->avr->cycle + after;
+  avr_cycle_timer_register(board->avr, after, step_receiver, board);
 }
+
+void receiver_reset(board_t *board) { begin(board, RC_FRAME); }
 
 void board_set_rc(board_t *board, const uint32_t *us) {
   memcpy(board->rc_us, us, sizeof board->rc_us);
 }
 
+/* Has all pulses begin at once, the next ones so many cycles from now. */
+void board_parallel_rc(board_t *board, uint32_t cycles) {
+  board->rc_parallel = true;
+  begin(board, cycles);
+}

@@ -18,6 +18,8 @@ class ServoBusSimulation:
         self.requests = 0
         self.nonsense = 0
         """Number of malformed requests."""
+        self.reserved: set[tuple[int, int]] = set()
+        """Reads, as address and length, that cover an address which the manual does not list."""
 
     def answer(self, request: bytes) -> tuple[bytes, int] | None:
         """Response to a request and its delay in microseconds; None without a response."""
@@ -42,7 +44,10 @@ class ServoBusSimulation:
             return servo.answer_to_ping()
         address, rest = protocol.fields(parameters)
         if instruction == protocol.READ:
-            return servo.status(servo.read(address, int.from_bytes(rest, "little")))
+            length = int.from_bytes(rest, "little")
+            if not servo.registers.documented.issuperset(range(address, address + length)):
+                self.reserved.add((address, length))
+            return servo.status(servo.read(address, length))
         servo.write(address, rest)
         return servo.status()
 

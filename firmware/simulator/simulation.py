@@ -27,7 +27,7 @@ class FirmwareSimulation:
     """Simulated robot that is controlled by the compiled firmware.
 
     `version` is the protocol of all servos, or one for each; `receiver` says whether there is one,
-    with its kill switch at "run" and its manual switch at "PC".
+    with its kill switch at "run" and its manual switch at "PC", and `sbus` that it sends frames.
     """
 
     def __init__(
@@ -35,6 +35,7 @@ class FirmwareSimulation:
         version: int | Sequence[int] = 2,
         *,
         receiver: bool = False,
+        sbus: bool = False,
         elf: Path | None = None,
         neutral: Sequence[int] = NEUTRAL,
         reverse: Sequence[bool] = STRAIGHT,
@@ -55,11 +56,13 @@ class FirmwareSimulation:
         self._start_cause = ResetCause.POWER_ON
         self._has_power = True
         self._moved_s = 0.0
-        self._receiver = [1500, 1500, 1500, 1100, 1900, 1100]
+        self.receiver_us = [1500, 1500, 1500, 1100, 1900, 1100]
         self.board.on_request(self._on_request)
         self.set_battery(12.0)
+        self.sbus = sbus
+        self.board.send_frames(on=sbus)
         if receiver:
-            self.board.set_receiver(self._receiver)
+            self.board.set_receiver(self.receiver_us)
 
     def close(self) -> None:
         """Free it."""
@@ -121,18 +124,22 @@ class FirmwareSimulation:
     def set_sticks(self, forward: float, left: float, turn: float, speed: float) -> None:
         """Move the sticks of the radio control, from -1 to 1; `speed` from 0 to 1."""
         sticks = [1500 + round(_STICK_US * share) for share in (forward, left, turn)]
-        self._receiver[:4] = [*sticks, 1100 + round(_SPEED_US * speed)]
-        self.board.set_receiver(self._receiver)
+        self.receiver_us[:4] = [*sticks, 1100 + round(_SPEED_US * speed)]
+        self.board.set_receiver(self.receiver_us)
 
     def set_switches(self, *, kill: bool = False, manual: bool = False) -> None:
         """Set the switches of the radio control."""
-        self._receiver[4:] = [1100 if kill else 1900, 1900 if manual else 1100]
-        self.board.set_receiver(self._receiver)
+        self.receiver_us[4:] = [1100 if kill else 1900, 1900 if manual else 1100]
+        self.board.set_receiver(self.receiver_us)
 
     def lose_receiver(self, *channels: int) -> None:
         """Stop the pulses of some receiver channels; of all when none is named."""
         lost = channels or range(6)
-        self.board.set_receiver([0 if i in lost else us for i, us in enumerate(self._receiver)])
+        self.board.set_receiver([0 if i in lost else us for i, us in enumerate(self.receiver_us)])
+
+    def set_signal(self, *, lost: bool) -> None:
+        """Take the signal of its transmitter from a receiver with SBUS, or give it back."""
+        self.board.send_frames(on=self.sbus, flags=0x0C if lost else 0)
 
     def _on_request(self, request: bytes) -> None:
         answer = self.servo_bus.answer(request)

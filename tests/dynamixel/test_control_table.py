@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from tests.support.markdown_pages import ROOT
 from tsd_twin.dynamixel import control_table
 from tsd_twin.dynamixel.__main__ import files, main
-from tsd_twin.dynamixel.blocks import Command, Identity, Setup, Telemetry
+from tsd_twin.dynamixel.blocks import Command, Identity, Radio, Setup, Telemetry
 from tsd_twin.dynamixel.control_table import ADDRESS, BLOCKS
 
-BLOCK_TYPES = (Identity, Setup, Command, Telemetry)
+BLOCK_TYPES = (Identity, Setup, Command, Telemetry, Radio)
 
 
 @pytest.mark.parametrize("name", sorted(files()))

@@ -24,8 +24,8 @@ def native() -> Path:
     return build_native()
 
 
-def checked(program: Path) -> Generator[Bench]:
-    it = Bench(program)
+def checked(program: Path, **defaults: object) -> Generator[Bench]:
+    it = Bench(program, **defaults)
     try:
         yield it
         it.finish()
@@ -42,3 +42,9 @@ def bench(elf: Path) -> Generator[Bench]:
 def native_bench(native: Path) -> Generator[Bench]:
     """As `bench`, with the program compiled for this machine: four times as fast."""
     yield from checked(native)
+
+
+@pytest.fixture
+def sbus_bench(native: Path) -> Generator[Bench]:
+    """As `native_bench`, with receivers that send frames of SBUS."""
+    yield from checked(native, sbus=True)

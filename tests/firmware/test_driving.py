@@ -7,12 +7,17 @@ import math
 import numpy as np
 import pytest
 
+from firmware.simulator.board import FIRMWARE
 from tests.support.firmware_host import CRUISE, CYCLE_S, Bench, read
+from tests.support.markdown_pages import section, tables
 from tsd_twin.dynamixel.blocks import Command, Identity, Setup, Telemetry
 from tsd_twin.dynamixel.control_table import FW_VERSION, BoardMode, ResetCause, Trip
 from tsd_twin.robots import RPM, SingularityDescription, description_of_kind, load_robot
 from tsd_twin.simulation import Servos, SingularitySimulation
 
+README = (FIRMWARE / "README.md").read_text(encoding="utf-8")
+ROOM_CYCLES = 320
+"""Two bytes at 1 Mbaud: so long one may wait in the chip."""
 STEP_RAD = 2.0 * math.pi / 4096
 
 
@@ -74,19 +79,48 @@ def test_servos_of_either_protocol_are_found_told_and_read(
 
 
 @pytest.mark.parametrize("version", [1, 2])
-@pytest.mark.parametrize("delay_us", [20, 50, 100])
-def test_servos_that_answer_soon_are_heard_and_leave_time(
+@pytest.mark.parametrize("delay_us", [20, 50, 100, 500])
+def test_no_byte_is_lost_when_six_pulses_begin_and_end_at_once(
     delay_us: int, version: int, bench: Bench
 ) -> None:
+    """At any moment of a cycle of the PC, and of the servos', which drift past each other."""
     pilot = bench.pilot(version, receiver=True)
     for servo in pilot.simulation.servos:
         servo.return_delay_us = delay_us
-    pilot.simulation.run(0.01)
+    board = pilot.simulation.board
+    board.set_receiver((1900,) * 6)
+    pilot.simulation.run(0.1)
+    random = np.random.default_rng(10 * delay_us + version)
+    pilot.telemetry()
     for cycle in range(100):
+        board.start_parallel_pulses(random.uniform(0.0, CYCLE_S))
+        pilot.simulation.run(random.uniform(0.0, 0.2 * CYCLE_S))
         pilot.cycle(0, goal=wave(cycle))
-    seen = pilot.telemetry()
+    seen, timing = pilot.telemetry(), board.timing()
+    assert timing.lost == (0, 0)
+    assert max(timing.longest_wait) < ROOM_CYCLES
+    assert (seen.servo_errors, seen.rx_errors, pilot.missed) == (0, 0, 0)
     assert seen.servo_alive == 0b111111
-    assert (seen.servo_errors, seen.overruns, pilot.missed) == (0, 0, 0)
+    assert seen.rc == pytest.approx((1900,) * 6, abs=8)
+    # The factory's delay needs all of a cycle, one that is cut short by a read included.
+    assert seen.overruns < (10 if delay_us == 500 else 1)
+
+
+def test_interrupts_and_stack_stay_as_the_page_says(bench: Bench) -> None:
+    pilot = bench.pilot(receiver=True).get_driving((100, -60, 0, 40, -100, 20))
+    pilot.simulation.set_switches(manual=True)
+    pilot.drive(0.1)
+    pilot.simulation.set_sticks(1.0, 0.5, -0.5, 1.0)
+    assert pilot.drive(0.3).mode == BoardMode.RC
+    radio = bench.pilot(receiver=True, sbus=True).get_driving()
+    timing, by_radio = pilot.simulation.board.timing(), radio.simulation.board.timing()
+    (rows,) = tables(section(README, "### Interrupts and stack"))
+    said = {what.strip("`"): int(most) for what, most, *_ in rows}
+    taken = timing.interrupts | {"radio_byte": by_radio.interrupts["radio_byte"]}
+    taken["stack"] = timing.stack
+    assert taken.keys() == said.keys()
+    for what, most in said.items():
+        assert 0.9 * most <= taken[what] <= most, what
 
 
 def test_the_pose_is_that_of_the_mock_with_the_same_commands(bench: Bench) -> None:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from firmware.simulator import protocol2
-from tests.support.firmware_host import PING, Bench, packets, read, write
-from tsd_twin.dynamixel.blocks import Command, Telemetry
-from tsd_twin.dynamixel.control_table import BOARD_ID, FW_VERSION, MODEL, BoardMode
+from tests.support.firmware_host import PING, Bench, at, packets, read, write
+from tsd_twin.dynamixel.blocks import Command
+from tsd_twin.dynamixel.control_table import BOARD_ID, FW_VERSION, MODEL, TABLE_SIZE, BoardMode
 
 CASES = 100_000
 CASES_ON_CHIP = 6_000
@@ -120,7 +120,7 @@ def test_lost_bytes_are_counted(native_bench: Bench) -> None:
 def test_every_length_of_read_is_answered_with_what_stands_there(bench: Bench) -> None:
     pilot = bench.pilot()
     pilot.simulation.run(0.2)
-    size = Telemetry.ADDRESS + Telemetry.LAYOUT.size
+    size = TABLE_SIZE
     for length in range(1, LONGEST_READ + 1):
         request = protocol2.packet(
             BOARD_ID, protocol2.READ, (size - length).to_bytes(2, "little") + bytes([length, 0])
@@ -132,7 +132,7 @@ def test_every_length_of_read_is_answered_with_what_stands_there(bench: Bench) -
         b"\0\0" + bytes([LONGEST_READ + 1, 0]),
         b"\0\0\xff\xff",
         b"\xff\xff\1\0",
-        bytes([size, 0, 1, 0]),
+        at(size) + at(1),
         b"\0",
     ):
         error, data = pilot.ask(protocol2.packet(BOARD_ID, protocol2.READ, parameters))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -142,3 +144,10 @@ def test_servos_are_named_by_number_and_joint() -> None:
 
 def test_what_the_robot_does_not_have_is_filled_up() -> None:
     assert padded((1, 2), 4, 7) == (1, 2, 7, 7)
+
+
+@pytest.mark.parametrize("neutral_us", [1100.0, 1500.0])
+def test_speed_controllers_that_run_both_ways_are_refused(neutral_us: float) -> None:
+    motors = replace(Motors.of(ROBOT), pulses_us=(neutral_us, 2000.0))
+    with pytest.raises(HardwareError, match=f"tsd has zero throttle at {neutral_us:g} us"):
+        JointConverter(ROBOT, motors)

@@ -19,9 +19,9 @@ from tsd_twin.dynamixel.blocks import Command, Identity, Setup
 from tsd_twin.dynamixel.control_table import BoardMode, ResetCause, Trip
 from tsd_twin.dynamixel.packets import protocol2
 from tsd_twin.hardware import HardwareError, MegaHardware, ServoCalibration
-from tsd_twin.hardware.joints import Receiver
+from tsd_twin.hardware.joints import Receiver, SpeedControllers
 from tsd_twin.hardware.serial_transport import LIMIT, WINDOW_S
-from tsd_twin.node import HasWatchdog, RobotIO
+from tsd_twin.node import HasBattery, HasWatchdog, RobotIO
 from tsd_twin.safety import Heartbeat
 from tsd_twin.simulation import Motors
 
@@ -151,7 +151,7 @@ def test_the_heartbeat_is_the_count_of_words_and_nothing_else(it: Bench) -> None
 @pytest.mark.parametrize(
     ("identity", "words"),
     [
-        (Identity(table_version=9), "control table 9: this program needs model 2014 with table 2"),
+        (Identity(table_version=9), "control table 9: this program needs model 2014 with table 3"),
         (Identity(model=311), "is model 311"),
     ],
 )
@@ -175,6 +175,35 @@ def test_a_board_that_refuses_its_set_up_is_not_used(tmp_path: Path) -> None:
         pytest.raises(HardwareError, match="refuses its set-up: error 4"),
     ):
         MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
+
+
+def test_a_board_with_power_at_its_drive_refuses_another_zero_throttle_and_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tsd_twin.hardware.controller_board._RUN_DOWN_S", 0.2)
+    board = PretendBoard()
+    board.error = 7
+    with (
+        plugged(tmp_path, board) as peer,
+        pytest.raises(HardwareError, match="error 7; open the contactor: it takes another zero"),
+    ):
+        MegaHardware(ROBOT, peer.port, Motors.of(ROBOT))
+
+
+def test_receiver_and_pulse_ends_of_the_calibration_are_told_to_the_board(tmp_path: Path) -> None:
+    calibration = ServoCalibration(
+        receiver=Receiver(kind="sbus", channels=(2, 1, 4, 3, 16, 6), dead_us=30),
+        speed_controllers=SpeedControllers((1000.0, 1060.0, 1200.0), (2000.0, 1940.5, 2200.0)),
+    )
+    board = PretendBoard()
+    board.telemetry = replace(board.telemetry, throttle_out=(2000, 3000, 4000))
+    with plugged(tmp_path, board) as peer:
+        robot = MegaHardware(ROBOT, peer.port, Motors.of(ROBOT), calibration)
+        assert robot.hardware()["pulse_us"] == [1000.0, 1500.25, 2200.0]
+        robot.close()
+    told = board.setups[0]
+    assert (told.receiver_kind, told.receiver_map, told.stick_dead) == (1, 0x5F2301, 30)
+    assert (told.pulse_low, told.pulse_high) == ((2000, 2120, 2400), (4000, 3881, 4400))
 
 
 def test_a_board_that_the_radio_control_has_is_met_if_it_knows_its_set_up(
@@ -244,6 +273,55 @@ def test_what_is_missing_of_the_radio_control_is_named_before_arming(
         robot.close()
     assert board.setups[0].receiver_expected == (receiver is not None)
     assert board.setups[0].stick_low == (receiver or Receiver()).low_us
+
+
+@pytest.mark.parametrize(
+    ("telemetry", "fault"),
+    [
+        (
+            {"servo_checked": 0b011111, "wrong_servo": 6, "wrong_register": 11, "wrong_value": 4},
+            "servo 6 (module3_beta): operating mode (register 11) is 4, and must be 3; set it with "
+            "Dynamixel Wizard",
+        ),
+        (
+            {"servo_checked": 62, "wrong_servo": 1, "wrong_register": 20, "wrong_value": 2**32 - 7},
+            "servo 1 (module1_alpha): homing offset (register 20) is -7, and must be 0; set it "
+            "with Dynamixel Wizard",
+        ),
+        (
+            {
+                "servo_protocol": 0,
+                "servo_checked": 62,
+                "wrong_servo": 1,
+                "wrong_register": 20,
+                "wrong_value": 5,
+            },
+            "servo 1 (module1_alpha): multi-turn offset (register 20) is 5, and must be 0; set it "
+            "with Dynamixel Wizard",
+        ),
+        (
+            {"servo_checked": 0b111011},
+            "servo 3 (module2_alpha): the settings have not been read yet",
+        ),
+        (
+            {"servo_torque": 0b110111},
+            "servo 4 (module2_beta): no torque: it restarted, or another program switched it off",
+        ),
+    ],
+)
+def test_a_servo_that_is_not_set_or_does_not_hold_is_named(
+    it: Bench, telemetry: dict[str, int], fault: str
+) -> None:
+    it.board.telemetry = replace(it.board.telemetry, **telemetry)
+    it.until(lambda: it.fault == fault, "named")
+
+
+def test_the_node_is_told_the_voltage_of_the_battery(it: Bench) -> None:
+    assert isinstance(it.robot, HasBattery)
+    it.board.telemetry = replace(it.board.telemetry, battery_mv=11150)
+    it.until(lambda: it.robot.battery_v(time.monotonic()) == 11.15, "measured")
+    it.peer.unplug()
+    it.until(lambda: it.robot.battery_v(time.monotonic()) is None, "not any more")
 
 
 def test_the_commands_carry_the_session_of_the_board(it: Bench) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,6 +15,7 @@ from tests.hardware.test_mega import AHEAD, PATIENCE_S, REST, ROBOT, wait_until
 from tests.support.faulty_devices import Peer, PretendBoard
 from tests.support.servo_chain import ServoChain
 from tsd_twin.hardware import HardwareError, ServoCalibration, U2D2Hardware, u2d2
+from tsd_twin.hardware.servo_settings import SETTINGS, ServoSetting
 from tsd_twin.node import HasWatchdog, RobotIO
 from tsd_twin.safety import Heartbeat
 from tsd_twin.simulation import Motors
@@ -85,13 +87,13 @@ def test_servos_are_set_up_once_and_follow_the_set_point(tmp_path: Path) -> None
         assert isinstance(io, HasWatchdog)
         assert it.board.setups[0].servos_expected == 0
         for servo in range(6):
-            assert it.chain.register(servo, u2d2.OPERATING_MODE) == u2d2.POSITION_MODE
             assert it.chain.register(servo, u2d2.RETURN_DELAY) == 0
             assert it.chain.register(servo, u2d2.TORQUE_ENABLE) == 1
         there = np.round(AHEAD[ANGLES] * 4096 / (2 * np.pi)) * 2 * np.pi / 4096
         it.until(lambda: np.allclose(it.measured[ANGLES], there, atol=2e-3), AHEAD)
         assert not any(it.board.commands[-1].goal), "the board has no servos"
         assert min(it.board.commands[-1].throttle) > 2000
+        assert not it.chain.bus.reserved, "no read covers a reserved register"
         facts = it.io.hardware()
         assert facts["kind"] == "u2d2"
         assert facts["servos"]["voltage_v"] == [12.0] * 6
@@ -177,6 +179,49 @@ def test_a_servo_that_cannot_be_used_is_named_at_the_start(
         chain.servos[dead].dead = True
     with bench(tmp_path, chain) as it, pytest.raises(HardwareError, match=words):
         it.connect()
+
+
+@pytest.mark.parametrize("setting", SETTINGS[2], ids=lambda setting: setting.name)
+def test_a_servo_with_another_setting_is_refused_and_left_as_it_is(
+    tmp_path: Path, setting: ServoSetting
+) -> None:
+    chain = ServoChain()
+    wrong = -5 if setting.size == 4 else 1
+    chain.servos[4].set_register(setting.address, setting.size, wrong)
+    sentence = (
+        f"servo 5 (module3_alpha): {setting.name} (register {setting.address}) is {wrong}, "
+        f"and must be {setting.wanted}; set it with Dynamixel Wizard"
+    )
+    with bench(tmp_path, chain) as it:
+        with pytest.raises(HardwareError, match=re.escape(sentence)):
+            it.connect()
+        assert setting.value(chain.servos[4].read(setting.address, setting.size)) == wrong
+        assert chain.register(4, u2d2.TORQUE_ENABLE) == 0
+
+
+def test_torque_that_is_lost_while_armed_is_a_fault_within_a_tenth_of_a_second(
+    tmp_path: Path,
+) -> None:
+    random = np.random.default_rng(7)
+    took_s: list[float] = []
+    with bench(tmp_path) as it:
+        it.connect()
+        for i in range(12):
+            it.until(lambda: not it.fault and it.board.commands[-1].arm == 1, AHEAD)
+            pause_s = time.monotonic() + random.uniform(0.05, 0.1)
+            it.until(lambda end_s=pause_s: time.monotonic() > end_s, AHEAD)
+            servo = it.chain.servos[i % 6]
+            (servo.switch_off, servo.restart)[i % 2]()
+            lost_s = time.monotonic()
+            it.until(lambda: it.board.commands[-1].arm == 0, AHEAD)
+            took_s.append(time.monotonic() - lost_s)
+            assert it.fault.endswith(
+                ": no torque: it restarted, or another program switched it off"
+            )
+            it.until(lambda named=servo: named.torque, AHEAD)
+    # A machine with other work may hold up a cycle or two; the worst is a matter of the processor.
+    assert np.median(took_s) < 0.07
+    assert np.sort(took_s)[-3] < 0.1
 
 
 def test_closed_the_wheels_are_off_and_the_gimbals_go_to_neutral(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import tsd_twin
-from tests.support.logged_runs import GYRO, TEXTS, LoggedRun, eventful_run
+from tests.support.logged_runs import GYRO, TEXTS, LoggedHarness, LoggedRun, eventful_run
 from tsd_twin import robots
 from tsd_twin.control import RobotController, robot_controller
 from tsd_twin.control.logged_controller import (
@@ -351,3 +351,14 @@ def test_what_if_begins_where_the_robot_is_free() -> None:
 def test_an_empty_log_has_no_stretch() -> None:
     assert stretches([]) == []
     assert stretches([InputBatch(5, [])]) == []
+
+
+def test_a_low_battery_slows_the_repetition_as_it_did_the_robot() -> None:
+    harness = LoggedHarness(TEXTS["tsd"], seed=5)
+    harness.wait(0.3)
+    pilot = harness.get_ready()
+    harness.battery_v = 11.0
+    harness.drive(pilot, (0.8, 0.0, 0.0), 2.0)
+    harness.take()
+    assert harness.twist[0] == pytest.approx(0.5)
+    assert rerun(harness.run).difference is None

@@ -52,6 +52,7 @@ class ControllerHarness:
         self.status_sent_s: dict[int, float] = {}
         self.inbox: list[Sample] = []
         self.measures = True
+        self.battery_v: float | None = None
         joints = self.controller.kinematics.joints
         self.wheels = np.array([joint.kind is JointKind.VELOCITY for joint in joints])
         self._ticks = itertools.count()
@@ -86,7 +87,9 @@ class ControllerHarness:
         status."""
         self.now_s += dt_s
         inbox, self.inbox = self.inbox, []
-        self.setpoint = self.controller.step(self.now_s, self._measure(), inbox)
+        self.setpoint = self.controller.step(
+            self.now_s, self._measure(), inbox, battery_v=self.battery_v
+        )
         if self.simulated is not None:
             self.simulated.write(self.setpoint, self.now_s)
         if next(self._ticks) % 5 == 0 or self.mode is not self._told:

@@ -133,6 +133,24 @@ FAULTS = (
         "mend it, 2 s, reset, arm",
     ),
     Fault(
+        "servo loses its torque",
+        lambda it: it.servos[0].switch_off(),
+        _nothing,
+        "2 s, reset, arm",
+    ),
+    Fault(
+        "servo restarts",
+        lambda it: it.servos[0].restart(),
+        _nothing,
+        "2 s, reset, arm",
+    ),
+    Fault(
+        "servo shuts down: overload",
+        lambda it: it.servos[0].shut_down(),
+        lambda it: it.servos[0].recover(),
+        "switch the servos off and on, 2 s, reset, arm",
+    ),
+    Fault(
         "kill switch",
         lambda it: _switches(it, kill=True),
         lambda it: _switches(it, kill=False),

@@ -67,6 +67,9 @@ class PretendBoard:
             esc_ready=1,
             servo_found=63,
             servo_alive=63,
+            servo_torque=63,
+            servo_checked=63,
+            servo_protocol=63,
             battery_mv=12000,
             drive_mv=12000,
         )

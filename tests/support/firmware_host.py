@@ -5,12 +5,13 @@ bridge.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from firmware.simulator import protocol2
 from firmware.simulator.simulation import FirmwareSimulation
 from tsd_twin.dynamixel.blocks import Command, Setup, Telemetry
-from tsd_twin.dynamixel.control_table import BOARD_ID, ZERO_THROTTLE, BoardMode
+from tsd_twin.dynamixel.control_table import BOARD_ID, ZERO_THROTTLE, BoardMode, ReceiverKind
 
 CYCLE_S = 0.01
 _SET_UP_S = 0.3
@@ -32,6 +33,13 @@ def write(address: int, data: bytes) -> bytes:
 
 def read(address: int, length: int) -> bytes:
     return protocol2.packet(BOARD_ID, protocol2.READ, at(address) + at(length))
+
+
+def sbus_frame(us: Sequence[int], flags: int) -> bytes:
+    """What a receiver with SBUS sends."""
+    channels = [*us, *(1500,) * (16 - len(us))]
+    bits = sum((width_us - 880) * 8 // 5 << 11 * i for i, width_us in enumerate(channels))
+    return b"\x0f" + bits.to_bytes(22, "little") + bytes([flags, 0])
 
 
 READ_TELEMETRY = read(Telemetry.ADDRESS, Telemetry.LAYOUT.size)
@@ -58,6 +66,8 @@ class FirmwareHost:
         """Newest nonce of the board."""
         self.sent: list[bytes] = []
         """What a program that listened to the line would have recorded."""
+        self.zero_us = (1000.0,) * 3
+        """Pulses of zero throttle."""
         self.missed = 0
         """Cycles without both answers."""
 
@@ -87,6 +97,8 @@ class FirmwareHost:
     def set_up(self, setup: Setup | None = None) -> int:
         """Write the setup; return the error."""
         setup = Setup() if setup is None else setup
+        if self.simulation.sbus:
+            setup = replace(setup, receiver_kind=ReceiverKind.SBUS)
         return self.ask(write(Setup.ADDRESS, setup.pack()))[0]
 
     def command(
@@ -176,21 +188,26 @@ class FirmwareHost:
 
     def finish(self) -> None:
         """Check the invariants of the whole run."""
-        widest = max(self.simulation.board.pulse(i).unarmed_us for i in range(3))
+        widest = [self.simulation.board.pulse(i).unarmed_us for i in range(3)]
         faults = self.simulation.board.bus_faults()
-        assert widest < 1001.0, f"a pulse of {widest} us in disarmed mode"
+        for pulse_us, zero_us in zip(widest, self.zero_us, strict=True):
+            assert pulse_us < zero_us + 1.0, f"a pulse of {pulse_us} us in disarmed mode"
         assert faults == (0, 0, 0, 0), "the servo bus was not kept clean"
+        reserved = self.simulation.servo_bus.reserved
+        assert not reserved, f"reads of reserved registers: {reserved}"
 
 
 class Bench:
     """Factory of hosts for one build of the firmware, which checks all of them at the end."""
 
-    def __init__(self, elf: Path | None = None) -> None:
+    def __init__(self, elf: Path | None = None, **defaults: object) -> None:
         self._elf = elf
+        self._defaults = defaults
         self._pilots: list[FirmwareHost] = []
 
     def pilot(self, version: int | Sequence[int] = 2, **more: object) -> FirmwareHost:
         """Power up a robot; arguments as of `FirmwareSimulation`."""
+        more = self._defaults | more
         pilot = FirmwareHost(FirmwareSimulation(version, elf=self._elf, **more))  # type: ignore[arg-type]
         self._pilots.append(pilot)
         return pilot

@@ -5,13 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import pytest
 
-from tests.support.firmware_host import CRUISE, CYCLE_S, HOLD_S, PING, ZERO, Bench, write
+from firmware.simulator.mx64 import Mx64
+from tests.support.firmware_host import (
+    CRUISE,
+    CYCLE_S,
+    HOLD_S,
+    PING,
+    ZERO,
+    Bench,
+    sbus_frame,
+    write,
+)
 from tsd_twin.dynamixel.blocks import Command, Identity, Setup
 from tsd_twin.dynamixel.control_table import ADDRESS, BoardMode, Refusal, ResetCause, Trip
+from tsd_twin.hardware.servo_settings import SETTINGS
 
 TILTED = (100, -60, 0, 40, -100, 20)
 NEUTRAL_GOALS = [2048] * 6
+MISSED, PARITY = 0x04, 0x04
 
 
 def zero_throttle_from_the_first_millisecond(bench: Bench) -> None:
@@ -318,7 +331,7 @@ def a_servo_that_dies_stops_and_is_named(bench: Bench) -> None:
     pilot.simulation.run(0.3)
     assert pilot.telemetry().servo_found == 0b110111
     pilot.simulation.servos[3].dead = False
-    pilot.simulation.run(0.3)
+    pilot.simulation.run(0.5)
     assert pilot.arm().mode == BoardMode.ARMED, "it is found again"
 
 
@@ -329,6 +342,73 @@ def a_servo_in_trouble_stops(bench: Bench) -> None:
         seen = pilot.drive(0.1)
         assert (seen.mode, seen.trip, seen.servo_fault) == (BoardMode.DISARMED, Trip.SERVO, 1)
         assert pilot.arm().refusal == Refusal.SERVO
+
+
+def torque_that_is_lost_stops(bench: Bench) -> None:
+    for version, lose in (
+        (2, Mx64.switch_off),
+        (2, Mx64.restart),
+        (1, Mx64.switch_off),
+        (1, lambda servo: servo.set_register(34, 2, 0)),
+    ):
+        pilot = bench.pilot(version).get_driving(TILTED)
+        servo = pilot.simulation.servos[3]
+        servo.goal_enables_torque = False
+        lose(servo)
+        seen = pilot.drive(0.09, goal=TILTED)
+        assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.TORQUE), version
+        assert seen.servo_torque == 0b110111
+        assert pilot.until_quiet(0.03) < 0.03
+        servo.set_register(*servo.registers.limit)
+        pilot.simulation.run(0.5)
+        assert servo.torque, "it holds neutral again"
+        assert servo.position == pytest.approx(2048, abs=1)
+        pilot.simulation.run(1.5)
+        assert pilot.arm().mode == BoardMode.ARMED
+
+
+def a_goal_gives_torque_back_with_protocol_1(bench: Bench) -> None:
+    pilot = bench.pilot(1).get_driving(TILTED)
+    for servo in pilot.simulation.servos:
+        servo.switch_off()
+        pilot.simulation.run(0.011)
+        assert servo.torque
+
+
+def arming_wants_torque(bench: Bench) -> None:
+    pilot = bench.pilot().get_ready()
+    pilot.drive(0.5, arm=0, throttle=ZERO)
+    for _ in range(30):
+        pilot.cycle(0, torque=0)
+    seen = pilot.cycle(1)
+    assert seen is not None
+    assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.TORQUE)
+    pilot.drive(0.4, arm=0, throttle=ZERO)
+    assert pilot.arm().mode == BoardMode.ARMED
+
+
+def settings_of_servos_are_checked(bench: Bench) -> None:
+    for version, settings in SETTINGS.items():
+        pilot = bench.pilot(version)
+        servos = pilot.simulation.servos
+        wrong = [setting.wanted + 1 for setting in settings]
+        for i, setting in enumerate(settings):
+            servos[i % 6].set_register(setting.address, setting.size, wrong[i])
+        pilot.get_ready()
+        for i, setting in enumerate(settings):
+            pilot.simulation.run(1.4)
+            seen = pilot.arm()
+            assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.SETTING)
+            named = (seen.wrong_servo, seen.wrong_register, seen.wrong_value)
+            assert named in {
+                (j % 6 + 1, settings[j].address, wrong[j]) for j in range(i, len(settings))
+            }
+            assert not seen.servo_checked >> seen.wrong_servo - 1 & 1
+            servos[i % 6].set_register(setting.address, setting.size, setting.wanted)
+        pilot.simulation.run(1.4)
+        seen = pilot.arm()
+        assert (seen.mode, seen.servo_checked) == (BoardMode.ARMED, 0b111111)
+        assert seen.wrong_servo == 0
 
 
 def who_is_disarmed_moves_nothing(bench: Bench) -> None:
@@ -472,6 +552,86 @@ def the_radio_control_begins_at_the_low_end_of_its_stick(bench: Bench) -> None:
         assert pilot.mode() == (BoardMode.RC if begins else BoardMode.DISARMED)
 
 
+def the_channels_of_the_receiver_are_those_of_the_setup(bench: Bench) -> None:
+    pilot = bench.pilot(receiver=True)
+    # Kill and speed have changed places, as have forward and left.
+    pilot.get_ready(Setup(receiver_map=0x534201, receiver_expected=1))
+    assert pilot.telemetry().rc[3:5] == pytest.approx((1900, 1100), abs=2)
+    assert pilot.arm().refusal == Refusal.KILL, "its channel is short"
+    pilot.simulation.set_sticks(0.5, 0.0, 0.0, 1.0)
+    pilot.simulation.run(0.1)
+    assert pilot.telemetry().rc[:2] == pytest.approx((1500, 1700), abs=2)
+    assert pilot.arm().mode == BoardMode.ARMED
+
+
+def a_receiver_without_signal_stops(bench: Bench) -> None:
+    pilot = bench.pilot(receiver=True, sbus=True).get_driving()
+    pilot.simulation.set_signal(lost=True)
+    seen = pilot.drive(0.03)
+    assert (seen.mode, seen.trip, seen.rc) == (BoardMode.DISARMED, Trip.RC_LOST, (0,) * 6)
+    assert max(pilot.simulation.pulses_us()) < 1001.0
+    assert pilot.arm().refusal == Refusal.RECEIVER
+    pilot.simulation.set_signal(lost=False)
+    pilot.simulation.run(0.1)
+    assert pilot.arm().mode == BoardMode.ARMED
+
+
+def frames_that_are_not_heard_well_are_none(bench: Bench) -> None:
+    pilot = bench.pilot(receiver=True, sbus=True).get_ready()
+    board, us = pilot.simulation.board, pilot.simulation.receiver_us
+    frame = sbus_frame(us, 0)
+    for heard, errors in (
+        (sbus_frame(us, MISSED), 0),
+        (frame, PARITY),
+        (b"\x0e" + frame[1:], 0),
+        (frame[:-1] + b"\x01", 0),
+        (frame[:-1], 0),
+    ):
+        board.send_frames()
+        pilot.simulation.run(0.1)
+        assert pilot.arm().mode == BoardMode.ARMED
+        board.send_frames(on=False)
+        for _ in range(15):
+            board.send_from_receiver(heard, errors)
+            pilot.cycle(1, CRUISE)
+        seen = pilot.telemetry()
+        assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.RC_LOST), heard.hex()
+        assert seen.rc == (0,) * 6
+
+
+def pulses_end_where_the_setup_says(bench: Bench) -> None:
+    low, high = (2000, 2200, 2400), (4000, 3000, 4400)
+    pilot = bench.pilot()
+    pilot.simulation.set_contactor(closed=False)
+    pilot.get_ready(Setup(pulse_low=low, pulse_high=high))
+    pilot.zero_us = (1000.0, 1100.0, 1200.0)
+    pilot.simulation.set_contactor(closed=True)
+    pilot.simulation.run(HOLD_S)
+    assert pilot.arm().mode == BoardMode.ARMED
+    for throttle, pulses_us in (
+        (ZERO, (1000, 1100, 1200)),
+        ((3000, 3000, 3000), (1500, 1300, 1700)),
+        ((4000, 4000, 4000), (2000, 1500, 2200)),
+        (ZERO, (1000, 1100, 1200)),
+    ):
+        pilot.drive(0.1, throttle=throttle)
+        assert pilot.simulation.pulses_us() == pytest.approx(pulses_us, abs=0.6)
+
+
+def zero_throttle_changes_without_power_only(bench: Bench) -> None:
+    pilot = bench.pilot().get_ready()
+    setup = Setup(pulse_low=(2000, 2000, 2100))
+    assert pilot.set_up(setup) == 7
+    pilot.simulation.run(0.1)
+    assert max(pilot.simulation.pulses_us()) < 1001.0
+    pilot.simulation.set_contactor(closed=False)
+    pilot.simulation.run(0.3)
+    assert pilot.set_up(setup) == 0
+    pilot.zero_us = (1000.0, 1000.0, 1050.0)
+    pilot.simulation.run(0.1)
+    assert pilot.simulation.pulses_us()[2] == pytest.approx(1050.0, abs=0.6)
+
+
 def the_radio_control_takes_over_and_gives_back(bench: Bench) -> None:
     pilot = bench.pilot(receiver=True).get_driving()
     pilot.simulation.set_switches(manual=True)
@@ -546,6 +706,8 @@ def power_makes_a_new_start(bench: Bench) -> None:
 
 def questions_are_answered_at_once(bench: Bench) -> None:
     pilot = bench.pilot()
+    for servo in pilot.simulation.servos:
+        servo.dead = True  # Answers of servos take their time too, on the chip.
     pilot.simulation.run(0.1)
     for _ in range(20):
         pilot.simulation.board.receive()

@@ -71,6 +71,7 @@ _LIMITS = {
     "max_command_age_s": 0.25,
     "stop_allowance_m": 0.3,
     "applied": 1.0,
+    "reason": "",
 }
 _STATUS: dict[str, Any] = {
     "mode": "disarmed",

@@ -36,7 +36,7 @@ def _pin(sheet: Sheet, at: Point, words: str, *, left: bool) -> None:
 
 def _board(sheet: Sheet) -> None:
     _thing(sheet, (330, 90), (230, 318), "Arduino Mega 2560", "firmware/; RESET-EN cut")
-    for y, words in ((170, "USB"), (230, "A8 to A13"), (330, "A0"), (360, "A1"), (395, "GND")):
+    for y, words in ((170, "USB"), (230, "A8 to A13, 15"), (330, "A0"), (360, "A1"), (395, "GND")):
         _pin(sheet, (330, y), words, left=True)
     pins = ((150, "TX1 18"), (170, "RX1 19"), (190, "D22 direction"), (285, "D6"))
     for y, words in (*pins, (310, "D7"), (335, "D8"), (370, "5 V"), (395, "GND")):
@@ -54,7 +54,7 @@ def _receiver(sheet: Sheet) -> None:
     _thing(sheet, (30, 225), (180, 76), "RC receiver", "six channels, 5 V")
     sheet.text((120, 285), "kill switch, manual", size=11, colour=RED, halo=False)
     sheet.line([(210, 230), (326, 230)], colour=GREEN, width=2)
-    sheet.text((268, 222), "6 × pulse", size=11, colour=GREEN)
+    sheet.text((268, 222), "6 × pulse or SBUS", size=11, colour=GREEN)
 
 
 def _servos(sheet: Sheet) -> None:

@@ -1,5 +1,5 @@
-"""Fault detection: saturation of commands, missing joint measurements, following errors, suspect
-actuators.
+"""Fault detection: saturation of commands, a low battery, missing joint measurements, following
+errors, suspect actuators.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from tsd_twin.control.state_estimator import NEUTRAL_RAD, StateEstimator
 from tsd_twin.lie import Array
 from tsd_twin.messages.requests import Event
 from tsd_twin.messages.status import ConsistencyStatus
+from tsd_twin.robots.description import Battery
 from tsd_twin.safety import ARMED, Mode, SafetySupervisor
 
 _SATURATION_REPORT_S = 0.5
@@ -47,6 +48,51 @@ class SaturationMonitor:
             rule="limits of speed, turn rate and tilt",
             robot_s=now_s,
         )
+
+
+_LOW_S = 1.0
+"""A motor that starts pulls the voltage down for less; the board waits as long, too."""
+_CHARGED_V = 0.3
+"""A battery rises by this when its load is gone, and is as low as before."""
+
+
+class BatteryMonitor:
+    """Share of the speed limits that the battery allows: less once it was low for a while.
+
+    It rises again only while the robot is disarmed: no robot gets faster while it is driven. A
+    voltage that is not measured, None or NaN, changes nothing.
+    """
+
+    def __init__(self, battery: Battery) -> None:
+        self.share = 1.0
+        """Share of the limits of speed and turn rate."""
+        self.reason = ""
+        """Reason why it is less than 1; else empty."""
+        self._battery = battery
+        self._low_since_s: float | None = None
+
+    def step(self, volts: float | None, now_s: float, *, armed: bool) -> Event | None:
+        """Update with a voltage; return an event when the limits change, or None."""
+        warn_v = self._battery.warn_v
+        if volts is None or math.isnan(volts):
+            return None
+        if volts >= warn_v:
+            self._low_since_s = None
+            if not self.reason or armed or volts <= warn_v + _CHARGED_V:
+                return None
+            self.share, self.reason = 1.0, ""
+            return self._event(f"The battery has {volts:.1f} V: the robot drives as usual.", now_s)
+        self._low_since_s = now_s if self._low_since_s is None else self._low_since_s
+        if self.reason or now_s - self._low_since_s < _LOW_S:
+            return None
+        self.share = self._battery.low_speed_share
+        self.reason = f"the battery is low: below {warn_v:g} V"
+        percent = f"{100.0 * self.share:.0f} %"
+        return self._event(f"T{self.reason[1:]}. The speed limit is {percent} of the usual.", now_s)
+
+    @staticmethod
+    def _event(text: str, now_s: float) -> Event:
+        return Event("battery", text, rule="limits with a low battery", robot_s=now_s)
 
 
 def _largest(twist: Array) -> float:

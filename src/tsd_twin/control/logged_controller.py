@@ -77,6 +77,7 @@ class StepCall(msgspec.Struct, frozen=True, array_like=True, tag="step"):
     """Pose, (3,) or of a sphere (4,), and twist (3,), afterwards."""
     others: int = 0
     """CRC-32 of the covariances of pose and twist, and of the second estimate if there is one."""
+    battery_v: float | None = None
 
 
 class StatusCall(msgspec.Struct, frozen=True, array_like=True, tag="status"):
@@ -255,15 +256,29 @@ class LoggedController(RobotController):
         super().__init__(robot, self._lease_ids, pose=pose)
 
     def step(
-        self, now_s: float, measured: Array | None, samples: Sequence[Sample], fault: str = ""
+        self,
+        now_s: float,
+        measured: Array | None,
+        samples: Sequence[Sample],
+        fault: str = "",
+        battery_v: float | None = None,
     ) -> Array:
         """Run one period, as `RobotController.step`."""
-        setpoint = super().step(now_s, measured, samples, fault)
+        setpoint = super().step(now_s, measured, samples, fault, battery_v)
         if self.logs:
             estimate, others = estimate_numbers(self)
             raw = None if measured is None else np.asarray(measured, dtype="<f8").tobytes()
             self._calls.append(
-                StepCall(now_s, raw, list(samples), fault, setpoint.tobytes(), estimate, others)
+                StepCall(
+                    now_s,
+                    raw,
+                    list(samples),
+                    fault,
+                    setpoint.tobytes(),
+                    estimate,
+                    others,
+                    battery_v,
+                )
             )
         return setpoint
 

@@ -13,7 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from tsd_twin.control.faults import FaultReporter, JointFaultMonitor, SaturationMonitor
+from tsd_twin.control.faults import (
+    BatteryMonitor,
+    FaultReporter,
+    JointFaultMonitor,
+    SaturationMonitor,
+)
 from tsd_twin.control.services import POSE_CODECS, ServiceHandler
 from tsd_twin.control.state_estimator import StateEstimator
 from tsd_twin.control.wheel_speed import WheelSpeedController
@@ -87,17 +92,21 @@ def command_status(supervisor: SafetySupervisor, now_s: float) -> CommandStatus:
     )
 
 
-def limit_status(robot: RobotDescription, lease: Lease | None, applied: float) -> LimitStatus:
+def limit_status(
+    robot: RobotDescription, lease: Lease | None, applied: float, battery: BatteryMonitor
+) -> LimitStatus:
     """Limits under a `lease`, or under that of a default request; `applied` is a share."""
     limits = robot.limits
     max_age_s = lease.max_age_s if lease else limits.max_command_age_s
     cap_mps = lease.speed_cap_mps if lease else speed_cap_mps(robot, max_age_s)
+    cap_mps = min(cap_mps, battery.share * limits.speed_mps)
     return LimitStatus(
         speed_mps=cap_mps,
         turn_rate_rad_per_s=limits.turn_rate_rad_per_s * cap_mps / limits.speed_mps,
         max_command_age_s=max_age_s,
         stop_allowance_m=limits.stop_allowance_m,
         applied=round(applied, 3),
+        reason=battery.reason,
     )
 
 
@@ -134,6 +143,7 @@ class RobotController:
         self._components = np.array(self.kinematics.twist_axes)
         self._now_s = -math.inf
         self._saturation = SaturationMonitor()
+        self._battery = BatteryMonitor(robot.battery)
         self._faults = JointFaultMonitor(self._estimator)
         self._fault_reporter = FaultReporter()
         self._events: list[Event] = []
@@ -150,14 +160,20 @@ class RobotController:
     # The control loop.
 
     def step(
-        self, now_s: float, measured: Array | None, samples: Sequence[Sample], fault: str = ""
+        self,
+        now_s: float,
+        measured: Array | None,
+        samples: Sequence[Sample],
+        fault: str = "",
+        battery_v: float | None = None,
     ) -> Array:
         """Set-point (n,) for the period that begins at `now_s`.
 
         `measured` (n + s,) are the joints and then the sensors of the robot, NaN where a number is
         not measured; None when there is no measurement. `samples` are all that arrived on the
         command key since the last step.
-        `fault` is the fault that the controller board reports, "" if there is none.
+        `fault` is the fault that the controller board reports, "" if there is none, and `battery_v`
+        the voltage of the battery, None if it is not measured.
         """
         dt_s = now_s - self._now_s if math.isfinite(self._now_s) else 0.01
         self._now_s = now_s
@@ -167,6 +183,8 @@ class RobotController:
         for sample in samples:
             self.supervisor.receive(sample, now_s)
         self.supervisor.step(self._supervisor_inputs(now_s, fault), now_s)
+        armed = self.supervisor.mode in ARMED
+        self._add_event(self._battery.step(battery_v, now_s, armed=armed))
         self._update_wheel_speed(now_s, max(dt_s, 0.0))
         self._command(now_s, max(dt_s, 0.0))
         return self.setpoint
@@ -217,7 +235,7 @@ class RobotController:
             if supervisor.command is not None and lease is not None:
                 request = self._request()
                 share = lease.speed_cap_mps / self.robot.limits.speed_mps
-                goal = self._cap(request, share)
+                goal = self._cap(request, min(share, self._battery.share))
             if dt_s > 0.0:
                 # After a delayed period the speed must not rise in one step; it may fall in one,
                 # since the robot has kept driving meanwhile.
@@ -313,7 +331,7 @@ class RobotController:
             lease=lease_status(supervisor, lease, now_s),
             refusals=self._services.refusals(now_s),
             command=command_status(supervisor, now_s),
-            limits=limit_status(self.robot, lease, self._saturation.share),
+            limits=limit_status(self.robot, lease, self._saturation.share, self._battery),
             consistency=consistency,
             wheel_speed=self._wheel_speed.status(float(self.joints[self._wheels].mean())),
             pose_sensor=self._estimator.pose_sensor.status(now_s),

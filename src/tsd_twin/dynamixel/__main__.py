@@ -18,6 +18,7 @@ from tsd_twin.dynamixel.control_table import (
     Block,
     BoardMode,
     Item,
+    ReceiverKind,
     Refusal,
     ResetCause,
     Trip,
@@ -41,8 +42,11 @@ _CONSTANTS = (
     "SERVOS",
     "ESCS",
     "RC_CHANNELS",
+    "RECEIVER_CHANNELS",
     "STICKS",
 )
+_CODES: tuple[type[IntEnum], ...] = (BoardMode, Trip, Refusal, ReceiverKind)
+_C_NAMES: dict[type[IntEnum], str] = {BoardMode: "BOARD", ReceiverKind: "RECEIVER"}
 _THROTTLES = ("ZERO_THROTTLE", "FULL_THROTTLE")
 
 
@@ -70,7 +74,7 @@ def header() -> str:
         f"#define CT_SIZE {TABLE_SIZE}",
         "",
     ]
-    for codes in (BoardMode, Trip, Refusal):
+    for codes in _CODES:
         lines += [f"typedef enum {{  // {codes.__doc__}"]
         lines += [f"  {_c_name(codes)}_{code.name} = {code.value}," for code in codes]
         lines += [f"}} {_c_name(codes).lower()}_code_t;", ""]
@@ -145,14 +149,14 @@ def page() -> str:
                 f"| {item.default} | {limits} | {item.doc} |"
             ]
     lines += ["", "## Codes"]
-    for codes in (BoardMode, Trip, Refusal, ResetCause):
+    for codes in (*_CODES, ResetCause):
         lines += ["", f"`{codes.__name__}`: "]
         lines[-1] += ", ".join(f"{c.value} {c.name}" for c in codes) + "."
     return "\n".join([*lines, ""])
 
 
 def _c_name(codes: type[IntEnum]) -> str:
-    return "BOARD" if codes is BoardMode else codes.__name__.upper()
+    return _C_NAMES.get(codes, codes.__name__.upper())
 
 
 def _macro(name: str, rows: list[tuple[Block, Item]], limited: bool) -> list[str]:

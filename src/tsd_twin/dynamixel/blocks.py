@@ -18,9 +18,9 @@ class Identity(Packed):
 
     model: int = 2014
     """Kind of board."""
-    fw: int = 2
+    fw: int = 3
     """Version of the firmware, as a ping answers it."""
-    table_version: int = 2
+    table_version: int = 3
     """Version of this table."""
     id: int = 200
     """Id on the wire."""
@@ -43,7 +43,7 @@ class Setup(Packed):
     """Parameters of the robot; kept without power. Written as a whole, 2 s after a throttle."""
 
     ADDRESS: ClassVar[int] = 21
-    LAYOUT: ClassVar[Struct] = Struct("<6HBHBHHHB4H4H4HB")
+    LAYOUT: ClassVar[Struct] = Struct("<6HBHBHHHB4H4H4HBBI3H3H")
 
     neutral: tuple[int, ...] = (2048,) * 6
     """Servo position of neutral [step]."""
@@ -69,13 +69,23 @@ class Setup(Packed):
     """At the high end [us]."""
     stick_dead: int = 20
     """Dead band at the centre, and at both ends [us]."""
+    receiver_kind: int = 0
+    """What the receiver sends: `ReceiverKind`."""
+    receiver_map: int = 5517840
+    """Channel of forward, left, turn, speed, kill, manual: 4 bits each, from the lowest."""
+    pulse_low: tuple[int, ...] = (2000,) * 3
+    """Pulse of zero throttle of each speed controller; another only without power at them [0.5
+    us].
+    """
+    pulse_high: tuple[int, ...] = (4000,) * 3
+    """Of full throttle [0.5 us]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Command(Packed):
     """Joint commands: one WRITE of the whole block in each cycle; a partial one is error 5."""
 
-    ADDRESS: ClassVar[int] = 69
+    ADDRESS: ClassVar[int] = 86
     LAYOUT: ClassVar[Struct] = Struct("<HBB3H6h2H")
 
     heartbeat: int = 0
@@ -87,7 +97,9 @@ class Command(Packed):
     torque: int = 1
     """0 switches servo torque off, while disarmed only."""
     throttle: tuple[int, ...] = (2000,) * 3
-    """Pulse to each speed controller; put out while armed [0.5 us]."""
+    """Of each speed controller, from `pulse_low` at 2000 to `pulse_high` at 4000; put out while
+    armed.
+    """
     goal: tuple[int, ...] = (0,) * 6
     """Gimbals from neutral: alpha and beta of module 1, then 2, then 3; obeyed while armed
     [step].
@@ -100,8 +112,8 @@ class Command(Packed):
 class Telemetry(Packed):
     """Measurements and states: one READ in each cycle."""
 
-    ADDRESS: ClassVar[int] = 95
-    LAYOUT: ClassVar[Struct] = Struct("<IBBBBH2HBBBBBBB3H6h6h6h6B6B6HHHHHHHHHH")
+    ADDRESS: ClassVar[int] = 112
+    LAYOUT: ClassVar[Struct] = Struct("<IBBBBH2HBBBBBBBBBBBI3H6h6h6h6B6B6HHHHHHHHHH")
 
     millis: int = 0
     """Since the reset [ms]."""
@@ -135,8 +147,18 @@ class Telemetry(Packed):
     """Bit i: servo i speaks Protocol 2.0, else 1.0."""
     servo_fault: int = 0
     """Bit i: servo i reports a hardware error."""
+    servo_torque: int = 0
+    """Bit i: servo i said within the last 150 ms that it holds."""
+    servo_checked: int = 0
+    """Bit i: all settings of servo i are as they must be."""
+    wrong_servo: int = 0
+    """Id of a servo with a setting that is not, the next two say which; 0: none."""
+    wrong_register: int = 0
+    """Its address in the table of the servo."""
+    wrong_value: int = 0
+    """What it is there."""
     throttle_out: tuple[int, ...] = (2000,) * 3
-    """Pulse that is put out [0.5 us]."""
+    """Throttle that is put out."""
     position: tuple[int, ...] = (0,) * 6
     """Gimbals from neutral [step]."""
     velocity: tuple[int, ...] = (0,) * 6
@@ -167,3 +189,14 @@ class Telemetry(Packed):
     """Times that the board disarmed itself since power came."""
     resets: int = 0
     """Resets since power came."""
+
+
+@dataclass(frozen=True, slots=True)
+class Radio(Packed):
+    """All that receivers of either kind send: for their set-up."""
+
+    ADDRESS: ClassVar[int] = 225
+    LAYOUT: ClassVar[Struct] = Struct("<22H")
+
+    channel: tuple[int, ...] = (0,) * 22
+    """The channels of a frame, then the pulses of the wires; 0: none [us]."""

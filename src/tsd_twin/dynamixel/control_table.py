@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import Literal
 
-TABLE_VERSION = 2
-FW_VERSION = 2
+TABLE_VERSION = 3
+FW_VERSION = 3
 MODEL = 2014
 """What a ping answers; the year of the thesis."""
 BOARD_ID = 200
@@ -20,12 +20,14 @@ BOARD_ID = 200
 SERVOS = 6
 ESCS = 3
 RC_CHANNELS = 6
+RECEIVER_CHANNELS = 16
+"""Of a receiver with SBUS."""
 STICKS = 4
 """The first four channels: forward, left, turn, speed."""
 RC_US = (800, 2200)
 """Pulses of a receiver, at the least and at the most."""
 ZERO_THROTTLE = 2000
-"""In half microseconds."""
+"""In half microseconds, for a speed controller whose pulses end at 1000 and 2000 us."""
 FULL_THROTTLE = 4000
 
 Type = Literal["u8", "u16", "u32", "i16"]
@@ -132,6 +134,24 @@ SETUP = Block(
         Item("stick_centre", "u16", "At rest; of the speed unused.", 1500, RC_US, "us", STICKS),
         Item("stick_high", "u16", "At the high end.", 1900, RC_US, "us", STICKS),
         Item("stick_dead", "u8", "Dead band at the centre, and at both ends.", 20, (0, 100), "us"),
+        Item("receiver_kind", "u8", "What the receiver sends: `ReceiverKind`.", 0, (0, 1)),
+        Item(
+            "receiver_map",
+            "u32",
+            "Channel of forward, left, turn, speed, kill, manual: 4 bits each, from the lowest.",
+            0x543210,
+            (0, 0xFFFFFF),
+        ),
+        Item(
+            "pulse_low",
+            "u16",
+            "Pulse of zero throttle of each speed controller; another only without power at them.",
+            ZERO_THROTTLE,
+            (ZERO_THROTTLE, 2400),
+            "0.5 us",
+            ESCS,
+        ),
+        Item("pulse_high", "u16", "Of full throttle.", 4000, (3000, 4400), "0.5 us", ESCS),
     ),
 )
 
@@ -159,10 +179,11 @@ COMMAND = Block(
         Item(
             "throttle",
             "u16",
-            "Pulse to each speed controller; put out while armed.",
+            "Of each speed controller, from `pulse_low` at 2000 to `pulse_high` at 4000; put out "
+            "while armed.",
             ZERO_THROTTLE,
             (ZERO_THROTTLE, FULL_THROTTLE),
-            "0.5 us",
+            "",
             ESCS,
         ),
         Item(
@@ -215,7 +236,16 @@ TELEMETRY = Block(
         Item("servo_alive", "u8", "Bit i: servo i answered within the last 50 ms."),
         Item("servo_protocol", "u8", "Bit i: servo i speaks Protocol 2.0, else 1.0."),
         Item("servo_fault", "u8", "Bit i: servo i reports a hardware error."),
-        Item("throttle_out", "u16", "Pulse that is put out.", ZERO_THROTTLE, None, "0.5 us", ESCS),
+        Item("servo_torque", "u8", "Bit i: servo i said within the last 150 ms that it holds."),
+        Item("servo_checked", "u8", "Bit i: all settings of servo i are as they must be."),
+        Item(
+            "wrong_servo",
+            "u8",
+            "Id of a servo with a setting that is not, the next two say which; 0: none.",
+        ),
+        Item("wrong_register", "u8", "Its address in the table of the servo."),
+        Item("wrong_value", "u32", "What it is there."),
+        Item("throttle_out", "u16", "Throttle that is put out.", ZERO_THROTTLE, None, "", ESCS),
         Item("position", "i16", "Gimbals from neutral.", 0, None, "step", SERVOS),
         Item("velocity", "i16", "Gimbals.", 0, None, "step/s", SERVOS),
         Item("current", "i16", "Of the servos.", 0, None, "mA", SERVOS),
@@ -242,7 +272,24 @@ TELEMETRY = Block(
     ),
 )
 
-BLOCKS = (IDENTITY, SETUP, COMMAND, TELEMETRY)
+RADIO = Block(
+    "radio",
+    "r",
+    "All that receivers of either kind send: for their set-up.",
+    (
+        Item(
+            "channel",
+            "u16",
+            "The channels of a frame, then the pulses of the wires; 0: none.",
+            0,
+            None,
+            "us",
+            RECEIVER_CHANNELS + RC_CHANNELS,
+        ),
+    ),
+)
+
+BLOCKS = (IDENTITY, SETUP, COMMAND, TELEMETRY, RADIO)
 
 
 def addresses() -> dict[str, int]:
@@ -292,6 +339,8 @@ class Trip(IntEnum):
     """The speed controllers lost their power: the stop circuit opened."""
     BATTERY = 8
     """The battery was below `battery_stop_mv` for 1 s."""
+    TORQUE = 9
+    """A servo of `servos_expected` does not hold: its torque was switched off, or it restarted."""
 
 
 class Refusal(IntEnum):
@@ -321,6 +370,10 @@ class Refusal(IntEnum):
     """The battery is below `battery_arm_mv`."""
     RECEIVER = 11
     """A receiver is expected, or was there, and a channel has no pulses."""
+    SETTING = 12
+    """A setting of a servo of `servos_expected` is not as it must be, or not read yet."""
+    TORQUE = 13
+    """A servo of `servos_expected` does not hold."""
 
 
 class ResetCause(IntFlag):
@@ -330,6 +383,15 @@ class ResetCause(IntFlag):
     EXTERNAL = 2
     BROWN_OUT = 4
     WATCHDOG = 8
+
+
+class ReceiverKind(IntEnum):
+    """What the receiver of the radio control sends."""
+
+    PULSES = 0
+    """A wire for each of six channels."""
+    SBUS = 1
+    """One wire, with frames of 16 channels."""
 
 
 class RcChannel(IntEnum):

@@ -30,6 +30,7 @@ _BOOT_S = 4.0
 _RUN_DOWN_S = 3.0
 """The board refuses to be set up for 2 s after the last throttle."""
 _AGAIN_S = 0.1
+_ZERO_MOVES = "it takes another zero throttle only while the speed controllers have no power"
 _TRY_S = 0.3
 _TRIES = 3
 
@@ -90,6 +91,7 @@ def _write_setup(transport: SerialTransport, setup: Setup) -> None:
         if error != Fault.ACCESS or time.monotonic() > end_s:
             raise HardwareError(
                 f"the controller board at {transport.name} refuses its set-up: error {error}"
+                + ("; open the contactor: " + _ZERO_MOVES if error == Fault.ACCESS else "")
             )
         time.sleep(_AGAIN_S)
 
@@ -137,6 +139,7 @@ TRIPS: dict[int, str] = {
     Trip.SERVO: "a servo does not answer or has an error",
     Trip.WATCHDOG: "its firmware hung and was restarted",
     Trip.BATTERY: "the battery is empty",
+    Trip.TORQUE: "a servo lost its torque",
     Trip.DRIVE: "the stop circuit opened: the speed controllers lost their power",
 }
 REFUSALS: dict[int, str] = {
@@ -151,6 +154,8 @@ REFUSALS: dict[int, str] = {
     Refusal.RC: "the radio control has the robot",
     Refusal.SETUP: "its set-up was not written: neutral positions are unknown",
     Refusal.BATTERY: "the battery is too low",
+    Refusal.SETTING: "a setting of a servo is not as it must be, or not read yet",
+    Refusal.TORQUE: "a servo has no torque",
     Refusal.DRIVE: "the speed controllers have no power: the stop circuit is open",
 }
 

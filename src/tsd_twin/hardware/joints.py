@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Protocol
+from typing import Annotated, Literal, Protocol
 
 import msgspec
 import numpy as np
@@ -17,7 +17,9 @@ from msgspec import Meta
 from tsd_twin.dynamixel.control_table import (
     ESCS,
     FULL_THROTTLE,
+    RC_CHANNELS,
     RC_US,
+    RECEIVER_CHANNELS,
     SERVOS,
     ZERO_THROTTLE,
 )
@@ -51,15 +53,57 @@ CENTRE = 2048
 
 _Pulse = Annotated[int, Meta(ge=RC_US[0], le=RC_US[1])]
 _Pulses = tuple[_Pulse, _Pulse, _Pulse, _Pulse]
+_Channel = Annotated[int, Meta(ge=1, le=RECEIVER_CHANNELS)]
+LOW_US, HIGH_US = (1000.0, 1200.0), (1500.0, 2200.0)
+"""What the board takes for zero and for full throttle."""
+_Low = Annotated[float, Meta(ge=LOW_US[0], le=LOW_US[1])]
+_High = Annotated[float, Meta(ge=HIGH_US[0], le=HIGH_US[1])]
 
 
 class Receiver(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """`[receiver]` of a calibration: there is one, whose sticks end and rest at these pulses."""
 
+    kind: Literal["pulses", "sbus"] = "pulses"
+    """A wire for each of six channels, or one with frames of sixteen."""
+    channels: tuple[_Channel, _Channel, _Channel, _Channel, _Channel, _Channel] = (1, 2, 3, 4, 5, 6)
+    """Forward, left, turn, speed, kill, manual; the first is 1."""
     low_us: _Pulses = (1100, 1100, 1100, 1100)
     """Forward, left, turn, speed."""
     centre_us: _Pulses = (1500, 1500, 1500, 1500)
     high_us: _Pulses = (1900, 1900, 1900, 1900)
+    dead_us: Annotated[int, Meta(ge=0, le=100)] = 20
+    """Dead band at the centre, and at both ends."""
+
+    def __post_init__(self) -> None:
+        """Check the map of channels.
+
+        Raises:
+            ValueError: two functions have the same channel, or there is no such wire.
+        """
+        if len(set(self.channels)) < len(self.channels):
+            raise ValueError("two functions of the radio control have the same channel")
+        if self.kind == "pulses" and max(self.channels) > RC_CHANNELS:
+            raise ValueError(f"a receiver with a wire for each channel has {RC_CHANNELS}")
+
+    @property
+    def map(self) -> int:
+        """Channels as the control table has them: four bits each, counted from 0."""
+        return sum((channel - 1) << 4 * i for i, channel in enumerate(self.channels))
+
+
+class SpeedControllers(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """`[speed_controllers]` of a calibration: pulses of zero and of full throttle of each."""
+
+    low_us: tuple[_Low, _Low, _Low] = (1000.0, 1000.0, 1000.0)
+    high_us: tuple[_High, _High, _High] = (2000.0, 2000.0, 2000.0)
+
+    def pulses_us(self, throttles: Sequence[int]) -> list[float]:
+        """Pulses that the board puts out for throttles."""
+        span = FULL_THROTTLE - ZERO_THROTTLE
+        return [
+            low + (throttle - ZERO_THROTTLE) / span * (high - low)
+            for low, high, throttle in zip(self.low_us, self.high_us, throttles, strict=True)
+        ]
 
 
 class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -73,6 +117,7 @@ class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Voltage of the bandgap of the board's chip, which its voltages are measured against."""
     receiver: Receiver | None = None
     """The receiver of a radio control; without it, none is expected."""
+    speed_controllers: SpeedControllers = SpeedControllers()
 
     @staticmethod
     def read(file: str) -> ServoCalibration:
@@ -129,7 +174,8 @@ class JointConverter:
         """Assign the joints of a robot to servos and speed controllers.
 
         Raises:
-            HardwareError: the board has not enough servos or speed controllers for it.
+            HardwareError: the board has not enough servos or speed controllers for it, or another
+            pulse for zero throttle.
         """
         drive = robot.kinematics()
         angles = np.array([joint.kind is JointKind.POSITION for joint in drive.joints])
@@ -140,6 +186,14 @@ class JointConverter:
                 f"the board has {SERVOS} servos and {ESCS} speed controllers"
             )
         self._throttle = throttle
+        zero_us = float(throttle.pulse_us(throttle.signal(np.zeros(len(self._wheels)))).max())
+        if _PULSES_PER_US * zero_us > ZERO_THROTTLE + 1.0:
+            raise HardwareError(
+                f"{robot.name} has zero throttle at {zero_us:g} us (motor.pulse_low_us), the board "
+                f"at {ZERO_THROTTLE / _PULSES_PER_US:g} us, also while it starts: for speed "
+                "controllers that run both ways that is full reverse, and they cannot be used; set "
+                "them to one direction"
+            )
         self._offsets = robot.actuator_offsets()
         self._step_rad = 2.0 * math.pi / robot.servo.steps_per_turn
         self.count = len(drive.joints)

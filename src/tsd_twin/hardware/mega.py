@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +19,7 @@ from tsd_twin.dynamixel.control_table import (
     ZERO_THROTTLE,
     BoardMode,
     RcChannel,
+    ReceiverKind,
     Refusal,
 )
 from tsd_twin.dynamixel.packets import Status, protocol2
@@ -49,6 +51,7 @@ from tsd_twin.hardware.serial_transport import (
     chip_warning,
     connection_fault,
 )
+from tsd_twin.hardware.servo_settings import NO_TORQUE, wrong_setting
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.robots.description import Battery
@@ -121,6 +124,11 @@ class ControllerBoard:
             stick_low=sticks.low_us,
             stick_centre=sticks.centre_us,
             stick_high=sticks.high_us,
+            stick_dead=sticks.dead_us,
+            receiver_kind=ReceiverKind[sticks.kind.upper()],
+            receiver_map=sticks.map,
+            pulse_low=_half_us(calibration.speed_controllers.low_us),
+            pulse_high=_half_us(calibration.speed_controllers.high_us),
         )
         self.receiver_expected = calibration.receiver is not None
 
@@ -226,6 +234,10 @@ class ControllerBoard:
         )
 
 
+def _half_us(pulses_us: Sequence[float]) -> tuple[int, ...]:
+    return tuple(round(2.0 * pulse_us) for pulse_us in pulses_us)
+
+
 def _telemetry(answers: list[Status]) -> Telemetry | None:
     """Telemetry if the responses are those of one write and one read."""
     if [len(answer.data) for answer in answers] != [0, Telemetry.LAYOUT.size]:
@@ -284,6 +296,7 @@ class MegaHardware:
         self._board = ControllerBoard(
             self._joints, calibration, robot.battery, servos=servos, baud=baud
         )
+        self._speed_controllers = calibration.speed_controllers
         self._expected = self._joints.servos if servos else 0
         self._arm_mv = round(1000.0 * robot.battery.arm_v)
         self._heartbeat = Heartbeat(False, 0)
@@ -319,6 +332,13 @@ class MegaHardware:
         fault = connection_fault(self._board, report and report.heard_s, now_s)
         return fault or ("" if report is None else self._board_fault(report.telemetry, report.lost))
 
+    def battery_v(self, now_s: float) -> float | None:
+        """Return the newest voltage of the battery; None while there is none."""
+        report = self._board.report
+        if report is None or now_s - report.heard_s > SILENT_S:
+            return None
+        return report.telemetry.battery_mv / 1000.0
+
     def hardware(self) -> dict[str, Any]:
         """Hardware section of the status, JSON-serializable."""
         board, report = self._board, self._board.report
@@ -339,12 +359,16 @@ class MegaHardware:
     def _board_fault(self, board: Telemetry, lost: str) -> str:
         if board.mode == BoardMode.RC:
             return "the radio control has the robot"
-        if dead := self._expected & ~board.servo_alive:
-            return f"{self._joints.named(dead)}: no answer"
-        if broken := self._expected & board.servo_fault:
-            return f"{self._joints.named(broken)}: hardware error"
+        if servos := self._servo_fault(board):
+            return servos
         if lost:
             return lost
+        if unread := self._expected & ~board.servo_checked:
+            return f"{self._joints.named(unread)}: the settings have not been read yet"
+        return self._arming_obstacle(board)
+
+    def _arming_obstacle(self, board: Telemetry) -> str:
+        """Reason why the board would not arm, apart from its servos; empty without one."""
         if not board.drive_on:
             return REFUSALS[Refusal.DRIVE]
         if board.mode != BoardMode.ARMED and board.battery_mv < self._arm_mv:
@@ -359,6 +383,24 @@ class MegaHardware:
         manual = board.rc[RcChannel.MANUAL] > SWITCH_US
         return "the radio control is switched to manual" if manual else ""
 
+    def _servo_fault(self, board: Telemetry) -> str:
+        """Fault of a servo that the board reports; empty without one."""
+        if dead := self._expected & ~board.servo_alive:
+            return f"{self._joints.named(dead)}: no answer"
+        if broken := self._expected & board.servo_fault:
+            return f"{self._joints.named(broken)}: hardware error"
+        if self._expected & 1 << board.wrong_servo >> 1:
+            return self._wrong_setting(board)
+        if limp := self._expected & board.servo_checked & ~board.servo_torque:
+            return f"{self._joints.named(limp)}: {NO_TORQUE}"
+        return ""
+
+    def _wrong_setting(self, board: Telemetry) -> str:
+        mask = 1 << board.wrong_servo - 1
+        protocol = 2 if board.servo_protocol & mask else 1
+        named = self._joints.named(mask)
+        return wrong_setting(named, protocol, board.wrong_register, board.wrong_value)
+
     def _status(self, board: Telemetry) -> dict[str, Any]:
         status: dict[str, Any] = {
             "board": MODES.get(board.mode, board.mode),
@@ -367,7 +409,7 @@ class MegaHardware:
             "drive_v": round(board.drive_mv / 1000.0, 2),
             "supply_v": round(board.supply_mv / 1000.0, 2),
             "esc_armed": bool(board.esc_ready),
-            "pulse_us": [pulse / 2.0 for pulse in board.throttle_out],
+            "pulse_us": self._speed_controllers.pulses_us(board.throttle_out),
             "rc_us": list(board.rc),
             "counters": {name: getattr(board, name) for name in _COUNTERS},
         }

@@ -1,34 +1,65 @@
-"""Guided set-up of a radio control: end points, rest and fail-safe, for the calibration file."""
+"""Guided set-up of a radio control and of the speed controllers, for the calibration file: kind of
+receiver, channels, end points, rest, dead band and fail-safe; ends of the pulses.
+"""
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Literal
 
-from tsd_twin.dynamixel.blocks import Telemetry
-from tsd_twin.dynamixel.control_table import BOARD_ID, STICKS, SWITCH_US, RcChannel
+import msgspec
+
+from tsd_twin.dynamixel.blocks import Radio, Telemetry
+from tsd_twin.dynamixel.control_table import (
+    BOARD_ID,
+    ESCS,
+    RECEIVER_CHANNELS,
+    STICKS,
+    SWITCH_US,
+    RcChannel,
+)
 from tsd_twin.dynamixel.packets import protocol2
 from tsd_twin.hardware.controller_board import find_board, request_data
-from tsd_twin.hardware.joints import Receiver, ServoCalibration
+from tsd_twin.hardware.joints import (
+    HIGH_US,
+    LOW_US,
+    Receiver,
+    ServoCalibration,
+    SpeedControllers,
+)
 from tsd_twin.hardware.serial_transport import HardwareError, SerialTransport
 
 _LOOK_S = 0.5
-"""Time for which pulses are watched that should stand still."""
+"""Time for which channels are watched that should stand still."""
 _MOVE_S = 10.0
 """Time in which a person moves all sticks to their ends."""
 _TRAVEL_US = 150
 """A stick that moves less from its centre was not moved to its end, or is not connected."""
 _STEADY_US = 20
+_DEAD_US = (20, 100)
 _PERIOD_S = 0.02
+_STEPS: dict[RcChannel, tuple[str, bool]] = {
+    RcChannel.FORWARD: ("Hold the stick 'forward' at its front end", True),
+    RcChannel.LEFT: ("Hold the stick 'left' at its left end", True),
+    RcChannel.TURN: ("Hold the stick 'turn' at its left end", True),
+    RcChannel.SPEED: ("Hold the stick 'speed' at full speed", True),
+    RcChannel.KILL: ("All sticks at rest, speed at zero, kill switch at 'kill'", False),
+    RcChannel.MANUAL: ("Kill switch at 'run', manual switch at 'radio control'", True),
+}
+"""What a person does to show the channel of a function, and whether its pulse gets longer."""
 
 Ask = Callable[[str], object]
-"""Shows a step to a person, and returns when it is done."""
+"""Shows a step to a person, and returns what was typed when it is done."""
+Pulses = tuple[int, ...]
+"""Of all channels, microseconds; 0 where there are none."""
 
 
-class PulseWatcher:
-    """Reads the pulses of the receiver from a board, which stays disarmed without commands."""
+class ReceiverWatcher:
+    """Reads all channels of the receiver from a board, which stays disarmed without commands."""
 
     def __init__(self, transport: SerialTransport, baud: int) -> None:
         """Find the board, and disarm it.
@@ -39,88 +70,198 @@ class PulseWatcher:
         self._transport = transport
         find_board(transport, baud)
 
-    def watch(self, seconds: float) -> list[tuple[int, ...]]:
-        """Return the pulses, microseconds, that were seen in a while; 0 where there were none."""
-        end_s = time.monotonic() + seconds
-        found: list[tuple[int, ...]] = []
+    def watch(self, seconds: float) -> list[Pulses]:
+        """Return what both kinds of receiver sent in a while: 16 of SBUS, then six wires.
+
+        Raises:
+            HardwareError: the drive has power: with channels that are not known yet, a stick could
+            be the switch to radio control, and another the speed.
+        """
         size = Telemetry.LAYOUT.size
         request = protocol2.read(BOARD_ID, Telemetry.ADDRESS, size)
+        if Telemetry.unpack(request_data(self._transport, request, size)).drive_on:
+            raise HardwareError("the speed controllers have power: open the contactor first")
+        end_s = time.monotonic() + seconds
+        found: list[Pulses] = []
+        size = Radio.LAYOUT.size
+        request = protocol2.read(BOARD_ID, Radio.ADDRESS, size)
         while time.monotonic() < end_s:
-            found.append(Telemetry.unpack(request_data(self._transport, request, size)).rc)
+            found.append(Radio.unpack(request_data(self._transport, request, size)).channel)
             time.sleep(_PERIOD_S)
         return found
 
 
 def learn_receiver(
-    watch: Callable[[float], Sequence[tuple[int, ...]]], ask: Ask, move_s: float = _MOVE_S
+    watch: Callable[[float], Sequence[Pulses]], ask: Ask, move_s: float = _MOVE_S
 ) -> Receiver:
     """Lead a person through the steps; return what was learned.
 
     Raises:
-        HardwareError: a channel has no pulses, a stick was not moved, or the fail-safe is not set.
+        HardwareError: a channel is not heard, a stick was not moved, or the fail-safe is not set.
     """
     ask(
         "Transmitter on. Sticks at rest, speed at zero, kill switch at 'run', manual switch at "
         "'PC'. Then press Enter."
     )
     rest = watch(_LOOK_S)
-    for channel in RcChannel:
-        pulses = [pulse[channel] for pulse in rest]
-        if not all(pulses):
-            raise HardwareError(f"channel {channel.name.lower()} has no pulses: check its wire")
-        if max(pulses) - min(pulses) > _STEADY_US:
-            raise HardwareError(f"channel {channel.name.lower()} does not stand still")
-    centre = [round(sum(column) / len(rest)) for column in zip(*rest, strict=True)]
-    _check_switches(centre)
-    ask(f"Press Enter, then move all four sticks to both of their ends, for {move_s:.0f} s.")
-    moved = [*rest, *(pulses for pulses in watch(move_s) if all(pulses))]
-    low = [min(column) for column in zip(*moved, strict=True)]
-    high = [max(column) for column in zip(*moved, strict=True)]
-    for channel in list(RcChannel)[:STICKS]:
-        below, above = centre[channel] - low[channel], high[channel] - centre[channel]
-        one_sided = channel is RcChannel.SPEED
-        if above < _TRAVEL_US or (below < _TRAVEL_US and not one_sided):
-            raise HardwareError(
-                f"stick {channel.name.lower()} went from {low[channel]} to {high[channel]} us "
-                f"about {centre[channel]}: move it to both ends, or check its direction"
-            )
+    kind = _kind(rest)
+    wires = slice(RECEIVER_CHANNELS, None) if kind == "pulses" else slice(RECEIVER_CHANNELS)
+    centre = _steady(rest, wires)
+    channels = _learn_channels(lambda: watch(_LOOK_S)[-1][wires], ask, centre)
+    ask(
+        "Manual switch at 'PC'. Press Enter, then move all four sticks to both of their ends, for "
+        f"{move_s:.0f} s."
+    )
+    moved = [pulses[wires] for pulses in (*rest, *watch(move_s))]
+    moved = [pulses for pulses in moved if all(pulses[channel] for channel in channels)]
+    ends = [_ends(moved, channel, centre, name) for name, channel in _sticks(channels)]
+    ask("Let go of the sticks, speed at zero. Then press Enter.")
+    dead_us = _dead_band(watch(_LOOK_S)[-1][wires], channels, centre)
     ask("Transmitter off. Then press Enter.")
-    lost = watch(_LOOK_S)[-1]
-    if lost[RcChannel.KILL] > SWITCH_US:
+    if watch(_LOOK_S)[-1][wires][channels[RcChannel.KILL]] > SWITCH_US:
         raise HardwareError(
             "without its transmitter the receiver goes on with 'run': set its fail-safe to kill"
         )
-    low[RcChannel.SPEED] = max(low[RcChannel.SPEED], centre[RcChannel.SPEED])
-    return Receiver(low_us=_four(low), centre_us=_four(centre), high_us=_four(high))
+    return Receiver(
+        kind=kind,
+        channels=_six([channel + 1 for channel in channels]),
+        low_us=_four([low for low, _ in ends]),
+        centre_us=_four([centre[channel] for channel in channels[:STICKS]]),
+        high_us=_four([high for _, high in ends]),
+        dead_us=dead_us,
+    )
 
 
-def _check_switches(pulses: Sequence[int]) -> None:
-    if pulses[RcChannel.KILL] <= SWITCH_US:
-        raise HardwareError("the kill switch is on, or its channel turned round: 'run' is longer")
-    if pulses[RcChannel.MANUAL] > SWITCH_US:
-        raise HardwareError("the manual switch is on, or its channel turned round: 'PC' is shorter")
+def _kind(rest: Sequence[Pulses]) -> Literal["pulses", "sbus"]:
+    frames = any(any(pulses[:RECEIVER_CHANNELS]) for pulses in rest)
+    wires = any(any(pulses[RECEIVER_CHANNELS:]) for pulses in rest)
+    if frames == wires:
+        raise HardwareError(
+            "two receivers are connected: one with SBUS, one with pulses"
+            if frames
+            else "no receiver is heard: its power, its wires, or the inverter of SBUS"
+        )
+    return "sbus" if frames else "pulses"
 
 
-def _four(pulses: Sequence[int]) -> tuple[int, int, int, int]:
-    forward, left, turn, speed = pulses[:STICKS]
+def _steady(rest: Sequence[Pulses], wires: slice) -> list[int]:
+    columns = list(zip(*(pulses[wires] for pulses in rest), strict=True))
+    for number, column in enumerate(columns, 1):
+        if any(column) and (not all(column) or max(column) - min(column) > _STEADY_US):
+            raise HardwareError(f"channel {number} does not stand still")
+    if sum(map(any, columns)) < len(RcChannel):
+        silent = [str(number) for number, column in enumerate(columns, 1) if not any(column)]
+        raise HardwareError(f"no pulses of channel {', '.join(silent)}: check the wires")
+    return [round(sum(column) / len(column)) for column in columns]
+
+
+def _learn_channels(look: Callable[[], Pulses], ask: Ask, centre: Sequence[int]) -> list[int]:
+    """Return the channel, from 0, that a person moves for each function."""
+    found: list[int] = []
+    for function, (step, longer) in _STEPS.items():
+        ask(f"{step}. Then press Enter.")
+        moves = [new - old if new else 0 for new, old in zip(look(), centre, strict=True)]
+        channel = max(range(len(moves)), key=lambda i: abs(moves[i]))
+        name, move = function.name.lower(), moves[channel]
+        if abs(move) < _TRAVEL_US:
+            raise HardwareError(f"no channel moved for {name}")
+        if (move > 0) != longer:
+            raise HardwareError(f"channel {channel + 1}, {name}, is turned round: reverse it")
+        if channel in found:
+            other = RcChannel(found.index(channel)).name.lower()
+            raise HardwareError(f"channel {channel + 1} moved for {name}, and for {other}")
+        ends = (centre[channel], centre[channel] + move)
+        if function in (RcChannel.KILL, RcChannel.MANUAL) and not min(ends) <= SWITCH_US < max(
+            ends
+        ):
+            raise HardwareError(f"the switch {name} does not pass {SWITCH_US} us")
+        found.append(channel)
+    return found
+
+
+def _sticks(channels: Sequence[int]) -> list[tuple[RcChannel, int]]:
+    return [(RcChannel(i), channel) for i, channel in enumerate(channels[:STICKS])]
+
+
+def _ends(
+    moved: Sequence[Pulses], channel: int, centre: Sequence[int], function: RcChannel
+) -> tuple[int, int]:
+    low, high = min(p[channel] for p in moved), max(p[channel] for p in moved)
+    below, above = centre[channel] - low, high - centre[channel]
+    one_sided = function is RcChannel.SPEED
+    if above < _TRAVEL_US or (below < _TRAVEL_US and not one_sided):
+        raise HardwareError(
+            f"stick {function.name.lower()} went from {low} to {high} us "
+            f"about {centre[channel]}: move it to both ends"
+        )
+    return max(low, centre[channel]) if one_sided else low, high
+
+
+def _dead_band(now: Pulses, channels: Sequence[int], centre: Sequence[int]) -> int:
+    least, most = _DEAD_US
+    off = {function: abs(now[channel] - centre[channel]) for function, channel in _sticks(channels)}
+    worst = max(off, key=lambda function: off[function])
+    if 2 * off[worst] > most:
+        raise HardwareError(
+            f"stick {worst.name.lower()} does not return to its rest: {off[worst]} us beside it"
+        )
+    return max(least, 2 * off[worst])
+
+
+def _four(values: Sequence[int]) -> tuple[int, int, int, int]:
+    forward, left, turn, speed = values
     return forward, left, turn, speed
 
 
-def write_receiver(receiver: Receiver, file: Path) -> None:
-    """Put the receiver into a calibration file, in place of what it had, and keep the rest."""
+def _six(values: Sequence[int]) -> tuple[int, int, int, int, int, int]:
+    forward, left, turn, speed, kill, manual = values
+    return forward, left, turn, speed, kill, manual
+
+
+def learn_pulse_ends(ask: Ask) -> SpeedControllers:
+    """Ask for the pulse ends of the speed controllers, as their manual or calibration has them.
+
+    Raises:
+        HardwareError: they are none.
+    """
+    low_us: list[float] = []
+    high_us: list[float] = []
+    for number in range(1, ESCS + 1):
+        typed = ask(
+            f"Speed controller {number}: pulses of zero and of full throttle in us, then Enter; "
+            "Enter alone for 1000 2000."
+        )
+        try:
+            low, high = map(float, (str(typed or "") or "1000 2000").split())
+        except ValueError as error:
+            raise HardwareError(f"'{typed}' is not two pulses") from error
+        low_us.append(low)
+        high_us.append(high)
+    try:
+        return msgspec.convert({"low_us": low_us, "high_us": high_us}, SpeedControllers)
+    except msgspec.ValidationError as error:
+        raise HardwareError(
+            f"the board puts out {LOW_US[0]:g} to {LOW_US[1]:g} us for zero throttle, and "
+            f"{HIGH_US[0]:g} to {HIGH_US[1]:g} us for full: {error}"
+        ) from error
+
+
+def write_section(name: str, values: msgspec.Struct, file: Path) -> None:
+    """Put a section into a calibration file, in place of what it had, and keep the rest."""
     text = file.read_text(encoding="utf-8") if file.exists() else ""
-    before, found, after = text.partition("[receiver]\n")
+    before, found, after = text.partition(f"[{name}]\n")
     _, following, rest = after.partition("\n[") if found else ("", "", "")
-    rows = [
-        f"{name} = {list(getattr(receiver, name))}\n" for name in ("low_us", "centre_us", "high_us")
-    ]
+    rows = "".join(
+        f"{key} = {json.dumps(value)}\n" for key, value in msgspec.to_builtins(values).items()
+    )
     kept = before if not before or before.endswith("\n\n") else before.rstrip("\n") + "\n\n"
     tail = f"\n[{rest}" if following else ""
-    file.write_text(f"{kept}[receiver]\n{''.join(rows)}{tail}", encoding="utf-8")
+    file.write_text(f"{kept}[{name}]\n{rows}{tail}", encoding="utf-8")
 
 
 def set_up_receiver(port: str, baud: int, file: Path, ask: Ask = input) -> None:
-    """Learn the radio control at the board of a port, and write it into a calibration file.
+    """Learn the radio control at the board of a port and the pulses of the speed controllers, and
+    write them into a calibration file.
 
     Raises:
         HardwareError: the board or the radio control is not as it has to be.
@@ -129,8 +270,10 @@ def set_up_receiver(port: str, baud: int, file: Path, ask: Ask = input) -> None:
         ServoCalibration.read(str(file))
     transport = SerialTransport(port, baud)
     try:
-        receiver = learn_receiver(PulseWatcher(transport, baud).watch, ask)
+        receiver = learn_receiver(ReceiverWatcher(transport, baud).watch, ask)
     finally:
         transport.close()
-    write_receiver(receiver, file)
-    sys.stdout.write(f"{file} has the radio control now\n")
+    ends = learn_pulse_ends(ask)
+    write_section("receiver", receiver, file)
+    write_section("speed_controllers", ends, file)
+    sys.stdout.write(f"{file} has the radio control and the speed controllers now\n")

@@ -6,9 +6,10 @@ Registers of the servos: https://emanual.robotis.com/docs/en/dxl/mx/mx-64-2/
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from struct import Struct
 from typing import Any
 
@@ -25,14 +26,14 @@ from tsd_twin.hardware.serial_transport import (
     SerialTransport,
     connection_fault,
 )
+from tsd_twin.hardware.servo_settings import NO_TORQUE, SETTINGS, wrong_setting
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.safety import Heartbeat
 
+_LOG = logging.getLogger(__name__)
 RETURN_DELAY = 9
 """Units of 2 us between question and answer; 250 as it comes."""
-OPERATING_MODE = 11
-POSITION_MODE = 3
 TORQUE_ENABLE = 64
 """While it is 1, addresses below 64 cannot be written."""
 BUS_WATCHDOG = 98
@@ -80,6 +81,8 @@ _SERVO_TRY_S = 0.1
 _SERVO_TRIES = 3
 _WATCHDOG = 10
 """200 ms: less than the board gives the speed controllers."""
+_TORQUE_CYCLES = 4
+"""Cycles from one question to all servos whether they hold to the next."""
 _FEED_S = 0.5
 """Period at which the watchdogs are set again, in case one expired during a pause."""
 
@@ -93,6 +96,8 @@ class ServoReport:
     faults: int
     """Mask of those that report a hardware error."""
     newest_s: float
+    limp: int = 0
+    """Mask of those whose torque is off."""
 
     def alive(self, now_s: float) -> int:
         """Mask of servos that answered within `ALIVE_S`."""
@@ -122,15 +127,18 @@ class ServoBus:
         self._signs = calibration.signs(joints.names)
         self._rest = np.zeros(joints.count)
         self._fed_s = 0.0
+        self._cycles = 0
 
     def connect(self, transport: SerialTransport) -> None:
-        """Find all servos, and configure those that need it.
+        """Find all servos, check their settings, and configure those that need it.
 
         Raises:
-            HardwareError: one does not answer, or speaks Protocol 1.0; the text names it.
+            HardwareError: one does not answer, speaks Protocol 1.0, or has a setting that is not
+            as it must be; the text names it.
         """
         for device in self._ids:
             self._find(transport, device)
+            self._check_settings(transport, device)
             self._set_up(transport, device)
         self._fed_s = 0.0
         self.disconnect_reason = ""
@@ -153,6 +161,9 @@ class ServoBus:
         answers = transport.request(request, len(self._ids), _ANSWER_S)
         now_s = time.monotonic()
         self._add_responses(answers, now_s)
+        self._cycles += 1
+        if self._cycles % _TORQUE_CYCLES == 0:
+            self._look_at_torque(transport, armed=command.heartbeat.armed)
         self.health.packet_errors.add_cycle(transport.broken > broken, now_s)
         if len(answers) < len(self._ids):
             self.health.add_timeout()
@@ -188,8 +199,26 @@ class ServoBus:
             present = {a.id - 1: Present.unpack(a.data) for a in whole}
             heard_s = dict.fromkeys(present, now_s)
             self.report = ServoReport(
-                {**before.present, **present}, {**before.heard_s, **heard_s}, faults, now_s
+                {**before.present, **present},
+                {**before.heard_s, **heard_s},
+                faults,
+                now_s,
+                before.limp,
             )
+
+    def _look_at_torque(self, transport: SerialTransport, *, armed: bool) -> None:
+        """Ask whether the servos hold; while disarmed, switch those on that do not."""
+        request = protocol2.sync_read(self._ids, TORQUE_ENABLE, 1)
+        limp = self.report.limp if self.report else 0
+        for answer in transport.request(request, len(self._ids), _ANSWER_S):
+            if answer.id in self._ids and len(answer.data) == 1:
+                bit = 1 << answer.id - 1
+                limp = limp & ~bit if answer.data[0] else limp | bit
+        if self.report is not None:
+            self.report = replace(self.report, limp=limp)
+        if limp and not armed:
+            on = {device: b"\x01" for device in self._ids if limp >> device - 1 & 1}
+            transport.request(protocol2.sync_write(TORQUE_ENABLE, on), 0, 0.0)
 
     def _goals(self, setpoint: np.ndarray) -> bytes:
         goals = self._joints.goals(setpoint)
@@ -217,25 +246,41 @@ class ServoBus:
             "has it power, this id and this rate?"
         )
 
+    def _check_settings(self, transport: SerialTransport, device: int) -> None:
+        """Check what must be set once, in the hand of a person: nothing of it is written here.
+
+        Raises:
+            HardwareError: a setting is not as it must be.
+        """
+        for setting in SETTINGS[2]:
+            request = protocol2.read(device, setting.address, setting.size)
+            data = self._request(transport, device, request, setting.size).data
+            if (found := setting.value(data)) != setting.wanted:
+                servo = self._joints.named(1 << device - 1)
+                raise HardwareError(wrong_setting(servo, 2, setting.address, found))
+
     def _set_up(self, transport: SerialTransport, device: int) -> None:
-        wanted = {OPERATING_MODE: POSITION_MODE, RETURN_DELAY: 0}
-        other = {
-            address: value
-            for address, value in wanted.items()
-            if self._request(transport, device, protocol2.read(device, address, 1)).data
-            != bytes([value])
-        }
-        if other:  # Only then: a servo without torque does not hold its gimbal.
+        read = protocol2.read(device, RETURN_DELAY, 1)
+        if (delay := self._request(transport, device, read, 1).data[0]) != 0:
+            # Only then: a servo without torque does not hold its gimbal.
+            servo = self._joints.named(1 << device - 1)
+            _LOG.warning("%s: return delay time is %s, set to 0", servo, delay)
             self._write(transport, device, TORQUE_ENABLE, 0)
-            for address, value in other.items():
-                self._write(transport, device, address, value)
+            self._write(transport, device, RETURN_DELAY, 0)
         self._write(transport, device, BUS_WATCHDOG, 0)
         self._write(transport, device, TORQUE_ENABLE, 1)
 
     def _write(self, transport: SerialTransport, device: int, address: int, value: int) -> None:
         self._request(transport, device, protocol2.write(device, address, bytes([value])))
 
-    def _request(self, transport: SerialTransport, device: int, request: bytes) -> Status:
+    def _request(
+        self, transport: SerialTransport, device: int, request: bytes, size: int = 0
+    ) -> Status:
+        """Return the response with `size` bytes.
+
+        Raises:
+            HardwareError: the servo refuses, or does not answer.
+        """
         for _ in range(_SERVO_TRIES):
             for answer in transport.request(request, 1, _SERVO_TRY_S):
                 if answer.error & ~ALERT:
@@ -243,7 +288,8 @@ class ServoBus:
                         f"{self._joints.named(1 << device - 1)} refuses its set-up: "
                         f"error {answer.error & ~ALERT}"
                     )
-                return answer
+                if len(answer.data) == size:  # Else it belongs to an older request.
+                    return answer
         raise HardwareError(f"{self._joints.named(1 << device - 1)} fell silent")
 
 
@@ -308,6 +354,10 @@ class U2D2Hardware:
         """Fault of the board, the servos or the lines; empty without one."""
         return self._wheels.fault(now_s) or self._servo_fault(now_s)
 
+    def battery_v(self, now_s: float) -> float | None:
+        """Return the newest voltage of the battery; None while there is none."""
+        return self._wheels.battery_v(now_s)
+
     def hardware(self) -> dict[str, Any]:
         """Hardware section of the status, JSON-serializable."""
         status = self._wheels.hardware() | {"kind": "u2d2"}
@@ -330,6 +380,8 @@ class U2D2Hardware:
             return f"{self._joints.named(dead)}: no answer"
         if report.faults:
             return f"{self._joints.named(report.faults)}: hardware error"
+        if report.limp:
+            return f"{self._joints.named(report.limp)}: {NO_TORQUE}"
         return ""
 
     def _status(self, report: ServoReport) -> dict[str, Any]:

@@ -88,6 +88,8 @@ class LimitStatus(msgspec.Struct, frozen=True):
     """Travel within which the robot stops from this speed after any link failure."""
     applied: float = 1.0
     """Share of the requested twist that is applied within the limits."""
+    reason: str = ""
+    """Reason why the limits are lower than usual; else empty."""
 
 
 class ConsistencyStatus(msgspec.Struct, frozen=True):

@@ -2,6 +2,22 @@
 
 from __future__ import annotations
 
-from tsd_twin.node.robot_node import PERIOD_S, HasTruth, HasWatchdog, RobotIO, RobotNode, Truth
+from tsd_twin.node.robot_node import (
+    PERIOD_S,
+    HasBattery,
+    HasTruth,
+    HasWatchdog,
+    RobotIO,
+    RobotNode,
+    Truth,
+)
 
-__all__ = ["PERIOD_S", "HasTruth", "HasWatchdog", "RobotIO", "RobotNode", "Truth"]
+__all__ = [
+    "PERIOD_S",
+    "HasBattery",
+    "HasTruth",
+    "HasWatchdog",
+    "RobotIO",
+    "RobotNode",
+    "Truth",
+]

@@ -72,6 +72,15 @@ class HasWatchdog(Protocol):
         ...
 
 
+@runtime_checkable
+class HasBattery(Protocol):
+    """Hardware that measures its battery."""
+
+    def battery_v(self, now_s: float) -> float | None:
+        """Return the newest voltage of the battery; None while there is none."""
+        ...
+
+
 class Truth(Protocol):
     """True state of a simulated robot."""
 
@@ -302,6 +311,7 @@ class RobotNode:
         self._io = io
         # Looked at once: a look at a protocol takes as long as a message.
         self._watchdog = io if isinstance(io, HasWatchdog) else None
+        self._battery = io if isinstance(io, HasBattery) else None
         self._truth_io = io if isinstance(io, HasTruth) else None
         self._controller = LoggedController(
             robot, lambda: secrets.token_bytes(16), pose=pose, build=build()
@@ -358,7 +368,9 @@ class RobotNode:
         commands = self._commands.take_samples()
         if poses := self._poses.take_samples():
             self._controller.add_pose_measurements(poses, now_s, time.time_ns())
-        self._write(self._controller.step(now_s, measured, commands, self._fault(now_s)), now_s)
+        battery_v = self._battery.battery_v(now_s) if self._battery else None
+        setpoint = self._controller.step(now_s, measured, commands, self._fault(now_s), battery_v)
+        self._write(setpoint, now_s)
         self._publish(now_s, tick, bool(commands), rate)
         self._input_log.step()
 

@@ -109,7 +109,9 @@ class Battery(Table, frozen=True):
 
     nominal_v: Positive
     warn_v: NotNegative = 0.0
-    """Below this, operators are warned; 0 is never, here and below."""
+    """Below this, operators are warned, and the robot drives slowly; 0 is never, here and below."""
+    low_speed_share: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.5
+    """Share of the limits of speed and turn rate that is left below `warn_v`."""
     arm_v: NotNegative = 0.0
     """Below this, the controller board refuses to arm."""
     stop_v: NotNegative = 0.0

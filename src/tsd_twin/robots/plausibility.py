@@ -25,6 +25,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "limits.stop_allowance_m": (0.001, 100.0),
     "battery.nominal_v": (1.0, 1000.0),
     "battery.warn_v": (0.0, 1000.0),
+    "battery.low_speed_share": (0.01, 1.0),
     "battery.arm_v": (0.0, 1000.0),
     "battery.stop_v": (0.0, 1000.0),
     "body.plate_thickness_m": (0.0001, 0.5),

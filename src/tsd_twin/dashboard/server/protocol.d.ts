@@ -40,6 +40,7 @@ interface LimitStatus {
   max_command_age_s: number;
   stop_allowance_m: number;
   applied: number;
+  reason: string;
 }
 
 interface ConsistencyStatus {

@@ -193,7 +193,8 @@ function explainLevel(limits) {
   if (limits === undefined) return what;
   return (
     `${what} 100 % is ${fixed(limits.speed_mps, 2)} m/s, ` +
-    `from which the robot stops within ${fixed(limits.stop_allowance_m, 2)} m if the link fails.`
+    `from which the robot stops within ${fixed(limits.stop_allowance_m, 2)} m if the link fails.` +
+    (limits.reason ? ` Slower than usual: ${limits.reason}.` : "")
   );
 }
 

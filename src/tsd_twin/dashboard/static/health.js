@@ -142,7 +142,7 @@ function sections(link, { status, age_ms: age, robot_ms: robot, shadow }) {
     Control: {
       holder: lease.holder ?? "none",
       "lease ends in": lease.holder === null ? "–" : `${fixed(lease.remaining_s, 1)} s`,
-      "speed limit": `${fixed(limits.speed_mps, 2)} m/s`,
+      "speed limit": `${fixed(limits.speed_mps, 2)} m/s${limits.reason ? `: ${limits.reason}` : ""}`,
       "applied of the command": `${fixed(100 * limits.applied, 0)} %`,
       "permitted command age": milliseconds(limits.max_command_age_s),
       "stop distance without link": `${fixed(limits.stop_allowance_m, 2)} m`,
