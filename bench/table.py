@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,7 +27,7 @@ class Row:
 
     def __str__(self) -> str:
         word = ">=" if self.at_least else "<="
-        share = self.measured / self.limit
+        share = self.measured / self.limit if self.limit else math.inf
         return (
             f"{self.what:<52} {self.measured:>9.3g} {self.unit:<6} {word} {self.limit:>8.3g}"
             f"  {share:>6.2f}x  {'ok  ' if self.met else 'MISS'}  {self.comparison}"

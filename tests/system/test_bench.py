@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 ROWS = {
     "kinematics": 2,
     "simulation": 7,
-    "firmware": 1,
+    "firmware": 4,
     "bus": 4,
     "bridge": 3,
     "dashboard": 4,
