@@ -13,12 +13,11 @@
 // What both kinds of receiver send: channels of SBUS, then wires with pulses.
 #define WIRES_FROM CT_RECEIVER_CHANNELS
 
-static uint8_t frame_age = 255, age[CT_RC_CHANNELS];  // [PERIOD_MS]
+static uint8_t frame_age, age[CT_RC_CHANNELS];  // [PERIOD_MS]
 static uint8_t phase_ms;
 static bool changed;
 
 void receiver_start(void) {
-  for (uint8_t i = 0; i < CT_RC_CHANNELS; i++) age[i] = 255;
   sbus_start();
   hal_receiver_start();
 }
