@@ -17,6 +17,7 @@ from tsd_twin.client.state import RobotState
 from tsd_twin.lie import SE2
 from tsd_twin.messages.ros import JointState
 from tsd_twin.shadow import STREAMS, ShadowFeed, ShadowTwin
+from tsd_twin.shadow.drift_tests import SLOW_WHEEL, WheelTest
 
 
 def states(robot: RobotClient, seconds: float, *, vx_mps: float = 0.4) -> Iterator[RobotState]:
@@ -139,3 +140,49 @@ def test_messages_that_come_one_by_one_in_any_order_are_put_together() -> None:
             for name in random.permutation(list(parts)):
                 fed.add(str(name), parts[str(name)], state.joints.stamp_ns)
     assert fed.twin.report() == direct.report()
+
+
+def wheel_test_after(losses: np.ndarray, seed: int, test: WheelTest | None = None) -> WheelTest:
+    """Let a wheel test see half a second of motion for each row of `losses` (n, 3).
+
+    The robot has a new direction each 2.5 s; its gimbals have a constant error in each.
+    """
+    robot = robots.load_robot("tsd")
+    kinematics, random = robot.kinematics(), np.random.default_rng(seed)
+    test = test or WheelTest(robot, ["module1_wheel", "module2_wheel", "module3_wheel"], np.ones(3))
+    sigma = np.array([3e-3, 3e-3, 8e-3])
+    per_loss, aside = np.zeros((3, 3)), np.zeros(3)
+    for i, loss in enumerate(losses):
+        is_new = i % 5 == 0
+        if is_new:
+            angle = random.uniform(0.0, 2.0 * np.pi)
+            twist = np.array([math.cos(angle), math.sin(angle), random.uniform(-0.6, 0.6)])
+            joints = kinematics.inverse(twist)
+            slower = np.where(np.eye(9)[2::3] > 0.0, 0.999, 1.0) * joints
+            per_loss = 0.5 * (kinematics.forward(slower).twist - twist).T / 0.001
+            aside = 2e-3 * random.standard_normal(3)
+        test.keep(np.full(3, 0.0 if is_new else 1.0), 0.5)
+        error = per_loss @ loss + aside + sigma * random.standard_normal(3)
+        test.add(error, np.hstack([per_loss, 2e-3 * np.eye(3)]), np.diag(sigma**2))
+    return test
+
+
+def test_a_slow_wheel_is_named_in_time_and_its_name_withdrawn_when_it_is_repaired() -> None:
+    for seed in range(6):
+        sound = 0.01 * np.random.default_rng([seed, 1]).standard_normal(3)
+        slow = sound + SLOW_WHEEL * np.eye(3)[seed % 3]
+        test = wheel_test_after(np.tile(sound, (40, 1)), seed)
+        assert test.drifts() == []
+        wheel_test_after(np.tile(slow, (20, 1)), seed + 10, test)
+        assert [drift.part for drift in test.drifts()] == [f"module{seed % 3 + 1}_wheel"]
+        wheel_test_after(np.tile(sound, (40, 1)), seed + 20, test)
+        assert test.drifts() == []
+
+
+def test_no_wheel_is_named_in_an_hour_of_errors_as_described() -> None:
+    for seed in range(2):
+        sound = 0.01 * np.random.default_rng([seed, 2]).standard_normal(3)
+        test = WheelTest(robots.load_robot("tsd"), ["a_wheel", "b_wheel", "c_wheel"], np.ones(3))
+        for minute in range(30):
+            wheel_test_after(np.tile(sound, (120, 1)), 100 * seed + minute, test)
+            assert test.drifts() == []

@@ -114,7 +114,7 @@ FLAGS: dict[str, str] = {
         --domain -1
         --domain 233
         --mesh-port 65536
-        --rmw dds
+        --rmw cyclone
     """,
 }
 """Flags that cannot be: exit code 2."""

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tests.support.controller_harness import ROBOT, ControllerHarness, HarnessOperator
 from tsd_twin import robots
-from tsd_twin.control.wheel_speed import WheelSpeedController
+from tsd_twin.control.services import WheelSpeedController
 from tsd_twin.lie import Array
 from tsd_twin.messages.topics import Service
 from tsd_twin.safety import Mode

@@ -15,7 +15,7 @@ from tests.hardware.test_mega import AHEAD, PATIENCE_S, REST, ROBOT, wait_until
 from tests.support.faulty_devices import Peer, PretendBoard
 from tests.support.servo_chain import ServoChain
 from tsd_twin.hardware import HardwareError, ServoCalibration, U2D2Hardware, u2d2
-from tsd_twin.hardware.servo_settings import SETTINGS, ServoSetting
+from tsd_twin.hardware.joints import SETTINGS, ServoSetting
 from tsd_twin.node import HasWatchdog, RobotIO
 from tsd_twin.safety import Heartbeat
 from tsd_twin.simulation import Motors

@@ -25,6 +25,8 @@ WITHIN_S = 5.0
         ("tsd", "kinematic", 1.0, False, "module1_beta=-30%"),
         ("tsd", "mujoco", 1.0, False, "module3_alpha=-30%"),
         ("tsd", "kinematic", 0.0, True, "module2_wheel=-5%"),
+        ("tsd", "kinematic", 1.0, True, "module3_wheel=-5%"),
+        ("tsd", "mujoco", 1.0, True, "module1_wheel=-5%"),
         ("tsd", "kinematic", 1.0, False, "battery=-1V"),
         ("kiwi", "kinematic", 0.0, False, "wheel2=-5%"),
         ("omni4", "kinematic", 0.0, False, "wheel3=-5%"),
@@ -75,7 +77,8 @@ def test_a_recording_says_the_same(tmp_path: Path) -> None:
 def test_the_experiment_prints_a_row_for_each_kind_of_robot(tmp_path: Path) -> None:
     flags = ["--seconds", "5", "--errors", "0", "--jobs", "1"]
     lines = run(tmp_path, "health", "--robot", "kiwi", *flags)
-    assert len([line for line in lines if line.startswith("| kiwi | kinematic | 0 |")]) == 1
+    row = "| kinematic | 0 | joints | none | mixed | 1 |"
+    assert len([line for line in lines if line.startswith(row)]) == 1
     assert "found_after_s,wrong_names" in (tmp_path / "health.csv").read_text()
 
 

@@ -20,7 +20,7 @@ from tests.support.firmware_host import (
 )
 from tsd_twin.dynamixel.blocks import Command, Identity, Setup
 from tsd_twin.dynamixel.control_table import ADDRESS, BoardMode, Refusal, ResetCause, Trip
-from tsd_twin.hardware.servo_settings import SETTINGS
+from tsd_twin.hardware.joints import SETTINGS
 
 TILTED = (100, -60, 0, 40, -100, 20)
 NEUTRAL_GOALS = [2048] * 6

@@ -19,9 +19,8 @@ from tsd_twin.control.faults import (
     JointFaultMonitor,
     SaturationMonitor,
 )
-from tsd_twin.control.services import POSE_CODECS, ServiceHandler
+from tsd_twin.control.services import POSE_CODECS, ServiceHandler, WheelSpeedController
 from tsd_twin.control.state_estimator import StateEstimator
-from tsd_twin.control.wheel_speed import WheelSpeedController
 from tsd_twin.kinematics import JointKind, Kinematics
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.requests import Event, LeaseReply, Reply, Sample

@@ -36,12 +36,14 @@ from tsd_twin.hardware.controller_board import (
 )
 from tsd_twin.hardware.joints import (
     CENTRE,
+    NO_TORQUE,
     JointCommand,
     JointConverter,
     Receiver,
     ServoCalibration,
     ThrottleLaw,
     padded,
+    wrong_setting,
 )
 from tsd_twin.hardware.serial_transport import (
     SILENT_S,
@@ -51,7 +53,6 @@ from tsd_twin.hardware.serial_transport import (
     chip_warning,
     connection_fault,
 )
-from tsd_twin.hardware.servo_settings import NO_TORQUE, wrong_setting
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.robots.description import Battery

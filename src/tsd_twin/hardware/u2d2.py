@@ -16,7 +16,15 @@ from typing import Any
 import numpy as np
 
 from tsd_twin.dynamixel.packets import ALERT, Status, protocol1, protocol2
-from tsd_twin.hardware.joints import JointCommand, JointConverter, ServoCalibration, ThrottleLaw
+from tsd_twin.hardware.joints import (
+    NO_TORQUE,
+    SETTINGS,
+    JointCommand,
+    JointConverter,
+    ServoCalibration,
+    ThrottleLaw,
+    wrong_setting,
+)
 from tsd_twin.hardware.mega import BAUD, MegaHardware
 from tsd_twin.hardware.serial_transport import (
     SILENT_S,
@@ -26,7 +34,6 @@ from tsd_twin.hardware.serial_transport import (
     SerialTransport,
     connection_fault,
 )
-from tsd_twin.hardware.servo_settings import NO_TORQUE, SETTINGS, wrong_setting
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.safety import Heartbeat

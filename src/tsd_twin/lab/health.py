@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from tsd_twin import experiment, flag_types, robots
@@ -19,6 +20,7 @@ from tsd_twin.client.simulated import SimulationLink
 from tsd_twin.client.state import RobotState
 from tsd_twin.errors import MessageError, TwinError
 from tsd_twin.experiment import PERCENT_STEPS, Experiment, Output, in_percent_steps
+from tsd_twin.kinematics import JointKind
 from tsd_twin.lab import alarms
 from tsd_twin.lab.alarms import TwistAt
 from tsd_twin.lie import SE2, SO3
@@ -28,11 +30,13 @@ from tsd_twin.messages.status import decode_status
 from tsd_twin.messages.topics import STATUS
 from tsd_twin.recording import Recording, open_recording
 from tsd_twin.recording.mcap_file import entries
-from tsd_twin.robots import RobotDescription
+from tsd_twin.robots import Gyro, RobotDescription, SingularityDescription
 from tsd_twin.shadow import STREAMS, Drift, ShadowFeed, ShadowReport, ShadowTwin
-from tsd_twin.simulation import PLANTS, Camera, CameraNoise, Wear, WornRobot
+from tsd_twin.simulation import BATTERY, PLANTS, Camera, CameraNoise, Wear, WornRobot
 
 _REPORT_S = 0.1
+WITHIN_S = 5.0
+"""Time within which a worn part should be named."""
 
 
 @dataclass(slots=True)
@@ -197,7 +201,14 @@ def _arc(random: np.random.Generator) -> TwistAt:
     return lambda _: (vx, vy, 0.6 * side)
 
 
-MANOEUVRES = alarms.MANOEUVRES | {"arc": _arc}
+def _line(random: np.random.Generator) -> TwistAt:
+    """Drive straight on with one speed, half of the top speed or more, all the time."""
+    angle, speed = random.uniform(0.0, 2.0 * np.pi), random.uniform(0.5, 1.0)
+    twist = (speed * math.cos(angle), speed * math.sin(angle), 0.0)
+    return lambda _: twist
+
+
+MANOEUVRES = alarms.MANOEUVRES | {"arc": _arc, "line": _line}
 STAND, MIXED = "stand", "mixed"
 _TURN_S = 30.0
 """Time of each manoeuvre, where they are mixed."""
@@ -218,6 +229,29 @@ class Case:
     """As `tsd-mock --wear` has it; "" leaves it sound."""
     wear_s: float = 0.0
     """When the wear begins."""
+    gyro: bool = False
+
+    def description(self) -> RobotDescription:
+        """Return the description of the robot.
+
+        Raises:
+            TwinError: it cannot have a gyro.
+        """
+        robot = robots.load_robot(self.robot)
+        if not self.gyro:
+            return robot
+        if not isinstance(robot, SingularityDescription):
+            raise TwinError(f"--gyro: {robot.name} is no singularity drive")
+        return msgspec.structs.replace(robot, gyro=Gyro())
+
+    @property
+    def kind(self) -> str:
+        """Kind of the part that wears, and how much: `wheel -5%`; "" leaves it sound."""
+        part, _, size = self.wear.partition("=")
+        if part in ("", BATTERY):
+            return f"{part} {size}".strip()
+        joints = {joint.name: joint.kind for joint in self.description().kinematics().joints}
+        return f"{'servo' if joints[part] is JointKind.POSITION else 'wheel'} {size}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,7 +299,7 @@ def _twists(case: Case, robot: RobotDescription) -> TwistAt:
 
 def drive(case: Case) -> Result:
     """Drive one robot beside its twin."""
-    robot = robots.load_robot(case.robot)
+    robot = case.description()
     simulated = WornRobot(robot, seed=case.seed, noise=1.0, plant=case.plant, errors=case.errors)
     link = SimulationLink(robot, simulated, None)
     client = RobotClient(link, "lab")
@@ -303,10 +337,20 @@ def _camera_noise(robot: RobotDescription) -> CameraNoise:
     return CameraNoise(sigma_m=sensor.sigma_m, sigma_rad=math.radians(sensor.sigma_deg))
 
 
+def _worn_part(wear: str, robot: RobotDescription, seed: int) -> str:
+    """Return the wear of a joint of the seed, for that of any `wheel` or `servo`."""
+    part, _, size = wear.partition("=")
+    kind = {"wheel": JointKind.VELOCITY, "servo": JointKind.POSITION}.get(part)
+    names = [joint.name for joint in robot.kinematics().joints if joint.kind is kind]
+    if not names or part in [joint.name for joint in robot.kinematics().joints]:
+        return wear
+    return f"{names[seed % len(names)]}={size}"
+
+
 def _simulations(args: argparse.Namespace, out: Output) -> list[str]:
-    camera = bool(args.camera)
     seeds = range(args.seed, args.seed + args.seeds)
-    manoeuvres = [MIXED] if not args.wear else list(MANOEUVRES)
+    manoeuvres = args.manoeuvres or (list(MANOEUVRES) if args.wear else [MIXED])
+    robot = robots.load_robot(args.robot)
     cases = [
         Case(
             args.robot,
@@ -315,17 +359,19 @@ def _simulations(args: argparse.Namespace, out: Output) -> list[str]:
             seed,
             manoeuvre,
             args.seconds,
-            camera,
-            wear,
+            args.camera,
+            _worn_part(wear, robot, seed),
             0.5 * args.seconds if wear else 0.0,
+            args.gyro,
         )
         for errors in args.errors
         for wear in args.wear or [""]
         for manoeuvre in manoeuvres
         for seed in seeds
     ]
-    for wear in args.wear:
-        Wear.parse(wear, robots.load_robot(args.robot))
+    for case in cases:
+        if case.wear:
+            Wear.parse(case.wear, case.description())
     results = experiment.run_cases(drive, cases, args.jobs, out)
     out.table(
         "health",
@@ -342,40 +388,39 @@ def _simulations(args: argparse.Namespace, out: Output) -> list[str]:
             "processor_share": [each.processor_share for each in results],
         },
     )
-    rows: list[list[str]] = []
-    groups = dict.fromkeys(
-        (each.case.errors, each.case.wear, each.case.manoeuvre) for each in results
-    )
-    for errors, wear, manoeuvre in groups:
-        same = [
-            each
-            for each in results
-            if (each.case.errors, each.case.wear, each.case.manoeuvre) == (errors, wear, manoeuvre)
+    groups: dict[tuple[float, str, str], list[Result]] = {}
+    for each in results:
+        groups.setdefault((each.case.errors, each.case.kind, each.case.manoeuvre), []).append(each)
+    sensors = " + ".join(name for name in ("gyro", "camera") if getattr(args, name)) or "joints"
+    rows = [
+        [
+            args.plant,
+            f"{errors:g}",
+            sensors,
+            kind or "none",
+            manoeuvre,
+            f"{len(same)}",
+            f"{sum(each.compared_s for each in same) / 60.0:.1f} min",
+            f"{sum(each.found_s <= WITHIN_S for each in same)}" if kind else "-",
+            _times(same) if kind else "-",
+            f"{sum(math.isinf(each.found_s) for each in same)}" if kind else "-",
+            f"{sum(each.wrong for each in same)}",
         ]
-        rows.append(
-            [
-                args.robot + (", camera" if camera else ""),
-                args.plant,
-                f"{errors:g}",
-                manoeuvre,
-                wear or "none",
-                f"{sum(each.compared_s for each in same) / 60.0:.0f} min",
-                _times(same) if wear else "-",
-                f"{sum(each.wrong for each in same)}",
-                f"{100.0 * max(each.processor_share for each in same):.1f} %",
-            ]
-        )
+        for (errors, kind, manoeuvre), same in groups.items()
+    ]
     said = [
-        f"errors {each.case.errors:g}, seed {each.case.seed}, {each.case.manoeuvre}: {drift.text}"
+        f"errors {each.case.errors:g}, seed {each.case.seed}, {each.case.manoeuvre}, "
+        f"{each.case.wear or 'sound'}, at {t_s:.1f} s: {drift.text}"
         for each in results
         for t_s, drift in each.named
-        if not each.case.wear or each.case.wear.partition("=")[0] not in drift.part or t_s < 0.0
+        if each.case.wear.partition("=")[0] not in drift.part.split(",") or t_s < 0.0
     ]
     head = [
-        *("robot", "plant", "errors", "manoeuvre", "wear", "compared"),
-        *("named after median / p95 / worst", "wrong names", "processor"),
+        *("plant", "errors", "sensors", "wear", "manoeuvre", "runs", "compared"),
+        *(f"within {WITHIN_S:g} s", "median / p95 / worst", "not named", "wrong names"),
     ]
-    return [*_table(head, rows), *said]
+    share = max(each.processor_share for each in results)
+    return [*_table(head, rows), *said, f"processor time of the twin: up to {100.0 * share:.1f} %"]
 
 
 def _times(results: Sequence[Result]) -> str:
@@ -425,12 +470,20 @@ def _flags(parser: argparse.ArgumentParser) -> None:
         help="times [errors] of simulated robots; default 0 1",
     )
     parser.add_argument("--camera", action="store_true", help="simulated robots have a camera")
+    parser.add_argument("--gyro", action="store_true", help="simulated robots have a yaw gyro")
     parser.add_argument(
         "--wear",
         action="append",
         default=[],
         metavar="PART=-SIZE",
-        help="let a part of simulated robots wear half-way, as tsd-mock --wear; may be repeated",
+        help="let a part of simulated robots wear half-way, as tsd-mock --wear; wheel=-5%% and "
+        "servo=-30%% are another one for each seed; may be repeated",
+    )
+    parser.add_argument(
+        "--manoeuvres",
+        nargs="+",
+        choices=[*MANOEUVRES, MIXED, STAND],
+        help="of simulated robots; default all with --wear, else mixed",
     )
     parser.add_argument(
         "--seeds", type=flag_types.whole(1), default=1, help="robots of each row; default 1"
@@ -445,7 +498,8 @@ EXPERIMENT = Experiment(
         "tsd-lab health --log run.mcap                     a recording",
         "tsd-lab health --live --seconds 30                a robot on the bus",
         "tsd-lab health --seconds 1800                     sound robots for half an hour",
-        "tsd-lab health --wear module2_alpha=-30% --seeds 8",
+        "tsd-lab health --wear servo=-30% --manoeuvres 'full stick' --seeds 8",
+        "tsd-lab health --wear wheel=-5% --camera --seconds 20 --plant mujoco",
     ],
     robot="tsd",
     seed_of="the first simulated robot of a row",

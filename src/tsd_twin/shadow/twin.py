@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import dataclass
 from typing import Any
 
 import msgspec
@@ -88,8 +89,21 @@ _FUSED = 0.45
 """Standard deviation of a fused pose over that of the sensor."""
 _LAG_SHARE = 0.25
 """Share of the lag of the motion that the simulation may have wrong."""
-_STEP_SHARE = 0.5
-"""Time from one compared window to the next, as a share of its length: its weight as well."""
+_BLOCK_S = 0.5
+"""Length of the blocks of motion that are tested for slow wheels."""
+_INDEPENDENT = 0.3
+"""Share of the measured wheel speeds that are independent of those before."""
+_LAG_NOISE = 0.25
+"""Share of the standard deviation of the lag that is new in each block."""
+_MOST_CHANGE = np.array([0.7, 0.7, 1.5])
+"""Change of the twist in a block, m/s and rad/s, above which the block tells nothing: wheels slide,
+and no model of it is good enough."""
+_DROOP_OWN = 0.5
+"""Share of the energy for a change of speed that may come from a single wheel."""
+_REST = np.array([1e-3, 1e-3, 2.5e-3])
+"""Standard deviation of what no model explains, of x, y and heading."""
+_GYRO_BIAS_RAD_PER_S = 0.0005
+"""Standard deviation of the offset of a gyro, as in `[gyro]`."""
 _PER_SECOND = 10.0
 """Rate at which poses are remembered, and measured wheel speeds are tested."""
 
@@ -117,16 +131,25 @@ class ShadowTwin:
         self._shares, self._slow_wheels = slow, slice(first, None)
         names = [self._joints[i] for i in self._wheels]
         self._servo_test = ServoTest(robot, [self._joints[i] for i in self._angles])
-        self._wheel_test = WheelTest(robot, names)
         self._battery_test = BatteryTest(robot.battery.nominal_v)
         self._has_gyro = any(joint.name == "gyro" for joint in robot.sensors)
         errors, gives = robot.joint_errors(), robot.joint_compliance()
         dead_band_rad = 0.0 if gives is None else gives.dead_band_rad
         self._gives = gives
         self._twist = np.zeros(3)
-        self._angle_rad = math.hypot(errors.zero_rad, dead_band_rad / math.sqrt(3.0))
+        self._dead_band_rad = dead_band_rad
         self._lag_s = max(errors.slip_lag_s, _LAG_SHARE * robot.lag_s)
-        self._turn_rad_per_s = errors.turn_rad_per_s
+        # Of the motion: a turn rate, the lag, the angle of each gimbal, poses at start and end.
+        sensor = robot.pose_sensor
+        pose_sigma = [sensor.sigma_m, sensor.sigma_m, math.radians(sensor.sigma_deg)]
+        angle_rad = math.hypot(errors.zero_rad, dead_band_rad / math.sqrt(3.0))
+        turn_rad_per_s = math.hypot(errors.turn_rad_per_s, _GYRO_BIAS_RAD_PER_S)
+        self._nuisances = np.array(
+            [turn_rad_per_s, self._lag_s, *len(self._angles) * [angle_rad]]
+            + 2 * [_FUSED * sigma for sigma in pose_sigma]
+        )
+        self._wheel_test = WheelTest(robot, names, None if robot.measures_spin else self._nuisances)
+        self._ends_swapped = False
         self._droop_s2_per_m2 = robot.spin_droop_s2_per_m2
         self._bank: Simulation | None = None
         self._last_ns = 0
@@ -291,7 +314,8 @@ class ShadowTwin:
         if np.isfinite(measured).all():
             per_loss = (speeds[self._slow_wheels] - speeds[0]).T / SLOW_WHEEL
             noise = np.diag(self._speed_noise() ** 2)
-            self._wheel_test.add(measured - speeds[0], per_loss, noise, 0.3, dt_s)
+            self._wheel_test.keep(np.zeros(0), dt_s)
+            self._wheel_test.add(measured - speeds[0], per_loss, noise / _INDEPENDENT)
 
     def _take_pose(self, bank: Simulation, odom: Odometry, dt_s: float) -> None:
         """Remember the measured pose and the simulated ones, and test the wheels."""
@@ -316,55 +340,69 @@ class ShadowTwin:
             return
         if self._robot.measures_spin:
             self._test_wheel_speeds(bank, 1.0 / _PER_SECOND)
-        elif self._since_block_s >= _STEP_SHARE * WINDOW_S and now_s > _WARM_UP_S + WINDOW_S:
+        elif self._since_block_s >= _BLOCK_S - 1e-6 and now_s > _WARM_UP_S + WINDOW_S:
             self._test_motion()
 
-    def _motion(self) -> tuple[Array, Array, Array, float] | None:
-        """Return measured minus simulated motion (3,) in the window, its change per share that a
-        wheel loses (3, k), the covariance of the rest (3, 3), and the length of the window.
-        """
-        if len(self._poses) < 2:
+    def _motion(self, seconds: float) -> _Motion | None:
+        """Compare the motion in the last `seconds`; None if it is not known for so long."""
+        end_s = self._poses[-1][0] if self._poses else 0.0
+        poses = [each for each in self._poses if each[0] >= end_s - seconds - 1e-6]
+        if len(poses) < 2 or end_s - poses[0][0] < 0.9 * seconds:
             return None
-        start_s, was, rolled_was, sim_was, *_ = self._poses[0]
-        end_s, pose, rolled, sim_pose, joints, _ = self._poses[-1]
-        took_s = end_s - start_s
+        _, was, rolled_was, sim_was, *_ = poses[0]
+        _, pose, rolled, sim_pose, joints, _ = poses[-1]
+        took_s = end_s - poses[0][0]
         measured = (was.inverse() @ pose).log()
         simulated = (sim_was.inverse() @ sim_pose).log()
         per_loss = (simulated[self._slow_wheels] - simulated[0]).T / SLOW_WHEEL
-        forward, twists = self._kinematics.forward, np.array([each[-1] for each in self._poses])
+        forward, twists = self._kinematics.forward, np.array([each[-1] for each in poses])
         change = np.abs(np.diff(twists, axis=0)).sum(axis=0)
-        sigma = 0.005 * np.abs(simulated[0]).max() + self._lag_s * change
-        noise = np.diag(sigma**2)
+        sigma = 0.005 * np.abs(simulated[0]).max() + _LAG_NOISE * self._lag_s * change
         # A robot that speeds up takes energy out of its wheels, and may take more from some.
         changed_m2_per_s2 = np.abs(np.diff(np.square(twists[:, :2]).sum(axis=1))).sum()
         droop = self._droop_s2_per_m2 * changed_m2_per_s2 * per_loss
         together = droop.sum(axis=1)
-        noise += droop @ droop.T + np.outer(together, together)
-        noise[2, 2] += (took_s * self._turn_rad_per_s) ** 2
+        own = _DROOP_OWN * droop
+        noise = np.diag(sigma**2 + _REST**2) + own @ own.T + np.outer(together, together)
+        turn = np.array([[0.0], [0.0], [took_s]])
+        lag = (twists[0] - twists[-1])[:, None]
+        by_angle, turned = np.zeros((3, 0)), np.zeros(0)
         if len(self._angles):
             nudge = 1e-4
             nudged = joints + nudge * np.eye(len(joints))[self._angles]
-            by_angle = (forward(nudged).twist - forward(joints).twist).T / nudge
-            noise += (took_s * self._angle_rad) ** 2 * by_angle @ by_angle.T
-        sensor = self._robot.pose_sensor
-        if self._planar and self._sensed_s > 0.0:
-            pose_sigma = np.array([sensor.sigma_m, sensor.sigma_m, math.radians(sensor.sigma_deg)])
-            noise += np.diag((_FUSED * pose_sigma) ** 2)
-        noise += np.diag([1e-3**2] * 3)
+            by_angle = took_s * (forward(nudged).twist - forward(joints).twist).T / nudge
+            angles = np.array([each[-2][self._angles] for each in poses])
+            turned = np.abs(np.diff(angles, axis=0)).sum(axis=0)
+            # Gimbals that turn pass through many errors of this kind, which cancel out.
+            by_angle = by_angle / np.sqrt(1.0 + turned / max(self._dead_band_rad, 1e-9))
+        rows = np.hstack([per_loss, turn, lag, by_angle, -_carried(measured), np.eye(3)])
         expected = (rolled_was.inverse() @ rolled).log()
-        return measured - (expected if expected.ndim == 1 else expected[0]), per_loss, noise, took_s
+        error = measured - (expected if expected.ndim == 1 else expected[0])
+        return _Motion(error, rows, noise, change, turned)
 
     def _test_motion(self) -> None:
-        """Compare the motion in the last window, where something shows it but the joints."""
-        self._since_block_s, motion = 0.0, self._motion()
-        if motion is None or motion[3] < 0.9 * WINDOW_S:
+        """Compare the motion in the last block, where something shows it but the joints."""
+        motion = self._motion(_BLOCK_S)
+        if motion is None or (motion.change > _MOST_CHANGE).any():
             return
-        error, per_loss, noise, took_s = motion
-        if self._sensed_s < _SENSED_S + WINDOW_S:
-            if not self._has_gyro:
-                return
-            error, per_loss, noise = error[2:], per_loss[2:], noise[2:, 2:]
-        self._wheel_test.add(error, per_loss, noise, _STEP_SHARE, _STEP_SHARE * took_s)
+        seconds, self._since_block_s = self._since_block_s, 0.0
+        sensed = self._sensed_s >= _SENSED_S + WINDOW_S
+        if not sensed and not self._has_gyro:
+            return
+        test, moves = self._wheel_test, np.exp(-motion.turned / max(self._dead_band_rad, 1e-9))
+        # The end of one block is the start of the next, and the pose there is off once.
+        goes_on = 1.0 if sensed and seconds < 1.1 * _BLOCK_S else 0.0
+        ends = [0.0] * 3 + [goes_on] * 3 if self._ends_swapped else [goes_on] * 3 + [0.0] * 3
+        test.keep(np.concatenate([[1.0, 1.0], moves, ends]), _BLOCK_S)
+        rows = motion.rows.copy()
+        if self._ends_swapped:
+            rows[:, -6:] = np.hstack([rows[:, -3:], rows[:, -6:-3]])
+        self._ends_swapped = not self._ends_swapped
+        if sensed:
+            test.add(motion.error, rows, motion.noise)
+        else:
+            rows[:, -6:] = 0.0
+            test.add(motion.error[2:], rows[2:], motion.noise[2:, 2:])
 
     def _compare_joints(self) -> tuple[JointComparison, ...]:
         bands, scale = np.zeros(len(self._joints)), np.full(len(self._joints), 1.0 / RPM)
@@ -392,11 +430,14 @@ class ShadowTwin:
         return tuple(rows)
 
     def _compare_pose(self) -> PoseComparison | None:
-        motion = self._motion()
-        if motion is None or motion[3] < 0.9 * WINDOW_S or self._compared_s < _WARM_UP_S + WINDOW_S:
+        motion = self._motion(WINDOW_S)
+        if motion is None or self._compared_s < _WARM_UP_S + WINDOW_S:
             return None
-        error, per_loss, noise, _ = motion
-        spread = per_loss @ self._wheel_test.prior @ per_loss.T + noise
+        error, count = motion.error, len(self._wheels)
+        per_loss, others = motion.rows[:, :count], motion.rows[:, count:] * self._nuisances
+        if not (self._planar and self._sensed_s > 0.0):
+            others = others[:, :-6]
+        spread = per_loss @ self._wheel_test.prior @ per_loss.T + motion.noise + others @ others.T
         band = 3.0 * np.sqrt(np.diag(spread))
         scale = np.array([1e3, 1e3, 180.0 / math.pi] if self._planar else [180.0 / math.pi] * 3)
         return PoseComparison(
@@ -406,6 +447,29 @@ class ShadowTwin:
             _triple(scale * band),
             bool((np.abs(error) <= band).all()),
         )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Motion:
+    """Measured minus simulated motion in some time."""
+
+    error: Array
+    """(3,)."""
+    rows: Array
+    """(3, k + n): its change per share that a wheel loses, and per nuisance."""
+    noise: Array
+    """(3, 3): covariance of the rest."""
+    change: Array
+    """(3,): way of the twist, forth and back."""
+    turned: Array
+    """(m,): way of each gimbal, rad."""
+
+
+def _carried(motion: Array) -> Array:
+    """Return (3, 3) what an error of the pose at the start is to a motion (3,)."""
+    x, y, turn = motion.tolist()
+    c, s = math.cos(turn), math.sin(turn)
+    return np.array([[c, s, -c * y + s * x], [-s, c, s * y + c * x], [0.0, 0.0, 1.0]])
 
 
 _SHARES = ("spin_share", "common_spin_share")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from tsd_twin.simulation.actuators import Motors, Servos, SpeedControllers, WheelSurface
 from tsd_twin.simulation.robot import (
+    BATTERY,
     PLANTS,
     BoardModel,
     RobotWithStuckJoint,
@@ -18,6 +19,7 @@ from tsd_twin.simulation.sensors import Camera, CameraNoise, Frame, Simulation, 
 from tsd_twin.simulation.singularity import KinematicPlant, SingularitySimulation
 
 __all__ = [
+    "BATTERY",
     "PLANTS",
     "BoardModel",
     "Camera",

@@ -316,7 +316,7 @@ class RobotWithStuckJoint(SimRobot):
 
 _NUMBER = r"\d+(?:\.\d+)?"
 _FORM = re.compile(rf"(?P<part>\w+)=-(?P<size>{_NUMBER})(?P<unit>%|V)(?:@(?P<after>{_NUMBER}))?")
-_BATTERY = "battery"
+BATTERY = "battery"
 _DRIVING = 0.02
 """Metres or radians a second of the true motion above which a robot drives."""
 
@@ -343,12 +343,12 @@ class Wear:
         if found is not None:
             size, after_s = float(found["size"]), float(found["after"] or 0.0)
         joints = [joint.name for joint in robot.kinematics().joints]
-        if found is None or (found["part"] == _BATTERY) != (found["unit"] == "V"):
-            raise TwinError(f"--wear: '{text}' is not like {joints[0]}=-30%@10 or {_BATTERY}=-1V")
-        if found["part"] not in [*joints, _BATTERY]:
+        if found is None or (found["part"] == BATTERY) != (found["unit"] == "V"):
+            raise TwinError(f"--wear: '{text}' is not like {joints[0]}=-30%@10 or {BATTERY}=-1V")
+        if found["part"] not in [*joints, BATTERY]:
             raise TwinError(
                 f"--wear: '{found['part']}' is no joint of {robot.name}: "
-                f"there are {', '.join(joints)} and {_BATTERY}"
+                f"there are {', '.join(joints)} and {BATTERY}"
             )
         most, unit = (robot.battery.nominal_v, " V") if found["unit"] == "V" else (100.0, " %")
         if not 0.0 < size < most:
@@ -369,7 +369,7 @@ class WornRobot(RobotWithStuckJoint):
 
     def wear(self, wear: Wear) -> None:
         """Let a part wear from now on."""
-        if wear.part == _BATTERY:
+        if wear.part == BATTERY:
             volts = self._simulation.hardware_status()["battery_v"]
             assert isinstance(volts, float)  # noqa: S101  As all simulations have it.
             self._simulation.set_battery(volts - wear.lost)
