@@ -22,7 +22,7 @@ from tests.support.firmware_host import (
     number,
     run_until,
 )
-from tsd_twin.hardware.servo_settings import SETTINGS
+from tsd_twin.hardware.joints import SETTINGS
 
 BYTE_S = 1e-5
 MIXED = (1, 2, 1, 2, 2, 1)
