@@ -494,14 +494,14 @@ def drive_moving(
     They are 100 steps from neutral, at 156,328 steps/s. Returns whole cycles and all positions
     that the table had.
     """
+    # Bytes of the PC have the board look at the bus when a cycle is due.
+    pilot.simulation.run(CYCLE_S - pilot.simulation.board.now_s % CYCLE_S)
     for servo in pilot.simulation.servos:
         servo.return_delay_us = delay_us
     moving = (10000).to_bytes(4, "little") + (2148).to_bytes(4, "little")
     bus.change = lambda kind, servo, answer: (
         protocol2.status(servo, moving) if kind == MOVING else answer
     )
-    # Bytes of the PC have the board look at the bus when a cycle is due.
-    pilot.simulation.run(CYCLE_S - pilot.simulation.board.now_s % CYCLE_S)
     seen: set[int] = set()
     before = number(pilot, "servo_errors", 2), number(pilot, "overruns", 2)
     for cycle in range(160):
