@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Generator, Iterable
 from pathlib import Path
 
@@ -18,6 +20,12 @@ from tests.support.browser import CHEAP_FLAGS, executable
 from tests.support.priorities import AS_OTHERS, REALTIME
 
 PATIENCE_S = 60.0
+
+
+def longest_pause_s(times_s: Iterable[float], since_s: float) -> float:
+    """Return the longest time in which none of some events was, from a time until now."""
+    within = [since_s, *(each for each in times_s if each > since_s), time.monotonic()]
+    return max(after - before for before, after in itertools.pairwise(within))
 
 
 class Program:

@@ -16,7 +16,7 @@ import time
 from collections.abc import Coroutine, Generator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import aiohttp
 import numpy as np
@@ -26,7 +26,7 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 import tsd_twin
-from tests.app.conftest import PATIENCE_S, Program
+from tests.app.conftest import PATIENCE_S, Program, longest_pause_s
 from tests.support.foxglove_client import (
     TWIST,
     ForeignClient,
@@ -40,6 +40,7 @@ from tests.support.robot_node import QUICK
 from tsd_twin import robots
 from tsd_twin.bus import Bus, as_client, client_config
 from tsd_twin.foxglove.front import FOXGLOVE_ORIGIN, SILENT_S
+from tsd_twin.interop.cmd_vel import PAUSE_S
 from tsd_twin.interop.mapping import PUBLISHED, SERVICES
 from tsd_twin.recording.mcap_file import RecordingFile
 from tsd_twin.security import CertificateRequest
@@ -49,6 +50,8 @@ pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 PROTOCOL = Subprotocol("foxglove.sdk.v1")
 ALLOWANCE_M = robots.load_robot("tsd").limits.stop_allowance_m
 SPEED_MPS = 0.8
+TRIES = 3
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -59,8 +62,8 @@ class Stage:
     url: str
     adapter: Program
 
-    def run(self, work: Coroutine[Any, Any, None]) -> None:
-        asyncio.run(work)
+    def run(self, work: Coroutine[Any, Any, T]) -> T:
+        return asyncio.run(work)
 
 
 def url_of(program: Program) -> str:
@@ -258,7 +261,7 @@ def test_a_client_that_is_killed_leaves_a_robot_at_rest_and_free(stage: Stage) -
 def test_the_adapter_that_hangs_drives_on_with_no_command_of_before(stage: Stage) -> None:
     """Stopped for three seconds while twists pile up in its buffers; the stick is held on."""
 
-    async def work() -> None:
+    async def moved_and_pause() -> tuple[float, float]:
         async with foreign_client(stage.url) as it:
             await it.call("/arm")
             await it.pause()
@@ -272,12 +275,20 @@ def test_the_adapter_that_hangs_drives_on_with_no_command_of_before(stage: Stage
                 still_m = robot.state.truth.pose.x_m
                 assert still_m - last_m < ALLOWANCE_M
                 stage.adapter.process.send_signal(signal.SIGCONT)
+                on_s = time.monotonic()
                 await asyncio.sleep(1.5)
-                assert abs(robot.state.truth.pose.x_m - still_m) < 0.01
+                moved_m = abs(robot.state.truth.pose.x_m - still_m)
+                pause_s = longest_pause_s(it.pushed_s, on_s)
             pushing.cancel()
             await asyncio.gather(pushing, return_exceptions=True)
+        return moved_m, pause_s
 
-    stage.run(work())
+    for _ in range(TRIES):
+        moved_m, pause_s = stage.run(moved_and_pause())
+        if pause_s < PAUSE_S:  # A busy machine held up the publisher, which is as to let go.
+            break
+    assert pause_s < PAUSE_S
+    assert moved_m < 0.01
 
 
 def test_a_client_that_answers_no_ping_drives_nothing_and_is_cut_off(stage: Stage) -> None:

@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 import tsd_twin
-from tests.app.conftest import PATIENCE_S, Program
+from tests.app.conftest import PATIENCE_S, Program, longest_pause_s
 from tests.support.robot_node import QUICK
 from tests.support.ros_nodes import (
     STORE,
@@ -38,6 +38,7 @@ from tests.support.ros_nodes import (
 )
 from tests.support.square_drive import SquareDrive
 from tsd_twin import robots
+from tsd_twin.interop.cmd_vel import PAUSE_S
 from tsd_twin.interop.mapping import LATCHED_TOPICS, PUBLISHED, READ, SERVICES
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
@@ -45,6 +46,7 @@ pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 ALLOWANCE_M = robots.load_robot("tsd").limits.stop_allowance_m
 SPEED_MPS = 0.8
 FOREIGN_TOKENS = 300
+TRIES = 3
 POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 
 
@@ -65,18 +67,19 @@ class Stage:
             time.sleep(period_s)
 
     @contextlib.contextmanager
-    def pushing(self, vx_mps: float) -> Generator[None]:
-        """Push until the end, on a thread."""
-        ending = threading.Event()
+    def pushing(self, vx_mps: float) -> Generator[list[float]]:
+        """Push until the end, on a thread; the times at which it does so are noted."""
+        ending, pushed_s = threading.Event(), list[float]()
 
         def push() -> None:
             while not ending.wait(0.05):
                 self.cmd_vel.publish(linear=vector(vx_mps), angular=vector())
+                pushed_s.append(time.monotonic())
 
         thread = threading.Thread(target=push)
         thread.start()
         try:
-            yield
+            yield pushed_s
         finally:
             ending.set()
             thread.join()
@@ -301,10 +304,19 @@ def test_services_stop_reset_disarm_and_their_refusals(stage: Stage) -> None:
 
 def test_the_adapter_that_hangs_drives_on_with_no_command_of_before(stage: Stage) -> None:
     """Stopped for three seconds while twists pile up; the stick is held on."""
-    node = stage.node
-    node.call("/arm")
+    for _ in range(TRIES):
+        moved_m, pause_s = moved_after_hang(stage)
+        if pause_s < PAUSE_S:  # A busy machine held up the publisher, which is as to let go.
+            break
+    assert pause_s < PAUSE_S
+    assert moved_m < 0.01
+
+
+def moved_after_hang(stage: Stage) -> tuple[float, float]:
+    """Return how far the robot moved after the adapter went on, and the longest pause of twists."""
+    stage.node.call("/arm")
     stage.pause()
-    with stage.pushing(SPEED_MPS), tsd_twin.connect(stage.endpoint) as robot:
+    with stage.pushing(SPEED_MPS) as pushed_s, tsd_twin.connect(stage.endpoint) as robot:
         time.sleep(1.0)
         stage.adapter.process.send_signal(signal.SIGSTOP)
         try:
@@ -315,8 +327,10 @@ def test_the_adapter_that_hangs_drives_on_with_no_command_of_before(stage: Stage
             assert still_m - last_m < ALLOWANCE_M
         finally:
             stage.adapter.process.send_signal(signal.SIGCONT)
+        on_s = time.monotonic()
         robot.sleep(1.5)
-        assert abs(robot.state.truth.pose.x_m - still_m) < 0.01
+        moved_m = abs(robot.state.truth.pose.x_m - still_m)
+        return moved_m, longest_pause_s(pushed_s, on_s)
 
 
 def test_a_second_publisher_moves_nothing_while_the_first_one_drives(stage: Stage) -> None:

@@ -70,6 +70,7 @@ class ForeignClient:
         self.newest: dict[str, tuple[str, bytes]] = {}
         self.counted: Counter[str] = Counter()
         self.said: list[str] = []
+        self.pushed_s: list[float] = []
         self.client.on_message(self._take)
         self.client.on_status(lambda _level, text, _id: self.said.append(text))
         self._channels: dict[tuple[str, str], int] = {}
@@ -140,6 +141,7 @@ class ForeignClient:
         end_s = time.monotonic() + duration_s
         while time.monotonic() < end_s:
             await self.publish(payload, encoding=encoding)
+            self.pushed_s.append(time.monotonic())
             await asyncio.sleep(0.05)
 
     async def pause(self) -> None:

@@ -63,7 +63,7 @@ def is_plain(value: Any) -> bool:
     """Tell whether it is what a slider, a box or a menu of ours can have."""
     if isinstance(value, str):
         return len(value) <= 200
-    return isinstance(value, bool | int) or (isinstance(value, float) and abs(value) <= 1e9)
+    return isinstance(value, bool) or (isinstance(value, int | float) and abs(value) <= 1e9)
 
 
 @pytest.mark.parametrize("role", ROLES)
