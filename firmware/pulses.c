@@ -19,8 +19,8 @@ static struct {
 static volatile uint8_t head, tail;
 static volatile bool full;
 
-static uint8_t high, known;  // Bit i: wire i was high at the last edge; since `rise[i]`.
-static uint16_t rise[WIRES];
+static uint8_t high, known;  // Bit i: wire i was high at its last edge; that was at `since[i]`.
+static uint16_t since[WIRES];
 
 HAL_INTERRUPT(receiver) {
   uint8_t at = head;
@@ -39,14 +39,10 @@ static void measure(uint8_t pins, uint16_t half_us, heard_t hear) {
   high = pins;
   for (uint8_t i = 0, mask = 1; changed; i++, mask <<= 1, changed >>= 1) {
     if (!(changed & 1)) continue;
-    uint16_t us = (uint16_t)(half_us - rise[i]) / 2;
+    uint16_t us = (uint16_t)(half_us - since[i]) / 2;
     if (!(pins & mask) && (known & mask) && us >= SHORTEST_US && us <= LONGEST_US) hear(i, us);
-    if (pins & mask) {
-      rise[i] = half_us;
-      known |= mask;
-    } else {
-      known &= ~mask;
-    }
+    since[i] = half_us;
+    known |= mask;
   }
 }
 
@@ -54,7 +50,7 @@ static void measure(uint8_t pins, uint16_t half_us, heard_t hear) {
 void pulses_forget(void) {
   uint16_t now = clock_half_us();
   for (uint8_t i = 0; i < WIRES; i++) {
-    if ((uint16_t)(now - rise[i]) / 2 > 2 * LONGEST_US) known &= ~(1 << i);
+    if ((uint16_t)(now - since[i]) / 2 > 2 * LONGEST_US) known &= ~(1 << i);
   }
 }
 
@@ -63,6 +59,8 @@ void pulses_tick(heard_t hear) {
     // The tail first: the interrupt says it again when there is no room.
     tail = head;
     full = false;
+    // What is high now has been so for a time that is not known.
+    high = hal_receiver_pins();
     known = 0;
   }
   while (tail != head) {

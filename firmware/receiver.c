@@ -13,12 +13,11 @@
 // What both kinds of receiver send: channels of SBUS, then wires with pulses.
 #define WIRES_FROM CT_RECEIVER_CHANNELS
 
-static uint8_t frame_age = 255, age[CT_RC_CHANNELS];  // [PERIOD_MS]
+static uint8_t frame_age, age[CT_RC_CHANNELS];  // [PERIOD_MS]
 static uint8_t phase_ms;
 static bool changed;
 
 void receiver_start(void) {
-  for (uint8_t i = 0; i < CT_RC_CHANNELS; i++) age[i] = 255;
   sbus_start();
   hal_receiver_start();
 }
@@ -57,12 +56,12 @@ static void grow_older(void) {
 
 static void map_channels(void) {
   bool sbus = table.receiver_kind == RECEIVER_SBUS;
-  const uint16_t *channels = table.channel + (sbus ? 0 : WIRES_FROM);
+  uint8_t from = sbus ? 0 : WIRES_FROM;
   uint8_t count = sbus ? CT_RECEIVER_CHANNELS : CT_RC_CHANNELS;
   uint32_t map = table.receiver_map;
   for (uint8_t i = 0; i < CT_RC_CHANNELS; i++, map >>= 4) {
     uint8_t channel = map & 0xf;
-    table.rc[i] = channel < count ? channels[channel] : 0;
+    table.rc[i] = channel < count ? table.channel[from + channel] : 0;
     if (table.rc[i]) watchdog_memory.receiver_seen = true;
   }
 }

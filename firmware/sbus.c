@@ -57,10 +57,7 @@ HAL_INTERRUPT(radio_byte) {
   }
 }
 
-void sbus_start(void) {
-  sbus_clear(&line);
-  silent_ms = 0;
-}
+void sbus_start(void) { sbus_clear(&line); }
 
 bool sbus_tick(heard_t hear) {
   bool first = silent_ms >= PAUSE_MS;

@@ -15,7 +15,7 @@ typedef struct {
 } servo_report_t;
 
 // A register that must have a value: with another the servo does not go where its goal is, as soon
-// as it can. hardware/servo_settings.py has the same list, with names.
+// as it can. hardware/joints.py has the same list, with names.
 typedef struct {
   uint8_t address, size;
   int32_t wanted;

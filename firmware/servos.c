@@ -49,10 +49,7 @@ static uint8_t setting[CT_SERVOS];  // Next one to be read.
 static uint8_t probe;  // Next servo to look for, and in which protocol.
 static uint8_t right[CT_SERVOS];    // Settings in a row that were as they must be.
 
-void servos_start(void) {
-  for (uint8_t i = 0; i < CT_SERVOS; i++) age_ms[i] = torque_age_ms[i] = 255;
-  servo_line_start();
-}
+void servos_start(void) { servo_line_start(); }
 
 static uint8_t bit(uint8_t i) { return 1 << i; }
 
@@ -217,6 +214,7 @@ static void found(uint8_t i) {
   }
   to_tell |= bit(i);
   setting[i] = right[i] = 0;
+  age_ms[i] = 0;  // Without a position it is looked for again, in both protocols.
 }
 
 static void take_moving(uint8_t i, const uint8_t *data) {

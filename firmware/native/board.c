@@ -58,7 +58,7 @@ static struct {
   bool answered;
   // The servo bus.
   hal_bus_t bus;
-  bool driving, arriving, heard;
+  bool bus_on, driving, arriving, heard;
   uint8_t bus_byte, request[LONGEST_REQUEST];
   uint32_t request_length, strays, cuts, collisions, deaf;
   void (*on_request)(const uint8_t *, uint32_t);
@@ -173,7 +173,10 @@ static void host_out(void) {
 }
 
 // The servo bus.
-void hal_bus_start(void) { board.bus = BUS_LISTENING; }
+void hal_bus_start(void) {
+  board.bus_on = true;
+  board.bus = BUS_LISTENING;
+}
 
 void hal_bus_mode(hal_bus_t mode) {
   board.bus = mode;
@@ -205,7 +208,7 @@ void hal_bus_send(uint8_t byte) {
 
 static void bus_out(void) {
   board.due[BUS_OUT] = NEVER;
-  if (!runs()) return;
+  if (!board.bus_on || !runs()) return;
   if (board.bus == BUS_SENDING) {
     hal_interrupt_bus_empty();
   } else if (board.bus == BUS_ENDING) {
@@ -367,7 +370,7 @@ static void stop(void) {
   for (int i = 0; i < EVENTS; i++) board.due[i] = NEVER;
   board.interrupts = board.hung = board.host_on = board.host_sending = false;
   board.light_on = board.light = false;
-  board.driving = board.arriving = board.rc_listening = board.radio_arriving = false;
+  board.bus_on = board.driving = board.arriving = board.rc_listening = board.radio_arriving = false;
   board.request_length = 0;
   board.to_board.tail = board.to_board.head;
   board.to_bus.tail = board.to_bus.head;

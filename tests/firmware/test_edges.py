@@ -18,6 +18,7 @@ from tests.support.firmware_host import (
     ZERO,
     Bench,
     FirmwareHost,
+    number,
     packets,
     read,
     write,
@@ -231,12 +232,6 @@ def test_the_light_is_on_while_a_source_has_the_robot(native_bench: Bench) -> No
     pilot.simulation.set_switches()
     assert pilot.drive(0.1).mode == BoardMode.DISARMED
     assert not pilot.simulation.board.light
-
-
-def number(pilot: FirmwareHost, item: str, size: int = 1) -> int:
-    """An item of the table, as it is now."""
-    peek = pilot.simulation.board.peek
-    return sum(peek(ADDRESS[item] + i) << 8 * i for i in range(size))
 
 
 def ticks_until(

@@ -11,7 +11,13 @@ from pathlib import Path
 from firmware.simulator import protocol2
 from firmware.simulator.simulation import FirmwareSimulation
 from tsd_twin.dynamixel.blocks import Command, Setup, Telemetry
-from tsd_twin.dynamixel.control_table import BOARD_ID, ZERO_THROTTLE, BoardMode, ReceiverKind
+from tsd_twin.dynamixel.control_table import (
+    ADDRESS,
+    BOARD_ID,
+    ZERO_THROTTLE,
+    BoardMode,
+    ReceiverKind,
+)
 
 CYCLE_S = 0.01
 _SET_UP_S = 0.3
@@ -195,6 +201,23 @@ class FirmwareHost:
         assert faults == (0, 0, 0, 0), "the servo bus was not kept clean"
         reserved = self.simulation.servo_bus.reserved
         assert not reserved, f"reads of reserved registers: {reserved}"
+
+
+def number(pilot: FirmwareHost, item: str, size: int = 1, index: int = 0) -> int:
+    """An item of the table of a board without the chip, as it is now."""
+    at, peek = ADDRESS[item] + size * index, pilot.simulation.board.peek
+    return sum(peek(at + i) << 8 * i for i in range(size))
+
+
+def run_until(
+    pilot: FirmwareHost, item: str, value: int, size: int = 1, *, mask: int = 0xFFFF
+) -> int:
+    """Run until an item has a value; return the millisecond of the board in which it has it."""
+    end_s = pilot.simulation.board.now_s + 3.0
+    while number(pilot, item, size) & mask != value:
+        pilot.simulation.run(0.0002)
+        assert pilot.simulation.board.now_s < end_s, item
+    return number(pilot, "millis", 4)
 
 
 class Bench:

@@ -28,11 +28,20 @@ from pathlib import Path
 from types import MappingProxyType
 
 from firmware.simulator.board import BUILD, FIRMWARE, build_native
-from tests.firmware import test_driving, test_edges, test_line
+from tests.firmware import (
+    test_driving,
+    test_edges,
+    test_line,
+    test_receiver_lines,
+    test_servo_cycle,
+)
 from tests.support.firmware_host import Bench
 from tests.support.firmware_rules import LAWS, Law
 
-FILES = ("watchdog.c", "table.c", "manual.c", "host_line.c", "receiver.c", "servos.c", "safety.c")
+FILES = (
+    "watchdog.c", "table.c", "manual.c", "host_line.c", "receiver.c", "pulses.c", "sbus.c",
+    "servos.c", "safety.c",
+)  # fmt: skip
 LISTED = FIRMWARE / "equivalent_mutants.txt"
 _BROKE = BUILD / "mutants.json"
 """The rule that each mutant broke in the last run: it is tried first in the next."""
@@ -166,7 +175,12 @@ _TESTS: tuple[Law, ...] = (
     test_line.test_an_armed_board_drives_on_among_garbage,
     test_line.test_every_length_of_read_is_answered_with_what_stands_there,
     test_line.test_what_looks_like_a_header_inside_a_packet_is_stuffed_both_ways,
-    *(test for name, test in vars(test_edges).items() if name.startswith("test_")),
+    *(
+        test
+        for module in (test_edges, test_receiver_lines, test_servo_cycle)
+        for name, test in vars(module).items()
+        if name.startswith("test_")
+    ),
 )
 TESTS: dict[str, Law] = {**LAWS, **{test.__name__: test for test in _TESTS}}
 
@@ -224,6 +238,14 @@ def _code(file: str, source: str, compiler: Iterable[str], folder: Path) -> str:
 def _original(file: str, compiler: tuple[str, ...]) -> str:
     with tempfile.TemporaryDirectory() as name:
         return _code(file, "\n".join(_lines(file)) + "\n", compiler, Path(name))
+
+
+def _is_same(mutant: Mutant, folder: Path) -> bool:
+    """Whether a mutant has the code of the firmware, for this machine or for the chip."""
+    return any(
+        _code(mutant.file, mutant.source(), compiler, folder) == _original(mutant.file, compiler)
+        for compiler in (_PLAIN, _CHIP)
+    )
 
 
 def _link(folder: Path, objects: Iterable[Path]) -> Path:
@@ -285,15 +307,14 @@ class Referee:
             library = _link(folder, [folder / "mutant.o", *_others(self.checked, mutant.file)])
             if before in self.names:
                 self._prefer(before)
+            elif _is_same(mutant, folder):
+                return code, "same"
             broken = _broken(library, self.names, self.limits_s)
             if broken:
                 self._prefer(broken)
-                return code, broken
-            for compiler in (_PLAIN, _CHIP):
-                other = _code(mutant.file, mutant.source(), compiler, folder)
-                if other == _original(mutant.file, compiler):
-                    return code, "same"
-            return code, ""
+            elif _is_same(mutant, folder):
+                return code, "same"
+            return code, broken
 
     def _prefer(self, name: str) -> None:
         self.names.remove(name)
