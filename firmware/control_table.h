@@ -132,7 +132,7 @@ typedef struct __attribute__((packed)) {
   uint8_t servo_protocol;  // 131: Bit i: servo i speaks Protocol 2.0, else 1.0.
   uint8_t servo_fault;  // 132: Bit i: servo i reports a hardware error.
   uint8_t servo_torque;  // 133: Bit i: servo i said within the last 150 ms that it holds.
-  uint8_t servo_checked;  // 134: Bit i: all settings of servo i are as they must be.
+  uint8_t servo_checked;  // 134: Bit i: the settings of servo i have the required values.
   uint8_t wrong_servo;  // 135: Id of a servo with a setting that is not, the next two say which; 0: none.
   uint8_t wrong_register;  // 136: Its address in the table of the servo.
   uint32_t wrong_value;  // 137: What it is there.

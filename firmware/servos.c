@@ -47,7 +47,7 @@ static bool more_due;
 static uint8_t short_cycles;  // Cycles to come that have no time of their own for it.
 static uint8_t setting[CT_SERVOS];  // Next one to be read.
 static uint8_t probe;  // Next servo to look for, and in which protocol.
-static uint8_t right[CT_SERVOS];    // Settings in a row that were as they must be.
+static uint8_t right[CT_SERVOS];    // Settings in a row that had the required value.
 
 void servos_start(void) { servo_line_start(); }
 

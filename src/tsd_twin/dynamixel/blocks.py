@@ -150,7 +150,7 @@ class Telemetry(Packed):
     servo_torque: int = 0
     """Bit i: servo i said within the last 150 ms that it holds."""
     servo_checked: int = 0
-    """Bit i: all settings of servo i are as they must be."""
+    """Bit i: the settings of servo i have the required values."""
     wrong_servo: int = 0
     """Id of a servo with a setting that is not, the next two say which; 0: none."""
     wrong_register: int = 0

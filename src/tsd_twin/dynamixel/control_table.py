@@ -237,7 +237,7 @@ TELEMETRY = Block(
         Item("servo_protocol", "u8", "Bit i: servo i speaks Protocol 2.0, else 1.0."),
         Item("servo_fault", "u8", "Bit i: servo i reports a hardware error."),
         Item("servo_torque", "u8", "Bit i: servo i said within the last 150 ms that it holds."),
-        Item("servo_checked", "u8", "Bit i: all settings of servo i are as they must be."),
+        Item("servo_checked", "u8", "Bit i: the settings of servo i have the required values."),
         Item(
             "wrong_servo",
             "u8",
@@ -371,7 +371,7 @@ class Refusal(IntEnum):
     RECEIVER = 11
     """A receiver is expected, or was there, and a channel has no pulses."""
     SETTING = 12
-    """A setting of a servo of `servos_expected` is not as it must be, or not read yet."""
+    """A setting of a servo of `servos_expected` differs from the required value, or is unread."""
     TORQUE = 13
     """A servo of `servos_expected` does not hold."""
 

@@ -333,7 +333,7 @@ class Replay:
 
     def _send(self, entry: Entry) -> None:
         topic = topic_of(entry.topic)
-        assert topic is not None  # noqa: S101  Others were left out.
+        assert topic is not None  # noqa: S101  `run` plays entries of topics only.
         path = entry.topic.removeprefix(f"twin/{self._robot}/")
         if path not in self._publishers:
             key = f"twin/{self._id}/{path}"

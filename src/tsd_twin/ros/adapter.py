@@ -59,7 +59,7 @@ class MeshServer:
                 self.end_headers()
                 self.wfile.write(body or b"")
 
-            def log_message(self, format: str, *args: Any) -> None:  # noqa: A002  As above.
+            def log_message(self, format: str, *args: Any) -> None:  # noqa: A002  Named so by the base class.
                 """Write no line for each request."""
 
         try:

@@ -116,7 +116,7 @@ class DdsPort:
         """Return whether a topic has a subscriber."""
         try:
             return self._published[topic].get_subscription_count() > 0
-        except Exception:  # As for `publish`.
+        except Exception:  # rclpy has no class for all that fails in it.
             return False
 
     def publish(self, message: RosMessage) -> None:

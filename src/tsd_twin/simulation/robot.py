@@ -371,7 +371,7 @@ class WornRobot(RobotWithStuckJoint):
         """Let a part wear from now on."""
         if wear.part == BATTERY:
             volts = self._simulation.hardware_status()["battery_v"]
-            assert isinstance(volts, float)  # noqa: S101  As all simulations have it.
+            assert isinstance(volts, float)  # noqa: S101  Each simulation has a battery.
             self._simulation.set_battery(volts - wear.lost)
         else:
             self._joint_shares[self._names.index(wear.part)] = 1.0 - wear.lost
