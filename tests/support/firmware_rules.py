@@ -752,7 +752,8 @@ def a_servo_that_is_not_there_is_missed_by_its_id(bench: Bench) -> None:
 
 
 def ids_of_servos_are_checked(bench: Bench) -> None:
-    pilot = bench.pilot().get_ready()
+    # The number behind the ids is none: its lower byte is the id of servo 1.
+    pilot = bench.pilot().get_ready(Setup(neutral=(2049,) * 6))
     before = pilot.ask(read(Setup.ADDRESS, Setup.LAYOUT.size))
     random = np.random.default_rng(5)
     for _ in range(10):
