@@ -138,8 +138,7 @@ class _Reader:
             name, on, pose = waiting.pop()
             seen += 1
             self._add_parts(self._links[name], on, pose)
-            for joint in self._children[name]:
-                waiting.append(self._follow(joint, on, pose))
+            waiting += [self._follow(joint, on, pose) for joint in self._children[name]]
         if seen != len(self._links):
             raise ValueError("its links go round in a circle")
         return self._result()
@@ -182,7 +181,7 @@ class _Reader:
         if meshes:
             simple, _ = self._shapes(link, link.findall("collision"))
             instead = simple or _inertia_box(link)
-            how = "the shapes that they collide with" if simple else "boxes of the same inertia"
+            how = "the shapes of their collisions" if simple else "boxes of the same inertia"
             how = how if instead else "nothing"
             self._meshes[how] = self._meshes.get(how, 0) + meshes
             parts += instead
@@ -217,18 +216,18 @@ class _Reader:
 
     def _result(self) -> tuple[ImportedGeometry, tuple[str, ...]]:
         said = [
-            f"Meshes of its URDF: {count} are not fetched; it is drawn with {how} instead."
+            f"Its meshes: {count} of the URDF are not fetched, drawn instead: {how}."
             for how, count in self._meshes.items()
         ]
         if self._stiff:
-            said.append(f"Joints of its URDF: {self._stiff} are drawn as if they did not move.")
+            said.append(f"Its joints: {self._stiff} of the URDF are drawn as if they stood still.")
         if not self._parts:
             shape, sentences = stand_in("its URDF has no shape that can be drawn")
             return _changed(shape, joints=[]), (*said, *sentences)
         shape = ImportedGeometry(parts=self._parts, joints=self._joints)
         if len(self._parts) > MOST_PARTS or len(geometry_toml(shape)) > LONGEST - 4000:
             shape = _changed(shape, parts=[_bounding_box(shape, on) for on in _carriers(shape)])
-            said.append(f"Its {len(self._parts)} parts are drawn as a box for each joint.")
+            said.append(f"Its shape: {len(self._parts)} parts are drawn as a box for each joint.")
         low_m = min(float(corner[2]) for corner in _corners(shape))
         return _changed(shape, height_m=round(max(0.0, -low_m), 4)), tuple(said)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Literal, TypeAlias
 
-from msgspec import Meta
+from msgspec import Meta, field
 
 from tsd_twin.kinematics import Joint, JointKind, TwistKinematics
 from tsd_twin.robots.description import (
@@ -78,7 +78,9 @@ class ImportedGeometry(Table, frozen=True, tag="imported", tag_field="kind"):
     """Whether it follows `vy`."""
     height_m: NotNegative = 0.0
     """Height of `base_link` above the floor."""
-    joints: Annotated[list[ImportedJoint], Meta(max_length=MOST_JOINTS)] = []
+    joints: Annotated[list[ImportedJoint], Meta(max_length=MOST_JOINTS)] = field(
+        default_factory=list[ImportedJoint]
+    )
 
 
 class ImportedDescription(RobotDescription, frozen=True, kw_only=True):

@@ -115,7 +115,7 @@ def _toml(name: str, shape: ImportedGeometry, said: tuple[str, ...], limits: Imp
         "Driving sideways: it cannot, so that part of a command has no effect."
     )  # fmt: skip
     # As far as our own robots would need; the speed is not to be lowered for it.
-    allowance_m = speed * 0.6 + speed * speed / (2.0 * acceleration)
+    allowance_m = min(100.0, speed * 0.6 + speed * speed / (2.0 * acceleration))
     assumptions = said if limits.sideways else (drives, *said)
     encoded = [msgspec.json.encode(_plain(sentence)).decode() for sentence in assumptions]
     return f"""name = "{name}"
@@ -187,7 +187,7 @@ class ImportedRobot:
         self._measured = np.zeros(0)
         self._odom_s = -math.inf
         """When the newest odometry was sent, on our clock."""
-        self._odom_from = b""
+        self._odom_from: bytes = b""
         self._counted = {row.name: 0 for row in IMPORTED}
         self._dropped = 0
         self._sent, self._sent_s, self._zeros = 0, -math.inf, 0
@@ -264,7 +264,10 @@ class ImportedRobot:
             self._zeros -= 1
 
     def set_heartbeat(self, heartbeat: Heartbeat) -> None:
-        """Send zeros when the robot is no longer armed, and at each stop, also while other nodes drive it."""
+        """Send zeros when the robot is no longer armed, and at each stop.
+
+        At a stop also if it is not armed: other nodes may drive it.
+        """
         before, self._heartbeat = self._heartbeat, heartbeat
         if (before.armed and not heartbeat.armed) or (heartbeat.latched and not before.latched):
             self._zeros = ZEROS
