@@ -33,7 +33,8 @@ POSE_SENSORS = ("odom_x_m", "odom_y_m", "odom_heading_rad")
 RESERVED = frozenset({"vx", "vy", "omega", *POSE_SENSORS})
 """Names that a joint cannot have."""
 NOT_PROMISED = (
-    "The distance in which it stops: its own controller brakes, or does not.",
+    "The distance in which it stops: its own controller brakes, or does not. No stop envelope is "
+    "drawn.",
     "That it stops when tsd-ros or its link fails: its own timeout of cmd_vel decides, if it has "
     "one.",
     "That only the operator here drives it: any ROS node can publish cmd_vel. Control and arming "

@@ -193,12 +193,9 @@ class RobotVisual:
         self.ball = SO3.identity()
         """Orientation of its sphere, if it has one."""
         self._turned_s = -np.inf
-        # What stays where it is goes nowhere.
-        self._predictor = (
-            MotionPredictor(link.kinematics, link.robot)
-            if link.kinematics.pose_type is SE2
-            else None
-        )
+        # What stays where it is goes nowhere, and where others stop cannot be promised.
+        predictable = link.kinematics.pose_type is SE2 and not link.robot.not_promised
+        self._predictor = MotionPredictor(link.kinematics, link.robot) if predictable else None
         self._prediction_rate = RateLimiter(PREDICTION_HZ)
         self._reader = JointReader(meshes.shape.joints)
         self._setpoint_reader = JointReader(link.kinematics.joints)

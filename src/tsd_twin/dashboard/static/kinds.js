@@ -90,7 +90,8 @@ const KINDS = {
     ...ON_FLOOR,
     arm: "Let commands through to cmd_vel of ROS",
     disarm: "Let no commands through",
-    armHint: "Other ROS nodes can drive it as well. Where it stops is not promised: see the tab ROS.",
+    armHint:
+      "Other ROS nodes can drive it as well. Where it stops is not promised: see the tab ROS.",
     Panel: Imported,
     plots: (robot) => [...twists(robot), ROUND_TRIP],
   },
