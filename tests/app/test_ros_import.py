@@ -18,13 +18,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+from playwright.sync_api import Browser, expect
 
 import tsd_twin
 from tests.app.conftest import Program
+from tests.support.browser import (
+    PATIENCE_MS,
+    QUICK,
+    press,
+)
 from tests.support.ros_nodes import foreign_hash, ros_router
 from tests.support.ros_robot import JOINTS, ODOMETRY, START, ForeignRobot
 from tsd_twin.client import RobotClient
 from tsd_twin.errors import TwinError
+from tsd_twin.robots.imported import NOT_PROMISED
 from tsd_twin.ros.imported_robot import ZEROS
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
@@ -151,6 +158,8 @@ def test_it_is_driven_under_our_limits_and_cmd_vel_ends_with_zeros_and_silence(
         assert gap_s == pytest.approx(0.02, abs=0.006)
         assert robot.state.odom.pose == pytest.approx(cart.pose, abs=0.03)
         assert robot.state.mode == "ready"
+        with pytest.raises(TwinError, match="cannot drive sideways"):
+            base.go_to(x_m=0.0, y_m=0.0)
 
 
 def test_stop_latches_and_sends_zeros_also_when_it_is_not_armed(
@@ -333,3 +342,31 @@ def test_mistakes_are_told_in_a_sentence(flags: list[str], sentence: str) -> Non
         assert re.fullmatch(r"tsd-ros: .*", program.sentence)
     finally:
         program.clean_up()
+
+
+@pytest.mark.busy
+def test_the_page_says_what_is_not_promised(browser: Browser, stage: Stage) -> None:
+    dashboard = Program(["tsd_dashboard", "--connect", stage.endpoint, "--port", "0"])
+    try:
+        address = re.findall(r"http://\S+", dashboard.ready())[0]
+        page = browser.new_page(viewport={"width": 900, "height": 500})
+        page.add_init_script("localStorage.setItem('tsd.hints', 'seen')")
+        page.goto(address + QUICK)
+        page.get_by_role("tab", name="ROS").click(timeout=PATIENCE_MS)
+        section = page.locator("section.not-promised li")
+        expect(section.first).to_be_visible(timeout=PATIENCE_MS)
+        said = section.all_inner_texts()
+        assert said[: len(NOT_PROMISED)] == list(NOT_PROMISED)
+        assert any("meshes" in text for text in said)
+        press(page, "Take control")
+        arm = page.get_by_role("button", name="Arm", exact=True)
+        expect(arm).to_have_accessible_description(
+            re.compile("where it stops is not promised"), timeout=PATIENCE_MS
+        )
+        page.get_by_role("tab", name="Health").click(timeout=PATIENCE_MS)
+        row = page.get_by_role("row", name="stop distance without link")
+        expect(row).to_contain_text("not promised", timeout=PATIENCE_MS)
+        page.close()
+    finally:
+        dashboard.clean_up()
+    assert "Traceback" not in dashboard.sentence, dashboard.sentence

@@ -88,7 +88,7 @@ const KINDS = {
   },
   twist: {
     ...ON_FLOOR,
-    arm: "Let commands through to cmd_vel of ROS",
+    arm: "Let commands through to cmd_vel of ROS: where it stops is not promised",
     disarm: "Let no commands through",
     armHint:
       "Other ROS nodes can drive it as well. Where it stops is not promised: see the tab ROS.",
