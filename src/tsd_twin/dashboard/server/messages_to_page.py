@@ -62,7 +62,7 @@ class RobotInfo(Message, frozen=True, tag="robot"):
     """Of `drive`, `twist` and `commanded`, in this order."""
     twist_scale_m: float
     """Metres a second that one unit of the first two numbers is; limits of speed are in m/s."""
-    panel: Literal["gimbals", "wheels", "sphere"]
+    panel: Literal["gimbals", "wheels", "sphere", "twist"]
     """Kind of the actuator tab."""
     max_tilt_deg: float | None = None
     modules: Sequence[str] = ()
@@ -75,6 +75,8 @@ class RobotInfo(Message, frozen=True, tag="robot"):
     """Of those wheels."""
     alternative_estimate: str | None = None
     """Source of the alternative estimate, of robots that have two."""
+    not_promised: Sequence[str] = ()
+    """What the rules cannot promise for a robot without our node on it, a sentence each."""
     plot_fields: Sequence[str] = ()
     """Names of the values that a page can request for its plots; each ends with its unit."""
 

@@ -128,13 +128,14 @@ interface RobotInfo {
   space: "floor" | "sphere";
   twist_axes: TwistAxisInfo[];
   twist_scale_m: number;
-  panel: "gimbals" | "wheels" | "sphere";
+  panel: "gimbals" | "wheels" | "sphere" | "twist";
   max_tilt_deg: number | null;
   modules: string[];
   wheel_speed_limits: WheelSpeedLimits | null;
   wheels: string[];
   max_rpm: number | null;
   alternative_estimate: string | null;
+  not_promised: string[];
   plot_fields: string[];
 }
 

@@ -15,6 +15,7 @@ from tsd_twin.messages.requests import Sample
 from tsd_twin.messages.ros import decode_joints
 from tsd_twin.messages.status import decode_stamp, decode_status
 from tsd_twin.messages.topics import ODOM, STATUS, Topic
+from tsd_twin.robots import kind_of
 from tsd_twin.shadow import STREAMS, ShadowFeed, ShadowReport, ShadowTwin
 
 LINGER_S = 10.0
@@ -40,7 +41,12 @@ class ShadowMonitor:
         self._report: ShadowReport | None = None
 
     def report(self) -> ShadowReport | None:
-        """Return the newest report, and keep the twin running; None before the first."""
+        """Return the newest report, and keep the twin running; None before the first.
+
+        A robot that cannot be simulated has none.
+        """
+        if not kind_of(self._link.robot).simulations:
+            return None
         with self._lock:
             self._asked_s = time.monotonic()
             if self._thread is None and not self._ending.is_set():
