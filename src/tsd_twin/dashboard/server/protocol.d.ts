@@ -490,7 +490,7 @@ interface MotionSource {
   readonly command?: FollowPlan;
 }
 
-// Of a page that shows a recording: recorded_protocol.py.
+// Of a page that shows a recording: messages_from_page.py, messages_to_page.py.
 
 interface TimelineEvent {
   t_s: number;
