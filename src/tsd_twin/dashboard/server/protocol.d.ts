@@ -397,13 +397,13 @@ type ServerMessage =
   | StudentReply
   | MapLines
   | ViewChanged
-  | HeartbeatReply;
+  | HeartbeatReply
+  | Timeline
+  | Cursor
+  | PastStates;
 
 /** The messages by their `t`, and the three events of the link itself. */
 type LinkEvents = { [M in Exclude<ServerMessage, HeartbeatReply> as M["t"]]: M } & {
-  timeline: Timeline;
-  cursor: Cursor;
-  past: PastStates;
   up: undefined;
   down: undefined;
   beat: undefined;
