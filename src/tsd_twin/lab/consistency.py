@@ -391,15 +391,15 @@ def _lines(results: Sequence[Consistency]) -> list[str]:
     """Return the table in Markdown."""
     times = [f"{t_s:g} s" for t_s in TIMES_S]
     head = ["robot", "errors", "sensors", "manoeuvre", *times, "in region", "in wedge"]
-    lines = [f"| {' | '.join(head)} |", f"|{' --- |' * len(head)}"]
+    rows: list[list[str]] = []
     for result in results:
         case = result.case
         cells = [case.robot, f"{case.errors:g}", case.sensors, case.manoeuvre]
         cells += [f"{mean:.1f}" for mean in result.means]
         shares = (result.coverage[-1], result.heading_coverage[-1])
         cells += [f"{100.0 * share:.0f} %" for share in shares]
-        lines.append(f"| {' | '.join(cells)} |")
-    return lines
+        rows.append(cells)
+    return experiment.markdown_table(head, rows)
 
 
 def _draw(results: Sequence[Consistency], out: Output) -> None:
