@@ -37,6 +37,7 @@ from tests.support.foxglove_client import (
 from tests.support.provisioning import provision_folder
 from tests.support.recorded_drives import RecordedDrive
 from tests.support.robot_node import QUICK
+from tests.support.tcp_relay import Relay
 from tsd_twin import robots
 from tsd_twin.bus import Bus, as_client, client_config
 from tsd_twin.foxglove.front import FOXGLOVE_ORIGIN, SILENT_S
@@ -59,6 +60,8 @@ class Stage:
     """A robot and the adapter, as processes of their own."""
 
     endpoint: str
+    relay: Relay
+    """Between robot and adapter."""
     url: str
     adapter: Program
 
@@ -77,11 +80,13 @@ def stage(tmp_path_factory: pytest.TempPathFactory) -> Generator[Stage]:
     programs = [Program(["tsd_mock", "--listen", "tcp/127.0.0.1:0", "--robot", str(toml)])]
     try:
         endpoint = programs[0].ready().split()[-1]
-        programs.append(Program(["tsd_foxglove", "--connect", endpoint, "--port", "0"]))
-        yield Stage(endpoint, url_of(programs[1]), programs[1])
-        assert programs[1].end() == 0
-        assert "Traceback" not in programs[1].sentence, programs[1].sentence
-        assert len(programs[1].errors) < 50, "a client fills the log with its mistakes"
+        with Relay(endpoint) as relay:
+            flags = ["--connect", relay.endpoint, "--port", "0"]
+            programs.append(Program(["tsd_foxglove", *flags]))
+            yield Stage(endpoint, relay, url_of(programs[1]), programs[1])
+            assert programs[1].end() == 0
+            assert "Traceback" not in programs[1].sentence, programs[1].sentence
+            assert len(programs[1].errors) < 50, "a client fills the log with its mistakes"
     finally:
         for program in programs:
             program.clean_up()
@@ -256,6 +261,34 @@ def test_a_client_that_is_killed_leaves_a_robot_at_rest_and_free(stage: Stage) -
             await driver.client.disconnect()
 
     stage.run(work())
+
+
+def test_a_robot_that_comes_back_into_reach_is_not_moved_by_a_stick_that_is_held_on(
+    stage: Stage,
+) -> None:
+    """The adapter loses its connections to the robot, which stays ready meanwhile."""
+
+    async def work() -> float:
+        async with foreign_client(stage.url) as it:
+            await it.call("/arm")
+            await it.pause()
+            pushing = asyncio.create_task(it.push(0.3, 60.0))
+            with tsd_twin.connect(stage.endpoint) as robot:
+                await it.until(lambda: robot.state.mode == "driving", "it does not drive")
+                with stage.relay.cut():
+                    await it.until(
+                        lambda: robot.state.status.lease.holder is None, "the lease does not end"
+                    )
+                    at_m = robot.state.truth.pose.x_m
+                await it.until(lambda: "/odom" not in it.topics, "it is still shown")
+                await it.until(lambda: "/odom" in it.topics, "it is not shown again")
+                await asyncio.sleep(2.0)
+                moved_m = abs(robot.state.truth.pose.x_m - at_m)
+            pushing.cancel()
+            await asyncio.gather(pushing, return_exceptions=True)
+        return moved_m
+
+    assert stage.run(work()) < 0.01
 
 
 def test_the_adapter_that_hangs_drives_on_with_no_command_of_before(stage: Stage) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Callable, Generator
 from typing import Any
@@ -21,6 +22,8 @@ ROBOTS = [
 ]
 MAP: dict[str, Any] = {"map": {"robots": ROBOTS, "envelope": None}}
 SPAN_M = 4.0
+CLICKS = 6
+PATH = re.compile(r"\d m, \d")
 MIDDLE = (0.24, 0.0)
 """Of the map: it moves until the robot is within a metre of its middle."""
 
@@ -125,9 +128,13 @@ def test_map_camera_presets_and_the_window_of_the_plots(
     mode(page, "disarmed")
     press_until(page, "Take control", page.get_by_role("button", name="Release control"))
     page.keyboard.press("m")
-    page.get_by_role("img", name="Map").click(timeout=PATIENCE_MS, position={"x": 60, "y": 40})
     path = page.get_by_role("status", name="Path")
-    expect(path).to_contain_text(re.compile(r"\d m, \d"), timeout=PATIENCE_MS)
+    for _ in range(CLICKS):  # A page that stalls as it loads plans nothing: the robot seems silent.
+        page.get_by_role("img", name="Map").click(timeout=PATIENCE_MS, position={"x": 60, "y": 40})
+        with contextlib.suppress(AssertionError):
+            expect(path).to_contain_text(PATH, timeout=PATIENCE_MS / CLICKS)
+            break
+    expect(path).to_contain_text(PATH)
     # viser's notice of a missing graphics card does not lie on map and robot.
     notice = page.locator(".mantine-Notification-root:visible").filter(has_text="WebGL")
     expect(notice).to_have_count(0, timeout=PATIENCE_MS)

@@ -37,6 +37,7 @@ from tests.support.ros_nodes import (
     vector,
 )
 from tests.support.square_drive import SquareDrive
+from tests.support.tcp_relay import Relay
 from tsd_twin import robots
 from tsd_twin.interop.cmd_vel import PAUSE_S
 from tsd_twin.interop.mapping import LATCHED_TOPICS, PUBLISHED, READ, SERVICES
@@ -55,6 +56,8 @@ class Stage:
     """A robot and the adapter, as processes of their own, and a node of ROS in this one."""
 
     endpoint: str
+    relay: Relay
+    """Between robot and adapter."""
     port: int
     adapter: Program
     node: ForeignNode
@@ -95,7 +98,7 @@ class Stage:
 def stage(tmp_path_factory: pytest.TempPathFactory) -> Generator[Stage]:
     toml = tmp_path_factory.mktemp("robot") / "tsd.toml"
     toml.write_text(QUICK, encoding="utf-8")
-    with ros_router() as (router, port):
+    with contextlib.ExitStack() as opened, ros_router() as (router, port):
         crowd = [
             router.liveliness().declare_token(
                 f"@ros2_lv/0/beef/0/{i}/MP/%/%/crowd/%t{i}/a::msg::dds_::B_/RIHS01_0/::,10:,:,:,,"
@@ -106,7 +109,8 @@ def stage(tmp_path_factory: pytest.TempPathFactory) -> Generator[Stage]:
         node = ForeignNode(router, port)
         try:
             endpoint = programs[0].ready().split()[-1]
-            flags = ["--connect", endpoint, "--ros-connect", f"tcp/127.0.0.1:{port}"]
+            relay = opened.enter_context(Relay(endpoint))
+            flags = ["--connect", relay.endpoint, "--ros-connect", f"tcp/127.0.0.1:{port}"]
             programs.append(Program(["tsd_ros", *flags, "--domain", "0"]))
             programs[1].ready()
             for row in PUBLISHED:
@@ -115,7 +119,7 @@ def stage(tmp_path_factory: pytest.TempPathFactory) -> Generator[Stage]:
                     node.subscribe(name, row.type)
             node.until_all("/odom/truth", "/status")
             cmd_vel = node.publisher("/cmd_vel", TWIST)
-            yield Stage(endpoint, port, programs[1], node, cmd_vel)
+            yield Stage(endpoint, relay, port, programs[1], node, cmd_vel)
             assert programs[1].end() == 0
             assert "Traceback" not in programs[1].sentence, programs[1].sentence
             assert len(programs[1].errors) < 60, "a node fills the log with its mistakes"
@@ -331,6 +335,31 @@ def moved_after_hang(stage: Stage) -> tuple[float, float]:
         robot.sleep(1.5)
         moved_m = abs(robot.state.truth.pose.x_m - still_m)
         return moved_m, longest_pause_s(pushed_s, on_s)
+
+
+def test_a_robot_that_comes_back_into_reach_is_not_moved_by_a_stick_that_is_held_on(
+    stage: Stage,
+) -> None:
+    """The adapter loses its connections to the robot, which others may keep ready meanwhile."""
+    node = stage.node
+    assert node.call("/arm")[0]
+    stage.pause()
+    with stage.pushing(0.3), tsd_twin.connect(stage.endpoint) as robot:
+        node.until(lambda: node.speed_mps > 0.2, "it does not drive")
+        with stage.relay.cut():
+            end_s = time.monotonic() + PATIENCE_S
+            while robot.state.status.lease.holder is not None:
+                assert time.monotonic() < end_s, "the lease does not end"
+                robot.sleep(0.02)
+            stage.node.newest.pop("/odom/truth")
+        at_m = robot.state.truth.pose.x_m
+        node.until_all("/odom/truth")  # It is shown again.
+        robot.sleep(2.0)
+        assert abs(robot.state.truth.pose.x_m - at_m) < 0.01
+    assert node.call("/arm")[0]
+    stage.pause()
+    stage.push(0.3, 0.5)
+    node.until(lambda: node.x_m - at_m > 0.02, "the service arm takes control again")
 
 
 def test_a_second_publisher_moves_nothing_while_the_first_one_drives(stage: Stage) -> None:

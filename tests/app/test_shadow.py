@@ -2,32 +2,37 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.app.conftest import PATIENCE_S, Program
 from tests.support.page_client import Page
 from tests.support.robot_node import PATIENT
+from tsd_twin import robots
 
 pytestmark = pytest.mark.system
 
+MOST_RAD_PER_S = robots.load_robot("tsd").limits.turn_rate_rad_per_s
 Start = Callable[..., Program]
-WORN_S, BACK_S = 3.0, 0.7
-"""Time of driving before it wears, and of each direction of the stick."""
+WORN_S, PUSH_S = 3.0, 0.35
+"""Time of driving before it wears, and of each push of the stick."""
 
 
-def drive_to_and_fro(page: Page, until: Callable[[], bool]) -> None:
-    """Reverse the stick again and again: where gimbals stand still, their servos show nothing."""
-    end_s, sign = time.monotonic() + PATIENCE_S, 1.0
+def drive_at_full_stick(page: Page, until: Callable[[], bool]) -> None:
+    """Push in ever new directions: where gimbals hardly move, their servos show nothing."""
+    end_s, random = time.monotonic() + PATIENCE_S, np.random.default_rng(3)
     while not until():
         assert time.monotonic() < end_s, page.state["shadow"]
-        page.drive(0.5 * sign, 0.4 * sign)
-        sign = -sign
-        time.sleep(BACK_S)
+        direction_rad = random.uniform(0.0, 2.0 * math.pi)
+        turn = random.choice([-MOST_RAD_PER_S, MOST_RAD_PER_S])
+        page.drive(math.cos(direction_rad), math.sin(direction_rad), float(turn))
+        time.sleep(PUSH_S)
 
 
 def test_the_page_of_a_robot_that_wears_while_driven_names_the_part(
@@ -49,7 +54,7 @@ def test_the_page_of_a_robot_that_wears_while_driven_names_the_part(
         assert page.state["shadow"] is None
         page.send(t="shadow", on=True)
         page.make_ready()
-        drive_to_and_fro(page, lambda: bool(shadow()["drifts"]))
+        drive_at_full_stick(page, lambda: bool(shadow()["drifts"]))
         (drift,) = shadow()["drifts"]
         assert drift["part"] == "module2_alpha"
         assert "servo of module 2 alpha" in drift["text"]

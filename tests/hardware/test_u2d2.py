@@ -11,16 +11,40 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from firmware.simulator.mx64 import Mx64
 from tests.hardware.test_mega import AHEAD, PATIENCE_S, REST, ROBOT, wait_until
 from tests.support.faulty_devices import Peer, PretendBoard
 from tests.support.servo_chain import ServoChain
 from tsd_twin.hardware import HardwareError, ServoCalibration, U2D2Hardware, u2d2
-from tsd_twin.hardware.joints import SETTINGS, ServoSetting
+from tsd_twin.hardware.joints import NO_TORQUE, SETTINGS, ServoSetting
 from tsd_twin.node import HasWatchdog, RobotIO
 from tsd_twin.safety import Heartbeat
 from tsd_twin.simulation import Motors
 
 ANGLES = [0, 1, 3, 4, 6, 7]
+HELD_UP_S = 0.025
+"""Requests come each 5 ms: after a pause of this, and an answer as late, a servo is silent."""
+TRIES = 12
+
+
+class Pauses:
+    """Longest time without a request on a line, as the device at its other end measures it."""
+
+    def __init__(self, answer: Callable[[bytes, float], bytes]) -> None:
+        self._answer = answer
+        self._heard_s = time.monotonic()
+        self._longest_s = 0.0
+
+    def answer(self, data: bytes, now_s: float) -> bytes:
+        self._longest_s = max(self._longest_s, now_s - self._heard_s)
+        self._heard_s = now_s
+        return self._answer(data, now_s)
+
+    def begin(self) -> None:
+        self._longest_s = 0.0
+
+    def longest_s(self) -> float:
+        return max(self._longest_s, time.monotonic() - self._heard_s)
 
 
 class Bench:
@@ -28,8 +52,9 @@ class Bench:
 
     def __init__(self, folder: Path, chain: ServoChain, calibration: ServoCalibration) -> None:
         self.board, self.chain = PretendBoard(), chain
-        self.wheels = Peer(folder / "board", self.board.answer)
-        self.line = Peer(folder / "servos", chain.answer)
+        self.pauses = [Pauses(self.board.answer), Pauses(chain.answer)]
+        self.wheels = Peer(folder / "board", self.pauses[0].answer)
+        self.line = Peer(folder / "servos", self.pauses[1].answer)
         self.robot: U2D2Hardware | None = None
         self.measured = np.full(9, np.nan)
         self._calibration = calibration
@@ -199,26 +224,52 @@ def test_a_servo_with_another_setting_is_refused_and_left_as_it_is(
         assert chain.register(4, u2d2.TORQUE_ENABLE) == 0
 
 
+def _torque_lost_s(it: Bench, servo: Mx64, lose: Callable[[], None], wait_s: float) -> float | None:
+    """Switch a servo off while armed; return how long the wheels ran on.
+
+    None when they stopped by another fault, which a busy machine explains: it let a thread wait,
+    so that a line had no request for longer than `HELD_UP_S`.
+    """
+    it.until(lambda: not it.fault and it.board.commands[-1].arm == 1, AHEAD)
+    for pauses in it.pauses:
+        pauses.begin()
+    lost_s, faults = time.monotonic() + wait_s, [""]
+    it.until(lambda: time.monotonic() > lost_s, AHEAD)
+    lost_s = time.monotonic()
+    lose()
+
+    def off() -> bool:
+        faults[0] = faults[0] or it.fault
+        return it.board.commands[-1].arm == 0
+
+    it.until(off, AHEAD)
+    took_s = time.monotonic() - lost_s
+    paused_s = max(pauses.longest_s() for pauses in it.pauses)
+    it.until(lambda: servo.torque, AHEAD)
+    if faults[0].endswith(NO_TORQUE):
+        return took_s
+    assert paused_s > HELD_UP_S, faults
+    return None
+
+
 def test_torque_that_is_lost_while_armed_is_a_fault_within_a_tenth_of_a_second(
     tmp_path: Path,
 ) -> None:
     random = np.random.default_rng(7)
     took_s: list[float] = []
+    held_up = 0
     with bench(tmp_path) as it:
         it.connect()
-        for i in range(12):
-            it.until(lambda: not it.fault and it.board.commands[-1].arm == 1, AHEAD)
-            pause_s = time.monotonic() + random.uniform(0.05, 0.1)
-            it.until(lambda end_s=pause_s: time.monotonic() > end_s, AHEAD)
+        while len(took_s) < TRIES:
+            i = len(took_s)
             servo = it.chain.servos[i % 6]
-            (servo.switch_off, servo.restart)[i % 2]()
-            lost_s = time.monotonic()
-            it.until(lambda: it.board.commands[-1].arm == 0, AHEAD)
-            took_s.append(time.monotonic() - lost_s)
-            assert it.fault.endswith(
-                ": no torque: it restarted, or another program switched it off"
-            )
-            it.until(lambda named=servo: named.torque, AHEAD)
+            lose = (servo.switch_off, servo.restart)[i % 2]
+            one_s = _torque_lost_s(it, servo, lose, random.uniform(0.05, 0.1))
+            if one_s is None:
+                held_up += 1
+                assert held_up <= TRIES, "not the machine: each loss makes a line pause"
+            else:
+                took_s.append(one_s)
     # A machine with other work may hold up a cycle or two; the worst is a matter of the processor.
     assert np.median(took_s) < 0.07
     assert np.sort(took_s)[-3] < 0.1

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from tsd_twin.errors import MessageError
 from tsd_twin.interop.cmd_vel import (
     AT_REST_S,
+    DISCOVERY_S,
     IDLE_S,
     LARGEST,
     MAX_AGE_S,
@@ -243,6 +244,46 @@ def test_a_twist_that_no_robot_reads_for_a_while_does_not_move_one_when_it_is_re
         operator.on_unread(0.15 + PERIOD_S * i)
     now_s = 0.15 + PERIOD_S * 60
     assert not moves(operator.on_twist(PUSH, now_s, MINE, now_s))
+
+
+@given(
+    st.sampled_from(["free", "taking", "held"]),
+    st.floats(0.0, 20.0),
+    st.floats(0.0, DISCOVERY_S - 0.01),
+)
+def test_a_robot_that_comes_back_is_not_moved_by_a_twist_that_was_held_on(
+    state: str, away_s: float, found_s: float
+) -> None:
+    """Its node was out of reach, and so was heard of no twist; then its topic is found anew."""
+    operator = CmdVelOperator(ME)
+    if state != "free":
+        assert operator.on_twist(PUSH, 0.0, FREE, 0.0) == [Acquire()]
+    if state == "held":
+        operator.acquired(0.0)
+    back_s = 0.1 + away_s
+    said = texts(operator.connected(back_s))
+    assert bool(said) == (state != "free")
+    start_s = back_s + found_s
+    for now_s in np.arange(start_s, start_s + 5.0, PERIOD_S):
+        operator.poll(now_s, FREE)
+        actions = operator.on_twist(PUSH, now_s, FREE, now_s)
+        assert Acquire() not in actions
+        assert not moves(actions)
+    later_s = start_s + 5.0 + PAUSE_S + 0.01
+    poll_until(operator, start_s + 5.0, later_s)
+    again = operator.on_twist(PUSH, later_s, FREE, later_s)
+    # Control that was lost is taken again by the service alone.
+    assert (Acquire() in again) == (state != "held")
+
+
+def test_a_topic_that_gets_its_name_back_moves_nothing_by_a_twist_that_was_held_on() -> None:
+    """A second robot came, so that nothing read this topic, and has gone."""
+    operator = holder()
+    assert moves(operator.on_twist(PUSH, 0.1, MINE, 0.1))
+    operator.topic_opened(10.0)
+    for now_s in np.arange(11.0, 14.0, PERIOD_S):
+        assert not moves(operator.on_twist(PUSH, now_s, MINE, now_s))
+    assert operator.state is State.HELD
 
 
 def test_the_same_sentence_is_not_said_fifty_times_a_second() -> None:

@@ -6,7 +6,7 @@ import contextlib
 import socket
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from typing import Self
 
 
@@ -25,7 +25,7 @@ class Relay:
         self._threads = [threading.Thread(target=self._accept)]
         self.endpoint = f"{endpoint[:3]}/127.0.0.1:{self._listener.getsockname()[1]}"
         self._on_given_up = on_given_up
-        self._wait_s = first_wait_s
+        self._wait_s, self._cut = first_wait_s, False
 
     def __enter__(self) -> Self:
         self._threads[0].start()
@@ -41,12 +41,26 @@ class Relay:
         for one in (*self._open, self._listener):
             one.close()
 
+    @contextlib.contextmanager
+    def cut(self) -> Generator[None]:
+        """Hang up all connections, and relay none until the end."""
+        self._cut = True
+        for one in tuple(self._open):
+            _hang_up(one)
+        try:
+            yield
+        finally:
+            self._cut = False
+
     def _accept(self) -> None:
         while True:
             try:
                 near, _ = self._listener.accept()
             except OSError:
                 return
+            if self._cut:
+                near.close()
+                continue
             time.sleep(self._wait_s)
             self._wait_s = 0.0
             far = socket.create_connection(self._to)

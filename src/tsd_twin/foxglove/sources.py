@@ -23,7 +23,7 @@ from tsd_twin.client.link import BusLink
 from tsd_twin.errors import MessageError, RecordingError, TwinError
 from tsd_twin.foxglove.front import Access, Front
 from tsd_twin.foxglove.sdk import Playback, SdkServer
-from tsd_twin.interop.cmd_vel import decode_cmd_vel
+from tsd_twin.interop.cmd_vel import CmdVelOperator, decode_cmd_vel
 from tsd_twin.interop.driver import RobotDriver
 from tsd_twin.interop.fleet import (
     LONGEST_OPERATOR,
@@ -97,6 +97,7 @@ class LiveOperator:
         self._fleet, self._say = fleet, say
         self._name = f"{operator}-{secrets.token_hex(4)}"
         self._drivers: dict[str, tuple[FoxgloveSource, RobotDriver]] = {}
+        self._unread_s = -math.inf
         self._closing: asyncio.Task[None] | None = None
 
     def publish(
@@ -109,6 +110,7 @@ class LiveOperator:
             known = [each.names for each in self._fleet.sources.values() if each.names]
             names = ", ".join(each.topic(CMD_VEL.name) for each in known) or "no robot is there"
             self._say(f"nothing reads {topic[:100]}; publish to {names}")
+            self._unread_s = now_s
             for _, driver in self._drivers.values():
                 driver.machine.on_unread(now_s)
             return
@@ -137,10 +139,17 @@ class LiveOperator:
     def _driver(self, source: FoxgloveSource) -> RobotDriver:
         made = self._drivers.get(source.id)
         if made is None or made[0] is not source:
-            if made is not None:  # The robot was restarted.
+            say = partial(self._tell, source.id)
+            if made is None:
+                machine = CmdVelOperator(self._name)
+                machine.on_unread(self._unread_s)
+            else:  # The robot was restarted, or was out of reach.
+                machine = made[1].machine
                 self._closing = asyncio.create_task(made[1].close())
-            made = source, RobotDriver(source.client, self._name, partial(self._tell, source.id))
-            self._drivers[source.id] = made
+            driver = RobotDriver(source.client, machine, say)
+            if made is not None:
+                driver.connected()
+            made = self._drivers[source.id] = source, driver
         return made[1]
 
     def _robot_of(self, topic: str) -> tuple[FoxgloveSource, str] | None:

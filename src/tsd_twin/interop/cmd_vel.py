@@ -30,6 +30,8 @@ HELD_UP_S = 0.3
 """A program that does nothing for longer was held up: the robot has stopped meanwhile."""
 AT_REST_S = 0.3
 """A request for control is granted when no twist moved the robot for this long."""
+DISCOVERY_S = 2.0
+"""In this time the publishers of a robot that comes into reach have been found."""
 SAY_AGAIN_S = 2.0
 """The same sentence is repeated no more often."""
 _REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -170,21 +172,37 @@ class CmdVelOperator:
     """State machine of one publisher of `cmd_vel` for one robot.
 
     Twists that come while they cannot count, such as during arming, do not begin to count when the
-    reason ends: the publisher has to pause, or to send zero, first.
+    reason ends: the publisher has to pause, or to send zero, first. It outlives connections to the
+    robot: control that was lost stays lost when the robot comes back.
     """
 
-    def __init__(self, operator: str, max_age_s: float = MAX_AGE_S) -> None:
+    def __init__(self, operator: str) -> None:
         """`operator` is the name on the bus."""
         self.operator = operator
+        self.max_age_s = MAX_AGE_S
         self.state = State.FREE
         self.dropped = 0
         """Twists that did not count."""
-        self._max_age_s = max_age_s
         self._must_pause = False
         self._heard_s = self._driven_s = self._used_s = self._not_before_s = -math.inf
         self._polled_s = math.inf
         self._lost, self._was_lost = "", False
         self._said: dict[str, float] = {}
+
+    def connected(self, now_s: float) -> list[Action]:
+        """Note that the robot has come into reach, for the first time or again."""
+        said = self.lost("the robot was out of reach", now_s)
+        if self.state is State.TAKING:
+            said = self.denied("the robot was out of reach", now_s)
+        self.topic_opened(now_s)
+        return said
+
+    def topic_opened(self, now_s: float) -> None:
+        """Note that the topic is read from now on, maybe after a time under another name.
+
+        A twist that is held on since before must not move the robot, though it was not heard.
+        """
+        self._must_pause, self._heard_s = True, now_s + DISCOVERY_S - PAUSE_S
 
     # Twists.
 
@@ -203,7 +221,7 @@ class CmdVelOperator:
             return self._drop(now_s, reason)
         if message.is_zero:
             return self._rest(now_s)  # However late: it can only stop the robot.
-        if sent_after_s is not None and now_s - sent_after_s > self._max_age_s:
+        if sent_after_s is not None and now_s - sent_after_s > self.max_age_s:
             # What a stalled link delivers late: the publisher may have let go since.
             return self._drop(now_s, "cmd_vel comes too late: the link has stalled, or is slow")
         reason = self._obstacle(view)
@@ -286,6 +304,7 @@ class CmdVelOperator:
         is a decision of a person, so that it also ends `LOST`.
         """
         self._must_pause, self._used_s = True, now_s
+        self._heard_s = min(self._heard_s, now_s)  # Who requests has been found, as has the stick.
         if self.state is State.HELD:
             return False
         self._was_lost, self.state = self.state is State.LOST, State.TAKING

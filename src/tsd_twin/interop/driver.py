@@ -42,15 +42,22 @@ _POLL_S = 0.1
 class RobotDriver:
     """One publisher of `cmd_vel`, as an operator of one robot."""
 
-    def __init__(self, robot: AsyncRobotClient, operator: str, say: Callable[[str], None]) -> None:
-        """`operator` is its name on the bus; `say` tells the publisher a sentence."""
-        self.machine = CmdVelOperator(operator, robot.description.limits.max_command_age_s)
+    def __init__(
+        self, robot: AsyncRobotClient, machine: CmdVelOperator, say: Callable[[str], None]
+    ) -> None:
+        """`machine` may have served an earlier driver; `say` tells the publisher a sentence."""
+        self.machine = machine
+        machine.max_age_s = robot.description.limits.max_command_age_s
         self._robot, self._say = robot, say
         self._turning = robot.description.kinematics().pose_type is SO3
         self._control: AsyncRobotControl | None = None
         self._using = asyncio.Lock()  # One request at a time changes the lease.
         self._tasks: set[asyncio.Task[None]] = set()
         self._start(self._poll())
+
+    def connected(self) -> None:
+        """Note that the robot has come into reach, for the first time or again."""
+        self._perform(self.machine.connected(self._robot.time_s))
 
     def on_cmd_vel(self, message: CmdVel, now_s: float, sent_after_s: float | None) -> None:
         """Act on a twist that has come in."""
@@ -83,12 +90,12 @@ class RobotDriver:
         return await self._answer(self._request(act, keep=False))
 
     async def close(self) -> None:
-        """Command zero, disarm and release, if the lease is held."""
+        """Command zero, disarm and release, if the lease is held; this driver's last act."""
         tasks = list(self._tasks)
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-        await self._release()
+        await self._end_control()
 
     # Requests.
 

@@ -16,7 +16,7 @@ from typing import Any
 from tsd_twin.bus import Bus
 from tsd_twin.client.link import BusLink
 from tsd_twin.errors import MessageError, TwinError
-from tsd_twin.interop.cmd_vel import MAX_AGE_S, SAY_AGAIN_S, decode_cmd_vel
+from tsd_twin.interop.cmd_vel import MAX_AGE_S, SAY_AGAIN_S, CmdVelOperator, decode_cmd_vel
 from tsd_twin.interop.driver import RobotDriver
 from tsd_twin.interop.fleet import LONGEST_OPERATOR, Fleet, RobotSource, frames_of
 from tsd_twin.interop.mapping import CMD_VEL, INITIAL_POSE, RosMessage, RosNames, RosTopic
@@ -107,10 +107,11 @@ class _Received:
 class RosOperator:
     """ROS as the operator of one robot: `Inputs` of its port; belongs to the event loop."""
 
-    def __init__(self, source: RosSource, operator: str) -> None:
-        """`operator` is its name on the bus."""
+    def __init__(self, source: RosSource, machine: CmdVelOperator) -> None:
+        """`machine` is that of the robot, also of the time before it was out of reach."""
         self._source = source
-        self._driver = RobotDriver(source.client, operator, self._tell)
+        self._driver = RobotDriver(source.client, machine, self._tell)
+        self._driver.connected()
         self._loop = asyncio.get_running_loop()
         self._waiting: deque[_Received] = deque(maxlen=MOST_WAITING)
         self._woken = False
@@ -127,6 +128,10 @@ class RosOperator:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         await self._driver.close()
+
+    def topic_opened(self) -> None:
+        """Note that `cmd_vel` is read from now on."""
+        self._driver.machine.topic_opened(time.monotonic())
 
     # On threads of the middleware.
 
@@ -254,22 +259,29 @@ class RosSource(RobotSource):
         self,
         open_port: OpenPort,
         meshes: MeshServer | str,
-        operator: str | None,
+        operator: str,
+        machines: dict[str, CmdVelOperator] | None,
         link: BusLink,
     ) -> None:
-        """`meshes` serves files, or is a URI before names; without `operator` ROS only looks on."""
+        """`meshes` serves files, or is a URI before names; without `machines` ROS only looks on.
+
+        They are those of robots that were seen before, and get that of this one.
+        """
         self._open_port, self._meshes_at = open_port, meshes
         self._port: RosPort | None = None
-        super().__init__(link, operator or "viewer")
-        self._operator = (
-            None if operator is None else RosOperator(self, f"{operator}-{secrets.token_hex(4)}")
-        )
+        super().__init__(link, operator)
+        self._operator: RosOperator | None = None
+        if machines is not None:
+            machine = CmdVelOperator(f"{operator}-{secrets.token_hex(4)}")
+            self._operator = RosOperator(self, machines.setdefault(self.id, machine))
 
     async def show(self, names: RosNames) -> None:
         """Enter the graph under these names."""
         if isinstance(self._meshes_at, MeshServer):
             self._meshes_at.robots[self.id] = self.meshes.get
         self._port = await asyncio.to_thread(self._open_port, names, self._operator)
+        if self._operator is not None:
+            self._operator.topic_opened()
 
     async def withdraw(self, names: RosNames) -> None:  # noqa: ARG002  Of the interface.
         """Leave the graph."""
@@ -318,9 +330,10 @@ async def serve_ros(
     Raises:
         TwinError: the bus cannot be opened.
     """
-    name = operator[:LONGEST_OPERATOR] if may_drive else None
+    name = operator[:LONGEST_OPERATOR]
+    machines = dict[str, CmdVelOperator]() if may_drive else None
     bus = await asyncio.to_thread(open_bus)
-    fleet = Fleet(lambda link: RosSource(open_port, meshes, name, link), open_bus, only)
+    fleet = Fleet(lambda link: RosSource(open_port, meshes, name, machines, link), open_bus, only)
     try:
         fleet.watch(bus)
         ready()
