@@ -4,22 +4,34 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import contextlib
 import os
+import threading
 from collections.abc import Callable
 from functools import partial
 
-from tsd_twin import flag_types, program
+from tsd_twin import flag_types, models, program
 from tsd_twin.bus import Bus, Config, as_client, client_config, from_file
 from tsd_twin.errors import TwinError
 from tsd_twin.interop import RosNames
 from tsd_twin.messages import topics
+from tsd_twin.messages.requests import Description
+from tsd_twin.node import RobotNode
+from tsd_twin.robots import ImportedDescription, description_of_kind, parse_description
 from tsd_twin.ros import (
+    ADAPTER,
     DdsPort,
+    Endpoints,
+    ImportedRobot,
+    ImportLimits,
     Inputs,
     MeshServer,
     OpenPort,
+    RosPort,
     ZenohPort,
     check_ros,
+    describe,
+    endpoints,
     serve_ros,
 )
 from tsd_twin.security import Role
@@ -27,19 +39,25 @@ from tsd_twin.security import Role
 OPERATOR = "ros"
 ROUTER = "tcp/127.0.0.1:7447"
 """Where rmw_zenohd listens."""
+NODE_ENDPOINT = "tcp/127.0.0.1:7448"
+"""Where the bus of an imported robot listens: beside the router of ROS."""
 _PATIENCE_S = 3.0
+_USUAL = ImportLimits()
 _LAST_DOMAIN = 232
 
 PARSER = program.parser(
     "tsd-ros",
     "Show the robots on the bus to ROS 2 as nodes, and drive them by cmd_vel. Over the protocol of "
-    "rmw_zenoh, the default, no ROS has to be installed here.",
+    "rmw_zenoh, the default, no ROS has to be installed here. With --import, the other way round: "
+    "show and drive a robot that has ROS topics only.",
     [
         "tsd-ros --connect tcp/127.0.0.1:7448     a robot there, and rmw_zenohd at its own port",
         "tsd-ros                                  ROS nodes join the robot's own port 7447",
         "tsd-ros --ros-connect tcp/ros-pc:7447    the router of ROS on another computer",
         "tsd-ros --rmw dds                        a node of the rclpy that is sourced here",
         "tsd-ros --view-only                      nothing can be driven",
+        "tsd-ros --import burger                  the robot at /odom and /cmd_vel, for a dashboard "
+        f"with --connect {NODE_ENDPOINT}",
     ],
 )
 
@@ -51,6 +69,9 @@ def serve(args: argparse.Namespace) -> None:
         TwinError: a file, an endpoint or a port cannot be used.
     """
     stop = program.stop_event(args)
+    if args.imported is not None:
+        serve_imported(args, stop)
+        return
     identity = program.certificate(args)
     name = identity.name if identity is not None else topics.checked(args.operator)
     may_drive = not args.view_only and (identity is None or identity.role is Role.OPERATOR)
@@ -82,6 +103,50 @@ def serve(args: argparse.Namespace) -> None:
             meshes.close()
 
 
+def serve_imported(args: argparse.Namespace, stop: threading.Event) -> None:
+    """Run the node of a robot that has ROS topics only until `stop` is set.
+
+    Raises:
+        TwinError: a file, an endpoint or a port cannot be used, or a limit is not plausible.
+    """
+    name = topics.checked(args.imported)
+    if args.view_only:
+        raise TwinError("--view-only does not go with --import: who does not arm it only looks on")
+    limits = ImportLimits(
+        args.import_speed, args.import_turn_rate, args.import_acceleration,
+        sideways=args.import_drive == "omni",
+    )  # fmt: skip
+    describe(name, "", limits)  # A limit that is not plausible is told before anything is opened.
+    domain = domain_of(args)
+    open_port, where, _ = ports(args, domain, endpoints(stamped=args.stamped))
+    names = RosNames(args.import_namespace.strip("/"), shared=bool(args.import_namespace))
+
+    def opened(robot: ImportedRobot) -> RosPort:
+        return open_port(names, robot)
+
+    with (
+        contextlib.closing(
+            ImportedRobot(
+                opened,
+                names,
+                args.import_timeout,
+                stamped=args.stamped,
+                description_s=args.import_wait,
+            )
+        ) as robot_io,
+        program.node_bus(args) as bus,
+    ):
+        text = describe(name, robot_io.urdf, limits)
+        robot = description_of_kind(parse_description(text, name), ImportedDescription)
+        robot_io.configure(robot)
+        shown = Description(text, models.robot_urdf(robot))
+        node = RobotNode(bus, name, robot, robot_io, shown)
+        program.say_ready(
+            f"tsd-ros {name} of {where}, domain {domain}, on {' '.join(bus.endpoints())}"
+        )
+        node.run(stop)
+
+
 def domain_of(args: argparse.Namespace) -> int:
     """Return the domain of ROS.
 
@@ -96,15 +161,17 @@ def domain_of(args: argparse.Namespace) -> int:
     return int(text)
 
 
-def ports(args: argparse.Namespace, domain: int) -> tuple[OpenPort, str, Callable[[], None]]:
+def ports(
+    args: argparse.Namespace, domain: int, ends: Endpoints = ADAPTER
+) -> tuple[OpenPort, str, Callable[[], None]]:
     """Return what opens ports, where they are, and what ends them all.
 
     Raises:
         TwinError: no router answers, or rclpy is not there.
     """
     if args.rmw == "dds":
-        check_ros()
-        return partial(DdsPort, domain), "DDS", lambda: None
+        check_ros(ends)
+        return partial(DdsPort, domain, endpoints=ends), "DDS", lambda: None
     config = ros_config(args)
     try:
         Bus(config).close()
@@ -115,7 +182,7 @@ def ports(args: argparse.Namespace, domain: int) -> tuple[OpenPort, str, Callabl
         ) from error
 
     def open_port(names: RosNames, inputs: Inputs | None) -> ZenohPort:
-        return ZenohPort(Bus(config), domain, names, inputs)
+        return ZenohPort(Bus(config), domain, names, inputs, ends)
 
     return open_port, config.where, lambda: None
 
@@ -171,7 +238,78 @@ def main() -> None:
         metavar="URI",
         help="what goes before the names of meshes instead, as package://my_robot/meshes/",
     )
+    _add_import_flags()
     program.run(PARSER, serve)
+
+
+def _add_import_flags() -> None:
+    made = PARSER.add_argument_group(
+        "a robot of others",
+        "It needs odom, and at best joint_states and robot_description; docs/ros2.md says what "
+        "cannot be promised.",
+    )
+    made.add_argument(
+        "--import",
+        dest="imported",
+        metavar="NAME",
+        help="show the robot of ROS on the bus under this id, and drive it by cmd_vel",
+    )
+    made.add_argument(
+        "--import-namespace",
+        default="",
+        metavar="NAME",
+        help="namespace of its topics, as robot1 for /robot1/odom; default none",
+    )
+    made.add_argument(
+        "--import-drive",
+        choices=["diff", "omni"],
+        default="diff",
+        help="diff, the default, drives forward and turns; omni drives sideways, too",
+    )
+    made.add_argument(
+        "--import-speed",
+        type=flag_types.POSITIVE,
+        default=_USUAL.speed_mps,
+        metavar="M/S",
+        help=f"speed limit; default {_USUAL.speed_mps:g}",
+    )
+    made.add_argument(
+        "--import-turn-rate",
+        type=flag_types.POSITIVE,
+        default=_USUAL.turn_rate_rad_per_s,
+        metavar="RAD/S",
+        help=f"limit of the turn rate; default {_USUAL.turn_rate_rad_per_s:g}",
+    )
+    made.add_argument(
+        "--import-acceleration",
+        type=flag_types.POSITIVE,
+        default=_USUAL.acceleration_mps2,
+        metavar="M/S2",
+        help=f"how fast its speed is changed; default {_USUAL.acceleration_mps2:g}",
+    )
+    made.add_argument(
+        "--import-timeout",
+        type=flag_types.POSITIVE,
+        default=0.5,
+        metavar="S",
+        help="age of odom beyond which it is not driven; default 0.5",
+    )
+    made.add_argument(
+        "--import-wait",
+        type=flag_types.POSITIVE,
+        default=5.0,
+        metavar="S",
+        help="time to wait for robot_description at the start; default 5",
+    )
+    made.add_argument(
+        "--stamped", action="store_true", help="drive by TwistStamped instead of Twist"
+    )
+    made.add_argument(
+        "--listen",
+        default=NODE_ENDPOINT,
+        metavar="ENDPOINT",
+        help=f"where the bus of this robot listens; default {NODE_ENDPOINT}",
+    )
 
 
 if __name__ == "__main__":

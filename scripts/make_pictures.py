@@ -1,8 +1,9 @@
 """Make the pictures of README and docs anew, from the programs as they are: `make pictures`.
 
 Pages are photographed in Chromium, which draws on the processor: nothing else should run. Parts:
-`drive` (the moving picture), `page`, `robots`, `lab` and `drawings`; all unless some are named. Two
-pictures of docs/lab.md are not made: `lab_zero` and `lab_calibrate_drive` come from guided drives.
+`drive` (the moving picture), `page`, `robots`, `ros`, `lab` and `drawings`; all unless some are
+named. Two pictures of docs/lab.md are not made: `lab_zero` and `lab_calibrate_drive` come from
+guided drives.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ from playwright.sync_api import Browser, Page, expect, sync_playwright
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from tests.support.browser import (  # noqa: E402  Found by the line above.
+from tests.app.conftest import starting  # noqa: E402  Found by the line above.
+from tests.support.browser import (  # noqa: E402
     FLAGS,
     PATIENCE_MS,
     centre,
@@ -38,6 +40,8 @@ from tests.support.browser import (  # noqa: E402  Found by the line above.
     press,
     take_control_and_arm,
 )
+from tests.support.ros_nodes import ros_router  # noqa: E402
+from tests.support.ros_robot import ForeignRobot  # noqa: E402
 
 ROBOTS = {
     "tsd": "Gimbals",
@@ -282,6 +286,29 @@ def photograph_robots(browser: Browser, to: Path) -> None:
         print(f"  {name}")
 
 
+def photograph_ros(browser: Browser, to: Path) -> None:
+    """Photograph a robot that has ROS topics only, which nodes of tests play."""
+    with contextlib.ExitStack() as ending:
+        router, port = ending.enter_context(ros_router())
+        robot = ForeignRobot(router, port)
+        ending.callback(robot.close)
+        start = ending.enter_context(starting())
+        flags = ["--import", "cart", "--listen", "tcp/127.0.0.1:0", "--domain", "0"]
+        node = start("tsd_ros", *flags, "--ros-connect", f"tcp/127.0.0.1:{port}")
+        endpoint = node.ready().split()[-1]
+        page_at = start("tsd_dashboard", "--connect", endpoint, "--port", "0", "--until-eof")
+        address = re.findall(r"http://\S+", page_at.ready())[0]
+        page = ending.enter_context(opened(browser, address))
+        take_control_and_arm(page)
+        show_tab(page, "ROS")
+        file = to / "ros_import.png"
+        photograph_after_drive(page, file, (0.3, 0.8))
+    # With few colours, a picture of flat shapes looks the same, and has a third of the bytes.
+    with Image.open(file) as picture:
+        few = picture.convert("RGB").quantize(256)
+    few.save(file, optimize=True)
+
+
 def draw_lab(to: Path) -> None:
     """Run the experiments of docs/lab.md in virtual time, and take their pictures."""
     for name, command in LAB.items():
@@ -304,6 +331,7 @@ PAGES: dict[str, Callable[[Browser, Path], None]] = {
     "drive": photograph_drive,
     "page": photograph_page,
     "robots": photograph_robots,
+    "ros": photograph_ros,
 }
 OTHERS: dict[str, Callable[[Path], None]] = {"lab": draw_lab, "drawings": draw_drawings}
 

@@ -113,7 +113,7 @@ def node_bus(args: argparse.Namespace) -> Bus:
     """Open the bus that the flags of `add_node_flags` ask for."""
     if args.zenoh_config:
         return Bus(from_file(args.zenoh_config))
-    bus = Bus(node_config([args.listen], args.connect))
+    bus = Bus(node_config([args.listen], args.connect or []))
     # A duplicate robot id can be detected only once the other nodes are connected.
     if args.connect and not bus.wait_for_peer(_PATIENCE_S):
         _LOG.warning("no answer from %s yet", ", ".join(args.connect))

@@ -89,6 +89,6 @@ def link_poses(
     drive = robot.kinematics()
     is_angle = np.array([joint.kind is JointKind.POSITION for joint in drive.joints])
     turned = SO3.identity() if ball is None else ball
-    return Skeleton(kinematic_tree(robot), drive).poses(
+    return Skeleton(kinematic_tree(robot), drive.joints).poses(
         base, turned, np.where(is_angle, joints, 0.0)
     )

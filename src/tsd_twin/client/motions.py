@@ -46,6 +46,8 @@ class PlanLimits:
     """Speed of wheels that always spin; None without such wheels."""
     kinematics: Kinematics[Any] = field(compare=False)
     """Kinematics at that wheel speed."""
+    drives_sideways: bool = True
+    """Whether the robot moves in all directions, as it must to follow a path here."""
 
     @staticmethod
     def in_force(
@@ -67,6 +69,7 @@ class PlanLimits:
             msgspec.structs.replace(robot.limits, speed_mps=speed, turn_rate_rad_per_s=turn),
             None if status is None or status.wheel_speed is None else status.wheel_speed.wanted_rpm,
             kinematics_in_force(robot, kinematics, status),
+            robot.drives_sideways,
         )
 
     def cap(self, twist: Array) -> Array:
@@ -106,8 +109,10 @@ def plan(goal: NavigationGoal, start: SE2, limits: PlanLimits) -> Trajectory:
     """Return the path from `start` to the goal, timed within the limits; takes some 50 ms.
 
     Raises:
-        PathError: there is none.
+        PathError: there is none, or the robot cannot follow one.
     """
+    if not limits.drives_sideways:
+        raise PathError("this robot cannot drive sideways, as it would have to on a planned path")
     route = goal.route(start)
     turn = _SPEED_SHARE * limits.limits.turn_rate_rad_per_s
     return time_parameterize(

@@ -21,6 +21,7 @@ from tsd_twin.estimation import (
     FusedEstimate,
     FusionResult,
     GyroOdometry,
+    ReportedOdometry,
     SpinModel,
     sensor_odometry_of,
 )
@@ -262,10 +263,11 @@ class StateEstimator:
 
         It is the one that pose measurements do not correct.
         """
-        if self._second is not None:
-            return _message(self._plain if self._inner is self._second else self._second, stamp_ns)
+        second = self._second
         corrected = self._corrected is not None and self._corrected.is_corrected
-        return _message(self._plain, stamp_ns) if corrected else None
+        if second is not None and not isinstance(second, ReportedOdometry):
+            return _message(self._plain if self._inner is second else second, stamp_ns)
+        return _message(self._inner, stamp_ns) if corrected else None
 
     def learned(self) -> Mapping[str, LearnedError] | None:
         """Constant errors that a pose sensor or a gyro has shown; None before any has."""

@@ -19,11 +19,11 @@ from tsd_twin.estimation.sensor_odometry import (
     DeadReckoning,
     Estimate,
     GyroOdometry,
+    ReportedOdometry,
     SensorOdometry,
     sensor_odometry_of,
     with_gyro,
 )
-from tsd_twin.estimation.slip import Slip
 from tsd_twin.estimation.wheel_odometry import (
     ODOMETRY,
     JointOdometry,
@@ -49,8 +49,8 @@ __all__ = [
     "PlanarOdometry",
     "PoseErrors",
     "PoseFilter",
+    "ReportedOdometry",
     "SensorOdometry",
-    "Slip",
     "SpinModel",
     "TwistErrors",
     "encloses",

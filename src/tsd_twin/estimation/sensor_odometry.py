@@ -1,5 +1,5 @@
 """Odometry from other sensors beside wheel odometry: yaw gyro, dead wheels, the dual-row model of a
-sphere.
+sphere, and a pose that another program reports.
 """
 
 from __future__ import annotations
@@ -15,8 +15,9 @@ from tsd_twin.estimation.learned import Comparison
 from tsd_twin.estimation.pose_spread import PoseErrors, PoseSpread, TwistErrors
 from tsd_twin.estimation.wheel_odometry import OrientationOdometry, PlanarOdometry
 from tsd_twin.kinematics import SphereKinematics, TwistSolution
-from tsd_twin.lie import Array
+from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import (
+    ImportedDescription,
     OmniDescription,
     RobotDescription,
     SingularityDescription,
@@ -220,6 +221,33 @@ class DeadWheelOdometry(PlanarOdometry):
         return TwistErrors(by_constants, rounding / _PULSE_S, covariance)
 
 
+class ReportedOdometry(PlanarOdometry):
+    """Pose that another program reports; the twist is that of the joints.
+
+    A pose that is set is a constant offset from then on. Without a report the pose stays.
+    """
+
+    def __init__(self, robot: ImportedDescription) -> None:
+        super().__init__(robot.kinematics(), robot.joint_errors())
+        self._reported = SE2.identity()
+        self._offset = SE2.identity()
+
+    def set_pose(self, pose: SE2, errors: PoseErrors | None = None) -> None:
+        """Set the estimate to `pose`."""
+        super().set_pose(pose, errors)
+        self._offset = pose @ self._reported.inverse()
+
+    def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:
+        """Update with a report: x, y and heading are the first three of `sensors`."""
+        before = self.pose
+        self._move(motion, joints, dt_s)
+        if len(sensors) >= 3 and np.isfinite(sensors[:3]).all():
+            self._reported = SE2(sensors[:3].copy())
+            self.pose = self._offset @ self._reported
+        else:
+            self.pose = before
+
+
 class DualRowOdometry(OrientationOdometry):
     """Odometry of a sphere by dual-row kinematics: the wheel angle determines which row carries.
 
@@ -329,6 +357,11 @@ def odometry_by_gyro(robot: SingularityDescription) -> tuple[SensorOdometry, boo
 def odometry_by_rows(robot: SphereDescription) -> tuple[SensorOdometry, bool]:
     """Return dual-row odometry, and whether the description prefers it."""
     return DualRowOdometry(robot), robot.estimate.model == "dual"
+
+
+def odometry_of_another(robot: ImportedDescription) -> tuple[SensorOdometry, bool]:
+    """Return the odometry that the robot itself reports."""
+    return ReportedOdometry(robot), True
 
 
 def sensor_odometry_of(robot: RobotDescription) -> tuple[SensorOdometry | None, bool]:

@@ -189,10 +189,15 @@ class Fleet(Generic[SourceT]):
         make_source: Callable[[BusLink], SourceT],
         open_bus: Callable[[], Bus],
         only: Collection[str] = (),
+        shows: Callable[[RobotDescription], bool] = lambda _robot: True,
     ) -> None:
-        """`open_bus` opens one more session; `only` names the robots that are shown."""
+        """`open_bus` opens one more session; `only` names the robots that are shown.
+
+        Of those, robots are left out that `shows` refuses.
+        """
         self.sources: dict[str, SourceT] = {}
         self._make_source, self._open_bus, self._only = make_source, open_bus, frozenset(only)
+        self._shows = shows
         self._alive: dict[str, int] = {}
         self._known: dict[str, int] = {}
         self._numbers = 0
@@ -243,6 +248,10 @@ class Fleet(Generic[SourceT]):
             while (number := self._alive.get(robot)) is not None:
                 try:
                     link = await asyncio.to_thread(self._connect, robot)
+                    if not self._shows(link.robot):
+                        await asyncio.to_thread(link.close)
+                        self._known[robot] = number
+                        return
                     source = self._make_source(link)
                     break
                 except TwinError as error:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
@@ -50,6 +50,8 @@ class RosQoS(StrEnum):
     LATCHED = "reliable, transient local, depth 1"
     COMMAND = "best effort, volatile, depth 1"
     """Takes reliable publishers as well, and repeats nothing that is old."""
+    DRIVE = "reliable, volatile, depth 1"
+    """Reaches reliable subscribers as well, and repeats no more than the newest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +122,14 @@ MEASURED_POSE = RosTopic("measured_pose", _POSE, RosQoS.SENSOR, "sensor/pose", O
 """Pose from a sensor; `sensor_pose` shows what came in."""
 READ = (CMD_VEL, INITIAL_POSE, MEASURED_POSE)
 """Topics that a ROS adapter subscribes to."""
+DRIVEN = replace(CMD_VEL, qos=RosQoS.DRIVE, source="cmd/*/twist", frame=BASE)
+"""Topic by which a robot of others is driven; `geometry_msgs/msg/TwistStamped` if asked for."""
+IMPORTED = (
+    replace(ODOMETRY, qos=RosQoS.SENSOR),
+    replace(JOINT_STATES, qos=RosQoS.SENSOR),
+    DESCRIPTION,
+)
+"""Topics of a robot of others that are read; best effort takes reliable publishers as well."""
 SERVICES = ("arm", "disarm", "stop", "reset")
 """Services of the type `std_srvs/srv/Trigger`, relative to the namespace of the robot."""
 

@@ -4,7 +4,13 @@ dimensions.
 
 from __future__ import annotations
 
-from tsd_twin.kinematics.base import Joint, JointKind, Kinematics, TwistSolution
+from tsd_twin.kinematics.base import (
+    Joint,
+    JointKind,
+    Kinematics,
+    TwistKinematics,
+    TwistSolution,
+)
 from tsd_twin.kinematics.omni import OmniKinematics, SphereKinematics
 from tsd_twin.kinematics.singularity import SingularityKinematics
 
@@ -15,5 +21,6 @@ __all__ = [
     "OmniKinematics",
     "SingularityKinematics",
     "SphereKinematics",
+    "TwistKinematics",
     "TwistSolution",
 ]

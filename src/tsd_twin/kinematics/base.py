@@ -236,6 +236,65 @@ class WheelKinematics:
         return residual * residual * self._leave_one_out_gain
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class TwistKinematics(PlanarMotion):
+    """Kinematics of a robot that follows a twist by itself: the joints are the twist's components.
+
+    For robots that are driven through a controller of their own, whose wheels are not known. The
+    residual is empty: nothing is measured twice.
+    """
+
+    speed_mps: float
+    turn_rate_rad_per_s: float
+    sideways: bool
+    """Whether it can drive sideways; otherwise `vy` has no joint, and no effect."""
+    wheel_radius_m: float = field(init=False, default=0.0)
+    """It has no wheels that are known."""
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        """`vx`, `vy` and `omega`, in m/s and rad/s."""
+        return tuple(Joint(name, JointKind.VELOCITY) for name in self.actuators)
+
+    @property
+    def actuators(self) -> tuple[str, ...]:
+        """Names of the components that it follows."""
+        return ("vx", "vy", "omega") if self.sideways else ("vx", "omega")
+
+    @property
+    def _columns(self) -> list[int]:
+        return [0, 1, 2] if self.sideways else [0, 2]
+
+    @property
+    def _most(self) -> Array:
+        most = np.array([self.speed_mps, self.speed_mps, self.turn_rate_rad_per_s])
+        return most[self._columns]
+
+    def inverse(self, twist: Array) -> Array:
+        """Components (..., n) of `twist` (..., 3), scaled to the limits."""
+        joints = twist[..., self._columns]
+        worst = np.max(np.abs(joints) / self._most, axis=-1, keepdims=True)
+        return joints / np.maximum(1.0, worst)
+
+    def forward(self, joints: Array, rates: Array | None = None) -> TwistSolution:  # noqa: ARG002  The shape.
+        """Return the twist with these components, and no residual."""
+        twist = np.zeros((*joints.shape[:-1], 3))
+        twist[..., self._columns] = joints
+        return TwistSolution(twist, np.zeros((*joints.shape[:-1], 0)))
+
+    def fault_contribution(self, residual: Array) -> Array:
+        """Return zeros (..., k): there is no residual."""
+        return np.zeros((*residual.shape[:-1], len(self.actuators)))
+
+    def joint_utilization(self, twist: Array) -> Array:
+        """Largest component of `twist` (..., 3) as a share of its limit, (...)."""
+        return np.maximum.reduce(np.abs(twist[..., self._columns]) / self._most, axis=-1)
+
+    def rate_utilization(self, step: Array, dt_s: float) -> Array:  # noqa: ARG002  The shape.
+        """Return 0 (...): how fast it can change its speed is in the limits of the description."""
+        return np.maximum.reduce(0.0 * step, axis=-1)
+
+
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 _STEPS = 64
 """Steps of the golden-section search: the last interval is 1e-13 of the first."""

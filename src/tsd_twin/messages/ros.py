@@ -68,13 +68,13 @@ def encode_cdr(message: Any) -> bytes:
     return bytes(_store().serialize_cdr(message, message.__msgtype__))
 
 
-def decode_cdr(payload: bytes, type_name: str) -> Any:
-    """Message in a CDR payload.
+def decode_cdr(payload: bytes, type_name: str, largest: int = _LARGEST) -> Any:
+    """Message in a CDR payload of at most `largest` bytes.
 
     Raises:
         MessageError: `shape`, when there is none of this type in it.
     """
-    if len(payload) > _LARGEST:
+    if len(payload) > largest:
         raise MessageError("shape", f"{len(payload)} bytes are too many for a {type_name}")
     try:
         return _store().deserialize_cdr(payload, type_name)

@@ -105,7 +105,7 @@ def urdf(robot: RobotDescription, parts: Parts, mesh_uri: str = "") -> str:
     _collision_core(link(BASE, "chassis"), tree.core_m, parts["chassis"])
     footprint = _joint(root, "base_joint", "fixed", ("base_footprint", BASE))
     _origin(footprint, (0.0, 0.0, tree.height_m))
-    for i in range(max(group.count for group in tree.link_groups)):
+    for i in range(max((group.count for group in tree.link_groups), default=0)):
         for group in (group for group in tree.link_groups if i < group.count):
             _collision(link(group.names[i], group.kind), group.collision)
             above = BASE if group.parent == "chassis" else tree.link_group(group.parent).names[i]
@@ -123,7 +123,7 @@ def _add_joint(root: ET.Element, group: LinkGroup, i: int, above: str) -> None:
     joint = _joint(root, group.joints[i], kind, (above, group.names[i]))
     if group.joint_type is not JointType.BALL:
         _origin(joint, group.at_m[i], roll_pitch_yaw(group.turn.wxyz[i]))
-    if group.joint_type in (JointType.ANGLE, JointType.SPIN):
+    if group.joint_type in (JointType.ANGLE, JointType.SPIN, JointType.SLIDE):
         ET.SubElement(joint, "axis", xyz=" ".join(_text(part) for part in group.axes[i]))
     if group.range is not None:
         _limit(joint, group.range)

@@ -26,6 +26,8 @@ class JointType(StrEnum):
     FIXED = "fixed"
     ANGLE = "revolute"
     """A position joint."""
+    SLIDE = "prismatic"
+    """A position joint that moves along its axis, in metres."""
     SPIN = "continuous"
     """A velocity joint: it turns without end, and its angle is not measured."""
     BALL = "ball"

@@ -12,6 +12,7 @@ from tsd_twin.robots.description import (
     SpinUp,
     WheelSpeedRange,
 )
+from tsd_twin.robots.imported import ImportedDescription
 from tsd_twin.robots.kinds import DESCRIPTIONS, KINDS, RobotKind, implementation, kind_of
 from tsd_twin.robots.loader import (
     description_of_kind,
@@ -28,6 +29,7 @@ __all__ = [
     "KINDS",
     "RPM",
     "Gyro",
+    "ImportedDescription",
     "JointCompliance",
     "JointErrors",
     "OmniDescription",

@@ -259,6 +259,16 @@ class RobotDescription(Table, frozen=True, kw_only=True):
         """Additional sensors; their readings follow the joints of the drive in this order."""
         return ()
 
+    @property
+    def not_promised(self) -> tuple[str, ...]:
+        """What the rules of safety.md cannot promise for this robot, a sentence each."""
+        return ()
+
+    @property
+    def drives_sideways(self) -> bool:
+        """Whether it moves in all directions; paths are planned for such robots only."""
+        return True
+
     def kinematics(self) -> Kinematics[Any]:
         """Kinematics."""
         raise NotImplementedError

@@ -12,6 +12,7 @@ from importlib import import_module
 from typing import Any
 
 from tsd_twin.robots.description import RobotDescription
+from tsd_twin.robots.imported import ImportedDescription
 from tsd_twin.robots.omni import OmniDescription, SphereDescription
 from tsd_twin.robots.singularity import SingularityDescription
 
@@ -71,7 +72,8 @@ class RobotKind:
     """Value of `kind` in the table `[drive]` of a description."""
     description: type[RobotDescription]
     simulations: Mapping[str, str]
-    """From the name of a plant to the factory of its simulation; arguments as in `simulate`."""
+    """From the name of a plant to the factory of its simulation; arguments as in `simulate`. Empty
+    for robots that are not simulated, of which none is shipped."""
     sensor_odometry: str
     """Factory of the odometry from other sensors: `(robot) -> (odometry, is_better)` or None."""
     model: str
@@ -122,6 +124,17 @@ KINDS: tuple[RobotKind, ...] = (
         actuator_tab="Sphere",
         knobs=SPHERE_KNOBS,
         student_wheels="tsd_twin.dashboard.server.student:sphere_wheels",
+    ),
+    RobotKind(
+        name="imported",
+        description=ImportedDescription,
+        simulations={},
+        sensor_odometry="tsd_twin.estimation.sensor_odometry:odometry_of_another",
+        model="tsd_twin.models.imported",
+        telemetry="tsd_twin.dashboard.server.telemetry:TwistTelemetry",
+        actuator_tab="ROS",
+        knobs=(),
+        student_wheels="tsd_twin.dashboard.server.student:no_wheels",
     ),
 )
 """All kinds of robots; a new kind is a new row."""

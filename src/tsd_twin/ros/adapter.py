@@ -22,6 +22,7 @@ from tsd_twin.interop.fleet import LONGEST_OPERATOR, Fleet, RobotSource, frames_
 from tsd_twin.interop.mapping import CMD_VEL, INITIAL_POSE, RosMessage, RosNames, RosTopic
 from tsd_twin.messages.requests import encode_pose
 from tsd_twin.messages.ros import ODOM
+from tsd_twin.robots import ImportedDescription
 from tsd_twin.ros.port import (
     UNTOLD,
     Arrivals,
@@ -333,7 +334,13 @@ async def serve_ros(
     name = operator[:LONGEST_OPERATOR]
     machines = dict[str, CmdVelOperator]() if may_drive else None
     bus = await asyncio.to_thread(open_bus)
-    fleet = Fleet(lambda link: RosSource(open_port, meshes, name, machines, link), open_bus, only)
+    # A robot that comes from ROS is there already: two adapters would drive each other in a circle.
+    fleet = Fleet(
+        lambda link: RosSource(open_port, meshes, name, machines, link),
+        open_bus,
+        only,
+        lambda robot: not isinstance(robot, ImportedDescription),
+    )
     try:
         fleet.watch(bus)
         ready()

@@ -16,21 +16,18 @@ from typing import Any
 
 from tsd_twin.errors import TwinError
 from tsd_twin.interop.mapping import (
-    PUBLISHED,
-    READ,
-    SERVICES,
     RosMessage,
     RosNames,
     RosQoS,
     RosTopic,
 )
 from tsd_twin.messages.ros import TRIGGER
-from tsd_twin.ros.port import NODE, UNTOLD, Inputs, Origin, types_of
+from tsd_twin.ros.port import ADAPTER, UNTOLD, Endpoints, Inputs, Origin, types_of
 
 _LOG = logging.getLogger(__name__)
 _END_S = 2.0
 _PAUSE_S = 0.01
-_DEPTH = {RosQoS.SENSOR: 5, RosQoS.STATE: 10, RosQoS.LATCHED: 1, RosQoS.COMMAND: 1}
+_DEPTH = {RosQoS.SENSOR: 5, RosQoS.STATE: 10, RosQoS.LATCHED: 1, RosQoS.COMMAND: 1, RosQoS.DRIVE: 1}
 
 
 def load_rclpy() -> Any:
@@ -63,16 +60,21 @@ def load_type(type_name: str) -> Any:
         ) from error
 
 
-def check_ros() -> None:
+def check_ros(endpoints: Endpoints = ADAPTER) -> None:
     """Import what a port needs, so that a lack of it shows at once.
 
     Raises:
         TwinError: rclpy or a type is not there.
     """
     load_rclpy()
-    for type_name in (*(row.type for row in PUBLISHED), *itertools.chain(*map(types_of, READ))):
+    for type_name in _types(endpoints):
         load_type(type_name)
     load_type(TRIGGER)
+
+
+def _types(endpoints: Endpoints) -> list[str]:
+    published = [row.type for row in endpoints.published]
+    return [*published, *itertools.chain(*map(types_of, endpoints.read))]
 
 
 class DdsPort:
@@ -81,7 +83,13 @@ class DdsPort:
     A participant of Fast DDS cannot have one topic with two types.
     """
 
-    def __init__(self, domain: int, names: RosNames, inputs: Inputs | None) -> None:
+    def __init__(
+        self,
+        domain: int,
+        names: RosNames,
+        inputs: Inputs | None,
+        endpoints: Endpoints = ADAPTER,
+    ) -> None:
         """Without `inputs`, nothing is read and no service is offered.
 
         Raises:
@@ -90,24 +98,27 @@ class DdsPort:
         self._published: dict[str, Any] = {}
         self._nodes: list[_Node] = []
         try:
-            self._open(domain, names, inputs)
+            self._open(domain, names, inputs, endpoints)
         except Exception as error:  # rclpy has no class for all that its middleware refuses.
             self.close()
             raise TwinError(f"no node of ROS can be opened: {error}") from error
 
-    def _open(self, domain: int, names: RosNames, inputs: Inputs | None) -> None:
+    def _open(
+        self, domain: int, names: RosNames, inputs: Inputs | None, endpoints: Endpoints
+    ) -> None:
         namespace = f"/{names.namespace}" if names.shared else "/"
-        self._nodes.append(_Node(NODE, domain, namespace))
-        for row in PUBLISHED:
+        self._nodes.append(_Node(endpoints.node, domain, namespace))
+        for row in endpoints.published:
             name = names.topic(row.name)
             self._published[name] = self._nodes[0].publisher(name, row)
         if inputs is None:
             return
-        self._nodes.append(_Node(f"{NODE}_stamped", domain, namespace))
-        for row in READ:
+        if any(len(types_of(row)) > 1 for row in endpoints.read):
+            self._nodes.append(_Node(f"{endpoints.node}_stamped", domain, namespace))
+        for row in endpoints.read:
             for node, type_name in zip(self._nodes, types_of(row), strict=False):
                 node.subscribe(names.topic(row.name), row, type_name, inputs)
-        for service in SERVICES:
+        for service in endpoints.services:
             self._nodes[0].serve(names.topic(service), partial(inputs.on_call, service))
         for node in self._nodes:
             node.start()
@@ -224,7 +235,7 @@ class _Node:
 
     def _profile(self, qos: RosQoS) -> Any:
         made = self._qos
-        reliable = qos in (RosQoS.STATE, RosQoS.LATCHED)
+        reliable = qos in (RosQoS.STATE, RosQoS.LATCHED, RosQoS.DRIVE)
         latched = qos is RosQoS.LATCHED
         reliability, durability = made.ReliabilityPolicy, made.DurabilityPolicy
         return made.QoSProfile(

@@ -15,12 +15,34 @@ import numpy as np
 
 from tsd_twin.errors import MessageError
 from tsd_twin.interop.cmd_vel import PAUSE_S, TWIST_STAMPED
-from tsd_twin.interop.mapping import CMD_VEL, RosMessage, RosNames, RosTopic
+from tsd_twin.interop.mapping import (
+    CMD_VEL,
+    PUBLISHED,
+    READ,
+    SERVICES,
+    RosMessage,
+    RosNames,
+    RosTopic,
+)
 from tsd_twin.messages.requests import PoseStamped
 from tsd_twin.messages.ros import ODOM, decode_cdr, stamp_ns
 
 NODE = "tsd_ros"
 """Name of the node of each robot, in the namespace of the robot."""
+
+
+@dataclass(frozen=True, slots=True)
+class Endpoints:
+    """Name of a node, its topics and services."""
+
+    node: str
+    published: tuple[RosTopic, ...]
+    read: tuple[RosTopic, ...]
+    services: tuple[str, ...] = ()
+
+
+ADAPTER = Endpoints(NODE, PUBLISHED, READ, SERVICES)
+"""A robot on the bus as a node of ROS."""
 
 
 class Inputs(Protocol):

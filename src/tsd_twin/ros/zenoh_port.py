@@ -19,10 +19,6 @@ import xxhash
 from tsd_twin.bus import Bus, Publisher, Request
 from tsd_twin.errors import MessageError
 from tsd_twin.interop.mapping import (
-    LATCHED_TOPICS,
-    PUBLISHED,
-    READ,
-    SERVICES,
     RosMessage,
     RosNames,
     RosQoS,
@@ -31,7 +27,7 @@ from tsd_twin.interop.mapping import (
 from tsd_twin.messages.requests import Sample
 from tsd_twin.messages.ros import TRIGGER, encode_trigger_response, type_hash
 from tsd_twin.messages.topics import QoS
-from tsd_twin.ros.port import NODE, Inputs, Origin, types_of
+from tsd_twin.ros.port import ADAPTER, Endpoints, Inputs, Origin, types_of
 
 _ATTACHMENT = struct.Struct("<qqB16s")
 _GID_BYTES = 16
@@ -41,11 +37,14 @@ QOS = {
     RosQoS.STATE: "::,10:,:,:,,",
     RosQoS.LATCHED: ":1:,1:,:,:,,",
     RosQoS.COMMAND: "2::,1:,:,:,,",
+    RosQoS.DRIVE: "::,1:,:,:,,",
 }
 """QoS in a token: reliability, durability, history, depth, deadline, lifespan, liveliness.
 
 Fields are numbers of `rmw/types.h`; a default (reliable, volatile, keep last) is empty.
 """
+_ON_BUS = {RosQoS.LATCHED: QoS.EVENT, RosQoS.DRIVE: QoS.REAL_TIME}
+"""Quality of service of a publisher in Zenoh, where it is not that of data."""
 SERVICE_QOS = "::,10:,:,:,,"
 
 
@@ -143,30 +142,38 @@ class _Published:
 class ZenohPort:
     """Node of one robot on a session of its own, which it closes."""
 
-    def __init__(self, bus: Bus, domain: int, names: RosNames, inputs: Inputs | None) -> None:
+    def __init__(
+        self,
+        bus: Bus,
+        domain: int,
+        names: RosNames,
+        inputs: Inputs | None,
+        endpoints: Endpoints = ADAPTER,
+    ) -> None:
         """Without `inputs`, nothing is read and no service is offered."""
         self._bus, self._domain, self._names = bus, domain, names
         namespace = f"/{names.namespace}" if names.shared else "/"
-        self._node = RosNode(domain, bus.id, NODE, namespace)
+        self._node = RosNode(domain, bus.id, endpoints.node, namespace)
         self._numbers = itertools.count(1)
         self._published: dict[str, _Published] = {}
         bus.declare_token(self._node.token())
-        for row in PUBLISHED:
+        for row in endpoints.published:
             name = names.topic(row.name)
-            qos = QoS.EVENT if row in LATCHED_TOPICS else QoS.DATA
+            qos = _ON_BUS.get(row.qos, QoS.DATA)
             # Transient local is an advanced publisher with a cache of the depth, here one.
             publisher = bus.publisher(self._key(name, row.type), qos, row.type, kept=1)
             gid = self._enter(Kind.PUBLISHER, name, row.type, QOS[row.qos])
             self._published[name] = _Published(publisher, gid)
         if inputs is None:
             return
-        for row in READ:
+        for row in endpoints.read:
             name = names.topic(row.name)
             for type_name in types_of(row):
                 take = partial(_receive, inputs, row, type_name)
-                bus.subscribe(self._key(name, type_name), take)
+                listen = bus.subscribe_events if row.qos is RosQoS.LATCHED else bus.subscribe
+                listen(self._key(name, type_name), take)
                 self._enter(Kind.SUBSCRIPTION, name, type_name, QOS[row.qos])
-        for service in SERVICES:
+        for service in endpoints.services:
             name = names.topic(service)
             bus.serve(self._key(name, TRIGGER), partial(_serve, inputs, service))
             self._enter(Kind.SERVICE, name, TRIGGER, SERVICE_QOS)

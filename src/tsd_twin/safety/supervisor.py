@@ -81,6 +81,8 @@ class Heartbeat:
     stop. While the robot is at rest with spinning wheels, every step increments it; the state
     machine ends that mode after 10 s without an operator.
     """
+    latched: bool = False
+    """A stop or a fault is latched."""
 
 
 UNATTENDED_S = 10.0
@@ -330,7 +332,7 @@ class SafetySupervisor:
     @property
     def heartbeat(self) -> Heartbeat:
         """Heartbeat for the hardware watchdog."""
-        return Heartbeat(self.mode in ARMED, self._heartbeat_count)
+        return Heartbeat(self.mode in ARMED, self._heartbeat_count, self.mode in LATCHED)
 
     def lease_in_force(self, now_s: float) -> Lease | None:
         """Lease in force, if any."""

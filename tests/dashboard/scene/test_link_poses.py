@@ -33,7 +33,7 @@ class Model:
         self.robot: Any = robots.load_robot(name)
         self.drive: Any = self.robot.kinematics()
         self.tree = kinematic_tree(self.robot)
-        self.skeleton = Skeleton(self.tree, self.drive)
+        self.skeleton = Skeleton(self.tree, self.drive.joints)
         text = urdf(self.robot, load_parts(self.robot))
         self.urdf = yourdfpy.URDF.load(io.BytesIO(text.encode()), load_meshes=False)
 
@@ -145,10 +145,10 @@ def message(changed: Mapping[str, str], more: tuple[str, ...] = ()) -> JointStat
 @pytest.mark.parametrize("more", [(), ("gyro",)])
 def test_a_joint_vector_has_angles_of_gimbals_and_speeds_of_wheels(more: tuple[str, ...]) -> None:
     """Other sensors in the message do not matter."""
-    joints = JointReader(TSD).vector(message({}, more))
+    joints = JointReader(TSD.joints).vector(message({}, more))
     assert joints is not None
     np.testing.assert_array_equal(joints, np.tile([0.1, 0.2, 260.0], K))
 
 
 def test_joints_of_another_robot_are_not_taken_for_ours() -> None:
-    assert JointReader(TSD).vector(message({"module1_alpha": "elbow"})) is None
+    assert JointReader(TSD.joints).vector(message({"module1_alpha": "elbow"})) is None

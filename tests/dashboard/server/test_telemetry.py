@@ -14,6 +14,8 @@ from tsd_twin import robots
 from tsd_twin.dashboard.server.messages_to_page import encode_message
 from tsd_twin.dashboard.server.telemetry import RobotTelemetry, SphereTelemetry
 from tsd_twin.lie import SO3
+from tsd_twin.robots.imported import NOT_PROMISED
+from tsd_twin.ros.imported_robot import ImportLimits, describe
 
 SPHERE: Any = robots.load_robot("atlas")
 
@@ -30,6 +32,19 @@ def test_a_card_says_what_the_robot_has_and_nothing_else(name: str) -> None:
     assert (card["modules"] or card["wheels"]) == list(drive.actuators)
     units = {(0, 1, 5): ["m/s", "m/s", "rad/s"], (3, 4, 5): ["rad/s"] * 3}
     assert [number["unit"] for number in card["twist_axes"]] == units[drive.twist_axes]
+
+
+def test_the_card_of_a_robot_by_ros_says_what_is_not_promised() -> None:
+    robot = robots.parse_description(describe("cart", "", ImportLimits()), "cart")
+    link: Any = SimpleNamespace(id="cart", robot=robot, kinematics=robot.kinematics())
+    card = json.loads(encode_message(RobotTelemetry(link).info()))
+    assert card["panel"] == "twist"
+    assert tuple(card["not_promised"]) == robot.not_promised
+    assert set(NOT_PROMISED) < set(card["not_promised"])
+    assert not card["wheels"]
+    assert not card["modules"]
+    fields = card["plot_fields"]
+    assert {"joints.vx.velocity_rad_per_s", "joints.odom_x_m.position_rad"} <= set(fields)
 
 
 def test_every_kind_of_robot_has_figures() -> None:

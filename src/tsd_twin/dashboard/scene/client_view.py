@@ -125,7 +125,7 @@ class PastGhost:
                 appearance.PAST,
                 visible=True,
             )
-            self._reader = JointReader(body.link.kinematics)
+            self._reader = JointReader(body.meshes.shape.joints)
         shape, ball = body.meshes.shape, SO3.identity()
         if past.odom.wxyz is None:
             set_planar_pose(self._frame, past.odom.xy_heading)
@@ -157,7 +157,7 @@ class PastGhost:
         self._links.clear()
 
     def _pose(self, shape: RobotShape, joints: Array, ball: SO3) -> None:
-        wheels = np.array([joint.kind is JointKind.VELOCITY for joint in shape.kinematics.joints])
+        wheels = np.array([joint.kind is JointKind.VELOCITY for joint in shape.joints])
         poses = shape.skeleton.poses(SE2.identity(), ball, np.where(wheels, 0.0, joints))
         for kind in shape.moving:
             if kind in self._links:

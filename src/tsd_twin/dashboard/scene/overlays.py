@@ -62,7 +62,7 @@ class ThrustArrows:
 
     def update(self, joints: Array, now_s: float) -> None:
         """Draw the arrows of joint vector (n,)."""
-        if not self._rate.is_due(now_s):
+        if not len(self._drawn) or not self._rate.is_due(now_s):
             return
         places, velocities = self._skeleton.contacts(joints)
         speeds = np.linalg.norm(velocities, axis=-1)

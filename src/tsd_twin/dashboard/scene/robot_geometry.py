@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tsd_twin.dashboard.scene.appearance import Rgb
-from tsd_twin.kinematics import JointKind, Kinematics
+from tsd_twin.kinematics import Joint, JointKind, Kinematics
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.ros import JointState
 from tsd_twin.models import (
@@ -64,8 +64,16 @@ def rotation_matrix_of_products(vectors: Array) -> Array:
 
 
 _Z = np.array([0.0, 0.0, 1.0])
-_ACTUATED = (JointType.ANGLE, JointType.SPIN)
-"""Hinges that a joint of the drive turns."""
+_ACTUATED = (JointType.ANGLE, JointType.SPIN, JointType.SLIDE)
+"""Joints with a value of their own."""
+
+
+def drawn_joints(robot: RobotDescription, tree: KinematicTree) -> tuple[Joint, ...]:
+    """Joints whose values a drawing needs: those of the drive, then measured ones in the tree."""
+    drive = robot.kinematics().joints
+    named = {name for group in tree.link_groups for name in group.joints}
+    named -= {joint.name for joint in drive}
+    return (*drive, *(sensor for sensor in robot.sensors if sensor.name in named))
 
 
 class LinkPoses(NamedTuple):
@@ -80,9 +88,10 @@ class LinkPoses(NamedTuple):
 class Skeleton:
     """Forward kinematics of all links of one description."""
 
-    def __init__(self, tree: KinematicTree, drive: Kinematics[Any]) -> None:
+    def __init__(self, tree: KinematicTree, joints: Sequence[Joint]) -> None:
+        """`joints` are those of `drawn_joints`, whose values `poses` takes."""
         self.tree = tree
-        places = {joint.name: i for i, joint in enumerate(drive.joints)}
+        places = {joint.name: i for i, joint in enumerate(joints)}
         self._columns: dict[Link, list[int]] = {
             group.kind: [places[name] for name in group.joints]
             for group in tree.link_groups
@@ -96,8 +105,8 @@ class Skeleton:
         """Poses of all links above the floor, by their kind.
 
         `base` (...) is where `base_link` stands, `ball` (...) how a ball in it is turned, which
-        means nothing to a robot without one. `angles` (..., n) are those of the joints of the
-        drive, in its order, radians: for a wheel the angle that it has turned by.
+        means nothing to a robot without one. `angles` (..., n) are those of the joints, in their
+        order, radians: for a wheel the angle that it has turned by. What slides has metres.
         """
         where = base.xy_heading[..., None, :]
         wxyz, position = np.zeros((*where.shape[:-1], 4)), np.empty(where.shape)
@@ -108,7 +117,8 @@ class Skeleton:
         for mount in self._mounts:
             above = seen[mount.parent]
             own = mount.turn(ball, angles)
-            seen[mount.kind] = LinkPoses(quaternion_product(above.wxyz, own), mount.place(above))
+            place = mount.place(above, angles)
+            seen[mount.kind] = LinkPoses(quaternion_product(above.wxyz, own), place)
         return seen
 
     @property
@@ -127,6 +137,8 @@ class Skeleton:
         wheel gives the robot over the floor, or the ball over the robot. Only along its circle: on
         rollers a wheel lets the rest be. Wheels that contradict one another are seen to.
         """
+        if not self.wheels:
+            return np.zeros((0, 3)), np.zeros((0, 3))
         here = self.poses(SE2.identity(), SO3.identity(), self._at_rest(joints))
         places: list[Array] = []
         velocities: list[Array] = []
@@ -161,14 +173,16 @@ class _LinkMount:
         self.kind, self.parent = group.kind, group.parent
         self._columns = columns
         self._ball = group.joint_type is JointType.BALL
+        self._slides = group.joint_type is JointType.SLIDE
         self._at_zero = group.turn.wxyz
         axes = np.concatenate([np.zeros((group.count, 1)), group.axes], axis=-1)
         self._at_half_turn = quaternion_product(self._at_zero, axes)
         self._offset = rotation_matrix_of_products(group.at_m) if group.at_m.any() else None
+        self._way = rotation_matrix_of_products(group.turn.rotate(group.axes))
 
     def turn(self, ball: SO3, angles: Array) -> Array:
         """Return how they are turned (..., k, 4) against what they hang on."""
-        if self._columns is not None:
+        if self._columns is not None and not self._slides:
             half = 0.5 * angles[..., self._columns, None]
             return np.cos(half) * self._at_zero + np.sin(half) * self._at_half_turn
         return (
@@ -177,28 +191,32 @@ class _LinkMount:
             else self._at_zero
         )
 
-    def place(self, above: LinkPoses) -> Array:
+    def place(self, above: LinkPoses, angles: Array) -> Array:
         """Return where they are (..., k, 3)."""
-        if self._offset is None:
+        offset: Array | None = self._offset
+        if self._slides and self._columns is not None:
+            way = angles[..., self._columns, None, None] * self._way
+            offset = way if offset is None else offset + way
+        if offset is None:
             return above.position
-        turned = pairwise_products(above.wxyz, above.wxyz)[..., None, :] @ self._offset
+        turned = pairwise_products(above.wxyz, above.wxyz)[..., None, :] @ offset
         return above.position + turned[..., 0, :]
 
 
 class JointReader:
     """Reader of joint vectors from messages, with the order of joint names cached."""
 
-    def __init__(self, drive: Kinematics[Any]) -> None:
-        joints = drive.joints
+    def __init__(self, joints: Sequence[Joint]) -> None:
         self._names = [joint.name for joint in joints]
         self._is_angle = np.array([joint.kind is JointKind.POSITION for joint in joints])
         self._order: Sequence[str] | None = None
         self._rows: list[int] | None = None
 
-    def vector(self, state: JointState) -> Array | None:
+    def vector(self, state: JointState, otherwise: Array | None = None) -> Array | None:
         """Joint vector (n,) in a message, or None when it lacks one of our joints.
 
-        What the message leaves open, like speeds in set-points of angles, is zero.
+        What the message leaves open, like speeds in set-points of angles, is that of `otherwise`
+        (n,), or zero.
         """
         if (names := tuple(state.names)) != self._order:
             self._order, self._rows = names, self._find(names)
@@ -206,7 +224,9 @@ class JointReader:
             return None
         angles, speeds = state.position_rad[self._rows], state.velocity_rad_per_s[self._rows]
         vector = np.where(self._is_angle, angles, speeds)
-        return vector if np.isfinite(vector).all() else np.nan_to_num(vector)
+        if (known := np.isfinite(vector)).all():
+            return vector
+        return np.where(known, vector, 0.0 if otherwise is None else otherwise)
 
     def _find(self, names: Sequence[str]) -> list[int] | None:
         place = {name: i for i, name in enumerate(names)}
@@ -256,12 +276,15 @@ class RobotShape:
 
     def __init__(self, robot: RobotDescription) -> None:
         self.kinematics = robot.kinematics()
-        self.skeleton = Skeleton(kinematic_tree(robot), self.kinematics)
+        tree = kinematic_tree(robot)
+        self.joints = drawn_joints(robot, tree)
+        """Joints whose values a drawing needs; those of the drive are the first."""
+        self.skeleton = Skeleton(tree, self.joints)
         self._parts = load_parts(robot)
         self.glbs: dict[Link, bytes] = {kind: glb(drawn) for kind, drawn in self._parts.items()}
         """A binary glTF for each kind of link, metres, in the frame of the link."""
         self._poses = self.skeleton.poses(
-            SE2.identity(), SO3.identity(), np.zeros(len(self.kinematics.joints))
+            SE2.identity(), SO3.identity(), np.zeros(len(self.joints))
         )
 
     @property
@@ -280,7 +303,7 @@ class RobotShape:
     @property
     def tilts(self) -> bool:
         """Whether joints have position set-points, as gimbals do."""
-        return any(group.joint_type is JointType.ANGLE for group in self.skeleton.tree.link_groups)
+        return any(joint.kind is JointKind.POSITION for joint in self.kinematics.joints)
 
     @property
     def ball_radius_m(self) -> float | None:

@@ -322,7 +322,7 @@ class RobotOverlays:
         colour: appearance.Rgb,
     ) -> None:
         """`colour` tells the robot from others."""
-        node, self._reader = robot_node(robot_id), JointReader(shape.kinematics)
+        node, self._reader = robot_node(robot_id), JointReader(shape.kinematics.joints)
         self._base = scene.add_frame(node, show_axes=False)
         self.setpoint = (
             SetpointRings(scene, overlay_node(Layer.SETPOINT, robot_id), shape)

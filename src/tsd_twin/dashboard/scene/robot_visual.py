@@ -48,7 +48,7 @@ class BatchedRobotMeshes:
         self._shown: dict[tuple[Link, str], bytes] = {}
         self._bases = np.zeros((0, 3))
         self._balls = np.zeros((0, 4))
-        self._angles = np.zeros((0, len(shape.kinematics.joints)))
+        self._angles = np.zeros((0, len(shape.joints)))
         self._moved = False
 
     @property
@@ -65,7 +65,7 @@ class BatchedRobotMeshes:
         self._ids.append(robot_id)
         self._bases = np.vstack([self._bases, np.zeros(3)])
         self._balls = np.vstack([self._balls, SO3.identity().wxyz])
-        self._angles = np.vstack([self._angles, np.zeros(len(self.shape.kinematics.joints))])
+        self._angles = np.vstack([self._angles, np.zeros(len(self.shape.joints))])
         self._moved = True
         self.send()
 
@@ -186,24 +186,20 @@ class RobotVisual:
         self.drawn = Snapshot()
         self.joints = link.kinematics.inverse(np.zeros(3))
         """The joint vector (n,)."""
-        self.angles = np.zeros(len(link.kinematics.joints))
-        """The joints (n,) as they are drawn: angles, of wheels those that they have turned by."""
+        self.angles = np.zeros(len(meshes.shape.joints))
+        """All joints that are drawn: angles, of wheels those that they have turned by."""
         self.pose = np.zeros(3)
         """Pose of the base (3,): the origin, if it does not move."""
         self.ball = SO3.identity()
         """Orientation of its sphere, if it has one."""
         self._turned_s = -np.inf
-        # What stays where it is goes nowhere.
-        self._predictor = (
-            MotionPredictor(link.kinematics, link.robot)
-            if link.kinematics.pose_type is SE2
-            else None
-        )
+        # What stays where it is goes nowhere, and where others stop cannot be promised.
+        predictable = link.kinematics.pose_type is SE2 and not link.robot.not_promised
+        self._predictor = MotionPredictor(link.kinematics, link.robot) if predictable else None
         self._prediction_rate = RateLimiter(PREDICTION_HZ)
-        self._reader = JointReader(link.kinematics)
-        self._wheels = np.array(
-            [joint.kind is JointKind.VELOCITY for joint in link.kinematics.joints]
-        )
+        self._reader = JointReader(meshes.shape.joints)
+        self._setpoint_reader = JointReader(link.kinematics.joints)
+        self._wheels = np.array([j.kind is JointKind.VELOCITY for j in meshes.shape.joints])
         self._slowdown = SPIN_SLOWDOWN if meshes.shape.tilts else 1
 
     @property
@@ -227,7 +223,9 @@ class RobotVisual:
             else:
                 self.ball = SO3(new.odom.wxyz)
         if new.joints is not None and new.joints is not old.joints:
-            joints = self._reader.vector(new.joints)
+            # A joint that is not measured any more stays where it was.
+            before = np.where(self._wheels, 0.0, self.angles)
+            joints = self._reader.vector(new.joints, before)
             if joints is not None:
                 self._turn_wheels(joints, new.received_s)
         self.meshes.place(self.id, self.pose, self.ball, self.angles)
@@ -236,7 +234,7 @@ class RobotVisual:
             self.overlays.show_prediction(self._predict(self._predictor, new))
 
     def _predict(self, predictor: MotionPredictor, new: Snapshot) -> Prediction:
-        setpoint = self._reader.vector(new.setpoint) if new.setpoint else None
+        setpoint = self._setpoint_reader.vector(new.setpoint) if new.setpoint else None
         if setpoint is None:
             return NO_PREDICTION
         setpoint = commanded_joints(self.link.kinematics, setpoint, self.joints)
@@ -244,7 +242,7 @@ class RobotVisual:
 
     def _turn_wheels(self, joints: Array, now_s: float) -> None:
         dt_s, self._turned_s = now_s - self._turned_s, now_s
-        self.joints = joints
+        self.joints = joints[: len(self.joints)]
         seen_s = dt_s / self._slowdown if dt_s < _MAX_STATE_GAP_S else 0.0
         turned = np.remainder(self.angles + joints * seen_s, 2.0 * np.pi)
         self.angles = np.where(self._wheels, turned, joints)

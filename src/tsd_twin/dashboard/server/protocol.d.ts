@@ -128,13 +128,14 @@ interface RobotInfo {
   space: "floor" | "sphere";
   twist_axes: TwistAxisInfo[];
   twist_scale_m: number;
-  panel: "gimbals" | "wheels" | "sphere";
+  panel: "gimbals" | "wheels" | "sphere" | "twist";
   max_tilt_deg: number | null;
   modules: string[];
   wheel_speed_limits: WheelSpeedLimits | null;
   wheels: string[];
   max_rpm: number | null;
   alternative_estimate: string | null;
+  not_promised: string[];
   plot_fields: string[];
 }
 
@@ -396,13 +397,13 @@ type ServerMessage =
   | StudentReply
   | MapLines
   | ViewChanged
-  | HeartbeatReply;
+  | HeartbeatReply
+  | Timeline
+  | Cursor
+  | PastStates;
 
 /** The messages by their `t`, and the three events of the link itself. */
 type LinkEvents = { [M in Exclude<ServerMessage, HeartbeatReply> as M["t"]]: M } & {
-  timeline: Timeline;
-  cursor: Cursor;
-  past: PastStates;
   up: undefined;
   down: undefined;
   beat: undefined;
@@ -489,7 +490,7 @@ interface MotionSource {
   readonly command?: FollowPlan;
 }
 
-// Of a page that shows a recording: recorded_protocol.py.
+// Of a page that shows a recording: messages_from_page.py, messages_to_page.py.
 
 interface TimelineEvent {
   t_s: number;

@@ -260,6 +260,11 @@ def sphere_wheels(robot: SphereDescription, twist: Array) -> list[StudentWheel]:
     ]
 
 
+def no_wheels(_robot: RobotDescription, _twist: Array) -> list[StudentWheel]:
+    """Return the wheels of a robot whose wheels are not known: none."""
+    return []
+
+
 def pivot_velocities(at_m: Array, twist: Array) -> Array:
     """Velocities (k, 2) of points (k, 2) of a body that moves at `twist` (3,)."""
     vx, vy, omega = (float(part) for part in twist)

@@ -30,6 +30,7 @@ from tsd_twin.messages.ros import ODOM, JointState, Odometry
 from tsd_twin.messages.status import Status
 from tsd_twin.robots import (
     RPM,
+    ImportedDescription,
     OmniDescription,
     SingularityDescription,
     SphereDescription,
@@ -153,6 +154,21 @@ def _planar_difference(snapshot: Snapshot) -> EstimateDifference | None:
         metres=round(math.hypot(off[0], off[1]), 4),
         degrees=round(abs(float(np.degrees(wrap(off[2])))), 2),
     )
+
+
+class TwistTelemetry:
+    """Telemetry of robots that follow a twist: what cannot be promised for them."""
+
+    def __init__(self, robot: ImportedDescription) -> None:
+        self._robot = robot
+
+    def info(self) -> dict[str, Any]:
+        """Return the fields of `RobotInfo`."""
+        return {"panel": "twist", "not_promised": self._robot.not_promised}
+
+    def state(self, _joints: Array, _setpoint: Array, _snapshot: Snapshot) -> dict[str, Any]:
+        """Return no fields of `RobotState`: it has the twists for all robots."""
+        return {}
 
 
 _MIN_RATE_RAD_PER_S = 0.02

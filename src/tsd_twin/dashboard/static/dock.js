@@ -143,7 +143,7 @@ export class SpeedLevel {
       el("span.caption", { "aria-hidden": "true" }, "Speed"),
       this._group,
     );
-    tooltip.attach(this._group, () => explainLevel(link.state?.status.limits));
+    tooltip.attach(this._group, () => explainLevel(link.state?.status.limits, link.robot));
     link.on("robot", (robot) => this._offer(robot.levels));
     this._offer(FALLBACK_LEVELS);
   }
@@ -187,13 +187,15 @@ export class SpeedLevel {
   }
 }
 
-/** @param {LimitStatus | undefined} limits */
-function explainLevel(limits) {
+/** @param {LimitStatus | undefined} limits @param {RobotInfo | null} robot */
+function explainLevel(limits, robot) {
   const what = "Speed of a full stick, in percent of the limits.";
   if (limits === undefined) return what;
+  const stop = robot?.not_promised.length
+    ? "and where the robot stops if the link fails is not promised."
+    : `from which the robot stops within ${fixed(limits.stop_allowance_m, 2)} m if the link fails.`;
   return (
-    `${what} 100 % is ${fixed(limits.speed_mps, 2)} m/s, ` +
-    `from which the robot stops within ${fixed(limits.stop_allowance_m, 2)} m if the link fails.` +
+    `${what} 100 % is ${fixed(limits.speed_mps, 2)} m/s, ${stop}` +
     (limits.reason ? ` Slower than usual: ${limits.reason}.` : "")
   );
 }

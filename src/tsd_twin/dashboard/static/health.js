@@ -112,13 +112,14 @@ function sections(link, { status, age_ms: age, robot_ms: robot, shadow }) {
     `· ${called(name)} explains`,
     times(level),
   ]);
+  const tested = {
+    suspect: called(consistency.suspect),
+    residual: `${fixed(1000 * consistency.residual_mps, 1)} mm/s`,
+    evidence: times(consistency.level),
+    ...Object.fromEntries(explained),
+  };
   return {
-    Consistency: {
-      suspect: called(consistency.suspect),
-      residual: `${fixed(1000 * consistency.residual_mps, 1)} mm/s`,
-      evidence: times(consistency.level),
-      ...Object.fromEntries(explained),
-    },
+    Consistency: link.robot?.not_promised.length ? { test: "not available" } : tested,
     ...(shadow ? { [SHADOW]: compared(shadow) } : {}),
     Loop: {
       rate: `${fixed(loop.hz, 1)} Hz`,
@@ -145,7 +146,9 @@ function sections(link, { status, age_ms: age, robot_ms: robot, shadow }) {
       "speed limit": `${fixed(limits.speed_mps, 2)} m/s${limits.reason ? `: ${limits.reason}` : ""}`,
       "applied of the command": `${fixed(100 * limits.applied, 0)} %`,
       "permitted command age": milliseconds(limits.max_command_age_s),
-      "stop distance without link": `${fixed(limits.stop_allowance_m, 2)} m`,
+      "stop distance without link": link.robot?.not_promised.length
+        ? "not promised"
+        : `${fixed(limits.stop_allowance_m, 2)} m`,
     },
     ...(poses ? { "Outside poses": seen(poses) } : {}),
     ...(learned ? { "Learned while driving": errors(learned) } : {}),

@@ -3,6 +3,7 @@
 
 import { degrees, fixed } from "./format.js";
 import { Gimbals } from "./gimbals.js";
+import { Imported } from "./imported.js";
 import { Sphere } from "./sphere.js";
 import { Wheels } from "./wheels.js";
 
@@ -84,6 +85,15 @@ const KINDS = {
     },
     Panel: Sphere,
     plots: (robot) => [...twists(robot), ...wheelSpeeds(robot), "sphere.angle_deg", ROUND_TRIP],
+  },
+  twist: {
+    ...ON_FLOOR,
+    arm: "Let commands through to cmd_vel of ROS: where it stops is not promised",
+    disarm: "Let no commands through",
+    armHint:
+      "Other ROS nodes can drive it as well. Where it stops is not promised: see the tab ROS.",
+    Panel: Imported,
+    plots: (robot) => [...twists(robot), ROUND_TRIP],
   },
 };
 

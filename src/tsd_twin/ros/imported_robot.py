@@ -1,0 +1,403 @@
+"""Robot of others that has ROS topics only, as the hardware of a robot node here.
+
+The node has all our rules: lease, arming, limits, timeouts. What it commands goes out as `cmd_vel`;
+what it measures is the newest `odom` and `joint_states`. No ROS message is older here than it was
+sent: a message that waited in a stalled link counts from its own time.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from tsd_twin.errors import MessageError, TwinError
+from tsd_twin.interop.cmd_vel import SAY_AGAIN_S, TWIST_STAMPED
+from tsd_twin.interop.mapping import (
+    DESCRIPTION,
+    DRIVEN,
+    IMPORTED,
+    JOINT_STATES,
+    ODOMETRY,
+    RosMessage,
+    RosNames,
+    RosTopic,
+)
+from tsd_twin.lie import Array
+from tsd_twin.messages.ros import (
+    BASE,
+    decode_cdr,
+    encode_cdr,
+    make_header,
+    make_message,
+    make_twist,
+)
+from tsd_twin.models.imported import MOST_BYTES, geometry_toml, read_urdf, stand_in
+from tsd_twin.robots import ImportedDescription, parse_description
+from tsd_twin.robots.imported import ImportedGeometry
+from tsd_twin.ros.port import UNTOLD, Arrivals, Endpoints, Origin, RosPort
+from tsd_twin.safety import Heartbeat
+
+_LOG = logging.getLogger(__name__)
+NODE = "tsd_import"
+"""Name of the node in ROS."""
+SEND_EVERY_S = 0.02
+"""Period of `cmd_vel` while the robot is driven."""
+ZEROS = 25
+"""Zeros at the end of a motion; then silence, so that other nodes can drive."""
+HELD_S = 0.25
+"""A pause of the loop after which the rest of a motion is not commanded any more."""
+_LAST_ZEROS, _LAST_PAUSE_S = 5, 0.01
+"""Zeros when the program ends."""
+_LARGEST_JOINTS = 16_384
+"""Bytes of a `joint_states`: about 250 joints."""
+_WAITING = 16
+"""Messages of a topic that wait for the loop; the oldest are dropped."""
+_UNSENT_S = 1.0
+"""A twist that could not be sent is a fault for this long."""
+_FARTHEST_M = 1e6
+_FASTEST = 100.0
+"""Metres or radians a second: no robot is faster, so such a number is no speed."""
+_UNIT = 0.01
+"""How far the length of a quaternion may be from one."""
+
+
+def endpoints(*, stamped: bool) -> Endpoints:
+    """Return the topics of a robot of others; `stamped` drives by `TwistStamped`."""
+    driven = DRIVEN
+    if stamped:
+        driven = RosTopic(DRIVEN.name, TWIST_STAMPED, DRIVEN.qos, DRIVEN.source, DRIVEN.frame)
+    return Endpoints(NODE, (driven,), IMPORTED)
+
+
+@dataclass(frozen=True, slots=True)
+class ImportLimits:
+    """Limits for a robot of others."""
+
+    speed_mps: float = 0.5
+    turn_rate_rad_per_s: float = 1.0
+    acceleration_mps2: float = 0.5
+    sideways: bool = False
+
+
+def describe(name: str, urdf: str, limits: ImportLimits) -> str:
+    """Return the description of a robot with the shape in `urdf`; "" if it has sent none.
+
+    Raises:
+        RobotFileError: the limits are not plausible.
+    """
+    try:
+        shape, said = read_urdf(urdf) if urdf else stand_in("robot_description has not come")
+        text = _toml(name, shape, said, limits)
+        parse_description(text, "robot_description")
+    except MessageError as error:
+        shape, said = stand_in(f"robot_description cannot be used ({error})")
+    except TwinError as error:
+        shape, said = stand_in(f"robot_description is not plausible ({error})")
+    else:
+        return text
+    text = _toml(name, shape, said, limits)
+    parse_description(text, "the limits")
+    return text
+
+
+def _toml(name: str, shape: ImportedGeometry, said: tuple[str, ...], limits: ImportLimits) -> str:
+    speed, acceleration = limits.speed_mps, limits.acceleration_mps2
+    drives = "It drives in all directions." if limits.sideways else (
+        "Driving sideways: it cannot, so that part of a command has no effect."
+    )  # fmt: skip
+    # As far as our own robots would need; the speed is not to be lowered for it.
+    allowance_m = min(100.0, speed * 0.6 + speed * speed / (2.0 * acceleration))
+    assumptions = said if limits.sideways else (drives, *said)
+    encoded = [msgspec.json.encode(_plain(sentence)).decode() for sentence in assumptions]
+    return f"""name = "{name}"
+title = "{name}, by ROS"
+assumptions = [{", ".join(encoded)}]
+
+[limits]
+speed_mps = {speed!r}
+turn_rate_rad_per_s = {limits.turn_rate_rad_per_s!r}
+acceleration_mps2 = {acceleration!r}
+deceleration_mps2 = {acceleration!r}
+angular_acceleration_rad_per_s2 = {2.0 * limits.turn_rate_rad_per_s!r}
+stop_allowance_m = {round(allowance_m, 3)!r}
+
+[battery] # Not measured.
+nominal_v = 12.0
+
+[drive]
+kind = "imported"
+{geometry_toml(msgspec.structs.replace(shape, sideways=limits.sideways))}"""
+
+
+def _plain(sentence: str) -> str:
+    """Return a sentence without characters that TOML or a terminal take for others."""
+    return "".join(c if c.isprintable() else "?" for c in sentence)[:300]
+
+
+@dataclass(frozen=True, slots=True)
+class _Received:
+    row: RosTopic
+    payload: bytes
+    origin: Origin
+    arrived_s: float
+
+
+class ImportedRobot:
+    """RobotIO of a robot of others, and receiver of its topics.
+
+    The middleware calls `on_message` on its own threads, which only queue; all else belongs to the
+    loop of the node.
+    """
+
+    def __init__(
+        self,
+        open_port: Callable[[ImportedRobot], RosPort],
+        names: RosNames,
+        odom_timeout_s: float,
+        *,
+        stamped: bool = False,
+        description_s: float = 5.0,
+    ) -> None:
+        """Wait for `robot_description`, for at most `description_s`.
+
+        Raises:
+            TwinError: the port cannot be opened.
+        """
+        self._names = names
+        self._timeout_s = odom_timeout_s
+        self._driven = endpoints(stamped=stamped).published[0]
+        self._waiting = {row.name: deque[_Received](maxlen=_WAITING) for row in IMPORTED}
+        self._arrivals = {row.name: Arrivals() for row in IMPORTED}
+        self._described = threading.Event()
+        self._said: dict[str, float] = {}
+        self._problem = ""
+        self.urdf = ""
+        """Text of `robot_description`; "" when it has not come in time."""
+        self._robot: ImportedDescription | None = None
+        self._columns: Mapping[str, int] = {}
+        self._measured = np.zeros(0)
+        self._odom_s = -math.inf
+        """When the newest odometry was sent, on our clock."""
+        self._odom_from: bytes = b""
+        self._counted = {row.name: 0 for row in IMPORTED}
+        self._dropped = 0
+        self._sent, self._sent_s, self._zeros = 0, -math.inf, 0
+        self._written_s, self._size, self._cut = -math.inf, 0.0, False
+        self._heartbeat = Heartbeat(False, 0)
+        self._unsent, self._unsent_s = "", -math.inf
+        self._closed = False
+        self._port = open_port(self)
+        self._described.wait(description_s)
+        for received in self._taken(DESCRIPTION):
+            self._describe(received)
+
+    def configure(self, robot: ImportedDescription) -> None:
+        """Set the description, before the first `read`."""
+        self._robot = robot
+        joints = (*robot.kinematics().joints, *robot.sensors)
+        self._columns = {joint.name: i for i, joint in enumerate(joints)}
+        self._measured = np.zeros(len(joints))
+
+    # On threads of the middleware.
+
+    def on_message(self, row: RosTopic, type_name: str, payload: bytes, origin: Origin) -> None:  # noqa: ARG002  Of the interface.
+        """Queue a message for the loop."""
+        self._waiting[row.name].append(_Received(row, payload, origin, time.monotonic()))
+        if row.name == DESCRIPTION.name:
+            self._described.set()
+
+    def on_unreadable(self, row: RosTopic, reason: str) -> None:
+        """Count a message that is none."""
+        self._dropped += 1
+        self._problem = f"a message of {row.name} is ignored: {reason}"[:200]
+
+    def on_call(self, service: str, answer: Callable[[bool, str], None]) -> None:  # noqa: ARG002  Of the interface.
+        """Refuse: it offers no services."""
+        answer(False, "there is no such service")
+
+    # The loop of the node.
+
+    def read(self, now_s: float) -> Array | None:
+        """Return speeds, pose and joints; None without odometry that is new enough."""
+        for row in IMPORTED:
+            for received in self._taken(row):
+                try:
+                    self._receive(received, now_s)
+                except MessageError as error:
+                    self.on_unreadable(row, str(error))
+        if self._problem:
+            self._say(self._problem, now_s)
+            self._problem = ""
+        return None if self._is_silent(now_s) else self._measured.copy()
+
+    def write(self, setpoint: Array, now_s: float) -> None:
+        """Publish a twist while it is not zero, then some zeros, then nothing.
+
+        After a time in which this process stood still, the robot may have come to rest by itself:
+        the rest of our braking would move it again, so zeros are sent instead.
+        """
+        assert self._robot is not None  # noqa: S101  It is configured first.
+        twist = self._robot.kinematics().forward(setpoint).twist
+        was_s, self._written_s = self._written_s, now_s
+        size, before = float(np.abs(twist).max()), self._size
+        self._size = size
+        if size > 0.0 and now_s - was_s > HELD_S:
+            self._cut = True
+        elif size == 0.0 or size > before:
+            self._cut = False
+        if size > 0.0 and not self._cut:
+            # Half a period early is a period of the loop.
+            if now_s - self._sent_s > 0.75 * SEND_EVERY_S or not self._zeros:
+                self._publish(twist, now_s)
+            self._zeros = ZEROS
+        elif self._zeros == ZEROS or (self._zeros and now_s - self._sent_s > 0.75 * SEND_EVERY_S):
+            self._publish(np.zeros(3), now_s)
+            self._zeros -= 1
+
+    def set_heartbeat(self, heartbeat: Heartbeat) -> None:
+        """Send zeros when the robot is no longer armed, and at each stop.
+
+        At a stop also if it is not armed: other nodes may drive it.
+        """
+        before, self._heartbeat = self._heartbeat, heartbeat
+        if (before.armed and not heartbeat.armed) or (heartbeat.latched and not before.latched):
+            self._zeros = ZEROS
+
+    def fault(self, now_s: float) -> str:
+        """Return that odometry is missing, or that nothing can be sent; "" otherwise."""
+        if now_s - self._unsent_s < _UNSENT_S:
+            return self._unsent
+        if not self._is_silent(now_s):
+            return ""
+        topic = self._names.topic(ODOMETRY.name)
+        if self._odom_s == -math.inf:
+            return f"no odometry has come on {topic} yet"
+        return f"no odometry newer than {self._timeout_s:g} s has come on {topic}"
+
+    def hardware(self) -> Mapping[str, Any]:
+        """Return the hardware part of the status."""
+        age_s = time.monotonic() - self._odom_s
+        return {
+            "kind": "ros",
+            "odom_age_s": round(age_s, 2) if math.isfinite(age_s) else None,
+            "received": dict(self._counted),
+            "ignored": self._dropped,
+            "sent": self._sent,
+        }
+
+    def close(self) -> None:
+        """Send zeros, if it was driven a moment ago, and leave the graph."""
+        if self._closed:
+            return
+        self._closed = True
+        if self._zeros:
+            for _ in range(_LAST_ZEROS):
+                self._publish(np.zeros(3), time.monotonic())
+                time.sleep(_LAST_PAUSE_S)
+        self._port.close()
+
+    def _is_silent(self, now_s: float) -> bool:
+        return now_s - self._odom_s > self._timeout_s
+
+    def _taken(self, row: RosTopic) -> list[_Received]:
+        waiting = self._waiting[row.name]
+        return [waiting.popleft() for _ in range(len(waiting))]
+
+    def _receive(self, received: _Received, now_s: float) -> None:
+        name = received.row.name
+        sent_s = self._arrivals[name].sent_after_s(received.origin, received.arrived_s)
+        if sent_s is None:
+            self._dropped += 1  # It has come twice, or after a newer one.
+        elif name == ODOMETRY.name:
+            self._take_odometry(received, sent_s, now_s)
+        elif name == JOINT_STATES.name:
+            self._take_joints(received)
+        else:
+            self._describe(received)
+
+    def _take_odometry(self, received: _Received, sent_s: float, now_s: float) -> None:
+        publisher = received.origin.publisher
+        if publisher == UNTOLD:
+            raise MessageError("publishers", "it has several publishers: end all but one")
+        if publisher != self._odom_from and not self._is_silent(now_s):
+            raise MessageError("publishers", "it has a second publisher, which is not followed")
+        raw = decode_cdr(received.payload, ODOMETRY.type)
+        at, turn = raw.pose.pose.position, raw.pose.pose.orientation
+        linear, angular = raw.twist.twist.linear, raw.twist.twist.angular
+        heading = math.atan2(
+            2.0 * (turn.w * turn.z + turn.x * turn.y),
+            1.0 - 2.0 * (turn.y * turn.y + turn.z * turn.z),
+        )
+        numbers = (at.x, at.y, heading, linear.x, linear.y, angular.z)
+        length = math.hypot(turn.w, turn.x, turn.y, turn.z)
+        # Comparisons are false for NaN.
+        if not abs(length - 1.0) <= _UNIT:
+            raise MessageError("quaternion", "its orientation is no unit quaternion")
+        if not all(abs(number) <= _FARTHEST_M for number in numbers[:2]):
+            raise MessageError("nonfinite", "its position is no place")
+        if not all(abs(number) <= _FASTEST for number in numbers[3:]):
+            raise MessageError("nonfinite", "its speed is none")
+        self._odom_from, self._odom_s = publisher, sent_s
+        self._counted[ODOMETRY.name] += 1
+        speeds = {"vx": linear.x, "vy": linear.y, "omega": angular.z}
+        pose = {"odom_x_m": at.x, "odom_y_m": at.y, "odom_heading_rad": heading}
+        for name, value in (speeds | pose).items():
+            if name in self._columns:
+                self._measured[self._columns[name]] = value
+
+    def _take_joints(self, received: _Received) -> None:
+        raw = decode_cdr(received.payload, JOINT_STATES.type, _LARGEST_JOINTS)
+        if len(raw.position) != len(raw.name):
+            return  # Efforts or speeds only.
+        self._counted[JOINT_STATES.name] += 1
+        for name, position in zip(raw.name, raw.position.tolist(), strict=True):
+            column = self._columns.get(name)
+            # The drive is measured by odometry alone, and a joint is never called like it.
+            if column is not None and column >= self._first_joint and abs(position) <= _FARTHEST_M:
+                self._measured[column] = position
+
+    @property
+    def _first_joint(self) -> int:
+        return self._columns["odom_heading_rad"] + 1
+
+    def _describe(self, received: _Received) -> None:
+        try:
+            raw = decode_cdr(received.payload, DESCRIPTION.type, MOST_BYTES + 64)
+        except MessageError as error:
+            self.on_unreadable(DESCRIPTION, str(error))
+            return
+        self._counted[DESCRIPTION.name] += 1
+        if self._robot is None:
+            self.urdf = raw.data
+        elif raw.data != self.urdf:
+            self._problem = "robot_description has changed: start tsd-ros again to draw it"
+
+    def _publish(self, twist: Array, now_s: float) -> None:
+        vx, vy, omega = twist.tolist()
+        message = make_twist((vx, vy, 0.0, 0.0, 0.0, omega))
+        if self._driven.type == TWIST_STAMPED:
+            header = make_header(time.time_ns(), BASE)
+            message = make_message(TWIST_STAMPED, header=header, twist=message)
+        name = self._names.topic(self._driven.name)
+        try:
+            self._port.publish(RosMessage(self._driven, name, encode_cdr(message)))
+        except TwinError as error:
+            self._unsent, self._unsent_s = f"cmd_vel cannot be published: {error}", now_s
+        self._sent += 1
+        self._sent_s = now_s
+
+    def _say(self, text: str, now_s: float) -> None:
+        """Log a sentence, the same one no more often than every two seconds."""
+        recent = {key: at_s for key, at_s in self._said.items() if now_s - at_s < SAY_AGAIN_S}
+        if text not in recent:
+            _LOG.warning("%s", text)
+        self._said = {text: now_s, **recent}

@@ -1,0 +1,373 @@
+"""`tsd-ros --import` as a user meets it: a robot of `zenoh-ros2-sdk`, which is not ours."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import re
+import signal
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, expect
+
+import tsd_twin
+from tests.app.conftest import Program
+from tests.support.browser import (
+    PATIENCE_MS,
+    QUICK,
+    press,
+)
+from tests.support.ros_nodes import foreign_hash, ros_router
+from tests.support.ros_robot import JOINTS, ODOMETRY, START, ForeignRobot
+from tsd_twin.client import RobotClient
+from tsd_twin.errors import TwinError
+from tsd_twin.robots.imported import NOT_PROMISED
+from tsd_twin.ros.imported_robot import ZEROS
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
+
+ODOM_TIMEOUT_S = 0.6
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A robot of others in this process, and `tsd-ros --import` in one of its own."""
+
+    cart: ForeignRobot
+    port: int
+    adapter: Program
+    endpoint: str
+
+
+def importing(port: int, *flags: str) -> tuple[Program, str]:
+    """Start `tsd-ros --import`; return it and where its bus listens."""
+    program = Program(
+        [
+            "tsd_ros", "--import", "cart", "--ros-connect", f"tcp/127.0.0.1:{port}",
+            "--domain", "0", "--listen", "tcp/127.0.0.1:0",
+            "--import-timeout", str(ODOM_TIMEOUT_S), *flags,
+        ]
+    )  # fmt: skip
+    return program, program.ready().split()[-1]
+
+
+@pytest.fixture(scope="module")
+def stage() -> Generator[Stage]:
+    with ros_router() as (router, port):
+        cart = ForeignRobot(router, port)
+        program = None
+        try:
+            program, endpoint = importing(port)
+            yield Stage(cart, port, program, endpoint)
+            assert program.end() == 0
+            assert "Traceback" not in program.sentence, program.sentence
+            assert len(program.errors) < 60, "a message of others fills the log"
+        finally:
+            if program is not None:
+                program.clean_up()
+            cart.close()
+
+
+@pytest.fixture
+def robot(stage: Stage) -> Generator[RobotClient]:
+    with tsd_twin.connect(stage.endpoint) as connected:
+        yield connected
+
+
+@contextlib.contextmanager
+def pushing(base: Any, vx: float, vy: float = 0.0) -> Generator[None]:
+    """Command a velocity until the end, on a thread, also to a robot that refuses."""
+    ending = threading.Event()
+
+    def push() -> None:
+        while not ending.wait(0.05):
+            with contextlib.suppress(TwinError):
+                base.set_velocity(vx_mps=vx, vy_mps=vy)
+
+    thread = threading.Thread(target=push)
+    thread.start()
+    try:
+        yield
+    finally:
+        ending.set()
+        thread.join()
+
+
+@contextlib.contextmanager
+def driven(stage: Stage, base: Any, vx: float = 0.3) -> Generator[None]:
+    """Drive the robot of others until the end."""
+    with pushing(base, vx):
+        stage.cart.until(lambda: stage.cart.twist[0] > 0.9 * vx, "it does not drive")
+        yield
+
+
+def until_quiet(stage: Stage) -> None:
+    """Wait until `cmd_vel` has ended with zeros, and is silent."""
+    heard = stage.cart.heard
+    stage.cart.until(
+        lambda: (
+            heard and heard[-1][1:] == (0.0, 0.0, 0.0) and time.monotonic() - heard[-1][0] > 0.4
+        ),
+        f"cmd_vel does not end: {heard[-3:]}",
+    )
+
+
+def test_it_is_shown_as_its_topics_say(stage: Stage, robot: RobotClient) -> None:
+    description = robot.description
+    assert isinstance(description, tsd_twin.robots.ImportedDescription)
+    names = [joint.name for joint in description.drive.joints]
+    assert names == ["left_wheel", "right_wheel", "lift"]
+    assert any("meshes" in text.lower() for text in description.not_promised)
+    assert robot.state.odom.pose == pytest.approx(START, abs=1e-6)
+    assert robot.state.status.hardware["kind"] == "ros"
+    joints = robot.state.joints
+    place = list(joints.names).index("left_wheel")
+    assert joints.position_rad[place] == pytest.approx(stage.cart.wheel_rad, abs=1e-6)
+    assert joints.velocity_rad_per_s[0] == 0.0, "a joint called vx is not the speed"
+
+
+def test_it_is_driven_under_our_limits_and_cmd_vel_ends_with_zeros_and_silence(
+    stage: Stage, robot: RobotClient
+) -> None:
+    cart = stage.cart
+    with robot.control("alice") as base:
+        began = len(cart.heard)
+        with pushing(base, 5.0, 2.0):
+            cart.until(lambda: cart.twist[0] > 0.2, "it does not drive")
+            cart.until(lambda: robot.state.odom.pose.x_m > START[0] + 0.05, "no odometry")
+        base.rest()
+        until_quiet(stage)
+        heard = cart.heard[began:]
+        assert max(math.hypot(vx, vy) for _, vx, vy, _ in heard) <= 0.5 + 1e-9
+        assert all(vy == 0.0 for _, _, vy, _ in heard), "it cannot drive sideways"
+        steps = np.diff([vx for _, vx, _, _ in heard])
+        # After a period that came late it brakes by more in one step, but never speeds up by more.
+        assert steps.max() < 0.5 * 0.08, "faster than its acceleration"
+        zeros = [vx for _, vx, _, _ in heard[-ZEROS:]]
+        assert zeros == [0.0] * len(zeros)
+        gap_s = np.median(np.diff([at_s for at_s, *_ in heard]))
+        assert gap_s == pytest.approx(0.02, abs=0.006)
+        assert robot.state.odom.pose == pytest.approx(cart.pose, abs=0.03)
+        assert robot.state.mode == "ready"
+        with pytest.raises(TwinError, match="cannot drive sideways"):
+            base.go_to(x_m=0.0, y_m=0.0)
+
+
+def test_stop_latches_and_sends_zeros_also_when_it_is_not_armed(
+    stage: Stage, robot: RobotClient
+) -> None:
+    cart = stage.cart
+    with robot.control("alice") as base:
+        with driven(stage, base):
+            robot.stop("cat")
+            cart.until(lambda: cart.heard[-1][1:] == (0.0, 0.0, 0.0), "STOP does not stop it")
+        assert robot.state.mode == "stopped"
+        until_quiet(stage)
+        base.reset()
+        began = len(cart.heard)
+        robot.stop("another node drives it")
+        cart.until(lambda: len(cart.heard) > began + ZEROS // 2, "no zeros")
+        assert {each[1:] for each in cart.heard[began:]} == {(0.0, 0.0, 0.0)}
+        base.reset()
+
+
+def test_an_operator_that_is_killed_leaves_it_at_rest(stage: Stage) -> None:
+    cart = stage.cart
+    text = f"""
+import tsd_twin
+with tsd_twin.connect({stage.endpoint!r}) as robot, robot.control("bob") as base:
+    base.drive(vx_mps=0.3, duration_s=60.0)
+"""
+    with subprocess.Popen([sys.executable, "-c", text]) as operator:
+        cart.until(lambda: cart.twist[0] > 0.25, "it does not drive")
+        operator.kill()
+        killed_s = time.monotonic()
+        cart.until(lambda: cart.heard[-1][1:] == (0.0, 0.0, 0.0), "it goes on")
+    # Until the last command is too old, and to brake.
+    assert time.monotonic() - killed_s < 0.25 + 0.3 / 0.5 + 0.5
+
+
+def test_old_odometry_refuses_and_stops(stage: Stage, robot: RobotClient) -> None:
+    cart = stage.cart
+    with robot.control("alice", take_over=True) as base:
+        try:
+            with driven(stage, base):
+                cart.silent = True
+                cart.until(lambda: robot.state.mode == "fault", "it drives without odometry")
+            until_quiet(stage)
+            assert "no odometry newer than 0.6 s" in robot.state.status.stop_reason
+            base.reset()
+            with pytest.raises(TwinError, match="no odometry"):
+                base.arm()
+        finally:
+            cart.silent = False
+        cart.until(lambda: robot.state.status.refusals.arm is None, "odometry does not count again")
+        base.arm()
+        with driven(stage, base):
+            pass
+        base.rest()
+
+
+def test_a_process_that_was_held_sends_nothing_old(stage: Stage, robot: RobotClient) -> None:
+    cart = stage.cart
+    with robot.control("alice") as base:
+        with driven(stage, base):
+            stage.adapter.process.send_signal(signal.SIGSTOP)
+            try:
+                time.sleep(0.1)
+                began = len(cart.heard)
+                cart.until(lambda: cart.twist == (0.0, 0.0, 0.0), "its own timeout stops it")
+                assert len(cart.heard) == began
+            finally:
+                stage.adapter.process.send_signal(signal.SIGCONT)
+        cart.until(lambda: len(cart.heard) > began, "no zeros")
+        until_quiet(stage)
+        assert {each[1:] for each in cart.heard[began:]} == {(0.0, 0.0, 0.0)}
+    # What it had queued meanwhile, it has dropped.
+    assert robot.state.mode != "driving"
+
+
+def say_nan(cart: ForeignRobot) -> None:
+    cart.say_odom(math.nan, 0.0, 0.0, 0.0, 0.0)
+    cart.say_odom(0.0, 0.0, 0.0, math.nan, 0.0)
+
+
+def say_far(cart: ForeignRobot) -> None:
+    cart.say_odom(1e300, 0.0, 0.0, 0.0, 0.0)
+    cart.say_odom(0.0, 0.0, 0.0, 1e300, 0.0)
+
+
+def say_no_turn(cart: ForeignRobot) -> None:
+    cart.say_odom(0.0, 0.0, 0.0, 0.0, 0.0, length=5.0)
+
+
+def publish_twice(cart: ForeignRobot) -> None:
+    for _ in range(10):
+        cart.say_odom(90.0, 90.0, 0.0, 0.0, 0.0, cart.other)
+
+
+def say_garbage(cart: ForeignRobot) -> None:
+    for topic, type_name in (("odom", ODOMETRY), ("joint_states", JOINTS)):
+        dds = type_name.replace("/", "::").replace("msg::", "msg::dds_::") + "_"
+        key = f"0/{topic}/{dds}/{foreign_hash(type_name)}"
+        for payload in (b"", b"\0\1\0\0", os.urandom(900), bytes(2_000_000)):
+            cart.node.router.put(key, payload)
+            gid = struct.pack("<qqB16s", 1, 1, 16, os.urandom(16))
+            cart.node.router.put(key, payload, attachment=gid)
+
+
+def describe_again(cart: ForeignRobot) -> None:
+    cart.describe("x" * 3_000_000)
+    cart.describe("<robot/>")
+
+
+@pytest.mark.parametrize(
+    "attack", [say_nan, say_far, say_no_turn, publish_twice, say_garbage, describe_again]
+)
+def test_hostile_messages_change_nothing(
+    stage: Stage, robot: RobotClient, attack: Callable[[ForeignRobot], None]
+) -> None:
+    cart, before = stage.cart, robot.state.status.hardware["ignored"]
+    attack(cart)
+    cart.until(lambda: robot.state.status.hardware["ignored"] > before, "it is not ignored")
+    for _ in range(5):
+        assert robot.state.odom.pose == pytest.approx(cart.pose, abs=1e-6)
+        time.sleep(0.04)
+    assert robot.state.mode == "disarmed"
+
+
+def test_when_the_program_is_killed_cmd_vel_ends_and_its_own_timeout_stops_it(
+    stage: Stage,
+) -> None:
+    cart = stage.cart
+    program, endpoint = importing(stage.port, "--import-drive", "omni", "--import-speed", "0.4")
+    try:
+        with tsd_twin.connect(endpoint) as robot:
+            base = robot.control("alice")
+            base.acquire()
+            with pushing(base, 0.0, 0.3):
+                cart.until(lambda: cart.heard[-1][2] > 0.25, "it drives sideways, as is said")
+                program.process.kill()
+            program.wait()
+            time.sleep(0.1)
+            count = len(cart.heard)
+            cart.until(lambda: cart.twist == (0.0, 0.0, 0.0), "its own timeout stops it")
+            assert len(cart.heard) == count
+            with contextlib.suppress(TwinError):
+                base.release()
+    finally:
+        program.clean_up()
+
+
+def test_a_robot_by_ros_is_not_shown_to_ros_again(stage: Stage) -> None:
+    """Or its own `cmd_vel` would drive it."""
+    program = Program(
+        [
+            "tsd_ros", "--connect", stage.endpoint, "--domain", "0",
+            "--ros-connect", f"tcp/127.0.0.1:{stage.port}",
+        ]
+    )  # fmt: skip
+    try:
+        program.ready()
+        time.sleep(1.5)  # Longer than it takes to show a robot.
+        tokens = stage.cart.node.tokens()
+        assert sum("/tsd_import" in token for token in tokens) > 3
+        assert not [token for token in tokens if "/tsd_ros" in token]
+    finally:
+        program.clean_up()
+
+
+@pytest.mark.parametrize(
+    ("flags", "sentence"),
+    [
+        (["--import", "No Name"], "No Name"),
+        (["--import", "cart", "--view-only"], "--view-only does not go with --import"),
+        (["--import", "cart", "--import-speed", "900"], "limits.speed_mps is 900"),
+    ],
+)
+def test_mistakes_are_told_in_a_sentence(flags: list[str], sentence: str) -> None:
+    program = Program(["tsd_ros", *flags])
+    try:
+        assert program.wait() == 1
+        assert sentence in program.sentence
+        assert re.fullmatch(r"tsd-ros: .*", program.sentence)
+    finally:
+        program.clean_up()
+
+
+@pytest.mark.busy
+def test_the_page_says_what_is_not_promised(browser: Browser, stage: Stage) -> None:
+    dashboard = Program(["tsd_dashboard", "--connect", stage.endpoint, "--port", "0"])
+    try:
+        address = re.findall(r"http://\S+", dashboard.ready())[0]
+        page = browser.new_page(viewport={"width": 900, "height": 500})
+        page.add_init_script("localStorage.setItem('tsd.hints', 'seen')")
+        page.goto(address + QUICK)
+        page.get_by_role("tab", name="ROS").click(timeout=PATIENCE_MS)
+        section = page.locator("section.not-promised li")
+        expect(section.first).to_be_visible(timeout=PATIENCE_MS)
+        said = section.all_inner_texts()
+        assert said[: len(NOT_PROMISED)] == list(NOT_PROMISED)
+        assert any("meshes" in text for text in said)
+        press(page, "Take control")
+        arm = page.get_by_role("button", name="Arm", exact=True)
+        expect(arm).to_have_accessible_description(
+            re.compile("where it stops is not promised"), timeout=PATIENCE_MS
+        )
+        page.get_by_role("tab", name="Health").click(timeout=PATIENCE_MS)
+        row = page.get_by_role("row", name="stop distance without link")
+        expect(row).to_contain_text("not promised", timeout=PATIENCE_MS)
+        page.close()
+    finally:
+        dashboard.clean_up()
+    assert "Traceback" not in dashboard.sentence, dashboard.sentence
