@@ -4,6 +4,7 @@
 
 #include "control_table.h"
 #include "servo.h"
+#include "table.h"
 
 #define BROADCAST 0xfe
 #define TORQUE_ENABLE 24
@@ -51,7 +52,7 @@ static uint8_t set_goals(uint8_t *out, uint8_t mask, const uint16_t *goals) {
   uint8_t count = 2;
   for (uint8_t i = 0; i < CT_SERVOS; i++) {
     if (!(mask & 1 << i)) continue;
-    uint8_t goal[] = {i + 1, goals[i] & 0xff, goals[i] >> 8};
+    uint8_t goal[] = {table.servo_id[i], goals[i] & 0xff, goals[i] >> 8};
     memcpy(parameters + count, goal, sizeof goal);
     count += sizeof goal;
   }

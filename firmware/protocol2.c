@@ -3,6 +3,7 @@
 
 #include "packet.h"
 #include "servo.h"
+#include "table.h"
 
 #define TORQUE_ENABLE 64
 #define GOAL_POSITION 116
@@ -34,7 +35,7 @@ static uint8_t set_goals(uint8_t *out, uint8_t mask, const uint16_t *goals) {
   uint8_t count = 4;
   for (uint8_t i = 0; i < CT_SERVOS; i++) {
     if (!(mask & 1 << i)) continue;
-    uint8_t goal[] = {i + 1, goals[i] & 0xff, goals[i] >> 8, 0, 0};
+    uint8_t goal[] = {table.servo_id[i], goals[i] & 0xff, goals[i] >> 8, 0, 0};
     memcpy(parameters + count, goal, sizeof goal);
     count += sizeof goal;
   }

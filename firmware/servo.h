@@ -34,7 +34,7 @@ typedef struct {
   uint8_t (*ping)(uint8_t *out, uint8_t id);
   uint8_t (*set_torque)(uint8_t *out, uint8_t id, bool on);
   uint8_t (*read)(uint8_t *out, uint8_t id, registers_t registers);
-  // `goals` of servos 1 to 6, those in `mask`; 0 when there are none.
+  // `goals` of the servos with the ids of the table, those in `mask`; 0 when there are none.
   uint8_t (*set_goals)(uint8_t *out, uint8_t mask, const uint16_t *goals);
   reply_t (*receive)(uint8_t byte, uint8_t id);
   // The registers in the reply to a `read` of `size`; NULL when it has another size.

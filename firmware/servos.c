@@ -31,8 +31,9 @@ static bool due;
 
 // The request under way.
 static const protocol_t *protocol;
-static uint8_t servo;
+static uint8_t servo, id;
 static bool listening;
+static bool renumbered;  // Since the cycle began: what it still asks for is of no use.
 static uint8_t question;
 static uint16_t listening_since;
 
@@ -74,12 +75,17 @@ static bool send_goals(const protocol_t *to, uint8_t mask) {
   return send(to->set_goals(servo_line_request(), mask & table.servo_found, goals));
 }
 
+static void turn_to(uint8_t i, uint8_t what, const protocol_t *spoken) {
+  servo = i;
+  id = table.servo_id[i];  // It stays that of the answer, should the table change meanwhile.
+  question = what;
+  protocol = spoken;
+}
+
 static bool put(uint8_t what, uint8_t i, registers_t registers) {
   if (!(table.servo_found & bit(i))) return false;
-  question = what;
-  servo = i;
-  protocol = spoken_by(i);
-  return send(protocol->read(servo_line_request(), i + 1, registers));
+  turn_to(i, what, spoken_by(i));
+  return send(protocol->read(servo_line_request(), id, registers));
 }
 
 static uint8_t first(uint8_t mask) {
@@ -130,10 +136,8 @@ static bool ask_more(void) {
   if (more == TORQUE) return put(TORQUE, more_to, to->torque);
   if (more == STATE) return put(STATE, more_to, to->state);
   if (more == SETTING) return put(SETTING, more_to, (registers_t){of->address, of->size});
-  question = TELL;
-  servo = more_to;
-  protocol = to;
-  return send(to->set_torque(servo_line_request(), servo + 1, servo_command.torque));
+  turn_to(more_to, TELL, to);
+  return send(to->set_torque(servo_line_request(), id, servo_command.torque));
 }
 
 // After goals and positions, when the cycle has time for it. With servos that answer late it has
@@ -161,10 +165,8 @@ static bool ask(uint8_t i) {
   }
   if (table.servo_found & bit(i)) return put(MOVING, i, spoken_by(i)->moving);
   if (i != probe / 2) return false;
-  question = PING;
-  servo = i;
-  protocol = probe % 2 ? &PROTOCOL_1 : &PROTOCOL_2;
-  return send(protocol->ping(servo_line_request(), i + 1));
+  turn_to(i, PING, probe % 2 ? &PROTOCOL_1 : &PROTOCOL_2);
+  return send(protocol->ping(servo_line_request(), id));
 }
 
 static bool begin(uint8_t now) {
@@ -191,6 +193,7 @@ static void begin_cycle(void) {
     probe = (probe + 1) % (2 * CT_SERVOS);
   } while (table.servo_found != ALL && (table.servo_found & bit(probe / 2)));
   due = false;
+  renumbered = false;
   if (servo_command.torque != told_torque) to_tell = ALL;
   told_torque = servo_command.torque;
   if (short_cycles) short_cycles--;
@@ -273,6 +276,7 @@ static uint8_t expected_size(void) {
 }
 
 static void take_reply(reply_t reply) {
+  if (renumbered) return;
   if (reply == REPLY_NONE || reply == REPLY_BROKEN) {
     if (question != PING) table.servo_errors++;
     return;
@@ -305,7 +309,7 @@ static bool over(void) {
   if (step < ASK) return true;  // Broadcasts are not answered.
   uint8_t byte = 0;
   while (servo_line_receive(&byte)) {
-    reply_t reply = protocol->receive(byte, servo + 1);
+    reply_t reply = protocol->receive(byte, id);
     if (reply == REPLY_NONE) continue;
     take_reply(reply);
     return true;
@@ -313,6 +317,12 @@ static bool over(void) {
   if ((uint16_t)(clock_half_us() - listening_since) < TIMEOUT_HALF_US) return false;
   take_reply(REPLY_NONE);
   return true;
+}
+
+void servos_renumber(void) {
+  table.servo_found = table.servo_alive = table.servo_torque = table.servo_checked = 0;
+  table.servo_fault = table.wrong_servo = 0;
+  renumbered = true;
 }
 
 void servos_poll(void) {

@@ -19,6 +19,9 @@ extern servo_command_t servo_command;
 
 void servos_start(void);
 
+// To be called before the ids in the table change: forgets what it knew of the servos.
+void servos_renumber(void);
+
 // Goes on with the request that is under way; to be called whenever something happened.
 void servos_poll(void);
 

@@ -4,14 +4,15 @@
 
 #include "power.h"
 #include "safety.h"
+#include "servos.h"
 #include "setup.h"
 
 control_table_t table;
 
 void table_start(void) {
   uint8_t *bytes = (uint8_t *)&table;
-#define X(name, address, type, count, value) \
-  for (uint8_t i = 0; i < count; i++) ((type *)(bytes + address))[i] = (type)(value);
+#define X(name, address, type, count, value, rise) \
+  for (uint8_t i = 0; i < count; i++) ((type *)(bytes + address))[i] = (type)(value + i * rise);
   CT_ITEMS(X)
 #undef X
   table.fw = CT_FW_VERSION;
@@ -39,6 +40,13 @@ static bool changes_pulses(const control_table_t *wanted) {
   return memcmp(wanted->pulse_low, table.pulse_low, sizeof table.pulse_low) != 0;
 }
 
+static bool all_differ(const uint8_t *ids) {
+  for (uint8_t i = 1; i < CT_SERVOS; i++) {
+    if (memchr(ids, ids[i], i)) return false;
+  }
+  return true;
+}
+
 answer_t table_write(uint16_t address, const uint8_t *data, uint16_t length) {
   static control_table_t wanted;
   bool setup = inside(address, length, CT_SETUP, CT_SETUP_SIZE);
@@ -50,9 +58,11 @@ answer_t table_write(uint16_t address, const uint8_t *data, uint16_t length) {
   wanted = table;
   memcpy((uint8_t *)&wanted + address, data, length);
   if (!within_limits((const uint8_t *)&wanted)) return ANSWER_RANGE;
+  if (!all_differ(wanted.servo_id)) return ANSWER_RANGE;
   if (changes_pulses(&wanted) && power_drive()) return ANSWER_ACCESS;
   if (command) return safety_command(&wanted) ? ANSWER_OK : ANSWER_ACCESS;
-  table = wanted;
+  if (memcmp(wanted.servo_id, table.servo_id, sizeof table.servo_id) != 0) servos_renumber();
+  memcpy((uint8_t *)&table + address, data, length);
   setup_written();
   return ANSWER_OK;
 }

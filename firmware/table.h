@@ -8,7 +8,7 @@
 
 // Values after a reset, as constants.
 enum {
-#define X(name, address, type, count, value) CT_DEFAULT_##name = (value),
+#define X(name, address, type, count, value, rise) CT_DEFAULT_##name = (value),
   CT_ITEMS(X)
 #undef X
 };

@@ -8,9 +8,12 @@
 #include "crc16.h"
 #include "packet.h"
 #include "servo.h"
+#include "table.h"
 
 #define LONGEST 400
 #define BODY 60  // Longest parameters of a packet that is written and read again.
+
+control_table_t table;  // Of the ids of the servos.
 
 static uint32_t state;
 

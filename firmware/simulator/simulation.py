@@ -15,6 +15,7 @@ from tsd_twin.dynamixel.control_table import ADDRESS, ResetCause
 from tsd_twin.robots import SingularityDescription, description_of_kind, load_robot
 
 NEUTRAL = (2048,) * 6
+IDS = (1, 2, 3, 4, 5, 6)
 STRAIGHT = (False,) * 6
 _STEP_S = 0.004
 """The robot moves on at least this often, while there is traffic on the bus."""
@@ -26,14 +27,16 @@ _DIVIDER = 4.0
 class FirmwareSimulation:
     """Simulated robot that is controlled by the compiled firmware.
 
-    `version` is the protocol of all servos, or one for each; `receiver` says whether there is one,
-    with its kill switch at "run" and its manual switch at "PC", and `sbus` that it sends frames.
+    `version` is the protocol of all servos, or one for each, and `ids` are theirs; `receiver`
+    says whether there is one, with its kill switch at "run" and its manual switch at "PC", and
+    `sbus` that it sends frames.
     """
 
     def __init__(
         self,
         version: int | Sequence[int] = 2,
         *,
+        ids: Sequence[int] = IDS,
         receiver: bool = False,
         sbus: bool = False,
         elf: Path | None = None,
@@ -45,7 +48,7 @@ class FirmwareSimulation:
         self.table_address = boards.table_address(elf)
         self.board = boards.Board(elf, self.table_address + ADDRESS["mode"])
         versions = [version] * 6 if isinstance(version, int) else version
-        self.servos = [Mx64(i + 1, versions[i]) for i in range(6)]
+        self.servos = [Mx64(ids[i], versions[i]) for i in range(6)]
         self.servo_bus = ServoBusSimulation(self.servos)
         self.plant = RobotPlant(
             description_of_kind(load_robot("tsd"), SingularityDescription), neutral, reverse

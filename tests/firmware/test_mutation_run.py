@@ -6,7 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.firmware_mutation import FILES, TESTS, Referee, mutants_of, read_list, run
+from tests.support.firmware_mutation import (
+    FILES,
+    TESTS,
+    Memory,
+    Referee,
+    Verdict,
+    mutants_of,
+    read_list,
+    run,
+)
 
 RULES = (
     "arming_wants_a_fresh_command",
@@ -36,12 +45,32 @@ def referee(native: Path, tmp_path: Path) -> Referee:
     return it
 
 
-def test_mutants_are_broken_or_the_same_or_survive(referee: Referee) -> None:
+def test_mutants_are_broken_or_the_same_or_survive(referee: Referee, tmp_path: Path) -> None:
     mutants = [it for file in FILES for it in mutants_of(file) if it.name in KINDS]
-    found = {it.name: (kind, rule) for it, kind, rule in run(mutants, referee, ())}
+    memory = Memory.read(tmp_path / "memory", "sources")
+    found = {it.name: (kind, rule) for it, kind, rule in run(mutants, referee, (), memory)}
     assert {name: kind for name, (kind, _) in found.items()} == KINDS
     assert {rule for _, rule in found.values()} <= {"", *RULES}
     assert [kind for _, kind, _ in run(mutants[:1], referee, {NO_BYTE})] == ["equivalent"]
+    again = Memory.read(tmp_path / "memory", "sources")
+    unable = Referee(tmp_path / "without a rule")
+    kinds = {it.name: (kind, rule) for it, kind, rule in run(mutants, unable, (), again)}
+    assert kinds == found, "a run that was stopped goes on where it was"
+
+
+def test_verdicts_count_while_no_source_changes(tmp_path: Path) -> None:
+    file = tmp_path / "memory"
+    memory = Memory.read(file, "some")
+    memory.add("one", Verdict("code", "rule", 0.1))
+    memory.add("two", Verdict("other code", "", 9.0))
+    assert Memory.read(file, "some").judged == memory.judged
+    changed = Memory.read(file, "others")
+    assert changed.judged == {}
+    assert changed.broke == {"one": "rule"}, "it is tried first"
+    changed.add("one", Verdict("code", "", 9.0))
+    again = Memory.read(file, "others")
+    assert again.judged == changed.judged
+    assert again.broke == {}
 
 
 def test_what_is_listed_as_equivalent_is_a_change_and_has_a_reason() -> None:

@@ -21,7 +21,9 @@ from tests.support.firmware_host import (
     FirmwareHost,
     number,
     run_until,
+    write,
 )
+from tsd_twin.dynamixel.blocks import Setup
 from tsd_twin.hardware.joints import SETTINGS
 
 BYTE_S = 1e-5
@@ -537,3 +539,39 @@ def test_with_late_servos_the_request_takes_the_place_of_a_position(native_bench
     found, seen = drive_moving(pilot, bus, 100)
     for cycle in found[52:]:
         check_cycle(cycle, (2,) * 6, goals=True)
+
+
+def check_renumbering(pilot: FirmwareHost) -> None:
+    """Write other ids, which no servo has: at once nothing is known of any, and stays so."""
+    errors = number(pilot, "servo_errors", 2)
+    others = Setup(servo_id=(101, 102, 103, 104, 105, 106))
+    pilot.simulation.board.send(write(Setup.ADDRESS, others.pack()))
+    run_until(pilot, "servo_id", 101)
+    for _ in range(40):
+        for item in ("found", "alive", "torque", "checked", "fault"):
+            assert number(pilot, f"servo_{item}") == 0, item
+        assert number(pilot, "wrong_servo") == 0
+        pilot.simulation.run(0.0003)
+    assert number(pilot, "servo_errors", 2) == errors
+
+
+def test_nothing_is_known_of_servos_with_new_ids(native_bench: Bench) -> None:
+    pilot = native_bench.pilot().get_ready()
+    pilot.simulation.run(1.5)
+    pilot.simulation.servos[2].fault = True
+    pilot.simulation.servos[2].set_register(10, 1, 1)
+    run_until(pilot, "wrong_servo", 3)
+    run_until(pilot, "servo_fault", 4)
+    assert number(pilot, "servo_checked") == 0b111011
+    check_renumbering(pilot)
+
+
+def test_what_old_ids_still_answer_is_not_taken(native_bench: Bench) -> None:
+    """At whatever moment of a cycle the setup with the new ids comes."""
+    for version in (1, 2):
+        pilot = native_bench.pilot(version).get_ready()
+        for moment in range(16):
+            run_until(pilot, "servo_torque", 0b111111)
+            pilot.simulation.run((0.01 + 0.0006 * moment) - pilot.simulation.board.now_s % 0.01)
+            check_renumbering(pilot)
+            assert pilot.set_up() == 0

@@ -22,6 +22,7 @@ from tsd_twin.safety import Heartbeat
 from tsd_twin.simulation import Motors
 
 ANGLES = [0, 1, 3, 4, 6, 7]
+GIMBALS = [f"module{i}_{angle}" for i in (1, 2, 3) for angle in ("alpha", "beta")]
 HELD_UP_S = 0.025
 """Requests come each 5 ms: after a pause of this, and an answer as late, a servo is silent."""
 TRIES = 12
@@ -137,6 +138,25 @@ def test_turned_servos_and_other_neutrals_are_counted_in(tmp_path: Path) -> None
         it.until(lambda: np.allclose(it.measured[ANGLES], there, atol=2e-3), AHEAD)
 
 
+def test_servos_have_the_ids_of_the_calibration(tmp_path: Path) -> None:
+    ids = dict(zip(GIMBALS, (17, 6, 252, 1, 3, 200), strict=True))
+    calibration = ServoCalibration(servo_id=ids)
+    with bench(tmp_path, ServoChain(ids=tuple(ids.values())), calibration) as it:
+        it.connect()
+        assert it.board.setups[0].servo_id == tuple(ids.values()), "the board has the same"
+        there = np.round(AHEAD[ANGLES] * 4096 / (2 * np.pi)).astype(int)
+        it.until(lambda: it.chain.goals() == (2048 + there).tolist(), AHEAD)
+        it.until(
+            lambda: np.allclose(it.measured[ANGLES], there * 2 * np.pi / 4096, atol=2e-3), AHEAD
+        )
+        it.chain.servos[2].fault = True
+        it.until(lambda: it.fault == "servo 3 (module2_alpha): hardware error")
+        it.chain.servos[2].fault = False
+        it.chain.servos[5].switch_off()
+        it.until(lambda: it.fault.startswith("servo 6 (module3_beta): no torque"))
+        it.until(lambda: it.chain.servos[5].torque)
+
+
 def test_the_watchdog_of_the_bus_stops_servos_without_requests(tmp_path: Path) -> None:
     with bench(tmp_path) as it:
         it.connect()
@@ -193,7 +213,11 @@ def test_an_adapter_that_is_unplugged_shuts_off_the_wheels_and_comes_back(tmp_pa
     ("protocols", "dead", "words"),
     [
         ((2, 2, 1, 2, 2, 2), None, r"servo 3 \(module2_alpha\) speaks Protocol 1.0"),
-        ((2,) * 6, 1, r"servo 2 \(module1_beta\) does not answer at .* at 1000000 Bd"),
+        (
+            (2,) * 6,
+            1,
+            r"servo 2 \(module1_beta\) does not answer at .* at 1000000 Bd: has it power, id 2 and",
+        ),
     ],
 )
 def test_a_servo_that_cannot_be_used_is_named_at_the_start(

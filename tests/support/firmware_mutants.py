@@ -654,4 +654,32 @@ MUTANTS = (
         "",
         "silence_stops",
     ),
+    Mutant(
+        "servos have the ids 1 to 6",
+        "servos.c",
+        "id = table.servo_id[i];",
+        "id = i + 1;",
+        "servos_have_the_ids_of_the_setup",
+    ),
+    Mutant(
+        "any id is pinged",
+        "servos.c",
+        "protocol->ping(servo_line_request(), id)",
+        "protocol->ping(servo_line_request(), 0xfe)",
+        "a_servo_that_is_not_there_is_missed_by_its_id",
+    ),
+    Mutant(
+        "two servos may have one id",
+        "table.c",
+        "  if (!all_differ(wanted.servo_id)) return ANSWER_RANGE;\n",
+        "",
+        "ids_of_servos_are_checked",
+    ),
+    Mutant(
+        "servos with new ids are taken for the old",
+        "table.c",
+        "servos_renumber();",
+        "{}",
+        "new_ids_make_the_servos_unknown",
+    ),
 )

@@ -3,7 +3,8 @@ time, and runs the rules against each, on this machine. `make mutants` runs it.
 
 A mutant that compiles to the same code as the firmware, for this machine or for the chip, or to
 that of another mutant, is left out. The rest has to break a rule, or to be listed in
-`firmware/equivalent_mutants.txt` with the reason why no rule can see it.
+`firmware/equivalent_mutants.txt` with the reason why no rule can see it. A run that was stopped
+goes on where it was when nothing has changed since.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from types import MappingProxyType
+from typing import NamedTuple
 
 from firmware.simulator.board import BUILD, FIRMWARE, build_native
 from tests.firmware import (
@@ -43,8 +44,10 @@ FILES = (
     "servos.c", "safety.c",
 )  # fmt: skip
 LISTED = FIRMWARE / "equivalent_mutants.txt"
-_BROKE = BUILD / "mutants.json"
-"""The rule that each mutant broke in the last run: it is tried first in the next."""
+_JUDGED = BUILD / "mutants.jsonl"
+"""What was found of each mutant, after a line that says of which sources, and what was before."""
+_SOURCES = ("firmware/**/*.[ch]", "firmware/**/*.py", "src/**/*.py", "src/**/*.toml",
+            "tests/firmware/*.py", "tests/support/*.py")  # fmt: skip
 _NATIVE = BUILD / "native"
 _PATIENCE = 10.0
 """A rule that takes so many times longer than without the change hangs."""
@@ -114,6 +117,17 @@ class Mutant:
 @cache
 def _lines(file: str) -> list[str]:
     return (FIRMWARE / file).read_text(encoding="utf-8").splitlines()
+
+
+class Verdict(NamedTuple):
+    """What was found of a mutant."""
+
+    code: str
+    """Sum of its code; "" when it does not compile."""
+    broken: str
+    """Rule that it breaks; "" for none, "same" for the code of the firmware."""
+    took_s: float
+    """Time of a processor."""
 
 
 def mutants_of(file: str) -> list[Mutant]:
@@ -292,10 +306,9 @@ class Referee:
         return ""
 
     def judge(self, mutant: Mutant, before: str | None) -> tuple[str, str]:
-        """Return the sum of the mutant's code and the rule that it breaks.
+        """Return the sum of the mutant's code and the rule that it breaks, as `Verdict` has them.
 
-        That is "" for none, and "same" for the code of the firmware. `before` is the rule that it
-        broke in the last run.
+        `before` is the rule that it broke in the last run.
         """
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
@@ -325,24 +338,70 @@ _referees: list[Referee] = []
 """That of this process."""
 
 
-def _judge(mutant: Mutant, before: str | None) -> tuple[str, str]:
-    return _referees[-1].judge(mutant, before)
+def _judge(mutant: Mutant, before: str | None) -> Verdict:
+    start_s = sum(os.times()[:4])
+    code, broken = _referees[-1].judge(mutant, before)
+    return Verdict(code, broken, round(sum(os.times()[:4]) - start_s, 2))
+
+
+@dataclass
+class Memory:
+    """What earlier runs found, by the names of mutants."""
+
+    broke: dict[str, str] = field(default_factory=dict[str, str])
+    """Rule that it broke last, whatever has changed since: it is tried first."""
+    judged: dict[str, Verdict] = field(default_factory=dict[str, Verdict])
+    """Verdicts about these very sources."""
+    file: Path | None = None
+
+    def add(self, name: str, verdict: Verdict) -> None:
+        """Remember a verdict."""
+        self.judged[name] = verdict
+        if self.file is not None:
+            with self.file.open("a", encoding="utf-8") as out:
+                out.write(json.dumps([name, *verdict]) + "\n")
+
+    @staticmethod
+    def read(file: Path, sources: str) -> Memory:
+        """Read what is in a file, and begin it anew when it is about other sources."""
+        lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else ['["", {}]']
+        found = {name: Verdict(*rest) for name, *rest in map(json.loads, lines[1:])}
+        of, broke = json.loads(lines[0])
+        for name, verdict in found.items():
+            broke.pop(name, None)
+            if verdict.broken not in ("", "same"):
+                broke[name] = verdict.broken
+        if of != sources:
+            found = {}
+            file.write_text(json.dumps([sources, broke]) + "\n", encoding="utf-8")
+        return Memory(broke, found, file)
+
+
+def _sum_of_sources() -> str:
+    root, found = FIRMWARE.parent, hashlib.sha256()
+    for path in sorted(path for pattern in _SOURCES for path in root.glob(pattern)):
+        found.update(path.read_bytes())
+    return found.hexdigest()
 
 
 def run(
     mutants: list[Mutant],
     referee: Referee,
     listed: Iterable[str],
-    before: Mapping[str, str] = MappingProxyType({}),
+    memory: Memory | None = None,
     *,
     jobs: int = 1,
 ) -> Iterator[tuple[Mutant, str, str]]:
     """Judge mutants of one file; yield each with its kind and the rule that it breaks."""
-    seen: set[str] = set()
-    known = [before.get(mutant.name) for mutant in mutants]
+    memory, seen = memory or Memory(), set[str]()
+    left = [mutant for mutant in mutants if mutant.name not in memory.judged]
+    before = [memory.broke.get(mutant.name) for mutant in left]
     with ProcessPoolExecutor(jobs, initializer=_referees.append, initargs=(referee,)) as pool:
-        judged = pool.map(_judge, mutants, known)
-        for mutant, (code, broken) in zip(mutants, judged, strict=True):
+        verdicts = pool.map(_judge, left, before)
+        for mutant in mutants:
+            if mutant.name not in memory.judged:
+                memory.add(mutant.name, next(verdicts))
+            code, broken, _ = memory.judged[mutant.name]
             if not code:
                 yield mutant, "do not compile", ""
             elif broken == "same" or code in seen:
@@ -371,29 +430,25 @@ def _say(words: str) -> None:
     sys.stdout.flush()
 
 
-def _run_file(
-    file: str, referee: Referee, given: argparse.Namespace, broke: dict[str, str]
-) -> bool:
+def _run_file(file: str, referee: Referee, given: argparse.Namespace, memory: Memory) -> bool:
     """Judge the mutants of a file and print what came of them; return whether all is right."""
     listed = {it for it in read_list() if it.startswith(f"{file} ") and given.only in it}
     mutants = [it for it in mutants_of(file) if given.only in it.name]
     names = {it.name for it in mutants}
     if given.left:
-        mutants = [it for it in mutants if it.name not in broke]
-    counts, met, start_s = Counter[str](), set[str](), time.monotonic()
-    for it, kind, rule in run(mutants, referee, listed, broke, jobs=given.jobs):
+        mutants = [it for it in mutants if it.name not in memory.broke]
+    counts, met = Counter[str](), set[str]()
+    for it, kind, rule in run(mutants, referee, listed, memory, jobs=given.jobs):
         counts.update(["mutants", kind])
         if kind == "survived" or given.all:
             _say(f"{file}:{it.line}: {kind}: {it.name}" + (f" [{rule}]" if rule else ""))
         if kind == "equivalent":
             met.add(it.name)
-        if kind == "broken":
-            broke[it.name] = rule
-            _BROKE.write_text(json.dumps(broke, indent=1))
         if counts["mutants"] % 50 == 0:
             _say(f"{file}: {counts['mutants']} of {len(mutants)}")
     figures = ", ".join(f"{counts[kind]} {kind}" for kind in _KINDS)
-    _say(f"{file}: {figures}; {time.monotonic() - start_s:.0f} s")
+    took_s = sum(memory.judged[it.name].took_s for it in mutants)
+    _say(f"{file}: {figures}; {took_s:.0f} s of a processor")
     for name in sorted(listed - met):
         why = "breaks a rule, or is the same code" if name in names else "is not there"
         _say(f"listed, but it {why}: {name}")
@@ -410,14 +465,14 @@ def main() -> int:
     parser.add_argument("--all", action="store_true", help="print all mutants, not the survivors")
     given = parser.parse_args()
     build_native()
-    broke: dict[str, str] = json.loads(_BROKE.read_bytes()) if _BROKE.exists() else {}
+    memory = Memory.read(_JUDGED, _sum_of_sources())
     with tempfile.TemporaryDirectory() as name:
         referee = Referee(Path(name))
         broken = referee.prepare(TESTS)
         if broken:
             _say(f"the firmware itself breaks {broken}")
             return 1
-        right = [_run_file(file, referee, given, broke) for file in given.files]
+        right = [_run_file(file, referee, given, memory) for file in given.files]
     return 0 if all(right) else 1
 
 

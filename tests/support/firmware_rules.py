@@ -15,6 +15,7 @@ from tests.support.firmware_host import (
     PING,
     ZERO,
     Bench,
+    read,
     sbus_frame,
     write,
 )
@@ -715,6 +716,80 @@ def questions_are_answered_at_once(bench: Bench) -> None:
         pilot.simulation.run(0.00058)
         assert len(pilot.simulation.board.receive()) == 14
         pilot.simulation.run(0.00037)
+
+
+def servos_have_the_ids_of_the_setup(bench: Bench) -> None:
+    random = np.random.default_rng(11)
+    for version in (1, 2, (2, 1, 1, 2, 1, 2)):
+        ids = tuple(map(int, 1 + random.permutation(252)[:6]))
+        pilot = bench.pilot(version, ids=ids).get_ready(Setup(servo_id=ids))
+        pilot.simulation.run(1.5)  # They are checked.
+        assert pilot.arm().mode == BoardMode.ARMED
+        seen = pilot.drive(0.5, goal=TILTED)
+        assert seen.mode == BoardMode.ARMED
+        servos = pilot.simulation.servos
+        assert [servo.goal for servo in servos] == [2048 + steps for steps in TILTED]
+        assert seen.position == pytest.approx(TILTED, abs=2)
+        lost = int(random.integers(6))
+        servos[lost].dead = True
+        seen = pilot.drive(0.1, goal=TILTED)
+        assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.SERVO)
+        assert seen.servo_alive == 0b111111 - (1 << lost)
+        servos[lost].dead = False
+        pilot.simulation.board.reset(power=True)
+        pilot.simulation.run(HOLD_S)
+        assert pilot.arm().mode == BoardMode.ARMED, "the ids are kept"
+
+
+def a_servo_that_is_not_there_is_missed_by_its_id(bench: Bench) -> None:
+    pilot = bench.pilot().get_ready(Setup(servo_id=(1, 2, 3, 40, 5, 6)))
+    seen = pilot.arm()
+    assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.SERVO)
+    assert seen.servo_found == 0b110111
+    pilot.set_up(Setup())
+    pilot.simulation.run(2.0)
+    assert pilot.arm().mode == BoardMode.ARMED
+
+
+def ids_of_servos_are_checked(bench: Bench) -> None:
+    # The number behind the ids is none: its lower byte is the id of servo 1.
+    pilot = bench.pilot().get_ready(Setup(neutral=(2049,) * 6))
+    before = pilot.ask(read(Setup.ADDRESS, Setup.LAYOUT.size))
+    random = np.random.default_rng(5)
+    for _ in range(10):
+        ids = (1 + random.permutation(252)[:6]).tolist()
+        one, other = random.permutation(6)[:2]
+        for wrong in (0, 253, ids[other]):
+            put = (*ids[:one], wrong, *ids[one + 1 :])
+            assert pilot.set_up(Setup(servo_id=put, goal_limit=7)) == 4, put
+    for one in range(6):
+        for other in range(one):
+            ids = [1, 2, 3, 4, 5, 252]
+            ids[one] = ids[other]
+            assert pilot.set_up(Setup(servo_id=tuple(ids))) == 4, ids
+    assert pilot.ask(read(Setup.ADDRESS, Setup.LAYOUT.size)) == before
+    assert pilot.arm().mode == BoardMode.ARMED
+
+
+def new_ids_make_the_servos_unknown(bench: Bench) -> None:
+    for first, then in (((1, 2, 3, 4, 5, 6), (6, 5, 4, 3, 2, 1)), ((6, 2, 3, 4, 5, 1),) * 2):
+        pilot = bench.pilot().get_ready(Setup(servo_id=first))
+        pilot.simulation.run(1.0)
+        assert pilot.telemetry().servo_checked == 0b111111
+        pilot.set_up(Setup(servo_id=then))
+        seen = pilot.telemetry()
+        known = seen.servo_alive | seen.servo_torque | seen.servo_checked
+        assert known == (0b111111 if first == then else 0)
+        pilot.cycle(0)
+        pilot.cycle(1)
+        assert pilot.mode() == (BoardMode.ARMED if first == then else BoardMode.DISARMED)
+        pilot.cycle(0)
+        pilot.simulation.run(HOLD_S)
+        assert pilot.arm().mode == BoardMode.ARMED
+        goal = (10, 20, 30, 40, 50, 60)
+        assert pilot.drive(0.1, goal=goal).mode == BoardMode.ARMED
+        goals = [servo.goal - 2048 for servo in pilot.simulation.servos]
+        assert goals == [10 * (then.index(servo.number) + 1) for servo in pilot.simulation.servos]
 
 
 Law = Callable[[Bench], None]

@@ -6,6 +6,7 @@ import numpy as np
 
 from firmware.simulator.mx64 import Mx64
 from firmware.simulator.servo_bus import ServoBusSimulation
+from firmware.simulator.simulation import IDS
 from tsd_twin import robots
 from tsd_twin.dynamixel.packets import Decoder, Instruction, Packet, protocol1, protocol2
 from tsd_twin.hardware import u2d2
@@ -20,8 +21,8 @@ TRIPPED = 255
 class ServoChain:
     """Simulated servos in real time: move towards the goals, and stop without requests."""
 
-    def __init__(self, protocols: tuple[int, ...] = (2,) * 6) -> None:
-        self.servos = [Mx64(i + 1, version) for i, version in enumerate(protocols)]
+    def __init__(self, protocols: tuple[int, ...] = (2,) * 6, ids: tuple[int, ...] = IDS) -> None:
+        self.servos = [Mx64(*servo) for servo in zip(ids, protocols, strict=True)]
         self.bus = ServoBusSimulation(self.servos)
         self.refused = 0
         """Goals that a tripped watchdog kept away."""

@@ -95,7 +95,7 @@ def header() -> str:
             ]
     lines += ["} control_table_t;", ""]
     lines += ['_Static_assert(sizeof(control_table_t) == CT_SIZE, "the table is packed");', ""]
-    lines += ["// X(name, address, type, count, default): every item."]
+    lines += ["// X(name, address, type, count, default, rise from entry to entry): every item."]
     lines += _macro("CT_ITEMS", [(b, i) for b in BLOCKS for i in b.items], limited=False)
     lines += ["", "// X(name, address, type, count, least, most): every item that can be written."]
     lines += _macro("CT_WRITABLE", [(b, i) for b in BLOCKS for i in b.items if i.limits], True)
@@ -146,13 +146,18 @@ def page() -> str:
             limits = "{} to {}".format(*item.limits) if item.limits else ""
             lines += [
                 f"| {ADDRESS[item.name]} | `{item.name}` | {kind} | {item.unit} "
-                f"| {item.default} | {limits} | {item.doc} |"
+                f"| {_default(item)} | {limits} | {item.doc} |"
             ]
     lines += ["", "## Codes"]
     for codes in (*_CODES, ResetCause):
         lines += ["", f"`{codes.__name__}`: "]
         lines[-1] += ", ".join(f"{c.value} {c.name}" for c in codes) + "."
     return "\n".join([*lines, ""])
+
+
+def _default(item: Item) -> str:
+    rising = range(item.default, item.default + item.rise * item.count, item.rise or 1)
+    return ", ".join(map(str, rising)) or str(item.default)
 
 
 def _c_name(codes: type[IntEnum]) -> str:
@@ -162,7 +167,9 @@ def _c_name(codes: type[IntEnum]) -> str:
 def _macro(name: str, rows: list[tuple[Block, Item]], limited: bool) -> list[str]:
     lines = [f"#define {name}(X)"]
     for _, item in rows:
-        tail = ", {}, {}".format(*item.limits or ()) if limited else f", {item.default}"
+        tail = (
+            ", {}, {}".format(*item.limits or ()) if limited else f", {item.default}, {item.rise}"
+        )
         of = f"{item.name}, {ADDRESS[item.name]}, {_C_TYPES[item.type]}, {item.count}"
         lines.append(f"  X({of}{tail})")
     return [f"{line} \\" for line in lines[:-1]] + [lines[-1]]
@@ -179,7 +186,8 @@ def _dataclass(block: Block) -> list[str]:
     for item in block.items:
         many = item.count > 1
         kind = "tuple[int, ...]" if many else "int"
-        default = f"({item.default},) * {item.count}" if many else str(item.default)
+        same = f"({item.default},) * {item.count}" if many else str(item.default)
+        default = f"({_default(item)})" if item.rise else same
         unit = f" [{item.unit}]" if item.unit else ""
         lines += [f"    {item.name}: {kind} = {default}"]
         lines += _docstring(item.doc.removesuffix(".") + unit + ".")

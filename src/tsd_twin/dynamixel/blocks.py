@@ -18,9 +18,9 @@ class Identity(Packed):
 
     model: int = 2014
     """Kind of board."""
-    fw: int = 3
+    fw: int = 4
     """Version of the firmware, as a ping answers it."""
-    table_version: int = 3
+    table_version: int = 4
     """Version of this table."""
     id: int = 200
     """Id on the wire."""
@@ -43,8 +43,10 @@ class Setup(Packed):
     """Parameters of the robot; kept without power. Written as a whole, 2 s after a throttle."""
 
     ADDRESS: ClassVar[int] = 21
-    LAYOUT: ClassVar[Struct] = Struct("<6HBHBHHHB4H4H4HBBI3H3H")
+    LAYOUT: ClassVar[Struct] = Struct("<6B6HBHBHHHB4H4H4HBBI3H3H")
 
+    servo_id: tuple[int, ...] = (1, 2, 3, 4, 5, 6)
+    """Id of each servo, all different: alpha and beta of module 1, then 2, then 3."""
     neutral: tuple[int, ...] = (2048,) * 6
     """Servo position of neutral [step]."""
     reverse: int = 0
@@ -85,7 +87,7 @@ class Setup(Packed):
 class Command(Packed):
     """Joint commands: one WRITE of the whole block in each cycle; a partial one is error 5."""
 
-    ADDRESS: ClassVar[int] = 86
+    ADDRESS: ClassVar[int] = 92
     LAYOUT: ClassVar[Struct] = Struct("<HBB3H6h2H")
 
     heartbeat: int = 0
@@ -112,7 +114,7 @@ class Command(Packed):
 class Telemetry(Packed):
     """Measurements and states: one READ in each cycle."""
 
-    ADDRESS: ClassVar[int] = 112
+    ADDRESS: ClassVar[int] = 118
     LAYOUT: ClassVar[Struct] = Struct("<IBBBBH2HBBBBBBBBBBBI3H6h6h6h6B6B6HHHHHHHHHH")
 
     millis: int = 0
@@ -152,7 +154,7 @@ class Telemetry(Packed):
     servo_checked: int = 0
     """Bit i: the settings of servo i have the required values."""
     wrong_servo: int = 0
-    """Id of a servo with a setting that is not, the next two say which; 0: none."""
+    """Number, from 1, of a servo with a wrong setting, which the next two name; 0: none."""
     wrong_register: int = 0
     """Its address in the table of the servo."""
     wrong_value: int = 0
@@ -195,7 +197,7 @@ class Telemetry(Packed):
 class Radio(Packed):
     """All that receivers of either kind send: for their set-up."""
 
-    ADDRESS: ClassVar[int] = 225
+    ADDRESS: ClassVar[int] = 231
     LAYOUT: ClassVar[Struct] = Struct("<22H")
 
     channel: tuple[int, ...] = (0,) * 22

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 from typing import Literal
 
-TABLE_VERSION = 3
-FW_VERSION = 3
+TABLE_VERSION = 4
+FW_VERSION = 4
 MODEL = 2014
 """What a ping answers; the year of the thesis."""
 BOARD_ID = 200
@@ -49,6 +49,8 @@ class Item:
     """Smallest and largest that can be written; another is error 4, and nothing of it is taken."""
     unit: str = ""
     count: int = 1
+    rise: int = 0
+    """What the default of each further entry of an array is above that of the one before."""
 
     @property
     def size(self) -> int:
@@ -94,6 +96,15 @@ SETUP = Block(
     "setup",
     "Parameters of the robot; kept without power. Written as a whole, 2 s after a throttle.",
     (
+        Item(
+            "servo_id",
+            "u8",
+            "Id of each servo, all different: alpha and beta of module 1, then 2, then 3.",
+            1,
+            (1, 252),
+            count=SERVOS,
+            rise=1,
+        ),
         Item("neutral", "u16", "Servo position of neutral.", 2048, (0, 4095), "step", SERVOS),
         Item("reverse", "u8", "Bit i: servo i turns the other way.", 0, (0, 63)),
         Item("goal_limit", "u16", "Goals are held within ± this.", 341, (0, 1023), "step"),
@@ -241,7 +252,7 @@ TELEMETRY = Block(
         Item(
             "wrong_servo",
             "u8",
-            "Id of a servo with a setting that is not, the next two say which; 0: none.",
+            "Number, from 1, of a servo with a wrong setting, which the next two name; 0: none.",
         ),
         Item("wrong_register", "u8", "Its address in the table of the servo."),
         Item("wrong_value", "u32", "What it is there."),

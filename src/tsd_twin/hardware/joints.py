@@ -109,12 +109,14 @@ class SpeedControllers(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Neutral positions and directions of servos, read from a TOML file."""
+    """Ids, neutral positions and directions of servos, read from a TOML file."""
 
     neutral_step: dict[str, Annotated[int, Meta(ge=0, le=4095)]] = {}
     """Position that a servo reports with its gimbal upright; 2048 unless given."""
     reversed: Sequence[str] = ()
     """Joints whose servo turns the other way."""
+    servo_id: dict[str, Annotated[int, Meta(ge=1, le=252)]] = {}
+    """Id of a servo on its bus; 1 to 6 in the order of the joints unless given."""
     bandgap_mv: Annotated[int, Meta(ge=1000, le=1200)] = 1100
     """Voltage of the bandgap of the board's chip, which its voltages are measured against."""
     receiver: Receiver | None = None
@@ -133,17 +135,27 @@ class ServoCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         except (OSError, msgspec.MsgspecError, UnicodeError) as error:
             raise HardwareError(f"{file} cannot be used as a calibration: {error}") from error
 
-    def check_joint_names(self, names: Sequence[str]) -> None:
-        """Check that every joint named in the file exists.
+    def check_joints(self, names: Sequence[str]) -> None:
+        """Check that every joint named in the file exists, and that all ids differ.
 
         Raises:
-            HardwareError: it names another.
+            HardwareError: it names another, or two servos have one id.
         """
-        for name in (*self.neutral_step, *self.reversed):
+        ids = self.ids(names)
+        for name, servo_id in zip(names, ids, strict=True):
+            if names[first := ids.index(servo_id)] != name:
+                raise HardwareError(
+                    f"the servos of {names[first]} and {name} have the same id, {servo_id}"
+                )
+        for name in (*self.servo_id, *self.neutral_step, *self.reversed):
             if name not in names:
                 raise HardwareError(
                     f"the calibration names a gimbal '{name}': there are {', '.join(names)}"
                 )
+
+    def ids(self, names: Sequence[str]) -> list[int]:
+        """Id of the servo of each joint."""
+        return [self.servo_id.get(name, i) for i, name in enumerate(names, start=1)]
 
     def neutral(self, names: Sequence[str]) -> list[int]:
         """Neutral step of each joint."""
@@ -250,6 +262,12 @@ class JointConverter:
         """Servos in a mask by number and joint."""
         here = [f"{i + 1} ({name})" for i, name in enumerate(self.names) if mask >> i & 1]
         return ("servo " if len(here) == 1 else "servos ") + ", ".join(here)
+
+
+def padded_ids(ids: Sequence[int]) -> tuple[int, ...]:
+    """Return `ids` with other ones for servos that the robot does not have."""
+    free = [servo_id for servo_id in range(1, 2 * SERVOS) if servo_id not in ids]
+    return (*ids, *free[: SERVOS - len(ids)])
 
 
 def padded(values: Sequence[int], count: int, filler: int) -> tuple[int, ...]:

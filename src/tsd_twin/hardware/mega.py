@@ -43,6 +43,7 @@ from tsd_twin.hardware.joints import (
     ServoCalibration,
     ThrottleLaw,
     padded,
+    padded_ids,
     wrong_setting,
 )
 from tsd_twin.hardware.serial_transport import (
@@ -114,6 +115,7 @@ class ControllerBoard:
         reverse = [sign < 0 for sign in calibration.signs(joints.names)]
         sticks = calibration.receiver or Receiver()
         self._setup = Setup(
+            padded_ids(calibration.ids(joints.names)),
             padded(calibration.neutral(joints.names), SERVOS, CENTRE),
             sum(1 << i for i, turned in enumerate(reverse) if turned),
             joints.goal_limit,
@@ -293,7 +295,7 @@ class MegaHardware:
         """
         self._joints = JointConverter(robot, throttle)
         calibration = calibration or ServoCalibration()
-        calibration.check_joint_names(self._joints.names)
+        calibration.check_joints(self._joints.names)
         self._board = ControllerBoard(
             self._joints, calibration, robot.battery, servos=servos, baud=baud
         )

@@ -114,9 +114,8 @@ class ServoReport:
 class ServoBus:
     """Servo bus as the device of a `DeviceThread`.
 
-    Other threads write `command`, and read `report` and `disconnect_reason`. Servo i + 1 is gimbal
-    i. When this program dies, the servos hold their position; the board stops the robot by shutting
-    off the wheels.
+    Other threads write `command`, and read `report` and `disconnect_reason`. When this program
+    dies, the servos hold their position; the board stops the robot by shutting off the wheels.
     """
 
     name = "the servo bus"
@@ -129,7 +128,7 @@ class ServoBus:
         self.disconnect_reason = ""
         """Reason of a lost connection; else empty."""
         self._joints = joints
-        self._ids = range(1, len(joints.names) + 1)
+        self._ids = calibration.ids(joints.names)
         self._neutral = calibration.neutral(joints.names)
         self._signs = calibration.signs(joints.names)
         self._rest = np.zeros(joints.count)
@@ -201,9 +200,9 @@ class ServoBus:
         if whole:
             faults = before.faults
             for answer in whole:
-                bit = 1 << answer.id - 1
+                bit = self._bit(answer.id)
                 faults = faults | bit if answer.error & ALERT else faults & ~bit
-            present = {a.id - 1: Present.unpack(a.data) for a in whole}
+            present = {self._ids.index(a.id): Present.unpack(a.data) for a in whole}
             heard_s = dict.fromkeys(present, now_s)
             self.report = ServoReport(
                 {**before.present, **present},
@@ -219,12 +218,12 @@ class ServoBus:
         limp = self.report.limp if self.report else 0
         for answer in transport.request(request, len(self._ids), _ANSWER_S):
             if answer.id in self._ids and len(answer.data) == 1:
-                bit = 1 << answer.id - 1
+                bit = self._bit(answer.id)
                 limp = limp & ~bit if answer.data[0] else limp | bit
         if self.report is not None:
             self.report = replace(self.report, limp=limp)
         if limp and not armed:
-            on = {device: b"\x01" for device in self._ids if limp >> device - 1 & 1}
+            on = {device: b"\x01" for device in self._ids if limp & self._bit(device)}
             transport.request(protocol2.sync_write(TORQUE_ENABLE, on), 0, 0.0)
 
     def _goals(self, setpoint: np.ndarray) -> bytes:
@@ -238,11 +237,17 @@ class ServoBus:
     def _all(self, address: int, data: list[bytes]) -> bytes:
         return protocol2.sync_write(address, dict(zip(self._ids, data, strict=True)))
 
+    def _bit(self, device: int) -> int:
+        return 1 << self._ids.index(device)
+
+    def _named(self, device: int) -> str:
+        return self._joints.named(self._bit(device))
+
     def _find(self, transport: SerialTransport, device: int) -> None:
         for _ in range(_SERVO_TRIES):
             if transport.request(protocol2.ping(device), 1, _SERVO_TRY_S):
                 return
-        servo = self._joints.named(1 << device - 1)
+        servo = self._named(device)
         if transport.request(protocol1.ping(device), 1, _SERVO_TRY_S, protocol1):
             raise HardwareError(
                 f"{servo} speaks Protocol 1.0: bring its firmware to 2.0 with the recovery of "
@@ -250,7 +255,7 @@ class ServoBus:
             )
         raise HardwareError(
             f"{servo} does not answer at {transport.name} at {self.baud} Bd: "
-            "has it power, this id and this rate?"
+            f"has it power, id {device} and this rate?"
         )
 
     def _check_settings(self, transport: SerialTransport, device: int) -> None:
@@ -263,14 +268,14 @@ class ServoBus:
             request = protocol2.read(device, setting.address, setting.size)
             data = self._request(transport, device, request, setting.size).data
             if (found := setting.value(data)) != setting.wanted:
-                servo = self._joints.named(1 << device - 1)
+                servo = self._named(device)
                 raise HardwareError(wrong_setting(servo, 2, setting.address, found))
 
     def _set_up(self, transport: SerialTransport, device: int) -> None:
         read = protocol2.read(device, RETURN_DELAY, 1)
         if (delay := self._request(transport, device, read, 1).data[0]) != 0:
             # Only then: a servo without torque does not hold its gimbal.
-            servo = self._joints.named(1 << device - 1)
+            servo = self._named(device)
             _LOG.warning("%s: return delay time is %s, set to 0", servo, delay)
             self._write(transport, device, TORQUE_ENABLE, 0)
             self._write(transport, device, RETURN_DELAY, 0)
@@ -292,12 +297,11 @@ class ServoBus:
             for answer in transport.request(request, 1, _SERVO_TRY_S):
                 if answer.error & ~ALERT:
                     raise HardwareError(
-                        f"{self._joints.named(1 << device - 1)} refuses its set-up: "
-                        f"error {answer.error & ~ALERT}"
+                        f"{self._named(device)} refuses its set-up: error {answer.error & ~ALERT}"
                     )
                 if len(answer.data) == size:  # Else it belongs to an older request.
                     return answer
-        raise HardwareError(f"{self._joints.named(1 << device - 1)} fell silent")
+        raise HardwareError(f"{self._named(device)} fell silent")
 
 
 class U2D2Hardware:
