@@ -135,6 +135,17 @@ SERIES_COLOURS = (TRUTH_COLOUR, ESTIMATE_COLOUR, CAMERA_COLOUR, "#7c3aed", "#b45
 _INK, _GRID = "#1f2933", "#d9dee5"
 
 
+def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Return the lines of a table in Markdown."""
+    return [f"| {' | '.join(cells)} |" for cells in (head, len(head) * ["---"], *rows)]
+
+
+def spread(values: Array | Sequence[float], digits: int) -> str:
+    """Return median, 95 of 100 and largest of some values, as text."""
+    found = np.quantile(values, [0.5, 0.95, 1.0], method="inverted_cdf")
+    return " / ".join(f"{value:.{digits}f}" for value in found)
+
+
 def new_figure(width_in: float, height_in: float, title: str) -> Figure:
     """Empty figure with a title and automatic layout."""
     from matplotlib.figure import Figure

@@ -63,11 +63,18 @@ def test_the_experiment_prints_a_row_for_each_case_and_writes_the_table(tmp_path
     head, *written = (tmp_path / "consistency.csv").read_text().splitlines()
     assert "nees_20_s" in head.split(",")
     assert len(written) == 3
+    lines = run(tmp_path, "consistency", *flags, "--sensors", "joints")
+    rows = [line.split("|") for line in lines if line.startswith("| mecanum")]
+    assert [row[3].strip() for row in rows] == ["joints"]
 
 
 @pytest.mark.parametrize(
     ("flags", "text"),
-    [(["--robots", "atlas"], "sphere"), (["--manoeuvres", "fly"], "no manoeuvre 'fly'")],
+    [
+        (["--robots", "atlas"], "sphere"),
+        (["--manoeuvres", "fly"], "no manoeuvre 'fly'"),
+        (["--robots", "kiwi", "--sensors", "gyro"], "has the sensors 'gyro': joints"),
+    ],
 )
 def test_what_cannot_be_driven_is_refused(tmp_path: Path, flags: list[str], text: str) -> None:
     with pytest.raises(TwinError, match=text):

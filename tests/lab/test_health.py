@@ -42,7 +42,7 @@ def test_a_worn_part_is_named_in_time_and_no_other(
     case = Case(robot, plant, errors, 800, manoeuvre, 13.0, camera, wear, 8.0)
     result = drive(case)
     assert result.found_s <= WITHIN_S, result.named
-    assert result.wrong == 0, result.named
+    assert result.wrong == [], result.named
 
 
 @pytest.mark.parametrize(

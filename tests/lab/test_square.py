@@ -17,8 +17,7 @@ from tests.support.experiment_runs import is_picture, run, table
 from tsd_twin import robots
 from tsd_twin.client.simulated import VirtualRobot
 from tsd_twin.errors import TwinError
-from tsd_twin.estimation import Slip
-from tsd_twin.lab.observer import Loop, make_observer
+from tsd_twin.lab.observer import Loop, Slip, make_observer
 from tsd_twin.lab.square import Square
 from tsd_twin.lab.tracking import TrackingRecord
 from tsd_twin.robots import SingularityDescription, description_of_kind

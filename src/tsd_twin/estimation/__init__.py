@@ -24,7 +24,6 @@ from tsd_twin.estimation.sensor_odometry import (
     sensor_odometry_of,
     with_gyro,
 )
-from tsd_twin.estimation.slip import Slip
 from tsd_twin.estimation.wheel_odometry import (
     ODOMETRY,
     JointOdometry,
@@ -52,7 +51,6 @@ __all__ = [
     "PoseFilter",
     "ReportedOdometry",
     "SensorOdometry",
-    "Slip",
     "SpinModel",
     "TwistErrors",
     "encloses",

@@ -16,10 +16,10 @@ import msgspec
 import numpy as np
 
 from tsd_twin import experiment, flag_types, robots
-from tsd_twin.estimation import Slip
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.kinematics import JointKind, Kinematics
 from tsd_twin.lab import motors, tracking
+from tsd_twin.lab.observer import Slip
 from tsd_twin.lab.square import THESIS_ROBOT, THESIS_SHARE, unlimited_trajectory
 from tsd_twin.lie import SE2, Array
 from tsd_twin.motion.routes import Route

@@ -308,20 +308,17 @@ def _lines(rows: Sequence[_Row]) -> list[str]:
     wrong_after = [picture for picture in _AFTER_GAP if picture is not Picture.GOOD]
     head = ["manoeuvre", "errors", "good, s", "with outliers, s"]
     head += [f"after it {', '.join(wrong_after)}", f"without it {', '.join(_WITHOUT_GAP)}"]
-    lines = [f"| {' | '.join(head)} |", f"|{' --- |' * len(head)}"]
+    lines: list[list[str]] = []
     for row in rows:
         case = row.after[Picture.GOOD].case
         cells = [case.manoeuvre, f"{case.errors:g}"]
-        for picture in (Picture.GOOD, Picture.OUTLIERS):
-            times = np.quantile(
-                row.after[picture].believed_s, [0.5, 0.95, 1.0], method="inverted_cdf"
-            )
-            cells.append(" / ".join(f"{time_s:.2f}" for time_s in times))
+        shown = (row.after[picture] for picture in (Picture.GOOD, Picture.OUTLIERS))
+        cells += [experiment.spread(result.believed_s, 2) for result in shown]
         for part, pictures in ((row.after, wrong_after), (row.without, _WITHOUT_GAP)):
             misled = [int(part[picture].misled.sum()) for picture in pictures]
             cells.append(", ".join(map(str, misled)))
-        lines.append(f"| {' | '.join(cells)} |")
-    return lines
+        lines.append(cells)
+    return experiment.markdown_table(head, lines)
 
 
 def _draw(rows: Sequence[_Row], out: Output) -> None:

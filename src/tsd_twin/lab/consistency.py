@@ -321,7 +321,8 @@ def cases(args: argparse.Namespace) -> list[Case]:
     """Return the rows of the table.
 
     Raises:
-        TwinError: there is no such robot, manoeuvre or plant, or it does not drive over a floor.
+        TwinError: there is no such robot, manoeuvre or plant, or it does not drive over a floor,
+            or no robot has such sensors.
     """
     made: list[Case] = []
     for name in args.robots:
@@ -333,7 +334,12 @@ def cases(args: argparse.Namespace) -> list[Case]:
                 raise TwinError(f"there is no manoeuvre '{manoeuvre}': {', '.join(BY_NAME)}")
             case = Case(name, manoeuvre, plant=args.plant, seeds=args.seeds, first=args.seed)
             made.extend(case for case in _variants(case, robot) if _applies(case))
-    return made
+    wanted = args.sensors or [case.sensors for case in made]
+    unknown = set(wanted) - {case.sensors for case in made}
+    if unknown:
+        known = "; ".join(dict.fromkeys(case.sensors for case in made))
+        raise TwinError(f"none of these robots has the sensors '{min(unknown)}': {known}")
+    return [case for case in made if case.sensors in wanted]
 
 
 def _variants(case: Case, robot: RobotDescription) -> Iterable[Case]:
@@ -391,15 +397,15 @@ def _lines(results: Sequence[Consistency]) -> list[str]:
     """Return the table in Markdown."""
     times = [f"{t_s:g} s" for t_s in TIMES_S]
     head = ["robot", "errors", "sensors", "manoeuvre", *times, "in region", "in wedge"]
-    lines = [f"| {' | '.join(head)} |", f"|{' --- |' * len(head)}"]
+    rows: list[list[str]] = []
     for result in results:
         case = result.case
         cells = [case.robot, f"{case.errors:g}", case.sensors, case.manoeuvre]
         cells += [f"{mean:.1f}" for mean in result.means]
         shares = (result.coverage[-1], result.heading_coverage[-1])
         cells += [f"{100.0 * share:.0f} %" for share in shares]
-        lines.append(f"| {' | '.join(cells)} |")
-    return lines
+        rows.append(cells)
+    return experiment.markdown_table(head, rows)
 
 
 def _draw(results: Sequence[Consistency], out: Output) -> None:
@@ -439,6 +445,12 @@ def _flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seeds", type=flag_types.whole(1), default=40, help="robots of each row; default 40"
     )
+    parser.add_argument(
+        "--sensors",
+        nargs="+",
+        metavar="SENSORS",
+        help="rows with these, as in the table: joints, 'gyro + camera, mounted'; default all",
+    )
     parser.add_argument("--plant", choices=PLANTS, default="kinematic", help="default kinematic")
     experiment.add_jobs_flag(parser)
 
@@ -449,7 +461,7 @@ EXPERIMENT = Experiment(
     [
         "tsd-lab consistency",
         "tsd-lab consistency --robots tsd kiwi --manoeuvres circle wander --seeds 10",
-        "tsd-lab consistency --robots tsd --plant mujoco --seeds 10 --jobs 1",
+        "tsd-lab consistency --robots tsd --plant mujoco --sensors joints",
     ],
     seed_of="the first robot of a row",
     add_own_flags=_flags,

@@ -233,7 +233,7 @@ def _lines(rows: Sequence[_Row]) -> list[str]:
     """Return the table in Markdown."""
     head = ["delay, ms", "at first believed", "measured", "lost"]
     head += ["overshoot, mm", "beside the line, mm", "time, s"]
-    lines = [f"| {' | '.join(head)} |", f"|{' --- |' * len(head)}"]
+    lines: list[list[str]] = []
     for row in rows:
         case = row.case
         cells = [f"{1e3 * case.delay_s:.0f}", f"{1e3 * case.believed_s:.0f}"]
@@ -244,10 +244,9 @@ def _lines(rows: Sequence[_Row]) -> list[str]:
             ("beside_m", 1e3, 0),
             ("time_s", 1.0, 2),
         ):
-            found = scale * np.quantile(row.column(name), [0.5, 0.95, 1.0], method="inverted_cdf")
-            cells.append(" / ".join(f"{value:.{digits}f}" for value in found))
-        lines.append(f"| {' | '.join(cells)} |")
-    return lines
+            cells.append(experiment.spread(scale * np.array(row.column(name)), digits))
+        lines.append(cells)
+    return experiment.markdown_table(head, lines)
 
 
 def _draw(rows: Sequence[_Row], out: Output) -> None:

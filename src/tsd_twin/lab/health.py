@@ -41,15 +41,26 @@ WITHIN_S = 5.0
 
 @dataclass(slots=True)
 class Health:
-    """What a shadow twin has named, and its newest report."""
+    """A shadow twin, what it has named, and its newest report."""
 
+    twin: ShadowTwin
     report: ShadowReport = field(default_factory=lambda: ShadowReport(0.0))
     named: list[tuple[float, Drift]] = field(default_factory=list[tuple[float, Drift]])
     """Each part once, with the time at which it was named first."""
     compared_s: float = 0.0
+    _next_s: float = 0.0
 
-    def take(self, report: ShadowReport, t_s: float) -> None:
-        """Take a report of a time."""
+    def feed(self, state: RobotState) -> None:
+        """Hand the state of a robot to the twin."""
+        at_ns, odom = state.joints.stamp_ns, state.odom.message
+        self.twin.advance(at_ns, state.joints, state.setpoint, odom, state.status)
+
+    def look(self, t_s: float, *, last: bool = False) -> None:
+        """Take a report of a time, if that before is `_REPORT_S` older, or this is the last."""
+        if t_s < self._next_s and not last:
+            return
+        self._next_s = t_s + _REPORT_S
+        report = self.twin.report()
         known = {drift.part for _, drift in self.named}
         self.named += [(t_s, drift) for drift in report.drifts if drift.part not in known]
         self.compared_s += max(0.0, report.compared_s - self.report.compared_s)
@@ -62,7 +73,7 @@ def _lines(health: Health, what: str) -> list[str]:
     lines = [f"{what}, compared for {health.compared_s:.1f} s"]
     if not report.joints:
         return [*lines, "no joints: nothing can be compared"]
-    lines += _table(
+    lines += experiment.markdown_table(
         ["joint", "measured", "simulated", "difference", "band", ""],
         [
             [
@@ -93,12 +104,6 @@ def _inside(inside: bool) -> str:
     return "inside" if inside else "OUTSIDE"
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return a table in Markdown."""
-    lines = [head, ["---"] * len(head), *rows]
-    return [f"| {' | '.join(line)} |" for line in lines]
-
-
 # A recording.
 
 
@@ -112,7 +117,8 @@ def health_of_recording(path: Path, robot_id: str | None, out: Output) -> list[s
     robot_id = robot_id or _only(recording)
     text = recording.description(robot_id)
     robot = robots.parse_description(text, f"description of {robot_id}")
-    feed, health = ShadowFeed(ShadowTwin(robot)), Health()
+    health = Health(ShadowTwin(robot))
+    feed = ShadowFeed(health.twin)
     turning = robot.kinematics().pose_type is SO3
     decoders: dict[str, tuple[str, Callable[[bytes], Any]]] = {
         topic.key(robot_id): (
@@ -122,10 +128,8 @@ def health_of_recording(path: Path, robot_id: str | None, out: Output) -> list[s
         for name, topic in STREAMS.items()
     }
     status_key = STATUS.key(robot_id)
-    next_s = 0.0
 
     def replay() -> Iterator[float]:
-        nonlocal next_s
         for entry in entries(path, [*decoders, status_key]):
             t_s = 1e-9 * (entry.log_ns - recording.start_ns)
             try:
@@ -136,15 +140,13 @@ def health_of_recording(path: Path, robot_id: str | None, out: Output) -> list[s
                     feed.add(name, decode(entry.data), entry.publish_ns)
             except MessageError:
                 continue
-            if t_s >= next_s:
-                health.take(feed.twin.report(), t_s)
-                next_s = t_s + _REPORT_S
+            health.look(t_s)
             yield t_s
 
     steps = in_percent_steps(replay(), max(recording.duration_s, 1e-9))
     for _ in out.progress(steps, "comparing", PERCENT_STEPS):
         pass
-    health.take(feed.twin.report(), recording.duration_s)
+    health.look(recording.duration_s, last=True)
     return _lines(health, f"{robot_id} in {path}")
 
 
@@ -166,29 +168,21 @@ def health_of_robot(args: argparse.Namespace, out: Output) -> list[str]:
         TwinError: no robot answers, or several.
     """
     with connect(args.connect, robot=args.id, zenoh_config=args.zenoh_config) as client:
-        twin, health = ShadowTwin(client.link.robot), Health()
+        health = Health(ShadowTwin(client.link.robot))
         begin_s = time.monotonic()
 
         def watch() -> Iterator[float]:
-            next_s = 0.0
             for state in client.states(args.seconds):
-                _feed(twin, state)
+                health.feed(state)
                 t_s = time.monotonic() - begin_s
-                if t_s >= next_s:
-                    health.take(twin.report(), t_s)
-                    next_s = t_s + _REPORT_S
+                health.look(t_s)
                 yield t_s
 
         steps = in_percent_steps(watch(), args.seconds)
         for _ in out.progress(steps, "comparing, drive it", PERCENT_STEPS):
             pass
-        health.take(twin.report(), time.monotonic() - begin_s)
+        health.look(time.monotonic() - begin_s, last=True)
         return _lines(health, f"{client.link.id} on the bus")
-
-
-def _feed(twin: ShadowTwin, state: RobotState) -> None:
-    stamp_ns = state.joints.stamp_ns
-    twin.advance(stamp_ns, state.joints, state.setpoint, state.odom.message, state.status)
 
 
 # Simulated robots.
@@ -245,6 +239,11 @@ class Case:
         return msgspec.structs.replace(robot, gyro=Gyro())
 
     @property
+    def worn_part(self) -> str:
+        """Name of the part that wears; "" leaves it sound."""
+        return self.wear.partition("=")[0]
+
+    @property
     def kind(self) -> str:
         """Kind of the part that wears, and how much: `wheel -5%`; "" leaves it sound."""
         part, _, size = self.wear.partition("=")
@@ -268,15 +267,17 @@ class Result:
     @property
     def found_s(self) -> float:
         """Time until the worn part was named, infinite if it was not."""
-        part = self.case.wear.partition("=")[0]
-        times = [t_s for t_s, drift in self.named if part in drift.part.split(",") and t_s >= 0.0]
-        return min(times, default=math.inf)
+        return min(
+            (t_s for t_s, drift in self.named if self._is_right(t_s, drift)), default=math.inf
+        )
 
     @property
-    def wrong(self) -> int:
-        """Number of parts that were named and are sound."""
-        part = self.case.wear.partition("=")[0]
-        return sum(part not in drift.part.split(",") or t_s < 0.0 for t_s, drift in self.named)
+    def wrong(self) -> list[tuple[float, Drift]]:
+        """Named parts that are sound."""
+        return [(t_s, drift) for t_s, drift in self.named if not self._is_right(t_s, drift)]
+
+    def _is_right(self, t_s: float, drift: Drift) -> bool:
+        return t_s >= 0.0 and self.case.worn_part in drift.part.split(",")
 
 
 def _twists(case: Case, robot: RobotDescription) -> TwistAt:
@@ -304,12 +305,12 @@ def drive(case: Case) -> Result:
     link = SimulationLink(robot, simulated, None)
     client = RobotClient(link, "lab")
     camera = Camera(_camera_noise(robot), np.random.default_rng([case.seed, 7]))
-    twin, health, spent_s = ShadowTwin(robot), Health(), 0.0
+    health, spent_s = Health(ShadowTwin(robot)), 0.0
     twist_at = _twists(case, robot)
     with client, client.control() as control:
         control.arm()
         begin_s = client.time_s
-        next_s, worn = 0.0, not case.wear
+        worn = not case.wear
         for now_s in control.driving(lambda now_s: twist_at(now_s - begin_s), frame=BASE):
             t_s = now_s - begin_s
             if t_s >= case.seconds:
@@ -324,12 +325,11 @@ def drive(case: Case) -> Result:
                     link.send_pose(encode_pose(seen))
             state = link.state()
             at_s = time.process_time()
-            _feed(twin, state)
-            if t_s >= next_s:
-                health.take(twin.report(), t_s - case.wear_s)
-                next_s = t_s + _REPORT_S
+            health.feed(state)
+            health.look(t_s)
             spent_s += time.process_time() - at_s
-    return Result(case, health.named, health.compared_s, spent_s / max(health.compared_s, 1e-9))
+    named = [(t_s - case.wear_s, drift) for t_s, drift in health.named]
+    return Result(case, named, health.compared_s, spent_s / max(health.compared_s, 1e-9))
 
 
 def _camera_noise(robot: RobotDescription) -> CameraNoise:
@@ -384,7 +384,7 @@ def _simulations(args: argparse.Namespace, out: Output) -> list[str]:
             "wear": [each.case.wear or "none" for each in results],
             "compared_s": [each.compared_s for each in results],
             "found_after_s": [each.found_s for each in results],
-            "wrong_names": [float(each.wrong) for each in results],
+            "wrong_names": [float(len(each.wrong)) for each in results],
             "processor_share": [each.processor_share for each in results],
         },
     )
@@ -404,7 +404,7 @@ def _simulations(args: argparse.Namespace, out: Output) -> list[str]:
             f"{sum(each.found_s <= WITHIN_S for each in same)}" if kind else "-",
             _times(same) if kind else "-",
             f"{sum(math.isinf(each.found_s) for each in same)}" if kind else "-",
-            f"{sum(each.wrong for each in same)}",
+            f"{sum(len(each.wrong) for each in same)}",
         ]
         for (errors, kind, manoeuvre), same in groups.items()
     ]
@@ -412,15 +412,18 @@ def _simulations(args: argparse.Namespace, out: Output) -> list[str]:
         f"errors {each.case.errors:g}, seed {each.case.seed}, {each.case.manoeuvre}, "
         f"{each.case.wear or 'sound'}, at {t_s:.1f} s: {drift.text}"
         for each in results
-        for t_s, drift in each.named
-        if each.case.wear.partition("=")[0] not in drift.part.split(",") or t_s < 0.0
+        for t_s, drift in each.wrong
     ]
     head = [
         *("plant", "errors", "sensors", "wear", "manoeuvre", "runs", "compared"),
         *(f"within {WITHIN_S:g} s", "median / p95 / worst", "not named", "wrong names"),
     ]
     share = max(each.processor_share for each in results)
-    return [*_table(head, rows), *said, f"processor time of the twin: up to {100.0 * share:.1f} %"]
+    return [
+        *experiment.markdown_table(head, rows),
+        *said,
+        f"processor time of the twin: up to {100.0 * share:.1f} %",
+    ]
 
 
 def _times(results: Sequence[Result]) -> str:

@@ -70,13 +70,13 @@ def _lines(by_case: Array, names: Sequence[str], loops: Sequence[Loop]) -> list[
     """Return the table in Markdown."""
     head = ["the true robot differs in"]
     head += [f"{kind}, {loop}" for loop in loops for kind in ("RMS", "cross-track")]
-    lines = [f"| {' | '.join(head)} |", f"|{' --- |' * len(head)}"]
+    rows: list[list[str]] = []
     for name, case in zip(names, by_case, strict=True):
         cells = [name or _AS_DESCRIBED]
         for of_loop in case:
             cells += [f"{np.median(of):.2f} / {of.max():.2f}" for of in of_loop.T[:2]]
-        lines.append(f"| {' | '.join(cells)} |")
-    return lines
+        rows.append(cells)
+    return experiment.markdown_table(head, rows)
 
 
 def _draw(by_case: Array, names: Sequence[str], loops: Sequence[Loop], out: Output) -> None:

@@ -20,10 +20,9 @@ import numpy as np
 
 from tsd_twin import experiment, flag_types, robots
 from tsd_twin.client.simulated import PERIOD_S, VirtualRobot
-from tsd_twin.estimation import Slip
 from tsd_twin.experiment import Experiment, Output
 from tsd_twin.lab import tracking
-from tsd_twin.lab.observer import Loop, PoseObserver, make_observer
+from tsd_twin.lab.observer import Loop, PoseObserver, Slip, make_observer
 from tsd_twin.lab.tracking import TrackingErrors, TrackingRecord, add_loop_flag, follow_trajectory
 from tsd_twin.lie import SE2, Array
 from tsd_twin.motion.routes import Route

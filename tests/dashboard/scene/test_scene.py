@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Generator
 from dataclasses import replace
 
@@ -17,6 +18,8 @@ from tests.support.robot_feed import PERIOD_S, RobotFeed, link_poses
 from tests.support.viser_client import Node, ViserClient, viser_client
 from tsd_twin.dashboard.scene import overlays
 from tsd_twin.dashboard.scene.overlays import (
+    _LEAST_SIGMA_M,
+    _VISIBLE_M,
     ARROW_HEAD_M,
     ARROW_LENGTH_PER_SPEED_S,
     PoseRegion,
@@ -360,9 +363,12 @@ def test_the_region_of_a_certain_heading_is_an_ellipse_of_two_sigma(
     handle = region._outline
     in_base = SO3(np.array(handle.wxyz)).rotate(np.float64(handle.points[:, 0]))
     on_floor = SE2(np.array([0.0, 0.0, heading])).rotate(in_base[:, :2])
-    distance = np.einsum("ni,ij,nj->n", on_floor, np.linalg.inv(covariance[:2, :2]), on_floor)
-    # The outline has a millimetre added, and turns by less than two are not sent.
-    np.testing.assert_allclose(distance, 4.0, rtol=0.2)
+    shown = covariance[:2, :2] + _LEAST_SIGMA_M**2 * np.eye(2)
+    distance = np.einsum("ni,ij,nj->n", on_floor, np.linalg.inv(shown), on_floor)
+    # Turns are not sent that move no point by more than this, on either axis.
+    moved_m = math.sqrt(2.0) * _VISIBLE_M
+    narrowest_m = math.sqrt(np.linalg.eigvalsh(shown)[0])
+    assert np.abs(np.sqrt(distance) - 2.0).max() < moved_m / narrowest_m + 0.001
     assert not region._wedge.visible
 
 

@@ -28,7 +28,10 @@ STRUCTS = {
     for name, struct in vars(module).items()
     if isinstance(struct, type) and issubclass(struct, msgspec.Struct)
 }
-FROM_PAGE = set(get_args(messages_from_page.PageMessage))
+FROM_PAGE = {
+    *get_args(messages_from_page.PageMessage),
+    *get_args(messages_from_page.RecordedPageMessage),
+}
 FROM_SERVER = {
     struct
     for struct in STRUCTS.values()
@@ -61,6 +64,7 @@ def test_every_message_of_the_server_is_declared_with_its_tag(struct: type[msgsp
 def test_the_page_knows_every_message_that_it_may_send_by_its_tag() -> None:
     tags = {str(struct.__struct_config__.tag) for struct in FROM_PAGE}
     said = TYPES.split("// From the page.")[1].split("// Within the page.")[0]
+    said += TYPES.split("type TimelineRequest =")[1].split("\n\n")[0]
     quoted = set(re.findall(r'"(\w+)"', "".join(re.findall(r"\bt: ([^;}]*)[;}]", said))))
     assert quoted == tags
 

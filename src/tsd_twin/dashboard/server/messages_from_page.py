@@ -10,6 +10,8 @@ from msgspec import Meta
 from tsd_twin.dashboard.scene.appearance import ViewSettings
 from tsd_twin.errors import MessageError
 from tsd_twin.messages.requests import Operator, ShortText
+from tsd_twin.recording.events import NOTE_LENGTH
+from tsd_twin.recording.player import LEAST_SPEED, MOST_SPEED
 
 Count: TypeAlias = Annotated[int, Meta(ge=0, le=2**53)]
 """A number that a browser can hold exactly."""
@@ -216,3 +218,52 @@ def decode_page_message(text: str | bytes) -> PageMessage:
     # Text that is not UTF-8 and thousands of brackets are not among the errors of msgspec.
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
         raise MessageError("shape", str(error)) from error
+
+
+# From a page that shows a recording.
+
+
+class Seek(Message, frozen=True, tag="seek"):
+    """Request to show a time."""
+
+    t_s: Annotated[float, Meta(ge=0.0, le=1e6)]
+
+
+class Play(Message, frozen=True, tag="play"):
+    """Request to play."""
+
+    speed: Annotated[float, Meta(ge=LEAST_SPEED, le=MOST_SPEED)]
+
+
+class Pause(Message, frozen=True, tag="pause"):
+    """Request to stand still."""
+
+
+class StepStatus(Message, frozen=True, tag="step"):
+    """Request to show the next status of the selected robot, or the one before."""
+
+    back: bool = False
+
+
+class AddMark(Message, frozen=True, tag="mark"):
+    """Request to mark the time that is shown."""
+
+    note: Annotated[str, Meta(max_length=NOTE_LENGTH)]
+
+
+RecordedPageMessage: TypeAlias = (
+    Seek
+    | Play
+    | Pause
+    | StepStatus
+    | AddMark
+    | PageHeartbeat
+    | StopCommand
+    | SelectRobot
+    | SelectPlotFields
+    | SetView
+    | ShowMap
+    | ShowShadow
+    | StudentRequest
+)
+"""What such a page may send: nothing that moves a robot."""

@@ -392,3 +392,50 @@ class HeartbeatReply(Message, frozen=True, tag="heartbeat"):
     """Reply to a heartbeat."""
 
     sent_ms: float
+
+
+# To a page that shows a recording.
+
+
+class TimelineEvent(msgspec.Struct, frozen=True):
+    """Event or mark on the timeline."""
+
+    t_s: float
+    robot: str
+    kind: str
+    text: str
+    count: int
+
+
+class Timeline(Message, frozen=True, tag="timeline"):
+    """The recording that a page shows."""
+
+    name: str
+    start_ms: int
+    """Wall clock of the recorder at its start."""
+    duration_s: float
+    events: Sequence[TimelineEvent]
+
+
+class RecordedPath(msgspec.Struct, frozen=True):
+    """Path of a robot, for the small picture of a recording in the list."""
+
+    robot: str
+    colour: str
+    """As `#rrggbb`."""
+    points: Sequence[FloorPoint]
+    """Places at equal times, in `odom`; none of a sphere."""
+
+
+class PastStates(Message, frozen=True, tag="past"):
+    """States before the time that is shown, for plots, after a jump."""
+
+    states: Sequence[RobotState]
+
+
+class Cursor(Message, frozen=True, tag="cursor"):
+    """Time that is shown."""
+
+    t_s: float
+    playing: bool
+    speed: float

@@ -397,13 +397,13 @@ type ServerMessage =
   | StudentReply
   | MapLines
   | ViewChanged
-  | HeartbeatReply;
+  | HeartbeatReply
+  | Timeline
+  | Cursor
+  | PastStates;
 
 /** The messages by their `t`, and the three events of the link itself. */
 type LinkEvents = { [M in Exclude<ServerMessage, HeartbeatReply> as M["t"]]: M } & {
-  timeline: Timeline;
-  cursor: Cursor;
-  past: PastStates;
   up: undefined;
   down: undefined;
   beat: undefined;
@@ -490,7 +490,7 @@ interface MotionSource {
   readonly command?: FollowPlan;
 }
 
-// Of a page that shows a recording: recorded_protocol.py.
+// Of a page that shows a recording: messages_from_page.py, messages_to_page.py.
 
 interface TimelineEvent {
   t_s: number;

@@ -16,7 +16,7 @@ from aiohttp import WSMessage, WSMsgType, web
 from tsd_twin.dashboard.recorded_view import RecordedView
 from tsd_twin.dashboard.scene.appearance import RobotRoster, ViewSettings
 from tsd_twin.dashboard.server.auth import Principal
-from tsd_twin.dashboard.server.recorded_protocol import RecordedPath
+from tsd_twin.dashboard.server.messages_to_page import RecordedPath
 from tsd_twin.dashboard.server.recorded_session import RecordedSession
 from tsd_twin.errors import TwinError
 from tsd_twin.messages.requests import Reply

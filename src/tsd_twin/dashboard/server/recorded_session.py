@@ -16,36 +16,34 @@ from tsd_twin.dashboard.scene.picking import EmptyPageScene
 from tsd_twin.dashboard.server.auth import Principal
 from tsd_twin.dashboard.server.map_data import MapData
 from tsd_twin.dashboard.server.messages_from_page import (
+    AddMark,
     PageHeartbeat,
+    Pause,
+    Play,
+    RecordedPageMessage,
+    Seek,
     SelectPlotFields,
     SelectRobot,
     SetView,
     ShowMap,
     ShowShadow,
+    StepStatus,
     StopCommand,
     StudentRequest,
     decode_page_message,
 )
 from tsd_twin.dashboard.server.messages_to_page import (
     ActionReply,
+    Cursor,
     HeartbeatReply,
+    PastStates,
     RobotName,
     RobotState,
     SessionInfo,
-    ViewChanged,
-    encode_message,
-)
-from tsd_twin.dashboard.server.recorded_protocol import (
-    AddMark,
-    Cursor,
-    PastStates,
-    Pause,
-    Play,
-    RecordedPageMessage,
-    Seek,
-    StepStatus,
     Timeline,
     TimelineEvent,
+    ViewChanged,
+    encode_message,
 )
 from tsd_twin.dashboard.server.session import VIEWER_REFUSAL, PageSession
 from tsd_twin.dashboard.server.telemetry import RobotTelemetry

@@ -1,28 +1,131 @@
-"""Robot directory: info, state, events, health and round-trip times of all discovered robots."""
+"""Robot directory: info, state, events, health and round-trip times of all discovered robots; the
+shadow twin of a robot that a page shows runs on a thread of its own.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import bisect
 import itertools
+import logging
 import math
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack, closing
 from operator import attrgetter
-from typing import Protocol
+from typing import Any, Protocol
 
+from tsd_twin.bus import Subscriber
 from tsd_twin.client import procedures
-from tsd_twin.client.connection import RobotMonitor, Snapshot
+from tsd_twin.client.connection import RobotConnection, RobotMonitor, Snapshot
 from tsd_twin.dashboard.scene.appearance import RobotRoster
 from tsd_twin.dashboard.server.lease import RpcExecutor
 from tsd_twin.dashboard.server.messages_from_page import LOOK_BACK_S
 from tsd_twin.dashboard.server.messages_to_page import RobotName, RobotState
-from tsd_twin.dashboard.server.shadow_monitor import ShadowMonitor
 from tsd_twin.dashboard.server.telemetry import RobotTelemetry
-from tsd_twin.messages.requests import Event
+from tsd_twin.errors import MessageError
+from tsd_twin.messages.requests import Event, Sample
+from tsd_twin.messages.ros import decode_joints
+from tsd_twin.messages.status import decode_stamp, decode_status
+from tsd_twin.messages.topics import ODOM, STATUS, Topic
 from tsd_twin.recording.player import HARDWARE
-from tsd_twin.shadow import ShadowReport
+from tsd_twin.robots import kind_of
+from tsd_twin.shadow import STREAMS, ShadowFeed, ShadowReport, ShadowTwin
+
+LINGER_S = 10.0
+"""A twin goes on for so long after it was shown: it takes some seconds to know anything."""
+_PERIOD_S = 0.1
+_DEPTH = 64
+"""Queue of a stream: a second of it."""
+_LOG = logging.getLogger(__name__)
+
+
+class ShadowMonitor:
+    """Shadow twin of one robot, which runs while its report is asked for.
+
+    Without a page that shows it, it has neither subscriptions nor a thread.
+    """
+
+    def __init__(self, link: RobotConnection) -> None:
+        self._link = link
+        self._lock = threading.Lock()
+        self._asked_s = 0.0
+        self._thread: threading.Thread | None = None
+        self._ending = threading.Event()
+        self._report: ShadowReport | None = None
+
+    def report(self) -> ShadowReport | None:
+        """Return the newest report, and keep the twin running; None before the first.
+
+        A robot that cannot be simulated has none.
+        """
+        if not kind_of(self._link.robot).simulations:
+            return None
+        with self._lock:
+            self._asked_s = time.monotonic()
+            if self._thread is None and not self._ending.is_set():
+                self._thread = threading.Thread(target=self._run, name="shadow", daemon=True)
+                self._thread.start()
+            return self._report
+
+    def end(self) -> None:
+        """Let the thread end, for good."""
+        self._ending.set()
+
+    def close(self) -> None:
+        """End the thread, for good, and wait until it has."""
+        self.end()
+        thread = self._thread
+        if thread is not None:
+            thread.join()
+
+    def _run(self) -> None:
+        try:
+            self._compare()
+        except Exception:  # The description and the messages come from the bus.
+            _LOG.exception("the shadow twin of %s has ended", self._link.id)
+            self._ending.set()
+        finally:
+            with self._lock:
+                self._thread, self._report = None, None
+
+    def _compare(self) -> None:
+        link, feed = self._link, ShadowFeed(ShadowTwin(self._link.robot))
+        with ExitStack() as open_streams:
+
+            def subscribed(topic: Topic) -> Subscriber:
+                return open_streams.enter_context(closing(link.subscriber(topic, _DEPTH)))
+
+            statuses = subscribed(STATUS)
+            streams = {name: subscribed(topic) for name, topic in STREAMS.items()}
+            while not self._ending.wait(_PERIOD_S):
+                if time.monotonic() - self._asked_s > LINGER_S:
+                    return
+                if (sample := statuses.newest()) is not None:
+                    feed.status = _decoded(link, STATUS, sample) or feed.status
+                for name, stream in streams.items():
+                    for each in stream.take_samples():
+                        message = _decoded(link, STREAMS[name], each)
+                        if message is not None:
+                            feed.add(name, *message)
+                self._report = feed.twin.report()
+
+
+def _decoded(link: RobotConnection, topic: Topic, sample: Sample) -> Any:
+    """Return a status, or another message with the time of the robot's monotonic clock.
+
+    None if it is none: another program writes on this key.
+    """
+    try:
+        if topic is STATUS:
+            return decode_status(sample.payload)
+        decode = link.decode_odometry if topic is ODOM else decode_joints
+        return decode(sample.payload), decode_stamp(sample.attachment)[1]
+    except MessageError:
+        return None
+
 
 SPACING_S = 0.1
 _SLACK_S = 1.0

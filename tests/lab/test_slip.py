@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tsd_twin import robots
-from tsd_twin.estimation import Slip
 from tsd_twin.kinematics import JointKind
+from tsd_twin.lab.observer import Slip
 from tsd_twin.lie import Array
 from tsd_twin.robots import SingularityDescription
 from tsd_twin.simulation.mujoco_plant import MujocoSimulation
