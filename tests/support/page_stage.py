@@ -134,6 +134,7 @@ def robot(robot_id: str) -> dict[str, Any]:
         "max_rpm": None,
         "alternative_estimate": None,
         "plot_fields": [],
+        "not_promised": [],
     }
 
 

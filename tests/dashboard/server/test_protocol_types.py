@@ -9,6 +9,7 @@ from typing import get_args
 import msgspec
 import pytest
 
+from tests.support.page_stage import robot
 from tsd_twin.dashboard.scene.appearance import Layer
 from tsd_twin.dashboard.server import messages_from_page, messages_to_page
 from tsd_twin.dashboard.server.messages_from_page import Message
@@ -67,6 +68,10 @@ def test_the_page_knows_every_message_that_it_may_send_by_its_tag() -> None:
     said += TYPES.split("type TimelineRequest =")[1].split("\n\n")[0]
     quoted = set(re.findall(r'"(\w+)"', "".join(re.findall(r"\bt: ([^;}]*)[;}]", said))))
     assert quoted == tags
+
+
+def test_the_robot_of_tests_in_a_browser_has_the_fields_that_are_sent() -> None:
+    assert robot("tsd").keys() - {"t"} == fields(messages_to_page.RobotInfo)
 
 
 def test_the_presets_know_every_layer_and_every_tab_of_actuators() -> None:
