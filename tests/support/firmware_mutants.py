@@ -672,7 +672,7 @@ MUTANTS = (
         "two servos may have one id",
         "table.c",
         "  if (!all_differ(wanted.servo_id)) return ANSWER_RANGE;\n",
-        "",
+        "  (void)all_differ(wanted.servo_id);\n",
         "ids_of_servos_are_checked",
     ),
     Mutant(
