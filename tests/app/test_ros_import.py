@@ -36,7 +36,8 @@ from tsd_twin.ros.imported_robot import ZEROS
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 
-ODOM_TIMEOUT_S = 0.6
+ODOM_TIMEOUT_S = 2.0
+"""The robot of others is a thread of this process, which a busy machine holds up."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +82,9 @@ def stage() -> Generator[Stage]:
 @pytest.fixture
 def robot(stage: Stage) -> Generator[RobotClient]:
     with tsd_twin.connect(stage.endpoint) as connected:
+        if connected.state.mode in ("stopped", "fault"):
+            with connected.control("cleaner", take_over=True, arm=False) as base:
+                base.reset()
         yield connected
 
 
@@ -205,7 +209,7 @@ def test_old_odometry_refuses_and_stops(stage: Stage, robot: RobotClient) -> Non
                 cart.silent = True
                 cart.until(lambda: robot.state.mode == "fault", "it drives without odometry")
             until_quiet(stage)
-            assert "no odometry newer than 0.6 s" in robot.state.status.stop_reason
+            assert f"no odometry newer than {ODOM_TIMEOUT_S:g} s" in robot.state.status.stop_reason
             base.reset()
             with pytest.raises(TwinError, match="no odometry"):
                 base.arm()

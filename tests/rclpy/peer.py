@@ -16,15 +16,19 @@ from typing import Any
 
 import rclpy
 from geometry_msgs.msg import Twist, TwistStamped
+from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from tests.support.square_drive import SquareDrive
 
 PATIENCE_S = 20.0
 PERIOD_S = 0.05
+_CART_S, _CART_TIMEOUT_S = 0.04, 0.5
 
 
 def load(type_name: str) -> Any:
@@ -41,6 +45,51 @@ def plain(value: Any) -> Any:
     if hasattr(value, "tolist"):
         return value.tolist()
     return [plain(each) for each in value] if isinstance(value, (list, tuple)) else value
+
+
+class Cart:
+    """Robot of others, in one plane."""
+
+    def __init__(self, node: Node, urdf: str) -> None:
+        self.pose = [3.0, -2.0, 0.5]
+        self.heard = 0
+        self.silent = False
+        self._last, self._last_s, self._wheel_rad = (0.0, 0.0), -math.inf, 0.0
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._description = node.create_publisher(String, "/robot_description", latched)
+        self._description.publish(String(data=urdf))
+        self._odom = node.create_publisher(Odometry, "/odom", 10)
+        self._joints = node.create_publisher(JointState, "/joint_states", 10)
+        node.create_subscription(Twist, "/cmd_vel", self._take, 1)
+        node.create_timer(_CART_S, self._step)
+
+    @property
+    def twist(self) -> tuple[float, float]:
+        """Forward and turn that it follows now."""
+        return self._last if time.monotonic() - self._last_s < _CART_TIMEOUT_S else (0.0, 0.0)
+
+    def _take(self, message: Twist) -> None:
+        self.heard += 1
+        self._last, self._last_s = (message.linear.x, message.angular.z), time.monotonic()
+
+    def _step(self) -> None:
+        (vx, omega), (x, y, heading) = self.twist, self.pose
+        self.pose = [
+            x + _CART_S * vx * math.cos(heading),
+            y + _CART_S * vx * math.sin(heading),
+            heading + _CART_S * omega,
+        ]
+        self._wheel_rad += _CART_S * vx / 0.07
+        if self.silent:
+            return
+        odom = Odometry()
+        odom.header.frame_id = "odom"
+        odom.pose.pose.position.x, odom.pose.pose.position.y = self.pose[:2]
+        odom.pose.pose.orientation.z = math.sin(0.5 * self.pose[2])
+        odom.pose.pose.orientation.w = math.cos(0.5 * self.pose[2])
+        odom.twist.twist.linear.x, odom.twist.twist.angular.z = vx, omega
+        self._odom.publish(odom)
+        self._joints.publish(JointState(name=["wheel"], position=[self._wheel_rad]))
 
 
 class Peer:
@@ -139,6 +188,19 @@ class Peer:
             time.sleep(PERIOD_S)
         self._publish("/cmd_vel", (0.0, 0.0, 0.0), False)
         return drive.path_m
+
+    def cart(self, urdf: str) -> None:
+        """Be a robot with two wheels that follows `cmd_vel`, with a timeout of its own."""
+        self._cart = Cart(self._node, urdf)
+
+    def cart_at(self) -> dict[str, Any]:
+        """Return where the cart is, its speed, and the number of `cmd_vel` that came."""
+        cart = self._cart
+        return {"pose": cart.pose, "twist": cart.twist, "heard": cart.heard}
+
+    def cart_silent(self, silent: bool) -> None:
+        """Publish no odometry, or again."""
+        self._cart.silent = silent
 
     def _pose(self) -> tuple[float, float, float]:
         pose = self._newest["/odom"].pose.pose

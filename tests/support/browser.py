@@ -40,6 +40,7 @@ To draw it as often as it can takes most of the processor.
 """
 PATIENCE_MS = 60_000
 _PRESSES = 20
+_ARMING = re.compile("arming", re.IGNORECASE)
 _NEAR = re.compile(r"(^|\D)\d{1,2} ms")
 _CENTRE = """(found) => {
   const usable = found.find((each) => each.getAttribute("aria-disabled") !== "true");
@@ -130,6 +131,8 @@ def get_ready(page: Page, robot: str = "") -> None:
             if _press_now(page, name):
                 with contextlib.suppress(AssertionError):
                     expect(then).to_be_visible(timeout=PATIENCE_MS / _PRESSES)
+        with contextlib.suppress(AssertionError):  # The wheels of some spin up for two seconds.
+            expect(said).not_to_contain_text(_ARMING, timeout=PATIENCE_MS / _PRESSES)
     raise AssertionError(f"not in control and armed: {said.inner_text()}")
 
 

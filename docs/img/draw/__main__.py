@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import adapters
 import modes
 import omni_wheel
 import processes
@@ -14,6 +15,7 @@ import top_view
 import wiring
 
 DRAWINGS = {
+    "adapters": adapters.draw,
     "modes": modes.draw,
     "omni_wheel": omni_wheel.draw,
     "processes": processes.draw,

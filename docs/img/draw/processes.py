@@ -67,7 +67,7 @@ def _bus(sheet: Sheet) -> None:
 
 def _node(sheet: Sheet) -> None:
     _process(sheet, (700, 60), (260, 300), "robot node", "one thread, 100 Hz")
-    inside = "authority, limits, kinematics,\nodometry, conflict monitor"
+    inside = "lease, limits, kinematics,\nodometry, consistency monitor"
     _part(sheet, (715, 130), (230, 76), f"core: pure, time is an argument\n{inside}", GREEN)
     _part(sheet, (715, 246), (230, 36), "RobotIO: read, write", INK)
     _part(sheet, (715, 306), (106, 36), "SimRobot\n(tsd-mock)", INK)
