@@ -99,26 +99,30 @@ def test_it_is_shown_driven_and_stopped(stage: Stage) -> None:
             stage.drive_until(base, lambda: stage.forward_mps > 0.0, "it does not drive")
             robot.stop("test")
             cart.until(lambda: stage.forward_mps == 0.0, "STOP does not stop it")
-            assert robot.state.mode == "stopped"
+            cart.until(lambda: robot.state.mode == "stopped", "it does not latch")
 
 
 def test_old_odometry_is_a_fault_and_a_killed_adapter_sends_no_more(stage: Stage) -> None:
-    cart = stage.cart
     with tsd_twin.connect(stage.endpoint) as robot:
         until_ready(stage, robot)
-        # It cannot be released at the end.
-        with pytest.raises(TwinError, match="nor stopped"), robot.control("alice") as base:
-            stage.drive_until(base, lambda: stage.forward_mps > 0.0, "it does not drive")
-            cart.ask("cart_silent", silent=True)
-            stage.drive_until(base, lambda: robot.state.mode == "fault", "no fault")
-            assert "no odometry newer" in robot.state.status.stop_reason
-            cart.until(lambda: stage.forward_mps == 0.0, "it does not stop")
-            cart.ask("cart_silent", silent=False)
-            base.reset()
-            cart.until(lambda: robot.state.status.refusals.arm is None, "it does not count again")
-            base.arm()
-            stage.drive_until(base, lambda: stage.forward_mps > 0.0, "it does not drive again")
-            stage.adapter.process.kill()
-            killed_s = time.monotonic()
-            cart.until(lambda: stage.forward_mps == 0.0, "its own timeout does not stop it")
-            assert time.monotonic() - killed_s < OWN_TIMEOUT_S + 1.0
+        with pytest.raises(TwinError, match="nor stopped"):  # It cannot be released at the end.
+            drive_until_killed(stage, robot)
+
+
+def drive_until_killed(stage: Stage, robot: Any) -> None:
+    cart = stage.cart
+    with robot.control("alice") as base:
+        stage.drive_until(base, lambda: stage.forward_mps > 0.0, "it does not drive")
+        cart.ask("cart_silent", silent=True)
+        stage.drive_until(base, lambda: robot.state.mode == "fault", "no fault")
+        assert "no odometry newer" in robot.state.status.stop_reason
+        cart.until(lambda: stage.forward_mps == 0.0, "it does not stop")
+        cart.ask("cart_silent", silent=False)
+        base.reset()
+        cart.until(lambda: robot.state.status.refusals.arm is None, "it does not count again")
+        base.arm()
+        stage.drive_until(base, lambda: stage.forward_mps > 0.0, "it does not drive again")
+        stage.adapter.process.kill()
+        killed_s = time.monotonic()
+        cart.until(lambda: stage.forward_mps == 0.0, "its own timeout does not stop it")
+        assert time.monotonic() - killed_s < OWN_TIMEOUT_S + 1.0
