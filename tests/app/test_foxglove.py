@@ -164,10 +164,13 @@ def test_a_foreign_client_arms_drives_and_silence_stops_the_robot(
 ) -> None:
     """Within the distance that is promised for a link that fails."""
 
-    async def drive_and_fall_silent(it: ForeignClient) -> int:
-        """Return how often the robot has had to stop by itself, as on a busy machine."""
+    async def drive_and_fall_silent(it: ForeignClient) -> bool:
+        """Return whether the robot was driven, and never had to stop by itself.
+
+        On a busy machine it has to; or the adapter is held up, so that it asks for a pause.
+        """
         await it.pause()
-        before, start_m = it.status["stops"], it.x_m
+        before, start_m, said = it.status["stops"], it.x_m, len(it.said)
         await it.push(SPEED_MPS, 1.2, encoding)
         last_m, last_s = it.x_m, time.monotonic()
         await it.until(lambda: it.status["mode"] == "ready", "it does not stop")
@@ -176,18 +179,19 @@ def test_a_foreign_client_arms_drives_and_silence_stops_the_robot(
         travel_m = it.x_m - last_m
         assert travel_m < ALLOWANCE_M + 0.04 * SPEED_MPS, travel_m
         assert time.monotonic() - last_s < 10.0
-        assert last_m - start_m > 0.3 or it.status["stops"] > before
-        return it.status["stops"] - before
+        stops, drove = it.status["stops"] - before, last_m - start_m > 0.3
+        assert drove or stops or "after a pause" in " ".join(it.said[said:])
+        return drove and not stops
 
     async def work() -> None:
         async with foreign_client(stage.url) as it:
             answer = await it.call("/arm")
             assert answer == {"success": True, "message": "ready"}
             assert it.status["lease"]["holder"].startswith("foxglove-")
-            stops = [await drive_and_fall_silent(it)]
-            while stops[-1] and len(stops) < 3:
-                stops.append(await drive_and_fall_silent(it))
-            assert stops[-1] == 0, "the adapter sends no zeros"
+            for _ in range(TRIES):
+                if rested := await drive_and_fall_silent(it):
+                    break
+            assert rested, "the adapter sends no zeros"
 
     stage.run(work())
 

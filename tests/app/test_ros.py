@@ -198,9 +198,12 @@ def test_a_node_arms_drives_and_silence_stops_the_robot(stage: Stage, type_name:
     node = stage.node
     publisher = node.publisher("/cmd_vel", type_name)
 
-    def drive_and_fall_silent() -> int:
-        """Return how often the robot has had to stop by itself, as on a busy machine."""
-        before, start_m = node.status["stops"], node.x_m
+    def drive_and_fall_silent() -> bool:
+        """Return whether the robot was driven, and never had to stop by itself.
+
+        On a busy machine it has to; or the adapter is held up, so that it asks for a pause.
+        """
+        before, start_m, said = node.status["stops"], node.x_m, len(node.said)
         stage.pause()
         end_s = time.monotonic() + 1.2
         while time.monotonic() < end_s:
@@ -213,12 +216,13 @@ def test_a_node_arms_drives_and_silence_stops_the_robot(stage: Stage, type_name:
         stage.until_still()
         assert node.x_m - last_m < ALLOWANCE_M + 0.04 * SPEED_MPS
         node.until(lambda: node.status["mode"] == "ready", "it is not ready")
-        assert last_m - start_m > 0.3 or node.status["stops"] > before
-        return node.status["stops"] - before
+        stops, drove = node.status["stops"] - before, last_m - start_m > 0.3
+        assert drove or stops or "after a pause" in " ".join(node.said[said:])
+        return drove and not stops
 
     assert node.call("/arm") == (True, "ready")
     node.until(lambda: str(node.status["lease"]["holder"]).startswith("ros-"), "not held")
-    assert 0 in (drive_and_fall_silent() for _ in range(3)), "the adapter sends no zeros"
+    assert any(drive_and_fall_silent() for _ in range(TRIES)), "the adapter sends no zeros"
 
 
 def test_a_publisher_that_is_killed_leaves_a_robot_at_rest(stage: Stage) -> None:
