@@ -320,6 +320,30 @@ def test_the_adapter_that_hangs_drives_on_with_no_command_of_before(stage: Stage
     assert moved_m < 0.01
 
 
+def test_after_a_stop_by_itself_the_next_push_counts(stage: Stage) -> None:
+    """How a motion ended that is held no more is no reason against the next one."""
+    assert stage.node.call("/arm")[0]
+    with tsd_twin.connect(stage.endpoint) as robot:
+        assert any(pushed_after_stop_m(stage, robot) > 0.05 for _ in range(TRIES))
+
+
+def pushed_after_stop_m(stage: Stage, robot: tsd_twin.Robot) -> float:
+    """Let the robot stop by itself after a push, and return how far the next one moves it."""
+    stage.pause()
+    stage.push(0.4, 1.0)
+    before = robot.state.status.stops
+    stage.adapter.process.send_signal(signal.SIGSTOP)
+    try:
+        stage.node.until(lambda: robot.state.status.stops > before, "it does not stop")
+    finally:
+        stage.adapter.process.send_signal(signal.SIGCONT)
+    stage.until_still()
+    robot.sleep(1.0)
+    start_m = robot.state.truth.pose.x_m
+    stage.push(0.4, 1.0)
+    return robot.state.truth.pose.x_m - start_m
+
+
 def moved_after_hang(stage: Stage) -> tuple[float, float]:
     """Return how far the robot moved after the adapter went on, and the longest pause of twists."""
     stage.node.call("/arm")

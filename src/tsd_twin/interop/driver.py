@@ -22,6 +22,7 @@ from tsd_twin.client import (
 )
 from tsd_twin.errors import TwinError
 from tsd_twin.interop.cmd_vel import (
+    PAUSE_S,
     Acquire,
     Action,
     CmdVel,
@@ -51,6 +52,7 @@ class RobotDriver:
         self._robot, self._say = robot, say
         self._turning = robot.description.kinematics().pose_type is SO3
         self._control: AsyncRobotControl | None = None
+        self._driven_s = -math.inf
         self._using = asyncio.Lock()  # One request at a time changes the lease.
         self._tasks: set[asyncio.Task[None]] = set()
         self._start(self._poll())
@@ -197,18 +199,29 @@ class RobotDriver:
         control = self._control
         if control is None:
             return
+        now_s = self._robot.time_s
+        # How the motion before has ended, once the stick was let go, is no reason against this one.
+        tries = 2 if now_s - self._driven_s >= PAUSE_S else 1
+        self._driven_s = now_s
+        for left in reversed(range(tries)):
+            try:
+                self._set(control, action)
+                return
+            except ControlLost:
+                self._note_loss(control)
+                return
+            except TwinError as error:
+                if not left:
+                    self._perform(self.machine.motion_failed(str(error), now_s))
+
+    def _set(self, control: AsyncRobotControl, action: Drive) -> None:
         vx, vy, _, wx, wy, wz = action.twist
-        try:
-            if self._turning:
-                control.set_turn_rate(
-                    wx_rad_per_s=wx, wy_rad_per_s=wy, wz_rad_per_s=wz, frame=action.frame
-                )
-            else:
-                control.set_velocity(vx_mps=vx, vy_mps=vy, omega_rad_per_s=wz, frame=action.frame)
-        except ControlLost:
-            self._note_loss(control)
-        except TwinError as error:
-            self._perform(self.machine.motion_failed(str(error), self._robot.time_s))
+        if self._turning:
+            control.set_turn_rate(
+                wx_rad_per_s=wx, wy_rad_per_s=wy, wz_rad_per_s=wz, frame=action.frame
+            )
+        else:
+            control.set_velocity(vx_mps=vx, vy_mps=vy, omega_rad_per_s=wz, frame=action.frame)
 
     def _note_loss(self, control: AsyncRobotControl) -> None:
         self._perform(self.machine.lost(control.lost_reason, self._robot.time_s))
