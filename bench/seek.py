@@ -77,12 +77,13 @@ def _page_rows(folder: Path, seeks: int) -> Iterator[Row]:
     with program([*run, "tsd_mock", "--listen", "tcp/127.0.0.1:0", "--until-eof"]) as endpoint:
         dashboard = program([*page, "--connect", endpoint])
         with dashboard as url, contextlib.ExitStack() as open_pages:
-            first, *others = pages = [RecordedPage(url, open_pages) for _ in range(_PAGES)]
+            pages = [RecordedPage(url, open_pages) for _ in range(_PAGES)]
             process, random = psutil.Process(dashboard.process.pid), np.random.default_rng(2)
-            times_s = random.uniform(1.0, first.duration_s, size=(3, seeks)).round(3).tolist()
-            taken_ms = [first.seek_ms(t_s) for t_s in times_s[0]]
+            times_s = random.uniform(1.0, pages[0].duration_s, size=(3, seeks)).round(3).tolist()
+            taken_ms = [pages[0].seek_ms(t_s) for t_s in times_s[0]]
+            # In turn, as below: only so the caches of all of them are full at once.
             for number, t_s in enumerate(times_s[1]):
-                others[number % len(others)].seek_ms(t_s)
+                pages[number % len(pages)].seek_ms(t_s)
             before = process.memory_info().rss
             for number, t_s in enumerate([*times_s[2], *times_s[0]]):
                 pages[number % len(pages)].seek_ms(t_s)
