@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import pty
 import re
-import socket
 import ssl
 import subprocess
 import sys
 from collections.abc import Callable, Generator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, expect
+from websockets.asyncio.client import connect as connect_async
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
@@ -242,6 +244,23 @@ def test_a_viewer_in_a_browser_has_nothing_to_drive_with_and_goes_when_logged_ou
     page.wait_for_url("**/login")
 
 
+async def answer(host: str, port: int, headers: dict[str, str], trusting: ssl.SSLContext) -> int:
+    """Return the status with which the page's websocket answers, 101 if it opens."""
+    # Not the client of `websockets.sync`: see `test_other_machines_need_a_token_and_tls`.
+    try:
+        async with connect_async(
+            f"wss://{host}/twin/teleop?page=0123456789abcdef",
+            host="127.0.0.1",
+            port=port,
+            additional_headers=headers,
+            ssl=trusting,
+            open_timeout=PATIENCE_S,
+        ):
+            return 101
+    except InvalidStatus as refused:
+        return refused.response.status_code
+
+
 def test_nginx_as_on_the_page_of_the_docs(
     start: Start, folder: Path, endpoint: str, context: BrowserContext, tmp_path: Path
 ) -> None:
@@ -281,17 +300,10 @@ def test_nginx_as_on_the_page_of_the_docs(
         trusting = ssl.create_default_context(cafile=folder / "keys" / "ca.pem")
         for origin, allowed in ((f"https://{host}", True), ("https://evil.example", False)):
             headers = {"Cookie": value, "Origin": origin}
-            status = 101
-            try:
-                connect(
-                    f"wss://{host}/twin/teleop?page=0123456789abcdef",
-                    sock=socket.create_connection(("127.0.0.1", proxy.port)),
-                    additional_headers=headers,
-                    ssl=trusting,
-                    open_timeout=PATIENCE_S,
-                ).close()
-            except InvalidStatus as refused:
-                status = refused.response.status_code
+            # On a thread: this one has the event loop of Playwright.
+            with ThreadPoolExecutor(1) as pool:
+                asked = answer(host, proxy.port, headers, trusting)
+                status = pool.submit(asyncio.run, asked).result()
             assert (status == 101) is allowed, (origin, status)
         press(page, "Log out")
         page.wait_for_url("**/twin/login")

@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
+from tests.support.tls_connection import TlsConnection
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.client.connection import RobotMonitor
@@ -64,7 +65,7 @@ class Page:
         acknowledge: bool = True,
         user: str = "web",
         cookie: str | None = None,
-        through: ClientConnection | None = None,
+        through: TlsConnection | None = None,
         recording: str = "",
     ) -> None:
         """`recording` is shown, if any; `through` is a connection that is open already."""
@@ -80,7 +81,7 @@ class Page:
         self._changed = threading.Condition()
         self._ended = threading.Event()
         self._sending = threading.Lock()
-        self._socket: ClientConnection = through or connect(
+        self._socket: ClientConnection | TlsConnection = through or connect(
             f"ws://127.0.0.1:{port}/teleop?page={page}"
             + (f"&recording={recording}" if recording else ""),
             additional_headers=None if cookie is None else {"Cookie": cookie},
@@ -98,6 +99,7 @@ class Page:
 
     def send_together(self, data: bytes) -> None:
         """Send the raw frames `data` in one write, so that they arrive together."""
+        assert isinstance(self._socket, ClientConnection)
         self._socket.socket.sendall(data)
 
     @property
