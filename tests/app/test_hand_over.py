@@ -60,6 +60,8 @@ def hand_over_by_keyboard(alice: Page, bob: Page) -> None:
     assert "You have asked" in notice(bob)
     assert re.fullmatch(r"web-[0-9a-f]{8} asks for control\.", notice(alice))
     assert alice.evaluate(ACTIVE) == before, "the notice takes no focus"
+    expect(drives(alice)).to_be_visible()  # Who stalls loses control to who has asked for it.
+    expect(drives(bob)).to_be_hidden()
     alice.get_by_role("button", name="Hand over").focus()
     alice.keyboard.press("Enter")
     expect(drives(bob)).to_be_visible(timeout=SOON_MS)

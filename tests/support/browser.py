@@ -159,34 +159,30 @@ def get_ready(page: Page, robot: str = "") -> None:
 
 
 def trials(*pages: Page) -> Iterator[contextlib.AbstractContextManager[None]]:
-    """Yield contexts until one has ended in which no page stalled, of pages with `WATCH_STALLS`.
+    """Yield contexts until what is tried in one has not failed; only a stall lets a trial fail.
 
-    A page that stalls lets go, and loses control: what is tried meanwhile shows nothing, whether it
-    fails or passes. What fails without a stall fails, and so does the last one in any case.
+    A page that stalls lets go, and loses control: what fails then shows nothing, and is tried
+    again. What fails without a stall of one of the pages, which need `WATCH_STALLS`, fails.
     """
-    counts = False
+    passed = False
 
     @contextlib.contextmanager
     def trial(*, last: bool) -> Iterator[None]:
-        nonlocal counts
+        nonlocal passed
         for page in pages:
             page.evaluate("longestStallMs()")
         try:
             yield
+            passed = True
         except (AssertionError, PlaywrightError):
-            if last or not _have_stalled(pages):
+            stalled_ms = max(page.evaluate("longestStallMs()") for page in pages)
+            if last or stalled_ms < _STALL_MS:
                 raise
-        else:
-            counts = last or not _have_stalled(pages)
 
     for left in reversed(range(_TRIALS)):
         yield trial(last=left == 0)
-        if counts:
+        if passed:
             return
-
-
-def _have_stalled(pages: tuple[Page, ...]) -> bool:
-    return max(page.evaluate("longestStallMs()") for page in pages) > _STALL_MS
 
 
 def press_now(page: Page, name: str) -> bool:
