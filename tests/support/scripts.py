@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import tsd_twin
-from tests.app.conftest import Program
+from tests.app.conftest import Program, reset_if_held_up
 
 PATIENCE_S = 90.0
 _GOES = 3
@@ -59,18 +59,22 @@ def drive(
     duration_s: float,
     operator: str = "script",
 ) -> None:
-    """Drive a robot; another time when it stopped by itself, as above."""
+    """Drive a robot; another time when it stopped by itself, as above, or was held up itself."""
     for left in reversed(range(_GOES)):
-        with tsd_twin.connect(endpoint) as robot, robot.control(operator) as base:
-            try:
+        try:
+            with (
+                tsd_twin.connect(endpoint) as robot,
+                robot.control(operator, take_over=left < _GOES - 1) as base,
+            ):
                 base.drive(
                     vx_mps=vx_mps,
                     vy_mps=vy_mps,
                     omega_rad_per_s=omega_rad_per_s,
                     duration_s=duration_s,
                 )
-            except (tsd_twin.RobotStopped, tsd_twin.RobotSilent):
-                if not left:
-                    raise
-            else:
-                return
+        except tsd_twin.ClientError as error:
+            starved = isinstance(error, tsd_twin.RobotStopped | tsd_twin.RobotSilent)
+            if not left or not (reset_if_held_up(endpoint) or starved):
+                raise
+        else:
+            return
