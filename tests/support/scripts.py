@@ -10,11 +10,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import tsd_twin
-from tests.app.conftest import Program, reset_if_held_up
+from tests.app.conftest import HELD_UP, Program, reset_if_held_up
 
 PATIENCE_S = 90.0
 _GOES = 3
-_STARVED = re.compile(r"(RobotStopped: .* stopped by itself|RobotSilent): ")
+_STARVED = re.compile(rf"(RobotStopped: .* stopped by itself|RobotSilent): |{HELD_UP}")
 
 
 @contextmanager
@@ -28,14 +28,16 @@ def mock_endpoint() -> Generator[str]:
         mock.clean_up()
 
 
-def run_script(script: Path, folder: Path, *arguments: str) -> str:
+def run_script(script: Path, folder: Path, *arguments: str, endpoint: str = "") -> str:
     """Run a script with `folder` as its working directory; return what it prints.
 
     A robot stops by itself when a script gets no processor for 0.2 s, and the script ends with that
     error. Beside other tests it may happen once or twice, and the script has another go; any other
-    error is one of the script.
+    error is one of the script. The robot there that was held up itself is in a fault, and is reset.
     """
     for _ in range(_GOES):
+        if endpoint:
+            reset_if_held_up(endpoint)
         done = subprocess.run(
             [sys.executable, str(script), *arguments],
             cwd=folder,
