@@ -117,6 +117,14 @@ def test_pose_sensor(tmp_path: Path) -> None:
 def test_ask_for_control(endpoint: str, tmp_path: Path) -> None:
     said = run("08_ask_for_control", tmp_path, endpoint).splitlines()
     assert said == ["alice has control", "bob asks for control", "bob has control"]
+    # What refuses Alice ends the script: Bob does not wait for her.
+    command = [sys.executable, str(FOLDER / "08_ask_for_control.py"), endpoint]
+    with tsd_twin.connect(endpoint) as robot, robot.control("carol", arm=False):
+        refused = subprocess.run(
+            command, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE_S
+        )
+    assert refused.returncode == 1
+    assert "ControlDenied" in refused.stderr
 
 
 def test_gimbal_angles(tmp_path: Path) -> None:
