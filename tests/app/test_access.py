@@ -28,6 +28,7 @@ from tests.support.browser import (
     executable,
     mode,
     press,
+    press_until,
 )
 from tests.support.mistaken_programs import start_each
 from tests.support.nginx import nginx
@@ -217,8 +218,7 @@ def test_alice_logs_in_drives_under_her_name_and_logs_out(
     assert cookie.get("sameSite") == "Strict"
     page.goto(url + QUICK)
     press(page, "Skip")
-    press(page, "Take control")
-    expect(page.get_by_role("button", name="Release control")).to_be_visible(timeout=PATIENCE_MS)
+    press_until(page, "Take control", page.get_by_role("button", name="Release control"))
     press(page, "Log out")
     page.wait_for_url("**/login")
     assert context.cookies() == []
@@ -291,10 +291,7 @@ def test_nginx_as_on_the_page_of_the_docs(
         assert (cookie.get("path"), cookie.get("secure")) == ("/twin", True)
         page.goto(f"{there}/{QUICK}")
         press(page, "Skip")
-        press(page, "Take control")
-        expect(page.get_by_role("button", name="Release control")).to_be_visible(
-            timeout=PATIENCE_MS
-        )
+        press_until(page, "Take control", page.get_by_role("button", name="Release control"))
         expect(page.get_by_role("slider", name="Forward (m/s)")).to_be_visible(timeout=PATIENCE_MS)
         value = f"{cookie.get('name')}={cookie.get('value')}"
         trusting = ssl.create_default_context(cafile=folder / "keys" / "ca.pem")

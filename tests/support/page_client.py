@@ -164,7 +164,7 @@ class Page:
         """Hold the stick, and wait until the robot obeys.
 
         A page that is starved echoes an old status: the gateway releases its stick, and a person
-        would centre it and push again.
+        would centre it and push again. A robot that is starved is in a fault, and is reset.
         """
         for _ in range(_PUSHES):
             before = len(self.all("released"))
@@ -176,6 +176,9 @@ class Page:
                 return
             self.holds = {"vx": 0.0, "vy": 0.0, "omega": 0.0}
             time.sleep(4 * DRIVE_S)
+            if self.mode in ("fault", "disarmed") or not self.state["you"]:
+                self.let_go()
+                self.make_ready()
         raise AssertionError(f"not driving after {_PUSHES} pushes of the stick")
 
     def let_go(self) -> None:
