@@ -15,7 +15,8 @@ import numpy.typing as npt
 from tsd_twin.errors import MissingExtraError
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import RPM, SingularityDescription
-from tsd_twin.simulation.actuators import Actuation, SimulationOptions
+from tsd_twin.simulation.actuators import SimulationOptions
+from tsd_twin.simulation.singularity import Actuation
 
 
 def load_mujoco() -> Any:

@@ -16,7 +16,7 @@ from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import Gyro
 from tsd_twin.robots.omni import DeadWheels
-from tsd_twin.simulation.actuators import Actuation
+from tsd_twin.simulation.singularity import Actuation
 
 
 class Simulation(Protocol):

@@ -1,22 +1,33 @@
-"""Kinematic simulation of singularity drives: rolling without slip, integrated to fourth order."""
+"""Simulation of singularity drives: their actuators, and kinematics of rolling without slip,
+integrated to fourth order.
+"""
 
 from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from statistics import fmean
 from typing import Unpack
 
 import numpy as np
 
-from tsd_twin.kinematics import SingularityKinematics
+from tsd_twin.kinematics import JointKind, SingularityKinematics
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import SingularityDescription
-from tsd_twin.simulation.actuators import Actuation, SimulationOptions
+from tsd_twin.simulation.actuators import (
+    Motors,
+    Servos,
+    SimulationOptions,
+    SpeedControllers,
+    WheelSurface,
+)
 
 _SLOPES = np.array([[-3.0, 4.0, -1.0], [-1.0, 0.0, 1.0], [1.0, -4.0, 3.0]])
 """Slopes at the start, middle and end of the parabola through three values there, times dt."""
 _SIMPSON = np.array([[1.0, 4.0, 1.0]]) / 6.0
+_SETTLED = 1e-9
+"""Radians and rad/s from the goal at which joints count as being there: some 10 nm/s."""
 _REMEMBERED = 16
 """Number of step lengths that are remembered: steps of 0.01 s differ in their last digits."""
 
@@ -25,6 +36,265 @@ _REMEMBERED = 16
 def _step_rules(dt_s: float) -> tuple[Array, Array]:
     """Matrices for the slopes, and for the integral, over a step of `dt_s` seconds."""
     return _SLOPES / dt_s, dt_s * _SIMPSON
+
+
+@functools.lru_cache(maxsize=_REMEMBERED)
+def _decays(
+    rate: float, up_s: float, down_s: float, times_s: tuple[float, ...]
+) -> list[list[float]]:
+    """Return for each time the decay of a servo, less 1, and those of a motor, up and down."""
+    elapsed_s = np.array(times_s)
+    decays = np.expm1(-rate * elapsed_s), np.exp(-elapsed_s / up_s), np.exp(-elapsed_s / down_s)
+    return np.stack(decays, axis=-1).tolist()
+
+
+class Actuation:
+    """Turns set-points into goals of servos and motors, and joints into measurements.
+
+    `noise` scales the standard deviations of the description. Measured gimbal angles have noise;
+    the speed of each wheel is off by a constant share. The controller knows the `[calibration]` of
+    the machine, and none of its `robot.errors`.
+    """
+
+    def __init__(
+        self,
+        robot: SingularityDescription,
+        batch: tuple[int, ...],
+        seed: int | None = 0,
+        noise: float = 0.0,
+        battery_v: float | None = None,
+    ) -> None:
+        self.kinematics: SingularityKinematics = robot.kinematics()
+        kinds = [joint.kind for joint in self.kinematics.joints]
+        self.angles = np.flatnonzero([kind is JointKind.POSITION for kind in kinds])
+        """Indices of the gimbals in the joint vector."""
+        self.wheels = np.flatnonzero([kind is JointKind.VELOCITY for kind in kinds])
+        """Indices of the wheels in the joint vector."""
+        self._joints = len(kinds)
+        shape = (*batch, len(self.wheels))
+        self._offsets = robot.actuator_offsets()
+        # A separate random generator: the errors of construction are independent of the noise.
+        built = np.random.default_rng(None if seed is None else [seed, 1])
+        nominal_v = robot.battery.nominal_v
+        off = robot.errors.battery_share * built.standard_normal((*batch, 1))
+        given = nominal_v * (1.0 + off) if battery_v is None else battery_v
+        self.battery_v: Array = np.broadcast_to(given, off.shape)
+        """(..., 1): voltage, of each robot."""
+        self.surface = WheelSurface.of(self.kinematics, robot.errors.layer_m, built, shape)
+        self._sound_servos = Servos.of(robot, nominal_v)
+        self.servos = Servos.of(robot, self.battery_v)
+        self.servo_shares: Array = np.ones((*batch, len(self.angles)))
+        """(..., 2k): speed of each servo relative to a sound one."""
+        self.motors = Motors.of(robot)
+        self.controllers = SpeedControllers(
+            shape, float(self.motors.signals[0]), robot.motor.arming_hold_s
+        )
+        self._random = np.random.default_rng(seed)
+        self._angle_noise_rad = noise * float(np.radians(robot.noise.gimbal_angle_deg))
+        spin_errors = noise * robot.noise.spin_share * self._random.standard_normal(shape)
+        self._nominal_v = nominal_v
+        self._sound_share = (1.0 + spin_errors) * self._offsets.scale[self.wheels]
+        self._wheel_shares: Array = np.ones(shape)
+        self._unloaded: Array = np.zeros(shape)
+        """(..., k): speeds by the motor table for the newest signals."""
+        self._offset = self._offsets.offset[self.angles]
+        wrong = np.radians(robot.errors.zero_deg)
+        self.zero_rad: Array = self._offset + wrong * built.standard_normal(
+            (*batch, len(self.angles))
+        )
+        """(..., 2k): angle at which each gimbal stands when its servo reports 0."""
+        self.goals: Array = self.zero_rad.copy()
+        """(..., 2k): goal angles of the servos."""
+        self.speed_goals: Array = np.zeros(shape)
+        """(..., k): steady-state speeds of the motors, rad/s."""
+        self.play_rad: Array = np.zeros_like(self.goals)
+        """(..., 2k): how far the motor of each servo is ahead of its gimbal."""
+        self._all_on = False
+        """Whether no motor is shut off."""
+        self._repeatable: tuple[tuple[int, ...], bytes] | None = None
+        """The newest set-point, if it changes nothing when it is given again."""
+        self._last_speeds = b""
+        """The newest commanded speeds, if they change nothing when they are commanded again."""
+
+    def command(self, setpoint: Array) -> bool:
+        """Give all actuators new set-points, (..., n); return whether that can change anything.
+
+        Wheels turn one way only; a speed of zero or less is zero throttle.
+
+        Raises:
+            ValueError: as `checked`.
+        """
+        same = (np.shape(setpoint), np.asarray(setpoint, dtype=float).tobytes())
+        if same == self._repeatable:
+            return False
+        actuators = self._offsets.to_actuators(self.checked(setpoint))
+        self.goals[...] = self.zero_rad + self.servos.goal(actuators[..., self.angles])
+        self._set_motor_speeds(actuators[..., self.wheels])
+        self._repeatable = same if self._last_speeds else None
+        return True
+
+    def _set_motor_speeds(self, speeds: Array) -> None:
+        """Command the motor speeds (..., k)."""
+        speed_bytes = speeds.tobytes()
+        if speed_bytes == self._last_speeds:
+            return
+        signal = self.controllers.command(self.motors.signal(speeds))
+        self._unloaded[...] = self.motors.speed(signal)
+        self._set_speed_goals()
+        self._last_speeds = speed_bytes if self.controllers.is_repeatable else b""
+
+    def lose_drive(self) -> None:
+        """Take the power of the speed controllers away: no motor is driven, and they arm anew."""
+        self.controllers.lose_power()
+        self._unloaded[...] = 0.0
+        self._set_speed_goals()
+        self._repeatable, self._last_speeds = None, b""
+
+    def degrade(self, shares: Array) -> None:
+        """Let each joint be slower from now on: `shares` (..., n) of a sound one's speed."""
+        shares = np.broadcast_to(shares, (*self.goals.shape[:-1], self._joints))
+        self.servo_shares = shares[..., self.angles].copy()
+        self._wheel_shares = shares[..., self.wheels].copy()
+        self._update_supply()
+
+    def set_battery(self, battery_v: float) -> None:
+        """Set the voltage of the battery from now on."""
+        self.battery_v = np.full_like(self.battery_v, battery_v)
+        self._update_supply()
+
+    def _update_supply(self) -> None:
+        sound = self._sound_servos
+        limit = sound.speed_limit_rad_per_s * self.battery_v / self._nominal_v
+        self.servos = replace(
+            sound,
+            speed_limit_rad_per_s=limit * self.servo_shares,
+            approach_rate_per_s=sound.approach_rate_per_s * self.servo_shares,
+        )
+        self._set_speed_goals()
+        self._repeatable = None  # The same set-points now mean another motion.
+
+    def _set_speed_goals(self) -> None:
+        # The curves were measured at the nominal voltage.
+        share = self.battery_v / self._nominal_v * self._sound_share * self._wheel_shares
+        self.speed_goals[...] = self._unloaded * share
+        self._all_on = bool(self.speed_goals.all())
+
+    def checked(self, setpoint: Array) -> Array:
+        """Set-points (..., n), one for each robot.
+
+        Raises:
+            ValueError: a number is not finite, or there is not one for each joint.
+        """
+        if not np.isfinite(setpoint).all():
+            raise ValueError(f"set-points must be finite, these are {setpoint}")
+        shape = (*self.goals.shape[:-1], self._joints)
+        return setpoint if np.shape(setpoint) == shape else np.broadcast_to(setpoint, shape)
+
+    def after(self, joints: Array, elapsed_s: Array) -> Array:
+        """Joints without load at times (m, ..., 1) from now, which the last one becomes."""
+        if joints.ndim == 1 and (few := self._few_after(joints, elapsed_s)) is not None:
+            return few
+        angles, goals = joints[..., self.angles], self.goals
+        turning_s = elapsed_s
+        if not self.servos.are_ideal:
+            turning_s, play = self.servos.cross(angles, goals, self.play_rad, elapsed_s)
+            self.play_rad = play[-1]
+        later = np.empty((len(elapsed_s), *joints.shape))
+        modules = later.reshape(*later.shape[:-1], len(self.wheels), 3)
+        turned = self.servos.after(angles, goals, turning_s)
+        modules[..., :2] = turned.reshape(*turned.shape[:-1], len(self.wheels), 2)
+        speeds = joints[..., self.wheels]
+        modules[..., 2] = self.motors.after(speeds, self.speed_goals, elapsed_s)
+        return later
+
+    def _few_after(self, joints: Array, elapsed_s: Array) -> Array | None:
+        """Return `after` of one robot in plain floats: in a third of the time, and the same bits.
+
+        None if a servo is not ideal, slower than a sound one, or at its top speed.
+        """
+        servos, motors = self.servos, self.motors
+        limit, rate = servos.speed_limit_rad_per_s, servos.approach_rate_per_s
+        if not (servos.are_ideal and isinstance(rate, float) and np.size(limit) == 1):
+            return None
+        now, goals, speed_goals = joints.tolist(), self.goals.tolist(), self.speed_goals.tolist()
+        errors = [goal - now[i] for goal, i in zip(goals, self.angles.tolist(), strict=True)]
+        near_rad = float(np.take(limit, 0)) / rate
+        if not all(abs(error) <= near_rad for error in errors):
+            return None
+        times_s, later = tuple(elapsed_s.ravel().tolist()), list[float]()
+        up_s, down_s = motors.time_constant_up_s, motors.time_constant_down_s
+        for fallen, up, down in _decays(rate, up_s, down_s, times_s):
+            distances = [abs(error) + abs(error) * fallen for error in errors]
+            turned = [
+                goal - math.copysign(left, error)
+                for goal, left, error in zip(goals, distances, errors, strict=True)
+            ]
+            for at, goal in enumerate(speed_goals):
+                speed = now[3 * at + 2]
+                speed = goal + (speed - goal) * (up if goal > speed else down)
+                later += (turned[2 * at], turned[2 * at + 1], speed)
+        return np.array(later).reshape(len(times_s), len(now))
+
+    def rates(self, joints: Array) -> Array:
+        """How fast gimbals turn at `joints` (..., n) without load, rad/s; of wheels 0."""
+        rates = np.zeros_like(joints)
+        speed = self.servos.rate(joints[..., self.angles], self.goals)
+        edge_rad = 0.5 * self.servos.backlash_rad
+        touches = np.abs(np.copysign(edge_rad, speed) - self.play_rad) <= 1e-12
+        rates[..., self.angles] = speed * touches
+        return rates
+
+    def come_to_rest(self, joints: Array) -> None:
+        """Put joints (..., n) that are all but at rest there: of modules with motors shut off."""
+        if self._all_on:
+            return
+        off = self.speed_goals == 0.0
+        speeds, angles = joints[..., self.wheels], joints[..., self.angles]
+        slow = off & (np.abs(speeds) < _SETTLED)
+        near = np.repeat(slow, 2, axis=-1) & (np.abs(angles - self.goals) < _SETTLED)
+        joints[..., self.wheels] = np.where(slow, 0.0, speeds)
+        joints[..., self.angles] = np.where(near, self.goals, angles)
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether what is measured has no noise."""
+        return self._angle_noise_rad <= 0.0
+
+    def stands(self, joints: Array) -> bool:
+        """Whether all wheels stand and all gimbals are exactly at their goals."""
+        return not (
+            self._all_on
+            or self.speed_goals.any()
+            or joints[..., self.wheels].any()
+            or (joints[..., self.angles] != self.goals).any()
+        )
+
+    def settled(self, joints: Array) -> bool:
+        """Whether nothing changes any more."""
+        turning = np.abs(self.servos.rate(joints[..., self.angles], self.goals))
+        off = np.abs(joints[..., self.wheels] - self.speed_goals)
+        slowest = _SETTLED * np.asarray(self.servos.approach_rate_per_s)
+        return bool((turning < slowest).all() and off.max() < _SETTLED)
+
+    def measure(self, joints: Array) -> Array:
+        """Joint vector (..., n), its angles as the servos report them: in whole steps.
+
+        Wheel speeds are exact here; whether a robot measures them is for the caller to say.
+        """
+        measured = joints.copy()
+        angles = joints.take(self.angles, axis=-1) - self.zero_rad
+        if self._angle_noise_rad > 0.0:
+            angles += self._angle_noise_rad * self._random.standard_normal(angles.shape)
+        measured[..., self.angles] = self.servos.quantise(angles) + self._offset
+        return measured
+
+    def hardware_status(self) -> dict[str, object]:
+        """Voltage, whether the speed controllers are armed, and what pulses they get."""
+        return {
+            "battery_v": fmean(self.battery_v.ravel().tolist()),
+            "esc_armed": all(self.controllers.armed.ravel().tolist()),
+            "pulse_us": self.motors.pulse_us(self.controllers.signal).tolist(),
+        }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
