@@ -18,11 +18,11 @@ SLOW_WHEEL = 0.05
 """The same of a wheel; less than half of it is never named."""
 LOW_BATTERY = 0.05
 """The same of the battery, as a share of the nominal voltage."""
-_EVIDENCE, _SERVO_EVIDENCE, _WHEEL_EVIDENCE = 12.0, 16.0, 9.0
+_EVIDENCE, _SERVO_EVIDENCE, _WHEEL_EVIDENCE = 12.0, 16.0, 10.0
 """Logarithm of the likelihood ratio at which a battery, a servo and a wheel are named. Where the
-noise is as modelled, the mean time to a false name is more than exp(9) blocks of half a second, an
-hour, for each test (Lorden 1971). Sound robots reach 5.1 on wheels, whose noise is stated too
-large; and 13 on servos, whose errors are alike for some seconds."""
+noise is as modelled, the mean time to a false name is more than exp(10) blocks of half a second,
+three hours, for each test (Lorden 1971). Sound robots reach 6.5 on wheels; and 13 on servos at full
+stick, whose errors are alike for some seconds."""
 _SUSPICION = 2.0
 """Evidence above which a test no longer adapts to the robot: it would learn the fault."""
 _MARGIN = 3.0

@@ -84,8 +84,8 @@ _JUMP = 0.05
 """Metres, or radians, that the pose may be off its twist between two states; more is a jump."""
 _SENSED_S = 2.0
 """Time after which an estimate follows a pose sensor."""
-_FUSED = np.array([0.4, 0.4, 0.32])
-"""Standard deviation of a fused pose, x, y and heading, over that of the sensor."""
+_FUSED = 0.45
+"""Standard deviation of a fused pose over that of the sensor."""
 _LAG_SHARE = 0.25
 """Share of the lag of the motion that the simulation may have wrong."""
 _LEAN_LAG_S = 0.08
@@ -135,20 +135,19 @@ class ShadowTwin:
         self._servo_test = ServoTest(robot, [self._joints[i] for i in self._angles])
         self._battery_test = BatteryTest(robot.battery.nominal_v)
         self._has_gyro = any(joint.name == "gyro" for joint in robot.sensors)
-        errors, gives = robot.joint_errors(), robot.joint_compliance()
-        dead_band_rad = 0.0 if gives is None else gives.dead_band_rad
-        self._gives = gives
+        errors, self._gives = robot.joint_errors(), robot.joint_compliance()
         self._leans = np.zeros(len(self._angles))
         self._twist = np.zeros(3)
-        self._dead_band_rad = dead_band_rad
+        self._dead_band_rad = 0.0 if self._gives is None else self._gives.dead_band_rad
         self._lag_s = max(errors.slip_lag_s, _LAG_SHARE * robot.lag_s)
         # Of the motion: a turn rate, the lag, the angle of each gimbal, poses at start and end.
         sensor = robot.pose_sensor
-        fused = _FUSED * [sensor.sigma_m, sensor.sigma_m, math.radians(sensor.sigma_deg)]
-        angle_rad = math.hypot(errors.zero_rad, dead_band_rad / math.sqrt(3.0))
+        pose_sigma = [sensor.sigma_m, sensor.sigma_m, math.radians(sensor.sigma_deg)]
+        angle_rad = math.hypot(errors.zero_rad, self._dead_band_rad / math.sqrt(3.0))
         turn_rad_per_s = math.hypot(errors.turn_rad_per_s, _GYRO_BIAS_RAD_PER_S)
         self._nuisances = np.array(
-            [turn_rad_per_s, self._lag_s, *len(self._angles) * [angle_rad]] + 2 * fused.tolist()
+            [turn_rad_per_s, self._lag_s, *len(self._angles) * [angle_rad]]
+            + 2 * [_FUSED * sigma for sigma in pose_sigma]
         )
         self._wheel_test = WheelTest(robot, names, None if robot.measures_spin else self._nuisances)
         self._ends_swapped = False
@@ -300,16 +299,11 @@ class ShadowTwin:
     def _speed_noise(self) -> Array:
         """Standard deviation (k,) of measured wheel speeds, beside errors that are constant."""
         speeds, rates = self._nominal[self._wheels], self._rates[self._wheels]
-        top = self._wheel_scale
+        # The largest wheel speed at the speed limit.
+        limit = np.array([self._robot.limits.speed_mps / self._kinematics.twist_scale_m, 0.0, 0.0])
+        top = np.abs(self._kinematics.inverse(limit)[self._wheels]).max()
         lag_rad_per_s = _LAG_SHARE * self._robot.spin_up().up_s * np.abs(rates)
         return np.sqrt((0.005 * speeds) ** 2 + (0.003 * top) ** 2 + lag_rad_per_s**2)
-
-    @property
-    def _wheel_scale(self) -> float:
-        """Largest wheel speed at the speed limit, rad/s."""
-        scale = self._kinematics.twist_scale_m
-        twist = np.array([self._robot.limits.speed_mps / scale, 0.0, 0.0])
-        return float(np.abs(self._kinematics.inverse(twist)[self._wheels]).max())
 
     def _test_wheel_speeds(self, bank: Simulation, dt_s: float) -> None:
         """Compare measured wheel speeds."""
