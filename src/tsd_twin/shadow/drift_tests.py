@@ -12,17 +12,17 @@ from tsd_twin.lie import Array
 from tsd_twin.robots import RobotDescription
 
 SLOW_SERVO = 0.30
-"""Share of its speed that a servo has lost: the fault that is looked for. Less than a third of it
+"""Share of its speed that a servo has lost: the fault that is looked for. Less than half of it
 is never named."""
 SLOW_WHEEL = 0.05
 """The same of a wheel; less than half of it is never named."""
 LOW_BATTERY = 0.05
 """The same of the battery, as a share of the nominal voltage."""
-_EVIDENCE, _WHEEL_EVIDENCE = 12.0, 10.0
-"""Logarithm of the likelihood ratio at which a fault is named. Where the noise is as modelled, the
-mean time to a false name is more than exp(10) blocks of half a second, three hours, for each test
-(Lorden 1971). Sound robots reach 5.4 on wheels, and 8.5 on servos, whose errors are less like
-normal numbers."""
+_EVIDENCE, _SERVO_EVIDENCE, _WHEEL_EVIDENCE = 12.0, 16.0, 10.0
+"""Logarithm of the likelihood ratio at which a battery, a servo and a wheel are named. Where the
+noise is as modelled, the mean time to a false name is more than exp(10) blocks of half a second,
+three hours, for each test (Lorden 1971). Sound robots reach 6.5 on wheels; and 13 on servos at full
+stick, whose errors are alike for some seconds."""
 _SUSPICION = 2.0
 """Evidence above which a test no longer adapts to the robot: it would learn the fault."""
 _MARGIN = 3.0
@@ -81,20 +81,18 @@ _USUAL_MPS2 = 3.0
 """Acceleration for which servos give way, until it is learned how much they do."""
 _OFFSET_S = 2.0
 """Memory of the mean difference, of a servo under a load that lasts or within its dead band."""
-_BLOCK_S = 0.5
+_BLOCK_S = 0.3
 """Errors of angles are alike for a while: their sums over this are taken for independent."""
 _KNOWN_BLOCKS, _MOST_BLOCKS = 10.0, 120.0
 """Blocks that the noise of the description counts for, and after which older ones count less."""
-_LEAST_BLOCKS = 4.0
+_LEAST_BLOCKS = 7.0
 """Blocks from which the noise is learned before anything is named."""
-_SEEN_SHARE = 0.6
-"""Share of the reckoned fault that shows at least: the inertia of a rotor lags behind as before."""
-_MOST_RATIO = 4.0
-"""Most that a block counts: a single one, or two, name nothing."""
-_LEAST_RAD, _LEAST_PLAY = math.radians(0.006), 0.06
+_MOST_RATIO, _MOST_SERVO_RATIO = 4.0, 6.0
+"""Most that a block counts: a single one names nothing, nor do two blocks of a servo."""
+_LEAST_RAD, _LEAST_PLAY = math.radians(0.006), 0.2
 """Root mean square by which a slow servo must be behind a sound one in a block that counts; and the
 same as a share of the play, which holds up slow motions more than a slow servo does."""
-_SERVO_MODEL_SHARE = 0.25
+_SERVO_MODEL_SHARE = 0.15
 """Standard deviation of the lag that the model of a servo has wrong, as a share of the fault."""
 
 
@@ -115,7 +113,7 @@ class ServoTest:
         self._delay_s = 2.0 * robot.delay_s
         self._still_rad = math.hypot(3.0 * math.sqrt(self._floor2), dead_band_rad)
         count = len(names)
-        self._cusum = _Cusum(count, _EVIDENCE)
+        self._cusum = _Cusum(count, _SERVO_EVIDENCE)
         load_rad = 0.0
         if gives is not None:
             load_rad = float(np.abs(gives.by_acceleration[:, :2]).max()) * _USUAL_MPS2
@@ -175,9 +173,9 @@ class ServoTest:
         tells = strength > count * max(_LEAST_RAD, _LEAST_PLAY * self._play_rad) ** 2
         noise2 = np.maximum(self._noise2, np.median(self._noise2))
         noise2 = noise2 + _SERVO_MODEL_SHARE**2 * strength
-        ratios = _SEEN_SHARE * (match - 0.5 * _SEEN_SHARE * strength) / noise2
+        ratios = (match - 0.5 * strength) / noise2
         ready = self._blocks >= _KNOWN_BLOCKS + _LEAST_BLOCKS
-        self._cusum.add(ready * tells * np.clip(ratios, -3.0, _MOST_RATIO))
+        self._cusum.add(ready * tells * np.clip(ratios, -3.0, _MOST_SERVO_RATIO))
         self._size = np.where(self._cusum.sums > 0.0, self._size + self._block, 0.0)
         learns = tells & calm
         self._blocks = np.minimum(self._blocks + learns, _MOST_BLOCKS)

@@ -19,7 +19,6 @@ from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.ros import JointState, Odometry
 from tsd_twin.messages.status import Status
-from tsd_twin.messages.topics import JOINTS, ODOM, SETPOINT
 from tsd_twin.robots import RPM, RobotDescription
 from tsd_twin.shadow.drift_tests import (
     SLOW_SERVO,
@@ -89,6 +88,9 @@ _FUSED = 0.45
 """Standard deviation of a fused pose over that of the sensor."""
 _LAG_SHARE = 0.25
 """Share of the lag of the motion that the simulation may have wrong."""
+_LEAN_LAG_S = 0.08
+"""Time constant with which servos give way to the acceleration of the simulated robot: the real one
+slides first, and a servo yields like a spring with a damper."""
 _BLOCK_S = 0.5
 """Length of the blocks of motion that are tested for slow wheels."""
 _INDEPENDENT = 0.3
@@ -133,16 +135,15 @@ class ShadowTwin:
         self._servo_test = ServoTest(robot, [self._joints[i] for i in self._angles])
         self._battery_test = BatteryTest(robot.battery.nominal_v)
         self._has_gyro = any(joint.name == "gyro" for joint in robot.sensors)
-        errors, gives = robot.joint_errors(), robot.joint_compliance()
-        dead_band_rad = 0.0 if gives is None else gives.dead_band_rad
-        self._gives = gives
+        errors, self._gives = robot.joint_errors(), robot.joint_compliance()
+        self._leans = np.zeros(len(self._angles))
         self._twist = np.zeros(3)
-        self._dead_band_rad = dead_band_rad
+        self._dead_band_rad = 0.0 if self._gives is None else self._gives.dead_band_rad
         self._lag_s = max(errors.slip_lag_s, _LAG_SHARE * robot.lag_s)
         # Of the motion: a turn rate, the lag, the angle of each gimbal, poses at start and end.
         sensor = robot.pose_sensor
         pose_sigma = [sensor.sigma_m, sensor.sigma_m, math.radians(sensor.sigma_deg)]
-        angle_rad = math.hypot(errors.zero_rad, dead_band_rad / math.sqrt(3.0))
+        angle_rad = math.hypot(errors.zero_rad, self._dead_band_rad / math.sqrt(3.0))
         turn_rad_per_s = math.hypot(errors.turn_rad_per_s, _GYRO_BIAS_RAD_PER_S)
         self._nuisances = np.array(
             [turn_rad_per_s, self._lag_s, *len(self._angles) * [angle_rad]]
@@ -252,6 +253,7 @@ class ShadowTwin:
         self._bank, self._setpoint, self._measured = bank, wanted, measured
         self._nominal, self._rates = bank.joints[0].copy(), np.zeros(len(wanted))
         self._servo_test.restart(self._nominal[self._angles])
+        self._leans = np.zeros(len(self._angles))
         self._twist = self._kinematics.forward(self._nominal).twist
         self._compared_s = self._since_block_s = 0.0
         self._rolled = self._kinematics.pose_type.identity()
@@ -287,25 +289,21 @@ class ShadowTwin:
         twist, before = self._kinematics.forward(self._nominal).twist, self._twist
         self._twist = twist
         if self._gives is None:
-            return np.zeros(len(self._angles))
+            return self._leans
         vx, vy, omega = twist.tolist()
         over_ground = (twist - before) / dt_s + np.array([-omega * vy, omega * vx, 0.0])
         lean: Array = self._gives.by_acceleration @ over_ground
-        return lean[self._angles]
+        self._leans += (1.0 - math.exp(-dt_s / _LEAN_LAG_S)) * (lean[self._angles] - self._leans)
+        return self._leans.copy()
 
     def _speed_noise(self) -> Array:
         """Standard deviation (k,) of measured wheel speeds, beside errors that are constant."""
         speeds, rates = self._nominal[self._wheels], self._rates[self._wheels]
-        top = self._wheel_scale
+        # The largest wheel speed at the speed limit.
+        limit = np.array([self._robot.limits.speed_mps / self._kinematics.twist_scale_m, 0.0, 0.0])
+        top = np.abs(self._kinematics.inverse(limit)[self._wheels]).max()
         lag_rad_per_s = _LAG_SHARE * self._robot.spin_up().up_s * np.abs(rates)
         return np.sqrt((0.005 * speeds) ** 2 + (0.003 * top) ** 2 + lag_rad_per_s**2)
-
-    @property
-    def _wheel_scale(self) -> float:
-        """Largest wheel speed at the speed limit, rad/s."""
-        scale = self._kinematics.twist_scale_m
-        twist = np.array([self._robot.limits.speed_mps / scale, 0.0, 0.0])
-        return float(np.abs(self._kinematics.inverse(twist)[self._wheels]).max())
 
     def _test_wheel_speeds(self, bank: Simulation, dt_s: float) -> None:
         """Compare measured wheel speeds."""
@@ -473,42 +471,6 @@ def _carried(motion: Array) -> Array:
 
 
 _SHARES = ("spin_share", "common_spin_share")
-_KEPT = 8
-"""Periods that wait for a message that is still to come."""
-
-
-class ShadowFeed:
-    """Puts the messages of a period together, which come one by one, and hands them to a twin.
-
-    Set-points between two periods of the other streams, and periods that lack a message, are left
-    out.
-    """
-
-    def __init__(self, twin: ShadowTwin) -> None:
-        self.twin = twin
-        self.status: Status | None = None
-        """Newest status."""
-        self._waiting: dict[int, dict[str, Any]] = {}
-
-    def add(self, stream: str, message: Any, robot_ns: int) -> None:
-        """Take a `JointState` of `joints` or `setpoint`, or an `Odometry` of `odom`.
-
-        `robot_ns` is the robot's monotonic clock when it was sent: equal for those of a period.
-        """
-        parts = self._waiting.setdefault(robot_ns, {})
-        parts[stream] = message
-        if len(parts) == len(STREAMS):
-            for each in [each for each in self._waiting if each <= robot_ns]:
-                del self._waiting[each]
-            self.twin.advance(
-                robot_ns, parts["joints"], parts["setpoint"], parts["odom"], self.status
-            )
-        elif len(self._waiting) > 2 * _KEPT:
-            del self._waiting[min(self._waiting)]
-
-
-STREAMS = {"joints": JOINTS, "setpoint": SETPOINT, "odom": ODOM}
-"""Topics that a twin is fed with, beside the status."""
 
 
 def _triple(values: Array) -> tuple[float, float, float]:
