@@ -105,25 +105,27 @@ class FloorEffects:
         """Whether it does anything."""
         self._twist: Array = np.zeros(3)
         self._spin_rad_per_s: Array | None = None
-        self._push: Array = np.zeros(3)
-        """Acceleration over the ground, with that of the spin, in the axes of the base."""
+        self._slip: Array = np.zeros(3)
+        """Twist by which the body is behind its wheels."""
         self._droop = 0.0
         """Share of the speed that wheels have lost by driving the robot, at `at_rad_per_s`."""
 
     @property
     def is_steady(self) -> bool:
         """Whether nothing has changed of late."""
-        return self._droop == 0.0 and not self._push.any()
+        return self._droop == 0.0 and not self._slip.any()
 
     def follow(self, twist: Array, joints: Array, elapsed_s: float) -> None:
         """Follow `elapsed_s`, at whose end the robot moves with `twist` (3,) by `joints` (n,)."""
         errors, before = self._errors, self._twist
         spin = joints[self._is_speed]
-        spun = 0.0 if self._spin_rad_per_s is None else float((spin - self._spin_rad_per_s).sum())
+        last_spin = spin if self._spin_rad_per_s is None else self._spin_rad_per_s
         self._twist, self._spin_rad_per_s = twist, spin
         vx, vy, omega = twist.tolist()
-        self._push = (twist - before) / elapsed_s + np.array([-omega * vy, omega * vx, 0.0])
-        self._push[2] += errors.turn_per_spin * spun / elapsed_s
+        push = (twist - before) / elapsed_s + np.array([-omega * vy, omega * vx, 0.0])
+        push[2] += errors.turn_per_spin * float((spin - last_spin).sum()) / elapsed_s
+        speed = 0.5 * float((spin + last_spin).mean()) / errors.at_rad_per_s
+        self._slip = speed * errors.slip_lag_s * push
         # The energy that the robot has gained is missing in the wheels, until motors restore it.
         gained = errors.droop_s2_per_m2 * float(twist[:2] @ twist[:2] - before[:2] @ before[:2])
         restore_s = errors.restore_up_s if self._droop + gained > 0.0 else errors.restore_down_s
@@ -141,8 +143,7 @@ class FloorEffects:
         """Return the errors (3,) of the twist at `joints` (n,), beside those that joints cause."""
         errors = self._errors
         speed = float(joints[self._is_speed].mean()) / errors.at_rad_per_s
-        effect = -speed * errors.slip_lag_s * self._push
-        effect -= self._droop / max(speed, _LEAST_SPEED) ** 2 * self._twist
+        effect = -self._slip - self._droop / max(speed, _LEAST_SPEED) ** 2 * self._twist
         effect[2] -= speed * errors.turn_rad_per_s
         return effect
 
@@ -333,10 +334,11 @@ class JointOdometry(Generic[PoseT]):
     def _refreshed(self, joints: Array, dt_s: float) -> TwistErrors:
         """Return the errors of the twist; the same object for a robot that moves as before."""
         now, floor = (self.motion, joints.tobytes()), self._constants.floor
+        was_steady = floor.is_steady
         if floor.any:
             floor.follow(self.motion.twist, joints, self._since_refresh_s)
         self._since_refresh_s = 0.0
-        if now != self._refreshed_for or not floor.is_steady:
+        if now != self._refreshed_for or not (was_steady and floor.is_steady):
             self._refreshed_for = now
             self.errors = self._twist_errors(joints, dt_s)
         return self.errors

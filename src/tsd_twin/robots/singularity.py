@@ -214,8 +214,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
             droop_s2_per_m2=self.spin_droop_s2_per_m2 * _UNKNOWN_FRICTION,
             restore_up_s=self.motor.time_constant_up_s,
             restore_down_s=self.motor.time_constant_down_s,
-            turn_per_spin=self._spin_inertia_kg_m2
-            / (self.mass.total_kg * drive.pivot_radius_m**2),
+            turn_per_spin=self._spin_inertia_kg_m2 / (self.mass.total_kg * drive.pivot_radius_m**2),
         )
 
     @property
