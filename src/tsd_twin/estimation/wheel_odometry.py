@@ -24,6 +24,7 @@ class JointNoise:
     def __init__(self, kinematics: Kinematics[Any], noise: JointErrors) -> None:
         is_angle = np.array([joint.kind is JointKind.POSITION for joint in kinematics.joints])
         self._angle = is_angle * noise.angle_rad
+        self._read_angle = is_angle * math.hypot(noise.angle_rad, noise.rounding_rad)
         self._share = ~is_angle * noise.spin_share
         self._is_speed = ~is_angle
         self._walk_rad = noise.walk_rad
@@ -31,7 +32,7 @@ class JointNoise:
     @property
     def white(self) -> Array:
         """(n,): standard deviations of what is new in each sample."""
-        return self._angle
+        return self._read_angle
 
     def walk(self, joints: Array) -> Array:
         """Return the standard deviations (n,) of the ways of joints in a second, radians."""

@@ -194,6 +194,9 @@ class JointErrors:
 
     angle_rad: float = 0.0
     """Standard deviation of a position joint, new in each sample."""
+    rounding_rad: float = 0.0
+    """Standard deviation by which rounding adds to that, of a joint that rests between two
+    steps."""
     spin_share: float = 0.0
     """Standard deviation of a velocity joint, as a share of its speed; constant."""
     common_spin_share: float = 0.0

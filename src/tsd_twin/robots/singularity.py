@@ -190,12 +190,16 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         """Return the errors of gimbal angles and wheel speeds, of `[noise]` and `[errors]`.
 
         The radius of a printed wheel is a sine of its tilt, so its error has the same effect as one
-        of the wheel's speed. The battery slows down all wheels alike, and so does the floor.
+        of the wheel's speed. Servos with a dead band come to rest anywhere between two steps of
+        their encoders, and noisy readings are rounded to either. The battery slows down all wheels
+        alike, and so does the floor.
         """
         noise, errors = self.noise, self.errors
+        step_rad = 2.0 * math.pi / self.servo.steps_per_turn
         layer_share = 0.5 * errors.layer_m / math.sqrt(2.0) / self.drive.wheel_radius_m
         return JointErrors(
             angle_rad=math.radians(noise.gimbal_angle_deg),
+            rounding_rad=step_rad / math.sqrt(12.0) if errors.dead_band_deg > 0.0 else 0.0,
             spin_share=math.hypot(noise.spin_share, layer_share),
             common_spin_share=errors.battery_share,
             zero_rad=math.radians(errors.zero_deg),
