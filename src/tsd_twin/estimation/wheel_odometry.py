@@ -138,7 +138,7 @@ class FloorEffects:
     def of_joints(self, joints: Array) -> Array:
         """Return the errors (n,) of `joints` (n,): the floor brakes wheels that spin."""
         loss_rad_per_s = self._errors.spin_share * self._errors.at_rad_per_s
-        return -loss_rad_per_s * (self._is_speed & (joints > 0.0))
+        return np.where(self._is_speed & (joints > 0.0), -loss_rad_per_s, 0.0)
 
     def of_twist(self, joints: Array) -> Array:
         """Return the errors (3,) of the twist at `joints` (n,), beside those that joints cause."""
