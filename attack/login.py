@@ -19,14 +19,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlencode, urlsplit
 
-from websockets.sync.client import connect
-
 from attack.table import Row
 from tests.app.conftest import Program
 from tests.support.logins import PHRASE, cookie_of
 from tests.support.nginx import nginx
 from tests.support.page_client import Page
 from tests.support.raw_http import FORM, MALFORMED, answer, dial, is_closed, malformed, request
+from tests.support.tls_connection import tls_connection
 from tsd_twin.dashboard.server.connection_limits import ConnectionLimits
 from tsd_twin.security import Role, Users
 
@@ -337,13 +336,16 @@ def _under_load(site: _Site, host: str, port: int) -> Row:
     with closing(http.client.HTTPSConnection("localhost", port, context=trusting)) as asked:
         asked.request("POST", "/twin/login", form, headers)
         cookie = asked.getresponse().headers["Set-Cookie"].split(";")[0]
-    opened = connect(
-        f"wss://{host}/twin/teleop?page={_PAGE}",
-        sock=socket.create_connection(("127.0.0.1", port)),
-        additional_headers={"Cookie": cookie, "Origin": f"https://{host}"},
-        ssl=trusting,
-    )
-    with _driving(Page(site.port, _PAGE, user="alice", through=opened)) as page:
+    with (
+        tls_connection(
+            f"wss://{host}/twin/teleop?page={_PAGE}",
+            host="127.0.0.1",
+            port=port,
+            additional_headers={"Cookie": cookie, "Origin": f"https://{host}"},
+            ssl=trusting,
+        ) as opened,
+        _driving(Page(site.port, _PAGE, user="alice", through=opened)) as page,
+    ):
         calm = _accepted_per_s(page)
         with _loaded(port, host, cookie, trusting) as done:
             start, start_s = sum(done), time.monotonic()

@@ -5,23 +5,18 @@ import threading
 
 import tsd_twin
 
-asked = threading.Event()
-
 
 def bob() -> None:
     """Ask for control, as a second program would."""
-    with tsd_twin.connect(*sys.argv[1:]) as robot:
-        asked.wait()
-        with robot.request_control("bob") as base:
-            print(f"{base.operator} has control")
-            base.drive(vx_mps=-0.3, duration_s=1.0)
+    with tsd_twin.connect(*sys.argv[1:]) as robot, robot.request_control("bob") as base:
+        print(f"{base.operator} has control")
+        base.drive(vx_mps=-0.3, duration_s=1.0)
 
 
 other = threading.Thread(target=bob)
-other.start()
 with tsd_twin.connect(*sys.argv[1:]) as robot, robot.control("alice") as base:
     print(f"{base.operator} has control")
-    asked.set()
+    other.start()
     while base.asked_by is None:
         base.set_velocity(vx_mps=0.3)
         robot.sleep(0.05)

@@ -26,7 +26,7 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 import tsd_twin
-from tests.app.conftest import PATIENCE_S, Program, longest_pause_s
+from tests.app.conftest import PATIENCE_S, Program, again_if_held_up, longest_pause_s
 from tests.support.foxglove_client import (
     TWIST,
     ForeignClient,
@@ -159,6 +159,7 @@ def test_a_foreign_client_sees_all_topics_and_gets_the_urdf_with_its_meshes(stag
 
 
 @pytest.mark.parametrize("encoding", ["json", "cdr"])
+@again_if_held_up
 def test_a_foreign_client_arms_drives_and_silence_stops_the_robot(
     stage: Stage, encoding: str
 ) -> None:
@@ -196,6 +197,7 @@ def test_a_foreign_client_arms_drives_and_silence_stops_the_robot(
     stage.run(work())
 
 
+@again_if_held_up
 def test_a_person_who_takes_over_has_control_and_twists_do_not_take_it_back(stage: Stage) -> None:
     async def work() -> None:
         async with foreign_client(stage.url) as it:
@@ -203,16 +205,19 @@ def test_a_person_who_takes_over_has_control_and_twists_do_not_take_it_back(stag
             await it.pause()
             pushing = asyncio.create_task(it.push(0.3, 30.0))
             await it.until(lambda: it.status["mode"] == "driving", "it does not drive")
-            person = await tsd_twin.connect_async(stage.endpoint)
-            control = person.control("person", take_over=True, arm=False, reason="mine")
-            await control.acquire()
-            await it.until(lambda: it.status["lease"]["holder"] == "person", "no take-over")
-            await it.until(lambda: any("control is lost" in text for text in it.said), "not told")
-            await it.until_still()
-            at_m = it.x_m
-            await asyncio.sleep(0.5)
-            await control.release()
-            await person.close()
+            async with contextlib.AsyncExitStack() as opened:
+                person = await tsd_twin.connect_async(stage.endpoint)
+                opened.push_async_callback(person.close)
+                control = person.control("person", take_over=True, arm=False, reason="mine")
+                await control.acquire()
+                await it.until(lambda: it.status["lease"]["holder"] == "person", "no take-over")
+                await it.until(
+                    lambda: any("control is lost" in text for text in it.said), "not told"
+                )
+                await it.until_still()
+                at_m = it.x_m
+                await asyncio.sleep(0.5)
+                await control.release()
             await it.until(lambda: it.status["lease"]["holder"] is None, "not released")
             await asyncio.sleep(1.0)
             assert not pushing.done()
@@ -229,6 +234,7 @@ def test_a_person_who_takes_over_has_control_and_twists_do_not_take_it_back(stag
     stage.run(work())
 
 
+@again_if_held_up
 def test_services_stop_reset_and_disarm_and_their_refusals(stage: Stage) -> None:
     async def work() -> None:
         async with foreign_client(stage.url) as it, foreign_client(stage.url) as other:
@@ -247,26 +253,26 @@ def test_services_stop_reset_and_disarm_and_their_refusals(stage: Stage) -> None
     stage.run(work())
 
 
+@again_if_held_up
 def test_a_client_that_is_killed_leaves_a_robot_at_rest_and_free(stage: Stage) -> None:
     async def work() -> None:
         async with foreign_client(stage.url) as it:
-            driver = ForeignClient(stage.url)
-            await driver.client.connect()
-            await driver.call("/arm")
-            await driver.pause()
-            await driver.push(SPEED_MPS, 0.8)
-            last_m = it.x_m
-            # As the system does for a process that is killed.
-            driver.client._websocket.transport.abort()
+            async with foreign_client(stage.url) as driver:
+                await driver.call("/arm")
+                await driver.pause()
+                await driver.push(SPEED_MPS, 0.8)
+                last_m = it.x_m
+                # As the system does for a process that is killed.
+                driver.client._websocket.transport.abort()
             await it.until(lambda: it.status["lease"]["holder"] is None, "still held")
             await it.until_still()
             assert it.x_m - last_m < ALLOWANCE_M + 0.04 * SPEED_MPS
             assert it.status["mode"] == "disarmed"
-            await driver.client.disconnect()
 
     stage.run(work())
 
 
+@again_if_held_up
 def test_a_robot_that_comes_back_into_reach_is_not_moved_by_a_stick_that_is_held_on(
     stage: Stage,
 ) -> None:
@@ -295,6 +301,7 @@ def test_a_robot_that_comes_back_into_reach_is_not_moved_by_a_stick_that_is_held
     assert stage.run(work()) < 0.01
 
 
+@again_if_held_up
 def test_the_adapter_that_hangs_drives_on_with_no_command_of_before(stage: Stage) -> None:
     """Stopped for three seconds while twists pile up in its buffers; the stick is held on."""
 
@@ -328,6 +335,7 @@ def test_the_adapter_that_hangs_drives_on_with_no_command_of_before(stage: Stage
     assert moved_m < 0.01
 
 
+@again_if_held_up
 def test_a_client_that_answers_no_ping_drives_nothing_and_is_cut_off(stage: Stage) -> None:
     """Without answers the age of its twists has no bound: so it is with a link that has stalled."""
 
@@ -374,6 +382,7 @@ async def closed_by(url: str, data: bytes | str, patience_s: float = PATIENCE_S)
         return line.close_code
 
 
+@again_if_held_up
 def test_hostile_messages_move_nothing_and_end_nothing(stage: Stage) -> None:
     async def work() -> None:
         async with foreign_client(stage.url) as it:

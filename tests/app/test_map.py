@@ -11,7 +11,15 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from tests.app.conftest import Program
-from tests.support.browser import FLAGS, FLAGS_WITHOUT_SCENE, PATIENCE_MS, QUICK, mode, press_until
+from tests.support.browser import (
+    FLAGS,
+    FLAGS_WITHOUT_SCENE,
+    PATIENCE_MS,
+    QUICK,
+    mode,
+    press_now,
+    press_until,
+)
 from tests.support.page_stage import PageStage, page_stage, route, state
 
 pytestmark = [pytest.mark.system, pytest.mark.busy, pytest.mark.timeout(180)]
@@ -129,7 +137,10 @@ def test_map_camera_presets_and_the_window_of_the_plots(
     press_until(page, "Take control", page.get_by_role("button", name="Release control"))
     page.keyboard.press("m")
     path = page.get_by_role("status", name="Path")
-    for _ in range(CLICKS):  # A page that stalls as it loads plans nothing: the robot seems silent.
+    for _ in range(CLICKS):
+        # A page that stalls as it loads plans nothing, since the robot seems silent, or is not in
+        # control any more.
+        press_now(page, "Take control")
         page.get_by_role("img", name="Map").click(timeout=PATIENCE_MS, position={"x": 60, "y": 40})
         with contextlib.suppress(AssertionError):
             expect(path).to_contain_text(PATH, timeout=PATIENCE_MS / CLICKS)

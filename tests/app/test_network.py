@@ -20,6 +20,7 @@ pytestmark = pytest.mark.system
 Start = Callable[..., Program]
 _PATIENCE_S = 20.0
 _STATES = 600
+_AGAIN = 10
 
 
 @pytest.fixture
@@ -58,17 +59,18 @@ def hear(page: ClientConnection, kind: str) -> dict[str, Any]:
 def test_the_dashboard_of_an_operator_drives_under_her_name(start: Start, keys: Path) -> None:
     with page_of(start, keys / "alice.json5") as page:
         assert re.fullmatch(r"alice-[0-9a-f]{8}", hear(page, "welcome")["operator"])
-        asked = set[str]()
-        for _ in range(_STATES):
+        for number in range(_STATES):
             state = hear(page, "state")
+            mode = state["status"]["mode"]
             say(page, t="heartbeat", seen=state["seen"], sent_ms=0.0)
-            if not state["you"] and "lease" not in asked:
-                asked.add("lease")
-                say(page, t="lease", op="acquire")
-            elif state["you"] and state["status"]["mode"] == "disarmed" and "arm" not in asked:
-                asked.add("arm")
-                say(page, t="arm")
-            elif state["status"]["mode"] in ("ready", "driving"):
+            if not state["you"] or mode in ("disarmed", "fault"):
+                # Again every now and then: who is held up loses control, and so does the robot.
+                if number % _AGAIN == 0:
+                    ask = {"t": "arm"} if mode == "disarmed" else {"t": "reset"}
+                    say(page, **(ask if state["you"] else {"t": "lease", "op": "acquire"}))
+            elif mode == "ready" and number % _AGAIN == 0:
+                say(page, t="release")
+            elif mode in ("ready", "driving"):
                 say(page, t="drive", vx=0.3, vy=0.0, omega=0.0, seen=state["seen"])
             if state["twist"] is not None and state["twist"][0] > 0.2:
                 assert state["status"]["lease"]["holder"].startswith("alice-")

@@ -87,7 +87,7 @@ BOXES = """() => {
       if (!stop.contains(there)) covers.push(there?.className ?? "nothing");
     }
   const names = {stop: ".stop", pad: ".pad", track: ".track", control: ".driver .button",
-    card: ".card", message: ".messages", map: ".map"};
+    card: ".card", message: ".messages", map: ".map", pose: ".pose"};
   const boxes = Object.fromEntries(
     Object.entries(names).map(([name, selector]) => [name, boxOf(find(selector))]));
   const who = find(".who");
@@ -242,3 +242,15 @@ def test_cards_do_not_lie_on_the_robot(stage: PageStage, size: tuple[int, int], 
     left, right = width / 2 - reach, width / 2 + reach
     beside = card["right"] <= left or card["left"] >= right
     assert beside or card["bottom"] <= height / 2 - reach, card
+
+
+@pytest.mark.parametrize("size", SIZES[:5], ids=lambda size: f"{size[0]}x{size[1]}")
+def test_the_pose_does_not_lie_on_the_robot(stage: PageStage, size: tuple[int, int]) -> None:
+    """Above the timeline it is beside a robot in the middle, or below its wheels."""
+    width, height = size
+    stage.resize(width, height)
+    stage.show(STATES["mine, disarmed"])
+    pose = stage.page.evaluate(BOXES)["pose"]
+    assert pose["shown"]
+    beside = pose["right"] <= width / 2 - 0.14 * height
+    assert beside or pose["top"] >= height / 2 + 0.17 * height, pose

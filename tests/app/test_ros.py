@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 
 import tsd_twin
-from tests.app.conftest import PATIENCE_S, Program, longest_pause_s
+from tests.app.conftest import PATIENCE_S, Program, again_if_held_up, longest_pause_s
 from tests.support.robot_node import QUICK
 from tests.support.ros_nodes import (
     STORE,
@@ -86,6 +86,13 @@ class Stage:
         finally:
             ending.set()
             thread.join()
+
+    def arm(self) -> None:
+        """Arm by the service, once the adapter has the robot."""
+        self.node.until(
+            lambda: self.node.call("/arm")[0] or self.node.status["mode"] == "ready",
+            "it is not armed",
+        )
 
     def until_still(self) -> None:
         self.node.until(lambda: self.node.speed_mps < 1e-3, "it does not stop")
@@ -193,6 +200,7 @@ def test_nodes_see_all_topics_among_many_and_late_joiners_get_urdf_and_meshes(
 
 
 @pytest.mark.parametrize("type_name", [TWIST, TWIST_STAMPED])
+@again_if_held_up
 def test_a_node_arms_drives_and_silence_stops_the_robot(stage: Stage, type_name: str) -> None:
     """Within the distance that is promised for a link that fails."""
     node = stage.node
@@ -225,9 +233,10 @@ def test_a_node_arms_drives_and_silence_stops_the_robot(stage: Stage, type_name:
     assert any(drive_and_fall_silent() for _ in range(TRIES)), "the adapter sends no zeros"
 
 
+@again_if_held_up
 def test_a_publisher_that_is_killed_leaves_a_robot_at_rest(stage: Stage) -> None:
     node = stage.node
-    node.call("/arm")
+    stage.arm()
     stage.pause()
     text = f"""
 import time
@@ -240,22 +249,26 @@ while True:
 """
     with subprocess.Popen([sys.executable, "-c", text], stdout=subprocess.PIPE) as publisher:
         assert publisher.stdout is not None
-        assert publisher.stdout.readline() == b"ready\n"
-        node.until(lambda: node.speed_mps > 0.5, "it does not drive")
-        publisher.kill()
+        try:
+            assert publisher.stdout.readline() == b"ready\n"
+            node.until(lambda: node.speed_mps > 0.5, "it does not drive")
+        finally:
+            publisher.kill()
         last_m = node.x_m
     stage.until_still()
     assert node.x_m - last_m < ALLOWANCE_M + 0.04 * SPEED_MPS
 
 
+@again_if_held_up
 def test_a_node_that_drives_a_square_by_odometry_is_back_at_its_start(stage: Stage) -> None:
     node = stage.node
-    assert node.call("/arm")[0]
+    stage.arm()
     stage.pause()
     drive, start = SquareDrive(0.4, 0.5), node.newest["/odom/truth"].pose.pose.position
     end_s = time.monotonic() + PATIENCE_S
     while (twist_now := drive.twist(*node.odom)) is not None:
         assert time.monotonic() < end_s, f"the square does not end: {node.odom}"
+        assert node.status["mode"] != "fault", node.status["stop_reason"]
         vx, vy, omega = twist_now
         stage.cmd_vel.publish(linear=vector(vx, vy), angular=vector(z=omega))
         time.sleep(0.05)
@@ -265,9 +278,10 @@ def test_a_node_that_drives_a_square_by_odometry_is_back_at_its_start(stage: Sta
     assert math.hypot(end.x - start.x, end.y - start.y) < 0.01 * drive.path_m
 
 
+@again_if_held_up
 def test_a_person_who_takes_over_has_control_and_twists_do_not_take_it_back(stage: Stage) -> None:
     node = stage.node
-    node.call("/arm")
+    stage.arm()
     stage.pause()
     before = len(node.said)
     with stage.pushing(0.3):
@@ -288,12 +302,13 @@ def test_a_person_who_takes_over_has_control_and_twists_do_not_take_it_back(stag
     stage.pause()
     stage.push(0.3, 0.4)
     assert node.status["lease"]["holder"] is None, "nor does a new push"
-    assert node.call("/arm")[0]
+    stage.arm()
     stage.pause()
     stage.push(0.3, 0.6)
     assert node.x_m - at_m > 0.02, "the service arm takes control again"
 
 
+@again_if_held_up
 def test_services_stop_reset_disarm_and_their_refusals(stage: Stage) -> None:
     node = stage.node
     with tsd_twin.connect(stage.endpoint) as robot:
@@ -310,6 +325,7 @@ def test_services_stop_reset_disarm_and_their_refusals(stage: Stage) -> None:
         node.until(lambda: node.status["lease"]["holder"] is None, "not released")
 
 
+@again_if_held_up
 def test_the_adapter_that_hangs_drives_on_with_no_command_of_before(stage: Stage) -> None:
     """Stopped for three seconds while twists pile up; the stick is held on."""
     for _ in range(TRIES):
@@ -320,9 +336,10 @@ def test_the_adapter_that_hangs_drives_on_with_no_command_of_before(stage: Stage
     assert moved_m < 0.01
 
 
+@again_if_held_up
 def test_after_a_stop_by_itself_the_next_push_counts(stage: Stage) -> None:
     """How a motion ended that is held no more is no reason against the next one."""
-    assert stage.node.call("/arm")[0]
+    stage.arm()
     with tsd_twin.connect(stage.endpoint) as robot:
         assert any(pushed_after_stop_m(stage, robot) > 0.05 for _ in range(TRIES))
 
@@ -346,7 +363,7 @@ def pushed_after_stop_m(stage: Stage, robot: tsd_twin.Robot) -> float:
 
 def moved_after_hang(stage: Stage) -> tuple[float, float]:
     """Return how far the robot moved after the adapter went on, and the longest pause of twists."""
-    stage.node.call("/arm")
+    stage.arm()
     stage.pause()
     with stage.pushing(SPEED_MPS) as pushed_s, tsd_twin.connect(stage.endpoint) as robot:
         time.sleep(1.0)
@@ -365,12 +382,13 @@ def moved_after_hang(stage: Stage) -> tuple[float, float]:
         return moved_m, longest_pause_s(pushed_s, on_s)
 
 
+@again_if_held_up
 def test_a_robot_that_comes_back_into_reach_is_not_moved_by_a_stick_that_is_held_on(
     stage: Stage,
 ) -> None:
     """The adapter loses its connections to the robot, which others may keep ready meanwhile."""
     node = stage.node
-    assert node.call("/arm")[0]
+    stage.arm()
     stage.pause()
     with stage.pushing(0.3), tsd_twin.connect(stage.endpoint) as robot:
         node.until(lambda: node.speed_mps > 0.2, "it does not drive")
@@ -384,16 +402,17 @@ def test_a_robot_that_comes_back_into_reach_is_not_moved_by_a_stick_that_is_held
         node.until_all("/odom/truth")  # It is shown again.
         robot.sleep(2.0)
         assert abs(robot.state.truth.pose.x_m - at_m) < 0.01
-    assert node.call("/arm")[0]
+    stage.arm()
     stage.pause()
     stage.push(0.3, 0.5)
     node.until(lambda: node.x_m - at_m > 0.02, "the service arm takes control again")
 
 
+@again_if_held_up
 def test_a_second_publisher_moves_nothing_while_the_first_one_drives(stage: Stage) -> None:
     node = stage.node
     other = node.publisher("/cmd_vel", TWIST)
-    node.call("/arm")
+    stage.arm()
     stage.pause()
     with stage.pushing(0.3):
         node.until(lambda: node.speed_mps > 0.2, "it does not drive")
@@ -405,9 +424,10 @@ def test_a_second_publisher_moves_nothing_while_the_first_one_drives(stage: Stag
     assert any("second publisher" in each for each in node.said)
 
 
+@again_if_held_up
 def test_hostile_messages_move_nothing_and_end_nothing(stage: Stage) -> None:
     node, router = stage.node, stage.node.router
-    node.call("/arm")
+    stage.arm()
     stage.pause()
     start_m = node.x_m
     line = router.declare_publisher(

@@ -22,11 +22,7 @@ from playwright.sync_api import Browser, expect
 
 import tsd_twin
 from tests.app.conftest import Program
-from tests.support.browser import (
-    PATIENCE_MS,
-    QUICK,
-    press,
-)
+from tests.support.browser import PATIENCE_MS, QUICK, press_now
 from tests.support.ros_nodes import foreign_hash, ros_router
 from tests.support.ros_robot import JOINTS, ODOMETRY, START, ForeignRobot
 from tsd_twin.client import RobotClient
@@ -38,6 +34,7 @@ pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 
 ODOM_TIMEOUT_S = 2.0
 """The robot of others is a thread of this process, which a busy machine holds up."""
+_PRESSES = 6
 
 
 @dataclass(frozen=True)
@@ -363,11 +360,14 @@ def test_the_page_says_what_is_not_promised(browser: Browser, stage: Stage) -> N
         said = section.all_inner_texts()
         assert said[: len(NOT_PROMISED)] == list(NOT_PROMISED)
         assert any("meshes" in text for text in said)
-        press(page, "Take control")
         arm = page.get_by_role("button", name="Arm", exact=True)
-        expect(arm).to_have_accessible_description(
-            re.compile("where it stops is not promised"), timeout=PATIENCE_MS
-        )
+        what = re.compile("where it stops is not promised")
+        for _ in range(_PRESSES):  # A page that stalls as it loads loses control.
+            press_now(page, "Take control")
+            with contextlib.suppress(AssertionError):
+                expect(arm).to_have_accessible_description(what, timeout=PATIENCE_MS / _PRESSES)
+                break
+        expect(arm).to_have_accessible_description(what)
         page.get_by_role("tab", name="Health").click(timeout=PATIENCE_MS)
         row = page.get_by_role("row", name="stop distance without link")
         expect(row).to_contain_text("not promised", timeout=PATIENCE_MS)

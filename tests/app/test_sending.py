@@ -7,7 +7,7 @@ from collections.abc import Generator
 import pytest
 from playwright.sync_api import Browser, Page
 
-from tests.support.browser import FLAGS_WITHOUT_SCENE
+from tests.support.browser import FLAGS_WITHOUT_SCENE, WATCH_STALLS, trials
 from tests.support.page_client import site
 from tsd_twin.dashboard.server.socket_limits import TELEOP
 
@@ -44,6 +44,7 @@ MADE = """async () => {
 def scripts(browser: Browser) -> Generator[Page]:
     with site() as served:
         page = browser.new_page()
+        page.add_init_script(WATCH_STALLS)
         page.goto(f"http://127.0.0.1:{served.port}/healthz")
         page.evaluate(MADE)
         yield page
@@ -73,18 +74,20 @@ def test_a_release_and_a_stop_go_out_when_the_browser_holds_back_what_came_befor
 
 def test_a_stick_that_moves_all_the_time_stays_far_below_the_limit(scripts: Page) -> None:
     """Pointers of some mice say a thousand times a second where they are."""
-    per_s = scripts.evaluate(
-        """async () => {
-          sent.length = 0;
-          stick.held = true;
-          const begin = performance.now();
-          while (performance.now() - begin < 2000) {
-            for (let i = 0; i < 10; i++) drive.changed();
-            await new Promise((done) => setTimeout(done));
-          }
-          stick.held = false;
-          drive.changed();
-          return sent.filter((t) => t === "drive").length / 2;
-        }"""
-    )
-    assert 30.0 < per_s <= 0.75 * TELEOP.kinds["drive"].per_s
+    for trial in trials(scripts):
+        with trial:
+            per_s = scripts.evaluate(
+                """async () => {
+                  sent.length = 0;
+                  stick.held = true;
+                  const begin = performance.now();
+                  while (performance.now() - begin < 2000) {
+                    for (let i = 0; i < 10; i++) drive.changed();
+                    await new Promise((done) => setTimeout(done));
+                  }
+                  stick.held = false;
+                  drive.changed();
+                  return sent.filter((t) => t === "drive").length / 2;
+                }"""
+            )
+            assert 30.0 < per_s <= 0.75 * TELEOP.kinds["drive"].per_s

@@ -32,7 +32,7 @@ def test_every_script_runs(number: int, endpoint: str, tmp_path: Path) -> None:
     text = re.sub(r"(connect(_async)?)\(\)", rf'\1("{endpoint}")', SCRIPTS[number])
     script = tmp_path / "script.py"
     script.write_text(text, encoding="utf-8")
-    run_script(script, tmp_path)
+    run_script(script, tmp_path, endpoint=endpoint)
 
 
 def test_every_error_of_the_library_is_in_the_table() -> None:

@@ -71,7 +71,7 @@ def test_blame_is_what_leaving_a_module_out_takes_off_the_residual(data: st.Data
 def test_the_same_droop_of_all_spins_leaves_no_residual(
     kinematics: SingularityKinematics, direction: Array, share: float, droop: float
 ) -> None:
-    """Why this is called a conflict monitor and not a slip sensor."""
+    """Why this is called a consistency monitor and not a slip sensor."""
     twist = within_limit(kinematics, direction, share)
     joints = kinematics.inverse(twist).reshape(-1, 3)
     joints[:, 2] *= 1.0 - droop

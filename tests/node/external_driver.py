@@ -20,6 +20,8 @@ from rosbags.typesys import Stores, get_typestore
 
 PATIENCE_S = 20.0
 PERIOD_S = 0.02
+LET_GO_S = 0.6
+"""For so long there must be no command before a fault can be reset."""
 FIGURES: dict[str, list[tuple[tuple[float, float, float], float]]] = {
     "straight": [((0.7, 0.0, 0.0), 0.7)],
     "strafe": [((0.0, 0.6, 0.0), 0.6)],
@@ -45,6 +47,7 @@ class Robot:
         self._news = threading.Condition()
         self._numbers = itertools.count(1)
         self._lease = ""
+        self.leases = 0
         self.status: dict[str, Any] = {}
         self.status_seq = 0
         self.poses: dict[str, dict[int, Pose]] = {"odom": {}, "truth": {}}
@@ -93,17 +96,19 @@ class Robot:
         sys.exit(f"{key}: no answer")
 
     def get_ready(self) -> None:
-        self._take_control()
-        armed = self.ask("arm", lease=self._lease)
-        if not armed["ok"]:
-            sys.exit(armed["reason"])
+        self._keep_control()
+        if self.status["mode"] == "fault":
+            time.sleep(LET_GO_S)
+            self._demand("reset")
+            self.wait_for("disarmed")
+        if self.status["mode"] != "disarmed":
+            return
+        self._demand("arm")
         ready = threading.Event()
 
         def keep_control() -> None:
             while not ready.wait(0.3):
-                kept = self.ask("lease", op="renew", operator="outsider", lease=self._lease)
-                if not kept["granted"]:  # This machine was busy with something else.
-                    self._take_control()
+                self._keep_control()
 
         thread = threading.Thread(target=keep_control)
         thread.start()
@@ -111,9 +116,23 @@ class Robot:
         ready.set()
         thread.join()
 
-    def _take_control(self) -> None:
-        granted = self.ask("lease", op="acquire", operator="outsider")
-        self._lease = granted["lease"] or sys.exit(granted["reason"])
+    def _keep_control(self) -> None:
+        """Keep control, or take it: also anew, when this machine was busy with something else."""
+        kept = self._lease and self.ask("lease", op="renew", operator="outsider", lease=self._lease)
+        if not kept or not kept["granted"]:
+            granted = self.ask("lease", op="acquire", operator="outsider")
+            self._lease = granted["lease"] or sys.exit(granted["reason"])
+            self.leases += 1
+
+    def _demand(self, service: str) -> None:
+        answer = self.ask(service, lease=self._lease)
+        if not answer["ok"]:
+            sys.exit(answer["reason"])
+
+    def _drives(self) -> bool:
+        """Whether the robot obeys: who is held up for two seconds loses control."""
+        is_ours = self.status["lease"]["holder"] == "outsider"
+        return is_ours and self.status["mode"] not in ("disarmed", "fault")
 
     def send(self, vx: float, vy: float, omega: float) -> None:
         make = self._types.types
@@ -136,6 +155,8 @@ class Robot:
         for twist, amount in legs:
             self.went_m = self.turned_rad = 0.0
             while (self.turned_rad if twist[2] else self.went_m) < amount:
+                if not self._drives():
+                    self.get_ready()
                 self.send(*twist)
                 pause.wait(PERIOD_S)
                 if time.monotonic() > give_up_s:
@@ -192,7 +213,8 @@ def main() -> None:
             print(json.dumps({"figure": figure} | result), flush=True)  # noqa: T201  Its output.
         dropped = robot.status["command"]["dropped"]
         ours = sorted(module for module in sys.modules if module.startswith("tsd"))
-        print(json.dumps({"dropped": dropped, "ours": ours}), flush=True)  # noqa: T201  Its output.
+        end = {"dropped": dropped, "ours": ours, "leases": robot.leases}
+        print(json.dumps(end), flush=True)  # noqa: T201  Its output.
 
 
 if __name__ == "__main__":

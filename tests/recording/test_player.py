@@ -13,6 +13,7 @@ import pytest
 
 import tsd_twin
 from tests.support.recorded_drives import START_NS, RecordedDrive, recorded_circle
+from tsd_twin.control.faults import FaultReporter
 from tsd_twin.errors import MessageError, RecordingError
 from tsd_twin.messages import topics
 from tsd_twin.messages.requests import Event
@@ -20,7 +21,15 @@ from tsd_twin.messages.ros import decode_joints, decode_odometry
 from tsd_twin.messages.status import decode_status
 from tsd_twin.recording import RecordingFolder, mcap_file
 from tsd_twin.recording.channels import JSON, Entry
-from tsd_twin.recording.events import EventKind, Mark, add_mark, marks_file, read_events, read_marks
+from tsd_twin.recording.events import (
+    EventKind,
+    Mark,
+    add_mark,
+    kind_of,
+    marks_file,
+    read_events,
+    read_marks,
+)
 from tsd_twin.recording.export import Part, to_mcap
 from tsd_twin.recording.folder import Catalogue
 from tsd_twin.recording.index import RecordingIndex
@@ -246,6 +255,12 @@ def test_events_are_found_and_repeated_ones_are_counted(driven: Path) -> None:
     stops = by_kind[EventKind.STOP]
     assert [event.text for event in stops] == ["From driving to stopped: a cat."]
     index.close()
+
+
+def test_an_event_about_a_suspect_is_found_as_one_of_consistency() -> None:
+    event = FaultReporter().step("module2", 5.0)
+    assert event is not None
+    assert kind_of(event) is EventKind.CONSISTENCY
 
 
 def test_marks_stay_beside_a_recording_and_go_with_it(driven: Path, tmp_path: Path) -> None:

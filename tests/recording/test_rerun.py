@@ -186,7 +186,7 @@ PASSES_THROUGH = {"status": {"loop", "hardware"}}
 """Arguments that are only copied into the result."""
 READS = {
     "kinematics", "joints", "odometry", "alternative_odometry", "joint_state", "setpoint_state",
-    "mean_twist", "take_events",
+    "mean_twist", "pose", "end_twist", "take_events",
 }  # fmt: skip
 """What changes nothing that set-points and estimates depend on."""
 

@@ -145,6 +145,23 @@ def test_a_batch_is_its_members() -> None:
         np.testing.assert_allclose(together.measure()[at], alone.measure(), **close)
 
 
+def test_one_robot_in_plain_floats_has_the_bits_of_a_batch() -> None:
+    random = np.random.default_rng(1)
+    alone, batch = spun_up(), spun_up(batch=(1,))
+    for _ in range(60):
+        # Servos at their top speed and near their goals; motors on, off, faster and slower.
+        twist = random.uniform(-1.0, 1.0, 3) * random.choice([0.01, 1.0])
+        setpoint = ROBOT.kinematics().inverse(twist)
+        setpoint[2::3] *= random.choice([0.0, 0.9, 1.0])
+        for simulation in (alone, batch):
+            simulation.command(setpoint)
+        for dt_s in random.choice([0.003, 0.01, 0.2], 5).tolist():
+            alone.advance(dt_s)
+            batch.advance(dt_s)
+            assert alone.joints.tobytes() == batch.joints[0].tobytes()
+            assert alone.measure().tobytes() == batch.measure()[0].tobytes()
+
+
 def test_one_command_serves_a_whole_batch() -> None:
     simulation = spun_up(batch=(4,))
     simulation.command(command([0.5, 0.0, 0.0]))

@@ -84,6 +84,7 @@ class ForeignClient:
         end_s = time.monotonic() + PATIENCE_S
         while not condition():
             assert time.monotonic() < end_s, f"{what}: {self.said}"
+            assert "/status" not in self.newest or self.status["mode"] != "fault", self.said
             await asyncio.sleep(0.01)
 
     async def subscribe(self, *topics: str) -> None:

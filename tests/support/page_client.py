@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
+from tests.support.tls_connection import TlsConnection
 from tsd_twin import robots
 from tsd_twin.bus import Bus, client_config, node_config
 from tsd_twin.client.connection import RobotMonitor
@@ -64,7 +65,7 @@ class Page:
         acknowledge: bool = True,
         user: str = "web",
         cookie: str | None = None,
-        through: ClientConnection | None = None,
+        through: TlsConnection | None = None,
         recording: str = "",
     ) -> None:
         """`recording` is shown, if any; `through` is a connection that is open already."""
@@ -80,7 +81,7 @@ class Page:
         self._changed = threading.Condition()
         self._ended = threading.Event()
         self._sending = threading.Lock()
-        self._socket: ClientConnection = through or connect(
+        self._socket: ClientConnection | TlsConnection = through or connect(
             f"ws://127.0.0.1:{port}/teleop?page={page}"
             + (f"&recording={recording}" if recording else ""),
             additional_headers=None if cookie is None else {"Cookie": cookie},
@@ -98,6 +99,7 @@ class Page:
 
     def send_together(self, data: bytes) -> None:
         """Send the raw frames `data` in one write, so that they arrive together."""
+        assert isinstance(self._socket, ClientConnection)
         self._socket.socket.sendall(data)
 
     @property
@@ -162,7 +164,7 @@ class Page:
         """Hold the stick, and wait until the robot obeys.
 
         A page that is starved echoes an old status: the gateway releases its stick, and a person
-        would centre it and push again.
+        would centre it and push again. A robot that is starved is in a fault, and is reset.
         """
         for _ in range(_PUSHES):
             before = len(self.all("released"))
@@ -174,6 +176,9 @@ class Page:
                 return
             self.holds = {"vx": 0.0, "vy": 0.0, "omega": 0.0}
             time.sleep(4 * DRIVE_S)
+            if self.mode in ("fault", "disarmed") or not self.state["you"]:
+                self.let_go()
+                self.make_ready()
         raise AssertionError(f"not driving after {_PUSHES} pushes of the stick")
 
     def let_go(self) -> None:

@@ -25,6 +25,7 @@ from zenoh_ros2_sdk.utils import compute_type_hash_from_msg
 STORE = get_typestore(Stores.ROS2_JAZZY)
 TWIST, TWIST_STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
 TRIGGER_HASH = "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f"
+_GID = bytes(range(16))
 PATIENCE_S = 20.0
 
 
@@ -134,6 +135,7 @@ class ForeignNode:
         end_s = time.monotonic() + PATIENCE_S
         while not condition():
             assert time.monotonic() < end_s, f"{what}: {self.said}"
+            assert "/status" not in self.newest or self.status["mode"] != "fault", self.said
             time.sleep(0.01)
 
     def until_all(self, *topics: str) -> None:
@@ -151,23 +153,29 @@ class ForeignNode:
         return found
 
     def call(self, service: str) -> tuple[bool, str]:
-        """Call a service, as the client of rmw_zenoh does."""
+        """Call a service, as the client of rmw_zenoh does, once the adapter offers it."""
+        end_s = time.monotonic() + PATIENCE_S
+        while not (found := self._ask(service)):
+            assert time.monotonic() < end_s, f"no {service}: {self.said}"
+            time.sleep(0.1)
+        (sample,) = found
+        sequence, source_ns, _, echoed = struct.unpack("<qqB16s", sample.attachment.to_bytes())
+        assert (sequence, echoed) == (self._sequence, _GID)
+        assert abs(time.time_ns() - source_ns) < 10**9
+        body = sample.payload.to_bytes()
+        return bool(body[4]), body[12:-1].decode()
+
+    def _ask(self, service: str) -> list[zenoh.Sample]:
         self._sequence += 1
-        gid = bytes(range(16))
         replies = self.router.get(
             f"{self._domain}/{service.strip('/')}/std_srvs::srv::dds_::Trigger_/{TRIGGER_HASH}",
             payload=b"\0\1\0\0\0",
-            attachment=struct.pack("<qqB16s", self._sequence, time.time_ns(), 16, gid),
+            attachment=struct.pack("<qqB16s", self._sequence, time.time_ns(), 16, _GID),
             target=zenoh.QueryTarget.ALL_COMPLETE,
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=PATIENCE_S,
         )
-        (sample,) = [reply.ok for reply in replies if reply.ok is not None]
-        sequence, source_ns, _, echoed = struct.unpack("<qqB16s", sample.attachment.to_bytes())
-        assert (sequence, echoed) == (self._sequence, gid)
-        assert abs(time.time_ns() - source_ns) < 10**9
-        body = sample.payload.to_bytes()
-        return bool(body[4]), body[12:-1].decode()
+        return [reply.ok for reply in replies if reply.ok is not None]
 
     @property
     def x_m(self) -> float:

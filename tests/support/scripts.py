@@ -10,11 +10,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import tsd_twin
-from tests.app.conftest import Program
+from tests.app.conftest import HELD_UP, Program, reset_if_held_up
 
 PATIENCE_S = 90.0
 _GOES = 3
-_STARVED = re.compile(r"(RobotStopped: .* stopped by itself|RobotSilent): ")
+_STARVED = re.compile(rf"(RobotStopped: .* stopped by itself|RobotSilent): |{HELD_UP}")
 
 
 @contextmanager
@@ -28,14 +28,16 @@ def mock_endpoint() -> Generator[str]:
         mock.clean_up()
 
 
-def run_script(script: Path, folder: Path, *arguments: str) -> str:
+def run_script(script: Path, folder: Path, *arguments: str, endpoint: str = "") -> str:
     """Run a script with `folder` as its working directory; return what it prints.
 
     A robot stops by itself when a script gets no processor for 0.2 s, and the script ends with that
     error. Beside other tests it may happen once or twice, and the script has another go; any other
-    error is one of the script.
+    error is one of the script. The robot there that was held up itself is in a fault, and is reset.
     """
     for _ in range(_GOES):
+        if endpoint:
+            reset_if_held_up(endpoint)
         done = subprocess.run(
             [sys.executable, str(script), *arguments],
             cwd=folder,
@@ -59,18 +61,22 @@ def drive(
     duration_s: float,
     operator: str = "script",
 ) -> None:
-    """Drive a robot; another time when it stopped by itself, as above."""
+    """Drive a robot; another time when it stopped by itself, as above, or was held up itself."""
     for left in reversed(range(_GOES)):
-        with tsd_twin.connect(endpoint) as robot, robot.control(operator) as base:
-            try:
+        try:
+            with (
+                tsd_twin.connect(endpoint) as robot,
+                robot.control(operator, take_over=left < _GOES - 1) as base,
+            ):
                 base.drive(
                     vx_mps=vx_mps,
                     vy_mps=vy_mps,
                     omega_rad_per_s=omega_rad_per_s,
                     duration_s=duration_s,
                 )
-            except (tsd_twin.RobotStopped, tsd_twin.RobotSilent):
-                if not left:
-                    raise
-            else:
-                return
+        except tsd_twin.ClientError as error:
+            starved = isinstance(error, tsd_twin.RobotStopped | tsd_twin.RobotSilent)
+            if not left or not (reset_if_held_up(endpoint) or starved):
+                raise
+        else:
+            return

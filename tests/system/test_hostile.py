@@ -78,7 +78,10 @@ def flood(scene: FaultStage, seed: int, count: int, *what: str) -> list[float]:
         [*AS_OTHERS, sys.executable, "-m", "tests.system.hostile", *arguments]
     )
     took_s: list[float] = []
-    with Bus(client_config([scene.endpoint])) as bus:
+    with contextlib.ExitStack() as ends:
+        ends.callback(hostile.wait)
+        ends.callback(hostile.kill)
+        bus = ends.enter_context(Bus(client_config([scene.endpoint])))
         assert bus.wait_for_peer(ANSWER_S)
         while hostile.poll() is None:
             start_s = time.monotonic()

@@ -153,7 +153,7 @@ class BusLink(RobotConnection):
             now_s = self._received_s = time.monotonic()
             self._odometry = odometry
             for protocol in self._protocols:
-                protocol.receive_odometry(odometry, now_s)
+                protocol.receive_odometry(odometry.xy_heading, odometry.twist, now_s)
             if self._states and self._status is not None and topics.JOINTS in self._samples:
                 state = self._snapshot(self._status, odometry)
                 self._states = [each for each in self._states if not each.closed]
@@ -222,7 +222,9 @@ class BusLink(RobotConnection):
             if self._status is not None:
                 protocol.receive_status(self._status, self._status_seq, self._received_s)
             if self._odometry is not None:
-                protocol.receive_odometry(self._odometry, self._received_s)
+                protocol.receive_odometry(
+                    self._odometry.xy_heading, self._odometry.twist, self._received_s
+                )
             self._protocols.append(protocol)
 
     def detach(self, protocol: ControlProtocol) -> None:

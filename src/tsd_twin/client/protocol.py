@@ -21,7 +21,7 @@ from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages import topics
 from tsd_twin.messages.requests import LeaseReply, LeaseRequest, decode_json, encode_attachment
-from tsd_twin.messages.ros import BASE, ODOM, Odometry, TwistStamped, encode_twist
+from tsd_twin.messages.ros import BASE, ODOM, TwistStamped, encode_twist
 from tsd_twin.messages.status import Status
 from tsd_twin.motion.prediction import CommandDelay
 from tsd_twin.robots import RobotDescription
@@ -83,10 +83,12 @@ class ControlProtocol:
         self.robot = robot
         self.operator = topics.checked(operator)
         self.kinematics: Kinematics[Any] = robot.kinematics()
+        self._axes = list(self.kinematics.twist_axes)
         self.status: Status | None = None
         self.status_seq = 0
         """Number of the newest status, which each command echoes."""
-        self.odometry: Odometry | None = None
+        self._xy_heading: Array | None = None
+        self._twist: Array | None = None
         self.max_age_s = robot.limits.max_command_age_s
         """Age up to which commands count under this lease."""
         self._status_s = self._odometry_s = -math.inf
@@ -117,9 +119,9 @@ class ControlProtocol:
             holder = status.lease.holder
             self._lose(f"{holder} has control now" if holder else "the lease has ended")
 
-    def receive_odometry(self, odometry: Odometry, now_s: float) -> None:
-        """Process a `state/odom`."""
-        self.odometry, self._odometry_s = odometry, now_s
+    def receive_odometry(self, xy_heading: Array, twist: Array, now_s: float) -> None:
+        """Process pose (3,) and twist (3,) of a `state/odom`; a sphere's pose means nothing."""
+        self._xy_heading, self._twist, self._odometry_s = xy_heading, twist, now_s
 
     def add_round_trip(self, seconds: float) -> None:
         """Add a measured round-trip time of a service."""
@@ -182,9 +184,13 @@ class ControlProtocol:
         if not self._lease:
             raise ControlLost(f"no control of {self.robot_id}: {self._lost or 'take it first'}")
 
+    def renewal_is_due(self, now_s: float) -> bool:
+        """Return whether a lease is held that has to be renewed."""
+        return bool(self._lease) and now_s - self._renewed_s >= RENEW_PERIOD_S
+
     def renewal(self, now_s: float) -> bytes | None:
         """Return the request that renews the lease, when one is due."""
-        if not self._lease or now_s - self._renewed_s < RENEW_PERIOD_S:
+        if not self.renewal_is_due(now_s):
             return None
         self._renewed_s = now_s
         lease = self._lease.hex()
@@ -290,7 +296,7 @@ class ControlProtocol:
         self.check_lease()
         numbers = _checked(twist, frame)
         spatial = np.zeros(6)
-        spatial[list(self.kinematics.twist_axes)] = numbers
+        spatial[self._axes] = numbers
         self._seq += 1
         self._sent_s = now_s
         self._delay.add_sent(self._seq, now_s)
@@ -309,9 +315,9 @@ class ControlProtocol:
 
     def is_still(self) -> bool:
         """Return whether the odometry shows next to no speed, once the joints have followed."""
-        if self.odometry is None:
+        if self._twist is None:
             return False
-        twist, twist_scale_m = np.abs(self.odometry.twist), self.kinematics.twist_scale_m
+        twist, twist_scale_m = np.abs(self._twist), self.kinematics.twist_scale_m
         slow = twist_scale_m * float(np.hypot(twist[0], twist[1])) < _STILL_MPS
         return slow and float(twist[2]) < _STILL_RAD_PER_S
 
@@ -398,9 +404,9 @@ class ControlProtocol:
         """
         if self.kinematics.pose_type is SO3:
             raise ClientError(f"{self.robot_id} turns a sphere in place: it goes nowhere")
-        if self.odometry is None or now_s - self._odometry_s > self.max_age_s:
+        if self._xy_heading is None or now_s - self._odometry_s > self.max_age_s:
             raise RobotSilent(f"{self.robot_id} has sent no odometry for {self.max_age_s:g} s")
-        return SE2(self.odometry.xy_heading)
+        return SE2(self._xy_heading)
 
     def planar(self, vx_mps: float, vy_mps: float, omega_rad_per_s: float) -> Sequence[float]:
         """Return the twist of a robot on a floor.
@@ -441,7 +447,7 @@ class ControlProtocol:
 
 def _checked(twist: Sequence[float] | Array, frame: str) -> Array:
     numbers = np.asarray(twist, dtype=float)
-    if numbers.shape != (3,) or not np.isfinite(numbers).all():
+    if numbers.shape != (3,) or not all(map(math.isfinite, numbers.tolist())):
         raise ClientError(f"a twist is three finite numbers, not {twist}")
     if frame not in (BASE, ODOM):
         raise ClientError(f"a frame is {BASE} or {ODOM}, not {frame}")

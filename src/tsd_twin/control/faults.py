@@ -115,7 +115,7 @@ class FaultReporter:
             return None
         self._last, self._reported_s = suspect, now_s
         text = f"{suspect} contradicts the others."
-        return Event("conflict", text, rule="conflict monitor", robot_s=now_s)
+        return Event("consistency", text, rule="consistency monitor", robot_s=now_s)
 
 
 ASIDE_RAD = NEUTRAL_RAD

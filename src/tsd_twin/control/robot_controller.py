@@ -203,7 +203,7 @@ class RobotController:
     def _supervisor_inputs(self, now_s: float, fault: str) -> SupervisorInputs:
         supervisor, faults = self.supervisor, self._faults
         fault = faults.step(now_s, self.setpoint, supervisor, fault)
-        at_rest = not any(self.twist)
+        at_rest = not any(self.twist.tolist())
         if supervisor.mode is not Mode.ARMING:
             return SupervisorInputs(neutral=False, at_speed=False, at_rest=at_rest, fault=fault)
         neutral, at_speed = self._estimator.neutral_and_at_speed(
@@ -238,7 +238,7 @@ class RobotController:
             if dt_s > 0.0:
                 # After a delayed period the speed must not rise in one step; it may fall in one,
                 # since the robot has kept driving meanwhile.
-                step_s = min(dt_s, LONGEST_STEP_S) if any(goal) else dt_s
+                step_s = min(dt_s, LONGEST_STEP_S) if any(goal.tolist()) else dt_s
                 self.twist = self._limiter.approach(self.twist, goal, step_s)
             self._add_event(self._saturation.compare(request, goal, now_s))
         else:
@@ -291,6 +291,16 @@ class RobotController:
     def mean_twist(self) -> Array:
         """(3,): estimated mean twist during the last step; `odometry` has that of its end."""
         return self._estimator.mean_twist
+
+    @property
+    def pose(self) -> Any:
+        """Estimated pose in `odom`, of the kinematics' pose type, as `odometry` has it."""
+        return self._estimator.pose
+
+    @property
+    def end_twist(self) -> Array:
+        """(3,): estimated twist in `base_link` at the end of the last step, as in `odometry`."""
+        return self._estimator.end_twist
 
     @property
     def joints(self) -> Array:

@@ -196,8 +196,8 @@ class StateEstimator:
             others = measured[len(joints) :]
             self.sensors = others.copy() if len(others) else self._unmeasured
             modelled = ~np.isfinite(joints)
-            speeds = joints[self._wheels]
-            joints[self._wheels] = np.where(modelled[self._wheels], spin, speeds)
+            unmeasured = modelled[self._wheels]
+            joints[self._wheels[unmeasured]] = spin[unmeasured]
         elif math.isfinite(self.measured_s):
             # Without a measurement gimbals keep their angles; wheels that are shut off run down.
             joints, modelled = self.joints.copy(), ~self.is_angle
@@ -246,6 +246,11 @@ class StateEstimator:
     def mean_twist(self) -> Array:
         """(3,): mean twist during the last step, which moved the pose."""
         return self._inner.motion.twist
+
+    @property
+    def end_twist(self) -> Array:
+        """(3,): twist in `base_link` at the end of the last step."""
+        return self._best.end_twist
 
     def set_pose(self, pose: SE2 | SO3) -> None:
         """Set the estimate to `pose`, with zero covariance."""

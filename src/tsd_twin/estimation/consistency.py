@@ -42,14 +42,10 @@ class ParityTest:
 
     whiten: Array
     """(d, m): whitening of a residual to d independent, standard normal numbers."""
-    lines: Array
-    """(n, d): unit vectors of the parity space for a fault of one joint each; or zero."""
     threshold: float
     """Threshold of the squared length of the parity vector; infinite for d = 0."""
     slopes: Array
     """(n, m): derivatives of the residual by the joints."""
-    by_slip: Array | None = None
-    """(n, m): by how much joints give way to a residual, if they do."""
 
     @staticmethod
     def at(
@@ -59,32 +55,34 @@ class ParityTest:
         false_alarm: float = FALSE_ALARM,
         *,
         common: Array | None = None,
-        by_slip: Array | None = None,
     ) -> ParityTest:
         """Return the test around `joints` (n,) with standard deviations `sigma` (n,).
 
-        `common` (n,) are deviations of all joints at once, by one standard normal number. `by_slip`
-        (n, m) is by how much joints give way to a residual. First-order error propagation through
-        the forward kinematics, by differences.
+        `common` (n,) are deviations of all joints at once, by one standard normal number.
+        First-order error propagation through the forward kinematics, by differences.
         """
-        steps = _NUDGE * np.maximum(1.0, np.abs(joints))
-        nudged = np.concatenate([joints[None], joints + np.diag(steps)])
+        scale = np.maximum(1.0, np.abs(joints))
+        steps = _NUDGE * scale
+        nudged = np.empty((len(joints) + 1, len(joints)))
+        nudged[:] = joints
+        # The diagonal of the rows below the first, as one slice: each nudges a joint of its own.
+        nudged.reshape(-1)[len(joints) :: len(joints) + 1] += steps
         residuals = kinematics.forward(nudged).residual
         slopes = (residuals[1:] - residuals[0]) / steps[:, None]
-        _, sizes, directions = np.linalg.svd(slopes * np.maximum(1.0, np.abs(joints))[:, None])
-        basis = directions[: int(np.count_nonzero(sizes > _RANK * max(sizes.max(), _NOTHING)))]
+        _, sizes, directions = np.linalg.svd(slopes * scale[:, None], full_matrices=False)
+        # The sizes fall.
+        basis = directions[: int(np.count_nonzero(sizes > _RANK * max(sizes[0], _NOTHING)))]
         if len(basis) == 0:
-            nothing = np.zeros((0, slopes.shape[1]))
-            return ParityTest(nothing, np.zeros((len(slopes), 0)), np.inf, slopes)
+            return ParityTest(np.zeros((0, slopes.shape[1])), np.inf, slopes)
         noise = (np.maximum(sigma, _LEAST_SIGMA)[:, None] * slopes) @ basis.T
         covariance = noise.T @ noise
         if common is not None:
             together = common @ slopes @ basis.T
-            covariance += np.outer(together, together)
+            covariance += together[:, None] * together
         root = np.asarray(np.linalg.cholesky(covariance), dtype=float)
         whiten: Array = np.asarray(np.linalg.solve(root, basis), dtype=float)
         threshold = chi_square_bound(len(basis), false_alarm)
-        return ParityTest(whiten, _unit_lines(slopes @ whiten.T), threshold, slopes, by_slip)
+        return ParityTest(whiten, threshold, slopes)
 
     @property
     def dimensions(self) -> int:
@@ -99,20 +97,22 @@ class ParityTest:
         white = residual @ self.whiten.T
         return samples * np.square(white).sum(axis=-1)
 
-    def single_fault(self, residual: Array) -> tuple[Array, Any]:
+    def single_fault(self, residual: Array, by_slip: Array | None = None) -> tuple[Array, Any]:
         """Return the joint that alone explains most of residuals (..., m), and whether all of it.
 
-        All means that the rest is within the 99th percentile of the noise. A joint that explains
-        all of it together with how others give way counts only where no joint alone does.
+        All means that the rest is within the 99th percentile of the noise. `by_slip` (n, m) is by
+        how much joints give way to a residual, if they do. A joint that explains all of it together
+        with how others give way counts only where no joint alone does.
         """
         white = residual @ self.whiten.T
         squared = np.square(white).sum(axis=-1)
         most = chi_square_bound(self.dimensions - 1, _LEFT_OVER)
-        explained = np.square(white @ self.lines.T)
+        # Unit vectors of the parity space, for a fault of one joint each; or zero.
+        explained = np.square(white @ _unit_lines(self.slopes @ self.whiten.T).T)
         joint: Array = explained.argmax(axis=-1)
         enough: Any = squared - explained.max(axis=-1) <= most
-        if self.by_slip is not None:
-            each = [_unit_lines(slopes @ self.whiten.T) for slopes in self._yielding(self.by_slip)]
+        if by_slip is not None:
+            each = [_unit_lines(slopes @ self.whiten.T) for slopes in self._yielding(by_slip)]
             explained = np.maximum.reduce([np.square(white @ lines.T) for lines in each])
             joint = np.where(enough, joint, explained.argmax(axis=-1))
             enough = enough | (squared - explained.max(axis=-1) <= most)
@@ -233,16 +233,18 @@ class ConsistencyMonitor:
         self._owners = [_owner(joint.name, kinematics.actuators) for joint in kinematics.joints]
         self._is_angle = np.array([j.kind is JointKind.POSITION for j in kinematics.joints])
         self._compliance = compliance
+        if compliance is not None:
+            self._play_share = _PLAY_SHARE * self._is_angle
+            self._edge_rad = _EDGE_SHARE * compliance.dead_band_rad * self._is_angle
         self._joints, self._same_s = b"", 0.0
         self._latest: TwistSolution = TwistSolution(np.zeros(3), np.zeros(0))
         """Newest joints, for how long they have been the same, and their motion."""
-        self._smooth: tuple[Array, Array, Array] | None = None
-        """Smoothed residual (m,), twist (3,) and joints (n,)."""
+        self._smooth: Array | None = None
+        """(m + 3 + n,): smoothed residual, twist and joints."""
         self._lean: Array = np.zeros(len(self._is_angle))
         """(n,): deviation of joints that give way as reckoned, smoothed as the residual is."""
-        self._largest_lean: Array = np.zeros(len(self._is_angle))
-        self._largest_rate: Array = np.zeros(len(self._is_angle))
-        """(n,): largest sizes of late, of the lean and of the rates of joints."""
+        self._largest: Array = np.zeros(2 * len(self._is_angle))
+        """(2n,): largest sizes of late, of the lean and then of the rates of joints."""
         self._modelled: Array | None = None
         self._test: tuple[bytes, ParityTest] | None = None
         """Newest joints, and the test around them: joints that stay have the same one."""
@@ -260,42 +262,43 @@ class ConsistencyMonitor:
         elif self._same_s > _SETTLED_S:
             return
         self._same_s += dt_s
-        residual, twist = self._latest.residual, self._latest.twist
+        # All in one array: for so few numbers, each call of numpy costs the same.
+        newest = np.concatenate((self._latest.residual, self._latest.twist, joints))
+        at = len(self._latest.residual)
         if self._smooth is None:
-            self._smooth = np.zeros(len(residual)), twist, joints
+            self._smooth = newest.copy()
+            self._smooth[:at] = 0.0
         share = 1.0 - math.exp(-dt_s / _SMOOTHING_S)
-        smooth, slow, mean = self._smooth
-        smooth = smooth + share * (residual - smooth)
-        slow, mean = slow + share * (twist - slow), mean + share * (joints - mean)
-        self._smooth = smooth, slow, mean
+        self._smooth = smooth = self._smooth + share * (newest - self._smooth)
         if self._compliance is None:
             return
         # The derivative of what such a filter smooths is its input less its output, over its time.
-        vx, vy, omega = slow.tolist()
-        over_ground = (twist - slow) / _SMOOTHING_S + np.array([-omega * vy, omega * vx, 0.0])
+        rates = (newest - smooth) / _SMOOTHING_S
+        vx, vy, omega = smooth[at : at + 3].tolist()
+        over_ground = rates[at : at + 3] + np.array([-omega * vy, omega * vx, 0.0])
         self._lean = self._compliance.by_acceleration @ over_ground
+        sizes = np.abs(np.concatenate((self._lean, rates[at + 3 :])))
         kept = math.exp(-dt_s / _REMEMBERED_S)
-        self._largest_lean = np.maximum(np.abs(self._lean), kept * self._largest_lean)
-        rate = np.abs(joints - mean) / _SMOOTHING_S
-        self._largest_rate = np.maximum(rate, kept * self._largest_rate)
+        self._largest = np.maximum(sizes, kept * self._largest)
 
     def judge(self, joints: Array) -> ConsistencyResult:
         """Return the result of the test for a robot whose joints are at `joints` (n,)."""
-        residual = None if self._smooth is None else self._smooth[0]
+        residual = None if self._smooth is None else self._smooth[: len(self._latest.residual)]
         squared = 0.0 if residual is None else float(residual @ residual)
         if residual is None or squared == 0.0:
             return ConsistencyResult(0.0, 0.0, np.zeros(len(self._kinematics.actuators)), None)
         test = self._test_at(joints)
         level = float(test.statistic(residual)) / test.threshold
-        shares = np.clip(self._kinematics.fault_contribution(residual) / squared, 0.0, 1.0)
+        shares = self._kinematics.fault_contribution(residual) / squared
+        shares = np.minimum(np.maximum(shares, 0.0), 1.0)
         suspect = None
         if level > 1.0:
-            joint, enough = test.single_fault(residual)
+            joint, enough = test.single_fault(residual, self._by_slip(joints))
             suspect = self._owners[int(joint)] if enough else int(shares.argmax())
         return ConsistencyResult(math.sqrt(squared / len(residual)), level, shares, suspect)
 
     def _test_at(self, joints: Array) -> ParityTest:
-        key = joints.tobytes() + self._largest_lean.tobytes() + self._largest_rate.tobytes()
+        key = joints.tobytes() + self._largest.tobytes()
         if self._test is None or self._test[0] != key:
             self._test = (key, self._made_test(joints))
         return self._test[1]
@@ -306,21 +309,22 @@ class ConsistencyMonitor:
             sigma = np.where(self._modelled, 0.0, sigma)
         if compliance is None:
             return ParityTest.at(self._kinematics, joints, sigma)
-        trail = np.minimum(compliance.lag_s * self._largest_rate, compliance.play_rad)
+        lean, rate = self._largest[: len(joints)], self._largest[len(joints) :]
+        trail = np.minimum(compliance.lag_s * rate, compliance.play_rad)
         parts = (
             sigma,
-            _LEAN_SHARE * self._largest_lean,
-            self._is_angle * _PLAY_SHARE * trail,
-            self._is_angle * _EDGE_SHARE * compliance.dead_band_rad,
+            _LEAN_SHARE * lean,
+            self._play_share * trail,
+            self._edge_rad,
         )
-        speeds = np.abs(joints[~self._is_angle])
-        return ParityTest.at(
-            self._kinematics,
-            joints,
-            np.sqrt(np.square(parts).sum(axis=0)),
-            common=self._lean,
-            by_slip=compliance.by_slip(float(speeds.mean())),
-        )
+        sigma = np.sqrt(np.square(parts).sum(axis=0))
+        return ParityTest.at(self._kinematics, joints, sigma, common=self._lean)
+
+    def _by_slip(self, joints: Array) -> Array | None:
+        """Return by how much joints (n, m) give way to a residual, if they do."""
+        if self._compliance is None:
+            return None
+        return self._compliance.by_slip(float(np.abs(joints[~self._is_angle]).mean()))
 
 
 def _owner(joint: str, actuators: tuple[str, ...]) -> int:

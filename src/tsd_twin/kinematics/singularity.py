@@ -223,12 +223,17 @@ class SingularityKinematics(PlanarMotion):
         v = r_w Omega x z with Omega = spin l + gimbal rate and
         l = (cos a sin b, sin a, cos a cos b). The thesis lacks the terms in the gimbal rates.
         """
+        flat = self._flat_contacts(joints, rates)
+        return flat.reshape(*flat.shape[:-1], self.modules, 2)
+
+    def _flat_contacts(self, joints: Array, rates: Array | None) -> Array:
+        """Return `contacts` as one vector for all modules, (..., 2k)."""
         if joints.size <= _FEW:
             numbers = joints.ravel().tolist()
             if math.isfinite(sum(numbers)):  # The sine of an infinite angle would be an exception.
                 turning = None if rates is None else rates.ravel().tolist()
-                v = np.array(self._few_contacts(numbers, turning))
-                return v.reshape(*joints.shape[:-1], self.modules, 2)
+                few = np.array(self._few_contacts(numbers, turning))
+                return few.reshape(*joints.shape[:-1], 2 * self.modules)
         alpha, beta, spin = joints[..., 0::3], joints[..., 1::3], joints[..., 2::3]
         v_x = spin * np.sin(alpha)
         v_y = -spin * np.cos(alpha) * np.sin(beta)
@@ -238,18 +243,20 @@ class SingularityKinematics(PlanarMotion):
         v = np.empty((*alpha.shape, 2))
         v[..., 0], v[..., 1] = v_x, v_y
         v *= self.wheel_radius_m
-        return v
+        return v.reshape(*v.shape[:-2], 2 * self.modules)
 
     def _few_contacts(self, joints: list[float], rates: list[float] | None) -> list[float]:
         """Return `contacts` in plain floats: for a few modules in less time, and the same bits."""
-        radius_m, v = self.wheel_radius_m, list[float]()
-        for at in range(0, len(joints), 3):
-            alpha, beta, spin = joints[at : at + 3]
-            v_x = spin * math.sin(alpha)
-            v_y = -spin * math.cos(alpha) * math.sin(beta)
-            if rates is not None:
-                v_x += rates[at + 1]
-                v_y += rates[at] * math.cos(beta)
+        radius_m, v, sin, cos = self.wheel_radius_m, list[float](), math.sin, math.cos
+        modules = zip(joints[0::3], joints[1::3], joints[2::3], strict=True)
+        if rates is None:
+            for alpha, beta, spin in modules:
+                v += (spin * sin(alpha) * radius_m, -spin * cos(alpha) * sin(beta) * radius_m)
+            return v
+        turning = zip(modules, rates[0::3], rates[1::3], strict=True)
+        for (alpha, beta, spin), alpha_rate, beta_rate in turning:
+            v_x = spin * sin(alpha) + beta_rate
+            v_y = -spin * cos(alpha) * sin(beta) + alpha_rate * cos(beta)
             v += (v_x * radius_m, v_y * radius_m)
         return v
 
@@ -266,11 +273,6 @@ class SingularityKinematics(PlanarMotion):
     def twist(self, joints: Array, rates: Array | None = None) -> Array:
         """Twist (..., 3) of `forward` without its residual."""
         return self._flat_contacts(joints, rates) @ self.twist_from_contacts.T
-
-    def _flat_contacts(self, joints: Array, rates: Array | None) -> Array:
-        """Return `contacts` as one vector for all modules, (..., 2k)."""
-        v = self.contacts(joints, rates)
-        return v.reshape(*v.shape[:-2], 2 * self.modules)
 
     def fault_contribution(self, residual: Array) -> Array:
         """Share of the squared `residual` (..., 2k) due to each module alone, (..., k).

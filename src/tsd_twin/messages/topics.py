@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from dataclasses import dataclass
 from enum import StrEnum
@@ -96,6 +97,7 @@ def checked(name: str) -> str:
     return name
 
 
+@functools.lru_cache(maxsize=64)
 def twist_key(robot: str, operator: str) -> str:
     """Key of the velocity commands of `operator` to `robot`."""
     return TWIST.key(robot).replace("*", checked(operator))

@@ -52,7 +52,7 @@ class RecordedEvent:
 _KINDS = {
     "drop": EventKind.DROP,
     "lease": EventKind.HAND_OVER,
-    "conflict": EventKind.CONSISTENCY,
+    "consistency": EventKind.CONSISTENCY,
 }
 _NEW_MODE = re.compile(r"From \w+ to (\w+)")
 _STOPS = frozenset({Mode.STOPPING, Mode.STOPPED})

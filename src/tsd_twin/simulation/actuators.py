@@ -4,8 +4,10 @@ surface.
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, replace
+from statistics import fmean
 from typing import TypedDict
 
 import numpy as np
@@ -173,7 +175,7 @@ class Servos:
 
     def quantise(self, angle: Array) -> Array:
         """Return `angle`, radians, at the nearest step."""
-        return np.round(angle / self.step_rad) * self.step_rad
+        return np.rint(angle / self.step_rad) * self.step_rad
 
     def goal(self, setpoint: Array) -> Array:
         """Goal angle of a servo for `setpoint`, quantised and limited, radians."""
@@ -260,6 +262,20 @@ class WheelSurface:
         rolling = joints.copy()
         rolling[..., 2::3] *= 1.0 + self.outside_m(joints) / self.kinematics.wheel_radius_m
         return rolling
+
+
+_REMEMBERED = 16
+"""Number of step lengths that are remembered: steps of 0.01 s differ in their last digits."""
+
+
+@functools.lru_cache(maxsize=_REMEMBERED)
+def _decays(
+    rate: float, up_s: float, down_s: float, times_s: tuple[float, ...]
+) -> list[list[float]]:
+    """Return for each time the decay of a servo, less 1, and those of a motor, up and down."""
+    elapsed_s = np.array(times_s)
+    decays = np.expm1(-rate * elapsed_s), np.exp(-elapsed_s / up_s), np.exp(-elapsed_s / down_s)
+    return np.stack(decays, axis=-1).tolist()
 
 
 _SETTLED = 1e-9
@@ -419,6 +435,8 @@ class Actuation:
 
     def after(self, joints: Array, elapsed_s: Array) -> Array:
         """Joints without load at times (m, ..., 1) from now, which the last one becomes."""
+        if joints.ndim == 1 and (few := self._few_after(joints, elapsed_s)) is not None:
+            return few
         angles, goals = joints[..., self.angles], self.goals
         turning_s = elapsed_s
         if not self.servos.are_ideal:
@@ -431,6 +449,34 @@ class Actuation:
         speeds = joints[..., self.wheels]
         modules[..., 2] = self.motors.after(speeds, self.speed_goals, elapsed_s)
         return later
+
+    def _few_after(self, joints: Array, elapsed_s: Array) -> Array | None:
+        """Return `after` of one robot in plain floats: in a third of the time, and the same bits.
+
+        None if a servo is not ideal, slower than a sound one, or at its top speed.
+        """
+        servos, motors = self.servos, self.motors
+        limit, rate = servos.speed_limit_rad_per_s, servos.approach_rate_per_s
+        if not (servos.are_ideal and isinstance(rate, float) and np.size(limit) == 1):
+            return None
+        now, goals, speed_goals = joints.tolist(), self.goals.tolist(), self.speed_goals.tolist()
+        errors = [goal - now[i] for goal, i in zip(goals, self.angles.tolist(), strict=True)]
+        near_rad = float(np.take(limit, 0)) / rate
+        if not all(abs(error) <= near_rad for error in errors):
+            return None
+        times_s, later = tuple(elapsed_s.ravel().tolist()), list[float]()
+        up_s, down_s = motors.time_constant_up_s, motors.time_constant_down_s
+        for fallen, up, down in _decays(rate, up_s, down_s, times_s):
+            distances = [abs(error) + abs(error) * fallen for error in errors]
+            turned = [
+                goal - math.copysign(left, error)
+                for goal, left, error in zip(goals, distances, errors, strict=True)
+            ]
+            for at, goal in enumerate(speed_goals):
+                speed = now[3 * at + 2]
+                speed = goal + (speed - goal) * (up if goal > speed else down)
+                later += (turned[2 * at], turned[2 * at + 1], speed)
+        return np.array(later).reshape(len(times_s), len(now))
 
     def rates(self, joints: Array) -> Array:
         """How fast gimbals turn at `joints` (..., n) without load, rad/s; of wheels 0."""
@@ -479,7 +525,7 @@ class Actuation:
         Wheel speeds are exact here; whether a robot measures them is for the caller to say.
         """
         measured = joints.copy()
-        angles = measured[..., self.angles] - self.zero_rad
+        angles = joints.take(self.angles, axis=-1) - self.zero_rad
         if self._angle_noise_rad > 0.0:
             angles += self._angle_noise_rad * self._random.standard_normal(angles.shape)
         measured[..., self.angles] = self.servos.quantise(angles) + self._offset
@@ -488,7 +534,7 @@ class Actuation:
     def hardware_status(self) -> dict[str, object]:
         """Voltage, whether the speed controllers are armed, and what pulses they get."""
         return {
-            "battery_v": float(self.battery_v.mean()),
-            "esc_armed": bool(self.controllers.armed.all()),
+            "battery_v": fmean(self.battery_v.ravel().tolist()),
+            "esc_armed": all(self.controllers.armed.ravel().tolist()),
             "pulse_us": self.motors.pulse_us(self.controllers.signal).tolist(),
         }

@@ -50,7 +50,8 @@ class KinematicPlant:
         rates = (slopes @ by_node).reshape(joints.shape)
         twists = self.kinematics.twist(joints, rates)
         tangent = (weights @ twists.reshape(3, -1)).reshape(twists.shape[1:])
-        vx, vy, omega = twists[..., 0], twists[..., 1], twists[..., 2]
+        # Of one robot, the numbers of a list are quicker than those of an array.
+        vx, vy, omega = twists.T.tolist() if twists.ndim == 2 else np.moveaxis(twists, -1, 0)
         twelfth = dt_s * dt_s / 12.0
         tangent[..., 0] += twelfth * (omega[2] * vy[0] - omega[0] * vy[2])
         tangent[..., 1] += twelfth * (omega[0] * vx[2] - omega[2] * vx[0])
