@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from tsd_twin import robots
 from tsd_twin.estimation import PlanarOdometry, exponential_error
 from tsd_twin.lie import SE2, Array
-from tsd_twin.robots import JointErrors
+from tsd_twin.robots import FloorErrors, JointErrors
 
 ROBOT = robots.load_robot("tsd")
 DRIVE = ROBOT.kinematics()
@@ -243,6 +244,92 @@ def test_what_joints_contradict_one_another_by_is_doubted_as_much(
     np.testing.assert_allclose(grown, expected, rtol=0.25)
     assert doubts[1][0] > 4.0 * doubts[0][0]
     assert doubts[1][1] > 4.0 * doubts[0][1]
+
+
+SPIN_RAD_PER_S = float(DRIVE.inverse(np.zeros(3))[2])
+FLOOR = FloorErrors(
+    at_rad_per_s=SPIN_RAD_PER_S,
+    spin_share=0.01,
+    slip_lag_s=0.012,
+    droop_s2_per_m2=0.08,
+    restore_up_s=0.12,
+    restore_down_s=0.3,
+)
+"""Errors of one cause, for a start: none turns the robot."""
+START_MPS = [*[0.0] * 20, *np.linspace(0.0, 0.5, 13), *[0.5] * 92]
+"""A rest, and a start at 4 m/s2: speeds of 1.25 s."""
+
+
+def spread_of(floor: FloorErrors, joints: Sequence[Array]) -> Array:
+    """Standard deviations (3,) by the floor alone after steps at `joints` (n,), from rest."""
+    variances: list[Array] = []
+    for each in (floor, FloorErrors()):
+        # Without any noise of angles, their interpolation would be doubted.
+        odometry = new_odometry(JointErrors(angle_rad=1e-4, floor=each))
+        drive_for(odometry, np.zeros(3), 0.1)
+        odometry.set_pose(SE2.identity())
+        for one in joints:
+            odometry.advance(one, DT_S)
+        variances.append(np.diag(odometry.pose_covariance))
+    return np.sqrt(np.maximum(variances[0] - variances[1], 0.0))
+
+
+def test_all_that_the_floor_does_at_a_start_adds_up_since_it_has_one_cause() -> None:
+    """A start to 1 m/s within 0.25 s, and two metres: drag, slip and lost energy."""
+    speeds = np.minimum(4.0 * DT_S * np.arange(225), 1.0)
+    joints = [DRIVE.inverse(np.array([speed, 0.0, 0.0])) for speed in speeds]
+    alone = [
+        spread_of(floor, joints)[0]
+        for floor in (
+            # Without any lag there is no floor.
+            replace(FLOOR, slip_lag_s=1e-9, droop_s2_per_m2=0.0),
+            replace(FLOOR, spin_share=0.0, droop_s2_per_m2=0.0),
+            replace(FLOOR, slip_lag_s=1e-9, spin_share=0.0),
+        )
+    ]
+    assert alone[0] == pytest.approx(0.01 * DT_S * speeds.sum(), rel=0.05)
+    assert alone[1] == pytest.approx(0.012 * 1.0, rel=0.05)
+    # The motors restore it while the robot still speeds up.
+    assert 0.5 * 0.08 * 0.12 < alone[2] < 0.08 * 0.12
+    assert spread_of(FLOOR, joints)[0] == pytest.approx(sum(alone), rel=1e-3)
+
+
+def test_faster_wheels_slide_further_and_turn_the_robot_faster() -> None:
+    """At twice the speed of the wheels the rim of their contact patch is twice as fast."""
+    fast = replace(DRIVE, spin_rad_per_s=2.0 * SPIN_RAD_PER_S)
+    lag = FloorErrors(SPIN_RAD_PER_S, slip_lag_s=0.01)
+    turn = FloorErrors(SPIN_RAD_PER_S, slip_lag_s=1e-9, turn_rad_per_s=0.002)
+    for floor, i, expected in ((lag, 0, 0.01 * 0.5), (turn, 2, 0.002 * 1.25)):
+        for drive, times in ((DRIVE, 1.0), (fast, 2.0)):
+            rests = [drive.inverse(np.zeros(3))] * 25
+            joints = [drive.inverse(np.array([speed, 0.0, 0.0])) for speed in START_MPS]
+            still = np.asarray(spread_of(floor, rests)[i])
+            assert spread_of(floor, rests + joints)[i] - still == pytest.approx(
+                times * expected, rel=0.05
+            )
+
+
+def test_wheels_that_change_their_speed_turn_the_robot() -> None:
+    """By the lag at the mean speed, times the turn rate that the change of the spin is worth."""
+    floor = FloorErrors(SPIN_RAD_PER_S, slip_lag_s=0.01, turn_per_spin=0.001)
+    at_rest = DRIVE.inverse(np.zeros(3))
+    shares = [*[1.0] * 20, *np.linspace(1.0, 2.0, 50), *[2.0] * 30]
+    joints = [np.where(at_rest == SPIN_RAD_PER_S, share * at_rest, 0.0) for share in shares]
+    expected_rad = 0.01 * 1.5 * 3.0 * 0.001 * SPIN_RAD_PER_S
+    turned_rad = spread_of(floor, joints)[2]
+    assert turned_rad == pytest.approx(expected_rad, rel=0.1)
+    # It turns back when they get slower again, and does not turn while they keep their speed.
+    assert spread_of(floor, joints + joints[:20:-1])[2] < 0.2 * expected_rad
+    assert spread_of(floor, joints + 100 * joints[-1:])[2] == pytest.approx(turned_rad, rel=1e-6)
+
+
+def test_a_robot_that_has_stopped_does_not_slide_on() -> None:
+    """Also if its encoders show the same steps ever since."""
+    floor = FloorErrors(SPIN_RAD_PER_S, slip_lag_s=0.01)
+    speeds_mps = [*START_MPS, *np.linspace(0.5, 0.0, 12), *[0.0] * 400]
+    joints = [DRIVE.inverse(np.array([speed, 0.0, 0.0])) for speed in speeds_mps]
+    assert spread_of(floor, joints[: len(START_MPS)])[0] == pytest.approx(5e-3, rel=0.05)
+    assert spread_of(floor, joints)[0] < 5e-4
 
 
 def test_without_noise_in_the_description_nothing_is_uncertain() -> None:

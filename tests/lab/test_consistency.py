@@ -43,6 +43,23 @@ def test_errors_are_as_large_as_the_covariance_says(case: Case) -> None:
     assert result.heading_coverage.mean() > 0.6
 
 
+@pytest.mark.parametrize(
+    ("manoeuvre", "times_s"),
+    [("straight 1 m/s", (1.0, 2.0)), ("drive speeds", (3.0,))],
+    ids=["start", "drive speeds"],
+)
+def test_rigid_bodies_slide_no_further_than_the_covariance_says(
+    manoeuvre: str, times_s: tuple[float, ...]
+) -> None:
+    """On MuJoCo: after a start, and after wheels got faster, which turns the robot."""
+    case = Case("tsd", manoeuvre, plant="mujoco", seeds=5, first=700, times_s=times_s)
+    result = run_case(case)
+    assert (result.means > 1.0).all()
+    assert (result.means < 7.0).all()
+    assert result.coverage.mean() > 0.6
+    assert result.heading_coverage.mean() > 0.6
+
+
 def test_a_camera_that_is_2_cm_off_is_within_what_is_claimed() -> None:
     result = run_case(few("tsd", "standing", seeds=3, camera=CONSTANT))
     assert (result.means < 10.0).all()

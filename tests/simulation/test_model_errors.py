@@ -89,6 +89,23 @@ def test_in_its_dead_band_a_servo_stands(plant: str) -> None:
     np.testing.assert_array_equal(settled(simulation, goal - 0.5 * band), before)
 
 
+def test_readings_of_a_servo_in_its_dead_band_scatter_as_the_odometry_is_told() -> None:
+    """It rests between two steps, and noise decides which of them is read."""
+    robot = only(dead_band_deg=ROBOT.errors.dead_band_deg)
+    simulation = spun_up(robot, batch=(1,), noise=1.0, seed=3)
+    scatter: list[Array] = []
+    for angle in np.linspace(-20.0, 20.0, 9) * STEP:
+        stands = settled(simulation, angle)[0]
+        read = np.array([simulation.measure()[0, ANGLES] - stands for _ in range(200)])
+        scatter.append(np.square(read).mean(axis=0))
+    found_rad = np.sqrt(np.mean(scatter))
+    errors = robot.joint_errors()
+    told_rad = np.hypot(errors.angle_rad, errors.rounding_rad)
+    assert 0.8 * told_rad < found_rad < 1.5 * told_rad
+    assert found_rad > 1.5 * errors.angle_rad
+    assert only().joint_errors().rounding_rad == 0.0
+
+
 @pytest.mark.parametrize("plant", list(PLANTS))
 def test_a_motor_that_reverses_crosses_its_play_alone(plant: str) -> None:
     late = {}

@@ -9,12 +9,13 @@ from collections.abc import Callable, Mapping
 from typing import Any, Generic
 
 import numpy as np
+import numpy.typing as npt
 
 from tsd_twin.estimation.pose_spread import SPREADS, PoseErrors, PoseSpread, TwistErrors
 from tsd_twin.kinematics import JointKind, Kinematics, TwistSolution
 from tsd_twin.kinematics.base import PoseT
 from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.robots import JointErrors, SpinUp
+from tsd_twin.robots import FloorErrors, JointErrors, SpinUp
 
 
 class JointNoise:
@@ -23,6 +24,7 @@ class JointNoise:
     def __init__(self, kinematics: Kinematics[Any], noise: JointErrors) -> None:
         is_angle = np.array([joint.kind is JointKind.POSITION for joint in kinematics.joints])
         self._angle = is_angle * noise.angle_rad
+        self._read_angle = is_angle * math.hypot(noise.angle_rad, noise.rounding_rad)
         self._share = ~is_angle * noise.spin_share
         self._is_speed = ~is_angle
         self._walk_rad = noise.walk_rad
@@ -30,7 +32,7 @@ class JointNoise:
     @property
     def white(self) -> Array:
         """(n,): standard deviations of what is new in each sample."""
-        return self._angle
+        return self._read_angle
 
     def walk(self, joints: Array) -> Array:
         """Return the standard deviations (n,) of the ways of joints in a second, radians."""
@@ -89,6 +91,70 @@ class SpinModel:
         return speeds
 
 
+class FloorEffects:
+    """What the floor does to a robot whose wheels always spin, for standard errors of one cause.
+
+    It brakes wheels, and turns the robot against their spin. When it pushes, wheels slide, and
+    those that drive the robot get slower for a while. It also pushes when wheels change their
+    speed, against the turn that their motors give to the robot.
+    """
+
+    def __init__(self, is_speed: npt.NDArray[np.bool_], errors: FloorErrors) -> None:
+        self._is_speed = is_speed
+        self._errors = errors
+        self.any = errors.slip_lag_s > 0.0
+        """Whether it does anything."""
+        self._twist: Array = np.zeros(3)
+        self._spin_rad_per_s: Array | None = None
+        self._slip: Array = np.zeros(3)
+        """Twist by which the body is behind its wheels."""
+        self._droop = 0.0
+        """Share of the speed that wheels have lost by driving the robot, at `at_rad_per_s`."""
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether nothing has changed of late."""
+        return self._droop == 0.0 and not self._slip.any()
+
+    def follow(self, twist: Array, joints: Array, elapsed_s: float) -> None:
+        """Follow `elapsed_s`, at whose end the robot moves with `twist` (3,) by `joints` (n,)."""
+        errors, before = self._errors, self._twist
+        spin = joints[self._is_speed]
+        last_spin = spin if self._spin_rad_per_s is None else self._spin_rad_per_s
+        self._twist, self._spin_rad_per_s = twist, spin
+        vx, vy, omega = twist.tolist()
+        push = (twist - before) / elapsed_s + np.array([-omega * vy, omega * vx, 0.0])
+        push[2] += errors.turn_per_spin * float((spin - last_spin).sum()) / elapsed_s
+        speed = 0.5 * float((spin + last_spin).mean()) / errors.at_rad_per_s
+        self._slip = speed * errors.slip_lag_s * push
+        # The energy that the robot has gained is missing in the wheels, until motors restore it.
+        gained = errors.droop_s2_per_m2 * float(twist[:2] @ twist[:2] - before[:2] @ before[:2])
+        restore_s = errors.restore_up_s if self._droop + gained > 0.0 else errors.restore_down_s
+        half = math.exp(-0.5 * elapsed_s / restore_s)
+        self._droop = half * (half * self._droop + gained)
+        if abs(self._droop) < _NO_DROOP:
+            self._droop = 0.0
+
+    def of_joints(self, joints: Array) -> Array:
+        """Return the errors (n,) of `joints` (n,): the floor brakes wheels that spin."""
+        loss_rad_per_s = self._errors.spin_share * self._errors.at_rad_per_s
+        return np.where(self._is_speed & (joints > 0.0), -loss_rad_per_s, 0.0)
+
+    def of_twist(self, joints: Array) -> Array:
+        """Return the errors (3,) of the twist at `joints` (n,), beside those that joints cause."""
+        errors = self._errors
+        speed = float(joints[self._is_speed].mean()) / errors.at_rad_per_s
+        effect = -self._slip - self._droop / max(speed, _LEAST_SPEED) ** 2 * self._twist
+        effect[2] -= speed * errors.turn_rad_per_s
+        return effect
+
+
+_LEAST_SPEED = 0.1
+"""Speed of wheels, as a share of `at_rad_per_s`, below which they do not drive the robot."""
+_NO_DROOP = 1e-6
+"""Share of a speed that is none."""
+
+
 class ConstantErrors:
     """Constant errors of joints, in terms of independent, standard normal numbers."""
 
@@ -102,31 +168,28 @@ class ConstantErrors:
         shares = np.vstack([shares, noise.common_spin_share * ~is_angle])
         self._shares = shares[shares.any(axis=1)]
         self._is_speed = ~is_angle
-        self._turn_rad_per_s = noise.turn_rad_per_s
-        self._slip_lag_s = noise.slip_lag_s
+        self._floor_errors = noise.floor
+        self.floor = FloorEffects(~is_angle, noise.floor)
+        """The last constant, if the floor does anything."""
 
     @property
     def count(self) -> int:
         """Number of constants, m."""
-        floor = (self._turn_rad_per_s > 0.0) + (self._slip_lag_s > 0.0)
-        return len(self._zeros) + len(self._shares) + floor
+        return len(self._zeros) + len(self._shares) + self.floor.any
 
-    def of_twist(self, joints: Array, slopes: Array, acceleration: Array) -> Array:
-        """Return the errors (3, m) of the twist at `joints` (n,), with its `slopes` (3, n).
-
-        `acceleration` (3,) is that over the ground, in the axes of the base.
-        """
-        columns = [slopes @ self.of_joints(joints)]
-        turns = float(joints[self._is_speed].any())
-        if self._turn_rad_per_s > 0.0:
-            columns.append(np.array([[0.0], [0.0], [turns * self._turn_rad_per_s]]))
-        if self._slip_lag_s > 0.0:
-            columns.append(-turns * self._slip_lag_s * acceleration[:, None])
-        return np.concatenate(columns, axis=1)
+    def of_twist(self, joints: Array, slopes: Array) -> Array:
+        """Return the errors (3, m) of the twist at `joints` (n,), with its `slopes` (3, n)."""
+        errors = slopes @ self.of_joints(joints)
+        if self.floor.any:
+            errors[:, -1] += self.floor.of_twist(joints)
+        return errors
 
     def of_joints(self, joints: Array) -> Array:
-        """Return the errors (n, m) of `joints` (n,), but for constants that no joint shows."""
-        return np.concatenate([self._zeros, self._shares * joints]).T
+        """Return the errors (n, m) of `joints` (n,)."""
+        rows = [self._zeros, self._shares * joints]
+        if self.floor.any:
+            rows.append(self.floor.of_joints(joints)[None])
+        return np.concatenate(rows).T
 
     def rows(self) -> dict[str, Array]:
         """Return what the constants add to each parameter of the robot, (m,); units are in names.
@@ -138,18 +201,20 @@ class ConstantErrors:
         zeros, shares = len(self._zeros), len(self._zeros) + len(self._shares)
         by_joint = np.zeros((len(self._is_speed), self.count))
         by_joint[:, :zeros], by_joint[:, zeros:shares] = self._zeros.T, self._shares.T
+        at_rest = self._kinematics.inverse(np.zeros(3))
+        creep = np.zeros((3, self.count))
+        creep[:, :zeros] = _slopes(self._kinematics, at_rest)[0] @ by_joint[:, :zeros]
+        if self.floor.any:
+            by_joint[self._is_speed, -1] = -self._floor_errors.spin_share
+            creep[:, -1] = self.floor.of_twist(at_rest)
+            rows["slip_lag_s"] = self._floor_errors.slip_lag_s * np.eye(self.count)[-1]
         names = [joint.name for joint in self._kinematics.joints]
         for name, is_speed, row in zip(names, self._is_speed, by_joint, strict=True):
             if row.any():
                 rows[f"{name}_share" if is_speed else f"{name}_rad"] = row
-        at_rest = self._kinematics.inverse(np.zeros(3))
-        creep = self.of_twist(at_rest, _slopes(self._kinematics, at_rest)[0], np.zeros(3))
-        creep[:, zeros:shares] = 0.0
         for name, row in zip(("x_mps", "y_mps", "turn_rad_per_s"), creep, strict=True):
             if row.any():
                 rows[f"creep_{name}"] = row
-        if self._slip_lag_s > 0.0:
-            rows["slip_lag_s"] = self._slip_lag_s * np.eye(self.count)[-1]
         return rows
 
 
@@ -196,7 +261,7 @@ class JointOdometry(Generic[PoseT]):
         self._solved_for = b""
         self._refreshed_for: tuple[object, object] = (None, None)
         self._until_refresh = 0
-        self._refreshed_twist: Array = np.zeros(3)
+        self._since_refresh_s = 0.0
         self._means: tuple[Array | None, Array] = (None, np.zeros(3))
         """Mean twists of the last two steps."""
         self._moved = False
@@ -262,14 +327,19 @@ class JointOdometry(Generic[PoseT]):
         if any(twist.tolist()):
             self.pose = self._kinematics.integrate(before, twist, dt_s)
         self.spread.step(before, self.pose, twist, dt_s)
+        self._since_refresh_s += dt_s
         if self._until_refresh == 0:
             self.spread.refresh(self._refreshed(joints, dt_s))
         self._until_refresh = (self._until_refresh + 1) % _REFRESH_EVERY
 
     def _refreshed(self, joints: Array, dt_s: float) -> TwistErrors:
-        """Return the errors of the twist; the same object for a robot that stands as before."""
-        now = (self.motion, joints.tobytes())
-        if now != self._refreshed_for:
+        """Return the errors of the twist; the same object for a robot that moves as before."""
+        now, floor = (self.motion, joints.tobytes()), self._constants.floor
+        was_steady = floor.is_steady
+        if floor.any:
+            floor.follow(self.motion.twist, joints, self._since_refresh_s)
+        self._since_refresh_s = 0.0
+        if now != self._refreshed_for or not (was_steady and floor.is_steady):
             self._refreshed_for = now
             self.errors = self._twist_errors(joints, dt_s)
         return self.errors
@@ -281,20 +351,12 @@ class JointOdometry(Generic[PoseT]):
         explained = np.square(left @ constant).sum() + np.square(left * white).sum()
         doubt = self._doubt(float(explained))
         by_constants = np.zeros_like(self.errors.by_constants)
-        own = self._constants.of_twist(joints, slopes, self._acceleration(dt_s))
+        own = self._constants.of_twist(joints, slopes)
         by_constants[:, : self._constants.count] = math.sqrt(doubt) * own
         noise, walk = math.sqrt(doubt) * slopes * white, slopes * self._noise.walk(joints)
         white_per_s = dt_s * noise @ noise.T + walk @ walk.T
         covariance = white_per_s / dt_s + by_constants @ by_constants.T
         return TwistErrors(by_constants, white_per_s, covariance)
-
-    def _acceleration(self, dt_s: float) -> Array:
-        """Return the acceleration (3,) over the ground since the last refresh, in base axes."""
-        twist, before = self.motion.twist, self._refreshed_twist
-        self._refreshed_twist = twist
-        vx, vy, omega = twist.tolist()
-        turned = np.array([-omega * vy, omega * vx, 0.0])
-        return (twist - before) / (_REFRESH_EVERY * dt_s) + turned
 
     def _doubt(self, explained: float) -> float:
         """Return the Birge ratio, or 1 if the residual is no larger than errors make it.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from tsd_twin.robots.description import (
     RPM,
+    FloorErrors,
     Gyro,
     JointCompliance,
     JointErrors,
@@ -28,6 +29,7 @@ __all__ = [
     "DESCRIPTIONS",
     "KINDS",
     "RPM",
+    "FloorErrors",
     "Gyro",
     "ImportedDescription",
     "JointCompliance",

@@ -162,25 +162,57 @@ class PoseSensor(Table, frozen=True):
 
 
 @dataclass(frozen=True, slots=True)
+class FloorErrors:
+    """Standard deviations of what friction and pushes do to a robot whose wheels always spin.
+
+    All come from the same floor, so they are all as many times these sizes. The first four hold
+    at one wheel speed.
+    """
+
+    at_rad_per_s: float = 1.0
+    """That wheel speed."""
+    spin_share: float = 0.0
+    """Share of its speed that a wheel loses to the floor; the loss is the same at any speed."""
+    turn_rad_per_s: float = 0.0
+    """Turn rate that no joint shows, against the spin; it grows with the wheel speed."""
+    slip_lag_s: float = 0.0
+    """Time by which the motion is behind the joints; it grows with the wheel speed."""
+    droop_s2_per_m2: float = 0.0
+    """Share of their speed that wheels lose to a robot that speeds up, for the difference of the
+    squares of its speed; it falls with the square of the wheel speed."""
+    restore_up_s: float = 1.0
+    """Time constant with which motors restore what a wheel has lost."""
+    restore_down_s: float = 1.0
+    """Time constant with which they take back what a wheel has gained."""
+    turn_per_spin: float = 0.0
+    """Turn rate of the robot for which the floor pushes as much as for the spin of one wheel."""
+
+
+@dataclass(frozen=True, slots=True)
 class JointErrors:
     """Standard deviations of measured joints."""
 
     angle_rad: float = 0.0
     """Standard deviation of a position joint, new in each sample."""
+    rounding_rad: float = 0.0
+    """Standard deviation by which rounding adds to that, of a joint that rests between two
+    steps."""
     spin_share: float = 0.0
     """Standard deviation of a velocity joint, as a share of its speed; constant."""
     common_spin_share: float = 0.0
     """Standard deviation of a share that is the same for all velocity joints; constant."""
     zero_rad: float = 0.0
     """Standard deviation of the zero of a position joint; constant."""
-    turn_rad_per_s: float = 0.0
-    """Standard deviation of a turn rate that no joint shows, while velocity joints turn;
-    constant."""
-    slip_lag_s: float = 0.0
-    """Standard deviation of the time by which the motion is behind the joints; constant."""
+    floor: FloorErrors = FloorErrors()
+    """What the floor does while velocity joints turn; constant."""
     walk_rad: float = 0.0
     """Standard deviation of the way of each velocity joint in a second, while any of them turns; it
     grows with the square root of the time."""
+
+    @property
+    def alike_spin_share(self) -> float:
+        """Standard deviation of the share by which all velocity joints are off alike."""
+        return math.hypot(self.common_spin_share, self.floor.spin_share)
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ from tsd_twin.robots.description import (
     RPM,
     ActuatorOffsets,
     Floor,
+    FloorErrors,
     Gyro,
     JointCompliance,
     JointErrors,
@@ -189,19 +190,35 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         """Return the errors of gimbal angles and wheel speeds, of `[noise]` and `[errors]`.
 
         The radius of a printed wheel is a sine of its tilt, so its error has the same effect as one
-        of the wheel's speed. The battery and the floor slow down all wheels alike.
+        of the wheel's speed. Servos with a dead band come to rest anywhere between two steps of
+        their encoders, and noisy readings are rounded to either. The battery slows down all wheels
+        alike, and so does the floor.
         """
         noise, errors = self.noise, self.errors
+        step_rad = 2.0 * math.pi / self.servo.steps_per_turn
         layer_share = 0.5 * errors.layer_m / math.sqrt(2.0) / self.drive.wheel_radius_m
         return JointErrors(
             angle_rad=math.radians(noise.gimbal_angle_deg),
+            rounding_rad=step_rad / math.sqrt(12.0) if errors.dead_band_deg > 0.0 else 0.0,
             spin_share=math.hypot(noise.spin_share, layer_share),
-            common_spin_share=math.hypot(
-                errors.battery_share, self.spin_friction_share * _UNKNOWN_FRICTION
-            ),
+            common_spin_share=errors.battery_share,
             zero_rad=math.radians(errors.zero_deg),
+            floor=self._floor_errors(),
+        )
+
+    def _floor_errors(self) -> FloorErrors:
+        if self.floor.friction == 0.0:
+            return FloorErrors()
+        drive = self.drive
+        return FloorErrors(
+            at_rad_per_s=drive.cruise_speed_rpm * RPM,
+            spin_share=self.spin_friction_share * _UNKNOWN_FRICTION,
             turn_rad_per_s=self.floor_turn_rad_per_s * _UNKNOWN_FRICTION,
             slip_lag_s=self.slip_lag_s * _UNKNOWN_FRICTION,
+            droop_s2_per_m2=self.spin_droop_s2_per_m2 * _UNKNOWN_FRICTION,
+            restore_up_s=self.motor.time_constant_up_s,
+            restore_down_s=self.motor.time_constant_down_s,
+            turn_per_spin=self._spin_inertia_kg_m2 / (self.mass.total_kg * drive.pivot_radius_m**2),
         )
 
     @property
@@ -210,17 +227,15 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
 
         The motor's stiffness follows from its time constant.
         """
-        inertia_kg_m2 = self.mass.wheel_kg * self.drive.wheel_radius_m**2 * 2.0 / 3.0
-        stiffness_nm_s = inertia_kg_m2 / self.motor.time_constant_up_s
+        stiffness_nm_s = self._spin_inertia_kg_m2 / self.motor.time_constant_up_s
         return self._spin_torque_nm / (stiffness_nm_s * self.drive.cruise_speed_rpm * RPM)
 
     @property
     def spin_droop_s2_per_m2(self) -> float:
         """Share of their speed that the wheels lose when the robot takes its energy from them."""
-        inertia_kg_m2 = self.mass.wheel_kg * self.drive.wheel_radius_m**2 * 2.0 / 3.0
         spin_rad_per_s = self.drive.cruise_speed_rpm * RPM
         # Both energies have a half; a share of the speed is half of that of its square.
-        energy_j = self.drive.modules * inertia_kg_m2 * spin_rad_per_s**2
+        energy_j = self.drive.modules * self._spin_inertia_kg_m2 * spin_rad_per_s**2
         return 0.5 * self.mass.total_kg / energy_j
 
     @property
@@ -284,6 +299,11 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
         servo = self.servo
         rate_per_s = servo.approach_rate_per_s / (servo.no_load_speed_rpm * RPM)
         return servo.stall_torque_nm * rate_per_s
+
+    @property
+    def _spin_inertia_kg_m2(self) -> float:
+        """Moment of inertia of a wheel about its axle: half a hollow sphere."""
+        return self.mass.wheel_kg * self.drive.wheel_radius_m**2 * 2.0 / 3.0
 
     @property
     def _load_n(self) -> float:

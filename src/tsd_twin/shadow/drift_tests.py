@@ -242,7 +242,7 @@ class WheelTest:
         self._names = names
         errors = robot.joint_errors()
         count = len(names)
-        own, common = max(errors.spin_share, 0.002), errors.common_spin_share
+        own, common = max(errors.spin_share, 0.002), errors.alike_spin_share
         sizes = np.zeros(0) if nuisances is None else nuisances
         self.prior: Array = own**2 * np.eye(count) + common**2
         """(k, k): covariance of the losses of sound wheels."""

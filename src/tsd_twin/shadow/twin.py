@@ -139,12 +139,12 @@ class ShadowTwin:
         self._leans = np.zeros(len(self._angles))
         self._twist = np.zeros(3)
         self._dead_band_rad = 0.0 if self._gives is None else self._gives.dead_band_rad
-        self._lag_s = max(errors.slip_lag_s, _LAG_SHARE * robot.lag_s)
+        self._lag_s = max(errors.floor.slip_lag_s, _LAG_SHARE * robot.lag_s)
         # Of the motion: a turn rate, the lag, the angle of each gimbal, poses at start and end.
         sensor = robot.pose_sensor
         pose_sigma = [sensor.sigma_m, sensor.sigma_m, math.radians(sensor.sigma_deg)]
         angle_rad = math.hypot(errors.zero_rad, self._dead_band_rad / math.sqrt(3.0))
-        turn_rad_per_s = math.hypot(errors.turn_rad_per_s, _GYRO_BIAS_RAD_PER_S)
+        turn_rad_per_s = math.hypot(errors.floor.turn_rad_per_s, _GYRO_BIAS_RAD_PER_S)
         self._nuisances = np.array(
             [turn_rad_per_s, self._lag_s, *len(self._angles) * [angle_rad]]
             + 2 * [_FUSED * sigma for sigma in pose_sigma]
@@ -407,7 +407,8 @@ class ShadowTwin:
         if len(self._angles):
             bands[self._angles] = self._servo_test.bands(self._rates[self._angles])
             scale[self._angles] = 180.0 / math.pi
-        share = math.hypot(*(getattr(self._robot.joint_errors(), name) for name in _SHARES))
+        errors = self._robot.joint_errors()
+        share = math.hypot(errors.spin_share, errors.alike_spin_share)
         speeds = np.abs(self._nominal[self._wheels])
         bands[self._wheels] = 3.0 * np.hypot(share * speeds, self._speed_noise())
         rows: list[JointComparison] = []
@@ -468,9 +469,6 @@ def _carried(motion: Array) -> Array:
     x, y, turn = motion.tolist()
     c, s = math.cos(turn), math.sin(turn)
     return np.array([[c, s, -c * y + s * x], [-s, c, s * y + c * x], [0.0, 0.0, 1.0]])
-
-
-_SHARES = ("spin_share", "common_spin_share")
 
 
 def _triple(values: Array) -> tuple[float, float, float]:
