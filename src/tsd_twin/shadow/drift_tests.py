@@ -1,4 +1,6 @@
-"""Sequential tests of a shadow twin: slow servos, slow wheels and a battery that sags."""
+"""Sequential tests of a shadow twin: slow servos, slow wheels and a battery that sags; and its
+report.
+"""
 
 from __future__ import annotations
 
@@ -38,6 +40,42 @@ class Drift(msgspec.Struct, frozen=True):
     """Joints, separated by commas; `wheels` for all of them, or `battery`."""
     text: str
     """One sentence."""
+
+
+class JointComparison(msgspec.Struct, frozen=True):
+    """Measured and simulated value of a joint, and the band of their difference."""
+
+    name: str
+    unit: str
+    measured: float | None
+    """Null where it is not measured."""
+    simulated: float
+    band: float
+    """Largest difference that the errors of the description explain, to either side."""
+    inside: bool
+
+
+class PoseComparison(msgspec.Struct, frozen=True):
+    """Measured minus simulated motion in the last second, along the axes at its start."""
+
+    names: tuple[str, str, str]
+    units: tuple[str, str, str]
+    difference: tuple[float, float, float]
+    band: tuple[float, float, float]
+    inside: bool
+
+
+class ShadowReport(msgspec.Struct, frozen=True):
+    """Comparison of a robot with its shadow twin at one time."""
+
+    compared_s: float
+    """For how long they have been compared without a gap."""
+    joints: tuple[JointComparison, ...] = ()
+    pose: PoseComparison | None = None
+    """Null until they have been compared for a second."""
+    drifts: tuple[Drift, ...] = ()
+    note: str = ""
+    """What cannot be tested, and why; "" if all can."""
 
 
 def _spoken(joint: str) -> str:

@@ -12,20 +12,22 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.messages.ros import JointState, Odometry
 from tsd_twin.messages.status import Status
+from tsd_twin.messages.topics import JOINTS, ODOM, SETPOINT
 from tsd_twin.robots import RPM, RobotDescription
 from tsd_twin.shadow.drift_tests import (
     SLOW_SERVO,
     SLOW_WHEEL,
     BatteryTest,
-    Drift,
+    JointComparison,
+    PoseComparison,
     ServoTest,
+    ShadowReport,
     WheelTest,
 )
 from tsd_twin.simulation import simulate
@@ -42,42 +44,6 @@ _STEP_S = 0.01
 """Step of the simulation of geared motors: four times its own, and exact enough."""
 _HELD_SHARE = 0.75
 """Set-points change every 0.01 s and are seen every 0.02 s: weight of the earlier one."""
-
-
-class JointComparison(msgspec.Struct, frozen=True):
-    """Measured and simulated value of a joint, and the band of their difference."""
-
-    name: str
-    unit: str
-    measured: float | None
-    """Null where it is not measured."""
-    simulated: float
-    band: float
-    """Largest difference that the errors of the description explain, to either side."""
-    inside: bool
-
-
-class PoseComparison(msgspec.Struct, frozen=True):
-    """Measured minus simulated motion in the last second, along the axes at its start."""
-
-    names: tuple[str, str, str]
-    units: tuple[str, str, str]
-    difference: tuple[float, float, float]
-    band: tuple[float, float, float]
-    inside: bool
-
-
-class ShadowReport(msgspec.Struct, frozen=True):
-    """Comparison of a robot with its shadow twin at one time."""
-
-    compared_s: float
-    """For how long they have been compared without a gap."""
-    joints: tuple[JointComparison, ...] = ()
-    pose: PoseComparison | None = None
-    """Null until they have been compared for a second."""
-    drifts: tuple[Drift, ...] = ()
-    note: str = ""
-    """What cannot be tested, and why; "" if all can."""
 
 
 _JUMP = 0.05
@@ -474,3 +440,41 @@ def _carried(motion: Array) -> Array:
 def _triple(values: Array) -> tuple[float, float, float]:
     a, b, c = (round(float(value), 3) for value in values)
     return a, b, c
+
+
+_KEPT = 8
+"""Periods that wait for a message that is still to come."""
+
+
+class ShadowFeed:
+    """Puts the messages of a period together, which come one by one, and hands them to a twin.
+
+    Set-points between two periods of the other streams, and periods that lack a message, are left
+    out.
+    """
+
+    def __init__(self, twin: ShadowTwin) -> None:
+        self.twin = twin
+        self.status: Status | None = None
+        """Newest status."""
+        self._waiting: dict[int, dict[str, Any]] = {}
+
+    def add(self, stream: str, message: Any, robot_ns: int) -> None:
+        """Take a `JointState` of `joints` or `setpoint`, or an `Odometry` of `odom`.
+
+        `robot_ns` is the robot's monotonic clock when it was sent: equal for those of a period.
+        """
+        parts = self._waiting.setdefault(robot_ns, {})
+        parts[stream] = message
+        if len(parts) == len(STREAMS):
+            for each in [each for each in self._waiting if each <= robot_ns]:
+                del self._waiting[each]
+            self.twin.advance(
+                robot_ns, parts["joints"], parts["setpoint"], parts["odom"], self.status
+            )
+        elif len(self._waiting) > 2 * _KEPT:
+            del self._waiting[min(self._waiting)]
+
+
+STREAMS = {"joints": JOINTS, "setpoint": SETPOINT, "odom": ODOM}
+"""Topics that a twin is fed with, beside the status."""
