@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import msgspec
+import numpy as np
 import pytest
 
 from tests.client.test_protocol import LEASE, ROBOT, granted, speed, status
 from tsd_twin.client import (
     ControlDenied,
     ControlLost,
+    MotionFailed,
     RequestRefused,
     RobotSilent,
     RobotStopped,
@@ -16,9 +18,18 @@ from tsd_twin.client import (
 )
 from tsd_twin.client import procedures as steps
 from tsd_twin.client.protocol import ControlProtocol
-from tsd_twin.client.steps import Call, NextStatus, Outcome, Procedure, Send, SendStop, Sleep
+from tsd_twin.client.steps import (
+    Call,
+    Compute,
+    NextStatus,
+    Outcome,
+    Procedure,
+    Send,
+    SendStop,
+    Sleep,
+)
 from tsd_twin.messages.requests import HolderRequest, LeaseReply, LeaseRequest, Reply
-from tsd_twin.messages.status import Refusals
+from tsd_twin.messages.status import CommandStatus, DropCounts, Refusals
 from tsd_twin.messages.topics import Service
 
 OK = msgspec.json.encode(Reply(True))
@@ -169,6 +180,33 @@ def test_a_motion_does_not_go_on_after_the_robot_stopped_by_itself() -> None:
     assert speed(step.command) == 0.0
     with pytest.raises(RobotStopped, match="no command for 200 ms"):
         procedure.send(Outcome(0.51))
+
+
+@pytest.mark.parametrize("stale", [0, 30])
+def test_a_path_without_progress_says_how_many_commands_came_too_late(stale: int) -> None:
+    protocol, now_s, sent = granted(), 0.0, 0
+
+    def news(stale: int) -> None:
+        command = CommandStatus(seq=sent, dropped=DropCounts(stale=stale))
+        protocol.receive_status(status(command=command), protocol.status_seq + 1, now_s)
+        protocol.receive_odometry(np.zeros(3), np.zeros(3), now_s)
+
+    news(7)
+    procedure = motions.follow(protocol, now_s, motions.goal_at(1.0, 0.0, None), None)
+    step, failure = next(procedure), ""
+    while not failure:
+        if isinstance(step, Sleep):
+            now_s = step.until_s
+        elif isinstance(step, Send):
+            sent = step.command.seq
+        news(7 + stale)
+        value = step.function() if isinstance(step, Compute) else None
+        try:
+            step = procedure.send(Outcome(now_s, value=value))
+        except MotionFailed as error:
+            failure = str(error)
+    late = f"; {stale} commands came too late and were dropped" if stale else ""
+    assert failure == f"tsd stopped on its way: the robot makes no progress{late}"
 
 
 def test_a_robot_that_cannot_be_disarmed_is_stopped() -> None:

@@ -31,7 +31,7 @@ from tsd_twin.simulation import SimRobot
 
 PATIENCE_S = 10.0
 DRIVE_S = 0.02
-_PUSHES, _PUSH_S = 5, 3.0
+_PUSHES, _PUSH_S = 7, 3.0
 BEATS = 5  # A beat for so many times DRIVE_S.
 T = TypeVar("T")
 
@@ -164,9 +164,10 @@ class Page:
         """Hold the stick, and wait until the robot obeys.
 
         A page that is starved echoes an old status: the gateway releases its stick, and a person
-        would centre it and push again. A robot that is starved is in a fault, and is reset.
+        would centre it and push again, each time after a longer pause. A robot that is starved is
+        in a fault, and is reset.
         """
-        for _ in range(_PUSHES):
+        for push in range(_PUSHES):
             before = len(self.all("released"))
             self.holds = {"vx": vx, "vy": vy, "omega": omega}
             self._wait_for(
@@ -175,7 +176,7 @@ class Page:
             if self.mode == "driving":
                 return
             self.holds = {"vx": 0.0, "vy": 0.0, "omega": 0.0}
-            time.sleep(4 * DRIVE_S)
+            time.sleep(4 * DRIVE_S * 2**push)
             if self.mode in ("fault", "disarmed") or not self.state["you"]:
                 self.let_go()
                 self.make_ready()

@@ -14,7 +14,9 @@ from tests.app.conftest import HELD_UP, Program, reset_if_held_up
 
 PATIENCE_S = 90.0
 _GOES = 3
-_STARVED = re.compile(rf"(RobotStopped: .* stopped by itself|RobotSilent): |{HELD_UP}")
+_STARVED = re.compile(
+    rf"(RobotStopped: .* stopped by itself|RobotSilent): |{HELD_UP}|commands came too late"
+)
 
 
 @contextmanager

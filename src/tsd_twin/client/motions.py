@@ -185,7 +185,10 @@ def follow(
         path = _PathFollower(protocol, outcome.value, speed_mps)
         yield from _send_twists(protocol, outcome.now_s, path, BASE)
         if path.step is not None and path.step.phase is ExecutionPhase.LOST:
-            raise MotionFailed(f"{protocol.robot_id} stopped on its way: {path.step.reason}")
+            reason = path.step.reason
+            if stale := protocol.stale_commands:
+                reason += f"; {stale} commands came too late and were dropped"
+            raise MotionFailed(f"{protocol.robot_id} stopped on its way: {reason}")
 
     yield from _motion(protocol, now_s, body)
 

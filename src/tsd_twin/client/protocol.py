@@ -97,6 +97,7 @@ class ControlProtocol:
         self._lost = ""
         self._seq = 0
         self._stops: int | None = None
+        self._stale_before = 0
         self._setpoint: tuple[Sequence[float], str] | None = None
         self._expires_s = self._sent_s = self._refreshed_s = -math.inf
         self._rest_seq: int | None = None
@@ -245,7 +246,7 @@ class ControlProtocol:
             raise ClientError(f"{self.robot_id} is in another motion of this script")
         self.check_ready(now_s)
         assert self.status is not None  # noqa: S101  `check_ready` has looked.
-        self._stops = self.status.stops
+        self._stops, self._stale_before = self.status.stops, self.status.command.dropped.stale
         self._setpoint = self._rest_seq = self._failure = None
 
     def check_ready(self, now_s: float) -> None:
@@ -277,6 +278,12 @@ class ControlProtocol:
             raise ClientError(f"{self.robot_id} is in no motion")
         if self.mode not in (Mode.READY, Mode.DRIVING) or status.stops > self._stops:
             raise RobotStopped(self._sentence("stopped by itself"))
+
+    @property
+    def stale_commands(self) -> int:
+        """Number of commands that the robot dropped as too old since the motion began."""
+        stale = 0 if self.status is None else self.status.command.dropped.stale
+        return max(stale - self._stale_before, 0)
 
     def command(
         self,
