@@ -203,9 +203,9 @@ def test_a_person_who_takes_over_has_control_and_twists_do_not_take_it_back(stag
         async with foreign_client(stage.url) as it:
             await it.call("/arm")
             await it.pause()
-            pushing = asyncio.create_task(it.push(0.3, 30.0))
-            await it.until(lambda: it.status["mode"] == "driving", "it does not drive")
             async with contextlib.AsyncExitStack() as opened:
+                drives = it.driving(0.3, lambda: it.status["mode"] == "driving")
+                pushing = await opened.enter_async_context(drives)
                 person = await tsd_twin.connect_async(stage.endpoint)
                 opened.push_async_callback(person.close)
                 control = person.control("person", take_over=True, arm=False, reason="mine")
@@ -218,11 +218,10 @@ def test_a_person_who_takes_over_has_control_and_twists_do_not_take_it_back(stag
                 at_m = it.x_m
                 await asyncio.sleep(0.5)
                 await control.release()
-            await it.until(lambda: it.status["lease"]["holder"] is None, "not released")
-            await asyncio.sleep(1.0)
-            assert not pushing.done()
-            assert abs(it.x_m - at_m) < 0.01, "a held stick moves nothing"
-            pushing.cancel()
+                await it.until(lambda: it.status["lease"]["holder"] is None, "not released")
+                await asyncio.sleep(1.0)
+                assert not pushing.done()
+                assert abs(it.x_m - at_m) < 0.01, "a held stick moves nothing"
             await it.pause()
             await it.push(0.3, 0.5)
             assert it.status["lease"]["holder"] is None, "nor does a new push"
@@ -282,9 +281,10 @@ def test_a_robot_that_comes_back_into_reach_is_not_moved_by_a_stick_that_is_held
         async with foreign_client(stage.url) as it:
             await it.call("/arm")
             await it.pause()
-            pushing = asyncio.create_task(it.push(0.3, 60.0))
-            with tsd_twin.connect(stage.endpoint) as robot:
-                await it.until(lambda: robot.state.mode == "driving", "it does not drive")
+            async with contextlib.AsyncExitStack() as opened:
+                robot = opened.enter_context(tsd_twin.connect(stage.endpoint))
+                drives = it.driving(0.3, lambda: robot.state.mode == "driving")
+                pushing = await opened.enter_async_context(drives)
                 with stage.relay.cut():
                     await it.until(
                         lambda: robot.state.status.lease.holder is None, "the lease does not end"
@@ -293,10 +293,8 @@ def test_a_robot_that_comes_back_into_reach_is_not_moved_by_a_stick_that_is_held
                 await it.until(lambda: "/odom" not in it.topics, "it is still shown")
                 await it.until(lambda: "/odom" in it.topics, "it is not shown again")
                 await asyncio.sleep(2.0)
-                moved_m = abs(robot.state.truth.pose.x_m - at_m)
-            pushing.cancel()
-            await asyncio.gather(pushing, return_exceptions=True)
-        return moved_m
+                assert not pushing.done()
+                return abs(robot.state.truth.pose.x_m - at_m)
 
     assert stage.run(work()) < 0.01
 
