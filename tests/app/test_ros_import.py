@@ -189,13 +189,18 @@ import tsd_twin
 with tsd_twin.connect({stage.endpoint!r}) as robot, robot.control("bob") as base:
     base.drive(vx_mps=0.3, duration_s=60.0)
 """
-    with subprocess.Popen([sys.executable, "-c", text]) as operator:
-        cart.until(lambda: cart.twist[0] > 0.25, "it does not drive")
-        operator.kill()
-        killed_s = time.monotonic()
-        cart.until(lambda: cart.heard[-1][1:] == (0.0, 0.0, 0.0), "it goes on")
+    stood_s = math.inf
+    for _ in range(3):  # On a machine that is held up the robot stops by itself, and ends a script.
+        with subprocess.Popen([sys.executable, "-c", text]) as operator:
+            cart.until(lambda o=operator: cart.twist[0] > 0.25 or o.poll() is not None, "no drive")
+            if operator.poll() is None:
+                operator.kill()
+                killed_s = time.monotonic()
+                cart.until(lambda: cart.heard[-1][1:] == (0.0, 0.0, 0.0), "it goes on")
+                stood_s = time.monotonic() - killed_s
+                break
     # Until the last command is too old, and to brake.
-    assert time.monotonic() - killed_s < 0.25 + 0.3 / 0.5 + 0.5
+    assert stood_s < 0.25 + 0.3 / 0.5 + 0.5
 
 
 def test_old_odometry_refuses_and_stops(stage: Stage, robot: RobotClient) -> None:
