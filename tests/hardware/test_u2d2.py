@@ -25,7 +25,7 @@ ANGLES = [0, 1, 3, 4, 6, 7]
 GIMBALS = [f"module{i}_{angle}" for i in (1, 2, 3) for angle in ("alpha", "beta")]
 HELD_UP_S = 0.025
 """Requests come each 5 ms: after a pause of this, and an answer as late, a servo is silent."""
-TRIES = 12
+TRIES, CONNECTS = 12, 3
 
 
 class Pauses:
@@ -62,11 +62,16 @@ class Bench:
         self._words = 0
 
     def connect(self) -> U2D2Hardware:
-        motors = Motors.of(ROBOT)
-        self.robot = U2D2Hardware(
-            ROBOT, self.wheels.port, self.line.port, motors, self._calibration
-        )
-        return self.robot
+        """Connect, anew when a device says nothing: its thread here is held up at times."""
+        ports, motors = (self.wheels.port, self.line.port), Motors.of(ROBOT)
+        for left in reversed(range(CONNECTS)):
+            try:
+                self.robot = U2D2Hardware(ROBOT, *ports, motors, self._calibration)
+                break
+            except HardwareError as error:
+                if not left or not re.search("fell silent|does not answer", str(error)):
+                    raise
+        return self.io
 
     @property
     def io(self) -> U2D2Hardware:
