@@ -145,8 +145,13 @@ class FloorEffects:
         errors = self._errors
         speed = float(joints[self._is_speed].mean()) / errors.at_rad_per_s
         effect = -self._slip - self._droop / max(speed, _LEAST_SPEED) ** 2 * self._twist
-        effect[2] -= speed * errors.turn_rad_per_s
+        effect[2] += self.turn_rad_per_s(joints)
         return effect
+
+    def turn_rad_per_s(self, joints: Array) -> float:
+        """Return the error of the turn rate at `joints` (n,) of a robot that nothing pushes."""
+        speed = float(joints[self._is_speed].mean()) / self._errors.at_rad_per_s
+        return -speed * self._errors.turn_rad_per_s
 
 
 _LEAST_SPEED = 0.1
@@ -206,7 +211,7 @@ class ConstantErrors:
         creep[:, :zeros] = _slopes(self._kinematics, at_rest)[0] @ by_joint[:, :zeros]
         if self.floor.any:
             by_joint[self._is_speed, -1] = -self._floor_errors.spin_share
-            creep[:, -1] = self.floor.of_twist(at_rest)
+            creep[2, -1] = self.floor.turn_rad_per_s(at_rest)
             rows["slip_lag_s"] = self._floor_errors.slip_lag_s * np.eye(self.count)[-1]
         names = [joint.name for joint in self._kinematics.joints]
         for name, is_speed, row in zip(names, self._is_speed, by_joint, strict=True):
