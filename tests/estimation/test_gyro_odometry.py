@@ -12,7 +12,7 @@ from tests.estimation.test_sensor_odometry import DT_S, Ride, wander
 from tsd_twin import robots
 from tsd_twin.control.state_estimator import StateEstimator
 from tsd_twin.lie import SE2, Array, wrap
-from tsd_twin.robots import Gyro, SingularityDescription
+from tsd_twin.robots import Gyro, OmniDescription, SingularityDescription
 
 TSD = robots.description_of_kind(robots.load_robot("tsd"), SingularityDescription)
 GYRO = Gyro()
@@ -82,6 +82,25 @@ def test_of_wheels_that_are_wrong_the_heading_is_off_by_the_bias_of_the_gyro_and
     assert gyro_m < 0.1 * wheels_m
     # Chi-square of six: one in 10,000 is outside, at either end.
     assert 0.1 < np.square(shares).sum() < 27.9
+
+
+@pytest.mark.parametrize("name", ["kiwi", "mecanum"])
+def test_a_platform_on_wheels_keeps_its_heading_by_a_gyro_too(name: str) -> None:
+    """20 m with turns: wheels that are 1 % wrong; at rest the offset of the gyro turns nothing."""
+    robot = robots.description_of_kind(robots.load_robot(name), OmniDescription)
+    offs = []
+    for seed in range(4):
+        ride = Ride(msgspec.structs.replace(robot, gyro=GYRO), seed, 1.0)
+        for _ in range(200):
+            ride.drive(np.zeros(3))
+        assert not ride.estimator.odometry(0).xy_heading.any()
+        drive_20_m(ride)
+        off, wheels = heading_off(ride)
+        claimed = math.sqrt(ride.estimator.odometry(0).pose_covariance[2, 2])
+        offs.append((off, wheels, off / claimed))
+    by_gyro, by_wheels, share = np.sqrt(np.square(offs).mean(axis=0))
+    assert by_gyro < 0.15 * by_wheels
+    assert 0.2 < share < 2.4
 
 
 def test_without_noise_both_agree_with_the_truth() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tsd_twin.lab.camera_gap import Picture, run_case
-from tsd_twin.lab.consistency import Case
+from tsd_twin.lab.open_loop import Case
 
 
 @pytest.mark.parametrize("manoeuvre", ["straight 0.5 m/s", "wander"])

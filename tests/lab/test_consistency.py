@@ -14,7 +14,8 @@ import pytest
 
 from tests.support.experiment_runs import is_picture, run
 from tsd_twin.errors import TwinError
-from tsd_twin.lab.consistency import CONSTANT, MOUNTED, Case, band, run_case
+from tsd_twin.lab.consistency import band
+from tsd_twin.lab.open_loop import CONSTANT, DEAD_WHEELS, GYRO, MOUNTED, Case, run_case
 
 
 def few(robot: str, manoeuvre: str, seeds: int = 12, errors: float = 0.0, **more: Any) -> Case:
@@ -27,10 +28,12 @@ def few(robot: str, manoeuvre: str, seeds: int = 12, errors: float = 0.0, **more
     [
         few("tsd", "straight 0.5 m/s"),
         few("tsd", "to and fro", errors=1.0),
-        few("tsd", "standing", errors=1.0, gyro=True),
+        few("tsd", "standing", errors=1.0, odometry=GYRO),
         few("tsd", "circle", camera=MOUNTED),
         few("kiwi", "straight 0.5 m/s"),
+        few("mecanum", "wander", odometry=GYRO),
         few("omni4", "wander"),
+        few("omni4", "circle", odometry=DEAD_WHEELS),
     ],
     ids=lambda case: f"{case.robot} {case.manoeuvre} {case.sensors}",
 )
@@ -71,18 +74,24 @@ def test_the_band_is_that_of_the_chi_square() -> None:
     np.testing.assert_allclose(band(40), np.quantile(means, [0.025, 0.975]), rtol=0.02)
 
 
-def test_the_experiment_prints_a_row_for_each_case_and_writes_the_table(tmp_path: Path) -> None:
+def test_the_experiment_prints_a_cell_for_each_case_and_writes_the_table(tmp_path: Path) -> None:
     flags = ["--robots", "mecanum", "--manoeuvres", "circle", "--seeds", "2", "--jobs", "1"]
     lines = run(tmp_path, "consistency", *flags)
-    rows = [line.split("|") for line in lines if line.startswith("| mecanum")]
-    assert [row[3].strip() for row in rows] == ["joints", "camera, mounted", "camera, 2 cm off"]
+    head, *rows = [line.strip("| ").split(" | ") for line in lines if line.startswith("|")]
+    sensors = ["joints", "camera, mounted", "gyro", "gyro + camera, mounted", "camera, 2 cm off"]
+    assert head == ["errors", "manoeuvre", *sensors]
+    nees, shares = (row for row in rows if row[:2] == ["0", "circle"])
+    assert [len(cell.split(" / ")) for cell in nees[2:]] == 5 * [3]
+    assert all(cell.count(" %") == 2 for cell in shares[2:])
     assert is_picture(tmp_path / "consistency.png")
     head, *written = (tmp_path / "consistency.csv").read_text().splitlines()
     assert "nees_20_s" in head.split(",")
-    assert len(written) == 3
+    assert len(written) == 5
+    means = [float(text) for cell in nees[2:] for text in cell.split(" / ")]
+    assert f"smallest NEES {min(means):.1f}: mecanum" in lines[-1]
+    assert f"largest NEES {max(means):.1f}: mecanum" in lines[-1]
     lines = run(tmp_path, "consistency", *flags, "--sensors", "joints")
-    rows = [line.split("|") for line in lines if line.startswith("| mecanum")]
-    assert [row[3].strip() for row in rows] == ["joints"]
+    assert "| errors | manoeuvre | joints |" in lines
 
 
 @pytest.mark.parametrize(
@@ -90,7 +99,7 @@ def test_the_experiment_prints_a_row_for_each_case_and_writes_the_table(tmp_path
     [
         (["--robots", "atlas"], "sphere"),
         (["--manoeuvres", "fly"], "no manoeuvre 'fly'"),
-        (["--robots", "kiwi", "--sensors", "gyro"], "has the sensors 'gyro': joints"),
+        (["--robots", "kiwi", "--sensors", "dead wheels"], "the sensors 'dead wheels': joints"),
     ],
 )
 def test_what_cannot_be_driven_is_refused(tmp_path: Path, flags: list[str], text: str) -> None:

@@ -251,13 +251,19 @@ def test_a_description_cannot_be_changed() -> None:
 
 
 def test_a_gyro_is_there_when_its_table_is() -> None:
-    assert load_robot("tsd").sensors == ()
+    assert load_robot("tsd").sensors == load_robot("kiwi").sensors == ()
+    kiwi = parse_description(read_description("kiwi") + "\n[gyro]\n", "my.toml")
+    assert [sensor.name for sensor in kiwi.sensors] == ["gyro"]
     plain = parse_description(TSD + "\n[gyro]\n", "my.toml")
     assert [sensor.name for sensor in plain.sensors] == ["gyro"]
     exact = parse_description(
         TSD + "\n[gyro]\nnoise_rad_per_s = 0.001\nbias_rad_per_s = 0.0\n", "my.toml"
     )
     assert msgspec.to_builtins(exact)["gyro"] == {"noise_rad_per_s": 0.001, "bias_rad_per_s": 0.0}
+
+
+def test_dead_wheels_have_a_gyro_of_their_own() -> None:
+    assert "gyro: the dead wheels have one" in refusal(read_description("omni4") + "\n[gyro]\n")
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tsd_twin.estimation.wheel_odometry import JointNoise
+from tsd_twin.estimation.joint_errors import JointNoise
 from tsd_twin.kinematics import JointKind, Kinematics, TwistSolution
 from tsd_twin.lie import Array
 from tsd_twin.robots import JointCompliance, JointErrors
@@ -34,6 +34,32 @@ _RANK = 1e-6
 
 _YIELDS = (0.25, 0.5, 0.75, 1.0)
 """Shares of the reckoned force of a small slip: that of a large slip is less."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ParitySpace:
+    """Parity space at one joint vector: the residuals that errors of joints cause."""
+
+    slopes: Array
+    """(n, m): derivatives of the residual by the joints."""
+    basis: Array
+    """(d, m): orthonormal directions of the residual."""
+
+    @staticmethod
+    def at(kinematics: Kinematics[Any], joints: Array) -> ParitySpace:
+        """Return the space at `joints` (n,): the forward kinematics to first order."""
+        scale = np.maximum(1.0, np.abs(joints))
+        steps = _NUDGE * scale
+        nudged = np.empty((len(joints) + 1, len(joints)))
+        nudged[:] = joints
+        # The diagonal of the rows below the first, as one slice: each nudges a joint of its own.
+        nudged.reshape(-1)[len(joints) :: len(joints) + 1] += steps
+        residuals = kinematics.forward(nudged).residual
+        slopes = (residuals[1:] - residuals[0]) / steps[:, None]
+        _, sizes, directions = np.linalg.svd(slopes * scale[:, None], full_matrices=False)
+        # The sizes fall.
+        count = int(np.count_nonzero(sizes > _RANK * max(sizes[0], _NOTHING)))
+        return ParitySpace(slopes, directions[:count])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,19 +85,20 @@ class ParityTest:
         """Return the test around `joints` (n,) with standard deviations `sigma` (n,).
 
         `common` (n,) are deviations of all joints at once, by one standard normal number.
-        First-order error propagation through the forward kinematics, by differences.
         """
-        scale = np.maximum(1.0, np.abs(joints))
-        steps = _NUDGE * scale
-        nudged = np.empty((len(joints) + 1, len(joints)))
-        nudged[:] = joints
-        # The diagonal of the rows below the first, as one slice: each nudges a joint of its own.
-        nudged.reshape(-1)[len(joints) :: len(joints) + 1] += steps
-        residuals = kinematics.forward(nudged).residual
-        slopes = (residuals[1:] - residuals[0]) / steps[:, None]
-        _, sizes, directions = np.linalg.svd(slopes * scale[:, None], full_matrices=False)
-        # The sizes fall.
-        basis = directions[: int(np.count_nonzero(sizes > _RANK * max(sizes[0], _NOTHING)))]
+        space = ParitySpace.at(kinematics, joints)
+        return ParityTest.of(space, sigma, false_alarm, common=common)
+
+    @staticmethod
+    def of(
+        space: ParitySpace,
+        sigma: Array,
+        false_alarm: float = FALSE_ALARM,
+        *,
+        common: Array | None = None,
+    ) -> ParityTest:
+        """Return the test in a parity space, as `at` does."""
+        slopes, basis = space.slopes, space.basis
         if len(basis) == 0:
             return ParityTest(np.zeros((0, slopes.shape[1])), np.inf, slopes)
         noise = (np.maximum(sigma, _LEAST_SIGMA)[:, None] * slopes) @ basis.T
@@ -248,6 +275,7 @@ class ConsistencyMonitor:
         self._modelled: Array | None = None
         self._test: tuple[bytes, ParityTest] | None = None
         """Newest joints, and the test around them: joints that stay have the same one."""
+        self._space: tuple[bytes, ParitySpace] | None = None
 
     def advance(self, joints: Array, dt_s: float, *, modelled: Array | None = None) -> None:
         """Update with joints (n,), `dt_s` after the last ones.
@@ -294,7 +322,8 @@ class ConsistencyMonitor:
         suspect = None
         if level > 1.0:
             joint, enough = test.single_fault(residual, self._by_slip(joints))
-            suspect = self._owners[int(joint)] if enough else int(shares.argmax())
+            # Of actuators that explain it alike, the first, whatever the rounding.
+            suspect = self._owners[int(joint)] if enough else int(shares.round(9).argmax())
         return ConsistencyResult(math.sqrt(squared / len(residual)), level, shares, suspect)
 
     def _test_at(self, joints: Array) -> ParityTest:
@@ -303,12 +332,18 @@ class ConsistencyMonitor:
             self._test = (key, self._made_test(joints))
         return self._test[1]
 
+    def _space_at(self, joints: Array) -> ParitySpace:
+        key = joints.tobytes()
+        if self._space is None or self._space[0] != key:
+            self._space = (key, ParitySpace.at(self._kinematics, joints))
+        return self._space[1]
+
     def _made_test(self, joints: Array) -> ParityTest:
         sigma, compliance = self._noise.sigma(joints), self._compliance
         if self._modelled is not None:
             sigma = np.where(self._modelled, 0.0, sigma)
         if compliance is None:
-            return ParityTest.at(self._kinematics, joints, sigma)
+            return ParityTest.of(self._space_at(joints), sigma)
         lean, rate = self._largest[: len(joints)], self._largest[len(joints) :]
         trail = np.minimum(compliance.lag_s * rate, compliance.play_rad)
         parts = (
@@ -318,7 +353,7 @@ class ConsistencyMonitor:
             self._edge_rad,
         )
         sigma = np.sqrt(np.square(parts).sum(axis=0))
-        return ParityTest.at(self._kinematics, joints, sigma, common=self._lean)
+        return ParityTest.of(self._space_at(joints), sigma, common=self._lean)
 
     def _by_slip(self, joints: Array) -> Array | None:
         """Return by how much joints (n, m) give way to a residual, if they do."""

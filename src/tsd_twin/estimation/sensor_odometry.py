@@ -58,7 +58,7 @@ class GyroOdometry(PlanarOdometry):
     known to stand, so the gyro bias does not turn the pose.
     """
 
-    def __init__(self, robot: SingularityDescription) -> None:
+    def __init__(self, robot: SingularityDescription | OmniDescription) -> None:
         """Start the odometry of a `robot` with a gyro.
 
         Raises:
@@ -169,6 +169,9 @@ class DeadWheelOdometry(PlanarOdometry):
         self._across = np.array(sensors.rows(0.5 * math.pi)) / sensors.radius_m
         self._angles: Array | None = None
         self._rate = 0.0
+        self._between_rad2 = 0.0
+        """Variance of the heading by turns between two readings, since the last refresh."""
+        self._between_s = 0.0
         self._rates: Array | None = None
 
     def constant_rows(self) -> Mapping[str, Array]:
@@ -194,6 +197,9 @@ class DeadWheelOdometry(PlanarOdometry):
             if self._angles is not None:
                 turned = (sensors[:2] - self._angles) / dt_s
                 rate = 0.5 * (self._rate + sensors[2])
+                # The rate may have changed at any time between its two readings.
+                self._between_rad2 += (dt_s * (float(sensors[2]) - self._rate)) ** 2 / 12.0
+                self._between_s += dt_s
                 self._rates = np.array([turned[0], turned[1], rate])
                 motion = TwistSolution(self._twist_from_rates @ self._rates, np.zeros(0))
             self._angles, self._rate = sensors[:2].copy(), float(sensors[2])
@@ -217,8 +223,14 @@ class DeadWheelOdometry(PlanarOdometry):
         # A pulse, evenly spread; of the way in a step, both ends are rounded.
         pulses = by_rates[:, :2] * (2.0 * math.pi / sensors.pulses_per_turn / math.sqrt(12.0))
         rounding = pulses @ pulses.T
-        covariance = by_constants @ by_constants.T + 2.0 / dt_s**2 * rounding
-        return TwistErrors(by_constants, rounding / _PULSE_S, covariance)
+        turned = (
+            self._between_rad2
+            / max(self._between_s, dt_s)
+            * np.outer(by_rates[:, 2], by_rates[:, 2])
+        )
+        self._between_rad2 = self._between_s = 0.0
+        covariance = by_constants @ by_constants.T + 2.0 / dt_s**2 * rounding + turned / dt_s
+        return TwistErrors(by_constants, rounding / _PULSE_S + turned, covariance)
 
 
 class ReportedOdometry(PlanarOdometry):
@@ -344,14 +356,18 @@ class SensorOdometry(DeadReckoning, Protocol):
 _Factory: TypeAlias = Callable[[Any], "tuple[SensorOdometry, bool] | None"]
 
 
-def odometry_by_dead_wheels(robot: OmniDescription) -> tuple[SensorOdometry, bool] | None:
-    """Return the odometry from dead wheels and gyro, None for a robot without them."""
-    return None if robot.dead_wheels is None else (DeadWheelOdometry(robot), True)
-
-
-def odometry_by_gyro(robot: SingularityDescription) -> tuple[SensorOdometry, bool] | None:
+def odometry_by_gyro(
+    robot: SingularityDescription | OmniDescription,
+) -> tuple[SensorOdometry, bool] | None:
     """Return the odometry from wheels and yaw gyro, None for a robot without a gyro."""
     return None if robot.gyro is None else (GyroOdometry(robot), True)
+
+
+def odometry_of_platform(robot: OmniDescription) -> tuple[SensorOdometry, bool] | None:
+    """Return the odometry from dead wheels, or from a yaw gyro; None for a robot without them."""
+    if robot.dead_wheels is None:
+        return odometry_by_gyro(robot)
+    return DeadWheelOdometry(robot), True
 
 
 def odometry_by_rows(robot: SphereDescription) -> tuple[SensorOdometry, bool]:

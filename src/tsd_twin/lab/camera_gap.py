@@ -20,7 +20,7 @@ from tsd_twin.control.state_estimator import StateEstimator
 from tsd_twin.estimation import exponential_error
 from tsd_twin.estimation.consistency import FALSE_ALARM, chi_square_bound
 from tsd_twin.experiment import Experiment, Output
-from tsd_twin.lab.consistency import (
+from tsd_twin.lab.open_loop import (
     Case,
     driven_setpoints,
     nanoseconds,

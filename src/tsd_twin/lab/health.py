@@ -30,7 +30,7 @@ from tsd_twin.messages.status import decode_status
 from tsd_twin.messages.topics import STATUS
 from tsd_twin.recording import Recording, open_recording
 from tsd_twin.recording.mcap_file import entries
-from tsd_twin.robots import Gyro, RobotDescription, SingularityDescription
+from tsd_twin.robots import Gyro, OmniDescription, RobotDescription, SingularityDescription
 from tsd_twin.shadow import STREAMS, Drift, ShadowFeed, ShadowReport, ShadowTwin
 from tsd_twin.simulation import BATTERY, PLANTS, Camera, CameraNoise, Wear, WornRobot
 
@@ -232,10 +232,10 @@ class Case:
             TwinError: it cannot have a gyro.
         """
         robot = robots.load_robot(self.robot)
-        if not self.gyro:
+        if not self.gyro or any(joint.name == "gyro" for joint in robot.sensors):
             return robot
-        if not isinstance(robot, SingularityDescription):
-            raise TwinError(f"--gyro: {robot.name} is no singularity drive")
+        if not isinstance(robot, SingularityDescription | OmniDescription):
+            raise TwinError(f"--gyro: {robot.name} does not drive over a floor")
         return msgspec.structs.replace(robot, gyro=Gyro())
 
     @property

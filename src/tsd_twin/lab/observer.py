@@ -13,7 +13,7 @@ import numpy as np
 
 from tsd_twin.client.simulated import PERIOD_S, VirtualRobot, voltage_share
 from tsd_twin.estimation import DriftFilter, with_gyro
-from tsd_twin.estimation.wheel_odometry import JointNoise
+from tsd_twin.estimation.joint_errors import JointNoise
 from tsd_twin.kinematics import SingularityKinematics
 from tsd_twin.lie import SE2, Array
 from tsd_twin.robots import Gyro, SingularityDescription

@@ -343,9 +343,10 @@ def run_atlas(args: argparse.Namespace, out: Output) -> list[str]:
 
 
 def _peak_text(values: Array, t_s: Array, unit: str) -> str:
-    """Text of the largest of `values` and its time, without the time for rounding."""
+    """Text of the largest of `values` and its first time, without the time for rounding."""
     peak = float(values.max())
-    when = f" at {t_s[values.argmax()]:.2f} s" if peak > _ROUNDING else ""
+    first = int((values > (1.0 - _ROUNDING) * peak).argmax())
+    when = f" at {t_s[first]:.2f} s" if peak > _ROUNDING else ""
     return f"{peak:.2f} {unit}{when}"
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from msgspec import Meta
 
 from tsd_twin.errors import TwinError
-from tsd_twin.kinematics import Joint, Kinematics, SingularityKinematics
+from tsd_twin.kinematics import Joint, JointKind, Kinematics, SingularityKinematics
 from tsd_twin.lie import Array
 
 RPM = math.pi / 30.0
@@ -204,7 +204,10 @@ class JointErrors:
     zero_rad: float = 0.0
     """Standard deviation of the zero of a position joint; constant."""
     floor: FloorErrors = FloorErrors()
-    """What the floor does while velocity joints turn; constant."""
+    """What the floor does to wheels that always spin; constant."""
+    creep_lag_s: tuple[tuple[float, ...], ...] | None = None
+    """(3, 3): twist by which a body is behind its rollers, from its acceleration in m/s2 and
+    rad/s2; as many times that as one standard normal number. None is without."""
     walk_rad: float = 0.0
     """Standard deviation of the way of each velocity joint in a second, while any of them turns; it
     grows with the square root of the time."""
@@ -389,7 +392,7 @@ class ActuatorOffsets:
 class Gyro(Table, frozen=True):
     """`[gyro]`: noise of a yaw-rate gyro.
 
-    The defaults are those of a small MEMS gyro: data sheet of the Bosch BMI270,
+    The defaults are those of a small MEMS gyro, by the data sheet of the Bosch BMI270.
     """
 
     noise_rad_per_s: Positive = 0.0012
@@ -397,6 +400,10 @@ class Gyro(Table, frozen=True):
     bias_rad_per_s: NotNegative = 0.0005
     """Standard deviation of the offset, which stays for the run: what is left after a second at
     rest."""
+
+
+GYRO_SENSORS = (Joint("gyro", JointKind.VELOCITY),)
+"""Sensors of a robot whose only one is a yaw gyro."""
 
 
 class Floor(Table, frozen=True):

@@ -106,8 +106,8 @@ KINDS: tuple[RobotKind, ...] = (
     RobotKind(
         name="omni",
         description=OmniDescription,
-        simulations={"kinematic": "tsd_twin.simulation.wheeled:OmniSimulation"},
-        sensor_odometry="tsd_twin.estimation.sensor_odometry:odometry_by_dead_wheels",
+        simulations={"kinematic": "tsd_twin.simulation.robot:simulate_omni"},
+        sensor_odometry="tsd_twin.estimation.sensor_odometry:odometry_of_platform",
         model="tsd_twin.models.omni",
         telemetry="tsd_twin.dashboard.server.telemetry:WheelTelemetry",
         actuator_tab="Wheels",

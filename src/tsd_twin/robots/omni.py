@@ -14,7 +14,10 @@ from tsd_twin.kinematics import Joint, JointKind, OmniKinematics, SphereKinemati
 from tsd_twin.kinematics.omni import contacts_and_directions, layout_problem, sphere_layout_problem
 from tsd_twin.lie import Array
 from tsd_twin.robots.description import (
+    GYRO_SENSORS,
     GearedMotorDescription,
+    Gyro,
+    JointErrors,
     NotNegative,
     Positive,
     Problem,
@@ -22,6 +25,10 @@ from tsd_twin.robots.description import (
     carried_kg_m2,
 )
 from tsd_twin.robots.plausibility import proportion_problems
+
+ROLLER_CREEP_MPS = 0.01
+"""Creep scale: the friction of a roller reaches its limit at a few times this creep."""
+_GRAVITY_MPS2 = 9.81
 
 
 class OmniWheel(Table, frozen=True):
@@ -94,13 +101,14 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
 
     drive: OmniGeometry
     mass: OmniMass
+    gyro: Gyro | None = None
     dead_wheels: DeadWheels | None = None
 
     @property
     def sensors(self) -> tuple[Joint, ...]:
-        """Sensors: angles of the dead wheels, and the rate of the gyro."""
+        """Sensors: angles of the dead wheels, and the turn rate of the gyro."""
         if self.dead_wheels is None:
-            return ()
+            return () if self.gyro is None else GYRO_SENSORS
         return (
             Joint("dead1", JointKind.POSITION),
             Joint("dead2", JointKind.POSITION),
@@ -136,9 +144,30 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
 
     def driven_inertia_kg_m2(self, drive: OmniKinematics) -> float:
         """Largest inertia at a wheel: its own and its share of the robot."""
+        return self.wheel_inertia_kg_m2 + carried_kg_m2(drive.twist_from_speeds, self.inertia)
+
+    @property
+    def inertia(self) -> Array:
+        """(3,): mass, kg, of motion along X and Y, and yaw inertia, kg m²."""
         mass = self.mass
-        body = np.array([mass.total_kg, mass.total_kg, mass.yaw_inertia_kg_m2])
-        return self.wheel_inertia_kg_m2 + carried_kg_m2(drive.twist_from_speeds, body)
+        return np.array([mass.total_kg, mass.total_kg, mass.yaw_inertia_kg_m2])
+
+    @property
+    def contact_friction_n(self) -> float:
+        """Largest friction of one wheel; all carry equal shares of the weight."""
+        return self.drive.friction * self.mass.total_kg * _GRAVITY_MPS2 / len(self.drive.wheels)
+
+    def joint_errors(self) -> JointErrors:
+        """Return the errors of the wheel speeds, and the creep of the rollers.
+
+        A small creep gives a friction in proportion: the force of all wheels for a twist between
+        body and wheels is a matrix, whose inverse gives the twist that an acceleration takes.
+        """
+        grip = self.kinematics().grip_from_twist
+        force_per_twist = self.contact_friction_n / ROLLER_CREEP_MPS * grip.T @ grip
+        lag_s = np.linalg.inv(force_per_twist) * self.inertia
+        rows = tuple(tuple(float(value) for value in row) for row in lag_s)
+        return replace(super().joint_errors(), creep_lag_s=rows)
 
     def problems(self) -> Iterator[Problem]:
         """Yield the problems of the layouts of driven and dead wheels."""
@@ -153,6 +182,8 @@ class OmniDescription(GearedMotorDescription, frozen=True, kw_only=True):
             self.mass.total_kg,
         )
         if self.dead_wheels is not None:
+            if self.gyro is not None:
+                yield "gyro: the dead wheels have one", "[gyro] or [dead_wheels]"
             (ax, ay, _), (bx, by, _) = self.dead_wheels.rows()
             if abs(ax * by - ay * bx) < 0.1:
                 yield (

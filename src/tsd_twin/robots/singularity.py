@@ -11,8 +11,9 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from tsd_twin.kinematics import Joint, JointKind, SingularityKinematics
+from tsd_twin.kinematics import Joint, SingularityKinematics
 from tsd_twin.robots.description import (
+    GYRO_SENSORS,
     RPM,
     ActuatorOffsets,
     Floor,
@@ -153,7 +154,7 @@ class SingularityDescription(RobotDescription, frozen=True, kw_only=True):
     @property
     def sensors(self) -> tuple[Joint, ...]:
         """The turn rate of the gyro, where there is one."""
-        return () if self.gyro is None else (Joint("gyro", JointKind.VELOCITY),)
+        return () if self.gyro is None else GYRO_SENSORS
 
     def kinematics(self) -> SingularityKinematics:
         """Kinematics at cruise speed."""

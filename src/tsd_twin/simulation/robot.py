@@ -6,44 +6,64 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from tsd_twin.errors import RobotFileError, TwinError
 from tsd_twin.kinematics import JointKind
 from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.robots import KINDS, RobotDescription, SingularityDescription, implementation, kind_of
+from tsd_twin.robots import (
+    KINDS,
+    OmniDescription,
+    RobotDescription,
+    SingularityDescription,
+    implementation,
+    kind_of,
+)
 from tsd_twin.simulation.mujoco_plant import MujocoSimulation
 from tsd_twin.simulation.sensors import Actuated, DelayWrapper, GyroSimulation, Simulation
 from tsd_twin.simulation.singularity import SingularitySimulation
-from tsd_twin.simulation.wheeled import GearedSimulation
+from tsd_twin.simulation.wheeled import GearedSimulation, OmniSimulation
+
+_Factory: TypeAlias = Callable[..., Simulation]
 
 
-def _singularity(plant: Callable[..., Actuated]) -> Callable[..., Simulation]:
-    """Simulation of a robot that `plant` moves: behind its bus, and with its gyro."""
+def _behind_bus(plant: Callable[..., Actuated]) -> _Factory:
+    """Return a factory of robots that `plant` moves, behind a bus that delays."""
 
-    def make(
-        robot: SingularityDescription,
-        batch: tuple[int, ...],
-        *,
-        seed: int | None,
-        noise: float,
-        **start: Any,
-    ) -> Simulation:
-        simulation = plant(robot, batch, seed=seed, noise=noise, **start)
-        delayed = DelayWrapper(simulation, robot.delay_s) if robot.delay_s > 0.0 else simulation
-        if robot.gyro is None:
-            return delayed
-        return GyroSimulation(delayed, robot.gyro, batch, seed=seed, noise=noise)
+    def make(robot: RobotDescription, batch: tuple[int, ...], **options: Any) -> Simulation:
+        simulation = plant(robot, batch, **options)
+        return DelayWrapper(simulation, robot.delay_s) if robot.delay_s > 0.0 else simulation
 
     return make
 
 
-simulate_singularity = _singularity(SingularitySimulation)
+def _with_gyro(make: _Factory) -> _Factory:
+    """Return a factory that adds the gyro of the description, if it has one."""
+
+    def add(
+        robot: SingularityDescription | OmniDescription,
+        batch: tuple[int, ...],
+        *,
+        seed: int | None,
+        noise: float,
+        **options: Any,
+    ) -> Simulation:
+        simulation = make(robot, batch, seed=seed, noise=noise, **options)
+        if robot.gyro is None:
+            return simulation
+        return GyroSimulation(simulation, robot.gyro, batch, seed=seed, noise=noise)
+
+    return add
+
+
+simulate_singularity = _with_gyro(_behind_bus(SingularitySimulation))
 """Factory of the kinematic simulation of a singularity drive."""
-simulate_singularity_mujoco = _singularity(MujocoSimulation)
+simulate_singularity_mujoco = _with_gyro(_behind_bus(MujocoSimulation))
 """Factory of the MuJoCo simulation of a singularity drive."""
+simulate_omni = _with_gyro(OmniSimulation)
+"""Factory of the simulation of a platform on wheels with rollers."""
 PLANTS: tuple[str, ...] = tuple(dict.fromkeys(p for kind in KINDS for p in kind.simulations))
 """Models of motion: `kinematic` is rolling for all kinds, `mujoco` rigid bodies for some."""
 
@@ -78,8 +98,9 @@ def simulate(
     make: Callable[..., Simulation] = implementation(reference)
     built = robot.with_errors(errors)
     made = make(built, batch, seed=seed, noise=noise, battery_v=battery_v, pose=pose)
-    if step_s is not None and isinstance(made, GearedSimulation):
-        made.longest_step_s = step_s
+    moves = made.simulation if isinstance(made, GyroSimulation) else made
+    if step_s is not None and isinstance(moves, GearedSimulation):
+        moves.longest_step_s = step_s
     return made
 
 

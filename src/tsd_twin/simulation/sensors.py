@@ -244,7 +244,9 @@ class DeadWheelSensors:
         turned = noise * math.radians(sensors.mounting_deg) * random.standard_normal((*batch, 2, 1))
         radius = 1.0 + noise * sensors.radius_share * random.standard_normal((*batch, 2, 1))
         self._rows = (np.cos(turned) * rows + np.sin(turned) * across) / (sensors.radius_m * radius)
-        self._angles = np.zeros((*batch, 2))
+        # Wheels stand anywhere between two pulses at the start.
+        between = random.uniform(0.0, self._step_rad, (*batch, 2))
+        self._angles = between if noise > 0.0 else np.zeros((*batch, 2))
 
     def advance(self, twist: Array, dt_s: float) -> None:
         """Integrate the wheel angles for `dt_s` at a mean `twist` (..., 3)."""

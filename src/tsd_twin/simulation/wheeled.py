@@ -13,6 +13,7 @@ import numpy as np
 from tsd_twin.lie import SE2, SO3, Array
 from tsd_twin.robots import OmniDescription, SphereDescription
 from tsd_twin.robots.description import GearedMotor, GearedMotorDescription
+from tsd_twin.robots.omni import ROLLER_CREEP_MPS
 from tsd_twin.simulation.actuators import SimulationOptions
 from tsd_twin.simulation.sensors import DeadWheelSensors
 
@@ -125,11 +126,8 @@ class GearedSimulation(ABC):
         """Move wheels and body on by `dt_s` seconds."""
 
 
-_CREEP_MPS = 0.01
-"""Creep scale: friction reaches its limit at a few times this creep."""
-_GRAVITY_MPS2 = 9.81
 _ROUNDS = 30
-_CLOSE_MPS = 0.2 * _CREEP_MPS
+_CLOSE_MPS = 0.2 * ROLLER_CREEP_MPS
 """Tolerance of the creep iteration."""
 _SETTLED = 1e-9
 """Metres, or radians, a second below which nothing moves."""
@@ -164,11 +162,10 @@ class OmniSimulation(GearedSimulation):
         # Of a wheel's speed, the part along the roller's axle.
         self._arm_m = kinematics.wheel_radius_m * np.cos(kinematics.rollers_rad)
         self._pull_m = (1.0 - robot.drive.slip) * self._arm_m
-        mass = robot.mass
-        self._body = np.array([mass.total_kg, mass.total_kg, mass.yaw_inertia_kg_m2])
+        self._body = robot.inertia
         self._body_matrix = np.diag(self._body)
         self._wheel = robot.wheel_inertia_kg_m2
-        self._friction_n = robot.drive.friction * mass.total_kg * _GRAVITY_MPS2 / kinematics.wheels
+        self._friction_n = robot.contact_friction_n
         self._sensors = None
         if robot.dead_wheels is not None:
             noise = options.get("noise", 0.0)
@@ -229,7 +226,7 @@ class OmniSimulation(GearedSimulation):
         creep = self._creep(joints, twist)
         going = np.ones((*twist.shape[:-1], 1), dtype=bool)
         for _ in range(_ROUNDS):
-            c = self._friction_n / np.sqrt(creep * creep + _CREEP_MPS**2)
+            c = self._friction_n / np.sqrt(creep * creep + ROLLER_CREEP_MPS**2)
             solved = self._linear(c, gain, torque, dt_s)
             if going.all():
                 joints, twist = solved

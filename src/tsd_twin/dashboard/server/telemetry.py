@@ -111,7 +111,7 @@ class WheelTelemetry:
 
     def __init__(self, robot: OmniDescription) -> None:
         self._drive = robot.kinematics()
-        self._trackers = robot.dead_wheels is not None
+        self._has_other_sensors = bool(robot.sensors)
 
     def info(self) -> dict[str, Any]:
         """Return the fields of `RobotInfo`."""
@@ -119,7 +119,7 @@ class WheelTelemetry:
             "panel": "wheels",
             "wheels": self._drive.actuators,
             "max_rpm": round(self._drive.max_speed_rad_per_s / RPM, 1),
-            "alternative_estimate": "driven wheels" if self._trackers else None,
+            "alternative_estimate": "driven wheels" if self._has_other_sensors else None,
         }
 
     def state(self, joints: Array, setpoint: Array, snapshot: Snapshot) -> dict[str, Any]:

@@ -1,0 +1,233 @@
+"""Errors of joints and of contacts with the floor: white noise, and errors that stay constant.
+
+Zeros, wheel speeds, what friction does to wheels that always spin, and the creep of rollers: each
+as the error of the twist that it causes.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tsd_twin.kinematics import JointKind, Kinematics
+from tsd_twin.lie import Array
+from tsd_twin.robots import FloorErrors, JointErrors
+
+
+class JointNoise:
+    """Noise model of joints: standard deviations of angles, and of speeds as a share."""
+
+    def __init__(self, kinematics: Kinematics[Any], noise: JointErrors) -> None:
+        is_angle = np.array([joint.kind is JointKind.POSITION for joint in kinematics.joints])
+        self._angle = is_angle * noise.angle_rad
+        self._read_angle = is_angle * math.hypot(noise.angle_rad, noise.rounding_rad)
+        self._share = ~is_angle * noise.spin_share
+        self._is_speed = ~is_angle
+        self._walk_rad = noise.walk_rad
+
+    @property
+    def white(self) -> Array:
+        """(n,): standard deviations of what is new in each sample."""
+        return self._read_angle
+
+    def walk(self, joints: Array) -> Array:
+        """Return the standard deviations (n,) of the ways of joints in a second, radians."""
+        turns = self._walk_rad > 0.0 and bool(joints[self._is_speed].any())
+        return self._is_speed * (self._walk_rad if turns else 0.0)
+
+    def sigma(self, joints: Array) -> Array:
+        """Return the standard deviations (..., n) of `joints` (..., n), radians and rad/s."""
+        return self._angle + self._share * np.abs(joints)
+
+
+def acceleration(before: Array, twist: Array, elapsed_s: float) -> Array:
+    """Return the acceleration (3,) over the ground, in the axes of the body, between two twists."""
+    vx, vy, omega = twist.tolist()
+    return (twist - before) / elapsed_s + np.array([-omega * vy, omega * vx, 0.0])
+
+
+class FloorEffects:
+    """What the floor does to a robot whose wheels always spin, for standard errors of one cause.
+
+    It brakes wheels, and turns the robot against their spin. When it pushes, wheels slide, and
+    those that drive the robot get slower for a while. It also pushes when wheels change their
+    speed, against the turn that their motors give to the robot.
+    """
+
+    def __init__(self, is_speed: npt.NDArray[np.bool_], errors: FloorErrors) -> None:
+        self._is_speed = is_speed
+        self._errors = errors
+        self.any = errors.slip_lag_s > 0.0
+        """Whether it does anything."""
+        self._twist: Array = np.zeros(3)
+        self._spin_rad_per_s: Array | None = None
+        self._slip: Array = np.zeros(3)
+        """Twist by which the body is behind its wheels."""
+        self._droop = 0.0
+        """Share of the speed that wheels have lost by driving the robot, at `at_rad_per_s`."""
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether nothing has changed of late."""
+        return self._droop == 0.0 and not self._slip.any()
+
+    def follow(self, twist: Array, joints: Array, elapsed_s: float) -> None:
+        """Follow `elapsed_s`, at whose end the robot moves with `twist` (3,) by `joints` (n,)."""
+        errors, before = self._errors, self._twist
+        spin = joints[self._is_speed]
+        last_spin = spin if self._spin_rad_per_s is None else self._spin_rad_per_s
+        self._twist, self._spin_rad_per_s = twist, spin
+        push = acceleration(before, twist, elapsed_s)
+        push[2] += errors.turn_per_spin * float((spin - last_spin).sum()) / elapsed_s
+        speed = 0.5 * float((spin + last_spin).mean()) / errors.at_rad_per_s
+        self._slip = speed * errors.slip_lag_s * push
+        # The energy that the robot has gained is missing in the wheels, until motors restore it.
+        gained = errors.droop_s2_per_m2 * float(twist[:2] @ twist[:2] - before[:2] @ before[:2])
+        restore_s = errors.restore_up_s if self._droop + gained > 0.0 else errors.restore_down_s
+        half = math.exp(-0.5 * elapsed_s / restore_s)
+        self._droop = half * (half * self._droop + gained)
+        if abs(self._droop) < _NO_DROOP:
+            self._droop = 0.0
+
+    def of_joints(self, joints: Array) -> Array:
+        """Return the errors (n,) of `joints` (n,): the floor brakes wheels that spin."""
+        loss_rad_per_s = self._errors.spin_share * self._errors.at_rad_per_s
+        return np.where(self._is_speed & (joints > 0.0), -loss_rad_per_s, 0.0)
+
+    def of_twist(self, joints: Array) -> Array:
+        """Return the errors (3,) of the twist at `joints` (n,), beside those that joints cause."""
+        errors = self._errors
+        speed = float(joints[self._is_speed].mean()) / errors.at_rad_per_s
+        effect = -self._slip - self._droop / max(speed, _LEAST_SPEED) ** 2 * self._twist
+        effect[2] += self.turn_rad_per_s(joints)
+        return effect
+
+    def turn_rad_per_s(self, joints: Array) -> float:
+        """Return the error of the turn rate at `joints` (n,) of a robot that nothing pushes."""
+        speed = float(joints[self._is_speed].mean()) / self._errors.at_rad_per_s
+        return -speed * self._errors.turn_rad_per_s
+
+
+_LEAST_SPEED = 0.1
+"""Speed of wheels, as a share of `at_rad_per_s`, below which they do not drive the robot."""
+_NO_DROOP = 1e-6
+"""Share of a speed that is none."""
+
+
+class RollerCreep:
+    """What the floor does to a robot on rollers, as reckoned: they creep as far as they push."""
+
+    any = True
+    """Whether it does anything."""
+
+    def __init__(self, lag_s: Array) -> None:
+        self._lag_s = lag_s
+        self._twist: Array = np.zeros(3)
+        self._creep: Array = np.zeros(3)
+        """Twist by which the body is behind its wheels."""
+
+    @property
+    def is_steady(self) -> bool:
+        """Whether nothing has changed of late."""
+        return not self._creep.any()
+
+    def follow(self, twist: Array, joints: Array, elapsed_s: float) -> None:  # noqa: ARG002  The shape.
+        """Follow `elapsed_s`, at whose end the robot moves with `twist` (3,)."""
+        push = acceleration(self._twist, twist, elapsed_s)
+        self._twist, self._creep = twist, self._lag_s @ push
+
+    def of_joints(self, joints: Array) -> Array:
+        """Return the errors (n,) of `joints` (n,): none, as encoders measure wheels."""
+        return np.zeros_like(joints)
+
+    def of_twist(self, joints: Array) -> Array:  # noqa: ARG002  The shape.
+        """Return the errors (3,) of the twist."""
+        return -self._creep
+
+    def turn_rad_per_s(self, joints: Array) -> float:  # noqa: ARG002  The shape.
+        """Return the error of the turn rate of a robot that nothing pushes: none."""
+        return 0.0
+
+
+class ConstantErrors:
+    """Constant errors of joints, in terms of independent, standard normal numbers."""
+
+    def __init__(self, kinematics: Kinematics[Any], noise: JointErrors) -> None:
+        is_angle = np.array([joint.kind is JointKind.POSITION for joint in kinematics.joints])
+        self._kinematics = kinematics
+        joints = len(is_angle)
+        zeros = noise.zero_rad * np.eye(joints)[is_angle]
+        self._zeros = zeros[zeros.any(axis=1)]
+        shares = noise.spin_share * np.eye(joints)[~is_angle]
+        shares = np.vstack([shares, noise.common_spin_share * ~is_angle])
+        self._shares = shares[shares.any(axis=1)]
+        self._is_speed = ~is_angle
+        self._floor_errors = noise.floor
+        self.floor: FloorEffects | RollerCreep = FloorEffects(~is_angle, noise.floor)
+        """The last constant, if the floor does anything."""
+        if noise.creep_lag_s is not None:
+            self.floor = RollerCreep(np.array(noise.creep_lag_s))
+
+    @property
+    def count(self) -> int:
+        """Number of constants, m."""
+        return len(self._zeros) + len(self._shares) + self.floor.any
+
+    def of_twist(self, joints: Array, slopes: Array) -> Array:
+        """Return the errors (3, m) of the twist at `joints` (n,), with its `slopes` (3, n)."""
+        errors = slopes @ self.of_joints(joints)
+        if self.floor.any:
+            errors[:, -1] += self.floor.of_twist(joints)
+        return errors
+
+    def of_joints(self, joints: Array) -> Array:
+        """Return the errors (n, m) of `joints` (n,)."""
+        rows = [self._zeros, self._shares * joints]
+        if self.floor.any:
+            rows.append(self.floor.of_joints(joints)[None])
+        return np.concatenate(rows).T
+
+    def rows(self) -> dict[str, Array]:
+        """Return what the constants add to each parameter of the robot, (m,); units are in names.
+
+        A wheel's speed is off by its own share and the common one. The creep is the twist of a
+        robot whose commanded gimbals are upright.
+        """
+        rows: dict[str, Array] = {}
+        zeros, shares = len(self._zeros), len(self._zeros) + len(self._shares)
+        by_joint = np.zeros((len(self._is_speed), self.count))
+        by_joint[:, :zeros], by_joint[:, zeros:shares] = self._zeros.T, self._shares.T
+        at_rest = self._kinematics.inverse(np.zeros(3))
+        creep = np.zeros((3, self.count))
+        creep[:, :zeros] = jacobians(self._kinematics, at_rest)[0] @ by_joint[:, :zeros]
+        if self.floor.any:
+            by_joint[self._is_speed, -1] = -self._floor_errors.spin_share
+            creep[2, -1] = self.floor.turn_rad_per_s(at_rest)
+            if self._floor_errors.slip_lag_s > 0.0:
+                rows["slip_lag_s"] = self._floor_errors.slip_lag_s * np.eye(self.count)[-1]
+        names = [joint.name for joint in self._kinematics.joints]
+        for name, is_speed, row in zip(names, self._is_speed, by_joint, strict=True):
+            if row.any():
+                rows[f"{name}_share" if is_speed else f"{name}_rad"] = row
+        for name, row in zip(("x_mps", "y_mps", "turn_rad_per_s"), creep, strict=True):
+            if row.any():
+                rows[f"creep_{name}"] = row
+        return rows
+
+
+_NUDGE = 1e-6
+"""Step of finite differences: radians, or a share of a speed."""
+
+
+def jacobians(kinematics: Kinematics[Any], joints: Array) -> tuple[Array, Array]:
+    """Return the Jacobians (3, n) and (r, n) of twist and residual at `joints` (n,)."""
+    # By differences, all joints in one batch.
+    steps = _NUDGE * np.maximum(1.0, np.abs(joints))
+    nudged = np.tile(joints, (len(joints) + 1, 1))
+    nudged[1:] += np.diag(steps)
+    motion = kinematics.forward(nudged)
+    slopes = ((motion.twist[1:] - motion.twist[0]) / steps[:, None]).T
+    return slopes, ((motion.residual[1:] - motion.residual[0]) / steps[:, None]).T
