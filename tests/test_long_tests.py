@@ -17,7 +17,7 @@ def test_every_line_of_the_list_names_a_test() -> None:
     flags = ["-q", "--collect-only", "-p", "no:cacheprovider", "-m", "long"]
     done = subprocess.run(
         [*AS_OTHERS, sys.executable, "-m", "pytest", *flags, *files],
-        cwd=TESTS.parent, capture_output=True, text=True, timeout=60,
+        cwd=TESTS.parent, capture_output=True, text=True, timeout=300,
     )  # fmt: skip
     found = {line.removeprefix("tests/") for line in done.stdout.splitlines() if "::" in line}
     assert found

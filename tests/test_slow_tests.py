@@ -38,7 +38,7 @@ def test_they_are_deselected_by_their_mark() -> None:
     flags = ["-q", "--collect-only", "-p", "no:cacheprovider", "-m", "slow"]
     done = subprocess.run(
         [*AS_OTHERS, sys.executable, "-m", "pytest", *flags, str(file)],
-        cwd=TESTS.parent, capture_output=True, text=True, timeout=60,
+        cwd=TESTS.parent, capture_output=True, text=True, timeout=300,
     )  # fmt: skip
     found = {name_of(line) for line in done.stdout.splitlines() if "::" in line}
     assert found == {name for name in listed() if name.startswith(f"{name_of(str(file))}::")}
