@@ -4,6 +4,7 @@ motion."""
 from __future__ import annotations
 
 import contextlib
+import functools
 import itertools
 import json
 import math
@@ -24,11 +25,12 @@ import numpy as np
 from tests.app.conftest import Program
 from tests.support.robot_node import PATIENCE_S, QUICK
 from tsd_twin.bus import Bus, client_config
-from tsd_twin.lie import Array
+from tsd_twin.estimation import exponential_error
+from tsd_twin.lie import SE2, Array
 from tsd_twin.link_emulation import LinkEmulator, LinkSpec
 from tsd_twin.messages import topics
 from tsd_twin.messages.requests import Sample
-from tsd_twin.messages.ros import decode_odometry
+from tsd_twin.messages.ros import Odometry, decode_odometry
 from tsd_twin.messages.status import Status, decode_stamp, decode_status
 
 ID = "tsd"
@@ -59,6 +61,9 @@ class Observer:
         self.truth: list[tuple[float, Array, float]] = []
         """Robot time in seconds, (x, y), and speed at which anything moves."""
         self.status = Status("disarmed")
+        self._newest: dict[str, Odometry] = {}
+        for topic in (topics.ODOM, topics.TRUTH):
+            bus.subscribe(topic.key(ID), functools.partial(self._on_odometry, topic.path))
         bus.subscribe(topics.TRUTH.key(ID), self._on_truth)
         bus.subscribe(topics.STATUS.key(ID), self._on_status)
 
@@ -74,6 +79,16 @@ class Observer:
         with self._news:
             self.status = decode_status(sample.payload)
             self._news.notify_all()
+
+    def _on_odometry(self, name: str, sample: Sample) -> None:
+        self._newest[name] = decode_odometry(sample.payload)
+
+    @property
+    def nees(self) -> float:
+        """Squared error of the estimated pose, in units of its covariance."""
+        estimate, truth = (self._newest[topic.path] for topic in (topics.ODOM, topics.TRUTH))
+        error = exponential_error(SE2(estimate.xy_heading), SE2(truth.xy_heading))
+        return float(error @ np.linalg.solve(estimate.pose_covariance, error))
 
     def until(self, condition: Callable[[], bool], what: str) -> None:
         """Wait until received samples make a condition true."""

@@ -24,6 +24,8 @@ pytestmark = pytest.mark.system
 
 WATCHED_S = 1.0
 """For how long nothing may move after the last thing that happened."""
+MOST_NEES = 16.3
+"""Of a chi-square with three degrees of freedom, 0.1 % are beyond."""
 MAX_AGE_S = 1.0
 """Of a patient lease: the oldest that a command may be."""
 PAUSE_S = 0.02
@@ -159,6 +161,9 @@ def test_a_robot_node_that_hangs_or_is_killed(
         note = f"the simulated board trips after {TIMEOUT_S:g} s; then a fault"
         stands_still(table.add("robot node SIGSTOP 5 s, SIGCONT", run, note))
         observer.until(lambda: observer.status.mode == "fault", "a fault that the node latches")
+        observer.until(
+            lambda: observer.at_rest and observer.nees < MOST_NEES, "a pose within limits"
+        )
         drives_again_once_let_go(scene, page)
         page.do("push", 1.0)
         observer.until_speed()

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tsd_twin.control.state_estimator import NEUTRAL_RAD, StateEstimator
+from tsd_twin.estimation import OUTAGE_S
 from tsd_twin.lie import Array
 from tsd_twin.messages.requests import Event
 from tsd_twin.messages.status import ConsistencyStatus
@@ -164,7 +165,7 @@ class FollowingErrorMonitor:
         return f"{self._names[worst]} does not follow: it is {off_deg:+.1f}° from its set-point"
 
 
-SILENT_S = 0.1
+SILENT_S = OUTAGE_S
 """Joints that are not measured for this long are a fault while armed."""
 
 

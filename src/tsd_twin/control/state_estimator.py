@@ -15,12 +15,15 @@ import numpy as np
 from tsd_twin.errors import MessageError
 from tsd_twin.estimation import (
     ODOMETRY,
+    OUTAGE_S,
     ConsistencyMonitor,
     DeadReckoning,
     Estimate,
     FusedEstimate,
     FusionResult,
     GyroOdometry,
+    MeasurementOutage,
+    OutageStep,
     ReportedOdometry,
     SpinModel,
     sensor_odometry_of,
@@ -141,6 +144,8 @@ def _found(before: SE2, after: SE2, now_s: float) -> Event:
     )
 
 
+_LAST_STEP_S = 0.01
+"""End of a long step, of which the joints are measured again."""
 NEUTRAL_RAD = math.radians(1.0)
 """Gimbals within this of upright count as neutral."""
 AT_SPEED = 0.02
@@ -178,6 +183,9 @@ class StateEstimator:
         self.joints = np.where(self.is_angle, self.kinematics.inverse(np.zeros(3)), 0.0)
         """(n,): measured joints; unmeasured wheel speeds come from the motor model."""
         self._before, self._step_s = self.joints, 1.0
+        speed = robot.limits.speed_mps / self.kinematics.twist_scale_m
+        full_twist = np.array([speed, speed, robot.limits.turn_rate_rad_per_s])
+        self._outage = MeasurementOutage(full_twist, robot.stopping_s)
         self._unmeasured = np.full(len(robot.sensors), np.nan)
         self._unmeasured.setflags(write=False)
         self.sensors = self._unmeasured
@@ -191,6 +199,10 @@ class StateEstimator:
         """
         spin = self._spin.advance(setpoint[self._wheels], dt_s)
         if measured is not None and all(map(math.isfinite, measured[self._needed].tolist())):
+            if dt_s > OUTAGE_S and math.isfinite(self.measured_s):
+                self._coast(now_s - _LAST_STEP_S, dt_s - _LAST_STEP_S)
+                dt_s = _LAST_STEP_S
+            self._outage.end()
             self.measured_s = now_s
             joints = measured[: len(self.joints)].copy()
             others = measured[len(joints) :]
@@ -206,6 +218,11 @@ class StateEstimator:
         else:
             return
         self._before, self._step_s, self.joints = self.joints, dt_s, joints
+        if self.measured_s < now_s:
+            if self._outage.elapsed_s + dt_s > OUTAGE_S:
+                self._coast(now_s, dt_s)
+                return
+            self._step_of_outage(dt_s)
         motion = self._plain.advance(joints, dt_s)
         if self._second is not None:
             self._second.follow(joints, self.sensors, motion, dt_s)
@@ -214,6 +231,20 @@ class StateEstimator:
             if isinstance(self._second, GyroOdometry) and self._second.comparison is not None:
                 self._corrected.learning.compare(now_s, self._second.comparison)
         self._consistency.advance(joints, dt_s, modelled=modelled)
+
+    def _coast(self, now_s: float, dt_s: float) -> None:
+        """Follow the next `dt_s` of an outage, without measurements, to `now_s`."""
+        step = self._step_of_outage(dt_s)
+        self._plain.coast(step, dt_s)
+        if self._second is not None:
+            self._second.coast(step, dt_s)
+        if self._corrected is not None:
+            self._corrected.follow(now_s)
+
+    def _step_of_outage(self, dt_s: float) -> OutageStep:
+        if self._outage.elapsed_s == 0.0:
+            self._outage.begin(self._plain.twist_of_last())
+        return self._outage.advance(dt_s)
 
     @property
     def rates(self) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from tsd_twin.estimation.consistency import ConsistencyMonitor, ConsistencyResult
 from tsd_twin.estimation.learned import ConstantsFilter
+from tsd_twin.estimation.outage import OUTAGE_S, MeasurementOutage, OutageStep
 from tsd_twin.estimation.pose_filter import DriftFilter, PoseFilter
 from tsd_twin.estimation.pose_fusion import FusedEstimate, FusionResult
 from tsd_twin.estimation.pose_spread import (
@@ -34,6 +35,7 @@ from tsd_twin.estimation.wheel_odometry import (
 
 __all__ = [
     "ODOMETRY",
+    "OUTAGE_S",
     "REGION_SHARE",
     "ConsistencyMonitor",
     "ConsistencyResult",
@@ -45,7 +47,9 @@ __all__ = [
     "FusionResult",
     "GyroOdometry",
     "JointOdometry",
+    "MeasurementOutage",
     "OrientationOdometry",
+    "OutageStep",
     "PlanarOdometry",
     "PoseErrors",
     "PoseFilter",

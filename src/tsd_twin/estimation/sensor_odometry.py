@@ -12,6 +12,7 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 
 from tsd_twin.estimation.learned import Comparison
+from tsd_twin.estimation.outage import OutageStep
 from tsd_twin.estimation.pose_spread import PoseErrors, PoseSpread, TwistErrors
 from tsd_twin.estimation.wheel_odometry import OrientationOdometry, PlanarOdometry
 from tsd_twin.kinematics import SphereKinematics, TwistSolution
@@ -95,6 +96,12 @@ class GyroOdometry(PlanarOdometry):
         if reads is not self._reads:
             self._reads, self._until_refresh = reads, 0
         self._move(motion, joints, dt_s)
+
+    def coast(self, step: OutageStep, dt_s: float) -> None:
+        """Follow a step without measurements, also of the gyro."""
+        super().coast(step, dt_s)
+        self._rate, self.comparison = math.nan, None
+        self._compared.clear()
 
     def _compare(self, rate: float, by_wheels: float) -> None:
         self.comparison = None
@@ -209,6 +216,14 @@ class DeadWheelOdometry(PlanarOdometry):
             self._until_refresh = 0
         self._move(motion, joints, dt_s)
 
+    def coast(self, step: OutageStep, dt_s: float) -> None:
+        """Follow a step without measurements, also of the dead wheels.
+
+        They count on meanwhile, but the heading of what they count is not known.
+        """
+        super().coast(step, dt_s)
+        self._angles = self._rates = None
+
     def _twist_errors(self, joints: Array, dt_s: float) -> TwistErrors:
         if self._rates is None:
             return super()._twist_errors(joints, dt_s)
@@ -259,6 +274,12 @@ class ReportedOdometry(PlanarOdometry):
         else:
             self.pose = before
 
+    def coast(self, step: OutageStep, dt_s: float) -> None:
+        """Follow a step without a report: the pose stays."""
+        before = self.pose
+        super().coast(step, dt_s)
+        self.pose = before
+
 
 class DualRowOdometry(OrientationOdometry):
     """Odometry of a sphere by dual-row kinematics: the wheel angle determines which row carries.
@@ -276,6 +297,11 @@ class DualRowOdometry(OrientationOdometry):
     def follow(self, joints: Array, sensors: Array, motion: TwistSolution, dt_s: float) -> None:  # noqa: ARG002  The shape.
         """Update with the wheel speeds (k,) measured `dt_s` after the last ones."""
         self.advance(joints, dt_s)
+
+    def coast(self, step: OutageStep, dt_s: float) -> None:
+        """Follow a step without measurements, in which wheels turn as far as the sphere does."""
+        self.angles_rad = self.angles_rad + dt_s * self._sphere.inverse(step.twist)
+        super().coast(step, dt_s)
 
     def _forward(self, joints: Array, rates: Array, dt_s: float) -> TwistSolution:  # noqa: ARG002  The shape.
         turned = self.angles_rad + dt_s * joints
@@ -316,6 +342,10 @@ class Estimate(Protocol):
 
 class DeadReckoning(Estimate, Protocol):
     """Estimate that a pose sensor can correct."""
+
+    def coast(self, step: OutageStep, dt_s: float) -> None:
+        """Follow a step of `dt_s` in which nothing was measured."""
+        ...
 
     @property
     def motion(self) -> TwistSolution:

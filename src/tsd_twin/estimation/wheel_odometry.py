@@ -6,11 +6,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any, Generic
 
 import numpy as np
 
 from tsd_twin.estimation.joint_errors import ConstantErrors, JointNoise, jacobians
+from tsd_twin.estimation.outage import OutageStep
 from tsd_twin.estimation.pose_spread import SPREADS, PoseErrors, PoseSpread, TwistErrors
 from tsd_twin.kinematics import Kinematics, TwistSolution
 from tsd_twin.kinematics.base import PoseT
@@ -99,6 +101,8 @@ class JointOdometry(Generic[PoseT]):
         self._means: tuple[Array | None, Array] = (None, np.zeros(3))
         """Mean twists of the last two steps."""
         self._moved = False
+        self._before_outage: TwistErrors | None = None
+        """Errors of the twist before an outage; None outside of one."""
         self.pose: PoseT = kinematics.pose_type.identity()
         self.motion = TwistSolution(np.zeros(3), np.zeros(0))
         """Mean motion during the last step."""
@@ -143,6 +147,36 @@ class JointOdometry(Generic[PoseT]):
         self._move(self._forward(middle, step / dt_s, dt_s), middle, dt_s)
         return self.motion
 
+    def twist_of_last(self) -> Array:
+        """Return the twist (3,) by the last joints, without their rates; zero before the first."""
+        if self._previous is None:
+            return np.zeros(3)
+        return self._kinematics.forward(self._previous, np.zeros_like(self._previous)).twist
+
+    def coast(self, step: OutageStep, dt_s: float) -> None:
+        """Follow a step of `dt_s` in which the joints were not measured."""
+        if step.share == 0.0 and self._before_outage is not None and not self.motion.twist.any():
+            return  # It is at rest already.
+        usual = self._before_outage = self._before_outage or self.errors
+        by_constants, white_per_s = (
+            step.share * usual.by_constants,
+            step.share**2 * usual.white_per_s,
+        )
+        covariance = step.share**2 * usual.covariance + step.twist_covariance
+        own = TwistErrors(by_constants, white_per_s, covariance)
+        self.errors = replace(own, white_per_s=white_per_s + step.white_per_s)
+        before, self.motion = self.pose, TwistSolution(step.twist, np.zeros(0))
+        self._means = (None, step.twist)
+        if any(step.twist.tolist()):
+            self.pose = self._kinematics.integrate(before, step.twist, dt_s)
+        # Blocks of the spread end before and after it: what it adds is no rate of the others.
+        self.spread.refresh(self.errors)
+        self.spread.step(before, self.pose, step.twist, dt_s)
+        self.spread.refresh(own)
+        self._previous = None  # How the joints have moved since is not known.
+        self._solved_for, self._refreshed_for, self._until_refresh = b"", (None, None), 0
+        self._since_refresh_s += dt_s
+
     def _forward(self, joints: Array, rates: Array, dt_s: float) -> TwistSolution:  # noqa: ARG002  The shape.
         """Return the motion over a step of `dt_s`, from the joints (n,) half-way through it."""
         # Of a robot that stands, the same equations need not be solved again.
@@ -155,6 +189,7 @@ class JointOdometry(Generic[PoseT]):
     def _move(self, motion: TwistSolution, joints: Array, dt_s: float) -> None:
         """Follow a step of `dt_s` with a mean `motion`; `joints` (n,) are those half-way."""
         before, twist = self.pose, motion.twist
+        self._before_outage = None
         self._means = (self._means[1] if self._moved else None, twist)
         self._moved = True
         self.motion = motion

@@ -330,6 +330,15 @@ class RobotDescription(Table, frozen=True, kw_only=True):
         raise NotImplementedError
 
     @property
+    def stopping_s(self) -> float:
+        """Time for which a robot goes on at full speed, at most, once its hardware stops it.
+
+        It moves as far until it stands: with wheels that run down, or as fast as it brakes.
+        """
+        limits = self.limits
+        return max(self.spin_up().down_s, limits.speed_mps / (2.0 * limits.deceleration_mps2))
+
+    @property
     def spin_droop_s2_per_m2(self) -> float:
         """Share of their speed that spinning wheels lose to the robot when it speeds up.
 
