@@ -39,6 +39,7 @@ from tests.support.ros_nodes import (
 from tests.support.square_drive import SquareDrive
 from tests.support.tcp_relay import Relay
 from tsd_twin import robots
+from tsd_twin.errors import TwinError
 from tsd_twin.interop.cmd_vel import PAUSE_S
 from tsd_twin.interop.mapping import LATCHED_TOPICS, PUBLISHED, READ, SERVICES
 
@@ -147,7 +148,10 @@ def stage(tmp_path_factory: pytest.TempPathFactory) -> Generator[Stage]:
             yield Stage(endpoint, relay, port, programs[1], node, cmd_vel)
             assert programs[1].end() == 0
             assert "Traceback" not in programs[1].sentence, programs[1].sentence
-            assert len(programs[1].errors) < 60, "a node fills the log with its mistakes"
+            # A test that is run again since its robot was held up writes its lines again.
+            again = sum("cleaner has control" in line for line in programs[1].errors)
+            most = 60 + 10 * again
+            assert len(programs[1].errors) < most, "a node fills the log with its mistakes"
         finally:
             node.leave()
             for program in programs:
@@ -161,13 +165,23 @@ def at_rest(request: pytest.FixtureRequest) -> Generator[None]:
     yield
     if "stage" in request.fixturenames:
         stage: Stage = request.getfixturevalue("stage")
-        with (
-            tsd_twin.connect(stage.endpoint) as robot,
-            robot.control("cleaner", take_over=True, arm=False) as base,
-        ):
-            if robot.state.mode in ("stopped", "fault"):
-                base.reset()
+        for left in reversed(range(TRIES)):
+            try:
+                clean(stage)
+                break
+            except TwinError:  # A robot that is held up answers too late.
+                if left == 0:
+                    raise
         stage.node.until(lambda: stage.node.call("/disarm")[0], "it is not free")
+
+
+def clean(stage: Stage) -> None:
+    with (
+        tsd_twin.connect(stage.endpoint) as robot,
+        robot.control("cleaner", take_over=True, arm=False) as base,
+    ):
+        if robot.state.mode in ("stopped", "fault"):
+            base.reset()
 
 
 def test_nodes_see_all_topics_among_many_and_late_joiners_get_urdf_and_meshes(
@@ -557,14 +571,20 @@ def test_two_robots_have_namespaces_in_a_domain_of_their_own(
         node.subscribe("/left/odom", "nav_msgs/msg/Odometry")
         node.subscribe("/right_2/odom", "nav_msgs/msg/Odometry")
         node.until_all("/left/odom", "/right_2/odom")
-        assert node.call("/left/arm") == (True, "ready")
-        time.sleep(0.6)
         cmd_vel = node.publisher("/left/cmd_vel", TWIST_STAMPED)
-        for _ in range(20):
-            cmd_vel.publish(header=header("left/base_link"), twist=twist(0.5))
-            time.sleep(0.05)
+
+        def is_driven() -> bool:
+            """Push for a second; on a machine that is held up all of it may come too late."""
+            node.call("/left/arm")
+            time.sleep(0.6)
+            for _ in range(20):
+                cmd_vel.publish(header=header("left/base_link"), twist=twist(0.5))
+                time.sleep(0.05)
+            return bool(node.newest["/left/odom"].pose.pose.position.x > 0.05)
+
+        assert node.call("/left/arm") == (True, "ready")
+        assert any(is_driven() for _ in range(TRIES))
         assert node.newest["/left/odom"].header.frame_id == "left/odom"
-        assert node.newest["/left/odom"].pose.pose.position.x > 0.05
         assert node.newest["/right_2/odom"].pose.pose.position.x == 0.0
     assert adapter.end() == 0
     assert "Traceback" not in adapter.sentence

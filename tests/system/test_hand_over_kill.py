@@ -7,7 +7,7 @@ import os
 import re
 import signal
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from typing import Any
 
 import pytest
@@ -15,7 +15,8 @@ import pytest
 from tests.app.conftest import Program
 from tests.support.fault_stage import FaultStage, fault_stage, send_signal
 from tests.support.page_client import Page
-from tests.support.result_table import stands_still
+from tests.support.result_table import MovedError, stands_still
+from tests.support.stall_watch import StallWatch
 from tsd_twin.safety.lease import RESERVATION_S, TTL_S
 
 pytestmark = pytest.mark.system
@@ -25,6 +26,7 @@ SLACK_S = 1.0
 """On top of what is documented: programs on a busy machine, and 20 states a second."""
 ALICE, BOB = "a" * 16, "b" * 16
 
+_RUNS = 4
 _PUSHES, _FAST_S = 5, 3.0
 """Attempts to have the robot at full speed, and how long each may take."""
 
@@ -159,8 +161,8 @@ def dashboards(robot: FaultStage) -> Generator[Dashboards]:
     it.close()
 
 
-@pytest.fixture
-def two(robot: FaultStage, dashboards: Dashboards) -> Generator[Two]:
+@contextlib.contextmanager
+def two_at(robot: FaultStage, dashboards: Dashboards) -> Generator[Two]:
     with contextlib.ExitStack() as stack:
         desks: list[Desk] = []
         for program, name in zip(dashboards.alive(2), (ALICE, BOB), strict=True):
@@ -171,6 +173,31 @@ def two(robot: FaultStage, dashboards: Dashboards) -> Generator[Two]:
     robot.observer.until(lambda: robot.observer.status.lease.holder is None, "control is free")
 
 
+def with_two(test: Callable[[Two], None]) -> Callable[[FaultStage, Dashboards], None]:
+    """Run a test with two dashboards, and again with others if the machine stalled meanwhile.
+
+    A dashboard that gets no time lets go, as it must, and so may not be what stopped the robot.
+    """
+
+    def run(robot: FaultStage, dashboards: Dashboards) -> None:
+        for left in reversed(range(_RUNS)):
+            with StallWatch() as machine:
+                try:
+                    with two_at(robot, dashboards) as two:
+                        test(two)
+                except MovedError:
+                    raise
+                except AssertionError:
+                    if left == 0 or not machine.stalled:
+                        raise
+                else:
+                    return
+
+    run.__doc__ = test.__doc__
+    return run
+
+
+@with_two
 def test_the_holder_s_dies_once_asked_and_the_asker_gets_control_when_the_lease_ends(
     two: Two,
 ) -> None:
@@ -182,6 +209,7 @@ def test_the_holder_s_dies_once_asked_and_the_asker_gets_control_when_the_lease_
     drives(two, two.bob)
 
 
+@with_two
 def test_the_asker_s_dies_and_the_holder_drives_on_and_what_was_granted_to_it_is_free_again(
     two: Two,
 ) -> None:
@@ -196,6 +224,7 @@ def test_the_asker_s_dies_and_the_holder_drives_on_and_what_was_granted_to_it_is
     drives(two, two.alice)
 
 
+@with_two
 def test_the_former_holder_s_dies_while_control_is_kept_and_the_asker_takes_it(two: Two) -> None:
     """The asker's hangs meanwhile, so that the robot keeps control for it."""
     two.there.signal(signal.SIGSTOP)
@@ -209,6 +238,7 @@ def test_the_former_holder_s_dies_while_control_is_kept_and_the_asker_takes_it(t
     drives(two, two.bob)
 
 
+@with_two
 def test_the_asker_s_dies_while_control_is_kept_for_it_and_others_get_it_soon(two: Two) -> None:
     two.there.signal(signal.SIGSTOP)
     granted_s = two.grant()
@@ -219,6 +249,7 @@ def test_the_asker_s_dies_while_control_is_kept_for_it_and_others_get_it_soon(tw
     drives(two, two.alice)
 
 
+@with_two
 def test_the_former_holder_s_dies_once_the_other_drives_and_changes_nothing(two: Two) -> None:
     two.grant()
     two.bob.until(lambda: two.bob.state["you"] and two.bob.mode == "ready")
@@ -228,6 +259,7 @@ def test_the_former_holder_s_dies_once_the_other_drives_and_changes_nothing(two:
     two.bob.send(t="release")
 
 
+@with_two
 def test_the_new_holder_s_dies_and_the_former_gets_control_when_the_lease_ends(two: Two) -> None:
     two.grant()
     two.bob.until(lambda: two.bob.state["you"] and two.bob.mode == "ready")
