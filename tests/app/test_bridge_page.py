@@ -87,8 +87,11 @@ class Desk:
         )
 
     def get_ready(self) -> None:
-        """Press what leads to ready, whatever the last try has left."""
-        end_s = time.monotonic() + PATIENCE_S
+        """Press what leads to ready, whatever the last try has left.
+
+        Arming takes seconds, and on a busy machine it is interrupted by faults.
+        """
+        end_s = time.monotonic() + 2.0 * PATIENCE_S
         while self.machine.mode != "ready":
             assert time.monotonic() < end_s, (self.machine.mode, self.machine.reason)
             click_through(self.page, *_STEPS)
