@@ -164,6 +164,17 @@ test("the alarm of a stop outlasts its repetitions, and another robot does not e
   assert.equal(drive.stopUnconfirmed, false);
 });
 
+test("a state on its way confirms no stop of a robot that was stopped before", () => {
+  const { drive, state } = driven();
+  state({ mode: "stopped" });
+  drive.stop();
+  state({ mode: "stopped" });
+  pass(700);
+  assert.equal(drive.stopUnconfirmed, true);
+  for (let i = 0; i < 20; i += 1) state({ mode: "stopped" });
+  assert.equal(drive.stopUnconfirmed, false);
+});
+
 test("a confirmed stop is not repeated", () => {
   const { drive, say, take } = driven();
   drive.stop();

@@ -20,6 +20,7 @@ const LEAST_MS = 9.5; // Timers are some tenths of a millisecond early now and t
 const STOP_RETRY_MS = 200;
 const STOP_CONFIRM_MS = 600;
 const STOP_RETRY_LIMIT_MS = 5000;
+const STATES_ON_THE_WAY = 20; // A second of them.
 // Ends of a motion that the page tells elsewhere: on the card of a stop, and by an event.
 const TOLD_ELSEWHERE =
   /^(software stop|control is lost|the robot is (stopped|stopping|coming to rest|fault|in a fault))/i;
@@ -39,7 +40,10 @@ export class Drive {
     this._listeners = [];
     this._timer = 0; // None while nothing is held.
     this._sentMs = -Infinity;
-    /** @type {{ robot: string | undefined, sinceMs: number, sentMs: number, doubted: boolean } | null} */
+    /**
+     * @type {{ robot: string | undefined, sinceMs: number, sentMs: number, doubted: boolean,
+     *   latchedAt: number | null } | null}
+     */
     this._stop = null; // Until it is confirmed.
     link.on("state", (state) => this._checkState(state));
     link.on("beat", () => this._retryStop());
@@ -162,7 +166,9 @@ export class Drive {
     }
     const now = performance.now();
     const doubted = this.stopUnconfirmed; // The alarm of an earlier one stands until one is confirmed.
-    this._stop = { robot: this.link.robot?.id, sinceMs: now, sentMs: now, doubted };
+    const before = this.link.state;
+    const latchedAt = before && LATCHED.has(before.status.mode) ? before.seen : null;
+    this._stop = { robot: this.link.robot?.id, sinceMs: now, sentMs: now, doubted, latchedAt };
     this.link.send({ t: "stop" });
     this.release();
   }
@@ -210,8 +216,18 @@ export class Drive {
       this.release(); // A card tells the rest.
     else if (reason !== null) this._refuse(reason);
     // What was recorded confirms nothing now.
-    if (isLatched && !SHOWS_RECORDING) this._confirmStop();
+    if (isLatched && !SHOWS_RECORDING && !this._isOld(state)) this._confirmStop();
     this._notify();
+  }
+
+  /**
+   * Whether a state may be older than the stop: one of a robot that was latched before may have been
+   * on its way, and the robot reset since. Its reply confirms the stop, or a state well after it.
+   * @param {RobotState} state
+   */
+  _isOld({ seen }) {
+    const latchedAt = this._stop?.latchedAt ?? null;
+    return latchedAt !== null && seen >= latchedAt && seen - latchedAt < STATES_ON_THE_WAY;
   }
 
   /** The robot that is shown has confirmed a stop; that of another one stays open. */
