@@ -134,7 +134,7 @@ class RollerCreep:
         """Whether nothing has changed of late."""
         return not self._creep.any()
 
-    def follow(self, twist: Array, joints: Array, elapsed_s: float) -> None:  # noqa: ARG002  The shape.
+    def follow(self, twist: Array, joints: Array, elapsed_s: float) -> None:  # noqa: ARG002  `FloorEffects` uses it.
         """Follow `elapsed_s`, at whose end the robot moves with `twist` (3,)."""
         push = acceleration(self._twist, twist, elapsed_s)
         self._twist, self._creep = twist, self._lag_s @ push
@@ -143,11 +143,11 @@ class RollerCreep:
         """Return the errors (n,) of `joints` (n,): none, as encoders measure wheels."""
         return np.zeros_like(joints)
 
-    def of_twist(self, joints: Array) -> Array:  # noqa: ARG002  The shape.
+    def of_twist(self, joints: Array) -> Array:  # noqa: ARG002  `FloorEffects` uses it.
         """Return the errors (3,) of the twist."""
         return -self._creep
 
-    def turn_rad_per_s(self, joints: Array) -> float:  # noqa: ARG002  The shape.
+    def turn_rad_per_s(self, joints: Array) -> float:  # noqa: ARG002  `FloorEffects` uses it.
         """Return the error of the turn rate of a robot that nothing pushes: none."""
         return 0.0
 

@@ -11,9 +11,10 @@ from tsd_twin.lie import Array
 OUTAGE_S = 0.1
 """Time without measurements that is an outage, and a fault: until then a robot moves as before."""
 HARDWARE_TIMEOUT_S = 0.5
-"""Longest time for which hardware obeys a set-point that nobody renews."""
+"""Longest command timeout of the hardware: it stops the robot that long after a set-point."""
 _SLIDES = 0.3
-"""Speed at which a robot that its hardware stops slides in any direction, as a share of its own."""
+"""Standard deviation of the speed at which a robot slides in each direction while its hardware
+stops it, as a share of its speed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,7 +26,7 @@ class OutageStep:
     twist: Array
     """(3,): mean twist over the step."""
     white_per_s: Array
-    """(3, 3): covariance that the step adds to the way, in a second, axes of the base."""
+    """(3, 3): covariance that the step adds to the displacement, in a second, axes of the base."""
     twist_covariance: Array
     """(3, 3): covariance of the twist at the end of the step."""
 
@@ -34,7 +35,7 @@ class MeasurementOutage:
     """Time without measurements, and how far a robot has moved in it.
 
     The twist before the outage goes on, and ends at a time that is not known: hardware obeys a
-    set-point for a while after it has lost its node, and then wheels run down. That time is taken
+    set-point until its command timeout, and then wheels run down. That time is taken
     as evenly spread between `OUTAGE_S` and the longest one. As wheels stop, the robot slides and
     turns. Derived in `docs/estimation.md`.
     """
@@ -49,8 +50,8 @@ class MeasurementOutage:
         self._spread_s = HARDWARE_TIMEOUT_S + stopping_s - OUTAGE_S
         self._elapsed_s = 0.0
         self._twist: Array = np.zeros(3)
-        self._way: Array = np.zeros((3, 3))
-        """Covariance of a way that is driven for a second, more or less."""
+        self._displacement: Array = np.zeros((3, 3))
+        """Covariance of the displacement, for each s² of the variance of the time of motion."""
 
     @property
     def elapsed_s(self) -> float:
@@ -66,7 +67,7 @@ class MeasurementOutage:
         self._twist = twist
         speed = float(np.linalg.norm(twist / self._full_twist))
         slides = np.diag(np.square(_SLIDES * speed * self._full_twist))
-        self._way = twist[:, None] * twist + slides
+        self._displacement = twist[:, None] * twist + slides
 
     def advance(self, dt_s: float) -> OutageStep:
         """Return the motion of the next `dt_s` without a measurement."""
@@ -78,8 +79,8 @@ class MeasurementOutage:
         return OutageStep(
             share=share,
             twist=share * self._twist,
-            white_per_s=added_s2 / dt_s * self._way,
-            twist_covariance=ended * (1.0 - ended) * self._way,
+            white_per_s=added_s2 / dt_s * self._displacement,
+            twist_covariance=ended * (1.0 - ended) * self._displacement,
         )
 
     def _ended(self, elapsed_s: float) -> float:

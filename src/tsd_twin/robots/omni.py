@@ -15,15 +15,14 @@ from tsd_twin.kinematics.omni import contacts_and_directions, layout_problem, sp
 from tsd_twin.lie import Array
 from tsd_twin.robots.description import (
     GYRO_SENSORS,
-    GearedMotorDescription,
     Gyro,
     JointErrors,
     NotNegative,
     Positive,
     Problem,
     Table,
-    carried_kg_m2,
 )
+from tsd_twin.robots.geared_motor import GearedMotorDescription, carried_kg_m2
 from tsd_twin.robots.plausibility import proportion_problems
 
 ROLLER_CREEP_MPS = 0.01

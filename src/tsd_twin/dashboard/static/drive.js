@@ -20,7 +20,7 @@ const LEAST_MS = 9.5; // Timers are some tenths of a millisecond early now and t
 const STOP_RETRY_MS = 200;
 const STOP_CONFIRM_MS = 600;
 const STOP_RETRY_LIMIT_MS = 5000;
-const STATES_ON_THE_WAY = 20; // A second of them.
+const STATES_IN_FLIGHT = 20; // A second of them.
 // Ends of a motion that the page tells elsewhere: on the card of a stop, and by an event.
 const TOLD_ELSEWHERE =
   /^(software stop|control is lost|the robot is (stopped|stopping|coming to rest|fault|in a fault))/i;
@@ -227,7 +227,7 @@ export class Drive {
    */
   _isOld({ seen }) {
     const latchedAt = this._stop?.latchedAt ?? null;
-    return latchedAt !== null && seen >= latchedAt && seen - latchedAt < STATES_ON_THE_WAY;
+    return latchedAt !== null && seen >= latchedAt && seen - latchedAt < STATES_IN_FLIGHT;
   }
 
   /** The robot that is shown has confirmed a stop; that of another one stays open. */
