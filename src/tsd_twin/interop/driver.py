@@ -218,10 +218,20 @@ class RobotDriver:
         vx, vy, _, wx, wy, wz = action.twist
         if self._turning:
             control.set_turn_rate(
-                wx_rad_per_s=wx, wy_rad_per_s=wy, wz_rad_per_s=wz, frame=action.frame
+                wx_rad_per_s=wx,
+                wy_rad_per_s=wy,
+                wz_rad_per_s=wz,
+                frame=action.frame,
+                given_s=action.given_s,
             )
         else:
-            control.set_velocity(vx_mps=vx, vy_mps=vy, omega_rad_per_s=wz, frame=action.frame)
+            control.set_velocity(
+                vx_mps=vx,
+                vy_mps=vy,
+                omega_rad_per_s=wz,
+                frame=action.frame,
+                given_s=action.given_s,
+            )
 
     def _note_loss(self, control: AsyncRobotControl) -> None:
         self._perform(self.machine.lost(control.lost_reason, self._robot.time_s))
