@@ -12,7 +12,7 @@ from collections import deque
 
 _KEPT = 64
 """Three seconds at 20 Hz; no lease lets a command count that is older than one second."""
-NEVER_SENT = (0, -math.inf)
+NEVER_SENT: tuple[int, float] = (0, -math.inf)
 """Stands for a status from before all that are known; robots number from 1."""
 
 

@@ -276,7 +276,7 @@ class ControlProtocol(HeldLease):
         _checked(twist, frame)
         given_s = now_s if given_s is None else min(given_s, now_s)
         seq, received_s = self._echoes.at(given_s)
-        expires_s = self._setpoint_expires_s(given_s, received_s, now_s)
+        expires_s = self._setpoint_expires_s(received_s, now_s)
         self._setpoint = _Setpoint(tuple(twist), frame, seq, expires_s)
         self._rest_seq = None
         # Not counted from the last repetition by `due`, behind which a refresh would have to wait.
@@ -285,11 +285,11 @@ class ControlProtocol(HeldLease):
         self._refreshed_s = now_s
         return self.command(twist, frame, now_s, seq)
 
-    def _setpoint_expires_s(self, given_s: float, received_s: float, now_s: float) -> float:
+    def _setpoint_expires_s(self, received_s: float, now_s: float) -> float:
         trip_s = self.delay_s(now_s)
         trip_s = self.round_trip_s if trip_s is None else trip_s
-        counts_s = received_s + self.max_age_s - given_s - trip_s - _ZERO_LEAD_S
-        return given_s + min(max(counts_s, _SHORTEST_SETPOINT_S), SETPOINT_TIMEOUT_S)
+        counts_s = received_s + self.max_age_s - now_s - trip_s - _ZERO_LEAD_S
+        return now_s + min(max(counts_s, _SHORTEST_SETPOINT_S), SETPOINT_TIMEOUT_S)
 
     def due(self, now_s: float) -> TwistCommand | None:
         """Return the command that is due for the set-point in force, zero once it has expired.
