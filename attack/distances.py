@@ -263,13 +263,14 @@ def row(task: Task, result: Result) -> Row:
     """Worst of all runs beside the promise in the description of the robot."""
     allowed_m = robots.load_robot(task.robot).limits.stop_allowance_m
     cause = CAUSES[result.cause].text
-    text = f"{task.robot} at {result.speed_mps:.2f} m/s, lease {task.max_age_s:g} s: {cause}"
+    text = f"{cause}, lease {task.max_age_s:g} s"
     promise = f"stands within {allowed_m:.2f} m"
     if result.failure or not result.ways_m:
-        return Row(text, promise, result.failure or "not measured", False)
+        return Row(text, promise, result.failure or "not measured", False, task.robot)
     worst_m, median_m = max(result.ways_m), statistics.median(result.ways_m)
-    measured = f"{worst_m:.3f} m, median {median_m:.3f} of {len(result.ways_m)}"
-    return Row(text, promise, measured, worst_m <= allowed_m)
+    of = f", median {median_m:.3f} of {len(result.ways_m)}" if len(result.ways_m) > 1 else ""
+    measured = f"{worst_m:.3f} m{of}, from {result.speed_mps:.2f} m/s"
+    return Row(text, promise, measured, worst_m <= allowed_m, task.robot, worst_m)
 
 
 def main() -> None:
