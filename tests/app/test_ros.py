@@ -41,7 +41,7 @@ from tests.support.square_drive import SquareDrive
 from tests.support.tcp_relay import Relay
 from tsd_twin import robots
 from tsd_twin.errors import TwinError
-from tsd_twin.interop.cmd_vel import PAUSE_S
+from tsd_twin.interop.cmd_vel import HELD_UP_S, PAUSE_S
 from tsd_twin.interop.mapping import LATCHED_TOPICS, PUBLISHED, READ, SERVICES
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
@@ -386,7 +386,7 @@ def test_a_controller_that_streams_is_an_error_after_a_stall_and_moves_again_by_
     stage.pause()
     with stage.driving(0.3, lambda: node.status["mode"] == "driving"):
         stage.adapter.process.send_signal(signal.SIGSTOP)
-        time.sleep(1.5)
+        time.sleep(2.0 * HELD_UP_S)
         stage.adapter.process.send_signal(signal.SIGCONT)
         node.until(lambda: level() == 2, "no error")
         node.until(lambda: node.status["mode"] == "ready", "it is not at rest")
