@@ -7,6 +7,7 @@ once, from record to record; `refresh` goes on where the last walk ended.
 from __future__ import annotations
 
 import bisect
+import heapq
 import itertools
 from collections import OrderedDict
 from collections.abc import Collection, Iterator
@@ -30,6 +31,8 @@ _KEPT_BYTES = 24 << 20
 """Memory for decompressed chunks: some ten seconds of five robots."""
 _MOST_PENDING_BYTES = 64 << 20
 """Memory for messages of chunks whose times overlap."""
+_MOST_VISITED = 200
+"""Chunks that are read to find one message: those of a recorder overlap by a few."""
 _MESSAGE_BYTES = 400
 """Memory of a message in addition to its payload."""
 
@@ -62,39 +65,36 @@ class _Chunks:
 
 
 class _Pending:
-    """Messages that wait for those of other chunks, in the order of time and place."""
+    """Messages that wait for those of other chunks, by time and place."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._bytes = 0
-        self.found: list[tuple[int, int, int, Entry]] = []
+    def __init__(self, path: Path, sign: int = 1) -> None:
+        """`sign` is 1 for the oldest first, -1 for the newest first."""
+        self._path, self._sign, self._bytes = path, sign, 0
+        self._heap: list[tuple[int, int, int, Entry]] = []
         """Time, offset of the chunk, number in it, message; no two are in one place."""
 
-    def add(self, found: list[tuple[int, int, int, Entry]]) -> None:
-        """Add messages.
+    @property
+    def first_ns(self) -> int | None:
+        """Time of the next message; None if none waits."""
+        return self._sign * self._heap[0][0] if self._heap else None
+
+    def add(self, place: Place, number: int, entry: Entry) -> None:
+        """Add a message.
 
         Raises:
             RecordingError: If too many wait.
         """
-        if not found:
-            return
-        self._bytes += sum(_cost(each[-1]) for each in found)
+        self._bytes += _cost(entry)
         if self._bytes > _MOST_PENDING_BYTES:
             raise RecordingError(f"{self._path} is damaged: too many of its chunks overlap")
-        self.found += found
-        self.found.sort()
+        sign = self._sign
+        key = sign * entry.log_ns, sign * place.offset, sign * number
+        heapq.heappush(self._heap, (*key, entry))
 
-    def pop_last(self) -> Entry:
-        """Remove and return the newest."""
-        entry = self.found.pop()[-1]
-        self._bytes -= _cost(entry)
-        return entry
-
-    def pop_before(self, before_ns: int) -> Iterator[Entry]:
-        """Remove and yield all before a time, the oldest first."""
-        count = bisect.bisect_left(self.found, (before_ns,))
-        due, self.found = self.found[:count], self.found[count:]
-        for *_, entry in due:
+    def pop_before(self, limit_ns: int) -> Iterator[Entry]:
+        """Remove and yield all on this side of a time."""
+        while self._heap and self._heap[0][0] < self._sign * limit_ns:
+            entry = heapq.heappop(self._heap)[-1]
             self._bytes -= _cost(entry)
             yield entry
 
@@ -153,14 +153,15 @@ class RecordingIndex:
         if chunks is None:
             return
         places, starts_ns, ends_ns = chunks.sorted()
-        pending = _Pending(self.path)
+        pending, visited = _Pending(self.path, -1), 0
         for i in range(bisect.bisect_right(starts_ns, at_ns) - 1, -1, -1):
-            place = places[i]
-            messages = enumerate(self._messages(place).get(topic, []))
-            pending.add([(e.log_ns, place.offset, n, e) for n, e in messages if e.log_ns <= at_ns])
-            before_ns = ends_ns[i - 1] if i else -1
-            while pending.found and pending.found[-1][0] > before_ns:
-                yield pending.pop_last()
+            visited = self._visited(visited)
+            for number, entry in enumerate(self._messages(places[i]).get(topic, [])):
+                if entry.log_ns <= at_ns:
+                    pending.add(places[i], number, entry)
+            for entry in pending.pop_before(ends_ns[i - 1] if i else -1):
+                visited = 0
+                yield entry
 
     def first_after(self, topic: str, at_ns: int) -> Entry | None:
         """Return the oldest message of a topic after a time; None when there is none.
@@ -172,14 +173,26 @@ class RecordingIndex:
         if chunks is None:
             return None
         places, _, ends_ns = chunks.sorted()
-        pending = _Pending(self.path)
-        for i in range(bisect.bisect_right(ends_ns, at_ns), len(places)):
-            place = places[i]
-            if pending.found and place.start_ns > pending.found[0][0]:
+        pending, visited = _Pending(self.path), 0
+        for place in places[bisect.bisect_right(ends_ns, at_ns) :]:
+            first_ns = pending.first_ns
+            if first_ns is not None and place.start_ns > first_ns:
                 break
-            messages = enumerate(self._messages(place).get(topic, []))
-            pending.add([(e.log_ns, place.offset, n, e) for n, e in messages if e.log_ns > at_ns])
-        return pending.found[0][-1] if pending.found else None
+            visited = self._visited(visited)
+            for number, entry in enumerate(self._messages(place).get(topic, [])):
+                if entry.log_ns > at_ns:
+                    pending.add(place, number, entry)
+        return next(pending.pop_before(1 << 64), None)
+
+    def _visited(self, count: int) -> int:
+        """Count a chunk that is read to find one message.
+
+        Raises:
+            RecordingError: There were too many.
+        """
+        if count >= _MOST_VISITED:
+            raise RecordingError(f"{self.path} is damaged: too many of its chunks overlap")
+        return count + 1
 
     def entries(self, topics: Collection[str], after_ns: int = -1) -> Iterator[Entry]:
         """Yield the messages of some topics after a time, about in the order of time.
@@ -205,14 +218,9 @@ class RecordingIndex:
             if place.start_ns >= until_ns:
                 break
             yield from pending.pop_before(place.start_ns)
-            messages = enumerate(self._file.entries(place, self.channels, topics))
-            pending.add(
-                [
-                    (entry.log_ns, place.offset, number, entry)
-                    for number, entry in messages
-                    if from_ns <= entry.log_ns < until_ns
-                ]
-            )
+            for number, entry in enumerate(self._file.entries(place, self.channels, topics)):
+                if from_ns <= entry.log_ns < until_ns:
+                    pending.add(place, number, entry)
         yield from pending.pop_before(until_ns)
 
     def _places(self, topics: Collection[str], after_ns: int) -> list[Place]:
@@ -270,9 +278,9 @@ class RecordingIndex:
             self._add(place, channels)
             return
         topics = {entry.topic for entry in self._file.entries(place, self.channels)}
-        self._add(place, [n for n, about in self.channels.wanted(None).items() if about[0] in topics])
+        self._add(place, self.channels.wanted(topics))
 
-    def _messages(self, place: _Place) -> dict[str, list[Entry]]:
+    def _messages(self, place: Place) -> dict[str, list[Entry]]:
         """Return the messages of a chunk by topic, in the order in which they were written."""
         if (known := self._parsed.get(place.offset)) is not None:
             self._parsed.move_to_end(place.offset)

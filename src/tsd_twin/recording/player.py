@@ -8,7 +8,7 @@ from __future__ import annotations
 import secrets
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -20,7 +20,7 @@ from tsd_twin.errors import BusError, RecordingError
 from tsd_twin.messages import topics
 from tsd_twin.messages.requests import LeaseReply, Reply
 from tsd_twin.messages.status import encode_stamp
-from tsd_twin.messages.topics import Service, Topic
+from tsd_twin.messages.topics import Service
 from tsd_twin.recording import mcap_file
 from tsd_twin.recording.channels import RAW, Entry, topic_of
 from tsd_twin.recording.data import Recording

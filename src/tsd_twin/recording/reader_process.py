@@ -1,6 +1,6 @@
-"""Process that reads recordings for a dashboard: `python -m tsd_twin.recording.reader_process FD`.
+"""Process that reads recordings: `python -m tsd_twin.recording.reader_process FD`.
 
-It forks a reader for each connection that it gets, see `remote`. All of them end with the dashboard.
+It forks a reader for each connection that it receives, see `remote`. All end with the dashboard.
 """
 
 from __future__ import annotations

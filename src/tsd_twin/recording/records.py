@@ -99,9 +99,10 @@ class Channels:
 
     def wanted(self, topics: Collection[str] | None) -> dict[int, tuple[str, str, str]]:
         """Channels of some topics, or of all."""
-        found = ((number, self.of(number)) for number in self._channels)
         return {
-            number: about for number, about in found if about and (topics is None or about[0] in topics)
+            number: (topic, encoding, self._types.get(schema, ""))
+            for number, (topic, encoding, schema) in self._channels.items()
+            if topics is None or topic in topics
         }
 
     def learn(self, kind: int, body: bytes) -> None:

@@ -70,7 +70,7 @@ class ReaderProcesses:
         requests, its = socket.socketpair()
         with its:
             command = [sys.executable, "-m", "tsd_twin.recording.reader_process"]
-            self._process = subprocess.Popen(
+            self._process = subprocess.Popen(  # noqa: S603  Our own program.
                 [*command, str(its.fileno())],
                 pass_fds=[its.fileno()],
                 stdin=subprocess.DEVNULL,

@@ -159,15 +159,12 @@ class _Builder:
         return [
             self._event(event.t_s, event.robot, event.kind, event.text, event.count)
             for event in self._player.reader.events()
-            if event.robot in self._player.robots
-            and self._start_s <= event.t_s <= self._end_s
+            if event.robot in self._player.robots and self._start_s <= event.t_s <= self._end_s
         ]
 
     def _marks(self) -> list[dict[str, Any]]:
         start_ns = self._player.start_ns
-        times_s = [
-            (1e-9 * (mark.log_ns - start_ns), mark) for mark in self._player.reader.marks()
-        ]
+        times_s = [(1e-9 * (mark.log_ns - start_ns), mark) for mark in self._player.reader.marks()]
         return [
             self._event(t_s, mark.by, "mark", mark.note, 1)
             for t_s, mark in times_s

@@ -149,9 +149,7 @@ class RecordedPages:
                 raise web.HTTPServiceUnavailable(text="Too many pages show recordings.")
             self._loop = asyncio.get_running_loop()
             self._owners[page] = principal
-            self._views[page] = asyncio.create_task(
-                asyncio.to_thread(self._open, path)
-            )
+            self._views[page] = asyncio.create_task(asyncio.to_thread(self._open, path))
         self._uses[page] = self._uses.get(page, 0) + 1
         try:
             try:
