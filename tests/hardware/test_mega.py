@@ -9,6 +9,7 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -291,6 +292,7 @@ def test_what_is_missing_of_the_radio_control_is_named_before_arming(
         (
             {
                 "servo_protocol": 0,
+                "servo_model": (310,) * 6,
                 "servo_checked": 62,
                 "wrong_servo": 1,
                 "wrong_register": 20,
@@ -298,6 +300,11 @@ def test_what_is_missing_of_the_radio_control_is_named_before_arming(
             },
             "servo 1 (module1_alpha): multi-turn offset (register 20) is 5, and must be 0; set it "
             "with Dynamixel Wizard",
+        ),
+        (
+            {"servo_checked": 62, "wrong_servo": 1, "wrong_register": 0, "wrong_value": 12},
+            "servo 1 (module1_alpha): model 12 is not one of MX-64 (310), MX-64(2.0) (311), "
+            "XM430-W350 (1020), XM430-W210 (1030), XM540-W270 (1120), XM540-W150 (1130)",
         ),
         (
             {"servo_checked": 0b111011},
@@ -310,7 +317,7 @@ def test_what_is_missing_of_the_radio_control_is_named_before_arming(
     ],
 )
 def test_a_servo_that_is_not_set_or_does_not_hold_is_named(
-    it: Bench, telemetry: dict[str, int], fault: str
+    it: Bench, telemetry: dict[str, Any], fault: str
 ) -> None:
     it.board.telemetry = replace(it.board.telemetry, **telemetry)
     it.until(lambda: it.fault == fault, "named")

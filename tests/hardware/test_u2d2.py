@@ -15,8 +15,9 @@ from firmware.simulator.mx64 import Mx64
 from tests.hardware.test_mega import AHEAD, PATIENCE_S, REST, ROBOT, wait_until
 from tests.support.faulty_devices import Peer, PretendBoard
 from tests.support.servo_chain import ServoChain
+from tsd_twin.dynamixel.servo_models import MODELS, ServoSetting
 from tsd_twin.hardware import HardwareError, ServoCalibration, U2D2Hardware, u2d2
-from tsd_twin.hardware.joints import NO_TORQUE, SETTINGS, ServoSetting
+from tsd_twin.hardware.joints import NO_TORQUE
 from tsd_twin.node import HasWatchdog, RobotIO
 from tsd_twin.safety import Heartbeat
 from tsd_twin.simulation import Motors
@@ -235,7 +236,7 @@ def test_a_servo_that_cannot_be_used_is_named_at_the_start(
         it.connect()
 
 
-@pytest.mark.parametrize("setting", SETTINGS[2], ids=lambda setting: setting.name)
+@pytest.mark.parametrize("setting", MODELS[311].settings, ids=lambda setting: setting.name)
 def test_a_servo_with_another_setting_is_refused_and_left_as_it_is(
     tmp_path: Path, setting: ServoSetting
 ) -> None:
@@ -247,10 +248,22 @@ def test_a_servo_with_another_setting_is_refused_and_left_as_it_is(
         f"and must be {setting.wanted}; set it with Dynamixel Wizard"
     )
     with bench(tmp_path, chain) as it:
+        if setting.address in (u2d2.RETURN_DELAY, u2d2.BUS_WATCHDOG):
+            it.connect()
+            return
         with pytest.raises(HardwareError, match=re.escape(sentence)):
             it.connect()
         assert setting.value(chain.servos[4].read(setting.address, setting.size)) == wrong
         assert chain.register(4, u2d2.TORQUE_ENABLE) == 0
+
+
+def test_a_servo_of_another_model_is_refused(tmp_path: Path) -> None:
+    chain = ServoChain()
+    chain.servos[1].set_register(0, 2, 1060)
+    with bench(tmp_path, chain) as it:
+        with pytest.raises(HardwareError, match=r"servo 2 \(module1_beta\): model 1060 is not one"):
+            it.connect()
+        assert chain.register(1, u2d2.TORQUE_ENABLE) == 0
 
 
 def _torque_lost_s(it: Bench, servo: Mx64, lose: Callable[[], None], wait_s: float) -> float | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -9,9 +10,11 @@ import pytest
 
 from firmware.simulator.mx64 import Mx64
 from tests.support.firmware_host import (
+    CHECK_S,
     CRUISE,
     CYCLE_S,
     HOLD_S,
+    MODEL,
     PING,
     ZERO,
     Bench,
@@ -21,7 +24,7 @@ from tests.support.firmware_host import (
 )
 from tsd_twin.dynamixel.blocks import Command, Identity, Setup
 from tsd_twin.dynamixel.control_table import ADDRESS, BoardMode, Refusal, ResetCause, Trip
-from tsd_twin.hardware.joints import SETTINGS
+from tsd_twin.dynamixel.servo_models import MODELS
 
 TILTED = (100, -60, 0, 40, -100, 20)
 NEUTRAL_GOALS = [2048] * 6
@@ -389,27 +392,66 @@ def arming_wants_torque(bench: Bench) -> None:
 
 
 def settings_of_servos_are_checked(bench: Bench) -> None:
-    for version, settings in SETTINGS.items():
+    for version, above in itertools.product((1, 2), (False, True)):
+        settings = MODEL[version].settings
         pilot = bench.pilot(version)
         servos = pilot.simulation.servos
-        wrong = [setting.wanted + 1 for setting in settings]
-        for i, setting in enumerate(settings):
-            servos[i % 6].set_register(setting.address, setting.size, wrong[i])
+        before: list[int] = []
+        wrong: list[tuple[int, int, int]] = []
+        for i, s in enumerate(settings):  # Those of one read are at different servos.
+            before.append(s.value(servos[i % 6].read(s.address, s.size)))
+            value = (s.most + 1 if above else s.least - 1) % (1 << 8 * s.size)
+            servos[i % 6].set_register(s.address, s.size, value)
+            wrong.append((i % 6 + 1, s.address, value))
         pilot.get_ready()
-        for i, setting in enumerate(settings):
-            pilot.simulation.run(1.4)
-            seen = pilot.arm()
-            assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.SETTING)
-            named = (seen.wrong_servo, seen.wrong_register, seen.wrong_value)
-            assert named in {
-                (j % 6 + 1, settings[j].address, wrong[j]) for j in range(i, len(settings))
-            }
-            assert not seen.servo_checked >> seen.wrong_servo - 1 & 1
-            servos[i % 6].set_register(setting.address, setting.size, setting.wanted)
-        pilot.simulation.run(1.4)
+        named: set[tuple[int, int, int]] = set()
+        for _ in range(round(CHECK_S / CYCLE_S)):
+            seen = pilot.cycle(0)
+            assert seen is not None
+            assert not seen.servo_checked
+            named.add((seen.wrong_servo, seen.wrong_register, seen.wrong_value))
+        assert named == set(wrong)
         seen = pilot.arm()
-        assert (seen.mode, seen.servo_checked) == (BoardMode.ARMED, 0b111111)
-        assert seen.wrong_servo == 0
+        assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.SETTING)
+        last = len(settings) - 1 - above
+        for i, s in enumerate(settings):
+            if i != last:
+                servos[i % 6].set_register(s.address, s.size, before[i])
+        pilot.simulation.run(2.0 * CHECK_S)
+        seen = pilot.arm()
+        assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.SETTING)
+        assert seen.servo_checked == 0b111111 - (1 << last % 6)
+        assert (seen.wrong_servo, seen.wrong_register, seen.wrong_value) == wrong[last]
+        servos[last % 6].set_register(settings[last].address, settings[last].size, before[last])
+        pilot.simulation.run(CHECK_S)
+        seen = pilot.arm()
+        assert (seen.mode, seen.servo_checked, seen.wrong_servo) == (BoardMode.ARMED, 0b111111, 0)
+
+
+def servos_of_other_models_are_refused(bench: Bench) -> None:
+    pilot = bench.pilot()
+    pilot.simulation.servos[3].set_register(0, 2, 1060)
+    pilot.get_ready()
+    seen = pilot.arm()
+    assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.SETTING)
+    assert seen.servo_checked == 0b110111
+    assert (seen.wrong_servo, seen.wrong_register, seen.wrong_value) == (4, 0, 1060)
+    assert seen.servo_model == (311, 311, 311, 1060, 311, 311)
+
+
+def each_model_has_its_own_settings(bench: Bench) -> None:
+    for model in MODELS.values():
+        pilot = bench.pilot(model.protocol)
+        for servo in pilot.simulation.servos:
+            servo.set_register(0, 2, model.number)
+            for s in model.settings:
+                if not s.allows(s.value(servo.read(s.address, s.size))):
+                    servo.set_register(s.address, s.size, s.least)
+        pilot.get_ready()
+        pilot.simulation.run(0.3)
+        seen = pilot.arm()
+        assert (seen.mode, seen.wrong_servo) == (BoardMode.ARMED, 0)
+        assert seen.servo_model == (model.number,) * 6
 
 
 def who_is_disarmed_moves_nothing(bench: Bench) -> None:

@@ -23,6 +23,7 @@ from tsd_twin.dynamixel.control_table import (
     Refusal,
 )
 from tsd_twin.dynamixel.packets import Status, protocol2
+from tsd_twin.dynamixel.servo_models import wrong_setting
 from tsd_twin.hardware.controller_board import (
     READ_DELAY,
     REFUSALS,
@@ -44,7 +45,6 @@ from tsd_twin.hardware.joints import (
     ThrottleLaw,
     padded,
     padded_ids,
-    wrong_setting,
 )
 from tsd_twin.hardware.serial_transport import (
     SILENT_S,
@@ -399,10 +399,9 @@ class MegaHardware:
         return ""
 
     def _wrong_setting(self, board: Telemetry) -> str:
-        mask = 1 << board.wrong_servo - 1
-        protocol = 2 if board.servo_protocol & mask else 1
-        named = self._joints.named(mask)
-        return wrong_setting(named, protocol, board.wrong_register, board.wrong_value)
+        servo = board.wrong_servo - 1
+        named, model = self._joints.named(1 << servo), board.servo_model[servo]
+        return wrong_setting(named, model, board.wrong_register, board.wrong_value)
 
     def _status(self, board: Telemetry) -> dict[str, Any]:
         status: dict[str, Any] = {
