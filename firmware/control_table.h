@@ -124,7 +124,7 @@ typedef struct __attribute__((packed)) {
   uint16_t throttle_rise;  // 99: Most by which a throttle rises in 10 ms; it falls at once.
   // command: read and write
   uint16_t heartbeat;  // 101: A change is a beat; arming needs one. While armed, a block that is behind is error 7.
-  uint8_t arm;  // 103: Going from 0 to 1 arms, unless there is a reason to refuse; 0 disarms. After a trip it has to be written 0 first: 1 again and again never arms again. 2 is STOP: it ends the radio control too, and until a 0 of this session no source gets the robot.
+  uint8_t arm;  // 103: Going from 0 to 1 arms, unless there is a reason to refuse; 0 disarms. After a trip it has to be written 0 first: 1 again and again never arms again. 2 is STOP, for the radio control too: until a 0 of this session no source gets the robot.
   uint8_t torque;  // 104: 0 switches servo torque off, while disarmed only.
   uint16_t throttle[3];  // 105: Of each speed controller, from `pulse_low` at 2000 to `pulse_high` at 4000; put out while armed.
   int16_t goal[6];  // 111: Gimbals from neutral: alpha and beta of module 1, then 2, then 3; obeyed while armed. [step]

@@ -5,7 +5,7 @@ Here without the chip: the program takes no time, so a moment is that of the las
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -385,6 +385,8 @@ def test_servos_are_told_until_they_say_yes(native_bench: Bench) -> None:
     for version in (1, 2, MIXED):
         pilot = native_bench.pilot(version)
         bus = Listener(pilot)
+        for servo in bus.servos.values():
+            servo.write(servo.registers.torque, b"\1")
         pilot.simulation.run(2.0)
         assert {it.value for it in bus.kinds(TELL)} == {0}
         assert sorted(it.servo for it in bus.kinds(TELL)) == [1, 2, 3, 4, 5, 6]
@@ -393,10 +395,20 @@ def test_servos_are_told_until_they_say_yes(native_bench: Bench) -> None:
         pilot.simulation.run(0.3)
         assert [(it.servo, it.value) for it in bus.kinds(TELL)] == [(5, 0)]
         bus.heard.clear()
-        unanswered = iter((None, None))
-        bus.change = lambda kind, servo, answer, unanswered=unanswered: (
-            next(unanswered, answer) if (kind, servo) == (TELL, 2) else answer
-        )
+        deaf = bus.servos[2]
+        for servo in bus.servos.values():
+            servo.goal_enables_torque = False
+        lost = iter((True, True))
+
+        def lose(
+            kind: str, servo: int, answer: bytes, deaf: Mx64 = deaf, lost: Iterator[bool] = lost
+        ) -> bytes | None:
+            if (kind, servo) == (TELL, 2) and next(lost, False):
+                deaf.switch_off()
+                return None
+            return answer
+
+        bus.change = lose
         assert pilot.set_up() == 0
         pilot.simulation.run(0.5)
         told = [(it.servo, it.value) for it in bus.kinds(TELL)]
@@ -404,6 +416,19 @@ def test_servos_are_told_until_they_say_yes(native_bench: Bench) -> None:
         more = [cycle[-1].kind for cycle in cycles(bus.heard)[2:16]]
         assert set(more[::2]) | set(more[1::2]) == {TELL, TORQUE}
         assert {TELL} in (set(more[::2]), set(more[1::2]))
+
+
+def test_a_servo_that_holds_without_saying_yes_is_told_until_that_is_read(native_bench: Bench) -> None:
+    """With another status return level it answers no write: its settings are read all the same."""
+    for version, register in ((1, 16), (2, 68)):
+        pilot = native_bench.pilot(version)
+        pilot.simulation.servos[1].set_register(register, 1, 1)
+        bus = Listener(pilot)
+        pilot.get_ready()
+        told = [it.value for it in bus.kinds(TELL) if it.servo == 2]
+        assert 1 <= told.count(1) <= 7, "one round of questions for torque"
+        assert number(pilot, "servo_checked") == 0b111101
+        assert (number(pilot, "wrong_servo"), number(pilot, "wrong_register")) == (2, register)
 
 
 def test_a_fault_is_said_as_long_as_it_lasts(native_bench: Bench) -> None:
@@ -437,7 +462,7 @@ def test_answers_that_do_not_fit_are_errors_and_nothing_else(native_bench: Bench
         pilot = native_bench.pilot(version).get_ready()
         pilot.simulation.run(1.5)
         wrongs: list[Callable[[bytes], bytes | None]] = [
-            lambda _answer, protocol=protocol: protocol.status(3, b"\1\2\3\4\5"),
+            lambda _answer, protocol=protocol: protocol.status(3, b"\1\2\3\4\5\6\7"),
             lambda answer: answer[:-1] + bytes([answer[-1] ^ 1]),
             lambda _answer: None,
         ]

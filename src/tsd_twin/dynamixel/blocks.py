@@ -99,8 +99,9 @@ class Command(Packed):
     heartbeat: int = 0
     """A change is a beat; arming needs one. While armed, a block that is behind is error 7."""
     arm: int = 0
-    """Going from 0 to 1 arms, unless there is a reason to refuse; 0 disarms. After a trip it
-    has to be written 0 first: 1 again and again never arms again. 2 is STOP: it ends the radio control too, and until a 0 of this session no source gets the robot.
+    """Going from 0 to 1 arms, unless there is a reason to refuse; 0 disarms. After a trip it has
+    to be written 0 first: 1 again and again never arms again. 2 is STOP, for the radio control
+    too: until a 0 of this session no source gets the robot.
     """
     torque: int = 1
     """0 switches servo torque off, while disarmed only."""
@@ -109,8 +110,7 @@ class Command(Packed):
     armed.
     """
     goal: tuple[int, ...] = (0,) * 6
-    """Gimbals from neutral: alpha and beta of module 1, then 2, then 3; obeyed while armed
-    [step].
+    """Gimbals from neutral: alpha and beta of module 1, then 2, then 3; obeyed while armed [step].
     """
     session: tuple[int, ...] = (0,) * 2
     """As `nonce`, or the block only disarms or stops: with `arm` 1 it is error 7."""
@@ -136,8 +136,8 @@ class Telemetry(Packed):
     beat: int = 0
     """Echo of the heartbeat that was written last."""
     nonce: tuple[int, ...] = (0,) * 2
-    """Number of this session; another after each start, each disarming, and each 1 in `arm`
-    that does not arm.
+    """Number of this session; another after each start, each disarming, and each 1 in `arm` that
+    does not arm.
     """
     setup_known: int = 0
     """1: the setup was written, now or before."""
@@ -200,8 +200,8 @@ class Telemetry(Packed):
     stop_proven: int = 0
     """1: the stop circuit was seen open since power came."""
     servo_far: int = 0
-    """Bit i: servo i was not within 100 steps of its `neutral` yet, since power came or
-    `neutral` changed: it gets no torque.
+    """Bit i: servo i was not within 100 steps of its `neutral` yet, since power came or `neutral`
+    changed: it gets no torque.
     """
     servo_stuck: int = 0
     """Bit i: servo i did not follow its goal, at the last trip."""

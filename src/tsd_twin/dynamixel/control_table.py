@@ -199,8 +199,8 @@ COMMAND = Block(
             "arm",
             "u8",
             "Going from 0 to 1 arms, unless there is a reason to refuse; 0 disarms. After a trip "
-            "it has to be written 0 first: 1 again and again never arms again. 2 is STOP: it ends "
-            "the radio control too, and until a 0 of this session no source gets the robot.",
+            "it has to be written 0 first: 1 again and again never arms again. 2 is STOP, for the "
+            "radio control too: until a 0 of this session no source gets the robot.",
             0,
             (0, 2),
         ),
@@ -430,7 +430,7 @@ class Refusal(IntEnum):
     STOP_NOT_PROVEN = 14
     """The stop circuit was not seen open since power came: whether it can stop is not known."""
     RC_WITHOUT_SERVOS = 15
-    """The radio control does not get wheels whose gimbals it has not: `servos_expected` is not 63."""
+    """The radio control drives with all six servos at the board: `servos_expected` must be 63."""
     NEUTRAL = 17
     """A servo of `servos_expected` is far from its `neutral`, and gets no torque."""
     HOT = 18
