@@ -248,16 +248,12 @@ static void take_torque(uint8_t i, bool on) {
   } else {
     table.servo_torque &= ~bit(i);
   }
-<<<<<<< HEAD
-  if (on != told_torque) {
+  bool told = told_torque & bit(i);
+  if (on != told) {
     to_tell |= bit(i);
   } else {
     to_tell &= ~bit(i);  // Also of one that does not answer what it is told.
   }
-=======
-  bool told = told_torque & bit(i);
-  if (on != told) to_tell |= bit(i);
->>>>>>> board
 }
 
 static void name_wrong(uint8_t i, uint8_t address, int32_t value) {

@@ -184,6 +184,15 @@ class Mx64:
         return bytes(self._memory[address : address + length])
 
     @property
+    def temperature_c(self) -> int:
+        """Inside."""
+        return self._memory[self.registers.temperature]
+
+    @temperature_c.setter
+    def temperature_c(self, value: int) -> None:
+        self._memory[self.registers.temperature] = value
+
+    @property
     def answers_writes(self) -> bool:
         """Whether its status return level is as it comes."""
         return self._memory[self.registers.status_return_level] == 2

@@ -434,6 +434,87 @@ def settings_of_servos_are_checked(bench: Bench) -> None:
         assert (seen.mode, seen.servo_checked, seen.wrong_servo) == (BoardMode.ARMED, 0b111111, 0)
 
 
+HEATED_S = 0.6
+"""After this the temperature of every servo has been read once more."""
+
+
+def a_hot_servo_stops(bench: Bench) -> None:
+    for version, hot in ((1, 0), (2, 5)):
+        pilot = bench.pilot(version).get_driving()
+        servo = pilot.simulation.servos[hot]
+        servo.temperature_c = 74
+        assert pilot.drive(HEATED_S).mode == BoardMode.ARMED
+        servo.temperature_c = 75
+        seen = pilot.drive(HEATED_S)
+        assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.HOT)
+        pilot.drive(0.3, arm=0, throttle=ZERO)
+        assert pilot.arm().refusal == Refusal.HOT
+        servo.temperature_c = 74
+        pilot.simulation.run(HEATED_S)
+        assert pilot.arm().mode == BoardMode.ARMED
+        pilot.drive(0.1, arm=0, throttle=ZERO)
+        pilot.simulation.run(HOLD_S)
+        assert pilot.set_up(Setup(servos_expected=63 - (1 << hot))) == 0
+        servo.temperature_c = 90
+        pilot.simulation.run(HEATED_S)
+        assert pilot.arm().mode == BoardMode.ARMED, "a servo that is not expected"
+
+
+def a_hot_servo_stops_the_radio_control(bench: Bench) -> None:
+    pilot = bench.pilot(receiver=True).get_ready()
+    pilot.simulation.set_switches(manual=True)
+    pilot.simulation.run(0.1)
+    assert pilot.mode() == BoardMode.RC
+    pilot.simulation.servos[2].temperature_c = 75
+    pilot.simulation.run(HEATED_S)
+    seen = pilot.telemetry()
+    assert (seen.mode, seen.trip) == (BoardMode.DISARMED, Trip.HOT)
+    pilot.simulation.run(HOLD_S)
+    for manual in (False, True):
+        pilot.simulation.set_switches(manual=manual)
+        pilot.simulation.run(0.1)
+    seen = pilot.telemetry()
+    assert (seen.mode, seen.refusal) == (BoardMode.DISARMED, Refusal.HOT)
+
+
+def servos_are_not_blamed_for_a_disturbed_line(bench: Bench) -> None:
+    disturbances = (
+        b"\xff\xff\xfd\x00\xc8\x05\x00\x02\0\0\0\0",  # With a wrong sum.
+        b"\xff\xff\xfd\x00",  # Given up.
+    )
+    for disturbance in disturbances:
+        for dead, before_s, trip in (
+            (True, 0.02, Trip.LINE),
+            (False, 0.02, Trip.LINE),
+            (True, -1.0, Trip.SERVO),
+        ):
+            pilot = bench.pilot().get_driving()
+            servo = pilot.simulation.servos[1]
+            if dead:
+                servo.dead = True
+            else:
+                servo.switch_off()
+            ended = 0
+            while pilot.simulation.board.now_s and not ended:
+                if before_s > 0.0:
+                    pilot.simulation.board.send(disturbance)
+                    pilot.simulation.run(before_s)
+                    pilot.simulation.board.receive()
+                seen = pilot.cycle(1, CRUISE)
+                ended = seen.trip if seen else 0
+            assert ended == trip
+
+
+def a_disturbance_of_the_line_is_over_after_50_ms(bench: Bench) -> None:
+    for pause_s, trip in ((0.02, Trip.SERVO), (0.0, Trip.LINE)):
+        pilot = bench.pilot().get_driving()
+        pilot.simulation.board.send(b"\xff\xff\xfd\x00\xc8\x05\x00\x02\0\0\0\0")
+        pilot.simulation.run(0.002)
+        pilot.simulation.run(pause_s)
+        pilot.simulation.servos[4].dead = True
+        assert pilot.drive(0.1).trip == trip
+
+
 def servos_of_other_models_are_refused(bench: Bench) -> None:
     pilot = bench.pilot()
     pilot.simulation.servos[3].set_register(0, 2, 1060)
