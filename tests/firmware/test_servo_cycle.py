@@ -418,7 +418,9 @@ def test_servos_are_told_until_they_say_yes(native_bench: Bench) -> None:
         assert {TELL} in (set(more[::2]), set(more[1::2]))
 
 
-def test_a_servo_that_holds_without_saying_yes_is_told_until_that_is_read(native_bench: Bench) -> None:
+def test_a_servo_that_holds_without_saying_yes_is_told_until_that_is_read(
+    native_bench: Bench,
+) -> None:
     """With another status return level it answers no write: its settings are read all the same."""
     for version, register in ((1, 16), (2, 68)):
         pilot = native_bench.pilot(version)

@@ -22,7 +22,7 @@ from tsd_twin.dynamixel.packets import protocol2
 from tsd_twin.hardware import HardwareError, MegaHardware, ServoCalibration
 from tsd_twin.hardware.joints import Receiver, SpeedControllers
 from tsd_twin.hardware.serial_transport import LIMIT, WINDOW_S
-from tsd_twin.node import HasBattery, HasWatchdog, RobotIO
+from tsd_twin.node import HasBattery, HasServoTemperature, HasWatchdog, RobotIO
 from tsd_twin.safety import Heartbeat
 from tsd_twin.simulation import Motors
 
@@ -329,6 +329,22 @@ def test_the_node_is_told_the_voltage_of_the_battery(it: Bench) -> None:
     it.until(lambda: it.robot.battery_v(time.monotonic()) == 11.15, "measured")
     it.peer.unplug()
     it.until(lambda: it.robot.battery_v(time.monotonic()) is None, "not any more")
+
+
+def test_the_node_is_told_the_hottest_servo_and_75_degrees_are_a_fault(it: Bench) -> None:
+    assert isinstance(it.robot, HasServoTemperature)
+    it.board.telemetry = replace(it.board.telemetry, temperature=(40, 50, 74, 45, 40, 40))
+    it.until(lambda: it.robot.servo_c(time.monotonic()) == 74.0, "measured")
+    it.until(lambda: not it.fault, "no fault")
+    it.board.telemetry = replace(it.board.telemetry, temperature=(40, 50, 75, 45, 40, 76))
+    it.until(
+        lambda: (
+            it.fault == "servos 3 (module2_alpha), 6 (module3_beta): at least 75 °C: let it cool"
+        ),
+        "named",
+    )
+    it.peer.unplug()
+    it.until(lambda: it.robot.servo_c(time.monotonic()) is None, "not any more")
 
 
 def test_the_commands_carry_the_session_of_the_board(it: Bench) -> None:

@@ -18,7 +18,7 @@ from tests.support.servo_chain import ServoChain
 from tsd_twin.dynamixel.servo_models import MODELS, ServoSetting
 from tsd_twin.hardware import HardwareError, ServoCalibration, U2D2Hardware, u2d2
 from tsd_twin.hardware.joints import NO_TORQUE
-from tsd_twin.node import HasWatchdog, RobotIO
+from tsd_twin.node import HasServoTemperature, HasWatchdog, RobotIO
 from tsd_twin.safety import Heartbeat
 from tsd_twin.simulation import Motors
 
@@ -201,6 +201,21 @@ def test_a_servo_with_a_hardware_error_is_named(tmp_path: Path) -> None:
         it.chain.servos[5].fault = True
         it.until(lambda: it.fault == "servo 6 (module3_beta): hardware error")
         it.chain.servos[5].fault = False
+        it.until(lambda: not it.fault)
+
+
+def test_a_hot_servo_is_told_to_the_node_and_stops_the_wheels(tmp_path: Path) -> None:
+    with bench(tmp_path) as it:
+        it.connect()
+        it.until(lambda: it.board.commands[-1].arm == 1)
+        assert isinstance(it.io, HasServoTemperature)
+        it.chain.servos[3].temperature_c = 74
+        it.until(lambda: it.io.servo_c(time.monotonic()) == 74.0)
+        assert not it.fault
+        it.chain.servos[3].temperature_c = 75
+        it.until(lambda: it.fault == "servo 4 (module2_beta): at least 75 °C: let it cool")
+        it.until(lambda: it.board.commands[-1].arm == 0)
+        it.chain.servos[3].temperature_c = 60
         it.until(lambda: not it.fault)
 
 

@@ -24,6 +24,8 @@ RECEIVER_CHANNELS = 16
 """Of a receiver with SBUS."""
 STICKS = 4
 """The first four channels: forward, left, turn, speed."""
+SERVO_HOT_C = 75
+"""A servo this hot stops the robot, before it switches itself off at 80."""
 RC_US = (800, 2200)
 """Pulses of a receiver, at the least and at the most."""
 ZERO_THROTTLE = 2000
@@ -88,7 +90,13 @@ IDENTITY = Block(
         Item("watchdog_ms", "u16", "A hung firmware is reset after this.", 250, unit="ms"),
         Item("esc_hold_ms", "u16", "Zero throttle before arming.", 2000, unit="ms"),
         Item("neutral_band", "u16", "Neutral is within this.", 11, unit="step"),
-        Item("servo_hot_c", "u8", "A servo this hot does not arm, and trips.", 75, unit="deg C"),
+        Item(
+            "servo_hot_c",
+            "u8",
+            "A servo this hot does not arm, and trips.",
+            SERVO_HOT_C,
+            unit="deg C",
+        ),
     ),
 )
 

@@ -140,6 +140,8 @@ TRIPS: dict[int, str] = {
     Trip.WATCHDOG: "its firmware hung and was restarted",
     Trip.BATTERY: "the battery is empty",
     Trip.TORQUE: "a servo lost its torque",
+    Trip.HOT: "a servo is too hot: let it cool",
+    Trip.LINE: "the line from the computer lost bytes, and kept the board from its servos",
     Trip.DRIVE: "the stop circuit opened: the speed controllers lost their power",
 }
 REFUSALS: dict[int, str] = {
@@ -156,6 +158,7 @@ REFUSALS: dict[int, str] = {
     Refusal.BATTERY: "the battery is too low",
     Refusal.SETTING: "a setting of a servo is not as it must be, or not read yet",
     Refusal.TORQUE: "a servo has no torque",
+    Refusal.HOT: "a servo is too hot: let it cool",
     Refusal.DRIVE: "the speed controllers have no power: the stop circuit is open",
 }
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, Protocol
@@ -18,6 +18,7 @@ from tsd_twin.dynamixel.control_table import (
     RC_CHANNELS,
     RC_US,
     RECEIVER_CHANNELS,
+    SERVO_HOT_C,
     SERVOS,
     ZERO_THROTTLE,
 )
@@ -276,3 +277,9 @@ def _ints(values: Array) -> tuple[int, ...]:
 
 
 NO_TORQUE = "no torque: it restarted, or another program switched it off"
+TOO_HOT = f"at least {SERVO_HOT_C} °C: let it cool"
+
+
+def hot_servos(temperature_c: Mapping[int, int]) -> int:
+    """Mask of servos, by index, that are too hot to drive."""
+    return sum(1 << i for i, celsius in temperature_c.items() if celsius >= SERVO_HOT_C)

@@ -38,11 +38,13 @@ from tsd_twin.hardware.controller_board import (
 from tsd_twin.hardware.joints import (
     CENTRE,
     NO_TORQUE,
+    TOO_HOT,
     JointCommand,
     JointConverter,
     Receiver,
     ServoCalibration,
     ThrottleLaw,
+    hot_servos,
     padded,
     padded_ids,
 )
@@ -342,6 +344,13 @@ class MegaHardware:
             return None
         return report.telemetry.battery_mv / 1000.0
 
+    def servo_c(self, now_s: float) -> float | None:
+        """Return the newest temperature of the hottest servo; None while there is none."""
+        report = self._board.report
+        if report is None or now_s - report.heard_s > SILENT_S or not self._expected:
+            return None
+        return float(max(report.telemetry.temperature[: len(self._joints.names)]))
+
     def hardware(self) -> dict[str, Any]:
         """Hardware section of the status, JSON-serializable."""
         board, report = self._board, self._board.report
@@ -394,6 +403,8 @@ class MegaHardware:
             return f"{self._joints.named(broken)}: hardware error"
         if self._expected & 1 << board.wrong_servo >> 1:
             return self._wrong_setting(board)
+        if hot := self._expected & hot_servos(dict(enumerate(board.temperature))):
+            return f"{self._joints.named(hot)}: {TOO_HOT}"
         if limp := self._expected & board.servo_checked & ~board.servo_torque:
             return f"{self._joints.named(limp)}: {NO_TORQUE}"
         return ""

@@ -19,10 +19,12 @@ from tsd_twin.dynamixel.packets import ALERT, Status, protocol1, protocol2
 from tsd_twin.dynamixel.servo_models import MODEL_NUMBER, MODELS, ServoModel, span, wrong_setting
 from tsd_twin.hardware.joints import (
     NO_TORQUE,
+    TOO_HOT,
     JointCommand,
     JointConverter,
     ServoCalibration,
     ThrottleLaw,
+    hot_servos,
 )
 from tsd_twin.hardware.mega import BAUD, MegaHardware
 from tsd_twin.hardware.serial_transport import (
@@ -295,9 +297,7 @@ class ServoBus:
         self._write(transport, device, TORQUE_ENABLE, 1)
 
     def _read(self, transport: SerialTransport, device: int, address: int, size: int) -> bytes:
-        return self._request(
-            transport, device, protocol2.read(device, address, size), size
-        ).data
+        return self._request(transport, device, protocol2.read(device, address, size), size).data
 
     def _write(self, transport: SerialTransport, device: int, address: int, value: int) -> None:
         self._request(transport, device, protocol2.write(device, address, bytes([value])))
@@ -386,6 +386,13 @@ class U2D2Hardware:
         """Return the newest voltage of the battery; None while there is none."""
         return self._wheels.battery_v(now_s)
 
+    def servo_c(self, now_s: float) -> float | None:
+        """Return the newest temperature of the hottest servo; None while there is none."""
+        report = self._bus.report
+        if report is None or now_s - report.newest_s > SILENT_S:
+            return None
+        return float(max(servo.temperature_c for servo in report.present.values()))
+
     def hardware(self) -> dict[str, Any]:
         """Hardware section of the status, JSON-serializable."""
         status = self._wheels.hardware() | {"kind": "u2d2"}
@@ -408,6 +415,8 @@ class U2D2Hardware:
             return f"{self._joints.named(dead)}: no answer"
         if report.faults:
             return f"{self._joints.named(report.faults)}: hardware error"
+        if hot := hot_servos({i: it.temperature_c for i, it in report.present.items()}):
+            return f"{self._joints.named(hot)}: {TOO_HOT}"
         if report.limp:
             return f"{self._joints.named(report.limp)}: {NO_TORQUE}"
         return ""
