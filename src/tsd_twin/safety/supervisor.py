@@ -23,6 +23,7 @@ from tsd_twin.messages.requests import (
 from tsd_twin.messages.status import ArmingStatus
 from tsd_twin.robots import RobotDescription
 from tsd_twin.safety.lease import CommandGate, HandOver, Lease, LeaseEvents, LeaseManager, held_by
+from tsd_twin.safety.loop_watch import LoopWatch
 
 
 class Mode(StrEnum):
@@ -128,6 +129,7 @@ class SafetySupervisor:
         self.reason = ""
         """Reason why the robot stopped, is stopping, or was disarmed."""
         self.gate = CommandGate()
+        self.loop = LoopWatch()
         self.command: Command | None = None
         """Newest counted command since the robot last came to rest."""
         self.command_s = -np.inf
@@ -406,11 +408,22 @@ class SafetySupervisor:
 
     def _why_no_command_stands(self, lease: Lease, now_s: float) -> str:
         if self.gate.overaged is not None:
-            return _based_on(self.gate.overaged.echoed_s, lease, now_s)
+            return self._based_on(self.gate.overaged.echoed_s, lease, now_s)
         if self._echo_ends_first:
-            return _based_on(self.gate.echoed_s, lease, now_s)
+            return self._based_on(self.gate.echoed_s, lease, now_s)
         silence = f"{(now_s - self._fresh_s) * 1000:.0f} ms"
-        return f"no command for {silence} (limit {lease.timeout_s * 1000:.0f} ms)"
+        return self.loop.explains(self._fresh_s, lease.timeout_s, now_s) or (
+            f"no command for {silence} (limit {lease.timeout_s * 1000:.0f} ms)"
+        )
+
+    def _based_on(self, echoed_s: float | None, lease: Lease, now_s: float) -> str:
+        limit = f"{lease.max_age_s * 1000:.0f} ms"
+        if echoed_s is None:
+            return f"the last command was based on no state of the last {limit}"
+        age = f"{(now_s - echoed_s) * 1000:.0f} ms"
+        return self.loop.explains(echoed_s, lease.max_age_s, now_s) or (
+            f"the last command was based on a state {age} old (limit {limit})"
+        )
 
     def _report_now_and_then(self, kind: str, text: str, rule: str, now_s: float) -> None:
         if now_s - self._reported_s.get((kind, rule), -np.inf) >= _REPORT_S:
@@ -419,11 +432,3 @@ class SafetySupervisor:
 
     def _report(self, kind: str, text: str, rule: str, now_s: float) -> None:
         self._events.append(Event(kind, text, rule=rule, robot_s=now_s))
-
-
-def _based_on(echoed_s: float | None, lease: Lease, now_s: float) -> str:
-    limit = f"{lease.max_age_s * 1000:.0f} ms"
-    if echoed_s is None:
-        return f"the last command was based on no state of the last {limit}"
-    age = f"{(now_s - echoed_s) * 1000:.0f} ms"
-    return f"the last command was based on a state {age} old (limit {limit})"
