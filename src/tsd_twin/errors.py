@@ -104,7 +104,7 @@ def install_command(extra: str) -> str:
 
 REMEDIES: dict[str, str] = {
     # No robot, or which one.
-    "no robot": "start one with tsd-demo or tsd-mock, or name its endpoint: connect('tcp/HOST:PORT')",
+    "no robot": "tsd-demo or tsd-mock starts one; connect('tcp/HOST:PORT') names its endpoint",
     "name one, connect(robot=": "connect(robot='NAME')",
     # The lease; a more specific sentence comes first.
     "control is kept for": "robot.request_control(), or try again after 3 s",

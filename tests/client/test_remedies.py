@@ -1,4 +1,4 @@
-"""A latched robot is released by one call, and each error of the client names the call that helps."""
+"""One call releases a latched robot, and each error of the client names the call that helps."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_a_latched_robot_is_released_without_arming_and_without_keeping_control(
             robot.stop("smoke")
         else:
             with robot.control("script"), monkeypatch.context() as broken:
-                broken.setattr(robot.link.simulated, "read", lambda now_s: None)
+                broken.setattr(robot.link.simulated, "read", lambda _: None)
                 robot.sleep(0.2)
             assert robot.state.mode == "fault"
         with pytest.raises(RobotStopped) as refused, robot.control("script"):
