@@ -11,6 +11,12 @@ from collections.abc import Callable, Sequence
 from typing import Any, Generic, TypeVar
 
 from tsd_twin.client import motions, procedures
+from tsd_twin.client.arguments import (
+    check_duration,
+    check_numbers,
+    check_optional,
+    check_text,
+)
 from tsd_twin.client.link import Link
 from tsd_twin.client.motions import goal_along, goal_at
 from tsd_twin.client.protocol import ControlProtocol
@@ -71,6 +77,7 @@ class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
         Raises:
             RobotSilent: the robot did not acknowledge it.
         """
+        check_text(reason=reason)
         return self._perform(lambda: procedures.stop(self.id, self._operator, reason))
 
     def reset(self) -> DoneT:
@@ -99,6 +106,8 @@ class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
         `stamp_s` is when it was measured, by the robot's wall clock, as `state.odom.stamp_s`; now
         if it is not given.
         """
+        check_numbers(x_m=x_m, y_m=y_m, heading_rad=heading_rad)
+        check_optional(stamp_s=stamp_s)
         stamp_ns = self.link.wall_ns() if stamp_s is None else round(stamp_s * 1e9)
         pose = SE2.identity()
         pose.xy_heading[:] = x_m, y_m, heading_rad
@@ -120,7 +129,9 @@ class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
         link, at a lower speed limit; without `arm`, call `arm` yourself. Of `AsyncRobotClient`, it
         is entered with `async with`.
         """
-        wish = {"take_over": take_over, "max_age_s": max_age_s, "reason": reason}
+        check_optional(max_age_s=max_age_s)
+        check_text(operator=operator, reason=reason)
+        wish = {"take_over": bool(take_over), "max_age_s": max_age_s, "reason": reason}
         return self._new_control(operator or self._operator, arm, wish, None)
 
     def request_control(
@@ -135,6 +146,9 @@ class BaseClient(ABC, Generic[LinkT, ControlT, DoneT]):
 
         The holder has `timeout_s` to answer, 15 s at most.
         """
+        check_optional(max_age_s=max_age_s)
+        check_duration(timeout_s=timeout_s)
+        check_text(operator=operator)
         wish = {"max_age_s": max_age_s}
         return self._new_control(operator or self._operator, arm, wish, timeout_s)
 
@@ -200,6 +214,7 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         Raises:
             RequestRefused: no operator asks for it, or another one.
         """
+        check_text(asker=asker)
         return self._perform(
             lambda: procedures.answer_request(self._protocol, grant=True, asker=asker)
         )
@@ -210,6 +225,7 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         Raises:
             RequestRefused: no operator asks for it, or another one.
         """
+        check_text(asker=asker)
         return self._perform(
             lambda: procedures.answer_request(self._protocol, grant=False, asker=asker)
         )
@@ -229,6 +245,7 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
 
     def stop(self, reason: str = "") -> DoneT:
         """Stop the robot and latch it: a software stop."""
+        check_text(reason=reason)
         return self._perform(lambda: procedures.stop(self._link.id, self.operator, reason))
 
     def reset(self) -> DoneT:
@@ -294,17 +311,21 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         vy_mps: float = 0.0,
         omega_rad_per_s: float = 0.0,
         frame: str = BASE,
+        given_s: float | None = None,
     ) -> None:
-        """Put a velocity set-point in force for 0.2 s, and return at once.
+        """Set a velocity for up to 0.2 s, and return at once.
 
-        The library sends it at 50 Hz. A set-point that is not refreshed is replaced by zero.
+        The library sends it at 50 Hz. A velocity that is not refreshed is replaced by zero, before
+        it is older than the robot accepts. `given_s` is when a person or another program gave it,
+        on the clock of `robot.time_s`; now if it is not given.
 
         Raises:
             ControlLost: the lease ended.
             RobotStopped: the robot is not ready, was stopped, or has stopped by itself.
             RobotSilent: the robot sends no status.
         """
-        self._set_velocity(self._protocol.planar(vx_mps, vy_mps, omega_rad_per_s), frame)
+        twist = self._protocol.planar(vx_mps, vy_mps, omega_rad_per_s)
+        self._set_velocity(twist, frame, given_s)
 
     def set_turn_rate(
         self,
@@ -313,13 +334,17 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         wy_rad_per_s: float = 0.0,
         wz_rad_per_s: float = 0.0,
         frame: str = BASE,
+        given_s: float | None = None,
     ) -> None:
-        """Put an angular velocity of a sphere in force for 0.2 s; as `set_velocity`."""
+        """Set an angular velocity of a sphere for up to 0.2 s; as `set_velocity`."""
         twist = self._protocol.spherical(wx_rad_per_s, wy_rad_per_s, wz_rad_per_s)
-        self._set_velocity(twist, frame)
+        self._set_velocity(twist, frame, given_s)
 
     def rest(self) -> DoneT:
-        """Bring the robot to rest, and return when it stands; it stays armed."""
+        """Bring the robot to rest, and return when it stands; it stays armed.
+
+        Any other motion of this control ends.
+        """
         return self._perform(lambda: motions.rest(self._protocol, self._now_s))
 
     def go_to(
@@ -371,12 +396,14 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         Raises:
             RequestRefused: it moves, or a number is not finite.
         """
+        check_numbers(x_m=x_m, y_m=y_m, heading_rad=heading_rad)
         return self._perform(lambda: procedures.set_pose(self._protocol, x_m, y_m, heading_rad))
 
     def set_orientation(
         self, *, x: float = 0.0, y: float = 0.0, z: float = 0.0, w: float = 1.0
     ) -> DoneT:
         """Set the orientation estimate of a sphere, a quaternion; at rest only."""
+        check_numbers(x=x, y=y, z=z, w=w)
         return self._perform(lambda: procedures.set_orientation(self._protocol, x, y, z, w))
 
     def set_wheel_speed(self, rpm: float) -> DoneT:
@@ -385,6 +412,7 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
         Raises:
             RequestRefused: the robot has no such wheels, or they cannot turn so fast.
         """
+        check_numbers(rpm=rpm)
         return self._perform(lambda: procedures.set_wheel_speed(self._protocol, rpm))
 
     # Inside.
@@ -398,9 +426,10 @@ class BaseControl(ABC, Generic[LinkT, DoneT]):
             return procedures.acquire(self._protocol, **self._wish)
         return procedures.ask_for_control(self._protocol, self._now_s, self._ask_s, **self._wish)
 
-    def _set_velocity(self, twist: Sequence[float], frame: str) -> None:
+    def _set_velocity(self, twist: Sequence[float], frame: str, given_s: float | None) -> None:
+        check_optional(given_s=given_s)
         with self._link.lock:
-            command = self._protocol.set_velocity(twist, frame, self._now_s)
+            command = self._protocol.set_velocity(twist, frame, self._now_s, given_s)
             if command is not None:
                 self._link.send(command)
             self._wake_sender()

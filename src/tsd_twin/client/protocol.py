@@ -1,4 +1,4 @@
-"""Operator protocol without I/O: lease, commands, set-point time-out.
+"""Operator protocol without I/O: commands, motions, set-point timeout; `held_lease` has the lease.
 
 Time is an argument, in seconds of any monotonic clock. Received messages go in, commands and
 requests come out; `robot`, `aio`, the simulated robot and the dashboard transport them.
@@ -7,21 +7,20 @@ requests come out; `robot`, `aio`, the simulated robot and the dashboard transpo
 from __future__ import annotations
 
 import math
-import statistics
-from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-import msgspec
 import numpy as np
 
-from tsd_twin.errors import ClientError, ControlLost, MessageError, RobotSilent, RobotStopped
+from tsd_twin.client.arguments import check_numbers, checked_twist
+from tsd_twin.client.echoes import Echoes
+from tsd_twin.client.held_lease import HeldLease
+from tsd_twin.errors import ClientError, RobotSilent, RobotStopped
 from tsd_twin.kinematics import Kinematics
 from tsd_twin.lie import SE2, SO3, Array
-from tsd_twin.messages import topics
-from tsd_twin.messages.requests import LeaseReply, LeaseRequest, decode_json, encode_attachment
-from tsd_twin.messages.ros import BASE, ODOM, TwistStamped, encode_twist
+from tsd_twin.messages.requests import LeaseReply, encode_attachment
+from tsd_twin.messages.ros import BASE, TwistStamped, encode_twist
 from tsd_twin.messages.status import Status
 from tsd_twin.motion.prediction import CommandDelay
 from tsd_twin.robots import RobotDescription
@@ -31,8 +30,10 @@ COMMAND_PERIOD_S = 0.02
 """Commands are sent at 50 Hz while a motion is in force."""
 SETPOINT_TIMEOUT_S = 0.2
 """A velocity set-point that is not refreshed for this long is replaced by zero."""
-RENEW_PERIOD_S = 0.5
-"""The lease is renewed this often, of the 2 s after which it expires."""
+_SHORTEST_SETPOINT_S = 0.06
+"""A slow link does not shorten a set-point further; the robot then refuses what is too old."""
+_ZERO_LEAD_S = 0.03
+"""Time from the end of a set-point until its zero has counted, on top of the round trip."""
 SILENCE_S = 1.0
 """Twenty statuses; commands stop counting long before that."""
 _GRACE_S = 0.3
@@ -45,7 +46,6 @@ _NUMBERS_APART = 1000
 """Between the numbers of two leases: more than a previous holder can have under way."""
 _MOST_NUMBERS = 2**53
 """A higher number that the robot shows is not continued: it may be the last that fits."""
-_ROUND_TRIPS = 8
 _STILL_MPS, _STILL_RAD_PER_S = 0.02, 0.05
 REST = (0.0, 0.0, 0.0)
 """The twist of standstill."""
@@ -61,13 +61,23 @@ class TwistCommand:
     payload: bytes
     """CDR of a `geometry_msgs/msg/TwistStamped`."""
     attachment: bytes
-    """Its number, the lease id and the number of the newest status received."""
+    """Its number, the lease id and the number of the echoed status."""
     twist: Array
     """(3,): m/s and rad/s in `frame`."""
     frame: str
 
 
-class ControlProtocol:
+@dataclass(frozen=True, slots=True)
+class _Setpoint:
+    """Velocity that is repeated, with the echo of its input."""
+
+    twist: tuple[float, ...]
+    frame: str
+    status_seq: int
+    expires_s: float
+
+
+class ControlProtocol(HeldLease):
     """State machine of one operator and one robot: lease, sequence numbers, set-point.
 
     Not thread-safe: its users call it under one lock.
@@ -79,31 +89,25 @@ class ControlProtocol:
         Raises:
             BusError: the name of the operator cannot be part of a bus key.
         """
-        self.robot_id = robot_id
+        super().__init__(robot_id, operator, robot.limits.max_command_age_s)
         self.robot = robot
-        self.operator = topics.checked(operator)
         self.kinematics: Kinematics[Any] = robot.kinematics()
         self._axes = list(self.kinematics.twist_axes)
         self.status: Status | None = None
         self.status_seq = 0
-        """Number of the newest status, which each command echoes."""
+        """Number of the newest status, which each new input echoes."""
+        self._echoes = Echoes()
         self._xy_heading: Array | None = None
         self._twist: Array | None = None
-        self.max_age_s = robot.limits.max_command_age_s
-        """Age up to which commands count under this lease."""
         self._status_s = self._odometry_s = -math.inf
-        self._lease = b""
-        self._granted_s = -math.inf
-        self._lost = ""
         self._seq = 0
         self._stops: int | None = None
+        self._motion = 0
         self._stale_before = 0
-        self._setpoint: tuple[Sequence[float], str] | None = None
-        self._expires_s = self._sent_s = self._refreshed_s = -math.inf
+        self._setpoint: _Setpoint | None = None
+        self._sent_s = self._refreshed_s = -math.inf
         self._rest_seq: int | None = None
         self._failure: ClientError | None = None
-        self._renewed_s = -math.inf
-        self._round_trips_s: deque[float] = deque(maxlen=_ROUND_TRIPS)
         self._delay = CommandDelay()
 
     # Received messages.
@@ -114,6 +118,7 @@ class ControlProtocol:
             return
         if seq != self.status_seq:
             self._delay.add_status(status.command, now_s)
+            self._echoes.add(seq, now_s)
         self.status, self.status_seq, self._status_s = status, seq, now_s
         settled = now_s - self._granted_s > max(_GRACE_S, self.max_age_s)
         if self._lease and settled and status.lease.holder != self.operator:
@@ -124,97 +129,20 @@ class ControlProtocol:
         """Process pose (3,) and twist (3,) of a `state/odom`; a sphere's pose means nothing."""
         self._xy_heading, self._twist, self._odometry_s = xy_heading, twist, now_s
 
-    def add_round_trip(self, seconds: float) -> None:
-        """Add a measured round-trip time of a service."""
-        self._round_trips_s.append(seconds)
-
-    @property
-    def round_trip_s(self) -> float:
-        """Median time from a request to its answer; 0 while none is known."""
-        return statistics.median(self._round_trips_s) if self._round_trips_s else 0.0
-
     def delay_s(self, now_s: float) -> float | None:
         """Return the measured time from a command to a state with its effect; None if unknown."""
         return self._delay.median_s(now_s)
 
-    # The lease.
-
-    @property
-    def has_lease(self) -> bool:
-        """Whether the lease is held, according to the newest status."""
-        return bool(self._lease)
-
-    @property
-    def lost_reason(self) -> str:
-        """Why the lease ended; "" before the first."""
-        return self._lost
-
-    @property
-    def lease_hex(self) -> str:
-        """The lease id, as requests have it.
-
-        Raises:
-            ControlLost: the lease is not held.
-        """
-        self.check_lease()
-        return self._lease.hex()
-
     def grant(self, reply: LeaseReply, now_s: float) -> None:
         """Process the reply that grants the lease."""
-        if reply.lease is None:
-            raise MessageError("shape", "a granted lease has an id")
-        self._lease = bytes.fromhex(reply.lease)
-        self._granted_s = self._renewed_s = now_s
-        self._lost, self._failure, self._stops = "", None, None
-        self._setpoint = self._rest_seq = None
-        self.max_age_s = reply.max_age_s
+        super().grant(reply, now_s)
+        self._failure = self._stops = self._setpoint = self._rest_seq = None
         # Above the numbers that the robot has shown: a status with one of these has counted it.
         counted = 0 if self.status is None else self.status.command.seq
         self._seq = max(self._seq, counted if counted < _MOST_NUMBERS else 0) + _NUMBERS_APART
 
-    def release(self) -> None:
-        """Record that the lease was released or handed over."""
-        self._lose("control was released")
-
-    def check_lease(self) -> None:
-        """Check that the lease is held.
-
-        Raises:
-            ControlLost: it is not.
-        """
-        if not self._lease:
-            raise ControlLost(f"no control of {self.robot_id}: {self._lost or 'take it first'}")
-
-    def renewal_is_due(self, now_s: float) -> bool:
-        """Return whether a lease is held that has to be renewed."""
-        return bool(self._lease) and now_s - self._renewed_s >= RENEW_PERIOD_S
-
-    def renewal(self, now_s: float) -> bytes | None:
-        """Return the request that renews the lease, when one is due."""
-        if not self.renewal_is_due(now_s):
-            return None
-        self._renewed_s = now_s
-        lease = self._lease.hex()
-        return msgspec.json.encode(LeaseRequest(op="renew", operator=self.operator, lease=lease))
-
-    def receive_renewal(self, request: bytes, answer: bytes | None, trip_s: float) -> None:
-        """Process the response to a renewal; a missing one is judged by the age of the status."""
-        if answer is None or not self._lease:
-            return
-        asked = decode_json(request, LeaseRequest, "a renewal")
-        try:
-            reply = decode_json(answer, LeaseReply, "an answer")
-        except MessageError:
-            return
-        if asked.lease != self._lease.hex():
-            return  # The answer is about an earlier lease.
-        self.add_round_trip(trip_s)
-        if not reply.granted:
-            holder = reply.holder if reply.holder != self.operator else "another client"
-            self._lose(f"{holder} has control now" if holder else reply.reason)
-
     def _lose(self, reason: str) -> None:
-        self._lease, self._lost = b"", reason
+        super()._lose(reason)
         self._setpoint = self._stops = None
 
     # Motions.
@@ -235,19 +163,36 @@ class ControlProtocol:
         """Whether a motion has begun and not ended."""
         return self._stops is not None
 
-    def begin_motion(self, now_s: float) -> None:
-        """Begin a motion: from here on, any stop of the robot by itself ends it.
+    def begin_motion(self, now_s: float) -> int:
+        """Begin a motion and return its number; any stop of the robot by itself ends it.
 
         Raises:
             ClientError: the lease is not held, the robot is silent or not ready, or another motion
-                is in force.
+                is active.
         """
         if self._stops is not None:
             raise ClientError(f"{self.robot_id} is in another motion of this script")
         self.check_ready(now_s)
-        assert self.status is not None  # noqa: S101  `check_ready` has looked.
+        return self._begin()
+
+    def begin_rest(self, now_s: float) -> int:
+        """End any motion of this script and begin one to rest; return its number.
+
+        Raises:
+            ClientError: the lease is not held, or the robot is silent, disarmed or latched.
+        """
+        self.check_lease()
+        self._check_silence(now_s)
+        if self.mode not in (Mode.READY, Mode.DRIVING, Mode.STOPPING):
+            raise RobotStopped(self._sentence("is not ready"))
+        return self._begin()
+
+    def _begin(self) -> int:
+        assert self.status is not None  # noqa: S101  Callers have looked.
         self._stops, self._stale_before = self.status.stops, self.status.command.dropped.stale
-        self._setpoint = self._rest_seq = self._failure = None
+        self._setpoint = self._rest_seq = None
+        self._motion += 1
+        return self._motion
 
     def check_ready(self, now_s: float) -> None:
         """Check that the robot is ready at standstill under this lease.
@@ -261,18 +206,26 @@ class ControlProtocol:
         if mode is not Mode.READY:
             raise RobotStopped(self._sentence("is not ready"))
 
-    def end_motion(self) -> None:
-        """End the motion; nothing is sent for it any more."""
-        self._stops = self._setpoint = self._rest_seq = None
+    def is_active(self, motion: int) -> bool:
+        """Return whether a motion has not ended, nor has `rest` begun another one."""
+        return self.in_motion and motion == self._motion
 
-    def check_motion(self, now_s: float) -> None:
-        """Check that the motion may go on.
+    def end_motion(self, motion: int | None = None) -> None:
+        """End a motion, by default the active one; nothing is sent for it any more."""
+        if motion is None or motion == self._motion:
+            self._stops = self._setpoint = self._rest_seq = None
+
+    def check_motion(self, now_s: float, motion: int | None = None) -> None:
+        """Check that a motion, by default the active one, may continue.
 
         Raises:
-            ClientError: control was lost, the robot is silent, or it stopped by itself.
+            ClientError: control was lost, the robot is silent, it stopped by itself, or `rest` was
+                called.
         """
         self.check_lease()
         self._check_silence(now_s)
+        if motion is not None and motion != self._motion:
+            raise ClientError(f"rest has ended this motion of {self.robot_id}")
         status = self.status
         if status is None or self._stops is None:
             raise ClientError(f"{self.robot_id} is in no motion")
@@ -301,7 +254,7 @@ class ControlProtocol:
             ClientError: a number is not finite.
         """
         self.check_lease()
-        numbers = _checked(twist, frame)
+        numbers = checked_twist(twist, frame)
         spatial = np.zeros(6)
         spatial[self._axes] = numbers
         self._seq += 1
@@ -330,26 +283,40 @@ class ControlProtocol:
 
     # Velocity set-points.
 
-    def set_velocity(self, twist: Sequence[float], frame: str, now_s: float) -> TwistCommand | None:
-        """Put a set-point in force for `SETPOINT_TIMEOUT_S`; return a command to send at once.
+    def set_velocity(
+        self, twist: Sequence[float], frame: str, now_s: float, given_s: float | None = None
+    ) -> TwistCommand | None:
+        """Set a velocity for up to `SETPOINT_TIMEOUT_S`; return a command to send at once.
 
-        None, and the next one comes from `due`, if the last one is less than 10 ms old.
+        None, and the next one comes from `due`, if the last one is less than 10 ms old. `given_s`
+        is when the input was given, by default now: each repetition echoes the status that was
+        current then, so the robot bounds the time from the input to the end of the motion. The
+        set-point expires early enough for a zero to arrive before the robot stops by itself.
 
         Raises:
             ClientError: as `begin_motion` and `check_motion`; a failure since the last set-point.
         """
+        checked_twist(twist, frame)
         self.raise_failure()
         if self._setpoint is None:
             self.begin_motion(now_s)
         self.check_motion(now_s)
-        _checked(twist, frame)
-        self._setpoint, self._expires_s = (tuple(twist), frame), now_s + SETPOINT_TIMEOUT_S
+        given_s = now_s if given_s is None else min(given_s, now_s)
+        seq, received_s = self._echoes.at(given_s)
+        expires_s = self._setpoint_expires_s(received_s, now_s)
+        self._setpoint = _Setpoint(tuple(twist), frame, seq, expires_s)
         self._rest_seq = None
         # Not counted from the last repetition by `due`, behind which a refresh would have to wait.
         if now_s - self._refreshed_s < _SHORTEST_PERIOD_S:
             return None
         self._refreshed_s = now_s
-        return self.command(twist, frame, now_s)
+        return self.command(twist, frame, now_s, seq)
+
+    def _setpoint_expires_s(self, received_s: float, now_s: float) -> float:
+        trip_s = self.delay_s(now_s)
+        trip_s = self.round_trip_s if trip_s is None else trip_s
+        counts_s = received_s + self.max_age_s - now_s - trip_s - _ZERO_LEAD_S
+        return now_s + min(max(counts_s, _SHORTEST_SETPOINT_S), SETPOINT_TIMEOUT_S)
 
     def due(self, now_s: float) -> TwistCommand | None:
         """Return the command that is due for the set-point in force, zero once it has expired.
@@ -369,9 +336,9 @@ class ControlProtocol:
             return None
         if now_s - self._sent_s < COMMAND_PERIOD_S - 1e-6:
             return None
-        twist, frame = self._setpoint
-        if now_s < self._expires_s:
-            return self.command(twist, frame, now_s)
+        setpoint = self._setpoint
+        if now_s < setpoint.expires_s:
+            return self.command(setpoint.twist, setpoint.frame, now_s, setpoint.status_seq)
         command = self.command(REST, BASE, now_s)
         self._rest_seq = command.seq if self._rest_seq is None else self._rest_seq
         return command
@@ -397,8 +364,9 @@ class ControlProtocol:
         return self._setpoint is not None
 
     def end_setpoint(self) -> None:
-        """Let the set-point in force expire now."""
-        self._expires_s = -math.inf
+        """Expire the set-point now."""
+        if self._setpoint is not None:
+            self._setpoint = replace(self._setpoint, expires_s=-math.inf)
 
     # The newest state.
 
@@ -419,21 +387,27 @@ class ControlProtocol:
         """Return the twist of a robot on a floor.
 
         Raises:
-            ClientError: the robot turns a sphere in place.
+            ClientError: the robot turns a sphere in place, or a number is not finite.
         """
         if self.kinematics.pose_type is SO3:
             raise ClientError(f"{self.robot_id} turns a sphere in place: use turn, set_turn_rate")
+        check_numbers(vx_mps=vx_mps, vy_mps=vy_mps, omega_rad_per_s=omega_rad_per_s)
         return (vx_mps, vy_mps, omega_rad_per_s)
 
-    def spherical(self, *angular_velocity_rad_per_s: float) -> Sequence[float]:
+    def spherical(
+        self, wx_rad_per_s: float, wy_rad_per_s: float, wz_rad_per_s: float
+    ) -> Sequence[float]:
         """Return the twist of a sphere that is turned in place.
 
         Raises:
-            ClientError: the robot drives on a floor.
+            ClientError: the robot drives on a floor, or a number is not finite.
         """
         if self.kinematics.pose_type is not SO3:
             raise ClientError(f"{self.robot_id} turns no sphere: use drive, set_velocity")
-        return angular_velocity_rad_per_s
+        check_numbers(
+            wx_rad_per_s=wx_rad_per_s, wy_rad_per_s=wy_rad_per_s, wz_rad_per_s=wz_rad_per_s
+        )
+        return (wx_rad_per_s, wy_rad_per_s, wz_rad_per_s)
 
     def latch_reason(self) -> str:
         """Return why the robot is latched, as a sentence; "" when it is not."""
@@ -450,12 +424,3 @@ class ControlProtocol:
         else:
             text = f"{self.robot_id} is {self.status.mode}"
         return f"{text}: {self.status.stop_reason}" if self.status.stop_reason else text
-
-
-def _checked(twist: Sequence[float] | Array, frame: str) -> Array:
-    numbers = np.asarray(twist, dtype=float)
-    if numbers.shape != (3,) or not all(map(math.isfinite, numbers.tolist())):
-        raise ClientError(f"a twist is three finite numbers, not {twist}")
-    if frame not in (BASE, ODOM):
-        raise ClientError(f"a frame is {BASE} or {ODOM}, not {frame}")
-    return numbers

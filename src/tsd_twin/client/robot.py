@@ -15,10 +15,12 @@ from pathlib import Path
 from typing import Any, Self, TypeVar
 
 from tsd_twin.client import motions, procedures
+from tsd_twin.client.arguments import check_duration, check_frame, check_numbers, check_optional
 from tsd_twin.client.base import QUEUE, BaseClient, BaseControl
+from tsd_twin.client.held_lease import RENEW_PERIOD_S
 from tsd_twin.client.link import Link, open_link
 from tsd_twin.client.motions import TwistSource
-from tsd_twin.client.protocol import RENEW_PERIOD_S, REST
+from tsd_twin.client.protocol import REST
 from tsd_twin.client.state import RobotState, Subscription
 from tsd_twin.client.steps import Procedure, Sleep, run, run_stepwise
 from tsd_twin.messages.requests import Event
@@ -74,6 +76,7 @@ class RobotClient(BaseClient[Link, "RobotControl", None]):
 
     def sleep(self, seconds: float) -> None:
         """Wait; of a simulated robot, let virtual time pass."""
+        check_numbers(seconds=seconds)
         self.link.sleep_until(self.link.now_s() + seconds)
 
     def states(
@@ -83,6 +86,7 @@ class RobotClient(BaseClient[Link, "RobotControl", None]):
 
         When the reader is slower, the oldest ones beyond `maxlen` are dropped.
         """
+        check_optional(duration_s=duration_s)
         end_s = None if duration_s is None else self.time_s + duration_s
         with self.link.subscribe_states(Subscription[RobotState](maxlen)) as subscription:
             while not self.link.closed and (end_s is None or self.time_s < end_s - 1e-9):
@@ -221,6 +225,7 @@ class RobotControl(BaseControl[Link, None]):
         Raises:
             ControlLost, RobotStopped, RobotSilent: it does not.
         """
+        check_duration(duration_s=duration_s)
         began_s = self._now_s
         for _ in run_stepwise(
             self._link, procedures.stay_ready(self._protocol, began_s, duration_s)
@@ -237,6 +242,7 @@ class RobotControl(BaseControl[Link, None]):
         Raises:
             ControlLost, RobotStopped, RobotSilent: as `drive`; `twist_at` may raise more.
         """
+        check_frame(frame)
         driving = motions.drive_by(self._protocol, self._now_s, twist_at, frame)
         steps = run_stepwise(self._link, driving)
         try:
